@@ -8,7 +8,7 @@ use rhumb_bindings::rhumb_client::BodyId;
 use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
 use rhumb_bindings::{BindingError, parse_body_word};
 
-use crate::errors::{exception, wrong};
+use crate::errors::{exception, wrong, wrong_value};
 
 /// Numbers of an argument, with the shape of their array. The shape of one number alone is empty.
 struct Numbers<T> {
@@ -68,10 +68,13 @@ pub(crate) fn rows<const W: usize>(
     match *numbers.shape.as_slice() {
         [width] if width == W => Ok(vec![rows[0]; count]),
         [rows_given, width] if width == W && rows_given == count => Ok(rows.to_vec()),
-        _ => Err(wrong(
+        _ => Err(wrong_value(
             argument.py(),
             name,
-            "one row of numbers, or as many rows as there are bodies",
+            shape_of(&numbers.shape),
+            format_args!(
+                "one row of {W} numbers, or {count} such rows: as many as there are bodies"
+            ),
         )),
     }
 }
@@ -101,7 +104,12 @@ pub(crate) fn points(argument: &Bound<'_, PyAny>, name: &'static str) -> PyResul
             .copied()
             .map(Vec3::from_array)
             .collect()),
-        _ => Err(wrong(argument.py(), name, "rows of three numbers")),
+        _ => Err(wrong_value(
+            argument.py(),
+            name,
+            shape_of(&numbers.shape),
+            "rows of three numbers",
+        )),
     }
 }
 
@@ -131,22 +139,32 @@ pub(crate) fn heights(argument: &Bound<'_, PyAny>) -> PyResult<(u32, Vec<f32>)> 
 
 /// One vector.
 pub(crate) fn vector(argument: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Vec3> {
-    let row = one_row::<3>(argument);
-    row?.map(Vec3::from_array)
-        .ok_or_else(|| wrong(argument.py(), name, "three numbers"))
+    one_row::<3>(argument, name, "three numbers").map(Vec3::from_array)
 }
 
 /// One quaternion x, y, z, w.
 pub(crate) fn rotation(argument: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Quat> {
-    let row = one_row::<4>(argument);
-    row?.map(Quat::from_array)
-        .ok_or_else(|| wrong(argument.py(), name, "four numbers: x, y, z, w"))
+    one_row::<4>(argument, name, "four numbers: x, y, z, w").map(Quat::from_array)
 }
 
-fn one_row<const W: usize>(argument: &Bound<'_, PyAny>) -> PyResult<Option<[f32; W]>> {
+fn one_row<const W: usize>(
+    argument: &Bound<'_, PyAny>,
+    name: &'static str,
+    needed: &'static str,
+) -> PyResult<[f32; W]> {
     let numbers = numbers(argument)?;
     let row = numbers.values.as_slice().try_into().ok();
-    Ok(row.filter(|_| numbers.shape == [W]))
+    row.filter(|_| numbers.shape == [W])
+        .ok_or_else(|| wrong_value(argument.py(), name, shape_of(&numbers.shape), needed))
+}
+
+/// The shape of an array, in words.
+fn shape_of(shape: &[usize]) -> String {
+    match shape {
+        [] => "one number".to_owned(),
+        [count] => format!("a row of {count}"),
+        shape => format!("an array of shape {shape:?}"),
+    }
 }
 
 /// One body, or a row of bodies.

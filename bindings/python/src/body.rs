@@ -9,7 +9,7 @@ use rhumb_bindings::rhumb_client::scene::{BodyKind, CollisionGroups, LockedAxes,
 use rhumb_bindings::rhumb_client::{Damping, ToleranceScale};
 
 use crate::arguments::{one_of, optional_rows, points};
-use crate::errors::wrong;
+use crate::errors::wrong_value;
 use crate::shape::PyShape;
 
 const KINDS: [(&str, BodyKind); 3] = [
@@ -52,17 +52,19 @@ pub(crate) fn plain_body(
             }
             "gravity_scale" => body.gravity_scale = value.extract()?,
             "locked_axes" => {
-                let locked = LockedAxes::new(value.extract()?);
-                body.locked_axes = locked.ok_or_else(|| wrong(py, "locked_axes", "six bits"))?;
+                let bits = value.extract()?;
+                let needed = "six bits: 0 to 63";
+                body.locked_axes = LockedAxes::new(bits)
+                    .ok_or_else(|| wrong_value(py, "locked_axes", bits, needed))?;
             }
             "groups" => {
                 let (members, touches) = value.extract()?;
                 body.groups = CollisionGroups { members, touches };
             }
             "tolerance_exponent" => {
-                let scale = ToleranceScale::new(value.extract()?);
-                body.tolerance_scale =
-                    scale.ok_or_else(|| wrong(py, "tolerance_exponent", "-3 to 3"))?;
+                let exponent = value.extract()?;
+                body.tolerance_scale = ToleranceScale::new(exponent)
+                    .ok_or_else(|| wrong_value(py, "tolerance_exponent", exponent, "-3 to 3"))?;
             }
             "sensor" => body.sensor = value.extract()?,
             "swept" => body.swept = value.extract()?,

@@ -32,14 +32,20 @@ const STEPPINGS: [(&str, Stepping); 2] = [
 
 const REFUSALS: [(&str, Refusals); 2] = [("raise", Refusals::Errors), ("events", Refusals::Events)];
 
-/// A connection to a server that has joined no scene.
+/// A connection to a server that has joined no scene; connect makes it.
+///
+/// It closes at the end of a with block, unless join has used it up.
 #[pyclass(frozen, name = "Connection", module = "rhumb")]
 pub(crate) struct PyConnection {
+    address: String,
     /// `None` once it has joined or is closed.
     connection: Mutex<Option<ServerConnection>>,
 }
 
-/// Connects to a server.
+/// Connects to the server at host:port.
+///
+/// Trust its certificate by the fingerprint that the server prints, or by a PEM file with roots; not by both. A token
+/// admits the client to a server that is not open. The time limit, in seconds, holds for every later call that waits.
 #[pyfunction]
 #[pyo3(signature = (address, *, fingerprint = None, roots = None, token = None, timeout = 5.0))]
 pub(crate) fn connect(
@@ -59,12 +65,30 @@ pub(crate) fn connect(
         opened = opened.token(token);
     }
     Ok(PyConnection {
+        address: address.to_owned(),
         connection: Mutex::new(Some(opened)),
     })
 }
 
 #[pymethods]
 impl PyConnection {
+    /// Joins a scene by name, makes it if it is new, and returns it. Uses the connection up; wrong arguments do not.
+    ///
+    /// coordinates: axes and unit of every position, length and force of this client. "rhumb": y up, metres; "unity":
+    /// left-handed, y up, metres; "unreal": left-handed, z up, centimetres; "z-up": z up, metres, as in ROS and PyBullet.
+    /// condition: "create or join", "create" (the scene must be new), or "join" (it must exist).
+    /// tolerance: how far any point of a copied body may be off, 0.001 to 10 metres whatever the coordinates.
+    /// refusals: "raise" has the next advance, wait or poll raise RefusedError for what the server refused; "events" leaves
+    /// that to events().
+    /// resume_within: seconds for which the client tries to go on over another connection; None: as the scene suggests.
+    ///
+    /// Of a new scene are: stepping, "lockstep" (advance steps it) or "free running" (the server's clock does);
+    /// ticks_per_second, 1 to 1000; substeps of each tick, 1 to 16; publish_interval, the ticks from one that is sent to the
+    /// next; gravity, three numbers, the earth's if it is None.
+    ///
+    /// Of a free-running view are: delay_ticks, by which it stays behind the server's clock, so that nothing of it is
+    /// guessed; whole_ticks, whether only whole ticks are shown; smooth, whether corrections are shown as short glides;
+    /// lead_ticks, by which publish is ahead of the server's clock.
     #[pyo3(signature = (
         scene, *, coordinates = "rhumb", condition = "create or join", tolerance = 0.05,
         stepping = "lockstep", ticks_per_second = 60, substeps = 4, publish_interval = 1,
@@ -114,17 +138,25 @@ impl PyConnection {
         let connection = self.take_for(scene);
         let connection = connection.map_err(|error| exception(py, &error))?;
         let joined = py.detach(|| RemoteScene::join(connection, scene, &params));
-        Ok(PyScene::new(joined.map_err(|error| exception(py, &error))?))
+        let joined = joined.map_err(|error| exception(py, &error))?;
+        Ok(PyScene::new(scene.to_owned(), joined))
     }
 
+    /// Closes the connection. A second time does nothing.
     fn close(&self, py: Python<'_>) {
         let connection = self.lock().take();
         py.detach(|| drop(connection));
     }
 
+    /// True once it is closed, or a scene was joined with it.
     #[getter]
     fn closed(&self) -> bool {
         self.lock().is_none()
+    }
+
+    fn __repr__(&self) -> String {
+        let closed = if self.closed() { ", closed" } else { "" };
+        format!("<rhumb.Connection to {:?}{closed}>", self.address)
     }
 
     const fn __enter__(this: PyRef<'_, Self>) -> PyRef<'_, Self> {

@@ -1,5 +1,7 @@
 //! Errors as exceptions of `rhumb.errors`, one class for each kind.
 
+use std::fmt::Display;
+
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::PyType;
@@ -30,6 +32,16 @@ pub(crate) fn exception(py: Python<'_>, error: &BindingError) -> PyErr {
 /// The exception of a wrong argument.
 pub(crate) fn wrong(py: Python<'_>, argument: &'static str, needed: &'static str) -> PyErr {
     exception(py, &BindingError::Argument { argument, needed })
+}
+
+/// The exception of a wrong value of an argument.
+pub(crate) fn wrong_value(
+    py: Python<'_>,
+    argument: &'static str,
+    found: impl Display,
+    needed: impl Display,
+) -> PyErr {
+    exception(py, &BindingError::value(argument, found, needed))
 }
 
 fn class(py: Python<'_>, kind: ErrorKind) -> PyResult<Bound<'_, PyType>> {

@@ -2,21 +2,35 @@
 
 use pyo3::prelude::*;
 use rhumb_bindings::rhumb_client::BodyId;
-use rhumb_bindings::{EventRecord, body_word};
+use rhumb_bindings::{ContactRecord, EventRecord, body_word};
 
-/// Something that happened, or the answer to a command.
+/// Something that happened, or the answer to a command. What its kind does not name is zero, None or empty.
 #[pyclass(frozen, get_all, name = "Event", module = "rhumb")]
 pub(crate) struct PyEvent {
+    /// One of: "commands applied", "command refused", "body placed", "body removed", "contact began", "contact ended",
+    /// "contact force", "sensor entered", "sensor left", "fell asleep", "woke", "body fault", "reached ground", "left
+    /// ground", "events missed", "stream changed", "scene restored", "scene faulted", "scene deleted", "interrupted",
+    /// "resumed", "session lost", "durable", "authority granted", "authority denied", "denied", "ended", "other".
     kind: &'static str,
+    /// The newest complete tick when the event was read: no view of an earlier tick shows its effect.
     after: u64,
+    /// The tick in which it happened, if the server says so; otherwise the same as `after`.
     tick: u64,
+    /// The command's number, or the count that the kind names.
     number: u64,
+    /// The body that the kind names; of a contact the first one, of a sensor the sensor.
     body: Option<u64>,
+    /// The other body.
     other: Option<u64>,
+    /// Of a contact: a point on the body.
     point: (f32, f32, f32),
+    /// Of a contact: from the other body towards the body, of unit length.
     normal: (f32, f32, f32),
+    /// Of a contact: units of length; negative where the bodies overlap.
     separation: f32,
+    /// Of a contact: the sum of all forces between the bodies.
     force: f32,
+    /// A reason, a sentence; empty for most kinds.
     text: String,
 }
 
@@ -42,19 +56,77 @@ impl PyEvent {
 #[pymethods]
 impl PyEvent {
     fn __repr__(&self) -> String {
+        let mut fields = format!("Event({:?}, tick={}", self.kind, self.tick);
+        let mut field = |name: &str, value: String| fields.extend([", ", name, "=", &value]);
+        if self.number != 0 {
+            field("number", self.number.to_string());
+        }
+        for (name, body) in [("body", self.body), ("other", self.other)] {
+            if let Some(body) = body {
+                field(name, body.to_string());
+            }
+        }
+        if self.normal != (0.0, 0.0, 0.0) {
+            field("point", format!("{:?}", self.point));
+            field("normal", format!("{:?}", self.normal));
+            field("separation", self.separation.to_string());
+            field("force", self.force.to_string());
+        }
+        if !self.text.is_empty() {
+            field("text", format!("{:?}", self.text));
+        }
+        fields + ")"
+    }
+}
+
+/// Two bodies that touch now, of Scene.contacts.
+#[pyclass(frozen, get_all, name = "Contact", module = "rhumb")]
+pub(crate) struct PyContact {
+    /// The body that was asked for, or the first one.
+    body: u64,
+    /// The body that it touches.
+    other: u64,
+    /// Of the deepest contact: a point on the first body, as of the last event about the two.
+    point: (f32, f32, f32),
+    /// From the other body towards this one, of unit length.
+    normal: (f32, f32, f32),
+    /// Units of length; negative where they overlap.
+    separation: f32,
+    /// The sum of all forces between the two.
+    force: f32,
+    /// The tick of the last event about the two.
+    tick: u64,
+}
+
+impl PyContact {
+    pub(crate) fn new(record: &ContactRecord) -> Self {
+        Self {
+            body: body_word(record.body),
+            other: body_word(record.other),
+            point: record.point.into(),
+            normal: record.normal.into(),
+            separation: record.separation,
+            force: record.force,
+            tick: record.tick.value(),
+        }
+    }
+}
+
+#[pymethods]
+impl PyContact {
+    fn __repr__(&self) -> String {
         let Self {
-            kind,
-            tick,
-            number,
             body,
             other,
-            text,
-            ..
+            point,
+            normal,
+            separation,
+            force,
+            tick,
         } = self;
-        let word = |body: &Option<u64>| body.map_or("None".to_owned(), |body| body.to_string());
-        let (body, other) = (word(body), word(other));
         format!(
-            "Event({kind:?}, tick={tick}, number={number}, body={body}, other={other}, text={text:?})"
+            "Contact(body={body}, other={other}, point={point:?}, normal={normal:?}, separation={separation}, \
+             force={force}, tick={tick})"
         )
     }
 }

@@ -7,10 +7,10 @@ use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
 use rhumb_bindings::rhumb_client::scene::{
     Command, Joint, JointFrame, JointId, JointLimits, JointStrength, LockedAxes, Motor,
 };
-use rhumb_bindings::{JointFreedom, JointParams};
+use rhumb_bindings::{JointFreedom, JointParams, body_word};
 
 use crate::arguments::{one_of, rotation, single, vector};
-use crate::errors::{exception, wrong};
+use crate::errors::{exception, wrong_value};
 
 const FREEDOMS: [(&str, JointFreedom); 7] = [
     ("fixed", JointFreedom::Fixed),
@@ -27,9 +27,26 @@ type Limits = BTreeMap<usize, (f32, f32)>;
 /// Position, velocity, stiffness, damping, and the greatest force if there is one, by axis.
 type Motors = BTreeMap<usize, (f32, f32, f32, f32, Option<f32>)>;
 
-/// A joint of two bodies.
+/// A joint of two bodies, for Scene.add_joint and Scene.change_joint.
+///
+/// kind: "fixed"; "spherical", which leaves every turn free; "revolute", a hinge, which leaves the turn about x of its
+/// frames; "prismatic", a slider, which leaves the displacement along x; "rope", with a greatest length; "spring", with a
+/// length, a stiffness in N/m and a damping in N s/m; "generic", which leaves every axis but the locked_axes, bits in the
+/// order below.
+///
+/// Each body has a frame of the joint: first_anchor and second_anchor, from its centre of mass, and first_rotation and
+/// second_rotation, a quaternion x, y, z, w. To hinge about another axis than x, turn both frames.
+///
+/// limits and motors are by axis: 0 to 2 along x, y, z, 3 to 5 about them. A limit is the least and the most, in units of
+/// length or in radians from -2 pi to 2 pi, at most a whole turn apart: limits={3: (0, 4.7)} is 270 degrees. A motor is (position, velocity, stiffness, damping, force): what it drives to, its
+/// stiffness in 1/s², its damping in 1/s, and its greatest force or torque, or None for any. For a motor that keeps a
+/// speed, the stiffness is 0: motors={3: (0, 2.0, 0, 10.0, None)} turns a hinge at 2 rad/s.
+///
+/// collide: whether the two bodies also collide with each other. breaks_at: the force in N and the torque in N m at which
+/// it breaks.
 #[pyclass(frozen, name = "Joint", module = "rhumb")]
 pub(crate) struct PyJoint {
+    kind: String,
     joint: Joint,
 }
 
@@ -85,7 +102,8 @@ impl PyJoint {
                 frame(first_anchor, first_rotation)?,
                 frame(second_anchor, second_rotation)?,
             ],
-            locked: locked.ok_or_else(|| wrong(py, "locked_axes", "six bits"))?,
+            locked: locked
+                .ok_or_else(|| wrong_value(py, "locked_axes", locked_axes, "six bits: 0 to 63"))?,
             limits: by_axis(py, limits, |(least, most)| JointLimits { least, most })?,
             motors: by_axis(
                 py,
@@ -106,11 +124,41 @@ impl PyJoint {
             ..JointParams::new(freedom, pair)
         };
         let joint = params.joint().map_err(|error| exception(py, &error))?;
-        Ok(Self { joint })
+        let kind = kind.to_owned();
+        Ok(Self { kind, joint })
     }
 
     fn __repr__(&self) -> String {
-        format!("{:?}", self.joint)
+        let [first, second] = self.joint.bodies.map(body_word);
+        let mut text = format!("Joint({:?}, {first}, {second}", self.kind);
+        let axes = |values: [Option<String>; 6]| {
+            let each = values.into_iter().enumerate();
+            let each = each.filter_map(|(axis, value)| Some(format!("{axis}: {}", value?)));
+            each.collect::<Vec<_>>().join(", ")
+        };
+        let limits =
+            axes(self.joint.kind.limits().map(|limits| {
+                limits.map(|JointLimits { least, most }| format!("({least}, {most})"))
+            }));
+        if !limits.is_empty() {
+            text += &format!(", limits={{{limits}}}");
+        }
+        let motors = axes(self.joint.motors.map(|motor| {
+            motor.map(|motor| {
+                let Motor {
+                    position,
+                    velocity,
+                    stiffness,
+                    damping,
+                    force,
+                } = motor;
+                format!("({position}, {velocity}, {stiffness}, {damping}, {force})")
+            })
+        }));
+        if !motors.is_empty() {
+            text += &format!(", motors={{{motors}}}");
+        }
+        text + ")"
     }
 }
 
@@ -134,7 +182,7 @@ fn by_axis<V, T: Copy>(
     for (axis, given) in values.unwrap_or_default() {
         let place = axes.get_mut(axis);
         let needed = "0 to 5: translations along x, y, z, then rotations about them";
-        *place.ok_or_else(|| wrong(py, "axis", needed))? = Some(value(given));
+        *place.ok_or_else(|| wrong_value(py, "axis", axis, needed))? = Some(value(given));
     }
     Ok(axes)
 }

@@ -36,6 +36,7 @@ fn native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<locomotion::PyWheel>()?;
     module.add_class::<locomotion::PyWheelInput>()?;
     module.add_class::<event::PyEvent>()?;
+    module.add_class::<event::PyContact>()?;
     module.add_class::<query::PyQuery>()?;
     module.add_class::<query::PyHit>()?;
     module.add_function(wrap_pyfunction!(connection::connect, module)?)

@@ -23,7 +23,17 @@ pub(crate) fn set(bodies: &[BodyId], locomotion: &Locomotion) -> Vec<Command> {
     bodies.iter().map(set).collect()
 }
 
-/// A character: a kinematic body that walks.
+/// A character, for Scene.set_character: a kinematic body that walks, as far as the world lets it, and falls.
+///
+/// Up is the direction away from the ground, of unit length; against gravity if it is left out.
+///
+/// The offset is the gap that it keeps to its surroundings, 0.02 m if it is left out. It climbs slopes of up to the
+/// first angle, and slides down from the second one on; both are radians from level ground, 45 degrees if they are left
+/// out. It pushes dynamic bodies with its mass, in kilograms.
+///
+/// A step is the greatest height that it climbs, and the free width that it needs there; without one it climbs none.
+/// It climbs onto dynamic bodies too if it is set so, and pushes them otherwise. The snap is the greatest drop of the
+/// ground that it follows without a fall, 0.2 m if it is left out, and none at 0.
 #[pyclass(frozen, name = "Character", module = "rhumb")]
 #[derive(Debug)]
 pub(crate) struct PyCharacter {
@@ -89,11 +99,39 @@ impl PyCharacter {
     }
 
     fn __repr__(&self) -> String {
-        format!("{self:?}").replacen("Py", "", 1)
+        let step = self.step;
+        let step_size = step.map(|step| format!("({}, {})", step.height, step.width));
+        let onto = step.and_then(|step| step.onto_dynamic.then(|| "True".to_owned()));
+        call(
+            "Character",
+            &[
+                ("up", self.up.map(triple)),
+                ("offset", self.offset.map(number)),
+                ("climb_angle", Some(number(self.climb_angle))),
+                ("slide_angle", Some(number(self.slide_angle))),
+                ("mass", Some(number(self.mass))),
+                ("step", step_size),
+                ("onto_dynamic", onto),
+                ("snap", self.snap.map(number)),
+            ],
+        )
     }
 }
 
-/// A wheel of a vehicle.
+/// A wheel of a vehicle, for Scene.set_vehicle: a ray with a spring, in the axes of its chassis.
+///
+/// The position is the upper end of its suspension, from the centre of mass of the chassis.
+///
+/// The direction of the suspension, of unit length, is down if it is left out. The axle, of unit length, points to the
+/// right of the way forward. It is along x if it is left out, in Unreal's coordinates along y: forward is then -z in
+/// Rhumb's coordinates, z in Unity's, x in Unreal's, and y where z is up.
+///
+/// The suspension has its rest length without load, 0.3 m, and changes by at most its travel, 0.25 m. Its stiffness is
+/// an acceleration for a length, 50/s²; its damping is 4/s in compression, and 6/s in relaxation. It pushes with any
+/// force unless a greatest one is set.
+///
+/// The greatest force along the ground is a share of the suspension's force, the friction slip, 2; the part along the
+/// way forward counts half. The side friction, 1, is a factor of the force that keeps the wheel from sliding sideways.
 #[pyclass(frozen, name = "Wheel", module = "rhumb")]
 #[derive(Debug)]
 pub(crate) struct PyWheel {
@@ -180,11 +218,32 @@ impl PyWheel {
     }
 
     fn __repr__(&self) -> String {
-        format!("{self:?}").replacen("Py", "", 1)
+        call(
+            "Wheel",
+            &[
+                ("position", Some(triple(self.position))),
+                ("radius", Some(number(self.radius))),
+                ("direction", self.direction.map(triple)),
+                ("axle", self.axle.map(triple)),
+                ("rest_length", self.rest_length.map(number)),
+                ("travel", self.travel.map(number)),
+                ("stiffness", self.stiffness.map(number)),
+                ("compression", self.compression.map(number)),
+                ("relaxation", self.relaxation.map(number)),
+                ("force_max", self.force_max.map(number)),
+                ("friction_slip", self.friction_slip.map(number)),
+                ("side_friction", self.side_friction.map(number)),
+            ],
+        )
     }
 }
 
-/// Steering, force and brake of a wheel.
+/// Steering, force and brake of a wheel, for Scene.set_wheels.
+///
+/// A positive steering, in radians, turns left; in left-handed coordinates it turns right.
+///
+/// The force acts forward, a negative one backward. The brake is the greatest force that stops the wheel; one with a
+/// force does not brake.
 #[pyclass(frozen, name = "WheelInput", module = "rhumb")]
 pub(crate) struct PyWheelInput {
     input: WheelInput,
@@ -215,6 +274,28 @@ impl PyWheelInput {
     }
 
     fn __repr__(&self) -> String {
-        format!("{:?}", self.input)
+        let WheelInput {
+            steering,
+            force,
+            brake,
+        } = self.input;
+        format!("WheelInput(steering={steering}, force={force}, brake={brake})")
     }
+}
+
+/// A call as Python writes it, without the keywords that were left out.
+fn call(name: &str, keywords: &[(&str, Option<String>)]) -> String {
+    let given = keywords.iter().filter_map(|(keyword, value)| {
+        let value = value.as_ref()?;
+        Some(format!("{keyword}={value}"))
+    });
+    format!("{name}({})", given.collect::<Vec<_>>().join(", "))
+}
+
+fn number(value: f32) -> String {
+    value.to_string()
+}
+
+fn triple(v: Vec3) -> String {
+    format!("({}, {}, {})", v.x, v.y, v.z)
 }

@@ -2,14 +2,17 @@
 
 use pyo3::prelude::*;
 use rhumb_bindings::rhumb_client::glam::Quat;
-use rhumb_bindings::rhumb_client::scene;
+use rhumb_bindings::rhumb_client::glam::Vec3;
+use rhumb_bindings::rhumb_client::scene::{self, QueryKind};
 use rhumb_bindings::{HitRecord, body_word};
 
 use crate::arguments::{rotation, single, vector};
 use crate::errors::wrong;
-use crate::shape::PyShape;
+use crate::shape::{PyShape, written};
 
-/// A question about where the bodies are.
+/// A question about where the bodies are, for Scene.query: Query.ray, shape_cast, projection or overlap.
+///
+/// hits is the most bodies that it finds, 1 to 64. among changes which bodies count.
 #[pyclass(frozen, name = "Query", module = "rhumb")]
 pub(crate) struct PyQuery {
     pub(crate) query: scene::Query,
@@ -17,17 +20,19 @@ pub(crate) struct PyQuery {
 
 #[pymethods]
 impl PyQuery {
+    /// The nearest bodies along a line from origin to origin + translation. Sensors do not count.
     #[staticmethod]
     #[pyo3(signature = (origin, translation, *, hits = 1))]
-    fn ray(origin: &Bound<'_, PyAny>, translation: &Bound<'_, PyAny>, hits: u8) -> PyResult<Self> {
+    fn ray(origin: &Bound<'_, PyAny>, translation: &Bound<'_, PyAny>, hits: u32) -> PyResult<Self> {
         let (origin, way) = (
             vector(origin, "origin")?,
             vector(translation, "translation")?,
         );
-        let query = scene::Query::ray(origin, way).finding(hits);
+        let query = scene::Query::ray(origin, way).finding(most(hits));
         Ok(Self { query })
     }
 
+    /// The nearest bodies that a shape touches on its way: a ball, cuboid, rounded cuboid, capsule, cylinder or cone.
     #[staticmethod]
     #[pyo3(signature = (shape, position, translation, *, rotation = None, hits = 1))]
     fn shape_cast(
@@ -35,37 +40,39 @@ impl PyQuery {
         position: &Bound<'_, PyAny>,
         translation: &Bound<'_, PyAny>,
         rotation: Option<&Bound<'_, PyAny>>,
-        hits: u8,
+        hits: u32,
     ) -> PyResult<Self> {
         let shape = simple(shape)?;
         let (position, turned) = (vector(position, "position")?, turned(rotation)?);
         let way = vector(translation, "translation")?;
-        let query = scene::Query::shape_cast(shape, position, turned, way).finding(hits);
+        let query = scene::Query::shape_cast(shape, position, turned, way).finding(most(hits));
         Ok(Self { query })
     }
 
+    /// The bodies whose surfaces are nearest to a point, within a distance.
     #[staticmethod]
     #[pyo3(signature = (point, distance, *, hits = 1))]
-    fn projection(point: &Bound<'_, PyAny>, distance: f32, hits: u8) -> PyResult<Self> {
+    fn projection(point: &Bound<'_, PyAny>, distance: f32, hits: u32) -> PyResult<Self> {
         let point = vector(point, "point")?;
-        let query = scene::Query::projection(point, distance).finding(hits);
+        let query = scene::Query::projection(point, distance).finding(most(hits));
         Ok(Self { query })
     }
 
+    /// The bodies that a shape overlaps: a ball, cuboid, rounded cuboid, capsule, cylinder or cone.
     #[staticmethod]
     #[pyo3(signature = (shape, position, *, rotation = None, hits = 64))]
     fn overlap(
         shape: &Bound<'_, PyShape>,
         position: &Bound<'_, PyAny>,
         rotation: Option<&Bound<'_, PyAny>>,
-        hits: u8,
+        hits: u32,
     ) -> PyResult<Self> {
         let (position, turned) = (vector(position, "position")?, turned(rotation)?);
-        let query = scene::Query::overlap(simple(shape)?, position, turned).finding(hits);
+        let query = scene::Query::overlap(simple(shape)?, position, turned).finding(most(hits));
         Ok(Self { query })
     }
 
-    /// The same question about other bodies.
+    /// The same question about some bodies: of these kinds, of a group in the bits of groups, but not the one excluded.
     #[pyo3(signature = (*, fixed = true, dynamic = true, kinematic = true, sensors = false, groups = 4_294_967_295, excluding = None))]
     fn among(
         &self,
@@ -90,8 +97,49 @@ impl PyQuery {
     }
 
     fn __repr__(&self) -> String {
-        format!("{:?}", self.query)
+        let way = |from: Vec3| format!("({}, {}, {})", from.x, from.y, from.z);
+        let hits = self.query.hits;
+        let mut text = match &self.query.kind {
+            QueryKind::Ray {
+                origin,
+                translation,
+            } => format!(
+                "Query.ray({}, {}, hits={hits})",
+                way(*origin),
+                way(*translation)
+            ),
+            QueryKind::ShapeCast {
+                shape,
+                position,
+                translation,
+                ..
+            } => format!(
+                "Query.shape_cast({}, {}, {}, hits={hits})",
+                written(shape),
+                way(*position),
+                way(*translation)
+            ),
+            QueryKind::Projection { point, distance } => {
+                format!("Query.projection({}, {distance}, hits={hits})", way(*point))
+            }
+            QueryKind::Overlap {
+                shape, position, ..
+            } => format!(
+                "Query.overlap({}, {}, hits={hits})",
+                written(shape),
+                way(*position)
+            ),
+        };
+        if self.query.filter != scene::QueryFilter::DEFAULT {
+            text += ".among(...)";
+        }
+        text
     }
+}
+
+/// A number of hits; one that no query can have stays one.
+fn most(hits: u32) -> u8 {
+    u8::try_from(hits).unwrap_or(u8::MAX)
 }
 
 fn turned(rotation: Option<&Bound<'_, PyAny>>) -> PyResult<Quat> {
@@ -111,9 +159,13 @@ fn simple(shape: &Bound<'_, PyShape>) -> PyResult<scene::Shape> {
 /// A body that a query found.
 #[pyclass(frozen, get_all, name = "Hit", module = "rhumb")]
 pub(crate) struct PyHit {
+    /// The body's id.
     body: u64,
+    /// Along the way, or from the point to the surface; zero for an overlap.
     distance: f32,
+    /// On the body's surface; zero for an overlap.
     point: (f32, f32, f32),
+    /// Outward from the surface, of unit length; zero where there is none, as for a ray that begins inside.
     normal: (f32, f32, f32),
 }
 

@@ -14,8 +14,8 @@ use crate::arguments::{Bodies, bodies, rows, seconds, single, vector};
 use crate::body::{bodies_at, plain_body};
 use crate::body_states::states;
 use crate::commands::{jumps, set_poses, set_velocities};
-use crate::errors::{exception, wrong};
-use crate::event::PyEvent;
+use crate::errors::{exception, wrong_value};
+use crate::event::{PyContact, PyEvent};
 use crate::joint::PyJoint;
 use crate::locomotion::{PyCharacter, PyWheel, PyWheelInput, set};
 use crate::open_scene::OpenScene;
@@ -24,16 +24,28 @@ use crate::shape::PyShape;
 use crate::statistics::dictionary;
 use crate::view_array::floats;
 
-/// A client of one scene.
+/// A client of one scene; Connection.join makes it. It leaves the scene at the end of a with block.
+///
+/// Bodies have ids, which add_body and add_bodies return. Every call that takes a body takes a row of ids too, with one row
+/// of numbers for all of them or one for each. The poses of all bodies are arrays of one order; place finds a body in them.
+///
+/// Commands are queued, and sent together by the next call that waits, or by flush. Each returns its number, which events
+/// and refusals name; for a row of bodies, the number of the last. What is wrong at once raises InvalidError, and nothing is
+/// queued. What the server refuses raises RefusedError at the next advance, wait or poll.
+///
+/// One thread at a time may be inside a call; a second one raises BusyError at once. len() is the number of bodies of the
+/// view, and "body in scene" tells whether it has one.
 #[pyclass(frozen, name = "Scene", module = "rhumb")]
 pub(crate) struct PyScene {
+    name: String,
     /// `None` once it is closed.
     opened: Mutex<Option<OpenScene>>,
 }
 
 impl PyScene {
-    pub(crate) const fn new(scene: RemoteScene) -> Self {
+    pub(crate) const fn new(name: String, scene: RemoteScene) -> Self {
         Self {
+            name,
             opened: Mutex::new(Some(OpenScene::new(scene))),
         }
     }
@@ -142,10 +154,28 @@ impl PyScene {
 
 #[pymethods]
 impl PyScene {
-    #[pyo3(signature = (
-        shape, position = None, kind = "dynamic", *, rotation = None, linear_velocity = None,
-        angular_velocity = None, **keywords,
-    ))]
+    /// Adds a body, and returns its id: an int, for place and every call that takes a body.
+    ///
+    /// position: its centre of mass; rotation: a unit quaternion x, y, z, w, body to world; linear_velocity: units of
+    /// length per second; angular_velocity: rad/s about world axes.
+    ///
+    /// shape: a Shape. kind: "dynamic" (the engine moves it), "fixed" (nothing does), or "kinematic" (commands do).
+    /// mass: kilograms; None: volume times density. moments: of inertia about its own axes, kg m², beside a mass; None:
+    /// those of its shape. material: friction, restitution from 0 to 1, and density in kg/m³; None: the scene's.
+    /// damping: linear and angular, 1/s; None: the scene's. gravity_scale: factor on the scene's gravity.
+    /// locked_axes: bits 1, 2, 4 for translations along x, y, z, bits 8, 16, 32 for rotations about them, in the world.
+    /// groups: bits of its own collision groups, and of those that it touches. sensor: bodies pass through it, and events
+    /// report them. swept: it does not pass through moving bodies however fast it is.
+    /// tolerance_exponent: power of two on the tolerance of its copies, -3 to 3.
+    #[pyo3(
+        signature = (
+            shape, position = None, kind = "dynamic", *, rotation = None, linear_velocity = None,
+            angular_velocity = None, **keywords,
+        ),
+        text_signature = "($self, shape, position=None, kind='dynamic', *, rotation=None, linear_velocity=None, \
+            angular_velocity=None, mass=None, moments=None, material=None, damping=None, gravity_scale=1.0, \
+            locked_axes=0, groups=(4294967295, 4294967295), tolerance_exponent=0, sensor=False, swept=False)"
+    )]
     // Named parameters are the interface of Python.
     #[expect(clippy::too_many_arguments)]
     fn add_body(
@@ -175,10 +205,27 @@ impl PyScene {
             .ok_or_else(|| exception(py, &BindingError::Fault("no id for a body".into())))
     }
 
-    #[pyo3(signature = (
-        shape, positions, kind = "dynamic", *, rotations = None, linear_velocities = None,
-        angular_velocities = None, **keywords,
-    ))]
+    /// Adds a body of one shape for each row of positions, and returns their ids. If one is wrong, none is added.
+    ///
+    /// rotations, linear_velocities and angular_velocities have one row for all or one for each. All else holds for all:
+    ///
+    /// shape: a Shape. kind: "dynamic" (the engine moves it), "fixed" (nothing does), or "kinematic" (commands do).
+    /// mass: kilograms; None: volume times density. moments: of inertia about its own axes, kg m², beside a mass; None:
+    /// those of its shape. material: friction, restitution from 0 to 1, and density in kg/m³; None: the scene's.
+    /// damping: linear and angular, 1/s; None: the scene's. gravity_scale: factor on the scene's gravity.
+    /// locked_axes: bits 1, 2, 4 for translations along x, y, z, bits 8, 16, 32 for rotations about them, in the world.
+    /// groups: bits of its own collision groups, and of those that it touches. sensor: bodies pass through it, and events
+    /// report them. swept: it does not pass through moving bodies however fast it is.
+    /// tolerance_exponent: power of two on the tolerance of its copies, -3 to 3.
+    #[pyo3(
+        signature = (
+            shape, positions, kind = "dynamic", *, rotations = None, linear_velocities = None,
+            angular_velocities = None, **keywords,
+        ),
+        text_signature = "($self, shape, positions, kind='dynamic', *, rotations=None, linear_velocities=None, \
+            angular_velocities=None, mass=None, moments=None, material=None, damping=None, gravity_scale=1.0, \
+            locked_axes=0, groups=(4294967295, 4294967295), tolerance_exponent=0, sensor=False, swept=False)"
+    )]
     // Named parameters are the interface of Python.
     #[expect(clippy::too_many_arguments)]
     fn add_bodies<'py>(
@@ -200,10 +247,13 @@ impl PyScene {
         Ok(words.into_pyarray(py))
     }
 
+    /// Removes bodies, and the joints of each.
     fn remove(&self, py: Python<'_>, body: &Bound<'_, PyAny>) -> PyResult<Option<u64>> {
         self.each(py, body, |id| Command::RemoveBody { id })
     }
 
+    /// Places fixed and dynamic bodies at once; kinematic ones move there during the next tick. Unturned without a
+    /// rotation.
     #[pyo3(signature = (body, position, rotation = None))]
     fn set_pose(
         &self,
@@ -215,6 +265,7 @@ impl PyScene {
         self.all(py, set_poses(body, position, rotation)?)
     }
 
+    /// Sets velocities, in units of length per second and rad/s; a kinematic body keeps them. No spin without one.
     #[pyo3(signature = (body, linear, angular = None))]
     fn set_velocity(
         &self,
@@ -226,6 +277,7 @@ impl PyScene {
         self.all(py, set_velocities(body, linear, angular)?)
     }
 
+    /// A force during the next tick, at the centre of mass or at a point of the world.
     #[pyo3(signature = (body, force, point = None))]
     fn apply_force(
         &self,
@@ -241,6 +293,7 @@ impl PyScene {
         })
     }
 
+    /// A torque during the next tick, about world axes.
     fn apply_torque(
         &self,
         py: Python<'_>,
@@ -253,6 +306,7 @@ impl PyScene {
         })
     }
 
+    /// An impulse at once, at the centre of mass or at a point of the world.
     #[pyo3(signature = (body, impulse, point = None))]
     fn apply_impulse(
         &self,
@@ -268,6 +322,7 @@ impl PyScene {
         })
     }
 
+    /// An angular impulse at once, about world axes.
     fn apply_torque_impulse(
         &self,
         py: Python<'_>,
@@ -279,19 +334,27 @@ impl PyScene {
         })
     }
 
+    /// Sets the scene's gravity, units of length per s².
     fn set_gravity(&self, py: Python<'_>, gravity: &Bound<'_, PyAny>) -> PyResult<Option<u64>> {
         let gravity = vector(gravity, "gravity")?;
         self.one(py, Command::SetGravity { gravity })
     }
 
+    /// Puts dynamic bodies to sleep, until something touches them.
     fn sleep(&self, py: Python<'_>, body: &Bound<'_, PyAny>) -> PyResult<Option<u64>> {
         self.each(py, body, |id| Command::Sleep { id })
     }
 
+    /// Wakes bodies.
     fn wake(&self, py: Python<'_>, body: &Bound<'_, PyAny>) -> PyResult<Option<u64>> {
         self.each(py, body, |id| Command::Wake { id })
     }
 
+    /// Turns the events of bodies on; what is left out, off. A new body reports none.
+    ///
+    /// contacts: "contact began" and "contact ended", and what contacts() knows. force: "contact force" in every tick in
+    /// which the force of a contact is at least that; 0.0 for all. sensors: "sensor entered" and "sensor left", of a sensor
+    /// or of what enters it. sleep: "fell asleep" and "woke".
     #[pyo3(signature = (body, *, contacts = false, force = None, sensors = false, sleep = false))]
     fn report_events(
         &self,
@@ -311,6 +374,7 @@ impl PyScene {
         self.each(py, body, |id| Command::SetEvents { id, events })
     }
 
+    /// Adds a joint under a number of yours, below 65,536, that no joint of the scene has.
     fn add_joint(
         &self,
         py: Python<'_>,
@@ -320,6 +384,7 @@ impl PyScene {
         self.one(py, joint.get().addition(id))
     }
 
+    /// Replaces a joint, its limits and motors among others.
     fn change_joint(
         &self,
         py: Python<'_>,
@@ -329,10 +394,14 @@ impl PyScene {
         self.one(py, joint.get().change(id))
     }
 
+    /// Removes a joint. It goes with either of its bodies too.
     fn remove_joint(&self, py: Python<'_>, id: u32) -> PyResult<Option<u64>> {
         self.one(py, Command::RemoveJoint { id: JointId(id) })
     }
 
+    /// Makes kinematic bodies characters, which walk by the velocity of set_velocity, or gives them other settings.
+    ///
+    /// Events, "reached ground" and "left ground", report their ground.
     fn set_character(
         &self,
         py: Python<'_>,
@@ -344,6 +413,7 @@ impl PyScene {
         })
     }
 
+    /// Makes dynamic bodies vehicles on 1 to 16 wheels, which begin without inputs.
     fn set_vehicle(
         &self,
         py: Python<'_>,
@@ -355,10 +425,13 @@ impl PyScene {
         })
     }
 
+    /// Makes characters and vehicles ordinary bodies again.
     fn clear_locomotion(&self, py: Python<'_>, body: &Bound<'_, PyAny>) -> PyResult<Option<u64>> {
         self.moved(py, body, |_| Locomotion::None)
     }
 
+    /// Characters rise with this speed, in units of length per second. In the air nothing happens, unless anywhere is
+    /// true.
     #[pyo3(signature = (body, speed, *, anywhere = false))]
     fn jump(
         &self,
@@ -370,6 +443,7 @@ impl PyScene {
         self.all(py, jumps(body, speed, anywhere)?)
     }
 
+    /// Sets the inputs of all wheels of vehicles, in the order of their wheels. A vehicle keeps them.
     fn set_wheels(
         &self,
         py: Python<'_>,
@@ -379,6 +453,13 @@ impl PyScene {
         self.all(py, PyWheelInput::commands(&bodies(body)?.ids, &inputs))
     }
 
+    /// Requests authority over kinematic bodies in place of those of now; an empty row ends it.
+    ///
+    /// One client has authority over 256 bodies at most. The server's bodies are within the tolerance, in metres, of what
+    /// publish sends; the tolerance of a stream adds to it: a client that follows within 0.05 m sees a body that is
+    /// published within 0.02 m within 0.07 m of the publisher's.
+    ///
+    /// It is sent at once. An event, "authority granted" or "authority denied", answers; a denial raises RefusedError too.
     #[pyo3(signature = (body, tolerance = 0.02))]
     fn take_authority(
         &self,
@@ -390,6 +471,10 @@ impl PyScene {
         self.with(py, |opened| opened.scene.take_authority(&ids, tolerance))
     }
 
+    /// Publishes the states of all bodies under this client's authority, once per frame; returns their tick.
+    ///
+    /// None, and nothing is published, before the authority is granted, before the server's clock is known, and for a
+    /// second frame of one tick. A body that is left out stands still.
     #[pyo3(signature = (body, position, rotation = None, linear = None, angular = None))]
     fn publish(
         &self,
@@ -405,10 +490,14 @@ impl PyScene {
         Ok(tick.map(Tick::value))
     }
 
+    /// Queues the removal of the shapes that came with this client's bodies and that no body has, and returns their number.
+    ///
+    /// Queued additions, changes and removals of bodies count. A scene keeps its shapes until they are removed.
     fn remove_unused_shapes(&self, py: Python<'_>) -> PyResult<usize> {
         self.with(py, |opened| opened.scene.remove_unused_shapes())
     }
 
+    /// Sends the queued commands at once.
     fn flush(&self, py: Python<'_>) -> PyResult<()> {
         self.with(py, |opened| {
             opened.scene.flush();
@@ -416,10 +505,14 @@ impl PyScene {
         })
     }
 
+    /// Steps a lockstep scene by some ticks, computes the view, and returns its tick.
+    ///
+    /// At depth 1, the view is one tick behind, and the server computes the newest one meanwhile. It raises RefusedError
+    /// for what the server refused, after the tick in which that became known; the next call goes on.
     #[pyo3(signature = (ticks = 1, depth = 0))]
     fn advance(&self, py: Python<'_>, ticks: u32, depth: u32) -> PyResult<u64> {
         if ticks == 0 {
-            return Err(wrong(py, "ticks", "at least 1"));
+            return Err(wrong_value(py, "ticks", ticks, "at least 1"));
         }
         let depth = PipelineDepth::new(depth);
         let mut shown = 0;
@@ -434,6 +527,7 @@ impl PyScene {
         Ok(shown)
     }
 
+    /// Goes on waiting for the tick of an advance that timed out.
     #[pyo3(signature = (depth = 0))]
     fn wait(&self, py: Python<'_>, depth: u32) -> PyResult<u64> {
         self.waiting(py, |opened| {
@@ -442,6 +536,9 @@ impl PyScene {
         })
     }
 
+    /// Computes the view of a free-running scene for now: its tick, and the part of the step to the next.
+    ///
+    /// It does not wait. A lockstep scene stands still until a client advances it. It raises RefusedError as advance does.
     fn poll(&self, py: Python<'_>) -> PyResult<(u64, f64)> {
         self.waiting(py, |opened| {
             opened.expire();
@@ -450,11 +547,13 @@ impl PyScene {
         })
     }
 
+    /// Handles what arrives for a time in seconds, without computing the view.
     fn idle(&self, py: Python<'_>, duration: f64) -> PyResult<()> {
         let duration = seconds(py, duration, "duration")?;
         self.waiting(py, |opened| opened.scene.idle(duration))
     }
 
+    /// The moment of the view.
     #[getter]
     fn time(&self, py: Python<'_>) -> PyResult<(u64, f64)> {
         self.with(py, |opened| {
@@ -463,6 +562,7 @@ impl PyScene {
         })
     }
 
+    /// Ids of the bodies of the view. All arrays have this order, which changes from view to view.
     #[getter]
     fn bodies<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<u64>>> {
         self.with(py, |opened| {
@@ -470,6 +570,7 @@ impl PyScene {
         })?
     }
 
+    /// Centres of mass: a row of x, y, z for each body. Keep it as long as you like: it stays that of its view.
     #[getter]
     fn positions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
         self.with(py, |opened| {
@@ -478,6 +579,7 @@ impl PyScene {
         })?
     }
 
+    /// A row of x, y, z, w for each body: body to world.
     #[getter]
     fn rotations<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
         self.with(py, |opened| {
@@ -486,6 +588,7 @@ impl PyScene {
         })?
     }
 
+    /// Velocities of the centres of mass, a row for each body, units of length per second; zero at rest.
     #[getter]
     fn linear_velocities<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
         self.with(py, |opened| {
@@ -494,6 +597,7 @@ impl PyScene {
         })?
     }
 
+    /// Spins, a row for each body, rad/s about world axes; zero at rest.
     #[getter]
     fn angular_velocities<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
         self.with(py, |opened| {
@@ -502,6 +606,7 @@ impl PyScene {
         })?
     }
 
+    /// True for each body that rests: its pose stays until it wakes.
     #[getter]
     fn resting<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<bool>>> {
         self.with(py, |opened| {
@@ -509,6 +614,7 @@ impl PyScene {
         })?
     }
 
+    /// Places of the bodies whose pose differs from that of the last view.
     #[getter]
     fn changed<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<u32>>> {
         self.with(py, |opened| {
@@ -516,6 +622,7 @@ impl PyScene {
         })?
     }
 
+    /// Bodies that were removed since the last view.
     #[getter]
     fn removed<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<u64>>> {
         self.with(py, |opened| {
@@ -523,6 +630,9 @@ impl PyScene {
         })?
     }
 
+    /// Place of a body in the arrays: scene.positions[scene.place(body)].
+    ///
+    /// Raises InvalidError for a body that is not in the view: not there yet, or removed. "body in scene" asks for that.
     fn place(&self, py: Python<'_>, body: &Bound<'_, PyAny>) -> PyResult<usize> {
         let id = single(body)?;
         self.with(py, |opened| opened.scene.place(id))
@@ -533,6 +643,7 @@ impl PyScene {
         self.with(py, |opened| Ok(opened.scene.place(id).is_ok()))
     }
 
+    /// Places of many bodies, which must all be in the view: scene.positions[scene.places(bodies)].
     fn places<'py>(
         &self,
         py: Python<'py>,
@@ -546,16 +657,23 @@ impl PyScene {
         Ok(places.into_pyarray(py))
     }
 
+    /// How far any point of a body, as the view shows it, may be from its true place at the moment of the view.
+    ///
+    /// In the scene's unit of length; an array for a row of bodies. Infinite while nothing finite is known: a packet is
+    /// missing, or a free-running view shows a moment of which the news has not arrived. Give join delay_ticks of the
+    /// network's delay and a little more for a finite one.
     fn error_bound(&self, py: Python<'_>, body: &Bound<'_, PyAny>) -> PyResult<Py<PyAny>> {
         self.bounds(py, body, RemoteScene::error_bound)
     }
 
+    /// The error_bound of every body of the view, in the order of the arrays.
     #[getter]
     fn error_bounds<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f32>>> {
         self.with(py, |opened| Ok(opened.scene.error_bounds().to_vec()))
             .map(|bounds| bounds.into_pyarray(py))
     }
 
+    /// How far any point of a body may be off at a tick by what is known of it, whatever the view shows.
     fn tick_error_bound(
         &self,
         py: Python<'_>,
@@ -566,10 +684,28 @@ impl PyScene {
         self.bounds(py, body, |scene, id| scene.tick_error_bound(id, tick))
     }
 
+    /// Sets lead_ticks of join anew: by how many ticks publish is ahead of the server's clock.
     fn set_lead_ticks(&self, py: Python<'_>, ticks: f64) -> PyResult<()> {
         self.with(py, |opened| opened.scene.set_lead_ticks(ticks))
     }
 
+    /// The contacts of now: of one body, or of all bodies.
+    ///
+    /// It knows the bodies that touch where one of the two reports contacts: call report_events(body, contacts=True) when
+    /// you add them. With force=0.0 beside it, point, normal and force are those of the newest tick in which the two were
+    /// awake; otherwise those of the beginning.
+    #[pyo3(signature = (body = None))]
+    fn contacts(
+        &self,
+        py: Python<'_>,
+        body: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Vec<PyContact>> {
+        let id = body.map(single).transpose()?;
+        let contacts = self.with(py, |opened| Ok(opened.scene.contacts(id)))?;
+        Ok(contacts.iter().map(PyContact::new).collect())
+    }
+
+    /// All events since the last call, the oldest first. They tell what became of commands, and what bodies did.
     fn events(&self, py: Python<'_>) -> PyResult<Vec<PyEvent>> {
         self.with(py, |opened| {
             let events = std::iter::from_fn(|| opened.scene.poll_event());
@@ -577,6 +713,7 @@ impl PyScene {
         })
     }
 
+    /// Asks the server, and waits: the tick whose scene was asked, and what each query found.
     fn query(
         &self,
         py: Python<'_>,
@@ -588,16 +725,21 @@ impl PyScene {
         Ok((tick.value(), PyHit::of_each(count, &records)))
     }
 
+    /// Counts since the client connected: sent_bytes and received_bytes in UDP datagrams, updates of bodies, complete_tick
+    /// (the newest one at which every copy is within its tolerance), behind_ticks (of the view behind the server's clock;
+    /// None before it is known), and updates, packets and bytes of the upstream since authority was granted.
     #[getter]
     fn statistics<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let now = self.with(py, |opened| Ok(opened.scene.statistics()))?;
         dictionary(py, &now)
     }
 
+    /// Deletes the scene for all of its clients.
     fn delete(&self, py: Python<'_>) -> PyResult<()> {
         self.waiting(py, |opened| opened.scene.delete())
     }
 
+    /// Leaves the scene. A second time does nothing.
     fn close(&self, py: Python<'_>) -> PyResult<()> {
         let opened = match self.opened.try_lock() {
             Ok(mut opened) => opened.take(),
@@ -611,10 +753,23 @@ impl PyScene {
         Ok(())
     }
 
+    /// True once it is closed.
     #[getter]
     fn closed(&self) -> bool {
         // A scene that is in use by another thread is open.
         (self.opened.try_lock()).is_ok_and(|opened| opened.is_none())
+    }
+
+    fn __repr__(&self) -> String {
+        let name = &self.name;
+        let Ok(opened) = self.opened.try_lock() else {
+            return format!("<rhumb.Scene {name:?}, in use by another thread>");
+        };
+        let Some(opened) = opened.as_ref() else {
+            return format!("<rhumb.Scene {name:?}, closed>");
+        };
+        let (tick, count) = (opened.scene.time().tick.value(), opened.scene.count());
+        format!("<rhumb.Scene {name:?}, tick {tick}, {count} bodies>")
     }
 
     fn __len__(&self, py: Python<'_>) -> PyResult<usize> {

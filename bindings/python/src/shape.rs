@@ -14,7 +14,10 @@ enum PartTuple<'py> {
     Plain(Bound<'py, PyShape>, Bound<'py, PyAny>),
 }
 
-/// A shape, centred on its body's centre of mass; long axes point up.
+/// A shape, centred on its body's centre of mass. Long axes point up. Lengths are in the scene's unit.
+///
+/// Make one with Shape.ball, cuboid, rounded_cuboid, capsule, cylinder, cone, half_space, hull, mesh, heights or compound.
+/// Each extent is 0.001 to 10,000 metres.
 #[pyclass(frozen, name = "Shape", module = "rhumb")]
 pub(crate) struct PyShape {
     pub(crate) shape: scene::Shape,
@@ -29,18 +32,21 @@ impl PyShape {
 
 #[pymethods]
 impl PyShape {
+    /// A sphere.
     #[staticmethod]
     const fn ball(radius: f32) -> Self {
         let shape = scene::Shape::ball(radius);
         Self { shape }
     }
 
+    /// A box, by half its edge lengths: cuboid(0.5, 0.5, 0.5) is a cube of edge 1.
     #[staticmethod]
     const fn cuboid(x: f32, y: f32, z: f32) -> Self {
         let shape = scene::Shape::cuboid(x, y, z);
         Self { shape }
     }
 
+    /// A box with round edges: every point within the radius of a box, which is given by half its edge lengths.
     #[staticmethod]
     fn rounded_cuboid(x: f32, y: f32, z: f32, radius: f32) -> Self {
         let half_extents = [x, y, z].into();
@@ -51,24 +57,28 @@ impl PyShape {
         Self { shape }
     }
 
+    /// A cylinder with half balls on its ends, by half the length of its straight part.
     #[staticmethod]
     const fn capsule(half_height: f32, radius: f32) -> Self {
         let shape = scene::Shape::capsule(half_height, radius);
         Self { shape }
     }
 
+    /// A cylinder, by half its length.
     #[staticmethod]
     const fn cylinder(half_height: f32, radius: f32) -> Self {
         let shape = scene::Shape::cylinder(half_height, radius);
         Self { shape }
     }
 
+    /// A cone whose tip points up, by half its height.
     #[staticmethod]
     const fn cone(half_height: f32, radius: f32) -> Self {
         let shape = scene::Shape::cone(half_height, radius);
         Self { shape }
     }
 
+    /// Everything behind a plane, whose normal points out of it. For fixed bodies.
     #[staticmethod]
     fn half_space(normal: &Bound<'_, PyAny>) -> PyResult<Self> {
         let normal = vector(normal, "normal")?;
@@ -76,6 +86,7 @@ impl PyShape {
         Ok(Self { shape })
     }
 
+    /// The convex hull of 4 to 255 points: rows of three numbers.
     #[staticmethod]
     #[pyo3(name = "hull")]
     fn of_points(py: Python<'_>, points: &Bound<'_, PyAny>) -> PyResult<Self> {
@@ -83,6 +94,7 @@ impl PyShape {
         Self::checked(py, Hull::new(&points).map(scene::Shape::Hull))
     }
 
+    /// A mesh of triangles, each a row of three places of points. For fixed and kinematic bodies.
     #[staticmethod]
     #[pyo3(name = "mesh")]
     fn of_triangles(
@@ -94,6 +106,10 @@ impl PyShape {
         Self::checked(py, Mesh::new(&points, &triangles).map(scene::Shape::Mesh))
     }
 
+    /// A field of heights by row and column. For fixed and kinematic bodies.
+    ///
+    /// The first post is at the body's origin; the rows follow each other along x, the columns along the other axis of the
+    /// ground.
     #[staticmethod]
     #[pyo3(name = "heights", signature = (heights, row_spacing = 1.0, column_spacing = 1.0))]
     fn of_heights(
@@ -107,6 +123,7 @@ impl PyShape {
         Self::checked(py, field.map(scene::Shape::Heights))
     }
 
+    /// Several shapes in the axes of a body, from its centre of mass: shape, position, and a rotation if it is turned.
     #[staticmethod]
     #[pyo3(name = "compound")]
     fn of_parts(py: Python<'_>, parts: Vec<PartTuple<'_>>) -> PyResult<Self> {
@@ -128,6 +145,58 @@ impl PyShape {
     }
 
     fn __repr__(&self) -> String {
-        format!("{:?}", self.shape)
+        written(&self.shape)
+    }
+}
+
+/// A shape as Python writes it; of many numbers only how many.
+pub(crate) fn written(shape: &scene::Shape) -> String {
+    match shape {
+        scene::Shape::Ball { radius } => format!("Shape.ball({radius})"),
+        scene::Shape::Cuboid { half_extents: half } => {
+            format!("Shape.cuboid({}, {}, {})", half.x, half.y, half.z)
+        }
+        scene::Shape::RoundedCuboid {
+            half_extents: half,
+            radius,
+        } => format!(
+            "Shape.rounded_cuboid({}, {}, {}, {radius})",
+            half.x, half.y, half.z
+        ),
+        scene::Shape::Capsule {
+            half_height,
+            radius,
+        } => format!("Shape.capsule({half_height}, {radius})"),
+        scene::Shape::Cylinder {
+            half_height,
+            radius,
+        } => format!("Shape.cylinder({half_height}, {radius})"),
+        scene::Shape::Cone {
+            half_height,
+            radius,
+        } => format!("Shape.cone({half_height}, {radius})"),
+        scene::Shape::HalfSpace { normal } => {
+            format!(
+                "Shape.half_space(({}, {}, {}))",
+                normal.x, normal.y, normal.z
+            )
+        }
+        scene::Shape::Hull(hull) => format!("Shape.hull(<{} points>)", hull.points().len()),
+        scene::Shape::Mesh(mesh) => format!(
+            "Shape.mesh(<{} points>, <{} triangles>)",
+            mesh.points().len(),
+            mesh.triangles().len()
+        ),
+        scene::Shape::Heights(field) => format!(
+            "Shape.heights(<{} by {} heights>, {}, {})",
+            field.rows(),
+            field.columns(),
+            field.row_spacing(),
+            field.column_spacing()
+        ),
+        scene::Shape::Compound(compound) => {
+            let parts = compound.parts().iter().map(|part| written(&part.shape));
+            format!("Shape.compound(<{}>)", parts.collect::<Vec<_>>().join(", "))
+        }
     }
 }

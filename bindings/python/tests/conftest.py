@@ -4,6 +4,7 @@ RHUMB_TEST_SERVER names the program; the tests of the workspace set it.
 """
 
 import os
+import re
 import subprocess
 
 import pytest
@@ -53,5 +54,6 @@ def own_server():
 @pytest.fixture
 def scene(server, request):
     """A new scene under the name of the test."""
-    with server.connect().join(request.node.name[:64], condition="create") as one:
+    name = re.sub("[^a-zA-Z0-9]+", "-", request.node.name)[-64:]
+    with server.connect().join(name, condition="create") as one:
         yield one

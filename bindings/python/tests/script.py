@@ -95,8 +95,8 @@ def main(address, fingerprint):
             scene.advance()
         hashed = 0xCBF29CE484222325
         for body in bodies:
-            place = scene.place(body)
-            if place is not None:
+            if body in scene:
+                place = scene.place(body)
                 hashed = fold(hashed, scene.positions[place])
                 hashed = fold(hashed, scene.rotations[place])
         ray = rhumb.Query.ray((-0.625, 50, -0.625), (0, -100, 0), hits=8)

@@ -41,6 +41,9 @@ def test_joining_what_cannot_be_joined(server):
         {"gravity": (0, 0)},
         {"ticks_per_second": 0},
         {"resume_within": -1},
+        {"refusals": "never"},
+        {"lead_ticks": float("nan")},
+        {"delay_ticks": -1},
     ):
         with pytest.raises(rhumb.InvalidError):
             connection.join("wrong", **options)
@@ -102,7 +105,12 @@ CALLS = [
     lambda scene: scene.removed,
     lambda scene: scene.place(1),
     lambda scene: scene.places([1]),
+    lambda scene: 1 in scene,
     lambda scene: scene.error_bound(1),
+    lambda scene: scene.error_bounds,
+    lambda scene: scene.tick_error_bound(1, 1),
+    lambda scene: scene.contacts(),
+    lambda scene: scene.set_lead_ticks(1),
     lambda scene: scene.events(),
     lambda scene: scene.query([rhumb.Query.ray((0, 0, 0), (0, 1, 0))]),
     lambda scene: scene.statistics,
@@ -201,7 +209,8 @@ def test_numbers_of_joints_and_bodies_that_no_scene_can_have(scene):
             wrong()
     # The server knows the last numbers that a scene can have no more than others, and goes on.
     refused = [scene.remove(last), scene.remove_joint(65_535)]
-    scene.advance()
+    with pytest.raises(rhumb.RefusedError):
+        scene.advance()
     assert set(scene.bodies) == {ball}
     assert [event.number for event in scene.events() if event.kind == "command refused"] == refused
 
@@ -271,4 +280,5 @@ def test_exceptions_are_of_pythons_own_kinds_too():
     assert issubclass(rhumb.InvalidError, ValueError)
     assert issubclass(rhumb.Timeout, TimeoutError)
     assert issubclass(rhumb.EndedError, ConnectionError)
-    assert all(issubclass(getattr(rhumb.errors, name), rhumb.Error) for name in dir(rhumb.errors) if name[0].isupper())
+    own = [value for value in vars(rhumb.errors).values() if getattr(value, "__module__", "") == "rhumb.errors"]
+    assert all(issubclass(value, (rhumb.Error, rhumb.Refusal)) for value in own)

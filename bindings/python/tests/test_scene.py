@@ -47,7 +47,9 @@ def test_arrays_have_one_order_and_their_types(scene):
     scene.remove(bodies[:2])
     scene.advance()
     assert len(scene) == 3 and set(scene.removed) == set(bodies[:2])
-    assert scene.place(bodies[0]) is None
+    assert bodies[0] not in scene and bodies[2] in scene
+    with pytest.raises(rhumb.InvalidError, match="not in the view"):
+        scene.place(bodies[0])
 
 
 def test_an_array_is_read_only_the_same_when_read_again_and_keeps_its_frame(scene):
@@ -102,7 +104,9 @@ def test_events_say_what_became_of_commands(scene):
     ball = ball_on_floor(scene)
     scene.report_events(ball, contacts=True, sleep=True)
     removal = scene.remove(12_345)
-    scene.advance(ticks=60)
+    with pytest.raises(rhumb.RefusedError):
+        scene.advance()
+    scene.advance(ticks=59)
     events = {event.kind: event for event in scene.events()}
     assert events["body placed"].body == ball
     refused = events["command refused"]
@@ -161,7 +165,7 @@ def test_shapes_that_no_body_has_any_more_are_removed(server):
         # The shape is sent again with the body.
         again = scene.add_body(rhumb.Shape.heights(np.zeros((3, 4)), 2, 2), kind="fixed")
         scene.advance()
-        assert scene.place(again) is not None
+        assert again in scene
         assert [event for event in scene.events() if event.kind == "command refused"] == []
 
 
@@ -186,7 +190,9 @@ def test_a_free_running_scene_is_polled(server):
         assert 0 <= fraction < 1
         assert scene.positions[scene.place(ball)][1] < 50
         assert scene.statistics["received_bytes"] > 0
-        assert math.isfinite(scene.error_bound(ball))
+        # Without a delay, the newest moment is a guess.
+        assert scene.error_bound(ball) == math.inf
+        assert math.isfinite(scene.tick_error_bound(ball, scene.statistics["complete_tick"]))
 
 
 def test_a_hinge_keeps_its_limits_and_its_motor_turns_it(scene):
@@ -215,6 +221,28 @@ def test_a_hinge_keeps_its_limits_and_its_motor_turns_it(scene):
     assert scene.positions[scene.place(arm)][1] < before - 3
 
 
+def test_a_hinge_turns_by_three_quarters_of_a_turn_and_no_further(scene):
+    post = scene.add_body(rhumb.Shape.ball(0.1), (0, 5, 0), "fixed")
+    arm = scene.add_body(rhumb.Shape.ball(0.1), (0, 5, 1), gravity_scale=0.0)
+    joint = dict(second_anchor=(0, 0, -1), limits={3: (0, 1.5 * math.pi)})
+    turned = []
+    for number, speed in ((1, 2.0), (1, -2.0)):
+        motor = {3: (0.0, speed, 0.0, 100.0, None)}
+        hinge = rhumb.Joint("revolute", post, arm, motors=motor, **joint)
+        (scene.add_joint if speed > 0 else scene.change_joint)(number, hinge)
+        for _ in range(600):
+            scene.advance()
+            _, y, z = scene.positions[scene.place(arm)] - scene.positions[scene.place(post)]
+            turned.append(math.degrees(math.atan2(-y, z)) % 360)
+    # It passes half a turn, stops at three quarters, and comes back the same way.
+    assert any(170 < angle < 190 for angle in turned[:600]) and turned[599] == pytest.approx(270, abs=3)
+    assert any(170 < angle < 190 for angle in turned[600:])
+    assert min(turned[-1], 360 - turned[-1]) == pytest.approx(0, abs=3)
+    # More than a whole turn cannot be told from its remainder.
+    with pytest.raises(rhumb.InvalidError, match="counts no turns"):
+        scene.add_joint(2, rhumb.Joint("revolute", post, arm, limits={3: (-5, 5)}))
+
+
 def test_a_joint_has_limits_of_its_free_axes_only(scene):
     bodies = scene.add_bodies(rhumb.Shape.ball(0.5), [(0, 0, 0), (2, 0, 0)])
     for arguments in [
@@ -233,7 +261,8 @@ def test_a_joint_has_limits_of_its_free_axes_only(scene):
     rope = rhumb.Joint("rope", *bodies, length=2.5)
     scene.add_joint(1, rope)
     scene.add_joint(1, rope)
-    scene.advance()
+    with pytest.raises(rhumb.RefusedError, match="joint 1 is taken"):
+        scene.advance()
     assert "command refused" in [event.kind for event in scene.events()]
 
 

@@ -16,6 +16,7 @@ from . import errors
 from ._native import (
     Character,
     Connection,
+    Contact,
     Event,
     Hit,
     Joint,
@@ -48,6 +49,7 @@ __all__ = [
     "ClosedError",
     "ConnectError",
     "Connection",
+    "Contact",
     "DeniedError",
     "EndedError",
     "Error",

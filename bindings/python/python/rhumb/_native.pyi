@@ -1,4 +1,4 @@
-"""Types of the native module.
+"""Types of the native module, with the documentation that help() shows: a test compares the two.
 
 Every array that is returned is read-only or the caller's own, and never changes.
 """
@@ -30,13 +30,16 @@ def connect(
 ) -> Connection:
     """Connects to the server at host:port.
 
-    Trust its certificate by the fingerprint that the server prints, or by a PEM file with roots; not by both. The time
-    limit, in seconds, holds for every later call that waits.
+    Trust its certificate by the fingerprint that the server prints, or by a PEM file with roots; not by both. A token
+    admits the client to a server that is not open. The time limit, in seconds, holds for every later call that waits.
     """
 
 @final
 class Connection:
-    """A connection to a server that has joined no scene."""
+    """A connection to a server that has joined no scene; connect makes it.
+
+    It closes at the end of a with block, unless join has used it up.
+    """
 
     def join(
         self,
@@ -51,18 +54,36 @@ class Connection:
         publish_interval: int = 1,
         gravity: Optional[_Vector] = None,
         delay_ticks: float = 0.0,
+        lead_ticks: float = 0.0,
+        whole_ticks: bool = False,
         smooth: bool = True,
+        refusals: Literal["raise", "events"] = "raise",
         resume_within: Optional[float] = None,
     ) -> Scene:
-        """Joins a scene, and uses the connection up; wrong arguments do not.
+        """Joins a scene by name, makes it if it is new, and returns it. Uses the connection up; wrong arguments do not.
 
-        The tolerance is how far any point of a copied body may be off, in metres whatever the coordinates. Stepping, ticks,
-        substeps, publish interval and gravity are those of a new scene; no gravity means the earth's.
+        coordinates: axes and unit of every position, length and force of this client. "rhumb": y up, metres; "unity":
+        left-handed, y up, metres; "unreal": left-handed, z up, centimetres; "z-up": z up, metres, as in ROS and PyBullet.
+        condition: "create or join", "create" (the scene must be new), or "join" (it must exist).
+        tolerance: how far any point of a copied body may be off, 0.001 to 10 metres whatever the coordinates.
+        refusals: "raise" has the next advance, wait or poll raise RefusedError for what the server refused; "events" leaves
+        that to events().
+        resume_within: seconds for which the client tries to go on over another connection; None: as the scene suggests.
+
+        Of a new scene are: stepping, "lockstep" (advance steps it) or "free running" (the server's clock does);
+        ticks_per_second, 1 to 1000; substeps of each tick, 1 to 16; publish_interval, the ticks from one that is sent to the
+        next; gravity, three numbers, the earth's if it is None.
+
+        Of a free-running view are: delay_ticks, by which it stays behind the server's clock, so that nothing of it is
+        guessed; whole_ticks, whether only whole ticks are shown; smooth, whether corrections are shown as short glides;
+        lead_ticks, by which publish is ahead of the server's clock.
         """
 
-    def close(self) -> None: ...
+    def close(self) -> None:
+        """Closes the connection. A second time does nothing."""
     @property
-    def closed(self) -> bool: ...
+    def closed(self) -> bool:
+        """True once it is closed, or a scene was joined with it."""
     def __enter__(self) -> Connection: ...
     def __exit__(
         self,
@@ -73,33 +94,42 @@ class Connection:
 
 @final
 class Shape:
-    """A shape, centred on its body's centre of mass. Long axes point up. Lengths are in the scene's unit."""
+    """A shape, centred on its body's centre of mass. Long axes point up. Lengths are in the scene's unit.
+
+    Make one with Shape.ball, cuboid, rounded_cuboid, capsule, cylinder, cone, half_space, hull, mesh, heights or compound.
+    Each extent is 0.001 to 10,000 metres.
+    """
 
     @staticmethod
-    def ball(radius: float) -> Shape: ...
+    def ball(radius: float) -> Shape:
+        """A sphere."""
     @staticmethod
     def cuboid(x: float, y: float, z: float) -> Shape:
-        """By half the edge lengths."""
+        """A box, by half its edge lengths: cuboid(0.5, 0.5, 0.5) is a cube of edge 1."""
     @staticmethod
-    def rounded_cuboid(x: float, y: float, z: float, radius: float) -> Shape: ...
+    def rounded_cuboid(x: float, y: float, z: float, radius: float) -> Shape:
+        """A box with round edges: every point within the radius of a box, which is given by half its edge lengths."""
     @staticmethod
-    def capsule(half_height: float, radius: float) -> Shape: ...
+    def capsule(half_height: float, radius: float) -> Shape:
+        """A cylinder with half balls on its ends, by half the length of its straight part."""
     @staticmethod
-    def cylinder(half_height: float, radius: float) -> Shape: ...
+    def cylinder(half_height: float, radius: float) -> Shape:
+        """A cylinder, by half its length."""
     @staticmethod
-    def cone(half_height: float, radius: float) -> Shape: ...
+    def cone(half_height: float, radius: float) -> Shape:
+        """A cone whose tip points up, by half its height."""
     @staticmethod
     def half_space(normal: _Vector) -> Shape:
         """Everything behind a plane, whose normal points out of it. For fixed bodies."""
     @staticmethod
     def hull(points: npt.ArrayLike) -> Shape:
-        """The convex hull of rows of three numbers."""
+        """The convex hull of 4 to 255 points: rows of three numbers."""
     @staticmethod
     def mesh(points: npt.ArrayLike, triangles: npt.ArrayLike) -> Shape:
-        """A mesh of triangles, each a row of three places of points. For fixed bodies."""
+        """A mesh of triangles, each a row of three places of points. For fixed and kinematic bodies."""
     @staticmethod
     def heights(heights: npt.ArrayLike, row_spacing: float = 1.0, column_spacing: float = 1.0) -> Shape:
-        """A field of heights by row and column. For fixed bodies.
+        """A field of heights by row and column. For fixed and kinematic bodies.
 
         The first post is at the body's origin; the rows follow each other along x, the columns along the other axis of the
         ground.
@@ -110,7 +140,24 @@ class Shape:
 
 @final
 class Joint:
-    """A joint of two bodies, for Scene.add_joint and Scene.change_joint."""
+    """A joint of two bodies, for Scene.add_joint and Scene.change_joint.
+
+    kind: "fixed"; "spherical", which leaves every turn free; "revolute", a hinge, which leaves the turn about x of its
+    frames; "prismatic", a slider, which leaves the displacement along x; "rope", with a greatest length; "spring", with a
+    length, a stiffness in N/m and a damping in N s/m; "generic", which leaves every axis but the locked_axes, bits in the
+    order below.
+
+    Each body has a frame of the joint: first_anchor and second_anchor, from its centre of mass, and first_rotation and
+    second_rotation, a quaternion x, y, z, w. To hinge about another axis than x, turn both frames.
+
+    limits and motors are by axis: 0 to 2 along x, y, z, 3 to 5 about them. A limit is the least and the most, in units of
+    length or in radians from -2 pi to 2 pi, at most a whole turn apart: limits={3: (0, 4.7)} is 270 degrees. A motor is (position, velocity, stiffness, damping, force): what it drives to, its
+    stiffness in 1/s², its damping in 1/s, and its greatest force or torque, or None for any. For a motor that keeps a
+    speed, the stiffness is 0: motors={3: (0, 2.0, 0, 10.0, None)} turns a hinge at 2 rad/s.
+
+    collide: whether the two bodies also collide with each other. breaks_at: the force in N and the torque in N m at which
+    it breaks.
+    """
 
     def __init__(
         self,
@@ -130,21 +177,22 @@ class Joint:
         damping: float = 0.0,
         collide: bool = False,
         breaks_at: Optional[Tuple[float, float]] = None,
-    ) -> None:
-        """Each body has a frame of the joint: an anchor from its centre of mass, and a rotation.
-
-        A spherical joint leaves every turn free, a revolute one the turn about x of the frames, a prismatic one the
-        displacement along x, a generic one every axis that it does not lock. A rope has a greatest length; a spring has a
-        length, a stiffness in N/m and a damping in N s/m.
-
-        Limits and motors are by axis: 0 to 2 along x, y, z, 3 to 5 about them. A limit is the least and the most. A motor
-        is the position and the velocity that it drives to, its stiffness in 1/s², its damping in 1/s, and its greatest
-        force, or None for any. The joint breaks at a force or a torque.
-        """
+    ) -> None: ...
 
 @final
 class Character:
-    """A character, for Scene.set_character: a kinematic body that walks, as far as the world lets it, and falls."""
+    """A character, for Scene.set_character: a kinematic body that walks, as far as the world lets it, and falls.
+
+    Up is the direction away from the ground, of unit length; against gravity if it is left out.
+
+    The offset is the gap that it keeps to its surroundings, 0.02 m if it is left out. It climbs slopes of up to the
+    first angle, and slides down from the second one on; both are radians from level ground, 45 degrees if they are left
+    out. It pushes dynamic bodies with its mass, in kilograms.
+
+    A step is the greatest height that it climbs, and the free width that it needs there; without one it climbs none.
+    It climbs onto dynamic bodies too if it is set so, and pushes them otherwise. The snap is the greatest drop of the
+    ground that it follows without a fall, 0.2 m if it is left out, and none at 0.
+    """
 
     def __init__(
         self,
@@ -157,21 +205,25 @@ class Character:
         step: Optional[Tuple[float, float]] = None,
         onto_dynamic: bool = False,
         snap: Optional[float] = None,
-    ) -> None:
-        """Up is the direction away from the ground, of unit length; against gravity if it is left out.
-
-        The offset is the gap that it keeps to its surroundings, 0.02 m if it is left out. It climbs slopes of up to the
-        first angle, and slides down from the second one on; both are radians from level ground, 45 degrees if they are left
-        out. It pushes dynamic bodies with its mass, in kilograms.
-
-        A step is the greatest height that it climbs, and the free width that it needs there; without one it climbs none.
-        It climbs onto dynamic bodies too if it is set so, and pushes them otherwise. The snap is the greatest drop of the
-        ground that it follows without a fall, 0.2 m if it is left out, and none at 0.
-        """
+    ) -> None: ...
 
 @final
 class Wheel:
-    """A wheel of a vehicle, for Scene.set_vehicle: a ray with a spring, in the axes of its chassis."""
+    """A wheel of a vehicle, for Scene.set_vehicle: a ray with a spring, in the axes of its chassis.
+
+    The position is the upper end of its suspension, from the centre of mass of the chassis.
+
+    The direction of the suspension, of unit length, is down if it is left out. The axle, of unit length, points to the
+    right of the way forward. It is along x if it is left out, in Unreal's coordinates along y: forward is then -z in
+    Rhumb's coordinates, z in Unity's, x in Unreal's, and y where z is up.
+
+    The suspension has its rest length without load, 0.3 m, and changes by at most its travel, 0.25 m. Its stiffness is
+    an acceleration for a length, 50/s²; its damping is 4/s in compression, and 6/s in relaxation. It pushes with any
+    force unless a greatest one is set.
+
+    The greatest force along the ground is a share of the suspension's force, the friction slip, 2; the part along the
+    way forward counts half. The side friction, 1, is a factor of the force that keeps the wheel from sliding sideways.
+    """
 
     def __init__(
         self,
@@ -188,50 +240,41 @@ class Wheel:
         force_max: Optional[float] = None,
         friction_slip: Optional[float] = None,
         side_friction: Optional[float] = None,
-    ) -> None:
-        """The position is the upper end of its suspension, from the centre of mass of the chassis.
-
-        The direction of the suspension, of unit length, is down if it is left out. The axle, of unit length, points to the
-        right of the way forward. It is along x if it is left out, in Unreal's coordinates along y: forward is then -z in
-        Rhumb's coordinates, z in Unity's, x in Unreal's, and y where z is up.
-
-        The suspension has its rest length without load, 0.3 m, and changes by at most its travel, 0.25 m. Its stiffness is
-        an acceleration for a length, 50/s²; its damping is 4/s in compression, and 6/s in relaxation. It pushes with any
-        force unless a greatest one is set.
-
-        The greatest force along the ground is a share of the suspension's force, the friction slip, 2; the part along the
-        way forward counts half. The side friction, 1, is a factor of the force that keeps the wheel from sliding sideways.
-        """
+    ) -> None: ...
 
 @final
 class WheelInput:
-    """Steering, force and brake of a wheel, for Scene.set_wheels."""
+    """Steering, force and brake of a wheel, for Scene.set_wheels.
 
-    def __init__(self, steering: float = 0.0, force: float = 0.0, brake: float = 0.0) -> None:
-        """A positive steering, in radians, turns left; in left-handed coordinates it turns right.
+    A positive steering, in radians, turns left; in left-handed coordinates it turns right.
 
-        The force acts forward, a negative one backward. The brake is the greatest force that stops the wheel; one with a
-        force does not brake.
-        """
+    The force acts forward, a negative one backward. The brake is the greatest force that stops the wheel; one with a
+    force does not brake.
+    """
+
+    def __init__(self, steering: float = 0.0, force: float = 0.0, brake: float = 0.0) -> None: ...
 
 @final
 class Query:
-    """A question about where the bodies are."""
+    """A question about where the bodies are, for Scene.query: Query.ray, shape_cast, projection or overlap.
+
+    hits is the most bodies that it finds, 1 to 64. among changes which bodies count.
+    """
 
     @staticmethod
     def ray(origin: _Vector, translation: _Vector, *, hits: int = 1) -> Query:
-        """The nearest bodies along a line."""
+        """The nearest bodies along a line from origin to origin + translation. Sensors do not count."""
     @staticmethod
     def shape_cast(
         shape: Shape, position: _Vector, translation: _Vector, *, rotation: Optional[_Rotation] = None, hits: int = 1
     ) -> Query:
-        """The nearest bodies that a simple shape touches on its way."""
+        """The nearest bodies that a shape touches on its way: a ball, cuboid, rounded cuboid, capsule, cylinder or cone."""
     @staticmethod
     def projection(point: _Vector, distance: float, *, hits: int = 1) -> Query:
         """The bodies whose surfaces are nearest to a point, within a distance."""
     @staticmethod
     def overlap(shape: Shape, position: _Vector, *, rotation: Optional[_Rotation] = None, hits: int = 64) -> Query:
-        """The bodies that a simple shape overlaps."""
+        """The bodies that a shape overlaps: a ball, cuboid, rounded cuboid, capsule, cylinder or cone."""
     def among(
         self,
         *,
@@ -242,20 +285,50 @@ class Query:
         groups: int = 0xFFFFFFFF,
         excluding: Optional[int] = None,
     ) -> Query:
-        """The same question about other bodies."""
+        """The same question about some bodies: of these kinds, of a group in the bits of groups, but not the one excluded."""
 
 @final
 class Hit:
     """A body that a query found."""
 
     @property
-    def body(self) -> int: ...
+    def body(self) -> int:
+        """The body's id."""
     @property
-    def distance(self) -> float: ...
+    def distance(self) -> float:
+        """Along the way, or from the point to the surface; zero for an overlap."""
     @property
-    def point(self) -> Tuple[float, float, float]: ...
+    def point(self) -> Tuple[float, float, float]:
+        """On the body's surface; zero for an overlap."""
     @property
-    def normal(self) -> Tuple[float, float, float]: ...
+    def normal(self) -> Tuple[float, float, float]:
+        """Outward from the surface, of unit length; zero where there is none, as for a ray that begins inside."""
+
+@final
+class Contact:
+    """Two bodies that touch now, of Scene.contacts."""
+
+    @property
+    def body(self) -> int:
+        """The body that was asked for, or the first one."""
+    @property
+    def other(self) -> int:
+        """The body that it touches."""
+    @property
+    def point(self) -> Tuple[float, float, float]:
+        """Of the deepest contact: a point on the first body, as of the last event about the two."""
+    @property
+    def normal(self) -> Tuple[float, float, float]:
+        """From the other body towards this one, of unit length."""
+    @property
+    def separation(self) -> float:
+        """Units of length; negative where they overlap."""
+    @property
+    def force(self) -> float:
+        """The sum of all forces between the two."""
+    @property
+    def tick(self) -> int:
+        """The tick of the last event about the two."""
 
 @final
 class Event:
@@ -263,7 +336,10 @@ class Event:
 
     @property
     def kind(self) -> str:
-        """Such as "contact began", "body placed", "command refused"."""
+        """One of: "commands applied", "command refused", "body placed", "body removed", "contact began", "contact ended",
+        "contact force", "sensor entered", "sensor left", "fell asleep", "woke", "body fault", "reached ground", "left
+        ground", "events missed", "stream changed", "scene restored", "scene faulted", "scene deleted", "interrupted",
+        "resumed", "session lost", "durable", "authority granted", "authority denied", "denied", "ended", "other"."""
     @property
     def after(self) -> int:
         """The newest complete tick when the event was read: no view of an earlier tick shows its effect."""
@@ -271,34 +347,56 @@ class Event:
     def tick(self) -> int:
         """The tick in which it happened, if the server says so; otherwise the same as `after`."""
     @property
-    def number(self) -> int: ...
+    def number(self) -> int:
+        """The command's number, or the count that the kind names."""
     @property
-    def body(self) -> Optional[int]: ...
+    def body(self) -> Optional[int]:
+        """The body that the kind names; of a contact the first one, of a sensor the sensor."""
     @property
-    def other(self) -> Optional[int]: ...
+    def other(self) -> Optional[int]:
+        """The other body."""
     @property
-    def point(self) -> Tuple[float, float, float]: ...
+    def point(self) -> Tuple[float, float, float]:
+        """Of a contact: a point on the body."""
     @property
-    def normal(self) -> Tuple[float, float, float]: ...
+    def normal(self) -> Tuple[float, float, float]:
+        """Of a contact: from the other body towards the body, of unit length."""
     @property
-    def separation(self) -> float: ...
+    def separation(self) -> float:
+        """Of a contact: units of length; negative where the bodies overlap."""
     @property
-    def force(self) -> float: ...
+    def force(self) -> float:
+        """Of a contact: the sum of all forces between the bodies."""
     @property
-    def text(self) -> str: ...
+    def text(self) -> str:
+        """A reason, a sentence; empty for most kinds."""
+
+class _Upstream(TypedDict):
+    updates: int
+    packets: int
+    bytes: int
 
 class _Statistics(TypedDict):
     sent_bytes: int
     received_bytes: int
     updates: int
     complete_tick: int
+    upstream: _Upstream
+    behind_ticks: Optional[float]
 
 @final
 class Scene:
-    """A client of one scene. One thread at a time may be inside a call; a second one raises BusyError at once.
+    """A client of one scene; Connection.join makes it. It leaves the scene at the end of a with block.
+
+    Bodies have ids, which add_body and add_bodies return. Every call that takes a body takes a row of ids too, with one row
+    of numbers for all of them or one for each. The poses of all bodies are arrays of one order; place finds a body in them.
 
     Commands are queued, and sent together by the next call that waits, or by flush. Each returns its number, which events
-    name; for a row of bodies, the number of the last.
+    and refusals name; for a row of bodies, the number of the last. What is wrong at once raises InvalidError, and nothing is
+    queued. What the server refuses raises RefusedError at the next advance, wait or poll.
+
+    One thread at a time may be inside a call; a second one raises BusyError at once. len() is the number of bodies of the
+    view, and "body in scene" tells whether it has one.
     """
 
     def add_body(
@@ -311,6 +409,7 @@ class Scene:
         linear_velocity: Optional[_Vector] = None,
         angular_velocity: Optional[_Vector] = None,
         mass: Optional[float] = None,
+        moments: Optional[Tuple[float, float, float]] = None,
         material: Optional[Tuple[float, float, float]] = None,
         damping: Optional[Tuple[float, float]] = None,
         gravity_scale: float = 1.0,
@@ -320,10 +419,19 @@ class Scene:
         sensor: bool = False,
         swept: bool = False,
     ) -> int:
-        """Adds a body, and returns its id.
+        """Adds a body, and returns its id: an int, for place and every call that takes a body.
 
-        The material is friction, restitution and density in kg/m³. Locked axes are bits: translations along x, y, z, then
-        rotations about them. Groups are those of the body, and those that it touches.
+        position: its centre of mass; rotation: a unit quaternion x, y, z, w, body to world; linear_velocity: units of
+        length per second; angular_velocity: rad/s about world axes.
+
+        shape: a Shape. kind: "dynamic" (the engine moves it), "fixed" (nothing does), or "kinematic" (commands do).
+        mass: kilograms; None: volume times density. moments: of inertia about its own axes, kg m², beside a mass; None:
+        those of its shape. material: friction, restitution from 0 to 1, and density in kg/m³; None: the scene's.
+        damping: linear and angular, 1/s; None: the scene's. gravity_scale: factor on the scene's gravity.
+        locked_axes: bits 1, 2, 4 for translations along x, y, z, bits 8, 16, 32 for rotations about them, in the world.
+        groups: bits of its own collision groups, and of those that it touches. sensor: bodies pass through it, and events
+        report them. swept: it does not pass through moving bodies however fast it is.
+        tolerance_exponent: power of two on the tolerance of its copies, -3 to 3.
         """
 
     def add_bodies(
@@ -336,6 +444,7 @@ class Scene:
         linear_velocities: Optional[_Vector] = None,
         angular_velocities: Optional[_Vector] = None,
         mass: Optional[float] = None,
+        moments: Optional[Tuple[float, float, float]] = None,
         material: Optional[Tuple[float, float, float]] = None,
         damping: Optional[Tuple[float, float]] = None,
         gravity_scale: float = 1.0,
@@ -345,19 +454,41 @@ class Scene:
         sensor: bool = False,
         swept: bool = False,
     ) -> npt.NDArray[np.uint64]:
-        """Adds a body of one shape for each row of positions, and returns their ids. If one is wrong, none is added."""
+        """Adds a body of one shape for each row of positions, and returns their ids. If one is wrong, none is added.
 
-    def remove(self, body: _Bodies) -> Optional[int]: ...
-    def set_pose(self, body: _Bodies, position: _Vector, rotation: Optional[_Rotation] = None) -> Optional[int]: ...
-    def set_velocity(self, body: _Bodies, linear: _Vector, angular: Optional[_Vector] = None) -> Optional[int]: ...
+        rotations, linear_velocities and angular_velocities have one row for all or one for each. All else holds for all:
+
+        shape: a Shape. kind: "dynamic" (the engine moves it), "fixed" (nothing does), or "kinematic" (commands do).
+        mass: kilograms; None: volume times density. moments: of inertia about its own axes, kg m², beside a mass; None:
+        those of its shape. material: friction, restitution from 0 to 1, and density in kg/m³; None: the scene's.
+        damping: linear and angular, 1/s; None: the scene's. gravity_scale: factor on the scene's gravity.
+        locked_axes: bits 1, 2, 4 for translations along x, y, z, bits 8, 16, 32 for rotations about them, in the world.
+        groups: bits of its own collision groups, and of those that it touches. sensor: bodies pass through it, and events
+        report them. swept: it does not pass through moving bodies however fast it is.
+        tolerance_exponent: power of two on the tolerance of its copies, -3 to 3.
+        """
+
+    def remove(self, body: _Bodies) -> Optional[int]:
+        """Removes bodies, and the joints of each."""
+    def set_pose(self, body: _Bodies, position: _Vector, rotation: Optional[_Rotation] = None) -> Optional[int]:
+        """Places fixed and dynamic bodies at once; kinematic ones move there during the next tick. Unturned without a
+        rotation."""
+    def set_velocity(self, body: _Bodies, linear: _Vector, angular: Optional[_Vector] = None) -> Optional[int]:
+        """Sets velocities, in units of length per second and rad/s; a kinematic body keeps them. No spin without one."""
     def apply_force(self, body: _Bodies, force: _Vector, point: Optional[_Vector] = None) -> Optional[int]:
-        """A force during the next tick, at the centre of mass or at a point."""
-    def apply_torque(self, body: _Bodies, torque: _Vector) -> Optional[int]: ...
-    def apply_impulse(self, body: _Bodies, impulse: _Vector, point: Optional[_Vector] = None) -> Optional[int]: ...
-    def apply_torque_impulse(self, body: _Bodies, impulse: _Vector) -> Optional[int]: ...
-    def set_gravity(self, gravity: _Vector) -> Optional[int]: ...
-    def sleep(self, body: _Bodies) -> Optional[int]: ...
-    def wake(self, body: _Bodies) -> Optional[int]: ...
+        """A force during the next tick, at the centre of mass or at a point of the world."""
+    def apply_torque(self, body: _Bodies, torque: _Vector) -> Optional[int]:
+        """A torque during the next tick, about world axes."""
+    def apply_impulse(self, body: _Bodies, impulse: _Vector, point: Optional[_Vector] = None) -> Optional[int]:
+        """An impulse at once, at the centre of mass or at a point of the world."""
+    def apply_torque_impulse(self, body: _Bodies, impulse: _Vector) -> Optional[int]:
+        """An angular impulse at once, about world axes."""
+    def set_gravity(self, gravity: _Vector) -> Optional[int]:
+        """Sets the scene's gravity, units of length per s²."""
+    def sleep(self, body: _Bodies) -> Optional[int]:
+        """Puts dynamic bodies to sleep, until something touches them."""
+    def wake(self, body: _Bodies) -> Optional[int]:
+        """Wakes bodies."""
     def report_events(
         self,
         body: _Bodies,
@@ -367,7 +498,19 @@ class Scene:
         sensors: bool = False,
         sleep: bool = False,
     ) -> Optional[int]:
-        """Turns the events of bodies on; what is left out, off. Contacts are reported from the force on."""
+        """Turns the events of bodies on; what is left out, off. A new body reports none.
+
+        contacts: "contact began" and "contact ended", and what contacts() knows. force: "contact force" in every tick in
+        which the force of a contact is at least that; 0.0 for all. sensors: "sensor entered" and "sensor left", of a sensor
+        or of what enters it. sleep: "fell asleep" and "woke".
+        """
+    def contacts(self, body: Optional[int] = None) -> list[Contact]:
+        """The contacts of now: of one body, or of all bodies.
+
+        It knows the bodies that touch where one of the two reports contacts: call report_events(body, contacts=True) when
+        you add them. With force=0.0 beside it, point, normal and force are those of the newest tick in which the two were
+        awake; otherwise those of the beginning.
+        """
     def add_joint(self, id: int, joint: Joint) -> Optional[int]:
         """Adds a joint under a number of yours, below 65,536, that no joint of the scene has."""
     def change_joint(self, id: int, joint: Joint) -> Optional[int]:
@@ -389,9 +532,13 @@ class Scene:
     def set_wheels(self, body: _Bodies, inputs: Sequence[WheelInput]) -> Optional[int]:
         """Sets the inputs of all wheels of vehicles, in the order of their wheels. A vehicle keeps them."""
     def take_authority(self, body: _Bodies, tolerance: float = 0.02) -> None:
-        """Requests authority over kinematic bodies in place of those of now; an empty row ends it. The tolerance is in metres.
+        """Requests authority over kinematic bodies in place of those of now; an empty row ends it.
 
-        It is sent at once. An event, "authority granted" or "authority denied", answers.
+        One client has authority over 256 bodies at most. The server's bodies are within the tolerance, in metres, of what
+        publish sends; the tolerance of a stream adds to it: a client that follows within 0.05 m sees a body that is
+        published within 0.02 m within 0.07 m of the publisher's.
+
+        It is sent at once. An event, "authority granted" or "authority denied", answers; a denial raises RefusedError too.
         """
     def publish(
         self,
@@ -411,16 +558,23 @@ class Scene:
 
         Queued additions, changes and removals of bodies count. A scene keeps its shapes until they are removed.
         """
-    def flush(self) -> None: ...
+    def set_lead_ticks(self, ticks: float) -> None:
+        """Sets lead_ticks of join anew: by how many ticks publish is ahead of the server's clock."""
+    def flush(self) -> None:
+        """Sends the queued commands at once."""
     def advance(self, ticks: int = 1, depth: int = 0) -> int:
-        """Steps a lockstep scene, computes the view, and returns its tick.
+        """Steps a lockstep scene by some ticks, computes the view, and returns its tick.
 
-        At depth 1, the view is one tick behind, and the server computes the newest one meanwhile.
+        At depth 1, the view is one tick behind, and the server computes the newest one meanwhile. It raises RefusedError
+        for what the server refused, after the tick in which that became known; the next call goes on.
         """
     def wait(self, depth: int = 0) -> int:
         """Goes on waiting for the tick of an advance that timed out."""
     def poll(self) -> Tuple[int, float]:
-        """Computes the view of a free-running scene for now: its tick, and the part of the step to the next."""
+        """Computes the view of a free-running scene for now: its tick, and the part of the step to the next.
+
+        It does not wait. A lockstep scene stands still until a client advances it. It raises RefusedError as advance does.
+        """
     def idle(self, duration: float) -> None:
         """Handles what arrives for a time in seconds, without computing the view."""
     @property
@@ -436,37 +590,57 @@ class Scene:
     def rotations(self) -> npt.NDArray[np.float32]:
         """A row of x, y, z, w for each body: body to world."""
     @property
-    def linear_velocities(self) -> npt.NDArray[np.float32]: ...
+    def linear_velocities(self) -> npt.NDArray[np.float32]:
+        """Velocities of the centres of mass, a row for each body, units of length per second; zero at rest."""
     @property
     def angular_velocities(self) -> npt.NDArray[np.float32]:
-        """rad/s about world axes."""
+        """Spins, a row for each body, rad/s about world axes; zero at rest."""
     @property
-    def resting(self) -> npt.NDArray[np.bool_]: ...
+    def resting(self) -> npt.NDArray[np.bool_]:
+        """True for each body that rests: its pose stays until it wakes."""
     @property
     def changed(self) -> npt.NDArray[np.uint32]:
         """Places of the bodies whose pose differs from that of the last view."""
     @property
     def removed(self) -> npt.NDArray[np.uint64]:
         """Bodies that were removed since the last view."""
-    def place(self, body: int) -> Optional[int]:
-        """Place of a body in the arrays; None for a body that is not in the view."""
+    def place(self, body: int) -> int:
+        """Place of a body in the arrays: scene.positions[scene.place(body)].
+
+        Raises InvalidError for a body that is not in the view: not there yet, or removed. "body in scene" asks for that.
+        """
     def places(self, body: _Bodies) -> npt.NDArray[np.uintp]:
-        """Places of many bodies, which must all be in the view."""
+        """Places of many bodies, which must all be in the view: scene.positions[scene.places(bodies)]."""
     def error_bound(self, body: _Bodies) -> Union[float, npt.NDArray[np.float32]]:
-        """How far any point of a body may be off, in the scene's unit of length; infinite while that is not known."""
+        """How far any point of a body, as the view shows it, may be from its true place at the moment of the view.
+
+        In the scene's unit of length; an array for a row of bodies. Infinite while nothing finite is known: a packet is
+        missing, or a free-running view shows a moment of which the news has not arrived. Give join delay_ticks of the
+        network's delay and a little more for a finite one.
+        """
+    @property
+    def error_bounds(self) -> npt.NDArray[np.float32]:
+        """The error_bound of every body of the view, in the order of the arrays."""
+    def tick_error_bound(self, body: _Bodies, tick: int) -> Union[float, npt.NDArray[np.float32]]:
+        """How far any point of a body may be off at a tick by what is known of it, whatever the view shows."""
     def events(self) -> list[Event]:
-        """All events since the last call, the oldest first."""
+        """All events since the last call, the oldest first. They tell what became of commands, and what bodies did."""
     def query(self, queries: Sequence[Query]) -> Tuple[int, list[list[Hit]]]:
         """Asks the server, and waits: the tick whose scene was asked, and what each query found."""
     @property
-    def statistics(self) -> _Statistics: ...
+    def statistics(self) -> _Statistics:
+        """Counts since the client connected: sent_bytes and received_bytes in UDP datagrams, updates of bodies, complete_tick
+        (the newest one at which every copy is within its tolerance), behind_ticks (of the view behind the server's clock;
+        None before it is known), and updates, packets and bytes of the upstream since authority was granted."""
     def delete(self) -> None:
         """Deletes the scene for all of its clients."""
     def close(self) -> None:
         """Leaves the scene. A second time does nothing."""
     @property
-    def closed(self) -> bool: ...
+    def closed(self) -> bool:
+        """True once it is closed."""
     def __len__(self) -> int: ...
+    def __contains__(self, body: int) -> bool: ...
     def __enter__(self) -> Scene: ...
     def __exit__(
         self,
