@@ -9,6 +9,7 @@ mod engines;
 mod opensim;
 mod python;
 mod script;
+mod shown;
 
 use std::path::{Path, PathBuf};
 use std::process::Command;

@@ -75,6 +75,11 @@ impl Compiled {
         }
         run_well(&mut command)
     }
+
+    /// Runs it with these arguments; returns what it wrote.
+    pub(super) fn run_on(&self, arguments: &[String]) -> String {
+        run_well(Command::new(&self.path).args(arguments))
+    }
 }
 
 fn link(command: &mut Command, linked: Linked) {

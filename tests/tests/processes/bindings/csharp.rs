@@ -26,7 +26,7 @@ pub(super) struct Assembly {
 
 impl Assembly {
     /// Compiles the library with one program; `None`, with a line that says so, without a compiler.
-    fn new(program: &str) -> Option<Self> {
+    pub(super) fn new(program: &str) -> Option<Self> {
         Self::with_sources(program, &[])
     }
 
@@ -53,13 +53,18 @@ impl Assembly {
     }
 
     pub(super) fn run_with(&self, server: &ServerProcess, more: &[String]) -> String {
+        let arguments = [server.address.to_string(), server.fingerprint.to_string()];
+        self.run_on(&[&arguments, more].concat())
+    }
+
+    /// Runs it with these arguments; returns what it wrote.
+    pub(super) fn run_on(&self, arguments: &[String]) -> String {
         let mut command = Command::new("mono");
         command
             .arg("--debug")
             .arg(self.folder.path().join("program.exe"));
         command.env("LD_LIBRARY_PATH", libraries());
-        let arguments = [server.address.to_string(), server.fingerprint.to_string()];
-        run_well(command.args(arguments).args(more))
+        run_well(command.args(arguments))
     }
 }
 

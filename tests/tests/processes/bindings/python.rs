@@ -13,14 +13,14 @@ use super::{has_all, libraries, root, run, run_well};
 use crate::SERVER;
 
 /// The package, laid out as an installed one.
-struct Package {
+pub(super) struct Package {
     folder: TempDir,
     interpreter: String,
 }
 
 impl Package {
     /// `None`, with a line that says so, if there is no interpreter with what the package and its tests need.
-    fn new() -> Option<Self> {
+    pub(super) fn new() -> Option<Self> {
         let interpreter =
             std::env::var("RHUMB_TEST_PYTHON").unwrap_or_else(|_| "python3".to_owned());
         let mut imports = Command::new(&interpreter);
@@ -52,6 +52,12 @@ impl Package {
         command.env("PYTHONPATH", self.folder.path());
         command.env("PYTHONDONTWRITEBYTECODE", "1");
         command
+    }
+
+    /// Runs a program with these arguments; returns what it wrote.
+    pub(super) fn run_on(&self, program: &str, arguments: &[String]) -> String {
+        let program = root().join("bindings/python").join(program);
+        run_well(self.command().arg(program).args(arguments))
     }
 
     fn run_with(&self, program: &str, server: &ServerProcess) -> String {

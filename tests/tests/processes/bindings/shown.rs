@@ -1,0 +1,253 @@
+//! The bound that each language states is about the pose that it shows.
+//!
+//! A program in each language makes random calls, and writes what its view shows with the bound. A hook of the server
+//! keeps the truth of every tick. No shown point may be farther from its true place than the bound.
+
+use std::collections::BTreeMap;
+use std::net::SocketAddr;
+use std::process::Command;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::{self, JoinHandle};
+
+use glam::{DQuat, DVec3};
+use rhumb_reckoning::{BodyId, Pose};
+use rhumb_server::{
+    Access, Hook, Hooks, Identity, RunError, Scene, Server, ServerStatistics, Stop,
+};
+use rhumb_transport::Fingerprint;
+use tempfile::TempDir;
+
+use super::c::{Compiled, Linked};
+use super::csharp::Assembly;
+use super::python::Package;
+use super::{has, has_all, root, run_well};
+
+/// Calls of each run.
+const CALLS: u64 = 400;
+/// Seeds of each language and stepping; `SEEDS=n` tries more.
+const SEEDS: u64 = 2;
+/// Metres that rounding to single precision may cost.
+const ROUNDING: f64 = 1e-4;
+/// Length of a body's corner, metres: those of a cube of edge 1.
+const CORNER: f64 = 0.5;
+
+/// The pose of every body by scene and tick.
+type Truth = Arc<Mutex<BTreeMap<String, BTreeMap<u64, BTreeMap<BodyId, Pose>>>>>;
+
+/// A server on a thread of this process, and the truth of its scenes.
+struct TruthfulServer {
+    address: SocketAddr,
+    fingerprint: Fingerprint,
+    truth: Truth,
+    /// Its Unix socket, for Node, which has no QUIC.
+    folder: TempDir,
+    stop: Stop,
+    thread: Option<JoinHandle<Result<ServerStatistics, RunError>>>,
+}
+
+impl TruthfulServer {
+    fn start() -> Self {
+        let truth = Truth::default();
+        let loopback = SocketAddr::from(([127, 0, 0, 1], 0));
+        let server = Server::bind(loopback, &Identity::Development, Access::OpenOnLoopback);
+        let mut server = server.expect("a free port");
+        let of_hooks = Arc::clone(&truth);
+        server.attach(Hooks::new(move |name, _| {
+            let (truth, name) = (Arc::clone(&of_hooks), name.to_string());
+            Some(Hook::new(move |scene, _| keep(&truth, &name, scene)))
+        }));
+        let folder = TempDir::new().expect("a folder for the socket");
+        server
+            .listen_at(&folder.path().join("rhumb.sock"))
+            .expect("a new socket");
+        let (address, fingerprint) = (server.address(), server.fingerprint());
+        let stop = Stop::new();
+        let thread = thread::spawn({
+            let stop = stop.clone();
+            move || server.run(&stop)
+        });
+        Self {
+            address,
+            fingerprint,
+            truth,
+            folder,
+            stop,
+            thread: Some(thread),
+        }
+    }
+
+    /// Arguments of a program.
+    fn arguments(&self, scene: &str, seed: u64, stepping: &str) -> [String; 6] {
+        [
+            self.address.to_string(),
+            self.fingerprint.to_string(),
+            scene.to_owned(),
+            seed.to_string(),
+            CALLS.to_string(),
+            stepping.to_owned(),
+        ]
+    }
+}
+
+impl Drop for TruthfulServer {
+    fn drop(&mut self) {
+        self.stop.stop();
+        if let Some(thread) = self.thread.take() {
+            // A failure of the server has failed the programs already.
+            let _ended = thread.join();
+        }
+    }
+}
+
+/// Keeps the truth of the last step.
+fn keep(truth: &Truth, name: &str, scene: &Scene) {
+    let mut observations = Vec::new();
+    scene.observe_all(&mut observations);
+    let poses = observations.iter().map(|observation| {
+        let position = DVec3::from_array(observation.motion.position().map(f64::from));
+        let rotation = DQuat::from_array(observation.motion.rotation().map(f64::from));
+        (observation.id, Pose { position, rotation })
+    });
+    let mut truth = truth.lock().unwrap_or_else(PoisonError::into_inner);
+    let ticks = truth.entry(name.to_owned()).or_default();
+    ticks.insert(scene.tick().value(), poses.collect());
+}
+
+/// What a line says.
+struct ShownLine {
+    tick: u64,
+    fraction: f64,
+    body: BodyId,
+    pose: Pose,
+    bound: f64,
+}
+
+impl ShownLine {
+    fn parse(line: &str) -> Self {
+        let words: Vec<_> = line.split(' ').collect();
+        let number = |place: usize| words[place].parse::<f64>().expect("a number");
+        let word = words[2].parse().expect("a body");
+        Self {
+            tick: words[0].parse().expect("a tick"),
+            fraction: number(1),
+            body: rhumb_bindings::parse_body_word(word).expect("a body"),
+            pose: Pose {
+                position: DVec3::new(number(3), number(4), number(5)),
+                rotation: DQuat::from_xyzw(number(6), number(7), number(8), number(9)),
+            },
+            bound: number(10),
+        }
+    }
+
+    /// How far a corner is from its true place; `None` where the truth of the moment is not kept.
+    fn error(&self, ticks: &BTreeMap<u64, BTreeMap<BodyId, Pose>>) -> Option<f64> {
+        let at = |tick| ticks.get(&tick)?.get(&self.body);
+        let first = at(self.tick)?;
+        let truth = match self.fraction {
+            0.0 => *first,
+            fraction => {
+                let second = at(self.tick + 1)?;
+                Pose {
+                    position: first.position.lerp(second.position, fraction),
+                    rotation: first.rotation.slerp(second.rotation, fraction),
+                }
+            }
+        };
+        let corners = (0..8).map(|bits: u8| {
+            let side = |bit: u8| if bits & bit == 0 { -CORNER } else { CORNER };
+            // A ball has no corners: its surface is as far out as that of the cube at most there.
+            DVec3::new(side(1), side(2), side(4)) / 3.0_f64.sqrt()
+        });
+        let place = |pose: &Pose, corner| pose.position + pose.rotation * corner;
+        let errors =
+            corners.map(|corner| place(&truth, corner).distance(place(&self.pose, corner)));
+        errors.reduce(f64::max)
+    }
+}
+
+/// Judges what programs of a language write; `run` gives it for arguments.
+fn judge(language: &str, run: impl Fn(&[String; 6]) -> String) {
+    judge_on(&TruthfulServer::start(), language, run);
+}
+
+fn judge_on(server: &TruthfulServer, language: &str, run: impl Fn(&[String; 6]) -> String) {
+    let seeds = std::env::var("SEEDS").map_or(SEEDS, |seeds| seeds.parse().expect("a number"));
+    let (mut lines, mut finite, mut misses) = (0_u64, 0_u64, Vec::new());
+    for (seed, stepping) in (1..=seeds).flat_map(|seed| {
+        let of = |stepping| (seed, stepping);
+        [of("lockstep"), of("free running")]
+    }) {
+        let scene = format!("{language}/{}/{seed}", stepping.replace(' ', "-"));
+        let written = run(&server.arguments(&scene, seed, stepping));
+        let truth = server.truth.lock().unwrap_or_else(PoisonError::into_inner);
+        let ticks = &truth[&scene];
+        for line in written.lines() {
+            let shown = ShownLine::parse(line);
+            let Some(error) = shown.error(ticks) else {
+                continue;
+            };
+            lines += 1;
+            finite += u64::from(shown.bound.is_finite());
+            if error > shown.bound + ROUNDING {
+                misses.push(format!("{scene}: {error} m off: {line}"));
+            }
+        }
+    }
+    println!(
+        "{language}: {seeds} seeds of {CALLS} calls twice, {lines} poses, {finite} finite bounds, {} misses",
+        misses.len()
+    );
+    assert!(
+        misses.is_empty(),
+        "{language}: {} misses, the first: {}",
+        misses.len(),
+        misses[0]
+    );
+    assert!(
+        finite > lines / 4 && finite > 100,
+        "{finite} finite bounds of {lines}"
+    );
+}
+
+#[test]
+fn a_stated_bound_holds_for_the_shown_pose_in_c() {
+    if let Some(program) = Compiled::new("tests/shown.c", Linked::Shared) {
+        judge("c", |arguments| program.run_on(arguments));
+    }
+}
+
+#[test]
+fn a_stated_bound_holds_for_the_shown_pose_in_python() {
+    if let Some(package) = Package::new() {
+        judge("python", |arguments| {
+            package.run_on("tests/shown.py", arguments)
+        });
+    }
+}
+
+#[test]
+fn a_stated_bound_holds_for_the_shown_pose_in_csharp() {
+    if let Some(program) = Assembly::new("tests/Shown.cs") {
+        judge("csharp", |arguments| program.run_on(arguments));
+    }
+}
+
+#[test]
+fn a_stated_bound_holds_for_the_shown_pose_in_javascript() {
+    // The client of browsers is built with the page, where the system has its target.
+    let module = rhumb_viewer::asset("/client/rhumb.wasm");
+    let module = module.filter(|_| has("node"));
+    if !has_all("Node and the client of browsers", module.is_some()) {
+        return;
+    }
+    let server = TruthfulServer::start();
+    let wasm = server.folder.path().join("rhumb.wasm");
+    let bytes = module.expect("it is there").bytes;
+    std::fs::write(&wasm, bytes).expect("a file of its own");
+    let program = root().join("bindings/web/test/shown.mjs");
+    judge_on(&server, "javascript", |[_, _, of_run @ ..]| {
+        let mut node = Command::new("node");
+        node.args([&program, &wasm, &server.folder.path().join("rhumb.sock")]);
+        run_well(node.args(of_run))
+    });
+}
