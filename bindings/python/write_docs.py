@@ -1,8 +1,8 @@
-"""Writes the documentation of the stubs into the source of the native module, from which help() has it.
+"""Writes the documentation of the stubs into the native module.
 
     python3 bindings/python/write_docs.py
 
-The stubs are where it is edited; a test of the package compares the two.
+help() has it from there. The stubs are where it is edited; a test of the package compares the two.
 """
 
 import ast

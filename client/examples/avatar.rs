@@ -9,7 +9,7 @@ use std::time::Duration;
 use rhumb_client::glam::{Quat, Vec3};
 use rhumb_client::scene::{BodyDesc, Material, SceneConfig, Shape, Stepping};
 use rhumb_client::{
-    BodyId, BodyState, Client, Event, JoinMode, JoinOptions, Report, Tolerance, Trust,
+    BodyId, BodyState, Client, ErrorReport, Event, JoinMode, JoinOptions, Tolerance, Trust,
 };
 
 /// Duration of a frame of this program, independent of the server's tick.
@@ -34,7 +34,7 @@ fn walk(seconds: f32) -> BodyState {
 }
 
 /// Adds a floor, three boxes in the avatar's path, and the avatar; returns its id.
-fn furnish(client: &mut Client) -> Result<BodyId, Report> {
+fn furnish(client: &mut Client) -> Result<BodyId, ErrorReport> {
     let floor = BodyDesc::fixed(Shape::cuboid(10.0, 0.5, 10.0)).at(0.0, -0.5, 0.0);
     let boxes = [(0.0, RADIUS), (-RADIUS, 0.0), (0.0, -RADIUS)]
         .map(|(x, z)| BodyDesc::dynamic(Shape::cuboid(0.2, 0.2, 0.2)).at(x, 0.2, z));
@@ -59,7 +59,7 @@ fn options() -> JoinOptions {
     }
 }
 
-fn main() -> Result<(), Report> {
+fn main() -> Result<(), ErrorReport> {
     let mut arguments = std::env::args().skip(1);
     let address = arguments
         .next()

@@ -8,8 +8,8 @@ use std::io::Write;
 use rhumb_client::glam::Vec3;
 use rhumb_client::scene::{BodyDesc, LockedAxes, Material, SceneConfig, Shape};
 use rhumb_client::{
-    BodyId, BodyState, Client, Event, InvalidMotion, JoinMode, JoinOptions, PipelineDepth, Report,
-    Tolerance, Trust,
+    BodyId, BodyState, Client, ErrorReport, Event, InvalidMotion, JoinMode, JoinOptions,
+    PipelineDepth, Tolerance, Trust,
 };
 
 /// Rows and columns of the crowd.
@@ -43,7 +43,7 @@ fn walk(tick: u32) -> Result<BodyState, InvalidMotion> {
 type Crowd = Vec<(BodyId, Vec3)>;
 
 /// Adds a floor, the crowd, and the avatar.
-fn furnish(client: &mut Client) -> Result<(Crowd, BodyId), Report> {
+fn furnish(client: &mut Client) -> Result<(Crowd, BodyId), ErrorReport> {
     client.add_body(BodyDesc::fixed(Shape::cuboid(20.0, 0.5, 20.0)).at(0.0, -0.5, 0.0))?;
     let place = |i: u8| SPACING * (f32::from(i) - f32::from(CROWD - 1) / 2.0);
     let places = (0..CROWD)
@@ -109,7 +109,7 @@ fn options() -> JoinOptions {
     }
 }
 
-fn main() -> Result<(), Report> {
+fn main() -> Result<(), ErrorReport> {
     let mut arguments = std::env::args().skip(1);
     let address = arguments
         .next()

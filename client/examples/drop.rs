@@ -5,9 +5,9 @@
 use std::io::Write;
 
 use rhumb_client::scene::{BodyDesc, Shape};
-use rhumb_client::{Client, PipelineDepth, Report, Trust};
+use rhumb_client::{Client, ErrorReport, PipelineDepth, Trust};
 
-fn main() -> Result<(), Report> {
+fn main() -> Result<(), ErrorReport> {
     let mut arguments = std::env::args().skip(1);
     let address = arguments
         .next()

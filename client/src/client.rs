@@ -21,10 +21,10 @@ use rhumb_protocol::stream::Subscriber;
 use rhumb_protocol::{Ending, Instant};
 use rhumb_reckoning::{BodyId, BodyState, Tick, Ticks, Tolerance};
 use rhumb_view::{
-    ClientIds, LiveView, PipelineDepth, Refusal, RenderTime, UpstreamClock, View, may_resume,
+    ClientIds, LiveView, PipelineDepth, RefusedRequest, RenderTime, UpstreamClock, View, may_resume,
 };
 
-use crate::error::{ClientError, Refused};
+use crate::error::{ClientError, RefusedRequests};
 use crate::join_options::{JoinOptions, Refusals};
 use crate::pump::{Pump, TapChannel, span};
 use crate::statistics::Statistics;
@@ -46,7 +46,7 @@ pub struct Client {
     answered: Option<u64>,
     events: VecDeque<(Tick, Event)>,
     /// Refusals that no call has reported yet, if calls report them.
-    refused: Vec<Refusal>,
+    refused: Vec<RefusedRequest>,
     refusals: Refusals,
     inspected: Option<Inspection>,
     denied: Option<Denial>,
@@ -573,7 +573,7 @@ impl Client {
 
     /// Refusals since the last call that reported some, as its error.
     fn report_refusals(&mut self) -> Result<(), ClientError> {
-        Refused::take(&mut self.refused)
+        RefusedRequests::take(&mut self.refused)
             .map_or(Ok(()), |refused| Err(ClientError::Refused(refused)))
     }
 

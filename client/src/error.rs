@@ -11,7 +11,7 @@ use rhumb_protocol::scene::{IdOutOfRange, InvalidSceneName, SceneName};
 use rhumb_protocol::session::{CloseCode, Misuse};
 use rhumb_reckoning::Tick;
 use rhumb_transport::{ConnectError, TransportCode};
-use rhumb_view::{AddError, InvalidTicks, Refusal};
+use rhumb_view::{AddError, InvalidTicks, RefusedRequest};
 
 /// Reason why a client did not join its scene.
 #[derive(Debug)]
@@ -76,7 +76,7 @@ pub enum ClientError {
     Denied(Denial),
     /// The server refused requests of this client since the last call that reported some, and changed nothing for them.
     /// The call did what it says all the same, and the next one goes on.
-    Refused(Refused),
+    Refused(RefusedRequests),
     /// All shape numbers of the scene are in use.
     TooManyShapes,
     /// Another member deleted the scene.
@@ -148,18 +148,18 @@ impl std::error::Error for ClientError {}
 
 /// Requests that the server refused: at least one.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Refused(Box<[Refusal]>);
+pub struct RefusedRequests(Box<[RefusedRequest]>);
 
-impl Refused {
+impl RefusedRequests {
     /// Takes the refusals; `None` if there are none.
-    pub(crate) fn take(refusals: &mut Vec<Refusal>) -> Option<Self> {
+    pub(crate) fn take(refusals: &mut Vec<RefusedRequest>) -> Option<Self> {
         let refusals = std::mem::take(refusals);
         (!refusals.is_empty()).then(|| Self(refusals.into()))
     }
 
     /// All of them, the oldest first.
     #[must_use]
-    pub fn refusals(&self) -> &[Refusal] {
+    pub fn refusals(&self) -> &[RefusedRequest] {
         &self.0
     }
 
@@ -169,12 +169,12 @@ impl Refused {
     ///
     /// Never: there is at least one.
     #[must_use]
-    pub fn first(&self) -> &Refusal {
+    pub fn first(&self) -> &RefusedRequest {
         self.0.first().expect("there is at least one refusal")
     }
 }
 
-impl fmt::Display for Refused {
+impl fmt::Display for RefusedRequests {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.first().fmt(f)?;
         match self.0.len() - 1 {

@@ -14,7 +14,7 @@
 //! use rhumb_client::scene::{BodyDesc, Shape};
 //! use rhumb_client::{Client, PipelineDepth, Trust};
 //!
-//! # fn main() -> Result<(), rhumb_client::Report> {
+//! # fn main() -> Result<(), rhumb_client::ErrorReport> {
 //! let trust = Trust::Fingerprint(std::env::var("RHUMB_FINGERPRINT")?.parse()?);
 //! let mut client = Client::connect("127.0.0.1:4433", trust)?.join("drop")?;
 //! client.add_body(BodyDesc::fixed(Shape::cuboid(10.0, 0.5, 10.0)).at(0.0, -0.5, 0.0))?;
@@ -51,20 +51,21 @@
 
 mod client;
 mod error;
+mod error_report;
 mod join_options;
 mod pump;
 mod reconnector;
 mod redial;
-mod report;
+
 mod server_connection;
 mod statistics;
 
 pub use client::Client;
-pub use error::{ClientError, OpenError, Refused};
+pub use error::{ClientError, OpenError, RefusedRequests};
+pub use error_report::ErrorReport;
 pub use glam;
 pub use join_options::{JoinOptions, Refusals};
 pub use pump::TapChannel;
-pub use report::Report;
 pub use rhumb_protocol::Ending;
 pub use rhumb_protocol::message::{
     AuthorityError, Denial, Inspection, InvalidToken, QueryError, QueryResult, RemovalCause,
@@ -86,8 +87,8 @@ pub use rhumb_transport::{
 #[cfg(feature = "queries")]
 pub use rhumb_view::{CopyAnswer, CopyQueries};
 pub use rhumb_view::{
-    InvalidTicks, JoinMode, PipelineDepth, RESUME_WITHIN, Refusal, RefusalReason, RenderParams,
-    RenderTime, View,
+    InvalidTicks, JoinMode, PipelineDepth, RESUME_WITHIN, RefusalReason, RefusedRequest,
+    RenderParams, RenderTime, View,
 };
 pub use server_connection::ServerConnection;
 pub use statistics::Statistics;

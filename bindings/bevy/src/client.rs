@@ -9,7 +9,7 @@ use bevy_math::{Quat, Vec3};
 use bevy_platform::cell::SyncCell;
 use rhumb_bindings::{ObjectChange, SceneFollower};
 use rhumb_client::scene::{BodyBuilder, Command, Shape, Stepping};
-use rhumb_client::{BodyId, Client, ClientError, ErrorBound, Event, PipelineDepth, Refused};
+use rhumb_client::{BodyId, Client, ClientError, ErrorBound, Event, PipelineDepth, RefusedRequests};
 
 use crate::axes::{AXES, angular_in, rotation_in, torque_in, vector_in};
 
@@ -204,7 +204,7 @@ impl RhumbClient {
     }
 
     /// What the server refused, once.
-    pub(crate) fn take_refused(&mut self) -> Option<Refused> {
+    pub(crate) fn take_refused(&mut self) -> Option<RefusedRequests> {
         self.follower.take_refused()
     }
 

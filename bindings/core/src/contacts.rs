@@ -52,7 +52,7 @@ impl Contacts {
                 self.0.remove(&pair(body, other));
             }
             (EventKind::BodyRemoved, Some(body), _) => self.forget(body),
-            // What ended meanwhile is not told.
+            // No event reports what ended meanwhile.
             (
                 EventKind::Resumed
                 | EventKind::SessionLost

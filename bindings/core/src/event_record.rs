@@ -163,9 +163,7 @@ impl EventRecord {
             },
             Event::Refused { number, error } => Self {
                 number,
-                body: error.body(),
-                text: with_word(error.to_string(), error.body()),
-                ..plain(EventKind::CommandRefused)
+                ..plain(EventKind::CommandRefused).refused(&error, error.body())
             },
             Event::BodyPlaced(id) => plain(EventKind::BodyPlaced).about(id),
             Event::BodyRemoved { id, cause } => Self {
@@ -215,11 +213,9 @@ impl EventRecord {
                 number: bodies.len() as u64,
                 ..plain(EventKind::AuthorityGranted)
             },
-            Event::AuthorityDenied(error) => Self {
-                body: error.body(),
-                text: with_word(error.to_string(), error.body()),
-                ..plain(EventKind::AuthorityDenied)
-            },
+            Event::AuthorityDenied(error) => {
+                plain(EventKind::AuthorityDenied).refused(&error, error.body())
+            }
             Event::Denied(denial) => plain(EventKind::Denied).because(&denial),
             other => plain(EventKind::Other).because(&format_args!("{other:?}")),
         }
@@ -269,6 +265,12 @@ impl EventRecord {
 
     fn with(mut self, other: BodyId) -> Self {
         self.other = Some(other);
+        self
+    }
+
+    fn refused(mut self, reason: &impl ToString, body: Option<BodyId>) -> Self {
+        self.body = body;
+        self.text = with_word(reason.to_string(), body);
         self
     }
 

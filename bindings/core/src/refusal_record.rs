@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use rhumb_client::{BodyId, Refusal};
+use rhumb_client::{BodyId, RefusedRequest};
 
 use crate::body_word::body_word;
 
@@ -22,7 +22,7 @@ pub struct RefusalRecord {
 impl RefusalRecord {
     /// The record of a client's refusal.
     #[must_use]
-    pub fn new(refusal: &Refusal) -> Self {
+    pub fn new(refusal: &RefusedRequest) -> Self {
         let (body, reason) = (refusal.body, refusal.reason);
         Self {
             number: refusal.number,
@@ -65,7 +65,7 @@ mod tests {
     #[test]
     fn a_sentence_names_the_body_by_its_word() {
         let id = BodyId::new(4, 0);
-        let refusal = Refusal {
+        let refusal = RefusedRequest {
             number: Some(7),
             body: Some(id),
             reason: RefusalReason::Command(CommandError::UnknownBody(id)),

@@ -6,7 +6,7 @@ use std::collections::HashMap;
 use std::time::Duration;
 
 use rhumb_client::scene::Stepping;
-use rhumb_client::{BodyId, Client, ClientError, PipelineDepth, Refused, View};
+use rhumb_client::{BodyId, Client, ClientError, PipelineDepth, RefusedRequests, View};
 
 use crate::coordinates::Coordinates;
 use crate::remote_scene::StateRecord;
@@ -29,7 +29,7 @@ pub struct SceneFollower<O> {
     is_waiting: bool,
     late_steps: u64,
     /// Refusals of the last advance.
-    refused: Option<Refused>,
+    refused: Option<RefusedRequests>,
     is_ended: bool,
 }
 
@@ -158,7 +158,7 @@ impl<O> SceneFollower<O> {
     }
 
     /// What the server refused, once.
-    pub fn take_refused(&mut self) -> Option<Refused> {
+    pub fn take_refused(&mut self) -> Option<RefusedRequests> {
         self.refused.take()
     }
 

@@ -1,4 +1,4 @@
-"""Five things that a program of any physics engine does: a fall, a thousand boxes, a ray, a hinge, the contacts of now.
+"""A fall, a thousand boxes, a ray, a hinge with a motor, the contacts of now.
 
 Start `rhumb-server --open` first; it prints the address and the fingerprint, which are the arguments. Coordinates are
 those of PyBullet: z is up, in metres.

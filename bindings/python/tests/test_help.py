@@ -1,4 +1,4 @@
-"""help() says all that the stubs say, and is enough to write the first programs."""
+"""help() says what the stubs say, and suffices for the first programs."""
 
 import ast
 import inspect

@@ -1,4 +1,4 @@
-"""What the server refuses raises at the next advance or poll, unless the program reads events."""
+"""What the server refuses raises at the next advance or poll."""
 
 import pickle
 
@@ -118,9 +118,9 @@ def test_no_answer_of_a_scene_indexes_all_bodies(scene):
     scene.add_bodies(rhumb.Shape.ball(0.5), [(3 * i, 5, 0) for i in range(4)])
     scene.advance()
     for call in (scene.place, scene.places, scene.error_bound, lambda body: scene.tick_error_bound(body, 1)):
-        for nobody in (77, None, True, -1, 1.0, [77]):
+        for wrong in (77, None, True, -1, 1.0, [77]):
             with pytest.raises((rhumb.InvalidError, OverflowError, TypeError)):
-                call(nobody)
+                call(wrong)
 
 
 def test_contacts_are_those_of_now(scene):

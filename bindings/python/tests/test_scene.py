@@ -238,7 +238,7 @@ def test_a_hinge_turns_by_three_quarters_of_a_turn_and_no_further(scene):
     assert any(170 < angle < 190 for angle in turned[:600]) and turned[599] == pytest.approx(270, abs=3)
     assert any(170 < angle < 190 for angle in turned[600:])
     assert min(turned[-1], 360 - turned[-1]) == pytest.approx(0, abs=3)
-    # More than a whole turn cannot be told from its remainder.
+    # Nothing distinguishes more than a whole turn from its remainder.
     with pytest.raises(rhumb.InvalidError, match="counts no turns"):
         scene.add_joint(2, rhumb.Joint("revolute", post, arm, limits={3: (-5, 5)}))
 

@@ -1,4 +1,4 @@
-// Random calls of a client; writes what its view shows after each, and the bound that it states.
+// Random calls of a client; writes the poses that are shown, with their bounds.
 //
 // Usage: node shown.mjs MODULE.wasm SOCKET SCENE SEED CALLS STEPPING. Each line: tick, fraction, body, position, rotation, bound.
 // The same in Python, C and C#; the tests of the workspace compare the lines with the server's truth.

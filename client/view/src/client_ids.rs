@@ -12,7 +12,7 @@ use rhumb_reckoning::{BodyId, BodyState};
 use crate::add_error::AddError;
 use crate::id_allocator::IdAllocator;
 use crate::own_bodies::{IdSource, OwnBodies};
-use crate::refusal::{CommandBodies, Refusal};
+use crate::refusal::{CommandBodies, RefusedRequest};
 use crate::shape_clashes::{ShapeClashes, WrongBody};
 use crate::shape_numbers::{ShapeNumbers, ShapeRefusal, ShapeSlot};
 
@@ -321,7 +321,7 @@ impl ClientIds {
 
     /// The refusal that an event reports, of those that [`Self::note`] passes to the caller.
     #[must_use]
-    pub fn refusal(&self, event: &Event) -> Option<Refusal> {
+    pub fn refusal(&self, event: &Event) -> Option<RefusedRequest> {
         self.command_bodies.refusal(event)
     }
 

@@ -36,7 +36,7 @@ pub use invalid_ticks::InvalidTicks;
 pub use joining::{JoinError, JoinMode, Joining};
 pub use live_view::{LiveView, ViewOptions};
 pub use pipeline_depth::PipelineDepth;
-pub use refusal::{Refusal, RefusalReason};
+pub use refusal::{RefusalReason, RefusedRequest};
 pub use render_params::RenderParams;
 pub use render_time::RenderTime;
 pub use resumption::{RESUME_WITHIN, may_resume};

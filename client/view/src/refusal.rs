@@ -10,7 +10,7 @@ use rhumb_reckoning::BodyId;
 
 /// A request that the server refused, and that changed nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Refusal {
+pub struct RefusedRequest {
     /// The command's number; `None` for a request for authority.
     pub number: Option<u64>,
     /// The body that the request is about: for a shape the body with which it came. `None` where that is not known.
@@ -48,7 +48,7 @@ impl fmt::Display for RefusalReason {
     }
 }
 
-impl fmt::Display for Refusal {
+impl fmt::Display for RefusedRequest {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("the server refused ")?;
         match self.number {
@@ -62,7 +62,7 @@ impl fmt::Display for Refusal {
     }
 }
 
-impl std::error::Error for Refusal {}
+impl std::error::Error for RefusedRequest {}
 
 /// The bodies of commands that the server has not answered yet.
 #[derive(Debug, Default)]
@@ -80,16 +80,16 @@ impl CommandBodies {
     }
 
     /// The refusal that an event reports.
-    pub(crate) fn refusal(&self, event: &Event) -> Option<Refusal> {
+    pub(crate) fn refusal(&self, event: &Event) -> Option<RefusedRequest> {
         match *event {
-            Event::Refused { number, error } => Some(Refusal {
+            Event::Refused { number, error } => Some(RefusedRequest {
                 number: Some(number),
                 body: self.get(number).or(error.body()),
                 reason: RefusalReason::Command(error),
             }),
             // The client requests the authority again by itself.
             Event::AuthorityDenied(AuthorityError::LostSync) => None,
-            Event::AuthorityDenied(error) => Some(Refusal {
+            Event::AuthorityDenied(error) => Some(RefusedRequest {
                 number: None,
                 body: error.body(),
                 reason: RefusalReason::Authority(error),

@@ -218,7 +218,7 @@ impl Quantity {
     }
 
     /// Its limits, if all numbers of the quantity have the same.
-    fn limits(self) -> Option<Limits> {
+    fn limits(self) -> Option<NumberRange> {
         let (least, most) = match self {
             Self::Position => (-COORDINATE_MAX, COORDINATE_MAX),
             Self::Linear => (-LINEAR_MAX, LINEAR_MAX),
@@ -247,7 +247,7 @@ impl Quantity {
         };
         let [least, most] = [least, most].map(f64::from);
         let unit = self.unit();
-        Some(Limits { least, most, unit })
+        Some(NumberRange { least, most, unit })
     }
 }
 
@@ -299,8 +299,8 @@ impl fmt::Display for Quantity {
 
 /// A number that is not allowed in a command: its quantity, and the rule that it breaks.
 ///
-/// Two are equal if quantity and rule are: only these cross the wire. Whoever checks the number also knows what was
-/// found, for the sentence.
+/// Two are equal if quantity and rule are: only these cross the wire. The check that finds it also keeps what
+/// was found, for the sentence.
 #[derive(Clone, Copy, Debug)]
 pub struct Invalid {
     /// The rule that the number breaks.
@@ -422,7 +422,7 @@ impl fmt::Display for Invalid {
                     Some(name) => f.write_str(name)?,
                     None => quantity.fmt(f)?,
                 }
-                let limits = Limits { least, most, unit };
+                let limits = NumberRange { least, most, unit };
                 write!(f, " is {}, and must be {limits}", Measured(value, unit))
             }
             Found::Length { name, length } => write!(
@@ -477,13 +477,13 @@ impl fmt::Display for Measured {
 }
 
 /// Inclusive limits of a number.
-struct Limits {
+struct NumberRange {
     least: f64,
     most: f64,
     unit: &'static str,
 }
 
-impl fmt::Display for Limits {
+impl fmt::Display for NumberRange {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { least, most, unit } = *self;
         write!(f, "{} to {}", Measured(least, ""), Measured(most, unit))

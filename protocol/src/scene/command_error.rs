@@ -138,6 +138,41 @@ impl CommandError {
         }
     }
 
+    /// The sentence of a scene that is full of something.
+    fn write_limit(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::TooManyBodies => write!(
+                f,
+                "the scene has reached its limit of bodies, {BODIES_MAX} at most"
+            ),
+            Self::TooManyDampings => write!(
+                f,
+                "the scene's bodies have {DAMPINGS_MAX} different dampings, as many as they may: give the body one of these"
+            ),
+            Self::TooManyShapeBytes => write!(
+                f,
+                "the scene's shapes have reached their limit of bytes, {SHAPE_BYTES_PER_SCENE_MAX} at most: remove unused ones"
+            ),
+            Self::TooManyJoints => write!(
+                f,
+                "the scene has as many joints as its number of bodies allows, {JOINTS_PER_BODY} for each and {JOINTS_BESIDE}"
+            ),
+            Self::TooManySwept => write!(
+                f,
+                "the scene has reached its limit of bodies swept against moving ones, {SWEPT_BODIES_MAX} at most"
+            ),
+            Self::TooManyCharacters => write!(
+                f,
+                "the scene has reached its limit of characters, {CHARACTERS_MAX} at most"
+            ),
+            Self::TooManyVehicles => write!(
+                f,
+                "the scene has reached its limit of vehicles, {VEHICLES_MAX} at most"
+            ),
+            other => write!(f, "the scene has reached a limit: {}", other.word()),
+        }
+    }
+
     /// The body that it names.
     #[must_use]
     pub const fn body(&self) -> Option<BodyId> {
@@ -167,11 +202,6 @@ impl fmt::Display for CommandError {
             Self::NotGranted(id) => write!(f, "{id} is not one of this member's own"),
             Self::ShapeIdTaken(id) => write!(f, "{id} is taken"),
             Self::ShapeInUse(id) => write!(f, "a body still has {id}"),
-            Self::TooManyBodies => write!(f, "the scene has reached its limit of bodies, {BODIES_MAX} at most"),
-            Self::TooManyDampings => write!(
-                f,
-                "the scene's bodies have {DAMPINGS_MAX} different dampings, as many as they may: give the body one of these"
-            ),
             Self::NotPushable(id) => write!(f, "{id} is fixed or kinematic and cannot be pushed"),
             Self::SceneFaulted => f.write_str("the scene has faulted and takes no commands"),
             Self::ShapeUnfit(id) => write!(f, "the engine cannot make a solid of {id}"),
@@ -182,10 +212,6 @@ impl fmt::Display for CommandError {
                 write!(f, "a member has authority over {id}")
             }
             Self::NoInside(id) => write!(f, "{id} has no volume, and a dynamic body needs one"),
-            Self::TooManyShapeBytes => write!(
-                f,
-                "the scene's shapes have reached their limit of bytes, {SHAPE_BYTES_PER_SCENE_MAX} at most: remove unused ones"
-            ),
             Self::UnknownCommand => f.write_str("the server does not know such a command"),
             Self::NotAllowed => {
                 f.write_str("the client may not do that, or not to what belongs to another client")
@@ -203,14 +229,6 @@ impl fmt::Display for CommandError {
                 "the solid of the shape takes longer than {limit_ms} ms to make, the server's limit"
             ),
             Self::BodyDisabled(id) => write!(f, "{id} is disabled"),
-            Self::TooManyJoints => write!(
-                f,
-                "the scene has as many joints as its number of bodies allows, {JOINTS_PER_BODY} for each and {JOINTS_BESIDE}"
-            ),
-            Self::TooManySwept => write!(
-                f,
-                "the scene has reached its limit of bodies swept against moving ones, {SWEPT_BODIES_MAX} at most"
-            ),
             Self::Unsupported => f.write_str(
                 "the engine of the scene has no such shape, joint, locomotion or property of bodies",
             ),
@@ -222,15 +240,8 @@ impl fmt::Display for CommandError {
             }
             Self::NotCharacter(id) => write!(f, "{id} is no character"),
             Self::NotVehicle(id) => write!(f, "{id} is no vehicle"),
-            Self::TooManyCharacters => write!(
-                f,
-                "the scene has reached its limit of characters, {CHARACTERS_MAX} at most"
-            ),
-            Self::TooManyVehicles => write!(
-                f,
-                "the scene has reached its limit of vehicles, {VEHICLES_MAX} at most"
-            ),
             Self::Other(code) => write!(f, "the server gave an unknown reason, number {code}"),
+            full => full.write_limit(f),
         }
     }
 }

@@ -1,4 +1,4 @@
-"""Types of the native module, with the documentation that help() shows: a test compares the two.
+"""Types of the native module, with the documentation that help() shows.
 
 Every array that is returned is read-only or the caller's own, and never changes.
 """
