@@ -9,7 +9,7 @@ use std::time::Duration;
 use rhumb_client::glam::{Quat, Vec3};
 use rhumb_client::scene::{BodyDesc, Material, SceneConfig, Shape, Stepping};
 use rhumb_client::{
-    BodyId, BodyState, Client, ErrorReport, Event, JoinMode, JoinOptions, Tolerance, Trust,
+    BodyId, BodyState, Client, ErrorReport, JoinMode, JoinOptions, Tolerance, Trust,
 };
 
 /// Duration of a frame of this program, independent of the server's tick.
@@ -80,11 +80,6 @@ fn main() -> Result<(), ErrorReport> {
         for place in view.changed().filter(|place| view.ids()[*place] != avatar) {
             let (id, at): (BodyId, Vec3) = (view.ids()[place], view.positions()[place]);
             writeln!(out, "{id} is pushed to {at}")?;
-        }
-        while let Some((_tick, event)) = client.poll_event() {
-            if let Event::AuthorityDenied(error) = event {
-                return Err(error.into());
-            }
         }
         client.idle(FRAME)?;
     }

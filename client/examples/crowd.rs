@@ -8,8 +8,8 @@ use std::io::Write;
 use rhumb_client::glam::Vec3;
 use rhumb_client::scene::{BodyDesc, LockedAxes, Material, SceneConfig, Shape};
 use rhumb_client::{
-    BodyId, BodyState, Client, ErrorReport, Event, InvalidMotion, JoinMode, JoinOptions,
-    PipelineDepth, Tolerance, Trust,
+    BodyId, BodyState, Client, ErrorReport, InvalidMotion, JoinMode, JoinOptions, PipelineDepth,
+    Tolerance, Trust,
 };
 
 /// Rows and columns of the crowd.
@@ -125,11 +125,6 @@ fn main() -> Result<(), ErrorReport> {
         let state = walk(tick)?;
         client.publish(&[(avatar, state)])?;
         client.advance(PipelineDepth::LOCKSTEP)?;
-        while let Some((_tick, event)) = client.poll_event() {
-            if let Event::AuthorityDenied(error) = event {
-                return Err(error.into());
-            }
-        }
         if tick % 160 == 0 {
             let at = client.view().position(avatar).ok_or("the avatar is gone")?;
             writeln!(out, "{}tick {tick}", picture(&client, &crowd, at))?;
