@@ -150,7 +150,8 @@ export interface SceneConfig {
   readonly gravity: Vec3;
   readonly material: Material;
   readonly damping: Damping;
-  readonly sleep?: { readonly speed: number; readonly seconds: number };
+  /** Of bodies without conditions of their own. */
+  readonly sleep: Sleep;
   /** Ticks between published ticks. */
   readonly publishInterval: number;
   /** Ticks by which every copy is later, for a publisher that looks ahead. */
@@ -159,6 +160,15 @@ export interface SceneConfig {
 
 /** The config of a scene to create; what is left out has the default of the Rust crates (60 Hz, lockstep). */
 export type SceneConfigOptions = Partial<Omit<SceneConfig, "step">>;
+
+/**
+ * Conditions under which a body falls asleep: `"settled"`, when it is slow and neither gravity nor a motor still moves it;
+ * `"never"`; or when for some seconds no point of it was faster than a speed, m/s, nor it turned faster than rad/s.
+ */
+export type Sleep =
+  | "settled"
+  | "never"
+  | { readonly speed: number; readonly angularSpeed: number; readonly seconds: number };
 
 export interface Material {
   readonly friction: number;
@@ -424,11 +434,23 @@ export type Shape =
       readonly columns: number;
       readonly rowSpacing: number;
       readonly columnSpacing: number;
+      readonly edges?: Edges;
       readonly heights: readonly number[];
     }
   /** x, y, z of each point; three point numbers of each triangle. */
-  | { readonly kind: "mesh"; readonly points: readonly number[]; readonly triangles: readonly number[] }
+  | {
+      readonly kind: "mesh";
+      readonly edges?: Edges;
+      readonly points: readonly number[];
+      readonly triangles: readonly number[];
+    }
   | { readonly kind: "compound"; readonly parts: readonly Part[] };
+
+/**
+ * How bodies touch the edges that two triangles share: `"plain"` as if each triangle were alone, so that a body that slides
+ * over flat ground may catch on one; `"smooth"` as one face. Heights with smooth edges are touched from above only.
+ */
+export type Edges = "plain" | "smooth";
 
 export interface Part {
   readonly position: Vec3;
@@ -445,7 +467,7 @@ export interface BodyProperties {
   readonly damping?: Damping;
   /** Factor on the scene's gravity. Default: 1. */
   readonly gravityScale?: number;
-  /** Default: true. */
+  /** False: its axis of spin stays, though its moments of inertia differ. Default: true. */
   readonly gyroscopic?: boolean;
   /** Power of two by which its tolerance differs from the stream's. Default: 0. */
   readonly toleranceScale?: number;
@@ -457,6 +479,8 @@ export interface BodyProperties {
   readonly dominance?: number;
   readonly sensor?: boolean;
   readonly swept?: boolean;
+  /** Default: the scene's. */
+  readonly sleep?: Sleep;
   /** Default: true. */
   readonly enabled?: boolean;
 }

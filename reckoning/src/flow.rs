@@ -12,9 +12,6 @@ use crate::tick::{Rate, Ticks};
 /// Greatest age of a track: a moving body gets an update before, so that tables and ages stay small.
 pub const TRACK_AGE_MAX: Ticks = Ticks::new(1_023);
 
-/// Pi/4, to the nearest double.
-const QUARTER_PI: f64 = f64::from_bits(0x3FE9_21FB_5444_2D18);
-
 /// The integration of a free body in a scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Integrator {
@@ -96,11 +93,7 @@ pub(crate) struct StepConstants {
     pub(crate) dt: f64,
     pub(crate) substeps: f64,
     pub(crate) substep_count: u32,
-    /// Seconds.
-    pub(crate) substep: f64,
     pub(crate) half_substep: f64,
-    /// Cap of the engine on the spin: an eighth of a turn per tick, in rad/s.
-    pub(crate) spin_max: f64,
     linear_keep: f64,
     pub(crate) angular_keep: f64,
     fall_in_tick: f64,
@@ -123,9 +116,7 @@ impl StepCoefficientTable {
             dt,
             substeps,
             substep_count: integrator.substeps.get(),
-            substep: dt / substeps,
             half_substep: (dt / substeps) * 0.5,
-            spin_max: QUARTER_PI / dt,
             linear_keep: 1.0 / (1.0 + dt * f64::from(damping.linear)),
             angular_keep: 1.0 / (1.0 + dt * f64::from(damping.angular)),
             fall_in_tick: (dt * dt) * ((substeps + 1.0) / (2.0 * substeps)),

@@ -65,6 +65,6 @@ pub use rest_correction::RestCorrection;
 pub use tick::{Rate, Tick, Ticks};
 pub use tolerance::{InvalidTolerance, LengthBound, Tolerance, TurnBound};
 pub use tolerance_scale::ToleranceScale;
-pub use torque_free_rotation::RotationCursor;
+pub use torque_free_rotation::{RotationCursor, precessed};
 pub use track::{Anchor, BodyState, Track};
 pub use units::{Metres, MetresPerSecond, Radians, Seconds};

@@ -11,7 +11,7 @@
 //!   by up to 60 m/s². It gathers: cubes within 1.8 m are carried along and drawn in, by up to 120 m/s².
 
 use glam::{DVec3, Vec3};
-use rhumb_protocol::scene::{BodyKind, Command, SceneConfig, Shape, SleepConfig};
+use rhumb_protocol::scene::{BodyKind, Command, SceneConfig, Shape, Sleep, SleepThresholds};
 use rhumb_reckoning::{BodyId, BodyState, Damping, Tick};
 
 use crate::builder::SceneBuilder;
@@ -76,10 +76,7 @@ impl Script for Cubes {
                 linear: 0.6038,
                 angular: 0.6038,
             },
-            sleep: Some(SleepConfig {
-                speed: 0.25,
-                seconds: 0.1,
-            }),
+            sleep: Sleep::Below(SleepThresholds::by_speed(0.25, 0.1)),
             ..SceneConfig::default()
         }
     }

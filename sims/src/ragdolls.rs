@@ -9,7 +9,7 @@ use glam::Vec3;
 use rhumb_protocol::limits::JOINTS_MAX;
 use rhumb_protocol::scene::{
     BodyKind, Command, Joint, JointFrame, JointId, JointKind, JointLimits, SceneConfig, Shape,
-    ShapeId, SleepConfig,
+    ShapeId, Sleep, SleepThresholds,
 };
 use rhumb_reckoning::{BodyId, Damping, Tick};
 
@@ -88,10 +88,7 @@ impl Script for Ragdolls {
                 linear: 0.2,
                 angular: 1.0,
             },
-            sleep: Some(SleepConfig {
-                speed: 0.3,
-                seconds: 0.5,
-            }),
+            sleep: Sleep::Below(SleepThresholds::by_speed(0.3, 0.5)),
             ..SceneConfig::default()
         }
     }

@@ -6,9 +6,9 @@ use std::panic::catch_unwind;
 
 use glam::{Quat, Vec3};
 use parry3d::math::Pose;
-use parry3d::shape::SharedShape;
+use parry3d::shape::{HeightFieldFlags, SharedShape, TriMeshFlags};
 use parry3d::utils::Array2;
-use rhumb_protocol::scene::{Heights, Mesh, Shape};
+use rhumb_protocol::scene::{Edges, Heights, Mesh, Shape};
 
 /// A convex part, a sheet or a half-space.
 #[derive(Clone)]
@@ -116,13 +116,22 @@ fn ground(heights: &Heights) -> Option<SharedShape> {
         1.0,
         (columns - 1) as f32 * heights.column_spacing(),
     );
-    // The fix of inner edges stays off: with it, capsules that stand on flat ground fall through (measured).
-    let build = || SharedShape::heightfield(Array2::new(columns, rows, posts), scale);
+    let flags = match heights.edges() {
+        Edges::Plain => HeightFieldFlags::empty(),
+        Edges::Smooth => HeightFieldFlags::FIX_INTERNAL_EDGES,
+    };
+    let build =
+        || SharedShape::heightfield_with_flags(Array2::new(columns, rows, posts), scale, flags);
     catch_unwind(build).ok()
 }
 
 fn triangles(mesh: &Mesh) -> Option<SharedShape> {
     let (points, triangles) = (mesh.points().to_vec(), mesh.triangles().to_vec());
-    let made = catch_unwind(|| SharedShape::trimesh(points, triangles));
+    let flags = match mesh.edges() {
+        Edges::Plain => TriMeshFlags::empty(),
+        // The winding of its triangles is the application's, so neither side is the back.
+        Edges::Smooth => TriMeshFlags::FIX_INTERNAL_EDGES_TWO_SIDED,
+    };
+    let made = catch_unwind(|| SharedShape::trimesh_with_flags(points, triangles, flags));
     made.ok().and_then(Result::ok)
 }

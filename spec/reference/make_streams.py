@@ -532,9 +532,9 @@ def shapes():
         {"is": "capsule", "half height": digits(0.75), "radius": digits(0.3)},
         {"is": "cylinder", "half height": digits(0.4), "radius": digits(0.7)},
         {"is": "hull", "points": digits(points)},
-        {"is": "heights", "rows": 2, "columns": 4, "row spacing": digits(1.5), "column spacing": digits(0.5), "heights": digits([0.1, 0.2, -0.6, 0.3, 0.0, 0.5, -0.2, 0.9])},
+        {"is": "heights", "rows": 2, "columns": 4, "row spacing": digits(1.5), "column spacing": digits(0.5), "edges": {"is": "smooth"}, "heights": digits([0.1, 0.2, -0.6, 0.3, 0.0, 0.5, -0.2, 0.9])},
         # The farthest point is in no triangle.
-        {"is": "mesh", "point count": 5, "triangle count": 1, "points": digits(points), "triangles": [{"a": 0, "b": 1, "c": 2}]},
+        {"is": "mesh", "point count": 5, "triangle count": 1, "edges": {"is": "plain"}, "points": digits(points), "triangles": [{"a": 0, "b": 1, "c": 2}]},
         {"is": "compound", "parts": [{"position": digits(at), "rotation": digits([0.0, 0.0, 0.0, 1.0]), "shape": {"is": kind} | {name: digits(one) for name, one in extents.items()}} for at, kind, extents in parts]},
         {"is": "compound", "parts": []},
     ]

@@ -35,7 +35,6 @@ COSINE = [double(bits) for bits in (
 )]
 
 SLACK = double("3f50624dd2f1a9fc")
-QUARTER_PI = double("3fe921fb54442d18")
 RATIO = double("4170000000000000")
 EQUAL = double("3eb0000000000000")
 LEAST_NORMAL = 2.0 ** -126  # of f32
@@ -199,8 +198,6 @@ class Flow:
     def __init__(self, ticks, seconds, substeps, linear_damping, angular_damping):
         self.dt = float(seconds) / float(ticks)
         self.substeps = float(substeps)
-        self.substep = self.dt / self.substeps
-        self.spin_max = QUARTER_PI / self.dt
         self.half_substep = (self.dt / self.substeps) * 0.5
         self.linear_keep = 1.0 / (1.0 + self.dt * linear_damping)
         self.angular_keep = 1.0 / (1.0 + self.dt * angular_damping)
@@ -322,43 +319,46 @@ def spun(start, row, flow):
 def torque_free(start, elapsed, flow, inertia):
     """Rotation and angular velocity after `elapsed` ticks [3.7]."""
     m, f = inertia.moments, normalised(inertia.frame)
-    e = scaled(((m[2] - m[1]) / m[0], (m[0] - m[2]) / m[1], (m[1] - m[0]) / m[2]), flow.substep)
+    n = tuple(1.0 / moment for moment in m)
     axes = normalised(product(start.rotation, f))
-    w = turned(conjugate(axes), start.angular)
+    p = times(m, turned(conjugate(axes), start.angular))
     for _ in range(elapsed):
+        p = half_tick(p, m, n, flow)
+        tx, ty, tz = scaled(times(p, n), flow.half_substep)
+        substep = normalised((tx, ty, tz, 1.0))
         for _ in range(int(flow.substeps)):
-            w, axes = substep(w, axes, m, e, flow)
-        w = scaled(w, flow.angular_keep)
+            axes = product(axes, substep)
+        p = half_tick(scaled(p, flow.angular_keep), m, n, flow)
     unit = normalised(axes)
-    return normalised(product(unit, conjugate(f))), turned(unit, w)
+    return normalised(product(unit, conjugate(f))), turned(unit, times(p, n))
 
 
-def substep(w, axes, m, e, flow):
-    bent = (
-        w[0] - e[0] * (w[1] * w[2]),
-        w[1] - e[1] * (w[2] * w[0]),
-        w[2] - e[2] * (w[0] * w[1]),
-    )
-    before, after = momentum2(m, w), momentum2(m, bent)
-    if after != 0.0:
-        w = scaled(bent, math.sqrt(before / after))
-    speed2 = dot3(w, w)
-    if speed2 > flow.spin_max * flow.spin_max:
-        w = scaled(w, flow.spin_max / math.sqrt(speed2))
-    tx, ty, tz = scaled(w, flow.half_substep)
-    x, y, z, s = axes
-    axes = (
-        x + (s * tx + y * tz - z * ty),
-        y + (s * ty - x * tz + z * tx),
-        z + (s * tz + x * ty - y * tx),
-        s - (x * tx + y * ty + z * tz),
-    )
-    return w, axes
+def half_tick(p, m, n, flow):
+    """The angular momentum relative to the principal axes, half a tick later [3.7]."""
+    least, middle, greatest = sorted(range(3), key=lambda axis: (m[axis], axis))
+    steps = (int(flow.substeps) + 1) // 2
+    step = (flow.dt * 0.5) / float(steps)
+    small = (n[least] - n[middle]) * (step * 0.25)
+    large = (n[greatest] - n[middle]) * (step * 0.5)
+    for _ in range(steps):
+        for axis, tangent in ((least, small), (greatest, large), (least, small)):
+            p = turned_about(p, axis, tangent)
+    return p
 
 
-def momentum2(m, w):
-    p = tuple(moment * part for moment, part in zip(m, w))
-    return dot3(p, p)
+def turned_about(p, axis, tangent):
+    """An angular momentum, turned about one of its axes [3.7]."""
+    i, j, k = axis, (axis + 1) % 3, (axis + 2) % 3
+    a = p[i] * tangent
+    r = 1.0 / (1.0 + a * a)
+    c, s = (1.0 - a * a) * r, (a + a) * r
+    turned = list(p)
+    turned[j], turned[k] = c * p[j] + s * p[k], c * p[k] - s * p[j]
+    return tuple(turned)
+
+
+def times(a, b):
+    return tuple(x * y for x, y in zip(a, b))
 
 
 def attached_motion(parent, attached):

@@ -48,7 +48,7 @@ def config(**other):
     """A scene's config; words with "_" for blanks replace its fields."""
     material = {"friction": digits(0.5), "restitution": digits(0.0), "density": digits(500.0)}
     base = {"ticks": 60, "seconds": 1, "substeps": 4, "gravity": digits(GRAVITY), "stepping": 1, "material": material}
-    base |= {"damping": {"linear": digits(0.125), "angular": digits(0.25)}, "sleep": 0, "publish interval": 1, "lookahead": 0}
+    base |= {"damping": {"linear": digits(0.125), "angular": digits(0.25)}, "sleep": {"is": "settled"}, "publish interval": 1, "lookahead": 0}
     return base | {name.replace("_", " "): value for name, value in other.items()}
 
 

@@ -17,6 +17,9 @@ pub struct HowToFromEverything;
 #[doc = include_str!("../../docs/book/src/how-to/from-snapshots.md")]
 pub struct HowToFromSnapshots;
 
+#[doc = include_str!("../../docs/book/src/how-to/motion.md")]
+pub struct HowToMotion;
+
 #[doc = include_str!("../../docs/book/src/how-to/record.md")]
 pub struct HowToRecord;
 

@@ -67,7 +67,7 @@ fn lines<'a>(
             Decoded::Skipped => line["skipped"] = Value::Bool(true),
             Decoded::UnknownCommand => line["error"] = json!({"is": "UnknownCommand"}),
             Decoded::NoMotion(quantity) => {
-                line["error"] = error_json(Invalid::not_finite(quantity))
+                line["error"] = error_json(Invalid::not_finite(quantity));
             }
             Decoded::Accepted(invalid) => {
                 if let Some(invalid) = invalid {

@@ -8,7 +8,7 @@ use core::num::NonZeroU32;
 
 use glam::Vec3;
 use rhumb_protocol::Peer;
-use rhumb_protocol::scene::{Command, PublishSchedule, SceneConfig, SceneName, Stepping};
+use rhumb_protocol::scene::{Command, PublishSchedule, SceneConfig, SceneName, Sleep, Stepping};
 use rhumb_reckoning::{Damping, Integrator};
 
 use super::body_ids::BodyIds;
@@ -191,7 +191,7 @@ impl AppClient {
             stepping: Stepping::Lockstep,
             material: MATERIAL,
             damping: DAMPING,
-            sleep: None,
+            sleep: Sleep::Settled,
             publish_schedule: PublishSchedule::EACH_TICK,
         }
     }

@@ -6,7 +6,7 @@ use core::f32::consts::FRAC_1_SQRT_2;
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::limits::{EXTENT_MIN, POSTS_MAX};
-use rhumb_protocol::scene::{Heights, Hull, Mesh, Shape};
+use rhumb_protocol::scene::{Edges, Heights, Hull, Mesh, Shape};
 
 use super::host::{Bulk, Geometry};
 use super::hull::hull_of;
@@ -109,6 +109,8 @@ impl ShapeDefinition {
             message.column_spacing,
             &message.heights,
         )?;
+        // Hosts turn their ground as they like, and smooth heights are touched from one side alone.
+        let field = field.with_edges(Edges::Plain);
         Ok(Self::sheet(Shape::Heights(field)))
     }
 

@@ -12,7 +12,8 @@ use bytes::Bytes;
 use glam::Quat;
 use rhumb_protocol::packet::{LargestPacket, StreamId};
 use rhumb_protocol::scene::{
-    BodyDesc, BodyKind, Command, Material, PublishSchedule, SceneConfig, Shape, ShapeId, Stepping,
+    BodyDesc, BodyKind, Command, Material, PublishSchedule, SceneConfig, Shape, ShapeId, Sleep,
+    Stepping,
 };
 use rhumb_protocol::stream::{
     Activity, Features, Observation, ObservationHistory, PredictionParameters, Publisher,
@@ -59,7 +60,7 @@ impl Script for FlightScript {
                 density: 1_000.0,
             },
             stepping: Stepping::Lockstep,
-            sleep: None,
+            sleep: Sleep::Settled,
             publish_schedule: PublishSchedule::EACH_TICK,
             damping: Damping::default(),
             ..BallPit::paper(1).config()

@@ -512,6 +512,8 @@ typedef struct RhumbShape {
   float row_spacing;
   // Distance between the posts of a row.
   float column_spacing;
+  // A `RhumbEdges`, of a mesh or heights.
+  uint32_t edges;
   // Parts of a compound.
   const struct RhumbPart *parts;
   // Number of parts.
@@ -544,6 +546,8 @@ typedef struct RhumbBodyDesc {
   uint8_t sensor;
   // Not zero: it is swept against moving bodies, so that it does not pass through them.
   uint8_t swept;
+  // Zero: its axis of spin stays, though its moments of inertia differ.
+  uint8_t gyroscopic;
   // Coulomb coefficient.
   float friction;
   // Share of the closing speed that is returned, 0 to 1.
@@ -569,6 +573,14 @@ typedef struct RhumbBodyDesc {
   uint32_t group_touches;
   // Power of two on the tolerance of its copies, -3 to 3.
   int32_t tolerance_exponent;
+  // A `RhumbSleep`.
+  uint32_t sleep;
+  // Speed of its fastest point, units of length per second.
+  float sleep_speed;
+  // rad/s.
+  float sleep_angular_speed;
+  // Seconds for which it must be as slow as that.
+  float sleep_seconds;
 } RhumbBodyDesc;
 
 // An event. Fields that its kind does not name are zero.
@@ -870,6 +882,14 @@ typedef struct RhumbJoinOptions {
   uint32_t refusals;
   // Seconds for which a client tries to go on over another connection.
   double resume_within_s;
+  // A `RhumbSleep`: of the bodies of a new scene that have none of their own.
+  uint32_t sleep;
+  // Speed of a body's fastest point, units of length per second.
+  float sleep_speed;
+  // rad/s.
+  float sleep_angular_speed;
+  // Seconds for which a body must be as slow as that.
+  float sleep_seconds;
 } RhumbJoinOptions;
 
 // A moment of a scene between two ticks.

@@ -174,6 +174,12 @@ public:
         return shape;
     }
 
+    /// How bodies touch the edges that two triangles of a mesh or of heights share.
+    Shape& edges(RhumbEdges edges) noexcept {
+        raw_.edges = static_cast<std::uint32_t>(edges);
+        return *this;
+    }
+
     /// A shape in a compound, in the axes of the body, from its centre of mass.
     struct Part;
 
@@ -324,6 +330,26 @@ public:
     BodyDesc& sensor() {
         raw_.sensor = 1;
         return *this;
+    }
+
+    /// Its axis of spin stays, though its moments of inertia differ.
+    BodyDesc& without_gyroscopic_forces() {
+        raw_.gyroscopic = 0;
+        return *this;
+    }
+
+    /// It never falls asleep by itself, or only once it has settled, in place of the scene's conditions.
+    BodyDesc& sleep(RhumbSleep rule) {
+        raw_.sleep = static_cast<std::uint32_t>(rule);
+        return *this;
+    }
+
+    /// It sleeps once it is slow for so many seconds: units of length per second of its fastest point, and rad/s.
+    BodyDesc& sleep_below(float speed, float angular_speed, float seconds) {
+        raw_.sleep_speed = speed;
+        raw_.sleep_angular_speed = angular_speed;
+        raw_.sleep_seconds = seconds;
+        return sleep(RHUMB_SLEEP_BELOW);
     }
 
     /// Every other field, as rhumb.h names it. Its shape is replaced by this body's.

@@ -2,13 +2,14 @@
 
 use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
 use rhumb_bindings::rhumb_client::scene::{
-    BodyKind, CollisionGroups, Compound, Heights, Hull, LockedAxes, Material, Mesh, Part, Shape,
+    BodyKind, CollisionGroups, Compound, Edges, Heights, Hull, LockedAxes, Material, Mesh, Part,
+    Shape, Sleep, SleepThresholds,
 };
 use rhumb_bindings::rhumb_client::{Damping, ToleranceScale};
 use rhumb_bindings::{BindingError, BodyParams};
 
 use crate::border::{elements, guard, one_of, value, write};
-use crate::kinds::{BODY_KINDS, RhumbShapeKind};
+use crate::kinds::{BODY_KINDS, EDGES, RhumbShapeKind, RhumbSleep};
 use crate::status::RhumbCode;
 
 /// A body of a scene, for as long as the scene lives. Zero is no body.
@@ -46,6 +47,8 @@ pub struct RhumbShape {
     pub row_spacing: f32,
     /// Distance between the posts of a row.
     pub column_spacing: f32,
+    /// A `RhumbEdges`, of a mesh or heights.
+    pub edges: u32,
     /// Parts of a compound.
     pub parts: *const RhumbPart,
     /// Number of parts.
@@ -92,6 +95,8 @@ pub struct RhumbBodyDesc {
     pub sensor: u8,
     /// Not zero: it is swept against moving bodies, so that it does not pass through them.
     pub swept: u8,
+    /// Zero: its axis of spin stays, though its moments of inertia differ.
+    pub gyroscopic: u8,
     /// Coulomb coefficient.
     pub friction: f32,
     /// Share of the closing speed that is returned, 0 to 1.
@@ -117,6 +122,14 @@ pub struct RhumbBodyDesc {
     pub group_touches: u32,
     /// Power of two on the tolerance of its copies, -3 to 3.
     pub tolerance_exponent: i32,
+    /// A `RhumbSleep`.
+    pub sleep: u32,
+    /// Speed of its fastest point, units of length per second.
+    pub sleep_speed: f32,
+    /// rad/s.
+    pub sleep_angular_speed: f32,
+    /// Seconds for which it must be as slow as that.
+    pub sleep_seconds: f32,
 }
 
 /// Makes a plain description: a dynamic ball of radius one half, at rest at the origin.
@@ -144,6 +157,7 @@ impl RhumbShape {
         rows: 0,
         row_spacing: 1.0,
         column_spacing: 1.0,
+        edges: Edges::DEFAULT as u32,
         parts: std::ptr::null(),
         part_count: 0,
     };
@@ -207,7 +221,8 @@ impl RhumbShape {
                         )
                     };
                     let triangles: Vec<[u32; 3]> = corners.as_chunks().0.to_vec();
-                    Shape::Mesh(Mesh::new(&points, &triangles)?)
+                    let mesh = Mesh::new(&points, &triangles)?;
+                    Shape::Mesh(mesh.with_edges(self.edges()?))
                 }
                 RhumbShapeKind::Heights => {
                     // SAFETY: the caller promises one number for each post.
@@ -215,7 +230,7 @@ impl RhumbShape {
                         unsafe { elements(self.points, self.point_count, "shape.points") }?;
                     let field =
                         Heights::new(self.rows, self.row_spacing, self.column_spacing, heights);
-                    Shape::Heights(field?)
+                    Shape::Heights(field?.with_edges(self.edges()?))
                 }
                 RhumbShapeKind::Compound => {
                     return Err(BindingError::Argument {
@@ -225,6 +240,10 @@ impl RhumbShape {
                 }
             },
         )
+    }
+
+    fn edges(&self) -> Result<Edges, BindingError> {
+        one_of(&EDGES, self.edges, "shape.edges")
     }
 
     /// The points of a hull or mesh.
@@ -241,6 +260,24 @@ impl RhumbShape {
     }
 }
 
+/// Conditions of sleep out of their fields; `None` for those of the scene.
+pub(crate) fn sleep(
+    rule: u32,
+    [speed, angular_speed, seconds]: [f32; 3],
+    argument: &'static str,
+) -> Result<Option<Sleep>, BindingError> {
+    Ok(match one_of(&RhumbSleep::EACH, rule, argument)? {
+        RhumbSleep::Default => None,
+        RhumbSleep::Settled => Some(Sleep::Settled),
+        RhumbSleep::Below => Some(Sleep::Below(SleepThresholds {
+            speed,
+            angular_speed,
+            seconds,
+        })),
+        RhumbSleep::Never => Some(Sleep::Never),
+    })
+}
+
 impl RhumbBodyDesc {
     const PLAIN: Self = Self {
         kind: 0,
@@ -255,6 +292,7 @@ impl RhumbBodyDesc {
         has_moments: 0,
         sensor: 0,
         swept: 0,
+        gyroscopic: 1,
         friction: 0.5,
         restitution: 0.0,
         density: 1_000.0,
@@ -267,6 +305,10 @@ impl RhumbBodyDesc {
         group_members: u32::MAX,
         group_touches: u32::MAX,
         tolerance_exponent: 0,
+        sleep: RhumbSleep::Default as u32,
+        sleep_speed: 0.0,
+        sleep_angular_speed: 0.0,
+        sleep_seconds: 0.0,
     };
 
     /// The body that the fields describe.
@@ -312,6 +354,16 @@ impl RhumbBodyDesc {
             })?,
             sensor: self.sensor != 0,
             swept: self.swept != 0,
+            gyroscopic: self.gyroscopic != 0,
+            sleep: sleep(
+                self.sleep,
+                [
+                    self.sleep_speed,
+                    self.sleep_angular_speed,
+                    self.sleep_seconds,
+                ],
+                "sleep",
+            )?,
             ..BodyParams::new(kind, shape)
         })
     }

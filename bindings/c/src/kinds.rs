@@ -3,7 +3,7 @@
 //! A struct of C holds their numbers as `uint32_t`, because C does not keep a number within its enumeration.
 
 use rhumb_bindings::rhumb_client::Refusals;
-use rhumb_bindings::rhumb_client::scene::{BodyKind, JumpFrom, Stepping};
+use rhumb_bindings::rhumb_client::scene::{BodyKind, Edges, JumpFrom, Stepping};
 use rhumb_bindings::{Coordinates, EventKind, JoinCondition, JointFreedom};
 
 /// Axes and unit of length of an application. Up is the same direction in all of them.
@@ -62,6 +62,30 @@ pub enum RhumbBodyKind {
     Fixed,
     /// Commands move it; it pushes others and is not pushed.
     Kinematic,
+}
+
+/// Conditions under which bodies fall asleep.
+#[repr(u32)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RhumbSleep {
+    /// Of a body: as the scene has it. Of a new scene: as `RHUMB_SLEEP_SETTLED`.
+    Default,
+    /// A body sleeps once it has settled: it is slow, and neither gravity nor a motor still moves it.
+    Settled,
+    /// A body sleeps once it is slower than `sleep_speed` and `sleep_angular_speed` for `sleep_seconds`, whatever moves it.
+    Below,
+    /// A body never falls asleep by itself, and neither does what it touches.
+    Never,
+}
+
+/// How bodies touch the edges that two triangles of a mesh or of heights share.
+#[repr(u32)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RhumbEdges {
+    /// Each triangle is touched as if it were alone: a body that slides over flat ground may catch on an edge.
+    Plain,
+    /// A body slides and rolls over flat ground as over one face. Heights are then touched from above only.
+    Smooth,
 }
 
 /// Kind of a shape, centred on its body's centre of mass. Long axes point up.
@@ -246,6 +270,8 @@ pub(crate) const CONDITIONS: [JoinCondition; 3] = [
 pub(crate) const REFUSALS: [Refusals; 2] = [Refusals::Errors, Refusals::Events];
 pub(crate) const STEPPINGS: [Stepping; 2] = [Stepping::Lockstep, Stepping::FreeRunning];
 
+pub(crate) const EDGES: [Edges; 2] = [Edges::Plain, Edges::Smooth];
+
 pub(crate) const BODY_KINDS: [BodyKind; 3] =
     [BodyKind::Dynamic, BodyKind::Fixed, BodyKind::Kinematic];
 
@@ -262,6 +288,10 @@ pub(crate) const JOINT_KINDS: [JointFreedom; 7] = [
 
 /// The grounds of jumps in the order of their numbers.
 pub(crate) const JUMPS: [JumpFrom; 2] = [JumpFrom::Ground, JumpFrom::Anywhere];
+
+impl RhumbSleep {
+    pub(crate) const EACH: [Self; 4] = [Self::Default, Self::Settled, Self::Below, Self::Never];
+}
 
 impl RhumbShapeKind {
     /// In the order of their numbers.
@@ -346,6 +376,9 @@ mod tests {
 
     #[test]
     fn the_numbers_of_the_header_are_places_in_the_lists() {
+        for (place, kind) in RhumbSleep::EACH.into_iter().enumerate() {
+            assert_eq!(kind as usize, place);
+        }
         for (place, kind) in RhumbShapeKind::EACH.into_iter().enumerate() {
             assert_eq!(kind as usize, place);
         }

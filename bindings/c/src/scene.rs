@@ -10,9 +10,9 @@ use crate::border::{
     check_out, copy_out, elements, guard, one_of, text, value, write, write_if_wanted,
 };
 use crate::connection::{RhumbConnection, seconds, take_for};
-use crate::descriptions::{RhumbBody, RhumbBodyDesc};
+use crate::descriptions::{RhumbBody, RhumbBodyDesc, sleep};
 use crate::handles::HandleTable;
-use crate::kinds::{CONDITIONS, COORDINATES, REFUSALS, STEPPINGS};
+use crate::kinds::{CONDITIONS, COORDINATES, REFUSALS, RhumbSleep, STEPPINGS};
 use crate::status::RhumbCode;
 
 /// A client of one scene. All zeros is none.
@@ -62,6 +62,14 @@ pub struct RhumbJoinOptions {
     pub refusals: u32,
     /// Seconds for which a client tries to go on over another connection.
     pub resume_within_s: f64,
+    /// A `RhumbSleep`: of the bodies of a new scene that have none of their own.
+    pub sleep: u32,
+    /// Speed of a body's fastest point, units of length per second.
+    pub sleep_speed: f32,
+    /// rad/s.
+    pub sleep_angular_speed: f32,
+    /// Seconds for which a body must be as slow as that.
+    pub sleep_seconds: f32,
 }
 
 /// A moment of a scene between two ticks.
@@ -130,6 +138,10 @@ pub unsafe extern "C" fn rhumb_join_options_init(options: *mut RhumbJoinOptions)
         whole_ticks: u8::from(plain.whole_ticks),
         refusals: 0,
         resume_within_s: 0.0,
+        sleep: RhumbSleep::Default as u32,
+        sleep_speed: 0.0,
+        sleep_angular_speed: 0.0,
+        sleep_seconds: 0.0,
     };
     // SAFETY: the caller promises the memory.
     guard(|| unsafe { write(options, plain, "options") })
@@ -141,6 +153,11 @@ impl RhumbJoinOptions {
             0 => None,
             _ => Some(seconds(self.resume_within_s, "options.resume_within_s")?),
         };
+        let thresholds = [
+            self.sleep_speed,
+            self.sleep_angular_speed,
+            self.sleep_seconds,
+        ];
         Ok(JoinParams {
             coordinates: one_of(&COORDINATES, self.coordinates, "options.coordinates")?,
             condition: one_of(&CONDITIONS, self.condition, "options.condition")?,
@@ -156,6 +173,7 @@ impl RhumbJoinOptions {
             refusals: one_of(&REFUSALS, self.refusals, "options.refusals")?,
             smooth: self.smooth != 0,
             resume_within,
+            sleep: sleep(self.sleep, thresholds, "options.sleep")?.unwrap_or_default(),
         })
     }
 }

@@ -4,7 +4,7 @@ use glam::{Quat, Vec3};
 use rhumb_client::Damping;
 use rhumb_client::ToleranceScale;
 use rhumb_client::scene::{
-    BodyBuilder, BodyDesc, BodyKind, CollisionGroups, LockedAxes, Mass, Material, Shape,
+    BodyBuilder, BodyDesc, BodyKind, CollisionGroups, LockedAxes, Mass, Material, Shape, Sleep,
 };
 
 use crate::coordinates::Coordinates;
@@ -45,6 +45,10 @@ pub struct BodyParams {
     pub sensor: bool,
     /// True if it is swept against moving bodies.
     pub swept: bool,
+    /// True if its axis of spin wanders when its moments of inertia differ, as in physics.
+    pub gyroscopic: bool,
+    /// Conditions under which it falls asleep, speeds in units of length per second; `None`: the scene's.
+    pub sleep: Option<Sleep>,
 }
 
 impl BodyParams {
@@ -68,6 +72,8 @@ impl BodyParams {
             tolerance_scale: ToleranceScale::USUAL,
             sensor: false,
             swept: false,
+            gyroscopic: true,
+            sleep: None,
         }
     }
 
@@ -116,6 +122,12 @@ impl BodyParams {
         }
         if self.swept {
             builder = builder.swept();
+        }
+        if !self.gyroscopic {
+            builder = builder.without_gyroscopic_forces();
+        }
+        if let Some(sleep) = self.sleep {
+            builder = builder.sleep(coordinates.sleep_in(sleep));
         }
         Ok(builder)
     }

@@ -11,8 +11,8 @@ mod joints;
 use glam::{Quat, Vec3};
 use rhumb_client::scene::{
     Character, CharacterStep, Command, Compound, Contact, Heights, Hit, Hull, Invalid, Joint,
-    JointFrame, LockedAxes, Locomotion, Mesh, Part, Query, QueryKind, Shape, Vehicle, Wheel,
-    WheelInput,
+    JointFrame, LockedAxes, Locomotion, Mesh, Part, Query, QueryKind, Shape, Sleep,
+    SleepThresholds, Vehicle, Wheel, WheelInput,
 };
 
 use self::joints::JointAxes;
@@ -152,6 +152,18 @@ impl Coordinates {
         length * self.metres_per_unit()
     }
 
+    /// Conditions of sleep, whose speed is in units of length per second.
+    #[must_use]
+    pub fn sleep_in(self, sleep: Sleep) -> Sleep {
+        match sleep {
+            Sleep::Settled | Sleep::Never => sleep,
+            Sleep::Below(thresholds) => Sleep::Below(SleepThresholds {
+                speed: self.length_in(thresholds.speed),
+                ..thresholds
+            }),
+        }
+    }
+
     /// A length of Rhumb's, in metres.
     #[must_use]
     pub fn length_out(self, metres: f32) -> f32 {
@@ -252,7 +264,8 @@ impl Coordinates {
             false => [a, b, c],
         };
         let triangles: Vec<_> = mesh.triangles().iter().map(turned).collect();
-        Mesh::new(&self.points_in(mesh.points()), &triangles)
+        let turned = Mesh::new(&self.points_in(mesh.points()), &triangles)?;
+        Ok(turned.with_edges(mesh.edges()))
     }
 
     fn heights_in(self, heights: &Heights) -> Result<Shape, Invalid> {
@@ -263,7 +276,8 @@ impl Coordinates {
         match self {
             Self::Rhumb | Self::Unreal => {
                 let values: Vec<f32> = heights.heights().iter().map(scaled).collect();
-                Heights::new(heights.rows(), row, column, &values).map(Shape::Heights)
+                let field = Heights::new(heights.rows(), row, column, &values)?;
+                Ok(Shape::Heights(field.with_edges(heights.edges())))
             }
             Self::Unity | Self::ZUp => {
                 let rows = heights.heights().chunks_exact(columns as usize);
@@ -273,7 +287,7 @@ impl Coordinates {
                 let part = Part {
                     position: end,
                     rotation: Quat::IDENTITY,
-                    shape: Shape::Heights(field),
+                    shape: Shape::Heights(field.with_edges(heights.edges())),
                 };
                 Compound::new(vec![part]).map(Shape::Compound)
             }

@@ -4,7 +4,7 @@ use std::num::NonZeroU32;
 use std::time::Duration;
 
 use glam::Vec3;
-use rhumb_client::scene::{PublishSchedule, SceneConfig, Stepping};
+use rhumb_client::scene::{PublishSchedule, SceneConfig, Sleep, Stepping};
 use rhumb_client::{JoinMode, JoinOptions, Metres, Rate, Refusals, StreamChoice, Tolerance};
 
 use crate::coordinates::Coordinates;
@@ -41,6 +41,8 @@ pub struct JoinParams {
     pub publish_interval: u32,
     /// Gravity of a new scene, units of length per s²; `None`: the earth's, downwards.
     pub gravity: Option<Vec3>,
+    /// Conditions under which bodies of a new scene fall asleep, speeds in units of length per second.
+    pub sleep: Sleep,
     /// Free running only: ticks by which the view stays behind the server's clock.
     pub delay_ticks: f64,
     /// Free running only: ticks ahead of the server's clock by which bodies under authority are published.
@@ -67,6 +69,7 @@ impl Default for JoinParams {
             substeps: config.integrator.substeps.get(),
             publish_interval: config.publish_schedule.publish_interval.get(),
             gravity: None,
+            sleep: config.sleep,
             delay_ticks: 0.0,
             lead_ticks: 0.0,
             whole_ticks: false,
@@ -102,6 +105,7 @@ impl JoinParams {
         if let Some(gravity) = self.gravity {
             config.gravity = self.coordinates.vector_in(gravity);
         }
+        config.sleep = self.coordinates.sleep_in(self.sleep);
         config.check()?;
         for (argument, ticks) in [
             ("delay_ticks", self.delay_ticks),
@@ -138,6 +142,8 @@ pub(crate) fn tolerance(metres: f64) -> Result<Tolerance, BindingError> {
 
 #[cfg(test)]
 mod tests {
+    use rhumb_client::scene::SleepThresholds;
+
     use super::*;
     use crate::error::ErrorKind;
 
@@ -189,6 +195,10 @@ mod tests {
             },
             JoinParams {
                 gravity: Some(Vec3::NAN),
+                ..default
+            },
+            JoinParams {
+                sleep: Sleep::Below(SleepThresholds::by_speed(-1.0, 0.5)),
                 ..default
             },
             JoinParams {

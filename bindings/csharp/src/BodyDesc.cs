@@ -161,6 +161,23 @@ namespace Rhumb
             return this;
         }
 
+        /// <summary>Keeps the axis of its spin, though its moments of inertia differ.</summary>
+        public BodyDesc WithoutGyroscopicForces()
+        {
+            raw.gyroscopic = 0;
+            return this;
+        }
+
+        /// <summary>Its own conditions of sleep in place of the scene's.</summary>
+        public BodyDesc Sleep(Sleep sleep)
+        {
+            raw.sleep = (uint)sleep.Rule;
+            raw.sleep_speed = sleep.Speed;
+            raw.sleep_angular_speed = sleep.AngularSpeed;
+            raw.sleep_seconds = sleep.Seconds;
+            return this;
+        }
+
         internal static unsafe RhumbBodyDesc Plain()
         {
             RhumbBodyDesc desc;

@@ -88,6 +88,19 @@ namespace Rhumb
             }
         }
 
+        /// <summary>Conditions under which bodies of a new scene fall asleep that have none of their own.</summary>
+        public Sleep Sleep
+        {
+            get { return new Sleep((RhumbSleep)raw.sleep, raw.sleep_speed, raw.sleep_angular_speed, raw.sleep_seconds); }
+            set
+            {
+                raw.sleep = (uint)value.Rule;
+                raw.sleep_speed = value.Speed;
+                raw.sleep_angular_speed = value.AngularSpeed;
+                raw.sleep_seconds = value.Seconds;
+            }
+        }
+
         /// <summary>
         /// Free running only: ticks by which the view stays behind the server's clock, zero in plain options. Join refuses a
         /// number that is negative or not finite.

@@ -554,6 +554,10 @@ namespace Rhumb
         /// </summary>
         public float column_spacing;
         /// <summary>
+        ///  A `RhumbEdges`, of a mesh or heights.
+        /// </summary>
+        public uint edges;
+        /// <summary>
         ///  Parts of a compound.
         /// </summary>
         public RhumbPart* parts;
@@ -638,6 +642,10 @@ namespace Rhumb
         /// </summary>
         public byte swept;
         /// <summary>
+        ///  Zero: its axis of spin stays, though its moments of inertia differ.
+        /// </summary>
+        public byte gyroscopic;
+        /// <summary>
         ///  Coulomb coefficient.
         /// </summary>
         public float friction;
@@ -686,6 +694,22 @@ namespace Rhumb
         ///  Power of two on the tolerance of its copies, -3 to 3.
         /// </summary>
         public int tolerance_exponent;
+        /// <summary>
+        ///  A `RhumbSleep`.
+        /// </summary>
+        public uint sleep;
+        /// <summary>
+        ///  Speed of its fastest point, units of length per second.
+        /// </summary>
+        public float sleep_speed;
+        /// <summary>
+        ///  rad/s.
+        /// </summary>
+        public float sleep_angular_speed;
+        /// <summary>
+        ///  Seconds for which it must be as slow as that.
+        /// </summary>
+        public float sleep_seconds;
     }
 
     /// <summary>
@@ -813,6 +837,22 @@ namespace Rhumb
         ///  Seconds for which a client tries to go on over another connection.
         /// </summary>
         public double resume_within_s;
+        /// <summary>
+        ///  A `RhumbSleep`: of the bodies of a new scene that have none of their own.
+        /// </summary>
+        public uint sleep;
+        /// <summary>
+        ///  Speed of a body's fastest point, units of length per second.
+        /// </summary>
+        public float sleep_speed;
+        /// <summary>
+        ///  rad/s.
+        /// </summary>
+        public float sleep_angular_speed;
+        /// <summary>
+        ///  Seconds for which a body must be as slow as that.
+        /// </summary>
+        public float sleep_seconds;
     }
 
     /// <summary>

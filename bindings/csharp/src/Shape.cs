@@ -79,8 +79,10 @@ namespace Rhumb
             return shape;
         }
 
-        /// <summary>Three places of points for each triangle. For fixed bodies.</summary>
-        public static Shape Mesh(Vec3[] points, uint[] corners)
+        /// <summary>
+        /// Three places of points for each triangle. For fixed bodies. Over smooth edges bodies slide and roll as over one face.
+        /// </summary>
+        public static Shape Mesh(Vec3[] points, uint[] corners, RhumbEdges? edges = null)
         {
             if (corners == null || corners.Length % 3 != 0)
             {
@@ -88,15 +90,17 @@ namespace Rhumb
             }
             var shape = new Shape(RhumbShapeKind.Mesh);
             shape.SetPoints(points);
+            shape.SetEdges(edges);
             shape.Corners = (uint[])corners.Clone();
             return shape;
         }
 
         /// <summary>
         /// Heights by row and column. The first post is at the body's origin; the rows follow each other along x, the columns
-        /// along the other axis of the ground. For fixed bodies.
+        /// along the other axis of the ground. For fixed bodies. With smooth edges they are touched from above only.
         /// </summary>
-        public static Shape Heights(float[,] heights, float rowSpacing, float columnSpacing)
+        public static Shape Heights(
+            float[,] heights, float rowSpacing, float columnSpacing, RhumbEdges? edges = null)
         {
             if (heights == null)
             {
@@ -106,10 +110,19 @@ namespace Rhumb
             shape.raw.rows = (uint)heights.GetLength(0);
             shape.raw.row_spacing = rowSpacing;
             shape.raw.column_spacing = columnSpacing;
+            shape.SetEdges(edges);
             shape.Points = new float[heights.Length];
             Buffer.BlockCopy(heights, 0, shape.Points, 0, heights.Length * sizeof(float));
             shape.raw.point_count = (UIntPtr)heights.Length;
             return shape;
+        }
+
+        private void SetEdges(RhumbEdges? edges)
+        {
+            if (edges.HasValue)
+            {
+                raw.edges = (uint)edges.Value;
+            }
         }
 
         /// <summary>Several shapes, none of which is a compound.</summary>

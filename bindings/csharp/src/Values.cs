@@ -102,6 +102,44 @@ namespace Rhumb
         }
     }
 
+    /// <summary>Conditions under which a body falls asleep. The default value is the scene's, of a scene Settled.</summary>
+    public readonly struct Sleep
+    {
+        internal readonly RhumbSleep Rule;
+        internal readonly float Speed;
+        internal readonly float AngularSpeed;
+        internal readonly float Seconds;
+
+        internal Sleep(RhumbSleep rule, float speed, float angularSpeed, float seconds)
+        {
+            Rule = rule;
+            Speed = speed;
+            AngularSpeed = angularSpeed;
+            Seconds = seconds;
+        }
+
+        /// <summary>It sleeps once it has settled: it is slow, and neither gravity nor a motor still moves it.</summary>
+        public static Sleep Settled
+        {
+            get { return new Sleep(RhumbSleep.Settled, 0, 0, 0); }
+        }
+
+        /// <summary>It never falls asleep by itself, and neither does what it touches.</summary>
+        public static Sleep Never
+        {
+            get { return new Sleep(RhumbSleep.Never, 0, 0, 0); }
+        }
+
+        /// <summary>
+        /// It sleeps once it is slow for so many seconds, whatever moves it: units of length per second of its fastest point,
+        /// and rad/s.
+        /// </summary>
+        public static Sleep Below(float speed, float angularSpeed, float seconds)
+        {
+            return new Sleep(RhumbSleep.Below, speed, angularSpeed, seconds);
+        }
+    }
+
     /// <summary>A body of a scene, for as long as the scene lives. The default value is no body.</summary>
     [StructLayout(LayoutKind.Sequential)]
     public struct Body : IEquatable<Body>

@@ -13,7 +13,7 @@ use godot::prelude::*;
 use rhumb_bindings::{BodyParams, StateRecord, body_word};
 use rhumb_client::glam::{Mat3, Quat, Vec3};
 use rhumb_client::scene::{
-    ActiveEvents, BodyBuilder, BodyDesc, BodyKind, CollisionGroups, Command, Material, Shape,
+    ActiveEvents, BodyBuilder, BodyDesc, BodyKind, CollisionGroups, Command, Material, Shape, Sleep,
 };
 use rhumb_client::BodyId;
 
@@ -76,6 +76,14 @@ pub(crate) struct BodyNode {
     /// True if it is swept against moving bodies.
     #[export]
     continuous_cd: bool,
+    /// False: its axis of spin stays, though its moments of inertia differ.
+    #[export]
+    #[init(val = true)]
+    gyroscopic: bool,
+    /// False: it never falls asleep by itself.
+    #[export]
+    #[init(val = true)]
+    can_sleep: bool,
     /// Layers that it is in. Two bodies touch if each one's mask has a layer of the other.
     #[export(flags_3d_physics)]
     #[init(val = u32::MAX)]
@@ -267,6 +275,8 @@ impl BodyNode {
             },
             sensor: self.sensor,
             swept: self.continuous_cd,
+            gyroscopic: self.gyroscopic,
+            sleep: (!self.can_sleep).then_some(Sleep::Never),
             ..BodyParams::new(kind, placed.shape)
         };
         let builder = params.builder(AXES)?;
@@ -300,6 +310,8 @@ impl BodyNode {
         self.gravity_scale = desc.gravity_scale;
         self.sensor = desc.sensor;
         self.continuous_cd = desc.swept;
+        self.gyroscopic = desc.gyroscopic;
+        self.can_sleep = desc.sleep != Some(Sleep::Never);
         self.collision_layer = desc.groups.members;
         self.collision_mask = desc.groups.touches;
     }

@@ -6,6 +6,7 @@ use numpy::{Element, PyArrayDyn, PyArrayMethods, get_array_module};
 use pyo3::prelude::*;
 use rhumb_bindings::rhumb_client::BodyId;
 use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
+use rhumb_bindings::rhumb_client::scene::{Sleep, SleepThresholds};
 use rhumb_bindings::{BindingError, parse_body_word};
 
 use crate::errors::{exception, wrong, wrong_value};
@@ -208,6 +209,26 @@ pub(crate) fn one_of<T: Copy>(
         let known = words.iter().map(|(known, _)| *known);
         exception(py, &BindingError::word(name, word, known))
     })
+}
+
+/// Conditions of sleep: two words, or the thresholds of speed, of angular speed and of seconds.
+pub(crate) fn sleep(value: &Bound<'_, PyAny>) -> PyResult<Option<Sleep>> {
+    const NEEDED: &str = "\"settled\", \"never\", or a speed, an angular speed and seconds";
+    if value.is_none() {
+        return Ok(None);
+    }
+    if let Ok((speed, angular_speed, seconds)) = value.extract() {
+        return Ok(Some(Sleep::Below(SleepThresholds {
+            speed,
+            angular_speed,
+            seconds,
+        })));
+    }
+    match value.extract::<String>().as_deref() {
+        Ok("settled") => Ok(Some(Sleep::Settled)),
+        Ok("never") => Ok(Some(Sleep::Never)),
+        _ => Err(wrong(value.py(), "sleep", NEEDED)),
+    }
 }
 
 /// A time in seconds.

@@ -8,7 +8,7 @@ use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
 use rhumb_bindings::rhumb_client::scene::{BodyKind, CollisionGroups, LockedAxes, Material};
 use rhumb_bindings::rhumb_client::{Damping, ToleranceScale};
 
-use crate::arguments::{one_of, optional_rows, points};
+use crate::arguments::{one_of, optional_rows, points, sleep};
 use crate::errors::wrong_value;
 use crate::shape::PyShape;
 
@@ -68,6 +68,8 @@ pub(crate) fn plain_body(
             }
             "sensor" => body.sensor = value.extract()?,
             "swept" => body.swept = value.extract()?,
+            "gyroscopic" => body.gyroscopic = value.extract()?,
+            "sleep" => body.sleep = sleep(&value)?,
             _ => {
                 let text = format!("{key} is no keyword of a body");
                 return Err(PyTypeError::new_err(text));

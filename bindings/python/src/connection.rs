@@ -8,7 +8,7 @@ use rhumb_bindings::rhumb_client::scene::Stepping;
 use rhumb_bindings::rhumb_client::{Client, Refusals, ServerConnection};
 use rhumb_bindings::{BindingError, Coordinates, JoinCondition, JoinParams, RemoteScene};
 
-use crate::arguments::{one_of, seconds, vector};
+use crate::arguments::{one_of, seconds, sleep as sleep_rule, vector};
 use crate::errors::exception;
 use crate::scene::PyScene;
 
@@ -84,7 +84,8 @@ impl PyConnection {
     ///
     /// Of a new scene are: stepping, "lockstep" (advance steps it) or "free running" (the server's clock does);
     /// ticks_per_second, 1 to 1000; substeps of each tick, 1 to 16; publish_interval, the ticks from one that is sent to the
-    /// next; gravity, three numbers, the earth's if it is None.
+    /// next; gravity, three numbers, the earth's if it is None; sleep, as of add_body, of bodies without one, "settled" if it is
+    /// None.
     ///
     /// Of a free-running view are: delay_ticks, by which it stays behind the server's clock, so that nothing of it is
     /// guessed; whole_ticks, whether only whole ticks are shown; smooth, whether corrections are shown as short glides;
@@ -92,8 +93,8 @@ impl PyConnection {
     #[pyo3(signature = (
         scene, *, coordinates = "rhumb", condition = "create or join", tolerance = 0.05,
         stepping = "lockstep", ticks_per_second = 60, substeps = 4, publish_interval = 1,
-        gravity = None, delay_ticks = 0.0, lead_ticks = 0.0, whole_ticks = false, smooth = true,
-        refusals = "raise", resume_within = None,
+        gravity = None, sleep = None, delay_ticks = 0.0, lead_ticks = 0.0, whole_ticks = false,
+        smooth = true, refusals = "raise", resume_within = None,
     ))]
     // Named parameters are the interface of Python.
     #[expect(clippy::too_many_arguments)]
@@ -109,6 +110,7 @@ impl PyConnection {
         substeps: u32,
         publish_interval: u32,
         gravity: Option<&Bound<'_, PyAny>>,
+        sleep: Option<&Bound<'_, PyAny>>,
         delay_ticks: f64,
         lead_ticks: f64,
         whole_ticks: bool,
@@ -127,6 +129,7 @@ impl PyConnection {
             substeps,
             publish_interval,
             gravity: gravity.transpose()?,
+            sleep: sleep.map_or(Ok(None), sleep_rule)?.unwrap_or_default(),
             delay_ticks,
             lead_ticks,
             whole_ticks,

@@ -166,7 +166,9 @@ impl PyScene {
     /// locked_axes: bits 1, 2, 4 for translations along x, y, z, bits 8, 16, 32 for rotations about them, in the world.
     /// groups: bits of its own collision groups, and of those that it touches. sensor: bodies pass through it, and events
     /// report them. swept: it does not pass through moving bodies however fast it is.
-    /// tolerance_exponent: power of two on the tolerance of its copies, -3 to 3.
+    /// tolerance_exponent: power of two on the tolerance of its copies, -3 to 3. gyroscopic: its axis of spin wanders if its
+    /// moments differ, as in physics. sleep: "settled", once it is slow and neither gravity nor a motor moves it; "never"; or
+    /// a speed of its fastest point, rad/s, and the seconds for which it must be as slow; None: as the scene has it.
     #[pyo3(
         signature = (
             shape, position = None, kind = "dynamic", *, rotation = None, linear_velocity = None,
@@ -174,7 +176,8 @@ impl PyScene {
         ),
         text_signature = "($self, shape, position=None, kind='dynamic', *, rotation=None, linear_velocity=None, \
             angular_velocity=None, mass=None, moments=None, material=None, damping=None, gravity_scale=1.0, \
-            locked_axes=0, groups=(4294967295, 4294967295), tolerance_exponent=0, sensor=False, swept=False)"
+            locked_axes=0, groups=(4294967295, 4294967295), tolerance_exponent=0, sensor=False, swept=False, \
+            gyroscopic=True, sleep=None)"
     )]
     // Named parameters are the interface of Python.
     #[expect(clippy::too_many_arguments)]
@@ -216,7 +219,9 @@ impl PyScene {
     /// locked_axes: bits 1, 2, 4 for translations along x, y, z, bits 8, 16, 32 for rotations about them, in the world.
     /// groups: bits of its own collision groups, and of those that it touches. sensor: bodies pass through it, and events
     /// report them. swept: it does not pass through moving bodies however fast it is.
-    /// tolerance_exponent: power of two on the tolerance of its copies, -3 to 3.
+    /// tolerance_exponent: power of two on the tolerance of its copies, -3 to 3. gyroscopic: its axis of spin wanders if its
+    /// moments differ, as in physics. sleep: "settled", once it is slow and neither gravity nor a motor moves it; "never"; or
+    /// a speed of its fastest point, rad/s, and the seconds for which it must be as slow; None: as the scene has it.
     #[pyo3(
         signature = (
             shape, positions, kind = "dynamic", *, rotations = None, linear_velocities = None,
@@ -224,7 +229,8 @@ impl PyScene {
         ),
         text_signature = "($self, shape, positions, kind='dynamic', *, rotations=None, linear_velocities=None, \
             angular_velocities=None, mass=None, moments=None, material=None, damping=None, gravity_scale=1.0, \
-            locked_axes=0, groups=(4294967295, 4294967295), tolerance_exponent=0, sensor=False, swept=False)"
+            locked_axes=0, groups=(4294967295, 4294967295), tolerance_exponent=0, sensor=False, swept=False, \
+            gyroscopic=True, sleep=None)"
     )]
     // Named parameters are the interface of Python.
     #[expect(clippy::too_many_arguments)]

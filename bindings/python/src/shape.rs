@@ -2,9 +2,11 @@
 
 use pyo3::prelude::*;
 use rhumb_bindings::rhumb_client::glam::Quat;
-use rhumb_bindings::rhumb_client::scene::{self, Compound, Heights, Hull, Invalid, Mesh, Part};
+use rhumb_bindings::rhumb_client::scene::{
+    self, Compound, Edges, Heights, Hull, Invalid, Mesh, Part,
+};
 
-use crate::arguments::{heights, points, rotation, triangles, vector};
+use crate::arguments::{heights, one_of, points, rotation, triangles, vector};
 use crate::errors::exception;
 
 /// A part of a compound: shape, position, and rotation if it is turned.
@@ -28,6 +30,14 @@ impl PyShape {
         let shape = shape.map_err(|invalid| exception(py, &invalid.into()))?;
         Ok(Self { shape })
     }
+}
+
+const EDGES: [(&str, Edges); 2] = [("plain", Edges::Plain), ("smooth", Edges::Smooth)];
+
+fn edges_of(py: Python<'_>, word: Option<&str>) -> PyResult<Edges> {
+    word.map_or(Ok(Edges::default()), |word| {
+        one_of(py, &EDGES, word, "edges")
+    })
 }
 
 #[pymethods]
@@ -95,31 +105,40 @@ impl PyShape {
     }
 
     /// A mesh of triangles, each a row of three places of points. For fixed and kinematic bodies.
+    ///
+    /// edges: "smooth", the default: bodies slide and roll over flat ground as over one face; "plain": each triangle is
+    /// touched as if it were alone, so that they may catch on its edges.
     #[staticmethod]
-    #[pyo3(name = "mesh")]
+    #[pyo3(name = "mesh", signature = (points, triangles, *, edges = None))]
     fn of_triangles(
         py: Python<'_>,
         points: &Bound<'_, PyAny>,
         triangles: &Bound<'_, PyAny>,
+        edges: Option<&str>,
     ) -> PyResult<Self> {
         let (points, triangles) = (self::points(points, "points")?, self::triangles(triangles)?);
-        Self::checked(py, Mesh::new(&points, &triangles).map(scene::Shape::Mesh))
+        let edges = edges_of(py, edges)?;
+        let mesh = Mesh::new(&points, &triangles).map(|mesh| mesh.with_edges(edges));
+        Self::checked(py, mesh.map(scene::Shape::Mesh))
     }
 
     /// A field of heights by row and column. For fixed and kinematic bodies.
     ///
     /// The first post is at the body's origin; the rows follow each other along x, the columns along the other axis of the
-    /// ground.
+    /// ground. edges: as of a mesh; with "smooth" ones the field is touched from above only.
     #[staticmethod]
-    #[pyo3(name = "heights", signature = (heights, row_spacing = 1.0, column_spacing = 1.0))]
+    #[pyo3(name = "heights", signature = (heights, row_spacing = 1.0, column_spacing = 1.0, *, edges = None))]
     fn of_heights(
         py: Python<'_>,
         heights: &Bound<'_, PyAny>,
         row_spacing: f32,
         column_spacing: f32,
+        edges: Option<&str>,
     ) -> PyResult<Self> {
         let (rows, heights) = self::heights(heights)?;
+        let edges = edges_of(py, edges)?;
         let field = Heights::new(rows, row_spacing, column_spacing, &heights);
+        let field = field.map(|field| field.with_edges(edges));
         Self::checked(py, field.map(scene::Shape::Heights))
     }
 

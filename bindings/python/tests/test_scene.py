@@ -304,3 +304,54 @@ def test_a_client_with_authority_moves_its_body_and_pushes_others(scene):
     with pytest.raises(rhumb.InvalidError):
         scene.take_authority(avatar, tolerance=0)
     scene.take_authority([])
+
+
+def test_slow_fast_and_spinning_bodies_move_on(server):
+    with server.connect().join("motion", condition="create", gravity=(0, 0, 0), tolerance=0.005) as scene:
+        slow = scene.add_body(rhumb.Shape.ball(0.1), linear_velocity=(0.05, 0, 0))
+        fast = scene.add_body(rhumb.Shape.ball(0.1), (0, 9, 0), linear_velocity=(600, 0, 0), angular_velocity=(0, 100, 0))
+        disc = rhumb.Shape.cuboid(0.3, 0.01, 0.3)
+        disc = scene.add_body(disc, (0, -9, 0), angular_velocity=(0, 20, 0.5))
+        scene.advance(ticks=60)
+        assert scene.positions[scene.place(fast)][0] == pytest.approx(600, abs=0.1)
+        assert scene.angular_velocities[scene.place(fast)][1] > 99
+        scene.advance(ticks=540)
+        assert scene.positions[scene.place(slow)][0] == pytest.approx(0.5, abs=0.02)
+        x, _, z, _ = scene.rotations[scene.place(disc)]
+        assert 1 - 2 * (x * x + z * z) > math.cos(math.radians(5))
+
+
+def test_a_body_sleeps_by_its_own_rule_and_not_by_the_scenes(server):
+    with server.connect().join("sleep", condition="create", gravity=(0, 0, 0), sleep=(0.5, 100, 0.2)) as scene:
+        rules = [None, "never", "settled", (0.1, 1, 0.2), (0.5, 1, 0.2)]
+        bodies = [
+            scene.add_body(rhumb.Shape.ball(0.1), (0, 3 * row, 0), linear_velocity=(0.3, 0, 0), sleep=rule)
+            for row, rule in enumerate(rules)
+        ]
+        scene.advance(ticks=60)
+        resting = [bool(scene.resting[scene.place(body)]) for body in bodies]
+        assert resting == [True, False, False, False, True]
+
+
+def test_gyroscopic_forces_and_edges_are_choices(server):
+    with server.connect().join("choices", condition="create", gravity=(0, 0, 0), tolerance=0.005) as scene:
+        brick = rhumb.Shape.cuboid(0.1, 0.3, 0.5)
+        plain, steady = [
+            scene.add_body(brick, (x, 0, 0), angular_velocity=(3, 5, -2), gyroscopic=gyroscopic)
+            for x, gyroscopic in ((0, True), (5, False))
+        ]
+        scene.add_body(rhumb.Shape.heights(np.zeros((3, 4)), edges="plain"), (0, -9, 0), "fixed")
+        scene.add_body(rhumb.Shape.mesh([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)], edges="smooth"), kind="fixed")
+        scene.advance(ticks=60)
+        spins = [scene.angular_velocities[scene.place(body)] for body in (plain, steady)]
+        assert not np.allclose(spins[0], (3, 5, -2), atol=1)
+        assert np.allclose(spins[1], (3, 5, -2), atol=0.05)
+    with pytest.raises(rhumb.errors.InvalidError, match="plain"):
+        rhumb.Shape.heights(np.zeros((3, 4)), edges="round")
+
+
+@pytest.mark.parametrize("rule", ["always", 0.1, (0.1, 1), (0.1, 1, -1), (0.1, 1000, 1), (float("nan"), 1, 1)])
+def test_a_wrong_rule_of_sleep_is_an_error(server, rule):
+    with server.connect() as connection:
+        with pytest.raises((rhumb.errors.InvalidError, TypeError)):
+            connection.join("wrong sleep", sleep=rule)

@@ -3,7 +3,7 @@
 use core::num::NonZeroU32;
 
 use rhumb_protocol::message::{SessionKey, StreamChoice, TierPolicy};
-use rhumb_protocol::scene::{PublishSchedule, SceneConfig, SleepConfig, Stepping};
+use rhumb_protocol::scene::{PublishSchedule, SceneConfig, Stepping};
 use rhumb_protocol::stream::Budget;
 use rhumb_reckoning::{
     Integrator, LengthBound, Metres, Radians, Rate, Ticks, Tolerance, TurnBound,
@@ -12,7 +12,7 @@ use rhumb_view::{JoinMode, ViewOptions};
 
 use crate::argument::Argument;
 use crate::failure::Failure;
-use crate::scene_argument::{damping, material};
+use crate::scene_argument::{damping, material, sleep};
 
 /// Options of a join.
 #[derive(Debug)]
@@ -96,10 +96,7 @@ fn scene_config(from: &Argument<'_>) -> Result<SceneConfig, Failure> {
         config.damping = damping(&from)?;
     }
     if let Some(from) = from.optional("sleep") {
-        config.sleep = Some(SleepConfig {
-            speed: from.field("speed")?.single()?,
-            seconds: from.field("seconds")?.single()?,
-        });
+        config.sleep = sleep(&from)?;
     }
     let mut schedule = PublishSchedule::EACH_TICK;
     if let Some(from) = from.optional("publishInterval") {

@@ -4,9 +4,10 @@
 
 use rhumb_protocol::limits::{HITS_MAX, JOINTS_MAX, SHAPES_MAX};
 use rhumb_protocol::scene::{
-    ActiveEvents, BodyBuilder, BodyDesc, BodyKind, CollisionGroups, Command, Compound, Heights,
-    Hull, Joint, JointFrame, JointId, JointKind, JointLimits, JointStrength, LockedAxes, Mass,
-    Material, Mesh, Motor, Part, Query, QueryFilter, QueryKind, Shape, ShapeId, Spring,
+    ActiveEvents, BodyBuilder, BodyDesc, BodyKind, CollisionGroups, Command, Compound, Edges,
+    Heights, Hull, Joint, JointFrame, JointId, JointKind, JointLimits, JointStrength, LockedAxes,
+    Mass, Material, Mesh, Motor, Part, Query, QueryFilter, QueryKind, Shape, ShapeId, Sleep,
+    SleepThresholds, Spring,
 };
 use rhumb_reckoning::{BodyId, BodyState, Damping, ToleranceScale};
 
@@ -55,7 +56,8 @@ pub(crate) fn shape(from: &Argument<'_>) -> Result<Shape, Failure> {
             let heights = from.field("heights")?.all_singles()?;
             let spacing = [number("rowSpacing")?, number("columnSpacing")?];
             let field = Heights::new(rows, spacing[0], spacing[1], &heights);
-            Shape::Heights(field.map_err(|why| from.refused(why))?)
+            let field = field.map_err(|why| from.refused(why))?;
+            Shape::Heights(field.with_edges(edges(from)?))
         }
         "mesh" => {
             let numbers = from.field("triangles")?;
@@ -68,7 +70,8 @@ pub(crate) fn shape(from: &Argument<'_>) -> Result<Shape, Failure> {
                 return Err(from.wrong("a mesh with three points for each triangle"));
             }
             let mesh = Mesh::new(&points()?, triangles);
-            Shape::Mesh(mesh.map_err(|why| from.refused(why))?)
+            let mesh = mesh.map_err(|why| from.refused(why))?;
+            Shape::Mesh(mesh.with_edges(edges(from)?))
         }
         "compound" => {
             let parts = from.field("parts")?;
@@ -78,6 +81,31 @@ pub(crate) fn shape(from: &Argument<'_>) -> Result<Shape, Failure> {
         }
         _ => return Err(kind.wrong("a kind of shape")),
     })
+}
+
+fn edges(from: &Argument<'_>) -> Result<Edges, Failure> {
+    let Some(from) = from.optional("edges") else {
+        return Ok(Edges::default());
+    };
+    match from.text()? {
+        "plain" => Ok(Edges::Plain),
+        "smooth" => Ok(Edges::Smooth),
+        _ => Err(from.wrong("plain or smooth")),
+    }
+}
+
+/// Conditions of sleep.
+pub(crate) fn sleep(from: &Argument<'_>) -> Result<Sleep, Failure> {
+    match from.as_text() {
+        Some("settled") => Ok(Sleep::Settled),
+        Some("never") => Ok(Sleep::Never),
+        Some(_) => Err(from.wrong("settled, never, or an object of thresholds")),
+        None => Ok(Sleep::Below(SleepThresholds {
+            speed: from.field("speed")?.single()?,
+            angular_speed: from.field("angularSpeed")?.single()?,
+            seconds: from.field("seconds")?.single()?,
+        })),
+    }
 }
 
 fn part_of(from: &Argument<'_>) -> Result<Part, Failure> {
@@ -162,6 +190,9 @@ fn properties(from: &Argument<'_>, id: BodyId, shape: ShapeId) -> Result<BodyDes
     }
     if let Some(from) = from.optional("dominance") {
         desc.dominance = from.whole(i64::from(i8::MIN), i64::from(i8::MAX))? as i8;
+    }
+    if let Some(from) = from.optional("sleep") {
+        desc.sleep = Some(sleep(&from)?);
     }
     for (field, flag) in [
         ("sensor", &mut desc.sensor),

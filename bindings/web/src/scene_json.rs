@@ -3,8 +3,8 @@
 use glam::{Quat, Vec3};
 use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::scene::{
-    BodyDesc, BodyKind, CollisionGroups, Joint, JointFrame, JointKind, JointLimits, LockedAxes,
-    Mass, Material, SceneConfig, Shape, SleepConfig, Stepping,
+    BodyDesc, BodyKind, CollisionGroups, Edges, Joint, JointFrame, JointKind, JointLimits,
+    LockedAxes, Mass, Material, SceneConfig, Shape, Sleep, Stepping,
 };
 use rhumb_reckoning::{Anchor, Damping, Motion, Predictor, Tolerance, ToleranceScale, Track};
 use serde_json::Value;
@@ -53,10 +53,10 @@ pub(crate) fn shape(shape: &Shape) -> Value {
         Shape::Heights(ref heights) => object!({
             "kind": "heights", "rows": heights.rows(), "columns": heights.columns(),
             "rowSpacing": heights.row_spacing(), "columnSpacing": heights.column_spacing(),
-            "heights": heights.heights()
+            "edges": edges(heights.edges()), "heights": heights.heights()
         }),
         Shape::Mesh(ref mesh) => object!({
-            "kind": "mesh", "points": points(mesh.points()),
+            "kind": "mesh", "edges": edges(mesh.edges()), "points": points(mesh.points()),
             "triangles": mesh.triangles().as_flattened()
         }),
         Shape::Compound(ref compound) => {
@@ -69,6 +69,13 @@ pub(crate) fn shape(shape: &Shape) -> Value {
             let parts: Value = compound.parts().iter().map(part).collect();
             object!({"kind": "compound", "parts": parts})
         }
+    }
+}
+
+const fn edges(edges: Edges) -> &'static str {
+    match edges {
+        Edges::Plain => "plain",
+        Edges::Smooth => "smooth",
     }
 }
 
@@ -98,6 +105,7 @@ pub(crate) fn body(desc: &BodyDesc) -> Value {
         "dominance": (desc.dominance != 0).then_some(desc.dominance),
         "sensor": desc.sensor.then_some(true),
         "swept": desc.swept.then_some(true),
+        "sleep": desc.sleep.map(sleep),
         "enabled": (!desc.enabled).then_some(false),
     })
 }
@@ -121,8 +129,15 @@ fn groups(groups: CollisionGroups) -> Value {
     object!({"members": groups.members, "touches": groups.touches})
 }
 
-fn sleep(sleep: SleepConfig) -> Value {
-    object!({"speed": sleep.speed, "seconds": sleep.seconds})
+fn sleep(sleep: Sleep) -> Value {
+    match sleep {
+        Sleep::Settled => "settled".into(),
+        Sleep::Never => "never".into(),
+        Sleep::Below(thresholds) => object!({
+            "speed": thresholds.speed, "angularSpeed": thresholds.angular_speed,
+            "seconds": thresholds.seconds
+        }),
+    }
 }
 
 pub(crate) fn config(config: &SceneConfig) -> Value {
@@ -138,7 +153,7 @@ pub(crate) fn config(config: &SceneConfig) -> Value {
         "gravity": vector(config.gravity),
         "material": material(config.material),
         "damping": damping(config.damping),
-        "sleep": config.sleep.map(sleep),
+        "sleep": sleep(config.sleep),
         "publishInterval": config.publish_schedule.publish_interval.get(),
         "lookahead": config.publish_schedule.lookahead.count(),
     })

@@ -9,6 +9,7 @@ use super::locked_axes::LockedAxes;
 use super::mass::Mass;
 use super::material::Material;
 use super::shape_id::ShapeId;
+use super::sleep::Sleep;
 use crate::limits::GRAVITY_SCALE_MAX;
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
@@ -57,6 +58,8 @@ pub struct BodyDesc {
     /// True if it is swept against moving bodies, so that it does not pass through them between two steps. Every fast
     /// body is swept against fixed ones.
     pub swept: bool,
+    /// `None`: the scene's conditions. Only dynamic bodies use it.
+    pub sleep: Option<Sleep>,
     /// True if it takes part in the scene: a body that does not stays where it is, touches nothing, and its joints do not
     /// act.
     pub enabled: bool,
@@ -77,7 +80,8 @@ mod flag {
     pub(super) const SENSOR: u64 = 1 << 11;
     pub(super) const SWEPT: u64 = 1 << 12;
     pub(super) const DISABLED: u64 = 1 << 13;
-    pub(super) const ALL: u64 = (1 << 14) - 1;
+    pub(super) const SLEEP: u64 = 1 << 14;
+    pub(super) const ALL: u64 = (1 << 15) - 1;
 }
 
 impl BodyDesc {
@@ -99,6 +103,7 @@ impl BodyDesc {
             dominance: 0,
             sensor: false,
             swept: false,
+            sleep: None,
             enabled: true,
         }
     }
@@ -127,7 +132,8 @@ impl BodyDesc {
             GRAVITY_SCALE_MAX,
             Quantity::GravityScale,
         )?;
-        self.mass.map_or(Ok(()), |mass| mass.check())
+        self.mass.map_or(Ok(()), |mass| mass.check())?;
+        self.sleep.map_or(Ok(()), Sleep::check)
     }
 
     /// Bits for its fields that differ from their defaults.
@@ -156,6 +162,7 @@ impl BodyDesc {
             (self.sensor, flag::SENSOR),
             (self.swept, flag::SWEPT),
             (!self.enabled, flag::DISABLED),
+            (self.sleep.is_some(), flag::SLEEP),
         ];
         let set = is_set.into_iter().filter(|(is_set, _)| *is_set);
         set.fold(kind, |flags, (_, bit)| flags | bit)
@@ -191,6 +198,9 @@ impl Wire for BodyDesc {
         }
         if flags & flag::DOMINANCE != 0 {
             to.u8(self.dominance.cast_unsigned());
+        }
+        if let Some(sleep) = &self.sleep {
+            sleep.encode(to);
         }
     }
 
@@ -233,6 +243,9 @@ impl Wire for BodyDesc {
         }
         if flags & flag::DOMINANCE != 0 {
             desc.dominance = from.u8()?.cast_signed();
+        }
+        if flags & flag::SLEEP != 0 {
+            desc.sleep = Some(Sleep::decode(from)?);
         }
         // A field that equals its default is not sent.
         if desc.flags() == flags {

@@ -14,6 +14,7 @@ use super::mass::Mass;
 use super::material::Material;
 use super::shape::Shape;
 use super::shape_id::ShapeId;
+use super::sleep::Sleep;
 
 /// A body to add: the content of [`BodyDesc`], its shape, its pose and its velocity.
 ///
@@ -191,6 +192,13 @@ impl BodyBuilder {
     #[must_use]
     pub const fn swept(mut self) -> Self {
         self.desc.swept = true;
+        self
+    }
+
+    /// Sets its own conditions of sleep in place of the scene's.
+    #[must_use]
+    pub const fn sleep(mut self, sleep: Sleep) -> Self {
+        self.desc.sleep = Some(sleep);
         self
     }
 

@@ -99,10 +99,12 @@ pub enum Quantity {
     Wheel = 37,
     /// Number of a vehicle's wheels.
     Wheels = 38,
+    /// rad/s.
+    SleepAngularSpeed = 39,
 }
 
 impl Quantity {
-    const ALL: [Self; 39] = [
+    const ALL: [Self; 40] = [
         Self::Position,
         Self::Rotation,
         Self::Linear,
@@ -142,6 +144,7 @@ impl Quantity {
         Self::Character,
         Self::Wheel,
         Self::Wheels,
+        Self::SleepAngularSpeed,
     ];
 
     /// The quantity of a code.
@@ -161,7 +164,7 @@ impl Quantity {
         match self {
             Self::Position | Self::Extent | Self::HullThickness | Self::Anchor => "m",
             Self::Linear | Self::SleepSpeed => "m/s",
-            Self::Angular => "rad/s",
+            Self::Angular | Self::SleepAngularSpeed => "rad/s",
             Self::Force => "N",
             Self::Torque => "N·m",
             Self::Impulse => "N·s",
@@ -237,6 +240,7 @@ impl Quantity {
             Self::Substeps => (1.0, SUBSTEPS_MAX as f32),
             Self::HullPoints => (HULL_POINTS_MIN as f32, HULL_POINTS_MAX as f32),
             Self::SleepSpeed => (0.0, SLEEP_SPEED_MAX),
+            Self::SleepAngularSpeed => (0.0, ANGULAR_MAX),
             Self::SleepSeconds => (0.0, SLEEP_SECONDS_MAX),
             Self::Lookahead => (0.0, LOOKAHEAD_TICKS_MAX as f32),
             Self::MeshPoints => (3.0, MESH_POINTS_MAX as f32),
@@ -293,6 +297,7 @@ impl fmt::Display for Quantity {
             Self::Character => "setting of a character",
             Self::Wheel => "wheel of a vehicle",
             Self::Wheels => "number of a vehicle's wheels",
+            Self::SleepAngularSpeed => "angular speed below which bodies sleep",
         })
     }
 }

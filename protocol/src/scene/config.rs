@@ -8,10 +8,8 @@ use rhumb_reckoning::{Damping, Integrator, Rate};
 use super::checks::{Invalid, Quantity, Rule, count, outside, scalar, vector};
 use super::material::Material;
 use super::publish_schedule::PublishSchedule;
-use crate::limits::{
-    DAMPING_MAX, GRAVITY_MAX, RATE_MAX, SLEEP_SECONDS_MAX, SLEEP_SPEED_MAX, STEP_SECONDS_MAX,
-    SUBSTEPS_MAX,
-};
+use super::sleep::Sleep;
+use crate::limits::{DAMPING_MAX, GRAVITY_MAX, RATE_MAX, STEP_SECONDS_MAX, SUBSTEPS_MAX};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 
@@ -22,22 +20,6 @@ pub enum Stepping {
     Lockstep,
     /// The server's clock, while the scene has members.
     FreeRunning,
-}
-
-/// Conditions under which bodies fall asleep.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SleepConfig {
-    /// Greatest speed of any point of a body at rest, m/s.
-    pub speed: f32,
-    /// Time that a body and everything it touches must rest before it falls asleep, seconds.
-    pub seconds: f32,
-}
-
-impl SleepConfig {
-    fn check(self) -> Result<(), Invalid> {
-        scalar(self.speed, 0.0, SLEEP_SPEED_MAX, Quantity::SleepSpeed)?;
-        scalar(self.seconds, 0.0, SLEEP_SECONDS_MAX, Quantity::SleepSeconds)
-    }
 }
 
 /// Configuration of a scene: steps, gravity, and the defaults of its bodies.
@@ -53,8 +35,8 @@ pub struct SceneConfig {
     pub material: Material,
     /// Default damping of bodies.
     pub damping: Damping,
-    /// `None`: the engine's own sleep conditions.
-    pub sleep: Option<SleepConfig>,
+    /// Conditions under which bodies fall asleep that have none of their own.
+    pub sleep: Sleep,
     /// Publication times of its streams.
     pub publish_schedule: PublishSchedule,
 }
@@ -75,7 +57,7 @@ impl Default for SceneConfig {
                 density: 1_000.0,
             },
             damping: Damping::default(),
-            sleep: None,
+            sleep: Sleep::Settled,
             publish_schedule: PublishSchedule::EACH_TICK,
         }
     }
@@ -103,7 +85,7 @@ impl SceneConfig {
         vector(self.gravity, GRAVITY_MAX, Quantity::Gravity)?;
         self.material.check()?;
         check_damping(self.damping)?;
-        self.sleep.map_or(Ok(()), SleepConfig::check)?;
+        self.sleep.check()?;
         self.publish_schedule.check(rate)?;
         match self.stepping {
             Stepping::Lockstep => self.publish_schedule.check_lockstep(),
@@ -145,10 +127,7 @@ impl Wire for SceneConfig {
         });
         self.material.encode(to);
         self.damping.encode(to);
-        to.u8(u8::from(self.sleep.is_some()));
-        if let Some(SleepConfig { speed, seconds }) = self.sleep {
-            to.f32s(&[speed, seconds]);
-        }
+        self.sleep.encode(to);
         self.publish_schedule.encode(to);
     }
 
@@ -165,14 +144,7 @@ impl Wire for SceneConfig {
             },
             material: Material::decode(from)?,
             damping: Damping::decode(from)?,
-            sleep: match from.u8()? {
-                0 => None,
-                1 => {
-                    let [speed, seconds] = from.f32s()?;
-                    Some(SleepConfig { speed, seconds })
-                }
-                _ => return Err(Malformed::UnknownCode),
-            },
+            sleep: Sleep::decode(from)?,
             publish_schedule: PublishSchedule::decode(from)?,
         })
     }

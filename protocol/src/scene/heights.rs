@@ -10,6 +10,7 @@ use glam::DVec3;
 use rhumb_reckoning::Metres;
 
 use super::checks::{Invalid, Quantity, count, scalar};
+use super::edges::Edges;
 use crate::limits::{EXTENT_MAX, EXTENT_MIN, POSTS_MAX};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
@@ -22,6 +23,7 @@ pub struct Heights {
     columns: u32,
     row_spacing: f32,
     column_spacing: f32,
+    edges: Edges,
     /// Row by row.
     heights: Arc<[f32]>,
     /// Distance of the farthest post, metres.
@@ -59,6 +61,7 @@ impl Heights {
             columns,
             row_spacing,
             column_spacing,
+            edges: Edges::default(),
             heights: heights.into(),
             radius: 0.0,
         };
@@ -107,6 +110,18 @@ impl Heights {
         })
     }
 
+    /// How bodies touch the edges between its triangles.
+    #[must_use]
+    pub const fn edges(&self) -> Edges {
+        self.edges
+    }
+
+    /// The same field with other edges.
+    #[must_use]
+    pub fn with_edges(self, edges: Edges) -> Self {
+        Self { edges, ..self }
+    }
+
     /// Radius of the least ball around the body's origin that holds the field.
     #[must_use]
     pub const fn bounding_radius(&self) -> Metres {
@@ -149,7 +164,7 @@ impl Heights {
     }
 }
 
-/// Two fields are equal when their sizes, spacings and heights are.
+/// Two fields are equal when their sizes, spacings, edges and heights are.
 impl PartialEq for Heights {
     fn eq(&self, other: &Self) -> bool {
         let parameters = |field: &Self| {
@@ -158,6 +173,7 @@ impl PartialEq for Heights {
                 field.columns,
                 field.row_spacing,
                 field.column_spacing,
+                field.edges,
             )
         };
         // Copies share their heights, and need no look at them.
@@ -171,6 +187,7 @@ impl Wire for Heights {
         to.varint(u64::from(self.rows));
         to.varint(u64::from(self.columns));
         to.f32s(&[self.row_spacing, self.column_spacing]);
+        self.edges.encode(to);
         to.f32s(&self.heights);
     }
 
@@ -182,6 +199,7 @@ impl Wire for Heights {
             return Err(Malformed::OutOfRange);
         }
         let spacing = from.f32s()?;
+        let edges = Edges::decode(from)?;
         let bytes = from.raw(posts as usize * 4)?;
         let heights: Vec<f32> = bytes
             .as_chunks::<4>()
@@ -190,7 +208,7 @@ impl Wire for Heights {
             .map(|bytes| f32::from_le_bytes(*bytes))
             .collect();
         let counts = [rows as u32, columns as u32];
-        Ok(Self::unchecked(counts, spacing, &heights))
+        Ok(Self::unchecked(counts, spacing, &heights).with_edges(edges))
     }
 }
 

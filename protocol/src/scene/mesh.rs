@@ -10,6 +10,7 @@ use glam::Vec3;
 use rhumb_reckoning::Metres;
 
 use super::checks::{Invalid, Quantity, count, scalar};
+use super::edges::Edges;
 use crate::limits::{EXTENT_MAX, MESH_POINTS_MAX, TRIANGLES_MAX};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
@@ -19,6 +20,7 @@ use crate::wire::{Malformed, Wire};
 pub struct Mesh {
     points: Arc<[Vec3]>,
     triangles: Arc<[[u32; 3]]>,
+    edges: Edges,
     /// Distance of the farthest point, metres.
     radius: f64,
 }
@@ -31,17 +33,18 @@ impl Mesh {
     /// [`Invalid`] when there are no triangles or too many, when a point index is out of range, or when a coordinate
     /// is not finite or beyond the limits.
     pub fn new(points: &[Vec3], triangles: &[[u32; 3]]) -> Result<Self, Invalid> {
-        let mesh = Self::unchecked(points.to_vec(), triangles.to_vec());
+        let mesh = Self::unchecked(points.to_vec(), triangles.to_vec(), Edges::default());
         mesh.check()?;
         Ok(mesh)
     }
 
-    fn unchecked(points: Vec<Vec3>, triangles: Vec<[u32; 3]>) -> Self {
+    fn unchecked(points: Vec<Vec3>, triangles: Vec<[u32; 3]>, edges: Edges) -> Self {
         let squared = points.iter().map(|point| point.as_dvec3().length_squared());
         let radius = libm::sqrt(squared.fold(0.0, f64::max));
         Self {
             points: points.into(),
             triangles: triangles.into(),
+            edges,
             radius,
         }
     }
@@ -56,6 +59,18 @@ impl Mesh {
     #[must_use]
     pub fn triangles(&self) -> &[[u32; 3]] {
         &self.triangles
+    }
+
+    /// How bodies touch the edges between its triangles.
+    #[must_use]
+    pub const fn edges(&self) -> Edges {
+        self.edges
+    }
+
+    /// The same mesh with other edges.
+    #[must_use]
+    pub fn with_edges(self, edges: Edges) -> Self {
+        Self { edges, ..self }
     }
 
     /// Radius of the least ball around the body's origin that holds the mesh.
@@ -80,13 +95,14 @@ impl Mesh {
     }
 }
 
-/// Two meshes are equal when points and triangles are, in the same order.
+/// Two meshes are equal when points, triangles and edges are, in the same order.
 impl PartialEq for Mesh {
     fn eq(&self, other: &Self) -> bool {
         // Copies share their arrays, and need no look at them.
         let same_points = Arc::ptr_eq(&self.points, &other.points);
         let same_triangles = Arc::ptr_eq(&self.triangles, &other.triangles);
-        (same_points || self.points == other.points)
+        self.edges == other.edges
+            && (same_points || self.points == other.points)
             && (same_triangles || self.triangles == other.triangles)
     }
 }
@@ -95,6 +111,7 @@ impl Wire for Mesh {
     fn encode(&self, to: &mut Writer) {
         to.varint(self.points.len() as u64);
         to.varint(self.triangles.len() as u64);
+        self.edges.encode(to);
         for point in self.points.iter() {
             to.f32s(&point.to_array());
         }
@@ -106,6 +123,7 @@ impl Wire for Mesh {
     fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
         let points = from.varint_to(MESH_POINTS_MAX as u64)? as usize;
         let count = from.varint_to(TRIANGLES_MAX as u64)? as usize;
+        let edges = Edges::decode(from)?;
         // A triangle takes at least three bytes: nothing is allocated for a count without bytes.
         if points * 12 + count * 3 > from.rest().len() {
             return Err(Malformed::Truncated);
@@ -122,7 +140,7 @@ impl Wire for Mesh {
             };
             triangles.push([place()?, place()?, place()?]);
         }
-        Ok(Self::unchecked(corners, triangles))
+        Ok(Self::unchecked(corners, triangles, edges))
     }
 }
 
@@ -138,7 +156,7 @@ mod tests {
         let mut writer = Writer::new();
         mesh.encode(&mut writer);
         let bytes = writer.into_bytes();
-        assert_eq!(bytes.len(), 2 + 36 + 6);
+        assert_eq!(bytes.len(), 3 + 36 + 6);
         assert_eq!(Mesh::decode(&mut Reader::new(&bytes)), Ok(mesh));
         for cut in 0..bytes.len() {
             let cut = Mesh::decode(&mut Reader::new(&bytes[..cut]));

@@ -55,7 +55,7 @@ pub(super) struct Segment {
 /// Ends the name of a directory whose scene was deleted.
 pub(super) const DELETED: &str = "deleted";
 /// Version of the format of headers and records.
-const FORMAT: u8 = 2;
+const FORMAT: u8 = 3;
 
 impl SceneFiles {
     pub(super) fn segment_path(&self, number: u32) -> PathBuf {

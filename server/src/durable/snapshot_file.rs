@@ -20,7 +20,7 @@ const MAGIC: [u8; 8] = *b"RhSnap1\0";
 const VERSION: &str = concat!(
     "rhumb-server ",
     env!("CARGO_PKG_VERSION"),
-    " with rapier3d 0.36.1, format 3"
+    " with rapier3d 0.36.1, format 4"
 );
 const CODE_BYTES: usize = 32;
 const VERSION_BYTES_MAX: usize = 200;

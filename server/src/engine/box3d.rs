@@ -14,7 +14,7 @@ use rhumb_protocol::limits::COORDINATE_MAX;
 use rhumb_protocol::message::RemovalCause;
 use rhumb_protocol::scene::{
     Answer, BodyDesc, BodyKind, Contact, Joint, JointId, Locomotion, Query, QueryCandidate,
-    SceneConfig, Shape, ShapeId, SleepConfig,
+    SceneConfig, Shape, ShapeId,
 };
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Inertia, Integrator, Twist};
@@ -35,7 +35,6 @@ use super::kinematic_target::KinematicTarget;
 pub struct Box3dEngine {
     world: World,
     integrator: Integrator,
-    sleep: Option<SleepConfig>,
     solids: BTreeMap<ShapeId, Box3dSolid>,
     joints: Box3dJoints,
     bodies: BTreeMap<BodyId, Box3dBody>,
@@ -82,7 +81,6 @@ impl Box3dEngine {
         Ok(Self {
             world: World::new(config.gravity).ok_or(NoEngine)?,
             integrator: config.integrator,
-            sleep: config.sleep,
             solids: BTreeMap::new(),
             joints: Box3dJoints::default(),
             bodies: BTreeMap::new(),
@@ -335,8 +333,7 @@ impl Engine for Box3dEngine {
 
     fn add(&mut self, body: &BodyProperties, motion: BodyState) {
         let (id, properties) = (body.desc.id, *body);
-        let sleep_speed = self.sleep.map(|sleep| sleep.speed);
-        let new = translate::new_body(&properties, &motion, sleep_speed);
+        let new = translate::new_body(&properties, &motion);
         let body = self.world.add_body(&new);
         let mut slot = Box3dBody {
             body,

@@ -4,7 +4,7 @@
 
 use glam::{Mat3, Quat, Vec3};
 use rhumb_protocol::limits::{ANGULAR_MAX, LINEAR_MAX};
-use rhumb_protocol::scene::{BodyKind, LockedAxes};
+use rhumb_protocol::scene::{BodyKind, LockedAxes, Sleep};
 use rhumb_reckoning::{BodyId, BodyState, Inertia, Integrator, InvalidMotion, Pose, Twist};
 use rhumb_solids::UnitMass;
 
@@ -12,11 +12,7 @@ use super::box3d_native::{Mobility, NativeBody, NewBody, Placement, World};
 use super::interface::{BodyProperties, Push};
 
 /// The body without its shapes. A kinematic one's velocities are not Box3D's: see `kinematic_target`.
-pub(super) fn new_body(
-    properties: &BodyProperties,
-    motion: &BodyState,
-    sleep_speed: Option<f32>,
-) -> NewBody {
+pub(super) fn new_body(properties: &BodyProperties, motion: &BodyState) -> NewBody {
     let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = motion.parts();
     let desc = &properties.desc;
     let is_dynamic = desc.kind == BodyKind::Dynamic;
@@ -26,7 +22,6 @@ pub(super) fn new_body(
         at: (Vec3::new(px, py, pz), Quat::from_xyzw(x, y, z, w)),
         linear: moving(Vec3::new(vx, vy, vz)),
         angular: moving(Vec3::new(wx, wy, wz)),
-        sleep_speed,
         tag: tag(desc.id),
     }
 }
@@ -75,6 +70,16 @@ pub(super) fn set_properties(
     );
     world.set_gravity_scale(body, desc.gravity_scale);
     world.set_swept(body, desc.swept && is_dynamic);
+    // Box3D has one time for all bodies, and no threshold of the angular speed alone.
+    world.set_sleep(
+        body,
+        match properties.sleep {
+            _ if !is_dynamic => Some(None),
+            Sleep::Settled => Some(None),
+            Sleep::Below(thresholds) => Some(Some(thresholds.speed)),
+            Sleep::Never => None,
+        },
+    );
     world.set_locks(body, [0, 1, 2, 3, 4, 5].map(|axis| desc.locked.locks(axis)));
     if !is_dynamic || !desc.enabled {
         world.set_velocities(body, (Vec3::ZERO, Vec3::ZERO));

@@ -56,8 +56,6 @@ pub(super) struct NewBody {
     pub(super) at: Placement,
     pub(super) linear: Vec3,
     pub(super) angular: Vec3,
-    /// Speed below which it may sleep, m/s; `None`: Box3D's own.
-    pub(super) sleep_speed: Option<f32>,
     /// Comes back with its moves.
     pub(super) tag: usize,
 }
@@ -242,7 +240,6 @@ impl World {
             (def.position, def.rotation) = (vector(new.at.0), quaternion(new.at.1));
             def.linearVelocity = vector(new.linear);
             def.angularVelocity = vector(new.angular);
-            def.sleepThreshold = new.sleep_speed.unwrap_or(def.sleepThreshold);
             def.userData = ptr::without_provenance_mut(new.tag);
             sys::b3CreateBody(self.id, &raw const def)
         };
@@ -408,6 +405,16 @@ of_body! {
     };
     fn set_gravity_scale(id, to: f32) = sys::b3Body_SetGravityScale(id, to);
     fn set_swept(id, to: bool) = sys::b3Body_SetBullet(id, to);
+    /// Speed below which it may sleep, m/s, or Box3D's own; `None`: it never does.
+    fn set_sleep(id, below: Option<Option<f32>>) = {
+        if let Some(speed) = below {
+            let own = sys::b3DefaultBodyDef().sleepThreshold;
+            sys::b3Body_SetSleepThreshold(id, speed.unwrap_or(own));
+        }
+        if sys::b3Body_IsSleepEnabled(id) != below.is_some() {
+            sys::b3Body_EnableSleep(id, below.is_some());
+        }
+    };
     fn set_locks(id, locks: [bool; 6]) = {
         let [x, y, z, about_x, about_y, about_z] = locks;
         let locks = sys::b3MotionLocks {

@@ -10,7 +10,7 @@ use glam::{Quat, Vec3};
 use rhumb_protocol::message::RemovalCause;
 use rhumb_protocol::scene::{
     Answer, BodyDesc, BodyEvent, Contact, Joint, JointId, JumpFrom, Locomotion, Material, Query,
-    Shape, ShapeId, WheelInput,
+    Shape, ShapeId, Sleep, WheelInput,
 };
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Damping, Inertia, Twist};
@@ -24,6 +24,8 @@ pub struct BodyProperties {
     pub material: Material,
     /// Damping of its free motion.
     pub damping: Damping,
+    /// Conditions under which it falls asleep.
+    pub sleep: Sleep,
 }
 
 /// A push of a dynamic body, world frame.

@@ -22,7 +22,9 @@ mod rapier_characters;
 mod rapier_contacts;
 mod rapier_joints;
 mod rapier_query;
+mod rapier_rest;
 mod rapier_solid;
+mod rapier_spin;
 mod rapier_vehicles;
 mod rapier_workers;
 

@@ -2,7 +2,6 @@
 //!
 //! Wraps its `PhysicsWorld`; no type of Rapier leaves this file and its helpers. Invariants: the world takes no step
 //! after a panic, since any part may be broken. Bodies that Rapier quarantined are removed when the step returns.
-//! Rapier caps the speeds of dynamic bodies at 400 m/s and an eighth of a turn per tick.
 
 mod image;
 #[cfg(test)]
@@ -19,7 +18,7 @@ use rhumb_protocol::limits::COORDINATE_MAX;
 use rhumb_protocol::message::RemovalCause;
 use rhumb_protocol::scene::{
     Answer, BodyDesc, BodyEvent, BodyKind, Contact, Joint, JointId, JumpFrom, Locomotion, Query,
-    SceneConfig, Shape, ShapeId, SleepConfig, WheelInput,
+    SceneConfig, Shape, ShapeId, WheelInput,
 };
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Inertia, Integrator, Twist};
@@ -34,7 +33,9 @@ use super::rapier_characters::RapierCharacters;
 use super::rapier_contacts as touching;
 use super::rapier_joints::RapierJoints;
 use super::rapier_query as queries;
+use super::rapier_rest::RapierRest;
 use super::rapier_solid::{self as solids, Solid};
+use super::rapier_spin::{RapierSpin, SPEED_MAX};
 use super::rapier_vehicles::RapierVehicles;
 use super::rapier_workers::Workers;
 
@@ -43,12 +44,13 @@ pub struct RapierEngine {
     world: PhysicsWorld,
     workers: Workers,
     integrator: Integrator,
-    sleep: Option<SleepConfig>,
     fault: Option<EngineFault>,
     solids: BTreeMap<ShapeId, Solid>,
     joints: RapierJoints,
     characters: RapierCharacters,
     vehicles: RapierVehicles,
+    rest: RapierRest,
+    spin: RapierSpin,
     /// Slots by body index.
     places: Vec<Option<BodySlot>>,
     /// Kinematic bodies that move.
@@ -57,6 +59,8 @@ pub struct RapierEngine {
     forced: Vec<RigidBodyHandle>,
     /// Bodies that do not move and were displaced or put to sleep since the last step.
     displaced: Vec<BodySlot>,
+    /// Bodies that a command has added or moved since the last step.
+    stirred: Vec<BodySlot>,
     /// Awake after the last step, in the order of ids.
     awake: Vec<BodySlot>,
     /// Awake after the step before, in the order of ids.
@@ -90,21 +94,24 @@ impl RapierEngine {
         let parameters = &mut world.integration_parameters;
         parameters.dt = config.integrator.rate.step().seconds() as f32;
         parameters.min_ccd_dt = parameters.dt / 100.0;
+        parameters.normalized_max_linear_velocity = SPEED_MAX;
         parameters.num_solver_iterations = config.integrator.substeps.get() as usize;
         Self {
             world,
             workers: workers.clone(),
             integrator: config.integrator,
-            sleep: config.sleep,
             fault: None,
             solids: BTreeMap::new(),
             joints: RapierJoints::default(),
             characters: RapierCharacters::default(),
             vehicles: RapierVehicles::default(),
+            rest: RapierRest::default(),
+            spin: RapierSpin::default(),
             places: Vec::new(),
             kinematic_targets: BTreeMap::new(),
             forced: Vec::new(),
             displaced: Vec::new(),
+            stirred: Vec::new(),
             awake: Vec::new(),
             awake_before: Vec::new(),
             observed: Vec::new(),
@@ -129,6 +136,7 @@ impl RapierEngine {
             self.vehicles.clear();
             self.places.clear();
             self.kinematic_targets.clear();
+            self.stirred.clear();
             self.awake.clear();
             self.observed.clear();
         }
@@ -157,10 +165,8 @@ impl RapierEngine {
         let Some(solid) = self.solids.get(&new.desc.shape) else {
             return;
         };
-        let mut body = translate::body(new, motion);
-        if let Some(sleep) = self.sleep {
-            translate::let_sleep(&mut body, sleep);
-        }
+        let dt = self.world.integration_parameters.dt;
+        let mut body = translate::body(new, motion, dt);
         if let Some(mass) = solids::mass_beside(new, solid) {
             body.set_additional_mass_properties(mass, false);
         }
@@ -171,6 +177,7 @@ impl RapierEngine {
         // Mass beside that of the colliders acts on pushes before the next step too.
         let body = &mut self.world.bodies[handle];
         body.recompute_mass_properties_from_colliders(&self.world.colliders);
+        translate::take_over_spin(body);
         let id = new.desc.id;
         let index = id.index() as usize;
         if index >= self.places.len() {
@@ -178,6 +185,7 @@ impl RapierEngine {
         }
         let place = BodySlot { id, handle };
         self.places[index] = Some(place);
+        self.stirred.push(place);
         if new.desc.kind == BodyKind::Kinematic && new.desc.enabled {
             self.keep(place, motion.motion().twist());
         }
@@ -194,10 +202,13 @@ impl RapierEngine {
         let reshaped = before.shape != now.desc.shape;
         solids::change(&mut self.world, place.handle, now, (solid, reshaped));
         let mass = solids::mass_beside(now, solid).unwrap_or_default();
+        let dt = self.world.integration_parameters.dt;
+        self.stirred.push(place);
         let body = &mut self.world.bodies[place.handle];
-        translate::set_properties(body, now);
+        translate::set_properties(body, now, dt);
         body.set_additional_mass_properties(mass, now.desc.enabled);
         body.recompute_mass_properties_from_colliders(&self.world.colliders);
+        translate::take_over_spin(body);
         if now.desc.kind != BodyKind::Kinematic || !now.desc.enabled {
             self.kinematic_targets.remove(&place.id);
         }
@@ -246,6 +257,7 @@ impl RapierEngine {
             let (linear, angular) = translate::narrow_twist(&twist);
             body.set_linvel(linear, true);
             body.set_angvel(angular, true);
+            self.stirred.push(place);
         }
     }
 
@@ -254,7 +266,10 @@ impl RapierEngine {
         self.walk();
         self.move_kinematic();
         self.vehicles.advance(&mut self.world);
+        self.turn();
         self.world.step();
+        self.spin.after(&mut self.world, &self.integrator);
+        self.rest.after(&mut self.world, &self.vehicles);
         for handle in self.forced.drain(..) {
             if let Some(body) = self.world.bodies.get_mut(handle) {
                 translate::unpush(body);
@@ -273,6 +288,24 @@ impl RapierEngine {
             awake.retain(|place| self.is_at(*place));
             self.awake = awake;
         }
+    }
+
+    /// Precesses the spin of bodies, and notes the slow ones, before a step.
+    fn turn(&mut self) {
+        self.stirred.extend_from_slice(&self.awake);
+        self.stirred.sort_unstable_by_key(|place| place.id);
+        self.stirred.dedup_by_key(|place| place.id);
+        for place in &self.stirred {
+            let Some(body) = self.world.bodies.get(place.handle) else {
+                continue;
+            };
+            if body.is_enabled() && !body.is_sleeping() {
+                self.rest.before(place.id.index(), place.handle, body);
+                self.spin
+                    .before(&mut self.world, place.handle, &self.integrator);
+            }
+        }
+        self.stirred.clear();
     }
 
     /// Removes the bodies that Rapier disabled in this step; its report lasts for one step only.
@@ -496,6 +529,7 @@ impl Engine for RapierEngine {
             };
             let dt = engine.world.integration_parameters.dt;
             translate::push(&mut engine.world.bodies[place.handle], push, dt);
+            engine.stirred.push(place);
             if matches!(push, Push::Force(_) | Push::ForceAt(..) | Push::Torque(_)) {
                 engine.forced.push(place.handle);
             }

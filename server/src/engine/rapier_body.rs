@@ -5,29 +5,31 @@
 use glam::{DQuat, DVec3, Quat, Vec3};
 use rapier3d::math::Pose as RapierPose;
 use rapier3d::prelude::{
-    Collider, LockedAxes as RapierLockedAxes, PhysicsWorld, RigidBody, RigidBodyBuilder,
-    RigidBodyHandle, RigidBodyType,
+    Collider, LockedAxes as RapierLockedAxes, PhysicsWorld, RigidBody, RigidBodyActivation,
+    RigidBodyBuilder, RigidBodyHandle, RigidBodyType,
 };
 use rhumb_protocol::limits::{ANGULAR_MAX, LINEAR_MAX};
-use rhumb_protocol::scene::{BodyKind, SleepConfig};
+use rhumb_protocol::scene::{BodyKind, Sleep};
 use rhumb_reckoning::{BodyId, BodyState, Inertia, InvalidMotion, Pose, Twist};
 
 use super::interface::{BodyProperties, Push};
 
 /// The body without its solid. A kinematic one's velocities are not Rapier's: see `kinematic_target`.
-pub(super) fn body(properties: &BodyProperties, motion: &BodyState) -> RigidBody {
+///
+/// `dt`: length of a step, seconds.
+pub(super) fn body(properties: &BodyProperties, motion: &BodyState, dt: f32) -> RigidBody {
     let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = motion.parts();
     let desc = &properties.desc;
     let mut builder = RigidBodyBuilder::new(body_type(desc.kind))
         .pose(pose(Vec3::new(px, py, pz), Quat::from_xyzw(x, y, z, w)))
-        .user_data(tag(desc.id));
+        .user_data(tag(properties));
     if desc.kind == BodyKind::Dynamic {
         builder = builder
             .linvel(Vec3::new(vx, vy, vz))
             .angvel(Vec3::new(wx, wy, wz));
     }
     let mut body = builder.build();
-    set_properties(&mut body, properties);
+    set_properties(&mut body, properties, dt);
     body
 }
 
@@ -40,24 +42,42 @@ const fn body_type(kind: BodyKind) -> RigidBodyType {
 }
 
 /// Sets every property of a body but those of its solid. A body that the engine does not move stands still.
-pub(super) fn set_properties(body: &mut RigidBody, properties: &BodyProperties) {
+///
+/// `dt`: length of a step, seconds.
+pub(super) fn set_properties(body: &mut RigidBody, properties: &BodyProperties, dt: f32) {
     let desc = &properties.desc;
     let is_dynamic = desc.kind == BodyKind::Dynamic;
     body.set_body_type(body_type(desc.kind), true);
     body.set_linear_damping(properties.damping.linear);
     body.set_angular_damping(properties.damping.angular);
     body.set_gravity_scale(desc.gravity_scale, true);
+    body.user_data = tag(properties);
     body.enable_gyroscopic_forces(desc.gyroscopic);
+    body.set_allow_fast_rotation(is_dynamic);
     let locked = RapierLockedAxes::from_bits_truncate(desc.locked.bits());
     body.set_locked_axes(locked, true);
     body.set_dominance_group(desc.dominance);
     body.enable_ccd(desc.swept && is_dynamic);
+    set_sleep(body, properties.sleep, dt);
     if !is_dynamic || !desc.enabled {
         unpush(body);
         body.set_linvel(Vec3::ZERO, false);
         body.set_angvel(Vec3::ZERO, false);
     }
     body.set_enabled(desc.enabled);
+}
+
+/// Leaves the gyroscopic forces of a body whose mass is known to `rapier_spin`, unless they are nothing, or its rotation
+/// is locked in part.
+pub(super) fn take_over_spin(body: &mut RigidBody) {
+    if inertia(body).is_some() {
+        body.enable_gyroscopic_forces(false);
+    }
+}
+
+/// True if `rapier_spin` turns the spin of a body, as far as its flags say.
+pub(super) fn precesses(body: &RigidBody) -> bool {
+    body.user_data & GYROSCOPIC != 0 && !body.gyroscopic_forces_enabled()
 }
 
 /// Wakes the bodies that a body touched in the last step.
@@ -76,17 +96,66 @@ pub(super) fn wake_touching(world: &mut PhysicsWorld, body: RigidBodyHandle) {
     }
 }
 
-/// Lets a body fall asleep by a scene's configuration.
-pub(super) fn let_sleep(body: &mut RigidBody, sleep: SleepConfig) {
+/// Lets a body fall asleep by this rule, with the help of `rapier_rest`.
+fn set_sleep(body: &mut RigidBody, sleep: Sleep, dt: f32) {
+    let mut of_rule = RigidBodyActivation::active();
+    match sleep {
+        Sleep::Settled => {}
+        Sleep::Never => of_rule = RigidBodyActivation::cannot_sleep(),
+        Sleep::Below(thresholds) => {
+            // Rapier compares its threshold with half the speed of the fastest point.
+            of_rule.normalized_linear_threshold = thresholds.speed * 0.5;
+            of_rule.angular_threshold = thresholds.angular_speed;
+            of_rule.time_until_sleep = thresholds.seconds;
+        }
+    }
+    // `rapier_rest` needs some steps to see that something moves a body.
+    let is_watched = match sleep {
+        Sleep::Settled => true,
+        Sleep::Never => false,
+        Sleep::Below(thresholds) => thresholds.angular_speed < ANGULAR_MAX,
+    };
+    if is_watched {
+        of_rule.time_until_sleep = of_rule.time_until_sleep.max(dt * 4.0);
+    }
     let activation = body.activation_mut();
-    // Rapier compares its threshold with half the speed of the fastest point.
-    activation.normalized_linear_threshold = sleep.speed * 0.5;
-    activation.time_until_sleep = sleep.seconds;
+    activation.normalized_linear_threshold = of_rule.normalized_linear_threshold;
+    activation.angular_threshold = of_rule.angular_threshold;
+    activation.time_until_sleep = of_rule.time_until_sleep;
 }
 
-/// An id as Rapier's user data.
-fn tag(id: BodyId) -> u128 {
-    u128::from(id.generation()) << 32 | u128::from(id.index())
+/// An id as Rapier's user data, and above it what Rapier does not know of a body.
+fn tag(properties: &BodyProperties) -> u128 {
+    let id = properties.desc.id;
+    let flag = |is_set: bool, flag| if is_set { flag } else { 0 };
+    u128::from(id.generation()) << 32
+        | u128::from(id.index())
+        | flag(properties.sleep == Sleep::Settled, SETTLED)
+        | flag(
+            properties.desc.gyroscopic && !locks_rotation(properties),
+            GYROSCOPIC,
+        )
+}
+
+/// Flag of a body that sleeps by the rule `Settled`.
+const SETTLED: u128 = 1 << 48;
+/// Flag of a body with gyroscopic forces whose rotation is free.
+const GYROSCOPIC: u128 = 1 << 49;
+
+fn locks_rotation(properties: &BodyProperties) -> bool {
+    (3..6).any(|axis| properties.desc.locked.locks(axis))
+}
+
+/// True if a body sleeps by the rule `Settled`.
+pub(super) fn sleeps_settled(body: &RigidBody) -> bool {
+    body.user_data & SETTLED != 0
+}
+
+/// The acceleration by gravity along the axes that are not locked, m/s².
+pub(super) fn pull(body: &RigidBody, gravity: Vec3) -> Vec3 {
+    let locked = body.locked_axes().bits();
+    let free = |axis: u8| f32::from(u8::from(locked & (1 << axis) == 0));
+    gravity * body.gravity_scale() * Vec3::new(free(0), free(1), free(2))
 }
 
 /// The id of a body that [`body`] made.
@@ -157,7 +226,7 @@ pub(super) fn motion(body: &RigidBody, kept: Option<Twist>) -> Result<BodyState,
 /// A needle or a film so thin that f32 loses one of its moments gets none: it is predicted with a constant spin, and
 /// corrected.
 pub(super) fn inertia(body: &RigidBody) -> Option<Inertia> {
-    if !body.is_dynamic() || !body.gyroscopic_forces_enabled() {
+    if !body.is_dynamic() || body.user_data & GYROSCOPIC == 0 {
         return None;
     }
     let properties = &body.mass_properties().local_mprops;

@@ -75,6 +75,13 @@ impl RapierVehicles {
         }
     }
 
+    /// True if the wheels of a vehicle drive it; `None` for a body that is no vehicle.
+    pub(super) fn drives(&self, id: BodyId) -> Option<bool> {
+        let controller = self.controllers.get(&id)?;
+        let mut wheels = controller.wheels().iter();
+        Some(wheels.any(|wheel| wheel.engine_force != 0.0))
+    }
+
     /// Pushes the chassis of all vehicles by their wheels for one step.
     pub(super) fn advance(&mut self, world: &mut PhysicsWorld) {
         for controller in self.controllers.values_mut() {

@@ -25,6 +25,7 @@ impl Scene {
             desc,
             material: desc.material.unwrap_or(self.config.material),
             damping: desc.damping.unwrap_or(self.config.damping),
+            sleep: desc.sleep.unwrap_or(self.config.sleep),
         }
     }
 }

@@ -8,7 +8,7 @@ use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::scene::{
     ActiveEvents, Answer, BodyDesc, BodyEvent, BodyKind, Command, CommandError, Compound, Heights,
     Joint, JointFrame, JointId, JointKind, JointStrength, Mesh, Part, Query, SceneConfig, Shape,
-    ShapeId, SleepConfig, Spring,
+    ShapeId, Sleep, SleepThresholds, Spring,
 };
 use rhumb_protocol::session::{ClientSession, Event};
 use rhumb_protocol::{Endpoint, Instant, Peer, Transmit};
@@ -23,10 +23,7 @@ const BALL: BodyId = BodyId::new(1, 0);
 
 fn scene() -> Scene {
     let config = SceneConfig {
-        sleep: Some(SleepConfig {
-            speed: 0.1,
-            seconds: 0.5,
-        }),
+        sleep: Sleep::Below(SleepThresholds::by_speed(0.1, 0.5)),
         ..SceneConfig::default()
     };
     let engine = Box3dEngine::new(&config).expect(VALID);

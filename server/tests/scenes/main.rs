@@ -9,6 +9,7 @@ mod box3d;
 mod endings;
 mod front;
 mod links;
+mod motion;
 mod order;
 mod refusals;
 mod sheets;

@@ -7,7 +7,7 @@ use rhumb_protocol::limits::{COORDINATE_MAX, FORCE_MAX};
 use rhumb_protocol::message::RemovalCause;
 use rhumb_protocol::scene::{
     BodyDesc, BodyKind, Command, CommandError, Hull, Joint, JointFrame, JointId, JointKind,
-    JointLimits, Material, SceneConfig, Shape, ShapeId, SleepConfig,
+    JointLimits, Material, SceneConfig, Shape, ShapeId, Sleep, SleepThresholds,
 };
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Damping};
@@ -161,8 +161,8 @@ fn bodies_sleep_as_their_scene_configures() {
             scene.awake_count() == 0
         })
     };
-    let config = |speed, seconds| Some(SleepConfig { speed, seconds });
-    assert_eq!(sleeps_after(None), None);
+    let config = |speed, seconds| Sleep::Below(SleepThresholds::by_speed(speed, seconds));
+    assert_eq!(sleeps_after(Sleep::Settled), None);
     assert_eq!(sleeps_after(config(0.19, 0.1)), None);
     let soon = sleeps_after(config(0.21, 0.1)).expect("it is still");
     let later = sleeps_after(config(0.21, 1.0)).expect("it is still");

@@ -10,7 +10,7 @@ use std::fmt::Write;
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::scene::{
-    BodyDesc, BodyKind, Command, Material, SceneConfig, Shape, ShapeId, SleepConfig,
+    BodyDesc, BodyKind, Command, Material, SceneConfig, Shape, ShapeId, Sleep, SleepThresholds,
 };
 use rhumb_reckoning::{BodyId, BodyState, Damping, Motion, Tick};
 use rhumb_server::Scene;
@@ -201,10 +201,7 @@ impl Script for BallsOnGround {
                 linear: 1.0,
                 angular: 4.0,
             },
-            sleep: Some(SleepConfig {
-                speed: 0.2,
-                seconds: 0.5,
-            }),
+            sleep: Sleep::Below(SleepThresholds::by_speed(0.2, 0.5)),
             ..FreeFall::new(0, SEED).config()
         }
     }

@@ -3,9 +3,9 @@
 use glam::Vec3;
 use rhumb_protocol::limits::{ANGULAR_MAX, COORDINATE_MAX, FORCE_MAX, GRAVITY_MAX, LINEAR_MAX};
 use rhumb_protocol::scene::{
-    BodyDesc, BodyKind, CollisionGroups, Command, Compound, Heights, Hull, Joint, JointFrame,
-    JointId, JointKind, JointLimits, JointStrength, LockedAxes, Mass, Material, Mesh, Motor, Part,
-    Shape, ShapeId, Spring,
+    BodyDesc, BodyKind, CollisionGroups, Command, Compound, Edges, Heights, Hull, Joint,
+    JointFrame, JointId, JointKind, JointLimits, JointStrength, LockedAxes, Mass, Material, Mesh,
+    Motor, Part, Shape, ShapeId, Sleep, SleepThresholds, Spring,
 };
 use rhumb_reckoning::{BodyId, BodyState, Damping, ToleranceScale};
 
@@ -191,9 +191,28 @@ fn config(script: &mut Script<'_>, id: BodyId) -> BodyDesc {
         dominance: script.any(),
         sensor: script.below(4) == 0,
         swept: script.any(),
+        sleep: script.any::<bool>().then(|| sleep(script)),
         enabled: script.below(4) > 0,
         ..plain
     }
+}
+
+/// A rule of sleep, usually valid.
+fn sleep(script: &mut Script<'_>) -> Sleep {
+    match script.below(3) {
+        0 => Sleep::Settled,
+        1 => Sleep::Never,
+        _ => Sleep::Below(SleepThresholds {
+            speed: script.number(1.0).abs(),
+            angular_speed: script.number(1.0).abs(),
+            seconds: script.number(1.0).abs(),
+        }),
+    }
+}
+
+/// How edges are touched.
+fn edges(script: &mut Script<'_>) -> Edges {
+    script.one_of(&[Edges::Plain, Edges::Smooth])
 }
 
 /// A length, usually valid for a body.
@@ -263,15 +282,17 @@ fn simple(script: &mut Script<'_>) -> Shape {
             let count = 1 + script.below(10);
             let triangles = (0..count).map(|_| [corner(script), corner(script), corner(script)]);
             let triangles: Vec<_> = triangles.collect();
-            Mesh::new(&points, &triangles).map_or_else(|_| ball(script), Shape::Mesh)
+            let mesh = Mesh::new(&points, &triangles).map(|mesh| mesh.with_edges(edges(script)));
+            mesh.map_or_else(|_| ball(script), Shape::Mesh)
         }
         _ => {
             let (rows, columns) = (2 + script.below(3), 2 + script.below(3));
             let heights = (0..rows * columns).map(|_| script.number(3.0));
             let heights: Vec<_> = heights.collect();
             let (across, along) = (length(script), length(script));
-            Heights::new(rows as u32, across, along, &heights)
-                .map_or_else(|_| ball(script), Shape::Heights)
+            let field = Heights::new(rows as u32, across, along, &heights)
+                .map(|field| field.with_edges(edges(script)));
+            field.map_or_else(|_| ball(script), Shape::Heights)
         }
     }
 }

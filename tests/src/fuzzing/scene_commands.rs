@@ -5,8 +5,8 @@
 
 use rhumb_protocol::message::QueryError;
 use rhumb_protocol::scene::{
-    ActiveEvents, Answer, Command, Material, Query, QueryFilter, SceneConfig, Shape, SleepConfig,
-    Stepping,
+    ActiveEvents, Answer, Command, Material, Query, QueryFilter, SceneConfig, Shape, Sleep,
+    SleepThresholds, Stepping,
 };
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::{Reader, Writer};
@@ -39,10 +39,7 @@ pub(super) fn scene_config(stepping: Stepping) -> SceneConfig {
             restitution: 0.2,
             density: 1_000.0,
         },
-        sleep: Some(SleepConfig {
-            speed: 0.5,
-            seconds: 0.1,
-        }),
+        sleep: Sleep::Below(SleepThresholds::by_speed(0.5, 0.1)),
         ..SceneConfig::default()
     }
 }

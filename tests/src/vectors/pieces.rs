@@ -67,6 +67,9 @@ pub(super) fn body(index: u64, flags: u64) -> Vec<u8> {
     if flags & 1_024 != 0 {
         bytes.push(0xff);
     }
+    if flags & 16_384 != 0 {
+        bytes.extend([vec![1], f(&[0.25, 0.5, 2.0])].concat());
+    }
     bytes
 }
 
@@ -81,8 +84,19 @@ pub(super) fn properties() -> Vec<(&'static str, Vec<u8>)> {
         ("collision groups", body(300, 513)),
         ("dominance", body(300, 1_025)),
         ("sensor, swept, disabled", body(300, 0x3801)),
-        ("everything", body(300, 0x3ffd)),
-        ("a flag without meaning", plain(0x4001)),
+        ("sleep below", body(300, 0x4001)),
+        ("sleep never", [plain(0x4001), vec![2]].concat()),
+        ("sleep settled", [plain(0x4001), vec![0]].concat()),
+        (
+            "an unknown rule of sleep",
+            [plain(0x4001), vec![3]].concat(),
+        ),
+        (
+            "sleep below too great an angular speed",
+            [plain(0x4001), vec![1], f(&[0.5, 101.0, 2.0])].concat(),
+        ),
+        ("everything", body(300, 0x7ffd)),
+        ("a flag without meaning", plain(0x8001)),
         ("locked axes, none", [plain(129), vec![0]].concat()),
         ("a seventh locked axis", [plain(129), vec![64]].concat()),
         ("moments of inertia", moments([2.0, 2.5, 3.0])),
@@ -113,7 +127,7 @@ pub(super) fn config_of(stepping: u8, sleep: bool, publish_schedule: [u64; 2]) -
     let mut bytes = [v(60), v(1), v(4), f(&[0.0, -9.81, 0.0]), vec![stepping]].concat();
     bytes.extend(f(&[0.5, 0.25, 1_000.0, 0.0, 0.125]));
     if sleep {
-        bytes.extend([vec![1], f(&[0.25, 2.0])].concat());
+        bytes.extend([vec![1], f(&[0.25, 0.5, 2.0])].concat());
     } else {
         bytes.push(0);
     }
@@ -122,7 +136,7 @@ pub(super) fn config_of(stepping: u8, sleep: bool, publish_schedule: [u64; 2]) -
 }
 
 /// Each shape with its name.
-pub(super) fn shapes() -> [(&'static str, Vec<u8>); 12] {
+pub(super) fn shapes() -> [(&'static str, Vec<u8>); 13] {
     let corners = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
     [
         ("ball", [vec![0], f(&[0.5])].concat()),
@@ -131,6 +145,7 @@ pub(super) fn shapes() -> [(&'static str, Vec<u8>); 12] {
         ("cylinder", [vec![3], f(&[0.5, 0.25])].concat()),
         ("hull", [vec![4, 4], f(&corners)].concat()),
         ("heights", heights([2, 3], [1.0, 0.5])),
+        ("smooth mesh", smooth_mesh(&corners, &[0, 1, 2])),
         ("mesh", mesh(&corners, &[0, 1, 2, 3, 2, 1])),
         (
             "compound",
@@ -153,14 +168,36 @@ pub(super) fn shapes() -> [(&'static str, Vec<u8>); 12] {
 /// A height field with these numbers of rows and columns.
 pub(super) fn heights(counts: [u64; 2], spacings: [f32; 2]) -> Vec<u8> {
     let heights: Vec<f32> = (0..counts[0] * counts[1]).map(|n| n as f32 - 2.5).collect();
-    [vec![5], counts.map(v).concat(), f(&spacings), f(&heights)].concat()
+    [
+        vec![5],
+        counts.map(v).concat(),
+        f(&spacings),
+        vec![0],
+        f(&heights),
+    ]
+    .concat()
 }
 
 /// A mesh from coordinates of points, and triangles as indices of points.
 pub(super) fn mesh(coordinates: &[f32], places: &[u64]) -> Vec<u8> {
     let counts = [coordinates.len() as u64 / 3, places.len() as u64 / 3];
     let places: Vec<u8> = places.iter().flat_map(|place| v(*place)).collect();
-    [vec![6], counts.map(v).concat(), f(coordinates), places].concat()
+    [
+        vec![6],
+        counts.map(v).concat(),
+        vec![0],
+        f(coordinates),
+        places,
+    ]
+    .concat()
+}
+
+/// The same with smooth edges.
+fn smooth_mesh(coordinates: &[f32], places: &[u64]) -> Vec<u8> {
+    let mut bytes = mesh(coordinates, places);
+    // The edges follow the kind and the two counts, each of one byte.
+    bytes[3] = 1;
+    bytes
 }
 
 /// A compound of these shapes, placed side by side.
@@ -184,11 +221,15 @@ pub(super) fn bad_shapes() -> Vec<(&'static str, Vec<u8>)> {
         ("heights of one column", heights([4, 1], [1.0, 1.0])),
         (
             "heights of too many posts",
-            [vec![5], v(512), v(513), f(&[1.0; 6])].concat(),
+            [vec![5], v(512), v(513), f(&[1.0; 2]), vec![0], f(&[1.0; 4])].concat(),
         ),
         ("heights that are too long", heights([3, 2], [5_001.0, 1.0])),
         ("heights that are too wide", heights([2, 3], [1.0, 5_001.0])),
         ("the longest heights", heights([3, 2], [5_000.0, 1.0])),
+        (
+            "mesh with edges of an unknown kind",
+            [vec![6], v(3), v(1), vec![2], f(&corners), v(0), v(1), v(2)].concat(),
+        ),
         ("mesh of two points", mesh(&corners[..6], &[0, 1, 1])),
         ("mesh of no triangles", mesh(&corners, &[])),
         ("mesh with a point that is not", mesh(&corners, &[0, 1, 3])),

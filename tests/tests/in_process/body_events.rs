@@ -6,7 +6,7 @@ use rhumb_protocol::limits::EVENTS_PER_TICK_MAX;
 use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::scene::{
     ActiveEvents, BodyDesc, BodyEvent, BodyKind, Command, Contact, Material, SceneConfig, Shape,
-    ShapeId, SleepConfig,
+    ShapeId, Sleep, SleepThresholds,
 };
 use rhumb_protocol::session::Event;
 use rhumb_reckoning::{BodyId, BodyState, Tick};
@@ -39,10 +39,7 @@ impl Stage {
         let mut table = Table::default();
         let peer = table.connect("stage");
         let config = SceneConfig {
-            sleep: Some(SleepConfig {
-                speed: 0.2,
-                seconds: 0.2,
-            }),
+            sleep: Sleep::Below(SleepThresholds::by_speed(0.2, 0.2)),
             material: Material {
                 friction: 0.5,
                 restitution: 0.0,

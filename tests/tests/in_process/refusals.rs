@@ -14,7 +14,7 @@ use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::message::{ClientMessage, Extensions, ServerMessage};
 use rhumb_protocol::scene::{
     BodyDesc, BodyKind, Command, CommandError, Invalid, Joint, JointFrame, JointId, JointKind,
-    JointLimits, Material, Quantity, SceneConfig, Shape, ShapeId, SleepConfig,
+    JointLimits, Material, Quantity, SceneConfig, Shape, ShapeId, Sleep, SleepThresholds,
 };
 use rhumb_protocol::session::Event;
 use rhumb_protocol::wire::Wire;
@@ -540,8 +540,8 @@ fn a_removed_body_stays_removed_and_its_index_can_be_reused() {
 #[test]
 fn a_scene_with_an_invalid_config_is_denied() {
     let script = Zoo::new(1, 1);
-    const fn sleep(speed: f32, seconds: f32) -> SleepConfig {
-        SleepConfig { speed, seconds }
+    const fn sleep(speed: f32, seconds: f32) -> Sleep {
+        Sleep::Below(SleepThresholds::by_speed(speed, seconds))
     }
     let with = |change: fn(&mut SceneConfig)| {
         let mut config = script.config();
@@ -553,8 +553,8 @@ fn a_scene_with_an_invalid_config_is_denied() {
         with(|config| config.gravity.x = GRAVITY_MAX.next_up()),
         with(|config| config.material.density = 0.0),
         with(|config| config.damping.linear = -1.0),
-        with(|config| config.sleep = Some(sleep(-0.1, 1.0))),
-        with(|config| config.sleep = Some(sleep(0.1, f32::NAN))),
+        with(|config| config.sleep = sleep(-0.1, 1.0)),
+        with(|config| config.sleep = sleep(0.1, f32::NAN)),
     ] {
         let mut table = Table::default();
         let raw_peer = table.connect_raw_peer();

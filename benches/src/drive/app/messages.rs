@@ -12,7 +12,9 @@ use rhumb_app::{
     Message, Motion, SetWorld, Surface,
 };
 use rhumb_protocol::limits::COORDINATE_MAX;
-use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, Material, SceneConfig, Shape, ShapeId};
+use rhumb_protocol::scene::{
+    BodyDesc, BodyKind, Command, Material, SceneConfig, Shape, ShapeId, Sleep,
+};
 use rhumb_reckoning::{BodyState, Damping};
 
 /// Id of the simulation that the benchmark logs on to.
@@ -94,7 +96,7 @@ impl MessageWriter {
         if config.damping != DAMPING {
             return Err(Unsupported::Damping);
         }
-        if config.sleep.is_some() {
+        if config.sleep != Sleep::Settled {
             return Err(Unsupported::Sleep);
         }
         Ok(Self {

@@ -19,6 +19,9 @@ _Rotation = npt.ArrayLike
 _Bodies = Union[int, Sequence[int], npt.NDArray[np.uint64]]
 """An id of a body, or a row of ids: integers."""
 _Kind = Literal["dynamic", "fixed", "kinematic"]
+_Edges = Literal["plain", "smooth"]
+_Sleep = Union[Literal["settled", "never"], Tuple[float, float, float]]
+"""Conditions of sleep; three numbers are a speed, an angular speed in rad/s, and seconds."""
 
 def connect(
     address: str,
@@ -53,6 +56,7 @@ class Connection:
         substeps: int = 4,
         publish_interval: int = 1,
         gravity: Optional[_Vector] = None,
+        sleep: Optional[_Sleep] = None,
         delay_ticks: float = 0.0,
         lead_ticks: float = 0.0,
         whole_ticks: bool = False,
@@ -72,7 +76,8 @@ class Connection:
 
         Of a new scene are: stepping, "lockstep" (advance steps it) or "free running" (the server's clock does);
         ticks_per_second, 1 to 1000; substeps of each tick, 1 to 16; publish_interval, the ticks from one that is sent to the
-        next; gravity, three numbers, the earth's if it is None.
+        next; gravity, three numbers, the earth's if it is None; sleep, as of add_body, of bodies without one, "settled" if it is
+        None.
 
         Of a free-running view are: delay_ticks, by which it stays behind the server's clock, so that nothing of it is
         guessed; whole_ticks, whether only whole ticks are shown; smooth, whether corrections are shown as short glides;
@@ -125,14 +130,20 @@ class Shape:
     def hull(points: npt.ArrayLike) -> Shape:
         """The convex hull of 4 to 255 points: rows of three numbers."""
     @staticmethod
-    def mesh(points: npt.ArrayLike, triangles: npt.ArrayLike) -> Shape:
-        """A mesh of triangles, each a row of three places of points. For fixed and kinematic bodies."""
+    def mesh(points: npt.ArrayLike, triangles: npt.ArrayLike, *, edges: Optional[_Edges] = None) -> Shape:
+        """A mesh of triangles, each a row of three places of points. For fixed and kinematic bodies.
+
+        edges: "smooth", the default: bodies slide and roll over flat ground as over one face; "plain": each triangle is
+        touched as if it were alone, so that they may catch on its edges.
+        """
     @staticmethod
-    def heights(heights: npt.ArrayLike, row_spacing: float = 1.0, column_spacing: float = 1.0) -> Shape:
+    def heights(
+        heights: npt.ArrayLike, row_spacing: float = 1.0, column_spacing: float = 1.0, *, edges: Optional[_Edges] = None
+    ) -> Shape:
         """A field of heights by row and column. For fixed and kinematic bodies.
 
         The first post is at the body's origin; the rows follow each other along x, the columns along the other axis of the
-        ground.
+        ground. edges: as of a mesh; with "smooth" ones the field is touched from above only.
         """
     @staticmethod
     def compound(parts: Sequence[Union[Tuple[Shape, _Vector], Tuple[Shape, _Vector, _Rotation]]]) -> Shape:
@@ -418,6 +429,8 @@ class Scene:
         tolerance_exponent: int = 0,
         sensor: bool = False,
         swept: bool = False,
+        gyroscopic: bool = True,
+        sleep: Optional[_Sleep] = None,
     ) -> int:
         """Adds a body, and returns its id: an int, for place and every call that takes a body.
 
@@ -431,7 +444,9 @@ class Scene:
         locked_axes: bits 1, 2, 4 for translations along x, y, z, bits 8, 16, 32 for rotations about them, in the world.
         groups: bits of its own collision groups, and of those that it touches. sensor: bodies pass through it, and events
         report them. swept: it does not pass through moving bodies however fast it is.
-        tolerance_exponent: power of two on the tolerance of its copies, -3 to 3.
+        tolerance_exponent: power of two on the tolerance of its copies, -3 to 3. gyroscopic: its axis of spin wanders if its
+        moments differ, as in physics. sleep: "settled", once it is slow and neither gravity nor a motor moves it; "never"; or
+        a speed of its fastest point, rad/s, and the seconds for which it must be as slow; None: as the scene has it.
         """
 
     def add_bodies(
@@ -453,6 +468,8 @@ class Scene:
         tolerance_exponent: int = 0,
         sensor: bool = False,
         swept: bool = False,
+        gyroscopic: bool = True,
+        sleep: Optional[_Sleep] = None,
     ) -> npt.NDArray[np.uint64]:
         """Adds a body of one shape for each row of positions, and returns their ids. If one is wrong, none is added.
 
@@ -465,7 +482,9 @@ class Scene:
         locked_axes: bits 1, 2, 4 for translations along x, y, z, bits 8, 16, 32 for rotations about them, in the world.
         groups: bits of its own collision groups, and of those that it touches. sensor: bodies pass through it, and events
         report them. swept: it does not pass through moving bodies however fast it is.
-        tolerance_exponent: power of two on the tolerance of its copies, -3 to 3.
+        tolerance_exponent: power of two on the tolerance of its copies, -3 to 3. gyroscopic: its axis of spin wanders if its
+        moments differ, as in physics. sleep: "settled", once it is slow and neither gravity nor a motor moves it; "never"; or
+        a speed of its fastest point, rad/s, and the seconds for which it must be as slow; None: as the scene has it.
         """
 
     def remove(self, body: _Bodies) -> Optional[int]:

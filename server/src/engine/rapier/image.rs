@@ -16,6 +16,8 @@ use crate::engine::interface::FrozenEngine;
 use crate::engine::kinematic_target::KinematicTarget;
 use crate::engine::rapier_characters::RapierCharacters;
 use crate::engine::rapier_joints::RapierJoints;
+use crate::engine::rapier_rest::RapierRest;
+use crate::engine::rapier_spin::RapierSpin;
 use crate::engine::rapier_vehicles::RapierVehicles;
 use crate::engine::rapier_workers::Workers;
 
@@ -46,16 +48,18 @@ impl RapierEngine {
             world,
             workers: self.workers.clone(),
             integrator: self.integrator,
-            sleep: self.sleep,
             fault: None,
             solids: self.solids.clone(),
             joints: self.joints.clone(),
             characters: self.characters.clone(),
             vehicles: self.vehicles.clone(),
+            rest: self.rest.clone(),
+            spin: RapierSpin::default(),
             places: self.places.clone(),
             kinematic_targets: self.kinematic_targets.clone(),
             forced: Vec::new(),
             displaced: Vec::new(),
+            stirred: Vec::new(),
             awake: self.awake.clone(),
             awake_before: self.awake_before.clone(),
             observed: self.observed.clone(),
@@ -104,6 +108,7 @@ impl RapierEngine {
         self.joints.encode(&mut to);
         self.characters.encode(&mut to);
         self.vehicles.encode(&mut to)?;
+        self.rest.encode(&mut to);
         to.varint(self.kinematic_targets.len() as u64);
         for (id, target) in &self.kinematic_targets {
             id.encode(&mut to);
@@ -131,6 +136,7 @@ impl RapierEngine {
         self.joints = RapierJoints::decode(&mut from)?;
         self.characters = RapierCharacters::decode(&mut from)?;
         self.vehicles = RapierVehicles::decode(&mut from)?;
+        self.rest = RapierRest::decode(&mut from)?;
         for _ in 0..from.varint()? {
             let id = BodyId::decode(&mut from)?;
             let target = KinematicTarget::decode(&mut from)?;

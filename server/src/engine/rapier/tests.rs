@@ -1,6 +1,6 @@
 //! The engine after a panic.
 
-use rhumb_protocol::scene::Material;
+use rhumb_protocol::scene::{Material, Sleep};
 use rhumb_reckoning::Damping;
 
 use super::*;
@@ -23,6 +23,7 @@ fn after_a_panic_the_engine_is_empty_and_takes_no_steps() {
     });
     let id = BodyId::new(0, 0);
     let ball = BodyProperties {
+        sleep: Sleep::Settled,
         desc: BodyDesc::plain(id, BodyKind::Dynamic, ShapeId(0)),
         material,
         damping,
