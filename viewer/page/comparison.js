@@ -23,6 +23,8 @@ export class Comparison {
   tick = -1;
   worst = 0;
   tolerance;
+  /** True if that tick was complete when it was shown. */
+  isComplete = false;
   /** Ticks compared since the page was loaded that were complete when they were shown. */
   ticks = 0;
   /** The bodies of those ticks whose bound was known, and how many of them were beyond their tolerance. */
@@ -71,7 +73,7 @@ export class Comparison {
   #compare(shown, actual) {
     const { tick, layout, isComplete, tolerances, errorBounds } = shown;
     const { ids, radii } = layout;
-    Object.assign(this, { tick, layout, shown, actual, worst: 0, tolerance: undefined });
+    Object.assign(this, { tick, layout, isComplete, shown, actual, worst: 0, tolerance: undefined });
     if (this.errors.length !== ids.length) this.errors = new Float32Array(ids.length);
     for (const place of layout.movable) {
       const other = actual.layout.places.get(ids[place]);

@@ -66,7 +66,7 @@ export class LiveView {
       naive: this.#naive,
       errors: isJudged ? comparison.errors : undefined,
       judged: isJudged ? comparison : undefined,
-      worst: comparison.tick < 0 ? undefined : comparison.worst,
+      worst: isCounted(comparison, moment) ? comparison.worst : undefined,
       tolerance: comparison.tolerance,
       beside: this.isBeside ? this.#besideOf(truth, time, statistics) : undefined,
     };
@@ -116,6 +116,11 @@ export class LiveView {
     const { besideHistory } = this;
     return this.isBeside && besideHistory.length > 0 ? besideHistory.frame(besideHistory.indexAt(at)) : undefined;
   }
+}
+
+/** True if the last compared tick is one of the chosen moment: a view that was ahead waits until complete ticks have come up. */
+function isCounted({ tick, isComplete }, moment) {
+  return tick >= 0 && (moment !== "complete" || isComplete);
 }
 
 /** Has the copy show the chosen moment; returns it. */

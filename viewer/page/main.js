@@ -280,7 +280,7 @@ function countLive({ frame, statistics, naive, worst, tolerance, beside }, momen
     errorScale: statistics.errorScale,
     waiting: statistics.watermarkTick - statistics.completeTick,
   });
-  legend(within, worst !== undefined);
+  legend(within, live.truth !== undefined);
 }
 
 function toleranceOf(copy) {
