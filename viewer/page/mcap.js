@@ -4,12 +4,15 @@
 // `trace/proto/rhumb.proto` describes the messages. Only what the page shows is read.
 
 import { decompress } from "./fzstd/fzstd.js";
+import { decompressLz4 } from "./lz4.js";
 import { AWAY } from "./roster.js";
 import { metres } from "./text.js";
 
 const MAGIC_BYTES = 8;
 const OPCODE = { channel: 0x04, message: 0x05, chunk: 0x06, metadata: 0x0c };
 const KINDS = [0, 0, 1, 2];
+/** Bytes of a chunk, unpacked, at most. */
+const UNPACKED_MAX = 2 ** 30;
 /** Steps of the grid in a metre, and in a unit of a quaternion's components. */
 const STEPS = 2 ** 20;
 
@@ -104,9 +107,22 @@ function readRecord(opcode, bytes, file) {
     const size = Number(data.getBigUint64(16, true));
     const [compression, start] = text(28);
     const packed = bytes.subarray(start + 8);
-    if (compression !== "" && compression !== "zstd")
-      throw new Error(`the MCAP file is compressed by ${compression}, not by zstd`);
-    readRecords(compression === "" ? packed : decompress(packed, new Uint8Array(size)), file);
+    readRecords(unpacked(compression, packed, size), file);
+  }
+}
+
+/** The records of a chunk. */
+function unpacked(compression, packed, size) {
+  if (size > UNPACKED_MAX) throw new Error(`a chunk of the MCAP file has ${size} bytes: this page unpacks up to ${UNPACKED_MAX}`);
+  switch (compression) {
+    case "":
+      return packed;
+    case "zstd":
+      return decompress(packed, new Uint8Array(size));
+    case "lz4":
+      return decompressLz4(packed, new Uint8Array(size));
+    default:
+      throw new Error(`the MCAP file is compressed by ${compression}, not by zstd or lz4`);
   }
 }
 

@@ -4,6 +4,7 @@
 // Usage: node parts.mjs
 
 import { readAddress, linkText } from "../page/address.js";
+import { decompressLz4 } from "../page/lz4.js";
 import { explanation } from "../page/headline.js";
 import { Sender, STATE_BYTES } from "../page/sender.js";
 import { check } from "./support.mjs";
@@ -95,6 +96,39 @@ function noNumberContradictsAnother() {
   check(/90 ticks/.test(explanation(false, { moment: "complete", errorScale: 1, waiting: 90 })), "a picture that waits says so");
 }
 
+/** A frame of one block: "abcd", then 20 bytes from four behind, then "end!!"; and one that is not packed. */
+function framesOfLz4AreUnpacked() {
+  const block = [0x4f, 0x61, 0x62, 0x63, 0x64, 0x04, 0x00, 0x01, 0x50, 0x65, 0x6e, 0x64, 0x21, 0x21];
+  const head = [0x04, 0x22, 0x4d, 0x18, 0x60, 0x40, 0x82];
+  const frame = Uint8Array.from([...head, block.length, 0, 0, 0, ...block, 2, 0, 0, 0x80, 0x68, 0x69, 0, 0, 0, 0]);
+  const whole = "abcd".repeat(6) + "end!!hi";
+  const text = new TextDecoder().decode(decompressLz4(frame, new Uint8Array(whole.length)));
+  check(text === whole, `a frame of LZ4 is unpacked: ${text}`);
+  let refused = 0;
+  for (let length = 0; length < frame.length; length++) {
+    try {
+      decompressLz4(frame.subarray(0, length), new Uint8Array(whole.length));
+    } catch (cause) {
+      if (!(cause instanceof RangeError)) throw cause;
+      refused++;
+    }
+  }
+  check(refused === frame.length, "every frame that is cut is refused");
+  for (let at = 0; at < frame.length; at++) {
+    for (const value of [0, 1, 127, 255]) {
+      const wrong = frame.slice();
+      wrong[at] = value;
+      try {
+        decompressLz4(wrong, new Uint8Array(whole.length));
+      } catch (cause) {
+        if (!(cause instanceof RangeError)) throw cause;
+      }
+    }
+  }
+  check(true, "a damaged one is refused, or unpacked to as many bytes");
+}
+
+framesOfLz4AreUnpacked();
 aSenderKeepsItsBytes();
 unusedBytesAreLost();
 bodiesThatComeAndGoKeepTheOthers();
