@@ -112,6 +112,10 @@ export function showLegend(box, { title, bar, from, to, patches }) {
     parts.push(part("span", from), part("i", "", `linear-gradient(in srgb-linear to right, ${bar.join(", ")})`), part("span", to));
     parts.at(-2).className = "bar";
   }
-  for (const [background, text] of patches) parts.push(part("i", "", background), part("span", text));
+  for (const [background, text] of patches) {
+    const pair = part("span", "");
+    pair.append(part("i", "", background), text);
+    parts.push(pair);
+  }
   box.replaceChildren(...parts);
 }
