@@ -44,10 +44,44 @@ impl LocalInput {
 pub(crate) struct Driver {
     front: Front,
     clock: Clock,
-    inboxes: BTreeMap<Peer, Arc<Inbox>>,
+    clients: BTreeMap<Peer, LocalClient>,
     held_back: HeldBack<Bytes>,
     /// True after a panic: the front is in an unknown state, and is not called again.
     broken: bool,
+}
+
+/// The inbox of a client, and its control bytes.
+struct LocalClient {
+    inbox: Arc<Inbox>,
+    /// Bytes that wait in the inbox.
+    waiting: usize,
+    /// Those of them that the server does not know to be taken.
+    unreported: usize,
+}
+
+/// Control bytes that count as taken while they wait in an inbox. A client that is not polled for minutes stays, as one
+/// behind a socket does, whose thread reads for it.
+const TAKEN_BYTES_MAX: usize = 1 << 20;
+
+impl LocalClient {
+    /// Puts control bytes into the inbox; returns how many count as taken.
+    fn put(&mut self, bytes: &Bytes) -> usize {
+        self.inbox.put_bounded_control(bytes);
+        self.waiting += bytes.len();
+        if self.waiting > TAKEN_BYTES_MAX {
+            self.unreported += bytes.len();
+            return 0;
+        }
+        bytes.len()
+    }
+
+    /// Notes that the client has taken bytes; returns how many the server does not know of.
+    fn take(&mut self, bytes: usize) -> usize {
+        self.waiting = self.waiting.saturating_sub(bytes);
+        let news = bytes.min(self.unreported);
+        self.unreported -= news;
+        news
+    }
 }
 
 impl Driver {
@@ -55,7 +89,7 @@ impl Driver {
         Self {
             front,
             clock,
-            inboxes: BTreeMap::new(),
+            clients: BTreeMap::new(),
             held_back: HeldBack::default(),
             broken: false,
         }
@@ -95,19 +129,29 @@ impl Driver {
         let now = self.clock.now();
         match input {
             LocalInput::Opened(inbox) => {
-                self.inboxes.insert(from, inbox);
+                let client = LocalClient {
+                    inbox,
+                    waiting: 0,
+                    unreported: 0,
+                };
+                self.clients.insert(from, client);
                 self.front.handle_opened(now, from);
                 self.front.handle_control_taken(now, from, 0);
             }
             LocalInput::Control(bytes) => {
                 (self.held_back).handle_control(now, &mut self.front, from, bytes);
             }
-            LocalInput::Taken(bytes) => self.front.handle_control_taken(now, from, bytes),
+            LocalInput::Taken(bytes) => {
+                let news = self.clients.get_mut(&from).map(|client| client.take(bytes));
+                if let Some(news) = news.filter(|news| *news > 0) {
+                    self.front.handle_control_taken(now, from, news);
+                }
+            }
             LocalInput::State(bytes) => self.front.handle_datagram(now, from, &bytes),
             LocalInput::Closed(code) => {
-                if let Some(inbox) = self.inboxes.remove(&from) {
+                if let Some(client) = self.clients.remove(&from) {
                     (self.held_back).deliver_rest(now, &mut self.front, from);
-                    inbox.put_end(Ending::Closed(code));
+                    client.inbox.put_end(Ending::Closed(code));
                     self.front.handle_ended(now, from, Ending::Closed(code));
                 }
             }
@@ -128,8 +172,8 @@ impl Driver {
     }
 
     fn end(&mut self) {
-        for inbox in std::mem::take(&mut self.inboxes).into_values() {
-            inbox.put_end(Ending::Broken);
+        for client in std::mem::take(&mut self.clients).into_values() {
+            client.inbox.put_end(Ending::Broken);
         }
     }
 
@@ -137,24 +181,47 @@ impl Driver {
         while let Some(transmit) = self.front.poll_transmit() {
             match transmit {
                 Transmit::Control { to, bytes } => {
-                    if let Some(inbox) = self.inboxes.get(&to) {
-                        inbox.put_bounded_control(&bytes);
+                    let taken = self.clients.get_mut(&to).map(|client| client.put(&bytes));
+                    if let Some(taken) = taken.filter(|taken| *taken > 0) {
+                        let now = self.clock.now();
+                        self.front.handle_control_taken(now, to, taken);
                     }
                 }
                 Transmit::State { to, bytes } => {
-                    if let Some(inbox) = self.inboxes.get(&to) {
-                        inbox.put_state(&bytes);
+                    if let Some(client) = self.clients.get(&to) {
+                        client.inbox.put_state(&bytes);
                     }
                 }
                 Transmit::Close { to, code } => {
                     let now = self.clock.now();
-                    if let Some(inbox) = self.inboxes.remove(&to) {
+                    if let Some(client) = self.clients.remove(&to) {
                         self.held_back.forget(to);
-                        inbox.put_end(Ending::Closed(code));
+                        client.inbox.put_end(Ending::Closed(code));
                         self.front.handle_ended(now, to, Ending::Closed(code));
                     }
                 }
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bytes_for_a_client_that_does_not_poll_count_as_taken_up_to_a_bound() {
+        let mut client = LocalClient {
+            inbox: Arc::default(),
+            waiting: 0,
+            unreported: 0,
+        };
+        let half = Bytes::from(vec![0; TAKEN_BYTES_MAX / 2]);
+        let puts = [client.put(&half), client.put(&half), client.put(&half)];
+        assert_eq!(puts, [half.len(), half.len(), 0]);
+        // The client takes the first piece: those bytes were counted, so others count for them.
+        assert_eq!(client.take(half.len()), half.len());
+        assert_eq!(client.take(half.len()), 0);
+        assert_eq!(client.put(&half), half.len());
     }
 }

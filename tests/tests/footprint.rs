@@ -221,6 +221,7 @@ fn update_view(view: &mut View, subscriber: &mut Subscriber, tick: u64) {
         at: RenderTime::at(Tick::new(tick)),
         now: Seconds::new(tick as f64 / 60.0),
         smooth: false,
+        step: Rate::HZ_60.step(),
     };
     view.refresh(subscriber, &render_params);
 }

@@ -282,7 +282,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         feature: Some("the promise"),
         code: &[
             "protocol/src/stream/bound.rs",
-            "protocol/src/stream/previous_tracks.rs",
+            "protocol/src/stream/earlier_tracks.rs",
         ],
         requirements: &["PROTOCOL 6.8"],
     },

@@ -307,6 +307,7 @@ impl RenderLoad {
             at: RenderTime::at(Tick::new(self.tick)),
             now: Seconds::new(0.0),
             smooth: false,
+            step: Rate::HZ_60.step(),
         };
         self.view.refresh(&mut self.subscriber, &render_params);
     }

@@ -4,7 +4,7 @@
 
 use rhumb_protocol::scene::BodyKind;
 use rhumb_protocol::session::Replica;
-use rhumb_reckoning::{BodyId, Tolerance};
+use rhumb_reckoning::{BodyId, Tick, Tolerance};
 use rhumb_view::View;
 
 use crate::argument::id_number;
@@ -25,6 +25,8 @@ pub(crate) struct Columns {
     pub(crate) generation: u32,
     /// True if the description of a body may have changed since the last update.
     pub(crate) described_anew: bool,
+    /// True if the view has not come to a known change of a body.
+    changing: bool,
 }
 
 impl Columns {
@@ -39,7 +41,14 @@ impl Columns {
         self.removed.clear();
         self.removed
             .extend(view.removed().iter().map(|id| id_number(*id)));
-        if self.known == view.ids() && !std::mem::take(&mut self.described_anew) {
+        // A delayed view comes to a change of a body later than its description.
+        let stream = replica.map(Replica::stream);
+        let was_changing = std::mem::replace(
+            &mut self.changing,
+            stream.is_some_and(|stream| stream.is_changing()),
+        );
+        let same = self.known == view.ids() && !was_changing && !self.changing;
+        if same && !std::mem::take(&mut self.described_anew) {
             return;
         }
         self.generation = self.generation.wrapping_add(1);
@@ -47,11 +56,12 @@ impl Columns {
         self.known.extend_from_slice(view.ids());
         self.ids.clear();
         self.ids.extend(self.known.iter().map(|id| id_number(*id)));
+        self.described_anew = false;
         self.shapes.clear();
         self.kinds.clear();
+        let tick = view.time().map_or(Tick::ZERO, |at| at.tick);
         for id in &self.known {
-            // A body that is shown but has just been removed has no description any more.
-            let desc = replica.and_then(|replica| replica.body(*id));
+            let desc = replica.and_then(|replica| replica.body_at(*id, tick));
             self.shapes.push(desc.map_or(u32::MAX, |desc| desc.shape.0));
             self.kinds.push(match desc.map(|desc| desc.kind) {
                 Some(BodyKind::Dynamic) => 1,

@@ -16,7 +16,7 @@ use rhumb_protocol::scene::{
 };
 use rhumb_protocol::session::Replica;
 use rhumb_protocol::stream::ErrorBound;
-use rhumb_reckoning::BodyId;
+use rhumb_reckoning::{BodyId, Seconds, Tick};
 use rhumb_solids::{SearchedBodies, SolidPart};
 
 use crate::render_time::RenderTime;
@@ -34,6 +34,7 @@ pub struct CopyQueries {
     tree: Bvh,
     workspace: BvhWorkspace,
     at: Option<RenderTime>,
+    step: Seconds,
     source: Option<RefreshSource>,
 }
 
@@ -88,7 +89,8 @@ impl CopyQueries {
         if self.source.replace(source) == Some(source) {
             return;
         }
-        self.at = view.time();
+        (self.at, self.step) = (view.time(), view.step());
+        let tick = view.time().map_or(Tick::ZERO, |at| at.tick);
         self.forget_shapes(replica);
         let gone = |id: &BodyId| view.place(*id).is_none();
         let removed: Vec<_> = self.bodies.keys().copied().filter(gone).collect();
@@ -100,7 +102,7 @@ impl CopyQueries {
                 position: view.positions()[place],
                 rotation: view.rotations()[place],
             };
-            let desc = replica.body(*id).filter(|desc| desc.enabled);
+            let desc = replica.body_at(*id, tick).filter(|desc| desc.enabled);
             let solid = desc.and_then(|desc| Some((desc, self.solid(desc.shape, replica)?)));
             match solid.filter(|_| shown.position.is_finite()) {
                 Some((desc, solid)) => self.put(desc, solid, shown),
@@ -135,7 +137,7 @@ impl CopyQueries {
         let stream = replica.stream();
         let since = stream.complete();
         match (self.bodies.get(&id), self.at) {
-            (Some(body), Some(at)) => shown_bound(stream, id, &body.shown, at),
+            (Some(body), Some(at)) => shown_bound(stream, id, &body.shown, (at, self.step)),
             _ => ErrorBound::Unknown { since },
         }
     }

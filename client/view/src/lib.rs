@@ -12,6 +12,7 @@ mod copy_queries;
 mod id_allocator;
 mod invalid_ticks;
 mod joining;
+mod jump;
 mod live_view;
 mod moment;
 mod own_bodies;

@@ -6,7 +6,7 @@ use rhumb_protocol::Instant;
 use rhumb_protocol::limits::SILENCE_MS_MAX;
 use rhumb_protocol::scene::{SceneConfig, Stepping};
 use rhumb_protocol::session::{ClientSession, Event, Replica};
-use rhumb_reckoning::{Seconds, Tick};
+use rhumb_reckoning::{Seconds, Tick, Ticks};
 
 use crate::invalid_ticks;
 use crate::render_params::RenderParams;
@@ -114,7 +114,21 @@ impl LiveView {
         let Some(replica) = session.replica_mut() else {
             return;
         };
-        let render_params = RenderParams { at, now, smooth };
+        let history = match self.config.stepping {
+            Stepping::Lockstep => Ticks::ZERO,
+            Stepping::FreeRunning => {
+                let delay = invalid_ticks::or_none(self.options.delay_ticks);
+                Ticks::new(delay.ceil() as u32)
+            }
+        };
+        replica.stream_mut().set_history(history);
+        let step = self.config.integrator.rate.step();
+        let render_params = RenderParams {
+            at,
+            now,
+            smooth,
+            step,
+        };
         self.view.refresh(replica.stream_mut(), &render_params);
     }
 

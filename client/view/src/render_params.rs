@@ -13,4 +13,6 @@ pub struct RenderParams {
     pub now: Seconds,
     /// True if corrections are smoothed.
     pub smooth: bool,
+    /// The time from one tick to the next.
+    pub step: Seconds,
 }

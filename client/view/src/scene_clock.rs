@@ -13,7 +13,7 @@ use crate::render_time::RenderTime;
 const SLEW: f64 = 0.05;
 /// Error of the shown time, in seconds, beyond which it jumps.
 const JUMP_SECONDS: f64 = 0.5;
-/// Samples whose round trip exceeds this multiple of the best one get a low weight.
+/// Samples whose round trip exceeds this multiple of the best one tell nothing, unless the server's clock has slipped.
 const ROUND_TRIP_SLACK: f64 = 2.0;
 /// Ticks by which a server may be late that still catches up (PROTOCOL 3.3-5), and one by which two clocks may drift
 /// apart between two samples.
@@ -26,6 +26,8 @@ pub struct SceneClock {
     /// The server's tick count at the client's zero moment, and the best round trip so far.
     origin: Option<(f64, Span)>,
     shown: Option<(Instant, f64)>,
+    /// True if the estimate was so far off that the shown time jumps.
+    jumps: bool,
 }
 
 impl SceneClock {
@@ -36,6 +38,7 @@ impl SceneClock {
             ticks_per_ns: f64::from(rate.ticks()) / (f64::from(rate.seconds()) * 1e9),
             origin: None,
             shown: None,
+            jumps: false,
         }
     }
 
@@ -61,16 +64,23 @@ impl SceneClock {
         self.origin = Some(match self.origin {
             None => (origin, round_trip),
             Some((known, best)) => {
-                let trusted =
-                    round_trip.as_nanos() as f64 <= best.as_nanos() as f64 * ROUND_TRIP_SLACK;
+                let times = |one: Span, other: Span| {
+                    one.as_nanos() as f64 <= other.as_nanos() as f64 * ROUND_TRIP_SLACK
+                };
                 let half = |trip: Span| trip.as_nanos() as f64 / 2.0 * self.ticks_per_ns;
                 let open = half(round_trip) + half(best);
-                let known = if (origin - known).abs() > open + LATE_TICKS {
+                let off = origin - known;
+                let known = if off.abs() > open + LATE_TICKS {
                     // The server's clock itself has slipped: to the nearest moment that the sample allows.
                     known.clamp(origin - half(round_trip), origin + half(round_trip))
+                } else if !times(best, round_trip) {
+                    // The samples so far were those of a bad moment, such as a member that did not poll.
+                    self.jumps |= off.abs() > LATE_TICKS;
+                    origin
+                } else if times(round_trip, best) {
+                    known + off * 0.25
                 } else {
-                    let weight = if trusted { 0.25 } else { 0.05 };
-                    known + (origin - known) * weight
+                    known
                 };
                 // The best round trip grows slowly, so that samples of a path that became longer are trusted in the
                 // end.
@@ -86,15 +96,33 @@ impl SceneClock {
         Some(origin + now.as_nanos() as f64 * self.ticks_per_ns)
     }
 
+    /// Learns that the server has reached a tick. An estimate that is behind by more than a server may be late was made of
+    /// bad samples.
+    fn reach(&mut self, now: Instant, tick: f64) {
+        let Some(server) = self.server(now) else {
+            return;
+        };
+        if let Some((origin, _)) = &mut self.origin
+            && tick > server
+        {
+            *origin += tick - server;
+            self.jumps |= tick - server > LATE_TICKS;
+        }
+    }
+
     /// The moment to show now: `delay` ticks behind the server, never beyond `limit`; `known` before the first sample.
+    ///
+    /// `known`: a tick that the server has reached.
     pub fn show(&mut self, now: Instant, delay: f64, known: f64, limit: f64) -> RenderTime {
+        self.reach(now, known);
+        let jumps = std::mem::take(&mut self.jumps);
         let wanted = self.server(now).map_or(known, |server| server - delay);
         let wanted = wanted.min(limit);
         let shown = match self.shown {
             Some((last, shown)) => {
                 let passed = now.since(last).as_nanos() as f64 * self.ticks_per_ns;
                 let off = wanted - (shown + passed);
-                if off.abs() > JUMP_SECONDS * 1e9 * self.ticks_per_ns {
+                if jumps || off.abs() > JUMP_SECONDS * 1e9 * self.ticks_per_ns {
                     wanted.max(shown)
                 } else {
                     let (least, most) = (passed * (1.0 - SLEW), passed * (1.0 + SLEW));
@@ -155,7 +183,45 @@ mod tests {
         let (later, round_trip) = (seconds(1.0), Span::from_millis(100));
         clock.sample(later, Tick::new(657), Span::ZERO, round_trip);
         let server = clock.server(later).unwrap();
-        assert!((659.0..660.0).contains(&server), "{server}");
+        assert_eq!(
+            server, 660.0,
+            "it tells nothing that a better one has not told"
+        );
+    }
+
+    #[test]
+    fn a_good_sample_replaces_those_of_a_member_that_polled_late() {
+        let mut clock = SceneClock::new(Rate::HZ_60);
+        // The answer had waited for 600 ms when the member took it.
+        let round_trip = Span::from_millis(600);
+        clock.sample(seconds(0.3), Tick::new(600), Span::ZERO, round_trip);
+        let begun = clock.show(seconds(0.6), 0.0, 0.0, 1e9).ticks();
+        assert!((begun - 618.0).abs() < 1e-6);
+        // At 0.7 s the server is at tick 642.
+        clock.sample(
+            seconds(0.7),
+            Tick::new(642),
+            Span::ZERO,
+            Span::from_millis(2),
+        );
+        assert!((clock.server(seconds(0.7)).unwrap() - 642.0).abs() < 0.1);
+        let shown = clock.show(seconds(0.7), 0.0, 0.0, 1e9).ticks();
+        assert!((shown - 642.0).abs() < 0.1, "{shown}");
+    }
+
+    #[test]
+    fn the_clock_is_not_behind_a_tick_that_has_arrived() {
+        let mut clock = SceneClock::new(Rate::HZ_60);
+        clock.sample(
+            seconds(0.3),
+            Tick::new(600),
+            Span::ZERO,
+            Span::from_millis(600),
+        );
+        let shown = clock.show(seconds(0.6), 0.0, 635.0, 1e9).ticks();
+        assert!((shown - 635.0).abs() < 1e-6, "{shown}");
+        let later = clock.show(seconds(0.7), 0.0, 635.0, 1e9).ticks();
+        assert!((later - 641.0).abs() < 0.7, "{later}");
     }
 
     #[test]

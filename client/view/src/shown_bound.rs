@@ -5,9 +5,9 @@
 
 use glam::{DQuat, Quat, Vec3};
 use rhumb_protocol::stream::{ErrorBound, Subscriber};
-use rhumb_reckoning::{BodyId, Divergence, Metres, Motion, Pose, Ticks};
+use rhumb_reckoning::{BodyId, Divergence, Metres, Motion, Pose, Seconds, Ticks};
 
-use crate::moment::{between, is_orphaned};
+use crate::moment::{MomentMotion, is_orphaned};
 use crate::render_time::RenderTime;
 
 /// A pose as a view has it.
@@ -44,14 +44,16 @@ impl ShownPose {
 /// The bound on the error of a body that is shown with this pose at this moment.
 ///
 /// The truth between two ticks lies between those of the ticks: its position on the straight line, its rotation on the
-/// shortest turn. The rounding of poses to 32 bits does not count.
+/// shortest turn. A body that jumps at the next tick is at its first place until then. The rounding of poses to 32 bits does
+/// not count. `step`: the time between two ticks.
 pub(crate) fn shown_bound(
     stream: &Subscriber,
     id: BodyId,
     shown: &ShownPose,
-    at: RenderTime,
+    (at, step): (RenderTime, Seconds),
 ) -> ErrorBound {
-    let bound = finite_bound(stream, id, shown, at).filter(|bound| bound.metres().is_finite());
+    let bound = finite_bound(stream, id, shown, (at, step));
+    let bound = bound.filter(|bound| bound.metres().is_finite());
     bound.map_or_else(
         || ErrorBound::Unknown {
             since: stream.complete(),
@@ -64,7 +66,7 @@ fn finite_bound(
     stream: &Subscriber,
     id: BodyId,
     shown: &ShownPose,
-    at: RenderTime,
+    (at, step): (RenderTime, Seconds),
 ) -> Option<Metres> {
     let bound_at = |tick| match stream.bound_at(id, tick)? {
         ErrorBound::Within(bound) => Some(bound.metres()),
@@ -74,22 +76,28 @@ fn finite_bound(
     if is_orphaned(stream, id, at) {
         return None;
     }
-    let radius = stream.radius_of(id)?;
-    let first = stream.predicted_motion(id, at.tick)?;
-    if at.fraction == 0.0 {
-        return Some(Metres::new(first_bound + distance(shown, &first, radius)));
-    }
-    let next = at.tick + Ticks::new(1);
-    let (second_bound, second) = (bound_at(next)?, stream.predicted_motion(id, next)?);
-    let known = between(&first, &second, at.fraction)?;
-    let ends = first_bound.max(second_bound);
-    let widened = widened(
-        ends,
-        &first.pose().rotation,
-        &second.pose().rotation,
-        radius,
-    );
-    Some(Metres::new(widened + distance(shown, &known, radius)))
+    let radius = stream.radius_at(id, at.tick)?;
+    let motion = MomentMotion::of(stream, id, at, step)?;
+    let off = distance(shown, &motion.motion(at)?, radius);
+    let bound = match motion {
+        MomentMotion::At(_) => first_bound,
+        MomentMotion::Between(first, second) => {
+            let ends = first_bound.max(bound_at(at.tick + Ticks::new(1))?);
+            widened(
+                ends,
+                &first.pose().rotation,
+                &second.pose().rotation,
+                radius,
+            )
+        }
+        MomentMotion::Before(first, second) => {
+            // Nothing tells a jump from a push that is as fast: the body may be on its way.
+            let way = Divergence::between(&first.pose(), &second.pose()).surface_error(radius);
+            let ends = first_bound.max(bound_at(at.tick + Ticks::new(1))?);
+            ends + way.metres() * at.fraction
+        }
+    };
+    Some(Metres::new(bound + off))
 }
 
 /// How far any point of a body at the shown pose is from where the stream has it.

@@ -10,7 +10,8 @@ use glam::{DQuat, Quat, Vec3};
 use rhumb_protocol::stream::{ErrorBound, Subscriber};
 use rhumb_reckoning::{Anchor, BodyId, Correction, Motion, Pose, Seconds, Twist};
 
-use crate::moment::{is_orphaned, predicted};
+use crate::jump::Leap;
+use crate::moment::{MomentMotion, is_orphaned};
 use crate::render_params::RenderParams;
 use crate::render_time::RenderTime;
 use crate::shown_bound::{ShownPose, shown_bound};
@@ -34,8 +35,8 @@ pub struct View {
     /// True if the next refresh reads other tracks, which may lack bodies of this view.
     begins_anew: bool,
     time: Option<RenderTime>,
-    /// The caller's time of the last refresh.
-    refreshed_at: Seconds,
+    /// The time from one tick to the next.
+    step: Seconds,
     refreshes: u64,
 }
 
@@ -118,6 +119,12 @@ impl View {
         self.time
     }
 
+    /// The time from one tick to the next.
+    #[cfg(feature = "queries")]
+    pub(crate) const fn step(&self) -> Seconds {
+        self.step
+    }
+
     /// Number of refreshes so far; the view changes only when it grows.
     #[must_use]
     pub const fn refreshes(&self) -> u64 {
@@ -136,7 +143,7 @@ impl View {
             position: self.positions[place],
             rotation: self.rotations[place],
         };
-        Some(shown_bound(stream, id, &shown, self.time?))
+        Some(shown_bound(stream, id, &shown, (self.time?, self.step)))
     }
 
     /// The bound of each body of this view, in its order: see [`Self::error_bound`].
@@ -160,6 +167,7 @@ impl View {
         let mut touched = std::mem::take(&mut self.touched);
         touched.clear();
         stream.drain_changed(&mut touched);
+        stream.coming_and_going(&mut touched);
         if std::mem::take(&mut self.begins_anew) {
             touched.extend(self.ids.iter().map(|id| id.index()));
         }
@@ -193,7 +201,7 @@ impl View {
         // Shown time never goes back, so that older tracks are not needed.
         stream.forget_before(render_params.at.tick);
         self.time = Some(render_params.at);
-        self.refreshed_at = render_params.now;
+        self.step = render_params.step;
         self.refreshes += 1;
     }
 
@@ -233,7 +241,7 @@ impl View {
             return;
         }
         for (place, id) in moving {
-            if let Some(predicted) = predicted(stream, *id, render_params.at) {
+            if let Some(predicted) = predicted(stream, *id, render_params) {
                 self.show(*place as usize, &predicted, render_params);
             }
         }
@@ -246,19 +254,14 @@ impl View {
 
     /// Updates the arrays for a body that was added, removed or updated.
     fn update_body(&mut self, index: u32, stream: &Subscriber, render_params: &RenderParams) {
-        let Some(id) = stream.body(index) else {
+        let Some(id) = stream.body_at(index, render_params.at.tick) else {
             self.remove(index);
             return;
         };
         match self.place_of(index) {
             Some(place) if self.ids[place] == id => {
-                if render_params.smooth
-                    && !is_orphaned(stream, id, render_params.at)
-                    && let Some(predicted) = predicted(stream, id, render_params.at)
-                {
-                    let shown = self.extrapolated(place, render_params.now);
-                    self.corrections[place] =
-                        Correction::between(render_params.now, &shown, &predicted);
+                if render_params.smooth {
+                    self.begin_correction(place, stream, render_params);
                 }
                 // This refresh then computes the pose, for the last time if the body has come to rest.
                 self.resting[place] = false;
@@ -308,6 +311,44 @@ impl View {
         }
     }
 
+    /// Begins a glide from the shown pose to the predicted one if its newest track changes that. A body that jumps does not
+    /// glide, and none does after a pause: the first frame shows the present.
+    fn begin_correction(
+        &mut self,
+        place: usize,
+        stream: &Subscriber,
+        render_params: &RenderParams,
+    ) {
+        let (id, at) = (self.ids[place], render_params.at);
+        if is_orphaned(stream, id, at) {
+            return;
+        }
+        let (Some(predicted), Some(known)) = (
+            predicted(stream, id, render_params),
+            stream.track_at(id, at.tick),
+        ) else {
+            return;
+        };
+        let Some(passed) = self.passed(render_params) else {
+            self.corrections[place] = Correction::NONE;
+            return;
+        };
+        if !known.is_newest {
+            return;
+        }
+        let shown = self.extrapolated(place, passed);
+        let age = (at.ticks() - known.track.origin.value() as f64).max(0.0);
+        let leap = Leap {
+            before: &shown,
+            after: &predicted,
+            within: Seconds::new((age + 1.0) * render_params.step.seconds()),
+        };
+        self.corrections[place] = match leap.is_jump(stream, id, at.tick) {
+            true => Correction::NONE,
+            false => Correction::between(render_params.now, &shown, &predicted),
+        };
+    }
+
     /// Updates whether a body rests, and writes the pose of a body at exact rest. `false`: the pose must be predicted.
     /// An orphaned body keeps its pose.
     fn show_still(
@@ -316,26 +357,26 @@ impl View {
         stream: &Subscriber,
         render_params: &RenderParams,
     ) -> bool {
-        let id = self.ids[place];
-        match stream.is_resting(id) {
-            None => return true,
-            Some(false) => {
-                self.resting[place] = false;
-                // Its update follows the removal of its parent; until then it stays where it is, if it was anywhere.
-                let has_pose = !self.positions[place].is_nan();
-                return has_pose && is_orphaned(stream, id, render_params.at);
-            }
-            Some(true) => {}
+        let (id, at) = (self.ids[place], render_params.at);
+        if stream.moves_freely_at(id, at.tick) {
+            self.resting[place] = false;
+            return false;
         }
-        let Some(track) = stream.track(id) else {
+        let Some(shown) = stream.track_at(id, at.tick) else {
             return true;
         };
-        // A view behind the stream does not show a rest before the tick of its track.
-        let begun = track.origin <= render_params.at.tick;
+        if !shown.track.is_resting() {
+            self.resting[place] = false;
+            // Its update follows the removal of its parent; until then it stays where it is, if it was anywhere.
+            let has_pose = !self.positions[place].is_nan();
+            return has_pose && is_orphaned(stream, id, at);
+        }
+        // A view behind the stream shows a rest from the tick of its track to that of the next one.
+        let begun = shown.is_newest && shown.track.origin <= at.tick;
         let gliding = render_params.smooth && !self.corrections[place].is_over(render_params.now);
         let still = begun && !gliding;
         self.resting[place] = still;
-        match &track.anchor {
+        match &shown.track.anchor {
             // The engine's bits are copied, because a computation would round them.
             Anchor::Exact(body_state) if still => {
                 self.linear[place] = Vec3::ZERO;
@@ -369,11 +410,19 @@ impl View {
         }
     }
 
-    /// The motion of the last refresh, extrapolated to now by its velocities.
-    ///
-    /// A correction that begins there contains only the jump of the prediction, however long ago the last refresh was.
-    fn extrapolated(&self, place: usize, now: Seconds) -> Motion {
-        let passed = (now.seconds() - self.refreshed_at.seconds()).max(0.0);
+    /// Time of the scene since the last refresh; `None` if it is longer than a glide.
+    fn passed(&self, render_params: &RenderParams) -> Option<Seconds> {
+        let ticks = render_params.at.ticks() - self.time?.ticks();
+        let passed = ticks * render_params.step.seconds();
+        (0.0..=Correction::SPAN.seconds())
+            .contains(&passed)
+            .then_some(Seconds::new(passed))
+    }
+
+    /// The motion of the last refresh, extrapolated by its velocities: a correction that begins there contains only the
+    /// jump of the prediction.
+    fn extrapolated(&self, place: usize, passed: Seconds) -> Motion {
+        let passed = passed.seconds();
         let twist = Twist {
             linear: self.linear[place].as_dvec3(),
             angular: self.angular[place].as_dvec3(),
@@ -385,4 +434,10 @@ impl View {
         };
         Motion::new(pose, twist).unwrap_or(Motion::IDENTITY)
     }
+}
+
+/// The predicted motion of a body at the moment of a view.
+fn predicted(stream: &Subscriber, id: BodyId, render_params: &RenderParams) -> Option<Motion> {
+    let at = render_params.at;
+    MomentMotion::of(stream, id, at, render_params.step)?.motion(at)
 }

@@ -63,6 +63,15 @@ fn track(predictor: Predictor, start: BodyState, parent: Option<BodyId>) -> Trac
     }
 }
 
+fn params(at: RenderTime, now: Seconds, smooth: bool) -> RenderParams {
+    RenderParams {
+        at,
+        now,
+        smooth,
+        step: Rate::HZ_60.step(),
+    }
+}
+
 impl Pair {
     fn new() -> Self {
         let config = config();
@@ -107,7 +116,7 @@ impl Pair {
         let at = RenderTime::at(Tick::new(tick));
         let (now, smooth) = (Seconds::new(0.0), false);
         self.view
-            .refresh(&mut self.subscriber, &RenderParams { at, now, smooth });
+            .refresh(&mut self.subscriber, &params(at, now, smooth));
         let place = self.view.place(BALL).expect("the ball is in the view");
         (self.view.positions()[place], self.view.resting()[place])
     }
@@ -159,7 +168,7 @@ fn the_removal_of_a_body_keeps_the_other_bodies() {
     let at = RenderTime::at(Tick::new(2));
     let (now, smooth) = (Seconds::new(0.0), false);
     pair.view
-        .refresh(&mut pair.subscriber, &RenderParams { at, now, smooth });
+        .refresh(&mut pair.subscriber, &params(at, now, smooth));
     assert_eq!(pair.view.removed(), [BALL]);
     assert_eq!(pair.view.place(BALL), None);
     assert_eq!(pair.view.ids(), [OTHER]);
@@ -173,7 +182,7 @@ fn smoothing_hides_the_jump_of_a_prediction_and_not_the_motion_of_the_body() {
         let now = Seconds::new(tick as f64 / 60.0);
         let smooth = true;
         pair.view
-            .refresh(&mut pair.subscriber, &RenderParams { at, now, smooth });
+            .refresh(&mut pair.subscriber, &params(at, now, smooth));
         let place = pair.view.place(BALL).expect("the ball is in the view");
         pair.view.positions()[place].x
     };
@@ -212,7 +221,7 @@ fn look_at_other(pair: &mut Pair, at: RenderTime, smooth: bool) -> f32 {
     // Long after the look before: a correction is over.
     let now = Seconds::new(10.0 * at.ticks());
     pair.view
-        .refresh(&mut pair.subscriber, &RenderParams { at, now, smooth });
+        .refresh(&mut pair.subscriber, &params(at, now, smooth));
     pair.view.position(OTHER).expect("it is in the view").x
 }
 

@@ -7,7 +7,7 @@ use alloc::collections::BTreeMap;
 use alloc::vec::Vec;
 
 use glam::Vec3;
-use rhumb_reckoning::{BodyId, Damping, Inertia, Track};
+use rhumb_reckoning::{BodyId, Damping, Inertia, Tick, Track};
 
 use super::close::CloseCode;
 use crate::interner::{Internable, Interner};
@@ -38,12 +38,14 @@ impl Replica {
     /// An empty replica. The snapshot after `joined` fills it.
     #[must_use]
     pub(crate) fn new(joined: &Joined) -> Self {
+        let mut subscriber = match joined.choice {
+            StreamChoice::Capped { .. } => Subscriber::limited(&joined.start),
+            StreamChoice::Within(_) | StreamChoice::Full => Subscriber::new(&joined.start),
+        };
+        subscriber.set_lookahead(joined.config.publish_schedule.lookahead);
         Self {
             choice: joined.choice,
-            receiver: StreamReceiver::new(match joined.choice {
-                StreamChoice::Capped { .. } => Subscriber::limited(&joined.start),
-                StreamChoice::Within(_) | StreamChoice::Full => Subscriber::new(&joined.start),
-            }),
+            receiver: StreamReceiver::new(subscriber),
             damping: joined.config.damping,
             gravity: joined.start.gravity,
             shapes: BTreeMap::new(),
@@ -99,6 +101,15 @@ impl Replica {
     #[must_use]
     pub fn body(&self, id: BodyId) -> Option<BodyDesc> {
         let label = self.stream().label(id)?;
+        let desc = *self.descs.get(label);
+        Some(BodyDesc { id, ..desc })
+    }
+
+    /// The descriptor of a body as it is at a tick that a view shows: a body that is removed or changed later still has it.
+    /// None for a body that does not exist then.
+    #[must_use]
+    pub fn body_at(&self, id: BodyId, tick: Tick) -> Option<BodyDesc> {
+        let label = self.stream().label_at(id, tick)?;
         let desc = *self.descs.get(label);
         Some(BodyDesc { id, ..desc })
     }
@@ -206,7 +217,6 @@ impl Replica {
         let shape = self.shapes.get(&desc.shape).ok_or(CloseCode::VIOLATION)?;
         let parameters = PredictionParameters::of(desc, shape, self.damping, inertia);
         let before = self.stream().body(desc.id.index());
-        let label_before = before.and_then(|id| self.stream().label(id));
         let label = self.descs.join(without_id(desc));
         let stream = self.receiver.subscriber_mut();
         if !stream.place_labelled(desc.id, &parameters, track, Some(label)) {
@@ -216,20 +226,22 @@ impl Replica {
         if let Some(id) = before.filter(|id| *id != desc.id) {
             self.joints.remove_body(id);
         }
-        if let Some(label) = label_before {
-            self.descs.leave(label);
-        }
+        self.release_descs();
         Ok(())
     }
 
+    /// Releases the descriptors of bodies that no view shows any more.
+    fn release_descs(&mut self) {
+        for label in self.stream_mut().take_released_labels() {
+            self.descs.leave(label);
+        }
+    }
+
     fn remove(&mut self, id: BodyId) -> Result<(), CloseCode> {
-        let label = self.stream().label(id);
         if !self.stream_mut().remove(id) {
             return Err(CloseCode::VIOLATION);
         }
-        if let Some(label) = label {
-            self.descs.leave(label);
-        }
+        self.release_descs();
         self.joints.remove_body(id);
         Ok(())
     }

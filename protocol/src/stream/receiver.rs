@@ -112,7 +112,7 @@ impl StreamReceiver {
     /// Appends the reports that are due. A report of the same losses follows at least `min_delay` later.
     pub fn report(&mut self, now: Instant, min_delay: Span, out: &mut Vec<Bytes>) {
         let stream = self.subscriber.stream();
-        let lost: Vec<u64> = self.nacks.poll(now, min_delay).collect();
+        let lost = self.nacks.poll(now, min_delay);
         let restored = self.restored_due().is_some_and(|due| due <= now);
         let report = if self.silence.fire(now, min_delay) || restored {
             Some(self.subscriber.loss_report())

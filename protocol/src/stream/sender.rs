@@ -60,6 +60,8 @@ pub struct StreamSender {
     source: Source,
     receivers: usize,
     silence: Silence,
+    /// The count of scene events that the last datagram for every receiver had.
+    scene_events: u64,
     /// The tick and the value of the last checksum sent.
     checksum: (Tick, u64),
     mismatches: u64,
@@ -107,6 +109,7 @@ impl StreamSender {
             source,
             receivers: 1,
             silence: Silence::new(policy, tick),
+            scene_events: 0,
             checksum: (tick, 0),
             mismatches: 0,
             packets: Vec::new(),
@@ -191,13 +194,16 @@ impl StreamSender {
     /// Adds the checksum that is due to the packets of a tick, or a watermark if there are none.
     fn close_tick(&mut self, scene_events: u64) {
         let tick = self.tick();
+        let before = core::mem::replace(&mut self.scene_events, scene_events);
         if !self.packets.is_empty() {
             self.silence.end(tick);
             let checksum = self.due_checksum(scene_events);
             self.packets.extend(checksum);
             return;
         }
-        if self.silence.is_watermark_due(tick) {
+        // A watermark tells at which tick a scene event happened.
+        if self.silence.is_watermark_due(tick) || before != scene_events {
+            self.silence.pause(tick);
             // A checksum is also a watermark.
             let checksum = self.due_checksum(scene_events);
             self.packets

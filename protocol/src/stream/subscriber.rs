@@ -4,6 +4,8 @@
 //! losses; see `receiver`. Invariant: while the stream is converged, every track equals the publisher's.
 
 mod applying;
+mod in_force;
+mod lifetimes;
 mod predicting;
 mod reading;
 mod rebuilding;
@@ -13,20 +15,33 @@ use alloc::vec::Vec;
 use core::num::NonZeroU32;
 
 use glam::Vec3;
-use rhumb_reckoning::{BodyId, Metres, Motion, Tick, Tolerance, Track, attached_motion};
+use rhumb_reckoning::{BodyId, Motion, Tick, Ticks, Tolerance, Track};
 
 use super::aliases::{AliasOwner, ReceivedAliases};
-use super::bound::ErrorBound;
+use super::earlier_tracks::EarlierTracks;
 use super::error_scale_log::ErrorScaleLog;
 use super::fec_decoder::FecDecoder;
 use super::gaps::PacketGaps;
-use super::previous_tracks::PreviousTracks;
 use super::start::StreamStart;
 use super::statistics::SubscriberStatistics;
 use super::tracks::{PredictionParameters, Slot, Tracks};
 use crate::capacity::{grow_to, push};
 use crate::limits::INDICES_MAX;
 use crate::packet::{Datagram, Head, LargestPacket, LossReport, Low16, StreamId, Update};
+pub use in_force::ShownTrack;
+use lifetimes::Lifetimes;
+
+/// The past that a view still shows.
+#[derive(Clone, Copy, Debug)]
+struct ShownPast {
+    /// The earliest tick.
+    from: Tick,
+    /// Ticks from that to the newest one, at the last view.
+    behind: u64,
+}
+
+/// Ticks by which a view may fall further behind from one frame to the next.
+const HISTORY_SLACK: u64 = 4;
 
 /// The subscriber of one stream.
 #[derive(Clone, Debug)]
@@ -39,8 +54,14 @@ pub struct Subscriber {
     publish_interval: NonZeroU32,
     /// The number of the first packet.
     first: u64,
-    /// The tracks directly before the present ones.
-    previous_tracks: PreviousTracks,
+    /// The tracks before the present ones.
+    earlier_tracks: EarlierTracks,
+    lifetimes: Lifetimes,
+    /// What a view shows of the past; `None` before the first [`Self::forget_before`].
+    shown: Option<ShownPast>,
+    /// Ticks before the newest one that a view shows because of its delay.
+    history: u64,
+    lookahead: Ticks,
     /// Before this tick, previous tracks may be incomplete.
     known_from: Tick,
     gaps: PacketGaps,
@@ -88,7 +109,11 @@ impl Subscriber {
             start: start.tick,
             publish_interval: start.publish_interval,
             first: start.next,
-            previous_tracks: PreviousTracks::default(),
+            earlier_tracks: EarlierTracks::default(),
+            lifetimes: Lifetimes::default(),
+            shown: None,
+            history: 0,
+            lookahead: Ticks::ZERO,
             known_from: Tick::ZERO,
             gaps: PacketGaps::new(start.next),
             fec_decoder: FecDecoder::new(start.next, start.largest_packet),
@@ -168,13 +193,6 @@ impl Subscriber {
     pub fn tolerance_of(&self, id: BodyId) -> Option<Tolerance> {
         let slot = self.tracks.slot(id.index())?;
         (slot.id(id.index()) == id).then(|| self.tracks.tolerance_of(slot))
-    }
-
-    /// The radius of the smallest sphere around a body's centre of mass that contains it.
-    #[must_use]
-    pub fn radius_of(&self, id: BodyId) -> Option<Metres> {
-        let slot = self.tracks.slot(id.index())?;
-        (slot.id(id.index()) == id).then(|| self.tracks.radius(slot))
     }
 
     /// Counters of everything received so far.
@@ -272,100 +290,10 @@ impl Subscriber {
         (slot.id(id.index()) == id).then(|| slot.dense().is_resting())
     }
 
-    /// True if the track by which a body is predicted at a tick is attached to a body that was removed: its motion in the
-    /// world is then not known until the track of its next update.
-    #[must_use]
-    pub fn is_orphaned_at(&self, id: BodyId, tick: Tick) -> bool {
-        let slot = self.tracks.slot(id.index());
-        let Some(slot) = slot.filter(|slot| slot.id(id.index()) == id) else {
-            return false;
-        };
-        let before = match slot.origin() <= tick {
-            true => None,
-            false => self.previous_tracks.get(id.index()),
-        };
-        let before = before.filter(|before| before.origin <= tick);
-        let parent = before.map_or_else(|| slot.parent(), |before| before.parent);
-        parent.is_some_and(|parent| self.body(parent.index()) != Some(parent))
-    }
-
-    /// The predicted motion of a body at a tick: by its track, or by the previous track before the present one's
-    /// origin. Of an orphaned body, it is relative to the parent that it had.
-    #[must_use]
-    pub fn predicted_motion(&self, id: BodyId, tick: Tick) -> Option<Motion> {
-        let slot = self.tracks.slot(id.index())?;
-        if slot.id(id.index()) != id {
-            return None;
-        }
-        let present = slot.track();
-        let track = self.track_at(id.index(), &present, tick);
-        let track = track.unwrap_or(present);
-        let motion = self.tracks.framed((id.index(), slot), &track, tick);
-        let Some((index, parent)) = self.tracks.parent(&track) else {
-            return Some(motion);
-        };
-        let present = parent.track();
-        let attached_to = self.track_at(index, &present, tick).unwrap_or(present);
-        let by = self.tracks.framed((index, parent), &attached_to, tick);
-        Some(attached_motion(&by, &motion.pose()))
-    }
-
     /// The motion of a body at a tick by this track, its present or previous one.
     pub(crate) fn predicted(&self, id: BodyId, track: &Track, tick: Tick) -> Option<Motion> {
         let slot = self.tracks.slot(id.index())?;
         (slot.id(id.index()) == id).then(|| self.tracks.framed_fresh(slot, track, tick))
-    }
-
-    /// The track of a body in force at a tick, its present or previous one, as far as is known.
-    fn track_at(&self, index: u32, track: &Track, tick: Tick) -> Option<Track> {
-        if track.origin <= tick {
-            return Some(*track);
-        }
-        let before = self.previous_tracks.get(index);
-        before.filter(|before| before.origin <= tick)
-    }
-
-    /// The error bound of a body at the tick of the watermark.
-    #[must_use]
-    pub fn bound(&self, id: BodyId) -> Option<ErrorBound> {
-        self.bound_at(id, self.watermark_tick)
-    }
-
-    /// The error bound of a body at a tick. Unknown after the watermark, before the tracks that are still kept, and
-    /// between two published ticks.
-    #[must_use]
-    pub fn bound_at(&self, id: BodyId, tick: Tick) -> Option<ErrorBound> {
-        let track = self.track(id)?;
-        let slot = self.tracks.slot(id.index())?;
-        let since = self.converged_at;
-        let uncertain_before = self.gaps.unsure_before();
-        let is_uncertain =
-            |track: &Track| uncertain_before.is_some_and(|before| track.origin < before);
-        let certain_track = |index: u32, track: &Track| {
-            let attached = self.track_at(index, track, tick);
-            attached.filter(|attached| !is_uncertain(attached))
-        };
-        let is_known = certain_track(id.index(), &track).is_some_and(|then| match then.parent {
-            None => true,
-            // An attached body is known no better than its parent.
-            Some(_) => self
-                .tracks
-                .parent(&then)
-                .is_some_and(|(index, parent)| certain_track(index, &parent.track()).is_some()),
-        });
-        if tick > self.watermark_tick || !self.is_published(tick) || self.lost_sync || !is_known {
-            return Some(ErrorBound::Unknown { since });
-        }
-        let Some(error_scale) = self.error_scale_at(tick) else {
-            return Some(ErrorBound::Unknown { since });
-        };
-        let reach = self
-            .tracks
-            .tolerance_of(slot)
-            .reach(self.tracks.radius(slot));
-        Some(ErrorBound::Within(Metres::new(
-            reach.metres() * error_scale,
-        )))
     }
 
     /// True if the stream publishes at a tick.
@@ -452,14 +380,24 @@ impl Subscriber {
         track: Track,
         label: Option<u32>,
     ) -> bool {
-        let placed = self.tracks.place(id, parameters, track, label);
+        let label_before = self.body(id.index()).and_then(|before| self.label(before));
+        let departed = self.depart(id.index(), Some(track.origin));
+        let mut placed = self.tracks.place(id, parameters, track, label);
+        if !placed && self.forget_departed() {
+            // They are not the publisher's any more, and must not take a damping's place from its bodies.
+            placed = self.tracks.place(id, parameters, track, label);
+        }
         if placed {
+            if !departed {
+                self.lifetimes.release_label(label_before);
+            }
+            self.arrive_at(id, track.origin);
             self.aliases.clear(id.index());
             if track.parent.is_some() {
                 self.attached_indices.push(id.index());
             }
             self.touch(id.index());
-            self.previous_tracks.forget(id.index());
+            self.earlier_tracks.forget(id.index());
         }
         placed
     }
@@ -476,11 +414,16 @@ impl Subscriber {
     #[must_use]
     pub fn remove(&mut self, id: BodyId) -> bool {
         self.touch(id.index());
-        let removed = self.tracks.remove(id);
-        if removed {
-            self.aliases.clear(id.index());
+        if self.body(id.index()) != Some(id) {
+            return false;
         }
-        removed
+        let label = self.label(id);
+        if !self.depart(id.index(), None) {
+            self.lifetimes.release_label(label);
+        }
+        self.earlier_tracks.forget(id.index());
+        self.aliases.clear(id.index());
+        self.tracks.remove(id)
     }
 
     /// Changes the gravity after a scene event.
@@ -527,13 +470,26 @@ impl Subscriber {
         self.converged_at = self.complete();
     }
 
-    /// Drops previous tracks that ended by this tick, as far as no packet is missing: the caller needs no motions
-    /// before it. A [`bound`](Self::bound_at) at an earlier tick may be unknown from now on.
+    /// Drops earlier tracks that ended by this tick, as far as no packet is missing: the caller needs no motions before
+    /// it, and all those from it on. A [`bound`](Self::bound_at) at an earlier tick may be unknown from now on.
     pub fn forget_before(&mut self, tick: Tick) {
         let end = tick.min(self.converged_at);
         let tracks = &self.tracks;
-        self.previous_tracks
-            .retain(|index| tracks.slot(index).is_some_and(|slot| slot.origin() > end));
+        self.earlier_tracks
+            .forget_until(end, |index| tracks.slot(index).map(Slot::origin));
+        self.shown = Some(ShownPast {
+            from: tick,
+            behind: self.newest.value().saturating_sub(tick.value()),
+        });
+        let (lifetimes, tracks) = (&mut self.lifetimes, &mut self.tracks);
+        let news_after = self.history + u64::from(self.lookahead.count());
+        lifetimes.forget_before(tick, news_after, |slot| tracks.release(slot));
+    }
+
+    /// Keeps motions for this many ticks before the newest one, because a view is delayed by them. Whatever is
+    /// older than the last [`Self::forget_before`] is dropped all the same.
+    pub const fn set_history(&mut self, ticks: Ticks) {
+        self.history = ticks.count() as u64;
     }
 
     /// The checksum over all tracks.

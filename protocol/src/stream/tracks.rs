@@ -195,8 +195,17 @@ impl Tracks {
         self.interned_parameters.get(slot.interned).label
     }
 
+    /// A copy of a body's slot, which keeps the parameters of the body in use until [`Self::release`].
+    pub(crate) fn retained(&mut self, index: u32) -> Option<Slot> {
+        let slot = self.slot(index)?.clone();
+        let interned = self.interned_parameters.get(slot.interned).clone();
+        self.flows[usize::from(interned.flow)].users += 1;
+        self.interned_parameters.join(interned);
+        Some(slot)
+    }
+
     /// Releases the parameters of a removed body.
-    fn release(&mut self, removed: &Slot) {
+    pub(crate) fn release(&mut self, removed: &Slot) {
         let flow = self.interned_parameters.get(removed.interned).flow;
         self.flows[usize::from(flow)].users -= 1;
         self.interned_parameters.leave(removed.interned);

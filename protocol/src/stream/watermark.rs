@@ -74,14 +74,15 @@ impl Silence {
         *self = Self::new(self.policy, tick);
     }
 
-    /// True if a watermark is due at a silent tick; if so, the next pause starts.
-    pub(super) fn is_watermark_due(&mut self, tick: Tick) -> bool {
+    /// True if a watermark is due at a silent tick.
+    pub(super) fn is_watermark_due(&self, tick: Tick) -> bool {
+        tick.value() - self.since.value() >= self.watermark_at
+    }
+
+    /// Starts the next pause with a watermark sent at a silent tick.
+    pub(super) fn pause(&mut self, tick: Tick) {
         let silence = tick.value() - self.since.value();
-        let due = silence >= self.watermark_at;
-        if due {
-            self.watermark_at = silence + self.policy.pause_after(silence);
-        }
-        due
+        self.watermark_at = silence + self.policy.pause_after(silence);
     }
 }
 

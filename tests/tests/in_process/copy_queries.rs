@@ -5,7 +5,9 @@
 
 use glam::{Quat, Vec3};
 use proptest::prelude::*;
-use rhumb_client::{CopyAnswer, CopyQueries, ErrorBound, RenderParams, RenderTime, Seconds, View};
+use rhumb_client::{
+    CopyAnswer, CopyQueries, ErrorBound, Rate, RenderParams, RenderTime, Seconds, View,
+};
 use rhumb_protocol::Peer;
 use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::scene::{
@@ -144,6 +146,7 @@ fn scene(bodies: &[Body], choice: StreamChoice, steps: u64) -> (Table, Peer, Vie
         at: RenderTime::at(Tick::new(steps)),
         now: Seconds::new(0.0),
         smooth: false,
+        step: Rate::HZ_60.step(),
     };
     let session = table.session(peer);
     while let Some(event) = session.poll_event() {
@@ -268,6 +271,7 @@ fn a_copy_follows_its_bodies() {
             at: RenderTime::at(Tick::new(tick)),
             now: Seconds::new(0.0),
             smooth: false,
+            step: Rate::HZ_60.step(),
         };
         let session = table.session(peer);
         while session.poll_event().is_some() {}

@@ -20,6 +20,7 @@ mod queries;
 mod refusals;
 mod restoration;
 mod sessions;
+mod shown_poses;
 mod simulated_network;
 mod tier_policy;
 mod tiers;

@@ -14,31 +14,41 @@ impl Subscriber {
     /// no longer known.
     fn apply_late(&mut self, index: u32, tick: Tick, payload: &UpdatePayload) {
         if self.restricted.is_some() {
-            return self.drop_previous(index);
+            return self.doubt_earlier(index, Tick::ZERO);
         }
-        let Some(before) = self.previous_tracks.origin(index) else {
-            return;
-        };
         let present = self.tracks.slot(index).map(Slot::origin);
-        if before >= tick || present.is_none_or(|origin| origin <= tick) {
+        let earlier = self.earlier_tracks.at(index, tick);
+        let has_earlier = earlier.is_some_and(|earlier| earlier.track.origin < tick);
+        if !has_earlier || present.is_none_or(|origin| origin <= tick) {
             return;
         }
         match payload {
-            UpdatePayload::Keyframe(keyframe) => self
-                .previous_tracks
-                .keep(index, DenseTrack::new(&keyframe.track(tick))),
+            UpdatePayload::Keyframe(keyframe) => {
+                let track = DenseTrack::new(&keyframe.track(tick));
+                self.earlier_tracks.insert(index, track, self.shown_from());
+            }
             UpdatePayload::Residual { .. } | UpdatePayload::Resting { .. } => {
-                self.drop_previous(index);
+                self.doubt_earlier(index, Tick::new(tick.value().saturating_sub(1)));
             }
         }
     }
 
-    /// Drops the previous track of a body, because it may be incomplete.
-    pub(super) fn drop_previous(&mut self, index: u32) {
-        if let Some(origin) = self.tracks.slot(index).map(Slot::origin) {
-            self.previous_tracks.forget(index);
-            self.known_from = self.known_from.max(origin);
+    /// Notes that the earlier tracks of a body may be incomplete after a tick. Without a view they are dropped.
+    pub(super) fn doubt_earlier(&mut self, index: u32, after: Tick) {
+        let Some(origin) = self.tracks.slot(index).map(Slot::origin) else {
+            return;
+        };
+        match self.shown {
+            Some(_) => self.earlier_tracks.doubt_after(index, after),
+            None => self.earlier_tracks.forget(index),
         }
+        self.known_from = self.known_from.max(origin);
+    }
+
+    /// Keeps a track that another one has replaced, as long as a view shows ticks of it.
+    fn keep_earlier(&mut self, index: u32, before: DenseTrack) {
+        let shown_from = self.shown_from();
+        self.earlier_tracks.keep(index, before, shown_from);
     }
 
     /// Applies a payload to a body.
@@ -59,6 +69,19 @@ impl Subscriber {
         Ok(())
     }
 
+    /// Applies a record of a refresh: the body may have had other tracks since the stream was converged.
+    pub(super) fn apply_record(&mut self, index: u32, origin: Tick, payload: &UpdatePayload) {
+        let before = self.tracks.slot(index).map(|slot| *slot.dense());
+        if self.tracks.apply(index, origin, payload).is_ok() {
+            self.note_attached(index, before.and_then(|before| before.parent()));
+            if let Some(before) = before {
+                self.keep_earlier(index, before);
+            }
+            self.touch(index);
+        }
+        self.doubt_earlier(index, self.converged_at);
+    }
+
     /// Notes a body that became attached.
     pub(super) fn note_attached(&mut self, index: u32, before: Option<BodyId>) {
         let parent = self.tracks.slot(index).and_then(Slot::parent);
@@ -70,14 +93,14 @@ impl Subscriber {
     /// Notes that a body has another track.
     fn note_applied(&mut self, index: u32, before: Option<DenseTrack>) {
         match before {
-            Some(before) => self.previous_tracks.keep(index, before),
-            None => self.previous_tracks.forget(index),
+            Some(before) => self.keep_earlier(index, before),
+            None => self.earlier_tracks.forget(index),
         }
         self.statistics.updates += 1;
         // The receiver of a restricted stream sees only the newest track if one datagram brings several.
         let again = self.marked.get(index as usize).copied().unwrap_or_default();
         if self.restricted.is_some() && again {
-            self.drop_previous(index);
+            self.doubt_earlier(index, Tick::ZERO);
         }
         self.touch(index);
     }

@@ -3,6 +3,7 @@
 use rhumb_reckoning::{BodyId, Motion, PredictionX4, Tick};
 
 use super::Subscriber;
+use crate::stream::tracks::Slot;
 
 impl Subscriber {
     /// Passes the predicted motion of each body to the callback with its key, in no defined order. The bits are those
@@ -15,13 +16,13 @@ impl Subscriber {
     ) {
         let mut batch = PredictionX4::default();
         for (key, id) in requested {
-            let Some(slot) = self.tracks.slot(id.index()) else {
-                continue;
-            };
-            let of_now = slot.id(id.index()) == *id && slot.origin() <= tick;
             // An attached body, or a tick before the track's origin, is predicted alone.
-            let free = slot.parent().is_none();
-            if of_now && free && self.tracks.take(&mut batch, *key, slot, tick) {
+            let is_simple = |slot: &&Slot| {
+                let of_now = slot.id(id.index()) == *id && slot.origin() <= tick;
+                of_now && slot.parent().is_none()
+            };
+            let slot = self.tracks.slot(id.index()).filter(is_simple);
+            if slot.is_some_and(|slot| self.tracks.take(&mut batch, *key, slot, tick)) {
                 if batch.is_full() {
                     batch.predict(&mut out);
                 }

@@ -13,7 +13,6 @@ use crate::packet::{
     RefreshRecord, RepairSymbol, Update, UpdatePacket, UpdatePayload, Watermark,
 };
 use crate::stream::gaps::{PacketArrival, RefreshId};
-use crate::stream::tracks::Slot;
 use crate::wire::Malformed;
 
 impl Subscriber {
@@ -146,6 +145,7 @@ impl Subscriber {
             if let Some(statements) = &mut self.statements {
                 statements.packet(number, tick, error_scale);
             }
+            self.note_departures(scene_events, tick);
             self.keep(number, datagram);
             self.apply_all(number, tick, &updates);
             if number < newest {
@@ -197,6 +197,7 @@ impl Subscriber {
         let Some((_, tick)) = self.arrive(packet.number, packet.tick, packet.ends_tick) else {
             return Ok(());
         };
+        self.note_departures(packet.scene_events, tick);
         for record in &packet.records {
             let payload = UpdatePayload::Keyframe(Keyframe {
                 predictor: Predictor::Uniform,
@@ -229,6 +230,8 @@ impl Subscriber {
         if let (Some(statements), Some(error_scale)) = (&mut self.statements, error_scale) {
             statements.watermark(next, tick, error_scale);
         }
+        // It may have been sent between its tick and the next one.
+        self.note_departures(watermark.scene_events, tick.next());
         self.statistics.missed += next.saturating_sub(before);
         self.newest = self.newest.max(tick);
         self.watermark_tick = self.watermark_tick.max(tick);
@@ -304,12 +307,7 @@ impl Subscriber {
                 Some(alias) => self.aliases.take(alias, record.index, as_of, owner),
                 None => self.aliases.release_by(record.index, as_of),
             }
-            let parent_candidate = self.tracks.slot(record.index).and_then(Slot::parent);
-            if self.tracks.apply(record.index, origin, &keyframe).is_ok() {
-                self.note_attached(record.index, parent_candidate);
-                self.touch(record.index);
-            }
-            self.drop_previous(record.index);
+            self.apply_record(record.index, origin, &keyframe);
         }
         let of = RefreshId {
             as_of,

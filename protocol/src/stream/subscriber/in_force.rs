@@ -1,0 +1,331 @@
+//! The tracks in force at a tick, and what is known by them.
+
+use alloc::vec::Vec;
+
+use rhumb_reckoning::{BodyId, Metres, Motion, Tick, Ticks, Track, attached_motion};
+
+use super::Subscriber;
+use super::lifetimes::{Departed, DepartureTick};
+use crate::packet::Low16;
+use crate::stream::bound::ErrorBound;
+use crate::stream::earlier_tracks::EarlierTrack;
+use crate::stream::tracks::Slot;
+
+/// The track of a body in force at a tick.
+#[derive(Clone, Copy, Debug)]
+struct InForce<'a> {
+    slot: &'a Slot,
+    track: Track,
+    certainty: Certainty,
+    origin: TrackSource,
+}
+
+/// What is known of the ticks of a track.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Certainty {
+    /// It was in force up to this tick at least.
+    Until(Tick),
+    /// Another one was in force: the nearest kept one is taken.
+    None,
+}
+
+/// The place of a track.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum TrackSource {
+    /// It is the present track of the body.
+    Present,
+    /// It was replaced, or its body is gone.
+    Past,
+}
+
+/// A track that a view shows at a tick.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ShownTrack {
+    /// The track.
+    pub track: Track,
+    /// True if no later one is known.
+    pub is_newest: bool,
+}
+
+impl Subscriber {
+    /// The body with this index at a tick, as far as it is known: one that is removed later, or that has come by then.
+    #[must_use]
+    pub fn body_at(&self, index: u32, tick: Tick) -> Option<BodyId> {
+        let present = self.body(index);
+        let present = present.filter(|id| self.lifetimes.since(*id) <= tick);
+        present.or_else(|| Some(self.lifetimes.departed_at(index, tick)?.id))
+    }
+
+    /// Appends the indices of the bodies that come or go at ticks that a view has not shown yet.
+    pub fn coming_and_going(&self, out: &mut Vec<u32>) {
+        self.lifetimes.indices(out);
+    }
+
+    /// True if a body comes, goes or changes at a tick that a view has not shown yet.
+    #[must_use]
+    pub fn is_changing(&self) -> bool {
+        !self.lifetimes.is_empty()
+    }
+
+    /// The track by which a body is predicted at a tick; `None` for a body that does not exist then.
+    #[must_use]
+    pub fn track_at(&self, id: BodyId, tick: Tick) -> Option<ShownTrack> {
+        let in_force = self.in_force(id, tick)?;
+        Some(ShownTrack {
+            track: in_force.track,
+            is_newest: in_force.origin == TrackSource::Present,
+        })
+    }
+
+    /// True if a body's newest track is in force at a tick, without a parent and not at rest. Costs less than
+    /// [`Self::track_at`].
+    #[must_use]
+    pub fn moves_freely_at(&self, id: BodyId, tick: Tick) -> bool {
+        let slot = self.tracks.slot(id.index());
+        slot.is_some_and(|slot| {
+            let is_newest = slot.id(id.index()) == id && slot.origin() <= tick;
+            is_newest && slot.parent().is_none() && !slot.dense().is_resting()
+        })
+    }
+
+    /// The radius of the smallest sphere around a body's centre of mass that contains it at a tick.
+    #[must_use]
+    pub fn radius_at(&self, id: BodyId, tick: Tick) -> Option<Metres> {
+        let in_force = self.in_force(id, tick)?;
+        Some(self.tracks.radius(in_force.slot))
+    }
+
+    /// The label of a body at a tick.
+    pub(crate) fn label_at(&self, id: BodyId, tick: Tick) -> Option<u32> {
+        self.tracks.label(self.in_force(id, tick)?.slot)
+    }
+
+    /// Takes the labels of bodies that are gone.
+    pub(crate) fn take_released_labels(&mut self) -> Vec<u32> {
+        self.lifetimes.take_released()
+    }
+
+    /// True if the track by which a body is predicted at a tick is attached to a body that was removed: its motion in the
+    /// world is then not known until the track of its next update.
+    #[must_use]
+    pub fn is_orphaned_at(&self, id: BodyId, tick: Tick) -> bool {
+        let parent = self.in_force(id, tick).and_then(|of| of.track.parent);
+        parent.is_some_and(|parent| self.in_force(parent, tick).is_none())
+    }
+
+    /// The predicted motion of a body at a tick, by the track in force then as far as it is kept. Of an orphaned body, it
+    /// is relative to the parent that it had.
+    #[must_use]
+    pub fn predicted_motion(&self, id: BodyId, tick: Tick) -> Option<Motion> {
+        self.motion_by(&self.in_force(id, tick)?, id, tick)
+    }
+
+    /// The motion of a body at the next tick by the track in force at this one, if another one is in force then.
+    #[must_use]
+    pub fn continued_motion(&self, id: BodyId, tick: Tick) -> Option<Motion> {
+        let (now, next) = (self.in_force(id, tick)?, tick.next());
+        let replaced = self
+            .in_force(id, next)
+            .is_none_or(|then| then.track != now.track);
+        let continued = || self.motion_by(&now, id, next);
+        replaced.then(continued).flatten()
+    }
+
+    fn motion_by(&self, in_force: &InForce<'_>, id: BodyId, tick: Tick) -> Option<Motion> {
+        let motion = self.framed_motion(in_force, id.index(), tick);
+        let parent = in_force.track.parent;
+        let parent = parent.and_then(|parent| Some((parent.index(), self.in_force(parent, tick)?)));
+        let Some((index, parent)) = parent else {
+            return Some(motion);
+        };
+        let by = self.framed_motion(&parent, index, tick);
+        Some(attached_motion(&by, &motion.pose()))
+    }
+
+    fn framed_motion(&self, in_force: &InForce<'_>, index: u32, tick: Tick) -> Motion {
+        let (slot, track) = (in_force.slot, &in_force.track);
+        match in_force.origin {
+            TrackSource::Present => self.tracks.framed((index, slot), track, tick),
+            // The cached rotation is that of the present track.
+            TrackSource::Past => self.tracks.framed_fresh(slot, track, tick),
+        }
+    }
+
+    /// The track of a body in force at a tick, or the nearest kept one.
+    fn in_force(&self, id: BodyId, tick: Tick) -> Option<InForce<'_>> {
+        let slot = self.tracks.slot(id.index());
+        match slot.filter(|slot| slot.id(id.index()) == id) {
+            Some(slot) if slot.origin() <= tick => Some(InForce {
+                slot,
+                track: slot.track(),
+                certainty: Certainty::Until(FOR_EVER),
+                origin: TrackSource::Present,
+            }),
+            Some(slot) if self.lifetimes.since(id) <= tick => {
+                let earlier = self.earlier_tracks.at(id.index(), tick);
+                let nearest = || self.earlier_tracks.nodes_of(id.index()).last();
+                Some(match (earlier, nearest()) {
+                    (Some(earlier), _) => {
+                        past(slot, earlier.track, Certainty::Until(earlier.sure_until))
+                    }
+                    (None, Some(nearest)) => past(slot, nearest.track, Certainty::None),
+                    (None, None) => past(slot, slot.track(), Certainty::None),
+                })
+            }
+            _ => {
+                let departed = self.lifetimes.departed_at(id.index(), tick)?;
+                (departed.id == id)
+                    .then(|| departed_track(departed, tick))
+                    .flatten()
+            }
+        }
+    }
+
+    /// The error bound of a body at the tick of the watermark.
+    #[must_use]
+    pub fn bound(&self, id: BodyId) -> Option<ErrorBound> {
+        self.bound_at(id, self.watermark_tick)
+    }
+
+    /// The error bound of a body at a tick; `None` for a body that does not exist then. Unknown after the watermark, before
+    /// the tracks that are still kept, and between two published ticks.
+    #[must_use]
+    pub fn bound_at(&self, id: BodyId, tick: Tick) -> Option<ErrorBound> {
+        let in_force = self.in_force(id, tick)?;
+        let complete = self.complete();
+        let uncertain_before = self.gaps.unsure_before();
+        let is_certain = |of: &InForce<'_>| match of.certainty {
+            Certainty::Until(sure_until) => {
+                let origin = of.track.origin;
+                let has_no_gap = uncertain_before.is_none_or(|before| origin >= before);
+                let is_complete = self.shown.is_some() && tick <= complete;
+                tick <= sure_until && (is_complete || has_no_gap)
+            }
+            Certainty::None => false,
+        };
+        let is_known = is_certain(&in_force)
+            && in_force.track.parent.is_none_or(|parent| {
+                // An attached body is known no better than its parent.
+                self.in_force(parent, tick)
+                    .is_some_and(|parent| is_certain(&parent))
+            });
+        let unknown = Some(ErrorBound::Unknown {
+            since: self.converged_at,
+        });
+        if tick > self.watermark_tick || !self.is_published(tick) || self.lost_sync || !is_known {
+            return unknown;
+        }
+        let Some(error_scale) = self.error_scale_at(tick) else {
+            return unknown;
+        };
+        let tolerance = self.tracks.tolerance_of(in_force.slot);
+        let reach = tolerance.reach(self.tracks.radius(in_force.slot));
+        Some(ErrorBound::Within(Metres::new(
+            reach.metres() * error_scale,
+        )))
+    }
+
+    /// The tick from which on earlier tracks are kept when a newer one comes.
+    pub(super) fn shown_from(&self) -> Tick {
+        let Some(shown) = self.shown else {
+            return FOR_EVER;
+        };
+        match self.history.max(shown.behind) {
+            // A view of the present needs the last track before it at most.
+            0 => FOR_EVER,
+            behind => {
+                let behind = behind + super::HISTORY_SLACK;
+                shown
+                    .from
+                    .max(Tick::new(self.newest.value().saturating_sub(behind)))
+            }
+        }
+    }
+
+    /// Notes the first tick of a body that a scene event has placed.
+    pub(super) fn arrive_at(&mut self, id: BodyId, since: Tick) {
+        let is_news = |shown: super::ShownPast| self.placed && since > shown.from;
+        if self.shown.is_some_and(is_news) {
+            self.lifetimes.arrive(id, since);
+        }
+    }
+
+    /// Keeps the body of an index that is about to go, for a view of earlier ticks. `at`: the tick of its change; `None`
+    /// for a removal. Returns `false` if there is none, or no view of earlier ticks.
+    pub(super) fn depart(&mut self, index: u32, at: Option<Tick>) -> bool {
+        let lookahead = u64::from(self.lookahead.count());
+        let is_past_shown = self
+            .shown
+            .is_some_and(|shown| self.history.max(shown.behind) + lookahead > 0);
+        if !self.placed || !is_past_shown {
+            return false;
+        }
+        let Some(slot) = self.tracks.retained(index) else {
+            return false;
+        };
+        let id = slot.id(index);
+        let mut tracks = Vec::new();
+        tracks.push(EarlierTrack {
+            track: slot.track(),
+            sure_until: FOR_EVER,
+        });
+        tracks.extend(self.earlier_tracks.nodes_of(index));
+        self.lifetimes.depart(Departed {
+            id,
+            label: self.tracks.label(&slot),
+            tracks,
+            since: self.lifetimes.since(id),
+            end: match at {
+                Some(tick) => DepartureTick::At(tick),
+                None => DepartureTick::After(self.scene_events + 1, None),
+            },
+            // What arrives later, of a missing packet too, is not about this body any more.
+            sure_until: self.complete(),
+            slot,
+        });
+        true
+    }
+
+    /// Drops departed bodies; `false` if there are none.
+    pub(super) fn forget_departed(&mut self) -> bool {
+        let (lifetimes, tracks) = (&mut self.lifetimes, &mut self.tracks);
+        lifetimes.forget_departed(|slot| tracks.release(slot))
+    }
+
+    /// Learns when bodies went from the count of scene events of a datagram.
+    pub(super) fn note_departures(&mut self, scene_events: Low16, tick: Tick) {
+        let scene_events = scene_events.expand(self.scene_events);
+        let reached = tick + self.lookahead;
+        self.lifetimes.note_count(scene_events, reached);
+    }
+
+    /// Sets the scene's lookahead: a datagram describes a tick that is so much older than the scene.
+    pub(crate) const fn set_lookahead(&mut self, lookahead: Ticks) {
+        self.lookahead = lookahead;
+    }
+}
+
+/// No end.
+const FOR_EVER: Tick = Tick::new(u64::MAX);
+
+const fn past(slot: &Slot, track: Track, certainty: Certainty) -> InForce<'_> {
+    InForce {
+        slot,
+        track,
+        certainty,
+        origin: TrackSource::Past,
+    }
+}
+
+/// The track of a departed body in force at a tick, or its oldest kept one.
+fn departed_track(departed: &Departed, tick: Tick) -> Option<InForce<'_>> {
+    let begun = departed.tracks.iter().find(|of| of.track.origin <= tick);
+    let (of, certainty) = match begun {
+        Some(of) => {
+            let sure_until = of.sure_until.min(departed.sure_until);
+            (of, Certainty::Until(sure_until))
+        }
+        None => (departed.tracks.last()?, Certainty::None),
+    };
+    Some(past(&departed.slot, of.track, certainty))
+}

@@ -1,0 +1,159 @@
+//! Bodies that came or went after a moment that a view still shows.
+//!
+//! Knows no view: it is told the earliest tick that one shows. Invariant: without a delayed view, no departed body is kept.
+
+use alloc::collections::BTreeMap;
+use alloc::vec::Vec;
+
+use rhumb_reckoning::{BodyId, Tick};
+
+use crate::stream::earlier_tracks::EarlierTrack;
+use crate::stream::tracks::Slot;
+
+/// First ticks and last tracks of bodies.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Lifetimes {
+    /// By index: a body, and the first tick at which it is as it is now.
+    arrived: BTreeMap<u32, (BodyId, Tick)>,
+    /// By index, oldest first.
+    departed: BTreeMap<u32, Vec<Departed>>,
+    /// Labels of bodies that are gone and not kept.
+    released: Vec<u32>,
+}
+
+/// A body as it was until it was removed or changed.
+#[derive(Clone, Debug)]
+pub(super) struct Departed {
+    pub(super) id: BodyId,
+    pub(super) slot: Slot,
+    pub(super) label: Option<u32>,
+    /// Its tracks, newest first.
+    pub(super) tracks: Vec<EarlierTrack>,
+    /// Its first tick.
+    pub(super) since: Tick,
+    pub(super) end: DepartureTick,
+    /// Nothing is promised after this tick.
+    pub(super) sure_until: Tick,
+}
+
+/// The first tick of a scene without a body.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum DepartureTick {
+    /// It is known.
+    At(Tick),
+    /// No datagram that counts this scene event has arrived. A view shows the body until the tick, if there is one.
+    After(u64, Option<Tick>),
+}
+
+impl Departed {
+    fn is_at(&self, tick: Tick) -> bool {
+        let is_gone = match self.end {
+            DepartureTick::At(end) | DepartureTick::After(_, Some(end)) => tick >= end,
+            DepartureTick::After(_, None) => false,
+        };
+        self.since <= tick && !is_gone
+    }
+}
+
+impl Lifetimes {
+    /// The first tick of a body that is there; zero if no view needs to know it.
+    pub(super) fn since(&self, id: BodyId) -> Tick {
+        // Almost always there is none.
+        if self.arrived.is_empty() {
+            return Tick::ZERO;
+        }
+        let arrived = self.arrived.get(&id.index());
+        arrived
+            .filter(|(arrived, _)| *arrived == id)
+            .map_or(Tick::ZERO, |(_, since)| *since)
+    }
+
+    /// What was under an index at a tick and is not there any more.
+    pub(super) fn departed_at(&self, index: u32, tick: Tick) -> Option<&Departed> {
+        let mut departed = self.departed.get(&index)?.iter().rev();
+        departed.find(|departed| departed.is_at(tick))
+    }
+
+    /// True if no body came or went.
+    pub(super) fn is_empty(&self) -> bool {
+        self.arrived.is_empty() && self.departed.is_empty()
+    }
+
+    /// The indices of all bodies that came or went.
+    pub(super) fn indices(&self, out: &mut Vec<u32>) {
+        out.extend(self.arrived.keys());
+        out.extend(self.departed.keys());
+    }
+
+    /// Notes the first tick of a body.
+    pub(super) fn arrive(&mut self, id: BodyId, since: Tick) {
+        self.arrived.insert(id.index(), (id, since));
+    }
+
+    /// Keeps a body that goes.
+    pub(super) fn depart(&mut self, departed: Departed) {
+        let index = departed.id.index();
+        self.arrived.remove(&index);
+        self.departed.entry(index).or_default().push(departed);
+    }
+
+    /// Notes the label of a body that is gone.
+    pub(super) fn release_label(&mut self, label: Option<u32>) {
+        self.released.extend(label);
+    }
+
+    /// Takes the labels of bodies that are gone.
+    pub(super) fn take_released(&mut self) -> Vec<u32> {
+        core::mem::take(&mut self.released)
+    }
+
+    /// Learns from a datagram that the first `scene_events` happened before a tick.
+    pub(super) fn note_count(&mut self, scene_events: u64, tick: Tick) {
+        for departed in self.departed.values_mut().flatten() {
+            if let DepartureTick::After(event, _) = departed.end
+                && event <= scene_events
+            {
+                departed.end = DepartureTick::At(tick);
+            }
+        }
+    }
+
+    /// Drops what no tick from this one on needs. A body whose last tick is not known is shown for `news_after` ticks, within
+    /// which a datagram tells it.
+    pub(super) fn forget_before(
+        &mut self,
+        tick: Tick,
+        news_after: u64,
+        mut release: impl FnMut(&Slot),
+    ) {
+        self.arrived.retain(|_, (_, since)| *since > tick);
+        let released = &mut self.released;
+        self.departed.retain(|_, of_index| {
+            of_index.retain_mut(|departed| {
+                let stays = match &mut departed.end {
+                    DepartureTick::At(end) | DepartureTick::After(_, Some(end)) => *end > tick,
+                    DepartureTick::After(_, end) => {
+                        *end = Some(Tick::new(tick.value() + news_after));
+                        true
+                    }
+                };
+                if !stays {
+                    release(&departed.slot);
+                    released.extend(departed.label);
+                }
+                stays
+            });
+            !of_index.is_empty()
+        });
+    }
+
+    /// Drops all departed bodies; `false` if there are none.
+    pub(super) fn forget_departed(&mut self, mut release: impl FnMut(&Slot)) -> bool {
+        let departed = core::mem::take(&mut self.departed);
+        for departed in departed.values().flatten() {
+            release(&departed.slot);
+            self.released.extend(departed.label);
+        }
+        !departed.is_empty()
+    }
+}
