@@ -8,9 +8,7 @@ use std::time::Duration;
 
 use rhumb_client::glam::{Quat, Vec3};
 use rhumb_client::scene::{BodyDesc, Material, SceneConfig, Shape, Stepping};
-use rhumb_client::{
-    BodyId, BodyState, Client, ErrorReport, JoinMode, JoinOptions, Tolerance, Trust,
-};
+use rhumb_client::{BodyId, BodyState, Client, JoinMode, JoinOptions, MainError, Tolerance, Trust};
 
 /// Duration of a frame of this program, independent of the server's tick.
 const FRAME: Duration = Duration::from_millis(11);
@@ -34,7 +32,7 @@ fn walk(seconds: f32) -> BodyState {
 }
 
 /// Adds a floor, three boxes in the avatar's path, and the avatar; returns its id.
-fn furnish(client: &mut Client) -> Result<BodyId, ErrorReport> {
+fn furnish(client: &mut Client) -> Result<BodyId, MainError> {
     let floor = BodyDesc::fixed(Shape::cuboid(10.0, 0.5, 10.0)).at(0.0, -0.5, 0.0);
     let boxes = [(0.0, RADIUS), (-RADIUS, 0.0), (0.0, -RADIUS)]
         .map(|(x, z)| BodyDesc::dynamic(Shape::cuboid(0.2, 0.2, 0.2)).at(x, 0.2, z));
@@ -59,7 +57,7 @@ fn options() -> JoinOptions {
     }
 }
 
-fn main() -> Result<(), ErrorReport> {
+fn main() -> Result<(), MainError> {
     let mut arguments = std::env::args().skip(1);
     let address = arguments
         .next()

@@ -8,7 +8,7 @@ use std::io::Write;
 use rhumb_client::glam::Vec3;
 use rhumb_client::scene::{BodyDesc, LockedAxes, Material, SceneConfig, Shape};
 use rhumb_client::{
-    BodyId, BodyState, Client, ErrorReport, InvalidMotion, JoinMode, JoinOptions, PipelineDepth,
+    BodyId, BodyState, Client, InvalidMotion, JoinMode, JoinOptions, MainError, PipelineDepth,
     Tolerance, Trust,
 };
 
@@ -43,7 +43,7 @@ fn walk(tick: u32) -> Result<BodyState, InvalidMotion> {
 type Crowd = Vec<(BodyId, Vec3)>;
 
 /// Adds a floor, the crowd, and the avatar.
-fn furnish(client: &mut Client) -> Result<(Crowd, BodyId), ErrorReport> {
+fn furnish(client: &mut Client) -> Result<(Crowd, BodyId), MainError> {
     client.add_body(BodyDesc::fixed(Shape::cuboid(20.0, 0.5, 20.0)).at(0.0, -0.5, 0.0))?;
     let place = |i: u8| SPACING * (f32::from(i) - f32::from(CROWD - 1) / 2.0);
     let places = (0..CROWD)
@@ -109,7 +109,7 @@ fn options() -> JoinOptions {
     }
 }
 
-fn main() -> Result<(), ErrorReport> {
+fn main() -> Result<(), MainError> {
     let mut arguments = std::env::args().skip(1);
     let address = arguments
         .next()

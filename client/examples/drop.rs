@@ -5,9 +5,9 @@
 use std::io::Write;
 
 use rhumb_client::scene::{BodyDesc, Shape};
-use rhumb_client::{Client, ErrorReport, PipelineDepth, Trust};
+use rhumb_client::{Client, MainError, PipelineDepth, Trust};
 
-fn main() -> Result<(), ErrorReport> {
+fn main() -> Result<(), MainError> {
     let mut arguments = std::env::args().skip(1);
     let address = arguments
         .next()

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use rhumb_client::glam::{Quat, Vec3};
 use rhumb_client::scene::{BodyDesc, Shape};
-use rhumb_client::{BodyId, Client, ErrorReport, PipelineDepth, Trust};
+use rhumb_client::{BodyId, Client, MainError, PipelineDepth, Trust};
 
 const BOXES: u8 = 10;
 /// Half of a box's edge, metres.
@@ -31,7 +31,7 @@ struct Drawn {
 }
 
 /// Adds the floor, the tower, and the ball on its way; returns what is drawn.
-fn furnish(client: &mut Client) -> Result<Vec<Drawn>, ErrorReport> {
+fn furnish(client: &mut Client) -> Result<Vec<Drawn>, MainError> {
     client.add_body(BodyDesc::fixed(Shape::cuboid(50.0, 0.5, 50.0)).at(0.0, -0.5, 0.0))?;
     let tower = (0..BOXES).map(|i| {
         let height = HALF * (2.0 * f32::from(i) + 1.0);
@@ -86,7 +86,7 @@ fn picture(client: &Client, drawn: &[Drawn]) -> String {
     text
 }
 
-fn main() -> Result<(), ErrorReport> {
+fn main() -> Result<(), MainError> {
     let mut arguments = std::env::args().skip(1);
     let address = arguments
         .next()

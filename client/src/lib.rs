@@ -14,7 +14,7 @@
 //! use rhumb_client::scene::{BodyDesc, Shape};
 //! use rhumb_client::{Client, PipelineDepth, Trust};
 //!
-//! # fn main() -> Result<(), rhumb_client::ErrorReport> {
+//! # fn main() -> Result<(), rhumb_client::MainError> {
 //! let trust = Trust::Fingerprint(std::env::var("RHUMB_FINGERPRINT")?.parse()?);
 //! let mut client = Client::connect("127.0.0.1:4433", trust)?.join("drop")?;
 //! client.add_body(BodyDesc::fixed(Shape::cuboid(10.0, 0.5, 10.0)).at(0.0, -0.5, 0.0))?;
@@ -51,8 +51,8 @@
 
 mod client;
 mod error;
-mod error_report;
 mod join_options;
+mod main_error;
 mod pump;
 mod reconnector;
 mod redial;
@@ -62,9 +62,9 @@ mod statistics;
 
 pub use client::Client;
 pub use error::{ClientError, OpenError, RefusedRequests};
-pub use error_report::ErrorReport;
 pub use glam;
 pub use join_options::{JoinOptions, Refusals};
+pub use main_error::MainError;
 pub use pump::TapChannel;
 pub use rhumb_protocol::Ending;
 pub use rhumb_protocol::message::{

@@ -18,7 +18,7 @@
 //! use rhumb_client::{Client, PipelineDepth};
 //! use rhumb_local::Local as _;
 //!
-//! # fn main() -> Result<(), rhumb_client::ErrorReport> {
+//! # fn main() -> Result<(), rhumb_client::MainError> {
 //! let mut client = Client::local().join("drop")?;
 //! client.add_body(BodyDesc::fixed(Shape::cuboid(10.0, 0.5, 10.0)).at(0.0, -0.5, 0.0))?;
 //! let ball = client.add_body(BodyDesc::dynamic(Shape::ball(0.5)).at(0.0, 10.0, 0.0))?;

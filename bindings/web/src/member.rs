@@ -10,11 +10,12 @@ use rhumb_protocol::stream::Subscriber;
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance};
 use rhumb_view::{
-    ClientIds, JoinError, Joining, LiveView, RESUME_WITHIN, RenderTime, UpstreamClock, View,
-    may_resume,
+    ClientIds, JoinError, Joining, LiveView, RESUME_WITHIN, RefusedRequest, RenderTime,
+    UpstreamClock, View, may_resume,
 };
 use serde_json::{Value, json};
 
+use crate::argument::id_number;
 use crate::columns::Columns;
 use crate::digest::digest;
 use crate::event_json;
@@ -173,7 +174,8 @@ impl WebMember {
                 .and_then(|joined| joined.ids.refusal(event));
             if let Some(refusal) = refusal {
                 json["reason"] = json!(refusal.reason.word());
-                json["body"] = refusal.body.map(crate::argument::id_number).into();
+                json["body"] = refusal.body.map(id_number).into();
+                json["message"] = json!(with_number(&refusal));
             }
             if let Event::Ended(ending) = event {
                 let resumes = may_resume(*ending) && self.session.can_reconnect();
@@ -319,7 +321,7 @@ impl WebMember {
 
     pub(crate) fn authority_json(&self) -> Value {
         let bodies = self.session.authority_bodies();
-        bodies.map(crate::argument::id_number).collect()
+        bodies.map(id_number).collect()
     }
 
     /// Milliseconds for which the client tries to resume by default.
@@ -480,6 +482,15 @@ impl Membership {
         self.live_view.show(session, now, at, smooth);
         self.columns
             .update(self.live_view.view(), session.replica());
+    }
+}
+
+/// The reason of a refusal, which names a body by its number in JavaScript.
+fn with_number(refusal: &RefusedRequest) -> String {
+    let sentence = refusal.reason.to_string();
+    match refusal.body {
+        Some(id) => sentence.replace(&id.to_string(), &format!("body {}", id_number(id))),
+        None => sentence,
     }
 }
 

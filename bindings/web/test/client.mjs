@@ -29,10 +29,10 @@ const clients = [];
 afterEach(() => clients.splice(0).forEach((client) => client.close()));
 
 /** A member of a lockstep scene, and its server. */
-async function joined() {
+async function joined(options) {
   const connection = await connect(URL, { transport: Transport });
   const server = servers.at(-1);
-  const joining = connection.join("golden", { resumeWithin: 0 });
+  const joining = connection.join("golden", { resumeWithin: 0, ...options });
   server.play(BEGINNING);
   const client = await joining;
   clients.push(client);
@@ -105,6 +105,46 @@ test("a denied stream fails no step, and a denied step no deletion", async () =>
   assert.deepEqual(await settled(deleted), {});
   server.sendControl(message("Denied, 16"));
   assert.equal((await settled(deleted)).error?.denial, "notAllowed");
+});
+
+test("what the server refuses is thrown by the next poll, and the one after goes on", async () => {
+  const { client, server } = await joined();
+  assert.equal(client.command({ kind: "removeBody", id: 77 }), 0);
+  client.flush();
+  server.sendControl(message("Refused, 2 of a body"));
+  await pause(10);
+  let refused;
+  assert.throws(
+    () => client.poll(),
+    (error) => (refused = error).code === "refused",
+  );
+  const [{ number, body, reason, message: text }] = refused.refusals;
+  assert.equal(refused.refusals.length, 1);
+  assert.equal(reason, "unknown body");
+  assert.equal(number, 4);
+  assert.equal(body, 2 * 2 ** 32 + 300);
+  assert.equal(text, `the scene has no body ${body}`);
+  assert.ok(refused.message.includes(text));
+  client.poll();
+  assert.ok(eventKinds(client).includes("refused"));
+});
+
+test("refusals are events alone where the application says so", async () => {
+  const { client, server } = await joined({ refusals: "events" });
+  server.sendControl(message("Refused, 2 of a body"));
+  await pause(10);
+  client.poll();
+  assert.ok(eventKinds(client).includes("refused"));
+  const connection = await connect(URL, { transport: Transport });
+  await assert.rejects(connection.join("golden", { refusals: "never" }), { code: "argument" });
+});
+
+test("a body that is not in the view has no place", async () => {
+  const { client } = await joined();
+  client.poll();
+  const [first] = client.view.ids;
+  assert.equal(client.view.place(first), 0);
+  assert.equal(client.view.place(2 ** 20 - 1), undefined);
 });
 
 /** As a browser's: closed before it is ready, it is never ready. */

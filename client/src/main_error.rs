@@ -8,7 +8,7 @@ use std::fmt;
 /// Any error, for `main`: its `Debug` is its sentence, followed by those of its causes.
 ///
 /// ```
-/// fn main() -> Result<(), rhumb_client::ErrorReport> {
+/// fn main() -> Result<(), rhumb_client::MainError> {
 ///     let address = std::env::args().nth(1).unwrap_or_default();
 /// #   let address = "1";
 ///     let count: u32 = address.parse()?;
@@ -16,15 +16,15 @@ use std::fmt;
 ///     Ok(())
 /// }
 /// ```
-pub struct ErrorReport(Box<dyn Error + Send + Sync>);
+pub struct MainError(Box<dyn Error + Send + Sync>);
 
-impl<E: Into<Box<dyn Error + Send + Sync>>> From<E> for ErrorReport {
+impl<E: Into<Box<dyn Error + Send + Sync>>> From<E> for MainError {
     fn from(error: E) -> Self {
         Self(error.into())
     }
 }
 
-impl fmt::Debug for ErrorReport {
+impl fmt::Debug for MainError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.0.fmt(f)?;
         let mut cause = self.0.source();
@@ -36,7 +36,7 @@ impl fmt::Debug for ErrorReport {
     }
 }
 
-impl fmt::Display for ErrorReport {
+impl fmt::Display for MainError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.0.fmt(f)
     }
@@ -64,14 +64,11 @@ mod tests {
 
     #[test]
     fn what_main_prints_is_the_sentence_and_its_causes() {
-        let report = ErrorReport::from(ClientError::SceneDeleted);
-        assert_eq!(format!("{report:?}"), "another member deleted the scene");
-        let report = ErrorReport::from(Outer(ClientError::SceneDeleted));
+        let error = MainError::from(ClientError::SceneDeleted);
+        assert_eq!(format!("{error:?}"), "another member deleted the scene");
+        let error = MainError::from(Outer(ClientError::SceneDeleted));
         let text = "the run ended\n  because: another member deleted the scene";
-        assert_eq!(format!("{report:?}"), text);
-        assert_eq!(
-            format!("{:?}", ErrorReport::from("no address")),
-            "no address"
-        );
+        assert_eq!(format!("{error:?}"), text);
+        assert_eq!(format!("{:?}", MainError::from("no address")), "no address");
     }
 }
