@@ -1,6 +1,6 @@
 //! Any error, as the result of `main` for people.
 //!
-//! A `main` that returns an error prints its `Debug`, which is for programmers. That of a report is its sentence.
+//! A `main` that returns an error prints its `Debug`, which is for programmers. That of this one is its sentence.
 
 use std::error::Error;
 use std::fmt;
@@ -26,7 +26,7 @@ impl<E: Into<Box<dyn Error + Send + Sync>>> From<E> for MainError {
 
 impl fmt::Debug for MainError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.0.fmt(f)?;
+        write!(f, "{}", self.0)?;
         let mut cause = self.0.source();
         while let Some(error) = cause {
             write!(f, "\n  because: {error}")?;
@@ -38,7 +38,7 @@ impl fmt::Debug for MainError {
 
 impl fmt::Display for MainError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.0.fmt(f)
+        write!(f, "{}", self.0)
     }
 }
 

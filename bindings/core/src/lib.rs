@@ -14,6 +14,7 @@ mod converted_view;
 mod coordinates;
 mod error;
 mod event_record;
+mod heard_bodies;
 mod join_params;
 mod joint_params;
 mod refusal_record;

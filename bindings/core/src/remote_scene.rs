@@ -18,6 +18,7 @@ use crate::converted_view::ConvertedView;
 use crate::coordinates::Coordinates;
 use crate::error::BindingError;
 use crate::event_record::EventRecord;
+use crate::heard_bodies::HeardBodies;
 use crate::join_params::{JoinParams, tolerance};
 use crate::refusal_record::RefusalRecord;
 
@@ -61,6 +62,7 @@ pub struct RemoteScene {
     /// Events that the application has not read.
     events: VecDeque<EventRecord>,
     contacts: Contacts,
+    heard: HeardBodies,
     /// Of the last call that the refusals made an error.
     refusals: VecDeque<RefusalRecord>,
     /// Of the last [`Self::error_bounds`].
@@ -85,6 +87,7 @@ impl RemoteScene {
             view: ConvertedView::new(params.coordinates),
             events: VecDeque::new(),
             contacts: Contacts::default(),
+            heard: HeardBodies::default(),
             refusals: VecDeque::new(),
             error_bounds: Vec::new(),
         })
@@ -105,7 +108,9 @@ impl RemoteScene {
         let coordinates = self.coordinates();
         let builders = bodies.iter().map(|body| body.builder(coordinates));
         let builders: Vec<_> = builders.collect::<Result<_, _>>()?;
-        Ok(self.client.add_bodies(builders)?)
+        let ids = self.client.add_bodies(builders)?;
+        ids.iter().for_each(|id| self.heard.add(*id));
+        Ok(ids)
     }
 
     /// Queues commands, and returns the number of the last one; `None` for no commands. If one is wrong, none is queued.
@@ -303,6 +308,7 @@ impl RemoteScene {
         while let Some((after, event)) = self.client.poll_event() {
             let record = EventRecord::new(after, event, coordinates);
             self.contacts.note(&record);
+            self.heard.note(&record);
             if self.events.len() == EVENTS_KEPT {
                 self.events.pop_front();
             }
@@ -323,12 +329,34 @@ impl RemoteScene {
         self.client.view().ids().len()
     }
 
-    /// Place of a body in the arrays.
+    /// True if the view has a body.
+    #[must_use]
+    pub fn has(&self, body: BodyId) -> bool {
+        self.client.view().place(body).is_some()
+    }
+
+    /// Place of a body in the arrays; `None` for one that is still to come, or has gone.
+    ///
+    /// # Errors
+    ///
+    /// [`BindingError::NotInView`] for a body of which this client never heard.
+    pub fn place(&mut self, body: BodyId) -> Result<Option<usize>, BindingError> {
+        let place = self.client.view().place(body);
+        if place.is_none() {
+            self.take_events();
+            if !self.heard.has(body) {
+                return Err(BindingError::NotInView(body));
+            }
+        }
+        Ok(place)
+    }
+
+    /// Place of a body that the view must have.
     ///
     /// # Errors
     ///
     /// [`BindingError::NotInView`].
-    pub fn place(&self, body: BodyId) -> Result<usize, BindingError> {
+    pub fn place_in_view(&self, body: BodyId) -> Result<usize, BindingError> {
         let place = self.client.view().place(body);
         place.ok_or(BindingError::NotInView(body))
     }

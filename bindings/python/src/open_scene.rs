@@ -15,6 +15,8 @@ pub(crate) struct OpenScene {
     pub(crate) linear: ViewArray<f32>,
     pub(crate) angular: ViewArray<f32>,
     pub(crate) resting: ViewArray<bool>,
+    /// Computed whenever it is read.
+    pub(crate) bounds: ViewArray<f32>,
 }
 
 impl OpenScene {
@@ -29,6 +31,7 @@ impl OpenScene {
             linear: ViewArray::new(),
             angular: ViewArray::new(),
             resting: ViewArray::new(),
+            bounds: ViewArray::new(),
         }
     }
 
@@ -42,5 +45,6 @@ impl OpenScene {
         self.linear.expire();
         self.angular.expire();
         self.resting.expire();
+        self.bounds.expire();
     }
 }

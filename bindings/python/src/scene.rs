@@ -638,15 +638,16 @@ impl PyScene {
 
     /// Place of a body in the arrays: scene.positions[scene.place(body)].
     ///
-    /// Raises InvalidError for a body that is not in the view: not there yet, or removed. "body in scene" asks for that.
-    fn place(&self, py: Python<'_>, body: &Bound<'_, PyAny>) -> PyResult<usize> {
+    /// None for a body that is still to come or has gone; the arrays refuse None as a place, with an IndexError. Raises
+    /// InvalidError for a body of which this client never heard. "body in scene" asks whether the view has it.
+    fn place(&self, py: Python<'_>, body: &Bound<'_, PyAny>) -> PyResult<Option<usize>> {
         let id = single(body)?;
         self.with(py, |opened| opened.scene.place(id))
     }
 
     fn __contains__(&self, py: Python<'_>, body: &Bound<'_, PyAny>) -> PyResult<bool> {
         let id = single(body)?;
-        self.with(py, |opened| Ok(opened.scene.place(id).is_ok()))
+        self.with(py, |opened| Ok(opened.scene.has(id)))
     }
 
     /// Places of many bodies, which must all be in the view: scene.positions[scene.places(bodies)].
@@ -657,7 +658,7 @@ impl PyScene {
     ) -> PyResult<Bound<'py, PyArray1<usize>>> {
         let ids = bodies(body)?.ids;
         let places = self.with(py, |opened| {
-            let places = ids.iter().map(|id| opened.scene.place(*id));
+            let places = ids.iter().map(|id| opened.scene.place_in_view(*id));
             places.collect::<Result<Vec<_>, _>>()
         })?;
         Ok(places.into_pyarray(py))
@@ -674,9 +675,12 @@ impl PyScene {
 
     /// The error_bound of every body of the view, in the order of the arrays.
     #[getter]
-    fn error_bounds<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f32>>> {
-        self.with(py, |opened| Ok(opened.scene.error_bounds().to_vec()))
-            .map(|bounds| bounds.into_pyarray(py))
+    fn error_bounds<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+        self.with(py, |opened| {
+            opened.bounds.expire();
+            let values = opened.scene.error_bounds();
+            Ok(opened.bounds.get(py, None, values))
+        })?
     }
 
     /// How far any point of a body may be off at a tick by what is known of it, whatever the view shows.

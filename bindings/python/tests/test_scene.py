@@ -48,8 +48,15 @@ def test_arrays_have_one_order_and_their_types(scene):
     scene.advance()
     assert len(scene) == 3 and set(scene.removed) == set(bodies[:2])
     assert bodies[0] not in scene and bodies[2] in scene
-    with pytest.raises(rhumb.InvalidError, match="not in the view"):
-        scene.place(bodies[0])
+    assert scene.place(bodies[0]) is None
+    for array in (scene.positions, scene.rotations, scene.bodies, scene.resting, scene.error_bounds):
+        with pytest.raises(IndexError, match="None is the place of no body"):
+            array[scene.place(bodies[0])]
+    with pytest.raises(IndexError):
+        scene.positions[scene.place(bodies[0]), 1]
+    # An axis is added as in NumPy, and all else is plain.
+    assert scene.positions[None, :].shape == (1, 3, 3)
+    assert type(scene.positions[:2]) is type(scene.positions - 1) is type(scene.positions[0]) is np.ndarray
 
 
 def test_an_array_is_read_only_the_same_when_read_again_and_keeps_its_frame(scene):
