@@ -2,7 +2,7 @@
 
 use rhumb_protocol::scene::{BodyDesc, Shape};
 use rhumb_protocol::stream::Observation;
-use rhumb_reckoning::{BodyId, Tick};
+use rhumb_reckoning::{BodyId, Inertia, Tick};
 
 /// A body and its initial state.
 #[derive(Clone, Debug)]
@@ -15,6 +15,8 @@ pub struct Placed {
     pub shape: Shape,
     /// Its initial state.
     pub observation: Observation,
+    /// Its inertia, if it rotates freely and the inertia is known.
+    pub inertia: Option<Inertia>,
 }
 
 /// A body as it is drawn.

@@ -5,7 +5,7 @@
 //! while: a body that wakes often must not cause all resting bodies to be rewritten. When a resting body moves, both
 //! are written.
 
-use foxglove::messages::{Color, SceneEntity, SceneUpdate, Timestamp};
+use foxglove::messages::{Color, PosesInFrame, SceneEntity, SceneUpdate, Timestamp};
 
 use super::body::DrawnBody;
 use super::primitives;
@@ -174,11 +174,25 @@ enum DrawState {
     Resting,
 }
 
+fn timestamp(at_ns: u64) -> Timestamp {
+    let seconds = u32::try_from(at_ns / 1_000_000_000).unwrap_or(u32::MAX);
+    Timestamp::new(seconds, (at_ns % 1_000_000_000) as u32)
+}
+
+/// The poses of all bodies as drawn, in their order.
+pub(crate) fn draw_poses(at_ns: u64, bodies: &[Painted<'_>]) -> PosesInFrame {
+    let poses = bodies.iter();
+    PosesInFrame {
+        timestamp: Some(timestamp(at_ns)),
+        frame_id: primitives::FRAME.to_owned(),
+        poses: poses.map(|(body, _)| primitives::pose(body)).collect(),
+    }
+}
+
 /// An empty entity; it replaces the entity of the same id.
 fn entity(id: &str, at_ns: u64) -> SceneEntity {
-    let seconds = u32::try_from(at_ns / 1_000_000_000).unwrap_or(u32::MAX);
     SceneEntity {
-        timestamp: Some(Timestamp::new(seconds, (at_ns % 1_000_000_000) as u32)),
+        timestamp: Some(timestamp(at_ns)),
         frame_id: primitives::FRAME.to_owned(),
         id: id.to_owned(),
         ..SceneEntity::default()

@@ -6,13 +6,10 @@
 use std::collections::BTreeMap;
 use std::io::{Seek, Write};
 
-use foxglove::Encode;
-use foxglove::messages::SceneUpdate;
 use mcap::records::{MessageHeader, Metadata};
 use mcap::write::NoSeek;
 use mcap::{Compression, McapError, WriteOptions, Writer};
 
-use super::messages::DESCRIPTORS;
 use super::topics::{Schema, Topic, TraceSink};
 
 /// An MCAP file that is being written.
@@ -91,18 +88,11 @@ impl<W: Write + Seek> TraceFile<W> {
 
     fn declare(&mut self, schema: Schema, topic: &str) -> Result<u16, McapError> {
         let mut metadata = BTreeMap::new();
-        let schema = match schema {
-            Schema::Scene => {
-                let scene = SceneUpdate::get_schema().expect("Foxglove's types have schemas");
-                self.writer
-                    .add_schema(&scene.name, &scene.encoding, &scene.data)?
-            }
-            Schema::Own(name) => self.writer.add_schema(name, "protobuf", DESCRIPTORS)?,
-            Schema::Wire(name) => {
-                metadata.insert("protocol".to_owned(), "rhumb/1".to_owned());
-                self.writer.add_schema(name, "protobuf", DESCRIPTORS)?
-            }
-        };
+        if matches!(schema, Schema::Wire(_)) {
+            metadata.insert("protocol".to_owned(), "rhumb/1".to_owned());
+        }
+        let schema = schema.message_schema();
+        let schema = (self.writer).add_schema(&schema.name, &schema.encoding, &schema.data)?;
         self.writer
             .add_channel(schema, topic, "protobuf", &metadata)
     }

@@ -7,10 +7,13 @@
 //! |---|---|---|
 //! | `truth/state` | `rhumb.States` | states of the engine at each tick |
 //! | `truth/static`, `truth/moving`, `truth/resting` | `foxglove.SceneUpdate` | the same, drawn; each message is complete |
+//! | `truth/poses` | `foxglove.PosesInFrame` | the poses of a drawing, for viewers that draw no scenes |
 #![forbid(unsafe_code)]
 
 mod body;
+mod contents;
 mod drawing;
+mod facts;
 mod file;
 mod grid;
 mod layout;
@@ -24,7 +27,9 @@ mod schema_test;
 mod topics;
 
 pub use body::{DrawnBody, Placed};
+pub use contents::{ContentsError, FileContents, FileEnd, StoredChannel, StoredMessage};
 pub use drawing::{ASLEEP, AWAKE, Drawing, DrawnScene, Painted, draw_statics};
+pub use facts::{SceneFacts, log_time_ns};
 pub use file::TraceFile;
 pub use foxglove::messages::{Color, SceneUpdate};
 pub use grid::{GridHistory, GridPose, STEPS};
@@ -37,5 +42,5 @@ pub use messages::{
     BreachMessage, DESCRIPTORS, Packet, Placement, PoseBase, Poses, StateForm, States, TickStats,
 };
 pub use primitives::FRAME;
-pub use read::{TickStates, read_states};
+pub use read::{StatesReader, TickStates, read_states};
 pub use topics::{DrawnTopics, SceneTopics, Schema, Topic, TraceSink};

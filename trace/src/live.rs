@@ -1,25 +1,22 @@
 //! Scenes live for viewers, over Foxglove's WebSocket protocol.
 //!
-//! A topic is announced with its first message. Viewers get messages from then on; one that comes later is noticed, so
-//! that the drawings can be sent whole again.
+//! A topic is announced with its first message. A viewer that subscribes gets nothing until it is admitted, which is
+//! followed by a message on every topic that is whole: so its first message of a topic is a whole one.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::net::SocketAddr;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use foxglove::messages::SceneUpdate;
 use foxglove::websocket::{ChannelView, Client, ServerListener};
 use foxglove::{
-    ChannelBuilder, Context, Encode, FoxgloveError, PartialMetadata, RawChannel, WebSocketServer,
+    ChannelBuilder, Context, FoxgloveError, PartialMetadata, RawChannel, SinkId, WebSocketServer,
     WebSocketServerHandle,
 };
 use prost::Message;
 use tokio::runtime::Runtime;
 
-use super::messages::DESCRIPTORS;
-use super::topics::{Schema, Topic, TraceSink};
+use super::topics::{Topic, TraceSink};
 
 /// Messages that wait for a slow viewer; beyond them it misses the oldest.
 const BACKLOG: usize = 256;
@@ -63,13 +60,54 @@ impl fmt::Display for LiveError {
 
 impl std::error::Error for LiveError {}
 
-/// Notes that a viewer subscribed.
+/// The subscriptions of all viewers.
 #[derive(Default)]
-struct Subscriptions(AtomicBool);
+struct Subscriptions(Mutex<Subscribed>);
+
+#[derive(Default)]
+struct Subscribed {
+    /// Topics and their viewers.
+    waiting: BTreeSet<(String, SinkId)>,
+    /// Those that get messages.
+    admitted: BTreeSet<(String, SinkId)>,
+}
+
+impl Subscriptions {
+    fn lock(&self) -> MutexGuard<'_, Subscribed> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Admits the subscriptions that wait; true if there are any.
+    fn admit(&self) -> bool {
+        let mut subscribed = self.lock();
+        let waiting = std::mem::take(&mut subscribed.waiting);
+        let is_new = !waiting.is_empty();
+        subscribed.admitted.extend(waiting);
+        is_new
+    }
+
+    fn admitted(&self, topic: &str) -> Vec<SinkId> {
+        let subscribed = self.lock();
+        let of_topic = subscribed.admitted.iter().filter(|(of, _)| of == topic);
+        of_topic.map(|(_, sink)| *sink).collect()
+    }
+}
 
 impl ServerListener for Subscriptions {
-    fn on_subscribe(&self, _client: Client, _channel: ChannelView) {
-        self.0.store(true, Ordering::Relaxed);
+    fn on_subscribe(&self, client: Client, channel: ChannelView) {
+        let sink = client
+            .sink_id()
+            .map(|sink| (channel.topic().to_owned(), sink));
+        self.lock().waiting.extend(sink);
+    }
+
+    fn on_unsubscribe(&self, client: Client, channel: ChannelView) {
+        if let Some(sink) = client.sink_id() {
+            let subscription = (channel.topic().to_owned(), sink);
+            let mut subscribed = self.lock();
+            subscribed.waiting.remove(&subscription);
+            subscribed.admitted.remove(&subscription);
+        }
     }
 }
 
@@ -113,9 +151,11 @@ impl LiveScenes {
         self.handle.port()
     }
 
-    /// True if a viewer subscribed since the last call: it has no drawing yet.
-    pub fn has_new_viewer(&mut self) -> bool {
-        self.subscriptions.0.swap(false, Ordering::Relaxed)
+    /// Admits the viewers that have subscribed since the last call. True if there are any: then every topic is to be
+    /// written whole, before anything else.
+    #[must_use]
+    pub fn admit_viewers(&mut self) -> bool {
+        self.subscriptions.admit()
     }
 
     /// Withdraws all topics whose names begin so.
@@ -134,16 +174,10 @@ impl LiveScenes {
         if let Some(channel) = self.channels.get(&topic.name) {
             return Ok(Arc::clone(channel));
         }
-        let schema = match topic.schema {
-            Schema::Scene => SceneUpdate::get_schema(),
-            Schema::Own(name) | Schema::Wire(name) => {
-                Some(foxglove::Schema::new(name, "protobuf", DESCRIPTORS))
-            }
-        };
         let channel = ChannelBuilder::new(&topic.name)
             .context(&self.context)
             .message_encoding("protobuf")
-            .schema(schema)
+            .schema(Some(topic.schema.message_schema()))
             .build_raw()?;
         self.channels
             .insert(topic.name.clone(), Arc::clone(&channel));
@@ -162,14 +196,18 @@ impl TraceSink for LiveScenes {
     ) -> Result<(), FoxgloveError> {
         let channel = self.channel(topic)?;
         topic.sequence = topic.sequence.wrapping_add(1);
-        if !channel.has_sinks() {
+        let sinks = self.subscriptions.admitted(&topic.name);
+        if sinks.is_empty() {
             return Ok(());
         }
         self.buffer.clear();
         message
             .encode(&mut self.buffer)
             .expect("a vector grows as needed");
-        channel.log_with_meta(&self.buffer, PartialMetadata::with_log_time(at_ns));
+        for sink in sinks {
+            let metadata = PartialMetadata::with_log_time(at_ns);
+            channel.log_with_meta_to_sink(&self.buffer, metadata, Some(sink));
+        }
         Ok(())
     }
 }

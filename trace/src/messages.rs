@@ -283,6 +283,15 @@ pub struct Placement {
     /// Binary exponent of the body's tolerance relative to the run's.
     #[prost(sint32, tag = "9")]
     pub tolerance_scale: i32,
+    /// Principal moments, and the quaternion of their axes; empty if unknown.
+    #[prost(float, repeated, tag = "10")]
+    pub inertia: Vec<f32>,
+    /// Linear and angular damping, 1/s; empty for the scene's.
+    #[prost(float, repeated, tag = "11")]
+    pub damping: Vec<f32>,
+    /// Factor on the scene's gravity, if it is not one.
+    #[prost(float, optional, tag = "12")]
+    pub gravity_scale: Option<f32>,
 }
 
 impl From<&Placed> for Placement {
@@ -332,6 +341,12 @@ impl From<&Placed> for Placement {
             motion: placed.observation.motion.parts().into(),
             awake: placed.observation.activity == Activity::Awake,
             tolerance_scale: placed.desc.tolerance_scale.exponent().into(),
+            inertia: placed.inertia.map_or_else(Vec::new, |inertia| {
+                [&inertia.moments()[..], &inertia.frame()[..]].concat()
+            }),
+            damping: (placed.desc.damping)
+                .map_or_else(Vec::new, |damping| vec![damping.linear, damping.angular]),
+            gravity_scale: Some(placed.desc.gravity_scale).filter(|scale| *scale != 1.0),
         }
     }
 }

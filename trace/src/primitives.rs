@@ -10,6 +10,8 @@ use foxglove::messages::{
 use glam::{DQuat, DVec3, Vec3};
 use rhumb_protocol::scene::{Compound, Shape};
 
+use super::body::DrawnBody;
+
 /// The name of the frame of all drawings.
 pub const FRAME: &str = "map";
 
@@ -82,6 +84,15 @@ impl Brush {
 fn size(half: Vec3) -> Option<Vector3> {
     let [x, y, z] = half.to_array().map(|half| 2.0 * f64::from(half));
     Some(Vector3 { x, y, z })
+}
+
+/// A body's pose as it is drawn; a ball, which looks the same in every orientation, is unturned.
+pub(super) fn pose(body: &DrawnBody<'_>) -> Pose {
+    let rotation = match body.shape {
+        Shape::Ball { .. } => UP.conjugate(),
+        _ => DQuat::from_array(body.rotation.map(f64::from)),
+    };
+    drawn(DVec3::from_array(body.position.map(f64::from)), rotation)
 }
 
 /// Adds a body's primitives to an entity.

@@ -1,14 +1,16 @@
-//! Exact engine states, read from the messages of a trace.
+//! Engine states, read from the messages of a trace.
 //!
-//! `messages` defines the fields. Poses on a grid are not read.
+//! `messages` defines the fields. Poses on a grid come without velocities.
 
 use glam::Vec3;
 use prost::Message as _;
+use rhumb_protocol::limits::{EXTENT_MAX, EXTENT_MIN};
 use rhumb_protocol::scene::{BodyDesc, BodyKind, Hull, Shape, ShapeId};
 use rhumb_protocol::stream::{Activity, Observation};
-use rhumb_reckoning::{BodyId, BodyState, Tick, ToleranceScale};
+use rhumb_reckoning::{BodyId, BodyState, Damping, Inertia, Tick, ToleranceScale};
 
 use super::body::Placed;
+use super::grid::{GridHistory, STEPS};
 use super::messages::{Placement, States};
 
 /// The contents of one message of the topic `truth/state`.
@@ -22,21 +24,43 @@ pub struct TickStates {
     pub placed: Vec<Placed>,
     /// Bodies that were removed in its step or after it, with the tick.
     pub removed: Vec<(Tick, BodyId)>,
+    /// True if the observations are exact; otherwise they are poses on the grid, whose velocities stand at zero.
+    pub is_exact: bool,
 }
 
-/// Decodes a message. `None` if a motion, shape, kind or id in it is invalid, or if it has poses on a grid alone.
+/// Reads the messages of a topic `truth/state`, in order.
+#[derive(Clone, Debug, Default)]
+pub struct StatesReader(GridHistory);
+
+impl StatesReader {
+    /// Decodes the next message. `None` if a motion, shape, kind or id in it is invalid.
+    ///
+    /// # Errors
+    ///
+    /// [`prost::DecodeError`] if the bytes are not such a message.
+    pub fn read(&mut self, bytes: &[u8]) -> Result<Option<TickStates>, prost::DecodeError> {
+        let states = States::decode(bytes)?;
+        Ok(parse(&states, &mut self.0))
+    }
+}
+
+/// Decodes one message of exact states. `None` if a motion, shape, kind or id in it is invalid.
 ///
 /// # Errors
 ///
 /// [`prost::DecodeError`] if the bytes are not such a message.
 pub fn read_states(bytes: &[u8]) -> Result<Option<TickStates>, prost::DecodeError> {
-    let states = States::decode(bytes)?;
-    Ok(parse(&states))
+    StatesReader::default().read(bytes)
 }
 
-fn parse(states: &States) -> Option<TickStates> {
+fn parse(states: &States, history: &mut GridHistory) -> Option<TickStates> {
     let tick = Tick::new(states.tick);
-    let observed = (0..states.index.len()).map(|place| observation(states, place));
+    let is_on_grid = !states.step_px.is_empty();
+    let is_exact = !is_on_grid && states.vx.len() == states.px.len();
+    let observed = (0..states.index.len()).map(|place| match is_on_grid {
+        true => grid_observation(states, place, history),
+        false => observation(states, place, history),
+    });
     let placed = states
         .placed
         .iter()
@@ -48,6 +72,7 @@ fn parse(states: &States) -> Option<TickStates> {
         observed: observed.collect::<Option<_>>()?,
         placed: placed.collect::<Option<_>>()?,
         removed: removed.collect::<Option<_>>()?,
+        is_exact,
     })
 }
 
@@ -55,19 +80,58 @@ fn id(index: u32, generation: u32) -> Option<BodyId> {
     Some(BodyId::new(index, u16::try_from(generation).ok()?))
 }
 
-fn observation(states: &States, place: usize) -> Option<Observation> {
+/// An observation on the grid: a pose at rest.
+fn grid_observation(
+    states: &States,
+    place: usize,
+    history: &mut GridHistory,
+) -> Option<Observation> {
+    let columns = [
+        &states.step_px,
+        &states.step_py,
+        &states.step_pz,
+        &states.step_qx,
+        &states.step_qy,
+        &states.step_qz,
+        &states.step_qw,
+    ];
+    let mut residual = [0; 7];
+    for (part, column) in residual.iter_mut().zip(columns) {
+        *part = *column.get(place)?;
+    }
+    let id = id(*states.index.get(place)?, *states.generation.get(place)?)?;
+    let pose = history.decode(id, residual);
+    let mut parts = [0.0; 13];
+    for (part, steps) in parts.iter_mut().zip(pose) {
+        *part = (steps as f64 / STEPS) as f32;
+    }
+    Some(Observation {
+        id,
+        motion: motion(&parts)?,
+        activity: activity(*states.awake.get(place)?),
+    })
+}
+
+/// An exact observation, which begins the history of its body anew. A topic on the grid has exact poses where one is too
+/// far out; they have no velocities.
+fn observation(states: &States, place: usize, history: &mut GridHistory) -> Option<Observation> {
     let columns = [
         &states.px, &states.py, &states.pz, &states.qx, &states.qy, &states.qz, &states.qw,
         &states.vx, &states.vy, &states.vz, &states.wx, &states.wy, &states.wz,
     ];
     let mut parts = [0.0; 13];
-    for (part, column) in parts.iter_mut().zip(columns) {
-        *part = *column.get(place)?;
+    let has_velocities = !states.vx.is_empty();
+    for (number, (part, column)) in parts.iter_mut().zip(columns).enumerate() {
+        if number < 7 || has_velocities {
+            *part = *column.get(place)?;
+        }
     }
     let index = *states.index.get(place)?;
     let generation = *states.generation.get(place)?;
+    let id = id(index, generation)?;
+    history.forget(id);
     Some(Observation {
-        id: id(index, generation)?,
+        id,
         motion: motion(&parts)?,
         activity: activity(*states.awake.get(place)?),
     })
@@ -94,7 +158,7 @@ fn placed(tick: Tick, placement: &Placement) -> Option<Placed> {
         3 => BodyKind::Kinematic,
         _ => return None,
     };
-    let shape = shape(placement.shape, &placement.extents)?;
+    let shape = shape(placement)?;
     shape.check().ok()?;
     let tolerance_scale = i8::try_from(placement.tolerance_scale)
         .ok()
@@ -103,9 +167,12 @@ fn placed(tick: Tick, placement: &Placement) -> Option<Placed> {
         tick,
         desc: BodyDesc {
             tolerance_scale,
+            damping: damping(&placement.damping)?,
+            gravity_scale: placement.gravity_scale.unwrap_or(1.0),
             ..BodyDesc::plain(id, kind, ShapeId(0))
         },
         shape,
+        inertia: inertia(&placement.inertia)?,
         observation: Observation {
             id,
             motion: motion(&placement.motion)?,
@@ -114,8 +181,40 @@ fn placed(tick: Tick, placement: &Placement) -> Option<Placed> {
     })
 }
 
-fn shape(kind: i32, extents: &[f32]) -> Option<Shape> {
-    Some(match (kind, extents) {
+/// The damping of a body; `Some(None)` where it is the scene's.
+fn damping(numbers: &[f32]) -> Option<Option<Damping>> {
+    match *numbers {
+        [] => Some(None),
+        [linear, angular] if linear >= 0.0 && angular >= 0.0 => {
+            Some(Some(Damping { linear, angular }))
+        }
+        _ => None,
+    }
+}
+
+/// The inertia of a body; `Some(None)` where it is not stated.
+fn inertia(numbers: &[f32]) -> Option<Option<Inertia>> {
+    match *numbers {
+        [] => Some(None),
+        [a, b, c, x, y, z, w] => Inertia::new([a, b, c], [x, y, z, w]).ok().map(Some),
+        _ => None,
+    }
+}
+
+fn shape(placement: &Placement) -> Option<Shape> {
+    let extents = placement.extents.as_slice();
+    Some(match (placement.shape, extents) {
+        // Height fields, meshes and compounds have no measures: a ball has their bounding radius, which is all that an
+        // error needs.
+        (0, &[]) => {
+            let radius = placement.bounding_radius_m as f32;
+            if !(radius > 0.0) {
+                return None;
+            }
+            Shape::Ball {
+                radius: radius.clamp(EXTENT_MIN, EXTENT_MAX),
+            }
+        }
         (1, &[radius]) => Shape::Ball { radius },
         (2, &[x, y, z]) => Shape::Cuboid {
             half_extents: Vec3::new(x, y, z),

@@ -1,20 +1,38 @@
 //! Topics of a scene, and what they are written to.
 
+use foxglove::messages::{PosesInFrame, SceneUpdate};
+use foxglove::{Encode, Schema as MessageSchema};
 use prost::Message;
 
 use super::body::DrawnBody;
-use super::drawing::{DrawnScene, Painted, draw_statics};
-use super::messages::States;
+use super::drawing::{DrawnScene, Painted, draw_poses, draw_statics};
+use super::messages::{DESCRIPTORS, States};
 
 /// The message type of a topic.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Schema {
     /// `foxglove.SceneUpdate`.
     Scene,
+    /// `foxglove.PosesInFrame`.
+    Poses,
     /// A message of `proto/rhumb.proto`, by its full name.
     Own(&'static str),
     /// The same, on a topic that carries captured packets.
     Wire(&'static str),
+}
+
+impl Schema {
+    /// The schema as a file or a viewer gets it.
+    pub(crate) fn message_schema(self) -> MessageSchema {
+        let of_foxglove = match self {
+            Self::Scene => SceneUpdate::get_schema(),
+            Self::Poses => PosesInFrame::get_schema(),
+            Self::Own(name) | Self::Wire(name) => {
+                return MessageSchema::new(name, "protobuf", DESCRIPTORS);
+            }
+        };
+        of_foxglove.expect("Foxglove's types have schemas")
+    }
 }
 
 /// A topic and its write position.
@@ -85,17 +103,29 @@ impl DrawnTopics {
     pub fn draw<S: TraceSink>(
         &mut self,
         sink: &mut S,
-        (tick, at_ns): (u64, u64),
+        at: (u64, u64),
         bodies: &[Painted<'_>],
     ) -> Result<(), S::Error> {
+        self.draw_changes(sink, at, bodies)?;
+        Ok(())
+    }
+
+    /// The same; true if a topic was written.
+    fn draw_changes<S: TraceSink>(
+        &mut self,
+        sink: &mut S,
+        (tick, at_ns): (u64, u64),
+        bodies: &[Painted<'_>],
+    ) -> Result<bool, S::Error> {
         let drawing = self.drawn.draw((tick, at_ns), bodies);
+        let is_changed = drawing.resting.is_some() || drawing.moving.is_some();
         if let Some(resting) = drawing.resting {
             sink.put(&mut self.resting, at_ns, &resting)?;
         }
         if let Some(moving) = drawing.moving {
             sink.put(&mut self.moving, at_ns, &moving)?;
         }
-        Ok(())
+        Ok(is_changed)
     }
 
     /// Has both topics written at the next drawing, for viewers that have neither.
@@ -114,6 +144,7 @@ pub(crate) fn drawn_topics(prefix: &str) -> [String; 3] {
 pub struct SceneTopics {
     state: Topic,
     statics: Topic,
+    poses: Topic,
     drawn: DrawnTopics,
 }
 
@@ -125,6 +156,7 @@ impl SceneTopics {
         Self {
             state: Topic::new(format!("{prefix}/state"), Schema::Own("rhumb.States")),
             statics: Topic::new(format!("{prefix}/static"), Schema::Scene),
+            poses: Topic::new(format!("{prefix}/poses"), Schema::Poses),
             drawn: DrawnTopics::new(&prefix, rest_delay_ticks),
         }
     }
@@ -157,7 +189,7 @@ impl SceneTopics {
         sink.put(&mut self.statics, at_ns, &draw_statics(at_ns, bodies))
     }
 
-    /// Draws the other bodies.
+    /// Draws the other bodies, and writes their poses for viewers that draw no scenes.
     ///
     /// # Errors
     ///
@@ -168,7 +200,11 @@ impl SceneTopics {
         at: (u64, u64),
         bodies: &[Painted<'_>],
     ) -> Result<(), S::Error> {
-        self.drawn.draw(sink, at, bodies)
+        if self.drawn.draw_changes(sink, at, bodies)? {
+            let (_, at_ns) = at;
+            sink.put(&mut self.poses, at_ns, &draw_poses(at_ns, bodies))?;
+        }
+        Ok(())
     }
 
     /// Has the drawings written whole the next time.
