@@ -54,7 +54,7 @@ function open(file, load, run) {
   const facts =
     runs.find((values) => values.load === load && values.name === run) ??
     runs.find((values) => values.load === load) ??
-    file.metadata.get("rhumb.scene") ??
+    [...file.metadata].find(([name, values]) => name.startsWith("rhumb.scene") && values.scene === load)?.[1] ??
     {};
   const messages = (name) => file.messages.get(`/${load}/${name}`)?.map(([, bytes]) => fields(bytes));
   const copy = run && { seen: messages(`${run}/seen`), stats: messages(`${run}/stats`) ?? [] };

@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use rhumb_protocol::Instant;
 use rhumb_protocol::scene::SceneName;
-use rhumb_trace::{McapError, NoSeek, TraceFile};
+use rhumb_trace::{McapError, NoSeek, SceneFacts, TraceFile};
 
 /// The ending of a file's name.
 const ENDING: &str = ".mcap";
@@ -20,7 +20,8 @@ const LIBRARY: &str = concat!("rhumb-server/", env!("CARGO_PKG_VERSION"));
 #[derive(Clone, Copy, Debug)]
 pub(super) struct FileHead<'a> {
     pub(super) scene: &'a SceneName,
-    pub(super) step_ns: u64,
+    /// What predictions need of its engine.
+    pub(super) facts: &'a SceneFacts,
     /// Its first tick.
     pub(super) tick: u64,
     /// When it was begun, seconds since 1970.
@@ -76,17 +77,18 @@ impl RecordingFile {
             written: Arc::clone(&written),
         };
         let mut trace = TraceFile::growing(BufWriter::new(counted), LIBRARY)?;
-        let step_s = head.step_ns as f64 / 1e9;
-        let metadata: BTreeMap<_, _> = [
+        let mut metadata: BTreeMap<_, _> = [
             ("scene", head.scene.to_string()),
-            ("step_s", step_s.to_string()),
             ("first_tick", head.tick.to_string()),
             ("began", head.seconds.to_string()),
             ("version", env!("CARGO_PKG_VERSION").to_owned()),
         ]
         .map(|(name, value)| (name.to_owned(), value))
         .into();
-        trace.put_metadata("rhumb.scene".to_owned(), metadata)?;
+        metadata.extend(head.facts.to_metadata());
+        // Names are distinct, so that files can be merged.
+        let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+        trace.put_metadata(format!("rhumb.scene.{stem}"), metadata)?;
         Ok(Self {
             trace,
             path,
@@ -183,6 +185,8 @@ pub(super) fn remove_oldest(
 
 #[cfg(test)]
 mod tests {
+    use rhumb_protocol::scene::SceneConfig;
+
     use super::*;
 
     #[test]
@@ -206,7 +210,7 @@ mod tests {
         let scene = "pit".parse().unwrap();
         let head = FileHead {
             scene: &scene,
-            step_ns: 16_666_667,
+            facts: &SceneFacts::of(&SceneConfig::default()),
             tick: 0,
             seconds: 7,
         };
@@ -226,7 +230,7 @@ mod tests {
         let scene = "team/pit".parse().unwrap();
         let head = FileHead {
             scene: &scene,
-            step_ns: 16_666_667,
+            facts: &SceneFacts::of(&SceneConfig::default()),
             tick: 0,
             seconds: 7,
         };

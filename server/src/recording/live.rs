@@ -86,6 +86,9 @@ struct Showing {
 impl Showing {
     fn run(mut self, messages: &Receiver<TapMessage>, waiting: &QueuedBytes) {
         loop {
+            if self.live.admit_viewers() {
+                self.show_all();
+            }
             match messages.recv_timeout(LOOK) {
                 Ok(TapMessage::Tick(record)) => {
                     let new = || (record.number, SceneWriter::new(&record));
@@ -106,9 +109,6 @@ impl Showing {
                 }
                 Ok(TapMessage::End) | Err(RecvTimeoutError::Disconnected) => return,
                 Err(RecvTimeoutError::Timeout) => {}
-            }
-            if self.live.has_new_viewer() {
-                self.show_all();
             }
         }
     }

@@ -77,6 +77,7 @@ impl SceneMirror {
             desc: body.desc,
             shape: body.shape.clone(),
             observation: body.observation,
+            inertia: body.inertia,
         }
     }
 

@@ -13,7 +13,7 @@ pub(crate) struct SceneTaps;
 pub(crate) struct SceneTap;
 
 impl SceneTaps {
-    pub(crate) fn begin(&self, _: &SceneName, _: u64) -> SceneTap {
+    pub(crate) fn begin(&self, _: &SceneName) -> SceneTap {
         SceneTap
     }
 }

@@ -170,7 +170,7 @@ impl Recording {
             scene.writer.begin();
             let head = FileHead {
                 scene: &record.scene,
-                step_ns: scene.writer.step_ns(),
+                facts: &record.facts,
                 tick: record.tick.value(),
                 seconds: (self.seconds)(),
             };
@@ -236,7 +236,9 @@ fn finish(file: RecordingFile) {
 
 #[cfg(all(test, target_os = "linux"))]
 mod tests {
+    use rhumb_protocol::scene::SceneConfig;
     use rhumb_reckoning::Tick;
+    use rhumb_trace::SceneFacts;
 
     use super::*;
 
@@ -254,7 +256,7 @@ mod tests {
         TickRecord {
             scene: "pit".parse().expect("a name"),
             number: 0,
-            step_ns: 16_666_667,
+            facts: SceneFacts::of(&SceneConfig::default()),
             tick: Tick::new(tick),
             is_whole: tick == 1,
             observed: Vec::new(),
@@ -297,7 +299,7 @@ mod tests {
         let (scene, _) = key();
         let head = FileHead {
             scene: &scene,
-            step_ns: 1,
+            facts: &SceneFacts::of(&SceneConfig::default()),
             tick: 1,
             seconds: 7,
         };

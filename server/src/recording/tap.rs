@@ -9,8 +9,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use rhumb_protocol::message::SceneEvent;
 use rhumb_protocol::scene::{BodyDesc, SceneName, Shape};
-use rhumb_protocol::stream::Observation;
-use rhumb_reckoning::{BodyId, Tick};
+use rhumb_protocol::stream::{Observation, PredictionParameters};
+use rhumb_reckoning::{BodyId, Inertia, Tick};
+use rhumb_trace::SceneFacts;
 
 use crate::scene::Scene;
 
@@ -20,8 +21,8 @@ pub(crate) struct TickRecord {
     pub(crate) scene: SceneName,
     /// Distinguishes the scene from others of the same name.
     pub(crate) number: u64,
-    /// Simulated time of a step, nanoseconds.
-    pub(crate) step_ns: u64,
+    /// What predictions need of the engine, with the gravity of this tick.
+    pub(crate) facts: SceneFacts,
     pub(crate) tick: Tick,
     /// True if it holds every body as placed.
     pub(crate) is_whole: bool,
@@ -38,6 +39,7 @@ pub(crate) struct RecordedBody {
     pub(crate) desc: BodyDesc,
     pub(crate) shape: Shape,
     pub(crate) observation: Observation,
+    pub(crate) inertia: Option<Inertia>,
 }
 
 /// A message to a thread that writes.
@@ -107,12 +109,11 @@ impl SceneTaps {
     }
 
     /// The tap of a new scene.
-    pub(crate) fn begin(&self, name: &SceneName, step_ns: u64) -> SceneTap {
+    pub(crate) fn begin(&self, name: &SceneName) -> SceneTap {
         let queues = self.0.queues.lock().unwrap_or_else(PoisonError::into_inner);
         SceneTap {
             scene: name.clone(),
             number: self.0.scenes_begun.fetch_add(1, Ordering::Relaxed),
-            step_ns,
             readers: queues.iter().cloned().collect(),
             is_whole_due: true,
             changed: BTreeSet::new(),
@@ -125,7 +126,6 @@ impl SceneTaps {
 pub(crate) struct SceneTap {
     scene: SceneName,
     number: u64,
-    step_ns: u64,
     readers: Vec<TapQueue>,
     is_whole_due: bool,
     /// Bodies placed since the last record.
@@ -176,10 +176,13 @@ impl SceneTap {
 
     fn make(&mut self, scene: &Scene) -> TickRecord {
         let body = |desc: &BodyDesc| {
+            let shape = scene.shape(desc.shape)?;
+            let (damping, inertia) = (scene.config().damping, scene.inertia(desc.id));
             Some(RecordedBody {
                 desc: *desc,
-                shape: scene.shape(desc.shape)?.clone(),
+                shape: shape.clone(),
                 observation: scene.observation_at_tick(desc.id)?,
+                inertia: PredictionParameters::of(desc, shape, damping, inertia).inertia,
             })
         };
         let changed = std::mem::take(&mut self.changed);
@@ -192,7 +195,10 @@ impl SceneTap {
         TickRecord {
             scene: self.scene.clone(),
             number: self.number,
-            step_ns: self.step_ns,
+            facts: SceneFacts {
+                gravity: scene.gravity(),
+                ..SceneFacts::of(scene.config())
+            },
             tick: scene.tick(),
             is_whole: self.is_whole_due,
             observed: scene.observations().to_vec(),

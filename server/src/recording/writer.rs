@@ -3,8 +3,8 @@
 use std::collections::BTreeSet;
 
 use rhumb_protocol::stream::Observation;
-use rhumb_reckoning::BodyId;
-use rhumb_trace::{ASLEEP, AWAKE, SceneTopics, StateForm, States, TraceSink};
+use rhumb_reckoning::{BodyId, Rate};
+use rhumb_trace::{ASLEEP, AWAKE, SceneTopics, StateForm, States, TraceSink, log_time_ns};
 
 use super::mirror::{MirrorChanges, SceneMirror};
 use super::tap::TickRecord;
@@ -18,7 +18,7 @@ const REST_DELAY_NS: u64 = 500_000_000;
 #[derive(Debug)]
 pub(super) struct SceneWriter {
     prefix: String,
-    step_ns: u64,
+    rate: Rate,
     mirror: SceneMirror,
     topics: SceneTopics,
     /// True if the sink has nothing of the scene yet.
@@ -31,11 +31,11 @@ impl SceneWriter {
     /// A scene of which nothing is written yet.
     pub(super) fn new(record: &TickRecord) -> Self {
         let prefix = format!("/{}", record.scene);
-        let step_ns = record.step_ns.max(1);
+        let rate = record.facts.integrator.rate;
         Self {
-            topics: SceneTopics::new(&prefix, REST_DELAY_NS / step_ns),
+            topics: SceneTopics::new(&prefix, rest_delay_ticks(rate)),
             prefix,
-            step_ns,
+            rate,
             mirror: SceneMirror::default(),
             begins: true,
             statics_due: true,
@@ -49,14 +49,9 @@ impl SceneWriter {
         &self.prefix
     }
 
-    /// The simulated time of a step, nanoseconds.
-    pub(super) const fn step_ns(&self) -> u64 {
-        self.step_ns
-    }
-
     /// Has the next record written whole, to another sink.
     pub(super) fn begin(&mut self) {
-        self.topics = SceneTopics::new(&self.prefix, REST_DELAY_NS / self.step_ns);
+        self.topics = SceneTopics::new(&self.prefix, rest_delay_ticks(self.rate));
         self.begin_for_viewer();
     }
 
@@ -98,7 +93,7 @@ impl SceneWriter {
         changes: &MirrorChanges,
     ) -> Result<(), S::Error> {
         let tick = self.mirror.tick();
-        let at_ns = tick.value().saturating_mul(self.step_ns);
+        let at_ns = log_time_ns(self.rate, tick.value());
         let placed = if std::mem::take(&mut self.begins) {
             self.mirror.all_placed()
         } else {
@@ -113,7 +108,7 @@ impl SceneWriter {
         let states = States::of(tick, &observed, after, &mut StateForm::Exact);
         self.topics.put_states(sink, at_ns, &states)?;
         self.statics_due |= changes.statics;
-        let stride = (1_000_000_000 / DRAWINGS_PER_SECOND / self.step_ns).max(1);
+        let stride = (1_000_000_000 / DRAWINGS_PER_SECOND / self.rate.step_ns().max(1)).max(1);
         let number = tick.value() / stride;
         if self.drawn == Some(number) {
             return Ok(());
@@ -128,6 +123,10 @@ impl SceneWriter {
             .collect();
         self.topics.draw(sink, (tick.value(), at_ns), &painted)
     }
+}
+
+fn rest_delay_ticks(rate: Rate) -> u64 {
+    REST_DELAY_NS / rate.step_ns().max(1)
 }
 
 #[cfg(test)]
@@ -145,8 +144,6 @@ mod tests {
     use crate::body_placement;
     use crate::recording::tap::{QueuedBytes, SceneTap, SceneTaps, TapMessage, TapQueue};
     use crate::scene::Scene;
-
-    const STEP_NS: u64 = 16_666_667;
 
     /// Keeps the messages of all topics.
     #[derive(Default)]
@@ -182,7 +179,7 @@ mod tests {
                 waiting: waiting.clone(),
                 bytes_max,
             });
-            let tap = taps.begin(&"pit".parse().unwrap(), STEP_NS);
+            let tap = taps.begin(&"pit".parse().unwrap());
             Self {
                 scene,
                 tap,

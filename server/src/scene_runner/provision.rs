@@ -28,7 +28,7 @@ impl Provision {
             meter: crate::metrics::Metrics::default().begin_scene(name),
             pulse: Pulse::default(),
             flight: crate::flight::FlightRecorders::default().begin(name),
-            tap: crate::recording::SceneTaps::default().begin(name, 0),
+            tap: crate::recording::SceneTaps::default().begin(name),
         }
     }
 }

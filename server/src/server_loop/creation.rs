@@ -91,7 +91,7 @@ impl ServerLoop {
             meter: self.metrics.begin_scene(name),
             pulse: self.pulse.clone(),
             flight: self.recorders.flights.begin(name),
-            tap: self.recorders.taps.begin(name, period.as_nanos()),
+            tap: self.recorders.taps.begin(name),
         };
         provision.meter.note_step_period(period);
         let mut runner = SceneRunner::new(scene, names, provision);

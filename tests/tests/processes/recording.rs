@@ -395,6 +395,32 @@ fn a_viewer_of_foxglove_sees_the_scene_where_it_is() {
 }
 
 #[test]
+fn the_first_states_of_every_viewer_are_whole() {
+    let server = SERVER.serve_with(ANYWHERE, &["--foxglove", ANYWHERE]);
+    let mut client = join(&server, "pit");
+    let (ball, mut heights) = (populate(&mut client), BTreeMap::new());
+    step(&mut client, ball, &mut heights);
+    for number in 0..12 {
+        let mut viewer = Viewer::connect(&server);
+        let (channel, schema) = viewer.channel("/pit/truth/state");
+        assert_eq!(schema, "rhumb.States");
+        viewer.subscribe(channel);
+        // The scene goes on while the subscription arrives.
+        for _ in 0..30 {
+            step(&mut client, ball, &mut heights);
+        }
+        let (_, data) = viewer.next();
+        let states = read_states(&data).expect("they are states");
+        let placed = states.expect("they are valid").placed;
+        assert_eq!(
+            placed.len(),
+            2,
+            "the floor and the ball, of viewer {number}"
+        );
+    }
+}
+
+#[test]
 fn a_layout_shows_what_a_viewer_is_offered() {
     let ended = SERVER.run(&["layout", "team/pit"]);
     assert_eq!(ended.code, Some(0), "{}", ended.log);
