@@ -6,6 +6,7 @@
 mod answer;
 mod bytes;
 mod lock;
+mod process;
 mod scene;
 mod text;
 
@@ -166,6 +167,7 @@ impl Metrics {
             text.sample(name, &[("code", &code.to_string())], *count);
         }
         figures.scenes.write(&mut text);
+        process::write(&mut text);
         text.into_string()
     }
 
@@ -228,6 +230,7 @@ mod tests {
             "rhumb_scene_bodies_waiting{scene=\"team/pit\"} 1",
             "rhumb_scene_load{scene=\"team/pit\"} 960",
             "rhumb_connections_total 1",
+            "rhumb_scene_publish_seconds_total{scene=\"team/pit\"} 0.001",
             "rhumb_closed_total{code=\"18\"} 1",
             "rhumb_scenes 1",
             "rhumb_scene_tick{scene=\"team/pit\"} 7",

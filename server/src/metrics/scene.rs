@@ -226,7 +226,7 @@ fn add(figure: &AtomicU64, value: u64) {
 type Read = fn(&SceneFigures) -> &AtomicU64;
 
 /// The plain figures of a scene.
-const PLAIN: [(&str, MetricKind, &str, Read); 15] = [
+const PLAIN: [(&str, MetricKind, &str, Read); 14] = [
     (
         "rhumb_scene_tick",
         MetricKind::Gauge,
@@ -270,12 +270,6 @@ const PLAIN: [(&str, MetricKind, &str, Read); 15] = [
         |of| &of.refused,
     ),
     (
-        "rhumb_scene_publish_nanoseconds_total",
-        MetricKind::Counter,
-        "Time spent on observing and publishing.",
-        |of| &of.publish_ns,
-    ),
-    (
         "rhumb_scene_received_bytes_total",
         MetricKind::Counter,
         "Bytes from members, without headers.",
@@ -313,6 +307,22 @@ const PLAIN: [(&str, MetricKind, &str, Read); 15] = [
     ),
 ];
 
+/// The figures of a scene that count nanoseconds, shown in seconds.
+const TIMES: [(&str, MetricKind, &str, Read); 2] = [
+    (
+        "rhumb_scene_publish_seconds_total",
+        MetricKind::Counter,
+        "Time spent on observing and publishing.",
+        |of| &of.publish_ns,
+    ),
+    (
+        "rhumb_scene_step_period_seconds",
+        MetricKind::Gauge,
+        "Simulated time of a step.",
+        |of| &of.step_period_ns,
+    ),
+];
+
 fn write(scenes: &SceneTable, text: &mut Text) {
     let value = |figure: &AtomicU64| figure.load(Ordering::Relaxed);
     for (name, kind, help, read) in PLAIN {
@@ -321,11 +331,12 @@ fn write(scenes: &SceneTable, text: &mut Text) {
             text.sample(name, &[("scene", scene.as_str())], value(read(figures)));
         }
     }
-    let name = "rhumb_scene_step_period_seconds";
-    text.describe(name, MetricKind::Gauge, "Simulated time of a step.");
-    for (scene, figures) in scenes {
-        let period = seconds(value(&figures.step_period_ns));
-        text.sample(name, &[("scene", scene.as_str())], period);
+    for (name, kind, help, read) in TIMES {
+        text.describe(name, kind, help);
+        for (scene, figures) in scenes {
+            let seconds = seconds(value(read(figures)));
+            text.sample(name, &[("scene", scene.as_str())], seconds);
+        }
     }
     text.describe(
         "rhumb_scene_step_seconds",

@@ -57,14 +57,14 @@ impl<'a> SceneChange<'a> {
 
     /// Time on the scene's thread for steps and publishing, as a share of the time of a second.
     pub(super) fn busy(&self) -> Option<f64> {
-        let publish = self.rate("publish_nanoseconds_total")? / 1e9;
+        let publish = self.rate("publish_seconds_total")?;
         Some(self.rate("step_seconds_sum")? + publish)
     }
 
     /// Mean time of publishing a tick, seconds.
     pub(super) fn publish_mean(&self) -> Option<f64> {
         let steps = self.growth("step_seconds_count")?;
-        let publish = self.growth("publish_nanoseconds_total")? / 1e9;
+        let publish = self.growth("publish_seconds_total")?;
         (steps > 0.0).then(|| publish / steps)
     }
 }
