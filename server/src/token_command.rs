@@ -1,4 +1,4 @@
-//! `rhumb-server token`: makes keys and tokens.
+//! `rhumb-server token`: makes keys and tokens, and checks tokens.
 
 use std::error::Error;
 use std::io::Write;
@@ -7,25 +7,29 @@ use std::path::PathBuf;
 use clap::Args;
 use rhumb_protocol::message::Token;
 
-use crate::access::{Claims, DEFAULT_AUDIENCE, make_keys, role_of, sign};
+use crate::access::{Claims, DEFAULT_AUDIENCE, TokenKeys, make_keys, role_of, sign};
 
 /// The token to make, or the key.
 #[derive(Debug, Args)]
 pub(crate) struct TokenArguments {
     /// Makes a key pair instead: the secret key in this new file, the public key in the same name with `.pub`.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["key", "client", "scene", "role"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["check", "key", "client", "scene", "role"])]
     new_key: Option<PathBuf>,
-    /// File with the secret key that signs.
+    /// Checks this token instead, as a server with the public key of --key and this audience would, for the scene if one is
+    /// named: prints its claims, or says which of them is wrong and ends with code 1.
+    #[arg(long, value_name = "TOKEN", conflicts_with_all = ["client", "role"])]
+    check: Option<String>,
+    /// File with the secret key that signs, or to check with the public key.
     #[arg(long, value_name = "FILE", required_unless_present = "new_key")]
     key: Option<PathBuf>,
     /// Name of the client; it owns the bodies that it adds.
-    #[arg(long, required_unless_present = "new_key")]
+    #[arg(long, required_unless_present_any = ["new_key", "check"])]
     client: Option<String>,
     /// Name of a scene, or the beginning of names and a `*`; may be repeated.
-    #[arg(long, required_unless_present = "new_key", value_parser = pattern)]
+    #[arg(long, required_unless_present_any = ["new_key", "check"], value_parser = pattern)]
     scene: Vec<String>,
     /// Its role: observer, controller or owner.
-    #[arg(long, required_unless_present = "new_key", value_parser = role)]
+    #[arg(long, required_unless_present_any = ["new_key", "check"], value_parser = role)]
     role: Option<String>,
     /// Hours until it expires.
     #[arg(long, default_value_t = 24, value_parser = clap::value_parser!(u32).range(1..=87_600))]
@@ -57,6 +61,11 @@ pub(crate) fn run(arguments: &TokenArguments, now: i64) -> Result<(), Box<dyn Er
         return Ok(());
     }
     let key = arguments.key.clone().unwrap_or_default();
+    if let Some(token) = &arguments.check {
+        let keys = TokenKeys::read(&[key], &arguments.audience)?;
+        write!(out, "{}", checked(&keys, token, arguments, now)?)?;
+        return Ok(());
+    }
     let expires = now.saturating_add(i64::from(arguments.hours) * 3_600);
     let claims = Claims {
         aud: arguments.audience.clone(),
@@ -75,6 +84,40 @@ pub(crate) fn run(arguments: &TokenArguments, now: i64) -> Result<(), Box<dyn Er
     let token: Token = token.parse()?;
     writeln!(out, "{}", token.as_str())?;
     Ok(())
+}
+
+/// What a token says, if a server would accept it.
+fn checked(
+    keys: &TokenKeys,
+    token: &str,
+    arguments: &TokenArguments,
+    now: i64,
+) -> Result<String, Box<dyn Error>> {
+    let claims = keys.verify(token.trim().as_bytes())?;
+    let left = claims.seconds_left(&arguments.audience, now)?;
+    for scene in &arguments.scene {
+        claims.permit(&arguments.audience, &scene.parse()?, now)?;
+    }
+    let mut lines = vec![
+        format!("client {}", claims.sub),
+        format!("role {}", claims.role),
+        format!("scenes {}", claims.scenes.join(" ")),
+        format!("audience {}", claims.aud),
+        format!("expires {}, in {} minutes", claims.exp, left / 60),
+    ];
+    let quotas = [
+        ("bodies", claims.bodies.map(u64::from)),
+        ("commands", claims.commands.map(u64::from)),
+        ("load", claims.load),
+        ("members", claims.members.map(u64::from)),
+    ];
+    lines.extend(
+        quotas
+            .iter()
+            .filter_map(|(name, most)| Some(format!("{name} {}", (*most)?))),
+    );
+    lines.push("valid".to_owned());
+    Ok(lines.join("\n") + "\n")
 }
 
 fn pattern(text: &str) -> Result<String, &'static str> {

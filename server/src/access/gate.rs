@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use rhumb_protocol::Span;
 use rhumb_protocol::scene::SceneName;
-use rhumb_protocol::session::CloseCode;
 
+use super::claims::TokenError;
 use super::keys::TokenKeys;
 use super::permit::Permit;
 
@@ -34,20 +34,20 @@ pub(crate) struct Admission {
 const SECONDS_MAX: u64 = 100 * 366 * 86_400;
 
 impl Gate {
-    /// Admits a connection to a scene, or names the reason to close it.
+    /// Admits a connection to a scene, or names the reason not to.
     pub(crate) fn admit(
         &self,
         token: Option<&[u8]>,
         scene: &SceneName,
-    ) -> Result<Admission, CloseCode> {
+    ) -> Result<Admission, TokenError> {
         let Self::Tokens { keys, clock } = self else {
             return Ok(Admission {
                 permit: Arc::new(Permit::OPEN),
                 valid_for: None,
             });
         };
-        let token = token.ok_or(CloseCode::TOKEN_MISSING)?;
-        let claims = keys.verify(token).ok_or(CloseCode::TOKEN_INVALID)?;
+        let token = token.ok_or(TokenError::Absent)?;
+        let claims = keys.verify(token)?;
         let (permit, seconds) = claims.permit(&keys.audience, scene, clock())?;
         Ok(Admission {
             permit: Arc::new(permit),
@@ -140,18 +140,18 @@ pub(crate) mod tests {
         assert_eq!(admission.permit.client.as_deref(), Some("anna"));
         assert_eq!(admission.valid_for, Some(Span::from_millis(90_000)));
         assert!(token.len() <= rhumb_protocol::limits::EXTENSION_BYTES_MAX);
-        assert_eq!(gate.admit(None, &scene), Err(CloseCode::TOKEN_MISSING));
+        assert_eq!(gate.admit(None, &scene), Err(TokenError::Absent));
         for place in 0..token.len() {
             let mut changed = token.clone().into_bytes();
             changed[place] ^= 1;
             for bytes in [&changed[..], &token.as_bytes()[..place]] {
                 let refused = gate.admit(Some(bytes), &scene);
-                assert_eq!(refused, Err(CloseCode::TOKEN_INVALID), "{place}");
+                assert_eq!(refused, Err(TokenError::NotSigned), "{place}");
             }
         }
         let other = Signed::new("gate-other").token();
         let refused = gate.admit(Some(other.as_bytes()), &scene);
-        assert_eq!(refused, Err(CloseCode::TOKEN_INVALID));
+        assert_eq!(refused, Err(TokenError::NotSigned));
     }
 
     #[test]
@@ -172,10 +172,27 @@ pub(crate) mod tests {
         assert_eq!(admission.permit.client.as_deref(), Some("view"));
         assert!(gate.admit(Some(signed.token().as_bytes()), &scene).is_ok());
         let without_issuer = signed.gate().admit(Some(token.as_bytes()), &scene);
-        assert_eq!(without_issuer, Err(CloseCode::TOKEN_INVALID));
+        assert_eq!(without_issuer, Err(TokenError::NotSigned));
         signed.seconds.fetch_add(91, Ordering::SeqCst);
         let refused = gate.admit(Some(token.as_bytes()), &scene);
-        assert_eq!(refused, Err(CloseCode::TOKEN_EXPIRED));
+        assert!(
+            matches!(refused, Err(TokenError::Expired(_))),
+            "{refused:?}"
+        );
+    }
+
+    #[test]
+    fn key_files_hold_the_key_and_nothing_else() {
+        let signed = Signed::new("gate-files");
+        for (name, begins) in [("key", "k4.secret."), ("key.pub", "k4.public.")] {
+            let text = fs::read_to_string(signed.folder.join(name)).unwrap();
+            assert!(text.starts_with(begins) && text.trim() == text, "{name}");
+        }
+        // An editor may add a line break.
+        let public = signed.folder.join("key.pub");
+        let text = fs::read_to_string(&public).unwrap();
+        fs::write(&public, format!("{text}\n")).unwrap();
+        assert!(TokenKeys::read(&[public], "rhumb").is_ok());
     }
 
     #[test]

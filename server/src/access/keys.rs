@@ -1,6 +1,6 @@
 //! Keys of tokens as files: signing and verifying.
 //!
-//! A key file holds one line in the PASERK format. A server needs public keys only; the secret one stays with the
+//! A key file holds one key in the PASERK format, without a line break: other libraries take the whole file as the key. A server needs public keys only; the secret one stays with the
 //! issuer of tokens. Signatures are Ed25519, as PASETO version 4 prescribes: a token cannot choose another algorithm.
 
 use std::fmt;
@@ -14,7 +14,7 @@ use pasetors::token::UntrustedToken;
 use pasetors::version4::{PublicToken, V4};
 use pasetors::{Public, errors};
 
-use super::claims::Claims;
+use super::claims::{Claims, TokenError};
 
 /// The keys whose tokens a server accepts, and the audience that a token must name.
 #[derive(Clone, Debug)]
@@ -117,12 +117,17 @@ impl TokenKeys {
     }
 
     /// The claims of a token that one of the keys has signed.
-    pub(super) fn verify(&self, token: &[u8]) -> Option<Claims> {
+    pub(crate) fn verify(&self, token: &[u8]) -> Result<Claims, TokenError> {
+        let payload = self.payload(token).ok_or(TokenError::NotSigned)?;
+        Claims::parse(&payload)
+    }
+
+    fn payload(&self, token: &[u8]) -> Option<String> {
         let text = std::str::from_utf8(token).ok()?;
         let token = UntrustedToken::<Public, V4>::try_from(text).ok()?;
         let verify = |key| PublicToken::verify(key, &token, None, None).ok();
         let trusted = self.keys.iter().find_map(verify)?;
-        serde_json::from_str(trusted.payload()).ok()
+        Some(trusted.payload().to_owned())
     }
 }
 
@@ -189,7 +194,6 @@ fn write_new(path: &Path, key: &impl FormatAsPaserk, mode: u32) -> Result<(), Ke
     };
     let mut text = String::new();
     key.fmt(&mut text).map_err(|_| KeyError::Failed)?;
-    text.push('\n');
     let mut options = OpenOptions::new();
     options.write(true).create_new(true);
     #[cfg(unix)]

@@ -263,8 +263,9 @@ impl Front {
         let paced = greeting.paced;
         let admission = match self.gate.admit(token.as_deref(), &scene) {
             Ok(admission) => admission,
-            Err(code) => {
-                tracing::info!(peer = peer.0, %scene, %code, "a client is not admitted");
+            Err(cause) => {
+                let code = cause.code();
+                tracing::info!(peer = peer.0, %scene, %code, %cause, "a client is not admitted");
                 return self.close(peer, code);
             }
         };

@@ -121,6 +121,49 @@ fn push(id: BodyId) -> Command {
 }
 
 #[test]
+fn a_token_is_checked_as_a_server_checks_it() {
+    let folder = tempfile::tempdir().expect("a directory");
+    let (public, other) = (
+        make_key(folder.path(), "key"),
+        make_key(folder.path(), "other"),
+    );
+    let secret = public.strip_suffix(".pub").expect("it ends so");
+    let made = token(secret, "anna", "team/*", "owner", &["--bodies", "5"]);
+    let check = |key: &str, more: &[&str]| {
+        let plain = ["token", "--check", &made, "--key", key];
+        SERVER.run(&[&plain, more].concat())
+    };
+    let good = check(&public, &["--scene", "team/a"]);
+    assert_eq!(good.code, Some(0), "{}", good.log);
+    for line in [
+        "client anna",
+        "role owner",
+        "scenes team/*",
+        "bodies 5",
+        "valid",
+    ] {
+        assert!(
+            good.out.lines().any(|have| have == line),
+            "{line} in {}",
+            good.out
+        );
+    }
+    for (key, more, said) in [
+        (
+            &public,
+            &["--scene", "pit"][..],
+            "claim scenes does not name the scene pit",
+        ),
+        (&public, &["--audience", "other"], "claim aud is \"rhumb\""),
+        (&other, &[], "no token that the key has signed"),
+    ] {
+        let refused = check(key, more);
+        assert_eq!(refused.code, Some(1), "{}", refused.out);
+        assert!(refused.log.contains(said), "{said} in {}", refused.log);
+    }
+}
+
+#[test]
 fn a_server_without_keys_starts_only_with_a_flag_that_opens_it() {
     for (arguments, named) in [
         (&["--listen", ANYWHERE][..], "--open"),
