@@ -40,7 +40,7 @@ pub struct Evaluate {
     #[arg(long, default_value = "10", value_parser = seconds, allow_negative_numbers = true)]
     seconds: f64,
     /// Tolerance of a copied body's surface error, metres.
-    #[arg(long, default_value = "0.05", value_parser = tolerance, allow_negative_numbers = true)]
+    #[arg(long, default_value = crate::replay::DEFAULT_TOLERANCE, value_parser = tolerance, allow_negative_numbers = true)]
     tolerance: Tolerance,
     /// Client of the paper's protocol: one without avoidable losses, or the published one.
     #[arg(
@@ -56,7 +56,8 @@ pub struct Evaluate {
     /// Seed of the script and of the simulated link.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// The link between the processes, such as rtt=100ms,loss=5%,jitter=10ms.
+    /// The link between the processes, such as rtt=100ms,loss=5%,jitter=10ms. Its parts: rtt or delay (of one way), jitter,
+    /// loss, burst (mean run of losses, packets), dup, reorder, rate (as 1mbit), queue (as 64kB).
     #[arg(long, default_value_t = LinkConfig::PERFECT)]
     link: LinkConfig,
     /// Free running: ticks between publications.

@@ -19,8 +19,8 @@ use rhumb_reckoning::{Metres, Radians, Ticks, Tolerance};
 
 use crate::output;
 use crate::record::PacketDirection;
-use crate::recording;
-use crate::replay::{EnabledFeatures, Failure, ReplayConfig, ended, run, tally};
+use crate::recording::{self, ReadOptions};
+use crate::replay::{EnabledFeatures, Failure, ReplayConfig, ended, print_notes, run, tally};
 
 /// Arguments: recordings to fit to, and the file of the tables.
 #[derive(Clone, Debug, Args)]
@@ -101,7 +101,8 @@ pub fn fit(arguments: &FitArguments) -> ExitCode {
 fn fit_all(arguments: &FitArguments) -> Result<(), Failure> {
     let mut fit = Fit::new();
     for load in &arguments.loads {
-        let recording = recording::read(&load.path)?;
+        let recording = recording::read(&load.path, &ReadOptions::default())?;
+        print_notes(&recording);
         let bar = output::progress_bar(u64::from(recording.ticks()), recording.name.clone());
         let run = run(&recording, &load.config, &mut |_| bar.inc(1))
             .map_err(|error| Failure::Replay(1, error))?;

@@ -11,6 +11,7 @@ use rhumb_protocol::Span;
 use rhumb_protocol::stream::Observation;
 use rhumb_reckoning::{BodyId, Tick};
 pub use rhumb_trace::Placed;
+use rhumb_trace::SceneFacts;
 use serde::{Deserialize, Serialize};
 
 /// The way of running a scene.
@@ -351,6 +352,8 @@ pub struct Experiment {
 pub struct Load {
     /// States of the engine.
     pub truth: Truth,
+    /// What predictions need of the engine.
+    pub facts: SceneFacts,
     /// One run per mode.
     pub runs: Vec<Run>,
     /// Replays of it that failed.

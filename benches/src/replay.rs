@@ -29,7 +29,7 @@ pub use feature::{EnabledFeatures, Feature};
 pub(crate) use plain::tally;
 pub(crate) use session::first_track;
 pub use session::{ReplayError, run};
-pub(crate) use source::budget;
+pub(crate) use source::{DEFAULT_TOLERANCE, budget, print_notes};
 pub use source::{RecordingSource, ReplayOptions, ToleranceOptions};
 pub use sweep::Sweep;
 
@@ -169,6 +169,7 @@ impl Replays {
             seed,
             machine: machine::describe(),
             loads: vec![Load {
+                facts: recording.facts(),
                 truth: recording.truth,
                 runs: self.ended.into_iter().map(|(_, run)| run).collect(),
                 unfinished: self.unfinished,

@@ -13,8 +13,8 @@ use super::results::AblationLoad;
 use crate::drive::{Cores, Defects, Plan, run_side_by_side};
 use crate::output;
 use crate::record::Mode;
-use crate::recording::{self, Recording};
-use crate::replay::{EnabledFeatures, Failure, ReplayConfig};
+use crate::recording::{self, ReadOptions, Recording};
+use crate::replay::{EnabledFeatures, Failure, ReplayConfig, print_notes};
 
 /// Names of the standard loads, in the order of the table.
 pub(super) const NAMES: [&str; 5] = ["cubes", "pit", "asteroids", "ragdolls", "tumbler"];
@@ -111,7 +111,9 @@ impl LoadChoice {
     /// Reads the recording, or steps the scene in this thread.
     pub(super) fn recording(&self, seed: u64) -> Result<Recording, Failure> {
         if let Some(file) = &self.file {
-            return Ok(recording::read(file)?);
+            let recording = recording::read(file, &ReadOptions::default())?;
+            print_notes(&recording);
+            return Ok(recording);
         }
         let failed = |error: &dyn std::fmt::Display| Failure::Terms(error.to_string());
         let bodies = rhumb_sims::default_bodies(self.of.scene).and_then(|all| all.first());

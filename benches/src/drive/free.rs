@@ -15,6 +15,7 @@ use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::{BodyId, BodyState, Metres, Tick, Ticks, Tolerance};
 use rhumb_sims::Script;
+use rhumb_trace::SceneFacts;
 use rhumb_transport::Clock;
 
 use super::compare::{RecentTruth, TrueBody};
@@ -49,6 +50,7 @@ impl ScriptedBodies {
                         desc,
                         shape,
                         observation,
+                        inertia: None,
                     });
                 }
             }
@@ -328,6 +330,7 @@ impl FreeRun {
             });
         }
         Ok(Load {
+            facts: SceneFacts::of(&plan.script()?.config()),
             truth: self.truth,
             runs,
             unfinished: Vec::new(),

@@ -3,7 +3,7 @@
 use std::hint::black_box;
 
 use rhumb_protocol::scene::Command;
-use rhumb_protocol::stream::Observation;
+use rhumb_protocol::stream::{Observation, PredictionParameters};
 use rhumb_reckoning::{BodyId, BodyState, Tick};
 use rhumb_server::{Hook, Scene};
 use rhumb_sims::Script;
@@ -50,11 +50,15 @@ impl Integrated {
                 let shape = self.scene.shape_of(desc.id).cloned();
                 if let (Some(observation), Some(shape)) = (observation, shape) {
                     self.remember(&observation);
+                    let (damping, known) =
+                        (self.scene.config().damping, self.scene.inertia(desc.id));
+                    let inertia = PredictionParameters::of(&desc, &shape, damping, known).inertia;
                     self.truth.placed.push(Placed {
                         tick,
                         desc,
                         shape,
                         observation,
+                        inertia,
                     });
                 }
             }

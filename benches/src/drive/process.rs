@@ -8,13 +8,14 @@ use std::net::SocketAddr;
 use std::num::NonZeroU32;
 use std::process::{Child, Command, Stdio};
 use std::thread;
+use std::time::{Duration, Instant};
 
 use rhumb_server::{RunError, run_on_cores};
 use rhumb_transport::Fingerprint;
 
 use super::control::ScriptChoice;
 
-/// A running server; killed on drop.
+/// A running server; ended in order on drop, and killed if it does not end.
 #[derive(Debug)]
 pub struct ServerProcess {
     child: Child,
@@ -236,10 +237,39 @@ fn read_start_up_lines(
     Err(ProcessError::NoAddress { output })
 }
 
-/// Kills the process; one that has already ended needs nothing.
+/// Longest time in which a server ends by itself: it takes two seconds at most.
+const END_MAX: Duration = Duration::from_secs(5);
+/// Pause between two looks at a server that ends.
+const LOOK: Duration = Duration::from_millis(5);
+
+/// Ends the process: by a signal, so that its files are whole, and if that does not help by force. One that has already
+/// ended needs nothing.
 fn end(child: &mut Child) {
+    if ask_to_end(child) {
+        let begun = Instant::now();
+        while begun.elapsed() < END_MAX {
+            match child.try_wait() {
+                Ok(None) => thread::sleep(LOOK),
+                _ => return,
+            }
+        }
+    }
     let _ = child.kill();
     let _ = child.wait();
+}
+
+/// Sends SIGTERM; false where that is not possible.
+#[cfg(target_os = "linux")]
+fn ask_to_end(child: &Child) -> bool {
+    use rustix::process::{Pid, Signal, kill_process};
+    let id = i32::try_from(child.id()).ok().and_then(Pid::from_raw);
+    id.is_some_and(|id| kill_process(id, Signal::TERM).is_ok())
+}
+
+/// Sends SIGTERM; false where that is not possible.
+#[cfg(not(target_os = "linux"))]
+fn ask_to_end(_: &Child) -> bool {
+    false
 }
 
 impl Drop for ServerProcess {

@@ -9,6 +9,7 @@ use rhumb_protocol::scene::{Command, PublishSchedule};
 use rhumb_protocol::stream::Budget;
 use rhumb_reckoning::{Metres, Tick, Ticks, Tolerance};
 use rhumb_sims::Script;
+use rhumb_trace::SceneFacts;
 
 use super::app::{AppRemote, AppSetup, Defects};
 use super::compare::{RecentTruth, TrueBody};
@@ -362,6 +363,7 @@ fn finish(
         });
     }
     Ok(Load {
+        facts: SceneFacts::of(integrated.scene().config()),
         truth: integrated.truth,
         runs,
         unfinished: Vec::new(),

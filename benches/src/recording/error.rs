@@ -4,9 +4,14 @@ use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use ::mcap::McapError;
 use rhumb_protocol::scene::Invalid;
 use rhumb_reckoning::Tick;
+use rhumb_trace::ContentsError;
+
+/// The forms that are read, as an error states them.
+const FORMS: &str = "read are MCAP files (traces, recordings of a server, and foxglove.FrameTransforms, FrameTransform, \
+                     PoseInFrame, PosesInFrame or SceneUpdate in protobuf), CSV files of time, body, x, y, z, qx, qy, \
+                     qz, qw, and .rhtrace files, packed by zstd or not";
 
 /// The error of a recording that was not read.
 #[derive(Debug)]
@@ -25,31 +30,47 @@ pub enum RecordingError {
         /// The defect.
         cause: Box<Self>,
     },
-    /// The file name ends neither in `.mcap` nor in `.rhtrace.zst`.
-    UnknownForm {
-        /// Path of the file.
-        path: PathBuf,
-    },
+    /// The file is of another form.
+    UnknownForm,
     /// Decompression failed.
     Unpack(io::Error),
-    /// The magic number is missing.
+    /// The magic number of an `.rhtrace` is missing.
     NotARecording,
-    /// The data end too early, or continue after the last frame.
-    Length,
+    /// The data end too early.
+    Short {
+        /// The part in which they end.
+        within: String,
+    },
+    /// The data go on after the last frame.
+    Long {
+        /// Bytes behind it.
+        bytes: usize,
+    },
     /// The frame count exceeds the limit.
     Frames {
         /// Frame count stated by the file.
         frames: u32,
     },
-    /// The step is not the inverse of a whole rate from 1 to 1000 Hz.
+    /// The step is none of a rate from 1 to 1000 Hz.
     Step {
         /// The step, seconds.
         step_s: f64,
+    },
+    /// The times of poses keep no constant rate.
+    NoRate {
+        /// Step that fits them best, seconds.
+        step_s: f64,
+        /// The pose that is furthest off, as a share of a step.
+        share: f64,
+        /// Its place in the file.
+        place: Place,
     },
     /// A number is not finite or otherwise invalid.
     Number {
         /// Tick of the record.
         tick: Tick,
+        /// Index of the body.
+        index: u32,
     },
     /// Extents out of bounds, or inconsistent with the stated radius.
     Extents {
@@ -63,11 +84,63 @@ pub enum RecordingError {
         /// Index of the body.
         index: u32,
     },
+    /// A body moves that was not placed.
+    NotPlaced {
+        /// Tick of its record.
+        tick: Tick,
+        /// Index of the body.
+        index: u32,
+    },
+    /// The states of one tick are there twice.
+    TickTwice {
+        /// The tick.
+        tick: Tick,
+        /// The scene or load.
+        load: String,
+    },
+    /// A row or a pose has a defect.
+    Row {
+        /// Its place in the file.
+        place: Place,
+        /// The defect.
+        defect: RowDefect,
+    },
+    /// The first line names no columns, and is no row.
+    Header {
+        /// The line.
+        line: u32,
+        /// Columns that are missing.
+        missing: Vec<&'static str>,
+    },
     /// The MCAP file cannot be read.
-    Mcap(McapError),
-    /// A message of the MCAP file is not what its topic holds.
-    Message(prost::DecodeError),
-    /// The truth is missing or incomplete.
+    Contents(ContentsError),
+    /// A message is not what its topic holds.
+    Message {
+        /// The topic.
+        topic: String,
+        /// Log time, nanoseconds.
+        log_ns: u64,
+        /// The defect.
+        cause: prost::DecodeError,
+    },
+    /// The MCAP file has no bodies that are read.
+    NoPoses {
+        /// What it has: encoding and schema of each topic.
+        found: Vec<String>,
+    },
+    /// The file has other loads than the one that was asked for.
+    UnknownLoad {
+        /// The load that was asked for.
+        name: String,
+        /// Those that it has.
+        loads: Vec<String>,
+    },
+    /// A transform's frame hangs on itself.
+    Cycle {
+        /// The frame.
+        frame: String,
+    },
+    /// The recording holds no motion.
     NoTruth,
     /// The scene is unknown, so its gravity is unknown too.
     UnknownScene {
@@ -76,6 +149,61 @@ pub enum RecordingError {
     },
     /// The scene's config is out of bounds.
     Terms(Invalid),
+}
+
+/// The place of a row or message in its file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Place {
+    /// A line, counted from one.
+    Line(u32),
+    /// A message.
+    Message {
+        /// Its topic.
+        topic: String,
+        /// Its log time, nanoseconds.
+        log_ns: u64,
+    },
+}
+
+/// What is wrong with a row or a pose.
+#[derive(Clone, Debug, PartialEq)]
+pub enum RowDefect {
+    /// It has another number of fields than the header.
+    Fields {
+        /// Its number of fields.
+        found: usize,
+        /// The header's.
+        expected: usize,
+    },
+    /// A field is no number.
+    NotANumber {
+        /// The name of the column.
+        column: &'static str,
+        /// Its text.
+        text: String,
+    },
+    /// A number is not finite, or too large.
+    OutOfRange {
+        /// What it belongs to.
+        of: &'static str,
+    },
+    /// A quaternion is not of length one.
+    Rotation {
+        /// Its length.
+        length: f64,
+    },
+    /// The body has a pose of this moment already.
+    Twice {
+        /// The body.
+        body: String,
+        /// The other place.
+        other: Box<Place>,
+    },
+    /// A transform names another parent than before.
+    Parent {
+        /// The frame.
+        frame: String,
+    },
 }
 
 impl RecordingError {
@@ -87,47 +215,156 @@ impl RecordingError {
     }
 }
 
+impl fmt::Display for Place {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Line(line) => write!(f, "line {line}"),
+            Self::Message { topic, log_ns } => {
+                write!(f, "the message of {topic} at {} s", *log_ns as f64 / 1e9)
+            }
+        }
+    }
+}
+
+impl fmt::Display for RowDefect {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Fields { found, expected } => {
+                write!(f, "has {found} fields, and there are {expected} columns")
+            }
+            Self::NotANumber { column, text } => {
+                write!(f, "column {column}: {text:?} is no number")
+            }
+            Self::OutOfRange { of } => write!(f, "the {of} is not finite or too large"),
+            Self::Rotation { length } => write!(
+                f,
+                "the quaternion has length {length}, not 1: are its columns those of x, y, z, w?"
+            ),
+            Self::Twice { body, other } => {
+                write!(
+                    f,
+                    "body {body} has a pose of this moment already, by {other}"
+                )
+            }
+            Self::Parent { frame } => {
+                write!(
+                    f,
+                    "frame {frame} has another parent than in its first transform"
+                )
+            }
+        }
+    }
+}
+
 impl fmt::Display for RecordingError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Read { path, cause } => write!(f, "cannot read {}: {cause}", path.display()),
             Self::File { path, cause } => write!(f, "{}: {cause}", path.display()),
-            Self::UnknownForm { path } => write!(
-                f,
-                "{} ends neither in .mcap nor in .rhtrace.zst",
-                path.display()
-            ),
+            Self::UnknownForm => write!(f, "this is no recording; {FORMS}"),
             Self::Unpack(cause) => write!(f, "the recording cannot be unpacked: {cause}"),
-            Self::NotARecording => f.write_str("this is not a recording"),
-            Self::Length => f.write_str("the recording ends too early or has trailing bytes"),
+            Self::NotARecording => {
+                write!(
+                    f,
+                    "this is no .rhtrace, which begins with RHTRACE1; {FORMS}"
+                )
+            }
+            other => other.fmt_contents(f),
+        }
+    }
+}
+
+impl RecordingError {
+    /// What is wrong with the contents of a file.
+    fn fmt_contents(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Short { within } => write!(f, "the recording ends within {within}"),
+            Self::Long { bytes } => write!(f, "{bytes} bytes follow the last frame"),
             Self::Frames { frames } => write!(
                 f,
                 "the recording claims {frames} frames, more than are read"
             ),
             Self::Step { step_s } => {
-                write!(f, "{step_s} s is no step of a whole rate from 1 to 1000 Hz")
+                write!(f, "{step_s} s is the step of no rate from 1 to 1000 Hz")
             }
-            Self::Number { tick } => write!(f, "a body has an invalid number at {tick}"),
-            Self::Extents { index } => write!(f, "body {index} has wrong extents"),
-            Self::Record { tick, index } => {
-                write!(f, "a record at {tick} is of body {index}, out of order")
+            Self::NoRate {
+                step_s,
+                share,
+                place,
+            } => write!(
+                f,
+                "the times keep no constant rate: {place} lies {:.0} % of a step beside the frames of {step_s} s; \
+                 --rate HZ states another rate",
+                share * 100.0
+            ),
+            Self::Number { tick, index } => {
+                write!(f, "body {index} has an invalid number at {tick}")
             }
-            Self::Mcap(cause) => cause.fmt(f),
-            Self::Message(cause) => cause.fmt(f),
-            Self::NoTruth => f.write_str("the trace does not hold the truth of every tick"),
+            Self::Extents { index } => write!(
+                f,
+                "body {index} has half extents out of range, or another bounding radius than theirs"
+            ),
+            Self::Record { tick, index } => write!(
+                f,
+                "a record at {tick} is of body {index}, which is out of order or beyond the number of bodies"
+            ),
+            Self::NotPlaced { tick, index } => write!(
+                f,
+                "body {index} moves at {tick} and was not placed: the beginning of the recording is missing"
+            ),
+            Self::TickTwice { tick, load } => write!(
+                f,
+                "{tick} of {load} is there twice: recordings of two runs were merged"
+            ),
+            Self::Row { place, defect } => write!(f, "{place}: {defect}"),
+            Self::Header { line, missing } => write!(
+                f,
+                "line {line} is neither a row of numbers nor a header: it does not name {}",
+                missing.join(", ")
+            ),
+            Self::Contents(cause) => write!(f, "{cause}"),
+            Self::Message {
+                topic,
+                log_ns,
+                cause,
+            } => write!(
+                f,
+                "the message of {topic} at {} s: {cause}",
+                *log_ns as f64 / 1e9
+            ),
+            Self::NoPoses { found } if found.is_empty() => {
+                write!(f, "the MCAP file has no topics; {FORMS}")
+            }
+            Self::NoPoses { found } => {
+                write!(f, "the MCAP file has {}; {FORMS}", found.join(", "))
+            }
+            Self::UnknownLoad { name, loads } => {
+                write!(
+                    f,
+                    "there is no load {name:?}; there are {}",
+                    loads.join(", ")
+                )
+            }
+            Self::Cycle { frame } => write!(f, "frame {frame} is its own parent"),
+            Self::NoTruth => f.write_str("the recording holds no motion: it needs two frames"),
             Self::UnknownScene { name } => write!(
                 f,
                 "the trace is of the unknown scene {name:?}, so its gravity is unknown"
             ),
-            Self::Terms(invalid) => invalid.fmt(f),
+            Self::Terms(invalid) => write!(f, "{invalid}"),
+            Self::Read { .. }
+            | Self::File { .. }
+            | Self::UnknownForm
+            | Self::Unpack(_)
+            | Self::NotARecording => fmt::Display::fmt(self, f),
         }
     }
 }
 
 impl std::error::Error for RecordingError {}
 
-impl From<McapError> for RecordingError {
-    fn from(cause: McapError) -> Self {
-        Self::Mcap(cause)
+impl From<ContentsError> for RecordingError {
+    fn from(cause: ContentsError) -> Self {
+        Self::Contents(cause)
     }
 }

@@ -1,135 +1,193 @@
-//! Reads the truth from a `trace.mcap`.
+//! Reads an MCAP file: a trace, a recording of a server, or poses of other programs.
 //!
-//! The trace holds poses and shapes. Config and inertias come from the named scene, run with its number of bodies and
-//! seed. Only the first load of the trace is read.
+//! A trace has a load for each number of bodies, a recording one for each scene, and another program's file one for each
+//! kind of poses. One of them is read.
 
 use std::collections::BTreeMap;
 
-use ::mcap::sans_io::{LinearReaderOptions, MessageReadEvent, MessageReader};
-use ::mcap::{McapError, McapResult};
-use rhumb_reckoning::Tick;
-use rhumb_server::Digest;
-use rhumb_trace::read_states;
+use rhumb_reckoning::Rate;
+use rhumb_trace::{FileContents, SceneFacts, StoredChannel};
 
 use super::error::RecordingError;
+use super::options::ReadOptions;
 use super::recorded::{Recording, ScriptOrigin};
-use crate::record::Truth;
+use super::{foxglove, rate, states, velocity};
 
-/// Reads the first load of a trace.
+/// The end of the topics of states.
+const STATES: &str = "/truth/state";
+
+/// Reads a load.
 ///
 /// # Errors
 ///
-/// [`RecordingError`] if the bytes are no trace, or its scene is unknown.
-pub fn read(bytes: &[u8]) -> Result<Recording, RecordingError> {
-    let records = metadata(bytes)?;
-    let loads = records
-        .get("rhumb.experiment")
-        .and_then(|record| record.get("loads"));
-    let load = loads.and_then(|loads| loads.split_whitespace().next());
-    let load = load.ok_or(RecordingError::NotARecording)?;
-    let run = records
-        .iter()
-        .find(|(name, record)| {
-            name.starts_with("rhumb.run.") && record.get("load").is_some_and(|of| of == load)
-        })
-        .map(|(_, record)| record)
-        .ok_or(RecordingError::NoTruth)?;
-    let value = |name: &str| run.get(name).map(String::as_str).unwrap_or_default();
-    let name = value("scene").to_owned();
-    let unknown = || RecordingError::UnknownScene { name: name.clone() };
-    let (bodies, seed) = (value("bodies").parse(), value("seed").parse());
-    let (Ok(bodies), Ok(seed)) = (bodies, seed) else {
-        return Err(unknown());
+/// [`RecordingError`] if the bytes are no MCAP file, or it has no bodies that are read.
+pub fn read(name: &str, bytes: &[u8], options: &ReadOptions) -> Result<Recording, RecordingError> {
+    let outline = FileContents::read(bytes, &|_| false)?;
+    let loads = loads(&outline);
+    let mut recording = if loads.is_empty() {
+        foxglove::read(name, bytes, &outline, options)?
+    } else {
+        let load = options.choose(&loads)?;
+        let mut recording = of_states(bytes, &outline, load)?;
+        if loads.len() > 1 && options.load.is_none() {
+            recording.notes.push(format!(
+                "of the loads {} this is {load}; --load NAME chooses another",
+                loads.join(", ")
+            ));
+        }
+        recording
     };
-    let mut script = rhumb_sims::by_name(&name, bodies, seed).ok_or_else(unknown)?;
-    Ok(Recording {
-        played: Some(ScriptOrigin { bodies, seed }),
-        ..Recording::of_play(&mut *script, truth(bytes, load)?)
-    })
+    recording.notes.extend(outline.note());
+    Ok(recording)
 }
 
-/// Metadata records by name.
-fn metadata(bytes: &[u8]) -> Result<BTreeMap<String, BTreeMap<String, String>>, RecordingError> {
-    let summary = ::mcap::Summary::read(bytes)?.ok_or(RecordingError::NotARecording)?;
-    let mut records = BTreeMap::new();
-    for index in &summary.metadata_indexes {
-        let end = index.offset.checked_add(index.length);
-        if end.is_none_or(|end| end > bytes.len() as u64) {
-            return Err(McapError::BadIndex.into());
-        }
-        let record = ::mcap::read::metadata(bytes, index)?;
-        records.insert(record.name, record.metadata);
+/// The loads that have states, in the order of the file.
+fn loads(outline: &FileContents) -> Vec<String> {
+    let is_of_states = |channel: &&StoredChannel| channel.schema == "rhumb.States";
+    let channels = outline.channels.values().filter(is_of_states);
+    let mut loads: Vec<String> = Vec::new();
+    for channel in channels {
+        let load = channel.topic.strip_suffix(STATES);
+        let load = load.map(|load| load.trim_start_matches('/').to_owned());
+        loads.extend(load.filter(|load| !loads.contains(load)));
     }
-    Ok(records)
+    loads
 }
 
-/// Every tick of a load.
-fn truth(bytes: &[u8], load: &str) -> Result<Truth, RecordingError> {
-    let topic = format!("/{load}/truth/state");
-    let mut truth = Truth::default();
-    let mut digest = Digest::START;
-    let mut due = Tick::ZERO;
-    for message in Messages::of(bytes) {
-        let message = message?;
-        if message.channel.topic != topic {
-            continue;
-        }
-        let states = read_states(&message.data).map_err(RecordingError::Message)?;
-        let states = states.ok_or(RecordingError::Number { tick: due })?;
-        if states.tick != due {
-            return Err(RecordingError::NoTruth);
-        }
-        truth.placed.extend(states.placed);
-        truth.removed.extend(states.removed);
-        if due > Tick::ZERO {
-            digest.fold_tick(due, &states.observed);
-            truth.ticks.push(states.observed);
-        }
-        due = due.next();
-    }
-    truth.digest = digest.value();
-    if truth.ticks.is_empty() {
-        return Err(RecordingError::NoTruth);
-    }
-    Ok(truth)
-}
-
-/// Longest accepted record. A damaged file may state any length and must not cause an allocation of that size.
-const RECORD_BYTES_MAX: usize = 64 << 20;
-
-/// The messages of a file, in order.
-struct Messages<'a> {
-    reader: MessageReader,
-    rest: &'a [u8],
-}
-
-impl<'a> Messages<'a> {
-    fn of(bytes: &'a [u8]) -> Self {
-        let options = LinearReaderOptions::default().with_record_length_limit(RECORD_BYTES_MAX);
-        Self {
-            reader: MessageReader::new_with_options(options),
-            rest: bytes,
-        }
-    }
-}
-
-impl Iterator for Messages<'_> {
-    type Item = McapResult<::mcap::Message<'static>>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        loop {
-            match self.reader.next_event()? {
-                Ok(MessageReadEvent::ReadRequest(wanted)) => {
-                    let (read, rest) = self.rest.split_at(wanted.min(self.rest.len()));
-                    self.reader.insert(read.len()).copy_from_slice(read);
-                    self.reader.notify_read(read.len());
-                    self.rest = rest;
-                }
-                Ok(MessageReadEvent::Message(message)) => return Some(Ok(message)),
-                Err(error) => return Some(Err(error)),
+/// A load of a trace or a recording.
+fn of_states(
+    bytes: &[u8],
+    outline: &FileContents,
+    load: &str,
+) -> Result<Recording, RecordingError> {
+    let topic = format!("/{load}{STATES}");
+    let contents = FileContents::read(bytes, &|channel| channel.topic == topic)?;
+    let states::ReadTruth {
+        truth,
+        has_velocities,
+        notes,
+    } = states::truth(&contents, load)?;
+    let mut recording = match origin(outline, load)? {
+        Origin::Stated {
+            name,
+            played,
+            facts,
+        } => Recording {
+            name,
+            played,
+            truth,
+            integrator: facts.integrator,
+            gravity: facts.gravity,
+            damping: facts.damping,
+            inertias: BTreeMap::new(),
+            notes: Vec::new(),
+        },
+        Origin::Script { name, played } => {
+            let ScriptOrigin { bodies, seed } = played;
+            let script = rhumb_sims::by_name(&name, bodies, seed);
+            let mut script = script.ok_or(RecordingError::UnknownScene { name })?;
+            Recording {
+                played: Some(played),
+                ..Recording::of_play(&mut *script, truth)
             }
         }
+        Origin::Unstated { name, rate } => unstated(name, rate, truth),
+    };
+    recording.notes.extend(notes);
+    if !has_velocities {
+        velocity::derive(&mut recording)?;
+        super::activity::set_digest(&mut recording.truth);
     }
+    Ok(recording)
+}
+
+/// A recording of a server that did not state its engine yet.
+fn unstated(name: String, rate: Option<Rate>, truth: crate::record::Truth) -> Recording {
+    let usual = rhumb_protocol::scene::SceneConfig::default();
+    Recording {
+        name,
+        played: None,
+        truth,
+        integrator: rhumb_reckoning::Integrator {
+            rate: rate.unwrap_or(usual.integrator.rate),
+            ..usual.integrator
+        },
+        gravity: usual.gravity,
+        damping: usual.damping,
+        inertias: BTreeMap::new(),
+        notes: vec![
+            "the file does not state the engine's gravity, damping and substeps: those of a new scene are taken"
+                .to_owned(),
+        ],
+    }
+}
+
+/// What a file says of the engine of a load.
+enum Origin {
+    /// Its facts.
+    Stated {
+        name: String,
+        played: Option<ScriptOrigin>,
+        facts: SceneFacts,
+    },
+    /// The script that it ran, as older traces do.
+    Script { name: String, played: ScriptOrigin },
+    /// Its rate at most, as older recordings do.
+    Unstated { name: String, rate: Option<Rate> },
+}
+
+fn origin(outline: &FileContents, load: &str) -> Result<Origin, RecordingError> {
+    let records = |begins: &'static str| {
+        let named =
+            move |record: &&(String, BTreeMap<String, String>)| record.0.starts_with(begins);
+        outline
+            .metadata
+            .iter()
+            .filter(named)
+            .map(|(_, record)| record)
+    };
+    let of_load =
+        |record: &&BTreeMap<String, String>| record.get("load").is_some_and(|of| of == load);
+    let of_scene =
+        |record: &&BTreeMap<String, String>| record.get("scene").is_some_and(|of| of == load);
+    let truth = outline
+        .metadata
+        .iter()
+        .find(|(name, _)| *name == format!("rhumb.truth.{load}"));
+    let facts = truth.and_then(|(_, record)| SceneFacts::of_metadata(record));
+    if let Some(run) = records("rhumb.run.").find(of_load) {
+        let value = |name: &str| run.get(name).map(String::as_str).unwrap_or_default();
+        let name = value("scene").to_owned();
+        let played = match (value("bodies").parse(), value("seed").parse()) {
+            (Ok(bodies), Ok(seed)) => Some(ScriptOrigin { bodies, seed }),
+            _ => None,
+        };
+        return match (facts, played) {
+            (Some(facts), played) => {
+                let played = played.filter(|_| rhumb_sims::NAMES.contains(&&*name));
+                Ok(Origin::Stated {
+                    name,
+                    played,
+                    facts,
+                })
+            }
+            (None, Some(played)) => Ok(Origin::Script { name, played }),
+            (None, None) => Err(RecordingError::UnknownScene { name }),
+        };
+    }
+    let scene = records("rhumb.scene").find(of_scene);
+    let name = load.to_owned();
+    if let Some(facts) = scene.and_then(SceneFacts::of_metadata) {
+        let played = None;
+        return Ok(Origin::Stated {
+            name,
+            played,
+            facts,
+        });
+    }
+    let step_s = scene.and_then(|scene| scene.get("step_s")?.parse().ok());
+    let rate = step_s.and_then(|step_s| rate::of_step(step_s, 1e-6));
+    Ok(Origin::Unstated { name, rate })
 }
 
 #[cfg(test)]
@@ -138,18 +196,25 @@ mod tests {
     use std::io::Cursor;
 
     use ::mcap::records::op;
-    use ::mcap::{MessageStream, Summary, WriteOptions};
+    use ::mcap::{Compression, MessageStream, Summary, WriteOptions};
 
     use super::*;
 
-    /// The same trace without compression, so that a test can corrupt bytes inside its chunks.
-    fn unpacked() -> Vec<u8> {
+    fn read(bytes: &[u8]) -> Result<Recording, RecordingError> {
+        super::read("trace", bytes, &ReadOptions::default())
+    }
+
+    fn packed() -> Vec<u8> {
         let path = concat!(
             env!("CARGO_MANIFEST_DIR"),
             "/../tests/data/traces/free_fall.mcap"
         );
-        let packed = fs::read(path).expect("the repository contains a trace");
-        let options = WriteOptions::new().compression(None);
+        fs::read(path).expect("the repository contains a trace")
+    }
+
+    /// The same trace, written otherwise.
+    fn written(options: WriteOptions) -> Vec<u8> {
+        let packed = packed();
         let mut writer = options
             .create(Cursor::new(Vec::new()))
             .expect("writing to memory succeeds");
@@ -172,36 +237,82 @@ mod tests {
     }
 
     #[test]
-    fn metadata_offsets_outside_the_file_are_refused() {
-        let whole = unpacked();
-        let summary = Summary::read(&whole).expect("the trace is intact");
-        let index = &summary.expect("it has a summary").metadata_indexes[0];
-        let entry = [index.offset.to_le_bytes(), index.length.to_le_bytes()].concat();
-        let at = whole.windows(16).position(|bytes| bytes == entry);
-        let at = at.expect("the summary holds the entry");
-        for place in [at, at + 8] {
-            let mut spoiled = whole.clone();
-            spoiled[place..place + 8].copy_from_slice(&[0xff; 8]);
-            assert!(
-                matches!(read(&spoiled), Err(RecordingError::Mcap(_))),
-                "{place}"
-            );
+    fn a_trace_without_summary_or_packed_by_lz4_is_read_as_the_same() {
+        let digest = read(&packed()).expect("the trace is intact").truth.digest;
+        let plain = WriteOptions::new();
+        let forms = [
+            plain.clone().compression(Some(Compression::Lz4)),
+            plain.clone().emit_summary_records(false),
+            plain
+                .emit_message_indexes(false)
+                .emit_metadata_indexes(false),
+        ];
+        for options in forms {
+            let recording = read(&written(options)).expect("it is the same trace");
+            assert_eq!(recording.truth.digest, digest);
         }
     }
 
     #[test]
+    fn a_trace_that_ends_early_is_read_up_to_there_with_a_note() {
+        let whole = written(WriteOptions::new().compression(None));
+        let ticks = read(&whole).expect("it is whole").ticks();
+        // The metadata of this copy follow its messages; a writer of traces puts them first.
+        let summary = Summary::read(&whole).unwrap().unwrap();
+        let metadata = summary.metadata_indexes.iter();
+        let records = metadata.flat_map(|index| {
+            whole[index.offset as usize..(index.offset + index.length) as usize].to_vec()
+        });
+        let header = 8 + 9 + u64::from_le_bytes(whole[9..17].try_into().unwrap()) as usize;
+        let messages = summary
+            .chunk_indexes
+            .iter()
+            .map(|chunk| chunk.chunk_length)
+            .sum::<u64>();
+        let half = header + messages as usize / 2;
+        let cut: Vec<u8> = whole[..header]
+            .iter()
+            .copied()
+            .chain(records)
+            .chain(whole[header..half].iter().copied())
+            .collect();
+        let recording = read(&cut).expect("what is whole in it is used");
+        assert!(
+            (1..ticks).contains(&recording.ticks()),
+            "{}",
+            recording.ticks()
+        );
+        assert!(
+            recording.notes[0].contains("has no end"),
+            "{:?}",
+            recording.notes
+        );
+    }
+
+    #[test]
+    fn a_load_that_is_not_there_is_refused_with_those_that_are() {
+        let options = ReadOptions {
+            load: Some("n7".to_owned()),
+            ..ReadOptions::default()
+        };
+        let refused = super::read("trace", &packed(), &options).expect_err("there is no such load");
+        let refused = refused.to_string();
+        assert!(refused.contains("no load \"n7\"; there are n"), "{refused}");
+    }
+
+    #[test]
     fn an_oversized_record_is_refused_without_allocating_its_length() {
-        let whole = unpacked();
+        let whole = written(WriteOptions::new().compression(None));
         assert!(read(&whole).is_ok());
         // Magic; the header's code, length and body; the chunk's code and length, and 40 bytes before its first record.
         let header = u64::from_le_bytes(whole[9..17].try_into().expect("eight bytes"));
         let at = 8 + 9 + header as usize + 9 + 40;
         assert_eq!(whole[at], op::SCHEMA);
-        for length in [u64::MAX, 1 << 62, (RECORD_BYTES_MAX as u64) + 1] {
+        for length in [u64::MAX, 1 << 62, (64 << 20) + 1_u64] {
             let mut spoiled = whole.clone();
             spoiled[at + 1..at + 9].copy_from_slice(&length.to_le_bytes());
             assert!(
-                matches!(read(&spoiled), Err(RecordingError::Mcap(_))),
+                matches!(read(&spoiled), Err(RecordingError::Contents(_))),
                 "{length}"
             );
         }

@@ -26,6 +26,7 @@ impl Recording {
             integrator: config.integrator,
             gravity: config.gravity,
             damping: config.damping,
+            notes: Vec::new(),
         }
     }
 }

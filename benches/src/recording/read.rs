@@ -1,32 +1,55 @@
-//! Reads a recording of either form.
+//! Reads a recording of any form: the file's content tells which.
 
 use std::path::Path;
 
-use super::error::RecordingError;
-use super::recorded::Recording;
-use super::{mcap, rhtrace};
+use rhumb_reckoning::Rate;
 
-/// Reads a recording; the file name's extension selects the format.
+use super::error::RecordingError;
+use super::options::ReadOptions;
+use super::recorded::Recording;
+use super::{csv, mcap, rate, rhtrace};
+
+/// The first bytes of what zstd packs.
+const ZSTD: &[u8] = &[0x28, 0xb5, 0x2f, 0xfd];
+/// The first bytes of an MCAP file.
+const MCAP: &[u8] = b"\x89MCAP0\r\n";
+
+/// A rate on the command line, Hz.
+pub(crate) fn hertz(text: &str) -> Result<Rate, String> {
+    rate::of_hertz(text)
+}
+
+/// Reads a recording.
 ///
 /// # Errors
 ///
 /// [`RecordingError`] names the file and the defect.
-pub fn read(path: &Path) -> Result<Recording, RecordingError> {
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
+pub fn read(path: &Path, options: &ReadOptions) -> Result<Recording, RecordingError> {
     let bytes = std::fs::read(path).map_err(|cause| RecordingError::read(path, cause))?;
-    let recording = if let Some(name) = name.strip_suffix(".rhtrace.zst") {
-        rhtrace::read(name, &bytes)
-    } else if name.ends_with(".mcap") {
-        mcap::read(&bytes)
-    } else {
-        return Err(RecordingError::UnknownForm {
-            path: path.to_owned(),
-        });
-    };
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let name = name.split('.').next().unwrap_or_default();
+    let recording = read_bytes(name, &bytes, options);
     recording.map_err(|cause| RecordingError::File {
         path: path.to_owned(),
         cause: Box::new(cause),
     })
+}
+
+fn read_bytes(
+    name: &str,
+    bytes: &[u8],
+    options: &ReadOptions,
+) -> Result<Recording, RecordingError> {
+    if bytes.starts_with(MCAP) {
+        return mcap::read(name, bytes, options);
+    }
+    if bytes.starts_with(ZSTD) || bytes.starts_with(&rhtrace::MAGIC) {
+        return rhtrace::read(name, bytes);
+    }
+    match std::str::from_utf8(bytes) {
+        Ok(text) if !text.trim().is_empty() => csv::read(name, text, options),
+        _ => Err(RecordingError::UnknownForm),
+    }
 }
 
 #[cfg(test)]
@@ -34,25 +57,27 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_error_names_the_file_that_is_no_recording() {
+    fn an_error_names_the_file_and_what_would_be_read() {
         let folder = std::env::temp_dir().join(format!("rhumb-recording-{}", std::process::id()));
         std::fs::create_dir_all(&folder).expect("the temporary folder is writable");
-        for name in [
-            "empty.mcap",
-            "empty.rhtrace.zst",
-            "empty.txt",
-            "nosuch.mcap",
-        ] {
+        let contents: [(&str, &[u8]); 4] = [
+            ("empty.mcap", b""),
+            ("picture.png", b"\x89PNG\r\n\xff"),
+            ("letter.txt", b"Dear all, this is no recording.\n"),
+            ("half.rhtrace.zst", b"\x28\xb5\x2f\xfd"),
+        ];
+        for (name, bytes) in contents {
             let path = folder.join(name);
-            if !name.starts_with("nosuch") {
-                std::fs::write(&path, b"").expect("it is our own folder");
-            }
-            let Err(error) = read(&path) else {
-                panic!("{name} is no recording");
-            };
+            std::fs::write(&path, bytes).expect("it is our own folder");
+            let error = read(&path, &ReadOptions::default()).expect_err("it is no recording");
             let (message, named) = (error.to_string(), path.display().to_string());
             assert!(message.contains(&named), "{message}");
         }
+        let error = read(&folder.join("empty.mcap"), &ReadOptions::default());
+        let message = error.expect_err("it is empty").to_string();
+        assert!(message.contains("foxglove.FrameTransforms"), "{message}");
+        let missing = read(&folder.join("nosuch.mcap"), &ReadOptions::default());
+        assert!(matches!(missing, Err(RecordingError::Read { .. })));
         std::fs::remove_dir_all(folder).expect("it is our own folder");
     }
 }

@@ -6,6 +6,7 @@ use glam::Vec3;
 use rhumb_protocol::scene::BodyKind;
 use rhumb_protocol::stream::PredictionParameters;
 use rhumb_reckoning::{BodyId, Damping, Inertia, Integrator};
+use rhumb_trace::SceneFacts;
 
 use crate::record::{Placed, Truth};
 
@@ -24,8 +25,10 @@ pub struct Recording {
     pub gravity: Vec3,
     /// Damping of every body.
     pub damping: Damping,
-    /// Inertia of bodies with free rotation, as far as known.
+    /// Inertia of bodies with free rotation, as far as known and not in their placements.
     pub inertias: BTreeMap<BodyId, Inertia>,
+    /// Sentences on what the file lacks, and on what was taken in its place.
+    pub notes: Vec<String>,
 }
 
 /// Arguments that reproduce a script, besides its name.
@@ -40,7 +43,8 @@ pub struct ScriptOrigin {
 impl Recording {
     /// Prediction parameters of a body.
     pub(crate) fn parameters(&self, placed: &Placed) -> PredictionParameters {
-        let inertia = self.inertias.get(&placed.desc.id).copied();
+        let known = || self.inertias.get(&placed.desc.id).copied();
+        let inertia = placed.inertia.or_else(known);
         PredictionParameters::of(&placed.desc, &placed.shape, self.damping, inertia)
     }
 
@@ -53,6 +57,16 @@ impl Recording {
         let placed = self.truth.placed.iter();
         let dynamic = placed.filter(|placed| placed.desc.kind == BodyKind::Dynamic);
         dynamic.count() as u32
+    }
+
+    /// What predictions need of its engine.
+    #[must_use]
+    pub const fn facts(&self) -> SceneFacts {
+        SceneFacts {
+            integrator: self.integrator,
+            gravity: self.gravity,
+            damping: self.damping,
+        }
     }
 
     /// Ticks after the first state.

@@ -1,12 +1,7 @@
-//! Foreign recordings of boxes: `.rhtrace.zst`.
+//! Foreign recordings of boxes: `.rhtrace`, packed by zstd or not.
 //!
-//! Little-endian, compressed by zstd as a whole. Header: the magic; u32 bodies, u32 frames; f32 seconds per frame;
-//! three f32 of gravity. For each body four f32: half extents and bounding radius. For each frame a u16 count and that
-//! many records.
-//!
-//! A record is a u16 body, thirteen f32 (position, quaternion x y z w, linear and angular velocity) and a u8 whose bit
-//! 0 means awake. A body without a record in a frame has not changed, so it sleeps whatever its last flag. Frame 0 has
-//! a record of every body. Damping is not stored and taken as zero, with one substep.
+//! The book has the layout: [Your own recording](../../../docs/book/src/own-recording.md). A body without a record in a
+//! frame has not changed, so it sleeps whatever its last flag. Damping is not stored and taken as zero, with one substep.
 
 use std::collections::BTreeMap;
 use std::num::NonZeroU32;
@@ -14,12 +9,16 @@ use std::num::NonZeroU32;
 use glam::Vec3;
 use rhumb_protocol::scene::{BodyDesc, BodyKind, Shape, ShapeId};
 use rhumb_protocol::stream::{Activity, Observation};
-use rhumb_reckoning::{BodyId, BodyState, Damping, Integrator, Rate, Tick};
-use rhumb_server::Digest;
+use rhumb_reckoning::{BodyId, BodyState, Damping, Integrator, Tick};
 
+use super::activity::{activity_from_records, set_digest};
 use super::error::RecordingError;
 use super::recorded::Recording;
+use super::{rate, velocity};
 use crate::record::{Placed, Truth};
+
+/// What rounding to single precision changes of a step, as a share, with a margin of two.
+const ROUNDED: f64 = 1.2e-7;
 
 /// Magic number at the start of the file.
 pub const MAGIC: [u8; 8] = *b"RHTRACE1";
@@ -29,102 +28,99 @@ const BYTES_MAX: u64 = 2 << 30;
 /// Limit of the frame count: two days at 60 Hz. An empty frame takes two bytes and compresses to almost nothing.
 const FRAMES_MAX: u32 = 10_368_000;
 
-/// Reads a compressed recording.
+/// The body is awake.
+const AWAKE: u8 = 1;
+/// The body is gone after this frame.
+const GONE: u8 = 2;
+
+/// Reads a recording.
 ///
 /// # Errors
 ///
 /// [`RecordingError`] if the bytes are no recording.
-pub fn read(name: &str, packed: &[u8]) -> Result<Recording, RecordingError> {
+pub fn read(name: &str, bytes: &[u8]) -> Result<Recording, RecordingError> {
+    if bytes.starts_with(&MAGIC) {
+        return read_plain(name, bytes);
+    }
     use std::io::Read as _;
-    let decoder = zstd::Decoder::new(packed).map_err(RecordingError::Unpack)?;
-    let mut bytes = Vec::new();
+    let decoder = zstd::Decoder::new(bytes).map_err(RecordingError::Unpack)?;
+    let mut plain = Vec::new();
     let mut limited = decoder.take(BYTES_MAX);
     limited
-        .read_to_end(&mut bytes)
+        .read_to_end(&mut plain)
         .map_err(RecordingError::Unpack)?;
-    let mut reader = ByteReader { rest: &bytes };
+    read_plain(name, &plain)
+}
+
+fn read_plain(name: &str, bytes: &[u8]) -> Result<Recording, RecordingError> {
+    let mut reader = ByteReader {
+        rest: bytes,
+        frame: None,
+    };
     if reader.take()? != MAGIC {
         return Err(RecordingError::NotARecording);
     }
     let (bodies, frames) = (reader.u32()?, reader.u32()?);
-    if frames == 0 {
+    if frames < 2 {
         return Err(RecordingError::NoTruth);
     }
     if frames > FRAMES_MAX {
         return Err(RecordingError::Frames { frames });
     }
-    let step_s = reader.f32()?;
+    let step_s = f64::from(reader.f32()?);
     let gravity = Vec3::from_array(reader.f32s()?);
-    let integrator = Integrator {
-        rate: rate(f64::from(step_s))?,
-        substeps: NonZeroU32::MIN,
-    };
+    let rate = rate::of_step(step_s, ROUNDED).ok_or(RecordingError::Step { step_s })?;
     let mut shapes = Vec::new();
     for index in 0..bodies {
         shapes.push(shape(&mut reader, index)?);
     }
     let mut truth = Truth::default();
+    let mut there = vec![Stay::default(); shapes.len()];
     for frame in 0..u64::from(frames) {
-        let row = row(&mut reader, Tick::new(frame), bodies)?;
-        if frame == 0 {
-            truth.placed = place(row, &shapes)?;
-        } else {
+        reader.frame = Some(frame);
+        let tick = Tick::new(frame);
+        let row = row(&mut reader, tick, &shapes, (&mut there, &mut truth))?;
+        if frame > 0 {
             truth.ticks.push(row);
         }
     }
     if !reader.rest.is_empty() {
-        return Err(RecordingError::Length);
+        let bytes = reader.rest.len();
+        return Err(RecordingError::Long { bytes });
     }
     activity_from_records(&mut truth);
-    let mut digest = Digest::START;
-    for (row, tick) in truth.ticks.iter().zip(1..) {
-        digest.fold_tick(Tick::new(tick), row);
-    }
-    truth.digest = digest.value();
-    Ok(Recording {
+    set_digest(&mut truth);
+    let is_still = |observation: &Observation| observation.motion == observation.motion.stilled();
+    let placed = truth.placed.iter().map(|placed| &placed.observation);
+    let has_velocities = !placed.chain(truth.ticks.iter().flatten()).all(is_still);
+    let mut recording = Recording {
         name: name.to_owned(),
         played: None,
         truth,
-        integrator,
+        integrator: Integrator {
+            rate,
+            substeps: NonZeroU32::MIN,
+        },
         gravity,
         damping: Damping::default(),
         inertias: BTreeMap::new(),
-    })
-}
-
-/// Derives activity from the records instead of the flags. A body with a record in the next frame moves, so it is
-/// awake; a body without one has not changed, so it sleeps.
-fn activity_from_records(truth: &mut Truth) {
-    let is_in = |row: &[Observation], of: &Observation| {
-        let found = row.binary_search_by_key(&of.id.index(), |observation| observation.id.index());
-        found.is_ok()
+        notes: Vec::new(),
     };
-    if let Some(first) = truth.ticks.first() {
-        for placed in &mut truth.placed {
-            if !is_in(first, &placed.observation) {
-                placed.observation.activity = Activity::Asleep;
-            }
-        }
+    let moves = recording.truth.ticks.iter().any(|row| !row.is_empty());
+    if moves && !has_velocities {
+        let note = "all velocities are zero, so they are fitted to the poses";
+        recording.notes.push(note.to_owned());
+        velocity::derive(&mut recording)?;
+        set_digest(&mut recording.truth);
     }
-    for next in 1..truth.ticks.len() {
-        let (before, after) = truth.ticks.split_at_mut(next);
-        for observation in &mut before[next - 1] {
-            observation.activity = match is_in(&after[0], observation) {
-                true => Activity::Awake,
-                false => Activity::Asleep,
-            };
-        }
-    }
+    Ok(recording)
 }
 
-/// The whole rate nearest to a step; they must agree up to rounding.
-pub(super) fn rate(step_s: f64) -> Result<Rate, RecordingError> {
-    let wrong = RecordingError::Step { step_s };
-    let hertz = (1.0 / step_s).round();
-    if !(1.0..=1_000.0).contains(&hertz) || (hertz * step_s - 1.0).abs() > 1e-5 {
-        return Err(wrong);
-    }
-    Rate::new(hertz as u32, 1).ok_or(wrong)
+/// Whether a body is there, and how often it has come.
+#[derive(Clone, Copy, Debug, Default)]
+struct Stay {
+    is_there: bool,
+    generation: u16,
 }
 
 fn shape(reader: &mut ByteReader<'_>, index: u32) -> Result<Shape, RecordingError> {
@@ -139,64 +135,71 @@ fn shape(reader: &mut ByteReader<'_>, index: u32) -> Result<Shape, RecordingErro
     Ok(shape)
 }
 
+/// The records of a frame. A body's first record places it; all of frame 0 are such.
 fn row(
     reader: &mut ByteReader<'_>,
     tick: Tick,
-    bodies: u32,
+    shapes: &[Shape],
+    (there, truth): (&mut [Stay], &mut Truth),
 ) -> Result<Vec<Observation>, RecordingError> {
     let count = reader.u16()?;
     let mut row: Vec<Observation> = Vec::with_capacity(count.into());
+    let mut last = None;
     for _ in 0..count {
         let index = u32::from(reader.u16()?);
         let (position, rotation) = (reader.f32s()?, reader.f32s()?);
         let (linear, angular) = (reader.f32s()?, reader.f32s()?);
         let [flags] = reader.take()?;
-        let in_order = row.last().is_none_or(|last| last.id.index() < index);
-        if index >= bodies || !in_order {
+        let in_order = last.is_none_or(|last| last < index);
+        let (Some(shape), true) = (shapes.get(index as usize), in_order) else {
             return Err(RecordingError::Record { tick, index });
-        }
+        };
+        last = Some(index);
         let motion = BodyState::new(position, rotation, linear, angular);
-        let awake = flags & 1 == 1;
-        row.push(Observation {
-            id: BodyId::new(index, 0),
-            motion: motion.map_err(|_| RecordingError::Number { tick })?,
-            activity: if awake {
-                Activity::Awake
-            } else {
-                Activity::Asleep
+        let stay = &mut there[index as usize];
+        let observation = Observation {
+            id: BodyId::new(index, stay.generation),
+            motion: motion.map_err(|_| RecordingError::Number { tick, index })?,
+            activity: match flags & AWAKE {
+                0 => Activity::Asleep,
+                _ => Activity::Awake,
             },
-        });
+        };
+        if stay.is_there {
+            row.push(observation);
+        } else {
+            stay.is_there = true;
+            truth.placed.push(Placed {
+                tick,
+                desc: BodyDesc::plain(observation.id, BodyKind::Dynamic, ShapeId(index)),
+                shape: shape.clone(),
+                observation,
+                inertia: None,
+            });
+        }
+        if flags & GONE != 0 {
+            truth.removed.push((tick, observation.id));
+            stay.is_there = false;
+            stay.generation = stay.generation.wrapping_add(1);
+        }
     }
     Ok(row)
-}
-
-/// Placements of all bodies from frame 0.
-fn place(row: Vec<Observation>, shapes: &[Shape]) -> Result<Vec<Placed>, RecordingError> {
-    if row.len() != shapes.len() {
-        return Err(RecordingError::NoTruth);
-    }
-    let placed = row.into_iter().zip(shapes).zip(0..);
-    Ok(placed
-        .map(|((observation, shape), number)| Placed {
-            tick: Tick::ZERO,
-            desc: BodyDesc::plain(observation.id, BodyKind::Dynamic, ShapeId(number)),
-            shape: shape.clone(),
-            observation,
-        })
-        .collect())
 }
 
 /// Reader over the remaining bytes.
 struct ByteReader<'a> {
     rest: &'a [u8],
+    /// The frame that is being read; none in the head of the file.
+    frame: Option<u64>,
 }
 
 impl ByteReader<'_> {
     fn take<const COUNT: usize>(&mut self) -> Result<[u8; COUNT], RecordingError> {
-        let (taken, rest) = self
-            .rest
-            .split_first_chunk()
-            .ok_or(RecordingError::Length)?;
+        let short = || RecordingError::Short {
+            within: (self.frame)
+                .map_or_else(|| "its head".to_owned(), |frame| format!("frame {frame}")),
+        };
+        let (taken, rest) = self.rest.split_first_chunk().ok_or_else(short)?;
         self.rest = rest;
         Ok(*taken)
     }

@@ -2,27 +2,46 @@
 //!
 //! They select the recording and the settings of publishing and subscribing.
 
+use std::io::{self, Write};
 use std::num::NonZeroU32;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use glam::Vec3;
 use rhumb_netsim::LinkConfig;
 use rhumb_protocol::limits::{BUDGET_MAX, BUDGET_MIN};
 use rhumb_protocol::packet::LargestPacket;
 use rhumb_protocol::stream::{Budget, LOOKAHEAD_MAX};
-use rhumb_reckoning::{Damping, Metres, Radians, Ticks, Tolerance};
+use rhumb_reckoning::{Damping, Metres, Radians, Rate, Ticks, Tolerance};
 
 use super::config::ReplayConfig;
 use super::failure::Failure;
 use super::feature::EnabledFeatures;
 use crate::output;
-use crate::recording::{self, Recording, RecordingError};
+use crate::recording::{self, MissingPoses, ReadOptions, Recording, RecordingError, ShapeChoice};
 
 /// The recording and the parameters of its engine.
 #[derive(Clone, Debug, Args)]
 pub struct RecordingSource {
-    /// The recording: a trace.mcap or an .rhtrace.zst.
+    /// The recording: a trace.mcap, a recording of a server, poses of bodies in MCAP or CSV, or an .rhtrace.zst.
     trace: PathBuf,
+    /// The load of a trace such as n500, the scene of a recording, or transforms, poses or scene of another program's
+    /// file [default: the file's first].
+    #[arg(long, value_name = "NAME")]
+    load: Option<String>,
+    /// Poses: their rate in hertz, such as 29.97 [default: found from the times].
+    #[arg(long, value_name = "HZ", value_parser = recording::hertz)]
+    rate: Option<Rate>,
+    /// Poses: gravity in their frame, m/s² [default: none].
+    #[arg(long, value_name = "X,Y,Z", value_parser = gravity, allow_hyphen_values = true)]
+    gravity: Option<Vec3>,
+    /// Poses: shape of all bodies, or of one, such as cuboid:0.2,0.1,0.3 or arm=capsule:0.5,0.1; may be repeated
+    /// [default: ball:0.1].
+    #[arg(long, value_name = "SHAPE")]
+    shape: Vec<ShapeChoice>,
+    /// Poses: what it means that a body has none in a frame.
+    #[arg(long, value_enum, default_value = "gone")]
+    missing: MissingPoses,
     /// Linear and angular damping of the recorded bodies, 1/s, if they differ from the recording's scene.
     #[arg(long, value_parser = damping)]
     damping: Option<Damping>,
@@ -46,11 +65,38 @@ impl RecordingSource {
     }
 
     pub(crate) fn read(&self) -> Result<Recording, RecordingError> {
-        let mut recording = recording::read(&self.trace)?;
+        let options = ReadOptions {
+            load: self.load.clone(),
+            rate: self.rate,
+            gravity: self.gravity,
+            shapes: self.shape.clone(),
+            missing: self.missing,
+        };
+        let mut recording = recording::read(&self.trace, &options)?;
+        print_notes(&recording);
         recording.damping = self.damping.unwrap_or(recording.damping);
         recording.integrator.substeps = self.substeps.unwrap_or(recording.integrator.substeps);
         Ok(recording)
     }
+}
+
+/// Prints what a file lacks to standard error.
+pub(crate) fn print_notes(recording: &Recording) {
+    for note in &recording.notes {
+        // If standard error is closed, no other place is left to report to.
+        let _ = writeln!(io::stderr(), "note: {}: {note}", recording.name);
+    }
+}
+
+/// Parses `0,-9.81,0`.
+fn gravity(text: &str) -> Result<Vec3, String> {
+    let numbers: Result<Vec<f32>, _> = text.split(',').map(|n| n.trim().parse()).collect();
+    let gravity = match numbers.as_deref() {
+        Ok(&[x, y, z]) => Some(Vec3::new(x, y, z)),
+        _ => None,
+    };
+    let gravity = gravity.filter(|gravity| gravity.is_finite());
+    gravity.ok_or_else(|| "must be three numbers, x,y,z".to_owned())
 }
 
 /// Parses `0.1,0.05`.
@@ -67,11 +113,14 @@ fn damping(text: &str) -> Result<Damping, String> {
     Ok(Damping { linear, angular })
 }
 
+/// Tolerance of every task that is given none, metres.
+pub(crate) const DEFAULT_TOLERANCE: &str = "0.05";
+
 /// Arguments of the tolerance.
 #[derive(Clone, Copy, Debug, Args)]
 pub struct ToleranceOptions {
     /// Tolerance of a copied body's surface error, metres.
-    #[arg(long, default_value = "0.01", allow_negative_numbers = true)]
+    #[arg(long, default_value = DEFAULT_TOLERANCE, allow_negative_numbers = true)]
     pub(super) tolerance: f64,
     /// Tolerance of its rotation, degrees; --tolerance then bounds its position alone.
     #[arg(long, allow_negative_numbers = true)]
@@ -94,7 +143,8 @@ impl ToleranceOptions {
 pub struct ReplayOptions {
     #[command(flatten)]
     pub(super) tolerance_options: ToleranceOptions,
-    /// The link, such as rtt=100ms,loss=5%,jitter=10ms, in simulated time.
+    /// The link in simulated time, such as rtt=100ms,loss=5%,jitter=10ms. Its parts: rtt or delay (of one way), jitter, loss,
+    /// burst (mean run of losses, packets), dup, reorder, rate (as 1mbit), queue (as 64kB).
     #[arg(long, default_value_t = LinkConfig::PERFECT)]
     pub(super) link: LinkConfig,
     /// Ticks between publications.

@@ -21,10 +21,10 @@ pub(super) fn write<W: Write + Seek>(
     options: &TraceOptions,
     done: &mut dyn FnMut(u64),
 ) -> Result<(), McapError> {
-    let Some(first) = load.runs.first() else {
+    if load.runs.is_empty() {
         return Ok(());
-    };
-    let time = Time::of(&first.config, options);
+    }
+    let time = Time::of(load.facts.integrator.rate, options);
     let mut truth = TruthTopics::new((prefix, load), form, time, options);
     let mut runs: Vec<_> = names::runs(load)
         .iter()

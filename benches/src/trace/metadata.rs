@@ -31,7 +31,9 @@ pub(super) fn of_truth(prefix: &str, load: &Load) -> (String, BTreeMap<String, S
         ("placed", load.truth.placed.len().to_string()),
         ("removed", load.truth.removed.len().to_string()),
     ];
-    (format!("rhumb.truth.{prefix}"), named(pairs))
+    let mut record = named(pairs);
+    record.extend(load.facts.to_metadata());
+    (format!("rhumb.truth.{prefix}"), record)
 }
 
 /// Name and content of the metadata record of a run; `place` is its index in the summary, from 0.

@@ -36,7 +36,7 @@ pub(super) struct RunTopics<'a> {
 
 impl<'a> RunTopics<'a> {
     pub(super) fn new(prefix: &str, load: &'a Load, run: &'a Run, options: &TraceOptions) -> Self {
-        let time = Time::of(&run.config, options);
+        let time = Time::of(load.facts.integrator.rate, options);
         let topic = |name: &str, schema| Topic::new(format!("{prefix}/{name}"), schema);
         let drawn = run.config.mode != Mode::Integrated && options.draws(load);
         let directions = [

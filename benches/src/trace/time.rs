@@ -2,29 +2,32 @@
 //!
 //! Log time is tick times step, from zero, so truth and all modes align.
 
+use rhumb_reckoning::Rate;
+use rhumb_trace::log_time_ns;
+
 use super::options::TraceOptions;
-use crate::record::RunConfig;
 
 /// Maps a load's ticks to log times and selects the ticks to draw.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Time {
-    step_s: f64,
+    rate: Rate,
     stride: u64,
     rest_delay_s: f64,
 }
 
 impl Time {
-    pub(super) fn of(config: &RunConfig, options: &TraceOptions) -> Self {
+    pub(super) fn of(rate: Rate, options: &TraceOptions) -> Self {
+        let step_s = rate.step().seconds();
         Self {
-            step_s: config.step_s,
-            stride: (1.0 / (config.step_s * options.scene_hz)).round().max(1.0) as u64,
+            rate,
+            stride: (1.0 / (step_s * options.scene_hz)).round().max(1.0) as u64,
             rest_delay_s: options.resting_after_s,
         }
     }
 
     /// Log time of a tick, nanoseconds.
     pub(super) fn at_ns(&self, tick: u64) -> u64 {
-        (tick as f64 * self.step_s * 1e9).round() as u64
+        log_time_ns(self.rate, tick)
     }
 
     /// True if a tick is to be drawn if `drawn` was the last drawn one.
@@ -34,6 +37,6 @@ impl Time {
 
     /// Ticks that a body lies still before it is drawn on `resting`.
     pub(super) fn rest_delay_ticks(&self) -> u64 {
-        (self.rest_delay_s / self.step_s).round() as u64
+        (self.rest_delay_s / self.rate.step().seconds()).round() as u64
     }
 }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::process::Command;
 
-use rhumb_bench::recording;
+use rhumb_bench::recording::{self, ReadOptions};
 use rhumb_protocol::stream::Activity;
 
 /// Runs a scene and returns the runs of its summary.
@@ -121,7 +121,8 @@ fn a_body_that_sleeps_in_a_free_running_scene_sleeps_in_its_trace() {
         .expect("the benchmark starts");
     let printed = String::from_utf8_lossy(&run.stderr);
     assert!(run.status.success(), "{printed}");
-    let recording = recording::read(&out.join("trace.mcap")).expect("the trace is a recording");
+    let recording = recording::read(&out.join("trace.mcap"), &ReadOptions::default())
+        .expect("the trace is a recording");
     let mut last = BTreeMap::new();
     for (tick, row) in recording.truth.ticks.iter().enumerate() {
         last.extend(

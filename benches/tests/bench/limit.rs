@@ -47,6 +47,7 @@ fn recording(gravity: Vec3, pose: impl Fn(f64) -> (DVec3, DQuat)) -> Recording {
         desc: BodyDesc::plain(id, BodyKind::Dynamic, ShapeId(0)),
         shape,
         observation: at(0),
+        inertia: None,
     };
     Recording {
         name: "one".to_owned(),
@@ -64,6 +65,7 @@ fn recording(gravity: Vec3, pose: impl Fn(f64) -> (DVec3, DQuat)) -> Recording {
         gravity,
         damping: Damping::default(),
         inertias: BTreeMap::new(),
+        notes: Vec::new(),
     }
 }
 

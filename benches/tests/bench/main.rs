@@ -5,6 +5,7 @@
 mod bounce;
 mod evaluate;
 mod limit;
+mod own_recording;
 mod replay;
 mod report;
 mod summary;

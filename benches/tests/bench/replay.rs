@@ -5,7 +5,7 @@
 use std::num::NonZeroU32;
 
 use rhumb_bench::record::{Cause, Experiment, Load, Run};
-use rhumb_bench::recording::{self, Recording, RecordingError, rhtrace};
+use rhumb_bench::recording::{self, ReadOptions, Recording, RecordingError, rhtrace};
 use rhumb_bench::replay::{EnabledFeatures, Feature, ReplayConfig, ReplayError, run};
 use rhumb_bench::summary::{RunFigures, Summary};
 use rhumb_bench::trace::{TraceOptions, write};
@@ -51,6 +51,7 @@ fn experiment(recording: &Recording, run: Run) -> Experiment {
         machine: String::new(),
         loads: vec![Load {
             truth: recording.truth.clone(),
+            facts: recording.facts(),
             runs: vec![run],
             unfinished: Vec::new(),
         }],
@@ -235,23 +236,17 @@ fn a_replay_without_any_update_is_refused() {
 }
 
 #[test]
-fn a_trace_of_an_unknown_scene_is_refused_with_its_name() {
+fn the_trace_of_a_replay_is_a_recording_of_the_same_motion() {
     let recording = recording();
     let run = replayed(&recording, "", 1);
     let path = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("replay.mcap");
     let options = TraceOptions::default();
     write(&path, &experiment(&recording, run), &options, &mut |_| {})
         .expect("the trace is written");
-    match recording::read(&path) {
-        Err(RecordingError::File { path: named, cause }) => {
-            assert_eq!(named, path);
-            let RecordingError::UnknownScene { name } = *cause else {
-                panic!("the cause is wrong: {cause}");
-            };
-            assert_eq!(name, "bounce");
-        }
-        other => panic!("an unknown scene was accepted: {other:?}"),
-    }
+    let again = recording::read(&path, &ReadOptions::default()).expect("it states its engine");
+    assert_eq!((&*again.name, again.played), ("bounce", None));
+    assert_eq!(again.truth.digest, recording.truth.digest);
+    assert_eq!(again.facts(), recording.facts());
 }
 
 #[test]
@@ -263,11 +258,22 @@ fn bytes_that_are_no_recording_are_refused() {
     };
     for length in [0, 7, 8, 31, 40, whole.len() - 1] {
         let refused = read(&whole[..length]);
-        assert!(matches!(refused, Err(RecordingError::Length)), "{length}");
+        assert!(
+            matches!(refused, Err(RecordingError::Short { .. })),
+            "{length}"
+        );
     }
+    let last = read(&whole[..whole.len() - 1]).expect_err("it is cut");
+    assert_eq!(
+        last.to_string(),
+        format!("the recording ends within frame {}", FRAMES - 1)
+    );
     let mut longer = whole.clone();
     longer.push(0);
-    assert!(matches!(read(&longer), Err(RecordingError::Length)));
+    assert!(matches!(
+        read(&longer),
+        Err(RecordingError::Long { bytes: 1 })
+    ));
     let mut other = whole.clone();
     other[0] = b'X';
     assert!(matches!(read(&other), Err(RecordingError::NotARecording)));

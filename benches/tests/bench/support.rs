@@ -9,9 +9,10 @@ use rhumb_bench::record::{
     Breach, CapturedPacket, Cause, CopiedPose, Experiment, Frame, JoinCost, Load, Mode,
     PacketDirection, Placed, Run, RunConfig, Truth,
 };
-use rhumb_protocol::scene::{BodyDesc, BodyKind, Shape, ShapeId};
+use rhumb_protocol::scene::{BodyDesc, BodyKind, SceneConfig, Shape, ShapeId};
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Tick};
+use rhumb_trace::SceneFacts;
 
 const FLOOR: BodyId = BodyId::new(0, 0);
 const BALL: BodyId = BodyId::new(1, 0);
@@ -39,6 +40,7 @@ fn placed(tick: u64, id: BodyId, kind: BodyKind, shape: Shape, position: [f32; 3
         desc: BodyDesc::plain(id, kind, ShapeId(id.index())),
         shape,
         observation: observation(id, position, Activity::Awake),
+        inertia: None,
     }
 }
 
@@ -258,6 +260,7 @@ pub(crate) fn experiment() -> Experiment {
         machine: "a machine, 2 cores".to_owned(),
         loads: vec![Load {
             truth: truth(),
+            facts: SceneFacts::of(&SceneConfig::default()),
             runs: vec![integrated(), naive(), rhumb()],
             unfinished: Vec::new(),
         }],

@@ -1,0 +1,254 @@
+//! Poses of bodies as rows of text: `time body x y z qx qy qz qw`.
+//!
+//! Fields are separated by commas, semicolons, tabs or spaces. A header names the columns, in any order; without one they
+//! are these nine, or eight without the body, as in TUM's files. Lines that begin with `#` are comments.
+
+use std::str::SplitWhitespace;
+
+use glam::{DQuat, DVec3};
+
+use super::error::{Place, RecordingError, RowDefect};
+use super::options::ReadOptions;
+use super::poses::{TimedPose, TimedPoses};
+use super::recorded::Recording;
+
+/// Columns that a file must have, unless they have a default.
+const COLUMNS: [&str; 9] = ["time", "body", "x", "y", "z", "qx", "qy", "qz", "qw"];
+/// Columns of velocities, world axes: all of them or none.
+const VELOCITIES: [&str; 6] = ["vx", "vy", "vz", "wx", "wy", "wz"];
+/// The body of a file without names.
+const ONLY_BODY: &str = "body";
+/// Longest time, seconds: nanoseconds fit a whole number.
+const SECONDS_MAX: f64 = 9e9;
+
+/// Reads the rows of a file.
+pub(super) fn read(
+    name: &str,
+    text: &str,
+    options: &ReadOptions,
+) -> Result<Recording, RecordingError> {
+    let mut lines = (1..).zip(text.lines()).filter(|(_, line)| {
+        let line = line.trim();
+        !line.is_empty() && !line.starts_with('#')
+    });
+    let mut poses = TimedPoses::default();
+    let Some((number, first)) = lines.next() else {
+        return Err(RecordingError::NoTruth);
+    };
+    let separator = Separator::of(first);
+    let fields: Vec<&str> = separator.split(first).collect();
+    let layout = match Layout::of_header(number, &fields) {
+        Ok(layout) => layout,
+        Err(error) => {
+            // A first row of numbers needs no header.
+            let layout = Layout::of_numbers(&fields).ok_or(error)?;
+            layout.take(number, &fields, &mut poses)?;
+            layout
+        }
+    };
+    for (number, line) in lines {
+        let fields: Vec<&str> = separator.split(line).collect();
+        layout.take(number, &fields, &mut poses)?;
+    }
+    poses.recording(name, options)
+}
+
+/// What stands between fields.
+#[derive(Clone, Copy, Debug)]
+enum Separator {
+    Char(char),
+    Spaces,
+}
+
+/// Fields of a line.
+enum Fields<'a> {
+    Char(std::str::Split<'a, char>),
+    Spaces(SplitWhitespace<'a>),
+}
+
+impl<'a> Iterator for Fields<'a> {
+    type Item = &'a str;
+
+    fn next(&mut self) -> Option<&'a str> {
+        match self {
+            Self::Char(fields) => fields.next().map(str::trim),
+            Self::Spaces(fields) => fields.next(),
+        }
+    }
+}
+
+impl Separator {
+    fn of(line: &str) -> Self {
+        let found = [',', ';', '\t']
+            .into_iter()
+            .find(|mark| line.contains(*mark));
+        found.map_or(Self::Spaces, Self::Char)
+    }
+
+    fn split(self, line: &str) -> Fields<'_> {
+        match self {
+            Self::Char(mark) => Fields::Char(line.split(mark)),
+            Self::Spaces => Fields::Spaces(line.split_whitespace()),
+        }
+    }
+}
+
+/// The place of each column in a row.
+#[derive(Clone, Debug)]
+struct Layout {
+    /// Of time, x, y, z, qx, qy, qz, qw.
+    numbers: [(&'static str, usize); 8],
+    body: Option<usize>,
+    velocities: Option<[(&'static str, usize); 6]>,
+    count: usize,
+}
+
+impl Layout {
+    /// The columns of a header.
+    fn of_header(line: u32, fields: &[&str]) -> Result<Self, RecordingError> {
+        let names: Vec<String> = fields
+            .iter()
+            .map(|field| field.trim_matches('"').to_ascii_lowercase())
+            .collect();
+        let place = |column: &str| names.iter().position(|name| name == column);
+        let time = place("time")
+            .or_else(|| place("timestamp"))
+            .or_else(|| place("t"));
+        let mut missing = Vec::new();
+        let mut numbers = [("", 0); 8];
+        let wanted = COLUMNS.iter().filter(|column| **column != "body");
+        for (number, column) in numbers.iter_mut().zip(wanted) {
+            let found = if *column == "time" {
+                time
+            } else {
+                place(column)
+            };
+            match found {
+                Some(found) => *number = (column, found),
+                None => missing.push(*column),
+            }
+        }
+        if !missing.is_empty() {
+            return Err(RecordingError::Header { line, missing });
+        }
+        let velocities = VELOCITIES.map(|column| (column, place(column)));
+        let velocities = velocities
+            .iter()
+            .all(|(_, place)| place.is_some())
+            .then(|| velocities.map(|(column, place)| (column, place.unwrap_or_default())));
+        Ok(Self {
+            numbers,
+            body: place("body")
+                .or_else(|| place("name"))
+                .or_else(|| place("id")),
+            velocities,
+            count: fields.len(),
+        })
+    }
+
+    /// The columns of a file without a header, by its first row.
+    fn of_numbers(fields: &[&str]) -> Option<Self> {
+        let body = match fields.len() {
+            9 => Some(1),
+            8 => None,
+            _ => return None,
+        };
+        let wanted = COLUMNS.iter().filter(|column| **column != "body");
+        let mut numbers = [("", 0); 8];
+        let places = (0..fields.len()).filter(|place| Some(*place) != body);
+        for ((number, column), place) in numbers.iter_mut().zip(wanted).zip(places) {
+            *number = (column, place);
+        }
+        let is_number = |(_, place): &(&str, usize)| fields[*place].parse::<f64>().is_ok();
+        numbers.iter().all(is_number).then_some(Self {
+            numbers,
+            body,
+            velocities: None,
+            count: fields.len(),
+        })
+    }
+
+    /// Adds the pose of a row.
+    fn take(&self, line: u32, fields: &[&str], to: &mut TimedPoses) -> Result<(), RecordingError> {
+        let wrong = |defect| RecordingError::Row {
+            place: Place::Line(line),
+            defect,
+        };
+        if fields.len() != self.count {
+            return Err(wrong(RowDefect::Fields {
+                found: fields.len(),
+                expected: self.count,
+            }));
+        }
+        let number = |(column, place): (&'static str, usize)| {
+            let text = fields[place];
+            let not_one = |_| {
+                wrong(RowDefect::NotANumber {
+                    column,
+                    text: text.to_owned(),
+                })
+            };
+            text.parse::<f64>().map_err(not_one)
+        };
+        let time_s = number(self.numbers[0])?;
+        if !(time_s.abs() <= SECONDS_MAX) {
+            return Err(wrong(RowDefect::OutOfRange { of: "time" }));
+        }
+        let mut parts = [0.0; 7];
+        for (part, column) in parts.iter_mut().zip(&self.numbers[1..]) {
+            *part = number(*column)?;
+        }
+        let velocity = match self.velocities {
+            None => None,
+            Some(columns) => {
+                let [vx, vy, vz, wx, wy, wz] = columns.map(number);
+                Some([DVec3::new(vx?, vy?, vz?), DVec3::new(wx?, wy?, wz?)])
+            }
+        };
+        let [x, y, z, qx, qy, qz, qw] = parts;
+        let name = self
+            .body
+            .map_or(ONLY_BODY, |place| fields[place].trim_matches('"'));
+        let body = to.body(name, None);
+        to.poses.push(TimedPose {
+            at_ns: nanoseconds(fields[self.numbers[0].1], time_s),
+            body,
+            position: DVec3::new(x, y, z),
+            rotation: DQuat::from_xyzw(qx, qy, qz, qw),
+            velocity,
+            place: Place::Line(line),
+        });
+        Ok(())
+    }
+}
+
+/// Nanoseconds of a time in seconds. Decimals are taken from the text: a number of 64 bits knows a time since 1970 to a
+/// quarter of a microsecond only.
+fn nanoseconds(text: &str, seconds: f64) -> i64 {
+    let exact = || {
+        let (sign, digits) = match text.strip_prefix('-') {
+            Some(digits) => (-1, digits),
+            None => (1, text),
+        };
+        let (whole, decimals) = digits.split_once('.').unwrap_or((digits, ""));
+        let is_plain = |text: &str| text.bytes().all(|byte| byte.is_ascii_digit());
+        if !is_plain(whole) || !is_plain(decimals) {
+            return None;
+        }
+        let whole: i64 = if whole.is_empty() {
+            0
+        } else {
+            whole.parse().ok()?
+        };
+        let nine: String = decimals
+            .chars()
+            .chain("000000000".chars())
+            .take(9)
+            .collect();
+        whole
+            .checked_mul(1_000_000_000)?
+            .checked_add(nine.parse().ok()?)
+            .map(|ns| sign * ns)
+    };
+    exact().unwrap_or_else(|| (seconds * 1e9).round() as i64)
+}

@@ -1,0 +1,528 @@
+//! Poses of bodies by time, as other programs record them, become frames of a constant rate.
+//!
+//! Rotations are checked and continue their sign. A gap of up to three frames is filled, a longer one takes the body away
+//! until its next pose. A body with one pose alone is static.
+
+use std::collections::BTreeMap;
+
+use glam::{DQuat, DVec3, Vec3};
+use rhumb_protocol::scene::{BodyDesc, BodyKind, Shape, ShapeId};
+use rhumb_protocol::stream::{Activity, Observation};
+use rhumb_reckoning::{BodyId, BodyState, Damping, Integrator, Rate, Tick};
+
+use super::activity::{activity_from_records, set_digest};
+use super::error::{Place, RecordingError, RowDefect};
+use super::options::{MissingPoses, ReadOptions};
+use super::recorded::Recording;
+use super::{rate, velocity};
+use crate::record::{Placed, Truth};
+
+/// Largest distance of a time from its frame, as a share of a step.
+const JITTER_MAX: f64 = 0.25;
+/// Rounding of times that are exact otherwise, nanoseconds.
+const TIMES_ROUNDED_NS: f64 = 1_000.0;
+/// Distance of a quaternion's length from one that counts as rounded.
+const LENGTH_SLACK: f64 = 1e-3;
+/// Missing frames that are filled.
+const FILLED_MAX: u64 = 3;
+/// Most frames of a recording: two days at 60 Hz.
+const FRAMES_MAX: u64 = 10_368_000;
+/// Distance from zero, metres, beyond which single precision knows no centimetres.
+const POSITION_MAX_M: f64 = 1e6;
+
+/// Recorded poses.
+#[derive(Clone, Debug, Default)]
+pub(super) struct TimedPoses {
+    pub(super) bodies: Vec<RecordedBody>,
+    pub(super) poses: Vec<TimedPose>,
+    /// Moments at which bodies were removed, nanoseconds.
+    pub(super) removals: Vec<(i64, usize)>,
+    /// True if a body stays until it is removed, whatever its poses.
+    pub(super) persist: bool,
+    numbers: BTreeMap<String, usize>,
+}
+
+/// A body of a file.
+#[derive(Clone, Debug)]
+pub(super) struct RecordedBody {
+    pub(super) name: String,
+    /// The frame of its poses, if that may be one of the bodies.
+    pub(super) parent: Option<String>,
+    /// Its shape, if the file has one.
+    pub(super) shape: Option<Shape>,
+}
+
+/// A pose of a body at a moment.
+#[derive(Clone, Debug)]
+pub(super) struct TimedPose {
+    /// Nanoseconds, from any origin.
+    pub(super) at_ns: i64,
+    /// The number of its body.
+    pub(super) body: usize,
+    /// Metres.
+    pub(super) position: DVec3,
+    /// As recorded, x, y, z, w.
+    pub(super) rotation: DQuat,
+    /// Linear and angular velocity, world axes, if recorded.
+    pub(super) velocity: Option<[DVec3; 2]>,
+    pub(super) place: Place,
+}
+
+/// A body's poses by frame.
+type Path = BTreeMap<u64, FramedPose>;
+
+#[derive(Clone, Copy, Debug)]
+struct FramedPose {
+    position: DVec3,
+    rotation: DQuat,
+    velocity: Option<[DVec3; 2]>,
+}
+
+/// Poses by body and frame.
+struct Framed {
+    paths: Vec<Path>,
+    /// The last frame.
+    last: u64,
+    /// The frames at which bodies were removed.
+    gone: Vec<(u64, usize)>,
+}
+
+impl TimedPoses {
+    /// The number of a body of this name, which is added if it is new.
+    pub(super) fn body(&mut self, name: &str, parent: Option<&str>) -> usize {
+        if let Some(number) = self.numbers.get(name) {
+            return *number;
+        }
+        let number = self.bodies.len();
+        self.numbers.insert(name.to_owned(), number);
+        self.bodies.push(RecordedBody {
+            name: name.to_owned(),
+            parent: parent.map(str::to_owned),
+            shape: None,
+        });
+        number
+    }
+
+    /// The recording of these poses.
+    pub(super) fn recording(
+        mut self,
+        name: &str,
+        options: &ReadOptions,
+    ) -> Result<Recording, RecordingError> {
+        self.check()?;
+        let w_first_note = self.w_first_note();
+        let rate = match options.rate {
+            Some(rate) => rate,
+            None => self.find_rate()?,
+        };
+        let framed = self.frame(rate)?;
+        let has_velocities = self.poses.iter().all(|pose| pose.velocity.is_some());
+        let paths = self.in_world(framed.paths)?;
+        let truth = self.truth(paths, (framed.last, &framed.gone), options)?;
+        let mut recording = Recording {
+            name: name.to_owned(),
+            played: None,
+            truth,
+            integrator: Integrator {
+                rate,
+                substeps: std::num::NonZeroU32::MIN,
+            },
+            gravity: options.gravity.unwrap_or(Vec3::ZERO),
+            damping: Damping::default(),
+            inertias: BTreeMap::new(),
+            notes: self.notes(rate, options, has_velocities),
+        };
+        recording.notes.extend(w_first_note);
+        activity_from_records(&mut recording.truth);
+        if !has_velocities {
+            velocity::derive(&mut recording)?;
+        }
+        set_digest(&mut recording.truth);
+        Ok(recording)
+    }
+
+    /// Every number is finite, every rotation one.
+    fn check(&mut self) -> Result<(), RecordingError> {
+        for pose in &mut self.poses {
+            let defect = |defect| RecordingError::Row {
+                place: pose.place.clone(),
+                defect,
+            };
+            let is_far = pose.position.abs().max_element() > POSITION_MAX_M;
+            if !pose.position.is_finite() || is_far {
+                return Err(defect(RowDefect::OutOfRange { of: "position" }));
+            }
+            let length = pose.rotation.length();
+            if !length.is_finite() {
+                return Err(defect(RowDefect::OutOfRange { of: "rotation" }));
+            }
+            if (length - 1.0).abs() > LENGTH_SLACK {
+                return Err(defect(RowDefect::Rotation { length }));
+            }
+            let velocities = pose.velocity.iter().flatten();
+            if !velocities.clone().all(|velocity| velocity.is_finite()) {
+                return Err(defect(RowDefect::OutOfRange { of: "velocity" }));
+            }
+            pose.rotation = pose.rotation.normalize();
+        }
+        Ok(())
+    }
+
+    /// A sentence if the rotations look like those of a file that has w first: its bodies begin unturned, which is half a
+    /// turn about x when it is read as x.
+    fn w_first_note(&self) -> Option<String> {
+        let mut first: BTreeMap<usize, &TimedPose> = BTreeMap::new();
+        for pose in &self.poses {
+            let known = first.entry(pose.body).or_insert(pose);
+            if pose.at_ns < known.at_ns {
+                *known = pose;
+            }
+        }
+        let is_half_turn = |pose: &&TimedPose| pose.rotation.x.abs() > 0.99;
+        let looks_so = !first.is_empty() && first.values().all(is_half_turn);
+        looks_so.then(|| {
+            "every body begins half a turn about x: if the file has w first, name its columns qw, qx, qy, qz"
+                .to_owned()
+        })
+    }
+
+    /// The simplest constant rate that the times keep.
+    fn find_rate(&self) -> Result<Rate, RecordingError> {
+        let mut times: BTreeMap<usize, Vec<i64>> = BTreeMap::new();
+        for pose in &self.poses {
+            times.entry(pose.body).or_default().push(pose.at_ns);
+        }
+        let mut gaps = Vec::new();
+        for of_body in times.values_mut() {
+            of_body.sort_unstable();
+            of_body.dedup();
+            gaps.extend(of_body.windows(2).map(|pair| pair[1].abs_diff(pair[0])));
+        }
+        gaps.sort_unstable();
+        let median_ns = *gaps.get(gaps.len() / 2).ok_or(RecordingError::NoTruth)? as f64;
+        // The longest row of times tells the step best.
+        let longest = times.values().max_by_key(|times| times.len());
+        let longest = longest.map_or(&[][..], Vec::as_slice);
+        let since = |at: &i64| at.abs_diff(longest[0]) as f64;
+        let (mut before_ns, mut frame) = (0.0, 0.0);
+        let mut frames = Vec::new();
+        for at_ns in longest.iter().map(since) {
+            frame += ((at_ns - before_ns) / median_ns).round();
+            before_ns = at_ns;
+            frames.push((frame, at_ns));
+        }
+        let step_ns = if frame > 0.0 {
+            before_ns / frame
+        } else {
+            median_ns
+        };
+        // A simple rate may be off by as much as the times are from those of the step.
+        let off_ns = frames
+            .iter()
+            .map(|(frame, at_ns)| (at_ns - frame * step_ns).abs());
+        let off_ns = off_ns.fold(0.0, f64::max);
+        let share = (2.0 * off_ns + TIMES_ROUNDED_NS) / before_ns.max(median_ns);
+        let share = share.clamp(1e-9, 1e-2);
+        let step_s = step_ns / 1e9;
+        rate::of_step(step_s, share).ok_or(RecordingError::Step { step_s })
+    }
+
+    /// Puts each pose into its frame.
+    fn frame(&self, rate: Rate) -> Result<Framed, RecordingError> {
+        let begun_ns = self.poses.iter().map(|pose| pose.at_ns).min();
+        let begun_ns = begun_ns.ok_or(RecordingError::NoTruth)?;
+        let step_ns = rate.step().seconds() * 1e9;
+        let steps = |at_ns: i64| at_ns.abs_diff(begun_ns) as f64 / step_ns;
+        let mut paths: Vec<Path> = vec![Path::new(); self.bodies.len()];
+        let mut places: BTreeMap<(usize, u64), &Place> = BTreeMap::new();
+        let (mut last, mut worst) = (0, None);
+        for pose in &self.poses {
+            let exact = steps(pose.at_ns);
+            let share = (exact - exact.round()).abs();
+            if worst.is_none_or(|(most, _)| share > most) {
+                worst = Some((share, &pose.place));
+            }
+            let frame = exact.round() as u64;
+            last = last.max(frame);
+            if let Some(other) = places.insert((pose.body, frame), &pose.place) {
+                return Err(RecordingError::Row {
+                    place: pose.place.clone(),
+                    defect: RowDefect::Twice {
+                        body: self.bodies[pose.body].name.clone(),
+                        other: Box::new(other.clone()),
+                    },
+                });
+            }
+            paths[pose.body].insert(
+                frame,
+                FramedPose {
+                    position: pose.position,
+                    rotation: pose.rotation,
+                    velocity: pose.velocity,
+                },
+            );
+        }
+        if let Some((share, place)) = worst.filter(|(share, _)| *share > JITTER_MAX) {
+            return Err(RecordingError::NoRate {
+                step_s: step_ns / 1e9,
+                share,
+                place: place.clone(),
+            });
+        }
+        if last == 0 {
+            return Err(RecordingError::NoTruth);
+        }
+        if last > FRAMES_MAX {
+            let frames = u32::try_from(last).unwrap_or(u32::MAX);
+            return Err(RecordingError::Frames { frames });
+        }
+        let removals = self.removals.iter();
+        let gone = removals.map(|(at_ns, body)| (steps(*at_ns).round() as u64, *body));
+        Ok(Framed {
+            paths,
+            last,
+            gone: gone.collect(),
+        })
+    }
+
+    /// Paths in the world: those of transforms hang on their parents.
+    fn in_world(&self, paths: Vec<Path>) -> Result<Vec<Path>, RecordingError> {
+        let parent = |body: usize| {
+            let parent = self.bodies[body].parent.as_deref()?;
+            self.numbers.get(parent).copied()
+        };
+        let mut done: Vec<Option<Path>> = vec![None; paths.len()];
+        for body in 0..paths.len() {
+            // From the body up to the first frame that is known, then down again.
+            let mut chain = vec![body];
+            while let Some(above) = parent(chain[chain.len() - 1])
+                && done[above].is_none()
+            {
+                if chain.contains(&above) {
+                    let frame = self.bodies[above].name.clone();
+                    return Err(RecordingError::Cycle { frame });
+                }
+                chain.push(above);
+            }
+            for link in chain.into_iter().rev() {
+                if done[link].is_none() {
+                    let above = parent(link).and_then(|above| done[above].as_ref());
+                    done[link] = Some(match above {
+                        Some(above) => composed(&paths[link], above),
+                        None => paths[link].clone(),
+                    });
+                }
+            }
+        }
+        Ok(done.into_iter().flatten().collect())
+    }
+
+    fn truth(
+        &self,
+        paths: Vec<Path>,
+        (frames, gone): (u64, &[(u64, usize)]),
+        options: &ReadOptions,
+    ) -> Result<Truth, RecordingError> {
+        let mut truth = Truth {
+            ticks: vec![Vec::new(); frames as usize],
+            ..Truth::default()
+        };
+        for (number, path) in paths.into_iter().enumerate() {
+            let body = &self.bodies[number];
+            let shape = body
+                .shape
+                .clone()
+                .unwrap_or_else(|| options.shape(&body.name));
+            let removed: Vec<u64> = gone
+                .iter()
+                .filter(|(_, of)| *of == number)
+                .map(|(at, _)| *at)
+                .collect();
+            let stays = options.missing == MissingPoses::Hold || self.persist;
+            let lives = lives(path, frames, stays, &removed);
+            for (generation, life) in lives.into_iter().enumerate() {
+                let id = BodyId::new(number as u32, u16::try_from(generation).unwrap_or(u16::MAX));
+                add(&mut truth, id, &shape, life)?;
+            }
+        }
+        truth
+            .placed
+            .sort_by_key(|placed| (placed.tick, placed.desc.id));
+        truth.removed.sort_unstable();
+        Ok(truth)
+    }
+
+    fn notes(&self, rate: Rate, options: &ReadOptions, has_velocities: bool) -> Vec<String> {
+        let hertz = f64::from(rate.ticks()) / f64::from(rate.seconds());
+        let mut notes = vec![format!(
+            "{} bodies at {} Hz",
+            self.bodies.len(),
+            (hertz * 1e6).round() / 1e6
+        )];
+        let mut taken = Vec::new();
+        if self.bodies.iter().any(|body| body.shape.is_none()) && options.shapes.is_empty() {
+            taken.push("a ball of 0.1 m for each body (--shape)");
+        }
+        if options.gravity.is_none() {
+            taken.push("no gravity (--gravity)");
+        }
+        if !has_velocities {
+            taken.push("velocities fitted to the poses");
+        }
+        if !taken.is_empty() {
+            notes.push(format!(
+                "the file does not say it, so this is taken: {}",
+                taken.join(", ")
+            ));
+        }
+        notes
+    }
+}
+
+/// A path below another, in the world, at the frames of both.
+fn composed(path: &Path, above: &Path) -> Path {
+    let Some(first) = path.keys().next() else {
+        return Path::new();
+    };
+    let frames = path
+        .keys()
+        .chain(above.range(first..).map(|(frame, _)| frame));
+    let frames: std::collections::BTreeSet<u64> = frames.copied().collect();
+    let at = |path: &Path, frame: u64| {
+        let before = path.range(..=frame).next_back();
+        before.or_else(|| path.iter().next()).map(|(_, pose)| *pose)
+    };
+    let pose = |frame: u64| {
+        let (own, above) = (at(path, frame)?, at(above, frame)?);
+        Some((
+            frame,
+            FramedPose {
+                position: above.position + above.rotation * own.position,
+                rotation: (above.rotation * own.rotation).normalize(),
+                velocity: None,
+            },
+        ))
+    };
+    frames.into_iter().filter_map(pose).collect()
+}
+
+/// One stay of a body: its poses, and the frame after which it is gone.
+struct Life {
+    path: Path,
+    gone: Option<u64>,
+    is_static: bool,
+}
+
+/// The stays of a body between its gaps.
+fn lives(path: Path, frames: u64, stays: bool, removed: &[u64]) -> Vec<Life> {
+    let is_static = path.len() == 1 && removed.is_empty();
+    let mut lives: Vec<Life> = Vec::new();
+    let mut last: Option<(u64, FramedPose)> = None;
+    for (frame, mut pose) in path {
+        // The sign of a quaternion says nothing; neighbours have like signs.
+        if let Some((_, before)) = last
+            && before.rotation.dot(pose.rotation) < 0.0
+        {
+            pose.rotation = -pose.rotation;
+        }
+        let goes_on = last.is_some_and(|(before, _)| {
+            let is_removed = removed.iter().any(|at| (before + 1..=frame).contains(at));
+            !is_removed && (stays || frame - before <= FILLED_MAX + 1)
+        });
+        if let (true, Some(life), Some((before, from))) = (goes_on, lives.last_mut(), last) {
+            if !stays {
+                life.path.extend(filled((before, from), (frame, pose)));
+            }
+            life.path.insert(frame, pose);
+        } else {
+            lives.push(Life {
+                path: Path::from([(frame, pose)]),
+                gone: None,
+                is_static,
+            });
+        }
+        last = Some((frame, pose));
+    }
+    let begins: Vec<u64> = lives
+        .iter()
+        .filter_map(|life| life.path.keys().next().copied())
+        .collect();
+    for (number, life) in lives.iter_mut().enumerate() {
+        let end = life.path.keys().next_back().copied().unwrap_or_default();
+        let next = begins.get(number + 1).copied();
+        let is_removed = removed
+            .iter()
+            .find(|at| **at > end && next.is_none_or(|next| **at <= next));
+        life.gone = match (is_removed, next) {
+            (Some(at), _) => Some(at.saturating_sub(1).max(end)),
+            (None, Some(_)) => Some(end),
+            (None, None) => (!stays && !is_static && end < frames).then_some(end),
+        };
+        life.gone = life.gone.filter(|gone| *gone < frames);
+    }
+    lives
+}
+
+/// The poses between two frames: on a line, and on the shortest arc.
+fn filled(
+    (from, a): (u64, FramedPose),
+    (to, b): (u64, FramedPose),
+) -> impl Iterator<Item = (u64, FramedPose)> {
+    (from + 1..to).map(move |frame| {
+        let share = (frame - from) as f64 / (to - from) as f64;
+        let velocity = a
+            .velocity
+            .zip(b.velocity)
+            .map(|([v, w], [x, y])| [v.lerp(x, share), w.lerp(y, share)]);
+        let pose = FramedPose {
+            position: a.position.lerp(b.position, share),
+            rotation: a.rotation.slerp(b.rotation, share),
+            velocity,
+        };
+        (frame, pose)
+    })
+}
+
+/// Adds one stay of a body.
+fn add(truth: &mut Truth, id: BodyId, shape: &Shape, life: Life) -> Result<(), RecordingError> {
+    let mut last = None;
+    for (frame, pose) in life.path {
+        let tick = Tick::new(frame);
+        let [linear, angular] = pose.velocity.unwrap_or_default();
+        let motion = BodyState::new(
+            pose.position.as_vec3().to_array(),
+            pose.rotation.as_quat().to_array(),
+            linear.as_vec3().to_array(),
+            angular.as_vec3().to_array(),
+        );
+        let index = id.index();
+        let observation = Observation {
+            id,
+            motion: motion.map_err(|_| RecordingError::Number { tick, index })?,
+            activity: Activity::Awake,
+        };
+        match last.replace(observation.motion) {
+            None => {
+                let kind = if life.is_static {
+                    BodyKind::Fixed
+                } else {
+                    BodyKind::Dynamic
+                };
+                truth.placed.push(Placed {
+                    tick,
+                    desc: BodyDesc::plain(id, kind, ShapeId(index)),
+                    shape: shape.clone(),
+                    observation,
+                    inertia: None,
+                });
+            }
+            // What has not changed has no record.
+            Some(before) if before == observation.motion => {}
+            Some(_) => truth.ticks[frame as usize - 1].push(observation),
+        }
+    }
+    truth
+        .removed
+        .extend(life.gone.map(|frame| (Tick::new(frame), id)));
+    Ok(())
+}
