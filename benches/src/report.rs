@@ -1,6 +1,6 @@
 //! Writes `report.html`: one self-contained page on an experiment.
 //!
-//! The table comes first and each figure has one sentence above it. Colours follow the reader's system, light or dark.
+//! One figure comes first, then the table and the other figures. Each figure has one sentence above it. Colours follow the reader's system, light or dark.
 //! All figures come from the summary; only curves are read from the record.
 
 mod decimate;
@@ -37,6 +37,9 @@ pub fn html(experiment: &Experiment, summary: &Summary) -> String {
     page.push_str(STYLE);
     page.push_str("</style>\n</head>\n<body>\n");
     page.push_str(&opening(experiment, summary));
+    let mut figures = all_figures(experiment, summary).into_iter();
+    page.extend(figures.next());
+    page.push_str(&provenance(summary));
     page.push_str(&table::html(summary));
     page.push_str(&table::ratios(summary));
     page.push_str(&modes(experiment));
@@ -45,7 +48,10 @@ pub fn html(experiment: &Experiment, summary: &Summary) -> String {
         let _ = writeln!(page, "<li>{sentence}</li>");
     }
     page.push_str("</ul>\n");
-    page.push_str(&all_figures(experiment, summary));
+    if figures.len() > 0 {
+        page.push_str("<h2>Further figures</h2>\n");
+    }
+    page.extend(figures);
     page.push_str(DEFINITIONS);
     page.push_str("</body>\n</html>\n");
     page
@@ -66,12 +72,6 @@ pub fn markdown(summary: &Summary) -> String {
 fn opening(experiment: &Experiment, summary: &Summary) -> String {
     let mut text = String::from("<h1>What a remote copy of a physics scene costs</h1>\n");
     let _ = writeln!(text, "<p>{}</p>", words::what_was_run(experiment));
-    let _ = writeln!(
-        text,
-        "<pre>{}</pre>\n<p class=\"soft\">on {}</p>",
-        escape(&summary.command),
-        escape(&summary.machine)
-    );
     for load in &experiment.loads {
         let differs = load
             .runs
@@ -95,6 +95,15 @@ fn opening(experiment: &Experiment, summary: &Summary) -> String {
     text
 }
 
+/// The command and the machine.
+fn provenance(summary: &Summary) -> String {
+    format!(
+        "<pre>{}</pre>\n<p class=\"soft\">on {}</p>\n",
+        escape(&summary.command),
+        escape(&summary.machine)
+    )
+}
+
 fn modes(experiment: &Experiment) -> String {
     let mut text = String::from("<h2>The modes</h2>\n<dl>\n");
     for mode in figures::modes_of(&experiment.loads) {
@@ -105,25 +114,27 @@ fn modes(experiment: &Experiment) -> String {
 }
 
 /// Figures of replays: curves of a single one, or the frontier of several with different tolerances.
-fn replay_figures(experiment: &Experiment, summary: &Summary) -> String {
+fn replay_figures(experiment: &Experiment, summary: &Summary) -> Vec<String> {
     if let ([load], [run]) = (&experiment.loads[..], &summary.runs[..]) {
-        return figure(&figures::bandwidth(load, &[run]), "")
-            + &figure(&figures::errors(load, &[run]), "");
+        let curves = [
+            figures::bandwidth(load, &[run]),
+            figures::errors(load, &[run]),
+        ];
+        return curves.iter().map(|of| figure(of, "")).collect();
     }
-    frontier::frontier(summary).map_or_else(String::new, |frontier| figure(&frontier, ""))
+    let frontier = frontier::frontier(summary);
+    frontier
+        .iter()
+        .map(|frontier| figure(frontier, ""))
+        .collect()
 }
 
 /// Figures of the largest load, those of the other loads folded, and those over all loads.
-fn all_figures(experiment: &Experiment, summary: &Summary) -> String {
-    let mut text = String::from("<h2>Figures</h2>\n");
+fn all_figures(experiment: &Experiment, summary: &Summary) -> Vec<String> {
     if summary.is_of_replays() {
-        let figures = replay_figures(experiment, summary);
-        return if figures.is_empty() {
-            figures
-        } else {
-            text + &figures
-        };
+        return replay_figures(experiment, summary);
     }
+    let mut all = Vec::new();
     let mut runs = summary.runs.iter();
     let mut loads: Vec<(&Load, Vec<&RunFigures>)> = Vec::new();
     for load in &experiment.loads {
@@ -138,26 +149,27 @@ fn all_figures(experiment: &Experiment, summary: &Summary) -> String {
     loads.sort_by_key(|(_, runs)| std::cmp::Reverse(bodies(runs)));
     let of_load = |(load, runs): &(&Load, Vec<&RunFigures>)| {
         let title = format!(", {}", what(load, runs));
-        figure(&figures::bandwidth(load, runs), &title)
-            + &figure(&figures::errors(load, runs), &title)
+        [
+            figure(&figures::bandwidth(load, runs), &title),
+            figure(&figures::errors(load, runs), &title),
+        ]
     };
     if let Some((largest, others)) = loads.split_first() {
-        text.push_str(&of_load(largest));
+        all.extend(of_load(largest));
         for other in others {
-            let _ = writeln!(
-                text,
-                "<details><summary>The same with {}</summary>\n{}</details>",
+            all.push(format!(
+                "<details><summary>The same with {}</summary>\n{}</details>\n",
                 what(other.0, &other.1),
-                of_load(other)
-            );
+                of_load(other).concat()
+            ));
         }
-        text.push_str(&figure(
+        all.push(figure(
             &figures::frame_times(&experiment.loads, summary),
             "",
         ));
-        text.push_str(&figure(&figures::points(&experiment.loads, summary), ""));
+        all.push(figure(&figures::points(&experiment.loads, summary), ""));
     }
-    text
+    all
 }
 
 fn figure(figure: &Figure, of: &str) -> String {

@@ -141,6 +141,7 @@ impl Drawn {
                 drawn.marks.push(Mark::Line {
                     color,
                     width: 2,
+                    dash: None,
                     points: vec![
                         (*load, sample.mean - each_way),
                         (*load, sample.mean + each_way),
@@ -175,6 +176,7 @@ impl Drawn {
         self.marks.push(Mark::Line {
             color,
             width,
+            dash: None,
             points,
         });
     }

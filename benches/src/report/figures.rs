@@ -117,15 +117,35 @@ pub(super) fn bandwidth(load: &Load, figures: &[&RunFigures]) -> Figure {
 /// Lower rates are drawn at this one: a packet a minute.
 const RATE_LEAST_KBPS: f64 = 0.1;
 
-/// Curves may overlap, so the wider ones are drawn first.
+/// Curves may overlap, so the wider ones are drawn first, others are dashed, and each has its name at a point of its own.
 fn lines(mut curves: Vec<(Mode, Vec<(f64, f64)>)>) -> Vec<Mark> {
     curves.sort_by_key(|(mode, _)| !drawn_first(*mode));
+    let count = curves.len();
+    let named = |(number, (mode, points)): (usize, &(Mode, Vec<(f64, f64)>))| {
+        let place = points.len() * (2 * number + 1) / (2 * count.max(1));
+        Some((*mode, *points.get(place)?, mode.name().to_owned()))
+    };
+    let names: Vec<_> = curves.iter().enumerate().filter_map(named).collect();
     let line = |(mode, points)| Mark::Line {
         color: color(mode),
         width: if mode == Mode::Rhumb { 10 } else { 4 },
+        dash: dash(mode),
         points,
     };
-    curves.into_iter().map(line).collect()
+    let mut marks: Vec<_> = curves.into_iter().map(line).collect();
+    marks.extend(dots(names));
+    marks
+}
+
+/// Dash and gap of a mode's curve: those that run over each other differ.
+const fn dash(mode: Mode) -> Option<(u32, u32)> {
+    match mode {
+        Mode::RhumbPipelined => Some((30, 16)),
+        Mode::NaiveFree => Some((10, 12)),
+        Mode::AppActive => Some((20, 8)),
+        Mode::AppPacked => Some((6, 8)),
+        _ => None,
+    }
 }
 
 /// Dots with labels.

@@ -73,6 +73,7 @@ pub(super) fn frontier(summary: &Summary) -> Option<Figure> {
         marks.push(Mark::Line {
             color,
             width: if promised { 10 } else { 4 },
+            dash: None,
             points: points.iter().map(|(at, _)| *at).collect(),
         });
         marks.extend(points.into_iter().map(|(at, label)| Mark::Dot {

@@ -51,6 +51,8 @@ pub enum Mark {
         color: RGBColor,
         /// Its width, in the picture's units.
         width: u32,
+        /// Lengths of dash and gap, in the picture's units; `None` for a whole line.
+        dash: Option<(u32, u32)>,
         /// Its points.
         points: Vec<(f64, f64)>,
     },
@@ -204,21 +206,26 @@ impl Chart {
                 Mark::Line {
                     color,
                     width,
+                    dash,
                     points,
                 } => {
                     let points = points.iter().copied().map(within);
-                    let places = points.clone().map(|point| chart.backend_coord(&point));
-                    labels.avoid_line(places);
-                    chart.draw_series(LineSeries::new(points, color.stroke_width(*width)))?;
+                    labels.avoid_line(points.clone().map(|point| chart.backend_coord(&point)));
+                    let style = color.stroke_width(*width);
+                    match *dash {
+                        None => chart.draw_series(LineSeries::new(points, style))?,
+                        Some((dash, gap)) => {
+                            chart.draw_series(DashedLineSeries::new(points, dash, gap, style))?
+                        }
+                    };
                 }
                 Mark::Vertical { at, label } => {
                     let ends = [(*at, self.y.from), (*at, self.y.to)].map(within);
                     chart.draw_series(LineSeries::new(ends, INK.stroke_width(2)))?;
                     let (side, aside) = side_with_space(self.x.share(*at));
                     let word = words.clone().pos(Pos::new(side, VPos::Bottom));
-                    let low = (ends[0].0, self.y.from);
-                    let text = EmptyElement::at(low) + Text::new(label.clone(), (aside, -12), word);
-                    chart.draw_series([text])?;
+                    let text = Text::new(label.clone(), (aside, -12), word);
+                    chart.draw_series([EmptyElement::at(ends[0]) + text])?;
                 }
                 Mark::Dot {
                     color,
@@ -228,12 +235,11 @@ impl Chart {
                 } => {
                     let at = chart.backend_coord(&within(*at));
                     labels.avoid(at, *radius);
-                    dots.push((at, *radius, label));
-                    root.draw(&Circle::new(at, *radius, color.filled()))?;
+                    dots.push((at, *radius, *color, label));
                 }
             }
         }
-        draw_labels(root, &mut labels, &dots, &words)?;
+        draw_dots(root, &mut labels, &dots, &words)?;
         root.present()
     }
 }
@@ -247,17 +253,20 @@ const fn side_with_space(share: f64) -> (HPos, i32) {
     }
 }
 
-/// Positions, radii and labels of dots.
-type Dots<'m> = Vec<((i32, i32), i32, &'m String)>;
+/// Positions, radii, colours and labels of dots.
+type Dots<'m> = Vec<((i32, i32), i32, RGBColor, &'m String)>;
 
-/// Writes the labels that fit.
-fn draw_labels<'t>(
+/// Draws the dots, and writes the labels that fit.
+fn draw_dots<'t>(
     root: &Area<'t>,
     labels: &mut Labels,
     dots: &Dots<'_>,
     words: &TextStyle<'_>,
 ) -> Result<(), PlotError<'t>> {
-    for (at, radius, label) in dots.iter().filter(|(.., label)| !label.is_empty()) {
+    for (at, radius, color, _) in dots {
+        root.draw(&Circle::new(*at, *radius, color.filled()))?;
+    }
+    for (at, radius, _, label) in dots.iter().filter(|(.., label)| !label.is_empty()) {
         if let Some(corner) = labels.place(*at, *radius, label) {
             let word = words.clone().pos(Pos::new(HPos::Left, VPos::Top));
             root.draw(&Text::new(String::clone(label), corner, word))?;

@@ -21,6 +21,24 @@ fn every_run_has_its_row() {
 }
 
 #[test]
+fn the_first_figure_stands_above_the_table_and_names_its_curves() {
+    let page = page();
+    let (figure, table) = (page.find("<svg "), page.find("<table"));
+    assert!(figure.is_some() && figure < table, "{figure:?} {table:?}");
+    let first = page
+        .split("<svg ")
+        .nth(1)
+        .unwrap()
+        .split("</svg>")
+        .next()
+        .unwrap();
+    for curve in ["naive", "rhumb"] {
+        let label = first.lines().any(|line| line.trim() == curve);
+        assert!(label, "{curve}");
+    }
+}
+
+#[test]
 fn the_page_is_self_contained() {
     let page = page();
     for foreign in ["<script", "<link", "<img", "@import", "url("] {
