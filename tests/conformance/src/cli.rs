@@ -138,8 +138,11 @@ struct MatrixTask {
 
 #[derive(Debug, Args)]
 struct TraceTask {
-    /// A trace written by `rhumb-bench`.
+    /// A trace written by `rhumb-bench`, or a recording of a server.
     file: PathBuf,
+    /// This load of the trace alone, such as n500, or this scene of the recording.
+    #[arg(long, value_name = "NAME")]
+    load: Option<String>,
     #[command(flatten)]
     reports: Reports,
 }
@@ -379,9 +382,15 @@ impl MatrixTask {
 impl TraceTask {
     fn run(self) -> Result<bool, BoxError> {
         self.reports.must_have_folders()?;
-        let results = trace::judge(&self.file);
-        let results = results.map_err(|error| named(&self.file, &error))?;
+        let judged = trace::judge(&self.file, self.load.as_deref());
+        let trace::Judged {
+            tried: results,
+            note,
+        } = judged.map_err(|error| named(&self.file, &error))?;
         let mut out = std::io::stdout();
+        if let Some(note) = note {
+            writeln!(out, "{note}")?;
+        }
         for result in &results {
             let (word, why) = (result.outcome.verdict.word(), &result.outcome.why);
             writeln!(out, "{word:12} {:?} {why}", result.case)?;

@@ -1,4 +1,7 @@
 //! A report as JUnit XML, for build servers.
+//!
+//! A candidate may print anything. XML cannot hold every character, not even escaped: those that it cannot are written as
+//! their number, as `\u{1b}`.
 
 use std::io;
 
@@ -43,18 +46,41 @@ pub fn junit(report: &Report) -> io::Result<String> {
     Ok(text)
 }
 
+/// A text in characters that XML 1.0 can hold (production 2, `Char`); the others as their number.
+fn writable(text: &str) -> String {
+    let is_held = |c: char| match c {
+        '\t' | '\n' => true,
+        // A reader of XML makes a line break of it.
+        '\r' => false,
+        '\u{fffe}' | '\u{ffff}' => false,
+        c => c >= ' ',
+    };
+    let mut written = String::with_capacity(text.len());
+    for c in text.chars() {
+        if is_held(c) {
+            written.push(c);
+        } else {
+            written.extend(c.escape_unicode());
+        }
+    }
+    written
+}
+
 fn case(writer: &mut Writer<Vec<u8>>, result: &Tried, strict: bool) -> io::Result<()> {
     let Tried { case, outcome } = result;
     let group = case.id.rsplit_once('.').map_or("", |(group, _)| group);
-    let name = format!("{} {}", case.id, case.name);
+    let (group, name) = (
+        writable(group),
+        writable(&format!("{} {}", case.id, case.name)),
+    );
     let seconds = format!("{:.3}", outcome.took.as_secs_f64());
     let element = writer.create_element("testcase").with_attributes([
-        ("classname", group),
-        ("name", &name),
-        ("time", &seconds),
+        ("classname", &*group),
+        ("name", &*name),
+        ("time", &*seconds),
     ]);
-    let trace = outcome.trace.join("\n");
-    let message = format!("{} {}", outcome.why, outcome.closing);
+    let trace = writable(&outcome.trace.join("\n"));
+    let message = writable(&format!("{} {}", outcome.why, outcome.closing));
     let word = if !outcome.is_good(strict) {
         "failure"
     } else if outcome.verdict == Verdict::Unsupported {
@@ -73,4 +99,57 @@ fn case(writer: &mut Writer<Vec<u8>>, result: &Tried, strict: bool) -> io::Resul
         Ok(())
     })?;
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use quick_xml::Reader;
+
+    use super::*;
+    use crate::case::Case;
+    use crate::outcome::{CaseOutcome, Closing};
+
+    #[test]
+    fn a_report_is_xml_whatever_a_candidate_prints() {
+        let wild: String = (0..0x250_u32)
+            .chain([0xfffe, 0xffff, 0x1_f600])
+            .filter_map(char::from_u32)
+            .collect();
+        let wild = format!("{wild}]]><!-- & <end/> \u{1b}[31m");
+        let report = Report {
+            subject: wild.clone(),
+            config: None,
+            strict: false,
+            results: vec![Tried {
+                case: Case::decoder(&format!("L0.{wild}.1"), &wild),
+                outcome: CaseOutcome {
+                    verdict: Verdict::Fail,
+                    why: wild.clone(),
+                    closing: Closing::NotJudged,
+                    took: Duration::ZERO,
+                    trace: vec![wild],
+                },
+            }],
+            pairs: Vec::new(),
+            coverage: Vec::new(),
+        };
+        let xml = junit(&report).expect("writing to memory succeeds");
+        let is_held =
+            |c: char| matches!(c, '\t' | '\n') || c >= ' ' && !matches!(c, '\u{fffe}' | '\u{ffff}');
+        assert!(xml.chars().all(is_held), "{xml:?}");
+        assert!(!xml.contains("]]>"), "{xml}");
+        let mut reader = Reader::from_str(&xml);
+        let mut elements = 0;
+        loop {
+            match reader.read_event().expect("it is XML") {
+                Event::Eof => break,
+                Event::Start(_) | Event::Empty(_) => elements += 1,
+                _ => {}
+            }
+        }
+        assert_eq!(elements, 3, "{xml}");
+        assert!(xml.contains("\\u{1b}[31m"), "{xml}");
+    }
 }
