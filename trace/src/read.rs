@@ -208,12 +208,11 @@ fn shape(placement: &Placement) -> Option<Shape> {
         // error needs.
         (0, &[]) => {
             let radius = placement.bounding_radius_m as f32;
-            if !(radius > 0.0) {
-                return None;
-            }
-            Shape::Ball {
+            // NaN is none.
+            let is_radius = radius > 0.0;
+            is_radius.then_some(Shape::Ball {
                 radius: radius.clamp(EXTENT_MIN, EXTENT_MAX),
-            }
+            })?
         }
         (1, &[radius]) => Shape::Ball { radius },
         (2, &[x, y, z]) => Shape::Cuboid {

@@ -191,7 +191,9 @@ impl Layout {
             text.parse::<f64>().map_err(not_one)
         };
         let time_s = number(self.numbers[0])?;
-        if !(time_s.abs() <= SECONDS_MAX) {
+        // NaN is none.
+        let is_time = time_s.abs() <= SECONDS_MAX;
+        if !is_time {
             return Err(wrong(RowDefect::OutOfRange { of: "time" }));
         }
         let mut parts = [0.0; 7];

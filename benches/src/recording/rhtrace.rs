@@ -1,6 +1,6 @@
 //! Foreign recordings of boxes: `.rhtrace`, packed by zstd or not.
 //!
-//! The book has the layout: [Your own recording](../../../docs/book/src/own-recording.md). A body without a record in a
+//! The book has the layout (Your own recording). A body without a record in a
 //! frame has not changed, so it sleeps whatever its last flag. Damping is not stored and taken as zero, with one substep.
 
 use std::collections::BTreeMap;
