@@ -565,15 +565,28 @@ async function obstaclesAreExplained(browser, { url }) {
   );
 }
 
+/** Pauses the page in the first frame in which an expression about its counts `d` holds: a picture takes longer than a frame. */
+const pauseWhen = (page, condition) =>
+  page.evaluate(`new Promise((resolve) => {
+    const look = () => {
+      const d = rhumbDiagnostics;
+      if (!(d.state === "open" && d.bodies > 0 && (${condition}))) return requestAnimationFrame(look);
+      document.getElementById("live").click();
+      requestAnimationFrame(() => requestAnimationFrame(resolve));
+    };
+    look();
+  })`);
+
 /** The pictures of the book: start, burst and rest, and the burst on a phone and in the dark. */
 async function takePictures(browser) {
   // A ball of the upper layers is in the air.
-  const start = "d.moving === 500 && d.comparison.ticks > 0 && d.drawnPosition(d.shown.ids.length - 1)[1] > 9";
-  const burst = "d.time > 125 && d.moving > 300 && d.comparison.worst > 0.03 && d.time - d.comparison.tick < 9";
+  const fall = "d.moving === 500 && d.comparison.ticks > 0 && d.drawnPosition(d.shown.ids.length - 1)[1] > 9";
+  const lowest = "Math.min(...Array.from({ length: 100 }, (_, at) => d.drawnPosition(d.shown.ids.length - 1 - at)[1]))";
+  const burst = `d.moving > 400 && d.sums.besideWorst > 5 && d.sums.worst > 0.03 && ${lowest} < 2`;
   for (const [options, moments] of [
     [
       { width: 1180, height: 700, shadows: true },
-      [["start", start], ["burst", burst], ["rest", "d.moving < 3 && d.sums.worst < 0.05"]],
+      [["start", fall], ["burst", burst], ["rest", "d.moving < 3"]],
     ],
     [{ width: 390, height: 844, shadows: true }, [["phone", burst]]],
     [{ width: 1180, height: 700, colorScheme: "dark", shadows: true }, [["dark", burst]]],
@@ -581,10 +594,11 @@ async function takePictures(browser) {
     const demo = await start();
     const page = await openPage(browser, demo.url, options);
     for (const [name, condition] of moments) {
-      await until(page, condition);
+      await pauseWhen(page, condition);
       const path = `${pictures}/view-${name}.jpg`;
       await page.screenshot({ path, type: "jpeg", quality: 70 });
       console.log(`wrote ${path}`);
+      await page.evaluate(() => document.getElementById("live").click());
     }
     await page.close();
     await stop(demo);
