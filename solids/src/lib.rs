@@ -4,12 +4,16 @@
 //! poses give equal answers.
 #![forbid(unsafe_code)]
 
+mod grounds;
 mod parts;
 mod placed;
 mod queries;
+mod rays;
 mod unit_mass;
 
+pub use grounds::{Dispatcher, Grounds};
 pub use parts::{SolidPart, add_parts, parts, pose, simple_part};
 pub use placed::PlacedBodies;
-pub use queries::{SearchedBodies, answer};
+pub use queries::{SearchedBodies, answer, nearest_hit};
+pub use rays::cast_ray;
 pub use unit_mass::UnitMass;

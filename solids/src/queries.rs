@@ -5,14 +5,16 @@
 use glam::Vec3;
 use parry3d::bounding_volume::BoundingVolume;
 use parry3d::math::Pose;
-use parry3d::partitioning::Bvh;
+use parry3d::partitioning::{Bvh, BvhNode};
 use parry3d::query::details::{NormalConstraints, ShapeCastOptions};
-use parry3d::query::{self, DefaultQueryDispatcher, Ray};
+use parry3d::query::{self, Ray, RayIntersection};
 use parry3d::shape::{CompositeShape, CompositeShapeRef, Shape, TypedCompositeShape};
 use rhumb_protocol::scene::{Answer, Hit, Query, QueryFilter, QueryKind};
 use rhumb_reckoning::BodyId;
 
+use crate::grounds::Grounds;
 use crate::parts::{SolidPart, pose, simple_part};
+use crate::rays::cast_ray;
 
 /// Bodies that queries may find.
 pub trait SearchedBodies {
@@ -120,10 +122,29 @@ fn found(distance: f32, point: Vec3, normal: Vec3) -> Hit {
     }
 }
 
+/// The nearest part that a ray hits, and where: less than `most` lengths of its direction away.
+#[must_use]
+pub fn nearest_hit(
+    parts: &dyn CompositeShape,
+    ray: &Ray,
+    most: f32,
+) -> Option<(u32, RayIntersection)> {
+    let reach = |node: &BvhNode, best: f32| node.cast_ray(ray, best);
+    let hit = |part: u32, best: f32| {
+        let mut hit = None;
+        parts.map_part_at(part, &mut |at, solid, _| {
+            let at = at.copied().unwrap_or_default();
+            let local = cast_ray(solid, &ray.inverse_transform_by(&at), best);
+            hit = local.map(|local| local.transform_by(&at));
+        });
+        hit
+    };
+    parts.bvh().find_best(most, reach, hit)
+}
+
 fn ray(parts: &Parts<'_>, origin: Vec3, translation: Vec3) -> Option<(u32, Hit)> {
     let (direction, length) = way(translation);
-    let ray = Ray::new(origin, direction);
-    let (part, hit) = CompositeShapeRef(parts).cast_local_ray_and_get_normal(&ray, length, true)?;
+    let (part, hit) = nearest_hit(parts.0, &Ray::new(origin, direction), length)?;
     let distance = hit.time_of_impact;
     let normal = if distance > 0.0 {
         hit.normal
@@ -144,7 +165,7 @@ fn shape_cast(parts: &Parts<'_>, cast: &SolidPart, translation: Vec3) -> Option<
     };
     let parts = CompositeShapeRef(parts);
     let (at, shape) = (&cast.at, &*cast.shape.0);
-    let (part, hit) = parts.cast_shape(&DefaultQueryDispatcher, at, way, shape, options)?;
+    let (part, hit) = parts.cast_shape(&Grounds::dispatcher(), at, way, shape, options)?;
     let distance = hit.time_of_impact;
     Some((part, found(distance, hit.witness1, hit.normal1)))
 }

@@ -12,12 +12,15 @@ use rapier3d::control::{
 use rapier3d::math::Pose as RapierPose;
 use rapier3d::parry::bounding_volume::BoundingVolume;
 use rapier3d::parry::query::ShapeCastOptions;
-use rapier3d::prelude::{PhysicsWorld, QueryFilter, RigidBody, RigidBodyHandle, SharedShape};
+use rapier3d::prelude::{
+    PhysicsWorld, QueryFilter, QueryPipeline, RigidBody, RigidBodyHandle, SharedShape,
+};
 use rhumb_protocol::limits::LINEAR_MAX;
 use rhumb_protocol::scene::{BodyEvent, Character, JumpFrom};
 use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_protocol::wire::{Malformed, Wire};
 use rhumb_reckoning::BodyId;
+use rhumb_solids::Grounds;
 
 /// The characters.
 #[derive(Clone, Debug, Default)]
@@ -254,9 +257,13 @@ impl Walker<'_> {
         if asked.length() < MOVEMENT_MIN {
             return Vec3::ZERO;
         }
+        let dispatcher = Grounds::dispatcher();
         let movement = self.controller.move_shape(
             world.integration_parameters.dt,
-            &world.query_pipeline_with_filter(self.filter),
+            &QueryPipeline {
+                dispatcher: &dispatcher,
+                ..world.query_pipeline_with_filter(self.filter)
+            },
             &*self.shape,
             &self.pose,
             asked,
@@ -297,7 +304,11 @@ impl Walker<'_> {
             max_time_of_impact: GROUND_REACH,
             compute_impact_geometry_on_penetration: true,
         };
-        let queries = world.query_pipeline_with_filter(self.filter);
+        let dispatcher = Grounds::dispatcher();
+        let queries = QueryPipeline {
+            dispatcher: &dispatcher,
+            ..world.query_pipeline_with_filter(self.filter)
+        };
         let ground = queries.cast_shape(&there, -up, &*self.shape, options);
         ground.is_some_and(|(_, hit)| up.angle_between(hit.normal1) <= steepest(character))
     }

@@ -7,6 +7,7 @@ use std::collections::BTreeMap;
 
 use glam::Vec3;
 use rapier3d::control::{DynamicRayCastVehicleController, Wheel as RapierWheel, WheelTuning};
+use rapier3d::math::Pose as RapierPose;
 use rapier3d::prelude::{
     ColliderHandle, InteractionGroups, PhysicsWorld, QueryFilter, Ray, RigidBody, RigidBodyHandle,
 };
@@ -15,6 +16,7 @@ use rhumb_protocol::scene::{Vehicle, WheelInput};
 use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_protocol::wire::{Malformed, Wire};
 use rhumb_reckoning::BodyId;
+use rhumb_solids::nearest_hit;
 
 use super::rapier_body::share_within;
 
@@ -128,6 +130,7 @@ fn push(
 ) {
     let dt = world.integration_parameters.dt;
     let before = velocities(world, controller.chassis);
+    let mounts = mend_rays(world, controller, filter);
     let queries = world.broad_phase.as_query_pipeline_mut(
         world.narrow_phase.query_dispatcher(),
         &mut world.bodies,
@@ -135,6 +138,9 @@ fn push(
         filter,
     );
     controller.update_vehicle(dt, queries);
+    for (wheel, mount) in controller.wheels_mut().iter_mut().zip(mounts) {
+        wheel.chassis_connection_point_cs = mount;
+    }
     let (linear, angular) = velocities(world, controller.chassis);
     let (linear, angular) = if linear.is_finite() && angular.is_finite() {
         (
@@ -147,6 +153,52 @@ fn push(
     let chassis = &mut world.bodies[controller.chassis];
     chassis.set_linvel(linear, false);
     chassis.set_angvel(angular, false);
+}
+
+/// Sideways shift of a wheel's ray that would pass between two triangles, metres.
+const RAY_SHIFT: f32 = 1e-4;
+
+/// How much farther Rapier may find the ground, as a share of the ray.
+const SHARE_SLACK: f32 = 1e-2;
+
+/// Shifts the rays of wheels that Rapier would let pass between two triangles of the ground; returns where the wheels are
+/// mounted.
+fn mend_rays(
+    world: &PhysicsWorld,
+    controller: &mut DynamicRayCastVehicleController,
+    filter: QueryFilter<'_>,
+) -> Vec<Vec3> {
+    let queries = world.query_pipeline_with_filter(filter);
+    let pose = *world.bodies[controller.chassis].position();
+    let mut mounts = Vec::new();
+    for wheel in controller.wheels_mut() {
+        let mount = wheel.chassis_connection_point_cs;
+        mounts.push(mount);
+        let (across, along) = wheel.direction_cs.any_orthonormal_pair();
+        let shifts = [
+            across + along,
+            across - along,
+            -across - along,
+            along - across,
+        ];
+        let found = nearest_hit(&queries, &ray(wheel, mount, &pose), 1.0);
+        let Some((_, found)) = found else { continue };
+        let hits = |shift: &Vec3| {
+            let shifted = ray(wheel, mount + *shift * RAY_SHIFT, &pose);
+            let hit = queries.cast_ray(&shifted, 1.0, true);
+            hit.is_some_and(|(_, share)| share <= found.time_of_impact + SHARE_SLACK)
+        };
+        let shift = [Vec3::ZERO].into_iter().chain(shifts).find(hits);
+        wheel.chassis_connection_point_cs += shift.unwrap_or_default() * RAY_SHIFT;
+    }
+    mounts
+}
+
+/// The ray of a wheel that is mounted there, as Rapier casts it: to the farthest ground.
+fn ray(wheel: &RapierWheel, mount: Vec3, chassis: &RapierPose) -> Ray {
+    let reach = wheel.suspension_rest_length + wheel.radius;
+    let from = chassis.transform_point(mount);
+    Ray::new(from, chassis.rotation * wheel.direction_cs * reach)
 }
 
 fn velocities(world: &PhysicsWorld, body: RigidBodyHandle) -> (Vec3, Vec3) {
@@ -170,11 +222,13 @@ fn has_other_ground(
     let queries = world.query_pipeline_with_filter(filter);
     controller.wheels().iter().any(|wheel| {
         let reach = wheel.suspension_rest_length + wheel.radius;
-        let pose = chassis.position();
-        let from = pose.transform_point(wheel.chassis_connection_point_cs);
-        let ray = Ray::new(from, pose.rotation * wheel.direction_cs * reach);
-        let found = queries.cast_ray(&ray, 1.0, true);
-        let found = found.map(|(ground, share)| (ground, suspension(wheel, share * reach)));
+        let mount = wheel.chassis_connection_point_cs;
+        let ray = ray(wheel, mount, chassis.position());
+        let found = nearest_hit(&queries, &ray, 1.0);
+        let found = found.and_then(|(part, hit)| {
+            let (_, ground) = world.colliders.get_unknown_gen(part)?;
+            Some((ground, suspension(wheel, hit.time_of_impact * reach)))
+        });
         let before = wheel.raycast_info();
         is_other(
             found,
