@@ -104,6 +104,18 @@ impl BodyBuilder {
         self
     }
 
+    /// The body with its shape moved so that the centre of mass is the shape's own, and the centre: where it was, in the
+    /// axes of the body. The body lies where it would with the shape as it was given, and its pose is that of the centre.
+    ///
+    /// Does nothing to a shape whose centre is its origin: see [`Shape::centred`].
+    #[must_use]
+    pub fn centred(mut self) -> (Self, Vec3) {
+        let (shape, centre) = self.shape.centred();
+        self.position += self.rotation * centre;
+        self.shape = shape;
+        (self, centre)
+    }
+
     /// Sets its own material in place of the scene's.
     #[must_use]
     pub const fn material(mut self, material: Material) -> Self {

@@ -336,6 +336,7 @@ enum Found {
         value: f64,
         least: f64,
         most: f64,
+        advice: Option<&'static str>,
     },
     /// The length of a quaternion or direction.
     Length { name: &'static str, length: f64 },
@@ -385,6 +386,20 @@ impl Invalid {
         }
         self
     }
+
+    /// Adds what helps against a number above its limit.
+    pub(super) fn advised(mut self, sentence: &'static str) -> Self {
+        match &mut self.found {
+            Found::Number {
+                value,
+                most,
+                advice,
+                ..
+            } if value > most => *advice = Some(sentence),
+            _ => {}
+        }
+        self
+    }
 }
 
 impl PartialEq for Invalid {
@@ -422,13 +437,15 @@ impl fmt::Display for Invalid {
                 value,
                 least,
                 most,
+                advice,
             } => {
                 match name {
                     Some(name) => f.write_str(name)?,
                     None => quantity.fmt(f)?,
                 }
                 let limits = NumberRange { least, most, unit };
-                write!(f, " is {}, and must be {limits}", Measured(value, unit))
+                write!(f, " is {}, and must be {limits}", Measured(value, unit))?;
+                advice.map_or(Ok(()), |advice| write!(f, ": {advice}"))
             }
             Found::Length { name, length } => write!(
                 f,
@@ -537,6 +554,7 @@ pub(super) const fn outside(
             value,
             least,
             most,
+            advice: None,
         },
     }
 }

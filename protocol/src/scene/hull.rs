@@ -10,6 +10,7 @@ use glam::{DVec3, Vec3};
 use rhumb_reckoning::Metres;
 
 use super::checks::{Invalid, Quantity, Rule, count, outside, scalar};
+use super::convex::Convex;
 use crate::limits::{EXTENT_MAX, EXTENT_MIN, HULL_FLATNESS, HULL_POINTS_MAX, HULL_POINTS_MIN};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
@@ -23,7 +24,11 @@ pub struct Hull {
 }
 
 impl Hull {
-    /// The hull of some points, given from the body's centre of mass.
+    /// The hull of some points, given from the body's centre of mass: see [`Shape::centred`] for points that are not.
+    ///
+    /// Of more points than [`HULL_POINTS_MAX`] those inside the hull, or on it between others, are left out.
+    ///
+    /// [`Shape::centred`]: super::Shape::centred
     ///
     /// # Errors
     ///
@@ -31,7 +36,12 @@ impl Hull {
     /// the points lie almost in a plane.
     pub fn new(points: &[Vec3]) -> Result<Self, Invalid> {
         let (least, most) = (HULL_POINTS_MIN, HULL_POINTS_MAX);
-        count(points.len(), least, most, Quantity::HullPoints)?;
+        let corners = (points.len() > most).then(|| corners(points));
+        let name = corners.as_ref().map(|_| "number of a hull's corners");
+        let points = corners.as_deref().unwrap_or(points);
+        count(points.len(), least, most, Quantity::HullPoints)
+            .map_err(|wrong| name.map_or(wrong, |name| wrong.of(name, "")))
+            .map_err(|wrong| wrong.advised(MANY_CORNERS))?;
         let hull = Self::unchecked(points.to_vec());
         hull.check()?;
         Ok(hull)
@@ -107,6 +117,17 @@ impl Hull {
         let (volume, _) = farthest(&|point| normal.dot(point - first).abs());
         if length > 0.0 { volume / length } else { 0.0 }
     }
+}
+
+/// What helps against too many corners.
+const MANY_CORNERS: &str = "leave out corners that are close to others, make a compound of several \
+    hulls, or take a mesh for a body that no engine moves";
+
+/// The corners among these points; all points if they have no volume.
+fn corners(points: &[Vec3]) -> Vec<Vec3> {
+    let corners = Convex::of(points).map(|convex| convex.corners());
+    let corners = corners.map(|places| places.into_iter().map(|place| points[place]).collect());
+    corners.unwrap_or_else(|| points.to_vec())
 }
 
 /// Two hulls are equal when their points are, in the same order.

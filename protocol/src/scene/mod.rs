@@ -2,6 +2,7 @@
 mod body;
 mod body_builder;
 mod body_event;
+mod centre;
 mod character;
 mod checks;
 mod collision_groups;
@@ -9,6 +10,7 @@ mod command;
 mod command_error;
 mod config;
 mod contact;
+mod convex;
 mod edges;
 mod heights;
 mod hull;
