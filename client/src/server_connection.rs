@@ -43,9 +43,11 @@ impl ServerConnection {
         if let Some(path) = address.strip_prefix(UNIX_PREFIX) {
             return Self::open_unix(path.into()).map(|opened| opened.timeout(timeout));
         }
+        let (server, others) = resolve(address)?;
         let options = ClientOptions {
             server_name: host_of(address).to_owned(),
-            ..ClientOptions::new(resolve(address)?, trust)
+            others,
+            ..ClientOptions::new(server, trust)
         };
         let connection = QuicClient::connect(options.clone(), timeout)?;
         let redial: Redial = Arc::new(move |timeout| {
@@ -170,7 +172,8 @@ impl Client {
     /// `unix:PATH` reaches a server of this machine by its Unix socket; the trust is then not asked, since only the user
     /// who runs the server can connect.
     ///
-    /// The system resolves the host's name first; this has no time limit.
+    /// The system resolves the host's name first; this has no time limit. A name with several addresses is tried at each,
+    /// a quarter of a second after the one before at the most; the first that answers is taken.
     ///
     /// # Errors
     ///
@@ -231,15 +234,17 @@ fn scene_name(scene: &str) -> Result<SceneName, OpenError> {
     })
 }
 
-fn resolve(server: &str) -> Result<SocketAddr, OpenError> {
+/// The addresses of `host:port`: the first one, and the others.
+fn resolve(server: &str) -> Result<(SocketAddr, Vec<SocketAddr>), OpenError> {
     let failed = |cause| OpenError::Address {
         server: server.to_owned(),
         cause,
     };
     let mut addresses = server.to_socket_addrs().map_err(failed)?;
-    addresses
+    let first = addresses
         .next()
-        .ok_or_else(|| failed(std::io::ErrorKind::NotFound.into()))
+        .ok_or_else(|| failed(std::io::ErrorKind::NotFound.into()))?;
+    Ok((first, addresses.collect()))
 }
 
 /// The host of `host:port`, for comparison with the certificate.

@@ -13,11 +13,13 @@ const SOCKET_BUFFER_BYTES: usize = 4 << 20;
 
 /// Binds `address` and requests kernel buffers that hold a tick's burst.
 ///
+/// A socket at `[::]` takes IPv4 too, whatever the system's default is.
+///
 /// # Errors
 ///
 /// When the address cannot be bound.
 pub fn bind_udp(address: SocketAddr) -> io::Result<UdpSocket> {
-    let socket = UdpSocket::bind(address)?;
+    let socket = bind_plain(address)?;
     let state = UdpSocketState::new(UdpSockRef::from(&socket))?;
     for refused in [
         state.set_recv_buffer_size(UdpSockRef::from(&socket), SOCKET_BUFFER_BYTES),
@@ -29,6 +31,25 @@ pub fn bind_udp(address: SocketAddr) -> io::Result<UdpSocket> {
         tracing::debug!(%refused, "socket keeps its default buffer");
     }
     Ok(socket)
+}
+
+#[cfg(unix)]
+fn bind_plain(address: SocketAddr) -> io::Result<UdpSocket> {
+    use rustix::net::{AddressFamily, SocketFlags, SocketType, bind, socket_with, sockopt};
+
+    if !(address.is_ipv6() && address.ip().is_unspecified()) {
+        return UdpSocket::bind(address);
+    }
+    let flags = SocketFlags::CLOEXEC;
+    let socket = socket_with(AddressFamily::INET6, SocketType::DGRAM, flags, None)?;
+    sockopt::set_ipv6_v6only(&socket, false)?;
+    bind(&socket, &address)?;
+    Ok(socket.into())
+}
+
+#[cfg(not(unix))]
+fn bind_plain(address: SocketAddr) -> io::Result<UdpSocket> {
+    UdpSocket::bind(address)
 }
 
 /// The runtime of one I/O thread.

@@ -21,13 +21,16 @@ use super::statistics::WireStatistics;
 use super::trust::{self, Trust};
 use super::tuning;
 use crate::client_transport::ClientTransport;
-use crate::socket::{bind_udp, io_runtime};
+use crate::socket::io_runtime;
 
 /// The server to connect to, and how to authenticate it.
 #[derive(Clone, Debug)]
 pub struct ClientOptions {
     /// The server's address; the caller resolves names.
     pub server: SocketAddr,
+    /// Other addresses of the same server. They are tried too, in turn with the first one's family and the other: each a
+    /// little later than the one before, and the first that answers is taken (RFC 8305).
+    pub others: Vec<SocketAddr>,
     /// The name that the server's certificate must have; a pinned certificate may have any.
     pub server_name: String,
     /// Condition under which the certificate is trusted.
@@ -49,6 +52,7 @@ impl ClientOptions {
     pub fn new(server: SocketAddr, trust: Trust) -> Self {
         Self {
             server,
+            others: Vec::new(),
             server_name: "localhost".into(),
             trust,
             bind: None,
@@ -61,36 +65,33 @@ impl QuicClient {
     ///
     /// # Errors
     ///
-    /// [`ConnectError`] names the cause and the address.
+    /// [`ConnectError`] names the cause and the address; of several addresses each, with its cause.
     pub fn connect(options: ClientOptions, timeout: Duration) -> Result<Self, ConnectError> {
-        let ClientOptions {
-            server,
-            server_name,
-            trust,
-            bind,
-        } = options;
-        let bind = bind.unwrap_or_else(|| any_of_family(server));
-        let (tls, certificate_check) = trust::tls(&trust).map_err(ConnectError::Roots)?;
-        let config =
-            tuning::client(tls).map_err(|cause| ConnectError::Thread(io::Error::other(cause)))?;
-        let socket = bind_udp(bind).map_err(|cause| ConnectError::LocalSocket { bind, cause })?;
+        let addresses = in_turn(options.server, &options.others);
+        let attempts = addresses.into_iter().map(|server| {
+            // A verifier keeps its refusal, so each attempt has one of its own.
+            let (tls, certificate_check) =
+                trust::tls(&options.trust).map_err(ConnectError::Roots)?;
+            let config = tuning::client(tls)
+                .map_err(|cause| ConnectError::Thread(io::Error::other(cause)))?;
+            Ok(Attempt {
+                server,
+                server_name: options.server_name.clone(),
+                bind: options.bind.unwrap_or_else(|| any_of_family(server)),
+                config,
+                certificate_check,
+                timeout,
+            })
+        });
+        let attempts = attempts.collect::<Result<Vec<_>, ConnectError>>()?;
         let runtime = io_runtime().map_err(ConnectError::Thread)?;
-        let attempt = Attempt {
-            server,
-            server_name,
-            bind,
-            socket,
-            config,
-            certificate_check,
-            timeout,
-        };
         let (ready, connected) = mpsc::sync_channel(1);
         let inbox = Arc::new(Inbox::default());
         let thread = thread::Builder::new()
             .name("rhumb-client-io".into())
             .spawn({
                 let inbox = Arc::clone(&inbox);
-                move || runtime.block_on(client_io::run(attempt, ready, inbox))
+                move || runtime.block_on(client_io::run(attempts, ready, inbox))
             })
             .map_err(ConnectError::Thread)?;
         match connected.recv() {
@@ -186,4 +187,44 @@ fn any_of_family(server: SocketAddr) -> SocketAddr {
         SocketAddr::V6(_) => Ipv6Addr::UNSPECIFIED.into(),
     };
     SocketAddr::new(any, 0)
+}
+
+/// Addresses, each once, the two families in turn; the first one stays first.
+fn in_turn(first: SocketAddr, others: &[SocketAddr]) -> Vec<SocketAddr> {
+    let (mut same, mut different) = (vec![first], Vec::new());
+    for other in others {
+        let of_family = match other.is_ipv4() == first.is_ipv4() {
+            true => &mut same,
+            false => &mut different,
+        };
+        if !of_family.contains(other) {
+            of_family.push(*other);
+        }
+    }
+    let (mut same, mut different) = (same.into_iter(), different.into_iter());
+    let pairs = std::iter::from_fn(|| match (same.next(), different.next()) {
+        (None, None) => None,
+        pair => Some(pair),
+    });
+    pairs
+        .flat_map(|(one, other)| [one, other])
+        .flatten()
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_families_of_addresses_take_turns() {
+        let addresses = ["[::1]:1", "[::2]:1", "[::1]:1", "10.0.0.1:1", "[::3]:1"];
+        let [first, others @ ..] = addresses.map(|address| address.parse().expect("an address"));
+        let turns = in_turn(first, &others)
+            .into_iter()
+            .map(|address| address.to_string());
+        let expected = ["[::1]:1", "10.0.0.1:1", "[::2]:1", "[::3]:1"];
+        assert_eq!(turns.collect::<Vec<_>>(), expected);
+        assert_eq!(in_turn(first, &[]), [first]);
+    }
 }

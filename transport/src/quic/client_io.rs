@@ -1,8 +1,9 @@
 //! I/O thread of the client: connects once and carries until the end.
 //!
-//! Interprets nothing and never retries. `connect_error` names the reasons of a failure.
+//! Interprets nothing and never retries. Of several addresses, the first that answers is taken. `connect_error` names the reasons of a failure.
 
-use std::net::{SocketAddr, UdpSocket};
+use std::io;
+use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::mpsc::SyncSender;
 use std::time::Duration;
@@ -12,6 +13,7 @@ use quinn::{
     ReadError, RecvStream, SendStream, TokioRuntime,
 };
 use rhumb_protocol::session::TransportCode;
+use tokio::task::JoinSet;
 use tokio::time::{self, sleep};
 
 use super::closing::Closing;
@@ -21,17 +23,23 @@ use super::control_queue::{ControlSender, ControlWriter, control_queue};
 use super::inbox::Inbox;
 use super::trust::CertificateCheck;
 use super::tuning::{CLOSE_LEAVES, DATAGRAM_BYTES_MIN};
+use crate::socket::bind_udp;
 
 /// Parameters of one connection attempt.
 pub(super) struct Attempt {
     pub(super) server: SocketAddr,
     pub(super) server_name: String,
     pub(super) bind: SocketAddr,
-    pub(super) socket: UdpSocket,
     pub(super) config: ClientConfig,
     pub(super) certificate_check: CertificateCheck,
     pub(super) timeout: Duration,
 }
+
+/// Both sides of a connection, or the reason why there is none.
+type Outcome = Result<(EstablishedConnection, ClientConnection), ConnectError>;
+
+/// Time that an address has for its answer before the next one is tried too. Source: RFC 8305, section 5.
+const STAGGER: Duration = Duration::from_millis(250);
 
 /// The caller's side of a connection.
 #[derive(Debug)]
@@ -52,13 +60,11 @@ struct ClientConnection {
 
 /// Connects, reports, and carries the connection until it has ended and its close frame has left.
 pub(super) async fn run(
-    attempt: Attempt,
+    attempts: Vec<Attempt>,
     ready: SyncSender<Result<EstablishedConnection, ConnectError>>,
     inbox: Arc<Inbox>,
 ) {
-    let (server, timeout) = (attempt.server, attempt.timeout);
-    let outcome = time::timeout(timeout, connect(attempt)).await;
-    let carried = match outcome.unwrap_or(Err(ConnectError::NothingAnswers { server, timeout })) {
+    let carried = match race(attempts).await {
         Ok((connected, carried)) => {
             if ready.send(Ok(connected)).is_err() {
                 return;
@@ -92,18 +98,67 @@ pub(super) async fn run(
     let _ = time::timeout(CLOSE_LEAVES, close_frame_left).await;
 }
 
-async fn connect(
-    attempt: Attempt,
-) -> Result<(EstablishedConnection, ClientConnection), ConnectError> {
+/// The first connection of several attempts. An attempt begins when the one before has failed, or has taken its time.
+async fn race(attempts: Vec<Attempt>) -> Outcome {
+    let servers: Vec<_> = attempts.iter().map(|attempt| attempt.server).collect();
+    let timeout = attempts
+        .first()
+        .map_or(Duration::ZERO, |attempt| attempt.timeout);
+    // Each address is tried, and has half of the time limit at the least.
+    let stagger = STAGGER.min(timeout / (2 * servers.len().max(1) as u32));
+    let (mut failed, mut running) = (Vec::new(), JoinSet::new());
+    let mut waiting = attempts.into_iter();
+    let deadline = time::Instant::now() + timeout;
+    let mut next = time::Instant::now();
+    loop {
+        if time::Instant::now() >= next || running.is_empty() {
+            match waiting.next() {
+                Some(attempt) => {
+                    let server = attempt.server;
+                    running.spawn(async move { (server, connect(attempt).await) });
+                    next = time::Instant::now() + stagger;
+                }
+                None if running.is_empty() => break,
+                None => next = deadline,
+            }
+        }
+        match time::timeout_at(next.min(deadline), running.join_next()).await {
+            Ok(Some(Ok((_, Ok(connected))))) => return Ok(connected),
+            Ok(Some(Ok((server, Err(error))))) => {
+                failed.push((server, error));
+                next = time::Instant::now();
+            }
+            Ok(Some(Err(broken))) => {
+                return Err(ConnectError::Thread(io::Error::other(broken)));
+            }
+            Ok(None) => {}
+            Err(_) if time::Instant::now() >= deadline => break,
+            Err(_) => {}
+        }
+    }
+    let error = |server: SocketAddr| {
+        let place = failed.iter().position(|(other, _)| *other == server);
+        place.map_or(ConnectError::NothingAnswers { server, timeout }, |place| {
+            failed.swap_remove(place).1
+        })
+    };
+    let mut errors: Vec<_> = servers.into_iter().map(error).collect();
+    Err(match errors.len() {
+        1 => errors.remove(0),
+        _ => ConnectError::EachAddress(errors),
+    })
+}
+
+async fn connect(attempt: Attempt) -> Outcome {
     let Attempt {
         server,
         server_name,
         bind,
-        socket,
         config,
         certificate_check,
         timeout,
     } = attempt;
+    let socket = bind_udp(bind).map_err(|cause| ConnectError::LocalSocket { bind, cause })?;
     let mut local = EndpointConfig::default();
     // One connection per socket: the address identifies it, so that packets to this end need no connection id.
     local.cid_generator(|| Box::new(Unnamed));

@@ -81,6 +81,8 @@ pub enum ConnectError {
     },
     /// The I/O thread cannot start, or failed.
     Thread(io::Error),
+    /// The server has several addresses, and none of them led to it: the reason for each, in the order of attempts.
+    EachAddress(Vec<Self>),
 }
 
 impl ConnectError {
@@ -195,6 +197,10 @@ impl fmt::Display for ConnectError {
                 write!(f, "cannot open a local udp socket at {bind}: {cause}")
             }
             Self::Thread(cause) => write!(f, "the client's i/o thread failed: {cause}"),
+            Self::EachAddress(errors) => {
+                write!(f, "none of {} addresses leads to the server", errors.len())?;
+                errors.iter().try_for_each(|error| write!(f, "; {error}"))
+            }
         }
     }
 }

@@ -50,7 +50,7 @@ pub(super) async fn accept(
             _ = &mut ended => break,
         };
         let Some(incoming) = incoming else { break };
-        let Some(place) = addresses.take(incoming.remote_address().ip()) else {
+        let Some(place) = addresses.take(incoming.remote_address().ip().to_canonical()) else {
             watch.count(|counters| &counters.refused);
             incoming.refuse();
             continue;

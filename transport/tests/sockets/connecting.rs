@@ -162,3 +162,70 @@ fn folder(name: &str) -> PathBuf {
     fs::create_dir_all(&folder).expect("the target folder is writable");
     folder
 }
+
+#[test]
+fn of_several_addresses_the_one_that_answers_is_taken() {
+    let server = Running::echo();
+    let [silent, closed] = [(); 2].map(|()| UdpSocket::bind("127.0.0.1:0").unwrap());
+    let [first, second] = [&silent, &closed].map(|socket| socket.local_addr().unwrap());
+    drop(closed);
+    for (server_place, from_here) in [(0, true), (1, true), (2, true), (2, false)] {
+        let mut addresses = vec![first, second];
+        addresses.insert(server_place, server.address);
+        if !from_here {
+            // No route leads there: documentation prefix of RFC 3849.
+            addresses.insert(0, "[2001:db8::1]:4433".parse().unwrap());
+        }
+        let options = ClientOptions {
+            server: addresses[0],
+            others: addresses[1..].to_vec(),
+            ..server.options()
+        };
+        let client = QuicClient::connect(options, TIMEOUT).unwrap();
+        assert_eq!(client.server(), server.address);
+    }
+}
+
+#[test]
+fn an_error_of_several_addresses_names_each_and_its_cause() {
+    let server = Running::echo();
+    let silent = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let silent = silent.local_addr().unwrap();
+    let options = ClientOptions {
+        others: vec![silent],
+        trust: Trust::Fingerprint(Fingerprint([7; 32])),
+        ..server.options()
+    };
+    let error = QuicClient::connect(options, Duration::from_millis(500)).unwrap_err();
+    let text = error.to_string();
+    let ConnectError::EachAddress(errors) = error else {
+        panic!("{text}")
+    };
+    assert!(
+        matches!(errors[0], ConnectError::WrongFingerprint { server: named, .. } if named == server.address),
+        "{text}"
+    );
+    assert!(
+        matches!(errors[1], ConnectError::NothingAnswers { server, .. } if server == silent),
+        "{text}"
+    );
+    for named in [server.address, silent] {
+        assert!(text.contains(&named.to_string()), "{text}");
+    }
+}
+
+#[test]
+fn a_server_at_every_address_answers_in_both_families() {
+    if UdpSocket::bind("[::1]:0").is_err() {
+        return;
+    }
+    let server = Running::echo_at("[::]:0".parse().unwrap());
+    let port = server.address.port();
+    for host in ["127.0.0.1", "[::1]"] {
+        let options = ClientOptions {
+            server: format!("{host}:{port}").parse().unwrap(),
+            ..server.options()
+        };
+        QuicClient::connect(options, TIMEOUT).unwrap();
+    }
+}

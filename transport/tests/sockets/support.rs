@@ -178,20 +178,29 @@ impl Running {
         Self::of(certificate, Unwilling::new(sender), events)
     }
 
+    pub(crate) fn echo_at(listen: SocketAddr) -> Self {
+        let (sender, events) = channel();
+        let certificate = Certificate::development(["localhost"]).expect("localhost is a name");
+        Self::bound(serve_at(listen, certificate, Echo::new(sender)), events)
+    }
+
     fn of<E: Endpoint + Send + 'static>(
         certificate: Certificate,
         endpoint: E,
         events: Receiver<Event>,
     ) -> Self {
-        let (
-            Bound {
-                address,
-                fingerprint,
-                watch,
-            },
-            stop,
-            thread,
-        ) = serve(certificate, endpoint);
+        Self::bound(serve(certificate, endpoint), events)
+    }
+
+    fn bound(
+        (bound, stop, thread): (Bound, Stop, JoinHandle<ServerStatistics>),
+        events: Receiver<Event>,
+    ) -> Self {
+        let Bound {
+            address,
+            fingerprint,
+            watch,
+        } = bound;
         Self {
             address,
             fingerprint,
@@ -236,9 +245,21 @@ pub(crate) struct Bound {
 /// Runs an endpoint on a thread of its own.
 pub(crate) fn serve<E: Endpoint + Send + 'static>(
     certificate: Certificate,
+    endpoint: E,
+) -> (Bound, Stop, JoinHandle<ServerStatistics>) {
+    serve_at(
+        SocketAddr::from((Ipv4Addr::LOCALHOST, 0)),
+        certificate,
+        endpoint,
+    )
+}
+
+/// Runs an endpoint at an address, on a thread of its own.
+pub(crate) fn serve_at<E: Endpoint + Send + 'static>(
+    listen: SocketAddr,
+    certificate: Certificate,
     mut endpoint: E,
 ) -> (Bound, Stop, JoinHandle<ServerStatistics>) {
-    let listen = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
     let server =
         QuicServer::bind(ServerOptions::new(listen, certificate)).expect("a free port is bound");
     let bound = Bound {
