@@ -239,6 +239,14 @@ impl AuthorityGroup {
                 position,
                 rotation,
             });
+            // A velocity after a pose has the body there in this step, however many passed since the last pose.
+            let there = there.and_then(|()| {
+                scene.apply(&Command::SetVelocity {
+                    id,
+                    linear: Vec3::ZERO,
+                    angular: Vec3::ZERO,
+                })
+            });
             match there {
                 Ok(()) => drop(self.put.insert(id, (position, rotation))),
                 Err(_) => self.refused += 1,

@@ -29,7 +29,7 @@ use super::interface::{
     BakedShape, Baker, BodyProperties, Engine, EngineFault, EnginePart, NoEngine, Push,
     UnanswerableQuery, UnusableShape,
 };
-use super::kinematic_target::KinematicTarget;
+use super::kinematic_target::{KinematicStep, KinematicTarget};
 
 /// A Box3D world.
 pub struct Box3dEngine {
@@ -168,12 +168,23 @@ impl Box3dEngine {
     /// Sets kinematic bodies on their ways, and stops those that have arrived.
     fn lead(&mut self) {
         let dt = self.dt();
-        (self.kinematic_targets).retain(|_, target| target.is_moving());
+        let integrator = self.integrator;
+        (self.kinematic_targets).retain(|_, target| target.is_needed(integrator));
         let before = mem::take(&mut self.moved);
         for (id, target) in &mut self.kinematic_targets {
-            if let Some(slot) = self.bodies.get(id) {
-                let next = target.advance(self.integrator);
-                self.world.go_to(slot.body, translate::narrow(&next), dt);
+            let is_moving = target.is_moving();
+            let step = target.advance(integrator);
+            let slot = self.bodies.get(id).filter(|_| is_moving);
+            if let Some(slot) = slot {
+                let next = translate::narrow(&step.pose());
+                match step {
+                    KinematicStep::Move(_) => self.world.go_to(slot.body, next, dt),
+                    KinematicStep::Jump(_) => {
+                        self.world.set_pose(slot.body, next);
+                        self.world
+                            .set_velocities(slot.body, (Vec3::ZERO, Vec3::ZERO));
+                    }
+                }
                 self.moved.insert(*id);
             }
         }
@@ -406,7 +417,8 @@ impl Engine for Box3dEngine {
         let (body, is_dynamic) = (slot.body, slot.is(BodyKind::Dynamic));
         if slot.is(BodyKind::Kinematic) {
             let to = translate::widen(position, rotation);
-            self.kinematic_target(id, body).go_to(to);
+            let integrator = self.integrator;
+            self.kinematic_target(id, body).go_to(to, integrator);
         } else if self.world.pose(body) != (position, rotation) {
             self.wake_touching(body);
             self.world.set_pose(body, (position, rotation));

@@ -15,10 +15,55 @@ pub(super) struct KinematicTarget {
     pose: Pose,
     /// Velocities that it keeps.
     twist: Twist,
-    /// Pose of the next step.
-    target: Option<Pose>,
+    /// Pose that it goes to.
+    target: Option<Target>,
     /// Velocities of the last step, unless it went to a target.
     kept: Option<Twist>,
+    /// Steps since the last command of a pose; more than the rhythm counts if there is none.
+    since: u32,
+    /// Steps between the last commands of poses, the newest first.
+    intervals: [u32; RHYTHM],
+}
+
+/// The end of a way.
+#[derive(Clone, Copy, Debug)]
+struct Target {
+    pose: Pose,
+    /// Steps until it is there, at least one.
+    steps: u32,
+    /// True if a velocity was set after it: the caller says how it moves.
+    is_timed: bool,
+}
+
+/// The way of one step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum KinematicStep {
+    /// It moves there and carries what lies on it.
+    Move(Pose),
+    /// It is put there without a motion: the place is too far away for one.
+    Jump(Pose),
+}
+
+/// Intervals between poses that count for the time to the next one. The longest one counts, so that a body does not wait
+/// for a late pose.
+const RHYTHM: usize = 4;
+
+/// Longest interval between two poses of one motion, seconds.
+const INTERVAL_SECONDS_MAX: f64 = 0.25;
+
+/// Speed beyond which a pose is a jump, m/s: nothing that is carried or pushed can follow.
+const JUMP_SPEED: f64 = 50.0;
+
+/// Turn in a step beyond which a pose is a jump: a quarter of a turn, as the cosine of half of it.
+const JUMP_TURN: f64 = core::f64::consts::FRAC_1_SQRT_2;
+
+impl KinematicStep {
+    /// Where it ends.
+    pub(super) const fn pose(self) -> Pose {
+        match self {
+            Self::Move(pose) | Self::Jump(pose) => pose,
+        }
+    }
 }
 
 impl KinematicTarget {
@@ -29,18 +74,39 @@ impl KinematicTarget {
             twist: Twist::ZERO,
             target: None,
             kept: None,
+            since: u32::MAX,
+            intervals: [1; RHYTHM],
         }
     }
 
-    /// Sets the pose of the next step; the body stands still there.
-    pub(super) const fn go_to(&mut self, pose: Pose) {
-        self.target = Some(pose);
+    /// Sets a pose to go to; the body stands still there.
+    ///
+    /// It is there after the next step. If poses come at every second step, or more seldom, it is there when the next one is
+    /// due, and moves evenly until then.
+    pub(super) fn go_to(&mut self, pose: Pose, integrator: Integrator) {
+        let longest = INTERVAL_SECONDS_MAX / integrator.rate.step().seconds();
+        if f64::from(self.since) > longest {
+            self.intervals = [1; RHYTHM];
+        } else if self.since > 0 {
+            self.intervals.rotate_right(1);
+            self.intervals[0] = self.since;
+        }
+        self.since = 0;
+        self.target = Some(Target {
+            pose,
+            steps: self.intervals.into_iter().max().unwrap_or(1),
+            is_timed: false,
+        });
         self.twist = Twist::ZERO;
     }
 
-    /// Keeps velocities from the next step on, or from the target on if one is set.
+    /// Keeps velocities from the next step on, or from the target on if one is set: it is there after the next step.
     pub(super) const fn keep(&mut self, twist: Twist) {
         self.twist = twist;
+        if let Some(target) = &mut self.target {
+            target.steps = 1;
+            target.is_timed = true;
+        }
     }
 
     /// Present pose.
@@ -52,6 +118,12 @@ impl KinematicTarget {
     /// True if it moves in the next step.
     pub(super) fn is_moving(&self) -> bool {
         self.target.is_some() || self.twist != Twist::ZERO
+    }
+
+    /// True if it moves, or the time of its last pose counts for the next one.
+    pub(super) fn is_needed(&self, integrator: Integrator) -> bool {
+        let past = f64::from(self.since) * integrator.rate.step().seconds();
+        self.is_moving() || past <= INTERVAL_SECONDS_MAX
     }
 
     /// Its velocities in the last step, unless that went to a target: then the engine has them.
@@ -74,16 +146,50 @@ impl KinematicTarget {
 
     /// Ends a step at another pose than its velocities lead to; the engine has its velocities of that step.
     pub(super) const fn arrive(&mut self, pose: Pose) {
+        self.since = self.since.saturating_add(1);
         (self.pose, self.kept) = (pose, None);
     }
 
     /// The pose at the end of the next step.
-    pub(super) fn advance(&mut self, integrator: Integrator) -> Pose {
-        (self.pose, self.kept) = match self.target.take() {
-            Some(target) => (target, None),
-            None => (carried(self.pose, self.twist, integrator), Some(self.twist)),
+    pub(super) fn advance(&mut self, integrator: Integrator) -> KinematicStep {
+        self.since = self.since.saturating_add(1);
+        let Some(mut target) = self.target.take() else {
+            self.pose = carried(self.pose, self.twist, integrator);
+            self.kept = Some(self.twist);
+            return KinematicStep::Move(self.pose);
         };
-        self.pose
+        let next = match target.steps {
+            0 | 1 => target.pose,
+            steps => {
+                let share = 1.0 / f64::from(steps);
+                target.steps -= 1;
+                self.target = Some(target);
+                Pose {
+                    position: self.pose.position.lerp(target.pose.position, share),
+                    rotation: self.pose.rotation.lerp(target.pose.rotation, share),
+                }
+            }
+        };
+        let is_jump = !target.is_timed && self.is_far(next, integrator);
+        // A jump is not made in parts.
+        let next = if is_jump { target.pose } else { next };
+        if is_jump {
+            self.target = None;
+        }
+        (self.pose, self.kept) = (next, None);
+        if is_jump {
+            KinematicStep::Jump(next)
+        } else {
+            KinematicStep::Move(next)
+        }
+    }
+
+    /// True if no motion leads to a pose in one step.
+    fn is_far(&self, next: Pose, integrator: Integrator) -> bool {
+        let way = next.position - self.pose.position;
+        let most = JUMP_SPEED * integrator.rate.step().seconds();
+        way.length_squared() > most * most
+            || self.pose.rotation.dot(next.rotation).abs() < JUMP_TURN
     }
 }
 
@@ -92,8 +198,14 @@ impl Wire for KinematicTarget {
         encode_pose(self.pose, to);
         encode_twist(self.twist, to);
         to.u8(u8::from(self.target.is_some()) | u8::from(self.kept.is_some()) << 1);
+        to.varint(u64::from(self.since));
+        for interval in self.intervals {
+            to.varint(u64::from(interval));
+        }
         if let Some(target) = self.target {
-            encode_pose(target, to);
+            encode_pose(target.pose, to);
+            to.varint(u64::from(target.steps));
+            to.u8(u8::from(target.is_timed));
         }
         if let Some(kept) = self.kept {
             encode_twist(kept, to);
@@ -103,9 +215,18 @@ impl Wire for KinematicTarget {
     fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
         let (pose, twist) = (decode_pose(from)?, decode_twist(from)?);
         let present = from.u8()?;
+        let since = from.varint32()?;
+        let mut intervals = [1; RHYTHM];
+        for interval in &mut intervals {
+            *interval = from.varint32()?;
+        }
         let mut target = None;
         if present & 1 != 0 {
-            target = Some(decode_pose(from)?);
+            target = Some(Target {
+                pose: decode_pose(from)?,
+                steps: from.varint32()?,
+                is_timed: from.u8()? != 0,
+            });
         }
         let mut kept = None;
         if present & 2 != 0 {
@@ -116,6 +237,8 @@ impl Wire for KinematicTarget {
             twist,
             target,
             kept,
+            since,
+            intervals,
         })
     }
 }
@@ -200,7 +323,7 @@ mod tests {
         });
         let mut pose = Pose::IDENTITY;
         for _ in 0..60 {
-            pose = kinematic_target.advance(INTEGRATOR);
+            pose = kinematic_target.advance(INTEGRATOR).pose();
         }
         assert!((pose.position - DVec3::new(3.0, 0.0, 0.0)).length() < 1e-12);
         let turned = 2.0 * pose.rotation.y.atan2(pose.rotation.w);
@@ -210,7 +333,7 @@ mod tests {
     #[test]
     fn a_pose_replaces_earlier_velocities_and_precedes_later_ones() {
         let target = Pose {
-            position: DVec3::new(0.0, 5.0, 0.0),
+            position: DVec3::new(0.0, 0.5, 0.0),
             ..Pose::IDENTITY
         };
         let twist = Twist {
@@ -219,14 +342,130 @@ mod tests {
         };
         let mut kinematic_target = KinematicTarget::at(Pose::IDENTITY);
         kinematic_target.keep(twist);
-        kinematic_target.go_to(target);
-        assert_eq!(kinematic_target.advance(INTEGRATOR), target);
+        kinematic_target.go_to(target, INTEGRATOR);
+        assert_eq!(
+            kinematic_target.advance(INTEGRATOR),
+            KinematicStep::Move(target)
+        );
         assert_eq!(kinematic_target.kept(), None);
         assert!(!kinematic_target.is_moving());
-        kinematic_target.go_to(target);
+        kinematic_target.go_to(target, INTEGRATOR);
         kinematic_target.keep(twist);
         kinematic_target.advance(INTEGRATOR);
-        assert!(kinematic_target.advance(INTEGRATOR).position.x > 0.0);
+        assert!(kinematic_target.advance(INTEGRATOR).pose().position.x > 0.0);
         assert_eq!(kinematic_target.kept(), Some(twist));
+    }
+
+    fn at(x: f64) -> Pose {
+        Pose {
+            position: DVec3::new(x, 0.0, 0.0),
+            ..Pose::IDENTITY
+        }
+    }
+
+    /// Where it is after each of 60 steps, if it is sent along x at one metre a second before these steps.
+    fn ways(commands: impl Fn(u32) -> bool) -> Vec<f64> {
+        let mut kinematic_target = KinematicTarget::at(Pose::IDENTITY);
+        let mut ways = Vec::new();
+        for step in 0..60 {
+            if commands(step) {
+                kinematic_target.go_to(at(f64::from(step + 1) / 60.0), INTEGRATOR);
+            }
+            let next = kinematic_target.advance(INTEGRATOR);
+            assert!(matches!(next, KinematicStep::Move(_)));
+            ways.push(next.pose().position.x);
+        }
+        ways
+    }
+
+    #[test]
+    fn a_pose_at_each_step_is_reached_in_it() {
+        for (step, x) in ways(|_| true).into_iter().enumerate() {
+            assert!((x - (step as f64 + 1.0) / 60.0).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn poses_that_come_more_seldom_than_steps_make_an_even_motion() {
+        for every in 2..=15 {
+            let ways = ways(|step| step % every == 0);
+            let speeds: Vec<_> = ways
+                .windows(2)
+                .map(|pair| (pair[1] - pair[0]) * 60.0)
+                .collect();
+            // The first interval is known with the second pose; the way that it makes up for is over with the third.
+            for speed in &speeds[3 * every as usize..] {
+                assert!((speed - 1.0).abs() < 1e-9, "{every}: {speeds:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn an_uneven_rhythm_neither_stops_nor_goes_back() {
+        let mut state = 7_u32;
+        let mut commands = Vec::new();
+        let mut next = 0;
+        for step in 0..60 {
+            commands.push(step == next);
+            if step == next {
+                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                next += 1 + (state >> 16) % 4;
+            }
+        }
+        let ways = ways(|step| commands[step as usize]);
+        for pair in ways[12..].windows(2) {
+            let speed = (pair[1] - pair[0]) * 60.0;
+            assert!(speed > 0.15 && speed < 2.5, "{speed}");
+        }
+    }
+
+    #[test]
+    fn when_poses_stop_it_ends_at_the_last_one() {
+        for (every, last) in [(1, 30), (3, 30), (7, 28)] {
+            let ways = ways(|step| step % every == 0 && step <= last);
+            let end = f64::from(last + 1) / 60.0;
+            assert!(ways.iter().all(|x| *x <= end + 1e-12));
+            let there = last as usize + every as usize - 1;
+            assert!(ways[there..].iter().all(|x| *x == end), "{every}");
+        }
+    }
+
+    #[test]
+    fn a_pose_after_a_pause_is_reached_in_the_next_step() {
+        let mut kinematic_target = KinematicTarget::at(Pose::IDENTITY);
+        for x in [0.1, 0.2, 0.3] {
+            kinematic_target.go_to(at(x), INTEGRATOR);
+            assert_eq!(
+                kinematic_target.advance(INTEGRATOR),
+                KinematicStep::Move(at(x))
+            );
+            for _ in 0..16 {
+                assert_eq!(kinematic_target.advance(INTEGRATOR).pose(), at(x));
+            }
+        }
+    }
+
+    #[test]
+    fn a_pose_far_away_is_a_jump_unless_a_velocity_follows() {
+        let quarter = Pose {
+            rotation: DQuat::from_rotation_y(1.7),
+            ..Pose::IDENTITY
+        };
+        for far in [at(0.9), quarter] {
+            let mut kinematic_target = KinematicTarget::at(Pose::IDENTITY);
+            kinematic_target.go_to(far, INTEGRATOR);
+            assert_eq!(
+                kinematic_target.advance(INTEGRATOR),
+                KinematicStep::Jump(far)
+            );
+            assert!(!kinematic_target.is_moving());
+            let mut kinematic_target = KinematicTarget::at(Pose::IDENTITY);
+            kinematic_target.go_to(far, INTEGRATOR);
+            kinematic_target.keep(Twist::ZERO);
+            assert_eq!(
+                kinematic_target.advance(INTEGRATOR),
+                KinematicStep::Move(far)
+            );
+        }
     }
 }

@@ -4,11 +4,12 @@
 //! after a panic, since any part may be broken. Bodies that Rapier quarantined are removed when the step returns.
 
 mod image;
+mod sweeping;
 #[cfg(test)]
 mod tests;
 mod walking;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::mem;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
@@ -66,6 +67,10 @@ pub struct RapierEngine {
     /// Awake after the step before, in the order of ids.
     awake_before: Vec<BodySlot>,
     observed: Vec<Observation>,
+    /// Swept bodies.
+    swept: BTreeSet<BodyId>,
+    /// Sensors that bodies went through within the last step, with the bodies.
+    crossed: BTreeSet<(BodyId, BodyId)>,
     /// True if the world has changed since its last step. Rapier's image of a world lacks some changes that are not
     /// stepped yet.
     has_changed: bool,
@@ -115,6 +120,8 @@ impl RapierEngine {
             awake: Vec::new(),
             awake_before: Vec::new(),
             observed: Vec::new(),
+            swept: BTreeSet::new(),
+            crossed: BTreeSet::new(),
             has_changed: false,
         }
     }
@@ -139,6 +146,8 @@ impl RapierEngine {
             self.stirred.clear();
             self.awake.clear();
             self.observed.clear();
+            self.swept.clear();
+            self.crossed.clear();
         }
     }
 
@@ -186,6 +195,7 @@ impl RapierEngine {
         let place = BodySlot { id, handle };
         self.places[index] = Some(place);
         self.stirred.push(place);
+        self.note_swept(&new.desc);
         if new.desc.kind == BodyKind::Kinematic && new.desc.enabled {
             self.keep(place, motion.motion().twist());
         }
@@ -195,6 +205,9 @@ impl RapierEngine {
         let Some(place) = self.place(now.desc.id) else {
             return;
         };
+        if self.solids.contains_key(&now.desc.shape) {
+            self.note_swept(&now.desc);
+        }
         let Some(solid) = self.solids.get(&now.desc.shape) else {
             return;
         };
@@ -218,18 +231,28 @@ impl RapierEngine {
         if let Some(place) = self.place(id) {
             self.places[id.index() as usize] = None;
             self.kinematic_targets.remove(&id);
+            self.swept.remove(&id);
             self.characters.remove(id);
             self.vehicles.remove(&mut self.world, id);
             self.world.remove_body(place.handle);
         }
     }
 
+    fn note_swept(&mut self, desc: &BodyDesc) {
+        if desc.swept && desc.kind == BodyKind::Dynamic && desc.enabled {
+            self.swept.insert(desc.id);
+        } else {
+            self.swept.remove(&desc.id);
+        }
+    }
+
     fn relocate(&mut self, id: BodyId, position: Vec3, rotation: Quat) {
         let Some(place) = self.place(id) else { return };
+        let integrator = self.integrator;
         let body = &mut self.world.bodies[place.handle];
         if body.is_kinematic() && body.is_enabled() {
             if let Some(kinematic_target) = self.kinematic_target_mut(place) {
-                kinematic_target.go_to(translate::widen(position, rotation));
+                kinematic_target.go_to(translate::widen(position, rotation), integrator);
             }
             return;
         }
@@ -267,7 +290,8 @@ impl RapierEngine {
         self.move_kinematic();
         self.vehicles.advance(&mut self.world);
         self.turn();
-        self.world.step();
+        let first = lost.len();
+        self.step_world(lost);
         self.spin.after(&mut self.world, &self.integrator);
         self.rest.after(&mut self.world, &self.vehicles);
         for handle in self.forced.drain(..) {
@@ -275,8 +299,6 @@ impl RapierEngine {
                 translate::unpush(body);
             }
         }
-        let first = lost.len();
-        self.discard_quarantined(lost);
         self.look(lost);
         let left = &mut lost[first..];
         if !left.is_empty() {
@@ -590,6 +612,8 @@ impl Engine for RapierEngine {
     fn sensed(&self, id: BodyId, out: &mut Vec<(BodyId, BodyId)>) {
         if let Some(body) = self.place(id).and_then(|place| self.body(place)) {
             touching::sensed(&self.world, body, out);
+            let crossed = self.crossed.iter().copied();
+            out.extend(crossed.filter(|(sensor, inside)| [sensor, inside].contains(&&id)));
         }
     }
 

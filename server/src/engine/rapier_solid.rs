@@ -5,8 +5,8 @@
 use glam::Vec3;
 use rapier3d::math::Pose as RapierPose;
 use rapier3d::prelude::{
-    ActiveCollisionTypes, Collider, ColliderBuilder, Group, InteractionGroups, InteractionTestMode,
-    MassProperties, PhysicsWorld, RigidBodyHandle,
+    ActiveCollisionTypes, ActiveEvents, Collider, ColliderBuilder, Group, InteractionGroups,
+    InteractionTestMode, MassProperties, PhysicsWorld, RigidBodyHandle,
 };
 use rhumb_protocol::scene::{BodyKind, Mass, Shape};
 use rhumb_solids::SolidPart;
@@ -111,6 +111,12 @@ pub(super) fn set_properties(collider: &mut Collider, properties: &BodyPropertie
     collider.set_friction(material.friction);
     collider.set_restitution(material.restitution);
     collider.set_sensor(desc.sensor);
+    // Rapier tells of a sensor that a fast body has gone through within a step by its events alone.
+    collider.set_active_events(if desc.sensor {
+        ActiveEvents::COLLISION_EVENTS
+    } else {
+        ActiveEvents::empty()
+    });
     // A sensor finds kinematic bodies too, though it may be fixed or kinematic itself.
     collider.set_active_collision_types(if desc.sensor {
         ActiveCollisionTypes::default()

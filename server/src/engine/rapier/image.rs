@@ -63,6 +63,8 @@ impl RapierEngine {
             awake: self.awake.clone(),
             awake_before: self.awake_before.clone(),
             observed: self.observed.clone(),
+            swept: self.swept.clone(),
+            crossed: self.crossed.clone(),
             has_changed: false,
         })
     }
@@ -91,6 +93,9 @@ impl RapierEngine {
             .map_err(|_| Malformed::OutOfRange)?
             .map_err(|_| Malformed::Truncated)?;
         workers.employ(&mut engine.world);
+        let swept = engine.world.bodies.iter();
+        let swept = swept.filter(|(_, body)| body.is_ccd_enabled() && body.is_enabled());
+        engine.swept = swept.map(|(_, body)| super::translate::id(body)).collect();
         Ok(engine)
     }
 

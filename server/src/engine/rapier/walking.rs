@@ -5,6 +5,7 @@
 use rhumb_reckoning::Pose;
 
 use super::{RapierEngine, translate};
+use crate::engine::kinematic_target::KinematicStep;
 
 impl RapierEngine {
     /// Moves the characters, but not those whose commands put them elsewhere.
@@ -44,18 +45,31 @@ impl RapierEngine {
 
     /// Moves the kinematic bodies that are no characters, and the characters that commands put elsewhere.
     pub(super) fn move_kinematic(&mut self) {
+        let integrator = self.integrator;
         self.kinematic_targets
-            .retain(|_, kinematic_target| kinematic_target.is_moving());
+            .retain(|_, kinematic_target| kinematic_target.is_needed(integrator));
+        let mut jumped = Vec::new();
         for (id, kinematic_target) in &mut self.kinematic_targets {
             if self.characters.contains(*id) && kinematic_target.keeps().is_some() {
                 continue;
             }
-            let next = translate::narrow(&kinematic_target.advance(self.integrator));
+            let is_moving = kinematic_target.is_moving();
+            let step = kinematic_target.advance(integrator);
             let place = self.places.get(id.index() as usize).copied().flatten();
-            if let Some(body) = place.and_then(|place| self.world.bodies.get_mut(place.handle)) {
-                let next = translate::nearest(next, *body.rotation());
-                body.set_next_kinematic_position(next);
+            let body = place.and_then(|place| self.world.bodies.get_mut(place.handle));
+            let Some((place, body)) = place.zip(body).filter(|_| is_moving) else {
+                continue;
+            };
+            let next = translate::narrow(&step.pose());
+            let next = translate::nearest(next, *body.rotation());
+            if matches!(step, KinematicStep::Jump(_)) {
+                jumped.push(place.handle);
+                body.set_position(next, true);
             }
+            body.set_next_kinematic_position(next);
+        }
+        for handle in jumped {
+            translate::wake_touching(&mut self.world, handle);
         }
     }
 }
