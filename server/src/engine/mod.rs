@@ -21,6 +21,7 @@ mod rapier_body;
 mod rapier_characters;
 mod rapier_contacts;
 mod rapier_joints;
+mod rapier_motors;
 mod rapier_query;
 mod rapier_rest;
 mod rapier_solid;

@@ -289,6 +289,7 @@ impl RapierEngine {
         self.walk();
         self.move_kinematic();
         self.vehicles.advance(&mut self.world);
+        self.joints.aim(&mut self.world);
         self.turn();
         let first = lost.len();
         self.step_world(lost);

@@ -14,6 +14,7 @@ use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_protocol::wire::{Malformed, Wire};
 
 use super::rapier_body::pose;
+use super::rapier_motors::{self, JointMotors};
 
 /// The joints.
 #[derive(Clone, Debug, Default)]
@@ -21,6 +22,8 @@ pub(super) struct RapierJoints {
     handles: BTreeMap<JointId, ImpulseJointHandle>,
     /// The joints that can break.
     strengths: BTreeMap<JointId, JointStrength>,
+    /// By the parts of a handle.
+    motors: BTreeMap<(u32, u32), JointMotors>,
 }
 
 impl RapierJoints {
@@ -33,8 +36,13 @@ impl RapierJoints {
     ) {
         self.remove(world, id);
         let [first, second] = bodies;
+        // Motors are solved first, so that the joint has the last word.
+        let motors = JointMotors::add(world, bodies, joint);
         let handle = world.insert_impulse_joint(first, second, generic(joint));
         self.handles.insert(id, handle);
+        if let Some(motors) = motors {
+            self.motors.insert(handle.into_raw_parts(), motors);
+        }
         if let Some(strength) = joint.strength {
             self.strengths.insert(id, strength);
         }
@@ -45,6 +53,22 @@ impl RapierJoints {
         self.strengths.remove(&id);
         if let Some(handle) = self.handles.remove(&id) {
             world.remove_impulse_joint(handle);
+            if let Some(motors) = self.motors.remove(&handle.into_raw_parts()) {
+                motors.remove(world);
+            }
+        }
+    }
+
+    /// Lays the motors anew for the next step.
+    pub(super) fn aim(&mut self, world: &mut PhysicsWorld) {
+        // A body takes its joints with it.
+        let holds = |(index, generation): &(u32, u32)| {
+            let handle = ImpulseJointHandle::from_raw_parts(*index, *generation);
+            world.impulse_joints.get(handle).is_some()
+        };
+        self.motors.retain(|handle, _| holds(handle));
+        if !self.motors.is_empty() {
+            rapier_motors::aim(world, &mut self.motors);
         }
     }
 
@@ -53,8 +77,13 @@ impl RapierJoints {
     /// `substep`: seconds in which a joint's impulses act.
     pub(super) fn overloaded(&self, world: &PhysicsWorld, substep: f32, out: &mut Vec<JointId>) {
         let is_overloaded = |(id, strength): (&JointId, &JointStrength)| {
-            let joint = world.impulse_joints.get(*self.handles.get(id)?)?;
-            let [x, y, z, about_x, about_y, about_z] = joint.impulses;
+            let handle = *self.handles.get(id)?;
+            let joint = world.impulse_joints.get(handle)?;
+            let motors = self.motors.get(&handle.into_raw_parts());
+            let pushed = motors.map_or([0.0; 6], |motors| motors.impulses(world));
+            let own = <[f32; 6]>::from(joint.impulses);
+            let [x, y, z, about_x, about_y, about_z] =
+                [0, 1, 2, 3, 4, 5].map(|axis| own[axis] + pushed[axis]);
             let force = Vec3::new(x, y, z).length() / substep;
             let torque = Vec3::new(about_x, about_y, about_z).length() / substep;
             (force > strength.force || torque > strength.torque).then_some(*id)
@@ -66,6 +95,7 @@ impl RapierJoints {
     pub(super) fn clear(&mut self) {
         self.handles.clear();
         self.strengths.clear();
+        self.motors.clear();
     }
 }
 
@@ -83,6 +113,12 @@ impl Wire for RapierJoints {
             id.encode(to);
             to.f32s(&[strength.force, strength.torque]);
         }
+        to.varint(self.motors.len() as u64);
+        for ((index, generation), motors) in &self.motors {
+            to.varint(u64::from(*index));
+            to.varint(u64::from(*generation));
+            motors.encode(to);
+        }
     }
 
     fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
@@ -97,6 +133,10 @@ impl Wire for RapierJoints {
             let id = JointId::decode(from)?;
             let [force, torque] = from.f32s()?;
             joints.strengths.insert(id, JointStrength { force, torque });
+        }
+        for _ in 0..from.varint()? {
+            let handle = (from.varint32()?, from.varint32()?);
+            joints.motors.insert(handle, JointMotors::decode(from)?);
         }
         Ok(joints)
     }
@@ -143,19 +183,6 @@ fn generic(joint: &Joint) -> GenericJoint {
     for (axis, limits) in AXES.into_iter().zip(joint.kind.limits()) {
         if let Some(limits) = limits {
             builder = builder.limits(axis, [limits.least, limits.most]);
-        }
-    }
-    for (axis, motor) in AXES.into_iter().zip(&joint.motors) {
-        if let Some(motor) = motor {
-            builder = builder
-                .set_motor(
-                    axis,
-                    motor.position,
-                    motor.velocity,
-                    motor.stiffness,
-                    motor.damping,
-                )
-                .motor_max_force(axis, motor.force);
         }
     }
     builder.build()

@@ -1,0 +1,590 @@
+//! Motors of a Rapier world's joints, so that they accelerate as the protocol says.
+//!
+//! Rapier weighs a motor by two bodies that nothing holds. A hinge off the centre of mass makes it too weak by the share of
+//! the lever in the moment of inertia, and so does what hangs on the second body. So a motor is a joint of its own here,
+//! beside the one that holds the bodies. Before each step it is laid along the line on which a push leaves the other axes of
+//! the joint in peace, and gets the stiffness and damping that give the acceleration at the whole mass that it moves.
+//!
+//! Where no such line is and the mass is great, an engine that solves twice in a substep cannot reach a stiff motor's
+//! acceleration. Then the motor is slower, and keeps its damping ratio.
+
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+
+use glam::{DMat3, DVec3, Vec3};
+use rapier3d::math::Pose as RapierPose;
+use rapier3d::prelude::{
+    GenericJoint, GenericJointBuilder, ImpulseJointHandle, JointAxesMask, JointAxis, MotorModel,
+    PhysicsWorld, RigidBody, RigidBodyHandle,
+};
+use rhumb_protocol::scene::{Joint, Motor};
+use rhumb_protocol::wire::bytes::{Reader, Writer};
+use rhumb_protocol::wire::{Malformed, Wire};
+
+/// The motors of one joint.
+#[derive(Clone, Debug)]
+pub(super) struct JointMotors {
+    /// By axis: translations along x, y and z of the first frame, then rotations about them.
+    motors: Vec<(u8, Motor, ImpulseJointHandle)>,
+    collide: bool,
+    /// Pushes of the motors in the last step, for the load of the joint.
+    pushes: Vec<Push>,
+}
+
+/// The push of a motor: force and torque at the anchor for each unit of its impulse, along the axes of the joint.
+#[derive(Clone, Copy, Debug, Default)]
+struct Push {
+    motor: usize,
+    along: [f32; 6],
+}
+
+/// Bodies that are taken for one rigid body at most, on either side of a joint.
+const HELD_MAX: usize = 64;
+
+/// A row along a line is chosen where a plain torque would lose more than this share to the other axes.
+const LOSS: f64 = 1e-3;
+
+impl JointMotors {
+    /// Adds the joints of the motors; `None` for a joint without motors. They act after [`aim`].
+    pub(super) fn add(
+        world: &mut PhysicsWorld,
+        [first, second]: [RigidBodyHandle; 2],
+        joint: &Joint,
+    ) -> Option<Self> {
+        let mut motors = Vec::new();
+        for (axis, motor) in (0..).zip(&joint.motors) {
+            if let Some(motor) = motor {
+                let idle = GenericJointBuilder::new(JointAxesMask::empty())
+                    .contacts_enabled(joint.collide)
+                    .build();
+                let handle = world.insert_impulse_joint(first, second, idle);
+                motors.push((axis, *motor, handle));
+            }
+        }
+        (!motors.is_empty()).then(|| Self {
+            motors,
+            collide: joint.collide,
+            pushes: Vec::new(),
+        })
+    }
+
+    /// Removes the joints of the motors.
+    pub(super) fn remove(self, world: &mut PhysicsWorld) {
+        for (_, _, handle) in self.motors {
+            world.remove_impulse_joint(handle);
+        }
+    }
+
+    /// Impulses of the motors of the last substep on the axes of the joint.
+    pub(super) fn impulses(&self, world: &PhysicsWorld) -> [f32; 6] {
+        let mut sum = [0.0; 6];
+        for push in &self.pushes {
+            let (_, _, handle) = self.motors[push.motor];
+            let Some(joint) = world.impulse_joints.get(handle) else {
+                continue;
+            };
+            let motors = joint.data.motors.iter();
+            let impulse: f32 = motors.map(|motor| motor.impulse).sum();
+            for (sum, along) in sum.iter_mut().zip(push.along) {
+                *sum += along * impulse;
+            }
+        }
+        sum
+    }
+
+    /// True if no axis of a joint with these locked axes moves without one of the motors.
+    fn hold(&self, locked: JointAxesMask) -> bool {
+        let moved = self.motors.iter().filter(|(_, motor, _)| {
+            motor.force > 0.0 && (motor.stiffness > 0.0 || motor.damping > 0.0)
+        });
+        let moved = moved.fold(0, |axes, (axis, ..)| axes | 1 << axis);
+        locked.bits() | moved == JointAxesMask::all().bits()
+    }
+}
+
+/// Lays all motors anew for the next step. `motors`: by the handle of the joint that holds the bodies.
+pub(super) fn aim(world: &mut PhysicsWorld, motors: &mut BTreeMap<(u32, u32), JointMotors>) {
+    let parameters = &world.integration_parameters;
+    let substep = f64::from(parameters.dt) / parameters.num_solver_iterations as f64;
+    let holding: BTreeSet<_> = motors
+        .iter()
+        .filter(|(handle, motors)| {
+            let joint = world.impulse_joints.get(of_parts(**handle));
+            joint.is_some_and(|joint| motors.hold(joint.data.locked_axes))
+        })
+        .map(|(handle, _)| *handle)
+        .collect();
+    let mut laid = Vec::new();
+    for (handle, motors) in motors.iter_mut() {
+        let Some(held) = HeldJoint::of(world, of_parts(*handle), &holding) else {
+            continue;
+        };
+        motors.pushes.clear();
+        for (place, (axis, motor, own)) in motors.motors.iter().enumerate() {
+            let row = held.row(usize::from(*axis));
+            motors.pushes.push(Push {
+                motor: place,
+                along: held.along(&row),
+            });
+            laid.push((
+                *own,
+                held.motor(usize::from(*axis), motor, &row, (substep, motors.collide)),
+            ));
+        }
+    }
+    for (handle, joint) in laid {
+        if let Some(own) = world.impulse_joints.get_mut(handle, false) {
+            let impulses = own.data.motors.map(|motor| motor.impulse);
+            own.data = joint;
+            for (motor, impulse) in own.data.motors.iter_mut().zip(impulses) {
+                motor.impulse = impulse;
+            }
+        }
+    }
+}
+
+fn of_parts((index, generation): (u32, u32)) -> ImpulseJointHandle {
+    ImpulseJointHandle::from_raw_parts(index, generation)
+}
+
+/// A force, then a torque at the anchor; or the linear and angular velocity that go with them.
+#[derive(Clone, Copy, Debug)]
+struct Six {
+    linear: DVec3,
+    angular: DVec3,
+}
+
+impl Six {
+    fn dot(self, other: Self) -> f64 {
+        self.linear.dot(other.linear) + self.angular.dot(other.angular)
+    }
+
+    fn plus(self, share: f64, other: Self) -> Self {
+        Self {
+            linear: self.linear + other.linear * share,
+            angular: self.angular + other.angular * share,
+        }
+    }
+}
+
+/// How easily a body, or several that are held together, is moved.
+#[derive(Clone, Copy, Debug)]
+struct Ease {
+    centre: DVec3,
+    /// Along the axes of the world, 1/kg.
+    linear: DVec3,
+    /// 1/(kg·m²), world axes.
+    angular: DMat3,
+}
+
+impl Ease {
+    fn of(body: &RigidBody) -> Self {
+        let properties = body.mass_properties();
+        let turned = properties.effective_world_inv_inertia;
+        let column = |axis: Vec3| (turned * axis).as_dvec3();
+        Self {
+            centre: body.center_of_mass().as_dvec3(),
+            linear: properties.effective_inv_mass.as_dvec3(),
+            angular: DMat3::from_cols(column(Vec3::X), column(Vec3::Y), column(Vec3::Z)),
+        }
+    }
+
+    /// Velocity of a point of the body by an impulse there.
+    fn answer(&self, point: DVec3, push: Six) -> Six {
+        let lever = point - self.centre;
+        let angular = self.angular * (push.angular + lever.cross(push.linear));
+        Six {
+            linear: self.linear * push.linear + angular.cross(lever),
+            angular,
+        }
+    }
+}
+
+/// A motor's line in the world.
+#[derive(Clone, Copy, Debug)]
+enum Line {
+    /// A force along a direction at a point.
+    Force(DVec3, DVec3),
+    /// A torque about a direction.
+    Torque(DVec3),
+}
+
+/// The row of a motor: a line, and what it weighs.
+#[derive(Clone, Copy, Debug)]
+struct Row {
+    line: Line,
+    /// Force and torque at the anchor for each unit of its impulse.
+    push: Six,
+    /// Its velocity for each unit of the motor's.
+    scale: f64,
+    /// Its velocity for each unit of impulse before the joint answers, and when all that is held together moves.
+    ease: [f64; 2],
+}
+
+/// A joint as it is before a step.
+struct HeldJoint {
+    poses: [RapierPose; 2],
+    anchor: DVec3,
+    /// Directions of the axes: those of the first frame.
+    axes: DMat3,
+    locked: [bool; 6],
+    /// Place of the second frame in the first, by axis: metres, radians.
+    place: [f64; 6],
+    pair: [Ease; 2],
+    held: Option<[Ease; 2]>,
+}
+
+impl HeldJoint {
+    /// `None` for a joint whose bodies are not there or do not move.
+    fn of(
+        world: &PhysicsWorld,
+        handle: ImpulseJointHandle,
+        holding: &BTreeSet<(u32, u32)>,
+    ) -> Option<Self> {
+        let joint = world.impulse_joints.get(handle)?;
+        let handles = [joint.body1(), joint.body2()];
+        let [first, second] = handles.map(|body| world.bodies.get(body));
+        let bodies = [first?, second?];
+        let is_awake = |body: &&RigidBody| body.is_dynamic() && !body.is_sleeping();
+        if !bodies.iter().all(|body| body.is_enabled()) || !bodies.iter().any(is_awake) {
+            return None;
+        }
+        let poses = bodies.map(|body| *body.position());
+        let frames = [
+            poses[0] * joint.data.local_frame1,
+            poses[1] * joint.data.local_frame2,
+        ];
+        let rotation = frames[0].rotation.as_dquat();
+        let axes = DMat3::from_quat(rotation);
+        let apart = (frames[1].translation - frames[0].translation).as_dvec3();
+        let mut turn = rotation.inverse() * frames[1].rotation.as_dquat();
+        if turn.w < 0.0 {
+            turn = -turn;
+        }
+        let angle = |part: f64| 2.0 * libm::asin(part.clamp(-1.0, 1.0));
+        let along = axes.transpose() * apart;
+        let place = [
+            along.x,
+            along.y,
+            along.z,
+            angle(turn.x),
+            angle(turn.y),
+            angle(turn.z),
+        ];
+        let locked = joint.data.locked_axes.bits();
+        let pair = bodies.map(Ease::of);
+        Some(Self {
+            poses,
+            anchor: frames[1].translation.as_dvec3(),
+            axes,
+            locked: [0, 1, 2, 3, 4, 5].map(|axis| locked >> axis & 1 != 0),
+            place,
+            pair,
+            held: held_together(world, handle, handles, holding),
+        })
+    }
+
+    /// Unit push of an axis.
+    fn axis(&self, axis: usize) -> Six {
+        let direction = self.axes.col(axis % 3);
+        match axis < 3 {
+            true => Six {
+                linear: direction,
+                angular: DVec3::ZERO,
+            },
+            false => Six {
+                linear: DVec3::ZERO,
+                angular: direction,
+            },
+        }
+    }
+
+    /// Relative velocity at the anchor by a push between the two sides.
+    fn answer(&self, sides: &[Ease; 2], push: Six) -> Six {
+        let [first, second] = sides.map(|side| side.answer(self.anchor, push));
+        first.plus(1.0, second)
+    }
+
+    /// The push of a motor with what the locked axes add, so that these do not move; and the answer to it.
+    fn freed(&self, sides: &[Ease; 2], motor: usize) -> (Six, Six) {
+        // Modified Gram-Schmidt over the locked axes, in the measure of the answers.
+        let mut basis: Vec<(Six, Six)> = Vec::with_capacity(6);
+        let freed = |basis: &[(Six, Six)], push: Six| {
+            let (mut push, mut answer) = (push, self.answer(sides, push));
+            for (other, other_answer) in basis {
+                let share = -push.dot(*other_answer) / other.dot(*other_answer);
+                push = push.plus(share, *other);
+                answer = answer.plus(share, *other_answer);
+            }
+            (push, answer)
+        };
+        for axis in (0..6).filter(|axis| self.locked[*axis]) {
+            let own = self.answer(sides, self.axis(axis)).dot(self.axis(axis));
+            let (push, answer) = freed(&basis, self.axis(axis));
+            // An axis that the others lock already, or that nothing moves.
+            if push.dot(answer) > own * 1e-9 {
+                basis.push((push, answer));
+            }
+        }
+        freed(&basis, self.axis(motor))
+    }
+
+    /// The best row for the motor of an axis.
+    fn row(&self, axis: usize) -> Row {
+        let unit = self.axis(axis);
+        let (push, answer) = self.freed(&self.pair, axis);
+        let ease = answer.dot(unit).max(f64::MIN_POSITIVE);
+        // Velocities for each unit of the motor's, with the locked axes at rest.
+        let motion = Six {
+            linear: answer.linear / ease,
+            angular: answer.angular / ease,
+        };
+        let whole = self.held.map_or(ease, |held| {
+            let (_, answer) = self.freed(&held, axis);
+            answer.dot(unit).clamp(0.0, ease)
+        });
+        let row = |line: Line| {
+            let push = match line {
+                Line::Force(direction, point) => Six {
+                    linear: direction,
+                    angular: (point - self.anchor).cross(direction),
+                },
+                Line::Torque(direction) => Six {
+                    linear: DVec3::ZERO,
+                    angular: direction,
+                },
+            };
+            let scale = push.dot(motion);
+            let own = self.answer(&self.pair, push).dot(push);
+            Row {
+                line,
+                push,
+                scale,
+                ease: [own, (scale * scale * whole).min(own)],
+            }
+        };
+        let plain = row(match axis < 3 {
+            true => Line::Force(unit.linear, self.anchor),
+            false => Line::Torque(unit.angular),
+        });
+        let loss = |row: &Row| 1.0 - row.scale * row.scale * ease / row.ease[0];
+        let force = push.linear.length();
+        if force <= f64::MIN_POSITIVE || loss(&plain) <= LOSS {
+            return plain;
+        }
+        let direction = push.linear / force;
+        let offset = direction.cross(push.angular) / force;
+        let line = row(Line::Force(direction, self.anchor + offset));
+        let is_usable = offset.is_finite() && line.scale > 0.0;
+        if is_usable && loss(&line) < loss(&plain) {
+            line
+        } else {
+            plain
+        }
+    }
+
+    /// The push of a row on the axes that the joint locks.
+    fn along(&self, row: &Row) -> [f32; 6] {
+        [0, 1, 2, 3, 4, 5].map(|axis| match self.locked[axis] {
+            true => self.axis(axis).dot(row.push) as f32,
+            false => 0.0,
+        })
+    }
+
+    /// The joint of a motor for the next step.
+    fn motor(
+        &self,
+        axis: usize,
+        motor: &Motor,
+        row: &Row,
+        (substep, collide): (f64, bool),
+    ) -> GenericJoint {
+        let lack = f64::from(motor.position) - self.place[axis];
+        let lack = match axis < 3 {
+            true => lack,
+            false => wrapped(lack),
+        };
+        let gains = gains(row, motor, substep);
+        let (at, direction, driven) = match row.line {
+            Line::Force(direction, point) => (point, direction, JointAxis::LinX),
+            Line::Torque(direction) => (self.anchor, direction, JointAxis::AngX),
+        };
+        let turn = glam::Quat::from_rotation_arc(Vec3::X, direction.as_vec3());
+        let there = RapierPose::from_parts(at.as_vec3(), turn.normalize());
+        let [first, second] = self.poses.map(|pose| pose.inverse() * there);
+        GenericJointBuilder::new(JointAxesMask::empty())
+            .contacts_enabled(collide)
+            .local_frame1(first)
+            .local_frame2(second)
+            .motor_model(driven, MotorModel::ForceBased)
+            .set_motor(
+                driven,
+                (lack * row.scale) as f32,
+                (f64::from(motor.velocity) * row.scale) as f32,
+                gains[0] as f32,
+                gains[1] as f32,
+            )
+            .motor_max_force(driven, (f64::from(motor.force) / row.scale) as f32)
+            .build()
+    }
+}
+
+/// The angle of a lack, the short way round, radians.
+fn wrapped(angle: f64) -> f64 {
+    use std::f64::consts::{PI, TAU};
+    let turns = ((angle + PI) / TAU).floor();
+    angle - turns * TAU
+}
+
+/// Stiffness and damping of a row, N/m and N·s/m or about it, that accelerate by the motor's.
+///
+/// A substep solves each row twice. With `a` and `b` the two eases of the row and `c` the softness of the motor, a row that
+/// takes `x` of the lack for each pass gives the impulse `x · (1 + x · (a − b))`; one substep of the motor's law takes
+/// `1 / (b · (1 + c))`.
+fn gains(row: &Row, motor: &Motor, substep: f64) -> [f64; 2] {
+    let [a, b] = row.ease;
+    let (mut stiffness, mut damping) = (f64::from(motor.stiffness), f64::from(motor.damping));
+    let softness =
+        |stiffness: f64, damping: f64| 1.0 / (substep * substep * stiffness + substep * damping);
+    let mut c = softness(stiffness, damping);
+    if !c.is_finite() || !(b > 0.0) {
+        return [0.0, 0.0];
+    }
+    let wanted = 1.0 / (b * (1.0 + c));
+    let lost = a - b;
+    let mut x = match lost > a * 1e-6 {
+        true => ((1.0 + 4.0 * lost * wanted).sqrt() - 1.0) / (2.0 * lost),
+        false => wanted,
+    };
+    if x > 1.0 / a {
+        // The most that the row can do, at the same damping ratio.
+        x = 1.0 / a;
+        c = a * a / (b * (2.0 * a - b)) - 1.0;
+        let c = c.max(f64::EPSILON);
+        let ratio = damping / (2.0 * stiffness.sqrt());
+        if stiffness > 0.0 {
+            let root = ((ratio * ratio + 1.0 / c).sqrt() - ratio) / substep;
+            stiffness = root * root;
+            damping = 2.0 * ratio * root;
+        } else {
+            damping = 1.0 / (c * substep);
+        }
+    }
+    let yielding = (1.0 / x - a).max(a * 1e-6);
+    let weight = softness(stiffness, damping) / yielding;
+    [stiffness * weight, damping * weight]
+}
+
+/// What is held together with either body of a joint; `None` if that is the bodies alone, or the same on both sides.
+fn held_together(
+    world: &PhysicsWorld,
+    joint: ImpulseJointHandle,
+    bodies: [RigidBodyHandle; 2],
+    holding: &BTreeSet<(u32, u32)>,
+) -> Option<[Ease; 2]> {
+    let sides = [
+        side(world, joint, bodies, holding)?,
+        side(world, joint, [bodies[1], bodies[0]], holding)?,
+    ];
+    if sides.iter().all(|side| side.len() == 1) {
+        return None;
+    }
+    Some(sides.map(|side| together(world, &side)))
+}
+
+/// The bodies that are held together with the first of two; `None` if the second is one of them, or they are too many.
+fn side(
+    world: &PhysicsWorld,
+    joint: ImpulseJointHandle,
+    [first, second]: [RigidBodyHandle; 2],
+    holding: &BTreeSet<(u32, u32)>,
+) -> Option<Vec<RigidBodyHandle>> {
+    let (mut found, mut next) = (vec![first], VecDeque::from([first]));
+    while let Some(body) = next.pop_front() {
+        // What does not move holds all that is held by it; nothing behind it counts.
+        if !world.bodies.get(body).is_some_and(RigidBody::is_dynamic) {
+            continue;
+        }
+        for (one, other, handle, attached) in world.impulse_joints.attached_joints(body) {
+            let holds = attached.data.locked_axes == JointAxesMask::all()
+                || holding.contains(&handle.into_raw_parts());
+            if handle == joint || !holds {
+                continue;
+            }
+            let far = if one == body { other } else { one };
+            let is_enabled = world.bodies.get(far).is_some_and(RigidBody::is_enabled);
+            if !is_enabled || found.contains(&far) {
+                continue;
+            }
+            if far == second || found.len() == HELD_MAX {
+                return None;
+            }
+            found.push(far);
+            next.push_back(far);
+        }
+    }
+    Some(found)
+}
+
+/// Bodies as one. One that does not move holds all.
+fn together(world: &PhysicsWorld, bodies: &[RigidBodyHandle]) -> Ease {
+    let bodies: Vec<_> = bodies
+        .iter()
+        .filter_map(|handle| world.bodies.get(*handle))
+        .collect();
+    let fixed = Ease {
+        centre: DVec3::ZERO,
+        linear: DVec3::ZERO,
+        angular: DMat3::ZERO,
+    };
+    let eases: Vec<_> = bodies.iter().map(|body| Ease::of(body)).collect();
+    if let [alone] = &eases[..] {
+        return *alone;
+    }
+    let is_free = |ease: &Ease| ease.linear.min_element() > 0.0 && ease.angular.determinant() > 0.0;
+    if !eases.iter().all(is_free) {
+        return fixed;
+    }
+    let mass: f64 = eases.iter().map(|ease| 1.0 / ease.linear.x).sum();
+    let moment: DVec3 = eases.iter().map(|ease| ease.centre / ease.linear.x).sum();
+    let centre = moment / mass;
+    let mut inertia = DMat3::ZERO;
+    for ease in &eases {
+        let (own, arm) = (1.0 / ease.linear.x, ease.centre - centre);
+        let outer = DMat3::from_cols(arm * arm.x, arm * arm.y, arm * arm.z);
+        inertia += ease.angular.inverse() + (DMat3::IDENTITY * arm.length_squared() - outer) * own;
+    }
+    Ease {
+        centre,
+        linear: DVec3::splat(1.0 / mass),
+        angular: inertia.inverse(),
+    }
+}
+
+impl Wire for JointMotors {
+    fn encode(&self, to: &mut Writer) {
+        to.u8(u8::from(self.collide));
+        to.u8(self.motors.len() as u8);
+        for (axis, motor, handle) in &self.motors {
+            to.u8(*axis);
+            motor.encode(to);
+            let (index, generation) = handle.into_raw_parts();
+            to.varint(u64::from(index));
+            to.varint(u64::from(generation));
+        }
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        let collide = from.u8()? != 0;
+        let mut motors = Vec::new();
+        for _ in 0..from.u8()? {
+            let (axis, motor) = (from.u8()?, Motor::decode(from)?);
+            let (index, generation) = (from.varint32()?, from.varint32()?);
+            motors.push((axis, motor, of_parts((index, generation))));
+        }
+        Ok(Self {
+            motors,
+            collide,
+            pushes: Vec::new(),
+        })
+    }
+}
