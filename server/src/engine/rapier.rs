@@ -4,7 +4,13 @@
 //! after a panic, since any part may be broken. Bodies that Rapier quarantined are removed when the step returns.
 
 mod image;
+#[cfg(test)]
+mod motor_tests;
 mod sweeping;
+#[cfg(test)]
+mod sweeping_tests;
+#[cfg(test)]
+mod test_world;
 #[cfg(test)]
 mod tests;
 mod walking;

@@ -40,6 +40,12 @@ struct Push {
 /// Bodies that are taken for one rigid body at most, on either side of a joint.
 const HELD_MAX: usize = 64;
 
+/// Most that a motor along a line turns in a step, radians.
+const LINE_TURN_MAX: f64 = 1.0;
+
+/// Parts of a step in which its turn is foreseen.
+const LINE_STEPS: u32 = 8;
+
 /// A row along a line is chosen where a plain torque would lose more than this share to the other axes.
 const LOSS: f64 = 1e-3;
 
@@ -229,6 +235,10 @@ struct HeldJoint {
     locked: [bool; 6],
     /// Place of the second frame in the first, by axis: metres, radians.
     place: [f64; 6],
+    /// Relative velocity along and about the axes, m/s and rad/s.
+    rates: [f64; 6],
+    /// Length of a step, seconds.
+    step: f64,
     pair: [Ease; 2],
     held: Option<[Ease; 2]>,
 }
@@ -270,6 +280,14 @@ impl HeldJoint {
             angle(turn.y),
             angle(turn.z),
         ];
+        let anchor = frames[1].translation;
+        let [first, second] = bodies.map(|body| body.velocity_at_point(anchor).as_dvec3());
+        let linear = axes.transpose() * (second - first);
+        let [first, second] = bodies.map(|body| body.angvel().as_dvec3());
+        let angular = axes.transpose() * (second - first);
+        let rates = [
+            linear.x, linear.y, linear.z, angular.x, angular.y, angular.z,
+        ];
         let locked = joint.data.locked_axes.bits();
         let pair = bodies.map(Ease::of);
         Some(Self {
@@ -278,6 +296,8 @@ impl HeldJoint {
             axes,
             locked: [0, 1, 2, 3, 4, 5].map(|axis| locked >> axis & 1 != 0),
             place,
+            rates,
+            step: f64::from(world.integration_parameters.dt),
             pair,
             held: held_together(world, handle, handles, holding),
         })
@@ -390,6 +410,32 @@ impl HeldJoint {
         })
     }
 
+    /// Lack of position and velocity of a motor for the line of its row. A turn that is driven along a straight line covers
+    /// less of the line the farther it goes in a step.
+    fn straightened(&self, axis: usize, motor: &Motor, row: &Row, lack: f64) -> [f64; 2] {
+        let speed = f64::from(motor.velocity);
+        if axis < 3 || matches!(row.line, Line::Torque(_)) {
+            return [lack, speed];
+        }
+        let (stiffness, damping) = (f64::from(motor.stiffness), f64::from(motor.damping));
+        let steps = f64::from(LINE_STEPS);
+        let part = self.step / steps;
+        let (mut turn, mut rate) = (0.0_f64, self.rates[axis]);
+        for _ in 0..LINE_STEPS {
+            let slow = stiffness * (lack - turn) + damping * (speed - rate);
+            rate += part * slow / (1.0 + part * damping + part * part * stiffness);
+            turn += part * rate;
+        }
+        let turn = turn.clamp(-LINE_TURN_MAX, LINE_TURN_MAX);
+        let (sine, cosine) = (libm::sin(turn), libm::cos(turn));
+        let rest = match turn.abs() < LINE_TURN_MAX {
+            true => (lack - turn) * cosine,
+            false => 0.0,
+        };
+        let mean = if turn == 0.0 { 1.0 } else { sine / turn };
+        [sine + rest, speed * mean]
+    }
+
     /// The joint of a motor for the next step.
     fn motor(
         &self,
@@ -403,6 +449,7 @@ impl HeldJoint {
             true => lack,
             false => wrapped(lack),
         };
+        let [lack, speed] = self.straightened(axis, motor, row, lack);
         let gains = gains(row, motor, substep);
         let (at, direction, driven) = match row.line {
             Line::Force(direction, point) => (point, direction, JointAxis::LinX),
@@ -419,7 +466,7 @@ impl HeldJoint {
             .set_motor(
                 driven,
                 (lack * row.scale) as f32,
-                (f64::from(motor.velocity) * row.scale) as f32,
+                (speed * row.scale) as f32,
                 gains[0] as f32,
                 gains[1] as f32,
             )

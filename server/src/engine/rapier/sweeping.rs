@@ -14,8 +14,8 @@ use rapier3d::parry::bounding_volume::{Aabb, BoundingVolume};
 use rapier3d::parry::query::ShapeCastOptions;
 use rapier3d::parry::query::sweep_toi::{Sweep, SweepToiStatus, ToiProxy, sweep_time_of_impact};
 use rapier3d::prelude::{
-    Collider, ColliderHandle, ColliderSet, EventHandler, PhysicsWorld, RigidBody, RigidBodyHandle,
-    RigidBodySet, SoftBodySet,
+    Collider, ColliderHandle, ColliderSet, EventHandler, PhysicsWorld, QueryFilter, RigidBody,
+    RigidBodyHandle, RigidBodySet, SoftBodySet,
 };
 use rhumb_protocol::message::RemovalCause;
 use rhumb_reckoning::BodyId;
@@ -28,10 +28,21 @@ const PARTS_MAX: usize = 16;
 /// A body that moves by less than this share of its thickness is where a sweep against its end finds it.
 const SLOW_SHARE: f32 = 0.25;
 
+/// What a part of a step needs.
+#[derive(Default)]
+struct Plan {
+    /// The share of the rest of the step after which the first two bodies meet that Rapier would let pass.
+    share: Option<f32>,
+    /// Swept bodies on the way of fast ones. Rapier would sweep them against the places where those end, which may be
+    /// in front of them.
+    own: BTreeSet<BodyId>,
+}
+
 /// A body on its way through a step.
 struct Mover<'a> {
     handle: RigidBodyHandle,
     body: &'a RigidBody,
+    is_swept: bool,
     end: RapierPose,
     /// Around all its solids, on their whole way.
     around: Aabb,
@@ -44,29 +55,42 @@ impl RapierEngine {
         let whole = self.world.integration_parameters.dt;
         let mut left = whole;
         let ways = self.kinematic_ways();
-        for _ in 1..PARTS_MAX {
-            let Some(share) = self.first_meeting(left) else {
-                break;
-            };
-            let part = left * share;
-            self.step_part(&crossings, part, &ways, 1.0 - (left - part) / whole);
+        for number in 1..=PARTS_MAX {
+            self.lead(&ways, 1.0);
+            let plan = self.plan(left);
+            self.sweep_others(&plan.own);
+            let share = plan.share.filter(|_| number < PARTS_MAX);
+            let part = share.map_or(left, |share| left * share);
+            let way = share.map_or(1.0, |_| 1.0 - (left - part) / whole);
+            self.lead(&ways, way);
+            self.world.integration_parameters.dt = part;
+            self.world.step_with_events(&(), &crossings);
             self.discard_quarantined(lost);
             left -= part;
+            if share.is_none() {
+                break;
+            }
         }
-        self.step_part(&crossings, left, &ways, 1.0);
-        self.discard_quarantined(lost);
+        self.sweep_others(&BTreeSet::new());
         self.world.integration_parameters.dt = whole;
         self.crossed = crossings.pairs(&self.world);
     }
 
-    /// Steps a part of a step. `share`: of the way of kinematic bodies at its end.
-    fn step_part(
-        &mut self,
-        crossings: &Crossings,
-        part: f32,
-        ways: &[(RigidBodyHandle, Sweep)],
-        share: f32,
-    ) {
+    /// Has Rapier sweep all swept bodies but these.
+    fn sweep_others(&mut self, own: &BTreeSet<BodyId>) {
+        for id in &self.swept {
+            let slot = self.places.get(id.index() as usize).copied().flatten();
+            if let Some(body) = slot.and_then(|slot| self.world.bodies.get_mut(slot.handle)) {
+                let is_on = !own.contains(id);
+                if body.is_ccd_enabled() != is_on {
+                    body.enable_ccd(is_on);
+                }
+            }
+        }
+    }
+
+    /// Sends kinematic bodies to this share of their ways.
+    fn lead(&mut self, ways: &[(RigidBodyHandle, Sweep)], share: f32) {
         for (handle, way) in ways {
             if let Some(body) = self.world.bodies.get_mut(*handle) {
                 let next = match share < 1.0 {
@@ -76,8 +100,6 @@ impl RapierEngine {
                 body.set_next_kinematic_position(next);
             }
         }
-        self.world.integration_parameters.dt = part;
-        self.world.step_with_events(&(), crossings);
     }
 
     /// The ways of kinematic bodies in this step, if it may have parts.
@@ -93,67 +115,101 @@ impl RapierEngine {
         moving.map(|(handle, body)| (handle, way(body))).collect()
     }
 
-    /// The share of the rest of a step after which the first two bodies meet that Rapier would let pass.
-    fn first_meeting(&self, left: f32) -> Option<f32> {
+    /// Finds what the rest of a step needs.
+    fn plan(&self, left: f32) -> Plan {
+        let mut plan = Plan::default();
         if self.swept.is_empty() {
-            return None;
+            return plan;
         }
         let movers = self.movers(left);
         let in_reach = self.world.integration_parameters.prediction_distance() * 0.5;
-        let mut first: Option<f32> = None;
         for (place, mover) in movers.iter().enumerate() {
-            if !mover.body.is_ccd_enabled() {
+            let may_meet = |other: &Mover<'_>| {
+                other.handle != mover.handle
+                    && mover.around.intersects(&other.around)
+                    && !self.are_apart(mover.handle, other.handle)
+            };
+            if !mover.is_swept || !movers.iter().any(may_meet) {
                 continue;
             }
-            for (other_place, other) in movers.iter().enumerate() {
-                let is_twice = other.body.is_ccd_enabled() && other_place <= place;
-                if is_twice
-                    || other_place == place
-                    || !mover.around.intersects(&other.around)
-                    || self.are_apart(mover.handle, other.handle)
-                {
-                    continue;
-                }
-                let most = first.unwrap_or(1.0);
+            plan.own.insert(translate::id(mover.body));
+            let is_once = |(other, mover): &(usize, &Mover<'_>)| !mover.is_swept || *other > place;
+            let fast = movers.iter().enumerate().filter(is_once);
+            let slow = self.slow_bodies(mover, &movers, left);
+            let all = fast.map(|(_, other)| other).chain(&slow);
+            for other in all.filter(|other| may_meet(other)) {
+                let most = plan.share.unwrap_or(1.0);
                 let met = self.meeting(mover, other, most, in_reach);
-                first = met.filter(|share| *share < most).or(first);
+                plan.share = met.filter(|share| *share < most).or(plan.share);
             }
         }
-        first
+        plan
+    }
+
+    /// The bodies beside the movers on the way of one of these; they may sleep.
+    fn slow_bodies<'a>(
+        &'a self,
+        mover: &Mover<'_>,
+        movers: &[Mover<'_>],
+        left: f32,
+    ) -> Vec<Mover<'a>> {
+        let queries = self
+            .world
+            .query_pipeline_with_filter(QueryFilter::exclude_fixed());
+        let near = queries.intersect_aabb_conservative(mover.around);
+        let mut handles: Vec<_> = near.filter_map(|(_, solid)| solid.parent()).collect();
+        handles.sort_unstable_by_key(|handle| handle.into_raw_parts());
+        handles.dedup();
+        handles.retain(|handle| movers.iter().all(|mover| mover.handle != *handle));
+        let bodies = handles.into_iter().filter_map(|handle| {
+            let body = self.world.bodies.get(handle)?;
+            self.mover((handle, body), left).map(|(mover, _)| mover)
+        });
+        bodies.collect()
     }
 
     /// The swept bodies, and the others that move fast for their size.
     fn movers(&self, left: f32) -> Vec<Mover<'_>> {
-        let bodies = self.world.active_bodies();
-        let movers = bodies.filter_map(|(handle, body)| {
-            let end = match body.is_kinematic() {
-                true => *body.next_position(),
-                false => body.predict_position_using_velocity_and_forces(left),
-            };
-            let (mut around, mut thickness) = (None::<Aabb>, f32::MAX);
-            for collider in body.colliders() {
-                let collider = self.world.colliders.get(*collider)?;
-                if collider.is_sensor() {
-                    continue;
-                }
-                let within = collider.position_wrt_parent().copied().unwrap_or_default();
-                let shape = collider.shape();
-                let ways = [body.position(), &end].map(|pose| shape.compute_aabb(&(pose * within)));
-                let both = ways[0].merged(&ways[1]);
-                thickness = thickness.min(ways[0].extents().min_element());
-                around = Some(around.map_or(both, |around| around.merged(&both)));
-            }
-            let way = (end.translation - body.translation()).length();
+        let movers = self.world.active_bodies().filter_map(|active| {
+            let (mover, thickness) = self.mover(active, left)?;
+            let way = (mover.end.translation - mover.body.translation()).length();
             let is_fast = way > thickness * SLOW_SHARE;
-            let mover = Mover {
-                handle,
-                body,
-                end,
-                around: around?,
-            };
-            (is_fast || body.is_ccd_enabled()).then_some(mover)
+            (is_fast || mover.is_swept).then_some(mover)
         });
         movers.collect()
+    }
+
+    /// A body on its way, and the thickness of its thinnest solid; `None` for one that nothing can meet.
+    fn mover<'a>(
+        &'a self,
+        (handle, body): (RigidBodyHandle, &'a RigidBody),
+        left: f32,
+    ) -> Option<(Mover<'a>, f32)> {
+        let end = match body.is_kinematic() {
+            true => *body.next_position(),
+            false => body.predict_position_using_velocity_and_forces(left),
+        };
+        let (mut around, mut thickness) = (None::<Aabb>, f32::MAX);
+        for collider in body.colliders() {
+            let collider = self.world.colliders.get(*collider)?;
+            if collider.is_sensor() {
+                continue;
+            }
+            let within = collider.position_wrt_parent().copied().unwrap_or_default();
+            let shape = collider.shape();
+            let ways = [body.position(), &end].map(|pose| shape.compute_aabb(&(pose * within)));
+            let both = ways[0].merged(&ways[1]);
+            thickness = thickness.min(ways[0].extents().min_element());
+            around = Some(around.map_or(both, |around| around.merged(&both)));
+        }
+        let mover = Mover {
+            handle,
+            body,
+            is_swept: self.swept.contains(&translate::id(body)),
+            end,
+            around: around?,
+        };
+        Some((mover, thickness))
     }
 
     /// True if a joint keeps two bodies from touching.
