@@ -87,8 +87,8 @@ pub use rhumb_transport::{
 #[cfg(feature = "queries")]
 pub use rhumb_view::{CopyAnswer, CopyQueries};
 pub use rhumb_view::{
-    InvalidTicks, JoinMode, PipelineDepth, RESUME_WITHIN, RefusalReason, RefusedRequest,
-    RenderParams, RenderTime, View,
+    BodyCentres, InvalidTicks, JoinMode, PipelineDepth, RESUME_WITHIN, RefusalReason,
+    RefusedRequest, RenderParams, RenderTime, View,
 };
 pub use server_connection::ServerConnection;
 pub use statistics::Statistics;

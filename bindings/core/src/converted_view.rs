@@ -3,7 +3,7 @@
 //! In Rhumb's own coordinates, nothing is copied. In others, an array is converted when it is first read in a frame.
 
 use glam::{Quat, Vec3};
-use rhumb_client::View;
+use rhumb_client::{BodyCentres, View};
 
 use crate::body_word::body_word;
 use crate::coordinates::Coordinates;
@@ -84,13 +84,20 @@ impl ConvertedView {
             .get(view.removed().iter().map(|id| body_word(*id)))
     }
 
-    pub(crate) fn positions<'a>(&'a mut self, view: &'a View) -> &'a [Vec3] {
+    pub(crate) fn positions<'a>(&'a mut self, view: &'a View, centres: &BodyCentres) -> &'a [Vec3] {
         let coordinates = self.coordinates;
         let values = view.positions();
-        match coordinates {
-            Coordinates::Rhumb => values,
-            _ => (self.positions).get(values.iter().map(|v| coordinates.vector_out(*v))),
+        if centres.is_empty() {
+            return match coordinates {
+                Coordinates::Rhumb => values,
+                _ => (self.positions).get(values.iter().map(|v| coordinates.vector_out(*v))),
+            };
         }
+        let bodies = view.ids().iter().zip(values).zip(view.rotations());
+        let origins = bodies.map(|((id, position), rotation)| {
+            coordinates.vector_out(centres.position_out(*id, *position, *rotation))
+        });
+        self.positions.get(origins)
     }
 
     pub(crate) fn rotations<'a>(&'a mut self, view: &'a View) -> &'a [Quat] {

@@ -12,6 +12,8 @@ use rhumb_client::{
     ServerConnection, Statistics, Tick,
 };
 
+use rhumb_client::BodyCentres;
+
 use crate::body_params::BodyParams;
 use crate::contacts::{ContactRecord, Contacts};
 use crate::converted_view::ConvertedView;
@@ -67,6 +69,7 @@ pub struct RemoteScene {
     refusals: VecDeque<RefusalRecord>,
     /// Of the last [`Self::error_bounds`].
     error_bounds: Vec<f32>,
+    centres: BodyCentres,
 }
 
 impl RemoteScene {
@@ -90,6 +93,7 @@ impl RemoteScene {
             heard: HeardBodies::default(),
             refusals: VecDeque::new(),
             error_bounds: Vec::new(),
+            centres: BodyCentres::default(),
         })
     }
 
@@ -101,6 +105,9 @@ impl RemoteScene {
 
     /// Queues the addition of bodies, and returns their ids in the same order. If one is wrong, none is added.
     ///
+    /// A hull or compound may be given from anywhere: its centre of mass is found, and poses, anchors and mounts of the
+    /// body stay those of the origin that its points have. Other members see the body from its centre of mass.
+    ///
     /// # Errors
     ///
     /// As [`Client::add_bodies`].
@@ -108,7 +115,9 @@ impl RemoteScene {
         let coordinates = self.coordinates();
         let builders = bodies.iter().map(|body| body.builder(coordinates));
         let builders: Vec<_> = builders.collect::<Result<_, _>>()?;
+        let (builders, centres) = BodyCentres::centred(builders);
         let ids = self.client.add_bodies(builders)?;
+        self.centres.keep(&ids, &centres);
         ids.iter().for_each(|id| self.heard.add(*id));
         Ok(ids)
     }
@@ -122,7 +131,7 @@ impl RemoteScene {
         let coordinates = self.coordinates();
         let converted: Vec<_> = commands
             .into_iter()
-            .map(|command| coordinates.command_in(command))
+            .map(|command| self.centres.command_in(coordinates.command_in(command)))
             .collect();
         for command in &converted {
             command.check()?;
@@ -171,6 +180,7 @@ impl RemoteScene {
                 coordinates.vector_in(state.linear_velocity).to_array(),
                 coordinates.angular_in(state.angular_velocity).to_array(),
             )?;
+            let body_state = self.centres.state_in(state.body, body_state)?;
             Ok((state.body, body_state))
         });
         let converted = converted.collect::<Result<Vec<_>, BindingError>>()?;
@@ -199,6 +209,7 @@ impl RemoteScene {
     pub fn advance(&mut self, depth: PipelineDepth) -> Result<Tick, BindingError> {
         self.begin_view();
         let advanced = self.client.advance(depth);
+        self.centres.forget(self.client.view().removed());
         self.reported(advanced)
     }
 
@@ -210,6 +221,7 @@ impl RemoteScene {
     pub fn wait(&mut self, depth: PipelineDepth) -> Result<Tick, BindingError> {
         self.begin_view();
         let waited = self.client.wait(depth);
+        self.centres.forget(self.client.view().removed());
         self.reported(waited)
     }
 
@@ -221,6 +233,7 @@ impl RemoteScene {
     pub fn poll(&mut self) -> Result<RenderTime, BindingError> {
         self.begin_view();
         let polled = self.client.poll();
+        self.centres.forget(self.client.view().removed());
         self.reported(polled)
     }
 
@@ -366,9 +379,16 @@ impl RemoteScene {
         self.view.bodies(self.client.view())
     }
 
-    /// Centres of mass.
+    /// Centres of mass; of a body that this client added, the origin that its shape was given from.
     pub fn positions(&mut self) -> &[Vec3] {
-        self.view.positions(self.client.view())
+        self.view.positions(self.client.view(), &self.centres)
+    }
+
+    /// The centre of mass of a body in its own axes, in units of length from its position: not zero for a hull or compound
+    /// that this client gave from elsewhere.
+    #[must_use]
+    pub fn centre(&self, body: BodyId) -> Vec3 {
+        self.coordinates().vector_out(self.centres.centre(body))
     }
 
     /// Rotations body → world.

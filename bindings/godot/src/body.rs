@@ -279,11 +279,12 @@ impl BodyNode {
             sleep: (!self.can_sleep).then_some(Sleep::Never),
             ..BodyParams::new(kind, placed.shape)
         };
-        let builder = params.builder(AXES)?;
+        // A shape that is not given from its centre of mass is moved there, and the origin with it.
+        let (builder, centre) = params.builder(AXES)?.centred();
         // One that the client would refuse must not keep its siblings out.
         builder.check()?;
         builder.state()?;
-        Ok((builder, placed.origin))
+        Ok((builder, placed.origin + AXES.vector_out(centre)))
     }
 
     /// `None`: the scene's.

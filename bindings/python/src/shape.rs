@@ -163,6 +163,16 @@ impl PyShape {
         Self::checked(py, Compound::new(parts).map(scene::Shape::Compound))
     }
 
+    #[getter]
+    fn centre(&self) -> (f32, f32, f32) {
+        self.shape.centre().unwrap_or_default().into()
+    }
+
+    fn centred(&self) -> (Self, (f32, f32, f32)) {
+        let (shape, centre) = self.shape.centred();
+        (Self { shape }, centre.into())
+    }
+
     fn __repr__(&self) -> String {
         written(&self.shape)
     }

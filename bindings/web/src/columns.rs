@@ -2,10 +2,11 @@
 //!
 //! Invariant: after an update, each column has one entry per body of the view, in its order.
 
+use glam::{Quat, Vec3};
 use rhumb_protocol::scene::BodyKind;
 use rhumb_protocol::session::Replica;
 use rhumb_reckoning::{BodyId, Tick, Tolerance};
-use rhumb_view::View;
+use rhumb_view::{BodyCentres, View};
 
 use crate::argument::id_number;
 
@@ -22,6 +23,10 @@ pub(crate) struct Columns {
     pub(crate) update_ticks: Vec<f64>,
     pub(crate) error_bounds: Vec<f32>,
     pub(crate) tolerances: Vec<f32>,
+    /// Origins of the bodies, if one of them is not its centre of mass; otherwise empty.
+    pub(crate) origins: Vec<Vec3>,
+    /// Of the bodies that this page added from elsewhere than their centres of mass.
+    pub(crate) centres: BodyCentres,
     pub(crate) generation: u32,
     /// True if the description of a body may have changed since the last update.
     pub(crate) described_anew: bool,
@@ -30,6 +35,18 @@ pub(crate) struct Columns {
 }
 
 impl Columns {
+    fn put_origins(&mut self, view: &View) {
+        self.centres.forget(view.removed());
+        self.origins.clear();
+        if !self.centres.is_empty() {
+            let bodies = view.ids().iter().zip(view.positions()).zip(view.rotations());
+            let origin = |((id, position), rotation): ((&BodyId, &Vec3), &Quat)| {
+                self.centres.position_out(*id, *position, *rotation)
+            };
+            self.origins.extend(bodies.map(origin));
+        }
+    }
+
     /// Follows the view; costs little unless bodies came or went.
     pub(crate) fn update(&mut self, view: &View, replica: Option<&Replica>) {
         self.resting.clear();
@@ -41,6 +58,7 @@ impl Columns {
         self.removed.clear();
         self.removed
             .extend(view.removed().iter().map(|id| id_number(*id)));
+        self.put_origins(view);
         // A delayed view comes to a change of a body later than its description.
         let stream = replica.map(Replica::stream);
         let was_changing = std::mem::replace(

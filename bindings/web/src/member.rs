@@ -372,6 +372,7 @@ impl WebMember {
 
     pub(crate) fn command(&mut self, command: Command) -> Result<u64, Failure> {
         let (joined, session) = self.joined()?;
+        let command = joined.columns.centres.command_in(command);
         Ok(joined.ids.command(session, command)?)
     }
 
@@ -386,10 +387,12 @@ impl WebMember {
 
     /// Queues bodies, all or none; fails with `noIds` after it has requested more ids.
     pub(crate) fn add_bodies(&mut self, bodies: &[BodyBuilder]) -> Result<Vec<BodyId>, Failure> {
+        let (centred, centres) = BodyCentres::centred(bodies.iter().cloned());
         let mut checked = Vec::with_capacity(bodies.len());
-        for body in bodies {
+        for body in centred {
             body.check().map_err(Misuse::Invalid)?;
-            checked.push((body.clone(), body.state().map_err(Misuse::Invalid)?));
+            let state = body.state().map_err(Misuse::Invalid)?;
+            checked.push((body, state));
         }
         let (joined, session) = self.joined()?;
         let count = u32::try_from(bodies.len()).unwrap_or(u32::MAX);
@@ -399,7 +402,9 @@ impl WebMember {
             let why = "the server must grant more body ids first: repeat the call after the event reserved";
             return Err(Failure::of("noIds", why));
         }
-        Ok(joined.ids.add_bodies(session, &checked)?)
+        let ids = joined.ids.add_bodies(session, &checked)?;
+        joined.columns.centres.keep(&ids, &centres);
+        Ok(ids)
     }
 
     pub(crate) fn take_authority(
@@ -417,6 +422,12 @@ impl WebMember {
         states: &[(BodyId, BodyState)],
     ) -> Result<Option<Tick>, Failure> {
         let (joined, session) = self.joined()?;
+        let centres = &joined.columns.centres;
+        let centred = states.iter().map(|(id, state)| {
+            let state = centres.state_in(*id, *state).map_err(Invalid::from);
+            Ok((*id, state.map_err(Misuse::Invalid)?))
+        });
+        let states = &centred.collect::<Result<Vec<_>, Misuse>>()?;
         let config = *joined.live_view.config();
         match config.stepping {
             Stepping::FreeRunning => Ok(joined.upstream_clock.publish(session, now, states)?),

@@ -6,6 +6,7 @@
 #![forbid(unsafe_code)]
 
 mod add_error;
+mod body_centres;
 mod client_ids;
 #[cfg(feature = "queries")]
 mod copy_queries;
@@ -30,6 +31,7 @@ mod upstream_clock;
 mod view;
 
 pub use add_error::AddError;
+pub use body_centres::BodyCentres;
 pub use client_ids::ClientIds;
 #[cfg(feature = "queries")]
 pub use copy_queries::{CopyAnswer, CopyQueries};

@@ -389,14 +389,15 @@ impl Invalid {
 
     /// Adds what helps against a number above its limit.
     pub(super) fn advised(mut self, sentence: &'static str) -> Self {
-        match &mut self.found {
-            Found::Number {
-                value,
-                most,
-                advice,
-                ..
-            } if value > most => *advice = Some(sentence),
-            _ => {}
+        if let Found::Number {
+            value,
+            most,
+            advice,
+            ..
+        } = &mut self.found
+            && *value > *most
+        {
+            *advice = Some(sentence);
         }
         self
     }

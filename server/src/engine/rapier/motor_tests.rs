@@ -67,7 +67,7 @@ fn a_hinge_follows_the_law_with_any_lever_and_body() {
                 Motor::with_velocity(-0.8, 60.0),
             ] {
                 let mut world = TestWorld::new(Vec3::ZERO);
-                let post = world.add(BodyKind::Static, Shape::ball(0.05), Vec3::ZERO, |_| ());
+                let post = world.add(BodyKind::Fixed, Shape::ball(0.05), Vec3::ZERO, |_| ());
                 let door = world.add(BodyKind::Dynamic, shape.clone(), lever, |_| ());
                 world.join(&hinge([post, door], [Vec3::ZERO, -lever], motor));
                 let off = off(&motor, || {
@@ -111,7 +111,7 @@ fn a_slide_off_the_centre_of_mass_follows_the_law() {
             Motor::with_velocity(1.0, 10.0),
         ] {
             let mut world = TestWorld::new(Vec3::ZERO);
-            let rail = world.add(BodyKind::Static, Shape::ball(0.05), Vec3::ZERO, |_| ());
+            let rail = world.add(BodyKind::Fixed, Shape::ball(0.05), Vec3::ZERO, |_| ());
             let cart = world.add(
                 BodyKind::Dynamic,
                 Shape::cuboid(0.2, 0.1, 0.1),
@@ -136,7 +136,7 @@ fn a_generic_joint_with_one_free_turn_follows_the_law() {
     let motor = Motor::at_position(1.0, 100.0, 20.0);
     for axis in 3..6 {
         let mut world = TestWorld::new(Vec3::ZERO);
-        let post = world.add(BodyKind::Static, Shape::ball(0.05), Vec3::ZERO, |_| ());
+        let post = world.add(BodyKind::Fixed, Shape::ball(0.05), Vec3::ZERO, |_| ());
         let lever = Vec3::new(0.6, 0.5, 0.7);
         let door = world.add(
             BodyKind::Dynamic,
@@ -165,7 +165,7 @@ fn a_generic_joint_with_one_free_turn_follows_the_law() {
 fn each_hinge_of_a_chain_comes_to_rest_at_its_target_without_overshoot() {
     for links in 2..=3 {
         let mut world = TestWorld::new(Vec3::ZERO);
-        let mut before = world.add(BodyKind::Static, Shape::ball(0.05), Vec3::ZERO, |_| ());
+        let mut before = world.add(BodyKind::Fixed, Shape::ball(0.05), Vec3::ZERO, |_| ());
         let mut anchor = Vec3::ZERO;
         let mut chain = Vec::new();
         for link in 0..links {
@@ -196,7 +196,7 @@ fn each_hinge_of_a_chain_comes_to_rest_at_its_target_without_overshoot() {
 fn a_motor_moves_what_is_fixed_to_its_body() {
     let motor = Motor::at_position(1.0, 100.0, 20.0);
     let mut world = TestWorld::new(Vec3::ZERO);
-    let post = world.add(BodyKind::Static, Shape::ball(0.05), Vec3::ZERO, |_| ());
+    let post = world.add(BodyKind::Fixed, Shape::ball(0.05), Vec3::ZERO, |_| ());
     let boom = world.add(
         BodyKind::Dynamic,
         Shape::cuboid(0.05, 0.5, 0.05),
@@ -218,7 +218,7 @@ fn a_motor_moves_what_is_fixed_to_its_body() {
 fn a_motor_beyond_the_engine_keeps_its_damping() {
     for (stiffness, damping) in [(1e4, 200.0), (1e6, 2e3)] {
         let mut world = TestWorld::new(Vec3::ZERO);
-        let post = world.add(BodyKind::Static, Shape::ball(0.05), Vec3::ZERO, |_| ());
+        let post = world.add(BodyKind::Fixed, Shape::ball(0.05), Vec3::ZERO, |_| ());
         let bob = world.add(BodyKind::Dynamic, Shape::ball(0.1), Vec3::Y * 2.0, |_| ());
         let motor = Motor::at_position(1.0, stiffness, damping);
         world.join(&hinge([post, bob], [Vec3::ZERO, -Vec3::Y * 2.0], motor));
@@ -235,7 +235,7 @@ fn a_motor_beyond_the_engine_keeps_its_damping() {
 #[test]
 fn a_motor_gives_no_more_than_its_torque() {
     let mut world = TestWorld::new(Vec3::ZERO);
-    let post = world.add(BodyKind::Static, Shape::ball(0.05), Vec3::ZERO, |_| ());
+    let post = world.add(BodyKind::Fixed, Shape::ball(0.05), Vec3::ZERO, |_| ());
     let bob = world.add(BodyKind::Dynamic, Shape::ball(0.1), Vec3::Y, |desc| {
         desc.mass = Some(rhumb_protocol::scene::Mass {
             mass: 2.0,

@@ -201,9 +201,7 @@ fn a_thin_sensor_sees_a_fast_body_as_an_integrated_rapier_does() {
                 let offset = -speed * 0.5 - phase as f32 * 0.17 * speed / 60.0;
                 let mut world = TestWorld::new(Vec3::ZERO);
                 let gate = Shape::cuboid(thickness * 0.5, 2.0, 2.0);
-                let gate = world.add(BodyKind::Static, gate, Vec3::ZERO, |desc| {
-                    desc.sensor = true
-                });
+                let gate = world.add(BodyKind::Fixed, gate, Vec3::ZERO, |desc| desc.sensor = true);
                 let ball = world.add(
                     BodyKind::Dynamic,
                     Shape::ball(0.05),
