@@ -186,6 +186,15 @@ public:
     /// Several shapes, none of which is a compound.
     static Shape compound(const std::vector<Part>& parts);
 
+    /// The centre of mass, from the origin in the axes of the shape: another for hulls and compounds alone. Poses of a body
+    /// of such a shape are those of its origin, for the client that added it.
+    Vec3 centre() const {
+        const RhumbShape shape = raw();
+        Vec3 centre{};
+        throw_unless_ok(rhumb_shape_centre(&shape, &centre.x));
+        return centre;
+    }
+
     /// The struct of rhumb.h; valid as long as this shape.
     RhumbShape raw() const noexcept {
         RhumbShape raw = raw_;

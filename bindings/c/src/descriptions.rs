@@ -143,6 +143,29 @@ pub unsafe extern "C" fn rhumb_body_desc_init(desc: *mut RhumbBodyDesc) -> Rhumb
     guard(|| unsafe { write(desc, RhumbBodyDesc::PLAIN, "desc") })
 }
 
+/// The centre of mass of a shape of even density, three coordinates from its origin in its own axes. Hulls and compounds
+/// alone have another than their origin.
+///
+/// A body of such a shape is placed by its origin, and so is every pose of it that this client gives and gets; forces act at
+/// the centre. Other members see the body from its centre of mass.
+///
+/// # Safety
+///
+/// `shape` points to a `RhumbShape`, its pointers to as much as it says, and `centre` to memory for three floats.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn rhumb_shape_centre(
+    shape: *const RhumbShape,
+    centre: *mut f32,
+) -> RhumbCode {
+    guard(|| {
+        // SAFETY: the caller promises the shape and what it points to.
+        let found = unsafe { value(shape, "shape")?.shape()? }.centre();
+        let found = found.unwrap_or_default().to_array();
+        // SAFETY: the caller promises the memory.
+        unsafe { write(centre.cast::<[f32; 3]>(), found, "centre") }
+    })
+}
+
 impl RhumbShape {
     pub(crate) const PLAIN: Self = Self {
         kind: RhumbShapeKind::Ball as u32,

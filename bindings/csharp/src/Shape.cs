@@ -144,6 +144,29 @@ namespace Rhumb
             return shape;
         }
 
+        /// <summary>
+        /// The centre of mass, from the origin in the axes of the shape: another for hulls and compounds alone. Poses of a
+        /// body of such a shape are those of its origin, for the client that added it.
+        /// </summary>
+        public unsafe Vec3 Centre
+        {
+            get
+            {
+                var pins = new List<GCHandle>();
+                try
+                {
+                    RhumbShape shape = Pinned(pins);
+                    float* centre = stackalloc float[3];
+                    RhumbException.Check(Native.rhumb_shape_centre(&shape, centre));
+                    return new Vec3(centre[0], centre[1], centre[2]);
+                }
+                finally
+                {
+                    pins.ForEach(pin => pin.Free());
+                }
+            }
+        }
+
         /// <summary>True if it points to nothing: simple shapes do.</summary>
         internal bool IsSimple
         {

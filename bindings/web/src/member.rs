@@ -4,14 +4,14 @@
 
 use rhumb_protocol::message::{StreamChoice, TierPolicy};
 use rhumb_protocol::packet::LargestPacket;
-use rhumb_protocol::scene::{BodyBuilder, Command, IdRange, Query, Stepping};
+use rhumb_protocol::scene::{BodyBuilder, Command, IdRange, Invalid, Query, Stepping};
 use rhumb_protocol::session::{ClientSession, CloseCode, Event, Misuse, Replica};
 use rhumb_protocol::stream::Subscriber;
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance};
 use rhumb_view::{
-    ClientIds, JoinError, Joining, LiveView, RESUME_WITHIN, RefusedRequest, RenderTime,
-    UpstreamClock, View, may_resume,
+    BodyCentres, ClientIds, JoinError, Joining, LiveView, RESUME_WITHIN, RefusedRequest,
+    RenderTime, UpstreamClock, View, may_resume,
 };
 use serde_json::{Value, json};
 

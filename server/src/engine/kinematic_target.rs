@@ -52,7 +52,7 @@ const RHYTHM: usize = 8;
 const INTERVAL_SECONDS_MAX: f64 = 0.25;
 
 /// Speed beyond which a pose is a jump, m/s: nothing that is carried or pushed can follow.
-const JUMP_SPEED: f64 = 50.0;
+const JUMP_SPEED: f64 = 100.0;
 
 /// Turn in a step beyond which a pose is a jump: a quarter of a turn, as the cosine of half of it.
 const JUMP_TURN: f64 = core::f64::consts::FRAC_1_SQRT_2;
@@ -453,7 +453,7 @@ mod tests {
             rotation: DQuat::from_rotation_y(1.7),
             ..Pose::IDENTITY
         };
-        for far in [at(0.9), quarter] {
+        for far in [at(1.7), quarter] {
             let mut kinematic_target = KinematicTarget::at(Pose::IDENTITY);
             kinematic_target.go_to(far, INTEGRATOR);
             assert_eq!(

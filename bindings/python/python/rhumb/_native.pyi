@@ -128,7 +128,7 @@ class Shape:
         """Everything behind a plane, whose normal points out of it. For fixed bodies."""
     @staticmethod
     def hull(points: npt.ArrayLike) -> Shape:
-        """The convex hull of 4 to 255 points: rows of three numbers."""
+        """The convex hull of rows of three numbers, from any origin: see centre. At most 255 corners; other points are left out."""
     @staticmethod
     def mesh(points: npt.ArrayLike, triangles: npt.ArrayLike, *, edges: Optional[_Edges] = None) -> Shape:
         """A mesh of triangles, each a row of three places of points. For fixed and kinematic bodies.
@@ -147,7 +147,17 @@ class Shape:
         """
     @staticmethod
     def compound(parts: Sequence[Union[Tuple[Shape, _Vector], Tuple[Shape, _Vector, _Rotation]]]) -> Shape:
-        """Several shapes in the axes of a body, from its centre of mass: shape, position, and a rotation if it is turned."""
+        """Several shapes in the axes of a body: shape, position, and a rotation if it is turned."""
+    @property
+    def centre(self) -> Tuple[float, float, float]:
+        """The centre of mass at an even density, from the origin of the shape and in its axes.
+
+        Hulls and compounds alone have another than the origin. A body of such a shape is placed by the origin, and so is
+        every pose of it that this client gives and gets; forces act at the centre. Other members see the body from its
+        centre of mass.
+        """
+    def centred(self) -> Tuple[Shape, Tuple[float, float, float]]:
+        """The shape moved so that its centre of mass is the origin, and the centre: where that was."""
 
 @final
 class Joint:
