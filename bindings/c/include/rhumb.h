@@ -988,6 +988,18 @@ RhumbCode rhumb_connection_close(struct RhumbConnection connection);
 // `desc` points to memory for a `RhumbBodyDesc`.
 RhumbCode rhumb_body_desc_init(struct RhumbBodyDesc *desc);
 
+// The centre of mass of a shape of even density, three coordinates from its origin in its own axes. Hulls and compounds
+// alone have another than their origin.
+//
+// A body of such a shape is placed by its origin, and so is every pose of it that this client gives and gets; forces act at
+// the centre. Other members see the body from its centre of mass.
+//
+// # Safety
+//
+// `shape` points to a `RhumbShape`, its pointers to as much as it says, and `centre` to memory for three floats.
+RhumbCode rhumb_shape_centre(const struct RhumbShape *shape,
+                             float *centre);
+
 // Takes the oldest unread event. If there is none, the kind is `RHUMB_EVENT_KIND_NONE`.
 //
 // # Safety

@@ -62,6 +62,20 @@ namespace Rhumb
         public static extern RhumbCode rhumb_body_desc_init(RhumbBodyDesc* desc);
 
         /// <summary>
+        ///  The centre of mass of a shape of even density, three coordinates from its origin in its own axes. Hulls and compounds
+        ///  alone have another than their origin.
+        ///
+        ///  A body of such a shape is placed by its origin, and so is every pose of it that this client gives and gets; forces act at
+        ///  the centre. Other members see the body from its centre of mass.
+        ///
+        ///  # Safety
+        ///
+        ///  `shape` points to a `RhumbShape`, its pointers to as much as it says, and `centre` to memory for three floats.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_shape_centre", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_shape_centre(RhumbShape* shape, float* centre);
+
+        /// <summary>
         ///  Connects to a server. Join a scene with the connection, or close it.
         ///
         ///  Every text ends with a zero byte and is UTF-8. All are copied.
