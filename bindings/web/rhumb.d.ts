@@ -551,6 +551,11 @@ export interface ActiveEvents {
 export type Command =
   | { readonly kind: "removeBody"; readonly id: BodyId }
   | { readonly kind: "changeBody"; readonly desc: BodyDesc }
+  /**
+   * Puts a fixed or dynamic body elsewhere at once, and moves a kinematic one there during the next tick. If poses of a
+   * kinematic body come more seldom than ticks, up to four a second, it moves evenly from one to the next and carries what
+   * lies on it. A pose beyond 100 m/s or a quarter of a turn in a tick is a jump that shoves nothing.
+   */
   | { readonly kind: "setPose"; readonly id: BodyId; readonly position: Vec3; readonly rotation: Quat }
   | { readonly kind: "setVelocity"; readonly id: BodyId; readonly linear: Vec3; readonly angular: Vec3 }
   | { readonly kind: "force"; readonly id: BodyId; readonly force: Vec3; readonly point?: Vec3 }

@@ -153,7 +153,7 @@ impl RhumbClient {
         self.command(Command::TorqueImpulse { id, impulse })
     }
 
-    /// Puts a body's centre of mass elsewhere, and turns the body.
+    /// Puts a body's centre of mass elsewhere, and turns the body: a kinematic one as [`Command::SetPose`] says.
     ///
     /// # Errors
     ///

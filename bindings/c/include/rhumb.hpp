@@ -592,6 +592,8 @@ inline RhumbCommand make_at(RhumbCommandKind kind, Body body, Vec3 vector, Vec3 
 
 inline RhumbCommand remove_body(Body body) { return make(RHUMB_COMMAND_KIND_REMOVE_BODY, body); }
 
+/// Puts a fixed or dynamic body elsewhere at once, and moves a kinematic one there during the next tick: see
+/// RHUMB_COMMAND_KIND_SET_POSE.
 inline RhumbCommand set_pose(Body body, Vec3 position, Quat rotation) {
     RhumbCommand command = make(RHUMB_COMMAND_KIND_SET_POSE, body, position);
     command.rotation[0] = rotation.x;

@@ -154,7 +154,9 @@ pub enum RhumbJumpFrom {
 pub enum RhumbCommandKind {
     /// Removes `body`.
     RemoveBody,
-    /// Moves `body` to the position `vector` and to `rotation`.
+    /// Moves `body` to the position `vector` and to `rotation`: at once, or a kinematic one during the next tick. If poses of
+    /// a kinematic body come more seldom than ticks, up to four a second, it moves evenly from one to the next and carries
+    /// what lies on it. A pose beyond 100 m/s or a quarter of a turn in a tick is a jump that shoves nothing.
     SetPose,
     /// Gives `body` the velocity `vector` and the angular velocity `angular`.
     SetVelocity,

@@ -12,6 +12,11 @@ namespace Rhumb
             return Make(RhumbCommandKind.RemoveBody, body, default(Vec3));
         }
 
+        /// <summary>
+        /// Puts a fixed or dynamic body elsewhere at once, and moves a kinematic one there during the next tick. If poses of a
+        /// kinematic body come more seldom than ticks, up to four a second, it moves evenly from one to the next and carries
+        /// what lies on it. A pose beyond 100 m/s or a quarter of a turn in a tick is a jump that shoves nothing.
+        /// </summary>
         public static unsafe Command SetPose(Body body, Vec3 position, Quat rotation)
         {
             Command command = Make(RhumbCommandKind.SetPose, body, position);

@@ -6,7 +6,8 @@ use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 
 /// A motor: accelerates the second body against the first by `stiffness` times what the position lacks plus `damping`
-/// times what the velocity lacks, whatever their masses.
+/// times what the velocity lacks, whatever their masses and the distance of the axis from their centres. What is fixed to
+/// either body, or held there by motors, moves along. A motor too stiff for the engine is slower, at the same damping ratio.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Motor {
     /// Metres or radians.

@@ -43,7 +43,7 @@ pub enum Shape {
         /// Metres.
         radius: f32,
     },
-    /// A convex hull, in coordinates from the body's centre of mass.
+    /// A convex hull, in coordinates from the body's centre of mass: see [`Self::centred`] for points from elsewhere.
     Hull(Hull),
     /// Height field: for bodies that no engine moves.
     Heights(Heights),

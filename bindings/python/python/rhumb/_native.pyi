@@ -501,7 +501,12 @@ class Scene:
         """Removes bodies, and the joints of each."""
     def set_pose(self, body: _Bodies, position: _Vector, rotation: Optional[_Rotation] = None) -> Optional[int]:
         """Places fixed and dynamic bodies at once; kinematic ones move there during the next tick. Unturned without a
-        rotation."""
+        rotation.
+
+        Poses of a kinematic body may come more seldom than ticks, up to four a second: it then moves evenly from one to the
+        next, carries what lies on it, and stops at the last one. A pose beyond 100 m/s or a quarter of a turn in a tick is a
+        jump that shoves nothing. If set_velocity follows, the body is there after one tick and goes on at that velocity.
+        """
     def set_velocity(self, body: _Bodies, linear: _Vector, angular: Optional[_Vector] = None) -> Optional[int]:
         """Sets velocities, in units of length per second and rad/s; a kinematic body keeps them. No spin without one."""
     def apply_force(self, body: _Bodies, force: _Vector, point: Optional[_Vector] = None) -> Optional[int]:
