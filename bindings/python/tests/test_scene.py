@@ -288,6 +288,45 @@ def test_a_compound_rests_on_its_parts(scene):
         rhumb.Shape.compound([ball])
 
 
+def test_a_shape_from_a_corner_lies_and_tips_as_its_points_say(scene):
+    scene.add_body(rhumb.Shape.cuboid(20, 0.5, 20), (0, -0.5, 0), "fixed")
+    scene.add_body(rhumb.Shape.cuboid(1, 1, 1), (-0.7, 1, 0.5), "fixed")
+    cube = rhumb.Shape.hull([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+    half = rhumb.Shape.cuboid(0.5, 0.5, 0.5)
+    angle = rhumb.Shape.compound([(half, (0.5, 0.5, 0.5)), (half, (0.5, 1.5, 0.5))])
+    assert np.allclose(cube.centre, (0.5, 0.5, 0.5)) and np.allclose(angle.centre, (0.5, 1, 0.5))
+    moved, centre = cube.centred()
+    assert np.allclose(centre, (0.5, 0.5, 0.5)) and moved.centre == (0, 0, 0)
+    bodies = [scene.add_body(shape, (0, 2, 10 * z)) for z, shape in enumerate((cube, angle))]
+    scene.advance()
+    assert np.allclose(scene.positions[scene.places(bodies)][0], (0, 2, 0), atol=0.06)
+    scene.advance(ticks=239)
+    assert scene.positions[scene.place(bodies[0])][1] < 1.5
+    turn = (0, 0, math.sqrt(0.5), math.sqrt(0.5))
+    scene.set_gravity((0, 0, 0))
+    scene.set_pose(bodies, [(5, 5, 5), (9, 9, 9)], turn)
+    scene.set_velocity(bodies, (0, 0, 0), (0, 0, 0))
+    scene.advance(ticks=2)
+    places = scene.places(bodies)
+    assert np.allclose(scene.positions[places], [(5, 5, 5), (9, 9, 9)], atol=0.06)
+    _, hits = scene.query([rhumb.Query.ray((4.5, 10, 5.5), (0, -20, 0))])
+    assert hits[0][0].body == bodies[0] and hits[0][0].point[1] == pytest.approx(6, abs=0.06)
+
+
+def test_a_hull_keeps_the_corners_of_many_points(scene):
+    rng = np.random.default_rng(0)
+    corners = [(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
+    box = rhumb.Shape.hull(np.concatenate([rng.uniform(-1, 1, (5000, 3)), corners]))
+    scene.add_body(rhumb.Shape.cuboid(10, 0.5, 10), (0, -0.5, 0), "fixed")
+    body = scene.add_body(box, (0, 1.1, 0))
+    scene.advance(ticks=120)
+    assert scene.positions[scene.place(body)][1] == pytest.approx(1, abs=0.06)
+    ball = rng.normal(size=(2000, 3))
+    ball /= np.linalg.norm(ball, axis=1)[:, None]
+    with pytest.raises(rhumb.errors.InvalidError, match="corners is 2000, and must be 4 to 255: .*compound"):
+        rhumb.Shape.hull(ball)
+
+
 def test_a_client_with_authority_moves_its_body_and_pushes_others(scene):
     ball_on_floor(scene)
     box = scene.add_body(rhumb.Shape.cuboid(0.5, 0.5, 0.5), (3, 0.5, 3))

@@ -43,8 +43,9 @@ const HELD_MAX: usize = 64;
 /// Most that a motor along a line turns in a step, radians.
 const LINE_TURN_MAX: f64 = 1.0;
 
-/// Parts of a step in which its turn is foreseen.
-const LINE_STEPS: u32 = 8;
+/// Most that what a motor moves may weigh, in weights of its two bodies, for the motor to be coupled with others. Beyond that
+/// the solver is too far from the whole motion.
+const COUPLED_MAX: f64 = 10.0;
 
 /// A row along a line is chosen where a plain torque would lose more than this share to the other axes.
 const LOSS: f64 = 1e-3;
@@ -119,26 +120,42 @@ pub(super) fn aim(world: &mut PhysicsWorld, motors: &mut BTreeMap<(u32, u32), Jo
         })
         .map(|(handle, _)| *handle)
         .collect();
-    let mut laid = Vec::new();
+    let (mut joints, mut rows) = (Vec::new(), Vec::new());
     for (handle, motors) in motors.iter_mut() {
-        let Some(held) = HeldJoint::of(world, of_parts(*handle), &holding) else {
+        let joint = of_parts(*handle);
+        let Some(held) = HeldJoint::of(world, joint, &holding) else {
             continue;
         };
         motors.pushes.clear();
         for (place, (axis, motor, own)) in motors.motors.iter().enumerate() {
-            let row = held.row(usize::from(*axis));
+            let (axis, row) = (usize::from(*axis), held.row(usize::from(*axis)));
             motors.pushes.push(Push {
                 motor: place,
                 along: held.along(&row),
             });
-            laid.push((
-                *own,
-                held.motor(usize::from(*axis), motor, &row, (substep, motors.collide)),
-            ));
+            let lack = held.lack(axis, motor);
+            let mean = mean_acceleration(motor, lack, held.rates[axis], (held.step, substep));
+            let is_exact = row.ease[0] <= COUPLED_MAX * row.ease[1]
+                && gains(&row, motor, substep).is_exact
+                && holding.contains(handle);
+            let moved = is_exact.then(|| held.moved(world, axis));
+            rows.push(MotorRow {
+                joint: joints.len(),
+                axis,
+                motor: *motor,
+                own: *own,
+                row,
+                mean,
+                moved: moved.flatten(),
+            });
         }
+        joints.push((held, motors.collide));
     }
-    for (handle, joint) in laid {
-        if let Some(own) = world.impulse_joints.get_mut(handle, false) {
+    let coupled = coupled(&rows);
+    for (row, coupled) in rows.iter().zip(coupled) {
+        let (held, collide) = &joints[row.joint];
+        let joint = held.motor(row, coupled, (substep, *collide));
+        if let Some(own) = world.impulse_joints.get_mut(row.own, false) {
             let impulses = own.data.motors.map(|motor| motor.impulse);
             own.data = joint;
             for (motor, impulse) in own.data.motors.iter_mut().zip(impulses) {
@@ -146,6 +163,89 @@ pub(super) fn aim(world: &mut PhysicsWorld, motors: &mut BTreeMap<(u32, u32), Jo
             }
         }
     }
+}
+
+/// A motor of a step.
+struct MotorRow {
+    /// Place of its joint.
+    joint: usize,
+    axis: usize,
+    motor: Motor,
+    own: ImpulseJointHandle,
+    row: Row,
+    /// Mean acceleration of the step by its law.
+    mean: f64,
+    /// What it moves against a base that stands still; `None` where there is none.
+    moved: Option<Vec<MovedBody>>,
+}
+
+/// A body that a motor moves, with what is held together.
+struct MovedBody {
+    body: RigidBodyHandle,
+    mass: f64,
+    inertia: DMat3,
+    /// Velocities of its centre for each unit of the motor's.
+    motion: Six,
+}
+
+/// The force or torque of each motor that the others' accelerations need of it: in a chain, each link carries the next.
+fn coupled(rows: &[MotorRow]) -> Vec<f64> {
+    let weight = |one: &[MovedBody], other: &[MovedBody]| {
+        let mut weight = 0.0;
+        for body in one {
+            let same = other.iter().find(|moved| moved.body == body.body);
+            if let Some(same) = same {
+                let turned = body.inertia * same.motion.angular;
+                weight += body.mass * body.motion.linear.dot(same.motion.linear);
+                weight += body.motion.angular.dot(turned);
+            }
+        }
+        weight
+    };
+    // A motor at its greatest force accelerates less than its law.
+    let means = rows.iter().map(|row| match &row.moved {
+        Some(moved) => {
+            let most = f64::from(row.motor.force) / weight(moved, moved).max(f64::MIN_POSITIVE);
+            row.mean.clamp(-most, most)
+        }
+        None => 0.0,
+    });
+    let means: Vec<_> = means.collect();
+    let needed = rows.iter().enumerate().map(|(place, row)| {
+        let Some(moved) = &row.moved else { return 0.0 };
+        let others = rows.iter().zip(&means).enumerate();
+        let others = others.filter(|(other, (_, mean))| *other != place && **mean != 0.0);
+        let shares = others.map(|(_, (other, mean))| {
+            other
+                .moved
+                .as_ref()
+                .map_or(0.0, |other| weight(moved, other) * mean)
+        });
+        shares.sum()
+    });
+    needed.collect()
+}
+
+/// The mean acceleration of a motor in a step, by its law and as the solver takes it: in substeps, each by its end.
+fn mean_acceleration(motor: &Motor, lack: f64, rate: f64, (step, substep): (f64, f64)) -> f64 {
+    let (turned, rate_after) = foreseen(motor, lack, rate, (step, substep));
+    debug_assert!(turned.is_finite(), "its numbers are");
+    (rate_after - rate) / step
+}
+
+/// The way and the rate of a motor after a step, by its law.
+fn foreseen(motor: &Motor, lack: f64, rate: f64, (step, substep): (f64, f64)) -> (f64, f64) {
+    let (stiffness, damping) = (f64::from(motor.stiffness), f64::from(motor.damping));
+    let (mut way, mut now) = (0.0, rate);
+    let mut left = step;
+    while left > substep * 0.5 {
+        let slow = f64::from(motor.velocity) - now;
+        let force = stiffness * (lack - way - substep * now) + damping * slow;
+        now += substep * force / (1.0 + substep * damping + substep * substep * stiffness);
+        way += substep * now;
+        left -= substep;
+    }
+    (way, now)
 }
 
 fn of_parts((index, generation): (u32, u32)) -> ImpulseJointHandle {
@@ -194,6 +294,11 @@ impl Ease {
         }
     }
 
+    /// True if nothing keeps it from moving and turning.
+    fn is_free(&self) -> bool {
+        self.linear.min_element() > 0.0 && self.angular.determinant() > 0.0
+    }
+
     /// Velocity of a point of the body by an impulse there.
     fn answer(&self, point: DVec3, push: Six) -> Six {
         let lever = point - self.centre;
@@ -240,6 +345,8 @@ struct HeldJoint {
     /// Length of a step, seconds.
     step: f64,
     pair: [Ease; 2],
+    /// The bodies that are held together with either; `None` if they are the same.
+    sides: Option<[Vec<RigidBodyHandle>; 2]>,
     held: Option<[Ease; 2]>,
 }
 
@@ -290,6 +397,10 @@ impl HeldJoint {
         ];
         let locked = joint.data.locked_axes.bits();
         let pair = bodies.map(Ease::of);
+        let [one, other] = handles;
+        let sides = [[one, other], [other, one]].map(|ends| side(world, handle, ends, holding));
+        let [one, other] = sides;
+        let sides = one.zip(other).map(|(one, other)| [one, other]);
         Some(Self {
             poses,
             anchor: frames[1].translation.as_dvec3(),
@@ -299,7 +410,8 @@ impl HeldJoint {
             rates,
             step: f64::from(world.integration_parameters.dt),
             pair,
-            held: held_together(world, handle, handles, holding),
+            held: sides.as_ref().and_then(|sides| held_together(world, sides)),
+            sides,
         })
     }
 
@@ -410,22 +522,59 @@ impl HeldJoint {
         })
     }
 
+    /// What the position of a motor lacks, metres or radians.
+    fn lack(&self, axis: usize, motor: &Motor) -> f64 {
+        let lack = f64::from(motor.position) - self.place[axis];
+        match axis < 3 {
+            true => lack,
+            false => wrapped(lack),
+        }
+    }
+
+    /// What the motor of an axis moves, if the other side holds to something that stands still.
+    fn moved(&self, world: &PhysicsWorld, axis: usize) -> Option<Vec<MovedBody>> {
+        let is_still = |side: &Vec<RigidBodyHandle>| {
+            let mut bodies = side.iter().filter_map(|handle| world.bodies.get(*handle));
+            bodies.any(|body| !body.is_dynamic())
+        };
+        let [first, second] = self.sides.as_ref()?;
+        let (side, sign) = match (is_still(first), is_still(second)) {
+            (true, false) => (second, 1.0),
+            (false, true) => (first, -1.0),
+            _ => return None,
+        };
+        let direction = self.axes.col(axis % 3) * sign;
+        let moved = side.iter().map(|handle| {
+            let ease = Ease::of(world.bodies.get(*handle)?);
+            let motion = match axis < 3 {
+                true => Six {
+                    linear: direction,
+                    angular: DVec3::ZERO,
+                },
+                false => Six {
+                    linear: direction.cross(ease.centre - self.anchor),
+                    angular: direction,
+                },
+            };
+            ease.is_free().then(|| MovedBody {
+                body: *handle,
+                mass: 1.0 / ease.linear.x,
+                inertia: ease.angular.inverse(),
+                motion,
+            })
+        });
+        moved.collect()
+    }
+
     /// Lack of position and velocity of a motor for the line of its row. A turn that is driven along a straight line covers
     /// less of the line the farther it goes in a step.
-    fn straightened(&self, axis: usize, motor: &Motor, row: &Row, lack: f64) -> [f64; 2] {
-        let speed = f64::from(motor.velocity);
-        if axis < 3 || matches!(row.line, Line::Torque(_)) {
+    fn straightened(&self, row: &MotorRow, substep: f64) -> [f64; 2] {
+        let (axis, motor) = (row.axis, &row.motor);
+        let (lack, speed) = (self.lack(axis, motor), f64::from(motor.velocity));
+        if axis < 3 || matches!(row.row.line, Line::Torque(_)) {
             return [lack, speed];
         }
-        let (stiffness, damping) = (f64::from(motor.stiffness), f64::from(motor.damping));
-        let steps = f64::from(LINE_STEPS);
-        let part = self.step / steps;
-        let (mut turn, mut rate) = (0.0_f64, self.rates[axis]);
-        for _ in 0..LINE_STEPS {
-            let slow = stiffness * (lack - turn) + damping * (speed - rate);
-            rate += part * slow / (1.0 + part * damping + part * part * stiffness);
-            turn += part * rate;
-        }
+        let (turn, _) = foreseen(motor, lack, self.rates[axis], (self.step, substep));
         let turn = turn.clamp(-LINE_TURN_MAX, LINE_TURN_MAX);
         let (sine, cosine) = (libm::sin(turn), libm::cos(turn));
         let rest = match turn.abs() < LINE_TURN_MAX {
@@ -436,21 +585,26 @@ impl HeldJoint {
         [sine + rest, speed * mean]
     }
 
-    /// The joint of a motor for the next step.
+    /// The joint of a motor for the next step. `coupled`: force or torque beside that of its law.
     fn motor(
         &self,
-        axis: usize,
-        motor: &Motor,
-        row: &Row,
+        of_row: &MotorRow,
+        coupled: f64,
         (substep, collide): (f64, bool),
     ) -> GenericJoint {
-        let lack = f64::from(motor.position) - self.place[axis];
-        let lack = match axis < 3 {
-            true => lack,
-            false => wrapped(lack),
+        let (row, motor) = (&of_row.row, &of_row.motor);
+        let [lack, speed] = self.straightened(of_row, substep);
+        let Gains {
+            stiffness,
+            damping,
+            share,
+            ..
+        } = gains(row, motor, substep);
+        // A velocity that the motor lacks gives it this force more.
+        let more = match share > 0.0 {
+            true => coupled / row.scale * substep / share,
+            false => 0.0,
         };
-        let [lack, speed] = self.straightened(axis, motor, row, lack);
-        let gains = gains(row, motor, substep);
         let (at, direction, driven) = match row.line {
             Line::Force(direction, point) => (point, direction, JointAxis::LinX),
             Line::Torque(direction) => (self.anchor, direction, JointAxis::AngX),
@@ -466,9 +620,9 @@ impl HeldJoint {
             .set_motor(
                 driven,
                 (lack * row.scale) as f32,
-                (speed * row.scale) as f32,
-                gains[0] as f32,
-                gains[1] as f32,
+                (speed * row.scale + more) as f32,
+                stiffness as f32,
+                damping as f32,
             )
             .motor_max_force(driven, (f64::from(motor.force) / row.scale) as f32)
             .build()
@@ -487,23 +641,25 @@ fn wrapped(angle: f64) -> f64 {
 /// A substep solves each row twice. With `a` and `b` the two eases of the row and `c` the softness of the motor, a row that
 /// takes `x` of the lack for each pass gives the impulse `x · (1 + x · (a − b))`; one substep of the motor's law takes
 /// `1 / (b · (1 + c))`.
-fn gains(row: &Row, motor: &Motor, substep: f64) -> [f64; 2] {
+fn gains(row: &Row, motor: &Motor, substep: f64) -> Gains {
     let [a, b] = row.ease;
     let (mut stiffness, mut damping) = (f64::from(motor.stiffness), f64::from(motor.damping));
     let softness =
         |stiffness: f64, damping: f64| 1.0 / (substep * substep * stiffness + substep * damping);
     let mut c = softness(stiffness, damping);
     if !c.is_finite() || !(b > 0.0) {
-        return [0.0, 0.0];
+        return Gains::default();
     }
     let wanted = 1.0 / (b * (1.0 + c));
     let lost = a - b;
+    let mut is_exact = true;
     let mut x = match lost > a * 1e-6 {
         true => ((1.0 + 4.0 * lost * wanted).sqrt() - 1.0) / (2.0 * lost),
         false => wanted,
     };
     if x > 1.0 / a {
         // The most that the row can do, at the same damping ratio.
+        is_exact = false;
         x = 1.0 / a;
         c = a * a / (b * (2.0 * a - b)) - 1.0;
         let c = c.max(f64::EPSILON);
@@ -518,24 +674,34 @@ fn gains(row: &Row, motor: &Motor, substep: f64) -> [f64; 2] {
     }
     let yielding = (1.0 / x - a).max(a * 1e-6);
     let weight = softness(stiffness, damping) / yielding;
-    [stiffness * weight, damping * weight]
+    Gains {
+        stiffness: stiffness * weight,
+        damping: damping * weight,
+        share: x * (1.0 + x * lost),
+        is_exact,
+    }
 }
 
-/// What is held together with either body of a joint; `None` if that is the bodies alone, or the same on both sides.
-fn held_together(
-    world: &PhysicsWorld,
-    joint: ImpulseJointHandle,
-    bodies: [RigidBodyHandle; 2],
-    holding: &BTreeSet<(u32, u32)>,
-) -> Option<[Ease; 2]> {
-    let sides = [
-        side(world, joint, bodies, holding)?,
-        side(world, joint, [bodies[1], bodies[0]], holding)?,
-    ];
+/// What Rapier has of a motor.
+#[derive(Default)]
+struct Gains {
+    /// N/m or N·m.
+    stiffness: f64,
+    /// N·s/m or N·m·s.
+    damping: f64,
+    /// Impulse of a substep for each unit of velocity that the row lacks.
+    share: f64,
+    /// False if the motor is too strong for the row.
+    is_exact: bool,
+}
+
+/// What is held together with either body of a joint; `None` if that is the bodies alone.
+fn held_together(world: &PhysicsWorld, sides: &[Vec<RigidBodyHandle>; 2]) -> Option<[Ease; 2]> {
     if sides.iter().all(|side| side.len() == 1) {
         return None;
     }
-    Some(sides.map(|side| together(world, &side)))
+    let [first, second] = sides;
+    Some([together(world, first), together(world, second)])
 }
 
 /// The bodies that are held together with the first of two; `None` if the second is one of them, or they are too many.
@@ -587,8 +753,7 @@ fn together(world: &PhysicsWorld, bodies: &[RigidBodyHandle]) -> Ease {
     if let [alone] = &eases[..] {
         return *alone;
     }
-    let is_free = |ease: &Ease| ease.linear.min_element() > 0.0 && ease.angular.determinant() > 0.0;
-    if !eases.iter().all(is_free) {
+    if !eases.iter().all(Ease::is_free) {
         return fixed;
     }
     let mass: f64 = eases.iter().map(|ease| 1.0 / ease.linear.x).sum();
