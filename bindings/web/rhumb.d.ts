@@ -422,7 +422,10 @@ export type Shape =
   | { readonly kind: "cone"; readonly halfHeight: number; readonly radius: number }
   /** Everything behind a plane through the body's origin. */
   | { readonly kind: "halfSpace"; readonly normal: Vec3 }
-  /** x, y, z of each point. */
+  /**
+   * x, y, z of each point, from any origin: the centre of mass is found, and poses that this page gives and gets are those of
+   * the origin. 255 corners at most; other points are left out.
+   */
   | { readonly kind: "hull"; readonly points: readonly number[] }
   /**
    * A height for each post, row by row: post (r, c) stands at x = r · rowSpacing, y = heights[r · columns + c],

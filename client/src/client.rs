@@ -182,6 +182,9 @@ impl Client {
 
     /// Queues the addition of a body, and of its shape unless the scene has an equal one; returns the body's id.
     ///
+    /// The origin of its shape is its centre of mass. A hull or compound that is given from elsewhere is moved there by
+    /// [`BodyBuilder::centred`].
+    ///
     /// # Errors
     ///
     /// As [`Self::add_bodies`].

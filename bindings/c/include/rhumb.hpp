@@ -145,6 +145,8 @@ public:
         return shape;
     }
 
+    /// The convex hull of points, which may be given from anywhere: see centre. It has 255 corners at most; other points are
+    /// left out.
     static Shape hull(const std::vector<Vec3>& points) {
         Shape shape(RHUMB_SHAPE_KIND_HULL);
         shape.set_points(points);

@@ -106,7 +106,8 @@ pub enum RhumbShapeKind {
     RoundedCuboid,
     /// Everything behind a plane through the body's origin: `normal`. For fixed bodies.
     HalfSpace,
-    /// The convex hull of `points`.
+    /// The convex hull of `points`, which may be given from anywhere: see `rhumb_shape_centre`. It has 255 corners at most;
+    /// other points are left out.
     Hull,
     /// A mesh of `points` and `triangles`. For fixed bodies.
     Mesh,

@@ -72,6 +72,10 @@ namespace Rhumb
             return shape;
         }
 
+        /// <summary>
+        /// The convex hull of points, which may be given from anywhere: see <see cref="Centre"/>. It has 255 corners at most;
+        /// other points are left out.
+        /// </summary>
         public static Shape Hull(params Vec3[] points)
         {
             var shape = new Shape(RhumbShapeKind.Hull);
