@@ -81,7 +81,7 @@ impl RapierJoints {
             let joint = world.impulse_joints.get(handle)?;
             let motors = self.motors.get(&handle.into_raw_parts());
             let pushed = motors.map_or([0.0; 6], |motors| motors.impulses(world));
-            let own = <[f32; 6]>::from(joint.impulses);
+            let own = joint.impulses;
             let [x, y, z, about_x, about_y, about_z] =
                 [0, 1, 2, 3, 4, 5].map(|axis| own[axis] + pushed[axis]);
             let force = Vec3::new(x, y, z).length() / substep;

@@ -647,7 +647,8 @@ fn gains(row: &Row, motor: &Motor, substep: f64) -> Gains {
     let softness =
         |stiffness: f64, damping: f64| 1.0 / (substep * substep * stiffness + substep * damping);
     let mut c = softness(stiffness, damping);
-    if !c.is_finite() || !(b > 0.0) {
+    let is_sound = c.is_finite() && b > 0.0;
+    if !is_sound {
         return Gains::default();
     }
     let wanted = 1.0 / (b * (1.0 + c));

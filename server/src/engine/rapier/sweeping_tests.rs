@@ -100,7 +100,7 @@ fn a_swept_body_meets_a_fast_platform() {
         let mut world = TestWorld::new(Vec3::ZERO);
         let at = Vec3::new(-100.0 - phase as f32 * 0.3, 0.0, 0.0);
         let ball = world.add(BodyKind::Dynamic, Shape::ball(0.05), at, |desc| {
-            desc.swept = true
+            desc.swept = true;
         });
         let plate = Shape::cuboid(0.02, 1.0, 1.0);
         let plate = world.add(BodyKind::Kinematic, plate, Vec3::X * 20.0, |_| ());
@@ -276,7 +276,7 @@ fn a_pose_far_away_shoves_nothing() {
     let ram = Shape::cuboid(0.5, 0.5, 0.5);
     let ram = world.add(BodyKind::Kinematic, ram, Vec3::ZERO, |_| ());
     let ball = world.add(BodyKind::Dynamic, Shape::ball(0.2), Vec3::X * 5.0, |desc| {
-        desc.swept = true
+        desc.swept = true;
     });
     world.step();
     world.engine.set_pose(ram, Vec3::X * 10.0, Quat::IDENTITY);
