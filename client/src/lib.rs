@@ -84,11 +84,11 @@ pub use rhumb_transport::{
     CertificateError, ClientTransport, ConnectError, Fingerprint, FingerprintError, Received,
     TransportCode, Trust, WireStatistics,
 };
-#[cfg(feature = "queries")]
-pub use rhumb_view::{CopyAnswer, CopyQueries};
 pub use rhumb_view::{
     BodyCentres, InvalidTicks, JoinMode, PipelineDepth, RESUME_WITHIN, RefusalReason,
     RefusedRequest, RenderParams, RenderTime, View,
 };
+#[cfg(feature = "queries")]
+pub use rhumb_view::{CopyAnswer, CopyQueries};
 pub use server_connection::ServerConnection;
 pub use statistics::Statistics;

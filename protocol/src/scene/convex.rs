@@ -262,7 +262,7 @@ mod tests {
     }
 
     #[test]
-    fn points_in_a_plane_and_too_many_corners_are_told() {
+    fn points_in_a_plane_and_too_many_corners_are_noticed() {
         let mut number = numbers(5);
         let mut plane: Vec<_> = (0..50)
             .map(|_| Vec3::new(number(), 0.5, number()))

@@ -20,6 +20,7 @@ mod rapier;
 mod rapier_body;
 mod rapier_characters;
 mod rapier_contacts;
+mod rapier_ease;
 mod rapier_joints;
 mod rapier_motors;
 mod rapier_query;

@@ -1,4 +1,4 @@
-//! Motors of a Rapier world's joints, so that they accelerate as the protocol says.
+//! Motors of a Rapier world's joints, which accelerate as the protocol says.
 //!
 //! Rapier weighs a motor by two bodies that nothing holds. A hinge off the centre of mass makes it too weak by the share of
 //! the lever in the moment of inertia, and so does what hangs on the second body. So a motor is a joint of its own here,
@@ -8,7 +8,7 @@
 //! Where no such line is and the mass is great, an engine that solves twice in a substep cannot reach a stiff motor's
 //! acceleration. Then the motor is slower, and keeps its damping ratio.
 
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::collections::{BTreeMap, BTreeSet};
 
 use glam::{DMat3, DVec3, Vec3};
 use rapier3d::math::Pose as RapierPose;
@@ -20,6 +20,8 @@ use rhumb_protocol::scene::{Joint, Motor};
 use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_protocol::wire::{Malformed, Wire};
 
+use super::rapier_ease::{Ease, Six, held_together, side};
+
 /// The motors of one joint.
 #[derive(Clone, Debug)]
 pub(super) struct JointMotors {
@@ -27,18 +29,15 @@ pub(super) struct JointMotors {
     motors: Vec<(u8, Motor, ImpulseJointHandle)>,
     collide: bool,
     /// Pushes of the motors in the last step, for the load of the joint.
-    pushes: Vec<Push>,
+    pushes: Vec<MotorPush>,
 }
 
 /// The push of a motor: force and torque at the anchor for each unit of its impulse, along the axes of the joint.
 #[derive(Clone, Copy, Debug, Default)]
-struct Push {
+struct MotorPush {
     motor: usize,
     along: [f32; 6],
 }
-
-/// Bodies that are taken for one rigid body at most, on either side of a joint.
-const HELD_MAX: usize = 64;
 
 /// Most that a motor along a line turns in a step, radians.
 const LINE_TURN_MAX: f64 = 1.0;
@@ -129,7 +128,7 @@ pub(super) fn aim(world: &mut PhysicsWorld, motors: &mut BTreeMap<(u32, u32), Jo
         motors.pushes.clear();
         for (place, (axis, motor, own)) in motors.motors.iter().enumerate() {
             let (axis, row) = (usize::from(*axis), held.row(usize::from(*axis)));
-            motors.pushes.push(Push {
+            motors.pushes.push(MotorPush {
                 motor: place,
                 along: held.along(&row),
             });
@@ -228,13 +227,13 @@ fn coupled(rows: &[MotorRow]) -> Vec<f64> {
 
 /// The mean acceleration of a motor in a step, by its law and as the solver takes it: in substeps, each by its end.
 fn mean_acceleration(motor: &Motor, lack: f64, rate: f64, (step, substep): (f64, f64)) -> f64 {
-    let (turned, rate_after) = foreseen(motor, lack, rate, (step, substep));
+    let (turned, rate_after) = after_step(motor, lack, rate, (step, substep));
     debug_assert!(turned.is_finite(), "its numbers are");
     (rate_after - rate) / step
 }
 
 /// The way and the rate of a motor after a step, by its law.
-fn foreseen(motor: &Motor, lack: f64, rate: f64, (step, substep): (f64, f64)) -> (f64, f64) {
+fn after_step(motor: &Motor, lack: f64, rate: f64, (step, substep): (f64, f64)) -> (f64, f64) {
     let (stiffness, damping) = (f64::from(motor.stiffness), f64::from(motor.damping));
     let (mut way, mut now) = (0.0, rate);
     let mut left = step;
@@ -250,64 +249,6 @@ fn foreseen(motor: &Motor, lack: f64, rate: f64, (step, substep): (f64, f64)) ->
 
 fn of_parts((index, generation): (u32, u32)) -> ImpulseJointHandle {
     ImpulseJointHandle::from_raw_parts(index, generation)
-}
-
-/// A force, then a torque at the anchor; or the linear and angular velocity that go with them.
-#[derive(Clone, Copy, Debug)]
-struct Six {
-    linear: DVec3,
-    angular: DVec3,
-}
-
-impl Six {
-    fn dot(self, other: Self) -> f64 {
-        self.linear.dot(other.linear) + self.angular.dot(other.angular)
-    }
-
-    fn plus(self, share: f64, other: Self) -> Self {
-        Self {
-            linear: self.linear + other.linear * share,
-            angular: self.angular + other.angular * share,
-        }
-    }
-}
-
-/// How easily a body, or several that are held together, is moved.
-#[derive(Clone, Copy, Debug)]
-struct Ease {
-    centre: DVec3,
-    /// Along the axes of the world, 1/kg.
-    linear: DVec3,
-    /// 1/(kg·m²), world axes.
-    angular: DMat3,
-}
-
-impl Ease {
-    fn of(body: &RigidBody) -> Self {
-        let properties = body.mass_properties();
-        let turned = properties.effective_world_inv_inertia;
-        let column = |axis: Vec3| (turned * axis).as_dvec3();
-        Self {
-            centre: body.center_of_mass().as_dvec3(),
-            linear: properties.effective_inv_mass.as_dvec3(),
-            angular: DMat3::from_cols(column(Vec3::X), column(Vec3::Y), column(Vec3::Z)),
-        }
-    }
-
-    /// True if nothing keeps it from moving and turning.
-    fn is_free(&self) -> bool {
-        self.linear.min_element() > 0.0 && self.angular.determinant() > 0.0
-    }
-
-    /// Velocity of a point of the body by an impulse there.
-    fn answer(&self, point: DVec3, push: Six) -> Six {
-        let lever = point - self.centre;
-        let angular = self.angular * (push.angular + lever.cross(push.linear));
-        Six {
-            linear: self.linear * push.linear + angular.cross(lever),
-            angular,
-        }
-    }
 }
 
 /// A motor's line in the world.
@@ -574,7 +515,7 @@ impl HeldJoint {
         if axis < 3 || matches!(row.row.line, Line::Torque(_)) {
             return [lack, speed];
         }
-        let (turn, _) = foreseen(motor, lack, self.rates[axis], (self.step, substep));
+        let (turn, _) = after_step(motor, lack, self.rates[axis], (self.step, substep));
         let turn = turn.clamp(-LINE_TURN_MAX, LINE_TURN_MAX);
         let (sine, cosine) = (libm::sin(turn), libm::cos(turn));
         let rest = match turn.abs() < LINE_TURN_MAX {
@@ -605,6 +546,11 @@ impl HeldJoint {
             true => coupled / row.scale * substep / share,
             false => 0.0,
         };
+        // Of a motor that holds a position as a lack of position, so that its velocity stays what was asked for.
+        let (more_lack, more_speed) = match stiffness > 0.0 {
+            true => (more * (substep * stiffness + damping) / stiffness, 0.0),
+            false => (0.0, more),
+        };
         let (at, direction, driven) = match row.line {
             Line::Force(direction, point) => (point, direction, JointAxis::LinX),
             Line::Torque(direction) => (self.anchor, direction, JointAxis::AngX),
@@ -619,8 +565,8 @@ impl HeldJoint {
             .motor_model(driven, MotorModel::ForceBased)
             .set_motor(
                 driven,
-                (lack * row.scale) as f32,
-                (speed * row.scale + more) as f32,
+                (lack * row.scale + more_lack) as f32,
+                (speed * row.scale + more_speed) as f32,
                 stiffness as f32,
                 damping as f32,
             )
@@ -694,83 +640,6 @@ struct Gains {
     share: f64,
     /// False if the motor is too strong for the row.
     is_exact: bool,
-}
-
-/// What is held together with either body of a joint; `None` if that is the bodies alone.
-fn held_together(world: &PhysicsWorld, sides: &[Vec<RigidBodyHandle>; 2]) -> Option<[Ease; 2]> {
-    if sides.iter().all(|side| side.len() == 1) {
-        return None;
-    }
-    let [first, second] = sides;
-    Some([together(world, first), together(world, second)])
-}
-
-/// The bodies that are held together with the first of two; `None` if the second is one of them, or they are too many.
-fn side(
-    world: &PhysicsWorld,
-    joint: ImpulseJointHandle,
-    [first, second]: [RigidBodyHandle; 2],
-    holding: &BTreeSet<(u32, u32)>,
-) -> Option<Vec<RigidBodyHandle>> {
-    let (mut found, mut next) = (vec![first], VecDeque::from([first]));
-    while let Some(body) = next.pop_front() {
-        // What does not move holds all that is held by it; nothing behind it counts.
-        if !world.bodies.get(body).is_some_and(RigidBody::is_dynamic) {
-            continue;
-        }
-        for (one, other, handle, attached) in world.impulse_joints.attached_joints(body) {
-            let holds = attached.data.locked_axes == JointAxesMask::all()
-                || holding.contains(&handle.into_raw_parts());
-            if handle == joint || !holds {
-                continue;
-            }
-            let far = if one == body { other } else { one };
-            let is_enabled = world.bodies.get(far).is_some_and(RigidBody::is_enabled);
-            if !is_enabled || found.contains(&far) {
-                continue;
-            }
-            if far == second || found.len() == HELD_MAX {
-                return None;
-            }
-            found.push(far);
-            next.push_back(far);
-        }
-    }
-    Some(found)
-}
-
-/// Bodies as one. One that does not move holds all.
-fn together(world: &PhysicsWorld, bodies: &[RigidBodyHandle]) -> Ease {
-    let bodies: Vec<_> = bodies
-        .iter()
-        .filter_map(|handle| world.bodies.get(*handle))
-        .collect();
-    let fixed = Ease {
-        centre: DVec3::ZERO,
-        linear: DVec3::ZERO,
-        angular: DMat3::ZERO,
-    };
-    let eases: Vec<_> = bodies.iter().map(|body| Ease::of(body)).collect();
-    if let [alone] = &eases[..] {
-        return *alone;
-    }
-    if !eases.iter().all(Ease::is_free) {
-        return fixed;
-    }
-    let mass: f64 = eases.iter().map(|ease| 1.0 / ease.linear.x).sum();
-    let moment: DVec3 = eases.iter().map(|ease| ease.centre / ease.linear.x).sum();
-    let centre = moment / mass;
-    let mut inertia = DMat3::ZERO;
-    for ease in &eases {
-        let (own, arm) = (1.0 / ease.linear.x, ease.centre - centre);
-        let outer = DMat3::from_cols(arm * arm.x, arm * arm.y, arm * arm.z);
-        inertia += ease.angular.inverse() + (DMat3::IDENTITY * arm.length_squared() - outer) * own;
-    }
-    Ease {
-        centre,
-        linear: DVec3::splat(1.0 / mass),
-        angular: inertia.inverse(),
-    }
 }
 
 impl Wire for JointMotors {

@@ -1,4 +1,4 @@
-//! Motors follow the protocol's law, whatever the lever, the masses and what else hangs there.
+//! Motors follow the protocol's law with any lever, mass and load.
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::scene::{BodyKind, Joint, JointFrame, JointKind, LockedAxes, Motor, Shape};

@@ -1,4 +1,4 @@
-//! Fast bodies meet, sensors see them, and platforms carry: as an integrated Rapier, or better.
+//! Fast bodies meet, sensors see them, and platforms carry.
 
 use glam::{Quat, Vec3};
 use rapier3d::prelude::{

@@ -2,7 +2,7 @@
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::scene::{
-    BodyDesc, BodyKind, Joint, JointId, Material, SceneConfig, Shape, ShapeId, SleepConfig,
+    BodyDesc, BodyKind, Joint, JointId, Material, SceneConfig, Shape, ShapeId, Sleep,
 };
 use rhumb_reckoning::{BodyId, BodyState, Damping, Twist};
 
@@ -21,10 +21,7 @@ impl TestWorld {
     pub(super) fn new(gravity: Vec3) -> Self {
         let config = SceneConfig {
             gravity,
-            sleep: Some(SleepConfig {
-                speed: 0.0,
-                seconds: 3_600.0,
-            }),
+            sleep: Sleep::Never,
             ..SceneConfig::default()
         };
         Self {
@@ -58,6 +55,7 @@ impl TestWorld {
             desc,
             material: self.material,
             damping: Damping::default(),
+            sleep: Sleep::Never,
         };
         let rotation = Quat::IDENTITY.to_array();
         let state = BodyState::new(at.to_array(), rotation, [0.0; 3], [0.0; 3]);
