@@ -39,7 +39,11 @@ impl Columns {
         self.centres.forget(view.removed());
         self.origins.clear();
         if !self.centres.is_empty() {
-            let bodies = view.ids().iter().zip(view.positions()).zip(view.rotations());
+            let bodies = view
+                .ids()
+                .iter()
+                .zip(view.positions())
+                .zip(view.rotations());
             let origin = |((id, position), rotation): ((&BodyId, &Vec3), &Quat)| {
                 self.centres.position_out(*id, *position, *rotation)
             };
