@@ -9,7 +9,9 @@ use bevy_math::{Quat, Vec3};
 use bevy_platform::cell::SyncCell;
 use rhumb_bindings::{ObjectChange, SceneFollower};
 use rhumb_client::scene::{BodyBuilder, Command, Shape, Stepping};
-use rhumb_client::{BodyId, Client, ClientError, ErrorBound, Event, PipelineDepth, RefusedRequests};
+use rhumb_client::{
+    BodyId, Client, ClientError, ErrorBound, Event, PipelineDepth, RefusedRequests,
+};
 
 use crate::axes::{AXES, angular_in, rotation_in, torque_in, vector_in};
 

@@ -11,11 +11,11 @@ use godot::classes::{INode3D, Node3D, PhysicsMaterial, Shape3D};
 use godot::global::Error;
 use godot::prelude::*;
 use rhumb_bindings::{BodyParams, StateRecord, body_word};
+use rhumb_client::BodyId;
 use rhumb_client::glam::{Mat3, Quat, Vec3};
 use rhumb_client::scene::{
     ActiveEvents, BodyBuilder, BodyDesc, BodyKind, CollisionGroups, Command, Material, Shape, Sleep,
 };
-use rhumb_client::BodyId;
 
 use crate::axes::{AXES, quaternion, vec3, vector};
 use crate::membership::{SceneMembership, outcome};
