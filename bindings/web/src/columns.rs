@@ -5,6 +5,7 @@
 use glam::{Quat, Vec3};
 use rhumb_protocol::scene::BodyKind;
 use rhumb_protocol::session::Replica;
+use rhumb_protocol::stream::Subscriber;
 use rhumb_reckoning::{BodyId, Tick, Tolerance};
 use rhumb_view::{BodyCentres, View};
 
@@ -67,7 +68,7 @@ impl Columns {
         let stream = replica.map(Replica::stream);
         let was_changing = std::mem::replace(
             &mut self.changing,
-            stream.is_some_and(|stream| stream.is_changing()),
+            stream.is_some_and(Subscriber::is_changing),
         );
         let same = self.known == view.ids() && !was_changing && !self.changing;
         if same && !std::mem::take(&mut self.described_anew) {

@@ -201,8 +201,13 @@ impl StreamSender {
             self.packets.extend(checksum);
             return;
         }
-        // A watermark tells at which tick a scene event happened.
-        if self.silence.is_watermark_due(tick) || before != scene_events {
+        // A watermark tells at which tick a scene event happened. A budget is not spent on that.
+        let has_budget = match &self.source {
+            Source::Reckoned(publisher) => publisher.has_budget(),
+            Source::Full(_) => false,
+        };
+        let has_news = before != scene_events && !has_budget;
+        if has_news || self.silence.is_watermark_due(tick) {
             self.silence.pause(tick);
             // A checksum is also a watermark.
             let checksum = self.due_checksum(scene_events);
