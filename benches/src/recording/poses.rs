@@ -20,7 +20,7 @@ use crate::record::{Placed, Truth};
 /// Largest distance of a time from its frame, as a share of a step.
 const JITTER_MAX: f64 = 0.25;
 /// Rounding of times that are exact otherwise, nanoseconds.
-const TIMES_ROUNDED_NS: f64 = 1_000.0;
+const TIMES_ROUNDED_NS: f64 = 10.0;
 /// Distance of a quaternion's length from one that counts as rounded.
 const LENGTH_SLACK: f64 = 1e-3;
 /// Missing frames that are filled.

@@ -11,7 +11,7 @@ use rhumb_bench::record::{
 };
 use rhumb_protocol::scene::{BodyDesc, BodyKind, SceneConfig, Shape, ShapeId};
 use rhumb_protocol::stream::{Activity, Observation};
-use rhumb_reckoning::{BodyId, BodyState, Tick};
+use rhumb_reckoning::{BodyId, BodyState, Integrator, Rate, Tick};
 use rhumb_trace::SceneFacts;
 
 const FLOOR: BodyId = BodyId::new(0, 0);
@@ -41,6 +41,18 @@ fn placed(tick: u64, id: BodyId, kind: BodyKind, shape: Shape, position: [f32; 3
         shape,
         observation: observation(id, position, Activity::Awake),
         inertia: None,
+    }
+}
+
+/// What predictions need of the engine, at the rate of the runs.
+fn facts() -> SceneFacts {
+    let usual = SceneConfig::default();
+    SceneFacts {
+        integrator: Integrator {
+            rate: Rate::new(10, 1).expect("not zero"),
+            ..usual.integrator
+        },
+        ..SceneFacts::of(&usual)
     }
 }
 
@@ -260,7 +272,7 @@ pub(crate) fn experiment() -> Experiment {
         machine: "a machine, 2 cores".to_owned(),
         loads: vec![Load {
             truth: truth(),
-            facts: SceneFacts::of(&SceneConfig::default()),
+            facts: facts(),
             runs: vec![integrated(), naive(), rhumb()],
             unfinished: Vec::new(),
         }],

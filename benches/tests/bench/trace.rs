@@ -231,6 +231,7 @@ fn every_topic_has_every_message() {
         ("/n3/rhumb/wire/state-down", 3),
         ("/n3/rhumb/wire/state-up", 1),
         ("/n3/truth/moving", 5),
+        ("/n3/truth/poses", 5),
         ("/n3/truth/resting", 2),
         ("/n3/truth/state", 5),
         ("/n3/truth/static", 1),
