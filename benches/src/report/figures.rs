@@ -121,11 +121,12 @@ const RATE_LEAST_KBPS: f64 = 0.1;
 fn lines(mut curves: Vec<(Mode, Vec<(f64, f64)>)>) -> Vec<Mark> {
     curves.sort_by_key(|(mode, _)| !drawn_first(*mode));
     let count = curves.len();
-    let named = |(number, (mode, points)): (usize, &(Mode, Vec<(f64, f64)>))| {
+    let numbered = curves.iter().enumerate();
+    let named = numbered.filter_map(|(number, (mode, points))| {
         let place = points.len() * (2 * number + 1) / (2 * count.max(1));
         Some((*mode, *points.get(place)?, mode.name().to_owned()))
-    };
-    let names: Vec<_> = curves.iter().enumerate().filter_map(named).collect();
+    });
+    let names: Vec<_> = named.collect();
     let line = |(mode, points)| Mark::Line {
         color: color(mode),
         width: if mode == Mode::Rhumb { 10 } else { 4 },

@@ -76,7 +76,7 @@ fn bounds_are_true_while_a_budget_does_not_suffice() {
 
 #[test]
 fn a_budget_is_kept_in_every_second() {
-    let mut stage = stage("tumbler", capped(500), Stepping::FreeRunning, "", 2);
+    let mut stage = stage("tumbler", capped(500), Stepping::FreeRunning, "", 1);
     let mut sent = vec![0];
     for _ in 0..8 {
         stage.run_script(Span::from_millis(1_000));

@@ -193,7 +193,7 @@ fn judge_on(server: &TruthfulServer, language: &str, run: impl Fn(&[String; 6]) 
             }
         }
     }
-    println!(
+    eprintln!(
         "{language}: {seeds} seeds of {CALLS} calls twice, {lines} poses, {finite} finite bounds, {} misses",
         misses.len()
     );
