@@ -1,4 +1,4 @@
-//! What is whole in an MCAP file, whoever wrote it.
+//! What is whole in an MCAP file of any writer.
 //!
 //! It needs no summary, no index and no end: a file is read from its beginning, and one that ends too early gives
 //! everything before that. Chunks may be in any order; messages come in the order of their log times.

@@ -1,4 +1,4 @@
-//! What a file says of a scene's engine beside its states: the parameters of predictions.
+//! What a file says of a scene's engine: the parameters of predictions.
 //!
 //! Traces and recordings hold them as metadata, so that a reader needs no script and no server.
 

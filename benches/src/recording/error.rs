@@ -316,6 +316,13 @@ impl RecordingError {
                 f,
                 "{tick} of {load} is there twice: recordings of two runs were merged"
             ),
+            other => other.fmt_messages(f),
+        }
+    }
+
+    /// What is wrong with rows, messages and names.
+    fn fmt_messages(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
             Self::Row { place, defect } => write!(f, "{place}: {defect}"),
             Self::Header { line, missing } => write!(
                 f,
@@ -356,7 +363,17 @@ impl RecordingError {
             | Self::File { .. }
             | Self::UnknownForm
             | Self::Unpack(_)
-            | Self::NotARecording => fmt::Display::fmt(self, f),
+            | Self::NotARecording
+            | Self::Short { .. }
+            | Self::Long { .. }
+            | Self::Frames { .. }
+            | Self::Step { .. }
+            | Self::NoRate { .. }
+            | Self::Number { .. }
+            | Self::Extents { .. }
+            | Self::Record { .. }
+            | Self::NotPlaced { .. }
+            | Self::TickTwice { .. } => fmt::Display::fmt(self, f),
         }
     }
 }

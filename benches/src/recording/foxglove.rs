@@ -1,4 +1,4 @@
-//! Poses of bodies in an MCAP file of another program, in Foxglove's protobuf messages.
+//! Poses of bodies in Foxglove's messages, in an MCAP file of another program.
 
 use foxglove::messages::{
     FrameTransform, FrameTransforms, Pose, PoseInFrame, PosesInFrame, Quaternion, SceneEntity,

@@ -1,4 +1,4 @@
-//! Reads an MCAP file: a trace, a recording of a server, or poses of other programs.
+//! Reads an MCAP file: a trace, a server's recording, or others' poses.
 //!
 //! A trace has a load for each number of bodies, a recording one for each scene, and another program's file one for each
 //! kind of poses. One of them is read.

@@ -1,4 +1,4 @@
-//! What a reader of recordings must be told where a file does not say it.
+//! What the caller says of a recording where the file does not say it.
 
 use std::str::FromStr;
 
@@ -8,7 +8,7 @@ use rhumb_reckoning::Rate;
 
 use super::error::RecordingError;
 
-/// What a reader must be told where a file does not say it.
+/// What the caller says where a file does not say it.
 #[derive(Clone, Debug, Default)]
 pub struct ReadOptions {
     /// The load of a trace, the scene of a recording, or the kind of poses; by default the file's first.

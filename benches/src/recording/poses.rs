@@ -1,4 +1,4 @@
-//! Poses of bodies by time, as other programs record them, become frames of a constant rate.
+//! Poses of bodies by time become frames of a constant rate.
 //!
 //! Rotations are checked and continue their sign. A gap of up to three frames is filled, a longer one takes the body away
 //! until its next pose. A body with one pose alone is static.

@@ -211,13 +211,7 @@ impl Chart {
                 } => {
                     let points = points.iter().copied().map(within);
                     labels.avoid_line(points.clone().map(|point| chart.backend_coord(&point)));
-                    let style = color.stroke_width(*width);
-                    match *dash {
-                        None => chart.draw_series(LineSeries::new(points, style))?,
-                        Some((dash, gap)) => {
-                            chart.draw_series(DashedLineSeries::new(points, dash, gap, style))?
-                        }
-                    };
+                    draw_line(&mut chart, points, color.stroke_width(*width), *dash)?;
                 }
                 Mark::Vertical { at, label } => {
                     let ends = [(*at, self.y.from), (*at, self.y.to)].map(within);
@@ -242,6 +236,19 @@ impl Chart {
         draw_dots(root, &mut labels, &dots, &words)?;
         root.present()
     }
+}
+
+fn draw_line<'t, X: Ranged<ValueType = f64>, Y: Ranged<ValueType = f64>>(
+    chart: &mut ChartContext<'_, SVGBackend<'t>, Cartesian2d<X, Y>>,
+    points: impl Iterator<Item = (f64, f64)>,
+    style: ShapeStyle,
+    dash: Option<(u32, u32)>,
+) -> Result<(), PlotError<'t>> {
+    match dash {
+        None => chart.draw_series(LineSeries::new(points, style))?,
+        Some((dash, gap)) => chart.draw_series(DashedLineSeries::new(points, dash, gap, style))?,
+    };
+    Ok(())
 }
 
 /// Side of a vertical line with more space, and the offset of its label.

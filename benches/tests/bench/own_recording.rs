@@ -1,4 +1,4 @@
-//! Motion that other programs recorded is read as it is, and refused with the place where it is wrong.
+//! Motion that other programs recorded is read, or refused with its place.
 //!
 //! The same motion is written in every form: two bodies that swing and turn, as a function of time.
 

@@ -1,4 +1,4 @@
-/* Random calls of a scene; writes the poses that it shows, with bounds.
+/* Random calls of a scene: the poses that it shows, and bounds.
  *
  * Arguments: address, fingerprint, scene, seed, calls, stepping. Each line: tick, fraction, body, position, rotation, bound.
  * The same in Python, C# and JavaScript; the tests of the workspace compare the lines with the server's truth. */

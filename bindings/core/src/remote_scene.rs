@@ -20,8 +20,8 @@ use crate::converted_view::ConvertedView;
 use crate::coordinates::Coordinates;
 use crate::error::BindingError;
 use crate::event_record::EventRecord;
-use crate::heard_bodies::HeardBodies;
 use crate::join_params::{JoinParams, tolerance};
+use crate::known_bodies::KnownBodies;
 use crate::refusal_record::RefusalRecord;
 
 /// Limit of unread events, the client's own. Beyond it, the oldest are dropped.
@@ -64,7 +64,7 @@ pub struct RemoteScene {
     /// Events that the application has not read.
     events: VecDeque<EventRecord>,
     contacts: Contacts,
-    heard: HeardBodies,
+    known: KnownBodies,
     /// Of the last call that the refusals made an error.
     refusals: VecDeque<RefusalRecord>,
     /// Of the last [`Self::error_bounds`].
@@ -90,7 +90,7 @@ impl RemoteScene {
             view: ConvertedView::new(params.coordinates),
             events: VecDeque::new(),
             contacts: Contacts::default(),
-            heard: HeardBodies::default(),
+            known: KnownBodies::default(),
             refusals: VecDeque::new(),
             error_bounds: Vec::new(),
             centres: BodyCentres::default(),
@@ -118,7 +118,7 @@ impl RemoteScene {
         let (builders, centres) = BodyCentres::centred(builders);
         let ids = self.client.add_bodies(builders)?;
         self.centres.keep(&ids, &centres);
-        ids.iter().for_each(|id| self.heard.add(*id));
+        ids.iter().for_each(|id| self.known.add(*id));
         Ok(ids)
     }
 
@@ -321,7 +321,7 @@ impl RemoteScene {
         while let Some((after, event)) = self.client.poll_event() {
             let record = EventRecord::new(after, event, coordinates);
             self.contacts.note(&record);
-            self.heard.note(&record);
+            self.known.note(&record);
             if self.events.len() == EVENTS_KEPT {
                 self.events.pop_front();
             }
@@ -352,12 +352,12 @@ impl RemoteScene {
     ///
     /// # Errors
     ///
-    /// [`BindingError::NotInView`] for a body of which this client never heard.
+    /// [`BindingError::NotInView`] for a body that this client never knew.
     pub fn place(&mut self, body: BodyId) -> Result<Option<usize>, BindingError> {
         let place = self.client.view().place(body);
         if place.is_none() {
             self.take_events();
-            if !self.heard.has(body) {
+            if !self.known.has(body) {
                 return Err(BindingError::NotInView(body));
             }
         }

@@ -639,7 +639,7 @@ impl PyScene {
     /// Place of a body in the arrays: scene.positions[scene.place(body)].
     ///
     /// None for a body that is still to come or has gone; the arrays refuse None as a place, with an IndexError. Raises
-    /// InvalidError for a body of which this client never heard. "body in scene" asks whether the view has it.
+    /// InvalidError for a body that this client never knew. "body in scene" asks whether the view has it.
     fn place(&self, py: Python<'_>, body: &Bound<'_, PyAny>) -> PyResult<Option<usize>> {
         let id = single(body)?;
         self.with(py, |opened| opened.scene.place(id))

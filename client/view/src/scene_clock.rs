@@ -185,7 +185,7 @@ mod tests {
         let server = clock.server(later).unwrap();
         assert_eq!(
             server, 660.0,
-            "it tells nothing that a better one has not told"
+            "a worse sample changes nothing after a better one"
         );
     }
 

@@ -115,7 +115,7 @@ proptest! {
             prop_assert_eq!(keeping.statistics(), dropping.statistics());
             for (body, at) in (0..BODIES).flat_map(|body| (from..=tick + 1).map(move |at| (body, at))) {
                 let (id, at) = (BodyId::new(body, 0), Tick::new(at));
-                // One that is told what is shown keeps as many tracks as that needs, so that it knows more at times.
+                // A subscriber that knows the shown moment keeps the tracks for it, so that it knows more at times.
                 let bound = keeping.bound_at(id, at);
                 if matches!(bound, Some(ErrorBound::Within(_))) {
                     prop_assert_eq!(keeping.predicted_motion(id, at), dropping.predicted_motion(id, at));

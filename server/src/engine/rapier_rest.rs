@@ -1,4 +1,4 @@
-//! Slow bodies of a Rapier world that stay awake, because something still moves them.
+//! Slow bodies of a Rapier world that stay awake: something moves them.
 //!
 //! Rapier lets a body sleep once no point of it has been faster than 0.1 m/s for half a second, whatever moves it. By the
 //! rule `Settled` that is not enough: its time begins anew while it moves without support, while a motor drives it, and

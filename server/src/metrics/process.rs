@@ -1,4 +1,4 @@
-//! Figures of the program and of its process, by the names that Prometheus' own clients give them.
+//! Figures of the program and its process, by the names Prometheus gives them.
 //!
 //! They are those of the process that answers: worker processes have their own. A system without `/proc` has none but the
 //! program's.

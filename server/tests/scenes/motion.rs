@@ -1,4 +1,4 @@
-//! Slow bodies move on and settled ones sleep; fast and spinning ones move as commanded and by the laws.
+//! Slow, fast and spinning bodies move as commanded; settled ones sleep.
 //!
 //! Proved by small scenes on the engine of the server. What a body does is compared with the closed form of its motion.
 

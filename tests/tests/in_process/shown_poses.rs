@@ -1,4 +1,4 @@
-//! What views show is within its stated bound of the truth, whatever members do and links lose.
+//! What views show is within its stated bound of the truth.
 //!
 //! Random commands come between random ticks: bodies are added, removed, placed elsewhere, pushed, made of another kind or
 //! shape. Members with other delays look on over links of their own. Each pose that a view shows is kept with its bound,

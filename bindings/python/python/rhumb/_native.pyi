@@ -642,7 +642,7 @@ class Scene:
         """Place of a body in the arrays: scene.positions[scene.place(body)].
 
         None for a body that is still to come or has gone; the arrays refuse None as a place, with an IndexError. Raises
-        InvalidError for a body of which this client never heard. "body in scene" asks whether the view has it.
+        InvalidError for a body that this client never knew. "body in scene" asks whether the view has it.
         """
     def places(self, body: _Bodies) -> npt.NDArray[np.uintp]:
         """Places of many bodies, which must all be in the view: scene.positions[scene.places(bodies)]."""

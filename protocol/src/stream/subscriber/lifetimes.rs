@@ -1,6 +1,6 @@
 //! Bodies that came or went after a moment that a view still shows.
 //!
-//! Knows no view: it is told the earliest tick that one shows. Invariant: without a delayed view, no departed body is kept.
+//! Knows no view: the caller passes the earliest tick that one shows. Invariant: without a delayed view, no departed body is kept.
 
 use alloc::collections::BTreeMap;
 use alloc::vec::Vec;

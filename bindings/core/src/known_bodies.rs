@@ -1,4 +1,4 @@
-//! The bodies of which a client has heard: those that it added, and those that it saw placed or removed.
+//! The bodies that a client knows: its own, and those that it saw come or go.
 
 use rhumb_client::BodyId;
 
@@ -6,9 +6,9 @@ use crate::event_record::{EventKind, EventRecord};
 
 /// By index: one more than the latest generation, or zero.
 #[derive(Debug, Default)]
-pub(crate) struct HeardBodies(Vec<u32>);
+pub(crate) struct KnownBodies(Vec<u32>);
 
-impl HeardBodies {
+impl KnownBodies {
     /// Adds a body, and those before it under its index.
     pub(crate) fn add(&mut self, body: BodyId) {
         let place = body.index() as usize;
@@ -39,10 +39,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_body_is_heard_of_with_those_before_it_and_not_with_later_ones() {
-        let mut heard = HeardBodies::default();
-        heard.add(BodyId::new(3, 1));
-        let has = |index, generation| heard.has(BodyId::new(index, generation));
+    fn a_body_is_known_with_those_before_it_and_not_with_later_ones() {
+        let mut known = KnownBodies::default();
+        known.add(BodyId::new(3, 1));
+        let has = |index, generation| known.has(BodyId::new(index, generation));
         assert_eq!([has(3, 0), has(3, 1), has(3, 2)], [true, true, false]);
         assert_eq!([has(0, 0), has(4, 0)], [false, false]);
     }
