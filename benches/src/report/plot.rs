@@ -240,7 +240,7 @@ impl Chart {
 
 fn draw_line<'t, X: Ranged<ValueType = f64>, Y: Ranged<ValueType = f64>>(
     chart: &mut ChartContext<'_, SVGBackend<'t>, Cartesian2d<X, Y>>,
-    points: impl Iterator<Item = (f64, f64)>,
+    points: impl Iterator<Item = (f64, f64)> + Clone,
     style: ShapeStyle,
     dash: Option<(u32, u32)>,
 ) -> Result<(), PlotError<'t>> {

@@ -1,7 +1,7 @@
-/* Random calls of a scene: the poses that it shows, and bounds.
- *
- * Arguments: address, fingerprint, scene, seed, calls, stepping. Each line: tick, fraction, body, position, rotation, bound.
- * The same in Python, C# and JavaScript; the tests of the workspace compare the lines with the server's truth. */
+// Random calls of a scene, and the poses that it shows.
+//
+// Arguments: address, fingerprint, scene, seed, calls, stepping. Each line: tick, fraction, body, position, rotation, bound.
+// The same in Python, C# and JavaScript; the tests of the workspace compare the lines with the server's truth.
 
 #include <inttypes.h>
 #include <stdio.h>
