@@ -204,7 +204,8 @@ enum RhumbShapeKind
   RHUMB_SHAPE_KIND_ROUNDED_CUBOID,
   // Everything behind a plane through the body's origin: `normal`. For fixed bodies.
   RHUMB_SHAPE_KIND_HALF_SPACE,
-  // The convex hull of `points`.
+  // The convex hull of `points`, which may be given from anywhere: see `rhumb_shape_centre`. It has 255 corners at most;
+  // other points are left out.
   RHUMB_SHAPE_KIND_HULL,
   // A mesh of `points` and `triangles`. For fixed bodies.
   RHUMB_SHAPE_KIND_MESH,
@@ -279,7 +280,9 @@ enum RhumbCommandKind
  {
   // Removes `body`.
   RHUMB_COMMAND_KIND_REMOVE_BODY,
-  // Moves `body` to the position `vector` and to `rotation`.
+  // Moves `body` to the position `vector` and to `rotation`: at once, or a kinematic one during the next tick. If poses of
+  // a kinematic body come more seldom than ticks, up to four a second, it moves evenly from one to the next and carries
+  // what lies on it. A pose beyond 100 m/s or a quarter of a turn in a tick is a jump that shoves nothing.
   RHUMB_COMMAND_KIND_SET_POSE,
   // Gives `body` the velocity `vector` and the angular velocity `angular`.
   RHUMB_COMMAND_KIND_SET_VELOCITY,

@@ -1696,7 +1696,8 @@ namespace Rhumb
         /// </summary>
         HalfSpace,
         /// <summary>
-        ///  The convex hull of `points`.
+        ///  The convex hull of `points`, which may be given from anywhere: see `rhumb_shape_centre`. It has 255 corners at most;
+        ///  other points are left out.
         /// </summary>
         Hull,
         /// <summary>
@@ -1775,7 +1776,9 @@ namespace Rhumb
         /// </summary>
         RemoveBody,
         /// <summary>
-        ///  Moves `body` to the position `vector` and to `rotation`.
+        ///  Moves `body` to the position `vector` and to `rotation`: at once, or a kinematic one during the next tick. If poses of
+        ///  a kinematic body come more seldom than ticks, up to four a second, it moves evenly from one to the next and carries
+        ///  what lies on it. A pose beyond 100 m/s or a quarter of a turn in a tick is a jump that shoves nothing.
         /// </summary>
         SetPose,
         /// <summary>
