@@ -47,7 +47,7 @@ struct Watcher {
     index: usize,
     live: LiveView,
     shown: Vec<Shown>,
-    /// The moments shown so far, and the bodies that each had.
+    /// The moments that were shown while their ticks were complete, and the bodies that each had.
     moments: Vec<(RenderTime, Vec<BodyId>)>,
 }
 
@@ -110,7 +110,9 @@ impl Watcher {
                 bound: bound.metres(),
             });
         }
-        self.moments.push((at, view.ids().to_vec()));
+        if stream.complete() > at.tick {
+            self.moments.push((at, view.ids().to_vec()));
+        }
     }
 }
 

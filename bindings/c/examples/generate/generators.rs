@@ -26,12 +26,14 @@ const SOURCES: [&str; 13] = [
 ];
 
 /// Enumerations that only fields of type `u32` hold.
-const ENUMERATIONS: [&str; 11] = [
+const ENUMERATIONS: [&str; 13] = [
     "RhumbCoordinates",
     "RhumbJoinCondition",
     "RhumbStepping",
     "RhumbRefusals",
     "RhumbBodyKind",
+    "RhumbSleep",
+    "RhumbEdges",
     "RhumbShapeKind",
     "RhumbJointKind",
     "RhumbJumpFrom",

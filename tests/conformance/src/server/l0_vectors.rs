@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use rhumb_protocol::message::{Denial, ServerMessage, StreamChoice};
-use rhumb_protocol::scene::CommandError;
+use rhumb_protocol::scene::{CommandError, Invalid};
 use rhumb_protocol::session::CloseCode;
 use serde_json::Value;
 
@@ -151,7 +151,7 @@ fn understood(trial: &mut Trial<'_>, vector: &Vector) -> CaseResult {
             let answer = client.await_message("answer", |message| match message {
                 ServerMessage::Created => Some(None),
                 ServerMessage::Denied(Denial::InvalidConfig(invalid)) => {
-                    Some(Some(format!("{invalid:?}")))
+                    Some(Some(broken_rule(&invalid)))
                 }
                 ServerMessage::Denied(other) => Some(Some(format!("{other:?}"))),
                 _ => None,
@@ -178,6 +178,11 @@ fn greeted(client: &mut RawClient) -> CaseResult {
     }
 }
 
+/// The rule and the quantity, as the vectors write them.
+fn broken_rule(invalid: &Invalid) -> String {
+    format!("{:?}({:?})", invalid.rule, invalid.quantity)
+}
+
 fn commanded(client: &mut RawClient, vector: &Vector) -> CaseResult {
     let outcome = client.outcome_of(0)?;
     let Some(error) = &vector.error else {
@@ -192,7 +197,11 @@ fn commanded(client: &mut RawClient, vector: &Vector) -> CaseResult {
             | CommandError::NotGranted(_),
         ) => Ok(()),
         Err(CommandError::UnknownCommand) if error == "UnknownCommand" => Ok(()),
-        Err(CommandError::Invalid(invalid)) if format!("{invalid:?}") == *error => Ok(()),
+        Err(CommandError::Invalid(invalid)) if broken_rule(&invalid) == *error => Ok(()),
+        Err(CommandError::Invalid(invalid)) => Stop::fail(format!(
+            "it is refused with {}, not {error}",
+            broken_rule(&invalid)
+        )),
         Err(other) => Stop::fail(format!("it is refused with {other:?}, not {error}")),
     }
 }
