@@ -184,6 +184,48 @@ typedef uint32_t RhumbBodyKind;
 #endif // __STDC_VERSION__ >= 202311L
 #endif // __cplusplus
 
+// Conditions under which bodies fall asleep.
+enum RhumbSleep
+#if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+  : uint32_t
+#endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+ {
+  // Of a body: as the scene has it. Of a new scene: as `RHUMB_SLEEP_SETTLED`.
+  RHUMB_SLEEP_DEFAULT,
+  // A body sleeps once it has settled: it is slow, and neither gravity nor a motor still moves it.
+  RHUMB_SLEEP_SETTLED,
+  // A body sleeps once it is slower than `sleep_speed` and `sleep_angular_speed` for `sleep_seconds`, whatever moves it.
+  RHUMB_SLEEP_BELOW,
+  // A body never falls asleep by itself, and neither does what it touches.
+  RHUMB_SLEEP_NEVER,
+};
+#ifndef __cplusplus
+#if __STDC_VERSION__ >= 202311L
+typedef enum RhumbSleep RhumbSleep;
+#else
+typedef uint32_t RhumbSleep;
+#endif // __STDC_VERSION__ >= 202311L
+#endif // __cplusplus
+
+// How bodies touch the edges that two triangles of a mesh or of heights share.
+enum RhumbEdges
+#if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+  : uint32_t
+#endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+ {
+  // Each triangle is touched as if it were alone: a body that slides over flat ground may catch on an edge.
+  RHUMB_EDGES_PLAIN,
+  // A body slides and rolls over flat ground as over one face. Heights are then touched from above only.
+  RHUMB_EDGES_SMOOTH,
+};
+#ifndef __cplusplus
+#if __STDC_VERSION__ >= 202311L
+typedef enum RhumbEdges RhumbEdges;
+#else
+typedef uint32_t RhumbEdges;
+#endif // __STDC_VERSION__ >= 202311L
+#endif // __cplusplus
+
 // Kind of a shape, centred on its body's centre of mass. Long axes point up.
 enum RhumbShapeKind
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L

@@ -1663,6 +1663,44 @@ namespace Rhumb
     }
 
     /// <summary>
+    ///  Conditions under which bodies fall asleep.
+    /// </summary>
+    public enum RhumbSleep : uint
+    {
+        /// <summary>
+        ///  Of a body: as the scene has it. Of a new scene: as `RHUMB_SLEEP_SETTLED`.
+        /// </summary>
+        Default,
+        /// <summary>
+        ///  A body sleeps once it has settled: it is slow, and neither gravity nor a motor still moves it.
+        /// </summary>
+        Settled,
+        /// <summary>
+        ///  A body sleeps once it is slower than `sleep_speed` and `sleep_angular_speed` for `sleep_seconds`, whatever moves it.
+        /// </summary>
+        Below,
+        /// <summary>
+        ///  A body never falls asleep by itself, and neither does what it touches.
+        /// </summary>
+        Never,
+    }
+
+    /// <summary>
+    ///  How bodies touch the edges that two triangles of a mesh or of heights share.
+    /// </summary>
+    public enum RhumbEdges : uint
+    {
+        /// <summary>
+        ///  Each triangle is touched as if it were alone: a body that slides over flat ground may catch on an edge.
+        /// </summary>
+        Plain,
+        /// <summary>
+        ///  A body slides and rolls over flat ground as over one face. Heights are then touched from above only.
+        /// </summary>
+        Smooth,
+    }
+
+    /// <summary>
     ///  Kind of a shape, centred on its body's centre of mass. Long axes point up.
     /// </summary>
     public enum RhumbShapeKind : uint

@@ -260,6 +260,10 @@ impl PyScene {
 
     /// Places fixed and dynamic bodies at once; kinematic ones move there during the next tick. Unturned without a
     /// rotation.
+    ///
+    /// Poses of a kinematic body may come more seldom than ticks, up to four a second: it then moves evenly from one to the
+    /// next, carries what lies on it, and stops at the last one. A pose beyond 100 m/s or a quarter of a turn in a tick is a
+    /// jump that shoves nothing. If set_velocity follows, the body is there after one tick and goes on at that velocity.
     #[pyo3(signature = (body, position, rotation = None))]
     fn set_pose(
         &self,

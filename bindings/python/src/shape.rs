@@ -96,7 +96,7 @@ impl PyShape {
         Ok(Self { shape })
     }
 
-    /// The convex hull of 4 to 255 points: rows of three numbers.
+    /// The convex hull of rows of three numbers, from any origin: see centre. At most 255 corners; other points are left out.
     #[staticmethod]
     #[pyo3(name = "hull")]
     fn of_points(py: Python<'_>, points: &Bound<'_, PyAny>) -> PyResult<Self> {
@@ -142,7 +142,7 @@ impl PyShape {
         Self::checked(py, field.map(scene::Shape::Heights))
     }
 
-    /// Several shapes in the axes of a body, from its centre of mass: shape, position, and a rotation if it is turned.
+    /// Several shapes in the axes of a body: shape, position, and a rotation if it is turned.
     #[staticmethod]
     #[pyo3(name = "compound")]
     fn of_parts(py: Python<'_>, parts: Vec<PartTuple<'_>>) -> PyResult<Self> {
@@ -163,11 +163,17 @@ impl PyShape {
         Self::checked(py, Compound::new(parts).map(scene::Shape::Compound))
     }
 
+    /// The centre of mass at an even density, from the origin of the shape and in its axes.
+    ///
+    /// Hulls and compounds alone have another than the origin. A body of such a shape is placed by the origin, and so is
+    /// every pose of it that this client gives and gets; forces act at the centre. Other members see the body from its
+    /// centre of mass.
     #[getter]
     fn centre(&self) -> (f32, f32, f32) {
         self.shape.centre().unwrap_or_default().into()
     }
 
+    /// The shape moved so that its centre of mass is the origin, and the centre: where that was.
     fn centred(&self) -> (Self, (f32, f32, f32)) {
         let (shape, centre) = self.shape.centred();
         (Self { shape }, centre.into())
