@@ -3,8 +3,7 @@
 use std::sync::{Mutex, TryLockError};
 
 use numpy::{IntoPyArray, PyArray1, PyArrayDyn};
-use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::{prelude::*, types::PyDict};
 use rhumb_bindings::rhumb_client::glam::Vec3;
 use rhumb_bindings::rhumb_client::scene::{ActiveEvents, Command, JointId, Locomotion};
 use rhumb_bindings::rhumb_client::{BodyId, PipelineDepth, Tick};

@@ -183,9 +183,6 @@ impl Quantity {
 
     /// The rule for a quantity whose numbers have several limits.
     fn write_rule(self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if self == Self::LockstepPublishing {
-            return f.write_str(LOOKAHEAD_IN_LOCKSTEP);
-        }
         write!(f, "{self} is outside its limits: ")?;
         match self {
             Self::Rate => write!(
@@ -197,6 +194,7 @@ impl Quantity {
                 "at least {EXTENT_MIN} m, and {HULL_FLATNESS} of the hull's radius"
             ),
             Self::PublishInterval => write!(f, "at most {PUBLISH_SECONDS_MAX} s"),
+            Self::LockstepPublishing => f.write_str(LOOKAHEAD_IN_LOCKSTEP),
             Self::Posts => write!(
                 f,
                 "at least 2 rows and 2 columns, and at most {POSTS_MAX} heights"
