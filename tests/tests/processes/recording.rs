@@ -467,11 +467,11 @@ fn a_viewer_is_offered_the_topics_and_schemas_of_a_recording() {
     for _ in 0..10 {
         step(&mut client, ball, &mut heights);
     }
-    let drawn = ["static", "moving", "resting"];
-    let drawn: BTreeSet<_> = drawn.map(|topic| format!("/pit/truth/{topic}")).into();
+    let topics = ["static", "moving", "resting", "poses", "state"];
+    let topics: BTreeSet<_> = topics.map(|topic| format!("/pit/truth/{topic}")).into();
     let offered = {
         let mut left = Viewer::connect(&server);
-        let offered = left.channels(&drawn);
+        let offered = left.channels(&topics);
         left.subscribe(offered["/pit/truth/static"].0);
         let _ = left.next();
         offered
@@ -485,7 +485,7 @@ fn a_viewer_is_offered_the_topics_and_schemas_of_a_recording() {
         serde_json::json!([]),
         "it takes nothing from viewers"
     );
-    let again = viewer.channels(&drawn);
+    let again = viewer.channels(&topics);
     assert_eq!(again, offered);
     viewer.subscribe(again["/pit/truth/moving"].0);
     step(&mut client, ball, &mut heights);
