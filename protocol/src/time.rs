@@ -77,6 +77,7 @@ impl Span {
 
 impl fmt::Display for Span {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{:.3} ms", self.ns as f64 / 1e6)
+        let micros = self.ns / 1_000;
+        write!(f, "{}.{:03} ms", micros / 1_000, micros % 1_000)
     }
 }

@@ -6,19 +6,19 @@ use serde_json::{Map, Value};
 
 /// An object, written as in `json!`, without the fields that are null.
 macro_rules! object {
-    ({$($name:literal: $value:expr),* $(,)?}) => {
-        $crate::object::of_fields(vec![$(($name, serde_json::Value::from($value))),*])
-    };
+    ({$($name:literal: $value:expr),* $(,)?}) => {{
+        let mut object = serde_json::Map::new();
+        $($crate::object::set(&mut object, $name, $value);)*
+        serde_json::Value::Object(object)
+    }};
 }
 pub(crate) use object;
 
-/// An object of these fields without those that are null.
-pub(crate) fn of_fields(fields: Vec<(&str, Value)>) -> Value {
-    let mut object = Map::new();
-    for (name, value) in fields {
-        if !value.is_null() {
-            object.insert(name.to_owned(), value);
-        }
+/// Sets a field, but for one that is null. Inlined into each field of each object, it makes the module 2 % larger.
+#[inline(never)]
+pub(crate) fn set(object: &mut Map<String, Value>, name: &str, value: impl Into<Value>) {
+    let value = value.into();
+    if !value.is_null() {
+        object.insert(name.to_owned(), value);
     }
-    Value::Object(object)
 }

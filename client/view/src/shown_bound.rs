@@ -120,16 +120,20 @@ fn widened(ends: f64, first: &DQuat, second: &DQuat, radius: Metres) -> f64 {
     if whole_turn == 0.0 {
         return ends;
     }
-    // The true turn differs from the predicted one by the bound at each end.
+    // The true turn differs from the predicted one by the bound at each end. A quarter of it is the sum of two angles:
+    // half of the one whose cosine is `dot`, and the one whose sine is `half_chord`.
     let half_chord = (ends / whole_turn).min(1.0);
-    let turn = 2.0 * first.dot(*second).abs().min(1.0).acos() + 4.0 * half_chord.asin();
-    if turn > LONGEST_TURN {
+    let dot = first.dot(*second).abs().min(1.0);
+    let quarter_cosine = ((1.0 + dot) / 2.0).sqrt() * (1.0 - half_chord * half_chord).sqrt()
+        - ((1.0 - dot) / 2.0).sqrt() * half_chord;
+    if quarter_cosine < LEAST_COSINE {
         return ends + whole_turn;
     }
     // The bound is a sum of a distance and a chord; only the chord widens, and no chord exceeds the diameter.
     let chord = ends.min(whole_turn);
-    ends + chord * (1.0 / (turn / 4.0).cos() - 1.0)
+    ends + chord * (1.0 / quarter_cosine - 1.0)
 }
 
-/// Longest turn in a tick, in radians, whose shorter way round is certain: a little less than half a turn.
-const LONGEST_TURN: f64 = 3.0;
+/// Cosine of a quarter of 3 rad, the longest turn in a tick whose shorter way round is certain: a little less than half
+/// a turn.
+const LEAST_COSINE: f64 = 0.731_688_868_873_820_9;

@@ -138,7 +138,8 @@ impl UpstreamSender {
         if tick.value() - before.value() > TICK_JUMP_MAX {
             return PublishOutcome::TooFar;
         }
-        let by_id: BTreeMap<BodyId, BodyState> = motions.iter().copied().collect();
+        let mut by_id: BTreeMap<BodyId, BodyState> = BTreeMap::new();
+        by_id.extend(motions.iter().copied());
         self.observations.clear();
         for (place, body) in self.bodies.iter_mut().enumerate() {
             let Some(id) = body.id else { continue };

@@ -6,7 +6,6 @@
 
 use alloc::boxed::Box;
 use alloc::collections::BTreeMap;
-use alloc::collections::BTreeSet;
 use alloc::collections::btree_map::Entry;
 use alloc::vec::Vec;
 
@@ -293,13 +292,12 @@ impl StreamSender {
         // Symbols up to now went to receivers that were known to lose packets then.
         let sent_from = self.losses.loses_from(from.id);
         self.losses.add_report(from.id, report, next);
-        let lost: BTreeSet<u64> = match &mut self.source {
-            Source::Reckoned(publisher) => {
-                let lost = publisher.answer_one(report, sent_from, out);
-                lost.into_iter().collect()
-            }
+        let mut lost: Vec<u64> = match &mut self.source {
+            Source::Reckoned(publisher) => publisher.answer_one(report, sent_from, out),
             Source::Full(_) => report.lost.iter().map(|lost| lost.expand(next)).collect(),
         };
+        lost.sort_unstable();
+        lost.dedup();
         let Recipient { id, round_trip } = from;
         for number in lost {
             // A packet that is too old has no refresh. The watermark then tells the receiver how much it missed, and it

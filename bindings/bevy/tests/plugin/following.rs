@@ -315,10 +315,13 @@ fn an_entity_of_the_application_goes_with_a_body_that_is_never_shown() {
         .add_body_as(removed, ball(0.0, 5.0))
         .unwrap();
     rhumb(&mut app).remove_body(id).unwrap();
-    // A dynamic body needs a volume.
-    let normal = glam::Vec3::Y;
-    let endless = BodyDesc::dynamic(Shape::HalfSpace { normal });
-    rhumb(&mut app).add_body_as(refused, endless).unwrap();
+    // The server sweeps 64 bodies of a scene, and only it counts them.
+    for x in 1..=64_u8 {
+        let swept = ball(10.0 * f32::from(x), 50.0).swept();
+        rhumb(&mut app).add_body(swept).unwrap();
+    }
+    let one_more = ball(0.0, 50.0).swept();
+    rhumb(&mut app).add_body_as(refused, one_more).unwrap();
     let kept = rhumb(&mut app).add_body_as(shown, ball(3.0, 5.0)).unwrap();
     run_until(&mut app, "two entities are despawned", |app| {
         let is_gone = |own: &Entity| app.world().get_entity(*own).is_err();

@@ -61,12 +61,13 @@ impl PickOrder {
 
     /// The due updates in the order of picks, if all are picked from now on.
     pub(super) fn sorted(mut self, mut due: Vec<DueUpdate>, tick: Tick) -> Vec<(Pick, DueUpdate)> {
-        due.sort_by(|a, b| {
+        due.sort_unstable_by(|a, b| {
             let by_weight = b.weight(tick).total_cmp(&a.weight(tick));
-            b.urgent.cmp(&a.urgent).then(by_weight)
+            let by_id = a.observation.id.cmp(&b.observation.id);
+            b.urgent.cmp(&a.urgent).then(by_weight).then(by_id)
         });
         let mut eldest: Vec<usize> = (0..due.len()).collect();
-        eldest.sort_by_key(|place| due[*place].since);
+        eldest.sort_unstable_by_key(|place| (due[*place].since, *place));
         let mut taken = alloc::vec![false; due.len()];
         let mut order = Vec::with_capacity(due.len());
         let (mut worst, mut eldest) = (0..due.len(), eldest.into_iter());
