@@ -64,10 +64,15 @@ impl Convex {
 
     /// The places of the corners among the points, ascending.
     pub(super) fn corners(&self) -> Vec<usize> {
-        let mut corners: Vec<_> = self.faces.iter().flat_map(|face| face.corners).collect();
-        corners.sort_unstable();
-        corners.dedup();
-        corners
+        let mut is_corner = vec![false; self.points.len()];
+        for face in &self.faces {
+            for corner in face.corners {
+                is_corner[corner] = true;
+            }
+        }
+        (0..is_corner.len())
+            .filter(|point| is_corner[*point])
+            .collect()
     }
 
     /// False if the search ended before it had all corners.
@@ -185,10 +190,11 @@ impl Convex {
             edges.extend([[a, b], [b, c], [c, a]]);
             loose.extend(face.outside.into_iter().filter(|other| *other != point));
         }
-        let mut turned: Vec<_> = edges.iter().map(|[a, b]| [*b, *a]).collect();
+        let number = |from: usize, to: usize| (from as u64) << 32 | to as u64;
+        let mut turned: Vec<u64> = edges.iter().map(|[a, b]| number(*b, *a)).collect();
         turned.sort_unstable();
         // An edge of one face alone is on the border of what the point sees.
-        edges.retain(|edge| turned.binary_search(edge).is_err());
+        edges.retain(|[a, b]| turned.binary_search(&number(*a, *b)).is_err());
         let first = kept.len();
         kept.extend(edges.iter().map(|[a, b]| self.face([*a, *b, point])));
         self.faces = kept;

@@ -94,19 +94,12 @@ impl LossTracker {
         if self.receivers.is_empty() && self.redundancy == Redundancy::Off {
             return Redundancy::Off;
         }
-        let mut losses: Vec<LossRate> = self
-            .receivers
-            .values()
-            .map(|receiver| receiver.loss(next))
-            .collect();
+        let losses = self.receivers.values();
+        let mut losses: Vec<u32> = losses.map(|receiver| receiver.loss(next).0).collect();
         losses.sort_unstable();
         let exceptions = receivers.saturating_sub(1) / RECEIVERS_PER_EXCEPTION;
-        let worst = losses
-            .iter()
-            .rev()
-            .nth(exceptions)
-            .copied()
-            .unwrap_or_default();
+        let worst = losses.iter().rev().nth(exceptions);
+        let worst = LossRate(worst.copied().unwrap_or_default());
         self.redundancy = self.redundancy.for_loss(worst);
         self.redundancy
     }

@@ -2,7 +2,6 @@
 //!
 //! Every missing packet has its own timer. Only missing packets take memory.
 
-use alloc::collections::BTreeMap;
 use alloc::vec::Vec;
 
 use super::retry_timer::RetryTimer;
@@ -18,7 +17,8 @@ const WAIT_MOST: Span = Span::from_millis(500);
 /// The missing packets of one stream and their timers.
 #[derive(Clone, Debug)]
 pub(super) struct NackScheduler {
-    open: BTreeMap<u64, RetryTimer>,
+    /// In rising order of number.
+    open: Vec<(u64, RetryTimer)>,
     /// The earliest time of the next report, because the last one had no place for more packets.
     paused_until: Instant,
 }
@@ -27,7 +27,7 @@ impl NackScheduler {
     /// A scheduler without missing packets.
     pub(super) const fn new() -> Self {
         Self {
-            open: BTreeMap::new(),
+            open: Vec::new(),
             paused_until: Instant::ZERO,
         }
     }
@@ -40,26 +40,22 @@ impl NackScheduler {
     }
 
     /// Sets the missing packets, in rising order of number.
-    fn wait_for(
-        &mut self,
-        now: Instant,
-        allowed: Span,
-        missing: impl Iterator<Item = u64> + Clone,
-    ) {
-        let mut still = missing.clone().peekable();
-        self.open.retain(|number, _| {
-            while still.next_if(|other| other < number).is_some() {}
-            still.next_if_eq(number).is_some()
-        });
-        for number in missing {
-            let new = || RetryTimer::new(allowed, WAIT_MOST);
-            self.open.entry(number).or_insert_with(new).begin(now);
-        }
+    fn wait_for(&mut self, now: Instant, allowed: Span, missing: impl Iterator<Item = u64>) {
+        let mut before = core::mem::take(&mut self.open).into_iter().peekable();
+        self.open.extend(missing.map(|number| {
+            while before.next_if(|(other, _)| *other < number).is_some() {}
+            let mut timer = match before.next_if(|(other, _)| *other == number) {
+                Some((_, timer)) => timer,
+                None => RetryTimer::new(allowed, WAIT_MOST),
+            };
+            timer.begin(now);
+            (number, timer)
+        }));
     }
 
     /// The time of the next report.
     pub(super) fn due(&self) -> Option<Instant> {
-        let due = self.open.values().filter_map(RetryTimer::due).min();
+        let due = self.open.iter().filter_map(|(_, timer)| timer.due()).min();
         due.map(|due| due.max(self.paused_until))
     }
 

@@ -4,6 +4,7 @@
 //! within a round trip.
 
 use alloc::collections::BTreeMap;
+use alloc::vec::Vec;
 
 use crate::time::{Instant, Span};
 
@@ -20,8 +21,8 @@ pub(super) struct ReplyLimiter {
 #[derive(Debug, Default)]
 struct Answered {
     report: Option<Instant>,
-    /// The time of the last refresh, by number of the lost packet.
-    refreshes: BTreeMap<u64, Instant>,
+    /// Numbers of the refreshed packets of the last round trip, and the times of their refreshes.
+    refreshes: Vec<(u64, Instant)>,
 }
 
 impl ReplyLimiter {
@@ -45,10 +46,11 @@ impl ReplyLimiter {
         number: u64,
     ) -> bool {
         let answered = self.receivers.entry(receiver).or_default();
-        answered.refreshes.retain(|_, at| now < *at + round_trip);
-        let allowed = !answered.refreshes.contains_key(&number);
+        answered.refreshes.retain(|(_, at)| now < *at + round_trip);
+        let mut refreshed = answered.refreshes.iter();
+        let allowed = refreshed.all(|(other, _)| *other != number);
         if allowed {
-            answered.refreshes.insert(number, now);
+            answered.refreshes.push((number, now));
         }
         allowed
     }

@@ -33,6 +33,13 @@ impl DueUpdate {
         let waited = tick.since(self.since).unwrap_or_default().count();
         self.share.max(ERROR_LEAST) * (1.0 + f64::from(waited) / AGE)
     }
+
+    /// Lower for a body that is picked earlier: urgent ones first, then the heaviest.
+    fn rank(&self, tick: Tick) -> u64 {
+        // Positive doubles are in the order of their bits, and the highest bit, their sign, is free.
+        let weight = self.weight(tick).to_bits();
+        (u64::from(!self.urgent) << 63) + ((1 << 63) - 1 - weight)
+    }
 }
 
 /// The rule by which a body is picked for an update.
@@ -60,17 +67,17 @@ impl PickOrder {
     }
 
     /// The due updates in the order of picks, if all are picked from now on.
-    pub(super) fn sorted(mut self, mut due: Vec<DueUpdate>, tick: Tick) -> Vec<(Pick, DueUpdate)> {
-        due.sort_unstable_by(|a, b| {
-            let by_weight = b.weight(tick).total_cmp(&a.weight(tick));
-            let by_id = a.observation.id.cmp(&b.observation.id);
-            b.urgent.cmp(&a.urgent).then(by_weight).then(by_id)
-        });
-        let mut eldest: Vec<usize> = (0..due.len()).collect();
-        eldest.sort_unstable_by_key(|place| (due[*place].since, *place));
+    pub(super) fn sorted(mut self, due: Vec<DueUpdate>, tick: Tick) -> Vec<(Pick, DueUpdate)> {
+        let ranks = due.iter().map(|due| due.rank(tick));
+        let mut ranked: Vec<(u64, usize)> = ranks.zip(0..).collect();
+        ranked.sort_unstable();
+        let due: Vec<DueUpdate> = ranked.into_iter().map(|(_, place)| due[place]).collect();
+        let since = due.iter().map(|due| due.since.value());
+        let mut eldest: Vec<(u64, usize)> = since.zip(0..).collect();
+        eldest.sort_unstable();
         let mut taken = alloc::vec![false; due.len()];
         let mut order = Vec::with_capacity(due.len());
-        let (mut worst, mut eldest) = (0..due.len(), eldest.into_iter());
+        let (mut worst, mut eldest) = (0..due.len(), eldest.into_iter().map(|(_, place)| place));
         while order.len() < due.len() {
             let is_free = |place: &usize| !taken[*place];
             let pick = self.next();

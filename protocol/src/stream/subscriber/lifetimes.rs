@@ -13,12 +13,25 @@ use crate::stream::tracks::Slot;
 /// First ticks and last tracks of bodies.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Lifetimes {
-    /// By index: a body, and the first tick at which it is as it is now.
-    arrived: BTreeMap<u32, (BodyId, Tick)>,
-    /// By index, oldest first.
-    departed: BTreeMap<u32, Vec<Departed>>,
+    /// By index; none of them is empty.
+    changed: BTreeMap<u32, IndexLifetimes>,
     /// Labels of bodies that are gone and not kept.
     released: Vec<u32>,
+}
+
+/// The bodies under one index.
+#[derive(Clone, Debug, Default)]
+struct IndexLifetimes {
+    /// The present body, and the first tick at which it is as it is now.
+    arrived: Option<(BodyId, Tick)>,
+    /// Oldest first.
+    departed: Vec<Departed>,
+}
+
+impl IndexLifetimes {
+    const fn is_empty(&self) -> bool {
+        self.arrived.is_none() && self.departed.is_empty()
+    }
 }
 
 /// A body as it was until it was removed or changed.
@@ -59,42 +72,44 @@ impl Lifetimes {
     /// The first tick of a body that is there; zero if no view needs to know it.
     pub(super) fn since(&self, id: BodyId) -> Tick {
         // Almost always there is none.
-        if self.arrived.is_empty() {
+        if self.changed.is_empty() {
             return Tick::ZERO;
         }
-        let arrived = self.arrived.get(&id.index());
-        arrived
-            .filter(|(arrived, _)| *arrived == id)
-            .map_or(Tick::ZERO, |(_, since)| *since)
+        match self.changed.get(&id.index()) {
+            Some(IndexLifetimes {
+                arrived: Some((arrived, since)),
+                ..
+            }) if *arrived == id => *since,
+            _ => Tick::ZERO,
+        }
     }
 
     /// What was under an index at a tick and is not there any more.
     pub(super) fn departed_at(&self, index: u32, tick: Tick) -> Option<&Departed> {
-        let mut departed = self.departed.get(&index)?.iter().rev();
+        let mut departed = self.changed.get(&index)?.departed.iter().rev();
         departed.find(|departed| departed.is_at(tick))
     }
 
     /// True if no body came or went.
     pub(super) fn is_empty(&self) -> bool {
-        self.arrived.is_empty() && self.departed.is_empty()
+        self.changed.is_empty()
     }
 
     /// The indices of all bodies that came or went.
     pub(super) fn indices(&self, out: &mut Vec<u32>) {
-        out.extend(self.arrived.keys());
-        out.extend(self.departed.keys());
+        out.extend(self.changed.keys());
     }
 
     /// Notes the first tick of a body.
     pub(super) fn arrive(&mut self, id: BodyId, since: Tick) {
-        self.arrived.insert(id.index(), (id, since));
+        self.changed.entry(id.index()).or_default().arrived = Some((id, since));
     }
 
     /// Keeps a body that goes.
     pub(super) fn depart(&mut self, departed: Departed) {
-        let index = departed.id.index();
-        self.arrived.remove(&index);
-        self.departed.entry(index).or_default().push(departed);
+        let of_index = self.changed.entry(departed.id.index()).or_default();
+        of_index.arrived = None;
+        of_index.departed.push(departed);
     }
 
     /// Notes the label of a body that is gone.
@@ -109,7 +124,8 @@ impl Lifetimes {
 
     /// Learns from a datagram that the first `scene_events` happened before a tick.
     pub(super) fn note_count(&mut self, scene_events: u64, tick: Tick) {
-        for departed in self.departed.values_mut().flatten() {
+        let all = self.changed.values_mut();
+        for departed in all.flat_map(|of_index| &mut of_index.departed) {
             if let DepartureTick::After(event, _) = departed.end
                 && event <= scene_events
             {
@@ -126,10 +142,10 @@ impl Lifetimes {
         news_after: u64,
         mut release: impl FnMut(&Slot),
     ) {
-        self.arrived.retain(|_, (_, since)| *since > tick);
         let released = &mut self.released;
-        self.departed.retain(|_, of_index| {
-            of_index.retain_mut(|departed| {
+        self.changed.retain(|_, of_index| {
+            of_index.arrived = of_index.arrived.filter(|(_, since)| *since > tick);
+            of_index.departed.retain_mut(|departed| {
                 let stays = match &mut departed.end {
                     DepartureTick::At(end) | DepartureTick::After(_, Some(end)) => *end > tick,
                     DepartureTick::After(_, end) => {
@@ -149,11 +165,16 @@ impl Lifetimes {
 
     /// Drops all departed bodies; `false` if there are none.
     pub(super) fn forget_departed(&mut self, mut release: impl FnMut(&Slot)) -> bool {
-        let departed = core::mem::take(&mut self.departed);
-        for departed in departed.values().flatten() {
-            release(&departed.slot);
-            self.released.extend(departed.label);
-        }
-        !departed.is_empty()
+        let mut is_any = false;
+        let released = &mut self.released;
+        self.changed.retain(|_, of_index| {
+            for departed in of_index.departed.drain(..) {
+                is_any = true;
+                release(&departed.slot);
+                released.extend(departed.label);
+            }
+            !of_index.is_empty()
+        });
+        is_any
     }
 }
