@@ -618,6 +618,10 @@ export type Event = { readonly complete: number } & (
   | { readonly kind: "fellAsleep" | "woke" | "bodyFault" | "reachedGround" | "leftGround"; readonly tick: number; readonly body: BodyId }
   | { readonly kind: "eventsMissed"; readonly tick: number; readonly count: number }
   | { readonly kind: "checksumMismatch" }
+  /** The server receives nothing from the member with authority over the body: from `since` on its error bound is infinite. */
+  | { readonly kind: "publisherSilent"; readonly body: BodyId; readonly since: number }
+  /** It receives from that member again, or its authority has ended: from `tick` on the body has an error bound. */
+  | { readonly kind: "publisherActive"; readonly body: BodyId; readonly tick: number }
   | { readonly kind: "sceneFaulted"; readonly tick: number }
   | { readonly kind: "sceneRestored"; readonly tick: number }
   | { readonly kind: "interrupted"; readonly message: string }

@@ -3,10 +3,11 @@
 //! Knows members only by peer; `scene_runner` decides whether a member may take authority. Invariants: at most one
 //! member has authority over a body, and a member moves no other bodies.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use bytes::Bytes;
 use glam::{Quat, Vec3};
+use rhumb_protocol::message::SceneEvent;
 use rhumb_protocol::packet::{Datagram, PacketKind, StreamId};
 use rhumb_protocol::scene::{Command, Locomotion};
 use rhumb_protocol::session::UpstreamReceiver;
@@ -65,8 +66,16 @@ struct AuthorityGroup {
     /// One bit for each of the newest steps, set if it was late; the newest in the lowest bit.
     late: u128,
     refused: u64,
-    /// True if the bodies stand still because the upstream is silent.
-    stale: bool,
+    silence: Option<UpstreamSilence>,
+}
+
+/// The silence of a member.
+#[derive(Clone, Copy, Debug)]
+struct UpstreamSilence {
+    /// The first tick that the member has not confirmed.
+    since: Tick,
+    /// The tick of the step before which it was noted.
+    noted: Tick,
 }
 
 /// Steps whose lateness is kept.
@@ -77,6 +86,8 @@ const LATE_KEPT: u64 = 128;
 pub(crate) struct AuthorityTable {
     groups: BTreeMap<Peer, AuthorityGroup>,
     authorities: BTreeMap<BodyId, Peer>,
+    /// Bodies of silent members whose authority has ended since the last step.
+    released: BTreeSet<BodyId>,
 }
 
 impl AuthorityTable {
@@ -105,7 +116,7 @@ impl AuthorityTable {
                 late_steps: 0,
                 late: 0,
                 refused: 0,
-                stale: false,
+                silence: None,
             };
             self.groups.insert(peer, group);
         }
@@ -117,6 +128,9 @@ impl AuthorityTable {
             return;
         };
         self.authorities.retain(|_, authority| *authority != peer);
+        if group.silence.is_some() {
+            self.released.extend(group.receiver.bodies());
+        }
         // A member that begins and ends without a step between is not logged.
         if group.steps == 0 {
             return;
@@ -164,26 +178,37 @@ impl AuthorityTable {
         !group.receiver.has_lost_sync()
     }
 
-    /// Sets the targets of all bodies for the next step.
-    pub(crate) fn set_targets(&mut self, scene: &mut Scene) {
+    /// Sets the targets of all bodies for the next step. Returns the scene events of members that became silent or are
+    /// active again.
+    pub(crate) fn set_targets(&mut self, scene: &mut Scene) -> Vec<SceneEvent> {
         let tick = scene.tick().next();
+        let mut scene_events = Vec::new();
+        let bodies: Vec<_> = std::mem::take(&mut self.released)
+            .into_iter()
+            .filter(|id| scene.body(*id).is_some())
+            .collect();
+        if !bodies.is_empty() {
+            scene_events.push(SceneEvent::PublisherActive { tick, bodies });
+        }
         for (peer, group) in &mut self.groups {
             group.put(scene, tick);
             group.steps += 1;
             let incomplete = !group.receiver.is_complete_at(tick);
             group.late = group.late << 1 | u128::from(incomplete);
             group.late_steps += u64::from(incomplete);
-            let stale = group.receiver.is_stale(tick);
-            if stale && !group.stale {
-                let watermark_tick = group.receiver.watermark_tick().value();
-                tracing::warn!(
-                    peer = peer.0,
-                    watermark_tick,
-                    "the upstream is silent; its bodies stand still"
-                );
-            }
-            group.stale = stale;
+            scene_events.extend(group.note_silence(*peer, tick));
         }
+        scene_events
+    }
+
+    /// The scene events of all silent members, for a snapshot.
+    pub(crate) fn silences(&self) -> impl Iterator<Item = SceneEvent> {
+        self.groups.values().filter_map(|group| {
+            Some(SceneEvent::PublisherSilent {
+                since: group.silence?.since,
+                bodies: group.receiver.bodies().collect(),
+            })
+        })
     }
 
     /// Sends NACKs for lost packets, and probes to silent members.
@@ -251,6 +276,31 @@ impl AuthorityGroup {
                 Ok(()) => drop(self.put.insert(id, (position, rotation))),
                 Err(_) => self.refused += 1,
             }
+        }
+    }
+
+    /// The scene event of a member that became silent, or is active again, before the step to a tick. A member is active
+    /// again when it has confirmed a tick after the silence was noted: to answer that nothing is new is not enough.
+    fn note_silence(&mut self, peer: Peer, tick: Tick) -> Option<SceneEvent> {
+        let watermark_tick = self.receiver.watermark_tick();
+        let bodies = || self.receiver.bodies().collect();
+        match (self.silence, self.receiver.silent_since(tick)) {
+            (None, Some(since)) => {
+                tracing::warn!(
+                    peer = peer.0,
+                    watermark_tick = watermark_tick.value(),
+                    "nothing arrives from an upstream: its bodies are predicted, and soon stand still"
+                );
+                let bodies = bodies();
+                self.silence = Some(UpstreamSilence { since, noted: tick });
+                Some(SceneEvent::PublisherSilent { since, bodies })
+            }
+            (Some(silence), None) if watermark_tick >= silence.noted => {
+                let bodies = bodies();
+                self.silence = None;
+                Some(SceneEvent::PublisherActive { tick, bodies })
+            }
+            _ => None,
         }
     }
 

@@ -231,7 +231,12 @@ impl SceneRunner {
             extensions: Extensions::NONE,
         };
         let mut rest = Vec::new();
-        append_snapshot(&self.scene, stream, &mut rest);
+        append_snapshot(
+            &self.scene,
+            stream,
+            self.authority_table.silences(),
+            &mut rest,
+        );
         out.send(peer, &ServerMessage::Joined(joined));
         let mut bytes = rest.len();
         for event in self.shape_events.values() {
@@ -511,7 +516,9 @@ impl SceneRunner {
         let begun = clock();
         self.copy_if_due();
         self.provision.flight.step_began(begun, self.scene.tick());
-        self.authority_table.set_targets(&mut self.scene);
+        for scene_event in self.authority_table.set_targets(&mut self.scene) {
+            self.record_event(scene_event);
+        }
         self.run_script();
         let hook = self.hook.as_mut();
         let refused = hook.map(|hook| hook.act(&mut self.scene));

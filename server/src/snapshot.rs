@@ -8,9 +8,14 @@ use crate::body_placement;
 use crate::scene::Scene;
 use crate::streams::Stream;
 
-/// Appends the snapshot from its changes of gravity on: bodies, joints, and the end (PROTOCOL 4.8). Its shapes go
+/// Appends the snapshot from its changes of gravity on: bodies, joints, silent publishers, and the end (PROTOCOL 4.8). Its shapes go
 /// before, in the bytes of their events.
-pub(crate) fn append_snapshot(scene: &Scene, stream: &Stream, bytes: &mut Vec<u8>) {
+pub(crate) fn append_snapshot(
+    scene: &Scene,
+    stream: &Stream,
+    silences: impl Iterator<Item = SceneEvent>,
+    bytes: &mut Vec<u8>,
+) {
     let mut add = |scene_event| ServerMessage::SceneEvent(scene_event).encode(bytes);
     // A track continues under the gravity of its time.
     for (since, gravity) in stream.gravity_changes() {
@@ -30,5 +35,6 @@ pub(crate) fn append_snapshot(scene: &Scene, stream: &Stream, bytes: &mut Vec<u8
         let joint = *joint;
         add(SceneEvent::JointAdded { id, joint });
     }
+    silences.for_each(add);
     ServerMessage::SnapshotEnd.encode(bytes);
 }

@@ -252,10 +252,10 @@ class Scene:
             if not self.has_snapshot and not self.snapshot_gravity:
                 self.gravities, self.snapshot_gravity = [], True
             self.gravities = [old for old in self.gravities if old[0] < msg["tick"]] + [(msg["tick"], gravity_pull)]
+        elif name in ("PublisherSilent", "PublisherActive"):
+            self.must_know(msg["bodies"])
         elif name == "JointAdded":
-            for id_ in (msg["joint"]["first"], msg["joint"]["second"]):
-                body = self.bodies.get(id_["index"])
-                self.must(body and body.generation == id_["generation"])
+            self.must_know((msg["joint"]["first"], msg["joint"]["second"]))
             self.joints[msg["id"]] = msg["joint"]
         elif name == "JointRemoved":
             self.must(msg["id"] in self.joints)
@@ -263,6 +263,11 @@ class Scene:
         if self.has_snapshot:
             self.scene_events += 1
             self.release()
+
+    def must_know(self, ids):
+        for id_ in ids:
+            body = self.bodies.get(id_["index"])
+            self.must(body and body.generation == id_["generation"])
 
     def must(self, good):
         if not good:

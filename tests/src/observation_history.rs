@@ -61,6 +61,10 @@ pub struct ObservationHistory {
     pub left: usize,
     /// The number of times that the scene was deleted.
     pub deleted: usize,
+    /// Bodies whose publisher fell silent, with the first tick of the silence.
+    pub silent: Vec<(BodyId, Tick)>,
+    /// Bodies whose publisher was active again, with the tick.
+    pub active: Vec<(BodyId, Tick)>,
     /// The end of the connection.
     pub ended: Option<Ending>,
     /// Claims about all bodies so far.
@@ -88,6 +92,8 @@ impl ObservationHistory {
                 Event::Refused { number, error } => self.refused.push((number, error)),
                 Event::BodyRemoved { id, cause } => self.removed.push((id, cause)),
                 Event::Inspected(inspection) => self.inspections.push(inspection),
+                Event::PublisherSilent { id, since } => self.silent.push((id, since)),
+                Event::PublisherActive { id, tick } => self.active.push((id, tick)),
                 Event::Ended(ending) => self.ended = Some(ending),
                 Event::ChecksumMismatch => self.mismatches += 1,
                 Event::AuthorityGrant(bodies) => self.authority_answers.push(Ok(bodies)),

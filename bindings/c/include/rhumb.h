@@ -444,6 +444,11 @@ enum RhumbEventKind
   RHUMB_EVENT_KIND_REACHED_GROUND,
   // No ground carries the character `body` any more.
   RHUMB_EVENT_KIND_LEFT_GROUND,
+  // The server receives nothing from the member with authority over `body`: from `tick` on its pose is a guess, and its
+  // error bound is infinite.
+  RHUMB_EVENT_KIND_PUBLISHER_SILENT,
+  // It receives from that member again, or its authority has ended: from `tick` on `body` has an error bound.
+  RHUMB_EVENT_KIND_PUBLISHER_ACTIVE,
 };
 #ifndef __cplusplus
 #if __STDC_VERSION__ >= 202311L

@@ -259,6 +259,11 @@ pub enum RhumbEventKind {
     ReachedGround,
     /// No ground carries the character `body` any more.
     LeftGround,
+    /// The server receives nothing from the member with authority over `body`: from `tick` on its pose is a guess, and its
+    /// error bound is infinite.
+    PublisherSilent,
+    /// It receives from that member again, or its authority has ended: from `tick` on `body` has an error bound.
+    PublisherActive,
 }
 
 /// The coordinates in the order of their numbers.
@@ -357,6 +362,8 @@ impl RhumbEventKind {
             EventKind::LeftGround => Self::LeftGround,
             EventKind::EventsMissed => Self::EventsMissed,
             EventKind::StreamChanged => Self::StreamChanged,
+            EventKind::PublisherSilent => Self::PublisherSilent,
+            EventKind::PublisherActive => Self::PublisherActive,
             EventKind::SceneRestored => Self::SceneRestored,
             EventKind::SceneFaulted => Self::SceneFaulted,
             EventKind::SceneDeleted => Self::SceneDeleted,

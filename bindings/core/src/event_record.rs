@@ -42,6 +42,11 @@ pub enum EventKind {
     EventsMissed,
     /// The stream changed, by request or because of the link.
     StreamChanged,
+    /// The server receives nothing from the member with authority over `body`: from `tick` on its pose is a guess, and its
+    /// error bound is infinite.
+    PublisherSilent,
+    /// It receives from that member again, or its authority has ended: from `tick` on `body` has an error bound.
+    PublisherActive,
     /// The engine failed, and the scene goes on from `tick` without the commands that it failed on.
     SceneRestored,
     /// The engine failed, and the scene stands still after `tick`.
@@ -89,6 +94,8 @@ impl EventKind {
             Self::LeftGround => "left ground",
             Self::EventsMissed => "events missed",
             Self::StreamChanged => "stream changed",
+            Self::PublisherSilent => "publisher silent",
+            Self::PublisherActive => "publisher active",
             Self::SceneRestored => "scene restored",
             Self::SceneFaulted => "scene faulted",
             Self::SceneDeleted => "scene deleted",
@@ -155,6 +162,10 @@ impl EventRecord {
     #[must_use]
     pub fn new(after: Tick, event: Event, coordinates: Coordinates) -> Self {
         let plain = |kind| Self::plain(kind, after);
+        let at = |kind, tick| Self {
+            tick,
+            ..plain(kind)
+        };
         match event {
             Event::Applied { through, tick } => Self {
                 number: through,
@@ -182,14 +193,10 @@ impl EventRecord {
             Event::SubscriptionChanged(_) | Event::TierChanged { .. } => {
                 plain(EventKind::StreamChanged)
             }
-            Event::SceneRestored(tick) => Self {
-                tick,
-                ..plain(EventKind::SceneRestored)
-            },
-            Event::SceneFaulted { tick, .. } => Self {
-                tick,
-                ..plain(EventKind::SceneFaulted)
-            },
+            Event::PublisherSilent { id, since } => at(EventKind::PublisherSilent, since).about(id),
+            Event::PublisherActive { id, tick } => at(EventKind::PublisherActive, tick).about(id),
+            Event::SceneRestored(tick) => at(EventKind::SceneRestored, tick),
+            Event::SceneFaulted { tick, .. } => at(EventKind::SceneFaulted, tick),
             Event::Deleted => plain(EventKind::SceneDeleted),
             Event::Interrupted(ending) => {
                 plain(EventKind::Interrupted).because(&ClientError::Ended(ending))
@@ -200,10 +207,7 @@ impl EventRecord {
                 number: state.commands,
                 ..plain(EventKind::Resumed)
             },
-            Event::SessionLost(state) => Self {
-                tick: state.tick,
-                ..plain(EventKind::SessionLost)
-            },
+            Event::SessionLost(state) => at(EventKind::SessionLost, state.tick),
             Event::Durable { commands, tick } => Self {
                 tick,
                 number: commands,

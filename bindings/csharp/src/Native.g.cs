@@ -2009,6 +2009,15 @@ namespace Rhumb
         ///  No ground carries the character `body` any more.
         /// </summary>
         LeftGround,
+        /// <summary>
+        ///  The server receives nothing from the member with authority over `body`: from `tick` on its pose is a guess, and its
+        ///  error bound is infinite.
+        /// </summary>
+        PublisherSilent,
+        /// <summary>
+        ///  It receives from that member again, or its authority has ended: from `tick` on `body` has an error bound.
+        /// </summary>
+        PublisherActive,
     }
 
 

@@ -59,6 +59,12 @@ pub(crate) fn event(event: &Event) -> Option<Value> {
         }),
         Event::ChecksumMismatch => object!({"kind": "checksumMismatch"}),
         Event::SceneFaulted { tick, .. } => object!({"kind": "sceneFaulted", "tick": tick.value()}),
+        Event::PublisherSilent { id, since } => {
+            object!({"kind": "publisherSilent", "body": id_number(*id), "since": since.value()})
+        }
+        Event::PublisherActive { id, tick } => {
+            object!({"kind": "publisherActive", "body": id_number(*id), "tick": tick.value()})
+        }
         Event::SceneRestored(tick) => object!({"kind": "sceneRestored", "tick": tick.value()}),
         Event::AuthorityGrant(bodies) => authority_grant(bodies),
         Event::AuthorityDenied(error) => {

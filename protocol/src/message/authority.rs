@@ -123,33 +123,41 @@ fn decode_count(from: &mut Reader<'_>) -> Result<usize, Malformed> {
     Ok(from.varint_to(AUTHORITY_BODIES_MAX as u64)? as usize)
 }
 
+/// Appends bodies under one member's authority, in rising order.
+pub(super) fn encode_bodies(bodies: &[BodyId], to: &mut Writer) {
+    to.varint(bodies.len() as u64);
+    for id in bodies {
+        id.encode(to);
+    }
+}
+
+pub(super) fn decode_bodies(from: &mut Reader<'_>) -> Result<Vec<BodyId>, Malformed> {
+    let mut bodies: Vec<BodyId> = Vec::new();
+    for _ in 0..decode_count(from)? {
+        let id = BodyId::decode(from)?;
+        if bodies.last().is_some_and(|last| *last >= id) {
+            return Err(Malformed::NotCanonical);
+        }
+        bodies.push(id);
+    }
+    Ok(bodies)
+}
+
 impl Wire for TakeAuthority {
     fn encode(&self, to: &mut Writer) {
         StreamChoice::Within(self.tolerance).encode(to);
         self.largest_packet.encode(to);
-        to.varint(self.bodies.len() as u64);
-        for id in &self.bodies {
-            id.encode(to);
-        }
+        encode_bodies(&self.bodies, to);
     }
 
     fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
         let StreamChoice::Within(tolerance) = StreamChoice::decode(from)? else {
             return Err(Malformed::UnknownCode);
         };
-        let largest_packet = LargestPacket::decode(from)?;
-        let mut bodies: Vec<BodyId> = Vec::new();
-        for _ in 0..decode_count(from)? {
-            let id = BodyId::decode(from)?;
-            if bodies.last().is_some_and(|last| *last >= id) {
-                return Err(Malformed::NotCanonical);
-            }
-            bodies.push(id);
-        }
         Ok(Self {
             tolerance,
-            largest_packet,
-            bodies,
+            largest_packet: LargestPacket::decode(from)?,
+            bodies: decode_bodies(from)?,
         })
     }
 }

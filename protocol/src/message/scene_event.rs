@@ -8,6 +8,7 @@ use alloc::vec::Vec;
 use glam::Vec3;
 use rhumb_reckoning::{Anchor, BodyId, BodyState, Inertia, Predictor, Tick, Track};
 
+use super::authority::{decode_bodies, encode_bodies};
 use super::inertia;
 use crate::limits::INDICES_MAX;
 use crate::packet::{Keyframe, predictor_code, predictor_of};
@@ -103,6 +104,20 @@ pub enum SceneEvent {
         /// Its id.
         id: JointId,
     },
+    /// Nothing arrives from a member with authority: the poses of its bodies are guesses.
+    PublisherSilent {
+        /// The first tick that it has not confirmed.
+        since: Tick,
+        /// The bodies, in rising order.
+        bodies: Vec<BodyId>,
+    },
+    /// It is active again, or its authority has ended.
+    PublisherActive {
+        /// The tick from which on the poses are no guesses.
+        tick: Tick,
+        /// The bodies, in rising order.
+        bodies: Vec<BodyId>,
+    },
     /// An event of a later version that changes nothing for this one. It counts like any other.
     Unknown {
         /// From [`OPTIONAL`] on.
@@ -130,6 +145,9 @@ impl Wire for FaultCause {
         })
     }
 }
+
+const PUBLISHER_SILENT: u8 = OPTIONAL;
+const PUBLISHER_ACTIVE: u8 = OPTIONAL + 1;
 
 impl Wire for SceneEvent {
     fn encode(&self, to: &mut Writer) {
@@ -188,6 +206,12 @@ impl Wire for SceneEvent {
             Self::JointRemoved { id } => {
                 to.u8(7);
                 id.encode(to);
+            }
+            Self::PublisherSilent { since, bodies } => {
+                encode_publisher(PUBLISHER_SILENT, *since, bodies, to);
+            }
+            Self::PublisherActive { tick, bodies } => {
+                encode_publisher(PUBLISHER_ACTIVE, *tick, bodies, to);
             }
             Self::Unknown { code, fields } => {
                 to.u8(*code);
@@ -255,6 +279,7 @@ impl Wire for SceneEvent {
             7 => Self::JointRemoved {
                 id: JointId::decode(from)?,
             },
+            code @ (PUBLISHER_SILENT | PUBLISHER_ACTIVE) => decode_publisher(code, from)?,
             code @ OPTIONAL.. => Self::Unknown {
                 code,
                 fields: from.raw(from.rest().len())?.to_vec(),
@@ -262,6 +287,23 @@ impl Wire for SceneEvent {
             _ => return Err(Malformed::UnknownCode),
         })
     }
+}
+
+fn encode_publisher(code: u8, tick: Tick, bodies: &[BodyId], to: &mut Writer) {
+    to.u8(code);
+    to.varint(tick.value());
+    encode_bodies(bodies, to);
+}
+
+fn decode_publisher(code: u8, from: &mut Reader<'_>) -> Result<SceneEvent, Malformed> {
+    let (tick, bodies) = (Tick::new(from.count()?), decode_bodies(from)?);
+    Ok(match code {
+        PUBLISHER_SILENT => SceneEvent::PublisherSilent {
+            since: tick,
+            bodies,
+        },
+        _ => SceneEvent::PublisherActive { tick, bodies },
+    })
 }
 
 /// Bit of a track's first byte for an exact anchor; the predictor is in the bits below.

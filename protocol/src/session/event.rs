@@ -93,6 +93,21 @@ pub enum Event {
     /// The physics engine failed, and the scene goes on from this tick without the commands that it failed on. A
     /// `Refused` with `EngineFailed` names each of them to its member, also one that was applied before.
     SceneRestored(Tick),
+    /// The server receives nothing from the member with authority over this body. Its pose is a guess, and its error bound is
+    /// unknown, from a tick on.
+    PublisherSilent {
+        /// The body.
+        id: BodyId,
+        /// The tick.
+        since: Tick,
+    },
+    /// The server receives from that member again, or its authority has ended: from this tick on the body has an error bound.
+    PublisherActive {
+        /// The body.
+        id: BodyId,
+        /// The tick.
+        tick: Tick,
+    },
     /// The application has authority over these bodies and no others from now on, in rising order.
     AuthorityGrant(Vec<BodyId>),
     /// The server denied the requested authority. Authority granted earlier stays, but not from one connection of a

@@ -188,6 +188,14 @@ impl Replica {
                 self.gravity = *gravity;
                 self.stream_mut().change_gravity(*since, *gravity);
             }
+            SceneEvent::PublisherSilent { since, bodies } => {
+                self.check_bodies(bodies)?;
+                self.stream_mut().silence(*since, bodies);
+            }
+            SceneEvent::PublisherActive { tick, bodies } => {
+                self.check_bodies(bodies)?;
+                self.stream_mut().confirm(*tick, bodies);
+            }
             SceneEvent::SceneFaulted { .. }
             | SceneEvent::SceneRestored { .. }
             | SceneEvent::Unknown { .. } => {}
@@ -206,6 +214,14 @@ impl Replica {
             self.stream_mut().apply_scene_event();
         }
         Ok(())
+    }
+
+    fn check_bodies(&self, bodies: &[BodyId]) -> Result<(), CloseCode> {
+        let is_known = |id: &BodyId| self.stream().body(id.index()) == Some(*id);
+        match bodies.iter().all(is_known) {
+            true => Ok(()),
+            false => Err(CloseCode::VIOLATION),
+        }
     }
 
     fn place(

@@ -142,10 +142,15 @@ impl UpstreamReceiver {
         is_complete || tick <= self.complete_until
     }
 
-    /// True if the client has been silent for so long that its bodies stand still at this tick.
+    /// The first tick that the client has not confirmed, if a watermark of it is overdue at this tick, so that one was
+    /// requested.
     #[must_use]
-    pub fn is_stale(&self, tick: Tick) -> bool {
-        tick > self.last_predicted()
+    pub fn silent_since(&self, tick: Tick) -> Option<Tick> {
+        let silence = self.subscriber().silent_ticks();
+        let request_from = self
+            .upstream_timeout
+            .request_from(self.watermark_tick(), silence);
+        (tick > request_from).then(|| self.watermark_tick().next())
     }
 
     fn last_predicted(&self) -> Tick {
@@ -211,12 +216,7 @@ impl UpstreamReceiver {
 
     /// Appends the reports due at a tick: losses, and silence, which requests the client's watermark.
     pub fn poll_reports(&mut self, now: Instant, tick: Tick, out: &mut Vec<Bytes>) {
-        let silence = self.subscriber().silent_ticks();
-        let overdue = tick
-            > self
-                .upstream_timeout
-                .request_from(self.watermark_tick(), silence);
-        if overdue {
+        if self.silent_since(tick).is_some() {
             self.receiver.expect_within(now, Span::ZERO);
         } else {
             self.receiver.end_silence();
@@ -456,7 +456,7 @@ mod tests {
                 placed(&mut upstream_receiver, last + Ticks::new(ahead)).expect("it is there");
             flown += u32::from(now.pose() != before);
             assert_eq!(
-                upstream_receiver.is_stale(last + Ticks::new(ahead)),
+                last + Ticks::new(ahead) > upstream_receiver.last_predicted(),
                 now.twist() == rhumb_reckoning::Twist::ZERO
             );
             before = now.pose();

@@ -9,6 +9,7 @@ mod lifetimes;
 mod predicting;
 mod reading;
 mod rebuilding;
+mod silent_publishers;
 
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;
@@ -30,6 +31,7 @@ use crate::limits::INDICES_MAX;
 use crate::packet::{Datagram, Head, LargestPacket, LossReport, Low16, StreamId, Update};
 pub use in_force::ShownTrack;
 use lifetimes::Lifetimes;
+use silent_publishers::SilentPublishers;
 
 /// The past that a view still shows.
 #[derive(Clone, Copy, Debug)]
@@ -57,6 +59,7 @@ pub struct Subscriber {
     /// The tracks before the present ones.
     earlier_tracks: EarlierTracks,
     lifetimes: Lifetimes,
+    silent_publishers: SilentPublishers,
     /// What a view shows of the past; `None` before the first [`Self::forget_before`].
     shown: Option<ShownPast>,
     /// Ticks before the newest one that a view shows because of its delay.
@@ -111,6 +114,7 @@ impl Subscriber {
             first: start.next,
             earlier_tracks: EarlierTracks::default(),
             lifetimes: Lifetimes::default(),
+            silent_publishers: SilentPublishers::default(),
             shown: None,
             history: 0,
             lookahead: Ticks::ZERO,
@@ -420,6 +424,7 @@ impl Subscriber {
         let label = self.label(id);
         if !self.depart(id.index(), None) {
             self.lifetimes.release_label(label);
+            self.silent_publishers.forget(id);
         }
         self.earlier_tracks.forget(id.index());
         self.aliases.clear(id.index());
@@ -429,6 +434,20 @@ impl Subscriber {
     /// Changes the gravity after a scene event.
     pub fn change_gravity(&mut self, since: Tick, gravity: Vec3) {
         self.tracks.change_gravity(since, gravity);
+    }
+
+    /// Notes after a scene event that the poses of bodies are guesses from a tick on, because their publisher is silent.
+    pub(crate) fn silence(&mut self, since: Tick, bodies: &[BodyId]) {
+        for id in bodies {
+            self.silent_publishers.silence(*id, since);
+        }
+    }
+
+    /// Notes after a scene event that the publisher of bodies is active again from a tick on.
+    pub(crate) fn confirm(&mut self, tick: Tick, bodies: &[BodyId]) {
+        for id in bodies {
+            self.silent_publishers.confirm(*id, tick);
+        }
     }
 
     /// Notes that a scene event was applied, and reads datagrams that waited for it.
@@ -484,6 +503,12 @@ impl Subscriber {
         let (lifetimes, tracks) = (&mut self.lifetimes, &mut self.tracks);
         let news_after = self.history + u64::from(self.lookahead.count());
         lifetimes.forget_before(tick, news_after, |slot| tracks.release(slot));
+        let is_there = |id: BodyId| {
+            let slot = tracks.slot(id.index());
+            slot.is_some_and(|slot| slot.id(id.index()) == id)
+        };
+        let is_known = |id| is_there(id) || lifetimes.has_departed(id);
+        self.silent_publishers.forget_before(tick, is_known);
     }
 
     /// Keeps motions for this many ticks before the newest one, because a view is delayed by them. Whatever is

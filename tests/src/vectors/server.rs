@@ -333,6 +333,7 @@ fn scene_events(cases: &mut CaseList) {
         );
     }
     cases.add(11, "SceneRestored", &[&[8], &v(300)]);
+    publishers(cases);
     for (word, joint) in joints() {
         cases.add(11, format!("JointAdded, {word}"), &[&[6], &v(7), &joint]);
     }
@@ -344,11 +345,32 @@ fn scene_events(cases: &mut CaseList) {
             &[&[code, 1]],
         );
     }
-    for code in [0x80, 0x9a, 0xff] {
+    for code in [0x82, 0x9a, 0xff] {
         cases.add(
             11,
             format!("an optional scene event {code} that is unknown"),
             &[&[code, 1]],
+        );
+    }
+}
+
+fn publishers(cases: &mut CaseList) {
+    for (code, name) in [(128, "PublisherSilent"), (129, "PublisherActive")] {
+        let event = [vec![code], v(300)].concat();
+        let (one, other) = (id(3, 1), id(300, 0));
+        cases.add(11, name, &[&event, &v(2), &one, &other]);
+        cases.add(11, format!("{name}, no bodies"), &[&event, &v(0)]);
+        let backwards: [&[u8]; 4] = [&event, &v(2), &other, &one];
+        cases.add(11, format!("{name}, bodies out of order"), &backwards);
+        cases.add(
+            11,
+            format!("{name}, a body twice"),
+            &[&event, &v(2), &one, &one],
+        );
+        cases.add(
+            11,
+            format!("{name}, too many bodies"),
+            &[&event, &v(257), &one],
         );
     }
 }

@@ -6,6 +6,7 @@ use rhumb_netsim::{Direction, LinkConfig};
 use rhumb_protocol::message::{AuthorityError, StreamChoice};
 use rhumb_protocol::scene::{Command, CommandError, Stepping};
 use rhumb_protocol::session::Misuse;
+use rhumb_protocol::stream::ErrorBound;
 use rhumb_protocol::{Ending, Span};
 use rhumb_reckoning::{BodyId, Divergence, Tick, Ticks, Tolerance};
 use rhumb_tests::{Avatars, COMMANDER, TICK, Walk, seed, take_authority};
@@ -217,6 +218,52 @@ fn bodies_of_a_silent_client_stop_and_resume_with_its_upstream() {
         walk.frame();
     }
     assert!(walk.judged > judged + 30);
+}
+
+#[test]
+fn followers_learn_of_a_silent_publisher_and_have_no_bound_until_it_is_active() {
+    let mut walk = Walk::new(Stepping::FreeRunning, 1, 2, 1);
+    walk.set_link("rtt=60ms");
+    let id = Avatars::id(0);
+    let follower = walk.stage.enter(NORMAL);
+    let bound = |walk: &Walk, client| {
+        let stream = walk.stage.copy(client).stream();
+        stream.bound(id).expect("an existing body")
+    };
+    for _ in 0..60 {
+        walk.frame();
+    }
+    assert!(matches!(bound(&walk, follower), ErrorBound::Within(_)));
+    walk.stage.run(Span::from_millis(1_000));
+    let [(silent, since)] = walk.stage.histories[follower].silent[..] else {
+        panic!("one body of one publisher is silent");
+    };
+    assert_eq!(silent, id);
+    assert!(since <= walk.stage.copy(follower).stream().complete());
+    // One that joins meanwhile learns it from the snapshot.
+    let later = walk.stage.enter(NORMAL);
+    walk.stage.run(Span::from_millis(200));
+    for client in [follower, later] {
+        assert!(matches!(bound(&walk, client), ErrorBound::Unknown { .. }));
+    }
+    for _ in 0..60 {
+        walk.frame();
+    }
+    let [(active, tick)] = walk.stage.histories[follower].active[..] else {
+        panic!("one body is active again");
+    };
+    assert_eq!(active, id);
+    assert!(tick > since);
+    for client in [follower, later] {
+        assert!(matches!(bound(&walk, client), ErrorBound::Within(_)));
+    }
+    // A connection that breaks off gives its bodies back: what stands still then is the truth.
+    walk.stage.run(Span::from_millis(1_000));
+    assert!(matches!(bound(&walk, follower), ErrorBound::Unknown { .. }));
+    walk.stage.network.sever(COMMANDER, Ending::TimedOut);
+    walk.stage.run(Span::from_millis(300));
+    assert!(matches!(bound(&walk, follower), ErrorBound::Within(_)));
+    assert_eq!(walk.stage.histories[follower].active.len(), 2);
 }
 
 /// Path in two seconds at 1.4 m/s.

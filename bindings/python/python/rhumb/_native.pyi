@@ -359,8 +359,9 @@ class Event:
     def kind(self) -> str:
         """One of: "commands applied", "command refused", "body placed", "body removed", "contact began", "contact ended",
         "contact force", "sensor entered", "sensor left", "fell asleep", "woke", "body fault", "reached ground", "left
-        ground", "events missed", "stream changed", "scene restored", "scene faulted", "scene deleted", "interrupted",
-        "resumed", "session lost", "durable", "authority granted", "authority denied", "denied", "ended", "other"."""
+        ground", "events missed", "stream changed", "publisher silent", "publisher active", "scene restored", "scene
+        faulted", "scene deleted", "interrupted", "resumed", "session lost", "durable", "authority granted", "authority
+        denied", "denied", "ended", "other"."""
     @property
     def after(self) -> int:
         """The newest complete tick when the event was read: no view of an earlier tick shows its effect."""

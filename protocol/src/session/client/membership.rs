@@ -135,6 +135,18 @@ impl ClientMembership {
             return Ok(());
         }
         match *scene_event {
+            SceneEvent::PublisherSilent { since, ref bodies } => {
+                let silent = bodies
+                    .iter()
+                    .map(|id| Event::PublisherSilent { id: *id, since });
+                events.extend(silent);
+            }
+            SceneEvent::PublisherActive { tick, ref bodies } => {
+                let active = bodies
+                    .iter()
+                    .map(|id| Event::PublisherActive { id: *id, tick });
+                events.extend(active);
+            }
             SceneEvent::BodyPlaced { desc, .. } => events.push_back(Event::BodyPlaced(desc.id)),
             SceneEvent::BodyRemoved { id, cause } => {
                 self.upstream.remove(id);

@@ -188,7 +188,7 @@ impl Subscriber {
     }
 
     /// The error bound of a body at a tick; `None` for a body that does not exist then. Unknown after the watermark, before
-    /// the tracks that are still kept, and between two published ticks.
+    /// the tracks that are still kept, between two published ticks, and while the body's publisher is silent.
     #[must_use]
     pub fn bound_at(&self, id: BodyId, tick: Tick) -> Option<ErrorBound> {
         let in_force = self.in_force(id, tick)?;
@@ -204,6 +204,7 @@ impl Subscriber {
             Certainty::None => false,
         };
         let is_known = is_certain(&in_force)
+            && !self.silent_publishers.guesses(id, tick)
             && in_force.track.parent.is_none_or(|parent| {
                 // An attached body is known no better than its parent.
                 self.in_force(parent, tick)

@@ -90,6 +90,12 @@ impl Lifetimes {
         departed.find(|departed| departed.is_at(tick))
     }
 
+    /// True if a body that is gone is kept.
+    pub(super) fn has_departed(&self, id: BodyId) -> bool {
+        let of_index = self.changed.get(&id.index());
+        of_index.is_some_and(|of_index| of_index.departed.iter().any(|departed| departed.id == id))
+    }
+
     /// True if no body came or went.
     pub(super) fn is_empty(&self) -> bool {
         self.changed.is_empty()

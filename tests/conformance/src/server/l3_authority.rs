@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 use rhumb_protocol::message::{
-    AuthorityError, ClientMessage, ServerMessage, StreamChoice, TakeAuthority,
+    AuthorityError, ClientMessage, SceneEvent, ServerMessage, StreamChoice, TakeAuthority,
 };
 use rhumb_protocol::packet::LargestPacket;
 use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, CommandError};
@@ -110,6 +110,12 @@ const CASES: &[CaseRow] = &[
         "a denied request leaves the previous authority unchanged",
         "PROTOCOL 4.11-3",
         goes_on,
+    ),
+    (
+        14,
+        "a publisher that falls silent, and one that is active again or gives up, are scene events",
+        "PROTOCOL 4.6-12, 4.8-1",
+        silent,
     ),
 ];
 
@@ -257,6 +263,40 @@ fn left(trial: &mut Trial<'_>) -> CaseResult {
         matches!(message, ServerMessage::Left).then_some(())
     })?;
     free_again(&mut other, id)
+}
+
+fn silent(trial: &mut Trial<'_>) -> CaseResult {
+    let (mut client, id) = member(trial)?;
+    let grant = must_take_authority(&mut client, &[id])?;
+    client.send(&ClientMessage::Advance { to: Tick::new(60) });
+    let wanted = SceneEvent::PublisherSilent {
+        since: grant.tick.next(),
+        bodies: vec![id],
+    };
+    let about_silence = |message| match message {
+        ServerMessage::SceneEvent(
+            event @ (SceneEvent::PublisherSilent { .. } | SceneEvent::PublisherActive { .. }),
+        ) => Some(event),
+        _ => None,
+    };
+    let event = client.await_message("scene event of a silent publisher", about_silence)?;
+    ensure(event == wanted, format!("it is {wanted:?}, not {event:?}"))?;
+    let mut other = trial.client_of(&client.scene.clone())?;
+    other.hello()?;
+    other.send(&ClientMessage::Join(NORMAL));
+    let event = other.await_message("silent publisher in the snapshot", about_silence)?;
+    ensure(
+        event == wanted,
+        format!("a snapshot repeats it, not {event:?}"),
+    )?;
+    must_take_authority(&mut client, &[])?;
+    client.send(&ClientMessage::Advance { to: Tick::new(61) });
+    let event = client.await_message("scene event of the end of a silence", about_silence)?;
+    let active = SceneEvent::PublisherActive {
+        tick: Tick::new(61),
+        bodies: vec![id],
+    };
+    ensure(event == active, format!("it is {active:?}, not {event:?}"))
 }
 
 /// The published state of a body at a tick: on a circle of its own.
