@@ -2,6 +2,8 @@
 
 import gc
 import math
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -350,6 +352,42 @@ def test_a_client_with_authority_moves_its_body_and_pushes_others(scene):
     with pytest.raises(rhumb.InvalidError):
         scene.take_authority(avatar, tolerance=0)
     scene.take_authority([])
+
+
+# A program that moves a body by authority until it is killed.
+PUBLISHER = """
+import sys
+import rhumb
+scene = rhumb.connect(sys.argv[1], fingerprint=sys.argv[2]).join("killed", stepping="free running")
+lift = scene.add_body(rhumb.Shape.ball(0.5), (0, 9, 0), "kinematic")
+scene.take_authority(lift)
+while True:
+    scene.poll()
+    scene.publish(lift, (0, 9, 0), linear=(0, -1, 0))
+    scene.idle(0.005)
+    if any(event.kind == "authority granted" for event in scene.events()):
+        print(int(lift), flush=True)
+"""
+
+
+def test_followers_learn_that_a_publisher_was_killed(server):
+    with server.connect().join("killed", stepping="free running", tolerance=0.05) as scene:
+        command = [sys.executable, "-c", PUBLISHER, server.address, server.fingerprint]
+        publisher = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        lift = int(publisher.stdout.readline())
+        while lift not in scene or not math.isfinite(scene.error_bound(lift)):
+            scene.poll()
+            scene.idle(0.005)
+        publisher.kill()
+        publisher.communicate()
+        silent = []
+        while not silent:
+            scene.idle(0.005)
+            scene.poll()
+            silent = [event for event in scene.events() if event.kind == "publisher silent"]
+        assert [event.body for event in silent] == [lift]
+        assert silent[0].tick <= scene.time[0]
+        assert scene.error_bound(lift) == math.inf
 
 
 def test_slow_fast_and_spinning_bodies_move_on(server):
