@@ -194,8 +194,7 @@ async function connectionsComeAndGo(browser, path) {
   let demo = await startDemo(binary);
   try {
     const page = await openPage(browser, demo.url);
-    await drop(page, path);
-    await until(page, "d.shown !== undefined && d.shown.time > 3");
+    await plays(page, path, /: 2 boxes, 300 frames/);
     await until(page, "d.state === 'open' && d.bodies > 0");
     const { bodies } = await read(page);
     await aBodyIsPicked(page);
