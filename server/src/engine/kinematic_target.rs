@@ -17,7 +17,7 @@ pub(super) struct KinematicTarget {
     twist: Twist,
     /// Pose that it goes to.
     target: Option<Target>,
-    /// Velocities of the last step, unless it went to a target.
+    /// Velocities after the last step, unless it went to a target on the way to others.
     kept: Option<Twist>,
     /// Steps since the last command of a pose; more than the rhythm counts if there is none.
     since: u32,
@@ -33,6 +33,8 @@ struct Target {
     steps: u32,
     /// True if a velocity was set after it: the caller says how it moves.
     is_timed: bool,
+    /// True if no pose came shortly before it: nothing tells that others follow.
+    is_first: bool,
 }
 
 /// The way of one step.
@@ -85,7 +87,8 @@ impl KinematicTarget {
     /// due, and moves evenly until then.
     pub(super) fn go_to(&mut self, pose: Pose, integrator: Integrator) {
         let longest = INTERVAL_SECONDS_MAX / integrator.rate.step().seconds();
-        if f64::from(self.since) > longest {
+        let is_first = f64::from(self.since) > longest;
+        if is_first {
             self.intervals = [1; RHYTHM];
         } else if self.since > 0 {
             self.intervals.rotate_right(1);
@@ -96,6 +99,7 @@ impl KinematicTarget {
             pose,
             steps: self.intervals.into_iter().max().unwrap_or(1),
             is_timed: false,
+            is_first,
         });
         self.twist = Twist::ZERO;
     }
@@ -126,7 +130,7 @@ impl KinematicTarget {
         self.is_moving() || past <= INTERVAL_SECONDS_MAX
     }
 
-    /// Its velocities in the last step, unless that went to a target: then the engine has them.
+    /// Its velocities after the last step, unless that went to a target on the way to others: then the engine has them.
     pub(super) const fn kept(&self) -> Option<Twist> {
         self.kept
     }
@@ -176,7 +180,9 @@ impl KinematicTarget {
         if is_jump {
             self.target = None;
         }
-        (self.pose, self.kept) = (next, None);
+        // The first pose of a motion, and any single one, says nothing of a way beyond it.
+        let stands = target.is_first && !target.is_timed;
+        (self.pose, self.kept) = (next, stands.then_some(Twist::ZERO));
         if is_jump {
             KinematicStep::Jump(next)
         } else {
@@ -205,7 +211,7 @@ impl Wire for KinematicTarget {
         if let Some(target) = self.target {
             encode_pose(target.pose, to);
             to.varint(u64::from(target.steps));
-            to.u8(u8::from(target.is_timed));
+            to.u8(u8::from(target.is_timed) | u8::from(target.is_first) << 1);
         }
         if let Some(kept) = self.kept {
             encode_twist(kept, to);
@@ -222,10 +228,12 @@ impl Wire for KinematicTarget {
         }
         let mut target = None;
         if present & 1 != 0 {
+            let (pose, steps, flags) = (decode_pose(from)?, from.varint32()?, from.u8()?);
             target = Some(Target {
-                pose: decode_pose(from)?,
-                steps: from.varint32()?,
-                is_timed: from.u8()? != 0,
+                pose,
+                steps,
+                is_timed: flags & 1 != 0,
+                is_first: flags & 2 != 0,
             });
         }
         let mut kept = None;
@@ -347,13 +355,34 @@ mod tests {
             kinematic_target.advance(INTEGRATOR),
             KinematicStep::Move(target)
         );
-        assert_eq!(kinematic_target.kept(), None);
+        assert_eq!(kinematic_target.kept(), Some(Twist::ZERO));
         assert!(!kinematic_target.is_moving());
         kinematic_target.go_to(target, INTEGRATOR);
         kinematic_target.keep(twist);
         kinematic_target.advance(INTEGRATOR);
         assert!(kinematic_target.advance(INTEGRATOR).pose().position.x > 0.0);
         assert_eq!(kinematic_target.kept(), Some(twist));
+    }
+
+    #[test]
+    fn a_single_pose_says_nothing_of_a_way_beyond_it() {
+        let mut kinematic_target = KinematicTarget::at(Pose::IDENTITY);
+        let mut velocities_after = |x| {
+            kinematic_target.go_to(at(x), INTEGRATOR);
+            assert_eq!(kinematic_target.advance(INTEGRATOR).pose(), at(x));
+            let kept = kinematic_target.kept();
+            // Nothing for a second, or another pose at once.
+            (kept, kinematic_target)
+        };
+        assert_eq!(velocities_after(0.5).0, Some(Twist::ZERO));
+        let (second, mut kinematic_target) = velocities_after(1.0);
+        assert_eq!(second, None, "a motion goes on");
+        for _ in 0..60 {
+            kinematic_target.advance(INTEGRATOR);
+        }
+        kinematic_target.go_to(at(2.0), INTEGRATOR);
+        kinematic_target.advance(INTEGRATOR);
+        assert_eq!(kinematic_target.kept(), Some(Twist::ZERO));
     }
 
     fn at(x: f64) -> Pose {
