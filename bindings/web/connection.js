@@ -45,6 +45,12 @@ async function optionsOf({ certificateHashes }) {
   return options;
 }
 
+/** The page's origin as a sentence names it; without one the page is of Node. */
+function ofPage() {
+  const origin = globalThis.location?.origin;
+  return origin === undefined ? " this page" : ` pages of ${origin}`;
+}
+
 /** The address of a server as a WebTransport URL. */
 export function serverUrl(url) {
   let parsed;
@@ -100,8 +106,8 @@ export class Connection {
       transport.close();
       if (cause instanceof RhumbError) throw cause;
       const message =
-        `the server at ${url} was not reached: check that it runs, that UDP passes, and that certificateHashes has its ` +
-        `present hash, which it prints when it starts (${cause.message})`;
+        `the server at ${url} gave no session: check that it runs, that UDP passes, that certificateHashes has its present ` +
+        `hash, which it prints when it starts, and that it allows${ofPage()} by --web-origin (${cause.message})`;
       throw new RhumbError({ code: "connect", message }, { cause });
     }
     return connection;

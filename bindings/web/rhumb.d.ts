@@ -78,9 +78,9 @@ export type WasmSource = string | URL | Response | BufferSource | WebAssembly.Mo
  * `url`: `https://host:port` or `https://host:port/path`. Use the address `127.0.0.1` and not the name `localhost` for a
  * server of this machine, which listens at one of the two addresses of that name only.
  *
- * Rejects with a {@link RhumbError}: `unsupported` (this browser has no WebTransport), `connect` (not reached, or another
- * certificate), `timeout`, `aborted`, `argument`. A page whose origin the server does not allow connects, and is closed
- * with the code 0x105 when it joins.
+ * Rejects with a {@link RhumbError}: `unsupported` (this browser has no WebTransport), `connect` (not reached, another
+ * certificate, or a page whose origin the server does not allow: a browser does not tell which), `timeout`, `aborted`,
+ * `argument`.
  */
 export function connect(url: string | URL, options?: ConnectOptions): Promise<ServerConnection>;
 

@@ -23,8 +23,6 @@ impl TransportCode {
     pub const NO_CONTROL_STREAM: Self = Self(0x103);
     /// The peer's datagrams are disabled or too small for the protocol.
     pub const NO_DATAGRAMS: Self = Self(0x104);
-    /// The page's origin may not connect to this server.
-    pub const ORIGIN: Self = Self(0x105);
 }
 
 impl fmt::Display for TransportCode {
@@ -35,9 +33,6 @@ impl fmt::Display for TransportCode {
             Self::CONTROL_OVERFLOW => f.write_str("control lane too slow"),
             Self::NO_CONTROL_STREAM => f.write_str("no control stream"),
             Self::NO_DATAGRAMS => f.write_str("datagrams absent or too small"),
-            Self::ORIGIN => f.write_str(
-                "the page's origin may not connect: its operator may allow it by --web-origin",
-            ),
             Self(code) => write!(f, "close code {code:#x}"),
         }
     }

@@ -9,8 +9,10 @@ use quinn::{Connection, ConnectionError, TransportErrorCode, VarInt};
 use rhumb_protocol::Ending;
 use rhumb_protocol::session::TransportCode;
 use tokio::sync::Notify;
+use tokio::time::timeout;
 
-use super::web_session::{WebSession, session_code};
+use super::tuning::FLUSH;
+use super::web_session::{WebSession, is_end_of_session, session_code};
 
 /// The end of a connection: requested, performed and named from any thread.
 #[derive(Debug)]
@@ -75,26 +77,37 @@ impl Closing {
         }
     }
 
+    /// The control stream broke by this code: closes, unless so a browser ends its session, whose code is on its way.
+    pub(super) async fn control_broke(&self, code: VarInt) {
+        let ends_session = self.web.is_some() && is_end_of_session(code);
+        if !ends_session || timeout(FLUSH, self.connection.closed()).await.is_err() {
+            self.now(TransportCode::NO_CONTROL_STREAM.0);
+        }
+    }
+
     /// Waits for the connection's end and names it: `Closed` for a code of either end.
     pub(super) async fn ended(&self) -> Ending {
         match self.connection.closed().await {
             ConnectionError::ApplicationClosed(close) => {
-                let code = match self.web {
+                let code = match &self.web {
                     None => u32::try_from(close.error_code.into_inner()).ok(),
-                    Some(_) => session_code(close.error_code),
+                    Some(web) => self.code_of(web).or_else(|| session_code(close.error_code)),
                 };
                 code.map_or(Ending::Broken, Ending::Closed)
             }
             ConnectionError::LocallyClosed => {
-                let peer_code = self.web.as_ref().and_then(|web| web.peer_code());
-                let code = peer_code.or_else(|| self.own_code());
+                let code = match &self.web {
+                    None => self.own_code(),
+                    Some(web) => self.code_of(web),
+                };
                 code.map_or(Ending::Broken, Ending::Closed)
             }
             // A browser closes so when a page is gone.
             ConnectionError::ConnectionClosed(close)
-                if self.web.is_some() && close.error_code == TransportErrorCode::NO_ERROR =>
+                if close.error_code == TransportErrorCode::NO_ERROR
+                    && let Some(web) = &self.web =>
             {
-                Ending::Closed(TransportCode::LEFT.0)
+                Ending::Closed(self.code_of(web).unwrap_or(TransportCode::LEFT.0))
             }
             ConnectionError::TimedOut => Ending::TimedOut,
             ConnectionError::VersionMismatch
@@ -118,6 +131,11 @@ impl Closing {
 
     fn sent_datagrams(&self) -> u64 {
         self.connection.stats().udp_tx.datagrams
+    }
+
+    /// The code that a session was closed with, by whichever end was first.
+    fn code_of(&self, web: &WebSession) -> Option<u32> {
+        web.peer_code().or_else(|| self.own_code())
     }
 
     fn own_code(&self) -> Option<u32> {

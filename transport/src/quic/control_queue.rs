@@ -123,6 +123,7 @@ impl ControlWriter {
         tokio::select! {
             written = self.write(closing, stream, on_empty) => match written {
                 Ok(()) => closing.finish(),
+                Err(WriteError::Stopped(code)) => closing.control_broke(code).await,
                 Err(_) => closing.now(TransportCode::NO_CONTROL_STREAM.0),
             },
             _ = closing.ended() => {}

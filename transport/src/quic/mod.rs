@@ -22,6 +22,10 @@ mod no_web_session;
     expect(dead_code, reason = "only sessions of browsers have an origin")
 )]
 mod origins;
+#[cfg(feature = "web")]
+mod partial_reset_tls;
+#[cfg(feature = "web")]
+mod reset_stream_at;
 mod server;
 mod server_io;
 mod server_loop;
@@ -34,7 +38,11 @@ mod watch;
 mod web_certificate;
 mod web_options;
 #[cfg(feature = "web")]
+mod web_request;
+#[cfg(feature = "web")]
 mod web_session;
+#[cfg(feature = "web")]
+mod web_settings;
 
 #[cfg(not(feature = "web"))]
 use self::no_web_session as web_session;

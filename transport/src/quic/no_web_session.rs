@@ -5,7 +5,7 @@ use std::fmt;
 use bytes::Bytes;
 use quinn::{Connection, RecvStream, SendStream, VarInt};
 
-pub(super) use self::NoSession as WebSession;
+pub(super) use self::{NoSession as WebSession, NoWeb as WebRefusal};
 use super::origins::Origins;
 
 /// A session that no connection has.
@@ -27,12 +27,26 @@ impl fmt::Display for NoWeb {
     }
 }
 
+impl NoWeb {
+    pub(super) const fn foreign_origin(&self) -> Option<&str> {
+        None
+    }
+}
+
+/// Settings that no connection has.
+pub(super) use std::convert::Infallible as SentSettings;
+
+pub(super) async fn send_settings(_connection: &Connection) -> Result<SentSettings, NoWeb> {
+    Err(NoWeb::Absent)
+}
+
 impl NoSession {
     pub(super) async fn accept(
         _connection: &Connection,
+        settings: SentSettings,
         _origins: &Origins,
-    ) -> Result<(Self, Result<(), String>), NoWeb> {
-        Err(NoWeb::Absent)
+    ) -> Result<Self, NoWeb> {
+        match settings {}
     }
 
     pub(super) async fn run(&self, _close: impl Fn(VarInt)) {
@@ -62,6 +76,11 @@ impl NoSession {
     pub(super) fn peer_code(&self) -> Option<u32> {
         match *self {}
     }
+}
+
+/// No stream has a session.
+pub(super) fn is_end_of_session(_code: VarInt) -> bool {
+    false
 }
 
 /// No code belongs to a session.

@@ -2,6 +2,7 @@
 //!
 //! Interprets nothing. Inputs are bounded per connection and lane; a full server refuses attempts at the listener.
 
+use std::any::Any;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::Sender;
@@ -9,7 +10,8 @@ use std::time::Duration;
 
 use quinn::crypto::rustls::HandshakeData;
 use quinn::{
-    Connecting, Connection, Endpoint, Incoming, ReadError, RecvStream, SendStream, VarInt,
+    Connecting, Connection, ConnectionError, Endpoint, Incoming, ReadError, RecvStream, SendStream,
+    VarInt,
 };
 use rhumb_protocol::Peer;
 use rhumb_protocol::limits::DATAGRAM_BYTES_MAX;
@@ -28,7 +30,7 @@ use super::tuning::{
     STATE_IN_FLIGHT_BYTES, WEB_ALPN,
 };
 use super::watch::ServerWatch;
-use super::web_session::WebSession;
+use super::web_session::{SentSettings, WebRefusal, WebSession, send_settings};
 use crate::piece::{ByteCredit, Piece};
 
 /// Accepts until its end is requested, then refuses the attempts that still arrive.
@@ -64,7 +66,7 @@ pub(super) async fn accept(
         let (inputs, watch, handshakes) = (inputs.clone(), watch.clone(), Arc::clone(&handshakes));
         let origins = origins.clone();
         tokio::spawn(async move {
-            let connected = timeout(SETUP, connecting).await;
+            let connected = timeout(SETUP, establish(connecting, origins.is_some())).await;
             handshakes.fetch_sub(1, Ordering::Relaxed);
             match connected {
                 Ok(Ok(connection)) => greet(connection, origins, peer, inputs, watch).await,
@@ -108,37 +110,70 @@ fn admit(
     }
 }
 
+/// A connection, and what it has for a browser if it is one of HTTP/3.
+struct Established {
+    connection: Connection,
+    settings: Option<Result<SentSettings, WebRefusal>>,
+}
+
+/// Waits for the handshake. A connection of HTTP/3 is sent this end's settings in the first flight: the client needs
+/// them before it requests a session.
+async fn establish(
+    mut connecting: Connecting,
+    serves_web: bool,
+) -> Result<Established, ConnectionError> {
+    let is_web = is_web(connecting.handshake_data().await?);
+    if !serves_web || !is_web {
+        return Ok(Established {
+            connection: connecting.await?,
+            settings: None,
+        });
+    }
+    let early = connecting.into_0rtt();
+    let (connection, established) = early.unwrap_or_else(|_| unreachable!("a server may"));
+    let settings = send_settings(&connection).await;
+    established.await;
+    match connection.close_reason() {
+        Some(reason) => Err(reason),
+        None => Ok(Established {
+            connection,
+            settings: Some(settings),
+        }),
+    }
+}
+
 /// Serves a plain client at once, and a browser once its page has a session.
 async fn greet(
-    connection: Connection,
+    established: Established,
     origins: Option<Arc<Origins>>,
     peer: Peer,
     inputs: Sender<Input>,
     watch: ServerWatch,
 ) {
-    let Some(origins) = origins.filter(|_| is_web(&connection)) else {
+    let Established {
+        connection,
+        settings,
+    } = established;
+    let (Some(settings), Some(origins)) = (settings, origins) else {
         return serve(connection, None, peer, inputs, watch).await;
     };
-    match timeout(SETUP, WebSession::accept(&connection, &origins)).await {
-        Ok(Ok((session, Ok(())))) => {
+    let session = async { WebSession::accept(&connection, settings?, &origins).await };
+    match timeout(SETUP, session).await {
+        Ok(Ok(session)) => {
             serve(connection, Some(Arc::new(session)), peer, inputs, watch).await;
         }
-        Ok(Ok((session, Err(origin)))) => {
-            tracing::info!(
-                peer = peer.0,
-                origin,
-                "refused a page: its origin is not allowed"
-            );
-            watch.count(|counters| &counters.refused);
-            let session = Arc::new(session);
-            // A browser reports the code only of a session that its page has begun to use.
-            let _unread = timeout(SETUP, session.accept_bi()).await;
-            let closing = Closing::of(&connection, Some(Arc::clone(&session)));
-            closing.now(TransportCode::ORIGIN.0);
-            session.run(|code| closing.close_connection(code)).await;
-        }
         Ok(Err(cause)) => {
-            tracing::debug!(peer = peer.0, %cause, "no webtransport session");
+            match cause.foreign_origin() {
+                Some(origin) => {
+                    tracing::info!(
+                        peer = peer.0,
+                        origin,
+                        "refused a page: its origin is not allowed"
+                    );
+                    watch.count(|counters| &counters.refused);
+                }
+                None => tracing::debug!(peer = peer.0, %cause, "no webtransport session"),
+            }
             connection.close(VarInt::from_u32(TransportCode::LEFT.0), b"");
         }
         Err(_) => {
@@ -148,11 +183,10 @@ async fn greet(
     }
 }
 
-/// True for a connection of HTTP/3.
-fn is_web(connection: &Connection) -> bool {
-    let data = connection.handshake_data();
-    let data = data.and_then(|data| data.downcast::<HandshakeData>().ok());
-    data.is_some_and(|data| data.protocol.as_deref() == Some(WEB_ALPN))
+/// True for the handshake of a connection of HTTP/3.
+fn is_web(handshake: Box<dyn Any>) -> bool {
+    let data = handshake.downcast::<HandshakeData>();
+    data.is_ok_and(|data| data.protocol.as_deref() == Some(WEB_ALPN))
 }
 
 /// Carries one connection from start to end.
@@ -280,6 +314,7 @@ impl PeerStreams<'_> {
                 }
                 // The client has finished its stream; its close follows.
                 Ok(None) | Err(ReadError::ConnectionLost(_)) => return,
+                Err(ReadError::Reset(code)) => return self.closing.control_broke(code).await,
                 Err(_) => return self.closing.now(TransportCode::NO_CONTROL_STREAM.0),
             }
         }

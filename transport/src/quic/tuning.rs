@@ -6,9 +6,12 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use quinn::congestion::BbrConfig;
+use quinn::crypto;
 use quinn::crypto::rustls::{NoInitialCipherSuite, QuicClientConfig, QuicServerConfig};
 use quinn::{ClientConfig, IdleTimeout, ServerConfig, TransportConfig, VarInt, rustls};
 
+#[cfg(feature = "web")]
+use super::partial_reset_tls::PartialResetConfig;
 use crate::piece::PIECE_COST_BYTES;
 
 /// The application protocol, by its TLS name.
@@ -106,6 +109,27 @@ impl ClientStreams {
         bidirectional: VarInt::from_u32(2),
         unidirectional: VarInt::from_u32(3),
     };
+
+    /// The TLS side of a server: browsers may ask for what QUIC's library has not.
+    #[cfg(feature = "web")]
+    fn crypto(
+        self,
+        tls: Arc<rustls::ServerConfig>,
+    ) -> Result<Arc<dyn crypto::ServerConfig>, NoInitialCipherSuite> {
+        Ok(match self.unidirectional == Self::WEB.unidirectional {
+            true => Arc::new(PartialResetConfig::new(tls)?),
+            false => Arc::new(QuicServerConfig::try_from(tls)?),
+        })
+    }
+
+    /// The TLS side of a server, which is that of QUIC's library.
+    #[cfg(not(feature = "web"))]
+    fn crypto(
+        self,
+        tls: Arc<rustls::ServerConfig>,
+    ) -> Result<Arc<dyn crypto::ServerConfig>, NoInitialCipherSuite> {
+        Ok(Arc::new(QuicServerConfig::try_from(tls)?))
+    }
 }
 
 /// A server's configuration from its TLS configuration.
@@ -119,7 +143,7 @@ pub(super) fn server(
     tls: Arc<rustls::ServerConfig>,
     streams: ClientStreams,
 ) -> Result<ServerConfig, NoInitialCipherSuite> {
-    let mut config = ServerConfig::with_crypto(Arc::new(QuicServerConfig::try_from(tls)?));
+    let mut config = ServerConfig::with_crypto(streams.crypto(tls)?);
     let mut transport = common();
     transport
         .max_concurrent_bidi_streams(streams.bidirectional)

@@ -3,7 +3,6 @@
 //! Its setup, its frames, its end. The kept crate `web-transport-proto` encodes and decodes; this file moves the bytes. A connection carries one session.
 //! Every frame of a peer is bounded by that crate, and streams that no session has are not read.
 
-use std::fmt;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
@@ -15,15 +14,22 @@ use tokio::sync::Notify;
 use tokio::time::timeout;
 use web_transport_proto as proto;
 use web_transport_proto::http::StatusCode;
-use web_transport_proto::http::header::ORIGIN;
 
 use super::origins::Origins;
-
-/// The path that a client requests: it names the protocol, as the ALPN name does elsewhere.
-const WEB_PATH: &str = "/rhumb/1";
+use super::tuning::FLUSH;
+pub(super) use super::web_request::WebRefusal;
+use super::web_request::{self, broken, refused};
+use super::web_settings::{ClientSettings, takes_datagrams};
+pub(super) use super::web_settings::{SentSettings, send_settings};
 
 /// The end of a connection with HTTP/3 that has nothing to report. Source: RFC 9114, section 8.1.
 const H3_NO_ERROR: u32 = 0x100;
+
+/// The reset of a request that is not looked at. Source: RFC 9114, section 8.1.
+const H3_REQUEST_REJECTED: u32 = 0x10b;
+
+/// The reset of a stream whose session has ended.
+const SESSION_GONE: u32 = 0x170d_7b68;
 
 /// Time for which a closing end waits for the peer to take the close code, before it closes the connection.
 const CODE_TAKEN: Duration = Duration::from_millis(80);
@@ -36,9 +42,9 @@ pub(super) struct WebSession {
     session_id: proto::VarInt,
     /// First bytes of each datagram: a quarter of the session's number.
     datagram_header: Bytes,
-    /// Streams that must not end before the session: settings and the request.
+    /// The stream of the request, which must not end before the session.
     request: Mutex<Option<(SendStream, RecvStream)>>,
-    _settings: (SendStream, RecvStream),
+    _settings: SentSettings,
     /// The code that the peer closed the session with; above u32 before.
     peer_code: AtomicU64,
     /// The code to close the session with; above u32 before.
@@ -49,58 +55,50 @@ pub(super) struct WebSession {
 /// A number above all codes.
 const NO_CODE: u64 = u64::MAX;
 
-/// Reason why a connection with HTTP/3 has no session.
-#[derive(Debug)]
-pub(super) enum WebRefusal {
-    /// The peer does not speak WebTransport as it should, or was lost.
-    Handshake(String),
-    /// The path is not that of this protocol.
-    Path(String),
-}
-
-impl fmt::Display for WebRefusal {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Handshake(cause) => cause.fmt(f),
-            Self::Path(path) => write!(f, "the page asks for {path:?}, not for {WEB_PATH}"),
-        }
-    }
-}
-
 impl WebSession {
-    /// Answers the settings and the request of a client. The second result is the page's origin if it may not connect.
+    /// Answers the request of a client, whose settings come before it or after it.
+    ///
+    /// A refused client has its status, and some time to read it.
     pub(super) async fn accept(
         connection: &Connection,
+        settings: SentSettings,
         origins: &Origins,
-    ) -> Result<(Self, Result<(), String>), WebRefusal> {
-        let settings = tokio::try_join!(send_settings(connection), read_settings(connection))?;
+    ) -> Result<Self, WebRefusal> {
+        let mut settings_of_client = ClientSettings::take(connection);
+        let client = settings_of_client.received().await?;
         let (mut send, mut recv) = connection.accept_bi().await.map_err(broken)?;
-        let request = proto::ConnectRequest::read(&mut recv)
-            .await
-            .map_err(broken)?;
-        if request.url.path() != WEB_PATH {
-            let refusal = proto::ConnectResponse::new(StatusCode::NOT_FOUND);
-            refusal.write(&mut send).await.map_err(broken)?;
-            // The end of the connection, which follows, ends the stream too.
-            let _ = send.finish();
-            let _ = timeout(CODE_TAKEN, send.stopped()).await;
-            return Err(WebRefusal::Path(request.url.path().to_owned()));
+        let request = web_request::read_request(&mut recv).await;
+        if let Ok(request) = &request {
+            let address = connection.remote_address();
+            let protocol = request.protocol;
+            tracing::debug!(%address, protocol, settings = ?client, "asked for a session");
         }
-        // Bytes that are no text are no origin that could be allowed.
-        let origin = (request.headers.get(ORIGIN)).map(|origin| origin.to_str().unwrap_or("?"));
-        let verdict = match origins.allows(origin) {
-            true => Ok(()),
-            false => Err(origin.unwrap_or_default().to_owned()),
+        let answer = match request {
+            Ok(_) if !takes_datagrams(&client) => Err(refused(
+                StatusCode::BAD_REQUEST,
+                "the client's settings do not allow datagrams",
+            )),
+            Ok(request) => web_request::answer(&request.connect, origins),
+            Err(refusal) => Err(refusal),
         };
-        // A page reads neither status nor text of a refused request. It reads the code of a closed session.
-        let response = proto::ConnectResponse::OK;
-        response.write(&mut send).await.map_err(broken)?;
+        let answer = match answer {
+            Ok(answer) => answer,
+            Err(refusal) => {
+                if let Some(status) = refusal.status() {
+                    web_request::refuse(&mut send, status).await;
+                    // The end of the connection ends what the client has not read; most clients end it themselves.
+                    let _ = timeout(FLUSH, connection.closed()).await;
+                }
+                return Err(refusal);
+            }
+        };
+        answer.write(&mut send).await.map_err(broken)?;
         let id = VarInt::from(send.id()).into_inner();
         let session_id = proto::VarInt::try_from(id).expect("a stream's number fits");
         let quarter = proto::VarInt::try_from(id / 4).expect("a smaller number fits too");
         let mut header = BytesMut::new();
         quarter.encode(&mut header);
-        let session = Self {
+        Ok(Self {
             connection: connection.clone(),
             session_id,
             datagram_header: header.freeze(),
@@ -109,21 +107,23 @@ impl WebSession {
             peer_code: AtomicU64::new(NO_CODE),
             own_code: AtomicU64::new(NO_CODE),
             close_requested: Notify::new(),
-        };
-        Ok((session, verdict))
+        })
     }
 
-    /// The session's next bidirectional stream, behind its header; `None` after the end of the connection. Streams of no
-    /// session, and those that end before their header, are ignored.
+    /// The session's next bidirectional stream, behind its header; `None` after the end of the connection. Further requests
+    /// are refused: a connection carries one session.
     pub(super) async fn accept_bi(&self) -> Option<(SendStream, RecvStream)> {
         loop {
-            let (send, mut recv) = self.connection.accept_bi().await.ok()?;
+            let (mut send, mut recv) = self.connection.accept_bi().await.ok()?;
             let frame = read_number(&mut recv).await;
             if frame == Some(proto::Frame::WEBTRANSPORT.0)
                 && read_number(&mut recv).await == Some(self.session_id)
             {
                 return Some((send, recv));
             }
+            // A further request, or a stream of its session. A client that has ended it needs no answer.
+            let _ = send.reset(VarInt::from_u32(H3_REQUEST_REJECTED));
+            let _ = recv.stop(VarInt::from_u32(H3_REQUEST_REJECTED));
         }
     }
 
@@ -164,17 +164,16 @@ impl WebSession {
         let Some((mut send, mut recv)) = request else {
             return;
         };
-        let strays = async {
-            while let Ok(stream) = self.connection.accept_uni().await {
-                // The two streams of header compression, which stay empty, must not be refused.
-                tokio::spawn(hold(self.connection.clone(), stream));
-            }
-        };
         tokio::select! {
+            biased;
+            // First: many clients end their connection behind the code, which then waits to be read.
             // The stream is only borrowed: to drop it would stop the peer's end, and its session, before it has the code.
             code = read_close(&mut recv) => {
-                // A page that leaves says nothing.
-                self.peer_code.store(code.unwrap_or(TransportCode::LEFT.0).into(), Ordering::Relaxed);
+                // A page that leaves says nothing. The end of a connection has a code of its own.
+                let is_over = self.connection.close_reason().is_some();
+                if let Some(code) = code.or((!is_over).then_some(TransportCode::LEFT.0)) {
+                    self.peer_code.store(code.into(), Ordering::Relaxed);
+                }
                 close(VarInt::from_u32(H3_NO_ERROR));
             }
             () = self.close_requested.notified() => {
@@ -192,39 +191,22 @@ impl WebSession {
                 close(VarInt::from_u64(code).expect("a code of http/3 fits"));
             }
             _ = self.connection.closed() => {}
-            () = strays => {}
         }
     }
 }
 
-/// The code that a peer closed a session with by the connection's own code; `None` for any other code.
+/// True for the code by which an end resets the streams of a session that it closes (draft 16, section 6).
+pub(super) fn is_end_of_session(code: VarInt) -> bool {
+    code == VarInt::from_u32(SESSION_GONE)
+}
+
+/// The code that a peer closed a session with by the connection's own code; `None` for an error of HTTP/3.
 pub(super) fn session_code(code: VarInt) -> Option<u32> {
-    match code == VarInt::from_u32(H3_NO_ERROR) {
+    // Without a reason: by HTTP/3's code, and by that of libraries below it.
+    match [H3_NO_ERROR, 0].contains(&u32::try_from(code.into_inner()).unwrap_or(u32::MAX)) {
         true => Some(TransportCode::LEFT.0),
         false => proto::error_from_http3(code.into_inner()),
     }
-}
-
-async fn send_settings(connection: &Connection) -> Result<SendStream, WebRefusal> {
-    let mut settings = proto::Settings::default();
-    settings.enable_webtransport(1);
-    let mut stream = connection.open_uni().await.map_err(broken)?;
-    settings.write(&mut stream).await.map_err(broken)?;
-    Ok(stream)
-}
-
-async fn read_settings(connection: &Connection) -> Result<RecvStream, WebRefusal> {
-    let mut stream = connection.accept_uni().await.map_err(broken)?;
-    let settings = proto::Settings::read(&mut stream).await.map_err(broken)?;
-    if settings.supports_webtransport() == 0 {
-        let cause = "the peer's settings do not allow webtransport";
-        return Err(WebRefusal::Handshake(cause.into()));
-    }
-    Ok(stream)
-}
-
-fn broken(cause: impl fmt::Display) -> WebRefusal {
-    WebRefusal::Handshake(cause.to_string())
 }
 
 /// Reads the request's stream to its end; `None` if that comes without a code.
@@ -258,10 +240,4 @@ fn close_capsule(code: u32) -> Vec<u8> {
 
 async fn read_number(stream: &mut RecvStream) -> Option<proto::VarInt> {
     proto::VarInt::read(stream).await.ok()
-}
-
-/// Keeps a stream open, unread, for as long as its connection.
-async fn hold(connection: Connection, stream: RecvStream) {
-    connection.closed().await;
-    drop(stream);
 }

@@ -11,3 +11,5 @@ mod support;
 mod unix;
 #[cfg(all(feature = "web", feature = "raw"))]
 mod web;
+#[cfg(all(feature = "web", feature = "raw"))]
+mod web_http3;

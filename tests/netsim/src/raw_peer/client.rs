@@ -11,10 +11,10 @@ use quinn::crypto::rustls::QuicClientConfig;
 use quinn::{ClientConfig, Connecting, ConnectionError, Endpoint, EndpointConfig, TokioRuntime};
 use rhumb_transport::{Trust, bind_udp, io_runtime, raw};
 use url::Url;
-use web_transport_quinn::Session;
 use web_transport_quinn::http::HeaderValue;
 use web_transport_quinn::http::header::ORIGIN;
-use web_transport_quinn::proto::ConnectRequest;
+use web_transport_quinn::proto::{ConnectError as Answer, ConnectRequest};
+use web_transport_quinn::{ClientError, ConnectError, Session};
 
 use super::config::{Carrier, RawPeerConfig, RawPeerError};
 use super::connection::{RawConnection, RawPeerEnd};
@@ -99,9 +99,11 @@ async fn open(connecting: Connecting, raw_config: &RawPeerConfig) -> Result<Sess
                 request = request.with_header(ORIGIN, origin);
             }
             let session = Session::connect(connection.clone(), request).await;
-            session.map_err(|cause| match connection.close_reason() {
-                Some(reason) => ended(reason),
-                None => RawPeerError::Handshake(RawPeerEnd::Fault(cause.to_string())),
+            session.map_err(|cause| match (&cause, connection.close_reason()) {
+                // A status says more than the end of the connection behind it.
+                (ClientError::HttpError(ConnectError::ProtoError(Answer::WrongStatus(_))), _)
+                | (_, None) => RawPeerError::Handshake(RawPeerEnd::Fault(cause.to_string())),
+                (_, Some(reason)) => ended(reason),
             })
         }
     }

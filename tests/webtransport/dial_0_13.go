@@ -1,0 +1,22 @@
+//go:build v0_13
+
+// The end of webtransport-go 0.13.
+
+package main
+
+import (
+	"context"
+	"crypto/tls"
+	"net/http"
+
+	"github.com/quic-go/webtransport-go"
+)
+
+func dial(ctx context.Context, trust *tls.Config, url string, header http.Header) (*http.Response, *webtransport.Session, error) {
+	transport := webtransport.Transport{TLSClientConfig: trust, ApplicationProtocols: []string{"rhumb/1"}}
+	return transport.Dial(ctx, url, header)
+}
+
+func chosen(session *webtransport.Session) string {
+	return session.SessionState().ApplicationProtocol
+}
