@@ -27,7 +27,7 @@ pub(super) fn make_plain(mut frames: &mut [u8]) {
 }
 
 fn make_reset_plain(frame: &mut [u8]) {
-    let mut numbers = FrameReader { rest: &frame[1..] };
+    let mut numbers = PacketReader { rest: &frame[1..] };
     // Stream, code, and the length of the whole stream.
     let Some((_, _, final_size)) = numbers.three() else {
         return;
@@ -46,7 +46,7 @@ fn make_reset_plain(frame: &mut [u8]) {
 
 /// Bytes of the first of some frames; `None` for no frame, for one that is cut off, and for one of another extension.
 fn frame_length(frames: &[u8]) -> Option<usize> {
-    let mut reader = FrameReader { rest: frames };
+    let mut reader = PacketReader { rest: frames };
     match reader.number()? {
         // PADDING, PING, HANDSHAKE_DONE.
         0x00 | 0x01 | 0x1e => {}
@@ -101,11 +101,11 @@ fn frame_length(frames: &[u8]) -> Option<usize> {
 }
 
 /// Reads numbers of QUIC; `None` where they are cut off.
-struct FrameReader<'a> {
+struct PacketReader<'a> {
     rest: &'a [u8],
 }
 
-impl FrameReader<'_> {
+impl PacketReader<'_> {
     fn number(&mut self) -> Option<u64> {
         let length = 1 << (self.rest.first()? >> 6);
         let (bytes, rest) = self.rest.split_at_checked(length)?;

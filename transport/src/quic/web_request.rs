@@ -106,7 +106,7 @@ pub(super) fn refused(status: StatusCode, cause: impl fmt::Display) -> WebRefusa
 
 /// A request for a session.
 #[derive(Debug)]
-pub(super) struct SessionRequest {
+pub(super) struct WebRequest {
     /// What it asks for, and the page's origin.
     pub(super) connect: ConnectRequest,
     /// The name that it gives to sessions.
@@ -114,7 +114,7 @@ pub(super) struct SessionRequest {
 }
 
 /// Reads a request for a session.
-pub(super) async fn read_request(stream: &mut RecvStream) -> Result<SessionRequest, WebRefusal> {
+pub(super) async fn read_request(stream: &mut RecvStream) -> Result<WebRequest, WebRefusal> {
     let fields = read_fields(stream).await?;
     let request = match decode(&fields) {
         // A list of protocols that cannot be read counts as none (draft 16, section 3.3).
@@ -198,7 +198,7 @@ async fn read_fields(stream: &mut RecvStream) -> Result<Vec<u8>, WebRefusal> {
     }
 }
 
-fn decode(sent: &[u8]) -> Result<SessionRequest, ConnectError> {
+fn decode(sent: &[u8]) -> Result<WebRequest, ConnectError> {
     let fields = with_earlier_name(sent);
     let protocol = if fields == sent {
         EARLIER_SESSION
@@ -210,7 +210,7 @@ fn decode(sent: &[u8]) -> Result<SessionRequest, ConnectError> {
     let bytes = VarInt::try_from(fields.len()).map_err(|_| ConnectError::FieldSectionTooLarge)?;
     bytes.encode(&mut frame);
     frame.extend_from_slice(&fields);
-    Ok(SessionRequest {
+    Ok(WebRequest {
         connect: ConnectRequest::decode(&mut frame.as_slice())?,
         protocol: str::from_utf8(protocol).expect("both names are text"),
     })

@@ -1,4 +1,4 @@
-//! Settings of HTTP/3 between a server and clients of each draft of WebTransport.
+//! Settings of HTTP/3, with clients of each draft of WebTransport.
 //!
 //! The server offers all drafts at once, and each client chooses (PROTOCOL 1.5). Of a client it needs datagrams alone: no
 //! two drafts agree in what else a client sends.

@@ -1,4 +1,4 @@
-//! HTTP/3 below sessions of WebTransport: settings, requests and resets, as clients of each draft send them.
+//! HTTP/3 below sessions of WebTransport, as clients of each draft send it.
 //!
 //! The client is one of QUIC alone: each test writes its bytes.
 
