@@ -20,13 +20,15 @@ use rhumb_reckoning::{Metres, Radians, Ticks, Tolerance};
 use crate::output;
 use crate::record::PacketDirection;
 use crate::recording::{self, ReadOptions};
-use crate::replay::{EnabledFeatures, Failure, ReplayConfig, ended, print_notes, run, tally};
+use crate::replay::{
+    DEFAULT_TOLERANCE, EnabledFeatures, Failure, ReplayConfig, ended, print_notes, run, tally,
+};
 
 /// Arguments: recordings to fit to, and the file of the tables.
 #[derive(Clone, Debug, Args)]
 pub struct FitArguments {
     /// Recordings and how they are published, such as cubes.rhtrace.zst,tolerance=0.01,lookahead=6,weight=2; further
-    /// settings: turn (degrees), publish-interval.
+    /// settings: turn (degrees), publish-interval. The tolerance is 0.05 m unless it is set.
     #[arg(required = true)]
     loads: Vec<FitLoad>,
     /// Source file whose tables are replaced; without it the tables are printed.
@@ -42,6 +44,10 @@ struct FitLoad {
     weight: f64,
 }
 
+fn number(text: &str) -> Result<f64, String> {
+    text.parse().map_err(|_| format!("{text} is not a number"))
+}
+
 impl FromStr for FitLoad {
     type Err = String;
 
@@ -49,16 +55,17 @@ impl FromStr for FitLoad {
         let mut parts = text.split(',');
         let path = PathBuf::from(parts.next().unwrap_or_default());
         let (mut tolerance, mut turn, mut publish_interval, mut lookahead, mut weight) =
-            (0.01, None, 1.0, 0.0, 1.0);
+            (DEFAULT_TOLERANCE.to_owned(), None, 1.0, 0.0, 1.0);
         for part in parts {
             let (name, value) = part
                 .split_once('=')
                 .ok_or_else(|| format!("{part} is not a setting"))?;
-            let value: f64 = value
-                .parse()
-                .map_err(|_| format!("{value} is not a number"))?;
+            if name == "tolerance" {
+                tolerance = value.to_owned();
+                continue;
+            }
+            let value = number(value)?;
             match name {
-                "tolerance" => tolerance = value,
                 "turn" => turn = Some(value),
                 "publish-interval" => publish_interval = value,
                 "lookahead" => lookahead = value,
@@ -66,7 +73,7 @@ impl FromStr for FitLoad {
                 _ => return Err(format!("{name} is not a setting of a load")),
             }
         }
-        let length = Metres::new(tolerance);
+        let length = Metres::new(number(&tolerance)?);
         let tolerance = match turn {
             None => Tolerance::from_metres(length),
             Some(degrees) => Tolerance::parts(length, Radians::new(degrees.to_radians())),
