@@ -183,13 +183,14 @@ impl Client {
     /// Queues the addition of a body, and of its shape unless the scene has an equal one; returns the body's id.
     ///
     /// The origin of its shape is its centre of mass. A hull or compound that is given from elsewhere is moved there by
-    /// [`BodyBuilder::centred`].
+    /// [`BodyBuilder::centred`]; a dynamic one that is not is an error.
     ///
     /// # Errors
     ///
     /// As [`Self::add_bodies`].
     pub fn add_body(&mut self, body: BodyBuilder) -> Result<BodyId, ClientError> {
         let state = self.check_body(&body)?;
+        check_centre(&body)?;
         self.reserve_ids(1)?;
         Ok(self.ids.add_body(&mut self.pump.session, &body, state)?)
     }
@@ -202,15 +203,21 @@ impl Client {
     ///
     /// # Errors
     ///
-    /// [`ClientError::Misuse`] for an invalid number, [`ClientError::Denied`] when the server grants no more indices,
+    /// [`ClientError::Misuse`] for an invalid number, [`ClientError::OffCentre`] for a dynamic body whose shape has another
+    /// centre of mass than its origin, [`ClientError::Denied`] when the server grants no more indices,
     /// [`ClientError::TooManyShapes`] when the scene has no number left for a shape. Then none of the bodies is queued.
     pub fn add_bodies(
         &mut self,
         bodies: impl IntoIterator<Item = BodyBuilder>,
     ) -> Result<Vec<BodyId>, ClientError> {
-        let mut checked = Vec::new();
+        let mut checked: Vec<(BodyBuilder, BodyState)> = Vec::new();
         for body in bodies {
             let state = self.check_body(&body)?;
+            // Many bodies of one shape come one after the other, and to find its centre takes time.
+            let is_like = |(before, _): &(BodyBuilder, _)| before.is_turned_like(&body);
+            if !checked.last().is_some_and(is_like) {
+                check_centre(&body)?;
+            }
             checked.push((body, state));
         }
         self.reserve_ids(u32::try_from(checked.len()).unwrap_or(u32::MAX))?;
@@ -587,6 +594,12 @@ impl Client {
         self.live_view
             .show(session, now, RenderTime::at(tick), false);
     }
+}
+
+/// Refuses a body that the engine would turn about another point than its centre of mass.
+fn check_centre(body: &BodyBuilder) -> Result<(), ClientError> {
+    body.off_centre()
+        .map_or(Ok(()), |centre| Err(ClientError::OffCentre(centre)))
 }
 
 impl Drop for Client {

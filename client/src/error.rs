@@ -5,6 +5,7 @@ use std::io;
 use std::path::PathBuf;
 use std::time::Duration;
 
+use glam::Vec3;
 use rhumb_protocol::Ending;
 use rhumb_protocol::message::{Denial, InvalidToken};
 use rhumb_protocol::scene::{IdOutOfRange, InvalidSceneName, SceneName};
@@ -61,6 +62,9 @@ pub enum OpenError {
 pub enum ClientError {
     /// The caller's own mistake; nothing was sent.
     Misuse(Misuse),
+    /// The shape of a dynamic body has its centre of mass elsewhere than at its origin, about which the server would turn
+    /// it: metres in the axes of the body. Nothing was sent.
+    OffCentre(Vec3),
     /// An id that no scene can have; nothing was sent.
     Id(IdOutOfRange),
     /// The connection is over.
@@ -120,6 +124,10 @@ impl fmt::Display for ClientError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Misuse(misuse) => misuse.fmt(f),
+            Self::OffCentre(centre) => write!(
+                f,
+                "the centre of mass of the body's shape is at {centre} m, and must be its origin: add the body that `BodyBuilder::centred` makes, whose pose is that of the centre, or give it moments of inertia of its own"
+            ),
             Self::Id(cause) => cause.fmt(f),
             Self::Ended(Ending::Closed(code)) => {
                 f.write_str("the connection was closed: ")?;

@@ -8,7 +8,8 @@ use std::time::Duration;
 
 use rhumb_client::glam::Vec3;
 use rhumb_client::scene::{
-    BodyDesc, Command, Joint, JointFrame, JointId, JointKind, Mesh, SceneConfig, Shape, Stepping,
+    BodyDesc, Command, Hull, Joint, JointFrame, JointId, JointKind, Mass, Mesh, SceneConfig, Shape,
+    Stepping,
 };
 use rhumb_client::{
     BodyId, Client, ClientError, Denial, ErrorBound, Event, JoinMode, JoinOptions, Metres, Misuse,
@@ -281,6 +282,41 @@ fn what_can_be_known_at_once_is_refused_at_once() {
     let to_itself = Misuse::JoinedToItself(id);
     assert!(matches!(joined, Err(ClientError::Misuse(misuse)) if misuse == to_itself));
     client.advance(PipelineDepth::LOCKSTEP).expect("it steps");
+}
+
+#[test]
+fn a_dynamic_body_off_its_centre_of_mass_is_refused_and_a_centred_one_is_not() {
+    let mut client = Client::local().join("off-centre").expect("a scene");
+    let corner = |place: u8| [place & 1, place >> 1 & 1, place >> 2].map(f32::from);
+    let corners: Vec<_> = (0..8).map(|place| corner(place).into()).collect();
+    let cube = Shape::Hull(Hull::new(&corners).expect("a cube"));
+    let dynamic = || BodyDesc::dynamic(cube.clone());
+    let refused = client.add_body(dynamic());
+    assert!(matches!(refused, Err(ClientError::OffCentre(centre)) if centre == Vec3::splat(0.5)));
+    let several = [dynamic().centred().0, dynamic()];
+    let refused = client.add_bodies(several);
+    let text = refused.expect_err("one of them is off").to_string();
+    assert!(
+        text.contains("(0.5, 0.5, 0.5)") || text.contains("[0.5, 0.5, 0.5]"),
+        "{text}"
+    );
+    // No engine turns the first two, and the third says how it turns.
+    let own = Mass {
+        mass: 1.0,
+        moments: Some(Vec3::ONE),
+    };
+    let fixed = BodyDesc::fixed(cube.clone());
+    let kinematic = BodyDesc::kinematic(cube.clone());
+    client
+        .add_bodies([
+            fixed,
+            kinematic,
+            dynamic().mass_of(own),
+            dynamic().centred().0,
+        ])
+        .expect("none of them is off");
+    client.advance(PipelineDepth::LOCKSTEP).expect("a step");
+    assert_eq!(client.view().ids().len(), 4);
 }
 
 #[test]

@@ -38,9 +38,10 @@ pub(crate) fn outcome(call: &str, result: Result<(), ClientError>) -> Error {
     };
     godot_error!("{call}: {error}");
     match error {
-        ClientError::Misuse(_) | ClientError::Id(_) | ClientError::Refused(_) => {
-            Error::ERR_INVALID_PARAMETER
-        }
+        ClientError::Misuse(_)
+        | ClientError::Id(_)
+        | ClientError::OffCentre(_)
+        | ClientError::Refused(_) => Error::ERR_INVALID_PARAMETER,
         ClientError::Timeout { .. } => Error::ERR_TIMEOUT,
         ClientError::Denied(_) => Error::ERR_UNAUTHORIZED,
         ClientError::TooManyShapes => Error::ERR_OUT_OF_MEMORY,

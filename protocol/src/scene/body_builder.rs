@@ -116,6 +116,23 @@ impl BodyBuilder {
         (self, centre)
     }
 
+    /// The centre of mass of its shape, metres in the axes of the body, where the engine would turn the body about another
+    /// point: its origin. `None` for a body that is not dynamic or has moments of inertia of its own.
+    #[must_use]
+    pub fn off_centre(&self) -> Option<Vec3> {
+        let has_moments = self.desc.mass.is_some_and(|mass| mass.moments.is_some());
+        let is_concerned = self.desc.kind == BodyKind::Dynamic && !has_moments;
+        is_concerned.then(|| self.shape.centre()).flatten()
+    }
+
+    /// True if [`Self::off_centre`] is the same for another body.
+    #[must_use]
+    pub fn is_turned_like(&self, other: &Self) -> bool {
+        self.desc.kind == other.desc.kind
+            && self.desc.mass == other.desc.mass
+            && self.shape == other.shape
+    }
+
     /// Sets its own material in place of the scene's.
     #[must_use]
     pub const fn material(mut self, material: Material) -> Self {
