@@ -6,7 +6,8 @@
  * Only connecting and joining wait, and return promises. All other calls return at once; an answer arrives as an event.
  *
  * Frames and units: world frame, right-handed, SI. A rotation is a unit quaternion x, y, z, w, body → world.
- * A position is that of the centre of mass. Velocities are those of the centre of mass. Ticks are numbers.
+ * A position is that of the centre of mass, or of the origin of a hull or compound that this page added. Velocities are those
+ * of the centre of mass. Ticks are numbers.
  *
  * Every error of this module is a {@link RhumbError} with a code and a sentence that says what to do.
  */
@@ -359,7 +360,7 @@ export interface View {
   readonly shapes: Uint32Array;
   /** Kind of each body: 0 fixed, 1 dynamic, 2 kinematic. */
   readonly kinds: Uint8Array;
-  /** x, y, z of each body's centre of mass, metres. */
+  /** x, y, z of each body's centre of mass, or of the origin of a hull or compound that this page added, metres. */
   readonly positions: Float32Array;
   /** x, y, z, w of each body's rotation. */
   readonly rotations: Float32Array;
@@ -411,7 +412,7 @@ export interface BodyState {
 // ---------------------------------------------------------------------------------------------------------------------
 // Parts of a scene
 
-/** Lengths in metres, from the body's centre of mass; long axes along the body's y. */
+/** Lengths in metres, from the body's centre of mass, but for hulls and compounds; long axes along the body's y. */
 export type Shape =
   | { readonly kind: "ball"; readonly radius: number }
   | { readonly kind: "cuboid"; readonly halfExtents: Vec3 }
@@ -500,7 +501,7 @@ export interface BodyOptions extends BodyProperties, Partial<BodyState> {
 }
 
 export interface JointFrame {
-  /** From the body's centre of mass, along its axes, metres. */
+  /** From the origin of the body's shape, along its axes, metres. */
   readonly anchor: Vec3;
   /** Frame → body. Default: the axes of the body. */
   readonly rotation?: Quat;

@@ -19,7 +19,7 @@ function isOwn({ target, code }) {
 }
 
 /**
- * Has keys act, wherever the focus is. `press` and `release` get the codes of keys that are held, and `press` returns true if
+ * Makes keys act, wherever the focus is. `press` and `release` get the codes of keys that are held, and `press` returns true if
  * it takes one.
  */
 export function keys(canvas, actions, { press, release, releaseAll }) {
@@ -47,7 +47,7 @@ export function keys(canvas, actions, { press, release, releaseAll }) {
   });
 }
 
-/** Has the pointer carry bodies with shift (`carry`, which returns true if it takes one), and pick them by a click. */
+/** Makes the pointer carry bodies with shift (`carry`, which returns true if it takes one), and pick them by a click. */
 export function pointers(canvas, { carry, move, drop, pick }) {
   let pressed;
   canvas.addEventListener(

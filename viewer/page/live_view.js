@@ -1,4 +1,4 @@
-// What is shown live: the copy at the chosen moment, its errors, and beside it what full states at the same bytes would show.
+// The live picture: the copy at the chosen moment with its errors, and beside it full states at the same bytes.
 
 import { Beside } from "./beside.js";
 import { Comparison } from "./comparison.js";
@@ -123,7 +123,7 @@ function isCounted({ tick, isComplete }, moment) {
   return tick >= 0 && (moment !== "complete" || isComplete);
 }
 
-/** Has the copy show the chosen moment; returns it. */
+/** Computes the copy's view of the chosen moment; returns the moment. */
 function showMoment(copy, now, moment, { completeTick, watermarkTick }) {
   if (moment === "predicted") return copy.poll(now);
   // A view does not go back.

@@ -51,7 +51,7 @@ let lastFrame = 0;
 let scene;
 /** The frame of the history or of a recording that was drawn last. */
 let lastShown;
-/** What the legend was made of. */
+/** Arguments of the last legend. */
 let legendOf = [];
 /** True if there is something to say about the connection. */
 let noticed = false;
@@ -389,7 +389,7 @@ function placeOfPicked({ layout, positions }) {
   return positions[3 * place] === AWAY ? -1 : place;
 }
 
-/** Has the panel show another body, or none. */
+/** Shows another body in the panel, or none. */
 function pick(id) {
   panel.pick(id);
   for (const each of [pane, besidePane]) each.trail.clear();
@@ -397,7 +397,7 @@ function pick(id) {
 
 // Time ---------------------------------------------------------------------------------------------------------------
 
-/** What is shown next comes from elsewhere. */
+/** Turns to another source of frames: live, the last minute, or a recording. */
 function turnTo(next) {
   mode = next;
   document.body.dataset.mode = next.kind;
@@ -479,7 +479,7 @@ function begun(recording) {
 
 // Controls -----------------------------------------------------------------------------------------------------------
 
-/** What a page without a server has as well. */
+/** Controls of every page, also of one without a server. */
 function controls() {
   onChoice(element("colour"), (name) => {
     colours.mode = name;
@@ -509,7 +509,7 @@ function controls() {
   pointers(element("view"), pointerActions());
 }
 
-/** What needs a server. */
+/** Controls that need a server. */
 function liveControls() {
   tolerance = new Tolerance(element, (length) => {
     live.options.tolerance = length;

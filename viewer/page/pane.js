@@ -37,7 +37,7 @@ export class Pane {
     return this.#layout;
   }
 
-  /** What is shown next comes from elsewhere: all of it is drawn anew. */
+  /** Draws the next frame in full: it comes from another source. */
   forget() {
     this.#isStale = true;
   }

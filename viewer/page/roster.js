@@ -2,7 +2,7 @@
 
 import { boundingRadius } from "./shapes.js";
 
-/** Where bodies are that are not in the scene yet, or no more, metres. */
+/** Place of bodies that are not in the scene, metres. */
 export const AWAY = 1e7;
 const STATIC = 0;
 

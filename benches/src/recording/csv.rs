@@ -53,7 +53,7 @@ pub(super) fn read(
     poses.recording(name, options)
 }
 
-/// What stands between fields.
+/// The sign between fields.
 #[derive(Clone, Copy, Debug)]
 enum Separator {
     Char(char),

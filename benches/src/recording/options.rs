@@ -1,4 +1,4 @@
-//! What the caller says of a recording where the file does not say it.
+//! Facts of a recording that the caller states where the file does not.
 
 use std::str::FromStr;
 
@@ -8,7 +8,7 @@ use rhumb_reckoning::Rate;
 
 use super::error::RecordingError;
 
-/// What the caller says where a file does not say it.
+/// Facts that the caller states where a file does not.
 #[derive(Clone, Debug, Default)]
 pub struct ReadOptions {
     /// The load of a trace, the scene of a recording, or the kind of poses; by default the file's first.
@@ -23,7 +23,7 @@ pub struct ReadOptions {
     pub missing: MissingPoses,
 }
 
-/// What it means that a body has no pose in a frame.
+/// The meaning of a frame without a pose of a body.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum MissingPoses {
     /// Up to three frames are filled; beyond them the body is gone until its next pose.

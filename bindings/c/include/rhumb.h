@@ -226,7 +226,7 @@ typedef uint32_t RhumbEdges;
 #endif // __STDC_VERSION__ >= 202311L
 #endif // __cplusplus
 
-// Kind of a shape, centred on its body's centre of mass. Long axes point up.
+// Kind of a shape. Its origin is its body's centre of mass, but for hulls and compounds. Long axes point up.
 enum RhumbShapeKind
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
   : uint32_t
@@ -528,7 +528,7 @@ typedef struct RhumbConnection {
 
 // A part of a compound shape, in the axes of its body.
 typedef struct RhumbPart {
-  // From the body's centre of mass, in the scene's unit of length.
+  // From the origin of the compound, in the scene's unit of length.
   float position[3];
   // Unit quaternion x, y, z, w: part to body.
   float rotation[4];
@@ -661,7 +661,7 @@ typedef struct RhumbEvent {
 
 // Frame of a joint in one of its bodies.
 typedef struct RhumbJointFrame {
-  // From the body's centre of mass, along its axes, in the scene's unit of length.
+  // From the origin of the body's shape, along its axes, in the scene's unit of length.
   float anchor[3];
   // Unit quaternion x, y, z, w: frame to body.
   float rotation[4];
@@ -747,7 +747,7 @@ typedef struct RhumbCharacter {
   float snap;
 } RhumbCharacter;
 
-// A wheel of a vehicle, in the axes of its chassis and from its centre of mass: a ray with a spring. Begin with
+// A wheel of a vehicle, in the axes of its chassis and from the origin of its shape: a ray with a spring. Begin with
 // `rhumb_wheel_init`.
 typedef struct RhumbWheel {
   // Upper end of the suspension, units of length.
@@ -799,7 +799,7 @@ typedef struct RhumbPoses {
   size_t count;
   // The bodies.
   const RhumbBody *bodies;
-  // Centres of mass: x, y, z for each body, in the scene's unit of length.
+  // Centres of mass, or origins of this client's hulls and compounds: x, y, z for each body, in the scene's unit of length.
   const float *positions;
   // Rotations body to world: x, y, z, w for each body.
   const float *rotations;
@@ -1102,7 +1102,7 @@ RhumbCode rhumb_scene_remove_joint(struct RhumbScene scene, uint32_t joint, uint
 RhumbCode rhumb_character_init(struct RhumbCharacter *character,
                                uint32_t coordinates);
 
-// Makes a plain wheel in a scene of these `RhumbCoordinates`: of radius 0.3 m at the chassis' centre of mass, on a suspension
+// Makes a plain wheel in a scene of these `RhumbCoordinates`: of radius 0.3 m at the chassis' origin, on a suspension
 // of 0.3 m that points down. Its axle is along x, in Unreal's coordinates along y.
 //
 // A vehicle of such wheels rolls forward along -z in Rhumb's coordinates, z in Unity's, x in Unreal's, and y where z is up.

@@ -107,7 +107,8 @@ private:
     std::size_t size_;
 };
 
-/// A shape, centred on its body's centre of mass; long axes point up. Lengths in the scene's unit.
+/// A shape; long axes point up. Its origin is its body's centre of mass, but for hulls and compounds: see `centre`. Lengths
+/// in the scene's unit.
 class Shape {
 public:
     static Shape ball(float radius) {
@@ -182,7 +183,7 @@ public:
         return *this;
     }
 
-    /// A shape in a compound, in the axes of the body, from its centre of mass.
+    /// A shape in a compound, in the axes of the body, from the origin of the compound.
     struct Part;
 
     /// Several shapes, none of which is a compound.

@@ -59,7 +59,7 @@ pub struct RhumbShape {
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct RhumbPart {
-    /// From the body's centre of mass, in the scene's unit of length.
+    /// From the origin of the compound, in the scene's unit of length.
     pub position: [f32; 3],
     /// Unit quaternion x, y, z, w: part to body.
     pub rotation: [f32; 4],

@@ -17,7 +17,7 @@ use crate::status::RhumbCode;
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct RhumbJointFrame {
-    /// From the body's centre of mass, along its axes, in the scene's unit of length.
+    /// From the origin of the body's shape, along its axes, in the scene's unit of length.
     pub anchor: [f32; 3],
     /// Unit quaternion x, y, z, w: frame to body.
     pub rotation: [f32; 4],

@@ -88,7 +88,7 @@ pub enum RhumbEdges {
     Smooth,
 }
 
-/// Kind of a shape, centred on its body's centre of mass. Long axes point up.
+/// Kind of a shape. Its origin is its body's centre of mass, but for hulls and compounds. Long axes point up.
 #[repr(u32)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RhumbShapeKind {

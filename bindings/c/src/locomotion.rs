@@ -44,7 +44,7 @@ pub struct RhumbCharacter {
     pub snap: f32,
 }
 
-/// A wheel of a vehicle, in the axes of its chassis and from its centre of mass: a ray with a spring. Begin with
+/// A wheel of a vehicle, in the axes of its chassis and from the origin of its shape: a ray with a spring. Begin with
 /// `rhumb_wheel_init`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
@@ -105,7 +105,7 @@ pub unsafe extern "C" fn rhumb_character_init(
     })
 }
 
-/// Makes a plain wheel in a scene of these `RhumbCoordinates`: of radius 0.3 m at the chassis' centre of mass, on a suspension
+/// Makes a plain wheel in a scene of these `RhumbCoordinates`: of radius 0.3 m at the chassis' origin, on a suspension
 /// of 0.3 m that points down. Its axle is along x, in Unreal's coordinates along y.
 ///
 /// A vehicle of such wheels rolls forward along -z in Rhumb's coordinates, z in Unity's, x in Unreal's, and y where z is up.

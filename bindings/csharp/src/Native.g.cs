@@ -318,7 +318,7 @@ namespace Rhumb
         public static extern RhumbCode rhumb_character_init(RhumbCharacter* character, uint coordinates);
 
         /// <summary>
-        ///  Makes a plain wheel in a scene of these `RhumbCoordinates`: of radius 0.3 m at the chassis' centre of mass, on a suspension
+        ///  Makes a plain wheel in a scene of these `RhumbCoordinates`: of radius 0.3 m at the chassis' origin, on a suspension
         ///  of 0.3 m that points down. Its axle is along x, in Unreal's coordinates along y.
         ///
         ///  A vehicle of such wheels rolls forward along -z in Rhumb's coordinates, z in Unity's, x in Unreal's, and y where z is up.
@@ -588,7 +588,7 @@ namespace Rhumb
     public unsafe partial struct RhumbPart
     {
         /// <summary>
-        ///  From the body's centre of mass, in the scene's unit of length.
+        ///  From the origin of the compound, in the scene's unit of length.
         /// </summary>
         public fixed float position[3];
         /// <summary>
@@ -969,7 +969,7 @@ namespace Rhumb
     public unsafe partial struct RhumbJointFrame
     {
         /// <summary>
-        ///  From the body's centre of mass, along its axes, in the scene's unit of length.
+        ///  From the origin of the body's shape, along its axes, in the scene's unit of length.
         /// </summary>
         public fixed float anchor[3];
         /// <summary>
@@ -1135,7 +1135,7 @@ namespace Rhumb
     }
 
     /// <summary>
-    ///  A wheel of a vehicle, in the axes of its chassis and from its centre of mass: a ray with a spring. Begin with
+    ///  A wheel of a vehicle, in the axes of its chassis and from the origin of its shape: a ray with a spring. Begin with
     ///  `rhumb_wheel_init`.
     /// </summary>
     [StructLayout(LayoutKind.Sequential)]
@@ -1265,7 +1265,7 @@ namespace Rhumb
         /// </summary>
         public RhumbBody* bodies;
         /// <summary>
-        ///  Centres of mass: x, y, z for each body, in the scene's unit of length.
+        ///  Centres of mass, or origins of this client's hulls and compounds: x, y, z for each body, in the scene's unit of length.
         /// </summary>
         public float* positions;
         /// <summary>
@@ -1701,7 +1701,7 @@ namespace Rhumb
     }
 
     /// <summary>
-    ///  Kind of a shape, centred on its body's centre of mass. Long axes point up.
+    ///  Kind of a shape. Its origin is its body's centre of mass, but for hulls and compounds. Long axes point up.
     /// </summary>
     public enum RhumbShapeKind : uint
     {

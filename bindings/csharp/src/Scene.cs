@@ -29,7 +29,7 @@ namespace Rhumb
             get { return arrays.Bodies; }
         }
 
-        /// <summary>Centres of mass.</summary>
+        /// <summary>Centres of mass, or origins of this client's hulls and compounds.</summary>
         public ReadOnlySpan<Vec3> Positions
         {
             get { return arrays.Positions; }

@@ -7,8 +7,8 @@ using System.Runtime.InteropServices;
 namespace Rhumb
 {
     /// <summary>
-    /// A shape, centred on its body's centre of mass; long axes point up. Lengths are in the scene's unit. It does not
-    /// change once it is made.
+    /// A shape; long axes point up. Its origin is its body's centre of mass, but for hulls and compounds: see
+    /// <see cref="Centre"/>. Lengths are in the scene's unit. It does not change once it is made.
     /// </summary>
     public sealed class Shape
     {
@@ -250,7 +250,7 @@ namespace Rhumb
         }
     }
 
-    /// <summary>A shape in a compound, in the axes of the body, from its centre of mass.</summary>
+    /// <summary>A shape in a compound, in the axes of the body, from the origin of the compound.</summary>
     public struct Part
     {
         public Shape Shape;

@@ -34,7 +34,7 @@ type Motors = BTreeMap<usize, (f32, f32, f32, f32, Option<f32>)>;
 /// length, a stiffness in N/m and a damping in N s/m; "generic", which leaves every axis but the locked_axes, bits in the
 /// order below.
 ///
-/// Each body has a frame of the joint: first_anchor and second_anchor, from its centre of mass, and first_rotation and
+/// Each body has a frame of the joint: first_anchor and second_anchor, from the origin of its shape, and first_rotation and
 /// second_rotation, a quaternion x, y, z, w. To hinge about another axis than x, turn both frames.
 ///
 /// limits and motors are by axis: 0 to 2 along x, y, z, 3 to 5 about them. A limit is the least and the most, in units of

@@ -120,7 +120,7 @@ impl PyCharacter {
 
 /// A wheel of a vehicle, for Scene.set_vehicle: a ray with a spring, in the axes of its chassis.
 ///
-/// The position is the upper end of its suspension, from the centre of mass of the chassis.
+/// The position is the upper end of its suspension, from the origin of the chassis' shape.
 ///
 /// The direction of the suspension, of unit length, is down if it is left out. The axle, of unit length, points to the
 /// right of the way forward. It is along x if it is left out, in Unreal's coordinates along y: forward is then -z in

@@ -155,8 +155,8 @@ impl PyScene {
 impl PyScene {
     /// Adds a body, and returns its id: an int, for place and every call that takes a body.
     ///
-    /// position: its centre of mass; rotation: a unit quaternion x, y, z, w, body to world; linear_velocity: units of
-    /// length per second; angular_velocity: rad/s about world axes.
+    /// position: the origin of its shape, which is its centre of mass but for hulls and compounds; rotation: a unit quaternion
+    /// x, y, z, w, body to world; linear_velocity: units of length per second; angular_velocity: rad/s about world axes.
     ///
     /// shape: a Shape. kind: "dynamic" (the engine moves it), "fixed" (nothing does), or "kinematic" (commands do).
     /// mass: kilograms; None: volume times density. moments: of inertia about its own axes, kg m², beside a mass; None:
@@ -536,7 +536,7 @@ impl PyScene {
         Ok(shown)
     }
 
-    /// Goes on waiting for the tick of an advance that timed out.
+    /// Waits again for the tick of an advance that timed out.
     #[pyo3(signature = (depth = 0))]
     fn wait(&self, py: Python<'_>, depth: u32) -> PyResult<u64> {
         self.waiting(py, |opened| {
@@ -579,7 +579,8 @@ impl PyScene {
         })?
     }
 
-    /// Centres of mass: a row of x, y, z for each body. Keep it as long as you like: it stays that of its view.
+    /// A row of x, y, z for each body: its centre of mass, or the origin of a hull or compound of this client. Keep it as long
+    /// as you like: it stays that of its view.
     #[getter]
     fn positions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
         self.with(py, |opened| {

@@ -16,7 +16,8 @@ enum PartTuple<'py> {
     Plain(Bound<'py, PyShape>, Bound<'py, PyAny>),
 }
 
-/// A shape, centred on its body's centre of mass. Long axes point up. Lengths are in the scene's unit.
+/// A shape. Its origin is its body's centre of mass, but for hulls and compounds: see centre. Long axes point up. Lengths are in
+/// the scene's unit.
 ///
 /// Make one with Shape.ball, cuboid, rounded_cuboid, capsule, cylinder, cone, half_space, hull, mesh, heights or compound.
 /// Each extent is 0.001 to 10,000 metres.

@@ -70,7 +70,7 @@ impl Ease {
     }
 }
 
-/// What is held together with either body of a joint; `None` if that is the bodies alone.
+/// The bodies that are held together with either body of a joint; `None` if there are no others.
 pub(super) fn held_together(
     world: &PhysicsWorld,
     sides: &[Vec<RigidBodyHandle>; 2],

@@ -174,7 +174,7 @@ struct MotorRow {
     row: Row,
     /// Mean acceleration of the step by its law.
     mean: f64,
-    /// What it moves against a base that stands still; `None` where there is none.
+    /// The bodies that it moves against a base that stands still; `None` where there is none.
     moved: Option<Vec<MovedBody>>,
 }
 
@@ -472,7 +472,7 @@ impl HeldJoint {
         }
     }
 
-    /// What the motor of an axis moves, if the other side holds to something that stands still.
+    /// The bodies that the motor of an axis moves, if the other side holds to something that stands still.
     fn moved(&self, world: &PhysicsWorld, axis: usize) -> Option<Vec<MovedBody>> {
         let is_still = |side: &Vec<RigidBodyHandle>| {
             let mut bodies = side.iter().filter_map(|handle| world.bodies.get(*handle));
@@ -629,7 +629,7 @@ fn gains(row: &Row, motor: &Motor, substep: f64) -> Gains {
     }
 }
 
-/// What Rapier has of a motor.
+/// The settings of a motor in Rapier.
 #[derive(Default)]
 struct Gains {
     /// N/m or N·m.

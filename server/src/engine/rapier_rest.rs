@@ -63,7 +63,7 @@ impl RapierRest {
         }
     }
 
-    /// Has the time of slow bodies that something still moves begin anew, after a step.
+    /// Restarts the sleep timer of slow bodies that something still moves, after a step.
     pub(super) fn after(&mut self, world: &mut PhysicsWorld, vehicles: &RapierVehicles) {
         for slow in self.slow.drain(..) {
             let Some(body) = world.bodies.get(slow.handle) else {

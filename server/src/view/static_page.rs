@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-/// Where to write the page, and what it plays.
+/// The folder of the page, and the recordings that it plays.
 #[derive(Debug, Args)]
 pub(crate) struct PageArguments {
     /// Folder for the page: a new one, or an empty one.

@@ -99,7 +99,8 @@ class Connection:
 
 @final
 class Shape:
-    """A shape, centred on its body's centre of mass. Long axes point up. Lengths are in the scene's unit.
+    """A shape. Its origin is its body's centre of mass, but for hulls and compounds: see centre. Long axes point up. Lengths are in
+    the scene's unit.
 
     Make one with Shape.ball, cuboid, rounded_cuboid, capsule, cylinder, cone, half_space, hull, mesh, heights or compound.
     Each extent is 0.001 to 10,000 metres.
@@ -168,7 +169,7 @@ class Joint:
     length, a stiffness in N/m and a damping in N s/m; "generic", which leaves every axis but the locked_axes, bits in the
     order below.
 
-    Each body has a frame of the joint: first_anchor and second_anchor, from its centre of mass, and first_rotation and
+    Each body has a frame of the joint: first_anchor and second_anchor, from the origin of its shape, and first_rotation and
     second_rotation, a quaternion x, y, z, w. To hinge about another axis than x, turn both frames.
 
     limits and motors are by axis: 0 to 2 along x, y, z, 3 to 5 about them. A limit is the least and the most, in units of
@@ -232,7 +233,7 @@ class Character:
 class Wheel:
     """A wheel of a vehicle, for Scene.set_vehicle: a ray with a spring, in the axes of its chassis.
 
-    The position is the upper end of its suspension, from the centre of mass of the chassis.
+    The position is the upper end of its suspension, from the origin of the chassis' shape.
 
     The direction of the suspension, of unit length, is down if it is left out. The axle, of unit length, points to the
     right of the way forward. It is along x if it is left out, in Unreal's coordinates along y: forward is then -z in
@@ -445,8 +446,8 @@ class Scene:
     ) -> int:
         """Adds a body, and returns its id: an int, for place and every call that takes a body.
 
-        position: its centre of mass; rotation: a unit quaternion x, y, z, w, body to world; linear_velocity: units of
-        length per second; angular_velocity: rad/s about world axes.
+        position: the origin of its shape, which is its centre of mass but for hulls and compounds; rotation: a unit quaternion
+        x, y, z, w, body to world; linear_velocity: units of length per second; angular_velocity: rad/s about world axes.
 
         shape: a Shape. kind: "dynamic" (the engine moves it), "fixed" (nothing does), or "kinematic" (commands do).
         mass: kilograms; None: volume times density. moments: of inertia about its own axes, kg m², beside a mass; None:
@@ -604,7 +605,7 @@ class Scene:
         for what the server refused, after the tick in which that became known; the next call goes on.
         """
     def wait(self, depth: int = 0) -> int:
-        """Goes on waiting for the tick of an advance that timed out."""
+        """Waits again for the tick of an advance that timed out."""
     def poll(self) -> Tuple[int, float]:
         """Computes the view of a free-running scene for now: its tick, and the part of the step to the next.
 
@@ -620,7 +621,8 @@ class Scene:
         """Ids of the bodies of the view. All arrays have this order, which changes from view to view."""
     @property
     def positions(self) -> npt.NDArray[np.float32]:
-        """Centres of mass: a row of x, y, z for each body. Keep it as long as you like: it stays that of its view."""
+        """A row of x, y, z for each body: its centre of mass, or the origin of a hull or compound of this client. Keep it as long
+        as you like: it stays that of its view."""
     @property
     def rotations(self) -> npt.NDArray[np.float32]:
         """A row of x, y, z, w for each body: body to world."""

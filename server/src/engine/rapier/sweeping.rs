@@ -28,7 +28,7 @@ const PARTS_MAX: usize = 16;
 /// A body that moves by less than this share of its thickness is where a sweep against its end finds it.
 const SLOW_SHARE: f32 = 0.25;
 
-/// What a part of a step needs.
+/// The plan of a part of a step.
 #[derive(Default)]
 struct Plan {
     /// The share of the rest of the step after which the first two bodies meet that Rapier would let pass.
@@ -76,7 +76,7 @@ impl RapierEngine {
         self.crossed = crossings.pairs(&self.world);
     }
 
-    /// Has Rapier sweep all swept bodies but these.
+    /// Leaves all swept bodies but these to Rapier's own sweep.
     fn sweep_others(&mut self, own: &BTreeSet<BodyId>) {
         for id in &self.swept {
             let slot = self.places.get(id.index() as usize).copied().flatten();
