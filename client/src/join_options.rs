@@ -19,8 +19,9 @@ pub struct JoinOptions {
     pub stream: StreamChoice,
     /// Free running only: how many ticks the view stays behind the newest tick that the server can have published,
     /// which is its clock less the scene's lookahead. At zero, prediction covers all of the network's delay, and no bound is
-    /// known. With half of the round trip and a tick or two, each pose is within its tolerance. The client keeps as many
-    /// tracks of each body as the delay needs, 256 at most. Finite and not negative.
+    /// known. With half of the round trip and a tick or two, the news of each shown moment has arrived: the bounds are the
+    /// tolerance, and what a glide has still to cover. The client keeps as many tracks of each body as the delay needs, 256
+    /// at most. Finite and not negative.
     pub delay_ticks: f64,
     /// Free running only: how many ticks ahead of the server's clock this client publishes the bodies that it has
     /// authority over. At zero, the server predicts them over the network's delay; with that delay and a little more,
