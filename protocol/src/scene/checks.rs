@@ -216,7 +216,7 @@ impl Quantity {
                 f,
                 "of an axis that the joint leaves free, a distance of at most {EXTENT_MAX} m or an angle from -pi to pi"
             ),
-            _ => f.write_str("the document of the protocol has them in its section 2.6"),
+            _ => f.write_str("section 7 of spec/PROTOCOL.md has them"),
         }
     }
 
