@@ -211,8 +211,9 @@ export class Client {
    * Computes the view of a moment of the caller's choice, in ticks, without smoothing. Two clients that show the same
    * moment can be compared.
    *
-   * A copy keeps one track of each body before its present one, and none before the moment shown last: a moment some ticks
-   * back is shown truly only for bodies with at most one update since. So compare at the newest tick that both know:
+   * A copy keeps the tracks since the moment shown last, as many as {@link JoinOptions.delayTicks} or the last views needed, and
+   * none before: a sudden step back is shown truly only for bodies without an update since. So compare at the newest tick that
+   * both know:
    * `const tick = Math.min(copy.completeTick, truth.completeTick); copy.show(tick); truth.show(tick);` in each frame, and
    * skip a full stream's tick if its `completeTick` is already later. {@link View.errorBounds} is infinite where the copy
    * cannot tell.
@@ -270,8 +271,8 @@ export class Client {
 
   /**
    * Queues the addition of a body, and of its shape unless the scene has an equal one; returns the body's id. The event
-   * `bodyPlaced` or `refused` reports the result; a refusal is an error of the next {@link poll} or {@link advance}, too. Throws `noIds` if the server must grant more ids first, which this call
-   * requests: repeat it after the event `reserved`.
+   * `bodyPlaced` or `refused` reports the result; a refusal is an error of the next {@link poll} or {@link advance}, too. Throws
+   * `noIds` if the server must grant more ids first, which this call requests: repeat it after the event `reserved`.
    */
   addBody(body: BodyOptions): BodyId;
   /** As {@link addBody}, for many bodies. If one of them is invalid, none is queued. */

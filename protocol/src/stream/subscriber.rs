@@ -60,12 +60,12 @@ pub struct Subscriber {
     earlier_tracks: EarlierTracks,
     lifetimes: Lifetimes,
     silent_publishers: SilentPublishers,
-    /// What a view shows of the past; `None` before the first [`Self::forget_before`].
+    /// The past that a view shows; `None` before the first [`Self::forget_before`].
     shown: Option<ShownPast>,
     /// Ticks before the newest one that a view shows because of its delay.
     history: u64,
     lookahead: Ticks,
-    /// Before this tick, previous tracks may be incomplete.
+    /// Before this tick, earlier tracks may be incomplete.
     known_from: Tick,
     gaps: PacketGaps,
     fec_decoder: FecDecoder,
