@@ -144,7 +144,8 @@ def results(stream):
 def reported(scene, value):
     """The member's state in the words of a stated one."""
     state = known_in_full(scene) if "bodies" in value else known(scene)
-    return state | ({"requests": scene.requests()} if "requests" in value else {})
+    state |= {"requests": scene.requests()} if "requests" in value else {}
+    return state | ({"joints": sorted(scene.joints)} if "joints" in value else {})
 
 
 def main():

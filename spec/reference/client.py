@@ -85,6 +85,7 @@ class Member(QuicConnectionProtocol):
             self.is_welcomed = True
             self.answers.put_nowait(msg)
         elif msg["is"] == "Joined":
+            self.must(self.is_welcomed)
             # The snapshot of another stream (4.8, 4.12), requested or not; the present stream continues until it is complete.
             if self.scene is None or self.is_resyncing:
                 self.scene, self.coming, self.is_resyncing = subscriber.Scene(msg), None, False
@@ -93,14 +94,22 @@ class Member(QuicConnectionProtocol):
         elif msg["is"] == "SceneEvent":
             # Events of a snapshot belong to the new stream; later ones belong to both.
             scenes = [self.coming] if self.coming and not self.coming.has_snapshot else [self.scene, self.coming]
+            self.must(any(scenes))
             for scene in filter(None, scenes):
                 scene.receive_scene_event(msg["event"])
             self.go_on()
         else:
             if msg["is"] == "SnapshotEnd":
-                (self.coming or self.scene).end_snapshot()
+                filled = self.coming or self.scene
+                self.must(filled and not filled.has_snapshot)
+                filled.end_snapshot()
                 self.go_on()
             self.answers.put_nowait(msg)
+
+    def must(self, good):
+        """3.2-4 to 3.2-6"""
+        if not good:
+            raise subscriber.Violation(VIOLATION)
 
     def go_on(self):
         """Reacts to received data."""

@@ -526,6 +526,7 @@ def gravities():
 
 def shapes():
     """6.1-4, RECKONING 4.5"""
+    own = [0.0, 0.0, 0.0, 1.0]
     points = [[0.5, 0.0, 0.25], [-0.5, 0.25, 0.0], [0.0, 0.75, -0.5], [0.0, -0.5, -0.25], [0.25, 0.25, 1.0]]
     parts = [[[0.5, 1.0, -0.25], "ball", {"radius": 0.375}], [[-2.0, 0.0, 0.5], "capsule", {"half height": 0.5, "radius": 0.25}]]
     shapes = [
@@ -535,13 +536,21 @@ def shapes():
         {"is": "heights", "rows": 2, "columns": 4, "row spacing": digits(1.5), "column spacing": digits(0.5), "edges": {"is": "smooth"}, "heights": digits([0.1, 0.2, -0.6, 0.3, 0.0, 0.5, -0.2, 0.9])},
         # The farthest point is in no triangle.
         {"is": "mesh", "point count": 5, "triangle count": 1, "edges": {"is": "plain"}, "points": digits(points), "triangles": [{"a": 0, "b": 1, "c": 2}]},
-        {"is": "compound", "parts": [{"position": digits(at), "rotation": digits([0.0, 0.0, 0.0, 1.0]), "shape": {"is": kind} | {name: digits(one) for name, one in extents.items()}} for at, kind, extents in parts]},
+        {"is": "compound", "parts": [{"position": digits(at), "rotation": digits(own), "shape": {"is": kind} | {name: digits(one) for name, one in extents.items()}} for at, kind, extents in parts]},
         {"is": "compound", "parts": []},
+        {"is": "rounded cuboid", "half extents": digits([0.5, 0.75, 0.25]), "radius": digits(0.3)},
+        # Of the first cone the rim of the base is farther than the tip, of the second one the tip.
+        {"is": "cone", "half height": digits(0.4), "radius": digits(0.9)},
+        {"is": "cone", "half height": digits(0.9), "radius": digits(0.4)},
+        {"is": "half-space", "normal": digits([0.0, 1.0, 0.0])},
+        {"is": "cuboid", "half extents": digits([0.3, 0.7, 0.2])},
+        {"is": "ball", "radius": digits(0.7)},
     ]
     events = [{"is": "ShapeAdded", "id": 2 + place, "shape": shape} for place, shape in enumerate(shapes)]
-    s = started("shapes of each kind", [*events, *[placed(index, kind=2, shape=2 + index) for index in range(7)]])
-    s.get(s.packet(1, *[s.corrected(index, 1, "world", 1, moved=True) for index in range(7)]))
-    s.get(s.packet(3, *[s.corrected(index, 3) for index in range(7)]), s.checksum(4))
+    count = len(shapes)
+    s = started("shapes of each kind", [*events, *[placed(index, kind=2, shape=2 + index) for index in range(count)]])
+    s.get(s.packet(1, *[s.corrected(index, 1, "world", 1, moved=True) for index in range(count)]))
+    s.get(s.packet(3, *[s.corrected(index, 3) for index in range(count)]), s.checksum(4))
     return s
 
 

@@ -427,11 +427,25 @@ def over(length, radius):
     return length / radius if radius else math.inf
 
 
-def bounding_radius(shape, extents):
+def bounding_radius(shape, extents, rows=None):
+    """4.5; `extents` in the order of section 6."""
     if shape == "ball":
         return extents[0]
     if shape == "cuboid":
         return length3(extents)
+    if shape == "rounded cuboid":
+        return length3(extents[:3]) + extents[3]
+    if shape == "half-space":
+        return 10000.0
+    if shape in ("hull", "mesh"):
+        return max(length3(extents[place : place + 3]) for place in range(0, len(extents), 3))
+    if shape == "heights":
+        along, across, *heights = extents
+        posts = ((divmod(place, len(heights) // rows), y) for place, y in enumerate(heights))
+        return max(length3([row * along, y, column * across]) for (row, column), y in posts)
+    if shape == "compound":
+        reaches = [length3(extents[place : place + 3]) + extents[place + 3] for place in range(0, len(extents), 4)]
+        return max([0.0010000000474974513, *reaches])
     half_height, radius = extents
     if shape == "capsule":
         return half_height + radius

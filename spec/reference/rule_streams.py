@@ -4,7 +4,7 @@ make_streams.py has the longer ones, in which rules meet. Each function cites th
 """
 
 import packets
-from scripted import SURFACE, Authority, Stream, gravity_changed, placed, removed
+from scripted import STILL, SURFACE, Authority, Stream, digits, gravity_changed, placed, removed
 
 BUDGET = {"is": "within a budget", "rate": 2000, "burst": 1200, "choice": SURFACE}
 
@@ -53,6 +53,13 @@ def published_ticks():
     yield s
 
 
+def snapshot_packets():
+    """6.6-4, 6.11-2"""
+    s = started("a packet of the snapshot arrives first", 1, tick=10, next=1000)
+    s.get(s.packet(10, s.corrected(0, 10, age=10) | {"alias": 9}, checked=False, number=999), s.watermark(11))
+    yield s
+
+
 def snapshot_waits():
     """6.5-2, 6.5-3, 6.8-2"""
     s = started("two packets that wait for two scene events", 2)
@@ -75,6 +82,48 @@ def snapshot_waits():
     s.join()
     s.get(s.watermark(1))
     s.settle(2)
+    yield s
+
+
+# Scene events
+
+
+def unknown_events():
+    """3.5-6, 4.8-3"""
+    s = started("scene events of unknown kinds count, but for those of the snapshot", 2, {"is": 0x8A, "rest": "01"})
+    first, second = s.event({"is": 0x8A, "rest": "0102ff"}), s.event({"is": 0xC1, "rest": ""})
+    s.get(s.packet(1, s.corrected(0, 1)))
+    s.control(first)
+    s.control(second)
+    s.get(s.packet(2, s.corrected(1, 2)))
+    third = s.event({"is": 0xFF, "rest": "00"})
+    s.get(s.packet(3, s.corrected(0, 3)))
+    s.control(third)
+    s.get(s.checksum(4))
+    yield s
+
+
+def fixed_to(id_, first, second):
+    """`JointAdded` of a fixed joint."""
+    ends = {"first": {"index": first, "generation": 0}, "second": {"index": second, "generation": 0}}
+    anchors = {"first anchor": digits(STILL), "second anchor": digits(STILL)}
+    return {"is": "JointAdded", "id": id_, "joint": {"flags": 0} | ends | anchors}
+
+
+def joints():
+    """4.6-2, 4.6-8"""
+    s = Stream("joints go with their bodies, and with nothing else", [*[placed(index) for index in range(4)], fixed_to(1, 0, 1), fixed_to(2, 1, 2), fixed_to(5, 2, 3)])
+    s.joints = True
+    s.join()
+    # A body that is placed again keeps its joints.
+    s.control(s.event(placed(2, shape=1, origin=1)))
+    s.control(s.event(removed(1)))
+    # In place of the earlier joint 5: that one does not go with body 3.
+    s.control(s.event(fixed_to(5, 0, 2)))
+    s.control(s.event(removed(3)))
+    s.control(s.event(fixed_to(1, 2, 0)))
+    s.control(s.event({"is": "JointRemoved", "id": 5}))
+    s.control(s.event(removed(2)))
     yield s
 
 
@@ -342,6 +391,20 @@ def requested_symbols():
     yield s
 
 
+def arrivals():
+    """5.13-1, 6.15-5"""
+    s = started("a packet that was rebuilt, is missing again, and arrives twice", 2)
+    all_corrected(s, 1, 2)
+    data = s.packet(2, s.corrected(0, 2) | {"alias": 9}, checked=False)
+    s.get(s.repair(0, 1), data, data, *s.refresh(1, 3, bodies=[0]), data)
+    yield s
+    s = started("a packet that arrives after it was refreshed", 1)
+    all_corrected(s, 1, 1)
+    late = s.packet(2, s.corrected(0, 2))
+    s.get(s.watermark(2), *s.refresh(1, 2), late)
+    yield s
+
+
 def last_numbers():
     """6.15-3, 6.15-7"""
     s = started("a repair symbol of the snapshot moves the last number", 2, next=1000)
@@ -445,8 +508,8 @@ def lanes():
 
 
 def streams():
-    makers = (newest_ticks, published_ticks, snapshot_waits, unreadable_updates, replaced_tracks, named_refreshes, second_snapshots, late_assignments)
-    return [s for maker in (*makers, spans, seventeenth_symbols, after_wrong_symbols, requested_symbols, last_numbers) for s in maker()]
+    makers = (newest_ticks, published_ticks, snapshot_packets, snapshot_waits, unknown_events, joints, unreadable_updates, replaced_tracks, named_refreshes, second_snapshots, late_assignments)
+    return [s for maker in (*makers, spans, seventeenth_symbols, after_wrong_symbols, requested_symbols, arrivals, last_numbers) for s in maker()]
 
 
 def upstreams():

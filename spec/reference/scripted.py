@@ -86,7 +86,7 @@ class Stream:
         self.tracks = self.copy.scene
         self.alias = dict(self.tracks.alias_of)
         self.history, self.sent = {}, {}
-        self.requests = False  # whether states say what a loss report requests
+        self.requests = self.joints = False  # whether states say what a loss report requests, and which joints there are
         self.member = check_streams.Member()
         self.control({"is": "Welcome", "version": 1, "exists": 1, "config": self.config, "extensions": []}, quiet=True)
 
@@ -124,8 +124,8 @@ class Stream:
     def know(self):
         """Before `SnapshotEnd` an application sees no copy."""
         if self.member.scene and self.member.scene.has_snapshot:
-            state = check_streams.known_in_full(self.member.scene)
-            self.recorded.append(["known", state | ({"requests": self.member.scene.requests()} if self.requests else {})])
+            asked = {"bodies"} | ({"requests"} if self.requests else set()) | ({"joints"} if self.joints else set())
+            self.recorded.append(["known", check_streams.reported(self.member.scene, asked)])
 
     # Updates
 

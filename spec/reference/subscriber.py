@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import packets
 import reckoning
-from messages import LIMITS, f32, motion_of
+from messages import LIMITS, f32, flat, motion_of
 from fec_decoder import Decoder
 
 PREDICTORS = ("rest", "uniform", "ballistic", "torque_free", "ballistic_torque_free", "constant_acceleration")
@@ -89,29 +89,16 @@ class Body:
         return reckoning.predicted(track.predictor, start, elapsed, gravity_pull, self.flow, self.inertia, track.acceleration)
 
 
+EXTENTS = ("half extents", "half height", "radius", "normal", "points", "row spacing", "column spacing", "heights")
+
+
 def radius_of(shape):
-    """RECKONING 4.5, and 2.6 for hulls"""
-    if shape["is"] == "heights":
-        along, across = f32(shape["row spacing"]), f32(shape["column spacing"])
-        places = ((place // shape["columns"], place % shape["columns"]) for place in range(len(shape["heights"])))
-        posts = zip(places, shape["heights"])
-        return max(reckoning.length3([row * along, f32(y), column * across]) for (row, column), y in posts)
-    if shape["is"] == "mesh":
-        return max(reckoning.length3([f32(part) for part in point]) for point in shape["points"])
+    """RECKONING 4.5"""
     if shape["is"] == "compound":
-        balls = [reckoning.length3([f32(x) for x in part["position"]]) + radius_of(part["shape"]) for part in shape["parts"]]
-        return max([f32("3a83126f"), *balls])
-    if shape["is"] == "hull":
-        return max(reckoning.length3([f32(part) for part in point]) for point in shape["points"])
-    if shape["is"] == "cuboid":
-        return reckoning.bounding_radius("cuboid", [f32(part) for part in shape["half extents"]])
-    if shape["is"] == "ball":
-        return reckoning.bounding_radius("ball", [f32(shape["radius"])])
-    if shape["is"] == "rounded cuboid":
-        return reckoning.length3([f32(part) for part in shape["half extents"]]) + f32(shape["radius"])
-    if shape["is"] == "half-space":
-        return 10000.0
-    return reckoning.bounding_radius(shape["is"], [f32(shape["half height"]), f32(shape["radius"])])
+        balls = ((*[f32(x) for x in part["position"]], radius_of(part["shape"])) for part in shape["parts"])
+        return reckoning.bounding_radius("compound", [one for ball in balls for one in ball])
+    extents = [f32(one) for name in EXTENTS if name in shape for one in flat(shape[name])]
+    return reckoning.bounding_radius(shape["is"], extents, shape.get("rows"))
 
 
 # 5.7 Low 16 bits
@@ -181,7 +168,8 @@ class Scene:
         self.watermark = self.newest = self.converged_at = self.start
         self.known_from = 0
         self.aliases, self.alias_of = {}, {}  # alias: (index or None, since); index: alias
-        self.missing, self.unread, self.pending, self.lost_on_link = {}, {}, [], 0
+        self.missing, self.unread, self.pending = {}, {}, []
+        self.first, self.arrived = joined["next"], set()  # the numbers of packets that were read as they arrived
         self.received = {}  # state packets, by number, with their ticks
         self.decoder = Decoder(self.stream, joined["next"])
         self.lost_sync, self.checksum_mismatches, self.granted = False, 0, joined["granted"]
@@ -382,7 +370,7 @@ class Scene:
             self.fill(number, 0)
         else:
             return
-        self.lost_on_link -= not rebuilt
+        self.arrived |= set() if rebuilt else {number}
         self.newest = max(self.newest, tick)
         ends, before = msg["kind"] in (1, 5, 11), max(tick - 1, 0)
         self.watermark = max(self.watermark, tick if ends else before - before % self.config["publish interval"])
@@ -404,7 +392,6 @@ class Scene:
             return
         for number in range(self.next, end):
             self.missing[number] = (tick, None)
-        self.lost_on_link += max(end - self.next, 0)
         self.next = max(self.next, end)
 
     def receive_watermark(self, msg, tick):
@@ -658,7 +645,7 @@ class Scene:
         lost = [number & 0xFFFF for number in sorted(self.missing)[: LIMITS["LOST_NUMBERS_MAX"]]]
         head = {"stream": self.stream, "kind": 6, "next": self.next & 0xFFFF}
         # Repair symbols are not requested: refreshes suffice (6.15).
-        return head | {"abandoned": self.lost_on_link & 0xFFFF, "repair_symbols": 0, "lost": lost}
+        return head | {"abandoned": (self.next - self.first - len(self.arrived)) & 0xFFFF, "repair_symbols": 0, "lost": lost}
 
 
 # 6.16 Error scale

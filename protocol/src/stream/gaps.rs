@@ -40,6 +40,49 @@ struct Unread {
     covered: bool,
 }
 
+/// How a packet came.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Arrival {
+    /// The network brought it.
+    ByItself,
+    /// Repair symbols restored it.
+    Rebuilt,
+}
+
+/// The numbers of the packets that were read as they arrived by themselves, as far back as packets can be missing.
+///
+/// A packet with an unreadable update may be read several times; it has arrived once.
+#[derive(Clone, Debug)]
+struct OwnArrivals {
+    bits: [u64; HISTORY_PACKETS / 64],
+    /// Since the start.
+    count: u64,
+}
+
+impl OwnArrivals {
+    const NONE: Self = Self {
+        bits: [0; HISTORY_PACKETS / 64],
+        count: 0,
+    };
+
+    const fn place(number: u64) -> (usize, u64) {
+        let place = (number % HISTORY_PACKETS as u64) as usize;
+        (place / 64, 1 << (place % 64))
+    }
+
+    /// Takes the place of a number that is 1,024 lower.
+    const fn begin(&mut self, number: u64) {
+        let (word, bit) = Self::place(number);
+        self.bits[word] &= !bit;
+    }
+
+    fn note(&mut self, number: u64) {
+        let (word, bit) = Self::place(number);
+        self.count += u64::from(self.bits[word] & bit == 0);
+        self.bits[word] |= bit;
+    }
+}
+
 /// The class of a packet that arrives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum PacketArrival {
@@ -57,6 +100,7 @@ pub(crate) struct PacketGaps {
     next: u64,
     missing: BTreeMap<u64, Missing>,
     unread: BTreeMap<u64, Unread>,
+    own_arrivals: OwnArrivals,
 }
 
 impl PacketGaps {
@@ -66,7 +110,13 @@ impl PacketGaps {
             next,
             missing: BTreeMap::new(),
             unread: BTreeMap::new(),
+            own_arrivals: OwnArrivals::NONE,
         }
+    }
+
+    /// The number of packets that arrived by themselves before a refresh or a repair symbol replaced them.
+    pub(crate) const fn arrived(&self) -> u64 {
+        self.own_arrivals.count
     }
 
     /// One more than the newest number known to have been sent.
@@ -97,21 +147,23 @@ impl PacketGaps {
     }
 
     /// Handles the arrival of a packet that was sent at `tick`.
-    pub(crate) fn arrive(&mut self, number: u64, tick: Tick) -> PacketArrival {
+    pub(crate) fn arrive(&mut self, number: u64, tick: Tick, how: Arrival) -> PacketArrival {
         if number >= self.next {
             if !self.remembers(number + 1) || !self.announce(number, tick) {
                 return PacketArrival::Lost;
             }
             self.next = number + 1;
-            return PacketArrival::Fresh;
-        }
-        if self.missing.contains_key(&number) {
+            self.own_arrivals.begin(number);
+        } else if self.missing.contains_key(&number) {
             // It may arrive before packets that it builds on, so it covers no later packet.
             self.resolve(number, Tick::ZERO);
-            PacketArrival::Fresh
         } else {
-            PacketArrival::Duplicate
+            return PacketArrival::Duplicate;
         }
+        if how == Arrival::ByItself {
+            self.own_arrivals.note(number);
+        }
+        PacketArrival::Fresh
     }
 
     /// Notes that all packets before `next` were sent, the last of them no later than `tick`. Returns `false`, without
@@ -127,6 +179,7 @@ impl PacketGaps {
                 received: None,
             };
             self.missing.insert(number, missing);
+            self.own_arrivals.begin(number);
         }
         self.next = self.next.max(next);
         true
@@ -232,6 +285,10 @@ mod tests {
         Tick::new(value)
     }
 
+    fn arrive(gaps: &mut PacketGaps, number: u64, at: u64) -> PacketArrival {
+        gaps.arrive(number, tick(at), Arrival::ByItself)
+    }
+
     fn refresh(as_of: u64, parts: u8) -> RefreshId {
         RefreshId {
             as_of: tick(as_of),
@@ -243,13 +300,13 @@ mod tests {
     #[test]
     fn a_late_packet_fills_the_gap() {
         let mut gaps = PacketGaps::new(0);
-        assert_eq!(gaps.arrive(0, tick(1)), PacketArrival::Fresh);
-        assert_eq!(gaps.arrive(2, tick(3)), PacketArrival::Fresh);
+        assert_eq!(arrive(&mut gaps, 0, 1), PacketArrival::Fresh);
+        assert_eq!(arrive(&mut gaps, 2, 3), PacketArrival::Fresh);
         assert_eq!(gaps.missing().collect::<Vec<_>>(), [1]);
         assert_eq!(gaps.unsure_before(), Some(tick(3)));
-        assert_eq!(gaps.arrive(1, tick(2)), PacketArrival::Fresh);
+        assert_eq!(arrive(&mut gaps, 1, 2), PacketArrival::Fresh);
         assert!(gaps.is_converged());
-        assert_eq!(gaps.arrive(1, tick(2)), PacketArrival::Duplicate);
+        assert_eq!(arrive(&mut gaps, 1, 2), PacketArrival::Duplicate);
     }
 
     #[test]
@@ -283,7 +340,7 @@ mod tests {
     #[test]
     fn a_refresh_as_new_as_an_unread_packet_covers_it() {
         let mut gaps = PacketGaps::new(0);
-        assert_eq!(gaps.arrive(1, tick(2)), PacketArrival::Fresh);
+        assert_eq!(arrive(&mut gaps, 1, 2), PacketArrival::Fresh);
         gaps.note_unread(1, tick(2), true);
         gaps.refreshed(0, refresh(2, 1), 0);
         assert!(gaps.is_converged());
@@ -292,8 +349,8 @@ mod tests {
     #[test]
     fn an_unread_packet_newer_than_the_refresh_is_requested() {
         let mut gaps = PacketGaps::new(0);
-        assert_eq!(gaps.arrive(1, tick(2)), PacketArrival::Fresh);
-        assert_eq!(gaps.arrive(2, tick(9)), PacketArrival::Fresh);
+        assert_eq!(arrive(&mut gaps, 1, 2), PacketArrival::Fresh);
+        assert_eq!(arrive(&mut gaps, 2, 9), PacketArrival::Fresh);
         gaps.note_unread(2, tick(9), true);
         gaps.refreshed(0, refresh(5, 1), 0);
         assert_eq!(gaps.missing().collect::<Vec<_>>(), [2]);
@@ -304,21 +361,21 @@ mod tests {
     #[test]
     fn refreshed_packets_are_not_requested_again() {
         let mut gaps = PacketGaps::new(0);
-        assert_eq!(gaps.arrive(1, tick(2)), PacketArrival::Fresh);
+        assert_eq!(arrive(&mut gaps, 1, 2), PacketArrival::Fresh);
         gaps.note_unread(1, tick(2), false);
         assert_eq!(gaps.missing().collect::<Vec<_>>(), [0, 1]);
         gaps.note_unread(1, tick(2), true);
         gaps.refreshed(1, refresh(2, 1), 0);
-        assert_eq!(gaps.arrive(0, tick(1)), PacketArrival::Fresh);
+        assert_eq!(arrive(&mut gaps, 0, 1), PacketArrival::Fresh);
         assert!(gaps.is_converged());
     }
 
     #[test]
     fn dependents_are_reread_after_their_packet() {
         let mut gaps = PacketGaps::new(0);
-        assert_eq!(gaps.arrive(1, tick(2)), PacketArrival::Fresh);
+        assert_eq!(arrive(&mut gaps, 1, 2), PacketArrival::Fresh);
         gaps.note_unread(1, tick(2), false);
-        assert_eq!(gaps.arrive(2, tick(2)), PacketArrival::Fresh);
+        assert_eq!(arrive(&mut gaps, 2, 2), PacketArrival::Fresh);
         gaps.note_unread(2, tick(2), true);
         gaps.refreshed(0, refresh(2, 1), 0);
         assert!(gaps.read_again(1));
@@ -332,11 +389,11 @@ mod tests {
         let mut gaps = PacketGaps::new(0);
         let sent_packets = HISTORY_PACKETS as u64;
         for number in 1..sent_packets {
-            assert_eq!(gaps.arrive(number, tick(number)), PacketArrival::Fresh);
+            assert_eq!(arrive(&mut gaps, number, number), PacketArrival::Fresh);
         }
         assert_eq!(gaps.missing().collect::<Vec<_>>(), [0]);
         assert_eq!(
-            gaps.arrive(sent_packets, tick(sent_packets)),
+            arrive(&mut gaps, sent_packets, sent_packets),
             PacketArrival::Lost
         );
     }
@@ -345,10 +402,31 @@ mod tests {
     fn a_packet_too_far_ahead_is_lost_and_changes_nothing() {
         let mut gaps = PacketGaps::new(0);
         assert_eq!(
-            gaps.arrive(HISTORY_PACKETS as u64 + 1, tick(2)),
+            arrive(&mut gaps, HISTORY_PACKETS as u64 + 1, 2),
             PacketArrival::Lost
         );
         assert!(gaps.is_converged());
         assert_eq!(gaps.next(), 0);
+    }
+
+    #[test]
+    fn a_packet_that_arrives_twice_has_arrived_once() {
+        let mut gaps = PacketGaps::new(0);
+        assert_eq!(
+            gaps.arrive(0, tick(1), Arrival::Rebuilt),
+            PacketArrival::Fresh
+        );
+        gaps.note_unread(0, tick(1), false);
+        assert_eq!(gaps.arrived(), 0);
+        for _ in 0..2 {
+            assert_eq!(arrive(&mut gaps, 0, 1), PacketArrival::Fresh);
+            gaps.note_unread(0, tick(1), false);
+            assert_eq!(gaps.arrived(), 1);
+        }
+        assert!(gaps.refreshed(0, refresh(1, 1), 0));
+        for number in 1..=HISTORY_PACKETS as u64 {
+            arrive(&mut gaps, number, number);
+        }
+        assert_eq!(gaps.arrived(), HISTORY_PACKETS as u64 + 1);
     }
 }

@@ -523,11 +523,11 @@ impl Subscriber {
         self.tracks.state_checksum()
     }
 
-    /// The number of packets that did not arrive since the start, recovered ones included.
+    /// The number of packets since the start that did not arrive by themselves, recovered ones included (PROTOCOL
+    /// 5.13).
     #[must_use]
     pub const fn lost(&self) -> u64 {
-        let arrived = self.statistics.packets - self.statistics.rebuilt;
-        (self.gaps.next() - self.first).saturating_sub(arrived)
+        self.gaps.next() - self.first - self.gaps.arrived()
     }
 
     /// The loss report with the oldest missing packets.

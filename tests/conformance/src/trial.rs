@@ -8,7 +8,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::rc::Rc;
 use std::time::Duration;
 
-use rhumb_netsim::{Carrier, RawConnection, RawPeerConfig, UdpRelay};
+use rhumb_netsim::{Carrier, Probability, RawConnection, RawPeerConfig, UdpRelay};
 use rhumb_protocol::scene::SceneName;
 use rhumb_transport::{Fingerprint, Trust};
 
@@ -98,6 +98,14 @@ impl<'a> Trial<'a> {
     #[must_use]
     pub const fn timeout(&self) -> Duration {
         self.conditions.timeout
+    }
+
+    /// The time that this many round trips take over the simulated network, half of it for what is lost on the way.
+    #[must_use]
+    pub fn round_trips(&self, count: u64) -> Duration {
+        let link = &self.conditions.link;
+        let one = 4 * (link.delay.as_nanos() + link.jitter.as_nanos());
+        Duration::from_nanos(one.saturating_mul(count))
     }
 
     /// The name of a scene that no other case uses.
@@ -207,8 +215,17 @@ impl<'a> Trial<'a> {
         task: &str,
         pinned: Option<Fingerprint>,
     ) -> Result<RawServer, Stop> {
+        self.raw_server_over(self.conditions, task, pinned)
+    }
+
+    fn raw_server_over(
+        &self,
+        conditions: &Conditions,
+        task: &str,
+        pinned: Option<Fingerprint>,
+    ) -> Result<RawServer, Stop> {
         RawServer::start(
-            self.conditions,
+            conditions,
             self.case,
             task,
             pinned,
@@ -224,6 +241,20 @@ impl<'a> Trial<'a> {
     /// As [`Self::raw_server`].
     pub fn interceptor(&mut self, setting: Setting) -> Result<Interceptor, Stop> {
         let raw_server = self.raw_server_for(&setting.task)?;
+        Interceptor::begin(raw_server, &format!("conformance/{}", self.case), &setting)
+    }
+
+    /// The same over a link that loses nothing, however it is configured: for a case that decides itself which
+    /// datagrams are lost, and keeps refreshes back.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::raw_server`].
+    pub fn lossless_interceptor(&mut self, setting: Setting) -> Result<Interceptor, Stop> {
+        let mut conditions = self.conditions.clone();
+        conditions.link = conditions.link.with_loss(Probability::NONE);
+        conditions.link.rate_bytes = None;
+        let raw_server = self.raw_server_over(&conditions, &setting.task, None)?;
         Interceptor::begin(raw_server, &format!("conformance/{}", self.case), &setting)
     }
 

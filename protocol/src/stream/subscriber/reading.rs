@@ -12,7 +12,7 @@ use crate::packet::{
     Checksums, Datagram, ErrorScale, FullPacket, Keyframe, Low16, PacketKind, Refresh,
     RefreshRecord, RepairSymbol, Update, UpdatePacket, UpdatePayload, Watermark,
 };
-use crate::stream::gaps::{PacketArrival, RefreshId};
+use crate::stream::gaps::{Arrival, PacketArrival, RefreshId};
 use crate::wire::Malformed;
 
 impl Subscriber {
@@ -35,14 +35,14 @@ impl Subscriber {
             return Err(Malformed::TooLong);
         }
         match head.kind {
-            PacketKind::Updates => self.read_state(datagram, UpdatePacket::decode(false, reader)?),
+            PacketKind::Updates => self.read_arrived(datagram, UpdatePacket::decode(false, reader)?),
             PacketKind::UpdatesEnd => {
-                self.read_state(datagram, UpdatePacket::decode(true, reader)?)
+                self.read_arrived(datagram, UpdatePacket::decode(true, reader)?)
             }
             PacketKind::Full => self.read_full(datagram, &FullPacket::decode(false, reader)?),
             PacketKind::FullEnd => self.read_full(datagram, &FullPacket::decode(true, reader)?),
             PacketKind::UpdatesOverBudget if self.statements.is_some() => {
-                self.read_state(datagram, UpdatePacket::decode_over_budget(reader)?)
+                self.read_arrived(datagram, UpdatePacket::decode_over_budget(reader)?)
             }
             PacketKind::Watermark => {
                 self.read_watermark(datagram, Watermark::decode(reader)?, Some(ErrorScale::NONE))
@@ -91,7 +91,12 @@ impl Subscriber {
     }
 
     /// Counts a numbered packet, and returns its number and tick if it is to be read.
-    fn arrive(&mut self, number: Low16, tick: Low16, ends_tick: bool) -> Option<(u64, Tick)> {
+    fn arrive(
+        &mut self,
+        (number, tick): (Low16, Low16),
+        ends_tick: bool,
+        how: Arrival,
+    ) -> Option<(u64, Tick)> {
         let number = number.expand(self.gaps.next());
         let tick = self.tick_of(tick);
         let next = self.gaps.next();
@@ -99,7 +104,7 @@ impl Subscriber {
             self.lost_sync = true;
             return None;
         }
-        match self.gaps.arrive(number, tick) {
+        match self.gaps.arrive(number, tick, how) {
             PacketArrival::Fresh => {}
             PacketArrival::Duplicate => {
                 self.statistics.duplicates += 1;
@@ -124,10 +129,19 @@ impl Subscriber {
         Some((number, tick))
     }
 
+    fn read_arrived(
+        &mut self,
+        datagram: &Datagram<'_>,
+        packet: UpdatePacket<'_>,
+    ) -> Result<(), Malformed> {
+        self.read_state(datagram, packet, Arrival::ByItself)
+    }
+
     pub(super) fn read_state(
         &mut self,
         datagram: &Datagram<'_>,
         packet: UpdatePacket<'_>,
+        how: Arrival,
     ) -> Result<(), Malformed> {
         // Everything is decoded before it is applied, or kept for later (PROTOCOL 6.5).
         let mut updates = core::mem::take(&mut self.updates);
@@ -140,7 +154,7 @@ impl Subscriber {
         let newest = self.gaps.next();
         if decoded.is_ok()
             && self.is_due(scene_events, datagram)
-            && let Some((number, tick)) = self.arrive(number, tick, ends_tick)
+            && let Some((number, tick)) = self.arrive((number, tick), ends_tick, how)
         {
             if let Some(statements) = &mut self.statements {
                 statements.packet(number, tick, error_scale);
@@ -194,7 +208,8 @@ impl Subscriber {
         if !self.is_due(packet.scene_events, datagram) {
             return Ok(());
         }
-        let Some((_, tick)) = self.arrive(packet.number, packet.tick, packet.ends_tick) else {
+        let of = (packet.number, packet.tick);
+        let Some((_, tick)) = self.arrive(of, packet.ends_tick, Arrival::ByItself) else {
             return Ok(());
         };
         self.note_departures(packet.scene_events, tick);

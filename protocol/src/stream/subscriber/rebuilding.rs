@@ -5,6 +5,7 @@ use alloc::vec::Vec;
 use super::Subscriber;
 use crate::limits::FEC_SPAN;
 use crate::packet::{Datagram, PacketKind, RepairSymbol, Update, UpdatePacket, packet_of};
+use crate::stream::gaps::Arrival;
 use crate::wire::Malformed;
 
 impl Subscriber {
@@ -42,7 +43,7 @@ impl Subscriber {
             packet_of(self.stream, number, source_symbol).ok_or(Malformed::OutOfRange)?;
         let (before, disordered) = (self.statistics.packets, self.statistics.disordered);
         let datagram = Datagram::open(&datagram)?;
-        self.read_state(&datagram, packet_in(&datagram)?)?;
+        self.read_state(&datagram, packet_in(&datagram)?, Arrival::Rebuilt)?;
         self.statistics.rebuilt += self.statistics.packets - before;
         self.statistics.disordered = disordered;
         Ok(())

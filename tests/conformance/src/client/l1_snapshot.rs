@@ -3,12 +3,12 @@
 use std::time::Duration;
 
 use glam::{Quat, Vec3};
-use rhumb_protocol::message::{Joined, RemovalCause, SceneEvent, ServerMessage};
+use rhumb_protocol::message::{ClientMessage, Joined, RemovalCause, SceneEvent, ServerMessage};
 use rhumb_protocol::scene::{
     BodyDesc, BodyKind, Command, Joint, JointFrame, JointId, JointKind, Mesh, Shape, ShapeId,
 };
 use rhumb_protocol::session::CloseCode;
-use rhumb_reckoning::{BodyId, BodyState, Predictor};
+use rhumb_reckoning::{BodyId, BodyState, Predictor, Tick};
 
 use super::hand;
 use super::table::table;
@@ -22,14 +22,76 @@ pub(super) fn cases() -> Vec<Case> {
     cases.extend(malformed());
     cases.extend(pieces());
     cases.extend(table("L1.52", COUNTS));
+    cases.extend(table("L1.52", UNREQUESTED));
     cases
 }
+
+/// Snapshots that the client did not ask for, and ends without a beginning.
+const UNREQUESTED: &[CaseRow] = &[
+    (
+        10,
+        "a snapshot that the client did not request begins a copy like any other",
+        "PROTOCOL 3.2-4, 4.8-5",
+        |trial| {
+            let mut server = trial.raw_server()?;
+            hand::admit(&mut server)?;
+            let later = hand::TICK + 5;
+            let mut joined = hand::joined();
+            joined.start.tick = Tick::new(later);
+            // Of two beginnings the later one counts.
+            server.send(&ServerMessage::Joined(joined.clone()));
+            server.send(&ServerMessage::Joined(joined));
+            let ball = hand::ball(hand::BALL, Predictor::Ballistic);
+            server.send(&ServerMessage::SceneEvent(hand::shape()));
+            server.send(&ServerMessage::SceneEvent(ball));
+            server.send(&ServerMessage::SnapshotEnd);
+            hand::reported_tick(&mut server, later)?;
+            hand::watermark(&mut server, hand::NEXT, later + 1, hand::SCENE_EVENTS)?;
+            hand::reported_tick(&mut server, later + 1).map(drop)
+        },
+    ),
+    (
+        11,
+        "an end of a snapshot that has not begun ends the connection",
+        "PROTOCOL 3.2-5",
+        |trial| {
+            let mut server = trial.raw_server()?;
+            hand::admit(&mut server)?;
+            server.send(&ServerMessage::SnapshotEnd);
+            server.must_be_closed(CloseCode::VIOLATION)
+        },
+    ),
+    (
+        12,
+        "a scene event before the first snapshot ends the connection",
+        "PROTOCOL 3.2-5",
+        |trial| {
+            let mut server = trial.raw_server()?;
+            hand::awaits_join(&mut server)?;
+            server.send(&ServerMessage::SceneEvent(hand::shape()));
+            server.must_be_closed(CloseCode::VIOLATION)
+        },
+    ),
+    (
+        13,
+        "a snapshot before the welcome ends the connection",
+        "PROTOCOL 3.2-5",
+        |trial| {
+            let mut server = trial.raw_server()?;
+            server.await_message("hello", |message| {
+                matches!(message, ClientMessage::Hello { .. }).then_some(())
+            })?;
+            hand::snapshot(&mut server, &[hand::shape()]);
+            server.must_be_closed(CloseCode::VIOLATION)
+        },
+    ),
+];
 
 /// Makes scene events.
 type Producer = fn() -> Vec<SceneEvent>;
 
 /// Scene events that contradict earlier ones.
-const CONTRADICTIONS: [(&str, Producer); 7] = [
+const CONTRADICTIONS: [(&str, Producer); 8] = [
     ("a body whose shape does not exist", || {
         vec![of_shape(BodyId::new(9, 0), ShapeId(7))]
     }),
@@ -61,6 +123,18 @@ const CONTRADICTIONS: [(&str, Producer); 7] = [
     ("the removal of a joint that does not exist", || {
         vec![SceneEvent::JointRemoved { id: JointId(1) }]
     }),
+    ("the removal of a joint that went with its body", || {
+        let other = BodyId::new(4, 0);
+        vec![
+            hand::ball(other, Predictor::Rest),
+            joint(JointId(1), other),
+            SceneEvent::BodyRemoved {
+                id: other,
+                cause: RemovalCause::Command,
+            },
+            SceneEvent::JointRemoved { id: JointId(1) },
+        ]
+    }),
 ];
 
 fn contradictions() -> Vec<Case> {
@@ -68,7 +142,7 @@ fn contradictions() -> Vec<Case> {
     for (place, (what, sent)) in CONTRADICTIONS.into_iter().enumerate() {
         let id = format!("L1.52.{}", place + 1);
         let name = format!("{what} ends the connection");
-        let case = Case::client(&id, &name).cites("PROTOCOL 4.6-7, 7-1");
+        let case = Case::client(&id, &name).cites("PROTOCOL 4.6-2, 4.6-7, 7-1");
         cases.push(case.play(move |trial| {
             let mut server = trial.raw_server()?;
             hand::admit(&mut server)?;
@@ -265,10 +339,15 @@ fn refused_pieces(id: &str, name: &str, clause: &str, sent: fn() -> Vec<u8>) -> 
     case.play(move |trial| {
         let mut server = trial.raw_server()?;
         hand::admit(&mut server)?;
-        server.connection.send_control(sent());
+        let bytes = sent();
+        server.wait_longer(trial.round_trips(bytes.len() as u64 / FLIGHT));
+        server.connection.send_control(bytes);
         server.must_be_closed(CloseCode::MALFORMED)
     })
 }
+
+/// Bytes that a connection has under way at least, over a link that loses a packet in twenty: some nine packets.
+const FLIGHT: u64 = 10_000;
 
 /// A piece of exactly the required length.
 fn piece() -> Vec<u8> {

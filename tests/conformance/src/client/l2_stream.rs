@@ -84,6 +84,7 @@ const LOSS_REPORTS: &[CaseRow] = &[
             let setting = Setting::of("ball-pit", 20).with_task("subscribe 10000 advance 60");
             let mut interceptor = trial.interceptor(setting)?;
             interceptor.enter()?;
+            interceptor.raw_server.wait_longer(trial.round_trips(60));
             interceptor.until("sixty ticks", |interceptor| {
                 interceptor
                     .mirror()
@@ -375,7 +376,8 @@ fn misses_the_answer(trial: &mut Trial<'_>) -> CaseResult {
         if count % 10 == 9 { vec![] } else { vec![bytes] }
     });
     interceptor.enter()?;
-    interceptor.until_for(Duration::from_secs(8), "sixty ticks", |interceptor| {
+    let longer = Duration::from_secs(8) + trial.round_trips(60);
+    interceptor.until_for(longer, "sixty ticks", |interceptor| {
         interceptor
             .mirror()
             .is_ok_and(|copy| copy.stream().complete().value() >= 60)

@@ -74,6 +74,8 @@ impl PublishingClient {
         let mut interceptor = trial.interceptor(setting.after(before))?;
         let scene = format!("conformance/{}", trial.id());
         interceptor.enter()?;
+        let by = trial.round_trips(TRAJECTORY_TICKS);
+        interceptor.raw_server.wait_longer(by);
         Ok(Self {
             interceptor,
             scene,

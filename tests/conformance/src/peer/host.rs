@@ -131,6 +131,11 @@ impl RawServer {
         }
     }
 
+    /// Lets every later wait take longer, for a case in which data crosses the link many times.
+    pub fn wait_longer(&mut self, by: Duration) {
+        self.timeout += by;
+    }
+
     /// The end of a default time limit that starts now.
     pub(super) fn time_limit(&self) -> Instant {
         let ns = u64::try_from(self.timeout.as_nanos()).unwrap_or(u64::MAX);

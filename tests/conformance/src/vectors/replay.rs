@@ -51,6 +51,8 @@ pub(crate) fn known_in_full(replica: &Replica) -> Value {
     let report = stream.loss_report();
     let named: Vec<_> = report.lost.iter().map(|number| number.0).collect();
     known["requests"] = json!([report.repair_symbols, named]);
+    let joints = replica.joints().iter().map(|(id, _)| id.0);
+    known["joints"] = joints.collect();
     known["resync"] = json!(
         stream
             .has_lost_sync()
