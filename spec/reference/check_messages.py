@@ -47,6 +47,10 @@ def results(vectors):
         for case in vectors["refused " + side + " messages"]:
             what, _ = outcome(side, *one_frame(bytes.fromhex(case["bytes"])))
             yield case["name"], "malformed", what
+    for rule in messages.TABLE["rules"]:
+        # The type, and perhaps one of its codes.
+        kind = next((kind for kind in messages.TYPES if f"{rule['of']} ".startswith(f"{kind} ")), None)
+        yield f"the rule of {rule['of']}", True, kind is not None
     for case in vectors["frames"]:
         yield case["name"], (case["messages"], "refusal" in case), split(bytes.fromhex(case["bytes"]))
 

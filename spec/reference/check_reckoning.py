@@ -4,6 +4,7 @@ Usage: python3 check_reckoning.py. Prints failures, then a count; the exit code 
 """
 
 import json
+import math
 import struct
 import sys
 from pathlib import Path
@@ -35,6 +36,31 @@ def singles(texts):
 def acceleration_of(case):
     """The acceleration of a case whose predictor is accelerated."""
     return case.get("acceleration") and r.Acceleration.of(case["acceleration"], case["exponent"])
+
+
+FORMULAS = {
+    "a*b + c": lambda a, b, c: a * b + c,
+    "a*a + b*b + c*c": lambda a, b, c: a * a + b * b + c * c,
+    "a*b - c*d": lambda a, b, c, d: a * b - c * d,
+    "a / b": lambda a, b: a / b,
+    "a + b + c": lambda a, b, c: a + b + c,
+    "a + b": lambda a, b: a + b,
+    "a * b": lambda a, b: a * b,
+    "sqrt(a)": math.sqrt,
+    "-a": lambda a: -a,
+    # Python's floor is an integer, and so has no sign of zero; no case needs one.
+    "floor(a + 0.5)": lambda a: float(math.floor(a + 0.5)),
+}
+
+
+def evaluated(formula, operands):
+    return FORMULAS[formula](*operands)
+
+
+def named(case, result):
+    """A result of a trap's case; a known wrong one with the name of its trap."""
+    wrong = dict(zip(case["wrong"], case["traps"]))
+    return f"{result}, because of this trap: {wrong[result]}" if result in wrong else result
 
 
 class Checks:
@@ -85,7 +111,10 @@ class Checks:
         yield case["end"], bits64(end.numbers())
 
     def radii(self, case):
-        yield case["radius"], bits64([r.bounding_radius(case["shape"], singles(case["extents"]))])
+        yield case["radius"], bits64([r.bounding_radius(case["shape"], singles(case["extents"]), case.get("rows"))])
+
+    def traps(self, case):
+        yield case["result"], [named(case, bits64([evaluated(case["formula"], doubles(case["operands"]))])[0])]
 
     def tolerance_scales(self, case):
         yield case["position"], r.scaled_tolerance(case["micrometres"], case["tolerance_scale"], 1000, 10000000)

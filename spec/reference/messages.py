@@ -363,15 +363,34 @@ def check_numbers(name, msg):
         return check_whole_joint(msg)
     if "codes" in kind:
         kind = next(row for row in kind["codes"] if row["name"] == msg["is"])
+    if name == "shape":
+        return check_shape(kind["fields"], msg)
     check_fields(kind["fields"], msg)
-    if name == "shape" and msg["is"] == "hull":
-        check_thickness([[f32(part) for part in point] for point in msg["points"]])
-    elif name == "shape" and msg["is"] == "heights":
-        check_size(msg)
-    elif name == "shape" and msg["is"] == "mesh":
-        check_triangles(msg)
-    elif name == "mass":
+    if name == "mass":
         check_moments(msg)
+
+
+def check_shape(fields, msg):
+    """2.6-11: the order of the checks of a shape."""
+    counts = 3 if msg["is"] == "heights" else 2 if msg["is"] == "mesh" else 0
+    check_fields(fields[:counts], msg)
+    if msg["is"] == "heights":
+        check_length(msg, "rows", "row spacing")
+        check_fields(fields[counts : counts + 1], msg)
+        check_length(msg, "columns", "column spacing")
+    elif msg["is"] == "mesh":
+        check_triangles(msg)
+    check_fields(fields[counts:], msg)
+    if msg["is"] == "hull":
+        check_thickness([[f32(part) for part in point] for point in msg["points"]])
+    elif msg["is"] == "compound" and sum(size(part["shape"]) for part in msg["parts"]) > LIMITS["PARTS_BYTES_MAX"]:
+        raise Refused("OutOfRange", "parts of a compound")
+
+
+def size(shape):
+    """2.6-10, of a shape that is no compound."""
+    points, triangles = len(shape.get("points", ())), len(shape.get("triangles", ()))
+    return 48 + 12 * (points + triangles) + 4 * len(shape.get("heights", ()))
 
 
 def check_fields(fields, msg):
@@ -461,9 +480,12 @@ def check_limits(axis, locked, msg):
     for limits in (msg[name] for name in names if name in msg):
         if locked >> axis & 1:
             raise Refused("OutOfRange", "limit of a joint")
-        least, most = f32(limits["least"]), reach(axis)
+        # 2.6-24, 7: of a rotation within a turn, and at most a turn apart.
+        least, greatest, most = f32(limits["least"]), f32(limits["most"]), LIMITS["EXTENT_MAX"] if axis < 3 else 2 * PI
         check_scalar(least, -most, most, "limit of a joint")
-        check_scalar(f32(limits["most"]), least, most, "limit of a joint")
+        check_scalar(greatest, least, most, "limit of a joint")
+        if axis >= 3:
+            check_scalar(to_f32(greatest - least), 0, most, "limit of a joint")
 
 
 def check_motor(axis, locked, motor):
@@ -484,11 +506,10 @@ def check_moments(msg):
         check_scalar(f32(part), least, most, "moments of inertia")
 
 
-def check_size(heights):
-    """2.6-7: the size of a height field in each direction, in f32."""
-    for count, spacing in (("rows", "row spacing"), ("columns", "column spacing")):
-        length = to_f32((heights[count] - 1) * f32(heights[spacing]))
-        check_scalar(length, to_f32(LIMITS["EXTENT_MIN"]), LIMITS["EXTENT_MAX"], "extent")
+def check_length(heights, count, spacing):
+    """2.6-7: the length of a height field in one direction, in f32."""
+    length = to_f32((heights[count] - 1) * f32(heights[spacing]))
+    check_scalar(length, to_f32(LIMITS["EXTENT_MIN"]), LIMITS["EXTENT_MAX"], "extent")
 
 
 def check_triangles(mesh):

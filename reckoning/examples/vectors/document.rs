@@ -19,6 +19,13 @@ impl CaseJson {
         self.field(name, &format!("\"{value}\""))
     }
 
+    pub(crate) fn texts(self, name: &str, values: &[&str]) -> Self {
+        self.field(
+            name,
+            &list(values.iter().map(|value| format!("\"{value}\""))),
+        )
+    }
+
     pub(crate) fn integer(self, name: &str, value: impl Into<i64>) -> Self {
         self.field(name, &value.into().to_string())
     }

@@ -2,8 +2,8 @@
 
 use super::message_case::MessageCase;
 use super::pieces::{
-    CaseList, TURNED, bad_shapes, body, choices, config, config_of, extensions, f, id, joints,
-    motion, properties, shapes, v,
+    CaseList, TURNED, bad_shapes, body, choices, config, config_of, extensions, f, hinges, id,
+    joints, motion, properties, shapes, v,
 };
 
 pub(super) fn cases() -> Vec<MessageCase> {
@@ -327,6 +327,9 @@ fn pushes(cases: &mut CaseList) {
     }
     cases.add(7, "SetGravity", &[&[10], &f(&[0.0, -1.5, 0.0])]);
     for (word, joint) in joints() {
+        cases.add(7, format!("AddJoint, {word}"), &[&[11], &v(7), &joint]);
+    }
+    for (word, joint) in hinges() {
         cases.add(7, format!("AddJoint, {word}"), &[&[11], &v(7), &joint]);
     }
     let fixed = [&[16][..], &joints()[0].1[1..], &f(&[0.0, 1.0])].concat();

@@ -1,5 +1,7 @@
 //! Building blocks of hand-made messages.
 
+use core::f32::consts::{PI, TAU};
+
 use super::message_case::MessageCase;
 
 /// A varint.
@@ -227,6 +229,14 @@ pub(super) fn bad_shapes() -> Vec<(&'static str, Vec<u8>)> {
         ("heights that are too wide", heights([2, 3], [1.0, 5_001.0])),
         ("the longest heights", heights([3, 2], [5_000.0, 1.0])),
         (
+            "heights that are too long, with a spacing that is no number",
+            heights([3, 2], [5_001.0, f32::NAN]),
+        ),
+        (
+            "mesh with a point that is not, and one that is no number",
+            mesh(&[f32::NAN; 9], &[0, 1, 3]),
+        ),
+        (
             "mesh with edges of an unknown kind",
             [vec![6], v(3), v(1), vec![2], f(&corners), v(0), v(1), v(2)].concat(),
         ),
@@ -292,6 +302,30 @@ pub(super) fn joints() -> Vec<(String, Vec<u8>)> {
         joints.push((format!("{kind}, flags {flags}"), bytes));
     }
     joints
+}
+
+/// Revolute joints with limits and motors at their bounds and beyond: numbers that are not bounded one by one.
+pub(super) fn hinges() -> Vec<(&'static str, Vec<u8>)> {
+    let hinge = |flags, rest: Vec<u8>| {
+        let sides = [3, 4].map(|index| [id(index, 0), f(&[0.0; 3])].concat());
+        [v(flags), sides.concat(), rest].concat()
+    };
+    let limits = |least, most| hinge(2 | 16, f(&[least, most]));
+    let motor = |axes, position, velocity| {
+        let motor = f(&[position, velocity, 100.0, 10.0, 50.0]);
+        hinge(2 | 128, [vec![axes], motor].concat())
+    };
+    vec![
+        ("limits of a whole turn", limits(-TAU, 0.0)),
+        ("limits beyond half a turn", limits(-4.5, 1.5)),
+        ("limits more than a turn apart", limits(-3.5, 3.5)),
+        ("a limit beyond a turn", limits(0.5, 6.5)),
+        ("limits in the wrong order", limits(0.75, 0.5)),
+        ("a motor to half a turn", motor(0b1000, PI, 100.0)),
+        ("a motor beyond half a turn", motor(0b1000, 3.25, 1.0)),
+        ("a motor that is too fast", motor(0b1000, 0.0, 100.5)),
+        ("a motor of a locked axis", motor(0b1, 0.0, 1.0)),
+    ]
 }
 
 /// Extensions with these ids; each value has as many bytes as its id has bits set.

@@ -35,7 +35,9 @@ impl Subscriber {
             return Err(Malformed::TooLong);
         }
         match head.kind {
-            PacketKind::Updates => self.read_arrived(datagram, UpdatePacket::decode(false, reader)?),
+            PacketKind::Updates => {
+                self.read_arrived(datagram, UpdatePacket::decode(false, reader)?)
+            }
             PacketKind::UpdatesEnd => {
                 self.read_arrived(datagram, UpdatePacket::decode(true, reader)?)
             }

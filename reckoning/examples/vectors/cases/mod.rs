@@ -10,6 +10,7 @@ mod rest_correction;
 mod rng;
 mod tolerances;
 mod torque_free;
+mod traps;
 
 use rng::VectorRng;
 
@@ -19,6 +20,7 @@ use crate::document::written;
 pub(crate) fn document() -> String {
     let mut rng = VectorRng(0x5EED);
     written(&[
+        ("traps", traps::traps()),
         ("integrators", flight::integrators()),
         ("flows", flight::flows()),
         ("gravities", flight::gravities()),

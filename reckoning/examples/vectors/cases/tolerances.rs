@@ -10,31 +10,77 @@ use super::flight::{GRAVITIES, accelerations, gravity, tables, with_predictor};
 use super::rng::{VectorRng, motion, thirteen};
 use crate::document::CaseJson;
 
-/// Ball, cuboid, capsule, cylinder: the formulas of RECKONING 4.5, repeated because shapes belong to another crate.
+/// The formulas of RECKONING 4.5, repeated because shapes belong to another crate.
+fn radius(shape: &str, e: &[f64], rows: usize) -> f64 {
+    let length = |point: &[f64]| {
+        libm::sqrt((point[0] * point[0] + point[1] * point[1]) + point[2] * point[2])
+    };
+    match shape {
+        "ball" => e[0],
+        "cuboid" => length(e),
+        "capsule" => e[0] + e[1],
+        "cylinder" => libm::sqrt(e[0] * e[0] + e[1] * e[1]),
+        "rounded cuboid" => length(e) + e[3],
+        "cone" => libm::sqrt((e[0] * 0.5) * (e[0] * 0.5) + e[1] * e[1]).max(e[0] * 1.5),
+        "half-space" => 10_000.0,
+        "hull" | "mesh" => e.chunks(3).map(length).fold(0.0, f64::max),
+        "heights" => {
+            let columns = (e.len() - 2) / rows;
+            let post = |(place, y): (usize, &f64)| {
+                let (row, column) = ((place / columns) as f64, (place % columns) as f64);
+                length(&[row * e[0], *y, column * e[1]])
+            };
+            e[2..].iter().enumerate().map(post).fold(0.0, f64::max)
+        }
+        "compound" => {
+            let reach = |ball: &[f64]| length(ball) + ball[3];
+            let least = f64::from(0.001_f32);
+            e.chunks(4).map(reach).fold(least, f64::max)
+        }
+        _ => unreachable!("no such shape: {shape}"),
+    }
+}
+
+/// Bounding radii of all shapes. Extents are in the order of PROTOCOL 2.6; points and heights follow one another; a
+/// compound is one of balls, each with its position and radius.
 pub(super) fn radii() -> Vec<CaseJson> {
-    let case = |shape: &str, extents: &[f32]| {
+    let case = |shape: &str, rows: i32, extents: &[f32]| {
         let e: Vec<f64> = extents.iter().map(|part| f64::from(*part)).collect();
-        let radius = match shape {
-            "ball" => e[0],
-            "cuboid" => libm::sqrt((e[0] * e[0] + e[1] * e[1]) + e[2] * e[2]),
-            "capsule" => e[0] + e[1],
-            _ => libm::sqrt(e[0] * e[0] + e[1] * e[1]),
+        let radius = radius(shape, &e, rows as usize);
+        let named = CaseJson::new().text("shape", shape);
+        let counted = match rows {
+            0 => named,
+            rows => named.integer("rows", rows),
         };
-        CaseJson::new()
-            .text("shape", shape)
+        counted
             .singles("extents", extents)
             .doubles("radius", &[radius])
     };
+    let points = [
+        0.5, 0.1, 0.25, -0.5, 0.25, 0.3, 0.2, 0.75, -0.5, 0.1, -0.5, -1.1,
+    ];
     vec![
-        case("ball", &[0.3]),
-        case("ball", &[50.0]),
-        case("cuboid", &[0.5, 0.5, 0.5]),
-        case("cuboid", &[0.1, 2.0, 0.7]),
-        case("cuboid", &[100.0, 0.01, 33.3]),
-        case("capsule", &[0.6, 0.3]),
-        case("capsule", &[1.1, 0.1]),
-        case("cylinder", &[0.6, 0.3]),
-        case("cylinder", &[0.01, 7.7]),
+        case("ball", 0, &[0.3]),
+        case("ball", 0, &[50.0]),
+        case("cuboid", 0, &[0.5, 0.5, 0.5]),
+        case("cuboid", 0, &[0.1, 2.0, 0.7]),
+        case("cuboid", 0, &[100.0, 0.01, 33.3]),
+        case("capsule", 0, &[0.6, 0.3]),
+        case("capsule", 0, &[1.1, 0.1]),
+        case("cylinder", 0, &[0.6, 0.3]),
+        case("cylinder", 0, &[0.01, 7.7]),
+        case("rounded cuboid", 0, &[0.1, 2.0, 0.7, 0.05]),
+        case("rounded cuboid", 0, &[0.3, 0.3, 0.3, 1.1]),
+        // The tip of the first cone is farther than the rim of its base, that of the second one is not.
+        case("cone", 0, &[0.9, 0.4]),
+        case("cone", 0, &[0.4, 0.9]),
+        case("half-space", 0, &[0.0, 1.0, 0.0]),
+        case("hull", 0, &points),
+        case("mesh", 0, &points),
+        case("heights", 2, &[1.5, 0.7, 0.1, 0.2, -0.6, 0.3, 0.1, 0.9]),
+        case("heights", 3, &[0.3, 1.7, 0.1, 0.2, -3.6, 0.3, 0.1, 0.9]),
+        case("compound", 0, &[]),
+        case("compound", 0, &[0.1, 0.2, 0.3, 0.4, -0.9, 0.1, 0.1, 0.1]),
     ]
 }
 
