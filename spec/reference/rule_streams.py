@@ -392,7 +392,7 @@ def requested_symbols():
 
 
 def arrivals():
-    """5.13-1, 6.15-5"""
+    """5.13-2, 6.15-5"""
     s = started("a packet that was rebuilt, is missing again, and arrives twice", 2)
     all_corrected(s, 1, 2)
     data = s.packet(2, s.corrected(0, 2) | {"alias": 9}, checked=False)

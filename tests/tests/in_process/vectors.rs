@@ -11,7 +11,7 @@ use rhumb_conformance::vectors::{Decoded, Sender, agrees, golden, replayed, upst
 use rhumb_protocol::limits;
 use rhumb_protocol::message::{MAGIC, VERSIONS, is_no_version};
 use rhumb_protocol::packet::{Head, PacketKind, StreamId, UpdateWriter};
-use rhumb_protocol::scene::Quantity;
+use rhumb_protocol::scene::{Quantity, Shape};
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::wire::{OPTIONAL, Wire};
@@ -91,6 +91,62 @@ fn a_server_moves_the_bodies_of_a_scripted_upstream_as_stated() {
         steps += states.len();
     }
     assert!(steps >= 20);
+}
+
+/// The bytes of a shape of the vectors of radii.
+fn shape_bytes(case: &Value) -> Vec<u8> {
+    let numbers = |values: &[Value]| -> Vec<u8> {
+        let digits = values.iter().map(|one| unhex(one.as_str().expect("digits")));
+        digits.flat_map(|bits| bits.into_iter().rev()).collect()
+    };
+    let extents = case["extents"].as_array().expect("extents are listed");
+    let all = numbers(extents);
+    let bytes = |head: &[u8]| [head, &all[..]].concat();
+    match case["shape"].as_str().expect("a name") {
+        "ball" => bytes(&[0]),
+        "cuboid" => bytes(&[1]),
+        "capsule" => bytes(&[2]),
+        "cylinder" => bytes(&[3]),
+        "hull" => bytes(&[4, (extents.len() / 3) as u8]),
+        "heights" => {
+            let rows = case["rows"].as_u64().expect("a number of rows") as u8;
+            let columns = (extents.len() - 2) as u8 / rows;
+            let (spacings, heights) = extents.split_at(2);
+            [vec![5, rows, columns], numbers(spacings), vec![0], numbers(heights)].concat()
+        }
+        "mesh" => [bytes(&[6, (extents.len() / 3) as u8, 1, 0]), vec![0, 1, 2]].concat(),
+        "compound" => {
+            let unturned: Vec<u8> = [0.0_f32, 0.0, 0.0, 1.0].map(f32::to_le_bytes).concat();
+            let ball = |ball: &[Value]| {
+                let (at, radius) = ball.split_at(3);
+                [numbers(at), unturned.clone(), vec![0], numbers(radius)].concat()
+            };
+            let balls: Vec<_> = extents.chunks(4).map(ball).collect();
+            [vec![7, balls.len() as u8], balls.concat()].concat()
+        }
+        "rounded cuboid" => bytes(&[8]),
+        "cone" => bytes(&[9]),
+        "half-space" => bytes(&[10]),
+        other => panic!("no such shape: {other}"),
+    }
+}
+
+#[test]
+fn the_radius_of_each_shape_is_that_of_the_vectors() {
+    let golden = golden("reckoning.json");
+    let cases = golden["radii"].as_array().expect("radii are listed");
+    let mut kinds = BTreeSet::new();
+    for case in cases {
+        let bytes = shape_bytes(case);
+        let mut reader = Reader::new(&bytes);
+        let shape = Shape::decode(&mut reader).expect("a shape");
+        reader.finish().expect("nothing behind it");
+        let radius = shape.bounding_radius().metres();
+        let digits = format!("{:016x}", radius.to_bits());
+        assert_eq!(digits, case["radius"][0], "{case}");
+        kinds.insert(bytes[0]);
+    }
+    assert_eq!(kinds.len(), 11, "every kind of shape has a case");
 }
 
 #[test]

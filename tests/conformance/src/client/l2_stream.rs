@@ -31,7 +31,7 @@ const LOSS_REPORTS: &[CaseRow] = &[
     (
         20,
         "a lost packet is soon reported by its number",
-        "PROTOCOL 5.7-1, 5.13-1, 6.6-1, 6.6-5, 6.7-1",
+        "PROTOCOL 5.7-1, 5.13-1, 5.13-2, 6.6-1, 6.6-5, 6.7-1",
         asks_for_it,
     ),
     (
