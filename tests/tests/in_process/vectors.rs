@@ -96,7 +96,9 @@ fn a_server_moves_the_bodies_of_a_scripted_upstream_as_stated() {
 /// The bytes of a shape of the vectors of radii.
 fn shape_bytes(case: &Value) -> Vec<u8> {
     let numbers = |values: &[Value]| -> Vec<u8> {
-        let digits = values.iter().map(|one| unhex(one.as_str().expect("digits")));
+        let digits = values
+            .iter()
+            .map(|one| unhex(one.as_str().expect("digits")));
         digits.flat_map(|bits| bits.into_iter().rev()).collect()
     };
     let extents = case["extents"].as_array().expect("extents are listed");
@@ -112,7 +114,13 @@ fn shape_bytes(case: &Value) -> Vec<u8> {
             let rows = case["rows"].as_u64().expect("a number of rows") as u8;
             let columns = (extents.len() - 2) as u8 / rows;
             let (spacings, heights) = extents.split_at(2);
-            [vec![5, rows, columns], numbers(spacings), vec![0], numbers(heights)].concat()
+            [
+                vec![5, rows, columns],
+                numbers(spacings),
+                vec![0],
+                numbers(heights),
+            ]
+            .concat()
         }
         "mesh" => [bytes(&[6, (extents.len() / 3) as u8, 1, 0]), vec![0, 1, 2]].concat(),
         "compound" => {

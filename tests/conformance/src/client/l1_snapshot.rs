@@ -199,7 +199,7 @@ fn malformed() -> Vec<Case> {
             bytes_of(&ServerMessage::Joined(joined))
         }),
         ("a change to a gravity of NaN", "4.3-1", || {
-            let since = rhumb_reckoning::Tick::new(hand::TICK + 1);
+            let since = Tick::new(hand::TICK + 1);
             let gravity = Vec3::new(0.0, f32::NAN, 0.0);
             bytes_of(&ServerMessage::SceneEvent(SceneEvent::GravityChanged {
                 since,
