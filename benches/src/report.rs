@@ -1,7 +1,7 @@
 //! Writes `report.html`: one self-contained page on an experiment.
 //!
-//! One figure comes first, then the table and the other figures. Each figure has one sentence above it. Colours follow the reader's system, light or dark.
-//! All figures come from the summary; only curves are read from the record.
+//! One figure comes first, then the table and the other figures. Each figure has one sentence above it. Colours follow
+//! the reader's system, light or dark. All figures come from the summary; only curves are read from the record.
 
 mod decimate;
 mod figures;

@@ -18,7 +18,8 @@ export class Headline {
 
   /**
    * Shows figures: those of `sums`; `bodies` that can move; `tolerance` of what is shown; `moment`, the choice of what is shown;
-   * `copy`, the name of the copy if it is not Rhumb's; `errorScale`, and `waiting`, the ticks by which what is complete lies behind what is known.
+   * `copy`, the name of the copy if it is not Rhumb's; `errorScale`; `waiting`, the ticks from the newest complete tick to the
+   * newest known one.
    */
   show(facts) {
     const { sums, bodies, tolerance, copy } = facts;

@@ -37,10 +37,11 @@ type Motors = BTreeMap<usize, (f32, f32, f32, f32, Option<f32>)>;
 /// Each body has a frame of the joint: first_anchor and second_anchor, from the origin of its shape, and first_rotation and
 /// second_rotation, a quaternion x, y, z, w. To hinge about another axis than x, turn both frames.
 ///
-/// limits and motors are by axis: 0 to 2 along x, y, z, 3 to 5 about them. A limit is the least and the most, in units of
-/// length or in radians from -2 pi to 2 pi, at most a whole turn apart: limits={3: (0, 4.7)} is 270 degrees. A motor is (position, velocity, stiffness, damping, force): what it drives to, its
-/// stiffness in 1/s², its damping in 1/s, and its greatest force or torque, or None for any. For a motor that keeps a
-/// speed, the stiffness is 0: motors={3: (0, 2.0, 0, 10.0, None)} turns a hinge at 2 rad/s.
+/// limits and motors are by axis: 0 to 2 along x, y, z, 3 to 5 about them. A limit is the least and the most, in units
+/// of length or in radians from -2 pi to 2 pi, at most a whole turn apart: limits={3: (0, 4.7)} is 270 degrees. A motor
+/// is (position, velocity, stiffness, damping, force): what it drives to, its stiffness in 1/s², its damping in 1/s,
+/// and its greatest force or torque, or None for any. For a motor that keeps a speed, the stiffness is 0:
+/// motors={3: (0, 2.0, 0, 10.0, None)} turns a hinge at 2 rad/s.
 ///
 /// collide: whether the two bodies also collide with each other. breaks_at: the force in N and the torque in N m at which
 /// it breaks.

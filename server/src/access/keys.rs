@@ -1,7 +1,8 @@
 //! Keys of tokens as files: signing and verifying.
 //!
-//! A key file holds one key in the PASERK format, without a line break: other libraries take the whole file as the key. A server needs public keys only; the secret one stays with the
-//! issuer of tokens. Signatures are Ed25519, as PASETO version 4 prescribes: a token cannot choose another algorithm.
+//! A key file holds one key in the PASERK format, without a line break: other libraries take the whole file as the key.
+//! A server needs public keys only; the secret one stays with the issuer of tokens. Signatures are Ed25519, as PASETO
+//! version 4 prescribes: a token cannot choose another algorithm.
 
 use std::fmt;
 use std::fs::{self, OpenOptions};

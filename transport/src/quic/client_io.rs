@@ -1,6 +1,7 @@
 //! I/O thread of the client: connects once and carries until the end.
 //!
-//! Interprets nothing and never retries. Of several addresses, the first that answers is taken. `connect_error` names the reasons of a failure.
+//! Interprets nothing and never retries. Of several addresses, the first that answers is taken. `connect_error` names the
+//! reasons of a failure.
 
 use std::io;
 use std::net::SocketAddr;

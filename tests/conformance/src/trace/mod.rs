@@ -1,9 +1,10 @@
 //! Checks a recorded run against the accuracy promise.
 //!
 //! The check is independent of the recorder. A trace is a file of `rhumb-bench`: the engine's states at every tick,
-//! and the poses that each client's copy displayed. A server's recording has the states alone, which are judged as such. Errors are recomputed from both. An error beyond the tolerance
-//! must be recorded as a breach, and its cause must be the network or the budget. A body that has slept for a second
-//! must be displayed at its rest pose, unless its stream still misses data.
+//! and the poses that each client's copy displayed. Errors are recomputed from both. An error beyond the tolerance must
+//! be recorded as a breach, and its cause must be the network or the budget. A body that has slept for a second must be
+//! displayed at its rest pose, unless its stream still misses data. A server's recording has the states alone, which are
+//! judged as such.
 
 mod grid;
 mod judge;
