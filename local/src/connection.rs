@@ -62,7 +62,7 @@ impl LocalConnection {
         self.inbox.put_end(ending);
     }
 
-    /// Has a server on this thread do what is due; returns how long a wait may last.
+    /// Runs a server on this thread as far as is due; returns how long a wait may last.
     fn run_server(&self) -> Duration {
         let Host::Caller(driver) = &self.host else {
             return Duration::MAX;

@@ -83,7 +83,7 @@ impl InputQueue {
 }
 
 impl QueuedInput {
-    /// Has the server handle the input.
+    /// Handles the input in the server.
     pub(crate) fn handle(self, driver: &mut Driver) {
         self.waiting.fetch_sub(cost(&self.input), Ordering::Relaxed);
         driver.handle(self.from, self.input);

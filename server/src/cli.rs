@@ -117,7 +117,7 @@ pub struct Arguments {
     /// Where scenes run: on threads of the server, or in processes, one for each tenant [default: threads].
     #[arg(long, value_name = "KIND")]
     workers: Option<WorkerKind>,
-    /// Has all scenes without a tenant share one worker process.
+    /// All scenes without a tenant share one worker process.
     #[arg(long)]
     share_worker: bool,
     /// Largest packet of a stream, bytes, from 700 to 1150 [default: 1100]. Relays and browsers add headers of their own.
@@ -443,7 +443,7 @@ fn stop_on_signals(stop: &Stop) -> Arc<AtomicBool> {
     running
 }
 
-/// Has scenes recorded and shown live; returns where.
+/// Starts recording and live viewing; returns where.
 fn observe(
     server: &mut Server,
     settings: &ServerSettings,

@@ -125,7 +125,7 @@ impl Outbox {
         self.now = now;
     }
 
-    /// Has the bytes of a connection counted from now on.
+    /// Starts to count the bytes of a connection.
     pub(crate) fn count(&mut self, peer: Peer, bytes: ByteCounts) {
         if let Some(lane) = self.lanes.get_mut(&peer) {
             lane.bytes = Some(bytes);

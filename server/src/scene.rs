@@ -262,12 +262,12 @@ impl Scene {
         })
     }
 
-    /// Has everything that changes the scene from now on be noted for its command log.
+    /// Starts to note all changes of the scene for its command log.
     pub(crate) fn keep_journal(&mut self) {
         self.journal = Some(Journal::default());
     }
 
-    /// Has everything that is done from now on be added to a history.
+    /// Starts to add all changes to a history.
     pub(crate) fn keep_history(&mut self, history: History) {
         self.history = Some(history);
     }

@@ -138,12 +138,12 @@ impl SceneRunner {
         }
     }
 
-    /// Has a hook act before each step from now on.
+    /// Attaches a hook, which acts before each step.
     pub(crate) fn attach(&mut self, hook: Hook) {
         self.hook = Some(hook);
     }
 
-    /// Has the streams published on these threads from now on.
+    /// Sets the publishing threads.
     pub(crate) fn employ(&mut self, workers: Workers) {
         self.streams.employ(workers);
     }

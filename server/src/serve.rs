@@ -239,7 +239,7 @@ impl Server {
         Ok(local)
     }
 
-    /// Has scenes run in processes of this program, which answers to `worker` then.
+    /// Runs scenes in processes of this program, which answers to `worker` then.
     pub(crate) fn use_processes(&mut self, options: ProcessOptions) {
         self.processes = Some(options);
     }

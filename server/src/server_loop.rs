@@ -152,12 +152,12 @@ impl ServerLoop {
         self.metrics = metrics;
     }
 
-    /// Has later scenes recorded.
+    /// Records later scenes.
     pub(crate) fn record(&mut self, recorders: SceneRecorders) {
         self.recorders = recorders;
     }
 
-    /// Has each message and each tick show that this loop makes progress.
+    /// Reports liveness at each message and each tick.
     pub(crate) fn show_progress(&mut self, pulse: Pulse) {
         self.pulse = pulse;
     }

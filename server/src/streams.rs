@@ -146,7 +146,7 @@ impl Streams {
         }
     }
 
-    /// Has the streams published on these threads from now on.
+    /// Sets the publishing threads.
     pub(crate) fn employ(&mut self, workers: Workers) {
         self.workers = workers;
     }

@@ -207,7 +207,7 @@ impl Table {
         self.run_until_idle();
     }
 
-    /// Has a session whose connection has ended go on over another one.
+    /// Resumes a session whose connection has ended over another one.
     ///
     /// # Panics
     ///

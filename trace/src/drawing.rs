@@ -61,7 +61,7 @@ impl DrawnScene {
         }
     }
 
-    /// Has both messages made at the next drawing.
+    /// Makes both messages at the next drawing.
     pub fn redraw(&mut self) {
         self.written = None;
     }

@@ -128,7 +128,7 @@ impl DrawnTopics {
         Ok(is_changed)
     }
 
-    /// Has both topics written at the next drawing, for viewers that have neither.
+    /// Writes both topics at the next drawing, for viewers that have neither.
     pub fn redraw(&mut self) {
         self.drawn.redraw();
     }
@@ -207,7 +207,7 @@ impl SceneTopics {
         Ok(())
     }
 
-    /// Has the drawings written whole the next time.
+    /// Writes the drawings in full the next time.
     pub fn redraw(&mut self) {
         self.drawn.redraw();
     }

@@ -26,7 +26,7 @@ async function start(more) {
 const at = (times, share) =>
   [...times].sort((a, b) => a - b)[Math.min(times.length - 1, Math.floor(share * times.length))].toFixed(1);
 
-/** Has the page draw nothing. */
+/** Stops the page from drawing. */
 const undrawn = (page) =>
   page.addInitScript(() => {
     for (const name of ["drawArrays", "drawElements", "drawArraysInstanced", "drawElementsInstanced"])

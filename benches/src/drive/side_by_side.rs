@@ -243,7 +243,7 @@ pub fn run_side_by_side(plan: &Plan, progress: &mut dyn FnMut(Tick)) -> Result<L
     Ok(load)
 }
 
-/// Has each mode of the paper's protocol take a tick and records its errors.
+/// Takes a tick in each mode of the paper's protocol and records its errors.
 fn frame_of_apps(
     apps: &mut [(Mode, AppRemote)],
     commands: &[Command],

@@ -121,7 +121,7 @@ impl<O> SceneFollower<O> {
         self.objects.insert(id, object);
     }
 
-    /// Has an object of the application stand for a body that the view does not have yet.
+    /// Reserves an object of the application for a body that the view does not have yet.
     pub fn reserve(&mut self, id: BodyId, object: O) {
         self.reserved.insert(id, object);
     }

@@ -231,7 +231,7 @@ impl BodyNode {
         self.subject.as_ref().map(|subject| subject.id)
     }
 
-    /// Has it stand for a body.
+    /// Lets the node stand for a body.
     pub(crate) fn stand_for(&mut self, membership: &SharedMembership, id: BodyId, origin: Vec3) {
         self.subject = Some(BodySubject {
             membership: Rc::downgrade(membership),
@@ -240,7 +240,7 @@ impl BodyNode {
         });
     }
 
-    /// Has the node stand for no body, as those of a scene that was left; true if the project made it.
+    /// Forgets the body, as the nodes of a scene that was left; true if the project made the node.
     pub(crate) fn forget(&mut self) -> bool {
         self.subject = None;
         !self.is_spawned

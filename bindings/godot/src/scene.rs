@@ -318,7 +318,7 @@ impl SceneNode {
         }
     }
 
-    /// Has the tree call the node in each frame, before the scripts of all nodes.
+    /// Connects to the tree, which calls the node in each frame before the scripts of all nodes.
     fn connect(&mut self) {
         let Some(tree) = self.base().get_tree_or_null() else {
             return;

@@ -66,7 +66,7 @@ async function inNode(folder) {
   check(!held.isSupported && held.isError && held.code === "unsupported", "without WebTransport it says so");
 }
 
-/** Has the compiler of TypeScript compare rhumb.d.ts with what the package exports, and check the README's example. */
+/** Compares rhumb.d.ts with what the package exports, and checks the README's example, by the compiler of TypeScript. */
 async function typed(folder, code) {
   const paths = [process.env.RHUMB_NODE_MODULES, root].filter((path) => path);
   let compiler;

@@ -154,7 +154,7 @@ impl View {
         bounds.map(move |bound| bound.unwrap_or(unknown))
     }
 
-    /// Has the next refresh read tracks that do not continue those before, such as a resumed session's: bodies that they
+    /// Prepares the next refresh for tracks that do not continue those before, such as a resumed session's: bodies that they
     /// lack are removed.
     pub const fn begin_anew(&mut self) {
         self.begins_anew = true;

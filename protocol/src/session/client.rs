@@ -79,7 +79,7 @@ impl ClientSession {
         }
     }
 
-    /// Has the `Hello` carry a token.
+    /// Sets the token of the `Hello`.
     pub fn set_token(&mut self, token: Token) {
         self.handshake.token = Some(token);
     }

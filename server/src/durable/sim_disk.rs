@@ -87,22 +87,22 @@ impl SimDisk {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Has the disk be full after so many more bytes; `None` frees it.
+    /// Fills the disk after so many more bytes; `None` frees it.
     pub(super) fn set_room(&self, room: Option<usize>) {
         self.state().room = room;
     }
 
-    /// Has every synchronisation of a file fail, or none.
+    /// Makes every synchronisation of a file fail, or none.
     pub(super) fn set_failing(&self, is_failing: bool) {
         self.state().is_failing = is_failing;
     }
 
-    /// Has every directory be refused, or none.
+    /// Refuses every directory, or none.
     pub(super) fn set_refusing_directories(&self, is_refusing: bool) {
         self.state().is_refusing_directories = is_refusing;
     }
 
-    /// Has the disk hang.
+    /// Makes the disk hang.
     pub(super) fn hold_syncs(&self) -> HeldSyncs {
         self.state().is_holding = true;
         HeldSyncs(self.clone())

@@ -119,7 +119,7 @@ impl Workers {
     pub(super) fn employ(&self, _: &mut PhysicsWorld) {}
 }
 
-/// Has each item worked on by the next free thread: items may need very different times.
+/// Hands each item to the next free thread: items may need very different times.
 #[cfg(feature = "parallel")]
 fn spawn<'s, T: Send>(
     scope: &ScopeFifo<'s>,

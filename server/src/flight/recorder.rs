@@ -128,7 +128,7 @@ impl FlightRecorders {
         }
     }
 
-    /// Has the recorders of some scenes written, whatever their threads do.
+    /// Writes the recorders of some scenes, whatever their threads do.
     pub(crate) fn write_where(&self, is_wanted: impl Fn(&SceneName) -> bool, cause: FlightCause) {
         let Some(recorders) = &self.0 else {
             return;
@@ -248,7 +248,7 @@ impl FlightRecorder {
         }
     }
 
-    /// Has the recorder written.
+    /// Requests that the recorder be written.
     pub(crate) fn write(&self, cause: FlightCause) {
         if let Some(ring) = &self.ring {
             self.recorders.write(&self.name, ring, cause);

@@ -52,7 +52,7 @@ impl AdapterQueue {
 }
 
 impl AdapterWaker {
-    /// Has the worker serve its clients soon. A worker that has ended is not woken.
+    /// Wakes the worker, which serves its clients then. A worker that has ended is not woken.
     pub(crate) fn wake(&self) {
         // An error means that the worker has ended.
         let _ = self.0.send(WorkerInput::Wake);

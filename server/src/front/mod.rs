@@ -142,7 +142,7 @@ impl Front {
         front
     }
 
-    /// Has later scenes run in worker processes, except those of an adapter.
+    /// Runs later scenes in worker processes, except those of an adapter.
     pub(crate) fn use_processes(&mut self, options: ProcessOptions) {
         self.processes = Some(Processes::new(options));
     }
@@ -152,7 +152,7 @@ impl Front {
         self.gate = gate;
     }
 
-    /// Has figures of later connections and scenes counted.
+    /// Counts figures of later connections and scenes.
     pub(crate) fn count(&mut self, metrics: Metrics) {
         let clock = SharedClock::clone(&self.settings.stopwatch);
         self.pulse = Pulse::new(move || clock());

@@ -30,12 +30,12 @@ const END_OF_PROCESSES: Duration = Duration::from_millis(800);
 const KILLED: Duration = Duration::from_millis(1_200);
 
 impl Front {
-    /// Has the last moments of later scenes recorded.
+    /// Records the last moments of later scenes.
     pub(crate) fn record_flights(&mut self, flights: FlightRecorders) {
         self.settings.recorders.flights = flights;
     }
 
-    /// Has the states of later scenes handed to their readers.
+    /// Hands the states of later scenes to their readers.
     #[cfg(feature = "record")]
     pub(crate) fn tap(&mut self, taps: SceneTaps) {
         self.settings.recorders.taps = taps;

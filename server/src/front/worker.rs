@@ -55,7 +55,7 @@ impl HereWorker {
         }
     }
 
-    /// Has it serve the clients of another protocol too.
+    /// Sets the adapter of another protocol.
     #[cfg(feature = "app")]
     pub(super) fn with_others(self, others: ServeOthers) -> Self {
         Self {

@@ -102,7 +102,7 @@ struct Readers {
 }
 
 impl SceneTaps {
-    /// Has another reader get the records of later scenes.
+    /// Adds a reader of the records of later scenes.
     pub(crate) fn add(&self, queue: TapQueue) {
         let mut queues = self.0.queues.lock().unwrap_or_else(PoisonError::into_inner);
         queues.push(queue);

@@ -49,13 +49,13 @@ impl SceneWriter {
         &self.prefix
     }
 
-    /// Has the next record written whole, to another sink.
+    /// Writes the next record in full, to another sink.
     pub(super) fn begin(&mut self) {
         self.topics = SceneTopics::new(&self.prefix, rest_delay_ticks(self.rate));
         self.begin_for_viewer();
     }
 
-    /// Has the next record written whole, to the same sink.
+    /// Writes the next record in full, to the same sink.
     pub(super) fn begin_for_viewer(&mut self) {
         self.begins = true;
         self.statics_due = true;

@@ -12,7 +12,7 @@ impl Scene {
         self.engine.baker().filter(|_| self.shape(id).is_none())
     }
 
-    /// Has the next command that adds this shape use a solid that was made for it.
+    /// Keeps a solid for the next command that adds its shape.
     pub(crate) fn put_baked(
         &mut self,
         id: ShapeId,

@@ -44,7 +44,7 @@ impl SceneRunner {
         allowed.ok().and_then(|()| self.scene.baker_for(id))
     }
 
-    /// Has the next command that adds this shape use a solid that was made for it.
+    /// Keeps a solid for the next command that adds its shape.
     pub(crate) fn put_baked(
         &mut self,
         id: ShapeId,

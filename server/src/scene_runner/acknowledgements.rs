@@ -34,7 +34,7 @@ impl Acknowledgements {
         Self(VecDeque::new())
     }
 
-    /// Has commands wait for a batch, the newest one.
+    /// Adds commands that wait for a batch, the newest one.
     pub(super) fn push(&mut self, number: u64, commands: BTreeMap<Peer, SessionCommands>) {
         let is_full = self.0.len() >= BATCHES_MAX;
         match self.0.back_mut().filter(|_| is_full) {

@@ -14,7 +14,7 @@ use crate::durable::{Frozen, Journal, Record, SceneLog, SessionNumber};
 use crate::outbox::Outbox;
 
 impl SceneRunner {
-    /// Has the scene write a log from now on. `replayed`: time that its restoration took.
+    /// Starts the command log. `replayed`: time that its restoration took.
     pub(crate) fn keep_log(&mut self, log: SceneLog, replayed: Span) {
         self.scene.keep_journal();
         let tick = self.scene.tick();
@@ -108,7 +108,7 @@ impl SceneRunner {
         }
     }
 
-    /// Has a member learn when the commands of the session that it takes up are durable, though it sends no other ones.
+    /// Tells a member when the commands of the session that it takes up are durable, though it sends no other ones.
     pub(super) fn acknowledge_resumed(&mut self, peer: Peer) {
         self.commit();
         let count = self.session_of(peer).map_or(0, |session| session.commands);

@@ -6,7 +6,7 @@ use super::SceneRunner;
 use crate::provided::SceneScript;
 
 impl SceneRunner {
-    /// Has a script command the scene before each step from now on, and runs it for the first time. Members get ids after
+    /// Attaches a script, which commands the scene before each step, and runs it once. Members get ids after
     /// those of its bodies.
     pub(crate) fn follow_script(&mut self, script: SceneScript) {
         self.script = Some(script);

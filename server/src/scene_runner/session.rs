@@ -153,7 +153,7 @@ impl SceneRunner {
             .restore(self.scene.indices(), of_sessions.copied());
     }
 
-    /// Has later members get the shapes of a restored scene.
+    /// Sends the shapes of a restored scene to later members.
     pub(crate) fn restore_shapes(&mut self) {
         for (id, shape) in self.scene.shapes() {
             let shape = shape.clone();

@@ -88,7 +88,7 @@ impl Threaded {
         self.send(peer, &[hello(scene)]);
     }
 
-    /// Has a client create a scene named `stuck`, whose first step does not end.
+    /// Creates a scene named `stuck` for a client; its first step does not end.
     fn open_stuck(&mut self, peer: Peer) {
         self.open(peer, "stuck");
         self.send(peer, &script());

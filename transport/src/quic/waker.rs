@@ -6,7 +6,7 @@ use std::sync::mpsc::Sender;
 
 use super::input::Input;
 
-/// Has the server thread drain its endpoint soon; all clones are one.
+/// Wakes the server thread, which drains its endpoint then; all clones are one.
 #[derive(Clone, Debug)]
 pub struct Waker {
     inputs: Sender<Input>,

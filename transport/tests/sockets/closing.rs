@@ -1,6 +1,6 @@
 //! Every end is reported once, with its code, after the earlier bytes.
 //!
-//! Has caught: the end of a connection whose control bytes were held back was never reported.
+//! It has caught: the end of a connection whose control bytes were held back was never reported.
 
 use bytes::Bytes;
 use rhumb_protocol::{Ending, Peer};

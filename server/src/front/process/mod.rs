@@ -272,7 +272,7 @@ impl Processes {
         Some(Death { stuck })
     }
 
-    /// Has all processes end by themselves; returns their number.
+    /// Asks all processes to end; returns their number.
     pub(super) fn end_all(&mut self) -> usize {
         self.running.values_mut().for_each(RunningProcess::end);
         self.running.len()

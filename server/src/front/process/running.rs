@@ -114,7 +114,7 @@ impl RunningProcess {
         }
     }
 
-    /// Has the process end by itself.
+    /// Asks the process to end.
     pub(super) fn end(&mut self) {
         self.state = ProcessState::Ending;
         self.silent_looks = 0;

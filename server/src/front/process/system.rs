@@ -30,7 +30,7 @@ impl ProcessHandle {
     }
 }
 
-/// Has the system kill this process when the thread that started it ends.
+/// Makes the system kill this process when the thread that started it ends.
 ///
 /// # Errors
 ///
