@@ -45,7 +45,7 @@ fn add(scene: &mut Scene, desc: BodyDesc, position: Vec3) -> Result<(), CommandE
     scene.apply(&Command::AddBody { desc, motion })
 }
 
-/// A scene with a static body of a shape at the origin, and a body of another shape above it.
+/// A scene with a fixed body of a shape at the origin, and a body of another shape above it.
 fn above(ground: Shape, falling: Shape, height: f32) -> Scene {
     let mut scene = scene();
     add_shape(&mut scene, 0, ground).expect(VALID);

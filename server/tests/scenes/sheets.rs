@@ -40,7 +40,7 @@ fn add(scene: &mut Scene, desc: BodyDesc, at: Vec3) -> Result<(), CommandError> 
     scene.apply(&Command::AddBody { desc, motion })
 }
 
-/// A scene with a static body of the first shape, in which bodies of the second one may fall.
+/// A scene with a fixed body of the first shape, in which bodies of the second one may fall.
 fn on_ground(ground: Shape, falling: Shape) -> Scene {
     let mut scene = scene();
     add_shape(&mut scene, 0, ground).expect(VALID);

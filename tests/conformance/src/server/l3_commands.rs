@@ -86,7 +86,7 @@ const REFUSED: [(&str, Refused); 17] = [
             CommandError::ShapeInUse(BALL),
         )
     }),
-    ("applying a force to a static body", |fixtures| {
+    ("applying a force to a fixed body", |fixtures| {
         let force = Vec3::X;
         (
             Command::Force {
@@ -116,7 +116,7 @@ const REFUSED: [(&str, Refused); 17] = [
             CommandError::NotPushable(fixtures.lift),
         )
     }),
-    ("applying a torque impulse to a static body", |fixtures| {
+    ("applying a torque impulse to a fixed body", |fixtures| {
         let impulse = Vec3::X;
         (
             Command::TorqueImpulse {
@@ -126,7 +126,7 @@ const REFUSED: [(&str, Refused); 17] = [
             CommandError::NotPushable(fixtures.floor),
         )
     }),
-    ("setting the velocity of a static body", |fixtures| {
+    ("setting the velocity of a fixed body", |fixtures| {
         let (linear, angular) = (Vec3::X, Vec3::ZERO);
         let id = fixtures.floor;
         (

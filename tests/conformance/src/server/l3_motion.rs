@@ -125,7 +125,7 @@ const CASES: &[CaseRow] = &[
     ),
     (
         18,
-        "a static body with a new pose stays there",
+        "a fixed body with a new pose stays there",
         "PROTOCOL 2.6-16, 6.10-2",
         moved_floor,
     ),

@@ -122,7 +122,7 @@ fn rests(trial: &mut Trial<'_>) -> CaseResult {
         format!("it lies on the floor, not {off} m away"),
     )?;
     let floor = now(&subscriber, under)?.pose().position.y;
-    ensure(floor == -1.0, "a static body does not move")?;
+    ensure(floor == -1.0, "a fixed body does not move")?;
     let track = subscriber.replica()?.stream().track(id);
     let rest = track.is_some_and(|track| track.is_exact_rest());
     ensure(
