@@ -64,6 +64,8 @@ pub enum ClientMutant {
     WatermarkOnce,
     /// Ignores that the server has withdrawn its authority.
     NeverRetakesAuthority,
+    /// Ignores the removal of joints, also of those that it does not know.
+    JointRemovalIgnored,
 }
 
 impl ClientMutant {
@@ -106,6 +108,8 @@ impl MutantBehaviour {
             ClientMutant::CriticalPasses if kind < 0x80 && !known.contains(&kind) && kind != 0 => {
                 None
             }
+            // The code of a scene event follows the type.
+            ClientMutant::JointRemovalIgnored if kind == 11 && body.first() == Some(&7) => None,
             ClientMutant::OptionalRefused if kind >= 0x80 => Some((0x7f, body)),
             ClientMutant::NeverRetakesAuthority => {
                 let framed = Framed { kind, body };
@@ -168,6 +172,7 @@ impl Behaviour for MutantBehaviour {
                 | ClientMutant::CriticalPasses
                 | ClientMutant::OptionalRefused
                 | ClientMutant::NeverRetakesAuthority
+                | ClientMutant::JointRemovalIgnored
         );
         if !touches {
             return bytes.to_vec();

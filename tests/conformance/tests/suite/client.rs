@@ -17,7 +17,7 @@ use rhumb_netsim::{Carrier, LinkConfig};
 const TESTEE: &str = env!("CARGO_BIN_EXE_rhumb-testee");
 
 /// Each mutant with its command-line name and its case.
-const CAUGHT: [(ClientMutant, &str, &str); 23] = [
+const CAUGHT: [(ClientMutant, &str, &str); 24] = [
     (ClientMutant::AnyVersion, "any-version", "L1.51.2"),
     (ClientMutant::CriticalPasses, "critical-passes", "L1.51.3"),
     (
@@ -76,6 +76,11 @@ const CAUGHT: [(ClientMutant, &str, &str); 23] = [
         ClientMutant::NeverRetakesAuthority,
         "never-retakes-authority",
         "L3.51.3",
+    ),
+    (
+        ClientMutant::JointRemovalIgnored,
+        "joint-removal-ignored",
+        "L1.52.8",
     ),
 ];
 
