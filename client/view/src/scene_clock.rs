@@ -26,7 +26,7 @@ pub struct SceneClock {
     /// The server's tick count at the client's zero moment, and the best round trip so far.
     origin: Option<(f64, Span)>,
     shown: Option<(Instant, f64)>,
-    /// True if the estimate was so far off that the shown time jumps.
+    /// True if the estimate was so far off that the shown time jumps, or stands still until the server is there.
     jumps: bool,
 }
 
@@ -72,6 +72,7 @@ impl SceneClock {
                 let off = origin - known;
                 let known = if off.abs() > open + LATE_TICKS {
                     // The server's clock itself has slipped: to the nearest moment that the sample allows.
+                    self.jumps = true;
                     known.clamp(origin - half(round_trip), origin + half(round_trip))
                 } else if !times(best, round_trip) {
                     // The samples so far were those of a bad moment, such as a member that did not poll.
@@ -115,14 +116,15 @@ impl SceneClock {
     /// `known`: a tick that the server has reached.
     pub fn show(&mut self, now: Instant, delay: f64, known: f64, limit: f64) -> RenderTime {
         self.reach(now, known);
-        let jumps = std::mem::take(&mut self.jumps);
         let wanted = self.server(now).map_or(known, |server| server - delay);
         let wanted = wanted.min(limit);
         let shown = match self.shown {
             Some((last, shown)) => {
                 let passed = now.since(last).as_nanos() as f64 * self.ticks_per_ns;
                 let off = wanted - (shown + passed);
-                if jumps || off.abs() > JUMP_SECONDS * 1e9 * self.ticks_per_ns {
+                if self.jumps || off.abs() > JUMP_SECONDS * 1e9 * self.ticks_per_ns {
+                    // Shown time that is ahead stands still until it is no longer.
+                    self.jumps &= wanted < shown;
                     wanted.max(shown)
                 } else {
                     let (least, most) = (passed * (1.0 - SLEW), passed * (1.0 + SLEW));
@@ -166,6 +168,24 @@ mod tests {
         assert!((clock.server(late).unwrap() - 600.0).abs() < 0.601);
         let shown = clock.show(late, 0.0, 600.0, 631.0);
         assert!((shown.ticks() - 600.0).abs() < 0.601);
+    }
+
+    #[test]
+    fn a_view_that_is_ahead_of_a_server_that_has_slipped_stands_still_until_it_is_not() {
+        let mut clock = clock();
+        assert!((clock.show(seconds(10.0), 0.0, 0.0, 1e9).ticks() - 1_200.0).abs() < 1e-6);
+        // A member that did not poll for ten seconds learns of 20 ticks that were lost.
+        let sample = |clock: &mut SceneClock, at: f64| {
+            let tick = Tick::new((580.0 + 60.0 * at) as u64);
+            clock.sample(seconds(at), tick, Span::ZERO, Span::from_millis(1));
+        };
+        sample(&mut clock, 10.05);
+        let stands = [10.1, 10.2, 10.3].map(|at| clock.show(seconds(at), 0.0, 0.0, 1e9).ticks());
+        assert_eq!(stands, [1_200.0; 3]);
+        let goes_on = clock.show(seconds(10.5), 0.0, 0.0, 1e9).ticks();
+        assert!((goes_on - 1_210.0).abs() < 0.1, "{goes_on}");
+        let later = clock.show(seconds(10.6), 0.0, 0.0, 1e9).ticks();
+        assert!((later - 1_216.0).abs() < 0.1, "{later}");
     }
 
     #[test]

@@ -82,12 +82,24 @@ impl Pings {
         round_trip: Span,
         rate: Rate,
     ) {
-        let since = since_tick.as_nanos() as f64 / 1e9 / rate.step().seconds();
-        self.sample = Some(ClockSample {
+        let step = rate.step().seconds();
+        let sample = ClockSample {
             at,
-            ticks: tick.value() as f64 + since,
+            ticks: tick.value() as f64 + since_tick.as_nanos() as f64 / 1e9 / step,
             one_way: Span::from_nanos(round_trip.as_nanos() / 2),
-        });
+        };
+        let is_off = |last: ClockSample| {
+            let passed = at.as_nanos() as f64 - last.at.as_nanos() as f64;
+            let expected = last.ticks + passed / 1e9 / step;
+            (expected - sample.ticks).abs() * step > SLACK_SECONDS
+        };
+        // The answer may have waited for a member that polled late: others tell whether the clock itself has slipped.
+        if self.sample.is_some_and(is_off) {
+            self.left = FIRST_PINGS;
+            let soon = self.last_sent + FIRST_PAUSE;
+            self.due = Some(self.due.map_or(soon, |due| due.min(soon)));
+        }
+        self.sample = Some(sample);
     }
 
     /// Notes that the stream shows a tick, reached now or at most `slack` ticks before.
@@ -138,6 +150,29 @@ mod tests {
         }
         assert_eq!(pings.due(), Some(due));
         assert!(due > seconds(60));
+    }
+
+    #[test]
+    fn a_sample_that_contradicts_the_last_one_is_followed_by_others_at_once() {
+        let mut pings = converged();
+        pings.note_sent(seconds(10));
+        let answer = |pings: &mut Pings, at, tick, round_trip| {
+            pings.note_sample(at, Tick::new(tick), Span::ZERO, round_trip, Rate::HZ_60);
+        };
+        // 9 s after tick 60 the server is at tick 570 only, or the answer waited.
+        answer(&mut pings, seconds(10), 570, Span::from_millis(900));
+        for ping in 1..=FIRST_PINGS {
+            let due = seconds(10) + Span::from_millis(u64::from(ping) * 50);
+            assert_eq!(pings.due(), Some(due));
+            pings.note_sent(due);
+            answer(
+                &mut pings,
+                due,
+                570 + 3 * u64::from(ping),
+                Span::from_millis(1),
+            );
+        }
+        assert!(pings.due() > Some(seconds(60)));
     }
 
     #[test]
