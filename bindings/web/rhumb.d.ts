@@ -604,14 +604,14 @@ export type Event = { readonly complete: number } & (
   | { readonly kind: "bodyPlaced"; readonly id: BodyId }
   | { readonly kind: "bodyRemoved"; readonly id: BodyId; readonly cause: string }
   | { readonly kind: "applied"; readonly through: number; readonly tick: number }
-  | { readonly kind: "refused"; readonly number: number; readonly body: BodyId | null; readonly reason: string; readonly message: string }
+  | { readonly kind: "refused"; readonly number: number; readonly body?: BodyId; readonly reason: string; readonly message: string }
   | { readonly kind: "durable"; readonly commands: number; readonly tick: number }
   | { readonly kind: "reserved" }
   | { readonly kind: "denied"; readonly denial: DenialCode; readonly message: string }
   | { readonly kind: "subscriptionChanged"; readonly stream: StreamChoice }
   | { readonly kind: "tierChanged"; readonly to: StreamChoice; readonly cause: "linkCongested" | "linkRecovered" }
   | { readonly kind: "authorityGrant"; readonly bodies: readonly BodyId[] }
-  | { readonly kind: "authorityDenied"; readonly body?: BodyId | null; readonly reason?: string; readonly message: string }
+  | { readonly kind: "authorityDenied"; readonly body?: BodyId; readonly reason?: string; readonly message: string }
   | { readonly kind: "queryResult"; readonly number: number; readonly tick: number; readonly answers: readonly QueryHit[][] }
   | { readonly kind: "queryFailed"; readonly number: number; readonly tick: number; readonly message: string }
   | { readonly kind: "contactBegan" | "contactForce"; readonly tick: number; readonly body: BodyId; readonly contact: Contact }

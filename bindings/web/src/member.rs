@@ -174,7 +174,9 @@ impl WebMember {
                 .and_then(|joined| joined.ids.refusal(event));
             if let Some(refusal) = refusal {
                 json["reason"] = json!(refusal.reason.word());
-                json["body"] = refusal.body.map(id_number).into();
+                if let Some(body) = refusal.body {
+                    json["body"] = id_number(body).into();
+                }
                 json["message"] = json!(with_number(&refusal));
             }
             if let Event::Ended(ending) = event {

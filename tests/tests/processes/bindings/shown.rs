@@ -28,11 +28,12 @@ const CALLS: u64 = 400;
 const SEEDS: u64 = 2;
 /// Metres that rounding to single precision may cost.
 const ROUNDING: f64 = 1e-4;
-/// Length of a body's corner, metres: those of a cube of edge 1.
-const CORNER: f64 = 0.5;
 
-/// The pose of every body by scene and tick.
-type Truth = Arc<Mutex<BTreeMap<String, BTreeMap<u64, BTreeMap<BodyId, Pose>>>>>;
+/// The pose of every body, and the radius about it that its shape reaches, by tick.
+type TrueTicks = BTreeMap<u64, BTreeMap<BodyId, (Pose, f64)>>;
+
+/// The same by scene.
+type Truth = Arc<Mutex<BTreeMap<String, TrueTicks>>>;
 
 /// A server on a thread of this process, and the truth of its scenes.
 struct TruthfulServer {
@@ -106,7 +107,10 @@ fn keep(truth: &Truth, name: &str, scene: &Scene) {
     let poses = observations.iter().map(|observation| {
         let position = DVec3::from_array(observation.motion.position().map(f64::from));
         let rotation = DQuat::from_array(observation.motion.rotation().map(f64::from));
-        (observation.id, Pose { position, rotation })
+        let desc = scene.body(observation.id).expect("an observed body");
+        let shape = scene.shape(desc.shape).expect("a body has a shape");
+        let radius = shape.bounding_radius().metres();
+        (observation.id, (Pose { position, rotation }, radius))
     });
     let mut truth = truth.lock().unwrap_or_else(PoisonError::into_inner);
     let ticks = truth.entry(name.to_owned()).or_default();
@@ -139,28 +143,36 @@ impl ShownLine {
         }
     }
 
-    /// How far a corner is from its true place; `None` where the truth of the moment is not kept.
-    fn error(&self, ticks: &BTreeMap<u64, BTreeMap<BodyId, Pose>>) -> Option<f64> {
-        let at = |tick| ticks.get(&tick)?.get(&self.body);
-        let first = at(self.tick)?;
+    /// How far a point of the body is from its true place; infinite where the truth has no such body, and `None` where the
+    /// truth of the moment is not kept.
+    fn error(&self, ticks: &TrueTicks) -> Option<f64> {
+        let Some((first, radius)) = ticks.get(&self.tick)?.get(&self.body) else {
+            // The hook runs after the commands between two ticks: one of them may have removed the body, or added it and
+            // removed it again. One that was removed earlier must not be there.
+            let (before, last) = (
+                self.tick.checked_sub(1)?,
+                |(_, bodies): (_, &BTreeMap<_, _>)| bodies.contains_key(&self.body),
+            );
+            let is_late = !ticks.get(&before)?.contains_key(&self.body);
+            return (is_late && ticks.range(..before).any(last)).then_some(f64::INFINITY);
+        };
         let truth = match self.fraction {
             0.0 => *first,
             fraction => {
-                let second = at(self.tick + 1)?;
+                // The truth of a body that is gone at the next tick ends with this one.
+                let (second, _) = ticks.get(&(self.tick + 1))?.get(&self.body)?;
                 Pose {
                     position: first.position.lerp(second.position, fraction),
                     rotation: first.rotation.slerp(second.rotation, fraction),
                 }
             }
         };
-        let corners = (0..8).map(|bits: u8| {
-            let side = |bit: u8| if bits & bit == 0 { -CORNER } else { CORNER };
-            // A ball has no corners: its surface is as far out as that of the cube at most there.
-            DVec3::new(side(1), side(2), side(4)) / 3.0_f64.sqrt()
+        let points = (0..8).map(|bits: u8| {
+            let side = |bit: u8| if bits & bit == 0 { -1.0 } else { 1.0 };
+            DVec3::new(side(1), side(2), side(4)).normalize() * *radius
         });
-        let place = |pose: &Pose, corner| pose.position + pose.rotation * corner;
-        let errors =
-            corners.map(|corner| place(&truth, corner).distance(place(&self.pose, corner)));
+        let place = |pose: &Pose, point| pose.position + pose.rotation * point;
+        let errors = points.map(|point| place(&truth, point).distance(place(&self.pose, point)));
         errors.reduce(f64::max)
     }
 }
