@@ -579,8 +579,7 @@ impl PyScene {
         })?
     }
 
-    /// A row of x, y, z for each body: its centre of mass, or the origin of a hull or compound of this client. Keep it as long
-    /// as you like: it stays that of its view.
+    /// Rows of x, y, z: the centre of mass, or the origin of a hull or compound added here. They stay those of their view.
     #[getter]
     fn positions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
         self.with(py, |opened| {

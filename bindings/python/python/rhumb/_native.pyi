@@ -622,8 +622,7 @@ class Scene:
         """Ids of the bodies of the view. All arrays have this order, which changes from view to view."""
     @property
     def positions(self) -> npt.NDArray[np.float32]:
-        """A row of x, y, z for each body: its centre of mass, or the origin of a hull or compound of this client. Keep it as long
-        as you like: it stays that of its view."""
+        """Rows of x, y, z: the centre of mass, or the origin of a hull or compound added here. They stay those of their view."""
     @property
     def rotations(self) -> npt.NDArray[np.float32]:
         """A row of x, y, z, w for each body: body to world."""
