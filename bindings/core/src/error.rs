@@ -11,7 +11,7 @@ use rhumb_client::{
 };
 
 use crate::body_word::{InvalidBodyWord, body_word};
-use crate::refusal_record::RefusalRecord;
+use crate::refusal_record::{RefusalRecord, with_words};
 
 /// Reason why a call of a binding failed.
 #[derive(Debug)]
@@ -194,7 +194,7 @@ impl fmt::Display for BindingError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Open(cause) => cause.fmt(f),
-            Self::Client(cause) => cause.fmt(f),
+            Self::Client(cause) => f.write_str(&with_words(&cause.to_string())),
             Self::Query(cause) => cause.fmt(f),
             Self::Invalid(cause) => cause.fmt(f),
             Self::Tolerance { metres, cause } => write!(f, "a tolerance of {metres} m: {cause}"),

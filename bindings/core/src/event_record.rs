@@ -5,7 +5,7 @@ use rhumb_client::scene::BodyEvent;
 use rhumb_client::{BodyId, ClientError, Event, RemovalCause, Tick};
 
 use crate::coordinates::Coordinates;
-use crate::refusal_record::with_word;
+use crate::refusal_record::with_words;
 
 /// The kind of an event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -274,12 +274,12 @@ impl EventRecord {
 
     fn refused(mut self, reason: &impl ToString, body: Option<BodyId>) -> Self {
         self.body = body;
-        self.text = with_word(reason.to_string(), body);
+        self.text = with_words(&reason.to_string());
         self
     }
 
     fn because(mut self, reason: &impl ToString) -> Self {
-        self.text = reason.to_string();
+        self.text = with_words(&reason.to_string());
         self
     }
 }

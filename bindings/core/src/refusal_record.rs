@@ -28,7 +28,7 @@ impl RefusalRecord {
             number: refusal.number,
             body,
             reason: reason.word(),
-            text: with_word(reason.to_string(), body),
+            text: with_words(&reason.to_string()),
         }
     }
 }
@@ -47,12 +47,26 @@ impl fmt::Display for RefusalRecord {
     }
 }
 
-/// A sentence that names a body by its word, as the application knows it.
-pub(crate) fn with_word(sentence: String, body: Option<BodyId>) -> String {
-    match body {
-        Some(id) => sentence.replace(&id.to_string(), &format!("body {}", body_word(id))),
-        None => sentence,
+/// A sentence that names bodies by their words, as the application knows them, and not by index and generation.
+pub(crate) fn with_words(sentence: &str) -> String {
+    let mut parts = sentence.split("body ");
+    let mut written = parts.next().unwrap_or_default().to_owned();
+    for part in parts {
+        written.push_str("body ");
+        let is_of_id = |c: char| c.is_ascii_digit() || c == '.';
+        let (id, rest) = part.split_at(part.find(|c| !is_of_id(c)).unwrap_or(part.len()));
+        let id = id.split_once('.').and_then(|(index, generation)| {
+            Some(BodyId::new(index.parse().ok()?, generation.parse().ok()?))
+        });
+        match id {
+            Some(id) => {
+                written.push_str(&body_word(id).to_string());
+                written.push_str(rest);
+            }
+            None => written.push_str(part),
+        }
     }
+    written
 }
 
 #[cfg(test)]
@@ -61,6 +75,19 @@ mod tests {
     use rhumb_client::scene::CommandError;
 
     use super::*;
+
+    #[test]
+    fn a_sentence_names_all_bodies_by_their_words() {
+        let (one, other) = (BodyId::new(4, 0), BodyId::new(1, 2));
+        let sentence = format!("a joint joins {one} to {other}; a body is 1.5 m long, body 3 not");
+        let words = [one, other].map(body_word);
+        let expected = format!(
+            "a joint joins body {} to body {}; a body is 1.5 m long, body 3 not",
+            words[0], words[1]
+        );
+        assert_eq!(with_words(&sentence), expected);
+        assert_eq!(with_words("somebody"), "somebody");
+    }
 
     #[test]
     fn a_sentence_names_the_body_by_its_word() {
