@@ -463,7 +463,7 @@ def check_whole_joint(msg):
         check_limits(axis, locked, msg)
     for axis in range(6):
         if f"motor {axis}" in msg:
-            check_motor(axis, locked, msg[f"motor {axis}"])
+            check_motor(axis, locked, bool(limits_of(axis, msg)), msg[f"motor {axis}"])
     if "strength" in msg:
         check_fields(TYPES["strength"]["fields"], msg["strength"])
 
@@ -471,13 +471,17 @@ def check_whole_joint(msg):
 NAMED = {0: "limits of the translation", 3: "limits about x", 4: "limits about y", 5: "limits about z"}
 
 
-def reach(axis):
-    return LIMITS["EXTENT_MAX"] if axis < 3 else PI
+def reach(axis, limited):
+    return LIMITS["EXTENT_MAX"] if axis < 3 else 2 * PI if limited else PI
+
+
+def limits_of(axis, msg):
+    names = [f"limits {axis}", NAMED.get(axis), "limits of the rotation" if axis == 3 else None]
+    return [msg[name] for name in names if name in msg]
 
 
 def check_limits(axis, locked, msg):
-    names = [f"limits {axis}", NAMED.get(axis), "limits of the rotation" if axis == 3 else None]
-    for limits in (msg[name] for name in names if name in msg):
+    for limits in limits_of(axis, msg):
         if locked >> axis & 1:
             raise Refused("OutOfRange", "limit of a joint")
         # 2.6-24, 7: of a rotation within a turn, and at most a turn apart.
@@ -488,12 +492,12 @@ def check_limits(axis, locked, msg):
             check_scalar(to_f32(greatest - least), 0, most, "limit of a joint")
 
 
-def check_motor(axis, locked, motor):
+def check_motor(axis, locked, limited, motor):
     """2.6-25, 7. Ropes and springs have no motors."""
     if locked >> axis & 1:
         raise Refused("OutOfRange", "motor of a joint")
     fastest = LIMITS["LINEAR_MAX" if axis < 3 else "ANGULAR_MAX"]
-    check_scalar(f32(motor["position"]), -reach(axis), reach(axis), "motor of a joint")
+    check_scalar(f32(motor["position"]), -reach(axis, limited), reach(axis, limited), "motor of a joint")
     check_scalar(f32(motor["velocity"]), -fastest, fastest, "motor of a joint")
     check_fields([field for field in TYPES["motor"]["fields"] if "to" in field], motor)
 

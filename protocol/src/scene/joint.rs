@@ -207,9 +207,13 @@ impl JointKind {
     }
 }
 
-/// Bound on a motor's position of an axis: metres of a translation, radians of a rotation.
-const fn reach(axis: usize) -> f32 {
-    if is_translation(axis) { EXTENT_MAX } else { PI }
+/// Bound on a motor's position of an axis: metres of a translation, radians of a rotation, that of its limits if it has some.
+const fn reach(axis: usize, is_limited: bool) -> f32 {
+    match (is_translation(axis), is_limited) {
+        (true, _) => EXTENT_MAX,
+        (false, true) => TAU,
+        (false, false) => PI,
+    }
 }
 
 const fn is_translation(axis: usize) -> bool {
@@ -258,6 +262,7 @@ impl Joint {
         }
         self.kind.check()?;
         let distant = matches!(self.kind, JointKind::Rope(_) | JointKind::Spring(_));
+        let limits = self.kind.limits();
         let motors = self.motors.iter().enumerate();
         for (axis, motor) in motors.filter_map(|(axis, motor)| Some((axis, motor.as_ref()?))) {
             if distant || self.kind.locked().locks(axis) {
@@ -269,7 +274,7 @@ impl Joint {
             } else {
                 ANGULAR_MAX
             };
-            motor.check(reach(axis), fast)?;
+            motor.check(reach(axis, limits[axis].is_some()), fast)?;
         }
         if let Some(strength) = self.strength {
             let number = |value, name, unit| {
@@ -578,6 +583,23 @@ mod tests {
         assert_eq!(limits(-PI, PI).check(4), Ok(()));
         assert_eq!(limits(-1.5 * PI, 1.5 * PI).check(3), wrong);
         assert_eq!(limits(-7.0, 7.0).check(0), Ok(()));
+    }
+
+    #[test]
+    fn a_motor_reaches_as_far_as_limits_of_a_turn() {
+        let ends = [BodyId::new(0, 0), BodyId::new(1, 0)];
+        let frames = [JointFrame::at(Vec3::ZERO); 2];
+        let check = |limits, to| {
+            let mut joint = Joint::plain(JointKind::Revolute(limits), ends, frames);
+            joint.motors[3] = Some(Motor::at_position(to, 1.0, 1.0));
+            joint.check().is_ok()
+        };
+        let limits = Some(JointLimits {
+            least: 0.0,
+            most: 4.7,
+        });
+        assert!(check(limits, 4.5) && check(limits, -TAU));
+        assert!(!check(limits, 6.5) && !check(None, 4.5) && check(None, PI));
     }
 
     #[test]

@@ -10,7 +10,7 @@ use crate::wire::{Malformed, Wire};
 /// either body, or held there by motors, moves along. A motor too stiff for the engine is slower, at the same damping ratio.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Motor {
-    /// Metres or radians.
+    /// Metres or radians: from −π to π, or within ±2π on an axis with limits, where the motor takes the way within these.
     pub position: f32,
     /// m/s or rad/s.
     pub velocity: f32,

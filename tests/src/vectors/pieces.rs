@@ -315,6 +315,10 @@ pub(super) fn hinges() -> Vec<(&'static str, Vec<u8>)> {
         let motor = f(&[position, velocity, 100.0, 10.0, 50.0]);
         hinge(2 | 128, [vec![axes], motor].concat())
     };
+    let limited = |limits: [f32; 2], position| {
+        let motor = f(&[position, 1.0, 100.0, 10.0, 50.0]);
+        hinge(2 | 16 | 128, [f(&limits), vec![0b1000], motor].concat())
+    };
     vec![
         ("limits of a whole turn", limits(-TAU, 0.0)),
         ("limits beyond half a turn", limits(-4.5, 1.5)),
@@ -323,6 +327,14 @@ pub(super) fn hinges() -> Vec<(&'static str, Vec<u8>)> {
         ("limits in the wrong order", limits(0.75, 0.5)),
         ("a motor to half a turn", motor(0b1000, PI, 100.0)),
         ("a motor beyond half a turn", motor(0b1000, 3.25, 1.0)),
+        (
+            "a motor beyond half a turn with limits",
+            limited([0.0, 4.75], 4.5),
+        ),
+        (
+            "a motor beyond a turn with limits",
+            limited([0.0, 4.75], 6.5),
+        ),
         ("a motor that is too fast", motor(0b1000, 0.0, 100.5)),
         ("a motor of a locked axis", motor(0b1, 0.0, 1.0)),
     ]
