@@ -500,6 +500,66 @@ fn no_shown_pose_is_further_off_than_its_bound() {
 }
 
 #[test]
+fn a_body_that_is_placed_elsewhere_is_shown_at_one_of_its_places_at_any_time() {
+    for (smooth, seed) in [(true, seed(1)), (false, 2)] {
+        let mut world = World::new(Stepping::FreeRunning, "rtt=40ms", seed);
+        let kinds = [BodyKind::Dynamic, BodyKind::Kinematic];
+        let bodies =
+            kinds.map(|kind| BodyDesc::plain(world.ids.pop().expect("an id"), kind, ShapeId(0)));
+        // The dynamic one lies on the floor.
+        let place = |desc: &BodyDesc, x: f32| match desc.kind {
+            BodyKind::Dynamic => Vec3::new(x, -0.1, 0.0),
+            _ => Vec3::new(x, 9.0, 0.0),
+        };
+        let added = bodies.map(|desc| Command::AddBody {
+            desc,
+            motion: state(place(&desc, -20.0), Vec3::ZERO, Vec3::ZERO),
+        });
+        world.send(&added);
+        world.stage.run(Span::from_millis(300));
+        let options = ViewOptions {
+            smooth,
+            ..OPTIONS[0]
+        };
+        let mut watcher = Watcher::enter(&mut world.stage, options);
+        world.stage.run(Span::from_millis(500));
+        for (x, ticks) in [
+            (20.0, 30),
+            (-20.0, 30),
+            (20.0, 6),
+            (-20.0, 90),
+            (20.0, 1),
+            (-20.0, 30),
+        ] {
+            let moved = bodies.map(|desc| Command::SetPose {
+                id: desc.id,
+                position: place(&desc, x),
+                rotation: Quat::IDENTITY,
+            });
+            world.send(&moved);
+            for _ in 0..ticks * 5 {
+                world
+                    .stage
+                    .run(Span::from_nanos(TICK.as_nanos() / 5 + 1_000));
+                watcher.frame(&mut world.stage);
+            }
+        }
+        let moves = |shown: &&Shown| bodies.iter().any(|desc| desc.id == shown.id);
+        let shown: Vec<_> = watcher.shown.iter().filter(moves).collect();
+        assert!(shown.iter().any(|shown| shown.position.x > 19.0));
+        for shown in shown {
+            let off = (shown.position.x.abs() - 20.0).abs();
+            assert!(
+                off <= 0.051,
+                "smooth {smooth}: {} at {:?}",
+                shown.position,
+                shown.at
+            );
+        }
+    }
+}
+
+#[test]
 fn a_stream_is_back_within_two_seconds_of_the_return_of_a_dead_link() {
     let links = |text: &str| -> LinkConfig { text.parse().expect("a valid link configuration") };
     for seed in [seed(1), 2, 3, 4] {

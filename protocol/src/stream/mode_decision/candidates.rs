@@ -40,9 +40,9 @@ struct Falls {
 }
 
 impl<'a> Candidates<'a> {
-    pub(super) fn new(context: &'a Context<'a>, subject: &'a Subject<'a>, units: &Units) -> Self {
+    pub(super) fn new(context: &'a Context<'a>, recent: &RecentMotion<'a>, units: &Units) -> Self {
+        let subject = recent.subject;
         let modes = WorldModes::new(context, subject, units);
-        let recent = RecentMotion::new(context, subject);
         let now = apart(&subject.truth.pose(), &subject.predicted_motion.pose());
         let attached = Attached::new(context, subject).map(|attached| {
             let error = |tick: usize, truth: &Motion| attached.error(tick, truth);
@@ -55,7 +55,7 @@ impl<'a> Candidates<'a> {
             Forecast::new(subject, units, now, error, recent.of_rest())
         });
         let (unaccelerated, falls) =
-            Forecast::unaccelerated(context, &recent, units, modes.floating, now);
+            Forecast::unaccelerated(context, recent, units, modes.floating, now);
         Self {
             subject,
             units: *units,

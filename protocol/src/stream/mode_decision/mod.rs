@@ -31,6 +31,7 @@ use errors::Units;
 use forecast::Expectation;
 use modes::Prediction;
 use ranking::Settings;
+use recent::RecentMotion;
 use refinement::refined;
 use single_pass::cheapest;
 pub(crate) use subject::{Context, Parent, Subject, share};
@@ -67,20 +68,24 @@ impl<'a> ModeDecision<'a> {
         let over = track
             .predictor
             .divergence_time(ticks, self.context.tracks.integrator().rate);
+        let settings = self.settings(subject, ticks, age, over);
+        let units = &settings.expectation.units;
+        let recent = RecentMotion::new(&self.context, subject, units);
         let update = UpdateConditions {
             context: &self.context,
             subject,
             age,
             over,
+            units,
+            recent: &recent,
         };
-        let settings = self.settings(subject, ticks, &update);
         let is_long_lived = ticks >= LONG_LIVED && track.predictor != Predictor::Rest;
         if subject.ahead.is_empty() || is_long_lived || !self.context.features.mode_decision {
             let update_of =
                 |prediction: &Prediction<'_>, residual: &Residual| update.of(prediction, residual);
-            return cheapest(&self.context, subject, &settings, update_of);
+            return cheapest(&self.context, &recent, &settings, update_of);
         }
-        let candidates = Candidates::new(&self.context, subject, &settings.expectation.units);
+        let candidates = Candidates::new(&self.context, &recent, &settings.expectation.units);
         let best = refined(&settings, &candidates);
         best.iter()
             .find_map(|choice| update.of(&candidates.prediction(choice.mode)?, &choice.residual))
@@ -99,12 +104,7 @@ impl<'a> ModeDecision<'a> {
     }
 
     /// The parameters of the search for a body whose track has this age.
-    fn settings(
-        &self,
-        subject: &Subject<'_>,
-        ticks: Ticks,
-        update: &UpdateConditions<'_>,
-    ) -> Settings {
+    fn settings(&self, subject: &Subject<'_>, ticks: Ticks, age: Age, over: Seconds) -> Settings {
         let tracks = self.context.tracks;
         let step = tracks.integrator().rate.step().seconds();
         let [least, most] = ERROR_GROWTH;
@@ -122,8 +122,8 @@ impl<'a> ModeDecision<'a> {
                 interval: tracks.publish_interval().get() as usize,
             },
             features: self.context.features,
-            age: update.age,
-            rate: step / update.over.seconds(),
+            age,
+            rate: step / over.seconds(),
         }
     }
 }
@@ -136,6 +136,8 @@ struct UpdateConditions<'u> {
     age: Age,
     /// Time over which the prediction diverged.
     over: Seconds,
+    units: &'u Units,
+    recent: &'u RecentMotion<'u>,
 }
 
 impl UpdateConditions<'_> {
@@ -160,6 +162,9 @@ impl UpdateConditions<'_> {
         if !keeps || !residual.is_within_limits() {
             return None;
         }
+        if prediction.moves() && !self.recent.may_have(&begun.twist(), self.units) {
+            return None;
+        }
         Some((
             UpdatePayload::Residual {
                 mode: prediction.mode,
@@ -177,5 +182,140 @@ impl UpdateConditions<'_> {
                 parent: prediction.parent.map(|parent| parent.slot.id(parent.index)),
             },
         ))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use alloc::vec::Vec;
+
+    use super::*;
+    use crate::packet::StreamId;
+    use crate::scene::PublishSchedule;
+    use crate::stream::observation::{Activity, Observation};
+    use crate::stream::observation_history::ObservationHistory;
+    use crate::stream::publisher::Publisher;
+    use crate::stream::stream_config::StreamConfig;
+    use crate::stream::tracks::PredictionParameters;
+    use glam::{DVec3, Vec3};
+    use proptest::array::uniform3;
+    use proptest::prelude::*;
+    use rhumb_reckoning::{BodyId, BodyState, Grid, Metres, Tick, Tolerance, Twist};
+
+    const BODY: BodyId = BodyId::new(4, 0);
+    const RADIUS: Metres = Metres::new(0.5);
+    const STEP_S: f32 = 1.0 / 60.0;
+
+    /// One body whose observations are published at each tick.
+    struct Stage {
+        publisher: Publisher,
+        history: ObservationHistory,
+        tick: Tick,
+        position: Vec3,
+        /// The velocity by which it moves, m/s.
+        velocity: Vec3,
+        /// The velocity that the engine reports of it, m/s.
+        reported: Vec3,
+    }
+
+    impl Stage {
+        /// The body begins with this predictor.
+        fn new(predictor: Predictor, velocity: Vec3) -> Self {
+            let mut publisher = Publisher::new(StreamId(0), &StreamConfig::PLAIN, Tick::ZERO);
+            let track = Track {
+                origin: Tick::ZERO,
+                predictor,
+                anchor: Anchor::Exact(state(Vec3::ZERO, velocity)),
+                parent: None,
+            };
+            assert!(publisher.place(BODY, &PredictionParameters::plain(RADIUS), track));
+            Self {
+                publisher,
+                history: ObservationHistory::new(PublishSchedule::EACH_TICK),
+                tick: Tick::ZERO,
+                position: Vec3::ZERO,
+                velocity,
+                reported: velocity,
+            }
+        }
+
+        /// Publishes the next tick, in which the body moves and then jumps; returns the velocities of its track.
+        fn step(&mut self, jump: Vec3) -> Twist {
+            self.tick = self.tick.next();
+            self.position += self.velocity * STEP_S + jump;
+            let observation = Observation {
+                id: BODY,
+                motion: state(self.position, self.reported),
+                activity: Activity::Awake,
+            };
+            self.history.observe(self.tick, &[observation]);
+            self.publisher.publish(&self.history, 0, &mut Vec::new());
+            let (_, track) = self.publisher.tracks().next().expect("a body");
+            let grid = Grid::new(Tolerance::NORMAL, RADIUS);
+            match (track.predictor, track.anchor) {
+                (Predictor::Rest, _) => Twist::default(),
+                (_, Anchor::Quantised(quantised)) => quantised.twist(&grid),
+                (_, Anchor::Exact(exact)) => exact.motion().twist(),
+            }
+        }
+
+        fn steps(&mut self, ticks: u32) {
+            for _ in 0..ticks {
+                self.step(Vec3::ZERO);
+            }
+        }
+    }
+
+    fn state(position: Vec3, velocity: Vec3) -> BodyState {
+        let upright = [0.0, 0.0, 0.0, 1.0];
+        let state = BodyState::new(position.into(), upright, velocity.into(), [0.0; 3]);
+        state.expect("it is finite")
+    }
+
+    #[test]
+    fn a_resting_body_that_jumps_rests_at_its_new_place() {
+        for predictor in [Predictor::Rest, Predictor::Uniform] {
+            let mut stage = Stage::new(predictor, Vec3::ZERO);
+            for (ticks, jump) in [(30, 50.0), (30, 1.0), (1, -0.4), (30, -7.0), (1, 900.0)] {
+                stage.steps(ticks);
+                for moved in [jump, 0.0, 0.0, 0.0] {
+                    let twist = stage.step(Vec3::new(moved, 0.0, moved));
+                    assert_eq!(twist, Twist::default(), "{predictor:?}, {jump} m");
+                }
+            }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn a_moving_body_that_jumps_keeps_its_velocity(
+            velocity in uniform3(-20.0_f32..20.0), jump in uniform3(-90.0_f32..90.0), ticks in 2_u32..40,
+        ) {
+            let (velocity, jump) = (Vec3::from(velocity), Vec3::from(jump));
+            let mut stage = Stage::new(Predictor::Uniform, velocity);
+            for _ in 0..2 {
+                stage.steps(ticks);
+                for jump in [jump, Vec3::ZERO, Vec3::ZERO] {
+                    let twist = stage.step(jump);
+                    // Within a tick it is the tolerance off at most.
+                    let off = twist.linear.distance(velocity.as_dvec3()) / 60.0;
+                    prop_assert!(off <= 0.05, "{:?} instead of {velocity}", twist.linear);
+                    prop_assert!(twist.angular == DVec3::ZERO);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_body_that_moves_without_velocities_is_predicted_by_its_displacements() {
+        let velocity = Vec3::new(30.0, 0.0, 0.0);
+        let mut stage = Stage::new(Predictor::Uniform, velocity);
+        stage.reported = Vec3::ZERO;
+        stage.steps(10);
+        let twist = stage.step(Vec3::ZERO);
+        assert!(
+            twist.linear.distance(velocity.as_dvec3()) < 1.0,
+            "{twist:?}"
+        );
     }
 }

@@ -1,11 +1,22 @@
 //! The motion of a body in its last two strides, and how it left predictions.
 //!
-//! In metres and radians, whatever the tolerance. Without past observations a body counts as moving evenly.
+//! In metres and radians, whatever the tolerance. Without past observations a body counts as moving evenly. A body that
+//! jumps, as by a command that places it, has no past before the jump.
 
-use rhumb_reckoning::{Predictor, Ticks};
+use rhumb_reckoning::{BodyState, Predictor, Ticks, Twist};
+use wide::f64x2;
 
-use super::errors::{Errors, apart, observed_pose, observed_twist};
+use super::errors::{Errors, Units, apart, observed_pose, observed_twist};
 use super::subject::{Context, Subject};
+
+/// Tolerances by which a displacement must exceed what the velocities explain to be a jump. A view has the same limit.
+const JUMP: f64 = 3.0;
+/// Greatest error of the velocities that a correction implies after a jump: over a tick, as a share of the tolerance.
+const AFTER_JUMP: f64 = 1.0;
+/// The same for other bodies, and what it grows by with their speeds: a body that is hit has implied velocities of their
+/// size, and only one whose correction had to wait has greater ones.
+const ODD_VELOCITY: f64 = 8.0;
+const ODD_SPEEDS: f64 = 2.0;
 
 /// Growth of an error: per tick, and per tick squared.
 #[derive(Clone, Copy, Debug)]
@@ -27,12 +38,24 @@ pub(super) struct RecentMotion<'s> {
     context: &'s Context<'s>,
     pub(super) subject: &'s Subject<'s>,
     pub(super) moved: [Errors; 2],
+    since: SinceJump<'s>,
+}
+
+/// The past of a body since it jumped, if it did so in its last two strides.
+#[derive(Clone, Copy, Debug)]
+struct SinceJump<'s> {
+    /// The observed states one and two strides before, none before the jump.
+    past: [Option<&'s BodyState>; 2],
+    /// How far its velocities lead in a stride, before and after it, as a share of the tolerance.
+    reach: f64,
+    jumped: bool,
 }
 
 impl<'s> RecentMotion<'s> {
-    pub(super) fn new(context: &'s Context<'s>, subject: &'s Subject<'s>) -> Self {
+    pub(super) fn new(context: &'s Context<'s>, subject: &'s Subject<'s>, units: &Units) -> Self {
+        let since = SinceJump::new(subject, units);
         let step_s = context.tracks.integrator().rate.step().seconds();
-        let moved = |strides: usize| match subject.past[strides - 1] {
+        let moved = |strides: usize| match since.past[strides - 1] {
             Some(past) => apart(&subject.truth.pose(), &observed_pose(past)),
             None => {
                 let twist = subject.truth.twist();
@@ -44,7 +67,30 @@ impl<'s> RecentMotion<'s> {
             context,
             subject,
             moved: [moved(1), moved(2)],
+            since,
         }
+    }
+
+    /// True if the body may be shown with these velocities until the next tick: they differ little from its own, or it was
+    /// displaced by them in both strides. A correction implies velocities; those of a jump lead beyond both places.
+    pub(super) fn may_have(&self, velocities: &Twist, units: &Units) -> bool {
+        let each_tick = |twist: Twist| Errors::of([twist.linear, twist.angular]) * units.moving;
+        let (stride, shown) = (
+            1.0 / f64::from(self.subject.stride.count()),
+            each_tick(*velocities),
+        );
+        // Shares include the slack, but what is shown does not.
+        let within = if self.since.jumped {
+            AFTER_JUMP / self.context.slack
+        } else {
+            ODD_VELOCITY / self.context.slack + ODD_SPEEDS * self.since.reach * stride
+        };
+        let is_near = |moved: Errors| units.share(&(shown - moved)) <= within;
+        let [last, both] = self
+            .moved
+            .map(|moved| moved * (units.still * f64x2::splat(stride)));
+        is_near(each_tick(self.subject.truth.twist()))
+            || self.since.past[1].is_some() && is_near(last) && is_near(both - last)
     }
 
     /// Growth of the error of a body that is predicted to rest.
@@ -68,7 +114,7 @@ impl<'s> RecentMotion<'s> {
     fn past_errors(&self, predictor: Predictor) -> ([Errors; 2], [f64; 2]) {
         let (subject, tracks) = (self.subject, self.context.tracks);
         let prediction_error = |strides: usize| {
-            let past = subject.past[strides - 1]?;
+            let past = self.since.past[strides - 1]?;
             let ticks = Ticks::new(strides as u32 * subject.stride.count());
             let unforced = tracks.unforced(subject.slot, ticks);
             if predictor.is_torque_free() {
@@ -86,6 +132,46 @@ impl<'s> RecentMotion<'s> {
         };
         let (two, fallen) = prediction_error(2).unwrap_or((one * 4.0, fall * 4.0));
         ([one, two], [fall, fallen])
+    }
+}
+
+impl<'s> SinceJump<'s> {
+    fn new(subject: &Subject<'s>, units: &Units) -> Self {
+        let ticks = f64::from(subject.stride.count());
+        let reach = |twist: &Twist| {
+            units.share(&(Errors::of([twist.linear, twist.angular]) * units.moving)) * ticks
+        };
+        let own = reach(&subject.truth.twist());
+        let Some(one) = subject.past[0] else {
+            return Self {
+                past: *subject.past,
+                reach: own * 2.0,
+                jumped: false,
+            };
+        };
+        let (pose, middle) = (observed_pose(one), reach(&observed_twist(one)));
+        let is_far =
+            |moved: &Errors, reach: f64| units.share(&(*moved * units.still)) > JUMP + reach;
+        let last = apart(&subject.truth.pose(), &pose);
+        let jumps = is_far(&last, own + middle);
+        let (mut jumped, mut is_steady) = (false, false);
+        if let Some(two) = subject.past[1] {
+            let before = apart(&pose, &observed_pose(two));
+            jumped = is_far(&before, middle + reach(&observed_twist(two)));
+            // A body may move steadily whose engine reports no velocities.
+            is_steady = !is_far(&(last - before), 0.0);
+        }
+        let past = match (jumps, jumped) {
+            _ if is_steady => *subject.past,
+            (true, _) => [None; 2],
+            (_, true) => [Some(one), None],
+            _ => *subject.past,
+        };
+        Self {
+            past,
+            reach: own + middle,
+            jumped: (jumps || jumped) && !is_steady,
+        }
     }
 }
 

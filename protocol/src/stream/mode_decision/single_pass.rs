@@ -12,7 +12,7 @@ use super::forecast::Expectation;
 use super::modes::{ACCELERATED, ATTACHED, FALLING, FLOATING, Prediction, REST, WorldModes};
 use super::ranking::{NEAREST, Settings, VELOCITY_EXPONENTS};
 use super::recent::{FallGrowth, Growth, RecentMotion};
-use super::subject::{Context, Subject};
+use super::subject::Context;
 
 /// Rounding of a correction without velocities: a smaller fraction of a step is dropped, because the tolerance hardly
 /// needs it.
@@ -71,16 +71,15 @@ struct SinglePass<'s> {
 /// Finds the cheapest correction that `accept` turns into a result. It gets a mode and a residual, the cheapest first.
 pub(super) fn cheapest<T>(
     context: &Context<'_>,
-    subject: &Subject<'_>,
+    recent: &RecentMotion<'_>,
     settings: &Settings,
     accept: impl Fn(&Prediction<'_>, &Residual) -> Option<T>,
 ) -> Option<T> {
-    let units = &settings.expectation.units;
+    let (subject, units) = (recent.subject, &settings.expectation.units);
     let modes = WorldModes::new(context, subject, units);
     if modes.orphaned {
         return None;
     }
-    let recent = RecentMotion::new(context, subject);
     let (growth, falls) = recent.of_unaccelerated(modes.floating);
     let pass = SinglePass {
         settings,
@@ -99,7 +98,7 @@ pub(super) fn cheapest<T>(
         mode: REST,
         residual: &world.residual,
     }; 4];
-    choices[0].price = pass.rest(&recent, &world).unwrap_or(f64::INFINITY);
+    choices[0].price = pass.rest(recent, &world).unwrap_or(f64::INFINITY);
     let steadiest = pass.steadiest();
     // The track's own moving mode is worth keeping; only a track without one changes to the steadiest.
     let moving = pass.modes.own_moving().or(steadiest);
