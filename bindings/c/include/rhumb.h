@@ -346,7 +346,7 @@ enum RhumbCommandKind
   RHUMB_COMMAND_KIND_SLEEP,
   // Wakes `body`.
   RHUMB_COMMAND_KIND_WAKE,
-  // Has `body` report the events that `events` names, and contacts from the force `event_force` on.
+  // Makes `body` report the events that `events` names, and contacts from the force `event_force` on.
   RHUMB_COMMAND_KIND_SET_EVENTS,
 };
 #ifndef __cplusplus

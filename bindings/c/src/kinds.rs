@@ -179,7 +179,7 @@ pub enum RhumbCommandKind {
     Sleep,
     /// Wakes `body`.
     Wake,
-    /// Has `body` report the events that `events` names, and contacts from the force `event_force` on.
+    /// Makes `body` report the events that `events` names, and contacts from the force `event_force` on.
     SetEvents,
 }
 

@@ -1860,7 +1860,7 @@ namespace Rhumb
         /// </summary>
         Wake,
         /// <summary>
-        ///  Has `body` report the events that `events` names, and contacts from the force `event_force` on.
+        ///  Makes `body` report the events that `events` names, and contacts from the force `event_force` on.
         /// </summary>
         SetEvents,
     }

@@ -212,7 +212,7 @@ fn old_losses_are_refreshed() {
         link.pass(Redundancy::Off);
     }
     assert!(link.report_losses().contains(&PacketKind::Refresh));
-    // Two packets are found missing only after that answer.
+    // Packets 22 and 38 are not read either, and are asked for only after that answer.
     link.report_losses();
     assert!(link.agrees());
 }
