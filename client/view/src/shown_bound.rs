@@ -3,6 +3,8 @@
 //! A stream bounds the error of its tracks. What is shown may be another pose: one that glides, one of an earlier
 //! refresh. Invariant: the bound is never too small; where nothing finite is certain it is unknown.
 
+use std::f64::consts::PI;
+
 use glam::{DQuat, Quat, Vec3};
 use rhumb_protocol::stream::{ErrorBound, Subscriber};
 use rhumb_reckoning::{BodyId, Divergence, Metres, Motion, Pose, Seconds, Ticks};
@@ -79,24 +81,11 @@ fn finite_bound(
     let radius = stream.radius_at(id, at.tick)?;
     let motion = MomentMotion::of(stream, id, at, step)?;
     let off = distance(shown, &motion.motion(at)?, radius);
-    let bound = match motion {
+    let ends = match motion {
         MomentMotion::At(_) => first_bound,
-        MomentMotion::Between(first, second) => {
-            let ends = first_bound.max(bound_at(at.tick + Ticks::new(1))?);
-            widened(
-                ends,
-                &first.pose().rotation,
-                &second.pose().rotation,
-                radius,
-            )
-        }
-        MomentMotion::Before(first, second) => {
-            // Nothing tells a jump from a push that is as fast: the body may be on its way.
-            let way = Divergence::between(&first.pose(), &second.pose()).surface_error(radius);
-            let ends = first_bound.max(bound_at(at.tick + Ticks::new(1))?);
-            ends + way.metres() * at.fraction
-        }
+        _ => first_bound.max(bound_at(at.tick + Ticks::new(1))?),
     };
+    let bound = bound_at_moment(&motion, ends, radius, at.fraction);
     Some(Metres::new(bound + off))
 }
 
@@ -107,6 +96,35 @@ fn distance(shown: &ShownPose, known: &Motion, radius: Metres) -> f64 {
     }
     let apart = Divergence::between(&shown.exactly(), &known.pose());
     apart.surface_error(radius).metres()
+}
+
+/// The bound at a moment of a motion, in metres; `ends`: the greater bound of its ticks.
+fn bound_at_moment(motion: &MomentMotion, ends: f64, radius: Metres, fraction: f64) -> f64 {
+    match motion {
+        MomentMotion::At(_) => ends,
+        MomentMotion::Between(first, second) => {
+            let (first, second) = (first.pose(), second.pose());
+            widened(ends, &first.rotation, &second.rotation, radius)
+        }
+        MomentMotion::Before(first, second) => {
+            let apart = Divergence::between(&first.pose(), &second.pose());
+            ends + way(&apart, ends, radius, fraction)
+        }
+    }
+}
+
+/// How far a body may have come at a fraction of a tick, at whose end it is `apart` from where it began, in metres.
+///
+/// Nothing tells a jump from a push that is as fast: the body may be on its way. A part of a turn has a longer chord than
+/// that part of the turn's chord. The true turn exceeds the predicted one by the turns of both bounds at most.
+fn way(apart: &Divergence, ends: f64, radius: Metres, fraction: f64) -> f64 {
+    let whole_turn = 2.0 * radius.metres();
+    let straight = apart.position.metres() * fraction;
+    if whole_turn == 0.0 {
+        return straight;
+    }
+    let turn = apart.turn().radians() + 4.0 * (ends / whole_turn).min(1.0).asin();
+    straight + whole_turn * (turn.min(PI) * fraction / 2.0).sin()
 }
 
 /// The bound between two ticks whose greater bound is `ends`.
@@ -137,3 +155,78 @@ fn widened(ends: f64, first: &DQuat, second: &DQuat, radius: Metres) -> f64 {
 /// Cosine of a quarter of 3 rad, the longest turn in a tick whose shorter way round is certain: a little less than half
 /// a turn.
 const LEAST_COSINE: f64 = 0.731_688_868_873_820_9;
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+    use proptest::prelude::*;
+    use rhumb_reckoning::Twist;
+
+    use super::*;
+
+    /// Metres that rounding may cost.
+    const ROUNDING: f64 = 1e-9;
+
+    fn any_vector() -> impl Strategy<Value = DVec3> {
+        [-1.0..1.0, -1.0..1.0, -1.0..1.0].prop_map(DVec3::from_array)
+    }
+
+    fn any_turn(most: f64) -> impl Strategy<Value = DQuat> {
+        let axis = any_vector().prop_filter("an axis", |axis| axis.length() > 0.1);
+        (axis, 0.0..most).prop_map(|(axis, turn)| DQuat::from_axis_angle(axis.normalize(), turn))
+    }
+
+    fn any_motion() -> impl Strategy<Value = Motion> {
+        (any_vector(), any_turn(PI)).prop_map(|(position, rotation)| {
+            let pose = Pose { position, rotation };
+            Motion::new(pose, Twist::ZERO).expect("a finite motion")
+        })
+    }
+
+    /// What a true pose is off by: metres and a turn.
+    fn any_error() -> impl Strategy<Value = (DVec3, DQuat)> {
+        (0.0..1.0, any_vector(), any_turn(1.0))
+            .prop_map(|(scale, vector, turn)| (vector * scale, DQuat::IDENTITY.slerp(turn, scale)))
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(20_000))]
+
+        #[test]
+        fn no_point_is_beyond_the_bound_between_two_ticks(
+            ticks in [any_motion(), any_motion()],
+            errors in [any_error(), any_error()],
+            point in any_vector().prop_filter("a side", |side| side.length() > 0.1),
+            radius in 0.0..2.0,
+            fraction in 0.0..1.0,
+            jumps: bool,
+        ) {
+            let [first, second] = ticks;
+            let truth = [0, 1].map(|at| {
+                let (pose, (off, turn)) = (ticks[at].pose(), errors[at]);
+                Pose { position: pose.position + off, rotation: turn * pose.rotation }
+            });
+            let radius = Metres::new(radius);
+            let end = |at: usize| {
+                let apart = Divergence::between(&truth[at], &ticks[at].pose());
+                apart.surface_error(radius).metres()
+            };
+            let ends = end(0).max(end(1));
+            let motion = match jumps {
+                true => MomentMotion::Before(first, second),
+                false => MomentMotion::Between(first, second),
+            };
+            let at = RenderTime { tick: rhumb_reckoning::Tick::ZERO, fraction };
+            let shown = motion.motion(at).expect("a finite motion").pose();
+            let true_pose = Pose {
+                position: truth[0].position.lerp(truth[1].position, fraction),
+                rotation: truth[0].rotation.slerp(truth[1].rotation, fraction),
+            };
+            let point = point.normalize() * radius.metres();
+            let place = |pose: &Pose| pose.position + pose.rotation * point;
+            let error = place(&shown).distance(place(&true_pose));
+            let bound = bound_at_moment(&motion, ends, radius, fraction);
+            prop_assert!(error <= bound + ROUNDING, "{error} m off, bound {bound} m");
+        }
+    }
+}
