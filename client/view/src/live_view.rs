@@ -2,10 +2,10 @@
 //!
 //! Chooses the moment, and whether corrections are smoothed. Time is an argument; the session beside it is the caller's.
 
-use rhumb_protocol::Instant;
 use rhumb_protocol::limits::SILENCE_MS_MAX;
 use rhumb_protocol::scene::{SceneConfig, Stepping};
 use rhumb_protocol::session::{ClientSession, Event, Replica};
+use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::{Seconds, Tick, Ticks};
 
 use crate::invalid_ticks;
@@ -17,6 +17,9 @@ use crate::view::View;
 /// Seconds that a free-running view predicts at most beyond the tick that should have been published by now. Then it
 /// holds.
 const PREDICT_SECONDS: f64 = 0.5;
+
+/// Ticks that a question for the watermark may wait for the frames of the program, there and back.
+const FRAMES_TICKS: f64 = 2.0;
 
 /// How a free-running scene is shown.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -99,7 +102,29 @@ impl LiveView {
             shown
         };
         self.show(session, now, at, self.options.smooth);
+        self.keep_known(session, now, due);
         at
+    }
+
+    /// Asks the server for its watermark if a program asks for bounds, and they would be unknown before the watermark that
+    /// is `due` in so many ticks.
+    fn keep_known(&mut self, session: &mut ClientSession, now: Instant, due: f64) {
+        let (Some(at), true) = (self.view.time(), self.view.take_bounds_asked()) else {
+            return;
+        };
+        let step = self.config.integrator.rate.step().seconds();
+        let round_trip = session.round_trip().as_nanos() as f64 / 1e9 / step;
+        // Ticks that the view lies behind the watermark when it arrives.
+        let spare = invalid_ticks::or_none(self.options.delay_ticks) - round_trip / 2.0;
+        let Some(stream) = session.replica().map(Replica::stream) else {
+            return;
+        };
+        let known_for = stream.complete().value() as f64 - at.ticks();
+        // The next question comes in time if the answer of this one is lost.
+        let pause = (spare / 2.0).max(1.0);
+        if 0.0 < spare && spare < due && known_for < round_trip + pause + FRAMES_TICKS {
+            session.query_watermark(now, Span::from_nanos((pause * step * 1e9) as u64));
+        }
     }
 
     /// Computes the view of a moment.

@@ -5,6 +5,7 @@
 //! them.
 
 use std::num::NonZeroU32;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use glam::{DQuat, Quat, Vec3};
 use rhumb_protocol::stream::{ErrorBound, Subscriber};
@@ -38,6 +39,8 @@ pub struct View {
     /// The time from one tick to the next.
     step: Seconds,
     refreshes: u64,
+    /// True once a bound was asked for; the clock of the view takes it back.
+    bounds_asked: AtomicBool,
 }
 
 /// Number of moving bodies that are predicted in one call.
@@ -136,8 +139,12 @@ impl View {
     ///
     /// The bound is that of the stream at this moment, plus the distance from the shown pose to the one that the stream
     /// has for it now: what a glide has still to cover, or an update that was read since the view was computed.
+    ///
+    /// A free-running scene in which nothing happens says so in growing pauses. A program that asks for bounds makes its
+    /// client ask the server meanwhile, some ten times a second, if the delay of the view is long enough for the answers.
     #[must_use]
     pub fn error_bound(&self, stream: &Subscriber, id: BodyId) -> Option<ErrorBound> {
+        self.bounds_asked.store(true, Ordering::Relaxed);
         let place = self.place(id)?;
         let shown = ShownPose {
             position: self.positions[place],
@@ -152,6 +159,11 @@ impl View {
         let unknown = ErrorBound::Unknown { since };
         let bounds = self.ids.iter().map(|id| self.error_bound(stream, *id));
         bounds.map(move |bound| bound.unwrap_or(unknown))
+    }
+
+    /// True if a bound was asked for since the last call.
+    pub(crate) fn take_bounds_asked(&mut self) -> bool {
+        std::mem::take(self.bounds_asked.get_mut())
     }
 
     /// Prepares the next refresh for tracks that do not continue those before, such as a resumed session's: bodies that they

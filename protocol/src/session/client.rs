@@ -323,6 +323,14 @@ impl ClientSession {
         self.membership.subscription.shown_mut()
     }
 
+    /// Asks the server up to which tick everything has been sent, unless it was asked within `pause`.
+    ///
+    /// A free-running stream in which nothing happens says so in growing pauses, 2.5 s at most.
+    pub fn query_watermark(&mut self, now: Instant, pause: Span) {
+        let subscription = &mut self.membership.subscription;
+        subscription.query(now, pause, &mut self.outbox);
+    }
+
     /// The config of the scene; None before the welcome or joining.
     #[must_use]
     pub const fn config(&self) -> Option<&SceneConfig> {

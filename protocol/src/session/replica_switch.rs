@@ -128,6 +128,15 @@ impl ReplicaSwitch {
         reports
     }
 
+    /// A report that asks for the watermark of the shown replica, if one is due.
+    pub(crate) fn query(&mut self, now: Instant, pause: Span) -> Vec<Bytes> {
+        let mut reports = Vec::new();
+        if let Some(replica) = &mut self.shown {
+            replica.receiver.query(now, pause, &mut reports);
+        }
+        reports
+    }
+
     /// The replica of the newest stream, which will replace the shown one.
     fn newest(&self) -> Option<&Replica> {
         self.next.as_ref().or(self.shown.as_ref())

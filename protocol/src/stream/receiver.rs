@@ -34,6 +34,8 @@ pub struct StreamReceiver {
     silence: RetryTimer,
     /// The time of the last report of losses, and their number then.
     reported: (Instant, u64),
+    /// The time of the last query.
+    queried: Option<Instant>,
 }
 
 impl StreamReceiver {
@@ -50,6 +52,7 @@ impl StreamReceiver {
             nacks: NackScheduler::new(),
             silence: RetryTimer::new(silence, SILENCE_MOST),
             reported: (Instant::ZERO, 0),
+            queried: None,
         }
     }
 
@@ -84,6 +87,16 @@ impl StreamReceiver {
     pub fn expect_watermark(&mut self, now: Instant) {
         self.silence.end();
         self.silence.begin(now + WATERMARK_TIMEOUT);
+    }
+
+    /// Appends a report that asks for the watermark, unless one was sent within `pause` (PROTOCOL 6.7-11).
+    pub(crate) fn query(&mut self, now: Instant, pause: Span, out: &mut Vec<Bytes>) {
+        if self.queried.is_some_and(|last| now < last + pause) {
+            return;
+        }
+        self.queried = Some(now);
+        let report = self.subscriber.loss_report();
+        out.push(Bytes::from(report.encode(self.subscriber.stream())));
     }
 
     /// The time of the next report if nothing is received until then; None if there is nothing to report.

@@ -7,7 +7,7 @@
 use std::collections::BTreeMap;
 
 use glam::{DQuat, DVec3, Quat, Vec3};
-use rhumb_netsim::LinkConfig;
+use rhumb_netsim::{Direction, Lane, LinkConfig};
 use rhumb_protocol::Span;
 use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, SceneConfig, Shape, ShapeId, Stepping};
@@ -588,4 +588,55 @@ fn a_stream_is_back_within_two_seconds_of_the_return_of_a_dead_link() {
             "seed {seed}: back after {after}"
         );
     }
+}
+
+/// Shares of views whose bound is known, and datagrams of its member, in ten seconds of a scene at rest.
+fn watch_rest(delay_ticks: f64, asks: bool, links: &str) -> (f64, u64) {
+    let mut world = World::new(Stepping::FreeRunning, links, seed(7));
+    let options = ViewOptions {
+        delay_ticks,
+        whole_ticks: false,
+        smooth: true,
+    };
+    let mut watcher = Watcher::enter(&mut world.stage, options);
+    let sent = |world: &World, watcher: &Watcher| {
+        let network = &world.stage.network;
+        let counts = network.counts(watcher.index, Direction::Up, Lane::State);
+        counts.pushed.pieces
+    };
+    let (mut known, mut before) = (0, 0);
+    for frame in 0..1_200 {
+        world.stage.run(TICK);
+        if frame == 600 {
+            before = sent(&world, &watcher);
+        }
+        let now = world.stage.network.now();
+        let session = world.stage.network.client_mut(watcher.index);
+        while let Some(event) = session.poll_event() {
+            watcher.live.note(&event);
+        }
+        watcher.live.show_present(session, now);
+        if asks {
+            let stream = session.replica().expect("a member").stream();
+            let mut bounds = watcher.live.view().error_bounds(stream);
+            let is_known = bounds.all(|bound| bound.metres().is_finite());
+            known += usize::from(is_known && frame >= 600);
+        }
+    }
+    (known as f64 / 600.0, sent(&world, &watcher) - before)
+}
+
+#[test]
+fn a_bound_that_is_asked_for_is_known_in_a_scene_at_rest() {
+    for (delay_ticks, links, least) in [(5.0, "rtt=40ms", 0.98), (9.0, "rtt=40ms,loss=5%", 0.9)] {
+        let (known, sent) = watch_rest(delay_ticks, true, links);
+        let (_, quiet) = watch_rest(delay_ticks, false, links);
+        eprintln!(
+            "{links}, {delay_ticks} ticks: known in {known:.3} of views, {sent} datagrams, {quiet} unasked"
+        );
+        assert!(known >= least, "known in {known:.3} of views");
+        assert!(quiet < 10, "{quiet} datagrams without a question");
+    }
+    let (_, sent) = watch_rest(0.0, true, "rtt=40ms");
+    assert!(sent < 10, "no answer helps a view without a delay: {sent}");
 }

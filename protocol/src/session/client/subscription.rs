@@ -177,6 +177,11 @@ impl Subscription {
         }
     }
 
+    /// Asks for the watermark of the shown replica, unless it was asked for within `pause`.
+    pub(super) fn query(&mut self, now: Instant, pause: Span, outbox: &mut ClientOutbox) {
+        outbox.send_states(self.replica_switch.query(now, pause));
+    }
+
     /// The next moment at which [`Self::report`] has something to do.
     pub(super) fn due(&self) -> Option<Wake> {
         let resync = self.resync_due().map(|at| Wake {
