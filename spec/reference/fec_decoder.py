@@ -45,6 +45,7 @@ class Decoder:
         """6.15-3: forgets everything older than the last SPAN numbers."""
         self.end = max(self.end, newest + 1)
         self.symbols = {number: symbol for number, symbol in self.symbols.items() if number >= self.end - SPAN}
+        self.repair_symbols = [kept for kept in self.repair_symbols if self.is_of_use(kept)]
 
     def receive(self, last, covered, row, mixed_symbol, next_number):
         """Receives a repair symbol; `covered` has the bits of the numbers before the last."""

@@ -1,7 +1,8 @@
 //! The named requirements in the documents of `spec/`, with their texts.
 //!
 //! A requirement begins at its name in brackets, as `[2.2-1]`, and ends at the next name or at the end of its
-//! paragraph, list item or table row. It is a MUST unless it contains SHOULD or MAY.
+//! paragraph, list item or table row. A name at the end of a line of a listing is that of this line and of those indented
+//! below it. A requirement is a MUST unless it contains SHOULD or MAY.
 
 use std::fmt;
 
@@ -106,7 +107,7 @@ pub fn requirements(document: Document, text: &str) -> Vec<Requirement> {
     found
 }
 
-/// A paragraph, list item or table row, on one line.
+/// A paragraph, list item, table row, or a named line of a listing with those indented below it, on one line.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Part {
     /// The clause that contains it.
@@ -115,13 +116,15 @@ pub struct Part {
     pub text: String,
 }
 
-/// The paragraphs, list items and table rows of a text, without headings, notes and code.
+/// The paragraphs, list items and table rows of a text, and the named lines of its listings, without headings, notes and
+/// other code.
 #[must_use]
 pub fn parts(text: &str) -> Vec<Part> {
     let mut parts: Vec<Part> = Vec::new();
     let mut clause = String::new();
     let mut open = false;
-    for line in text.lines() {
+    let lines: Vec<&str> = text.lines().collect();
+    for (place, line) in lines.iter().copied().enumerate() {
         let goes_on = open && !line.is_empty() && !begins_a_part(line);
         open = false;
         if let Some(heading) = line.strip_prefix('#') {
@@ -132,7 +135,10 @@ pub fn parts(text: &str) -> Vec<Part> {
             part.text.push(' ');
             part.text.push_str(line.trim());
             open = true;
-        } else if !line.is_empty() && !line.starts_with("    ") {
+        } else if line.starts_with("    ") {
+            let clause = clause.clone();
+            parts.extend(listed(&lines[place..]).map(|text| Part { clause, text }));
+        } else if !line.is_empty() {
             let (clause, text) = (clause.clone(), line.trim().to_owned());
             parts.push(Part { clause, text });
             open = !line.starts_with('|');
@@ -140,6 +146,38 @@ pub fn parts(text: &str) -> Vec<Part> {
     }
     parts.retain(|part| !part.text.starts_with("*Note"));
     parts
+}
+
+/// The first line of a listing and those indented below it, after the name at its end; none if it has no name.
+fn listed(lines: &[&str]) -> Option<String> {
+    let (line, below) = lines.split_first()?;
+    let line = line.trim_end();
+    let (start, _) = (names(line).into_iter()).find(|(_, end)| *end == line.len())?;
+    let below = below
+        .iter()
+        .take_while(|other| other.starts_with("    ") && depth(other) > depth(line));
+    let mut text = format!("{} {}", &line[start..], line[..start].trim());
+    for other in below {
+        let end = names(other).first().map_or(other.len(), |(start, _)| *start);
+        text.push(' ');
+        text.push_str(other[..end].trim());
+    }
+    Some(text)
+}
+
+/// The column at which a line of a listing begins, after its label, as `S34`.
+fn depth(line: &str) -> usize {
+    let rest = line.trim_start();
+    let label = rest.split(' ').next().unwrap_or_default();
+    let is_label = label
+        .strip_prefix(['S', 'P'])
+        .is_some_and(|number| number.parse::<u32>().is_ok());
+    let rest = if is_label {
+        rest[label.len()..].trim_start()
+    } else {
+        rest
+    };
+    line.len() - rest.len()
 }
 
 /// The text of a part before its first requirement name.
@@ -198,7 +236,8 @@ mod tests {
     use super::*;
 
     const TEXT: &str = "# A\n\nBefore.\n\n### 2.1 Words\n\nNothing yet. [2.1-1] It is so\nand so. [2.1-2] One MAY\n\
-        ask; [2.1-4] one SHOULD.\n\n*Note.* MUST is [not] sent.\n\n    code [2.1-9]\n\n\
+        ask; [2.1-4] one SHOULD.\n\n*Note.* MUST is [not] sent.\n\n    S8   a:   [2.1-6]\n    S9       \
+        b MAY c [2.1-7]\n    S10  [2.1-9] d\n\n\
         | a | [2.1-3] b MUST NOT |\n| c | d [3] |\n1. [2.1-5] an item\n2. another\n";
 
     #[test]
@@ -212,6 +251,8 @@ mod tests {
             ("2.1-1", Level::Must, "It is so and so."),
             ("2.1-2", Level::May, "One MAY ask;"),
             ("2.1-4", Level::Should, "one SHOULD."),
+            ("2.1-6", Level::May, "S8   a: S9       b MAY c"),
+            ("2.1-7", Level::May, "S9       b MAY c"),
             ("2.1-3", Level::Must, "b MUST NOT"),
             ("2.1-5", Level::Must, "an item"),
         ];
