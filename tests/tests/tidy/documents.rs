@@ -22,13 +22,17 @@ const SUMMARIES: [&str; 2] = ["README.md", "docs/results/README.md"];
 const REPEATED: [(&str, &str); 1] = [("docs/book/src/tolerance.md", "docs/results/stream.md")];
 
 /// Folders of documents, beside the root.
-const FOLDERS: [&str; 5] = [
-    "",
+const FOLDERS: [&str; 4] = ["", "docs/developing", "docs/decisions", "docs/results"];
+
+/// Folders of the book's chapters.
+const CHAPTERS: [&str; 3] = [
     "docs/book/src",
     "docs/book/src/how-to",
-    "docs/decisions",
-    "docs/results",
+    "docs/book/src/operating",
 ];
+
+/// The program that the README shows, which a documentation test runs.
+const FIRST_PROGRAM: &str = "local/examples/first.rs";
 
 /// The parts of a decision record, in order.
 const RECORD_PARTS: [&str; 4] = ["Status: ", "## Context", "## Decision", "## Measurement"];
@@ -88,6 +92,7 @@ fn documents() -> Vec<Document> {
     };
     let paths = FOLDERS
         .into_iter()
+        .chain(CHAPTERS)
         .flat_map::<Vec<String>, _>(of_folder)
         // The changelog names what was there at the time.
         .filter(|path| path != "CHANGELOG.md");
@@ -199,13 +204,31 @@ fn every_path_that_a_document_names_exists() {
 fn every_chapter_is_in_the_contents_of_the_book() {
     let contents = Document::read("docs/book/src/SUMMARY.md");
     let listed: BTreeSet<_> = contents.text.lines().flat_map(links).collect();
-    let how_to = markdown_of("docs/book/src/how-to").into_iter();
-    let chapters = markdown_of("docs/book/src").into_iter();
+    let chapters = CHAPTERS.into_iter().flat_map(|folder| {
+        let within = folder.trim_start_matches("docs/book/src");
+        let within = within.trim_start_matches('/').to_owned();
+        let join = move |name: String| match within.as_str() {
+            "" => name,
+            within => format!("{within}/{name}"),
+        };
+        markdown_of(folder).into_iter().map(join)
+    });
     let missing = chapters
-        .chain(how_to.map(|name| format!("how-to/{name}")))
         .filter(|name| name != "SUMMARY.md" && !listed.contains(name.as_str()))
         .collect::<Vec<_>>();
     report("SUMMARY.md lists every chapter", &missing);
+}
+
+#[test]
+fn the_readme_shows_its_first_program_as_it_is() {
+    let program = fs::read_to_string(root().join(FIRST_PROGRAM)).expect("reading the program");
+    let begin = program.find("use ").expect("a program imports");
+    let shown = format!("```rust\n{}```", &program[begin..]);
+    let readme = Document::read("README.md").text;
+    assert!(
+        readme.contains(&shown),
+        "README.md differs from {FIRST_PROGRAM}"
+    );
 }
 
 #[test]

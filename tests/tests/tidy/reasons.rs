@@ -11,7 +11,7 @@ const SOURCES: [&str; 2] = [
 ];
 
 /// The documents with a table of all of them.
-const TABLES: [&str; 2] = ["spec/PROTOCOL.md", "docs/book/src/server.md"];
+const TABLES: [&str; 2] = ["spec/PROTOCOL.md", "docs/book/src/operating/codes.md"];
 
 fn read(path: &str) -> String {
     fs::read_to_string(root().join(path)).expect("reading the repository")
