@@ -221,7 +221,7 @@ impl Remote {
         })
     }
 
-    /// A frame, and outside its time the end of a step that goes on beside the caller.
+    /// Times a frame. A step that still runs beside the caller ends outside that time.
     fn frame(&mut self, commands: &[Command], is_first: bool) -> Result<(), Error> {
         if is_first {
             let bodies = |command: &&Command| matches!(command, Command::AddBody { .. });

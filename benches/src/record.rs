@@ -352,7 +352,7 @@ pub struct Experiment {
 pub struct Load {
     /// States of the engine.
     pub truth: Truth,
-    /// What predictions need of the engine.
+    /// The engine's settings that predictions need.
     pub facts: SceneFacts,
     /// One run per mode.
     pub runs: Vec<Run>,

@@ -211,7 +211,7 @@ impl Table {
     ///
     /// # Panics
     ///
-    /// If the peer has no session that can go on.
+    /// If the peer has no session to resume.
     pub fn reconnect(&mut self, peer: Peer) -> Peer {
         let mut session = (self.sessions.remove(&peer)).expect("a session");
         session.reconnect().expect("that of a member with a key");

@@ -61,7 +61,7 @@ const BATCH: usize = 500;
 /// Scenes of this server that abuse it.
 const SCENE: &str = "abusing/scene";
 
-/// An abuse that goes on until it is ended.
+/// An abuse that runs until it is stopped.
 pub(super) struct RunningAbuse {
     stop: Arc<AtomicBool>,
     worker: JoinHandle<Result<u64, Error>>,

@@ -41,7 +41,7 @@ pub enum RecordingError {
         /// The part in which they end.
         within: String,
     },
-    /// The data go on after the last frame.
+    /// Data follow the last frame.
     Long {
         /// Bytes behind it.
         bytes: usize,
@@ -125,14 +125,14 @@ pub enum RecordingError {
     },
     /// The MCAP file has no bodies that are read.
     NoPoses {
-        /// What it has: encoding and schema of each topic.
+        /// Encoding and schema of each of its topics.
         found: Vec<String>,
     },
-    /// The file has other loads than the one that was asked for.
+    /// The file does not have the requested load.
     UnknownLoad {
-        /// The load that was asked for.
+        /// The requested load.
         name: String,
-        /// Those that it has.
+        /// The loads that it has.
         loads: Vec<String>,
     },
     /// A transform's frame hangs on itself.
@@ -165,7 +165,7 @@ pub enum Place {
     },
 }
 
-/// What is wrong with a row or a pose.
+/// An error of a row or a pose.
 #[derive(Clone, Debug, PartialEq)]
 pub enum RowDefect {
     /// It has another number of fields than the header.
@@ -184,7 +184,7 @@ pub enum RowDefect {
     },
     /// A number is not finite, or too large.
     OutOfRange {
-        /// What it belongs to.
+        /// The quantity that it belongs to.
         of: &'static str,
     },
     /// A quaternion is not of length one.
@@ -275,7 +275,7 @@ impl fmt::Display for RecordingError {
 }
 
 impl RecordingError {
-    /// What is wrong with the contents of a file.
+    /// Writes errors about the contents of a file.
     fn fmt_contents(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Short { within } => write!(f, "the recording ends within {within}"),
@@ -320,7 +320,7 @@ impl RecordingError {
         }
     }
 
-    /// What is wrong with rows, messages and names.
+    /// Writes errors about rows, messages and names.
     fn fmt_messages(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Row { place, defect } => write!(f, "{place}: {defect}"),

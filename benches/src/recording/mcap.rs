@@ -122,7 +122,7 @@ fn unstated(name: String, rate: Option<Rate>, truth: crate::record::Truth) -> Re
     }
 }
 
-/// What a file says of the engine of a load.
+/// Where the settings of a load's engine come from.
 enum Origin {
     /// Its facts.
     Stated {

@@ -76,7 +76,7 @@ impl FromStr for ShapeChoice {
 }
 
 impl ReadOptions {
-    /// The load that was asked for, or the first.
+    /// The requested load, or the first.
     pub(super) fn choose<'a>(&self, loads: &'a [String]) -> Result<&'a str, RecordingError> {
         let chosen = match &self.load {
             None => loads.first(),

@@ -516,7 +516,7 @@ fn add(truth: &mut Truth, id: BodyId, shape: &Shape, life: Life) -> Result<(), R
                     inertia: None,
                 });
             }
-            // What has not changed has no record.
+            // A body that has not changed has no record.
             Some(before) if before == observation.motion => {}
             Some(_) => truth.ticks[frame as usize - 1].push(observation),
         }

@@ -59,7 +59,7 @@ impl Recording {
         dynamic.count() as u32
     }
 
-    /// What predictions need of its engine.
+    /// The settings of its engine that predictions need.
     #[must_use]
     pub const fn facts(&self) -> SceneFacts {
         SceneFacts {

@@ -17,7 +17,7 @@ use super::recorded::Recording;
 use super::{rate, velocity};
 use crate::record::{Placed, Truth};
 
-/// What rounding to single precision changes of a step, as a share, with a margin of two.
+/// Largest relative change of a step by rounding to single precision, with a margin of two.
 const ROUNDED: f64 = 1.2e-7;
 
 /// Magic number at the start of the file.

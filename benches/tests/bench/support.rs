@@ -44,7 +44,7 @@ fn placed(tick: u64, id: BodyId, kind: BodyKind, shape: Shape, position: [f32; 3
     }
 }
 
-/// What predictions need of the engine, at the rate of the runs.
+/// The engine's settings that predictions need, at the rate of the runs.
 fn facts() -> SceneFacts {
     let usual = SceneConfig::default();
     SceneFacts {

@@ -164,7 +164,7 @@ fn tick_events(cases: &mut CaseList) {
     }
 }
 
-/// Where a session goes on, and what has become durable.
+/// The state of a resumed session, and what has become durable.
 fn sessions(cases: &mut CaseList) {
     for flags in 0..=4 {
         let name = format!("Session, flags {flags}");

@@ -1,4 +1,4 @@
-//! What views show is within its stated bound of the truth.
+//! Shown poses are within their stated bounds of the truth.
 //!
 //! Random commands come between random ticks: bodies are added, removed, placed elsewhere, pushed, made of another kind or
 //! shape. Members with other delays look on over links of their own. Each pose that a view shows is kept with its bound,
@@ -454,7 +454,7 @@ fn run(links: &str, seed: u64, ticks: u32) -> (Truth, Vec<Watcher>) {
         for watcher in &mut watchers {
             match world.dice.below(12) {
                 0 => {}
-                // What was shown before, by what is known now.
+                // An earlier moment, by what is known now.
                 1 => {
                     if let Some(at) = watcher.live.view().time() {
                         watcher.keep(&world.stage, at);

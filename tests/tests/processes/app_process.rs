@@ -219,7 +219,7 @@ fn states_are_not_sent_faster_than_the_operator_allows() {
         };
     }
     let took = begun.elapsed();
-    // Those of three milliseconds may leave at once.
+    // The datagrams of three milliseconds may leave at once.
     let least = Duration::from_millis(u64::from(BODIES) - 3);
     assert!(took >= least, "all states were sent after {took:?}");
 }

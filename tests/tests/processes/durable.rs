@@ -1,6 +1,6 @@
 //! Servers with a data directory that are killed under load.
 //!
-//! A client goes on with its session, under the certificate that the directory keeps. Its run is a function of the tick,
+//! A client resumes its session, under the certificate that the directory keeps. Its run is a function of the tick,
 //! so that the same run can be made without a server: equal digests mean that no command was lost, doubled or moved to
 //! another tick. `KILLS` sets how often the server is killed, `BODIES` the size of the scene, `SEED` the moments.
 

@@ -60,7 +60,7 @@ fn mount(arguments: &[&str], at: &Path) -> bool {
     output.is_ok_and(|output| output.status.success())
 }
 
-/// A run that goes on tick by tick.
+/// A run that advances tick by tick.
 struct Run {
     client: Client,
     ids: Vec<BodyId>,

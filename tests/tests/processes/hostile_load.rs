@@ -1,4 +1,4 @@
-//! A server process goes on whatever a scene, or its log, does.
+//! A server process keeps serving, whatever a scene or its log does.
 //!
 //! Every wait is for an event, with a time limit. Caught: 5,000 balls at one point stopped all scenes for 40 s and
 //! SIGTERM for 10 s; a full disk under the log ended the process; a pipe without a reader stopped it.

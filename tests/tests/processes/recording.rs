@@ -405,7 +405,7 @@ fn the_first_states_of_every_viewer_are_whole() {
         let (channel, schema) = viewer.channel("/pit/truth/state");
         assert_eq!(schema, "rhumb.States");
         viewer.subscribe(channel);
-        // The scene goes on while the subscription arrives.
+        // The scene steps while the subscription arrives.
         for _ in 0..30 {
             step(&mut client, ball, &mut heights);
         }

@@ -123,7 +123,7 @@ fn runs(process: u32) -> bool {
     })
 }
 
-/// The end of a client's connection, while another client's scene goes on.
+/// The end of a client's connection, while another client's scene steps.
 fn end_beside(victim: &mut Client, ended: &mut Client) -> ClientError {
     let end = Instant::now() + LONG;
     loop {

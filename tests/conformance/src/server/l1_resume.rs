@@ -76,7 +76,7 @@ fn request(key: SessionKey, answered: u64) -> ClientMessage {
     ClientMessage::Session(SessionRequest { key, answered })
 }
 
-/// Joins with a session; where it goes on.
+/// Joins with a session, and returns its state.
 fn join(client: &mut RawClient, key: SessionKey, answered: u64) -> Result<SessionState, Stop> {
     client.send(&request(key, answered));
     client.send(&ClientMessage::Join(NORMAL));

@@ -117,7 +117,7 @@ fn keep(truth: &Truth, name: &str, scene: &Scene) {
     ticks.insert(scene.tick().value(), poses.collect());
 }
 
-/// What a line says.
+/// The contents of a line.
 struct ShownLine {
     tick: u64,
     fraction: f64,
