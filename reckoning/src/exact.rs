@@ -12,7 +12,7 @@ pub(crate) fn sqrt(x: f64) -> f64 {
 
 /// The greatest whole number not above `x`; infinities and NaN stay. The sign of zero is not preserved.
 #[inline]
-pub(crate) fn floor(x: f64) -> f64 {
+fn floor(x: f64) -> f64 {
     let has_fraction = x.abs() < WHOLE;
     if !has_fraction {
         return x;
@@ -33,7 +33,7 @@ pub(crate) fn floor_to_i32(x: f64) -> i32 {
 const WHOLE: f64 = 4_503_599_627_370_496.0;
 
 /// `(x·x + y·y) + z·z`.
-pub(crate) fn dot3(a: DVec3, b: DVec3) -> f64 {
+fn dot3(a: DVec3, b: DVec3) -> f64 {
     a.x * b.x + a.y * b.y + a.z * b.z
 }
 
@@ -125,7 +125,7 @@ pub(crate) const COSINE: [f64; 7] = [
 ///
 /// Range: |x| ≤ [`ANGLE_LIMIT`]. Error: below 3e-14 there. A larger angle counts as zero: the result is finite and
 /// equal on every platform. No stream within the protocol's limits comes near it.
-pub(crate) fn sin_cos(x: f64) -> (f64, f64) {
+fn sin_cos(x: f64) -> (f64, f64) {
     // Written so that NaN fails too.
     let in_range = x.abs() <= ANGLE_LIMIT;
     if !in_range {

@@ -7,7 +7,7 @@
 use alloc::vec::Vec;
 use core::num::NonZeroU32;
 
-use crate::tick::{Rate, Ticks};
+use crate::units::{Rate, Ticks};
 
 /// Greatest age of a track: a moving body gets an update before, so that tables and ages stay small.
 pub const TRACK_AGE_MAX: Ticks = Ticks::new(1_023);

@@ -19,52 +19,38 @@
 
 extern crate alloc;
 
-mod acceleration;
-mod attached;
-mod body;
 mod correction;
-mod dense;
-mod divergence;
 mod exact;
 mod flow;
-mod inertia;
 mod motion;
-mod packed;
 mod prediction_x4;
 mod predictor;
 mod prefilter;
 mod quantiser;
 mod rest_correction;
-mod tick;
 mod tolerance;
-mod tolerance_scale;
-mod torque_free_rotation;
+mod torque_free;
 mod track;
 mod units;
 
-pub use acceleration::{
-    ACCELERATION_EXPONENT_MAX, ACCELERATION_LIMIT, ACCELERATION_TICKS, ConstantAcceleration,
-};
-pub use attached::{attached_motion, relative_to};
-pub use body::BodyId;
 pub use correction::Correction;
-pub use dense::DenseTrack;
-pub use divergence::Divergence;
 pub use flow::{Damping, Integrator, StepCoefficientTable, TRACK_AGE_MAX};
-pub use inertia::{Inertia, InvalidInertia};
-pub use motion::{InvalidMotion, Motion, Pose, Twist, UNIT_LENGTH_SLACK};
-pub use packed::PackedRotation;
+pub use motion::{
+    BodyId, Divergence, InvalidMotion, Motion, Pose, Twist, UNIT_LENGTH_SLACK, attached_motion,
+    relative_to,
+};
 pub use prediction_x4::{LaneCorrection, PredictionX4};
-pub use predictor::{Conditions, Predictor, REST_DIVERGENCE_TICKS, UnforcedMotion};
+pub use predictor::{
+    ACCELERATION_EXPONENT_MAX, ACCELERATION_LIMIT, ACCELERATION_TICKS, Conditions,
+    ConstantAcceleration, Predictor, REST_DIVERGENCE_TICKS, UnforcedMotion,
+};
 pub use prefilter::{ErrorPrefilter, PrefilterInput};
 pub use quantiser::{
-    FINE_STEPS, Grid, POSITION_LIMIT, QuantisedState, RESIDUAL_LIMIT, Residual, TURN_LIMIT,
-    VELOCITY_EXPONENT_MAX, VELOCITY_LIMIT, VelocityResidual,
+    FINE_STEPS, Grid, POSITION_LIMIT, PackedRotation, QuantisedState, RESIDUAL_LIMIT, Residual,
+    TURN_LIMIT, VELOCITY_EXPONENT_MAX, VELOCITY_LIMIT, VelocityResidual,
 };
 pub use rest_correction::RestCorrection;
-pub use tick::{Rate, Tick, Ticks};
-pub use tolerance::{InvalidTolerance, LengthBound, Tolerance, TurnBound};
-pub use tolerance_scale::ToleranceScale;
-pub use torque_free_rotation::{RotationCursor, precessed};
-pub use track::{Anchor, BodyState, Track};
-pub use units::{Metres, MetresPerSecond, Radians, Seconds};
+pub use tolerance::{InvalidTolerance, LengthBound, Tolerance, ToleranceScale, TurnBound};
+pub use torque_free::{Inertia, InvalidInertia, RotationCursor, precessed};
+pub use track::{Anchor, BodyState, DenseTrack, Track};
+pub use units::{Metres, MetresPerSecond, Radians, Rate, Seconds, Tick, Ticks};

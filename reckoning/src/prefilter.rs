@@ -9,14 +9,12 @@ use core::f32::consts::FRAC_1_PI;
 
 use wide::f32x4;
 
-use crate::dense::DenseTrack;
 use crate::flow::{Integrator, TRACK_AGE_MAX};
 use crate::predictor::Conditions;
 use crate::quantiser::Grid;
-use crate::tick::Tick;
 use crate::tolerance::Tolerance;
-use crate::track::{Anchor, BodyState};
-use crate::units::Metres;
+use crate::track::{Anchor, BodyState, DenseTrack};
+use crate::units::{Metres, Tick};
 
 /// One body to test.
 #[derive(Clone, Copy, Debug)]
@@ -383,15 +381,12 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::acceleration::ConstantAcceleration;
-    use crate::divergence::Divergence;
     use crate::flow::{Damping, StepCoefficientTable};
-    use crate::motion::{Motion, Pose, Twist};
-    use crate::predictor::Predictor;
+    use crate::motion::{Divergence, Motion, Pose, Twist};
+    use crate::predictor::{ConstantAcceleration, Predictor};
     use crate::quantiser::QuantisedState;
-    use crate::tick::{Rate, Ticks};
     use crate::track::Track;
-    use crate::units::Radians;
+    use crate::units::{Radians, Rate, Ticks};
 
     const INTEGRATOR: Integrator = Integrator {
         rate: Rate::HZ_60,
@@ -581,7 +576,7 @@ mod tests {
             track(
                 Predictor::Rest,
                 attached,
-                Some(crate::body::BodyId::new(3, 0)),
+                Some(crate::motion::BodyId::new(3, 0)),
             ),
         ] {
             let none = [DVec3::ZERO; 2];

@@ -55,11 +55,11 @@ impl Checkout {
         }
     }
 
-    /// Lines of code at a place: a file, a folder that ends with `/`, or `FILE#ITEM` for one item of a file, such as
-    /// `src/a.rs#fn decode`. Tests, comments and blank lines do not count.
+    /// Lines of code at a place: a file, a folder that ends with `/`, or `FILE#ITEM, ITEM` for items of a file, such as
+    /// `src/a.rs#fn decode, struct A, impl A`. Tests, comments and blank lines do not count.
     pub(super) fn lines(&self, place: &str) -> Result<u64, Failure> {
-        let (file, item) = match place.split_once('#') {
-            Some((file, item)) => (file, Some(item)),
+        let (file, items) = match place.split_once('#') {
+            Some((file, items)) => (file, Some(items)),
             None => (place, None),
         };
         let path = self.root.join(file);
@@ -68,13 +68,14 @@ impl Checkout {
         }
         let text = read(&path)?;
         let code = without_tests(&text);
-        match item {
-            None => Ok(code_lines(code.lines())),
-            Some(item) => {
-                let lines = item_lines(code, item);
-                lines.ok_or_else(|| Failure::Terms(format!("the checkout has no {place}")))
-            }
-        }
+        let Some(items) = items else {
+            return Ok(code_lines(code.lines()));
+        };
+        let lines = |item: &str| {
+            let lines = item_lines(code, item);
+            lines.ok_or_else(|| Failure::Terms(format!("the checkout has no {file}#{item}")))
+        };
+        items.split(", ").map(lines).sum()
     }
 }
 

@@ -54,8 +54,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         switch: Switch::Off(Feature::TorqueFree),
         feature: None,
         code: &[
-            "reckoning/src/torque_free_rotation.rs",
-            "reckoning/src/inertia.rs",
+            "reckoning/src/torque_free.rs",
             "protocol/src/message/inertia.rs",
             "protocol/src/stream/tracks/rotation_cursors.rs",
         ],
@@ -66,7 +65,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         switch: Switch::Off(Feature::ConstantAcceleration),
         feature: None,
         code: &[
-            "reckoning/src/acceleration.rs",
+            "reckoning/src/predictor.rs#const ACCELERATION_TICKS, const ACCELERATION_LIMIT, const ACCELERATION_EXPONENT_MAX, const STEP, struct ConstantAcceleration, impl ConstantAcceleration, fn step",
             "protocol/src/packet/acceleration.rs",
             "protocol/src/stream/mode_decision/acceleration.rs",
         ],
@@ -82,12 +81,11 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         switch: Switch::Off(Feature::Attached),
         feature: None,
         code: &[
-            "reckoning/src/attached.rs",
+            "reckoning/src/motion.rs#fn attached_motion, fn relative_to",
             "protocol/src/stream/publisher/child_counts.rs",
             "protocol/src/stream/publisher/parent_candidates.rs",
             "protocol/src/stream/publisher/observation_scan.rs#fn collect_other_parents",
-            "protocol/src/packet/payload.rs#fn write_parent",
-            "protocol/src/packet/payload.rs#fn read_parent_age",
+            "protocol/src/packet/payload.rs#fn write_parent, fn read_parent_age",
         ],
         requirements: &[
             "RECKONING 3.8",
@@ -185,8 +183,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         switch: Switch::Off(Feature::Packing),
         feature: None,
         code: &[
-            "protocol/src/stream/publisher/packer.rs#fn pack",
-            "protocol/src/stream/publisher/packer.rs#fn pack_groups",
+            "protocol/src/stream/publisher/packer.rs#fn pack, fn pack_groups",
             "protocol/src/stream/publisher/update_order.rs",
         ],
         requirements: &["PROTOCOL 5.9"],
@@ -290,7 +287,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         name: "tolerance scales",
         switch: Switch::Fixed,
         feature: Some("tolerance scales"),
-        code: &["reckoning/src/tolerance_scale.rs"],
+        code: &["reckoning/src/tolerance.rs#struct ToleranceScale, impl ToleranceScale"],
         requirements: &["RECKONING 4.1-3"],
     },
     Mechanism {
