@@ -9,8 +9,9 @@ use super::subscriber::Subscriber;
 use crate::limits::LOST_NUMBERS_MAX;
 use crate::time::{Instant, Span};
 
-/// The age at which a gap counts as a loss on a link that has reordered packets. On other links it is a loss at once.
-const DISORDER: Span = Span::from_millis(4);
+/// Delay of a report, because packets may be reordered: the age at which a gap counts as a loss on a link that has
+/// reordered packets. On other links it is a loss at once.
+pub(crate) const DISORDER: Span = Span::from_millis(4);
 /// The longest pause between two reports of one packet.
 const WAIT_MOST: Span = Span::from_millis(500);
 

@@ -14,8 +14,6 @@ use super::subscriber::Subscriber;
 use crate::endpoint::{Wake, WakeReason};
 use crate::time::{Instant, Span};
 
-/// Delay of a report, because packets may be reordered.
-pub(crate) const DISORDER: Span = Span::from_millis(4);
 /// The pause between reports of recovered losses. The sender adapts its redundancy to them.
 const RESTORED_PAUSE: Span = Span::from_millis(500);
 /// Added to the first timeout of a free-running stream before its silence is reported: its last packet may be lost.
