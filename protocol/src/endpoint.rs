@@ -1,12 +1,18 @@
-//! Interface of both ends to a driver, real or simulated.
+//! Interface of both ends to a driver: moments, link reports, transmissions.
 //!
 //! Neither clock nor socket: moments and bytes are arguments. A driver may call `handle_*` in any order, then drains
 //! `poll_transmit` until it is empty, then call `poll_timeout` for the time of the next call. No call blocks.
+//!
+//! Report on a connection's link by its driver. The owner of the sockets, or the simulated network, measures; the
+//! endpoint decides what follows.
+//!
+//! Moments of wall-clock time, as plain numbers. No clock is read here: the moment is an argument of every call that
+//! needs it.
+
+use core::fmt;
+use core::ops::Add;
 
 use bytes::Bytes;
-
-use crate::link::LinkReport;
-use crate::time::Instant;
 
 /// A connection, numbered by the driver; not reused after it closed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -119,4 +125,94 @@ pub trait Endpoint {
 
     /// The time at which to call `handle_timeout`.
     fn poll_timeout(&self) -> Option<Wake>;
+}
+
+/// State of a link since the last report.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LinkReport {
+    /// Bytes handed over that have not left this end yet.
+    pub waiting_bytes: u64,
+    /// Bytes that left this end.
+    pub sent_bytes: u64,
+    /// Length of the measurement.
+    pub over: Span,
+    /// Last measured round trip to the peer, without the time in `waiting_bytes`.
+    pub round_trip: Span,
+}
+
+/// A moment of one machine's monotonic clock, in nanoseconds since the clock's own zero.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Instant {
+    ns: u64,
+}
+
+/// A span of wall-clock time in nanoseconds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Span {
+    ns: u64,
+}
+
+impl Instant {
+    /// The zero of the clock.
+    pub const ZERO: Self = Self { ns: 0 };
+
+    /// The moment `ns` nanoseconds after zero.
+    #[must_use]
+    pub const fn from_nanos(ns: u64) -> Self {
+        Self { ns }
+    }
+
+    /// Nanoseconds since zero.
+    #[must_use]
+    pub const fn as_nanos(self) -> u64 {
+        self.ns
+    }
+
+    /// The time since `earlier`, or zero if that is later.
+    #[must_use]
+    pub const fn since(self, earlier: Self) -> Span {
+        Span {
+            ns: self.ns.saturating_sub(earlier.ns),
+        }
+    }
+}
+
+impl Add<Span> for Instant {
+    type Output = Self;
+
+    fn add(self, span: Span) -> Self {
+        Self {
+            ns: self.ns.saturating_add(span.ns),
+        }
+    }
+}
+
+impl Span {
+    /// No time.
+    pub const ZERO: Self = Self { ns: 0 };
+
+    /// A span of nanoseconds.
+    #[must_use]
+    pub const fn from_nanos(ns: u64) -> Self {
+        Self { ns }
+    }
+
+    /// A span of milliseconds.
+    #[must_use]
+    pub const fn from_millis(ms: u64) -> Self {
+        Self { ns: ms * 1_000_000 }
+    }
+
+    /// Nanoseconds.
+    #[must_use]
+    pub const fn as_nanos(self) -> u64 {
+        self.ns
+    }
+}
+
+impl fmt::Display for Span {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let micros = self.ns / 1_000;
+        write!(f, "{}.{:03} ms", micros / 1_000, micros % 1_000)
+    }
 }

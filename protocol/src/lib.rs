@@ -6,19 +6,14 @@
 
 extern crate alloc;
 
-mod capacity;
 mod endpoint;
 mod interner;
 pub mod limits;
-mod link;
 pub mod message;
 pub mod packet;
 pub mod scene;
 pub mod session;
 pub mod stream;
-mod time;
 pub mod wire;
 
-pub use endpoint::{Ending, Endpoint, Peer, Transmit, Wake, WakeReason};
-pub use link::LinkReport;
-pub use time::{Instant, Span};
+pub use endpoint::{Ending, Endpoint, Instant, LinkReport, Peer, Span, Transmit, Wake, WakeReason};

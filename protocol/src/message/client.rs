@@ -12,11 +12,11 @@ use super::resync::ResyncCause;
 use super::session_key::SessionRequest;
 use super::tier_policy::TierPolicy;
 use super::version::MAGIC;
+use crate::endpoint::Instant;
 use crate::limits::{DATAGRAM_BYTES_MAX, RESERVE_MAX, VERSIONS_MAX};
 use crate::packet::StreamId;
 use crate::scene::query::{decode_queries, encode_queries};
 use crate::scene::{Command, Query, SceneConfig, SceneName};
-use crate::time::Instant;
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, OPTIONAL, Wire};
 

@@ -1,6 +1,7 @@
 //! Messages of a server on the control stream.
 
 use alloc::vec::Vec;
+
 use glam::Vec3;
 use rhumb_reckoning::Tick;
 
@@ -15,10 +16,10 @@ use super::scene_event::SceneEvent;
 use super::session_key::SessionState;
 use super::tick_events::TickEvents;
 use super::tier_policy::TierChangeCause;
+use crate::endpoint::Instant;
 use crate::packet::{LargestPacket, StreamId};
 use crate::scene::{CommandError, IdRange, SceneConfig};
 use crate::stream::StreamStart;
-use crate::time::Instant;
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, OPTIONAL, Wire};
 

@@ -5,13 +5,13 @@
 
 use rhumb_reckoning::{Residual, VelocityResidual};
 
-use super::age::Age;
 use super::model::{code_cost, opening_cost};
 use super::payload::{
-    INDEX_BITS, PredictionMode, UpdateCoder, UpdateForm, UpdatePayload, each_number,
+    Age, INDEX_BITS, PredictionMode, UpdateCoder, UpdateForm, UpdatePayload, each_number, length,
+    resting,
 };
-use super::rest_steps::{length, resting};
-use super::tables::contexts::{self, TripleContexts};
+use super::tables::contexts;
+use super::tables::contexts::TripleContexts;
 
 /// The cost of one raw bit.
 const BIT: u32 = 256;

@@ -4,12 +4,13 @@
 
 use alloc::vec::Vec;
 
+use rhumb_reckoning::BodyState;
+
+use super::LargestPacket;
 use super::header::{Head, Low16, PacketKind, StreamId};
-use super::largest_packet::LargestPacket;
 use crate::limits::INDICES_MAX;
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
-use rhumb_reckoning::BodyState;
 
 /// Index (u32), position, quaternion x y z w, linear and angular velocity (f32 each), little-endian.
 pub(crate) const FULL_RECORD_BYTES: usize = 4 + 13 * 4;

@@ -2,15 +2,23 @@
 //!
 //! Scene events, snapshots and refreshes carry tracks in this form, and updates carry what no correction can express
 //! (PROTOCOL 5.5).
+//!
+//! The encoding of a constant acceleration in an update. It is encoded once, with the mode that it belongs to. A
+//! correction that keeps the mode does not repeat it (PROTOCOL 5.6).
+//!
+//! A bit length, coded as its difference from an expected one.
 
 use rhumb_reckoning::{
-    Anchor, BodyId, BodyState, ConstantAcceleration, PackedRotation, Predictor, QuantisedState,
-    Tick, Track,
+    ACCELERATION_EXPONENT_MAX, ACCELERATION_LIMIT, Anchor, BodyId, BodyState, ConstantAcceleration,
+    PackedRotation, Predictor, QuantisedState, Tick, Track,
 };
 
+use super::model::Model;
+use super::tables::contexts;
 use crate::limits::INDICES_MAX;
 use crate::wire::Malformed;
 use crate::wire::bits::{PutBits, TakeBits, golomb_len};
+use crate::wire::range::{RangeReader, RangeWriter};
 
 /// Orders of the Golomb codes for numbers in the range of the world.
 const POSITION_ORDER: u32 = 14;
@@ -266,12 +274,92 @@ fn signed3_len(values: [i32; 3], order: u32) -> u32 {
 
 const _: () = assert!(INDICES_MAX.is_power_of_two());
 
+pub(super) fn write_acceleration(
+    model: &mut Model,
+    push: &ConstantAcceleration,
+    to: &mut RangeWriter,
+) {
+    numbers_of_acceleration(push, |context, number| {
+        model.write(context, number.unsigned_abs(), to);
+        if number != 0 && context != contexts::ACCELERATION_EXPONENT {
+            to.raw(u32::from(number < 0), 1);
+        }
+    });
+}
+
+pub(super) fn read_acceleration(
+    model: &mut Model,
+    from: &mut RangeReader<'_>,
+) -> Result<ConstantAcceleration, Malformed> {
+    let exponent = model.read(contexts::ACCELERATION_EXPONENT, from)?;
+    let (mut steps, mut sum) = ([0; 3], 0_u64);
+    for (part, steps) in steps.iter_mut().enumerate() {
+        let size = model.read(contexts::acceleration().context(part, sum), from)?;
+        if size > ACCELERATION_LIMIT as u32 {
+            return Err(Malformed::OutOfRange);
+        }
+        let negative = size != 0 && from.bit()?;
+        *steps = if negative {
+            -(size as i16)
+        } else {
+            size as i16
+        };
+        sum += u64::from(size);
+    }
+    if exponent > u32::from(ACCELERATION_EXPONENT_MAX) {
+        return Err(Malformed::OutOfRange);
+    }
+    ConstantAcceleration::new(steps, exponent as u8).ok_or(Malformed::OutOfRange)
+}
+
+/// Calls `emit` for each number in the order on the wire, with its context. The first number has no sign.
+pub(super) fn numbers_of_acceleration(
+    push: &ConstantAcceleration,
+    mut emit: impl FnMut(usize, i32),
+) {
+    emit(contexts::ACCELERATION_EXPONENT, i32::from(push.exponent()));
+    let mut sum = 0_u64;
+    for (part, steps) in push.steps().into_iter().enumerate() {
+        emit(
+            contexts::acceleration().context(part, sum),
+            i32::from(steps),
+        );
+        sum += u64::from(steps.unsigned_abs());
+    }
+}
+
+/// The longest step of a rest correction, bits.
+const STEP_BITS_MAX: u32 = 31;
+
+/// The difference of a length from the expected one, mapped to an unsigned number.
+pub(super) const fn zigzag(length: u32, expected: u32) -> u32 {
+    if length >= expected {
+        (length - expected) * 2
+    } else {
+        (expected - length) * 2 - 1
+    }
+}
+
+/// The length that [`zigzag`] encoded as `number`.
+pub(super) fn unzigzag(number: u32, expected: u32) -> Result<u32, Malformed> {
+    let by = number / 2;
+    let length = if number.is_multiple_of(2) {
+        expected.checked_add(by)
+    } else {
+        expected.checked_sub(by + 1)
+    };
+    length
+        .filter(|length| *length <= STEP_BITS_MAX)
+        .ok_or(Malformed::OutOfRange)
+}
+
 #[cfg(test)]
 pub(crate) mod tests {
-    use super::*;
-    use crate::wire::bits::{BitReader, BitWriter};
     use proptest::prelude::*;
     use rhumb_reckoning::{POSITION_LIMIT, VELOCITY_LIMIT};
+
+    use super::*;
+    use crate::wire::bits::{BitReader, BitWriter};
 
     pub(crate) fn steps(limit: i32) -> impl Strategy<Value = [i32; 3]> {
         prop_oneof![

@@ -3,12 +3,12 @@
 //! Every packet starts with the same expectations and adapts to its own numbers alone, so a lost packet does not
 //! disturb another one (PROTOCOL 5.4). Writer and reader hold one model each and change it by the same calls.
 
-use super::codes::CODE_COUNT;
-use super::tables::contexts::{self, TripleContexts};
-use super::tables::{CLASSES, CONTEXTS, EXPECTED, GROUPS, MODES, SHAPES, SYMBOLS};
+use super::tables::contexts::TripleContexts;
+use super::tables::{
+    CLASSES, CODE_COUNT, CONTEXTS, EXPECTED, GROUPS, MODES, SHAPES, SYMBOLS, contexts,
+};
 use crate::wire::Malformed;
-use crate::wire::alphabet::{Alphabet, TOTAL_BITS};
-use crate::wire::range::{RangeReader, RangeWriter};
+use crate::wire::range::{Alphabet, RangeReader, RangeWriter, TOTAL_BITS};
 
 /// The last symbol of each alphabet: the number is at least this large, and the rest of it follows.
 const ESCAPE: u32 = SYMBOLS as u32 - 1;
@@ -411,9 +411,11 @@ const _: () = assert!(SHAPES.len() <= 256);
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use alloc::vec::Vec;
+
     use proptest::prelude::*;
+
+    use super::*;
 
     proptest! {
         #[test]

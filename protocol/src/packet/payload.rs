@@ -2,24 +2,32 @@
 //!
 //! The range coder writes the numbers; their cost depends on the packet so far. Decoding needs no track, so a
 //! subscriber that lacks some tracks can still read the packet to its end (PROTOCOL 5.6).
+//!
+//! The age of a track, in published ticks of its stream. A stream that publishes every few ticks has no other ages, so
+//! an age is not given in ticks (PROTOCOL 5.6).
+//!
+//! The numbers of a correction, in the order on the wire. The writer walks over them; the reader and the cost model
+//! use the same contexts in the same order.
+//!
+//! The steps of a rest correction, in the order on the wire. Writer, reader and cost model share this one order
+//! (PROTOCOL 5.6).
+
+use core::num::NonZeroU32;
 
 use rhumb_reckoning::{
-    ConstantAcceleration, Predictor, Residual, RestCorrection, VelocityResidual,
+    ConstantAcceleration, Predictor, Residual, RestCorrection, Tick, VelocityResidual,
 };
 
-use super::acceleration::{numbers_of_acceleration, read_acceleration, write_acceleration};
-use super::age::Age;
-use super::codes::{ASSIGN_ALIAS, END, FORM_COUNT};
-use super::keyframe::{ACCELERATED, Keyframe, predictor_code, predictor_of};
+use super::keyframe::{
+    ACCELERATED, Keyframe, numbers_of_acceleration, predictor_code, predictor_of,
+    read_acceleration, unzigzag, write_acceleration, zigzag,
+};
 use super::model::Model;
-use super::residual_numbers::numbers;
-use super::rest_steps::{REST_STEPS, length, rest_step, resting};
-use super::tables::{MODES, contexts};
-use super::zigzag::{unzigzag, zigzag};
+use super::tables::contexts::TripleContexts;
+use super::tables::{ASSIGN_ALIAS, END, FORM_COUNT, MODES, contexts};
 use crate::limits::INDICES_MAX;
 use crate::wire::Malformed;
-use crate::wire::alphabet::{Alphabet, TOTAL_BITS};
-use crate::wire::range::{RangeReader, RangeWriter};
+use crate::wire::range::{Alphabet, RangeReader, RangeWriter, TOTAL_BITS};
 
 /// The new track of a body at the tick of its packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -571,5 +579,273 @@ pub(super) const INDEX_BITS: u32 = INDICES_MAX.ilog2();
 /// A moving body or a parent is updated at least this often, or put to rest.
 const AGE_MAX: u32 = 1 << 30;
 
+/// The number of published ticks since the origin of a track. The published tick that carries the track counts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Age(u32);
+
+impl Age {
+    /// An age of `count` published ticks.
+    #[must_use]
+    pub const fn new(count: u32) -> Self {
+        Self(count)
+    }
+
+    /// The age at `tick` of a track with this origin, in a stream that publishes every `publish_interval` ticks. `None`
+    /// if the origin is later.
+    ///
+    /// An origin between two published ticks counts as the earlier of them.
+    #[must_use]
+    pub fn of(origin: Tick, tick: Tick, publish_interval: NonZeroU32) -> Option<Self> {
+        let published = |tick: Tick| tick.value() / u64::from(publish_interval.get());
+        let age = published(tick).checked_sub(published(origin))?;
+        u32::try_from(age).ok().filter(|_| origin <= tick).map(Self)
+    }
+
+    /// The number of published ticks.
+    #[must_use]
+    pub const fn count(self) -> u32 {
+        self.0
+    }
+}
+
+/// Calls `emit` for each number of a residual in the order on the wire, with its context.
+pub(super) fn numbers(
+    kind: usize,
+    age: Age,
+    residual: &Residual,
+    mut emit: impl FnMut(usize, i32),
+) {
+    each_of_place(residual, &mut emit);
+    if let Some(velocity) = &residual.velocity {
+        each_of_velocity(kind, age, velocity, &mut emit);
+    }
+}
+
+#[inline]
+fn each_of_place(residual: &Residual, emit: &mut impl FnMut(usize, i32)) {
+    let largest = each(residual.position, contexts::POSITIONS, emit);
+    each(residual.turn, contexts::turn(largest), emit);
+}
+
+#[inline]
+fn each_of_velocity(
+    kind: usize,
+    age: Age,
+    velocity: &VelocityResidual,
+    emit: &mut impl FnMut(usize, i32),
+) {
+    let age = age.count();
+    each(velocity.linear, contexts::velocity(kind, age, 2), emit);
+    each(velocity.angular, contexts::velocity(kind, age, 3), emit);
+}
+
+/// Emits three numbers and returns the largest size. Their contexts depend on their index and on the sizes before.
+#[inline]
+fn each(numbers: [i32; 3], contexts: TripleContexts, emit: &mut impl FnMut(usize, i32)) -> u32 {
+    let (mut sum, mut largest) = (0, 0);
+    for (part, number) in numbers.into_iter().enumerate() {
+        emit(contexts.context(part, sum), number);
+        let size = number.unsigned_abs();
+        sum += u64::from(size);
+        largest = largest.max(size);
+    }
+    largest
+}
+
+/// Steps of a rest correction: three of position, three of the smaller parts of a quaternion, one of its greatest.
+pub(super) const REST_STEPS: usize = 7;
+/// Expected bit lengths of the first position step, the first rotation step and the last step: about those of a body of
+/// half a metre at 5 cm.
+const LENGTHS: [u32; 3] = [14, 19, 1];
+
+/// The steps of a rest correction in the order on the wire, each with its context and its expected bit length: that of
+/// the step before, or a fixed one.
+pub(super) fn resting(rest_correction: &RestCorrection) -> [(usize, i32, u32); REST_STEPS] {
+    let ([x, y, z], [a, b, c]) = (rest_correction.position, rest_correction.others);
+    let [first, turned, last] = LENGTHS;
+    [
+        (contexts::resting(0), x, first),
+        (contexts::resting(1), y, length(x)),
+        (contexts::resting(1), z, length(y)),
+        (contexts::resting(2), a, turned),
+        (contexts::resting(3), b, length(a)),
+        (contexts::resting(3), c, length(b)),
+        (contexts::resting(4), rest_correction.largest, last),
+    ]
+}
+
+/// The bit length of a step without its sign.
+pub(super) const fn length(step: i32) -> u32 {
+    32 - step.unsigned_abs().leading_zeros()
+}
+
+pub(super) const fn rest_step(rest_correction: &mut RestCorrection, place: usize) -> &mut i32 {
+    match place {
+        0..3 => &mut rest_correction.position[place],
+        3..6 => &mut rest_correction.others[place - 3],
+        _ => &mut rest_correction.largest,
+    }
+}
+
 #[cfg(test)]
-pub(crate) mod tests;
+pub(crate) mod tests {
+    use alloc::vec::Vec;
+
+    use proptest::prelude::*;
+    use rhumb_reckoning::{
+        RESIDUAL_LIMIT, TRACK_AGE_MAX, TURN_LIMIT, VELOCITY_EXPONENT_MAX, VELOCITY_LIMIT,
+    };
+
+    use super::*;
+    use crate::packet::cost::CostModel;
+    use crate::packet::keyframe::tests::{keyframe, steps};
+
+    fn mode() -> impl Strategy<Value = PredictionMode> {
+        let parent_age = || (0_u32..2_000).prop_map(Age::new);
+        prop_oneof![
+            3 => Just(PredictionMode::Same),
+            2 => (
+                prop::sample::select(&Predictor::ALL[..]),
+                proptest::option::of(parent_age())
+            )
+                .prop_map(|(predictor, parent_age)| PredictionMode::World {
+                    predictor,
+                    parent_age
+                }),
+            1 => (prop_oneof![0..INDICES_MAX, Just(5)], parent_age()).prop_map(
+                |(parent, parent_age)| PredictionMode::Attached {
+                    parent,
+                    parent_age
+                }
+            ),
+        ]
+    }
+
+    pub(crate) fn payload() -> impl Strategy<Value = UpdatePayload> {
+        let velocity = (0..=VELOCITY_EXPONENT_MAX).prop_flat_map(|velocity_exponent| {
+            let limit = VELOCITY_LIMIT >> velocity_exponent;
+            (steps(limit), steps(limit)).prop_map(move |(linear, angular)| VelocityResidual {
+                velocity_exponent,
+                linear,
+                angular,
+            })
+        });
+        let residual = (
+            steps(RESIDUAL_LIMIT),
+            steps(TURN_LIMIT),
+            proptest::option::of(velocity),
+        );
+        let rest_correction = (any::<bool>(), steps(i32::MAX), steps(1 << 20), -9..=9_i32)
+            .prop_map(|(negated, position, others, largest)| RestCorrection {
+                negated,
+                position,
+                others,
+                largest,
+            });
+        prop_oneof![
+            keyframe().prop_map(UpdatePayload::Keyframe),
+            (1_u32..=1 << 30, rest_correction).prop_map(|(age, rest_correction)| {
+                UpdatePayload::Resting {
+                    age: Age::new(age),
+                    rest_correction,
+                }
+            }),
+            (mode(), 1_u32..=TRACK_AGE_MAX.count(), residual).prop_map(
+                |(mode, age, (position, turn, velocity))| {
+                    let still = matches!(
+                        mode,
+                        PredictionMode::Attached { .. }
+                            | PredictionMode::World {
+                                predictor: Predictor::Rest,
+                                ..
+                            }
+                    );
+                    UpdatePayload::Residual {
+                        mode,
+                        age: Age::new(age),
+                        residual: Residual {
+                            position,
+                            turn,
+                            velocity: velocity.filter(|_| !still),
+                        },
+                    }
+                }
+            ),
+        ]
+    }
+
+    fn aliased() -> impl Strategy<Value = (u32, Option<u32>, UpdatePayload)> {
+        let body = prop_oneof![Just(None), (0..INDICES_MAX).prop_map(Some)];
+        (0_u32..5_000, body, payload()).prop_map(|(gap, body, payload)| {
+            let keyframe = matches!(payload, UpdatePayload::Keyframe(_));
+            (gap, body.or(keyframe.then_some(7)), payload)
+        })
+    }
+
+    proptest! {
+        #[test]
+        fn payloads_round_trip_at_about_their_cost(payloads in proptest::collection::vec(aliased(), 0..20)) {
+            let (mut coder, mut writer, mut cost) = (UpdateCoder::default(), RangeWriter::default(), 0);
+            for (gap, body, payload) in &payloads {
+                cost += coder.cost(payload) + 64 * 256;
+                coder.write(*gap, *body, payload, &mut writer);
+            }
+            coder.end(&mut writer);
+            let bytes = writer.into_bytes();
+            prop_assert!(bytes.len() * 8 * 256 <= cost as usize + cost as usize / 8 + 16 * 256);
+            let (mut coder, mut reader) = (UpdateCoder::default(), RangeReader::new(&bytes));
+            let mut read = Vec::new();
+            while let Some(update) = coder.read(&mut reader).unwrap() {
+                read.push(update);
+            }
+            prop_assert_eq!(read, payloads);
+            prop_assert_eq!(reader.finish(), Ok(()));
+        }
+
+        #[test]
+        fn decode_then_encode_is_identity(bytes in proptest::collection::vec(any::<u8>(), 0..64)) {
+            let (mut coder, mut reader) = (UpdateCoder::default(), RangeReader::new(&bytes));
+            let mut read = Vec::new();
+            let ended = loop {
+                match coder.read(&mut reader) {
+                    Ok(Some(update)) if read.len() < 64 => read.push(update),
+                    Ok(None) => break true,
+                    _ => break false,
+                }
+            };
+            if ended && reader.finish().is_ok() {
+                let (mut coder, mut writer) = (UpdateCoder::default(), RangeWriter::default());
+                for (gap, body, payload) in &read {
+                    coder.write(*gap, *body, payload, &mut writer);
+                }
+                coder.end(&mut writer);
+                prop_assert_eq!(writer.into_bytes(), bytes);
+            }
+        }
+    }
+
+    #[test]
+    fn every_form_has_a_distinct_code() {
+        for (code, form) in UpdateForm::ALL.into_iter().enumerate() {
+            assert_eq!(form.code(), code);
+        }
+    }
+
+    #[test]
+    fn an_age_counts_published_ticks() {
+        let third = NonZeroU32::new(3).unwrap();
+        let age = |origin, tick, publish_interval| {
+            let age = Age::of(Tick::new(origin), Tick::new(tick), publish_interval);
+            age.map(Age::count)
+        };
+        for (origin, tick, counted) in [(6, 9, 1), (8, 9, 1), (9, 9, 0), (0, 12, 4), (5, 12, 3)] {
+            assert_eq!(age(origin, tick, third), Some(counted));
+            assert_eq!(
+                age(origin, tick, NonZeroU32::MIN),
+                Some((tick - origin) as u32)
+            );
+        }
+        assert_eq!(age(10, 9, third), None);
+        assert_eq!(age(0, 1 << 40, NonZeroU32::MIN), None);
+    }
+}

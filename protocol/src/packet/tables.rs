@@ -1,8 +1,9 @@
 //! The tables of the packet coder: contexts, expectations, alphabets.
 //!
 //! Normative (PROTOCOL 5.4). Fitted to recorded motion of several engines; see ARCHITECTURE.md, "Tables".
-
-use super::codes::CODE_COUNT;
+//!
+//! The symbols that begin an update: form, alias assignment, end of packet. `tables` has their alphabets; `payload`
+//! reads and writes them (PROTOCOL 5.6).
 
 /// Symbols of a number's alphabet, the escape included.
 pub(super) const SYMBOLS: usize = 18;
@@ -296,3 +297,12 @@ impl Tables {
         modes: &MODES,
     };
 }
+
+/// The number of forms.
+pub(super) const FORM_COUNT: usize = 16;
+/// The code of an alias assignment; the form follows.
+pub(super) const ASSIGN_ALIAS: usize = FORM_COUNT;
+/// The code of the end of the updates.
+pub(super) const END: usize = ASSIGN_ALIAS + 1;
+/// The number of codes.
+pub(super) const CODE_COUNT: usize = END + 1;

@@ -2,11 +2,10 @@
 
 use alloc::vec::Vec;
 
+use super::LargestPacket;
 use super::cost::CostModel;
-use super::error_scale::ErrorScale;
-use super::header::{Head, Low16, PacketKind, StreamId};
+use super::header::{ErrorScale, Head, Low16, PacketKind, StreamId};
 use super::keyframe::Keyframe;
-use super::largest_packet::LargestPacket;
 use super::payload::{UpdateCoder, UpdatePayload};
 use super::repair_symbol::{REPAIR_SYMBOL_HEAD_BYTES_MAX, SOURCE_SYMBOL_HEAD_BYTES};
 use crate::limits::{DATAGRAM_BYTES_MAX, INDICES_MAX, UPDATES_PER_PACKET_MAX};
@@ -306,9 +305,10 @@ const _: () = assert!(HEAD_BYTES_MAX <= REPAIR_SYMBOL_HEAD_BYTES_MAX + SOURCE_SY
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use super::*;
     use crate::packet::payload::tests::payload;
-    use proptest::prelude::*;
 
     fn updates() -> impl Strategy<Value = Vec<Update>> {
         let body = proptest::option::of(0..INDICES_MAX);

@@ -19,20 +19,20 @@ mod upstream;
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;
 
+use clock::ClockSampler;
+use handshake::ClientHandshake;
+use membership::ClientMembership;
+use outbox::ClientOutbox;
+use resumption::Resumption;
 use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance};
+use server_messages::ServerMessages;
+use state::ClientState;
 
-use self::clock::ClockSampler;
-use self::handshake::ClientHandshake;
-use self::membership::ClientMembership;
-use self::outbox::ClientOutbox;
-use self::resumption::Resumption;
-use self::server_messages::ServerMessages;
-use self::state::ClientState;
 use super::close::CloseCode;
 use super::event::Event;
 use super::misuse::Misuse;
 use super::replica::Replica;
-use crate::endpoint::{Ending, Endpoint, Peer, Transmit, Wake};
+use crate::endpoint::{Ending, Endpoint, Instant, Peer, Span, Transmit, Wake};
 use crate::limits::RESERVE_MAX;
 use crate::message::{
     ClientMessage, Denial, Frames, Joined, ServerMessage, SessionKey, StreamChoice, TierPolicy,
@@ -41,7 +41,6 @@ use crate::message::{
 use crate::packet::{Datagram, LargestPacket};
 use crate::scene::{Command, IdRange, Query, SceneConfig, SceneName, Stepping};
 use crate::stream::PublisherStatistics;
-use crate::time::{Instant, Span};
 
 /// The round trip that counts until one is measured.
 const ROUND_TRIP: Span = Span::from_millis(20);

@@ -6,13 +6,12 @@ use alloc::vec::Vec;
 
 use rhumb_reckoning::{BodyId, Tick};
 
-use crate::endpoint::Ending;
+use crate::endpoint::{Ending, Instant, Span};
 use crate::message::{
     AuthorityError, Denial, FaultCause, Inspection, QueryResult, RemovalCause, SessionState,
     StreamChoice, TierChangeCause, Welcome,
 };
 use crate::scene::{BodyEvent, CommandError, IdRange};
-use crate::time::{Instant, Span};
 
 /// An answer of the server or a change of the scene.
 #[derive(Clone, Debug, PartialEq)]

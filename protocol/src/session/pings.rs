@@ -5,7 +5,7 @@
 
 use rhumb_reckoning::{Rate, Tick, Ticks};
 
-use crate::time::{Instant, Span};
+use crate::endpoint::{Instant, Span};
 
 /// A new member pings a few times in quick succession, so that one outlier does no harm.
 const FIRST_PINGS: u32 = 5;

@@ -9,10 +9,10 @@ use bytes::Bytes;
 
 use super::close::CloseCode;
 use super::replica::Replica;
+use crate::endpoint::{Instant, Span};
 use crate::message::{Joined, ResyncCause, SceneEvent};
 use crate::packet::Datagram;
 use crate::stream::StreamReceiver;
-use crate::time::{Instant, Span};
 
 /// The replicas of one membership.
 #[derive(Debug, Default)]

@@ -12,13 +12,13 @@ use glam::Vec3;
 use rhumb_reckoning::{BodyId, Integrator, Motion, Tick, Tolerance, Track};
 
 use super::upstream_timeout::UpstreamTimeout;
+use crate::endpoint::{Instant, Span};
 use crate::limits::AUTHORITY_BODIES_MAX;
 use crate::message::{AuthorityGrant, TakeAuthority};
 use crate::packet::{Datagram, PacketKind, StreamId};
 use crate::stream::{
     DISORDER, PredictionParameters, StreamReceiver, StreamStart, Subscriber, SubscriberStatistics,
 };
-use crate::time::{Instant, Span};
 
 /// The tracks of a body, oldest first, each from its origin on. A client may publish ticks that the server has not
 /// reached.
@@ -247,13 +247,15 @@ impl BodyTracks {
 
 #[cfg(test)]
 mod tests {
+    use core::num::NonZeroU32;
+
+    use proptest::prelude::*;
+    use rhumb_reckoning::{BodyState, Damping, Divergence, Metres, Rate, Ticks};
+
     use super::*;
     use crate::packet::LargestPacket;
     use crate::scene::{BodyDesc, BodyKind, Shape, ShapeId};
     use crate::session::upstream_sender::{PublishOutcome, UpstreamSender};
-    use core::num::NonZeroU32;
-    use proptest::prelude::*;
-    use rhumb_reckoning::{BodyState, Damping, Divergence, Metres, Rate, Ticks};
 
     const INTEGRATOR: Integrator = Integrator {
         rate: Rate::HZ_60,

@@ -10,6 +10,7 @@ use bytes::Bytes;
 use glam::Vec3;
 use rhumb_reckoning::{BodyId, BodyState, Integrator, Tick, Ticks};
 
+use crate::endpoint::{Instant, Span};
 use crate::limits::TICK_JUMP_MAX;
 use crate::message::{AuthorityGrant, TakeAuthority};
 use crate::packet::{Datagram, StreamId};
@@ -18,7 +19,6 @@ use crate::stream::{
     Activity, Features, Observation, ObservationHistory, PredictionParameters, PublisherStatistics,
     Recipient, StreamConfig, StreamSender, WatermarkPolicy, second,
 };
-use crate::time::{Instant, Span};
 
 /// A body that the client has authority over.
 #[derive(Clone, Copy, Debug)]

@@ -11,7 +11,7 @@ use core::num::NonZeroU32;
 
 use rhumb_reckoning::Tick;
 
-use crate::capacity::grow_to;
+use crate::interner::grow_to;
 
 /// The assignments of aliases to bodies, and a value of type `T` for each alias.
 #[derive(Clone, Debug, Default)]

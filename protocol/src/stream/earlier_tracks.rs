@@ -8,7 +8,7 @@ use alloc::vec::Vec;
 
 use rhumb_reckoning::{DenseTrack, Tick, Track};
 
-use crate::capacity::{grow_to, push};
+use crate::interner::{grow_to, push};
 
 /// By body: the tracks before the present one.
 #[derive(Clone, Debug, Default)]
@@ -244,10 +244,12 @@ const SURE: Tick = Tick::new(u64::MAX);
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use alloc::collections::{BTreeMap, BTreeSet};
+
     use proptest::prelude::*;
     use rhumb_reckoning::{Anchor, BodyState, Predictor};
+
+    use super::*;
 
     #[derive(Clone, Copy, Debug)]
     enum Operation {

@@ -6,8 +6,8 @@ use alloc::vec::Vec;
 
 use super::retry_timer::RetryTimer;
 use super::subscriber::Subscriber;
+use crate::endpoint::{Instant, Span};
 use crate::limits::LOST_NUMBERS_MAX;
-use crate::time::{Instant, Span};
 
 /// Delay of a report, because packets may be reordered: the age at which a gap counts as a loss on a link that has
 /// reordered packets. On other links it is a loss at once.

@@ -18,9 +18,17 @@ mod window;
 
 use alloc::vec::Vec;
 
+use body_check::BodyCheck;
 use bytes::Bytes;
 use glam::Vec3;
+use observation_scan::ObservationScan;
+use packer::{Packer, PublishedTick};
+use parent_candidates::ObservedParent;
+use published_tracks::PublishedTracks;
 use rhumb_reckoning::{BodyId, Tick, Ticks, Tolerance, Track};
+use update_order::bits_of;
+use update_queue::UpdateQueue;
+use window::ObservedTicks;
 
 use super::budget::Budget;
 use super::features::Features;
@@ -30,17 +38,10 @@ use super::redundancy::Redundancy;
 use super::stream_config::StreamConfig;
 use super::tracks::PredictionParameters;
 use super::watermark::second;
-use crate::capacity::push;
+use crate::interner::push;
 use crate::packet::{ErrorScale, LargestPacket, LossReport, StreamId, Update};
-use body_check::BodyCheck;
-use observation_scan::ObservationScan;
-use packer::{Packer, PublishedTick};
-use parent_candidates::ObservedParent;
-use published_tracks::PublishedTracks;
-use update_order::bits_of;
+
 pub use update_queue::OverBudget;
-use update_queue::UpdateQueue;
-use window::ObservedTicks;
 
 /// The publisher of one reckoned stream.
 #[derive(Debug)]

@@ -11,8 +11,7 @@ use bytes::Bytes;
 use super::nack_scheduler::NackScheduler;
 use super::retry_timer::RetryTimer;
 use super::subscriber::Subscriber;
-use crate::endpoint::{Wake, WakeReason};
-use crate::time::{Instant, Span};
+use crate::endpoint::{Instant, Span, Wake, WakeReason};
 
 /// The pause between reports of recovered losses. The sender adapts its redundancy to them.
 const RESTORED_PAUSE: Span = Span::from_millis(500);
@@ -139,10 +138,11 @@ impl StreamReceiver {
 
 #[cfg(test)]
 mod tests {
+    use rhumb_reckoning::Tick;
+
     use super::*;
     use crate::packet::{Datagram, LossReport, Low16, PacketKind, StreamId, Watermark};
     use crate::stream::stream_config::StreamConfig;
-    use rhumb_reckoning::Tick;
 
     const STREAM: StreamId = StreamId(3);
     const DELAY: Span = Span::from_millis(50);

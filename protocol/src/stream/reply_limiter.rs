@@ -6,7 +6,7 @@
 use alloc::collections::BTreeMap;
 use alloc::vec::Vec;
 
-use crate::time::{Instant, Span};
+use crate::endpoint::{Instant, Span};
 
 /// The least time between two answered reports of one receiver: half of the time that a receiver waits for reordered
 /// packets before it reports a loss.

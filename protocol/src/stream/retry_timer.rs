@@ -1,6 +1,6 @@
 //! The retry timer of an unanswered message, with growing pauses.
 
-use crate::time::{Instant, Span};
+use crate::endpoint::{Instant, Span};
 
 /// The timer of one message.
 #[derive(Clone, Copy, Debug)]

@@ -23,9 +23,9 @@ use super::reply_limiter::ReplyLimiter;
 use super::stream_config::StreamConfig;
 use super::tracks::PredictionParameters;
 use super::watermark::{Silence, WatermarkPolicy};
+use crate::endpoint::{Instant, Span};
 use crate::limits::HISTORY_PACKETS;
 use crate::packet::{Datagram, LargestPacket, LossReport, PacketKind, StreamId};
-use crate::time::{Instant, Span};
 
 /// A subscriber that reports a loss.
 #[derive(Clone, Copy, Debug)]
@@ -400,12 +400,14 @@ fn refresh<'a>(
 
 #[cfg(test)]
 mod tests {
+    use core::num::NonZeroU32;
+
+    use rhumb_reckoning::{Metres, Rate};
+
     use super::*;
     use crate::packet::Low16;
     use crate::scene::PublishSchedule;
     use crate::stream::observation::{Activity, Observation};
-    use core::num::NonZeroU32;
-    use rhumb_reckoning::{Metres, Rate};
 
     const BODIES: u32 = 10;
 

@@ -7,7 +7,7 @@ use alloc::vec::Vec;
 
 use rhumb_reckoning::{Anchor, BodyId, Track};
 
-use crate::capacity::grow_to;
+use crate::interner::grow_to;
 use crate::packet::predictor_code;
 
 /// The sum of the hashes of bodies' tracks, modulo 2⁶⁴; independent of their order.
@@ -122,10 +122,12 @@ fn hash(id: BodyId, track: &Track) -> u64 {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use alloc::collections::BTreeMap;
+
     use proptest::prelude::*;
     use rhumb_reckoning::{BodyState, Tick};
+
+    use super::*;
 
     fn track(origin: u64) -> Track {
         let rotation = [0.0, 0.0, 0.0, 1.0];

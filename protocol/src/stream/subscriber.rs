@@ -16,7 +16,9 @@ use alloc::vec::Vec;
 use core::num::NonZeroU32;
 
 use glam::Vec3;
+use lifetimes::Lifetimes;
 use rhumb_reckoning::{BodyId, Motion, Tick, Ticks, Tolerance, Track};
+use silent_publishers::SilentPublishers;
 
 use super::aliases::{AliasOwner, ReceivedAliases};
 use super::earlier_tracks::EarlierTracks;
@@ -26,12 +28,11 @@ use super::gaps::PacketGaps;
 use super::start::StreamStart;
 use super::statistics::SubscriberStatistics;
 use super::tracks::{PredictionParameters, Slot, Tracks};
-use crate::capacity::{grow_to, push};
+use crate::interner::{grow_to, push};
 use crate::limits::INDICES_MAX;
 use crate::packet::{Datagram, Head, LargestPacket, LossReport, Low16, StreamId, Update};
+
 pub use in_force::ShownTrack;
-use lifetimes::Lifetimes;
-use silent_publishers::SilentPublishers;
 
 /// The past that a view still shows.
 #[derive(Clone, Copy, Debug)]

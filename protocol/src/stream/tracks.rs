@@ -15,17 +15,17 @@ use rhumb_reckoning::{
     Motion, PredictionX4, Predictor, PrefilterInput, StepCoefficientTable, TRACK_AGE_MAX, Tick,
     Ticks, Tolerance, ToleranceScale, Track, UnforcedMotion, attached_motion,
 };
+use rotation_cursors::RotationCursors;
 
 use super::gravity_history::GravityHistory;
 use super::interned_parameters::{InternedParameterTable, InternedParameters};
 use super::state_checksum::StateChecksum;
-use crate::capacity::grow_to;
+use crate::interner::grow_to;
 use crate::limits::{DAMPINGS_MAX, INDICES_MAX};
 use crate::packet::Age;
 use crate::scene::{BodyDesc, BodyKind, Shape};
 
 pub(crate) use applying::{CorrectionsX4, Unreadable};
-use rotation_cursors::RotationCursors;
 pub(crate) use slot::Slot;
 
 /// The constants of a body that predictors need, sent once with the body.

@@ -1,7 +1,9 @@
-//! Whole bytes: little-endian numbers and variable-length integers.
+//! Whole bytes: little-endian numbers, variable-length integers, `Wire`.
 //!
 //! Writing asserts, since the caller is part of the product; reading never does, since any peer may be the sender. A
 //! variable integer has seven bits a byte, low bits first, and only its shortest form is accepted (PROTOCOL 2.2).
+//!
+//! A value with exactly one encoding.
 
 use alloc::vec::Vec;
 
@@ -259,10 +261,27 @@ impl<'a> Reader<'a> {
     }
 }
 
+/// Peers must tolerate unknown codes from here on; the item of each code tells how (PROTOCOL 3.5).
+pub const OPTIONAL: u8 = 0x80;
+
+/// A value with exactly one encoding in whole bytes.
+pub trait Wire: Sized {
+    /// Appends the value's encoding.
+    fn encode(&self, to: &mut Writer);
+
+    /// Takes a value off the front.
+    ///
+    /// # Errors
+    ///
+    /// [`Malformed`] when the front is not the encoding of a value of this type.
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed>;
+}
+
 #[cfg(test)]
 mod tests {
-    use super::*;
     use proptest::prelude::*;
+
+    use super::*;
 
     proptest! {
         #[test]

@@ -4,11 +4,10 @@
 
 use rhumb_reckoning::{Rate, Tick, Ticks};
 
-use crate::endpoint::{Wake, WakeReason};
+use crate::endpoint::{Instant, Span, Wake, WakeReason};
 use crate::scene::{SceneConfig, Stepping};
 use crate::session::event::Event;
 use crate::session::pings::Pings;
-use crate::time::{Instant, Span};
 
 /// The round trip and the schedule of pings.
 #[derive(Debug)]

@@ -3,11 +3,10 @@
 //! Messages of later versions are accepted or refused by their code (PROTOCOL 3.5).
 
 use super::outbox::ClientOutbox;
-use crate::endpoint::Peer;
+use crate::endpoint::{Instant, Peer};
 use crate::message::{ClientMessage, Grease, Joined, Token, VERSIONS, Welcome};
 use crate::scene::SceneName;
 use crate::session::close::CloseCode;
-use crate::time::Instant;
 
 /// A client's words about itself.
 #[derive(Debug)]

@@ -2,7 +2,7 @@
 
 use rhumb_reckoning::Tick;
 
-use crate::time::{Instant, Span};
+use crate::endpoint::{Instant, Span};
 
 /// The latest response times. A tick that takes long to step is not reported as lost.
 #[derive(Clone, Copy, Debug)]

@@ -10,7 +10,7 @@ use rhumb_reckoning::Tick;
 use super::outbox::ClientOutbox;
 use super::response_times::ResponseTimes;
 use super::stream_selection::StreamSelection;
-use crate::endpoint::{Wake, WakeReason};
+use crate::endpoint::{Instant, Span, Wake, WakeReason};
 use crate::message::{ClientMessage, Joined, ResyncCause, SceneEvent, StreamChoice};
 use crate::packet::Datagram;
 use crate::session::close::CloseCode;
@@ -18,7 +18,6 @@ use crate::session::event::Event;
 use crate::session::replica::Replica;
 use crate::session::replica_switch::{EventTarget, ReplicaSwitch};
 use crate::stream::{RetryTimer, SILENCE_MOST, StreamReceiver};
-use crate::time::{Instant, Span};
 
 /// The pause between two requests for a snapshot, unless the stream converged meanwhile. It doubles, so that snapshots
 /// do not fill a link that is too weak for the scene.

@@ -10,6 +10,7 @@ use alloc::vec::Vec;
 use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance};
 
 use super::outbox::ClientOutbox;
+use crate::endpoint::{Instant, Span};
 use crate::limits::AUTHORITY_BODIES_MAX;
 use crate::message::{AuthorityError, AuthorityGrant, ClientMessage, TakeAuthority};
 use crate::packet::{Datagram, LargestPacket};
@@ -18,7 +19,6 @@ use crate::session::misuse::Misuse;
 use crate::session::replica::Replica;
 use crate::session::upstream_sender::{PublishOutcome, UpstreamSender};
 use crate::stream::{PredictionParameters, PublisherStatistics};
-use crate::time::{Instant, Span};
 
 /// The authority of a member and its upstream.
 #[derive(Debug)]

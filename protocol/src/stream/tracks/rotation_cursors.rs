@@ -8,7 +8,7 @@ use core::fmt;
 
 use rhumb_reckoning::RotationCursor;
 
-use crate::capacity::grow_to;
+use crate::interner::grow_to;
 
 /// By index, up to the last body with torque-free rotation.
 #[derive(Default)]

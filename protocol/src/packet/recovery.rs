@@ -1,21 +1,88 @@
-//! The refresh: present tracks of the bodies in a lost packet.
+//! What a receiver lost: loss reports, refreshes, checksums.
 //!
-//! A refresh holds keyframes with their ages, so it can be read without any other packet. A refresh that exceeds a
-//! datagram is split into parts; each part is useful alone.
+//! The refresh: present tracks of the bodies in a lost packet. A refresh holds keyframes with their ages, so it can be
+//! read without any other packet. A refresh that exceeds a datagram is split into parts; each part is useful alone.
+//!
+//! The packet with the checksum over all tracks of a stream. Codec only; `stream/state_checksum` computes the
+//! checksum.
 
 use alloc::vec::Vec;
 
 use rhumb_reckoning::Ticks;
 
+use super::LargestPacket;
 use super::header::{Head, Low16, PacketKind, StreamId};
 use super::keyframe::Keyframe;
-use super::largest_packet::LargestPacket;
 use crate::limits::{
-    DATAGRAM_BYTES_MAX, INDICES_MAX, LARGEST_PACKET_MIN, REFRESH_PARTS_MAX, UPDATES_PER_PACKET_MAX,
+    DATAGRAM_BYTES_MAX, FEC_SPAN, INDICES_MAX, LARGEST_PACKET_MIN, LOST_NUMBERS_MAX,
+    REFRESH_PARTS_MAX, UPDATES_PER_PACKET_MAX,
 };
 use crate::wire::bits::{BitReader, BitWriter, PutBits, TakeBits, golomb_len};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
+
+/// A receiver's report about its stream. It requests a refresh of each lost packet and a watermark.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LossReport {
+    /// Low bits of one more than the number of the newest packet known to have been sent.
+    pub next: Low16,
+    /// Low bits of the count of packets that did not arrive, whether or not repair symbols recovered them.
+    pub abandoned: Low16,
+    /// The number of repair symbols that would recover the newest losses; zero if refreshes are needed.
+    pub repair_symbols: u8,
+    /// Numbers of lost packets below `next`, oldest first.
+    pub lost: Vec<Low16>,
+}
+
+impl LossReport {
+    /// Encodes the datagram.
+    #[must_use]
+    pub fn encode(&self, stream: StreamId) -> Vec<u8> {
+        let mut to = Writer::new();
+        Head {
+            kind: PacketKind::LossReport,
+            stream,
+        }
+        .encode(&mut to);
+        self.next.encode(&mut to);
+        self.abandoned.encode(&mut to);
+        to.u8(self.repair_symbols);
+        to.varint(self.lost.len() as u64);
+        for lost in &self.lost {
+            lost.encode(&mut to);
+        }
+        to.into_bytes()
+    }
+
+    /// Reads the bytes after the head.
+    ///
+    /// # Errors
+    ///
+    /// [`Malformed`] if they are no loss report.
+    pub fn decode(mut from: Reader<'_>) -> Result<Self, Malformed> {
+        let next = Low16::decode(&mut from)?;
+        let abandoned = Low16::decode(&mut from)?;
+        let repair_symbols = from.u8()?;
+        if u32::from(repair_symbols) > FEC_SPAN {
+            return Err(Malformed::OutOfRange);
+        }
+        let count = from.varint()?;
+        if count > LOST_NUMBERS_MAX as u64 {
+            return Err(Malformed::TooLong);
+        }
+        let mut lost = Vec::new();
+        for _ in 0..count {
+            lost.push(Low16::decode(&mut from)?);
+        }
+        from.finish()?;
+        Ok(Self {
+            next,
+            abandoned,
+            repair_symbols,
+            lost,
+        })
+    }
+}
 
 /// Orders of the codes of a record's index gap, alias and age.
 const GAP_ORDER: u32 = 3;
@@ -208,10 +275,75 @@ const _: () = assert!(
             * 8
 );
 
+/// The checksum over a publisher's tracks after its newest packet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Checksums {
+    /// Number of the stream's next packet: the checksum covers all packets before it.
+    pub next: Low16,
+    /// Low bits of the tick up to which nothing more is to be sent.
+    pub tick: Low16,
+    /// Low bits of the count of scene events up to that tick.
+    pub scene_events: Low16,
+    /// The checksum over the tracks of all bodies.
+    pub sum: u64,
+}
+
+impl Checksums {
+    /// Encodes the datagram.
+    #[must_use]
+    pub fn encode(&self, stream: StreamId) -> Vec<u8> {
+        let mut to = Writer::new();
+        let kind = PacketKind::Checksums;
+        Head { kind, stream }.encode(&mut to);
+        self.next.encode(&mut to);
+        self.tick.encode(&mut to);
+        self.scene_events.encode(&mut to);
+        to.raw(&self.sum.to_le_bytes());
+        to.into_bytes()
+    }
+
+    /// Reads the bytes after the head.
+    ///
+    /// # Errors
+    ///
+    /// [`Malformed`] if the body is no checksum packet.
+    pub fn decode(mut from: Reader<'_>) -> Result<Self, Malformed> {
+        let next = Low16::decode(&mut from)?;
+        let tick = Low16::decode(&mut from)?;
+        let scene_events = Low16::decode(&mut from)?;
+        let mut sum = [0; 8];
+        sum.copy_from_slice(from.raw(8)?);
+        from.finish()?;
+        Ok(Self {
+            next,
+            tick,
+            scene_events,
+            sum: u64::from_le_bytes(sum),
+        })
+    }
+}
+
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use proptest::prelude::*;
     use rhumb_reckoning::{Anchor, BodyState, Predictor};
+
+    use super::*;
+
+    proptest! {
+        #[test]
+        fn a_loss_report_round_trips(next: u16, abandoned: u16, repair_symbols in 0..=FEC_SPAN as u8, lost in proptest::collection::vec(any::<u16>(), 0..LOST_NUMBERS_MAX)) {
+            let (next, abandoned) = (Low16(next), Low16(abandoned));
+            let loss_report = LossReport { next, abandoned, repair_symbols, lost: lost.into_iter().map(Low16).collect() };
+            let bytes = loss_report.encode(StreamId(300));
+            let mut reader = Reader::new(&bytes);
+            prop_assert_eq!(Head::decode(&mut reader), Ok(Head { kind: PacketKind::LossReport, stream: StreamId(300) }));
+            prop_assert_eq!(LossReport::decode(reader.clone()), Ok(loss_report));
+            for cut in 0..reader.rest().len() {
+                prop_assert!(LossReport::decode(Reader::new(&reader.rest()[..cut])).is_err());
+            }
+        }
+    }
 
     fn record(index: u32) -> RefreshRecord {
         let moving =
@@ -266,6 +398,25 @@ mod tests {
                 Refresh::decode(Reader::new(&datagrams[0][2..cut])),
                 Err(Malformed::Truncated)
             );
+        }
+    }
+
+    #[test]
+    fn a_checksum_packet_has_these_bytes() {
+        let checksums = Checksums {
+            next: Low16(0x1170),
+            tick: Low16(300),
+            scene_events: Low16(12),
+            sum: 0x0102_0304_0506_0708,
+        };
+        let bytes = checksums.encode(StreamId(5));
+        let expected = [0x57, 0x70, 0x11, 0x2c, 1, 12, 0, 8, 7, 6, 5, 4, 3, 2, 1];
+        assert_eq!(bytes, expected);
+        let mut reader = Reader::new(&bytes);
+        assert!(Head::decode(&mut reader).is_ok());
+        assert_eq!(Checksums::decode(reader.clone()), Ok(checksums));
+        for cut in 0..reader.rest().len() {
+            assert!(Checksums::decode(Reader::new(&reader.rest()[..cut])).is_err());
         }
     }
 }
