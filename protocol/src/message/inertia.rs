@@ -8,7 +8,7 @@ use crate::wire::Malformed;
 use crate::wire::bytes::{Reader, Writer};
 
 /// Encodes the inertia of a body that can rotate torque-free.
-pub(super) fn encode(inertia: Option<&Inertia>, to: &mut Writer) {
+pub(super) fn encode_inertia(inertia: Option<&Inertia>, to: &mut Writer) {
     let Some(inertia) = inertia else {
         return to.u8(0);
     };
@@ -26,7 +26,7 @@ pub(super) fn encode(inertia: Option<&Inertia>, to: &mut Writer) {
 /// # Errors
 ///
 /// [`Malformed`] for an invalid or a redundant inertia.
-pub(super) fn decode(from: &mut Reader<'_>) -> Result<Option<Inertia>, Malformed> {
+pub(super) fn decode_inertia(from: &mut Reader<'_>) -> Result<Option<Inertia>, Malformed> {
     let form = from.u8()?;
     let (moments, frame) = match form {
         0 => return Ok(None),
@@ -61,7 +61,7 @@ mod tests {
 
     fn read(bytes: &[u8]) -> Result<Option<Inertia>, Malformed> {
         let mut reader = Reader::new(bytes);
-        let inertia = decode(&mut reader)?;
+        let inertia = decode_inertia(&mut reader)?;
         reader.finish()?;
         Ok(inertia)
     }
@@ -72,7 +72,7 @@ mod tests {
         let askew = Inertia::new([1.0, 2.0, 2.5], [0.5, -0.5, 0.5, 0.5]).unwrap();
         for (inertia, length) in [(None, 1), (Some(slab), 13), (Some(askew), 29)] {
             let mut writer = Writer::default();
-            encode(inertia.as_ref(), &mut writer);
+            encode_inertia(inertia.as_ref(), &mut writer);
             let bytes = writer.into_bytes();
             assert_eq!(bytes.len(), length);
             assert_eq!(read(&bytes), Ok(inertia));

@@ -9,7 +9,7 @@ use glam::Vec3;
 use rhumb_reckoning::{Anchor, BodyId, BodyState, Inertia, Predictor, Tick, Track};
 
 use super::authority::{decode_bodies, encode_bodies};
-use super::inertia;
+use super::inertia::{decode_inertia, encode_inertia};
 use crate::limits::INDICES_MAX;
 use crate::packet::{Keyframe, predictor_code, predictor_of};
 use crate::scene::{BodyDesc, Joint, JointId, Shape, ShapeId};
@@ -170,7 +170,7 @@ impl Wire for SceneEvent {
                 to.u8(2);
                 desc.encode(to);
                 if desc.can_tumble() {
-                    inertia::encode(inertia.as_ref(), to);
+                    encode_inertia(inertia.as_ref(), to);
                 }
                 track.encode(to);
                 to.varint(alias.map_or(0, |alias| u64::from(alias) + 1));
@@ -235,7 +235,7 @@ impl Wire for SceneEvent {
                 let desc = BodyDesc::decode(from)?;
                 desc.check().map_err(|_| Malformed::OutOfRange)?;
                 let inertia = if desc.can_tumble() {
-                    inertia::decode(from)?
+                    decode_inertia(from)?
                 } else {
                     None
                 };
