@@ -1,17 +1,16 @@
 //! Messages of a client on the control stream.
+//!
+//! The cause of a member's request for a new snapshot.
 
 use alloc::vec::Vec;
 
 use rhumb_reckoning::Tick;
 
 use super::authority::TakeAuthority;
-use super::choice::StreamChoice;
+use super::choice::{StreamChoice, TierPolicy};
 use super::extensions::Extensions;
-use super::frame::{Framed, frame, put};
-use super::resync::ResyncCause;
-use super::session_key::SessionRequest;
-use super::tier_policy::TierPolicy;
-use super::version::MAGIC;
+use super::identity::SessionRequest;
+use super::{Framed, MAGIC, frame, put};
 use crate::endpoint::Instant;
 use crate::limits::{DATAGRAM_BYTES_MAX, RESERVE_MAX, VERSIONS_MAX};
 use crate::packet::StreamId;
@@ -227,4 +226,30 @@ fn decode_hello(from: &mut Reader<'_>) -> Result<ClientMessage, Malformed> {
         scene: SceneName::decode(from)?,
         extensions: Extensions::decode(from)?,
     })
+}
+
+/// The cause of a member's request for a new snapshot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ResyncCause {
+    /// So many packets are missing that no refresh helps.
+    LostSync,
+    /// A checksum of the stream differs from that of the copy: a fault of the publisher or of the subscriber.
+    ChecksumMismatch,
+}
+
+impl Wire for ResyncCause {
+    fn encode(&self, to: &mut Writer) {
+        to.u8(match self {
+            Self::LostSync => 0,
+            Self::ChecksumMismatch => 1,
+        });
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        match from.u8()? {
+            0 => Ok(Self::LostSync),
+            1 => Ok(Self::ChecksumMismatch),
+            _ => Err(Malformed::OutOfRange),
+        }
+    }
 }

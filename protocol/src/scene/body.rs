@@ -1,16 +1,20 @@
 //! Description of a body, apart from its motion.
+//!
+//! Mass and moments of inertia that do not follow from shape and density.
+//!
+//! Groups that decide which bodies touch each other.
+//!
+//! Set of axes along or about which a body or a joint does not move.
 
+use core::ops::BitOr;
+
+use glam::Vec3;
 use rhumb_reckoning::{BodyId, Damping, ToleranceScale};
 
 use super::checks::{Invalid, Quantity, scalar};
-use super::collision_groups::CollisionGroups;
-use super::config::check_damping;
-use super::locked_axes::LockedAxes;
-use super::mass::Mass;
-use super::material::Material;
-use super::shape_id::ShapeId;
-use super::sleep::Sleep;
-use crate::limits::GRAVITY_SCALE_MAX;
+use super::shape::ShapeId;
+use super::{Material, Sleep, check_damping};
+use crate::limits::{GRAVITY_SCALE_MAX, GYRATION_MAX, GYRATION_MIN, MASS_MAX, MASS_MIN};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 
@@ -253,5 +257,153 @@ impl Wire for BodyDesc {
         } else {
             Err(Malformed::NotCanonical)
         }
+    }
+}
+
+/// Mass of a body in place of its shape's volume times the density of its material.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Mass {
+    /// kg.
+    pub mass: f32,
+    /// Moments of inertia about the body's own axes, kg·m²; `None`: those of its shape, in proportion to the mass.
+    pub moments: Option<Vec3>,
+}
+
+impl Mass {
+    /// Checks every number.
+    ///
+    /// # Errors
+    ///
+    /// [`Invalid`] names the first invalid number.
+    pub fn check(&self) -> Result<(), Invalid> {
+        scalar(self.mass, MASS_MIN, MASS_MAX, Quantity::Mass)?;
+        let (least, most) = (self.mass * GYRATION_MIN, self.mass * GYRATION_MAX);
+        for moment in self.moments.iter().flat_map(Vec3::to_array) {
+            scalar(moment, least, most, Quantity::Moments)
+                .map_err(|wrong| wrong.of("moment of inertia of a body of this mass", "kg·m²"))?;
+        }
+        Ok(())
+    }
+}
+
+impl Wire for Mass {
+    fn encode(&self, to: &mut Writer) {
+        to.f32(self.mass);
+        to.u8(u8::from(self.moments.is_some()));
+        if let Some(moments) = self.moments {
+            to.f32s(&moments.to_array());
+        }
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        Ok(Self {
+            mass: from.f32()?,
+            moments: match from.u8()? {
+                0 => None,
+                1 => Some(Vec3::from_array(from.f32s()?)),
+                _ => return Err(Malformed::UnknownCode),
+            },
+        })
+    }
+}
+
+/// Two bodies touch each other if each is a member of a group that the other one touches.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct CollisionGroups {
+    /// One bit for each group of the body.
+    pub members: u32,
+    /// One bit for each group that the body touches.
+    pub touches: u32,
+}
+
+impl CollisionGroups {
+    /// A member of every group that touches every group.
+    pub const ALL: Self = Self {
+        members: u32::MAX,
+        touches: u32::MAX,
+    };
+}
+
+impl Wire for CollisionGroups {
+    fn encode(&self, to: &mut Writer) {
+        to.varint(u64::from(self.members));
+        to.varint(u64::from(self.touches));
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        Ok(Self {
+            members: from.varint32()?,
+            touches: from.varint32()?,
+        })
+    }
+}
+
+/// Axes without motion: translations along x, y and z, then rotations about x, y and z.
+///
+/// The axes of a body's set are those of the world, the axes of a joint's set those of its first frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct LockedAxes(u8);
+
+impl LockedAxes {
+    /// Every motion is free.
+    pub const NONE: Self = Self(0);
+    /// No rotation.
+    pub const ROTATIONS: Self = Self(0b11_1000);
+    /// No translation.
+    pub const TRANSLATIONS: Self = Self(0b00_0111);
+    /// Each axis, in order.
+    pub const EACH: [Self; 6] = [
+        Self(1),
+        Self(1 << 1),
+        Self(1 << 2),
+        Self(1 << 3),
+        Self(1 << 4),
+        Self(1 << 5),
+    ];
+
+    /// The set of these bits, one per axis in order; `None` beyond six bits.
+    #[must_use]
+    pub const fn new(bits: u8) -> Option<Self> {
+        if bits < 1 << 6 {
+            Some(Self(bits))
+        } else {
+            None
+        }
+    }
+
+    /// One bit per axis, in order.
+    #[must_use]
+    pub const fn bits(self) -> u8 {
+        self.0
+    }
+
+    /// True if no axis is locked.
+    #[must_use]
+    pub const fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+
+    /// True if the axis of this number, below six, is locked.
+    #[must_use]
+    pub const fn locks(self, axis: usize) -> bool {
+        self.0 & (1 << axis) != 0
+    }
+}
+
+impl BitOr for LockedAxes {
+    type Output = Self;
+
+    fn bitor(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+}
+
+impl Wire for LockedAxes {
+    fn encode(&self, to: &mut Writer) {
+        to.u8(self.0);
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        Self::new(from.u8()?).ok_or(Malformed::UnknownCode)
     }
 }

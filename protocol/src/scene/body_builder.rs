@@ -5,16 +5,11 @@
 use glam::{Quat, Vec3};
 use rhumb_reckoning::{BodyId, BodyState, Damping, ToleranceScale};
 
-use super::body::{BodyDesc, BodyKind};
+use super::body::{BodyDesc, BodyKind, CollisionGroups, LockedAxes, Mass};
 use super::checks::Invalid;
-use super::collision_groups::CollisionGroups;
 use super::command::Command;
-use super::locked_axes::LockedAxes;
-use super::mass::Mass;
-use super::material::Material;
-use super::shape::Shape;
-use super::shape_id::ShapeId;
-use super::sleep::Sleep;
+use super::shape::{Shape, ShapeId};
+use super::{Material, Sleep};
 
 /// A body to add: the content of [`BodyDesc`], its shape, its pose and its velocity.
 ///

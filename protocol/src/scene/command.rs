@@ -10,14 +10,11 @@ use rhumb_reckoning::{BodyId, BodyState};
 
 use super::body::BodyDesc;
 use super::body_event::ActiveEvents;
-use super::character::JumpFrom;
 use super::checks::{Invalid, Quantity, rotation, scalar, vector};
-use super::id_out_of_range::IdOutOfRange;
+use super::ids::IdOutOfRange;
 use super::joint::{Joint, JointId};
-use super::locomotion::Locomotion;
-use super::shape::Shape;
-use super::shape_id::ShapeId;
-use super::vehicle::{WheelInput, decode_each, encode_each};
+use super::locomotion::{JumpFrom, Locomotion, WheelInput, decode_each, encode_each};
+use super::shape::{Shape, ShapeId};
 use crate::limits::{ANGULAR_MAX, COORDINATE_MAX, FORCE_MAX, GRAVITY_MAX, LINEAR_MAX};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, OPTIONAL, Wire};

@@ -6,7 +6,7 @@ use rhumb_reckoning::BodyId;
 
 use super::checks::{Invalid, Quantity, Rule};
 use super::joint::JointId;
-use super::shape_id::ShapeId;
+use super::shape::ShapeId;
 use crate::limits::{
     BODIES_MAX, CHARACTERS_MAX, DAMPINGS_MAX, JOINTS_BESIDE, JOINTS_PER_BODY,
     SHAPE_BYTES_PER_SCENE_MAX, SWEPT_BODIES_MAX, VEHICLES_MAX,

@@ -1,17 +1,23 @@
-//! Joints between two bodies.
+//! Joints between two bodies, their motors, and the joints of a scene.
 //!
 //! Each body has a frame of the joint. A kind tells which motions of the second frame in the first are free, and
 //! limits bound them. Frames are in the axes of their body, from its centre of mass.
+//!
+//! The joints of a scene, by id and by body. Server and client keep the same table. Invariant: a joint is found under
+//! its id and under both of its bodies, or not at all.
+//!
+//! Motor of a joint along or about one of its free axes.
 
+use alloc::collections::{BTreeMap, BTreeSet};
+use alloc::vec::Vec;
 use core::f32::consts::{PI, TAU};
 use core::fmt;
 
 use glam::{Quat, Vec3};
 use rhumb_reckoning::BodyId;
 
+use super::body::LockedAxes;
 use super::checks::{Invalid, Quantity, rotation, scalar, vector};
-use super::locked_axes::LockedAxes;
-use super::motor::Motor;
 use crate::limits::{
     ANGULAR_MAX, EXTENT_MAX, EXTENT_MIN, FORCE_MAX, JOINTS_MAX, LINEAR_MAX, STIFFNESS_MAX,
 };
@@ -470,8 +476,164 @@ impl Wire for Joint {
     }
 }
 
+/// All joints of one scene.
+#[derive(Clone, Debug, Default)]
+pub struct Joints {
+    by_id: BTreeMap<JointId, Joint>,
+    by_body: BTreeSet<(BodyId, JointId)>,
+}
+
+impl Joints {
+    /// Sets the joint of an id; returns the one that had it before.
+    pub fn insert(&mut self, id: JointId, joint: Joint) -> Option<Joint> {
+        let before = self.remove(id);
+        self.by_id.insert(id, joint);
+        self.by_body.extend(joint.bodies.map(|body| (body, id)));
+        before
+    }
+
+    /// Removes a joint.
+    pub fn remove(&mut self, id: JointId) -> Option<Joint> {
+        let joint = self.by_id.remove(&id)?;
+        for body in joint.bodies {
+            self.by_body.remove(&(body, id));
+        }
+        Some(joint)
+    }
+
+    /// Removes all joints of a removed body; returns their ids in order.
+    pub fn remove_body(&mut self, body: BodyId) -> Vec<JointId> {
+        let removed: Vec<_> = self.of_body(body).map(|(id, _)| id).collect();
+        for id in &removed {
+            self.remove(*id);
+        }
+        removed
+    }
+
+    /// The joint of an id.
+    #[must_use]
+    pub fn get(&self, id: JointId) -> Option<&Joint> {
+        self.by_id.get(&id)
+    }
+
+    /// The joints of a body, in the order of ids.
+    pub fn of_body(&self, body: BodyId) -> impl Iterator<Item = (JointId, &Joint)> {
+        let all = (body, JointId(0))..=(body, JointId(u32::MAX));
+        let ids = self.by_body.range(all).map(|(_, id)| *id);
+        ids.filter_map(|id| Some((id, self.by_id.get(&id)?)))
+    }
+
+    /// Number of joints.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.by_id.len()
+    }
+
+    /// True if there is none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.by_id.is_empty()
+    }
+
+    /// All joints, in the order of ids.
+    pub fn iter(&self) -> impl Iterator<Item = (JointId, &Joint)> {
+        self.by_id.iter().map(|(id, joint)| (*id, joint))
+    }
+}
+
+/// A motor: accelerates the second body against the first by `stiffness` times what the position lacks plus `damping`
+/// times what the velocity lacks, whatever their masses and the distance of the axis from their centres. What is fixed to
+/// either body, or held there by motors, moves along. A motor too stiff for the engine is slower, at the same damping ratio.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Motor {
+    /// Metres or radians: from −π to π, or within ±2π on an axis with limits, where the motor takes the way within these.
+    pub position: f32,
+    /// m/s or rad/s.
+    pub velocity: f32,
+    /// 1/s²; zero for a motor that drives the velocity alone.
+    pub stiffness: f32,
+    /// 1/s.
+    pub damping: f32,
+    /// Greatest force or torque, N or N·m.
+    pub force: f32,
+}
+
+impl Motor {
+    /// A motor that keeps a velocity, m/s or rad/s, with this damping, 1/s, and any force.
+    #[must_use]
+    pub const fn with_velocity(velocity: f32, damping: f32) -> Self {
+        Self {
+            position: 0.0,
+            velocity,
+            stiffness: 0.0,
+            damping,
+            force: FORCE_MAX,
+        }
+    }
+
+    /// A motor that keeps a position, metres or radians, with this stiffness, 1/s², damping, 1/s, and any force.
+    #[must_use]
+    pub const fn at_position(position: f32, stiffness: f32, damping: f32) -> Self {
+        Self {
+            position,
+            velocity: 0.0,
+            stiffness,
+            damping,
+            force: FORCE_MAX,
+        }
+    }
+
+    /// Checks every number. `position` and `velocity`: bounds of the axis.
+    pub(super) fn check(&self, position: f32, velocity: f32) -> Result<(), Invalid> {
+        let number = |value, [least, most]: [f32; 2], name, unit| {
+            let checked = scalar(value, least, most, Quantity::Motor);
+            checked.map_err(|wrong| wrong.of(name, unit))
+        };
+        let stiff = [0.0, STIFFNESS_MAX];
+        number(
+            self.position,
+            [-position, position],
+            "position of a motor",
+            "m or rad",
+        )?;
+        number(
+            self.velocity,
+            [-velocity, velocity],
+            "velocity of a motor",
+            "m/s or rad/s",
+        )?;
+        number(self.stiffness, stiff, "stiffness of a motor", "1/s²")?;
+        number(self.damping, stiff, "damping of a motor", "1/s")?;
+        number(self.force, [0.0, FORCE_MAX], "force of a motor", "N or N·m")
+    }
+}
+
+impl Wire for Motor {
+    fn encode(&self, to: &mut Writer) {
+        to.f32s(&[
+            self.position,
+            self.velocity,
+            self.stiffness,
+            self.damping,
+            self.force,
+        ]);
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        let [position, velocity, stiffness, damping, force] = from.f32s()?;
+        Ok(Self {
+            position,
+            velocity,
+            stiffness,
+            damping,
+            force,
+        })
+    }
+}
+
 #[cfg(test)]
 mod tests {
+    use glam::Vec3;
     use proptest::prelude::*;
 
     use super::*;
@@ -625,5 +787,28 @@ mod tests {
         assert_eq!(generic(LockedAxes::ROTATIONS), Ok(()));
         let wrong = Err(Invalid::out_of_range(Quantity::JointLimit));
         assert_eq!(generic(LockedAxes::TRANSLATIONS), wrong);
+    }
+
+    #[test]
+    fn a_joint_goes_with_either_of_its_bodies() {
+        let body = |index| BodyId::new(index, 0);
+        let frames = [JointFrame::at(Vec3::ZERO); 2];
+        let between = |bodies| Joint::plain(JointKind::Fixed, bodies, frames);
+        let mut joints = Joints::default();
+        for first in 0..3 {
+            let joint = between([body(first), body(first + 1)]);
+            let id = JointId(first);
+            assert_eq!(joints.insert(id, between([body(8), body(9)])), None);
+            assert_eq!(
+                joints.insert(id, joint).map(|joint| joint.bodies),
+                Some([body(8), body(9)])
+            );
+        }
+        assert_eq!(joints.remove_body(body(1)), [JointId(0), JointId(1)]);
+        assert_eq!(joints.remove_body(body(1)), []);
+        assert_eq!(joints.iter().count(), 1);
+        assert_eq!(joints.remove_body(body(3)), [JointId(2)]);
+        assert_eq!(joints.remove(JointId(2)), None);
+        assert!(joints.by_body.is_empty());
     }
 }

@@ -10,7 +10,7 @@ use rhumb_reckoning::BodyId;
 
 use super::body::{BodyDesc, BodyKind};
 use super::checks::{Invalid, Quantity, rotation, scalar, vector};
-use super::id_out_of_range::IdOutOfRange;
+use super::ids::IdOutOfRange;
 use super::shape::Shape;
 use crate::limits::{COORDINATE_MAX, HITS_MAX, QUERY_COST_MAX, SHAPE_CAST_COST};
 use crate::wire::bytes::{Reader, Writer};

@@ -228,11 +228,12 @@ const fn is_for_members(message: &ClientMessage) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+    use rhumb_reckoning::Tick;
+
     use super::*;
     use crate::message::{Extension, Extensions, StreamChoice};
     use crate::scene::Command;
-    use proptest::prelude::*;
-    use rhumb_reckoning::Tick;
 
     fn hello() -> ClientMessage {
         ClientMessage::Hello {
