@@ -8,9 +8,9 @@ use alloc::vec::Vec;
 use bytes::Bytes;
 use rhumb_reckoning::{Anchor, BodyId, BodyState, Predictor, Tick, Ticks, Track};
 
+use super::PublisherStatistics;
+use super::losses::SentPackets;
 use super::observation_history::ObservationHistory;
-use super::publisher_statistics::PublisherStatistics;
-use super::sent_packets::SentPackets;
 use crate::packet::{
     FullPacket, FullRecord, Keyframe, LargestPacket, Low16, RefreshRecord, RefreshWriter, StreamId,
     Watermark,

@@ -3,15 +3,19 @@
 //! Reports losses, open or recovered by repair symbols, and overdue watermarks. Sans-IO. Used by a client for its
 //! scene, by a server for an upstream, and by replays; each sets how long silence may last. Call order:
 //! `subscriber_mut().handle`, `watch`, then `due` and `report`.
+//!
+//! The NACK scheduler: when each missing packet is reported again. Every missing packet has its own timer. Only
+//! missing packets take memory.
+//!
+//! The retry timer of an unanswered message, with growing pauses.
 
 use alloc::vec::Vec;
 
 use bytes::Bytes;
 
-use super::nack_scheduler::NackScheduler;
-use super::retry_timer::RetryTimer;
 use super::subscriber::Subscriber;
 use crate::endpoint::{Instant, Span, Wake, WakeReason};
+use crate::limits::LOST_NUMBERS_MAX;
 
 /// The pause between reports of recovered losses. The sender adapts its redundancy to them.
 const RESTORED_PAUSE: Span = Span::from_millis(500);
@@ -136,73 +140,294 @@ impl StreamReceiver {
     }
 }
 
+/// Delay of a report, because packets may be reordered: the age at which a gap counts as a loss on a link that has
+/// reordered packets. On other links it is a loss at once.
+pub(crate) const DISORDER: Span = Span::from_millis(4);
+/// The longest pause between two reports of one packet.
+const WAIT_MOST: Span = Span::from_millis(500);
+
+/// The missing packets of one stream and their timers.
+#[derive(Clone, Debug)]
+pub(super) struct NackScheduler {
+    /// In rising order of number.
+    open: Vec<(u64, RetryTimer)>,
+    /// The earliest time of the next report, because the last one had no place for more packets.
+    paused_until: Instant,
+}
+
+impl NackScheduler {
+    /// A scheduler without missing packets.
+    pub(super) const fn new() -> Self {
+        Self {
+            open: Vec::new(),
+            paused_until: Instant::ZERO,
+        }
+    }
+
+    /// Starts timers for packets that are newly missing, and drops those of packets that are not missing any more.
+    pub(super) fn watch(&mut self, now: Instant, stream: &Subscriber) {
+        let in_order = stream.statistics().disordered == 0;
+        let allowed = if in_order { Span::ZERO } else { DISORDER };
+        self.wait_for(now, allowed, stream.missing_packets());
+    }
+
+    /// Sets the missing packets, in rising order of number.
+    fn wait_for(&mut self, now: Instant, allowed: Span, missing: impl Iterator<Item = u64>) {
+        let mut before = core::mem::take(&mut self.open).into_iter().peekable();
+        self.open.extend(missing.map(|number| {
+            while before.next_if(|(other, _)| *other < number).is_some() {}
+            let mut timer = match before.next_if(|(other, _)| *other == number) {
+                Some((_, timer)) => timer,
+                None => RetryTimer::new(allowed, WAIT_MOST),
+            };
+            timer.begin(now);
+            (number, timer)
+        }));
+    }
+
+    /// The time of the next report.
+    pub(super) fn due(&self) -> Option<Instant> {
+        let due = self.open.iter().filter_map(|(_, timer)| timer.due()).min();
+        due.map(|due| due.max(self.paused_until))
+    }
+
+    /// The packets to report now, in rising order, as many as a report holds. The pause until the next report of each is
+    /// `min_delay` at least, and never zero, even before a round trip is measured. More packets follow after a pause in
+    /// which the sender answers no report.
+    pub(super) fn poll(&mut self, now: Instant, min_delay: Span) -> Vec<u64> {
+        if now < self.paused_until {
+            return Vec::new();
+        }
+        let min_delay = min_delay.max(DISORDER);
+        let open = self.open.iter_mut();
+        let due = open.filter_map(|(number, timer)| timer.fire(now, min_delay).then_some(*number));
+        let reported: Vec<u64> = due.take(LOST_NUMBERS_MAX).collect();
+        if reported.len() == LOST_NUMBERS_MAX {
+            self.paused_until = now + DISORDER;
+        }
+        reported
+    }
+}
+
+/// The timer of one message.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct RetryTimer {
+    due: Option<Instant>,
+    span: Span,
+    least: Span,
+    most: Span,
+}
+
+impl RetryTimer {
+    /// A timer with a first pause of `least`; later pauses are at most `most`.
+    pub(crate) const fn new(least: Span, most: Span) -> Self {
+        Self {
+            due: None,
+            span: least,
+            least,
+            most,
+        }
+    }
+
+    /// The time at which the message is due again; None while the timer is stopped.
+    pub(crate) const fn due(&self) -> Option<Instant> {
+        self.due
+    }
+
+    /// Starts, unless it runs already.
+    pub(crate) fn begin(&mut self, now: Instant) {
+        self.begin_for(now, Span::ZERO);
+    }
+
+    /// Starts as [`Self::begin`], with a first pause of at least this span; later pauses double it.
+    pub(crate) fn begin_for(&mut self, now: Instant, span: Span) {
+        if self.due.is_none() {
+            self.span = self.span.max(span);
+            self.due = Some(now + self.span);
+        }
+    }
+
+    /// Stops: the message is answered, or needs no answer.
+    pub(crate) fn end(&mut self) {
+        self.due = None;
+        self.span = self.least;
+    }
+
+    /// True if the message is due; the next pause is then twice as long, and at least `round_trip`.
+    pub(crate) fn fire(&mut self, now: Instant, round_trip: Span) -> bool {
+        if self.due.is_none_or(|due| due > now) {
+            return false;
+        }
+        let doubled = Span::from_nanos(self.span.as_nanos() * 2);
+        self.span = doubled.max(round_trip).min(self.most);
+        self.due = Some(now + self.span);
+        true
+    }
+}
+
 #[cfg(test)]
 mod tests {
-    use rhumb_reckoning::Tick;
+    mod receiver {
+        use rhumb_reckoning::Tick;
 
-    use super::*;
-    use crate::packet::{Datagram, LossReport, Low16, PacketKind, StreamId, Watermark};
-    use crate::stream::stream_config::StreamConfig;
+        use super::super::*;
+        use crate::packet::{Datagram, LossReport, Low16, PacketKind, StreamId, Watermark};
+        use crate::stream::StreamConfig;
 
-    const STREAM: StreamId = StreamId(3);
-    const DELAY: Span = Span::from_millis(50);
+        const STREAM: StreamId = StreamId(3);
+        const DELAY: Span = Span::from_millis(50);
 
-    fn at(ms: u64) -> Instant {
-        Instant::ZERO + Span::from_millis(ms)
-    }
-
-    fn receiver() -> StreamReceiver {
-        let mut subscriber = Subscriber::new(&StreamConfig::PLAIN.start(STREAM, Tick::ZERO));
-        subscriber.handle_snapshot_end();
-        StreamReceiver::new(subscriber)
-    }
-
-    /// Handles a watermark with this number of the next packet.
-    fn handle_watermark(receiver: &mut StreamReceiver, now: Instant, next: u64) {
-        let watermark = Watermark {
-            next: Low16::of(next),
-            tick: Low16(1),
-            scene_events: Low16(0),
-        };
-        let subscriber = receiver.subscriber_mut();
-        subscriber.handle_datagram(&watermark.encode(STREAM));
-        receiver.watch(now);
-        receiver.expect_watermark(now);
-    }
-
-    /// The report that is due now, if any.
-    fn reported(receiver: &mut StreamReceiver, now: Instant) -> Option<LossReport> {
-        let mut reports = Vec::new();
-        receiver.report(now, DELAY, &mut reports);
-        assert!(reports.len() < 2);
-        let report = reports.pop()?;
-        let report = Datagram::open(&report).expect("a receiver sends datagrams");
-        assert_eq!(report.head().kind, PacketKind::LossReport);
-        Some(LossReport::decode(report.body()).expect("it is a report"))
-    }
-
-    #[test]
-    fn a_lost_packet_is_reported_at_once_and_again_after_the_delay() {
-        let mut receiver = receiver();
-        handle_watermark(&mut receiver, at(7), 2);
-        let due = receiver.due().map(|wake| (wake.at, wake.reason));
-        assert_eq!(due, Some((at(7), WakeReason::Refresh)));
-        for (ms, lost) in [(7, Some(2)), (8, None), (56, None), (57, Some(2))] {
-            let report = reported(&mut receiver, at(ms));
-            assert_eq!(report.map(|report| report.lost.len()), lost, "{ms} ms");
+        fn at(ms: u64) -> Instant {
+            Instant::ZERO + Span::from_millis(ms)
         }
-    }
 
-    #[test]
-    fn a_stream_without_watermark_is_queried_after_three_seconds() {
-        let mut receiver = receiver();
-        handle_watermark(&mut receiver, at(0), 0);
-        for ms in [3_000, 3_200, 3_600, 4_400, 6_000, 8_000] {
+        fn receiver() -> StreamReceiver {
+            let mut subscriber = Subscriber::new(&StreamConfig::PLAIN.start(STREAM, Tick::ZERO));
+            subscriber.handle_snapshot_end();
+            StreamReceiver::new(subscriber)
+        }
+
+        /// Handles a watermark with this number of the next packet.
+        fn handle_watermark(receiver: &mut StreamReceiver, now: Instant, next: u64) {
+            let watermark = Watermark {
+                next: Low16::of(next),
+                tick: Low16(1),
+                scene_events: Low16(0),
+            };
+            let subscriber = receiver.subscriber_mut();
+            subscriber.handle_datagram(&watermark.encode(STREAM));
+            receiver.watch(now);
+            receiver.expect_watermark(now);
+        }
+
+        /// The report that is due now, if any.
+        fn reported(receiver: &mut StreamReceiver, now: Instant) -> Option<LossReport> {
+            let mut reports = Vec::new();
+            receiver.report(now, DELAY, &mut reports);
+            assert!(reports.len() < 2);
+            let report = reports.pop()?;
+            let report = Datagram::open(&report).expect("a receiver sends datagrams");
+            assert_eq!(report.head().kind, PacketKind::LossReport);
+            Some(LossReport::decode(report.body()).expect("it is a report"))
+        }
+
+        #[test]
+        fn a_lost_packet_is_reported_at_once_and_again_after_the_delay() {
+            let mut receiver = receiver();
+            handle_watermark(&mut receiver, at(7), 2);
             let due = receiver.due().map(|wake| (wake.at, wake.reason));
-            assert_eq!(due, Some((at(ms), WakeReason::Watermark)));
-            assert!(reported(&mut receiver, at(ms)).is_some());
+            assert_eq!(due, Some((at(7), WakeReason::Refresh)));
+            for (ms, lost) in [(7, Some(2)), (8, None), (56, None), (57, Some(2))] {
+                let report = reported(&mut receiver, at(ms));
+                assert_eq!(report.map(|report| report.lost.len()), lost, "{ms} ms");
+            }
         }
-        handle_watermark(&mut receiver, at(8_100), 0);
-        assert_eq!(receiver.due().map(|wake| wake.at), Some(at(11_100)));
+
+        #[test]
+        fn a_stream_without_watermark_is_queried_after_three_seconds() {
+            let mut receiver = receiver();
+            handle_watermark(&mut receiver, at(0), 0);
+            for ms in [3_000, 3_200, 3_600, 4_400, 6_000, 8_000] {
+                let due = receiver.due().map(|wake| (wake.at, wake.reason));
+                assert_eq!(due, Some((at(ms), WakeReason::Watermark)));
+                assert!(reported(&mut receiver, at(ms)).is_some());
+            }
+            handle_watermark(&mut receiver, at(8_100), 0);
+            assert_eq!(receiver.due().map(|wake| wake.at), Some(at(11_100)));
+        }
+    }
+
+    mod nack_scheduler {
+        use super::super::*;
+
+        fn at(ms: u64) -> Instant {
+            Instant::ZERO + Span::from_millis(ms)
+        }
+
+        #[test]
+        fn no_packet_is_requested_twice_at_zero_round_trip() {
+            let mut scheduler = NackScheduler::new();
+            for now in [at(0), at(4), at(12)] {
+                scheduler.wait_for(now, Span::ZERO, [3].into_iter());
+                assert_eq!(scheduler.poll(now, Span::ZERO), [3]);
+                assert!(scheduler.poll(now, Span::ZERO).is_empty());
+            }
+            assert_eq!(scheduler.due(), Some(at(28)));
+        }
+
+        #[test]
+        fn each_lost_packet_has_its_own_timer() {
+            let min_delay = Span::from_millis(125);
+            let mut scheduler = NackScheduler::new();
+            scheduler.wait_for(at(0), DISORDER, [3].into_iter());
+            assert_eq!(scheduler.due(), Some(at(4)));
+            assert!(scheduler.poll(at(3), min_delay).is_empty());
+            assert_eq!(scheduler.poll(at(4), min_delay), [3]);
+            scheduler.wait_for(at(20), DISORDER, [3, 7, 9].into_iter());
+            assert_eq!(scheduler.due(), Some(at(24)));
+            assert_eq!(scheduler.poll(at(24), min_delay), [7, 9]);
+            assert_eq!(scheduler.due(), Some(at(129)));
+            // Packets 3 and 9 arrived; packet 7 is requested again after its own pause.
+            scheduler.wait_for(at(129), DISORDER, [7].into_iter());
+            assert_eq!(scheduler.due(), Some(at(149)));
+            assert_eq!(scheduler.poll(at(149), min_delay), [7]);
+            assert_eq!(scheduler.due(), Some(at(149 + 250)));
+            scheduler.wait_for(at(150), DISORDER, [].into_iter());
+            assert_eq!(scheduler.due(), None);
+            scheduler.wait_for(at(160), Span::ZERO, [12].into_iter());
+            assert_eq!(scheduler.poll(at(160), min_delay), [12]);
+        }
+        #[test]
+        fn many_lost_packets_are_reported_at_once_in_several_reports() {
+            let mut scheduler = NackScheduler::new();
+            scheduler.wait_for(at(0), Span::ZERO, 0..150);
+            for (ms, count) in [(0, 64), (4, 64), (8, 22), (12, 0)] {
+                let due = scheduler.due().filter(|due| *due <= at(ms));
+                assert_eq!(due.is_some(), count > 0, "{ms} ms");
+                let reported = scheduler.poll(at(ms), Span::from_millis(100));
+                assert_eq!(reported.len(), count, "{ms} ms");
+            }
+            assert_eq!(scheduler.due(), Some(at(100)));
+        }
+    }
+
+    mod retry_timer {
+        use super::super::*;
+
+        #[test]
+        fn a_longer_first_timeout_doubles_too() {
+            let mut timer = RetryTimer::new(Span::from_millis(5), Span::from_millis(70));
+            let mut now = Instant::ZERO;
+            timer.begin_for(now, Span::from_millis(20));
+            for millis in [20, 40, 70] {
+                let due = timer.due().unwrap();
+                assert_eq!(due, now + Span::from_millis(millis));
+                now = due;
+                assert!(timer.fire(now, Span::ZERO));
+            }
+            timer.end();
+            timer.begin_for(now, Span::from_millis(1));
+            assert_eq!(timer.due(), Some(now + Span::from_millis(5)));
+        }
+
+        #[test]
+        fn retries_back_off_until_answered() {
+            let mut timer = RetryTimer::new(Span::from_millis(5), Span::from_millis(40));
+            let mut now = Instant::ZERO;
+            timer.begin(now);
+            let mut spans = [0; 5];
+            for span in &mut spans {
+                let due = timer.due().unwrap();
+                *span = due.since(now).as_nanos() / 1_000_000;
+                assert!(!timer.fire(now, Span::ZERO));
+                now = due;
+                assert!(timer.fire(now, Span::from_millis(15)));
+            }
+            assert_eq!(spans, [5, 15, 30, 40, 40]);
+            timer.end();
+            assert_eq!(timer.due(), None);
+            timer.begin(now);
+            assert_eq!(timer.due(), Some(now + Span::from_millis(5)));
+        }
     }
 }

@@ -13,16 +13,12 @@ use bytes::Bytes;
 use glam::Vec3;
 use rhumb_reckoning::{BodyId, BodyState, Tick, Track};
 
-use super::budget::Budget;
 use super::full::FullPublisher;
-use super::loss_tracker::LossTracker;
+use super::losses::{LossTracker, ReplyLimiter};
 use super::observation_history::ObservationHistory;
 use super::publisher::Publisher;
-use super::publisher_statistics::PublisherStatistics;
-use super::reply_limiter::ReplyLimiter;
-use super::stream_config::StreamConfig;
 use super::tracks::PredictionParameters;
-use super::watermark::{Silence, WatermarkPolicy};
+use super::{Budget, PublisherStatistics, Silence, StreamConfig, WatermarkPolicy};
 use crate::endpoint::{Instant, Span};
 use crate::limits::HISTORY_PACKETS;
 use crate::packet::{Datagram, LargestPacket, LossReport, PacketKind, StreamId};
@@ -407,7 +403,7 @@ mod tests {
     use super::*;
     use crate::packet::Low16;
     use crate::scene::PublishSchedule;
-    use crate::stream::observation::{Activity, Observation};
+    use crate::stream::observation_history::{Activity, Observation};
 
     const BODIES: u32 = 10;
 

@@ -2,31 +2,30 @@
 //!
 //! Bytes come from untrusted peers: none may panic, and memory is bounded by the limits. Does not choose when to report
 //! losses; see `receiver`. Invariant: while the stream is converged, every track equals the publisher's.
+//!
+//! Counters of what a subscriber has received. Numbers only; no decision depends on them.
+//!
+//! The bound of a replica's error for one body. Only the type; the subscriber determines the bound.
 
-mod applying;
 mod in_force;
 mod lifetimes;
-mod predicting;
 mod reading;
-mod rebuilding;
-mod silent_publishers;
 
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;
+use core::fmt;
 use core::num::NonZeroU32;
 
 use glam::Vec3;
-use lifetimes::Lifetimes;
-use rhumb_reckoning::{BodyId, Motion, Tick, Ticks, Tolerance, Track};
-use silent_publishers::SilentPublishers;
+use lifetimes::{Lifetimes, SilentPublishers};
+use rhumb_reckoning::{BodyId, Metres, Motion, Tick, Ticks, Tolerance, Track};
 
+use super::StreamStart;
 use super::aliases::{AliasOwner, ReceivedAliases};
 use super::earlier_tracks::EarlierTracks;
 use super::error_scale_log::ErrorScaleLog;
-use super::fec_decoder::FecDecoder;
+use super::fec::FecDecoder;
 use super::gaps::PacketGaps;
-use super::start::StreamStart;
-use super::statistics::SubscriberStatistics;
 use super::tracks::{PredictionParameters, Slot, Tracks};
 use crate::interner::{grow_to, push};
 use crate::limits::INDICES_MAX;
@@ -558,6 +557,72 @@ impl Subscriber {
                 .take(crate::limits::LOST_NUMBERS_MAX)
                 .map(Low16::of)
                 .collect(),
+        }
+    }
+}
+
+/// Counters of a subscriber.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SubscriberStatistics {
+    /// Packets that arrived after a packet that was sent later.
+    pub disordered: u64,
+    /// Packets of this stream that were read, recovered ones included.
+    pub packets: u64,
+    /// Updates applied.
+    pub updates: u64,
+    /// Datagrams received twice.
+    pub duplicates: u64,
+    /// Datagrams that are malformed.
+    pub malformed: u64,
+    /// Packets found missing.
+    pub missed: u64,
+    /// Repair symbols received.
+    pub repair_symbols: u64,
+    /// Packets recovered from repair symbols.
+    pub rebuilt: u64,
+    /// Parts of refreshes applied.
+    pub refreshes: u64,
+    /// Updates that built on a missing packet.
+    pub unread: u64,
+    /// Packets dropped because too many waited for scene events.
+    pub overflowed: u64,
+    /// Checksums compared with the publisher's.
+    pub compared: u64,
+    /// Mismatches among them: a fault of the publisher or of the subscriber. A new snapshot follows.
+    pub mismatches: u64,
+}
+
+/// The distance between a body's copied and true pose at one moment.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ErrorBound {
+    /// Every point of the body is within this distance of its true place.
+    ///
+    /// This includes a body at its exact rest pose: it may have woken since and moved less than the tolerance.
+    Within(Metres),
+    /// Nothing finite is known: a packet that may contain an update of the body is missing, or what the server knows of
+    /// the moment has not arrived. A body may be anywhere then, because a command may have placed it there.
+    Unknown {
+        /// The newest tick up to which the stream was complete.
+        since: Tick,
+    },
+}
+
+impl ErrorBound {
+    /// The bound as a length; infinite if it is not known.
+    #[must_use]
+    pub const fn metres(&self) -> f64 {
+        match self {
+            Self::Within(distance) => distance.metres(),
+            Self::Unknown { .. } => f64::INFINITY,
+        }
+    }
+}
+
+impl fmt::Display for ErrorBound {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Within(distance) => write!(f, "within {} m", distance.metres()),
+            Self::Unknown { since } => write!(f, "not known since {since}"),
         }
     }
 }

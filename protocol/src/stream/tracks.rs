@@ -1,32 +1,39 @@
 //! The table of tracks: the publisher's predictions and their replica.
 //!
 //! Publisher and subscriber both use this type and change it by the same calls, so their tables stay equal to the bit.
+//!
+//! The slot of one body in the table of tracks, in few bytes. Rotation cursors are kept beside the table, because most
+//! scenes have no torque-free body.
+//!
+//! Cached states of torque-free rotation, by body. The cache changes the cost of a prediction, never its bits.
+//!
+//! Prediction parameters of a stream's bodies, each distinct set kept once. Contains no bodies: the tables of bodies
+//! hold the numbers of parameter sets.
+//!
+//! The present and earlier gravity of a scene. A track keeps the gravity of its origin tick: both ends look it up by
+//! that tick.
 
 mod applying;
-mod rotation_cursors;
-mod slot;
 
 use alloc::vec::Vec;
+use core::cell::Cell;
+use core::fmt;
 use core::num::NonZeroU32;
 
 use glam::{DVec3, Vec3};
 use rhumb_reckoning::{
-    BodyId, BodyState, Conditions, Damping, ErrorPrefilter, Grid, Inertia, Integrator, Metres,
-    Motion, PredictionX4, Predictor, PrefilterInput, StepCoefficientTable, TRACK_AGE_MAX, Tick,
-    Ticks, Tolerance, ToleranceScale, Track, UnforcedMotion, attached_motion,
+    BodyId, BodyState, Conditions, Damping, DenseTrack, ErrorPrefilter, Grid, Inertia, Integrator,
+    Metres, Motion, PredictionX4, Predictor, PrefilterInput, RotationCursor, StepCoefficientTable,
+    TRACK_AGE_MAX, Tick, Ticks, Tolerance, ToleranceScale, Track, UnforcedMotion, attached_motion,
 };
-use rotation_cursors::RotationCursors;
 
-use super::gravity_history::GravityHistory;
-use super::interned_parameters::{InternedParameterTable, InternedParameters};
 use super::state_checksum::StateChecksum;
-use crate::interner::grow_to;
+use crate::interner::{Internable, Interner, grow_to};
 use crate::limits::{DAMPINGS_MAX, INDICES_MAX};
 use crate::packet::Age;
 use crate::scene::{BodyDesc, BodyKind, Shape};
 
 pub(crate) use applying::{CorrectionsX4, Unreadable};
-pub(crate) use slot::Slot;
 
 /// The constants of a body that predictors need, sent once with the body.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -474,6 +481,216 @@ fn track_at(slots: &[Option<Slot>], index: u32) -> Option<(BodyId, Track)> {
     Some((slot.id(index), slot.track()))
 }
 
+/// The slot of one body in the table.
+#[derive(Clone)]
+pub(crate) struct Slot {
+    track: DenseTrack,
+    is_torque_free: bool,
+    generation: u16,
+    /// The number of its parameters in the table's interner.
+    interned: u32,
+}
+
+impl fmt::Debug for Slot {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Slot")
+            .field("track", &self.track())
+            .field("generation", &self.generation)
+            .finish_non_exhaustive()
+    }
+}
+
+impl Slot {
+    fn new(id: BodyId, track: &Track, interned: u32, is_torque_free: bool) -> Self {
+        Self {
+            track: DenseTrack::new(track),
+            is_torque_free,
+            generation: id.generation(),
+            interned,
+        }
+    }
+
+    fn set_track(&mut self, track: &Track) {
+        self.track = DenseTrack::new(track);
+    }
+
+    pub(crate) const fn id(&self, index: u32) -> BodyId {
+        BodyId::new(index, self.generation)
+    }
+
+    /// True if the body rotates torque-free.
+    pub(crate) const fn is_torque_free(&self) -> bool {
+        self.is_torque_free
+    }
+
+    /// The body's track.
+    #[inline]
+    pub(crate) fn track(&self) -> Track {
+        self.track.track()
+    }
+
+    /// The track in its compact form.
+    pub(crate) const fn dense(&self) -> &DenseTrack {
+        &self.track
+    }
+
+    /// The tick of the track's motion.
+    pub(crate) const fn origin(&self) -> Tick {
+        self.track.origin()
+    }
+
+    /// The predictor of the track.
+    pub(crate) const fn predictor(&self) -> Predictor {
+        self.track.predictor()
+    }
+
+    /// The parent of the body, if it is attached.
+    pub(crate) const fn parent(&self) -> Option<BodyId> {
+        self.track.parent()
+    }
+
+    /// See [`Track::is_exact_rest`].
+    pub(crate) const fn is_exact_rest(&self) -> bool {
+        self.track.is_exact_rest()
+    }
+}
+
+/// By index, up to the last body with torque-free rotation.
+#[derive(Default)]
+struct RotationCursors(Vec<Cell<RotationCursor>>);
+
+impl Clone for RotationCursors {
+    fn clone(&self) -> Self {
+        Self::default()
+    }
+}
+
+impl fmt::Debug for RotationCursors {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("RotationCursors")
+            .field(&self.0.len())
+            .finish()
+    }
+}
+
+impl RotationCursors {
+    /// Makes a cursor for a body with torque-free rotation.
+    fn reach(&mut self, index: u32) {
+        grow_to(&mut self.0, index as usize + 1, Cell::default);
+    }
+
+    /// Calls `work` with the cursor of a body, or with a new one if none is cached.
+    fn with<T>(&self, index: u32, work: impl FnOnce(&mut RotationCursor) -> T) -> T {
+        let place = self.0.get(index as usize);
+        let mut cursor = place.map(Cell::take).unwrap_or_default();
+        let done = work(&mut cursor);
+        if let Some(place) = place {
+            place.set(cursor);
+        }
+        done
+    }
+}
+
+/// One distinct set of parameters in a stream.
+#[derive(Clone, Debug)]
+pub(super) struct InternedParameters {
+    pub(super) radius: Metres,
+    pub(super) gravity_scale: f32,
+    pub(super) inertia: Option<Inertia>,
+    /// The index in the table of damping factors.
+    pub(super) flow: u16,
+    pub(super) tolerance_scale: ToleranceScale,
+    /// A number that the subscriber's owner keeps with such bodies; see `Tracks::label`.
+    pub(super) label: Option<u32>,
+    /// The stream's tolerance, scaled for these bodies.
+    pub(super) tolerance: Tolerance,
+    pub(super) grid: Grid,
+}
+
+/// The values that distinguish two sets, bit for bit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct ParameterKey {
+    radius: u64,
+    gravity_scale: u32,
+    inertia: Option<[u32; 7]>,
+    flow: u16,
+    tolerance_scale: ToleranceScale,
+    label: Option<u32>,
+}
+
+impl Internable for InternedParameters {
+    type Key = ParameterKey;
+
+    fn key(&self) -> ParameterKey {
+        let inertia = self.inertia.map(|inertia| {
+            let ([a, b, c], [x, y, z, w]) = (inertia.moments(), inertia.frame());
+            [a, b, c, x, y, z, w].map(f32::to_bits)
+        });
+        ParameterKey {
+            radius: self.radius.metres().to_bits(),
+            gravity_scale: self.gravity_scale.to_bits(),
+            inertia,
+            flow: self.flow,
+            tolerance_scale: self.tolerance_scale,
+            label: self.label,
+        }
+    }
+}
+
+/// All parameter sets of one stream, by number.
+pub(super) type InternedParameterTable = Interner<InternedParameters>;
+
+/// Gravity by the tick from which on it acts.
+#[derive(Clone, Debug)]
+pub(crate) struct GravityHistory {
+    /// Rising ticks; never empty.
+    changes: Vec<(Tick, DVec3)>,
+}
+
+impl GravityHistory {
+    pub(crate) fn new(gravity: Vec3) -> Self {
+        Self {
+            changes: alloc::vec![(Tick::ZERO, gravity.as_dvec3())],
+        }
+    }
+
+    /// The gravity of tracks with this origin, m/s², world frame.
+    #[inline]
+    pub(crate) fn at(&self, origin: Tick) -> DVec3 {
+        // Most scenes never change their gravity.
+        if let [(_, gravity)] = self.changes[..] {
+            return gravity;
+        }
+        self.changes
+            .iter()
+            .rev()
+            .find(|(since, _)| *since <= origin)
+            .map_or(self.changes[0].1, |(_, gravity)| *gravity)
+    }
+
+    /// The gravity and the first tick of each change, oldest first. The first entry also holds for all earlier ticks.
+    pub(crate) fn changes(&self) -> impl Iterator<Item = (Tick, Vec3)> {
+        let since = |place: usize, tick: Tick| if place == 0 { Tick::ZERO } else { tick };
+        self.changes
+            .iter()
+            .enumerate()
+            .map(move |(place, (tick, gravity))| (since(place, *tick), gravity.as_vec3()))
+    }
+
+    /// Changes the gravity from `since` on and drops entries that no track can refer to.
+    pub(crate) fn change(&mut self, since: Tick, gravity: Vec3) {
+        self.changes.retain(|(earlier, _)| *earlier < since);
+        let oldest_needed = since.before(TRACK_AGE_MAX).unwrap_or_default();
+        let still_needed = self
+            .changes
+            .iter()
+            .rposition(|(earlier, _)| *earlier <= oldest_needed)
+            .unwrap_or(0);
+        self.changes.drain(..still_needed);
+        self.changes.push((since, gravity.as_dvec3()));
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -537,5 +754,77 @@ mod tests {
                 PredictionParameters::of(&desc, &shape, Damping::default(), Some(inertia));
             assert_eq!(parameters.inertia.is_some(), desc.can_tumble());
         }
+    }
+
+    #[test]
+    fn a_slot_stays_small() {
+        assert!(size_of::<Option<Slot>>() <= 68, "{}", size_of::<Slot>());
+    }
+
+    fn interned(radius: f64, inertia: Option<Inertia>) -> InternedParameters {
+        let radius = Metres::new(radius);
+        InternedParameters {
+            radius,
+            gravity_scale: 1.0,
+            inertia,
+            flow: 0,
+            tolerance_scale: ToleranceScale::USUAL,
+            label: None,
+            tolerance: Tolerance::NORMAL,
+            grid: Grid::new(Tolerance::NORMAL, radius),
+        }
+    }
+
+    #[test]
+    fn parameters_differing_in_one_bit_are_distinct() {
+        let mut interned_parameters = InternedParameterTable::default();
+        let slab = |last| Inertia::new([1.0, 2.0, last], Inertia::OWN_AXES).ok();
+        let (thick, thin) = (slab(2.9), slab(2.9_f32.next_down()));
+        let bodies = [
+            (0.5, None),
+            (0.5, thick),
+            (0.5, None),
+            (0.5, thin),
+            (0.5_f64.next_up(), None),
+        ];
+        let numbers =
+            bodies.map(|(radius, inertia)| interned_parameters.join(interned(radius, inertia)));
+        assert_eq!(numbers, [0, 1, 0, 2, 3]);
+    }
+
+    #[test]
+    fn a_track_keeps_the_gravity_of_its_origin() {
+        let mut gravity_history = GravityHistory::new(Vec3::NEG_Y);
+        gravity_history.change(Tick::new(10), Vec3::X);
+        gravity_history.change(Tick::new(10), Vec3::Z);
+        assert_eq!(gravity_history.at(Tick::new(9)), DVec3::NEG_Y);
+        assert_eq!(gravity_history.at(Tick::new(10)), DVec3::Z);
+    }
+
+    #[test]
+    fn replayed_changes_give_the_same_gravity() {
+        let mut gravity_history = GravityHistory::new(Vec3::NEG_Y);
+        for (tick, gravity) in [(100, Vec3::X), (200, Vec3::ZERO), (4_000, Vec3::Z)] {
+            gravity_history.change(Tick::new(tick), gravity);
+        }
+        let mut replayed = GravityHistory::new(Vec3::Z);
+        for (since, gravity) in gravity_history.changes() {
+            replayed.change(since, gravity);
+        }
+        for tick in 0..5_000 {
+            assert_eq!(
+                replayed.at(Tick::new(tick)),
+                gravity_history.at(Tick::new(tick))
+            );
+        }
+    }
+
+    #[test]
+    fn unreferenced_gravity_is_forgotten() {
+        let mut gravity_history = GravityHistory::new(Vec3::NEG_Y);
+        for tick in 0..10_000 {
+            gravity_history.change(Tick::new(tick), Vec3::X);
+        }
+        assert!(gravity_history.changes.len() <= TRACK_AGE_MAX.count() as usize + 2);
     }
 }

@@ -1,16 +1,28 @@
-//! Stage one with lookahead: the modes that apply, each with its forecast.
+//! Stage one: the modes that apply to a body, each with its forecast.
 //!
 //! The moving modes differ only by their acceleration, so that they share one unaccelerated forecast.
+//!
+//! The prediction modes of a body in the world. They are rest, uniform, falling and accelerated. Each mode has a
+//! number. The attached mode has one too, but is described in `attached`.
+//!
+//! The mode of a body that is attached to another one.
+//!
+//! Detection of a steady acceleration of a body. An engine's velocities are exact, so that the difference of two ticks
+//! gives the acceleration. An acceleration is steady if the tick before, or with lookahead the next tick, has the same
+//! one.
 
 use glam::DVec3;
-use rhumb_reckoning::{Motion, Predictor, Ticks};
+use rhumb_reckoning::{
+    ConstantAcceleration, Motion, Pose, Predictor, Ticks, attached_motion, relative_to,
+};
 
-use super::attached::Attached;
-use super::errors::{Errors, Units, apart};
-use super::forecast::{Acceleration, ErrorForecast, Known, SPAN};
-use super::modes::{ATTACHED, FLOATING, MODES, Prediction, REST, WorldModes};
-use super::recent::{FallGrowth, Growth, RecentMotion};
-use super::subject::{Context, Subject};
+use super::forecast::{
+    Acceleration, ErrorForecast, Errors, Known, SPAN, Units, apart, observed_pose,
+};
+use super::recent::{
+    Context, FallGrowth, Growth, Parent, RecentMotion, Subject, growth_of_moves, share,
+};
+use crate::packet::{Age, PredictionMode};
 
 /// Inputs of one body's prediction modes.
 #[derive(Debug)]
@@ -192,4 +204,311 @@ impl Forecast {
         }
         (forecast, falls)
     }
+}
+
+/// Number of modes: rest, uniform, falling, attached, accelerated.
+pub(super) const MODES: usize = 4 + ACCELERATIONS;
+/// Mode number of rest.
+pub(super) const REST: usize = 0;
+/// Mode number of uniform motion.
+pub(super) const FLOATING: usize = 1;
+/// Mode number of falling.
+pub(super) const FALLING: usize = 2;
+/// Mode number of attached.
+pub(super) const ATTACHED: usize = 3;
+/// Mode number of the track's own acceleration. The observed one has the next.
+pub(super) const ACCELERATED: usize = 4;
+
+/// Greatest expected duration of an acceleration, in ticks.
+const ACCELERATION_LASTS: f64 = 16.0;
+
+/// A prediction mode and the prediction that it corrects.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Prediction<'a> {
+    pub(super) mode: PredictionMode,
+    pub(super) predictor: Predictor,
+    /// The body that defines the frame of reference; `None` for the world.
+    pub(super) parent: Option<&'a Parent<'a>>,
+    /// The predicted motion in this frame.
+    pub(super) motion: &'a Motion,
+}
+
+impl Prediction<'_> {
+    pub(super) fn moves(&self) -> bool {
+        self.predictor != Predictor::Rest
+    }
+
+    /// A pose of the frame in the world, as a subscriber computes it.
+    pub(super) fn in_world(&self, pose: &Pose) -> Pose {
+        match self.parent {
+            None => *pose,
+            Some(parent) => attached_motion(parent.predicted_motion, pose).pose(),
+        }
+    }
+}
+
+/// The prediction modes of one body in the world.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct WorldModes<'a> {
+    subject: &'a Subject<'a>,
+    /// Age of the track of the present parent.
+    parent_age: Option<Age>,
+    /// True if the parent is removed; the body then needs a keyframe.
+    pub(super) orphaned: bool,
+    pub(super) floating: Predictor,
+    falling: Predictor,
+    gravity: Option<DVec3>,
+    accelerations: [Option<ConstantAcceleration>; ACCELERATIONS],
+}
+
+impl<'a> WorldModes<'a> {
+    pub(super) fn new(context: &Context<'_>, subject: &'a Subject<'a>, units: &Units) -> Self {
+        let now = subject.track;
+        let above = context.tracks.parent(now);
+        let is_torque_free = subject.slot.is_torque_free() && context.features.torque_free;
+        let (floating, falling) = if is_torque_free {
+            (Predictor::TorqueFree, Predictor::BallisticTorqueFree)
+        } else {
+            (Predictor::Uniform, Predictor::Ballistic)
+        };
+        let gravity = context.tracks.gravity(subject.slot, subject.tick);
+        let reach = 1.0 / units.still.to_array()[0];
+        Self {
+            subject,
+            parent_age: above.and_then(|(_, slot)| context.tracks.age(&slot.track(), subject.tick)),
+            orphaned: now.parent.is_some() && above.is_none(),
+            floating,
+            falling,
+            gravity: Some(gravity).filter(|by| context.features.ballistic && *by != DVec3::ZERO),
+            accelerations: accelerations(context, subject, reach, gravity),
+        }
+    }
+
+    /// The moving mode that is the track's own.
+    pub(super) fn own_moving(&self) -> Option<usize> {
+        let now = self.subject.track;
+        match now.predictor {
+            _ if now.parent.is_some() => None,
+            predictor if predictor == self.floating => Some(FLOATING),
+            predictor if predictor == self.falling => Some(FALLING),
+            Predictor::Accelerated(_) => Some(ACCELERATED),
+            _ => None,
+        }
+    }
+
+    /// The acceleration of a moving mode, m/s², and its greatest expected duration in ticks. `None` if the mode does not
+    /// apply.
+    pub(super) fn acceleration(&self, number: usize) -> Option<(DVec3, f64)> {
+        match number {
+            FLOATING => Some((DVec3::ZERO, f64::INFINITY)),
+            FALLING => Some((self.gravity?, f64::INFINITY)),
+            _ => {
+                let acceleration = self.accelerations[number - ACCELERATED]?;
+                Some((acceleration.acceleration(), ACCELERATION_LASTS))
+            }
+        }
+    }
+
+    /// The prediction of a mode in the world; `None` if the mode does not apply.
+    pub(super) fn prediction(&self, number: usize) -> Option<Prediction<'a>> {
+        let predictor = match number {
+            REST => Predictor::Rest,
+            FLOATING => self.floating,
+            FALLING => self.falling,
+            _ => Predictor::Accelerated(self.accelerations[number - ACCELERATED]?),
+        };
+        let now = self.subject.track;
+        let same = now.parent.is_none() && now.predictor == predictor;
+        Some(Prediction {
+            mode: if same {
+                PredictionMode::Same
+            } else {
+                PredictionMode::World {
+                    predictor,
+                    parent_age: self.parent_age,
+                }
+            },
+            predictor,
+            parent: None,
+            motion: self.subject.predicted_motion,
+        })
+    }
+}
+
+/// Share of the parent's tolerance up to which its prediction stands for its pose. Beyond, an update of it is due soon.
+const PARENT_SHARE: f64 = 0.6;
+
+/// The attached mode of one body. Errors are in metres and radians, in the frame of the parent.
+#[derive(Debug)]
+pub(super) struct Attached<'a> {
+    context: &'a Context<'a>,
+    subject: &'a Subject<'a>,
+    mode: PredictionMode,
+    parent: &'a Parent<'a>,
+    /// True if the body is attached to this parent already.
+    is_attached: bool,
+    /// The predicted motion in the frame of the parent.
+    predicted: Motion,
+    /// The error of the uncorrected prediction.
+    pub(super) now: Errors,
+    /// Its growth, from past observations.
+    pub(super) growth: Growth,
+}
+
+impl<'a> Attached<'a> {
+    /// `None` if the mode does not apply.
+    pub(super) fn new(context: &'a Context<'a>, subject: &'a Subject<'a>) -> Option<Self> {
+        let parent = subject.parent.as_ref()?;
+        let (track, tracks) = (subject.track, context.tracks);
+        let above = parent.slot.track();
+        let is_attached = track.parent == Some(parent.slot.id(parent.index));
+        let may_be =
+            track.parent.is_none() && above.parent.is_none() && parent.index != subject.index;
+        if !context.features.attached || !is_attached && !may_be {
+            return None;
+        }
+        // A body without past observations has no evidence of being attached.
+        let past = parent.past?;
+        let now = relative_to(&parent.truth.pose(), &subject.truth.pose());
+        let moved = |stride: usize| {
+            let (own, of) = (subject.past[stride]?, past[stride].as_ref()?);
+            let past = relative_to(&observed_pose(of), &observed_pose(own));
+            Some(apart(&now.pose(), &past.pose()))
+        };
+        let one = moved(0)?;
+        let two = moved(1).unwrap_or(one * 2.0);
+        let by = parent.predicted_motion.pose();
+        let truth = relative_to(&by, &subject.truth.pose());
+        let predicted = if is_attached {
+            *subject.framed
+        } else {
+            relative_to(&by, &subject.predicted_motion.pose())
+        };
+        Some(Self {
+            context,
+            subject,
+            mode: if is_attached {
+                PredictionMode::Same
+            } else {
+                PredictionMode::Attached {
+                    parent: parent.index,
+                    parent_age: tracks.age(&above, subject.tick)?,
+                }
+            },
+            parent,
+            is_attached,
+            predicted,
+            now: apart(&truth.pose(), &predicted.pose()),
+            growth: growth_of_moves([one, two], subject.stride),
+        })
+    }
+
+    /// True if the body is attached, or moves with the parent by its velocities: apart by less than the tolerance in a
+    /// tick.
+    pub(super) fn moves_along(&self, units: &Units) -> bool {
+        let (subject, parent) = (self.subject, self.parent);
+        let (own, other) = (subject.truth.twist(), parent.truth.twist());
+        let arm = subject.truth.pose().position - parent.truth.pose().position;
+        let drift = own.linear - other.linear - other.angular.cross(arm);
+        self.is_attached || units.share(&Errors::of_position(drift, units.moving)) <= 1.0
+    }
+
+    pub(super) fn prediction(&self) -> Prediction<'_> {
+        Prediction {
+            mode: self.mode,
+            predictor: Predictor::Rest,
+            parent: Some(self.parent),
+            motion: &self.predicted,
+        }
+    }
+
+    /// The error of the uncorrected prediction at a tick within the lookahead, where `truth` is the body's motion.
+    pub(super) fn error(&self, tick: usize, truth: &Motion) -> Option<Errors> {
+        let by = self.expected_parent_pose(tick)?;
+        let relative = relative_to(&by, &truth.pose());
+        Some(apart(&relative.pose(), &self.predicted.pose()))
+    }
+
+    /// Expected pose of the parent after `ticks`: the predicted one, or the true one if an update of it is due before.
+    fn expected_parent_pose(&self, ticks: usize) -> Option<Pose> {
+        let truth = self.parent.ahead.get(ticks - 1)?.pose();
+        let (tracks, slot) = (self.context.tracks, self.parent.slot);
+        let tick = self.subject.tick + Ticks::new(ticks as u32);
+        let predicted_motion = tracks.framed((self.parent.index, slot), &slot.track(), tick);
+        let used = share(
+            &truth,
+            &predicted_motion.pose(),
+            tracks.tolerance_of(slot),
+            tracks.radius(slot),
+        );
+        Some(if used <= PARENT_SHARE {
+            predicted_motion.pose()
+        } else {
+            truth
+        })
+    }
+}
+
+/// Number of candidate accelerations: the track's own, and the observed one.
+pub(super) const ACCELERATIONS: usize = 2;
+/// Relative difference of two accelerations below which they count as equal: of two ticks, or of a tick and gravity.
+const EQUAL_WITHIN: f64 = 0.1;
+/// Ticks in which a worthwhile acceleration moves a body by the tolerance: fewer than the first, more than the second.
+///
+/// A weaker one does not pay for its bits. A stronger one does not hold.
+const WORTHWHILE_TICKS: [f64; 2] = [32.0, 1.0];
+/// Least number of steps of the greatest component of the observed acceleration.
+const STEPS_MIN: f64 = 32.0;
+
+/// Candidate accelerations of a body's next track; the present track's own is the first.
+pub(super) fn accelerations(
+    context: &Context<'_>,
+    subject: &Subject<'_>,
+    reach: f64,
+    gravity: DVec3,
+) -> [Option<ConstantAcceleration>; ACCELERATIONS] {
+    let mut all = [None; ACCELERATIONS];
+    let spins = context.features.torque_free || !subject.slot.is_torque_free();
+    if !context.features.accelerated || !spins {
+        return all;
+    }
+    all[0] = subject.track.predictor.acceleration();
+    all[1] = acceleration(context, subject, reach, gravity)
+        .and_then(|observed| ConstantAcceleration::nearest(observed, STEPS_MIN));
+    all
+}
+
+/// A steady, worthwhile acceleration, m/s². `reach`: the greatest allowed error of position, metres.
+fn acceleration(
+    context: &Context<'_>,
+    subject: &Subject<'_>,
+    reach: f64,
+    gravity: DVec3,
+) -> Option<DVec3> {
+    let between = |before, after| context.tracks.acceleration(subject.slot, before, after);
+    let velocity = |motion: &Motion| motion.twist().linear;
+    let now = velocity(subject.truth);
+    let [(before, after), (other, next)] = match (subject.ahead, subject.velocities) {
+        ([next, last, ..], _) => {
+            let next = velocity(next);
+            [(now, next), (next, velocity(last))]
+        }
+        (_, Some([one, two])) => [(one, now), (two, one)],
+        _ => return None,
+    };
+    let acceleration = between(before, after);
+    let strength = acceleration.length_squared();
+    let step = context.tracks.integrator().rate.step().seconds();
+    // Squares are compared: a root less.
+    let once = reach * 2.0 / (step * step);
+    let bound = |ticks: f64| (once / (ticks * ticks)) * (once / (ticks * ticks));
+    if strength <= bound(WORTHWHILE_TICKS[0]) || strength >= bound(WORTHWHILE_TICKS[1]) {
+        return None;
+    }
+    let near = |other: DVec3| {
+        acceleration.distance_squared(other) < EQUAL_WITHIN * EQUAL_WITHIN * strength
+    };
+    // The ballistic predictor covers gravity.
+    let falls = near(gravity);
+    (!falls && near(between(other, next))).then_some(acceleration)
 }

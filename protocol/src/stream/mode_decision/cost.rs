@@ -1,10 +1,16 @@
-//! Stage two: the cost of a correction per tick of its lifetime.
+//! Stage two: the price of a correction, in bits per tick of its lifetime.
 //!
 //! The coder's state is that at the start of a packet, because the packet's other updates are not known yet.
+//!
+//! Prices of one candidate's corrections, in bits per tick. A correction that breaks the tolerance within the
+//! lookahead is priced together with the next correction.
 
 use rhumb_reckoning::{Residual, VelocityResidual};
 
+use super::candidates::Candidates;
+use super::forecast::{Effect, ErrorForecast, Errors, Expectation, Lifetime};
 use crate::packet::{Age, CostModel, InitialCostModel, PredictionMode};
+use crate::stream::Features;
 
 /// Cost of an update's alias gap in the packet, in 1/256 bits.
 const OVERHEAD: u32 = 4 * 256;
@@ -78,6 +84,174 @@ impl Cost {
             ticks: self.beside.ticks + ticks as f64,
         };
         Self::new(PredictionMode::Same, age, beside)
+    }
+}
+
+/// Rounding to the nearest step, of position and of turn.
+pub(super) const NEAREST: [f64; 2] = [0.5; 2];
+/// Candidate exponents of velocities: their steps are doubled so often.
+pub(super) const VELOCITY_EXPONENTS: [u32; 6] = [9, 7, 5, 3, 1, 0];
+/// Numbers of known ticks that the next correction is fitted to.
+const FITS_AFTER: [usize; 2] = [0, 3];
+
+/// Parameters of the search for one body's correction.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Settings {
+    pub(super) expectation: Expectation,
+    pub(super) features: Features,
+    /// Age of the corrected track.
+    pub(super) age: Age,
+    /// The share of a correction that a moving mode adds to it in each tick.
+    pub(super) rate: f64,
+}
+
+/// Prices the corrections of one candidate.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct CorrectionRanker<'s> {
+    pub(super) forecast: ErrorForecast<'s>,
+    pub(super) expectation: &'s Expectation,
+    pub(super) cost: Cost,
+    /// See [`Settings::rate`]; zero for a resting mode.
+    pub(super) rate: f64,
+}
+
+impl<'s> CorrectionRanker<'s> {
+    /// The ranker of a mode's corrections; `None` if the mode does not apply.
+    pub(super) fn new(
+        settings: &'s Settings,
+        candidates: &'s Candidates<'_>,
+        mode: usize,
+    ) -> Option<Self> {
+        let prediction = candidates.prediction(mode)?;
+        Some(Self {
+            forecast: candidates.error_forecast(mode)?,
+            expectation: &settings.expectation,
+            cost: Cost::new(prediction.mode, settings.age, Beside::NEXT),
+            rate: if prediction.moves() {
+                settings.rate
+            } else {
+                0.0
+            },
+        })
+    }
+
+    pub(super) fn effect(&self, residual: &Residual) -> Effect {
+        let units = &self.expectation.units;
+        let at_once = units.of_residual(residual);
+        let each_tick = at_once * self.rate;
+        Effect {
+            at_once,
+            each_tick: match &residual.velocity {
+                Some(velocity) => each_tick + units.of_velocity(velocity),
+                None => each_tick,
+            },
+        }
+    }
+
+    pub(super) fn lifetime(&self, effect: &Effect) -> Lifetime {
+        self.forecast.lifetime(effect, self.expectation)
+    }
+
+    pub(super) fn price(&self, residual: &Residual) -> f64 {
+        let lifetime = self.lifetime(&self.effect(residual));
+        self.cost.price(self.cost.bits(residual), lifetime.ticks)
+    }
+
+    /// Removes one step of each axis if that lowers the price, and calls `note` for each result.
+    pub(super) fn leave_out_steps(
+        &self,
+        from: (Residual, f64),
+        note: &mut impl FnMut(Residual, f64),
+    ) -> (Residual, f64) {
+        let (mut best, mut least) = from;
+        for axis in 0..6 {
+            let steps = |residual: &Residual| match axis {
+                0..3 => residual.position[axis],
+                _ => residual.turn[axis - 3],
+            };
+            let now = steps(&best);
+            if now == 0 {
+                continue;
+            }
+            let mut fewer = best;
+            match axis {
+                0..3 => fewer.position[axis] -= now.signum(),
+                _ => fewer.turn[axis - 3] -= now.signum(),
+            }
+            let price = self.price(&fewer);
+            note(fewer, price);
+            if price < least {
+                (best, least) = (fewer, price);
+            }
+        }
+        (best, least)
+    }
+
+    /// Prices the corrections with velocities that reduce the error by `slope` per tick, and calls `note` for each.
+    pub(super) fn with_velocities(
+        &self,
+        settings: &Settings,
+        residual: &Residual,
+        slope: &Errors,
+        note: &mut impl FnMut(Residual, f64),
+    ) {
+        let units = &self.expectation.units;
+        let effect = self.effect(residual);
+        let place = self.cost.of_form(true) + Cost::of_place(residual);
+        let lacking = *slope - effect.each_tick;
+        for velocity_exponent in settings.features.steps(VELOCITY_EXPONENTS) {
+            let velocity = units.velocity(&lacking, velocity_exponent);
+            let bits = place + self.cost.of_velocity(&velocity);
+            let residual = Residual {
+                velocity: Some(velocity),
+                ..*residual
+            };
+            if velocity.is_within_limits() {
+                let ticks = self.lifetime(&self.effect(&residual)).ticks;
+                note(residual, self.cost.price(bits, ticks));
+            }
+        }
+    }
+
+    /// The price of a correction together with the next one, if the breach lies within the known ticks.
+    pub(super) fn price_with_next(&self, residual: &Residual) -> f64 {
+        let effect = self.effect(residual);
+        let lifetime = self.lifetime(&effect);
+        let bits = self.cost.bits(residual);
+        let breach = match lifetime.breach {
+            None | Some(0) => return self.cost.price(bits, lifetime.ticks),
+            Some(breach) => breach,
+        };
+        let interval = self.expectation.interval;
+        let known = self.forecast.known_after(breach, &effect);
+        let later = CorrectionRanker {
+            forecast: ErrorForecast {
+                known: known.errors(),
+                acceleration: None,
+                slope: self.forecast.slope - effect.each_tick,
+                ..self.forecast
+            },
+            expectation: self.expectation,
+            cost: self
+                .cost
+                .following(bits, breach, Age::new(breach.div_ceil(interval) as u32)),
+            rate: if self.rate > 0.0 {
+                1.0 / breach as f64
+            } else {
+                0.0
+            },
+        };
+        let mut least = f64::INFINITY;
+        for fit in FITS_AFTER {
+            if fit <= later.forecast.last() {
+                let nearest = later.forecast.nearest(fit, later.rate);
+                let residual = self.expectation.units.residual(&nearest, NEAREST);
+                let (_, price) =
+                    later.leave_out_steps((residual, later.price(&residual)), &mut |_, _| {});
+                least = least.min(price);
+            }
+        }
+        least
     }
 }
 

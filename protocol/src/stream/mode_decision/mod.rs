@@ -7,34 +7,31 @@
 //!    error forecast. The forecast of the uncorrected prediction comes from the lookahead or from recent prediction errors.
 //! 2. *Cost*: bits of a correction per tick of its expected lifetime.
 //! 3. *Refinement*: the residual of least cost. The result is then quantised and checked as a subscriber computes it.
+//!
+//! Stage three with lookahead: the residuals of least price. The search starts at the residuals that fit the known
+//! ticks best, and removes steps while that lowers the price. The best ones of each candidate are priced together with
+//! their next correction.
+//!
+//! The best corrections of one body so far. Computes no prices. Invariant: the corrections are in order, the cheapest
+//! first, without duplicates.
 
-mod acceleration;
-mod attached;
 mod candidates;
 mod cost;
-mod errors;
 mod forecast;
-mod modes;
-mod ranking;
 mod recent;
-mod refinement;
-mod shortlist;
 mod single_pass;
-mod subject;
 
-use rhumb_reckoning::{Anchor, Predictor, Residual, Seconds, TRACK_AGE_MAX, Ticks, Track};
-
-use super::features::Features;
-use crate::packet::{Age, UpdatePayload};
-use candidates::Candidates;
-use errors::Units;
-use forecast::Expectation;
-use modes::Prediction;
-use ranking::Settings;
+use candidates::{Candidates, Prediction};
+use cost::{CorrectionRanker, NEAREST, Settings};
+use forecast::{Expectation, Units};
 use recent::RecentMotion;
-use refinement::refined;
+use rhumb_reckoning::{Anchor, Predictor, Residual, Seconds, TRACK_AGE_MAX, Ticks, Track};
 use single_pass::cheapest;
-pub(crate) use subject::{Context, Parent, Subject, share};
+
+use super::Features;
+use crate::packet::{Age, UpdatePayload};
+
+pub(crate) use recent::{Context, Parent, Subject, share};
 
 /// Expected error growth over a lifetime as long as that of the present track, as a share of the tolerance.
 const ERROR_GROWTH_PER_LIFETIME: f64 = 0.1;
@@ -185,22 +182,124 @@ impl UpdateConditions<'_> {
     }
 }
 
+/// Numbers of known ticks that residuals without velocities are fitted to.
+const FITS: [usize; 5] = [0, 1, 2, 4, 6];
+/// Numbers of known ticks that residuals with velocities are fitted to, by a straight line.
+const LINES: [usize; 3] = [2, 4, 6];
+
+/// The best corrections of a body, the cheapest first.
+fn refined(settings: &Settings, candidates: &Candidates<'_>) -> BestCorrections {
+    let mut all = BestCorrections::default();
+    for mode in candidates.modes() {
+        let Some(ranker) = CorrectionRanker::new(settings, candidates, mode) else {
+            continue;
+        };
+        for choice in best_of(settings, mode, &ranker).iter() {
+            let price = ranker.price_with_next(&choice.residual);
+            all.note(Choice { price, ..*choice });
+        }
+    }
+    all
+}
+
+/// The best corrections of one candidate, without their next corrections.
+fn best_of(settings: &Settings, mode: usize, ranker: &CorrectionRanker<'_>) -> BestCorrections {
+    let (forecast, units) = (&ranker.forecast, &ranker.expectation.units);
+    let moves = ranker.rate > 0.0;
+    let mut best = BestCorrections::default();
+    let mut note = |residual, price| {
+        best.note(Choice {
+            mode,
+            residual,
+            price,
+        });
+    };
+    if !moves || settings.features.derived {
+        for fit in FITS.into_iter().take_while(|fit| *fit <= forecast.last()) {
+            let residual = units.residual(&forecast.nearest(fit, ranker.rate), NEAREST);
+            let price = ranker.price(&residual);
+            note(residual, price);
+            if settings.features.sparse {
+                ranker.leave_out_steps((residual, price), &mut note);
+            }
+        }
+    }
+    let lines = if moves { &LINES[..] } else { &[] };
+    for line in lines
+        .iter()
+        .copied()
+        .take_while(|line| *line < forecast.last())
+    {
+        let [begin, slope] = forecast.line(line);
+        let residual = units.residual(&begin, NEAREST);
+        let at_once = units.of_residual(&residual);
+        let nearest = forecast.slope_from(line, &at_once);
+        for slope in [slope, nearest] {
+            ranker.with_velocities(settings, &residual, &slope, &mut note);
+        }
+    }
+    best
+}
+
+/// Number of corrections that are kept: with lookahead they are priced with their next correction.
+const SHORTLIST: usize = 3;
+
+/// A correction, and its price in 1/256 bits per tick.
+#[derive(Clone, Copy, Debug)]
+struct Choice {
+    /// Number of the prediction mode.
+    mode: usize,
+    residual: Residual,
+    price: f64,
+}
+
+/// The best corrections so far, the cheapest first, without duplicates.
+#[derive(Clone, Copy, Debug, Default)]
+struct BestCorrections {
+    choices: [Option<Choice>; SHORTLIST],
+}
+
+impl BestCorrections {
+    fn iter(&self) -> impl Iterator<Item = &Choice> {
+        self.choices.iter().flatten()
+    }
+
+    /// Inserts a correction if it is among the best.
+    fn note(&mut self, choice: Choice) {
+        let mut at = 0;
+        for other in self.choices.iter().flatten() {
+            if other.price > choice.price {
+                break;
+            }
+            let same = other.price == choice.price && other.mode == choice.mode;
+            if same && other.residual == choice.residual {
+                return;
+            }
+            at += 1;
+        }
+        if at < SHORTLIST && choice.price.is_finite() {
+            self.choices.copy_within(at..SHORTLIST - 1, at + 1);
+            self.choices[at] = Some(choice);
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use alloc::vec::Vec;
 
-    use super::*;
-    use crate::packet::StreamId;
-    use crate::scene::PublishSchedule;
-    use crate::stream::observation::{Activity, Observation};
-    use crate::stream::observation_history::ObservationHistory;
-    use crate::stream::publisher::Publisher;
-    use crate::stream::stream_config::StreamConfig;
-    use crate::stream::tracks::PredictionParameters;
     use glam::{DVec3, Vec3};
     use proptest::array::uniform3;
     use proptest::prelude::*;
     use rhumb_reckoning::{BodyId, BodyState, Grid, Metres, Tick, Tolerance, Twist};
+
+    use super::*;
+    use crate::packet::StreamId;
+    use crate::scene::PublishSchedule;
+    use crate::stream::StreamConfig;
+    use crate::stream::observation_history::{Activity, Observation, ObservationHistory};
+    use crate::stream::publisher::Publisher;
+    use crate::stream::tracks::PredictionParameters;
 
     const BODY: BodyId = BodyId::new(4, 0);
     const RADIUS: Metres = Metres::new(0.5);
@@ -317,5 +416,43 @@ mod tests {
             twist.linear.distance(velocity.as_dvec3()) < 1.0,
             "{twist:?}"
         );
+    }
+
+    fn choice(steps: i32, price: f64) -> Choice {
+        let residual = Residual {
+            position: [steps, 0, 0],
+            ..Residual::default()
+        };
+        Choice {
+            mode: 0,
+            residual,
+            price,
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn the_best_are_kept_in_order_without_duplicates(
+            prices in proptest::collection::vec(0_u32..50, 0..40), again in 0_usize..40,
+        ) {
+            let choices: Vec<_> = (0..)
+                .zip(&prices)
+                .map(|(steps, price)| choice(steps, f64::from(*price)))
+                .collect();
+            let mut list = BestCorrections::default();
+            for choice in choices.iter().chain(choices.get(again)) {
+                list.note(*choice);
+            }
+            list.note(choice(-1, f64::INFINITY));
+            let mut best = prices.clone();
+            best.sort_unstable();
+            best.truncate(SHORTLIST);
+            let kept: Vec<_> = list.iter().collect();
+            let kept_prices: Vec<_> = kept.iter().map(|choice| choice.price as u32).collect();
+            prop_assert_eq!(kept_prices, best);
+            for (place, choice) in kept.iter().enumerate() {
+                prop_assert!(kept[..place].iter().all(|other| other.residual != choice.residual));
+            }
+        }
     }
 }

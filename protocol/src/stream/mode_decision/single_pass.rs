@@ -5,14 +5,12 @@
 
 use rhumb_reckoning::{Predictor, Residual, VelocityResidual};
 
-use super::attached::Attached;
-use super::cost::{Beside, Cost};
-use super::errors::{Errors, apart};
-use super::forecast::Expectation;
-use super::modes::{ACCELERATED, ATTACHED, FALLING, FLOATING, Prediction, REST, WorldModes};
-use super::ranking::{NEAREST, Settings, VELOCITY_EXPONENTS};
-use super::recent::{FallGrowth, Growth, RecentMotion};
-use super::subject::Context;
+use super::candidates::{
+    ACCELERATED, ATTACHED, Attached, FALLING, FLOATING, Prediction, REST, WorldModes,
+};
+use super::cost::{Beside, Cost, NEAREST, Settings, VELOCITY_EXPONENTS};
+use super::forecast::{Errors, Expectation, apart};
+use super::recent::{Context, FallGrowth, Growth, RecentMotion};
 
 /// Rounding of a correction without velocities: a smaller fraction of a step is dropped, because the tolerance hardly
 /// needs it.

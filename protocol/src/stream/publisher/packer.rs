@@ -2,23 +2,24 @@
 //!
 //! Numbers packets and keeps what answers need. Knows updates, but neither tracks nor tolerances. Invariant: no datagram
 //! exceeds the largest packet.
+//!
+//! The order of a tick's updates in its packets, and their approximate sizes. Pure functions. Invariant: an update
+//! that builds on another body's track comes after that body.
 
+use alloc::vec;
 use alloc::vec::Vec;
 
 use bytes::Bytes;
 use rhumb_reckoning::Tick;
 
-use super::update_order::{bits_of, middle, sort_by_alias, sort_parents_first};
 use crate::packet::{
-    Checksums, ErrorScale, LargestPacket, LossReport, Low16, RefreshRecord, RefreshWriter,
-    StreamId, Update, UpdateWriter, Watermark,
+    Checksums, CostModel, ErrorScale, InitialCostModel, LargestPacket, LossReport, Low16,
+    RefreshRecord, RefreshWriter, StreamId, Update, UpdateWriter, Watermark,
 };
 use crate::stream::aliases::AliasMap;
-use crate::stream::features::Features;
-use crate::stream::fec_encoder::{FecEncoder, SymbolRequest};
-use crate::stream::publisher_statistics::PublisherStatistics;
-use crate::stream::redundancy::Redundancy;
-use crate::stream::sent_packets::SentPackets;
+use crate::stream::fec::{FecEncoder, SymbolRequest};
+use crate::stream::losses::SentPackets;
+use crate::stream::{Features, PublisherStatistics, Redundancy};
 
 /// Fewer updates than this usually fit one packet; that is tried first.
 const MANY: usize = 64;
@@ -322,113 +323,278 @@ impl Packer {
     }
 }
 
+/// Aliases for each update, beyond which updates are sorted by comparisons instead of by a table of aliases.
+const SPARSE_ALIASES: usize = 16;
+
+/// The approximate cost of an update, in 1/256 bits.
+pub(super) fn bits_of(update: &Update) -> u64 {
+    /// The cost of a body's index and its new alias.
+    const NAMED: u64 = 24 * 256;
+    /// The cost of an existing alias.
+    const ALIASED: u64 = 4 * 256;
+    let name = if update.body.is_some() {
+        NAMED
+    } else {
+        ALIASED
+    };
+    u64::from(InitialCostModel.cost(&update.payload)) + name
+}
+
+/// The number of first updates that take half of all bits.
+pub(super) fn middle(updates: &[Update]) -> usize {
+    let bits = updates.iter().map(bits_of);
+    let half = bits.clone().sum::<u64>() / 2;
+    let mut so_far = 0;
+    let before = |bits: &u64| {
+        so_far += bits;
+        so_far <= half
+    };
+    bits.take_while(before).count().max(1)
+}
+
+/// Sorts updates by the aliases of their bodies, which differ from update to update.
+pub(super) fn sort_by_alias(updates: &mut [Update]) {
+    if updates.is_sorted_by_key(|update| update.alias) {
+        return;
+    }
+    let end = updates
+        .iter()
+        .map(|update| update.alias as usize + 1)
+        .max()
+        .unwrap_or_default();
+    if end > updates.len() * SPARSE_ALIASES {
+        return sort_by_keys(updates, |update| u64::from(update.alias));
+    }
+    // By alias: the rank of its update.
+    let mut ranks = vec![0_u32; end];
+    for update in updates.iter() {
+        ranks[update.alias as usize] = 1;
+    }
+    let mut next = 0;
+    for rank in &mut ranks {
+        next += core::mem::replace(rank, next);
+    }
+    // Each exchange brings an update to its place.
+    for place in 0..updates.len() {
+        loop {
+            let rank = ranks[updates[place].alias as usize] as usize;
+            if rank == place {
+                break;
+            }
+            updates.swap(place, rank);
+        }
+    }
+}
+
+/// Sorts updates by alias, those that build on another body's track last. Returns the number of the others.
+pub(super) fn sort_parents_first(updates: &mut [Update]) -> usize {
+    let mut free = updates.iter().all(|update| !update.payload.names_parent());
+    free &= updates.is_sorted_by_key(|update| update.alias);
+    if free {
+        return updates.len();
+    }
+    sort_by_keys(updates, |update| {
+        u64::from(update.payload.names_parent()) << 32 | u64::from(update.alias)
+    });
+    updates.partition_point(|update| !update.payload.names_parent())
+}
+
+/// Sorts updates by keys that differ. Updates are large, so each is moved only once.
+fn sort_by_keys(updates: &mut [Update], key: impl Fn(&Update) -> u64) {
+    let mut order: Vec<(u64, usize)> = updates.iter().map(key).zip(0..).collect();
+    order.sort_unstable();
+    let mut ranks = vec![0; updates.len()];
+    for (rank, (_, place)) in order.into_iter().enumerate() {
+        ranks[place] = rank;
+    }
+    for place in 0..updates.len() {
+        while ranks[place] != place {
+            let rank = ranks[place];
+            updates.swap(place, rank);
+            ranks.swap(place, rank);
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use crate::packet::{Datagram, Keyframe, PacketKind, UpdatePayload};
-    use crate::stream::aliases::AliasTable;
-    use proptest::prelude::*;
-    use rhumb_reckoning::{Anchor, BodyState, Predictor, Track};
+    mod packer {
+        use proptest::prelude::*;
+        use rhumb_reckoning::{Anchor, BodyState, Predictor, Track};
 
-    const AT: PublishedTick = PublishedTick {
-        tick: Tick::new(7),
-        scene_events: 0,
-        error_scale: ErrorScale::NONE,
-    };
+        use super::super::*;
+        use crate::packet::{Datagram, Keyframe, PacketKind, UpdatePayload};
+        use crate::stream::aliases::AliasTable;
 
-    fn state(index: u32) -> BodyState {
-        let state = BodyState::new(
-            [index as f32, 0.0, 0.0],
-            [0.0, 0.0, 0.0, 1.0],
-            [0.0; 3],
-            [0.0; 3],
-        );
-        state.expect("it is finite")
-    }
-
-    /// Keyframes of this many bodies, and their aliases.
-    fn updates(bodies: u32) -> (Vec<Update>, AliasTable) {
-        let mut alias_table = AliasTable::default();
-        let update = |index| {
-            let (alias, _) = alias_table.alias(index);
-            let keyframe = Keyframe {
-                predictor: Predictor::Uniform,
-                anchor: Anchor::Exact(state(index)),
-                parent: None,
-            };
-            Update {
-                alias,
-                body: Some(index),
-                payload: UpdatePayload::Keyframe(keyframe),
-            }
+        const AT: PublishedTick = PublishedTick {
+            tick: Tick::new(7),
+            scene_events: 0,
+            error_scale: ErrorScale::NONE,
         };
-        ((0..bodies).map(update).collect(), alias_table)
-    }
 
-    fn kind(datagram: &Bytes) -> PacketKind {
-        let datagram = Datagram::open(datagram);
-        datagram.expect("a packer makes datagrams").head().kind
-    }
+        fn state(index: u32) -> BodyState {
+            let state = BodyState::new(
+                [index as f32, 0.0, 0.0],
+                [0.0, 0.0, 0.0, 1.0],
+                [0.0; 3],
+                [0.0; 3],
+            );
+            state.expect("it is finite")
+        }
 
-    proptest! {
-        #[test]
-        fn every_update_is_in_one_packet_none_is_too_large_and_the_last_ends_the_tick(
-            (bodies, packing) in (0_u32..150, any::<bool>()),
-        ) {
-            let features = Features { packing, ..Features::ALL };
-            let mut packer = Packer::new(StreamId(1), LargestPacket::DEFAULT, &features);
-            let (mut updates, alias_table) = updates(bodies);
-            let mut out = Vec::new();
-            packer.pack(&AT, &mut updates, alias_table.aliases(), &mut out);
-            prop_assert!(out.iter().all(|datagram| datagram.len() <= LargestPacket::DEFAULT.bytes()));
-            let ends = out.iter().map(|datagram| kind(datagram) == PacketKind::UpdatesEnd);
-            prop_assert!(ends.eq((1..=out.len()).map(|number| number == out.len())));
-            let statistics = packer.statistics();
-            prop_assert_eq!(statistics.updates, u64::from(bodies));
-            prop_assert_eq!(statistics.packets, out.len() as u64);
-            let mut refreshed = Vec::new();
-            for number in 0..packer.next_number() {
-                let seen = core::cell::RefCell::new(&mut refreshed);
-                let refresh = packer.refresh(number, &AT, |index| {
-                    seen.borrow_mut().push(index);
-                    let keyframe = Keyframe::of(&Track::resting(AT.tick, state(index)));
-                    let age = rhumb_reckoning::Ticks::ZERO;
-                    Some(RefreshRecord { index, alias: None, age, keyframe })
-                });
-                prop_assert!(refresh.is_some_and(|datagrams| !datagrams.is_empty()));
+        /// Keyframes of this many bodies, and their aliases.
+        fn updates(bodies: u32) -> (Vec<Update>, AliasTable) {
+            let mut alias_table = AliasTable::default();
+            let update = |index| {
+                let (alias, _) = alias_table.alias(index);
+                let keyframe = Keyframe {
+                    predictor: Predictor::Uniform,
+                    anchor: Anchor::Exact(state(index)),
+                    parent: None,
+                };
+                Update {
+                    alias,
+                    body: Some(index),
+                    payload: UpdatePayload::Keyframe(keyframe),
+                }
+            };
+            ((0..bodies).map(update).collect(), alias_table)
+        }
+
+        fn kind(datagram: &Bytes) -> PacketKind {
+            let datagram = Datagram::open(datagram);
+            datagram.expect("a packer makes datagrams").head().kind
+        }
+
+        proptest! {
+            #[test]
+            fn every_update_is_in_one_packet_none_is_too_large_and_the_last_ends_the_tick(
+                (bodies, packing) in (0_u32..150, any::<bool>()),
+            ) {
+                let features = Features { packing, ..Features::ALL };
+                let mut packer = Packer::new(StreamId(1), LargestPacket::DEFAULT, &features);
+                let (mut updates, alias_table) = updates(bodies);
+                let mut out = Vec::new();
+                packer.pack(&AT, &mut updates, alias_table.aliases(), &mut out);
+                prop_assert!(out.iter().all(|datagram| datagram.len() <= LargestPacket::DEFAULT.bytes()));
+                let ends = out.iter().map(|datagram| kind(datagram) == PacketKind::UpdatesEnd);
+                prop_assert!(ends.eq((1..=out.len()).map(|number| number == out.len())));
+                let statistics = packer.statistics();
+                prop_assert_eq!(statistics.updates, u64::from(bodies));
+                prop_assert_eq!(statistics.packets, out.len() as u64);
+                let mut refreshed = Vec::new();
+                for number in 0..packer.next_number() {
+                    let seen = core::cell::RefCell::new(&mut refreshed);
+                    let refresh = packer.refresh(number, &AT, |index| {
+                        seen.borrow_mut().push(index);
+                        let keyframe = Keyframe::of(&Track::resting(AT.tick, state(index)));
+                        let age = rhumb_reckoning::Ticks::ZERO;
+                        Some(RefreshRecord { index, alias: None, age, keyframe })
+                    });
+                    prop_assert!(refresh.is_some_and(|datagrams| !datagrams.is_empty()));
+                }
+                refreshed.sort_unstable();
+                prop_assert!(refreshed.into_iter().eq(0..bodies));
             }
-            refreshed.sort_unstable();
-            prop_assert!(refreshed.into_iter().eq(0..bodies));
+        }
+
+        #[test]
+        fn a_packet_that_was_never_sent_has_no_refresh() {
+            let packer = Packer::new(StreamId(1), LargestPacket::DEFAULT, &Features::ALL);
+            assert_eq!(packer.refresh(0, &AT, |_| None), None);
+        }
+
+        #[test]
+        fn a_packer_that_stopped_repair_symbols_makes_none() {
+            for stops in [false, true] {
+                let mut packer = Packer::new(StreamId(1), LargestPacket::DEFAULT, &Features::ALL);
+                if stops {
+                    packer.stop_repair_symbols();
+                }
+                let mut out = Vec::new();
+                let (mut updates, alias_table) = updates(3);
+                packer.pack(&AT, &mut updates, alias_table.aliases(), &mut out);
+                let report = LossReport {
+                    next: Low16::of(1),
+                    abandoned: Low16::of(0),
+                    repair_symbols: 1,
+                    lost: alloc::vec![Low16::of(0)],
+                };
+                let mut answer = Vec::new();
+                let refreshed = packer.answer(&report, None, &mut answer);
+                let is_symbol = |datagram: &Bytes| kind(datagram) == PacketKind::RepairSymbol;
+                assert_eq!(answer.iter().any(is_symbol), !stops);
+                assert_eq!(refreshed.contains(&0), stops);
+            }
         }
     }
 
-    #[test]
-    fn a_packet_that_was_never_sent_has_no_refresh() {
-        let packer = Packer::new(StreamId(1), LargestPacket::DEFAULT, &Features::ALL);
-        assert_eq!(packer.refresh(0, &AT, |_| None), None);
-    }
+    mod update_order {
+        use proptest::prelude::*;
+        use rhumb_reckoning::{Anchor, BodyId, BodyState, Predictor};
 
-    #[test]
-    fn a_packer_that_stopped_repair_symbols_makes_none() {
-        for stops in [false, true] {
-            let mut packer = Packer::new(StreamId(1), LargestPacket::DEFAULT, &Features::ALL);
-            if stops {
-                packer.stop_repair_symbols();
+        use super::super::*;
+        use crate::packet::{Keyframe, UpdatePayload};
+
+        fn update(alias: u32, parent: Option<u32>) -> Update {
+            let still = BodyState::new([0.0; 3], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
+            Update {
+                alias,
+                body: Some(alias),
+                payload: UpdatePayload::Keyframe(Keyframe {
+                    predictor: Predictor::Uniform,
+                    anchor: Anchor::Exact(still.expect("it is finite")),
+                    parent: parent.map(|index| BodyId::new(index, 0)),
+                }),
             }
-            let mut out = Vec::new();
-            let (mut updates, alias_table) = updates(3);
-            packer.pack(&AT, &mut updates, alias_table.aliases(), &mut out);
-            let report = LossReport {
-                next: Low16::of(1),
-                abandoned: Low16::of(0),
-                repair_symbols: 1,
-                lost: alloc::vec![Low16::of(0)],
-            };
-            let mut answer = Vec::new();
-            let refreshed = packer.answer(&report, None, &mut answer);
-            let is_symbol = |datagram: &Bytes| kind(datagram) == PacketKind::RepairSymbol;
-            assert_eq!(answer.iter().any(is_symbol), !stops);
-            assert_eq!(refreshed.contains(&0), stops);
+        }
+
+        /// Updates with different aliases below `end`, in any order.
+        fn updates(end: u32) -> impl Strategy<Value = Vec<Update>> {
+            let parents =
+                proptest::collection::btree_map(0..end, proptest::option::of(0_u32..9), 0..40);
+            let updates = parents.prop_map(|parents| {
+                let updates = parents
+                    .into_iter()
+                    .map(|(alias, parent)| update(alias, parent));
+                updates.collect::<Vec<_>>()
+            });
+            updates.prop_shuffle()
+        }
+
+        proptest! {
+            #[test]
+            fn updates_are_sorted_by_alias_however_far_apart_aliases_are(
+                (mut few, mut many) in (updates(60), updates(100_000)),
+            ) {
+                for updates in [&mut few, &mut many] {
+                    let mut expected = updates.clone();
+                    expected.sort_by_key(|update| update.alias);
+                    sort_by_alias(updates);
+                    prop_assert_eq!(&*updates, &expected);
+                }
+            }
+
+            #[test]
+            fn updates_that_name_a_parent_come_last(mut updates in updates(60)) {
+                let alone = sort_parents_first(&mut updates);
+                let (first, last) = updates.split_at(alone);
+                prop_assert!(first.iter().all(|update| !update.payload.names_parent()));
+                prop_assert!(last.iter().all(|update| update.payload.names_parent()));
+                for group in [first, last] {
+                    prop_assert!(group.is_sorted_by_key(|update| update.alias));
+                }
+            }
+
+            #[test]
+            fn the_first_half_of_several_updates_takes_at_most_half_of_the_bits(updates in updates(60)) {
+                prop_assume!(updates.len() > 1);
+                let bits = |updates: &[Update]| updates.iter().map(bits_of).sum::<u64>();
+                let middle = middle(&updates);
+                prop_assert!(middle < updates.len());
+                prop_assert!(middle == 1 || bits(&updates[..middle]) <= bits(&updates) / 2);
+                prop_assert!(bits(&updates[..=middle]) > bits(&updates) / 2);
+            }
         }
     }
 }

@@ -1,12 +1,19 @@
-//! Measures the losses of a stream's receivers and chooses the redundancy.
+//! Losses of a stream's receivers: their measure, and the answers to them.
 //!
 //! Counts packets only and knows no times, so a slow link is never mistaken for a lossy one.
+//!
+//! The bodies of recently sent packets, for refreshes of lost ones.
+//!
+//! Limits the rate of replies to the loss reports of one receiver. Bounds the work that a receiver can cause: the
+//! sender pauses between answered reports, and refreshes no packet twice within a round trip.
 
-use alloc::collections::BTreeMap;
 use alloc::collections::btree_map::Entry;
+use alloc::collections::{BTreeMap, VecDeque};
 use alloc::vec::Vec;
 
-use super::redundancy::{LossRate, Redundancy};
+use super::{LossRate, Redundancy};
+use crate::endpoint::{Instant, Span};
+use crate::limits::HISTORY_PACKETS;
 use crate::packet::LossReport;
 
 /// The loss rate covers the last one to two windows of this many packets.
@@ -177,6 +184,98 @@ impl ReceiverLosses {
     }
 }
 
+/// Numbers packets and keeps the bodies of the newest ones.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct SentPackets {
+    next: u64,
+    /// The bodies of the packets before `next`, oldest first.
+    packets: VecDeque<Vec<u32>>,
+}
+
+impl SentPackets {
+    /// The number of the next packet.
+    pub(crate) const fn next(&self) -> u64 {
+        self.next
+    }
+
+    /// Adds the next packet with its bodies, in rising order.
+    pub(crate) fn record(&mut self, bodies: impl Iterator<Item = u32>) {
+        let mut entry = if self.packets.len() == HISTORY_PACKETS {
+            self.packets.pop_front().unwrap_or_default()
+        } else {
+            Vec::new()
+        };
+        entry.clear();
+        entry.extend(bodies);
+        self.packets.push_back(entry);
+        self.next += 1;
+    }
+
+    /// The bodies of a packet; `None` if it was never sent or is no longer kept.
+    pub(crate) fn bodies(&self, number: u64) -> Option<&[u32]> {
+        let age = self.next.checked_sub(number)?;
+        let place = (self.packets.len() as u64).checked_sub(age)?;
+        self.packets.get(place as usize).map(Vec::as_slice)
+    }
+}
+
+/// The least time between two answered reports of one receiver: half of the time that a receiver waits for reordered
+/// packets before it reports a loss.
+const REPORT_PAUSE: Span = Span::from_millis(2);
+
+/// The times of the last replies to each receiver.
+#[derive(Debug, Default)]
+pub(super) struct ReplyLimiter {
+    receivers: BTreeMap<u64, Answered>,
+}
+
+#[derive(Debug, Default)]
+struct Answered {
+    report: Option<Instant>,
+    /// Numbers of the refreshed packets of the last round trip, and the times of their refreshes.
+    refreshes: Vec<(u64, Instant)>,
+}
+
+impl ReplyLimiter {
+    /// Drops the times of a receiver that left or starts again.
+    pub(super) fn forget(&mut self, receiver: u64) {
+        self.receivers.remove(&receiver);
+    }
+
+    /// True if to answer a loss report now. If so, the next reports within the pause are not answered.
+    pub(super) fn allow_report(&mut self, now: Instant, receiver: u64) -> bool {
+        let answered = self.receivers.entry(receiver).or_default();
+        is_due(&mut answered.report, now, REPORT_PAUSE)
+    }
+
+    /// True if to refresh a packet now. If so, it is not refreshed again within a round trip.
+    pub(super) fn allow_refresh(
+        &mut self,
+        now: Instant,
+        receiver: u64,
+        round_trip: Span,
+        number: u64,
+    ) -> bool {
+        let answered = self.receivers.entry(receiver).or_default();
+        answered.refreshes.retain(|(_, at)| now < *at + round_trip);
+        let mut refreshed = answered.refreshes.iter();
+        let allowed = refreshed.all(|(other, _)| *other != number);
+        if allowed {
+            answered.refreshes.push((number, now));
+        }
+        allowed
+    }
+}
+
+/// True if the pause since `last` is over; if so, sets `last` to now.
+fn is_due(last: &mut Option<Instant>, now: Instant, pause: Span) -> bool {
+    let due = last.is_none_or(|last| now >= last + pause);
+    if due {
+        *last = Some(now);
+    }
+    due
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -298,5 +397,43 @@ mod tests {
             losses.add_report(receiver, &loss_report(22, 1), 22);
         }
         assert!(losses.receivers.len() <= RECEIVERS_MAX);
+    }
+
+    #[test]
+    fn only_the_newest_packets_are_kept() {
+        let mut sent_packets = SentPackets::default();
+        let sent = HISTORY_PACKETS as u64 + 10;
+        for number in 0..sent {
+            assert_eq!(sent_packets.next(), number);
+            sent_packets.record([number as u32].into_iter());
+        }
+        assert_eq!(sent_packets.bodies(9), None);
+        assert_eq!(sent_packets.bodies(10), Some(&[10][..]));
+        assert_eq!(sent_packets.bodies(sent - 1), Some(&[sent as u32 - 1][..]));
+        assert_eq!(sent_packets.bodies(sent), None);
+    }
+
+    fn at(ms: u64) -> Instant {
+        Instant::ZERO + Span::from_millis(ms)
+    }
+
+    #[test]
+    fn the_pause_between_reports_is_per_listener() {
+        let mut limiter = ReplyLimiter::default();
+        let allowed = [(0, 1), (0, 2), (1, 1), (2, 1)];
+        let allowed = allowed.map(|(ms, receiver)| limiter.allow_report(at(ms), receiver));
+        assert_eq!(allowed, [true, true, false, true]);
+    }
+
+    #[test]
+    fn no_packet_is_refreshed_twice_within_a_round_trip() {
+        let mut limiter = ReplyLimiter::default();
+        let allowed = [(0, 7), (29, 7), (29, 8), (30, 7)];
+        let round_trip = Span::from_millis(30);
+        let allowed =
+            allowed.map(|(ms, number)| limiter.allow_refresh(at(ms), 1, round_trip, number));
+        assert_eq!(allowed, [true, false, true, true]);
+        assert!(limiter.allow_refresh(at(30), 2, Span::ZERO, 7));
+        assert!(limiter.allow_refresh(at(30), 2, Span::ZERO, 7));
     }
 }

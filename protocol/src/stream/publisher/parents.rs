@@ -1,14 +1,16 @@
-//! Parent candidates: the largest moving bodies of a tick.
+//! The bodies that others are or may be attached to.
 //!
 //! Changes no track. Buffers are reused from tick to tick. Invariant: candidates are sorted by radius, the largest first.
+//!
+//! The bodies that others are attached to, with their numbers of children. Few bodies are parents, so they are kept in
+//! a short list. Invariant: the list rises by index, and no count is zero.
 
 use alloc::vec::Vec;
 
 use glam::Vec3;
-use rhumb_reckoning::{BodyState, Motion, Ticks};
+use rhumb_reckoning::{BodyId, BodyState, Motion, Ticks};
 
-use super::window::{Ahead, ObservationWindow, ObservedTicks};
-use crate::stream::observation::Observation;
+use crate::stream::observation_history::{Ahead, Observation, ObservationWindow, ObservedTicks};
 use crate::stream::tracks::Tracks;
 
 /// The number of parent candidates at one tick: the largest moving bodies.
@@ -146,12 +148,58 @@ impl ParentCandidates {
     }
 }
 
+/// Parents and their numbers of children, in order of index.
+#[derive(Clone, Debug, Default)]
+pub(super) struct ChildCounts {
+    counts: Vec<(u32, u32)>,
+}
+
+impl ChildCounts {
+    /// Moves a child from one parent to another.
+    pub(super) fn move_child(&mut self, from: Option<BodyId>, to: Option<BodyId>) {
+        if let Some(from) = from
+            && let Ok(at) = self.place(from.index())
+        {
+            self.counts[at].1 -= 1;
+            if self.counts[at].1 == 0 {
+                self.counts.remove(at);
+            }
+        }
+        if let Some(to) = to {
+            match self.place(to.index()) {
+                Ok(at) => self.counts[at].1 += 1,
+                Err(at) => self.counts.insert(at, (to.index(), 1)),
+            }
+        }
+    }
+
+    /// True if a body has children.
+    pub(super) fn has_children(&self, index: u32) -> bool {
+        self.place(index).is_ok()
+    }
+
+    /// The position of a parent in the list, or where it would be inserted.
+    fn place(&self, index: u32) -> Result<usize, usize> {
+        self.counts
+            .binary_search_by_key(&index, |(parent, _)| *parent)
+    }
+
+    /// The number of children of a body.
+    #[cfg(test)]
+    pub(super) fn of(&self, index: u32) -> u32 {
+        self.place(index).map_or(0, |at| self.counts[at].1)
+    }
+}
+
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use crate::stream::observation::Activity;
+    use alloc::collections::BTreeMap;
+
     use proptest::prelude::*;
     use rhumb_reckoning::BodyId;
+
+    use super::*;
+    use crate::stream::observation_history::Activity;
 
     fn observation(index: usize) -> Observation {
         let still = BodyState::new([0.0; 3], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
@@ -186,6 +234,28 @@ mod tests {
             }
             candidates.clear();
             prop_assert_eq!(candidates.places().count(), 0);
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn each_parent_has_as_many_children_as_moved_to_it(
+            moves in proptest::collection::vec((0_usize..30, proptest::option::of(0_u32..8)), 0..200),
+        ) {
+            let mut child_counts = ChildCounts::default();
+            let mut parents = BTreeMap::new();
+            for (child, to) in moves {
+                let to = to.map(|index| BodyId::new(index, 0));
+                let from = parents.insert(child, to).flatten();
+                child_counts.move_child(from, to);
+                for index in 0..10 {
+                    let is_child = |parent: &&Option<BodyId>| parent.map(BodyId::index) == Some(index);
+                    let expected = parents.values().filter(is_child).count() as u32;
+                    prop_assert_eq!(child_counts.of(index), expected);
+                    prop_assert_eq!(child_counts.has_children(index), expected > 0);
+                }
+                prop_assert!(child_counts.counts.is_sorted());
+            }
         }
     }
 }
