@@ -78,7 +78,7 @@ impl StreamConfig {
     pub(crate) const PLAIN: Self = Self {
         tolerance: Tolerance::NORMAL,
         integrator: Integrator {
-            rate: rhumb_reckoning::Rate::HZ_60,
+            rate: Rate::HZ_60,
             substeps: NonZeroU32::MIN,
         },
         publish_interval: NonZeroU32::MIN,

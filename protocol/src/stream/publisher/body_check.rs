@@ -623,7 +623,7 @@ mod tests {
             let observation = |id| Observation {
                 id,
                 motion: still(),
-                activity: crate::stream::observation_history::Activity::Awake,
+                activity: Activity::Awake,
             };
             let is_observed = |tick, id| {
                 published
