@@ -2,17 +2,17 @@
 //!
 //! Does not wait and does not display. Call order: feed `handle_*`, then drain `poll_event` and `poll_transmit`, then
 //! ask `poll_timeout`. After an `Ended` event nothing more happens.
+//!
+//! The handshake of a client. Messages of later versions are accepted or refused by their code (PROTOCOL 3.5).
+//!
+//! The messages of a server, from the bytes of the control stream. Unknown messages that a client may ignore are
+//! skipped.
+//!
+//! The state of a connection as the client knows it.
 
-mod body_events;
 mod clock;
-mod handshake;
 mod membership;
 mod outbox;
-mod response_times;
-mod resumption;
-mod server_messages;
-mod state;
-mod stream_selection;
 mod subscription;
 mod upstream;
 
@@ -20,27 +20,23 @@ use alloc::collections::VecDeque;
 use alloc::vec::Vec;
 
 use clock::ClockSampler;
-use handshake::ClientHandshake;
 use membership::ClientMembership;
-use outbox::ClientOutbox;
-use resumption::Resumption;
+use outbox::{ClientOutbox, Resumption};
 use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance};
-use server_messages::ServerMessages;
-use state::ClientState;
 
-use super::close::CloseCode;
 use super::event::Event;
-use super::misuse::Misuse;
 use super::replica::Replica;
+use super::{CloseCode, Misuse};
 use crate::endpoint::{Ending, Endpoint, Instant, Peer, Span, Transmit, Wake};
 use crate::limits::RESERVE_MAX;
 use crate::message::{
-    ClientMessage, Denial, Frames, Joined, ServerMessage, SessionKey, StreamChoice, TierPolicy,
-    Token, Welcome,
+    ClientMessage, Denial, Frames, Grease, Joined, ServerMessage, SessionKey, StreamChoice,
+    TierPolicy, Token, VERSIONS, Welcome,
 };
 use crate::packet::{Datagram, LargestPacket};
 use crate::scene::{Command, IdRange, Query, SceneConfig, SceneName, Stepping};
 use crate::stream::PublisherStatistics;
+use crate::wire::Malformed;
 
 /// The round trip that counts until one is measured.
 const ROUND_TRIP: Span = Span::from_millis(20);
@@ -606,5 +602,110 @@ impl Endpoint for ClientSession {
         let ping = self.clock.due(self.config.as_ref());
         let due = self.membership.subscription.due().into_iter().chain(ping);
         due.min_by_key(|wake| wake.at)
+    }
+}
+
+/// A client's words about itself.
+#[derive(Debug)]
+struct ClientHandshake {
+    scene: SceneName,
+    token: Option<Token>,
+}
+
+impl ClientHandshake {
+    /// Sends the `Hello`: offered versions, scene, token, extensions.
+    fn greet(&self, now: Instant, peer: Peer, outbox: &mut ClientOutbox) {
+        // The seed only has to differ between most connections.
+        let mut grease = Grease::new(now.as_nanos() ^ peer.0.rotate_left(48));
+        let versions = grease.versions(&VERSIONS);
+        let mut extensions = grease.extensions();
+        if let Some(token) = &self.token {
+            let fits = extensions.insert(token.extension());
+            debug_assert!(fits, "a token fits an extension");
+        }
+        outbox.send(&ClientMessage::Hello {
+            versions,
+            scene: self.scene.clone(),
+            extensions,
+        });
+        outbox.send_framed(|unsent| grease.message(unsent));
+    }
+
+    /// Checks the server's answer.
+    fn check(welcome: &Welcome) -> Result<(), CloseCode> {
+        // The server may not choose the reserved version that the client offers to test tolerance of unknown ones.
+        if !VERSIONS.contains(&welcome.version) {
+            return Err(CloseCode::VERSION);
+        }
+        if welcome.extensions.has_unknown_critical() {
+            return Err(CloseCode::EXTENSION);
+        }
+        let config = welcome.scene.as_ref();
+        if config.is_some_and(|config| config.check().is_err()) {
+            return Err(CloseCode::VIOLATION);
+        }
+        Ok(())
+    }
+
+    /// Checks the config and the extensions with which a snapshot begins.
+    fn check_joined(joined: &Joined) -> Result<(), CloseCode> {
+        joined.config.check().map_err(|_| CloseCode::VIOLATION)?;
+        if joined.extensions.has_unknown_critical() {
+            return Err(CloseCode::EXTENSION);
+        }
+        Ok(())
+    }
+}
+
+/// The bytes that are not decoded yet.
+#[derive(Debug)]
+struct ServerMessages {
+    frames: Frames,
+}
+
+impl ServerMessages {
+    const fn new(frames: Frames) -> Self {
+        Self { frames }
+    }
+
+    /// Adds received bytes.
+    fn push(&mut self, bytes: &[u8]) {
+        self.frames.push(bytes);
+    }
+
+    /// The next message; `None` until more bytes come.
+    fn next(&mut self) -> Result<Option<ServerMessage>, Malformed> {
+        while let Some(framed) = self.frames.next_frame()? {
+            if let Some(message) = ServerMessage::decode(&framed)? {
+                return Ok(Some(message));
+            }
+        }
+        Ok(None)
+    }
+}
+
+/// The state of the connection.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum ClientState {
+    Unconnected,
+    Greeting,
+    Lobby,
+    Member,
+    Ended,
+}
+
+impl ClientState {
+    /// Refuses a call of the application in any other state.
+    fn must_be(self, state: Self) -> Result<(), Misuse> {
+        if self == state {
+            Ok(())
+        } else {
+            Err(Misuse::NotNow)
+        }
+    }
+
+    /// True while messages may come.
+    const fn is_open(self) -> bool {
+        !matches!(self, Self::Unconnected | Self::Ended)
     }
 }

@@ -1,22 +1,190 @@
-//! The connection's state at both ends: allowed messages and their effects.
+//! The connection's state at both ends: allowed messages, close codes.
+//!
+//! The close code: the reason for the end of a connection, as a number.
+//!
+//! Close codes of the transport, above those of the protocol. Only the names of numbers: the transport decides when to
+//! close with them.
+//!
+//! Calls that the application may not make in the present state. Caused by the application alone, never by bytes of a
+//! peer.
+
 mod client;
-mod close;
 mod event;
-mod misuse;
-mod pings;
 mod replica;
-mod replica_switch;
 mod server;
-mod transport_code;
-mod upstream_receiver;
-mod upstream_sender;
-mod upstream_timeout;
+mod upstream;
+
+use core::fmt;
+
+use rhumb_reckoning::BodyId;
+
+use crate::limits::{AUTHORITY_BODIES_MAX, HITS_MAX, QUERY_COST_MAX, RESERVE_MAX};
+use crate::scene::Invalid;
+use crate::wire::Malformed;
 
 pub use client::ClientSession;
-pub use close::CloseCode;
 pub use event::Event;
-pub use misuse::Misuse;
 pub use replica::Replica;
 pub use server::ServerSession;
-pub use transport_code::TransportCode;
-pub use upstream_receiver::UpstreamReceiver;
+pub use upstream::UpstreamReceiver;
+
+/// The code with which one end closes the connection (PROTOCOL 3.4).
+///
+/// An unknown code is kept as it is. Codes from 0x100 on belong to the transport.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct CloseCode(pub u32);
+
+impl CloseCode {
+    /// Nothing is wrong; the client has finished.
+    pub const DONE: Self = Self(0);
+    /// Bytes on the control stream do not follow the protocol.
+    pub const MALFORMED: Self = Self(1);
+    /// A message is not allowed in this state.
+    pub const VIOLATION: Self = Self(2);
+    /// The two ends have no version in common.
+    pub const VERSION: Self = Self(3);
+    /// A limit of the protocol was exceeded.
+    pub const LIMIT: Self = Self(4);
+    /// A critical extension is unknown.
+    pub const EXTENSION: Self = Self(5);
+    /// The scene does not answer and is parked: it is lost, and its name is free again when its step has ended.
+    pub const SCENE_PARKED: Self = Self(6);
+    /// The server, or a scene that a client comes back to, has no place now.
+    pub const BUSY: Self = Self(7);
+    /// The client sent no `Hello` in time.
+    pub const HELLO_LATE: Self = Self(8);
+    /// The process of the scene has ended, and the scene is restored from what is durable: a later attempt finds it.
+    pub const SCENE_RESTORING: Self = Self(9);
+    /// The process of the scene has ended, and nothing of the scene was durable: it is lost, and its name is free.
+    pub const SCENE_LOST: Self = Self(10);
+    /// The server requires a token, and the client's hello has none.
+    pub const TOKEN_MISSING: Self = Self(16);
+    /// The token is not one of this server: its form, its signature or its audience is wrong.
+    pub const TOKEN_INVALID: Self = Self(17);
+    /// The token has expired.
+    pub const TOKEN_EXPIRED: Self = Self(18);
+    /// The token does not name the scene of the connection.
+    pub const TOKEN_SCENE: Self = Self(19);
+    /// Another connection has taken the session up.
+    pub const SESSION_TAKEN: Self = Self(32);
+}
+
+impl From<Malformed> for CloseCode {
+    fn from(_: Malformed) -> Self {
+        Self::MALFORMED
+    }
+}
+
+impl fmt::Display for CloseCode {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match *self {
+            Self::DONE => "done",
+            Self::MALFORMED => "bytes that are not of the protocol",
+            Self::VIOLATION => "a message that is not allowed in this state",
+            Self::VERSION => "no version in common",
+            Self::LIMIT => "a limit of the protocol was exceeded",
+            Self::EXTENSION => "an extension that must be known is not",
+            Self::SCENE_PARKED => "the scene does not answer and is parked",
+            Self::BUSY => "there is no place now; a later attempt may find one",
+            Self::HELLO_LATE => "no hello in time",
+            Self::SCENE_RESTORING => "the scene is restored after its process ended",
+            Self::SCENE_LOST => "the scene is lost with its process",
+            Self::TOKEN_MISSING => "the server requires a token",
+            Self::TOKEN_INVALID => "the token is not one of this server",
+            Self::TOKEN_EXPIRED => "the token has expired",
+            Self::TOKEN_SCENE => "the token does not name the scene",
+            Self::SESSION_TAKEN => "another connection has taken the session up",
+            Self(code) => return write!(f, "unknown close code {code}"),
+        })
+    }
+}
+
+/// A close code of the transport (PROTOCOL 3.4).
+///
+/// Codes from 0x100 on belong to the transport, those below to the protocol.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct TransportCode(pub u32);
+
+impl TransportCode {
+    /// The least of these codes.
+    pub const FIRST: u32 = 0x100;
+    /// The end left without a reason.
+    pub const LEFT: Self = Self(0x100);
+    /// The server is stopping; another attempt later may find it again.
+    pub const GOING_AWAY: Self = Self(0x101);
+    /// More control bytes wait for this peer than the bound allows: the peer reads too slowly.
+    pub const CONTROL_OVERFLOW: Self = Self(0x102);
+    /// The client opened no control stream in time, or broke it.
+    pub const NO_CONTROL_STREAM: Self = Self(0x103);
+    /// The peer's datagrams are disabled or too small for the protocol.
+    pub const NO_DATAGRAMS: Self = Self(0x104);
+}
+
+impl fmt::Display for TransportCode {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::LEFT => f.write_str("left"),
+            Self::GOING_AWAY => f.write_str("server going away"),
+            Self::CONTROL_OVERFLOW => f.write_str("control lane too slow"),
+            Self::NO_CONTROL_STREAM => f.write_str("no control stream"),
+            Self::NO_DATAGRAMS => f.write_str("datagrams absent or too small"),
+            Self(code) => write!(f, "close code {code:#x}"),
+        }
+    }
+}
+
+/// A call that the application may not make, or whose arguments are out of range.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Misuse {
+    /// The connection is in a state that does not allow this call.
+    NotNow,
+    /// A number is not finite or out of range.
+    Invalid(Invalid),
+    /// This number of body indices cannot be reserved in one request.
+    Indices(u32),
+    /// One member cannot have authority over this number of bodies.
+    TooManyAuthorityBodies(usize),
+    /// This member neither has nor requested authority over the body.
+    NoAuthority(BodyId),
+    /// A dynamic body needs a shape with volume.
+    NoInside,
+    /// A joint cannot join a body to itself.
+    JoinedToItself(BodyId),
+    /// No query finds so many bodies.
+    Hits(u8),
+    /// One message cannot have queries of this cost: there is none, or too many.
+    QueryCost(u32),
+}
+
+impl fmt::Display for Misuse {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NotNow => f.write_str("not possible in this state of the connection"),
+            Self::Invalid(invalid) => invalid.fmt(f),
+            Self::Indices(count) => write!(
+                f,
+                "{count} body indices cannot be reserved at once; the range is 1 to {RESERVE_MAX}"
+            ),
+            Self::TooManyAuthorityBodies(count) => {
+                write!(
+                    f,
+                    "one member cannot have authority over {count} bodies; at most {AUTHORITY_BODIES_MAX}"
+                )
+            }
+            Self::Hits(hits) => {
+                write!(f, "a query finds 1 to {HITS_MAX} bodies, and not {hits}")
+            }
+            Self::QueryCost(cost) => write!(
+                f,
+                "the queries of one call cost {cost} together, and must cost 1 to {QUERY_COST_MAX}: ask in several calls"
+            ),
+            Self::NoInside => f.write_str(
+                "a dynamic body needs a shape with volume; height fields, meshes, half-spaces and compounds with one of them are for fixed and kinematic bodies",
+            ),
+            Self::JoinedToItself(id) => write!(f, "a joint cannot join {id} to itself"),
+            Self::NoAuthority(id) => write!(f, "this member has no authority over {id}"),
+        }
+    }
+}
+
+impl core::error::Error for Misuse {}

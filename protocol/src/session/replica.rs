@@ -9,7 +9,7 @@ use alloc::vec::Vec;
 use glam::Vec3;
 use rhumb_reckoning::{BodyId, Damping, Inertia, Tick, Track};
 
-use super::close::CloseCode;
+use super::CloseCode;
 use crate::interner::{Internable, Interner};
 use crate::limits::{SHAPE_BYTES_PER_SCENE_MAX, SHAPES_MAX};
 use crate::message::{Joined, SceneEvent, StreamChoice};

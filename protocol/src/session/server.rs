@@ -8,7 +8,7 @@ use alloc::vec::Vec;
 
 use bytes::Bytes;
 
-use super::close::CloseCode;
+use super::CloseCode;
 use crate::message::{ClientMessage, Frames, Grease, Role, ServerMessage, VERSIONS, Welcome};
 use crate::scene::{CommandError, SceneConfig};
 use crate::wire::Malformed;

@@ -1,16 +1,22 @@
-//! The data that a client sends: control messages in order, and datagrams.
+//! What a client sends: messages in order, commands kept for a resumption.
 //!
 //! Decides nothing. Invariant: a control message leaves before everything that was sent after it.
+//!
+//! Commands that a client keeps so that another connection can go on. Commands and advances in the order of sending,
+//! until the server has what the scene promises: a scene with a command log has them when they are durable, another
+//! one when they are done. Invariant: no command is given up that the server may ask for again.
 
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;
 
 use bytes::Bytes;
+use rhumb_reckoning::Tick;
 
 use crate::endpoint::{Peer, Transmit};
-use crate::message::ClientMessage;
-use crate::scene::Stepping;
-use crate::session::close::CloseCode;
+use crate::message::{ClientMessage, SessionKey, SessionRequest, SessionState, StreamChoice};
+use crate::scene::{Command, Stepping};
+use crate::session::CloseCode;
+use crate::session::event::Event;
 
 /// The output of one connection.
 #[derive(Debug)]
@@ -93,8 +99,194 @@ impl ClientOutbox {
     }
 }
 
+/// The session, and what is not finished of it.
+#[derive(Debug, Default)]
+pub(super) struct Resumption {
+    key: Option<SessionKey>,
+    /// True if the scene has a command log.
+    durable: bool,
+    /// The number of commands of the membership.
+    commands: u64,
+    /// Commands known to be done.
+    answered: u64,
+    unfinished: VecDeque<Unfinished>,
+    /// The stream to join again, between two connections.
+    rejoin: Option<StreamChoice>,
+    /// Where the session goes on, until the snapshot is complete.
+    state: Option<SessionState>,
+}
+
+/// A message that may have to be sent again.
+#[derive(Debug)]
+enum Unfinished {
+    Command(u64, Command),
+    Advance(Tick),
+}
+
+impl Resumption {
+    /// Begins a session with the next join; returns the request for it.
+    pub(super) fn begin(&mut self, key: SessionKey) -> SessionRequest {
+        self.end();
+        self.key = Some(key);
+        SessionRequest { key, answered: 0 }
+    }
+
+    /// Ends the session. Commands are numbered on until the next membership begins.
+    pub(super) fn end(&mut self) {
+        *self = Self {
+            commands: self.commands,
+            ..Self::default()
+        };
+    }
+
+    /// Begins a membership without earlier commands.
+    pub(super) const fn begin_membership(&mut self) {
+        self.commands = 0;
+    }
+
+    /// True if the session's scene survives its server.
+    pub(super) const fn is_durable(&self) -> bool {
+        self.key.is_some() && self.durable
+    }
+
+    /// True if another connection could go on with the session.
+    pub(super) const fn can_reconnect(&self) -> bool {
+        self.key.is_some() && self.rejoin.is_some()
+    }
+
+    /// The number of commands that the server may have to be sent again.
+    pub(super) fn unfinished_commands(&self) -> usize {
+        let unfinished = self.unfinished.iter();
+        let commands = unfinished.filter(|message| matches!(message, Unfinished::Command(..)));
+        commands.count()
+    }
+
+    /// The stream that a later connection joins.
+    pub(super) const fn note_choice(&mut self, choice: StreamChoice) {
+        self.rejoin = Some(choice);
+    }
+
+    /// Counts a command and returns its number.
+    pub(super) fn note_command(&mut self, command: &Command) -> u64 {
+        let number = self.commands;
+        self.commands += 1;
+        if self.key.is_some() {
+            let command = command.clone();
+            self.unfinished
+                .push_back(Unfinished::Command(number, command));
+        }
+        number
+    }
+
+    pub(super) fn note_advance(&mut self, to: Tick) {
+        if self.key.is_none() {
+            return;
+        }
+        // Without a command between them, the later of two advances is enough.
+        match self.unfinished.back_mut() {
+            Some(Unfinished::Advance(last)) => *last = (*last).max(to),
+            _ => self.unfinished.push_back(Unfinished::Advance(to)),
+        }
+    }
+
+    /// All commands up to this number are done; the scene is at this tick.
+    pub(super) fn note_applied(&mut self, through: u64, tick: Tick) {
+        self.answered = self.answered.max(through + 1);
+        if !self.durable {
+            self.finish(through + 1, tick);
+        }
+    }
+
+    /// The server keeps so many commands, and the scene up to this tick.
+    pub(super) fn finish(&mut self, commands: u64, tick: Tick) {
+        self.unfinished.drain(..self.done(commands, tick));
+    }
+
+    /// Takes the session up after the welcome of another connection.
+    pub(super) fn rejoin(&self, outbox: &mut ClientOutbox) {
+        if let (Some(key), Some(choice)) = (self.key, self.rejoin) {
+            let answered = self.answered;
+            outbox.send(&ClientMessage::Session(SessionRequest { key, answered }));
+            outbox.send(&ClientMessage::Join(choice));
+        }
+    }
+
+    /// Takes in where the session goes on. A server that does not know it has lost commands; the session then ends, and
+    /// so does the connection.
+    pub(super) fn handle_state(
+        &mut self,
+        state: SessionState,
+        events: &mut VecDeque<Event>,
+    ) -> Result<(), CloseCode> {
+        if self.key.is_none() {
+            return Err(CloseCode::VIOLATION);
+        }
+        let is_new = self.rejoin.is_none();
+        if is_new && state.commands == 0 {
+            self.durable = state.durable;
+            return Ok(());
+        }
+        if !state.resumed || !self.has_from(state.commands) {
+            self.end();
+            events.push_back(Event::SessionLost(state));
+            return Err(CloseCode::DONE);
+        }
+        self.durable = state.durable;
+        if !state.durable {
+            self.finish(state.commands, state.tick);
+        }
+        self.state = Some(state);
+        Ok(())
+    }
+
+    /// Sends again what was not done, after the snapshot of a resumed session; `None` for another one. Returns where
+    /// the session goes on, and the last tick that was requested again.
+    pub(super) fn resume(&mut self, outbox: &mut ClientOutbox) -> Option<(SessionState, Tick)> {
+        let state = self.state.take()?;
+        // Commands that are done but not yet durable are kept: the server may ask for them if it fails again.
+        let done = self.done(state.commands, state.tick);
+        let mut awaited = Tick::ZERO;
+        for message in self.unfinished.iter().skip(done) {
+            match message {
+                Unfinished::Command(_, command) => {
+                    outbox.send(&ClientMessage::Command(command.clone()));
+                }
+                Unfinished::Advance(to) => {
+                    awaited = awaited.max(*to);
+                    outbox.send(&ClientMessage::Advance { to: *to });
+                }
+            }
+        }
+        Some((state, awaited))
+    }
+
+    /// Number of first unfinished messages that are done if so many commands are, and the scene is at this tick. A
+    /// command is done after everything before it.
+    fn done(&self, commands: u64, tick: Tick) -> usize {
+        let is_done = |message: &Unfinished| matches!(message, Unfinished::Command(number, _) if *number < commands);
+        let last = self.unfinished.iter().rposition(is_done);
+        let through = last.map_or(0, |last| last + 1);
+        let rest = self.unfinished.iter().skip(through);
+        let is_reached =
+            |message: &&Unfinished| matches!(message, Unfinished::Advance(to) if *to <= tick);
+        through + rest.take_while(is_reached).count()
+    }
+
+    /// True if the first unfinished command is the one that the server wants next.
+    fn has_from(&self, commands: u64) -> bool {
+        let mut unfinished = self.unfinished.iter();
+        let first = unfinished.find_map(|message| match message {
+            Unfinished::Command(number, _) => Some(*number),
+            Unfinished::Advance(_) => None,
+        });
+        first.unwrap_or(self.commands) <= commands && commands <= self.commands
+    }
+}
+
 #[cfg(test)]
 mod tests {
+    use glam::Vec3;
+
     use super::*;
 
     #[test]
@@ -124,5 +316,98 @@ mod tests {
             assert_eq!(matches!(sent, Some(Transmit::Control { .. })), is_control);
             assert_eq!(matches!(sent, Some(Transmit::State { .. })), !is_control);
         }
+    }
+
+    fn resumption(durable: bool) -> Resumption {
+        let mut resumption = Resumption {
+            key: Some(SessionKey([1; 16])),
+            durable,
+            ..Resumption::default()
+        };
+        let gravity = Command::SetGravity { gravity: Vec3::X };
+        for (number, advance) in [(0, 1), (1, 2), (2, 3)] {
+            assert_eq!(resumption.note_command(&gravity), number);
+            resumption.note_advance(Tick::new(advance));
+        }
+        resumption
+    }
+
+    #[test]
+    fn a_command_is_kept_until_it_is_done_or_durable() {
+        let mut plain = resumption(false);
+        plain.note_applied(1, Tick::new(2));
+        assert!(plain.has_from(2) && !plain.has_from(1));
+        let mut durable = resumption(true);
+        durable.note_applied(1, Tick::new(2));
+        assert!(durable.has_from(0));
+        durable.finish(2, Tick::new(2));
+        assert!(durable.has_from(2) && !durable.has_from(1));
+    }
+
+    #[test]
+    fn what_is_done_lies_before_the_first_command_that_the_server_wants() {
+        let resumption = resumption(true);
+        assert_eq!(resumption.done(0, Tick::ZERO), 0);
+        assert_eq!(resumption.done(1, Tick::ZERO), 1);
+        assert_eq!(resumption.done(1, Tick::new(1)), 2);
+        assert_eq!(resumption.done(3, Tick::new(2)), 5);
+        assert_eq!(resumption.done(3, Tick::new(3)), 6);
+    }
+
+    #[test]
+    fn advances_without_a_command_between_them_are_one() {
+        let mut resumption = resumption(true);
+        for tick in 4..100 {
+            resumption.note_advance(Tick::new(tick));
+        }
+        assert_eq!(resumption.unfinished.len(), 6);
+    }
+
+    #[test]
+    fn a_server_that_is_ahead_of_the_client_has_another_session() {
+        assert!(resumption(true).has_from(3));
+        assert!(!resumption(true).has_from(4));
+    }
+
+    #[test]
+    fn a_resumed_session_sends_again_what_was_not_done() {
+        let mut resumption = resumption(false);
+        let choice = StreamChoice::Full;
+        resumption.note_choice(choice);
+        assert!(resumption.can_reconnect());
+        let state = SessionState {
+            resumed: true,
+            durable: false,
+            commands: 2,
+            tick: Tick::new(1),
+        };
+        let mut events = VecDeque::new();
+        assert_eq!(resumption.handle_state(state, &mut events), Ok(()));
+        assert_eq!(resumption.unfinished_commands(), 1);
+        let mut outbox = ClientOutbox::new();
+        let resumed = resumption.resume(&mut outbox);
+        assert_eq!(resumed, Some((state, Tick::new(3))));
+        assert!(outbox.poll().is_some());
+        assert_eq!(resumption.resume(&mut outbox), None);
+    }
+
+    #[test]
+    fn a_session_that_the_server_does_not_know_ends() {
+        let mut resumption = resumption(true);
+        resumption.note_choice(StreamChoice::Full);
+        let state = SessionState {
+            resumed: false,
+            durable: true,
+            commands: 0,
+            tick: Tick::ZERO,
+        };
+        let mut events = VecDeque::new();
+        let lost = resumption.handle_state(state, &mut events);
+        assert_eq!((lost, events.len()), (Err(CloseCode::DONE), 1));
+        assert!(!resumption.can_reconnect());
+        assert_eq!(
+            resumption.note_command(&Command::SetGravity { gravity: Vec3::X }),
+            3
+        );
     }
 }

@@ -2,21 +2,29 @@
 //!
 //! Requests streams, reports losses, and asks for a new snapshot if a replica has lost sync. Sends by the outbox and
 //! reports by events. Invariant: only one request that a snapshot answers is pending.
+//!
+//! A member's requests for streams: one at a time, the newest choice last. Sends nothing itself. Invariants: the
+//! member sends no request while another one is unanswered (PROTOCOL 4.8-14), and every choice is requested in the
+//! end, whatever the server does.
+//!
+//! Response times of the ticks that a client requests.
+//!
+//! Switches a member from one replica of a scene to the next. Decides only when the next replica replaces the shown
+//! one. Invariant: the shown replica never falls back to an earlier complete tick, unless it had lost sync.
 
 use alloc::collections::VecDeque;
+use alloc::vec::Vec;
 
+use bytes::Bytes;
 use rhumb_reckoning::Tick;
 
 use super::outbox::ClientOutbox;
-use super::response_times::ResponseTimes;
-use super::stream_selection::StreamSelection;
 use crate::endpoint::{Instant, Span, Wake, WakeReason};
 use crate::message::{ClientMessage, Joined, ResyncCause, SceneEvent, StreamChoice};
 use crate::packet::Datagram;
-use crate::session::close::CloseCode;
+use crate::session::CloseCode;
 use crate::session::event::Event;
 use crate::session::replica::Replica;
-use crate::session::replica_switch::{EventTarget, ReplicaSwitch};
 use crate::stream::{RetryTimer, SILENCE_MOST, StreamReceiver};
 
 /// The pause between two requests for a snapshot, unless the stream converged meanwhile. It doubles, so that snapshots
@@ -260,5 +268,387 @@ impl Subscription {
             events.push_back(Event::SubscriptionChanged(choice));
         }
         outbox.send(&ClientMessage::Subscribed(stream));
+    }
+}
+
+/// The requested stream and the choice that follows it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct StreamSelection {
+    /// The stream requested last, while the answer is pending.
+    requested: Option<StreamChoice>,
+    /// The stream to request next.
+    wanted: Option<StreamChoice>,
+    /// The stream to which the server moves the member. Its snapshot comes next, before that of a requested stream.
+    moved: Option<StreamChoice>,
+    pending_replica: PendingReplica,
+}
+
+/// The reason of a replica that is not shown yet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum PendingReplica {
+    /// No such replica exists, or it follows the present stream.
+    Nothing,
+    /// The member requested this stream.
+    Requested(StreamChoice),
+    /// The server moves the member to this stream.
+    TierChanged,
+}
+
+impl StreamSelection {
+    /// No choice and no pending request.
+    pub(super) const fn new() -> Self {
+        Self {
+            requested: None,
+            wanted: None,
+            moved: None,
+            pending_replica: PendingReplica::Nothing,
+        }
+    }
+
+    /// Selects a stream in place of any earlier choice.
+    pub(super) fn select(&mut self, choice: StreamChoice) {
+        let is_pending = match self.requested {
+            Some(requested) => requested == choice,
+            None => self.pending_replica == PendingReplica::Requested(choice),
+        };
+        self.wanted = (!is_pending).then_some(choice);
+    }
+
+    /// The stream to request now, if any.
+    pub(super) const fn take_request(&mut self) -> Option<StreamChoice> {
+        if self.requested.is_some() {
+            return None;
+        }
+        self.requested = self.wanted.take();
+        self.requested
+    }
+
+    /// True if a request is unanswered.
+    pub(super) const fn awaits_answer(&self) -> bool {
+        self.requested.is_some()
+    }
+
+    /// Notes that the server moves the member to another stream.
+    pub(super) const fn handle_tier_changed(&mut self, to: StreamChoice) {
+        self.moved = Some(to);
+    }
+
+    /// Notes the start of a snapshot: an answer, a move, or the present stream again.
+    pub(super) fn handle_joined(&mut self, choice: StreamChoice) {
+        if self.moved.take() == Some(choice) {
+            self.pending_replica = PendingReplica::TierChanged;
+        } else if self.requested == Some(choice) {
+            self.requested = None;
+            self.pending_replica = PendingReplica::Requested(choice);
+        }
+    }
+
+    /// Notes that the server denied the request.
+    pub(super) const fn handle_denied(&mut self) {
+        self.requested = None;
+    }
+
+    /// True if the replica now shown is an answer or a move rather than a resync.
+    pub(super) fn take_subscription_change(&mut self) -> bool {
+        core::mem::replace(&mut self.pending_replica, PendingReplica::Nothing)
+            != PendingReplica::Nothing
+    }
+}
+
+/// The latest response times. A tick that takes long to step is not reported as lost.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ResponseTimes {
+    /// The tick being timed and the time of its request.
+    pending: Option<(Tick, Instant)>,
+    /// The last two response times. The shorter one counts, because a loss may have lengthened the other.
+    response_times: [Span; 2],
+}
+
+impl ResponseTimes {
+    pub(super) const fn new() -> Self {
+        Self {
+            pending: None,
+            response_times: [Span::ZERO; 2],
+        }
+    }
+
+    /// Starts timing a requested tick, unless another one is being timed.
+    pub(super) fn note_requested(&mut self, now: Instant, tick: Tick) {
+        self.pending.get_or_insert((tick, now));
+    }
+
+    /// Notes that all ticks up to this one are complete.
+    pub(super) fn note_complete(&mut self, now: Instant, complete: Tick) {
+        if let Some((_, at)) = self.pending.take_if(|(tick, _)| *tick <= complete) {
+            self.response_times = [now.since(at), self.response_times[0]];
+        }
+    }
+
+    /// The timeout for the next tick: twice the shorter of the last two response times, at most `most`.
+    pub(super) fn timeout(&self, most: Span) -> Span {
+        let [last, before] = self.response_times;
+        Span::from_nanos(last.min(before).as_nanos() * 2).min(most)
+    }
+}
+
+/// The replicas of one membership.
+#[derive(Debug, Default)]
+pub(crate) struct ReplicaSwitch {
+    shown: Option<Replica>,
+    /// The replica that a snapshot is filling, or a complete one that has not caught up with the shown one.
+    next: Option<Replica>,
+}
+
+/// The part of the protocol to which a scene event belongs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum EventTarget {
+    /// The event is part of a snapshot.
+    Snapshot,
+    /// The event reports a change of the scene.
+    Scene,
+}
+
+impl ReplicaSwitch {
+    pub(crate) const fn new() -> Self {
+        Self {
+            shown: None,
+            next: None,
+        }
+    }
+
+    /// The replica that the application displays.
+    pub(crate) const fn shown(&self) -> Option<&Replica> {
+        self.shown.as_ref()
+    }
+
+    /// See [`Self::shown`].
+    pub(crate) const fn shown_mut(&mut self) -> Option<&mut Replica> {
+        self.shown.as_mut()
+    }
+
+    /// Starts a replica that the following snapshot fills.
+    pub(crate) fn begin(&mut self, joined: &Joined) {
+        self.next = Some(Replica::new(joined));
+    }
+
+    /// Completes the snapshot. The first replica of a membership is shown at once.
+    pub(crate) fn end_snapshot(&mut self) -> Result<(), CloseCode> {
+        let filling = self.next.as_mut().filter(|replica| !replica.is_complete());
+        filling.ok_or(CloseCode::VIOLATION)?.end_snapshot();
+        if self.shown.is_none() {
+            self.shown = self.next.take();
+        }
+        Ok(())
+    }
+
+    /// Shows the next replica if it has caught up, so that the display has no gap. Returns the replaced replica.
+    pub(crate) fn switch_when_caught_up(&mut self) -> Option<Replica> {
+        let shown = self.shown.as_mut()?;
+        let as_far = |next: &mut Replica| next.is_complete() && next.has_caught_up_with(shown);
+        let mut next = self.next.take_if(as_far)?;
+        next.take_over(shown);
+        Some(core::mem::replace(shown, next))
+    }
+
+    /// Applies a scene event to the next replica, and to the shown one unless a snapshot is being filled.
+    pub(crate) fn handle_scene_event(
+        &mut self,
+        scene_event: &SceneEvent,
+    ) -> Result<EventTarget, CloseCode> {
+        if let Some(next) = &mut self.next {
+            let filling = !next.is_complete();
+            next.apply_scene_event(scene_event)?;
+            if filling {
+                return Ok(EventTarget::Snapshot);
+            }
+        }
+        let shown = self.shown.as_mut().ok_or(CloseCode::VIOLATION)?;
+        shown.apply_scene_event(scene_event)?;
+        Ok(EventTarget::Scene)
+    }
+
+    /// Hands a datagram to the replicas that follow its stream.
+    pub(crate) fn handle_datagram(&mut self, datagram: &Datagram<'_>) {
+        for replica in [&mut self.next, &mut self.shown].into_iter().flatten() {
+            if replica.stream().stream() == datagram.head().stream {
+                replica.stream_mut().handle(datagram);
+            }
+        }
+    }
+
+    /// The receivers of complete replicas, the shown one first.
+    pub(crate) fn receivers(&self) -> impl Iterator<Item = &StreamReceiver> {
+        let replicas = [self.shown.as_ref(), self.next.as_ref()];
+        let complete = replicas
+            .into_iter()
+            .flatten()
+            .filter(|replica| replica.is_complete());
+        complete.map(|replica| &replica.receiver)
+    }
+
+    /// See [`Self::receivers`].
+    pub(crate) fn receivers_mut(&mut self) -> impl Iterator<Item = &mut StreamReceiver> {
+        let replicas = [self.shown.as_mut(), self.next.as_mut()];
+        let complete = replicas
+            .into_iter()
+            .flatten()
+            .filter(|replica| replica.is_complete());
+        complete.map(|replica| &mut replica.receiver)
+    }
+
+    /// The reports due now.
+    pub(crate) fn report(&mut self, now: Instant, min_delay: Span) -> Vec<Bytes> {
+        let mut reports = Vec::new();
+        for receiver in self.receivers_mut() {
+            receiver.report(now, min_delay, &mut reports);
+        }
+        reports
+    }
+
+    /// A report that asks for the watermark of the shown replica, if one is due.
+    fn query(&mut self, now: Instant, pause: Span) -> Vec<Bytes> {
+        let mut reports = Vec::new();
+        if let Some(replica) = &mut self.shown {
+            replica.receiver.query(now, pause, &mut reports);
+        }
+        reports
+    }
+
+    /// The replica of the newest stream, which will replace the shown one.
+    fn newest(&self) -> Option<&Replica> {
+        self.next.as_ref().or(self.shown.as_ref())
+    }
+
+    /// True if only a new snapshot helps.
+    pub(crate) fn have_lost_sync(&self) -> bool {
+        self.newest()
+            .is_some_and(|replica| replica.stream().has_lost_sync())
+    }
+
+    /// The cause to give if a new snapshot is requested.
+    pub(crate) fn resync_cause(&self) -> ResyncCause {
+        if self
+            .newest()
+            .is_some_and(|replica| replica.stream().has_mismatched())
+        {
+            ResyncCause::ChecksumMismatch
+        } else {
+            ResyncCause::LostSync
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rhumb_reckoning::Tolerance;
+
+    use super::*;
+
+    const EXACT: StreamChoice = StreamChoice::Within(Tolerance::EXACT);
+    const FINE: StreamChoice = StreamChoice::Within(Tolerance::FINE);
+    const FULL: StreamChoice = StreamChoice::Full;
+
+    /// A selection with this request pending.
+    fn with_request(choice: StreamChoice) -> StreamSelection {
+        let mut stream_selection = StreamSelection::new();
+        stream_selection.select(choice);
+        assert_eq!(stream_selection.take_request(), Some(choice));
+        stream_selection
+    }
+
+    #[test]
+    fn the_newest_request_is_sent_after_the_pending_one_is_answered() {
+        let mut stream_selection = with_request(EXACT);
+        stream_selection.select(FULL);
+        stream_selection.select(FINE);
+        assert_eq!(stream_selection.take_request(), None);
+        stream_selection.handle_joined(EXACT);
+        assert_eq!(stream_selection.take_request(), Some(FINE));
+        stream_selection.handle_denied();
+        assert_eq!(stream_selection.take_request(), None);
+        assert!(!stream_selection.awaits_answer());
+    }
+
+    #[test]
+    fn a_pending_stream_is_not_requested_again() {
+        let mut stream_selection = with_request(EXACT);
+        stream_selection.select(FINE);
+        stream_selection.select(EXACT);
+        stream_selection.handle_joined(EXACT);
+        assert_eq!(stream_selection.take_request(), None);
+        stream_selection.select(EXACT);
+        assert_eq!(stream_selection.take_request(), None);
+        assert!(stream_selection.take_subscription_change());
+        stream_selection.select(EXACT);
+        assert_eq!(stream_selection.take_request(), Some(EXACT));
+    }
+
+    #[test]
+    fn a_tier_change_answers_no_pending_request() {
+        let mut stream_selection = with_request(FINE);
+        stream_selection.handle_tier_changed(FINE);
+        stream_selection.handle_joined(FINE);
+        assert!(
+            stream_selection.awaits_answer(),
+            "the snapshot of a move answers no request"
+        );
+        stream_selection.handle_joined(FINE);
+        assert!(!stream_selection.awaits_answer());
+        // The member requests its own choice even if the server already moves it to that stream.
+        stream_selection.handle_tier_changed(EXACT);
+        stream_selection.handle_joined(EXACT);
+        stream_selection.select(EXACT);
+        assert_eq!(stream_selection.take_request(), Some(EXACT));
+    }
+
+    #[test]
+    fn a_resync_snapshot_is_no_subscription_change() {
+        let mut stream_selection = StreamSelection::new();
+        stream_selection.handle_joined(FINE);
+        assert!(!stream_selection.take_subscription_change());
+        let mut stream_selection = with_request(EXACT);
+        stream_selection.handle_joined(FINE);
+        assert!(stream_selection.awaits_answer() && !stream_selection.take_subscription_change());
+        stream_selection.handle_joined(EXACT);
+        stream_selection.handle_joined(EXACT);
+        assert!(stream_selection.take_subscription_change());
+    }
+
+    const MOST: Span = Span::from_millis(2_000);
+
+    /// Requests some ticks in turn; each takes the given number of milliseconds.
+    fn after(response_times: &[u64]) -> ResponseTimes {
+        let (mut answers, mut now) = (ResponseTimes::new(), Instant::ZERO);
+        for (tick, millis) in (1..).map(Tick::new).zip(response_times) {
+            answers.note_requested(now, tick);
+            now = now + Span::from_millis(*millis);
+            answers.note_complete(now, tick);
+        }
+        answers
+    }
+
+    #[test]
+    fn the_timeout_is_twice_the_quicker_of_the_last_two() {
+        let timeout = |response_times: &[u64]| after(response_times).timeout(MOST);
+        assert_eq!(timeout(&[]), Span::ZERO);
+        assert_eq!(timeout(&[300]), Span::ZERO);
+        assert_eq!(timeout(&[300, 200]), Span::from_millis(400));
+        assert_eq!(timeout(&[300, 30]), Span::from_millis(60));
+        assert_eq!(timeout(&[30, 300]), Span::from_millis(60));
+        assert_eq!(timeout(&[3_000, 3_000]), MOST);
+    }
+
+    #[test]
+    fn a_tick_is_timed_from_its_first_request_to_completion() {
+        let mut answers = after(&[10, 10]);
+        let start = Instant::ZERO;
+        answers.note_requested(start, Tick::new(7));
+        answers.note_requested(start + Span::from_millis(50), Tick::new(8));
+        answers.note_complete(start + Span::from_millis(60), Tick::new(6));
+        assert_eq!(answers.timeout(MOST), Span::from_millis(20));
+        answers.note_complete(start + Span::from_millis(80), Tick::new(8));
+        answers.note_requested(start, Tick::new(9));
+        answers.note_complete(start + Span::from_millis(90), Tick::new(9));
+        assert_eq!(answers.timeout(MOST), Span::from_millis(160));
     }
 }

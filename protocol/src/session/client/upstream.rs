@@ -15,9 +15,9 @@ use crate::limits::AUTHORITY_BODIES_MAX;
 use crate::message::{AuthorityError, AuthorityGrant, ClientMessage, TakeAuthority};
 use crate::packet::{Datagram, LargestPacket};
 use crate::scene::{Command, SceneConfig, Stepping};
-use crate::session::misuse::Misuse;
+use crate::session::Misuse;
 use crate::session::replica::Replica;
-use crate::session::upstream_sender::{PublishOutcome, UpstreamSender};
+use crate::session::upstream::{PublishOutcome, UpstreamSender};
 use crate::stream::{PredictionParameters, PublisherStatistics};
 
 /// The authority of a member and its upstream.

@@ -1,23 +1,32 @@
-//! The server's end of an upstream: motions of a client's bodies.
+//! Both ends of an upstream: states of bodies under a client's authority.
 //!
 //! Wraps a `StreamReceiver`. Bytes come from untrusted clients: none may panic, memory is bounded, and only granted
 //! bodies are affected. Does not move bodies in the engine.
+//!
+//! The upstream of a client: states of the bodies it has authority over. Wraps a `StreamSender`. The caller chooses
+//! the lane for the packets. Invariant: a server that received all packets of `publish` predicts each body within the
+//! tolerance of the state given here.
+//!
+//! The timeout after which a silent upstream is stale. Counted in ticks of the scene alone, so that it is the same in
+//! a lockstep scene (PROTOCOL 6.14).
 
-use alloc::collections::VecDeque;
+use alloc::collections::{BTreeMap, VecDeque};
 use alloc::vec::Vec;
 use core::num::NonZeroU32;
 
 use bytes::Bytes;
 use glam::Vec3;
-use rhumb_reckoning::{BodyId, Integrator, Motion, Tick, Tolerance, Track};
+use rhumb_reckoning::{BodyId, BodyState, Integrator, Motion, Rate, Tick, Ticks, Tolerance, Track};
 
-use super::upstream_timeout::UpstreamTimeout;
 use crate::endpoint::{Instant, Span};
-use crate::limits::AUTHORITY_BODIES_MAX;
+use crate::limits::{AUTHORITY_BODIES_MAX, TICK_JUMP_MAX, UPSTREAM_GRACE_MS};
 use crate::message::{AuthorityGrant, TakeAuthority};
 use crate::packet::{Datagram, PacketKind, StreamId};
+use crate::scene;
 use crate::stream::{
-    DISORDER, PredictionParameters, StreamReceiver, StreamStart, Subscriber, SubscriberStatistics,
+    Activity, DISORDER, Features, Observation, ObservationHistory, PredictionParameters,
+    PublisherStatistics, Recipient, StreamConfig, StreamReceiver, StreamSender, StreamStart,
+    Subscriber, SubscriberStatistics, WatermarkPolicy, second, whole_ticks,
 };
 
 /// The tracks of a body, oldest first, each from its origin on. A client may publish ticks that the server has not
@@ -245,6 +254,207 @@ impl BodyTracks {
     }
 }
 
+/// A body that the client has authority over.
+#[derive(Clone, Copy, Debug)]
+struct UpstreamBody {
+    /// None after the body left the scene.
+    id: Option<BodyId>,
+    /// The state that was published last.
+    latest: BodyState,
+    /// The tick since which the body stands still.
+    still_since: Tick,
+}
+
+/// The outcome of publishing the states of a tick.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum PublishOutcome {
+    /// The states were compared with the server's prediction and encoded where they exceed the tolerance.
+    Yes,
+    /// This tick or a later one was already published.
+    Before,
+    /// The tick lies so far ahead that the stream must start again.
+    TooFar,
+}
+
+/// The id of the only subscriber.
+const SERVER: u64 = 0;
+
+/// The publishing end of an upstream.
+#[derive(Debug)]
+pub(crate) struct UpstreamSender {
+    sender: StreamSender,
+    observation_history: ObservationHistory,
+    /// In rising order of id. The position is the body's index in the stream.
+    bodies: Vec<UpstreamBody>,
+    observations: Vec<Observation>,
+    /// A body that stands still for this long counts as asleep.
+    second: Ticks,
+}
+
+/// Predictors allowed in an upstream: gravity does not act on kinematic bodies, and none is attached.
+const FEATURES: Features = Features {
+    ballistic: false,
+    torque_free: false,
+    attached: false,
+    ..Features::ALL
+};
+
+/// An upstream has no scene events.
+const SCENE_EVENTS: u64 = 0;
+
+impl UpstreamSender {
+    /// Starts the stream that the server granted for this request. `parameters` returns None for a body that is not in the scene.
+    pub(crate) fn new(
+        grant: &AuthorityGrant,
+        request: &TakeAuthority,
+        integrator: Integrator,
+        parameters: impl Fn(BodyId) -> Option<PredictionParameters>,
+    ) -> Self {
+        let config = StreamConfig {
+            tolerance: request.tolerance,
+            largest_packet: request.largest_packet,
+            integrator,
+            publish_interval: scene::PublishSchedule::EACH_TICK.publish_interval,
+            gravity: Vec3::ZERO,
+            features: FEATURES,
+        };
+        let policy = WatermarkPolicy::upstream(integrator.rate);
+        let mut sender = StreamSender::reckoned(grant.stream, &config, None, policy, grant.tick);
+        let mut bodies = Vec::with_capacity(grant.bodies.len());
+        for (id, motion) in &grant.bodies {
+            let index = BodyId::new(bodies.len() as u32, 0);
+            let track = grant.first_track(*motion);
+            let placed = parameters(*id)
+                .is_some_and(|parameters| sender.place(index, &parameters, track, *motion));
+            bodies.push(UpstreamBody {
+                id: placed.then_some(*id),
+                latest: *motion,
+                still_since: grant.tick,
+            });
+        }
+        Self {
+            sender,
+            observation_history: ObservationHistory::new(scene::PublishSchedule::EACH_TICK),
+            bodies,
+            observations: Vec::new(),
+            second: second(integrator.rate),
+        }
+    }
+
+    /// The bodies still in the scene, in rising order.
+    pub(crate) fn bodies(&self) -> impl Iterator<Item = BodyId> {
+        self.bodies.iter().filter_map(|body| body.id)
+    }
+
+    /// Counters of everything published so far.
+    pub(crate) fn statistics(&self) -> PublisherStatistics {
+        self.sender.statistics()
+    }
+
+    /// Removes a body from the scene. Its track stays, because the server removes it at another tick.
+    pub(crate) fn remove(&mut self, id: BodyId) {
+        for body in &mut self.bodies {
+            body.id = body.id.filter(|known| *known != id);
+        }
+    }
+
+    /// Publishes the states of a tick and appends the packets. A body without a state stands still at its last place.
+    pub(crate) fn publish(
+        &mut self,
+        tick: Tick,
+        motions: &[(BodyId, BodyState)],
+        out: &mut Vec<Bytes>,
+    ) -> PublishOutcome {
+        let before = self.sender.tick();
+        if tick <= before {
+            return PublishOutcome::Before;
+        }
+        if tick.value() - before.value() > TICK_JUMP_MAX {
+            return PublishOutcome::TooFar;
+        }
+        let mut by_id: BTreeMap<BodyId, BodyState> = BTreeMap::new();
+        by_id.extend(motions.iter().copied());
+        self.observations.clear();
+        for (place, body) in self.bodies.iter_mut().enumerate() {
+            let Some(id) = body.id else { continue };
+            let motion = by_id.get(&id).copied();
+            let motion = motion.unwrap_or_else(|| body.latest.stilled());
+            if motion != body.latest || motion != motion.stilled() {
+                body.still_since = tick;
+            }
+            body.latest = motion;
+            let still = tick.since(body.still_since);
+            let rests = still.is_none_or(|ticks| ticks >= self.second);
+            self.observations.push(Observation {
+                id: BodyId::new(place as u32, 0),
+                motion,
+                activity: if rests {
+                    Activity::Asleep
+                } else {
+                    Activity::Awake
+                },
+            });
+        }
+        self.observation_history.observe(tick, &self.observations);
+        self.sender.publish(&self.observation_history, SCENE_EVENTS);
+        out.extend(self.sender.datagrams(SERVER).cloned());
+        PublishOutcome::Yes
+    }
+
+    /// The id of the stream.
+    pub(crate) fn stream(&self) -> StreamId {
+        self.sender.stream()
+    }
+
+    /// Answers a loss report that the server sent about this stream.
+    pub(crate) fn handle_datagram(
+        &mut self,
+        now: Instant,
+        round_trip: Span,
+        datagram: &Datagram<'_>,
+        out: &mut Vec<Bytes>,
+    ) {
+        let from = Recipient {
+            id: SERVER,
+            round_trip,
+        };
+        self.sender
+            .handle_datagram(now, from, datagram, SCENE_EVENTS, out);
+    }
+}
+
+/// The timeout of an upstream, in ticks of its scene.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct UpstreamTimeout {
+    policy: WatermarkPolicy,
+    /// The allowed delay of a watermark.
+    grace: Ticks,
+}
+
+impl UpstreamTimeout {
+    pub(crate) fn of(rate: Rate) -> Self {
+        Self {
+            policy: WatermarkPolicy::upstream(rate),
+            grace: Ticks::new(whole_ticks(rate, UPSTREAM_GRACE_MS) as u32),
+        }
+    }
+
+    /// The tick at which the watermark after `watermark_tick` is due. `silence`: the ticks of silence that ended there.
+    pub(crate) fn due(&self, watermark_tick: Tick, silence: u64) -> Tick {
+        watermark_tick + Ticks::new(self.policy.pause_after(silence) as u32)
+    }
+
+    /// The tick from which the server requests the overdue watermark.
+    pub(crate) fn request_from(&self, watermark_tick: Tick, silence: u64) -> Tick {
+        self.due(watermark_tick, silence) + Ticks::new(self.grace.count() / 4)
+    }
+
+    /// The last tick that the server predicts without that watermark.
+    pub(crate) fn last_predicted(&self, watermark_tick: Tick, silence: u64) -> Tick {
+        self.due(watermark_tick, silence) + self.grace
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use core::num::NonZeroU32;
@@ -255,7 +465,6 @@ mod tests {
     use super::*;
     use crate::packet::LargestPacket;
     use crate::scene::{BodyDesc, BodyKind, Shape, ShapeId};
-    use crate::session::upstream_sender::{PublishOutcome, UpstreamSender};
 
     const INTEGRATOR: Integrator = Integrator {
         rate: Rate::HZ_60,
@@ -465,5 +674,15 @@ mod tests {
         }
         // The silence before the last packet, at least four ticks, plus one second.
         assert!((64..=80).contains(&flown), "{flown} ticks");
+    }
+
+    #[test]
+    fn an_upstream_is_predicted_until_a_second_after_its_watermark_was_due() {
+        let timeout = UpstreamTimeout::of(Rate::HZ_60);
+        assert_eq!(timeout.last_predicted(Tick::new(10), 0), Tick::new(74));
+        assert_eq!(
+            timeout.last_predicted(Tick::new(900), 700),
+            Tick::new(1_110)
+        );
     }
 }
