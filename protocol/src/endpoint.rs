@@ -1,13 +1,8 @@
 //! Interface of both ends to a driver: moments, link reports, transmissions.
 //!
-//! Neither clock nor socket: moments and bytes are arguments. A driver may call `handle_*` in any order, then drains
-//! `poll_transmit` until it is empty, then call `poll_timeout` for the time of the next call. No call blocks.
-//!
-//! Report on a connection's link by its driver. The owner of the sockets, or the simulated network, measures; the
-//! endpoint decides what follows.
-//!
-//! Moments of wall-clock time, as plain numbers. No clock is read here: the moment is an argument of every call that
-//! needs it.
+//! Neither clock nor socket: moments and bytes are arguments, and the driver measures the link. A driver calls
+//! `handle_*` in any order, drains `poll_transmit` until it is empty, then asks `poll_timeout` for the time of the
+//! next call. No call blocks.
 
 use core::fmt;
 use core::ops::Add;

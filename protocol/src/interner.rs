@@ -1,10 +1,8 @@
 //! Tables of many bodies: interned values, and growth without spare room.
 //!
 //! Most bodies of a scene are alike: a table of bodies holds the number of a kind instead of the kind's data.
-//! Invariant: a kind is kept exactly while it has users.
-//!
-//! Growth of tables with little spare capacity. Doubling leaves half of the capacity empty on average, for each body
-//! and stream.
+//! Invariant: a kind is kept exactly while it has users. Tables grow little by little, since doubling leaves half of
+//! the capacity empty on average, for each body and stream.
 
 use alloc::collections::BTreeMap;
 use alloc::vec::Vec;

@@ -1,6 +1,6 @@
-//! Answers to requests about a scene: queries, and inspection.
+//! Answers to requests about a scene: query results, and inspection.
 //!
-//! Inspection of a scene, for benchmarks and operators.
+//! Inspection is for benchmarks and operators; no client needs it.
 
 use alloc::vec::Vec;
 use core::fmt;

@@ -1,8 +1,6 @@
 //! A member's choice of a stream, and the policy of tier changes.
 //!
-//! A name only: the server starts and ends streams.
-//!
-//! Tier changes of a member's stream, and the policy that bounds them. The server decides when a link is congested.
+//! Names only: the server starts and ends streams, and decides when a link is congested.
 
 use rhumb_reckoning::{LengthBound, Tolerance, TurnBound};
 

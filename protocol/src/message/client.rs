@@ -1,6 +1,6 @@
 //! Messages of a client on the control stream.
 //!
-//! The cause of a member's request for a new snapshot.
+//! Codec only: `session` decides which message is allowed now.
 
 use alloc::vec::Vec;
 

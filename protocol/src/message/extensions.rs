@@ -1,10 +1,8 @@
-//! Extensions: numbered fields of the first messages, grease among them.
+//! Extensions: numbered fields of the first messages; grease.
 //!
-//! Tells which extensions may be skipped. Decoded extensions keep their bytes, so that they are passed on unchanged
-//! (PROTOCOL 3.5).
-//!
-//! Grease: meaningless values that keep peers tolerant of unknown ones. Every peer must ignore them (PROTOCOL 3.5). A
-//! seed determines the values.
+//! Tells which extensions may be skipped. Decoded extensions keep their bytes, so that they are passed on unchanged.
+//! Grease keeps peers tolerant of unknown values: every peer must ignore it (PROTOCOL 3.5). A seed determines its
+//! values.
 
 use alloc::vec::Vec;
 

@@ -1,9 +1,8 @@
 //! Who a client is: its token and role, its session's key.
 //!
-//! Tokens are opaque here: the server's keys decide what one is worth (PROTOCOL 3.6).
-//!
-//! Sessions: a client's place in its order of commands, across connections. The client draws the key; a scene keeps
-//! what it needs to take up the session again.
+//! Tokens are opaque here: the server's keys decide what one is worth (PROTOCOL 3.6). A session is a client's place in
+//! its order of commands, across connections: the client draws the key, and a scene keeps what it needs to resume the
+//! session.
 
 use alloc::string::String;
 use core::fmt;

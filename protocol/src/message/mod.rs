@@ -1,10 +1,8 @@
 //! The control messages, reliable and in order, and their framing.
 //!
-//! The versions of the protocol, and the first bytes of a client.
-//!
-//! Framing of control messages on a stream. A message is its length (a variable integer that counts type and body), a
-//! type byte, and a body. A peer may ignore unknown types from 0x80 on, but no others (PROTOCOL 4.1). A body too long
-//! for one message is preceded by pieces of itself, each of the greatest message length.
+//! A message is its length (a variable integer that counts type and body), a type byte, and a body. A peer may ignore
+//! unknown types from 0x80 on, but no others (PROTOCOL 4.1). A body too long for one message is preceded by pieces of
+//! itself, each of the greatest message length.
 
 mod answers;
 mod authority;

@@ -1,10 +1,8 @@
 //! Scene events: changes of a scene that every member must know.
 //!
 //! A scene event is encoded once for all members and counted by both ends; each state packet tells the count that it
-//! needs.
-//!
-//! Encoding of a body's inertia in a scene event. Omitted where it is implied: equal moments, and axes that are the
-//! body's own (PROTOCOL 4.6).
+//! needs. A body's inertia is omitted where it is implied: equal moments, and axes that are the body's own (PROTOCOL
+//! 4.6).
 
 use alloc::vec::Vec;
 
@@ -362,7 +360,7 @@ fn decode_quantised(origin: Tick, first: u8, from: &mut Reader<'_>) -> Result<Tr
 }
 
 /// Encodes the inertia of a body that can rotate torque-free.
-pub(super) fn encode_inertia(inertia: Option<&Inertia>, to: &mut Writer) {
+fn encode_inertia(inertia: Option<&Inertia>, to: &mut Writer) {
     let Some(inertia) = inertia else {
         return to.u8(0);
     };
@@ -380,7 +378,7 @@ pub(super) fn encode_inertia(inertia: Option<&Inertia>, to: &mut Writer) {
 /// # Errors
 ///
 /// [`Malformed`] for an invalid or a redundant inertia.
-pub(super) fn decode_inertia(from: &mut Reader<'_>) -> Result<Option<Inertia>, Malformed> {
+fn decode_inertia(from: &mut Reader<'_>) -> Result<Option<Inertia>, Malformed> {
     let form = from.u8()?;
     let (moments, frame) = match form {
         0 => return Ok(None),

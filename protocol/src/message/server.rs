@@ -1,8 +1,6 @@
-//! Messages of a server on the control stream.
+//! Messages of a server on the control stream; events of a tick, denials.
 //!
-//! The body events of one tick.
-//!
-//! Reasons of denied requests about a whole scene.
+//! Codec only: `session` decides which message is allowed now.
 
 use alloc::vec::Vec;
 use core::fmt;

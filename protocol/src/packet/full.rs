@@ -13,7 +13,7 @@ use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 
 /// Index (u32), position, quaternion x y z w, linear and angular velocity (f32 each), little-endian.
-pub(crate) const FULL_RECORD_BYTES: usize = 4 + 13 * 4;
+const FULL_RECORD_BYTES: usize = 4 + 13 * 4;
 
 /// Bytes before the records.
 const HEAD_BYTES_MAX: usize = 1 + 5 + 2 + 2 + 2;

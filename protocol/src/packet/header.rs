@@ -1,7 +1,7 @@
-//! The head of every datagram: its kind and its stream.
+//! The head of every datagram: its kind and its stream; the error scale.
 //!
-//! The factor by which a stream may exceed its tolerances, in one byte. Only streams with a budget send it, and only
-//! while the budget delays updates (PROTOCOL 5.17).
+//! The error scale, the factor by which a stream may exceed its tolerances, is one byte. Only streams with a budget
+//! send it, and only while the budget delays updates (PROTOCOL 5.17).
 
 use core::fmt;
 
@@ -129,7 +129,7 @@ pub struct Head {
 impl Head {
     /// The number of bytes that it takes.
     #[must_use]
-    pub(crate) const fn byte_len(self) -> usize {
+    const fn byte_len(self) -> usize {
         let StreamId(stream) = self.stream;
         match stream.checked_sub(LARGE) {
             None => 1,

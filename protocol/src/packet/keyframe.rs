@@ -1,12 +1,8 @@
 //! A keyframe: a whole track in bits that depend on no other track.
 //!
 //! Scene events, snapshots and refreshes carry tracks in this form, and updates carry what no correction can express
-//! (PROTOCOL 5.5).
-//!
-//! The encoding of a constant acceleration in an update. It is encoded once, with the mode that it belongs to. A
-//! correction that keeps the mode does not repeat it (PROTOCOL 5.6).
-//!
-//! A bit length, coded as its difference from an expected one.
+//! (PROTOCOL 5.5). An update encodes a constant acceleration once, with the mode that it belongs to: a correction that
+//! keeps the mode does not repeat it (PROTOCOL 5.6).
 
 use rhumb_reckoning::{
     ACCELERATION_EXPONENT_MAX, ACCELERATION_LIMIT, Anchor, BodyId, BodyState, ConstantAcceleration,

@@ -1,9 +1,7 @@
 //! The state datagrams and the content of each kind, bit by bit (PROTOCOL 5).
 //!
-//! Codec only: `stream` decides what a datagram means.
-//!
-//! The largest packet that a stream makes. Its publisher states the size when the stream starts. Relays and browsers
-//! add headers of their own, so a publisher leaves room for them.
+//! Codec only: `stream` decides what a datagram means. Each stream states its largest packet when it starts. Relays
+//! and browsers add headers of their own, so a publisher leaves room for them.
 
 mod cost;
 mod full;

@@ -317,7 +317,7 @@ static ALPHABETS: [[Alphabet; CLASSES]; GROUPS] = {
 
 /// The cost of a symbol with this frequency, in 1/256 bits. The logarithm is piecewise linear, which suffices to
 /// compare candidates.
-pub(crate) const fn symbol_cost(size: u32) -> u32 {
+const fn symbol_cost(size: u32) -> u32 {
     let keyframe = size.ilog2();
     let fraction = (size << 8 >> keyframe) - 256;
     (TOTAL_BITS - keyframe) * 256 - fraction

@@ -1,16 +1,9 @@
 //! The payload of an update: a correction of a prediction, or a keyframe.
 //!
 //! The range coder writes the numbers; their cost depends on the packet so far. Decoding needs no track, so a
-//! subscriber that lacks some tracks can still read the packet to its end (PROTOCOL 5.6).
-//!
-//! The age of a track, in published ticks of its stream. A stream that publishes every few ticks has no other ages, so
-//! an age is not given in ticks (PROTOCOL 5.6).
-//!
-//! The numbers of a correction, in the order on the wire. The writer walks over them; the reader and the cost model
-//! use the same contexts in the same order.
-//!
-//! The steps of a rest correction, in the order on the wire. Writer, reader and cost model share this one order
-//! (PROTOCOL 5.6).
+//! subscriber that lacks some tracks can still read the packet to its end (PROTOCOL 5.6). Writer, reader and cost
+//! model share one order of the numbers. A stream that publishes every few ticks has no other ages, so an age is not
+//! given in ticks.
 
 use core::num::NonZeroU32;
 
@@ -609,12 +602,7 @@ impl Age {
 }
 
 /// Calls `emit` for each number of a residual in the order on the wire, with its context.
-pub(super) fn numbers(
-    kind: usize,
-    age: Age,
-    residual: &Residual,
-    mut emit: impl FnMut(usize, i32),
-) {
+fn numbers(kind: usize, age: Age, residual: &Residual, mut emit: impl FnMut(usize, i32)) {
     each_of_place(residual, &mut emit);
     if let Some(velocity) = &residual.velocity {
         each_of_velocity(kind, age, velocity, &mut emit);
@@ -653,7 +641,7 @@ fn each(numbers: [i32; 3], contexts: TripleContexts, emit: &mut impl FnMut(usize
 }
 
 /// Steps of a rest correction: three of position, three of the smaller parts of a quaternion, one of its greatest.
-pub(super) const REST_STEPS: usize = 7;
+const REST_STEPS: usize = 7;
 /// Expected bit lengths of the first position step, the first rotation step and the last step: about those of a body of
 /// half a metre at 5 cm.
 const LENGTHS: [u32; 3] = [14, 19, 1];
@@ -679,7 +667,7 @@ pub(super) const fn length(step: i32) -> u32 {
     32 - step.unsigned_abs().leading_zeros()
 }
 
-pub(super) const fn rest_step(rest_correction: &mut RestCorrection, place: usize) -> &mut i32 {
+const fn rest_step(rest_correction: &mut RestCorrection, place: usize) -> &mut i32 {
     match place {
         0..3 => &mut rest_correction.position[place],
         3..6 => &mut rest_correction.others[place - 3],

@@ -1,9 +1,7 @@
 //! Symbol counts of packets, and packets that no publisher sends.
 //!
 //! Not part of the protocol: a tool that fits tables decodes recorded packets and counts their symbols
-//! (ARCHITECTURE.md, "Tables").
-//!
-//! Encodes packets that no publisher sends, for vectors of refused packets.
+//! (ARCHITECTURE.md, "Tables"); tests need packets that a subscriber refuses.
 
 use alloc::vec::Vec;
 

@@ -1,10 +1,8 @@
 //! What a receiver lost: loss reports, refreshes, checksums.
 //!
-//! The refresh: present tracks of the bodies in a lost packet. A refresh holds keyframes with their ages, so it can be
-//! read without any other packet. A refresh that exceeds a datagram is split into parts; each part is useful alone.
-//!
-//! The packet with the checksum over all tracks of a stream. Codec only; `stream/state_checksum` computes the
-//! checksum.
+//! A refresh holds the present tracks of the bodies in a lost packet, as keyframes with their ages, so it can be read
+//! without any other packet. A refresh that exceeds a datagram is split into parts; each part is useful alone. Codec
+//! only: `stream/state_checksum` computes the checksum over all tracks.
 
 use alloc::vec::Vec;
 
@@ -89,7 +87,7 @@ const GAP_ORDER: u32 = 3;
 const ALIAS_ORDER: u32 = 5;
 const AGE_ORDER: u32 = 4;
 /// An older track is encoded with this age: half a year at 60 Hz.
-pub(crate) const AGE_MAX: u32 = 1 << 30;
+const AGE_MAX: u32 = 1 << 30;
 
 /// One body's track.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

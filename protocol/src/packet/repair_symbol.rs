@@ -3,9 +3,8 @@
 //! Codec and arithmetic only; `stream` decides which packets a symbol covers and how losses are recovered. Invariant:
 //! the packets do not depend on repair symbols, so a packet can be read alone.
 //!
-//! Arithmetic in GF(256), the field of the repair symbols. Bytes are elements. Addition is exclusive or;
-//! multiplication is that of polynomials over one bit modulo x⁸ + x⁴ + x³ + x² + 1 (PROTOCOL 5.16). Invariant: every
-//! non-zero element has an inverse.
+//! Bytes are elements of GF(256). Addition is exclusive or; multiplication is that of polynomials over one bit modulo
+//! x⁸ + x⁴ + x³ + x² + 1 (PROTOCOL 5.16). Invariant: every non-zero element has an inverse.
 
 use alloc::vec::Vec;
 
@@ -19,7 +18,7 @@ pub(super) const REPAIR_SYMBOL_HEAD_BYTES_MAX: usize = 1 + 5 + 2 + 5 + 1;
 /// Bytes of a source symbol before the updates: kind, tick, scene events.
 pub(super) const SOURCE_SYMBOL_HEAD_BYTES: usize = 1 + 2 + 2;
 /// The longest source symbol, bytes.
-pub(crate) const SOURCE_SYMBOL_BYTES_MAX: usize = DATAGRAM_BYTES_MAX - REPAIR_SYMBOL_HEAD_BYTES_MAX;
+const SOURCE_SYMBOL_BYTES_MAX: usize = DATAGRAM_BYTES_MAX - REPAIR_SYMBOL_HEAD_BYTES_MAX;
 
 /// A linear combination of source symbols in GF(256).
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -1,9 +1,7 @@
 //! The tables of the packet coder: contexts, expectations, alphabets.
 //!
-//! Normative (PROTOCOL 5.4). Fitted to recorded motion of several engines; see ARCHITECTURE.md, "Tables".
-//!
-//! The symbols that begin an update: form, alias assignment, end of packet. `tables` has their alphabets; `payload`
-//! reads and writes them (PROTOCOL 5.6).
+//! Normative (PROTOCOL 5.4). Fitted to recorded motion of several engines; see ARCHITECTURE.md, "Tables". `payload`
+//! reads and writes the symbols that begin an update (PROTOCOL 5.6).
 
 /// Symbols of a number's alphabet, the escape included.
 pub(super) const SYMBOLS: usize = 18;

@@ -1,4 +1,6 @@
 //! The packets of a reckoned stream: updates and watermarks.
+//!
+//! Codec only: `publisher/packer` decides which updates a packet holds.
 
 use alloc::vec::Vec;
 

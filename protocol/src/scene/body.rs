@@ -1,10 +1,6 @@
-//! Description of a body, apart from its motion.
+//! Description of a body, apart from its motion and its shape.
 //!
-//! Mass and moments of inertia that do not follow from shape and density.
-//!
-//! Groups that decide which bodies touch each other.
-//!
-//! Set of axes along or about which a body or a joint does not move.
+//! Its kind, mass, surface, collision groups, locked axes and settings. Nothing here depends on an engine.
 
 use core::ops::BitOr;
 

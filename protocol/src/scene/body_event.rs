@@ -1,8 +1,7 @@
 //! The events of bodies in a tick: contacts, sensors, sleep, ground.
 //!
-//! Only bodies for which a command turned events on report any; faults and characters' ground are always reported. Nothing here depends on an engine.
-//!
-//! A contact of two bodies after a tick, as an engine reports it.
+//! Only bodies for which a command turned events on report any; faults and characters' ground are always reported.
+//! Nothing here depends on an engine.
 
 use glam::Vec3;
 use rhumb_reckoning::BodyId;

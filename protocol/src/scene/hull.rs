@@ -1,10 +1,8 @@
 //! Convex hull of points: the shape, its corners, volume and centre.
 //!
 //! Faces are not known here: engines find them. One pass over the points checks them; only the engine can tell whether
-//! a solid can be made of them. Cheap to copy: copies share their points.
-//!
-//! Corners, volume and centre of the convex hull of points. No shape here. Adds the farthest point to a solid until
-//! none is outside. Points that lie within rounding of a face count as inside.
+//! a solid can be made of them. Cheap to copy: copies share their points. Corners are found by adding the farthest
+//! point to a solid until none is outside. Points that lie within rounding of a face count as inside.
 
 use alloc::sync::Arc;
 use alloc::vec;
@@ -218,7 +216,7 @@ impl Convex {
     }
 
     /// The places of the corners among the points, ascending.
-    pub(super) fn corners(&self) -> Vec<usize> {
+    fn corners(&self) -> Vec<usize> {
         let mut is_corner = vec![false; self.points.len()];
         for face in &self.faces {
             for corner in face.corners {
@@ -232,7 +230,7 @@ impl Convex {
 
     /// False if the search ended before it had all corners.
     #[cfg(test)]
-    pub(super) const fn is_complete(&self) -> bool {
+    const fn is_complete(&self) -> bool {
         self.is_complete
     }
 

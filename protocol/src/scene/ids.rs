@@ -1,7 +1,7 @@
 //! Ids in a scene: what a member is granted, and what no scene can have.
 //!
-//! An id that no scene can have, in a call of an application. A client checks the ids of a call before it sends them:
-//! a decoder refuses any other id, and a server then closes the connection. No server answers with this error.
+//! A client checks the ids of a call before it sends them: a decoder refuses an id that no scene can have, and a
+//! server then closes the connection. No server answers with [`IdOutOfRange`].
 
 use core::fmt;
 

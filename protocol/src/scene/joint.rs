@@ -1,12 +1,8 @@
 //! Joints between two bodies, their motors, and the joints of a scene.
 //!
 //! Each body has a frame of the joint. A kind tells which motions of the second frame in the first are free, and
-//! limits bound them. Frames are in the axes of their body, from its centre of mass.
-//!
-//! The joints of a scene, by id and by body. Server and client keep the same table. Invariant: a joint is found under
-//! its id and under both of its bodies, or not at all.
-//!
-//! Motor of a joint along or about one of its free axes.
+//! limits bound them. Frames are in the axes of their body, from its centre of mass. Server and client keep the same
+//! table of joints. Invariant: a joint is found under its id and under both of its bodies, or not at all.
 
 use alloc::collections::{BTreeMap, BTreeSet};
 use alloc::vec::Vec;
@@ -584,7 +580,7 @@ impl Motor {
     }
 
     /// Checks every number. `position` and `velocity`: bounds of the axis.
-    pub(super) fn check(&self, position: f32, velocity: f32) -> Result<(), Invalid> {
+    fn check(&self, position: f32, velocity: f32) -> Result<(), Invalid> {
         let number = |value, [least, most]: [f32; 2], name, unit| {
             let checked = scalar(value, least, most, Quantity::Motor);
             checked.map_err(|wrong| wrong.of(name, unit))

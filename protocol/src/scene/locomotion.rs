@@ -1,10 +1,8 @@
 //! Locomotion of a body: a character that walks, or a vehicle on wheels.
 //!
-//! Settings of a character: a kinematic body that walks as far as it can. The server keeps its velocity, its fall and
-//! its contact with the ground; nothing here depends on an engine.
-//!
-//! Settings of a vehicle: a dynamic body on wheels, each a ray with a spring. Nothing here depends on an engine. A
-//! wheel is no body: a client that draws it computes its place, see [`Wheel::ray`].
+//! A character is a kinematic body that walks as far as it can: the server keeps its velocity, its fall and its
+//! contact with the ground. A vehicle is a dynamic body on wheels, each a ray with a spring. A wheel is no body: a
+//! client that draws it computes its place, see [`Wheel::ray`]. Nothing here depends on an engine.
 
 use alloc::vec::Vec;
 use core::f32::consts::{FRAC_PI_2, FRAC_PI_4, PI};

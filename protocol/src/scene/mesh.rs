@@ -1,12 +1,7 @@
 //! Scenery that is not convex: triangle meshes, and height fields.
 //!
-//! A surface, not a solid: it has no mass, so that only bodies that no engine moves may have it. Indices are checked
-//! here, since engines do not. Cheap to copy: copies share their points.
-//!
-//! Height field as a shape: ground. A surface, not a solid: it has neither volume nor mass, so that only bodies that
-//! no engine moves may have it. Cheap to copy: copies share their heights.
-//!
-//! Contacts at the edges between the triangles of a mesh or of heights.
+//! Surfaces, not solids: they have no mass, so that only bodies that no engine moves may have them. Indices are
+//! checked here, since engines do not. Cheap to copy: copies share their points and heights.
 
 use alloc::sync::Arc;
 use alloc::vec::Vec;

@@ -1,15 +1,7 @@
 //! Types of a scene that clients and servers share; its configuration.
 //!
-//! Configuration of a scene, constant for its life.
-//!
-//! The name of a scene.
-//!
-//! Publication times of a scene's streams: which ticks, with what delay. Configuration only; the observation history
-//! of a scene keeps the ticks. Commands and scene events act at every tick, whatever the schedule.
-//!
-//! Conditions under which bodies fall asleep.
-//!
-//! Material of a body: surface and density.
+//! A scene's name and configuration are constant for its life: how it steps, when its streams publish, when its bodies
+//! fall asleep. Commands and scene events act at every tick, whatever the schedule of its streams.
 
 mod body;
 mod body_builder;

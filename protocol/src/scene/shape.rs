@@ -1,12 +1,8 @@
 //! Shapes of bodies, compounds of shapes, and their centres of mass.
 //!
-//! A compound without parts touches nothing. Parts have no parts. Copies of a compound share its parts.
-//!
-//! The number of a shape within its scene.
-//!
-//! Centre of mass of a shape, and shapes moved to it. A body's pose is that of its centre of mass, and a shape is
-//! given from there. Programs that have a shape from elsewhere find its centre here. Masses add up as in an engine:
-//! where parts overlap, both count.
+//! A compound without parts touches nothing. Parts have no parts. Copies of a compound share its parts. A body's pose
+//! is that of its centre of mass, and a shape is given from there: programs that have a shape from elsewhere find its
+//! centre here. Masses add up as in an engine: where parts overlap, both count.
 
 use alloc::sync::Arc;
 use alloc::vec::Vec;

@@ -1,14 +1,8 @@
 //! The client's end of a connection: commands, scene replica, refresh.
 //!
 //! Does not wait and does not display. Call order: feed `handle_*`, then drain `poll_event` and `poll_transmit`, then
-//! ask `poll_timeout`. After an `Ended` event nothing more happens.
-//!
-//! The handshake of a client. Messages of later versions are accepted or refused by their code (PROTOCOL 3.5).
-//!
-//! The messages of a server, from the bytes of the control stream. Unknown messages that a client may ignore are
-//! skipped.
-//!
-//! The state of a connection as the client knows it.
+//! ask `poll_timeout`. After an `Ended` event nothing more happens. Messages of later versions are accepted or refused
+//! by their code, and unknown messages that a client may ignore are skipped (PROTOCOL 3.5).
 
 mod clock;
 mod membership;

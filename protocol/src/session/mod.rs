@@ -1,12 +1,7 @@
 //! The connection's state at both ends: allowed messages, close codes.
 //!
-//! The close code: the reason for the end of a connection, as a number.
-//!
-//! Close codes of the transport, above those of the protocol. Only the names of numbers: the transport decides when to
-//! close with them.
-//!
-//! Calls that the application may not make in the present state. Caused by the application alone, never by bytes of a
-//! peer.
+//! Close codes of the protocol and of the transport are numbers with names; each end decides when to close with them.
+//! Misuse is caused by the application alone, never by bytes of a peer.
 
 mod client;
 mod event;

@@ -1,14 +1,11 @@
 //! Both ends of an upstream: states of bodies under a client's authority.
 //!
-//! Wraps a `StreamReceiver`. Bytes come from untrusted clients: none may panic, memory is bounded, and only granted
-//! bodies are affected. Does not move bodies in the engine.
+//! The client's end wraps a `StreamSender`; its caller chooses the lane for the packets. Invariant: a server that
+//! received all packets of `publish` predicts each body within the tolerance of the state given here.
 //!
-//! The upstream of a client: states of the bodies it has authority over. Wraps a `StreamSender`. The caller chooses
-//! the lane for the packets. Invariant: a server that received all packets of `publish` predicts each body within the
-//! tolerance of the state given here.
-//!
-//! The timeout after which a silent upstream is stale. Counted in ticks of the scene alone, so that it is the same in
-//! a lockstep scene (PROTOCOL 6.14).
+//! The server's end wraps a `StreamReceiver`. Bytes come from untrusted clients: none may panic, memory is bounded,
+//! and only granted bodies are affected. It does not move bodies in the engine. It counts silence in ticks of the
+//! scene alone, so that the timeout is the same in a lockstep scene (PROTOCOL 6.14).
 
 use alloc::collections::{BTreeMap, VecDeque};
 use alloc::vec::Vec;
@@ -425,14 +422,14 @@ impl UpstreamSender {
 
 /// The timeout of an upstream, in ticks of its scene.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct UpstreamTimeout {
+struct UpstreamTimeout {
     policy: WatermarkPolicy,
     /// The allowed delay of a watermark.
     grace: Ticks,
 }
 
 impl UpstreamTimeout {
-    pub(crate) fn of(rate: Rate) -> Self {
+    fn of(rate: Rate) -> Self {
         Self {
             policy: WatermarkPolicy::upstream(rate),
             grace: Ticks::new(whole_ticks(rate, UPSTREAM_GRACE_MS) as u32),
@@ -440,17 +437,17 @@ impl UpstreamTimeout {
     }
 
     /// The tick at which the watermark after `watermark_tick` is due. `silence`: the ticks of silence that ended there.
-    pub(crate) fn due(&self, watermark_tick: Tick, silence: u64) -> Tick {
+    fn due(&self, watermark_tick: Tick, silence: u64) -> Tick {
         watermark_tick + Ticks::new(self.policy.pause_after(silence) as u32)
     }
 
     /// The tick from which the server requests the overdue watermark.
-    pub(crate) fn request_from(&self, watermark_tick: Tick, silence: u64) -> Tick {
+    fn request_from(&self, watermark_tick: Tick, silence: u64) -> Tick {
         self.due(watermark_tick, silence) + Ticks::new(self.grace.count() / 4)
     }
 
     /// The last tick that the server predicts without that watermark.
-    pub(crate) fn last_predicted(&self, watermark_tick: Tick, silence: u64) -> Tick {
+    fn last_predicted(&self, watermark_tick: Tick, silence: u64) -> Tick {
         self.due(watermark_tick, silence) + self.grace
     }
 }

@@ -58,7 +58,7 @@ impl<T: Clone + Default> AliasMap<T> {
     }
 
     /// Frees the alias of a body, if it has one, and returns it.
-    pub(crate) fn release(&mut self, body: u32) -> Option<u32> {
+    fn release(&mut self, body: u32) -> Option<u32> {
         let alias = self.of(body)?;
         self.of_body[body as usize] = 0;
         self.aliases[alias as usize].0 = None;

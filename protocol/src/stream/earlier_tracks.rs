@@ -48,7 +48,7 @@ pub(crate) struct EarlierTrack {
 
 /// Number of tracks kept for one body. A view with a longer delay shows a body of which each tick has an update at the
 /// oldest kept one.
-pub(crate) const EARLIER_TRACKS_MAX: u32 = 256;
+const EARLIER_TRACKS_MAX: u32 = 256;
 
 impl EarlierTracks {
     /// The track of a body in force at a tick, if it is kept.

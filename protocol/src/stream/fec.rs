@@ -1,14 +1,9 @@
 //! FEC: repair symbols of a stream, and recovery of lost packets by them.
 //!
-//! Knows of the receivers only how many packets they lose. Keeps the source symbols of the last [`FEC_SPAN`] packets.
-//!
-//! The FEC decoder: recovers lost packets from repair symbols. Handles source symbols and sums only; the subscriber
-//! reads a recovered packet like any other. Bytes come from untrusted peers. Memory is bounded by [`FEC_SPAN`] source
-//! symbols and [`REPAIR_SYMBOLS_KEPT`] repair symbols. A repair symbol costs at most one multiplication for each byte
-//! of these.
-//!
-//! The source symbols of a stream's recent packets, in reused buffers. At most one symbol for each of the last
-//! [`FEC_SPAN`] numbers. A new symbol replaces the one that is [`FEC_SPAN`] numbers older.
+//! The encoder knows of the receivers only how many packets they lose. The decoder handles source symbols and sums
+//! only; the subscriber reads a recovered packet like any other. Bytes come from untrusted peers. Memory is bounded by
+//! [`FEC_SPAN`] source symbols, in reused buffers, and [`REPAIR_SYMBOLS_KEPT`] repair symbols. A repair symbol costs
+//! at most one multiplication for each byte of these.
 
 use alloc::collections::VecDeque;
 use alloc::vec;
@@ -548,7 +543,7 @@ fn reduce(rows: &mut [Equation], source_symbols: usize) {
 
 /// Source symbols by number.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct SourceSymbols {
+struct SourceSymbols {
     largest_packet: LargestPacket,
     /// Empty until the first symbol is kept; then one slot for each number of the span.
     places: Vec<SymbolSlot>,
@@ -563,7 +558,7 @@ struct SymbolSlot {
 
 impl SourceSymbols {
     /// No symbols yet, of a stream with packets of at most this size.
-    pub(crate) fn new(largest_packet: LargestPacket) -> Self {
+    fn new(largest_packet: LargestPacket) -> Self {
         Self {
             largest_packet,
             places: Vec::new(),
@@ -571,7 +566,7 @@ impl SourceSymbols {
     }
 
     /// Keeps the source symbol of a packet.
-    pub(crate) fn keep(&mut self, number: u64, source_symbol: &[u8]) {
+    fn keep(&mut self, number: u64, source_symbol: &[u8]) {
         if self.places.is_empty() {
             self.places.resize(FEC_SPAN as usize, SymbolSlot::default());
         }
@@ -585,21 +580,21 @@ impl SourceSymbols {
     }
 
     /// Drops the source symbol of a packet.
-    pub(crate) fn forget(&mut self, number: u64) {
+    fn forget(&mut self, number: u64) {
         if self.get(number).is_some() {
             self.places[place_of(number)].number = None;
         }
     }
 
     /// Drops the source symbols of all packets below this number.
-    pub(crate) fn forget_below(&mut self, oldest: u64) {
+    fn forget_below(&mut self, oldest: u64) {
         for place in &mut self.places {
             place.number = place.number.filter(|number| *number >= oldest);
         }
     }
 
     /// The source symbol of a packet, if it is kept.
-    pub(crate) fn get(&self, number: u64) -> Option<&[u8]> {
+    fn get(&self, number: u64) -> Option<&[u8]> {
         let place = self.places.get(place_of(number))?;
         (place.number == Some(number)).then_some(&place.source_symbol)
     }

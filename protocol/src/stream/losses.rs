@@ -1,11 +1,8 @@
 //! Losses of a stream's receivers: their measure, and the answers to them.
 //!
-//! Counts packets only and knows no times, so a slow link is never mistaken for a lossy one.
-//!
-//! The bodies of recently sent packets, for refreshes of lost ones.
-//!
-//! Limits the rate of replies to the loss reports of one receiver. Bounds the work that a receiver can cause: the
-//! sender pauses between answered reports, and refreshes no packet twice within a round trip.
+//! The tracker counts packets only and knows no times, so a slow link is never mistaken for a lossy one. The limiter
+//! bounds the work that a receiver can cause: the sender pauses between answered reports, and refreshes no packet
+//! twice within a round trip.
 
 use alloc::collections::btree_map::Entry;
 use alloc::collections::{BTreeMap, VecDeque};

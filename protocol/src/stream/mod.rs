@@ -1,22 +1,9 @@
 //! The state stream: encoded once for all of its subscribers; its settings.
 //!
-//! The config of a reckoned stream. Contains data alone. A subscriber learns from the stream's start what it needs of
-//! it.
-//!
-//! The features of a publisher: all are on, except in measurements.
-//!
-//! The byte budget of a stream, and the token bucket that enforces it. The bucket fills as ticks pass.
-//! `publisher/update_queue` decides which updates go first. The budget does not depend on links or receivers.
-//!
-//! The redundancy of a stream: how many repair symbols go with its packets.
-//!
-//! The schedule of a silent stream's watermarks. Counted in ticks of the scene alone, so it is the same in a lockstep
-//! scene. One rule for every stream: after the shortest silence, then each time the silence has doubled, and at most
-//! the longest pause apart.
-//!
-//! The state from which a subscriber starts. The server sends it before the snapshot.
-//!
-//! Counters of what a publisher has sent. Numbers only; no decision depends on them.
+//! Settings are data; the publisher and the subscriber act on them. Budget and watermarks count ticks of the scene
+//! alone: they do not depend on links or receivers, and are the same in a lockstep scene. One rule for every stream's
+//! silence: a watermark after the shortest silence, then each time the silence has doubled, and at most the longest
+//! pause apart.
 
 mod aliases;
 mod earlier_tracks;
@@ -75,7 +62,7 @@ pub struct StreamConfig {
 impl StreamConfig {
     /// Sixty ticks a second, each published, without gravity: the config of unit tests.
     #[cfg(test)]
-    pub(crate) const PLAIN: Self = Self {
+    const PLAIN: Self = Self {
         tolerance: Tolerance::NORMAL,
         integrator: Integrator {
             rate: Rate::HZ_60,
@@ -236,7 +223,7 @@ impl Wire for Budget {
 
 /// The unspent part of a budget.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct TokenBucket {
+struct TokenBucket {
     /// Billionths of a byte; negative after packets that had to be sent despite the budget.
     left: i64,
     each_tick: i64,
@@ -247,7 +234,7 @@ const BILLION: i64 = 1_000_000_000;
 
 impl TokenBucket {
     /// A full bucket.
-    pub(crate) fn new(budget: Budget, rate: Rate) -> Self {
+    fn new(budget: Budget, rate: Rate) -> Self {
         let most = i64::from(budget.burst) * BILLION;
         Self {
             left: most,
@@ -257,18 +244,18 @@ impl TokenBucket {
     }
 
     /// Adds the bytes earned in `passed` ticks.
-    pub(crate) fn earn(&mut self, passed: Ticks) {
+    fn earn(&mut self, passed: Ticks) {
         let earned = self.each_tick.saturating_mul(i64::from(passed.count()));
         self.left = self.left.saturating_add(earned).min(self.most);
     }
 
     /// Subtracts bytes that were sent.
-    pub(crate) fn spend(&mut self, bytes: usize) {
+    fn spend(&mut self, bytes: usize) {
         self.left = self.left.saturating_sub(bytes as i64 * BILLION);
     }
 
     /// The unspent whole bytes.
-    pub(crate) fn left(&self) -> u64 {
+    fn left(&self) -> u64 {
         (self.left.max(0) / BILLION) as u64
     }
 }
@@ -285,7 +272,7 @@ const ANSWERED: f64 = 0.01;
 
 /// The share of a stream's packets that was lost, in millionths.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) struct LossRate(u32);
+struct LossRate(u32);
 
 impl LossRate {
     /// A loss rate in percent.
@@ -326,7 +313,7 @@ impl Redundancy {
     /// The redundancy for a loss rate, given the present one. It rises at once and falls only after the loss is clearly
     /// less.
     #[must_use]
-    pub(crate) fn for_loss(self, loss: LossRate) -> Self {
+    fn for_loss(self, loss: LossRate) -> Self {
         let served = |eased: bool| {
             let enough = |level: &&Self| {
                 let from = level.from().0;
@@ -338,7 +325,7 @@ impl Redundancy {
     }
 
     /// The number of ticks between repair symbols; none without repair symbols.
-    pub(crate) const fn ticks(self) -> Option<u32> {
+    const fn ticks(self) -> Option<u32> {
         match self {
             Self::Off => None,
             Self::Thin => Some(3),
@@ -349,13 +336,13 @@ impl Redundancy {
 
     /// True if a tick of this many bytes is sent in two packets followed by repair symbols of half the length. One lost
     /// datagram of the three is then recovered before the tick is displayed.
-    pub(crate) const fn halves(self, bytes: usize) -> bool {
+    const fn halves(self, bytes: usize) -> bool {
         matches!(self, Self::Plain | Self::Thick) && bytes >= HALVED
     }
 
     /// The number of repair symbols for this many new packets. It fails to cover the losses in about one of a hundred
     /// cases, and never exceeds the number of packets.
-    pub(crate) fn repair_symbols(self, packets: u64) -> u64 {
+    fn repair_symbols(self, packets: u64) -> u64 {
         if self == Self::Off {
             return 0;
         }
@@ -369,7 +356,7 @@ impl Redundancy {
 
     /// The number of repair symbols that answer a request for `wanted`, of which `in_flight` are in flight. Too few
     /// arrive in about one of a hundred cases. Answers are rare, and the receiver has already waited for a round trip.
-    pub(crate) fn answers(self, wanted: usize, in_flight: usize) -> usize {
+    fn answers(self, wanted: usize, in_flight: usize) -> usize {
         let least = wanted.saturating_sub(in_flight);
         let most = (3 * wanted).saturating_sub(in_flight);
         let loss = self.loss().max(ANSWERED);

@@ -1,11 +1,8 @@
 //! The observations of a scene's recent ticks, shared by its streams.
 //!
-//! One for each scene. Invariant: the observed ticks have no gap; after a gap the history starts again. Ticks that no
-//! publisher needs are dropped.
-//!
-//! The observed state of a body after a tick: the publisher's ground truth.
-//!
-//! The observations of one body around a published tick. States and motions only. The mode decision interprets them.
+//! Observations are the publisher's ground truth. One history for each scene. Invariant: the observed ticks have no
+//! gap; after a gap the history starts again. Ticks that no publisher needs are dropped. A window holds the
+//! observations of one body around a published tick; the mode decision interprets them.
 
 use alloc::collections::BTreeMap;
 use alloc::vec::Vec;
@@ -21,7 +18,7 @@ use crate::scene::PublishSchedule;
 pub const LOOKAHEAD_MAX: Ticks = Ticks::new(LOOKAHEAD_TICKS_MAX);
 /// The distance between the earlier observations of a body that a publisher uses. It is half of the publish interval,
 /// rounded down, at least one tick: events between two published ticks are then observed, and the latest count most.
-pub(super) const fn stride(publish_interval: NonZeroU32) -> Ticks {
+const fn stride(publish_interval: NonZeroU32) -> Ticks {
     let half = publish_interval.get() / 2;
     Ticks::new(if half > 1 { half } else { 1 })
 }
@@ -160,7 +157,7 @@ impl ObservationHistory {
     }
 
     /// See [`stride`].
-    pub(super) const fn stride(&self) -> Ticks {
+    const fn stride(&self) -> Ticks {
         stride(self.publish_schedule.publish_interval)
     }
 
@@ -184,7 +181,7 @@ impl ObservationHistory {
 
 /// The observation of a body whose position is near `place`.
 #[inline]
-pub(super) fn near(observed: &[Observation], id: BodyId, place: usize) -> Option<&Observation> {
+fn near(observed: &[Observation], id: BodyId, place: usize) -> Option<&Observation> {
     let place = match observed.get(place) {
         Some(observation) if observation.id == id => return Some(observation),
         _ => find(observed, id.index(), place)?,

@@ -5,8 +5,8 @@
 //! Invariant: after `publish`, every observed body is within the tolerance of its track, grid error included, or is
 //! reported as over budget.
 //!
-//! The scan of observations: tracks out of tolerance and parent candidates. One pass over the observations. Bodies
-//! that surely hold cost nothing more. Changes no track. Invariant: positions in `undecided` and `other_parents` rise.
+//! The scan is one pass over the observations that changes no track. Bodies that surely hold cost nothing more.
+//! Invariant: positions in `undecided` and `other_parents` rise.
 
 mod body_check;
 mod packer;

@@ -2,12 +2,8 @@
 //!
 //! Reports losses, open or recovered by repair symbols, and overdue watermarks. Sans-IO. Used by a client for its
 //! scene, by a server for an upstream, and by replays; each sets how long silence may last. Call order:
-//! `subscriber_mut().handle`, `watch`, then `due` and `report`.
-//!
-//! The NACK scheduler: when each missing packet is reported again. Every missing packet has its own timer. Only
-//! missing packets take memory.
-//!
-//! The retry timer of an unanswered message, with growing pauses.
+//! `subscriber_mut().handle`, `watch`, then `due` and `report`. Every missing packet has a timer of its own with
+//! growing pauses; only missing packets take memory.
 
 use alloc::vec::Vec;
 
@@ -148,7 +144,7 @@ const WAIT_MOST: Span = Span::from_millis(500);
 
 /// The missing packets of one stream and their timers.
 #[derive(Clone, Debug)]
-pub(super) struct NackScheduler {
+struct NackScheduler {
     /// In rising order of number.
     open: Vec<(u64, RetryTimer)>,
     /// The earliest time of the next report, because the last one had no place for more packets.
@@ -157,7 +153,7 @@ pub(super) struct NackScheduler {
 
 impl NackScheduler {
     /// A scheduler without missing packets.
-    pub(super) const fn new() -> Self {
+    const fn new() -> Self {
         Self {
             open: Vec::new(),
             paused_until: Instant::ZERO,
@@ -165,7 +161,7 @@ impl NackScheduler {
     }
 
     /// Starts timers for packets that are newly missing, and drops those of packets that are not missing any more.
-    pub(super) fn watch(&mut self, now: Instant, stream: &Subscriber) {
+    fn watch(&mut self, now: Instant, stream: &Subscriber) {
         let in_order = stream.statistics().disordered == 0;
         let allowed = if in_order { Span::ZERO } else { DISORDER };
         self.wait_for(now, allowed, stream.missing_packets());
@@ -186,7 +182,7 @@ impl NackScheduler {
     }
 
     /// The time of the next report.
-    pub(super) fn due(&self) -> Option<Instant> {
+    fn due(&self) -> Option<Instant> {
         let due = self.open.iter().filter_map(|(_, timer)| timer.due()).min();
         due.map(|due| due.max(self.paused_until))
     }
@@ -194,7 +190,7 @@ impl NackScheduler {
     /// The packets to report now, in rising order, as many as a report holds. The pause until the next report of each is
     /// `min_delay` at least, and never zero, even before a round trip is measured. More packets follow after a pause in
     /// which the sender answers no report.
-    pub(super) fn poll(&mut self, now: Instant, min_delay: Span) -> Vec<u64> {
+    fn poll(&mut self, now: Instant, min_delay: Span) -> Vec<u64> {
         if now < self.paused_until {
             return Vec::new();
         }
@@ -240,7 +236,7 @@ impl RetryTimer {
     }
 
     /// Starts as [`Self::begin`], with a first pause of at least this span; later pauses double it.
-    pub(crate) fn begin_for(&mut self, now: Instant, span: Span) {
+    fn begin_for(&mut self, now: Instant, span: Span) {
         if self.due.is_none() {
             self.span = self.span.max(span);
             self.due = Some(now + self.span);

@@ -1,11 +1,7 @@
 //! The subscriber of a stream: keeps its tracks and knows which are certain.
 //!
-//! Bytes come from untrusted peers: none may panic, and memory is bounded by the limits. Does not choose when to report
-//! losses; see `receiver`. Invariant: while the stream is converged, every track equals the publisher's.
-//!
-//! Counters of what a subscriber has received. Numbers only; no decision depends on them.
-//!
-//! The bound of a replica's error for one body. Only the type; the subscriber determines the bound.
+//! Bytes come from untrusted peers: none may panic, and memory is bounded by the limits. Does not choose when to
+//! report losses; see `receiver`. Invariant: while the stream is converged, every track equals the publisher's.
 
 mod in_force;
 mod lifetimes;

@@ -1,17 +1,9 @@
 //! The table of tracks: the publisher's predictions and their replica.
 //!
 //! Publisher and subscriber both use this type and change it by the same calls, so their tables stay equal to the bit.
-//!
-//! The slot of one body in the table of tracks, in few bytes. Rotation cursors are kept beside the table, because most
-//! scenes have no torque-free body.
-//!
-//! Cached states of torque-free rotation, by body. The cache changes the cost of a prediction, never its bits.
-//!
-//! Prediction parameters of a stream's bodies, each distinct set kept once. Contains no bodies: the tables of bodies
-//! hold the numbers of parameter sets.
-//!
-//! The present and earlier gravity of a scene. A track keeps the gravity of its origin tick: both ends look it up by
-//! that tick.
+//! A slot of few bytes for each body; each distinct set of prediction parameters is kept once. Rotation cursors are
+//! kept beside the table, because most scenes have no torque-free body: they change the cost of a prediction, never
+//! its bits. A track keeps the gravity of its origin tick: both ends look it up by that tick.
 
 mod applying;
 
@@ -593,23 +585,23 @@ impl RotationCursors {
 
 /// One distinct set of parameters in a stream.
 #[derive(Clone, Debug)]
-pub(super) struct InternedParameters {
-    pub(super) radius: Metres,
-    pub(super) gravity_scale: f32,
-    pub(super) inertia: Option<Inertia>,
+struct InternedParameters {
+    radius: Metres,
+    gravity_scale: f32,
+    inertia: Option<Inertia>,
     /// The index in the table of damping factors.
-    pub(super) flow: u16,
-    pub(super) tolerance_scale: ToleranceScale,
+    flow: u16,
+    tolerance_scale: ToleranceScale,
     /// A number that the subscriber's owner keeps with such bodies; see `Tracks::label`.
-    pub(super) label: Option<u32>,
+    label: Option<u32>,
     /// The stream's tolerance, scaled for these bodies.
-    pub(super) tolerance: Tolerance,
-    pub(super) grid: Grid,
+    tolerance: Tolerance,
+    grid: Grid,
 }
 
 /// The values that distinguish two sets, bit for bit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) struct ParameterKey {
+struct ParameterKey {
     radius: u64,
     gravity_scale: u32,
     inertia: Option<[u32; 7]>,
@@ -638,17 +630,17 @@ impl Internable for InternedParameters {
 }
 
 /// All parameter sets of one stream, by number.
-pub(super) type InternedParameterTable = Interner<InternedParameters>;
+type InternedParameterTable = Interner<InternedParameters>;
 
 /// Gravity by the tick from which on it acts.
 #[derive(Clone, Debug)]
-pub(crate) struct GravityHistory {
+struct GravityHistory {
     /// Rising ticks; never empty.
     changes: Vec<(Tick, DVec3)>,
 }
 
 impl GravityHistory {
-    pub(crate) fn new(gravity: Vec3) -> Self {
+    fn new(gravity: Vec3) -> Self {
         Self {
             changes: alloc::vec![(Tick::ZERO, gravity.as_dvec3())],
         }
@@ -656,7 +648,7 @@ impl GravityHistory {
 
     /// The gravity of tracks with this origin, m/s², world frame.
     #[inline]
-    pub(crate) fn at(&self, origin: Tick) -> DVec3 {
+    fn at(&self, origin: Tick) -> DVec3 {
         // Most scenes never change their gravity.
         if let [(_, gravity)] = self.changes[..] {
             return gravity;
@@ -669,7 +661,7 @@ impl GravityHistory {
     }
 
     /// The gravity and the first tick of each change, oldest first. The first entry also holds for all earlier ticks.
-    pub(crate) fn changes(&self) -> impl Iterator<Item = (Tick, Vec3)> {
+    fn changes(&self) -> impl Iterator<Item = (Tick, Vec3)> {
         let since = |place: usize, tick: Tick| if place == 0 { Tick::ZERO } else { tick };
         self.changes
             .iter()
@@ -678,7 +670,7 @@ impl GravityHistory {
     }
 
     /// Changes the gravity from `since` on and drops entries that no track can refer to.
-    pub(crate) fn change(&mut self, since: Tick, gravity: Vec3) {
+    fn change(&mut self, since: Tick, gravity: Vec3) {
         self.changes.retain(|(earlier, _)| *earlier < since);
         let oldest_needed = since.before(TRACK_AGE_MAX).unwrap_or_default();
         let still_needed = self

@@ -155,7 +155,7 @@ impl PutBits for BitWriter {
 }
 
 /// Largest number of a Golomb code: any residual on the widest grid, mapped to unsigned.
-pub(crate) const GOLOMB_MAX: u32 = (1 << 31) + (1 << 30);
+const GOLOMB_MAX: u32 = (1 << 31) + (1 << 30);
 
 /// Length of the code of [`BitWriter::golomb`] in bits.
 #[must_use]

@@ -2,8 +2,6 @@
 //!
 //! Writing asserts, since the caller is part of the product; reading never does, since any peer may be the sender. A
 //! variable integer has seven bits a byte, low bits first, and only its shortest form is accepted (PROTOCOL 2.2).
-//!
-//! A value with exactly one encoding.
 
 use alloc::vec::Vec;
 

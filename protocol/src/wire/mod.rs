@@ -1,6 +1,6 @@
 //! Encoding of values as bytes and bits, and the errors of decoding.
 //!
-//! Errors of decoding.
+//! A value has one encoding: what decodes encodes to the same bytes, or is refused.
 
 pub mod bits;
 pub mod bytes;

@@ -1,9 +1,8 @@
 //! Range coder: a symbol takes as many bits as its probability demands.
 //!
 //! Thirty-two bits wide, most significant byte first. Writing asserts; reading never does, and refuses every string
-//! that writing does not give (PROTOCOL 5.3).
-//!
-//! Lookup tables of an alphabet for the range decoder. Computed at compile time from the starts of the symbols.
+//! that writing does not give (PROTOCOL 5.3). The decoder looks symbols up in tables that are computed at compile
+//! time.
 
 use alloc::vec;
 use alloc::vec::Vec;
@@ -384,12 +383,12 @@ struct NearSymbols(u64);
 
 /// A symbol and the parts that it covers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct SymbolSpan {
-    pub(crate) symbol: usize,
+struct SymbolSpan {
+    symbol: usize,
     /// The first part.
-    pub(crate) start: u32,
+    start: u32,
     /// Number of parts.
-    pub(crate) size: u32,
+    size: u32,
 }
 
 /// Greatest number of symbols, with the end.
@@ -426,7 +425,7 @@ impl Alphabet {
 
     /// The symbol that covers a part, one of 2^[`TOTAL_BITS`].
     #[inline(always)]
-    pub(crate) fn at(&self, part: u32) -> SymbolSpan {
+    fn at(&self, part: u32) -> SymbolSpan {
         let stretch = (part >> STRETCH_BITS) as usize % STRETCHES;
         let NearSymbols(near) = self.near[stretch];
         let sixteen = |place: u32| (near >> (16 * place)) as u16;

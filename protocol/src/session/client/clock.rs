@@ -1,10 +1,8 @@
 //! The client's samples of a scene's clock, and the schedule of its pings.
 //!
-//! Only a free-running scene has a clock; in lockstep its members set the time.
-//!
-//! The schedule of a client's pings, which sample the server's clock. Reads no clock itself. Two clocks drift apart
-//! slowly, so pings are rare. The stream also shows the server's time; the next ping comes sooner only if that time
-//! contradicts the last sample.
+//! Only a free-running scene has a clock; in lockstep its members set the time. Reads no clock itself. Two clocks
+//! drift apart slowly, so pings are rare. The stream also shows the server's time; the next ping comes sooner only if
+//! that time contradicts the last sample.
 
 use rhumb_reckoning::{Rate, Tick, Ticks};
 
@@ -120,7 +118,7 @@ const SLACK_SECONDS: f64 = 0.1;
 
 /// The ping schedule of one membership in a free-running scene.
 #[derive(Clone, Debug)]
-pub(crate) struct Pings {
+struct Pings {
     due: Option<Instant>,
     left: u32,
     last_sent: Instant,
@@ -138,7 +136,7 @@ struct ClockSample {
 
 impl Pings {
     /// A schedule with no ping due.
-    pub(crate) const fn new() -> Self {
+    const fn new() -> Self {
         Self {
             due: None,
             left: 0,
@@ -148,24 +146,24 @@ impl Pings {
     }
 
     /// The time of the next ping; None outside a membership.
-    pub(crate) const fn due(&self) -> Option<Instant> {
+    const fn due(&self) -> Option<Instant> {
         self.due
     }
 
     /// Starts the schedule of a membership. The caller sends the first ping now.
-    pub(crate) fn begin(&mut self, now: Instant) {
+    fn begin(&mut self, now: Instant) {
         self.left = FIRST_PINGS;
         self.sample = None;
         self.note_sent(now);
     }
 
     /// Ends the schedule together with the membership.
-    pub(crate) fn end(&mut self) {
+    fn end(&mut self) {
         *self = Self::new();
     }
 
     /// Notes that a ping was sent.
-    pub(crate) fn note_sent(&mut self, now: Instant) {
+    fn note_sent(&mut self, now: Instant) {
         self.last_sent = now;
         self.left = self.left.saturating_sub(1);
         let pause = if self.left > 0 { FIRST_PAUSE } else { PAUSE };
@@ -173,7 +171,7 @@ impl Pings {
     }
 
     /// Takes a sample: at `at`, the server had reached its newest tick `since_tick` before.
-    pub(crate) fn note_sample(
+    fn note_sample(
         &mut self,
         at: Instant,
         tick: Tick,
@@ -202,7 +200,7 @@ impl Pings {
     }
 
     /// Notes that the stream shows a tick, reached now or at most `slack` ticks before.
-    pub(crate) fn shown(&mut self, now: Instant, tick: Tick, slack: Ticks, rate: Rate) {
+    fn shown(&mut self, now: Instant, tick: Tick, slack: Ticks, rate: Rate) {
         let Some(sample) = self.sample else {
             return;
         };

@@ -1,10 +1,8 @@
 //! A client's membership of a scene, and the scene's messages to it.
 //!
-//! Ends with the membership. Commands and their session are kept apart, because they outlive a connection.
-//!
-//! Body events that wait until the replica shows their tick. Events come on the control stream and states in
-//! datagrams, so that an event may be early. Invariant: at most [`EVENTS_HELD_MAX`] events wait; beyond that the
-//! oldest tick's are dropped, and counted.
+//! Ends with the membership. Commands and their session are kept apart, because they outlive a connection. Events come
+//! on the control stream and states in datagrams, so an event may be early. Invariant: at most [`EVENTS_HELD_MAX`]
+//! events wait; beyond that the oldest tick's are dropped, and counted.
 
 use alloc::collections::VecDeque;
 
@@ -174,7 +172,7 @@ impl ClientMembership {
 
 /// The waiting events, oldest tick first.
 #[derive(Debug, Default)]
-pub(super) struct HeldEvents {
+struct HeldEvents {
     ticks: VecDeque<TickEvents>,
     count: usize,
     /// Events that were dropped here and not yet counted for the application.
@@ -182,7 +180,7 @@ pub(super) struct HeldEvents {
 }
 
 impl HeldEvents {
-    pub(super) const fn new() -> Self {
+    const fn new() -> Self {
         Self {
             ticks: VecDeque::new(),
             count: 0,
@@ -191,7 +189,7 @@ impl HeldEvents {
     }
 
     /// Keeps the events of a tick.
-    pub(super) fn push(&mut self, events: TickEvents) {
+    fn push(&mut self, events: TickEvents) {
         self.count += events.events.len();
         self.ticks.push_back(events);
         while self.count > EVENTS_HELD_MAX || self.ticks.len() > EVENTS_HELD_MAX {
@@ -201,7 +199,7 @@ impl HeldEvents {
     }
 
     /// Moves the events up to a complete tick to the application's.
-    pub(super) fn release(&mut self, complete: Tick, to: &mut VecDeque<Event>) {
+    fn release(&mut self, complete: Tick, to: &mut VecDeque<Event>) {
         while self
             .ticks
             .front()

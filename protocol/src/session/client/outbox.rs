@@ -1,10 +1,8 @@
 //! What a client sends: messages in order, commands kept for a resumption.
 //!
-//! Decides nothing. Invariant: a control message leaves before everything that was sent after it.
-//!
-//! Commands that a client keeps so that another connection can go on. Commands and advances in the order of sending,
-//! until the server has what the scene promises: a scene with a command log has them when they are durable, another
-//! one when they are done. Invariant: no command is given up that the server may ask for again.
+//! Invariant: a control message leaves before everything that was sent after it. Commands and advances are kept in the
+//! order of sending, until the server has what the scene promises: a scene with a command log has them when they are
+//! durable, another one when they are done. Invariant: no command is dropped that the server may ask for again.
 
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;

@@ -1,16 +1,9 @@
 //! A subscription: replicas of a member, and the requests that keep them live.
 //!
 //! Requests streams, reports losses, and asks for a new snapshot if a replica has lost sync. Sends by the outbox and
-//! reports by events. Invariant: only one request that a snapshot answers is pending.
-//!
-//! A member's requests for streams: one at a time, the newest choice last. Sends nothing itself. Invariants: the
-//! member sends no request while another one is unanswered (PROTOCOL 4.8-14), and every choice is requested in the
-//! end, whatever the server does.
-//!
-//! Response times of the ticks that a client requests.
-//!
-//! Switches a member from one replica of a scene to the next. Decides only when the next replica replaces the shown
-//! one. Invariant: the shown replica never falls back to an earlier complete tick, unless it had lost sync.
+//! reports by events. Invariants: only one request that a snapshot answers is pending, so the member sends no request
+//! while another one is unanswered (PROTOCOL 4.8-14); every choice is requested in the end, whatever the server does;
+//! the shown replica never falls back to an earlier complete tick, unless it had lost sync.
 
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;
@@ -273,7 +266,7 @@ impl Subscription {
 
 /// The requested stream and the choice that follows it.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct StreamSelection {
+struct StreamSelection {
     /// The stream requested last, while the answer is pending.
     requested: Option<StreamChoice>,
     /// The stream to request next.
@@ -296,7 +289,7 @@ enum PendingReplica {
 
 impl StreamSelection {
     /// No choice and no pending request.
-    pub(super) const fn new() -> Self {
+    const fn new() -> Self {
         Self {
             requested: None,
             wanted: None,
@@ -306,7 +299,7 @@ impl StreamSelection {
     }
 
     /// Selects a stream in place of any earlier choice.
-    pub(super) fn select(&mut self, choice: StreamChoice) {
+    fn select(&mut self, choice: StreamChoice) {
         let is_pending = match self.requested {
             Some(requested) => requested == choice,
             None => self.pending_replica == PendingReplica::Requested(choice),
@@ -315,7 +308,7 @@ impl StreamSelection {
     }
 
     /// The stream to request now, if any.
-    pub(super) const fn take_request(&mut self) -> Option<StreamChoice> {
+    const fn take_request(&mut self) -> Option<StreamChoice> {
         if self.requested.is_some() {
             return None;
         }
@@ -324,17 +317,17 @@ impl StreamSelection {
     }
 
     /// True if a request is unanswered.
-    pub(super) const fn awaits_answer(&self) -> bool {
+    const fn awaits_answer(&self) -> bool {
         self.requested.is_some()
     }
 
     /// Notes that the server moves the member to another stream.
-    pub(super) const fn handle_tier_changed(&mut self, to: StreamChoice) {
+    const fn handle_tier_changed(&mut self, to: StreamChoice) {
         self.moved = Some(to);
     }
 
     /// Notes the start of a snapshot: an answer, a move, or the present stream again.
-    pub(super) fn handle_joined(&mut self, choice: StreamChoice) {
+    fn handle_joined(&mut self, choice: StreamChoice) {
         if self.moved.take() == Some(choice) {
             self.pending_replica = PendingReplica::TierChanged;
         } else if self.requested == Some(choice) {
@@ -344,12 +337,12 @@ impl StreamSelection {
     }
 
     /// Notes that the server denied the request.
-    pub(super) const fn handle_denied(&mut self) {
+    const fn handle_denied(&mut self) {
         self.requested = None;
     }
 
     /// True if the replica now shown is an answer or a move rather than a resync.
-    pub(super) fn take_subscription_change(&mut self) -> bool {
+    fn take_subscription_change(&mut self) -> bool {
         core::mem::replace(&mut self.pending_replica, PendingReplica::Nothing)
             != PendingReplica::Nothing
     }
@@ -357,7 +350,7 @@ impl StreamSelection {
 
 /// The latest response times. A tick that takes long to step is not reported as lost.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct ResponseTimes {
+struct ResponseTimes {
     /// The tick being timed and the time of its request.
     pending: Option<(Tick, Instant)>,
     /// The last two response times. The shorter one counts, because a loss may have lengthened the other.
@@ -365,7 +358,7 @@ pub(super) struct ResponseTimes {
 }
 
 impl ResponseTimes {
-    pub(super) const fn new() -> Self {
+    const fn new() -> Self {
         Self {
             pending: None,
             response_times: [Span::ZERO; 2],
@@ -373,19 +366,19 @@ impl ResponseTimes {
     }
 
     /// Starts timing a requested tick, unless another one is being timed.
-    pub(super) fn note_requested(&mut self, now: Instant, tick: Tick) {
+    fn note_requested(&mut self, now: Instant, tick: Tick) {
         self.pending.get_or_insert((tick, now));
     }
 
     /// Notes that all ticks up to this one are complete.
-    pub(super) fn note_complete(&mut self, now: Instant, complete: Tick) {
+    fn note_complete(&mut self, now: Instant, complete: Tick) {
         if let Some((_, at)) = self.pending.take_if(|(tick, _)| *tick <= complete) {
             self.response_times = [now.since(at), self.response_times[0]];
         }
     }
 
     /// The timeout for the next tick: twice the shorter of the last two response times, at most `most`.
-    pub(super) fn timeout(&self, most: Span) -> Span {
+    fn timeout(&self, most: Span) -> Span {
         let [last, before] = self.response_times;
         Span::from_nanos(last.min(before).as_nanos() * 2).min(most)
     }
@@ -393,7 +386,7 @@ impl ResponseTimes {
 
 /// The replicas of one membership.
 #[derive(Debug, Default)]
-pub(crate) struct ReplicaSwitch {
+struct ReplicaSwitch {
     shown: Option<Replica>,
     /// The replica that a snapshot is filling, or a complete one that has not caught up with the shown one.
     next: Option<Replica>,
@@ -409,7 +402,7 @@ pub(crate) enum EventTarget {
 }
 
 impl ReplicaSwitch {
-    pub(crate) const fn new() -> Self {
+    const fn new() -> Self {
         Self {
             shown: None,
             next: None,
@@ -417,22 +410,22 @@ impl ReplicaSwitch {
     }
 
     /// The replica that the application displays.
-    pub(crate) const fn shown(&self) -> Option<&Replica> {
+    const fn shown(&self) -> Option<&Replica> {
         self.shown.as_ref()
     }
 
     /// See [`Self::shown`].
-    pub(crate) const fn shown_mut(&mut self) -> Option<&mut Replica> {
+    const fn shown_mut(&mut self) -> Option<&mut Replica> {
         self.shown.as_mut()
     }
 
     /// Starts a replica that the following snapshot fills.
-    pub(crate) fn begin(&mut self, joined: &Joined) {
+    fn begin(&mut self, joined: &Joined) {
         self.next = Some(Replica::new(joined));
     }
 
     /// Completes the snapshot. The first replica of a membership is shown at once.
-    pub(crate) fn end_snapshot(&mut self) -> Result<(), CloseCode> {
+    fn end_snapshot(&mut self) -> Result<(), CloseCode> {
         let filling = self.next.as_mut().filter(|replica| !replica.is_complete());
         filling.ok_or(CloseCode::VIOLATION)?.end_snapshot();
         if self.shown.is_none() {
@@ -442,7 +435,7 @@ impl ReplicaSwitch {
     }
 
     /// Shows the next replica if it has caught up, so that the display has no gap. Returns the replaced replica.
-    pub(crate) fn switch_when_caught_up(&mut self) -> Option<Replica> {
+    fn switch_when_caught_up(&mut self) -> Option<Replica> {
         let shown = self.shown.as_mut()?;
         let as_far = |next: &mut Replica| next.is_complete() && next.has_caught_up_with(shown);
         let mut next = self.next.take_if(as_far)?;
@@ -451,10 +444,7 @@ impl ReplicaSwitch {
     }
 
     /// Applies a scene event to the next replica, and to the shown one unless a snapshot is being filled.
-    pub(crate) fn handle_scene_event(
-        &mut self,
-        scene_event: &SceneEvent,
-    ) -> Result<EventTarget, CloseCode> {
+    fn handle_scene_event(&mut self, scene_event: &SceneEvent) -> Result<EventTarget, CloseCode> {
         if let Some(next) = &mut self.next {
             let filling = !next.is_complete();
             next.apply_scene_event(scene_event)?;
@@ -468,7 +458,7 @@ impl ReplicaSwitch {
     }
 
     /// Hands a datagram to the replicas that follow its stream.
-    pub(crate) fn handle_datagram(&mut self, datagram: &Datagram<'_>) {
+    fn handle_datagram(&mut self, datagram: &Datagram<'_>) {
         for replica in [&mut self.next, &mut self.shown].into_iter().flatten() {
             if replica.stream().stream() == datagram.head().stream {
                 replica.stream_mut().handle(datagram);
@@ -477,7 +467,7 @@ impl ReplicaSwitch {
     }
 
     /// The receivers of complete replicas, the shown one first.
-    pub(crate) fn receivers(&self) -> impl Iterator<Item = &StreamReceiver> {
+    fn receivers(&self) -> impl Iterator<Item = &StreamReceiver> {
         let replicas = [self.shown.as_ref(), self.next.as_ref()];
         let complete = replicas
             .into_iter()
@@ -487,7 +477,7 @@ impl ReplicaSwitch {
     }
 
     /// See [`Self::receivers`].
-    pub(crate) fn receivers_mut(&mut self) -> impl Iterator<Item = &mut StreamReceiver> {
+    fn receivers_mut(&mut self) -> impl Iterator<Item = &mut StreamReceiver> {
         let replicas = [self.shown.as_mut(), self.next.as_mut()];
         let complete = replicas
             .into_iter()
@@ -497,7 +487,7 @@ impl ReplicaSwitch {
     }
 
     /// The reports due now.
-    pub(crate) fn report(&mut self, now: Instant, min_delay: Span) -> Vec<Bytes> {
+    fn report(&mut self, now: Instant, min_delay: Span) -> Vec<Bytes> {
         let mut reports = Vec::new();
         for receiver in self.receivers_mut() {
             receiver.report(now, min_delay, &mut reports);
@@ -520,13 +510,13 @@ impl ReplicaSwitch {
     }
 
     /// True if only a new snapshot helps.
-    pub(crate) fn have_lost_sync(&self) -> bool {
+    fn have_lost_sync(&self) -> bool {
         self.newest()
             .is_some_and(|replica| replica.stream().has_lost_sync())
     }
 
     /// The cause to give if a new snapshot is requested.
-    pub(crate) fn resync_cause(&self) -> ResyncCause {
+    fn resync_cause(&self) -> ResyncCause {
         if self
             .newest()
             .is_some_and(|replica| replica.stream().has_mismatched())

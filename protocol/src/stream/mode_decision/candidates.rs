@@ -1,15 +1,9 @@
 //! Stage one: the modes that apply to a body, each with its forecast.
 //!
-//! The moving modes differ only by their acceleration, so that they share one unaccelerated forecast.
-//!
-//! The prediction modes of a body in the world. They are rest, uniform, falling and accelerated. Each mode has a
-//! number. The attached mode has one too, but is described in `attached`.
-//!
-//! The mode of a body that is attached to another one.
-//!
-//! Detection of a steady acceleration of a body. An engine's velocities are exact, so that the difference of two ticks
-//! gives the acceleration. An acceleration is steady if the tick before, or with lookahead the next tick, has the same
-//! one.
+//! The modes are rest, uniform, falling, accelerated and attached; each has a number. The moving modes differ only by
+//! their acceleration, so that they share one unaccelerated forecast. An engine's velocities are exact, so that the
+//! difference of two ticks gives the acceleration. An acceleration is steady if the tick before, or with lookahead the
+//! next tick, has the same one.
 
 use glam::DVec3;
 use rhumb_reckoning::{
@@ -207,7 +201,7 @@ impl Forecast {
 }
 
 /// Number of modes: rest, uniform, falling, attached, accelerated.
-pub(super) const MODES: usize = 4 + ACCELERATIONS;
+const MODES: usize = 4 + ACCELERATIONS;
 /// Mode number of rest.
 pub(super) const REST: usize = 0;
 /// Mode number of uniform motion.
@@ -423,7 +417,7 @@ impl<'a> Attached<'a> {
     }
 
     /// The error of the uncorrected prediction at a tick within the lookahead, where `truth` is the body's motion.
-    pub(super) fn error(&self, tick: usize, truth: &Motion) -> Option<Errors> {
+    fn error(&self, tick: usize, truth: &Motion) -> Option<Errors> {
         let by = self.expected_parent_pose(tick)?;
         let relative = relative_to(&by, &truth.pose());
         Some(apart(&relative.pose(), &self.predicted.pose()))
@@ -450,7 +444,7 @@ impl<'a> Attached<'a> {
 }
 
 /// Number of candidate accelerations: the track's own, and the observed one.
-pub(super) const ACCELERATIONS: usize = 2;
+const ACCELERATIONS: usize = 2;
 /// Relative difference of two accelerations below which they count as equal: of two ticks, or of a tick and gravity.
 const EQUAL_WITHIN: f64 = 0.1;
 /// Ticks in which a worthwhile acceleration moves a body by the tolerance: fewer than the first, more than the second.
@@ -461,7 +455,7 @@ const WORTHWHILE_TICKS: [f64; 2] = [32.0, 1.0];
 const STEPS_MIN: f64 = 32.0;
 
 /// Candidate accelerations of a body's next track; the present track's own is the first.
-pub(super) fn accelerations(
+fn accelerations(
     context: &Context<'_>,
     subject: &Subject<'_>,
     reach: f64,

@@ -1,9 +1,7 @@
 //! Stage two: the price of a correction, in bits per tick of its lifetime.
 //!
-//! The coder's state is that at the start of a packet, because the packet's other updates are not known yet.
-//!
-//! Prices of one candidate's corrections, in bits per tick. A correction that breaks the tolerance within the
-//! lookahead is priced together with the next correction.
+//! The coder's state is that at the start of a packet, because the packet's other updates are not known yet. A
+//! correction that breaks the tolerance within the lookahead is priced together with the next correction.
 
 use rhumb_reckoning::{Residual, VelocityResidual};
 
@@ -18,14 +16,14 @@ const OVERHEAD: u32 = 4 * 256;
 /// Cost of other updates that is added to a correction's, in 1/256 bits, and their lifetime in ticks.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Beside {
-    pub(super) bits: f64,
-    pub(super) ticks: f64,
+    bits: f64,
+    ticks: f64,
 }
 
 impl Beside {
     /// Assumed cost (15 bits) and lifetime (2.5 ticks) of the update after the lookahead. Without it, short and cheap
     /// updates always win.
-    pub(super) const NEXT: Self = Self {
+    const NEXT: Self = Self {
         bits: 15.0 * 256.0,
         ticks: 2.5,
     };
@@ -46,7 +44,7 @@ impl Cost {
     }
 
     /// Cost of a correction, in 1/256 bits.
-    pub(super) fn bits(&self, residual: &Residual) -> u32 {
+    fn bits(&self, residual: &Residual) -> u32 {
         let velocity = residual.velocity.as_ref();
         self.of_form(velocity.is_some())
             + Self::of_place(residual)
@@ -78,7 +76,7 @@ impl Cost {
     }
 
     /// Cost function of the next correction of the same track, `age` later; it includes the bits and ticks of this one.
-    pub(super) fn following(&self, bits: u32, ticks: usize, age: Age) -> Self {
+    fn following(&self, bits: u32, ticks: usize, age: Age) -> Self {
         let beside = Beside {
             bits: self.beside.bits + f64::from(bits),
             ticks: self.beside.ticks + ticks as f64,
@@ -110,7 +108,7 @@ pub(super) struct Settings {
 pub(super) struct CorrectionRanker<'s> {
     pub(super) forecast: ErrorForecast<'s>,
     pub(super) expectation: &'s Expectation,
-    pub(super) cost: Cost,
+    cost: Cost,
     /// See [`Settings::rate`]; zero for a resting mode.
     pub(super) rate: f64,
 }
@@ -135,7 +133,7 @@ impl<'s> CorrectionRanker<'s> {
         })
     }
 
-    pub(super) fn effect(&self, residual: &Residual) -> Effect {
+    fn effect(&self, residual: &Residual) -> Effect {
         let units = &self.expectation.units;
         let at_once = units.of_residual(residual);
         let each_tick = at_once * self.rate;
@@ -148,7 +146,7 @@ impl<'s> CorrectionRanker<'s> {
         }
     }
 
-    pub(super) fn lifetime(&self, effect: &Effect) -> Lifetime {
+    fn lifetime(&self, effect: &Effect) -> Lifetime {
         self.forecast.lifetime(effect, self.expectation)
     }
 

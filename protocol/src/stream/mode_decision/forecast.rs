@@ -1,9 +1,7 @@
 //! Prediction errors of a body, their forecast, and the lifetime that follows.
 //!
-//! No body is predicted here. A correction reduces the error by a constant and, if it implies velocities, by a constant
-//! per tick. So one forecast serves all corrections of one mode. This approximation only ranks corrections.
-//!
-//! Prediction errors of position and turn, as shares of a body's tolerance. These approximate errors only rank
+//! No body is predicted here. A correction reduces the error by a constant and, if it implies velocities, by a
+//! constant per tick. So one forecast serves all corrections of one mode. These approximate errors only rank
 //! corrections; [`Tolerance::share`] decides whether the tolerance holds. Errors of position and of turn lie in the
 //! two lanes of one vector, so that one instruction computes both.
 
@@ -309,7 +307,7 @@ impl Errors {
 
     /// Dot products of the position errors and of the turn errors.
     #[inline]
-    pub(super) fn dot(&self, other: &Self) -> f64x2 {
+    fn dot(&self, other: &Self) -> f64x2 {
         let ([a, b, c], [x, y, z]) = (self.0, other.0);
         a * x + b * y + c * z
     }
@@ -408,7 +406,7 @@ impl Units {
 
     /// The share of the tolerance for the squares of the errors of position and of turn.
     #[inline]
-    pub(super) fn share_of_squares(&self, squares: f64x2) -> f64 {
+    fn share_of_squares(&self, squares: f64x2) -> f64 {
         let [position, turn] = squares.fast_max(f64x2::ZERO).sqrt().to_array();
         if self.shared {
             position + turn

@@ -4,16 +4,12 @@
 //! needs fewer bytes. Three stages:
 //!
 //! 1. *Candidates*: the prediction modes that apply (rest, uniform, falling, attached, accelerated), each with its
-//!    error forecast. The forecast of the uncorrected prediction comes from the lookahead or from recent prediction errors.
+//!    error forecast. The forecast of the uncorrected prediction comes from the lookahead or from recent prediction
+//!    errors.
 //! 2. *Cost*: bits of a correction per tick of its expected lifetime.
-//! 3. *Refinement*: the residual of least cost. The result is then quantised and checked as a subscriber computes it.
-//!
-//! Stage three with lookahead: the residuals of least price. The search starts at the residuals that fit the known
-//! ticks best, and removes steps while that lowers the price. The best ones of each candidate are priced together with
-//! their next correction.
-//!
-//! The best corrections of one body so far. Computes no prices. Invariant: the corrections are in order, the cheapest
-//! first, without duplicates.
+//! 3. *Refinement*: the residual of least cost. With lookahead, the search starts at the residuals that fit the known
+//!    ticks best, and removes steps while that lowers the price; the best ones of each candidate are priced together
+//!    with their next correction. The result is then quantised and checked as a subscriber computes it.
 
 mod candidates;
 mod cost;

@@ -1,9 +1,7 @@
 //! One body as the mode decision sees it: its stream, and its recent motion.
 //!
-//! In metres and radians, whatever the tolerance. Without past observations a body counts as moving evenly. A body that
-//! jumps, as by a command that places it, has no past before the jump.
-//!
-//! Inputs of the mode decision: one body, and the state of its stream. Contains data alone, no decision.
+//! In metres and radians, whatever the tolerance. Contains data alone, no decision. Without past observations a body
+//! counts as moving evenly. A body that jumps, as by a command that places it, has no past before the jump.
 
 use glam::DVec3;
 use rhumb_reckoning::{

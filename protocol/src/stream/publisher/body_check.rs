@@ -1,10 +1,8 @@
-//! The check of one body at one tick, and its update if its track is off.
+//! The check of one body against its published track, and its update.
 //!
-//! Combines the tables of tracks with the mode decision. Keeps nothing. Invariant: a returned track is within the
-//! tolerance of the observed state, grid error included.
-//!
-//! The published tracks of a stream: what its subscribers know of each body. A converged subscriber holds the same
-//! tracks. Decides nothing. Invariant: the numbers of children are those of the tracks' parents.
+//! Combines the published tracks, which a converged subscriber holds too, with the mode decision. Invariants: a new
+//! track is within the tolerance of the observed state, grid error included; the numbers of children are those of the
+//! tracks' parents.
 
 use alloc::vec::Vec;
 
@@ -351,7 +349,7 @@ impl PublishedTracks {
     }
 
     /// Replaces the track of a body and returns the update that does the same at a subscriber.
-    pub(super) fn replace(&mut self, index: u32, payload: UpdatePayload, track: Track) -> Update {
+    fn replace(&mut self, index: u32, payload: UpdatePayload, track: Track) -> Update {
         let before = self.tracks.slot(index).and_then(Slot::parent);
         self.tracks.set_track(index, track);
         if before != track.parent {

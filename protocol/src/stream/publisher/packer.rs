@@ -1,10 +1,7 @@
 //! The packer: makes the datagrams of a stream, and answers losses of them.
 //!
-//! Numbers packets and keeps what answers need. Knows updates, but neither tracks nor tolerances. Invariant: no datagram
-//! exceeds the largest packet.
-//!
-//! The order of a tick's updates in its packets, and their approximate sizes. Pure functions. Invariant: an update
-//! that builds on another body's track comes after that body.
+//! Numbers packets and keeps what answers need. Knows updates, but neither tracks nor tolerances. Invariants: no
+//! datagram exceeds the largest packet; an update that builds on another body's track comes after that body.
 
 use alloc::vec;
 use alloc::vec::Vec;
@@ -341,7 +338,7 @@ pub(super) fn bits_of(update: &Update) -> u64 {
 }
 
 /// The number of first updates that take half of all bits.
-pub(super) fn middle(updates: &[Update]) -> usize {
+fn middle(updates: &[Update]) -> usize {
     let bits = updates.iter().map(bits_of);
     let half = bits.clone().sum::<u64>() / 2;
     let mut so_far = 0;
@@ -353,7 +350,7 @@ pub(super) fn middle(updates: &[Update]) -> usize {
 }
 
 /// Sorts updates by the aliases of their bodies, which differ from update to update.
-pub(super) fn sort_by_alias(updates: &mut [Update]) {
+fn sort_by_alias(updates: &mut [Update]) {
     if updates.is_sorted_by_key(|update| update.alias) {
         return;
     }
@@ -387,7 +384,7 @@ pub(super) fn sort_by_alias(updates: &mut [Update]) {
 }
 
 /// Sorts updates by alias, those that build on another body's track last. Returns the number of the others.
-pub(super) fn sort_parents_first(updates: &mut [Update]) -> usize {
+fn sort_parents_first(updates: &mut [Update]) -> usize {
     let mut free = updates.iter().all(|update| !update.payload.names_parent());
     free &= updates.is_sorted_by_key(|update| update.alias);
     if free {

@@ -1,9 +1,8 @@
 //! The bodies that others are or may be attached to.
 //!
-//! Changes no track. Buffers are reused from tick to tick. Invariant: candidates are sorted by radius, the largest first.
-//!
-//! The bodies that others are attached to, with their numbers of children. Few bodies are parents, so they are kept in
-//! a short list. Invariant: the list rises by index, and no count is zero.
+//! Changes no track. Buffers are reused from tick to tick. Invariants: candidates, the largest moving bodies of a
+//! tick, are sorted by radius, the largest first. The bodies that have children are few, so they are kept in a short
+//! list that rises by index, in which no count is zero.
 
 use alloc::vec::Vec;
 

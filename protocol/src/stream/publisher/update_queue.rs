@@ -1,10 +1,8 @@
 //! The queue of a stream with a budget: updates of a tick, and waiting bodies.
 //!
-//! Invariant: every delayed update is counted and reported. The stream states the greatest share of a tolerance that
-//! its tracks use. A publisher without a budget has no queue.
-//!
-//! The order of due updates when a budget does not suffice for all. Urgent bodies first, then the worst. Every few
-//! picks one goes to the body that waited longest, so that no body waits forever.
+//! Urgent bodies go first, then the worst. Every few picks one goes to the body that waited longest, so that no body
+//! waits forever. Invariant: every delayed update is counted and reported. The stream states the greatest share of a
+//! tolerance that its tracks use. A publisher without a budget has no queue.
 
 use alloc::collections::BTreeMap;
 use alloc::vec;
@@ -288,13 +286,13 @@ const PICKS_PER_LONGEST_WAITING: usize = 4;
 /// A body that is due for an update.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct DueUpdate {
-    pub(super) observation: Observation,
+    observation: Observation,
     /// The share of its tolerance that its track uses.
-    pub(super) share: f64,
+    share: f64,
     /// The tick since which it waits.
-    pub(super) since: Tick,
+    since: Tick,
     /// Its track is about to become too old for a correction.
-    pub(super) urgent: bool,
+    urgent: bool,
 }
 
 impl DueUpdate {
@@ -313,7 +311,7 @@ impl DueUpdate {
 
 /// The rule by which a body is picked for an update.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Pick {
+enum Pick {
     Worst,
     LongestWaiting,
 }
@@ -321,14 +319,14 @@ pub(super) enum Pick {
 /// The turn of the longest waiting body. The count continues from tick to tick, so it gets updates even if a tick
 /// pays for few.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct PickOrder {
+struct PickOrder {
     /// Picks since the last longest-waiting one, at most the interval.
     since_longest_waiting: usize,
 }
 
 impl PickOrder {
     /// Counts a pick.
-    pub(super) fn pass(&mut self, pick: Pick) {
+    fn pass(&mut self, pick: Pick) {
         self.since_longest_waiting = match pick {
             Pick::Worst => (self.since_longest_waiting + 1).min(PICKS_PER_LONGEST_WAITING - 1),
             Pick::LongestWaiting => 0,
@@ -336,7 +334,7 @@ impl PickOrder {
     }
 
     /// The due updates in the order of picks, if all are picked from now on.
-    pub(super) fn sorted(mut self, due: Vec<DueUpdate>, tick: Tick) -> Vec<(Pick, DueUpdate)> {
+    fn sorted(mut self, due: Vec<DueUpdate>, tick: Tick) -> Vec<(Pick, DueUpdate)> {
         let ranks = due.iter().map(|due| due.rank(tick));
         let mut ranked: Vec<(u64, usize)> = ranks.zip(0..).collect();
         ranked.sort_unstable();

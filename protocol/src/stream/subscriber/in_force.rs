@@ -1,6 +1,6 @@
 //! The tracks in force at a tick, and what is known by them.
 //!
-//! Predicts many bodies at one tick, several at a time.
+//! Reading changes nothing: a view asks for any tick in any order. Many bodies are predicted side by side.
 
 use alloc::vec::Vec;
 

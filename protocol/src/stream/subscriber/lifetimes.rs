@@ -1,9 +1,9 @@
 //! Bodies that came or went, and those whose publishers are silent.
 //!
-//! Knows no view: the caller passes the earliest tick that one shows. Invariant: without a delayed view, no departed body is kept.
-//!
-//! Bodies whose publishers are silent. The server predicts such a body and then holds it. Its stream describes that
-//! guess, not the publisher's body. Invariant: sorted by id, each body once, at most one span for each.
+//! Knows no view: the caller passes the earliest tick that one shows. Invariant: without a delayed view, no departed
+//! body is kept. The server predicts a body whose publisher is silent, and then holds it: its stream describes that
+//! guess, not the publisher's body. Invariant: silent bodies are sorted by id, each body once, at most one span for
+//! each.
 
 use alloc::collections::BTreeMap;
 use alloc::vec::Vec;

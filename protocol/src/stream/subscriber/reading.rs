@@ -1,10 +1,7 @@
 //! The subscriber reads datagrams, applies updates, and recovers packets.
 //!
-//! A datagram is decoded completely before it is applied. A malformed one is counted and never guessed at.
-//!
-//! The subscriber applies updates, and resolves aliases to bodies.
-//!
-//! The subscriber recovers lost packets and reads packets that waited.
+//! A datagram is decoded completely before it is applied. A malformed one is counted and never guessed at. Packets
+//! that build on a missing one wait for it.
 
 use alloc::vec::Vec;
 
@@ -89,7 +86,7 @@ impl Subscriber {
         false
     }
 
-    pub(super) fn tick_of(&self, tick: Low16) -> Tick {
+    fn tick_of(&self, tick: Low16) -> Tick {
         Tick::new(tick.expand(self.newest.value()))
     }
 
@@ -145,7 +142,7 @@ impl Subscriber {
         self.read_state(datagram, packet, Arrival::ByItself)
     }
 
-    pub(super) fn read_state(
+    fn read_state(
         &mut self,
         datagram: &Datagram<'_>,
         packet: UpdatePacket<'_>,
@@ -372,7 +369,7 @@ impl Subscriber {
     }
 
     /// Notes that the earlier tracks of a body may be incomplete after a tick. Without a view they are dropped.
-    pub(super) fn doubt_earlier(&mut self, index: u32, after: Tick) {
+    fn doubt_earlier(&mut self, index: u32, after: Tick) {
         let Some(origin) = self.tracks.slot(index).map(Slot::origin) else {
             return;
         };
@@ -390,12 +387,7 @@ impl Subscriber {
     }
 
     /// Applies a payload to a body.
-    pub(super) fn take(
-        &mut self,
-        index: u32,
-        tick: Tick,
-        payload: &UpdatePayload,
-    ) -> Result<(), Unreadable> {
+    fn take(&mut self, index: u32, tick: Tick, payload: &UpdatePayload) -> Result<(), Unreadable> {
         let before = self.tracks.slot(index).map(|slot| *slot.dense());
         let result = self.tracks.apply(index, tick, payload);
         if result == Err(Unreadable::Superseded) {
@@ -408,7 +400,7 @@ impl Subscriber {
     }
 
     /// Applies a record of a refresh: the body may have had other tracks since the stream was converged.
-    pub(super) fn apply_record(&mut self, index: u32, origin: Tick, payload: &UpdatePayload) {
+    fn apply_record(&mut self, index: u32, origin: Tick, payload: &UpdatePayload) {
         let before = self.tracks.slot(index).map(|slot| *slot.dense());
         if self.tracks.apply(index, origin, payload).is_ok() {
             self.note_attached(index, before.and_then(|before| before.parent()));
@@ -421,7 +413,7 @@ impl Subscriber {
     }
 
     /// Notes a body that became attached.
-    pub(super) fn note_attached(&mut self, index: u32, before: Option<BodyId>) {
+    fn note_attached(&mut self, index: u32, before: Option<BodyId>) {
         let parent = self.tracks.slot(index).and_then(Slot::parent);
         if parent.is_some() && before.is_none() {
             self.attached_indices.push(index);
@@ -444,7 +436,7 @@ impl Subscriber {
     }
 
     /// Applies all updates of a packet.
-    pub(super) fn apply_all(&mut self, number: u64, tick: Tick, updates: &[Update]) {
+    fn apply_all(&mut self, number: u64, tick: Tick, updates: &[Update]) {
         // A child is decoded relative to its parent's track after the same packet.
         let mut batch = CorrectionsX4::default();
         let mut framed = false;
@@ -481,7 +473,7 @@ impl Subscriber {
     }
 
     /// The state of the body of an alias assignment at a tick.
-    pub(super) fn owner(&self, index: u32, tick: Tick) -> AliasOwner {
+    fn owner(&self, index: u32, tick: Tick) -> AliasOwner {
         match self.tracks.slot(index) {
             Some(slot) if slot.origin() <= tick => AliasOwner::AsAssigned,
             _ => AliasOwner::Newer,
@@ -537,12 +529,12 @@ impl Subscriber {
 
 impl Subscriber {
     /// Keeps a packet to decode repair symbols with it, and to read it again.
-    pub(super) fn keep(&mut self, number: u64, datagram: &Datagram<'_>) {
+    fn keep(&mut self, number: u64, datagram: &Datagram<'_>) {
         self.fec_decoder.add_packet(number, datagram);
     }
 
     /// Keeps a repair symbol for recovery.
-    pub(super) fn read_repair_symbol(&mut self, repair_symbol: RepairSymbol) {
+    fn read_repair_symbol(&mut self, repair_symbol: RepairSymbol) {
         let next = self.gaps.next();
         let last = repair_symbol.last.expand(next);
         // Only packets may move the window that far.
@@ -554,7 +546,7 @@ impl Subscriber {
     }
 
     /// Reads the packets that repair symbols recover as if they had arrived.
-    pub(super) fn rebuild(&mut self) {
+    fn rebuild(&mut self) {
         for (number, source_symbol) in self.fec_decoder.rebuild() {
             if self.read_rebuilt(number, &source_symbol).is_err() {
                 self.fec_decoder.drop_repair_symbols(number);
@@ -577,7 +569,7 @@ impl Subscriber {
     }
 
     /// Reads packets again that could not be applied without the late one.
-    pub(super) fn read_again_after(&mut self, late: u64, updates: &mut Vec<Update>) {
+    fn read_again_after(&mut self, late: u64, updates: &mut Vec<Update>) {
         let kept = (late + 1..self.gaps.next()).rev().take(FEC_SPAN as usize);
         for number in kept.collect::<Vec<_>>().into_iter().rev() {
             let Some(source_symbol) = self.fec_decoder.source_symbol(number) else {

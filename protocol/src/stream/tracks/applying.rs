@@ -100,7 +100,7 @@ impl Tracks {
     }
 
     /// The track of a body after a payload at `tick`.
-    pub(crate) fn corrected_track(
+    fn corrected_track(
         &self,
         index: u32,
         tick: Tick,
