@@ -44,7 +44,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         switch: Switch::Off(Feature::Ballistic),
         feature: None,
         code: &[
-            "protocol/src/stream/gravity_history.rs",
+            "protocol/src/stream/tracks.rs#struct GravityHistory, impl GravityHistory",
             "reckoning/src/predictor.rs#fn pull",
         ],
         requirements: &["RECKONING 2.5", "RECKONING 3.5", "PROTOCOL 6.9"],
@@ -55,8 +55,8 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         feature: None,
         code: &[
             "reckoning/src/torque_free.rs",
-            "protocol/src/message/inertia.rs",
-            "protocol/src/stream/tracks/rotation_cursors.rs",
+            "protocol/src/message/scene_event.rs#fn encode_inertia, fn decode_inertia, fn bits",
+            "protocol/src/stream/tracks.rs#struct RotationCursors, impl Clone for RotationCursors, impl fmt::Debug for RotationCursors, impl RotationCursors",
         ],
         requirements: &["RECKONING 2.6", "RECKONING 3.7"],
     },
@@ -66,8 +66,8 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         feature: None,
         code: &[
             "reckoning/src/predictor.rs#const ACCELERATION_TICKS, const ACCELERATION_LIMIT, const ACCELERATION_EXPONENT_MAX, const STEP, struct ConstantAcceleration, impl ConstantAcceleration, fn step",
-            "protocol/src/packet/acceleration.rs",
-            "protocol/src/stream/mode_decision/acceleration.rs",
+            "protocol/src/packet/keyframe.rs#fn write_acceleration, fn read_acceleration, fn numbers_of_acceleration",
+            "protocol/src/stream/mode_decision/candidates.rs#const ACCELERATIONS, const EQUAL_WITHIN, const WORTHWHILE_TICKS, const STEPS_MIN, fn accelerations, fn acceleration",
         ],
         requirements: &[
             "RECKONING 3.9",
@@ -82,9 +82,8 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         feature: None,
         code: &[
             "reckoning/src/motion.rs#fn attached_motion, fn relative_to",
-            "protocol/src/stream/publisher/child_counts.rs",
-            "protocol/src/stream/publisher/parent_candidates.rs",
-            "protocol/src/stream/publisher/observation_scan.rs#fn collect_other_parents",
+            "protocol/src/stream/publisher/parents.rs",
+            "protocol/src/stream/publisher.rs#fn collect_other_parents",
             "protocol/src/packet/payload.rs#fn write_parent, fn read_parent_age",
         ],
         requirements: &[
@@ -107,7 +106,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         name: "sparse corrections",
         switch: Switch::Off(Feature::Sparse),
         feature: None,
-        code: &["protocol/src/stream/mode_decision/ranking.rs#fn leave_out_steps"],
+        code: &["protocol/src/stream/mode_decision/cost.rs#fn leave_out_steps"],
         requirements: &[],
     },
     Mechanism {
@@ -115,8 +114,8 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         switch: Switch::Off(Feature::Coarse),
         feature: None,
         code: &[
-            "protocol/src/stream/features.rs#fn steps",
-            "protocol/src/stream/mode_decision/ranking.rs#const VELOCITY_EXPONENTS",
+            "protocol/src/stream/mod.rs#fn steps",
+            "protocol/src/stream/mode_decision/cost.rs#const VELOCITY_EXPONENTS",
         ],
         requirements: &["PROTOCOL 5.6-8", "RECKONING 4.4-3"],
     },
@@ -124,7 +123,9 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         name: "lookahead",
         switch: Switch::Lookahead,
         feature: Some("lookahead"),
-        code: &["protocol/src/stream/publisher/window.rs"],
+        code: &[
+            "protocol/src/stream/observation_history.rs#struct ObservedTicks, impl<'h> ObservedTicks<'h>, struct ObservationWindow, struct Ahead, impl<'h> ObservationWindow<'h>, impl Ahead, fn linear",
+        ],
         requirements: &["PROTOCOL 6.3-1", "PROTOCOL 6.3-6", "PROTOCOL 6.4-6"],
     },
     Mechanism {
@@ -132,8 +133,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         switch: Switch::OffWithLookahead(Feature::ModeDecision),
         feature: Some("lookahead"),
         code: &[
-            "protocol/src/stream/mode_decision/refinement.rs",
-            "protocol/src/stream/mode_decision/shortlist.rs",
+            "protocol/src/stream/mode_decision/mod.rs#const FITS, const LINES, fn refined, fn best_of, const SHORTLIST, struct Choice, struct BestCorrections, impl BestCorrections",
         ],
         requirements: &[],
     },
@@ -143,8 +143,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         feature: None,
         code: &[
             "reckoning/src/quantiser.rs",
-            "protocol/src/packet/residual_numbers.rs",
-            "protocol/src/packet/payload.rs#fn read_residual",
+            "protocol/src/packet/payload.rs#fn numbers, fn each_of_place, fn each_of_velocity, fn each, fn read_residual",
         ],
         requirements: &["RECKONING 4.4", "PROTOCOL 5.6-9", "PROTOCOL 5.6-10"],
     },
@@ -154,8 +153,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         feature: None,
         code: &[
             "reckoning/src/rest_correction.rs",
-            "protocol/src/packet/rest_steps.rs",
-            "protocol/src/packet/payload.rs#fn read_rest_correction",
+            "protocol/src/packet/payload.rs#const REST_STEPS, const LENGTHS, fn resting, fn length, fn rest_step, fn read_rest_correction",
             "protocol/src/stream/publisher/body_check.rs#fn rest_payload",
             "protocol/src/stream/tracks/applying.rs#fn resting",
         ],
@@ -167,7 +165,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         feature: None,
         code: &[
             "reckoning/src/prefilter.rs",
-            "protocol/src/stream/publisher/observation_scan.rs#fn scan",
+            "protocol/src/stream/publisher.rs#fn scan",
         ],
         requirements: &["PROTOCOL 6.3-7"],
     },
@@ -183,8 +181,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         switch: Switch::Off(Feature::Packing),
         feature: None,
         code: &[
-            "protocol/src/stream/publisher/packer.rs#fn pack, fn pack_groups",
-            "protocol/src/stream/publisher/update_order.rs",
+            "protocol/src/stream/publisher/packer.rs#fn pack, fn pack_groups, const SPARSE_ALIASES, fn bits_of, fn middle, fn sort_by_alias, fn sort_parents_first, fn sort_by_keys",
         ],
         requirements: &["PROTOCOL 5.9"],
     },
@@ -194,7 +191,6 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         feature: None,
         code: &[
             "protocol/src/wire/range.rs",
-            "protocol/src/wire/alphabet.rs",
             "protocol/src/packet/model.rs",
             "protocol/src/packet/tables.rs",
         ],
@@ -205,13 +201,10 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         switch: Switch::Off(Feature::Fec),
         feature: None,
         code: &[
-            "protocol/src/stream/fec_decoder.rs",
-            "protocol/src/stream/fec_encoder.rs",
-            "protocol/src/stream/redundancy.rs",
-            "protocol/src/stream/source_symbols.rs",
-            "protocol/src/stream/subscriber/rebuilding.rs",
+            "protocol/src/stream/fec.rs",
+            "protocol/src/stream/mod.rs#const HALVED, const ANSWERED, struct LossRate, impl LossRate, enum Redundancy, impl Redundancy, fn beyond",
+            "protocol/src/stream/subscriber/reading.rs#fn keep, fn read_repair_symbol, fn rebuild, fn read_rebuilt, fn read_again_after, fn packet_in",
             "protocol/src/packet/repair_symbol.rs",
-            "protocol/src/packet/galois.rs",
         ],
         requirements: &["PROTOCOL 5.16", "PROTOCOL 6.15"],
     },
@@ -220,8 +213,8 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         switch: Switch::Off(Feature::UnsolicitedFec),
         feature: None,
         code: &[
-            "protocol/src/stream/loss_tracker.rs",
-            "protocol/src/stream/fec_encoder.rs#fn end_tick",
+            "protocol/src/stream/losses.rs#const WINDOW, const BEFORE, const PRIOR, const RECEIVERS_PER_EXCEPTION, const RECEIVERS_MAX, struct ReceiverLosses, struct LossSample, struct LossTracker, impl LossTracker, impl ReceiverLosses",
+            "protocol/src/stream/fec.rs#fn end_tick",
         ],
         requirements: &["PROTOCOL 6.15-12", "PROTOCOL 6.15-13", "PROTOCOL 6.15-14"],
     },
@@ -229,10 +222,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         name: "large ticks in two packets",
         switch: Switch::Off(Feature::SplitTicks),
         feature: None,
-        code: &[
-            "protocol/src/stream/publisher/packer.rs#fn pack_halves",
-            "protocol/src/stream/publisher/update_order.rs#fn middle",
-        ],
+        code: &["protocol/src/stream/publisher/packer.rs#fn pack_halves, fn middle"],
         requirements: &[],
     },
     Mechanism {
@@ -241,7 +231,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         feature: Some("detected faults"),
         code: &[
             "protocol/src/stream/state_checksum.rs",
-            "protocol/src/packet/checksums.rs",
+            "protocol/src/packet/recovery.rs#struct Checksums, impl Checksums",
         ],
         requirements: &["PROTOCOL 5.14", "PROTOCOL 6.12"],
     },
@@ -249,7 +239,9 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         name: "watermarks",
         switch: Switch::Fixed,
         feature: Some("the promise"),
-        code: &["protocol/src/stream/watermark.rs"],
+        code: &[
+            "protocol/src/stream/mod.rs#struct WatermarkPolicy, impl WatermarkPolicy, struct Silence, impl Silence, fn whole_ticks, fn second",
+        ],
         requirements: &["PROTOCOL 5.10", "PROTOCOL 6.4"],
     },
     Mechanism {
@@ -258,13 +250,10 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         feature: Some("the promise"),
         code: &[
             "protocol/src/stream/gaps.rs",
-            "protocol/src/stream/nack_scheduler.rs",
-            "protocol/src/stream/retry_timer.rs",
-            "protocol/src/stream/reply_limiter.rs",
-            "protocol/src/stream/sent_packets.rs",
+            "protocol/src/stream/receiver.rs#const DISORDER, const WAIT_MOST, struct NackScheduler, impl NackScheduler, struct RetryTimer, impl RetryTimer",
+            "protocol/src/stream/losses.rs#const REPORT_PAUSE, struct ReplyLimiter, struct Answered, impl ReplyLimiter, fn is_due, struct SentPackets, impl SentPackets",
             "protocol/src/stream/publisher/packer.rs#fn refresh",
-            "protocol/src/packet/refresh.rs",
-            "protocol/src/packet/loss_report.rs",
+            "protocol/src/packet/recovery.rs#const GAP_ORDER, const ALIAS_ORDER, const AGE_ORDER, const AGE_MAX, struct RefreshRecord, struct Refresh, impl Refresh, const HEAD_BYTES_MAX, struct RefreshWriter, impl Default for RefreshWriter, impl RefreshWriter, struct LossReport, impl LossReport",
         ],
         requirements: &[
             "PROTOCOL 5.11",
@@ -278,7 +267,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         switch: Switch::Fixed,
         feature: Some("the promise"),
         code: &[
-            "protocol/src/stream/bound.rs",
+            "protocol/src/stream/subscriber.rs#enum ErrorBound, impl ErrorBound, impl fmt::Display for ErrorBound",
             "protocol/src/stream/earlier_tracks.rs",
         ],
         requirements: &["PROTOCOL 6.8"],
@@ -295,11 +284,10 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         switch: Switch::Fixed,
         feature: Some("budgets"),
         code: &[
-            "protocol/src/stream/budget.rs",
-            "protocol/src/stream/publisher/pick_order.rs",
+            "protocol/src/stream/mod.rs#struct Budget, impl Budget, impl Wire for Budget, struct TokenBucket, const BILLION, impl TokenBucket",
             "protocol/src/stream/publisher/update_queue.rs",
             "protocol/src/stream/error_scale_log.rs",
-            "protocol/src/packet/error_scale.rs",
+            "protocol/src/packet/header.rs#struct ErrorScale, impl ErrorScale",
         ],
         requirements: &["PROTOCOL 5.17", "PROTOCOL 6.16"],
     },
@@ -318,8 +306,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         switch: Switch::Fixed,
         feature: Some("upstreams"),
         code: &[
-            "protocol/src/session/upstream_receiver.rs",
-            "protocol/src/session/upstream_sender.rs",
+            "protocol/src/session/upstream.rs",
             "protocol/src/session/client/upstream.rs",
             "protocol/src/message/authority.rs",
             "server/src/authority_table.rs",

@@ -151,6 +151,16 @@ fn body(rest: &[u8]) -> Option<usize> {
     None
 }
 
+/// The code before the unit tests.
+pub(crate) fn without_tests(code: &str) -> &str {
+    let mut marks = code.match_indices("#[cfg(test)]\n");
+    let tests = marks.find(|(start, mark)| {
+        let next = code[start + mark.len()..].lines().next();
+        next.is_some_and(|line| line.contains("mod tests"))
+    });
+    &code[..tests.map_or(code.len(), |(start, _)| start)]
+}
+
 #[test]
 fn comments_and_strings_are_blanked_and_code_is_not() {
     let text =

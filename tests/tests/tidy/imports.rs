@@ -6,6 +6,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 
+use crate::code::without_tests;
 use crate::house::{File, report, root, sources};
 
 /// Files by the path of their module, within one crate.
@@ -40,16 +41,6 @@ fn module_of(below: &str) -> Vec<String> {
         parts.pop();
     }
     parts
-}
-
-/// The code before the unit tests.
-fn without_tests(code: &str) -> &str {
-    let mut marks = code.match_indices("#[cfg(test)]\n");
-    let tests = marks.find(|(start, mark)| {
-        let next = code[start + mark.len()..].lines().next();
-        next.is_some_and(|line| line.contains("mod tests"))
-    });
-    &code[..tests.map_or(code.len(), |(start, _)| start)]
 }
 
 /// Splits a list at the commas that no brace encloses.
