@@ -1,20 +1,13 @@
 //! The golden vectors and tables in the specification match the code.
 //!
-//! After an intended change, write both with
-//! `cargo run -p rhumb-protocol --features raw --example packet_vectors -- --write`.
+//! The cases are in `accepted` and `refused`, their form in `document`. After an intended change, write both with
+//! `UPDATE_VECTORS=1 cargo test -p rhumb-protocol --features raw --test vectors`.
 
-#[path = "../examples/packet_vectors/accepted.rs"]
 mod accepted;
-#[path = "../examples/packet_vectors/document.rs"]
+mod case;
 mod document;
-#[path = "../examples/packet_vectors/named_packet.rs"]
-mod named_packet;
-#[path = "../examples/packet_vectors/plain.rs"]
 mod plain;
-#[path = "../examples/packet_vectors/refused.rs"]
 mod refused;
-#[path = "../examples/packet_vectors/rng.rs"]
-mod rng;
 
 use std::path::Path;
 
@@ -22,6 +15,9 @@ fn same_as_in_spec(name: &str, computed: &str) {
     let path = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("../spec")
         .join(name);
+    if std::env::var_os("UPDATE_VECTORS").is_some() {
+        std::fs::write(&path, computed).expect("the specification can be written");
+    }
     let golden = std::fs::read_to_string(path).expect("the specification is in the repository");
     for (number, (is, was)) in computed.lines().zip(golden.lines()).enumerate() {
         assert_eq!(is, was, "line {} of {name}", number + 1);

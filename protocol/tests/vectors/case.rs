@@ -1,6 +1,9 @@
-//! The seeded random generator of the cases.
+//! A case of the vectors, and the seeded random generator of cases.
 
 use rhumb_reckoning::PackedRotation;
+
+/// The name of a case and its datagram.
+pub(crate) type NamedPacket = (String, Vec<u8>);
 
 /// A generator with the same numbers on every platform: 64-bit xorshift.
 pub(crate) struct PacketRng(u64);

@@ -1,30 +1,35 @@
 //! The golden vectors and the document agree with the code.
 //!
-//! Proof: the vectors are computed anew and compared. After an intended change, write them with
-//! `cargo run -p rhumb-reckoning --example vectors -- --write`.
+//! Proof: the vectors are computed anew and compared. The cases are in `cases`, their form in `document`. After an
+//! intended change, write them with `UPDATE_VECTORS=1 cargo test -p rhumb-reckoning --test vectors`.
 
-#[path = "../examples/vectors/cases/mod.rs"]
 mod cases;
-#[path = "../examples/vectors/document.rs"]
 mod document;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use rhumb_reckoning::{
     FINE_STEPS, Grid, Inertia, Metres, POSITION_LIMIT, PackedRotation, RESIDUAL_LIMIT,
     REST_DIVERGENCE_TICKS, TRACK_AGE_MAX, TURN_LIMIT, Tolerance, UNIT_LENGTH_SLACK, VELOCITY_LIMIT,
 };
 
-fn spec(name: &str) -> String {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
+fn path(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("../spec")
-        .join(name);
-    std::fs::read_to_string(path).expect("the specification lies beside the crates")
+        .join(name)
+}
+
+fn spec(name: &str) -> String {
+    std::fs::read_to_string(path(name)).expect("the specification lies beside the crates")
 }
 
 #[test]
 fn the_golden_vectors_equal_the_code() {
-    let (computed, golden) = (cases::document(), spec("vectors/reckoning.json"));
+    let (computed, name) = (cases::document(), "vectors/reckoning.json");
+    if std::env::var_os("UPDATE_VECTORS").is_some() {
+        std::fs::write(path(name), &computed).expect("the specification can be written");
+    }
+    let golden = spec(name);
     for (number, (is, was)) in computed.lines().zip(golden.lines()).enumerate() {
         assert_eq!(is, was, "line {} of the vectors", number + 1);
     }

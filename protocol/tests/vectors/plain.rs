@@ -11,7 +11,7 @@ use rhumb_protocol::wire::Malformed;
 use rhumb_protocol::wire::bytes::Reader;
 use rhumb_reckoning::BodyState;
 
-use crate::named_packet::NamedPacket;
+use crate::case::NamedPacket;
 
 const STREAM: StreamId = StreamId(5);
 

@@ -11,10 +11,9 @@ use rhumb_reckoning::{
     TRACK_AGE_MAX, TURN_LIMIT, Ticks, VELOCITY_LIMIT, VelocityResidual,
 };
 
+use crate::case::{NamedPacket, PacketRng};
 use crate::document::CoveredPackets;
-use crate::named_packet::NamedPacket;
 use crate::plain;
-use crate::rng::PacketRng;
 
 /// All accepted cases.
 pub(crate) fn cases() -> Vec<NamedPacket> {

@@ -10,10 +10,9 @@ use rhumb_reckoning::{
 };
 
 use crate::accepted::{attached_keyframe, every_form, packet};
+use crate::case::{NamedPacket, PacketRng};
 use crate::document::meaning;
-use crate::named_packet::NamedPacket;
 use crate::plain;
-use crate::rng::PacketRng;
 
 /// Contexts by number: gaps, ages by kind, a parent's age, the first of positions.
 const GAP: [usize; 2] = [0, 1];

@@ -12,7 +12,7 @@ use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::wire::{Malformed, Wire};
 use rhumb_reckoning::{Anchor, Predictor};
 
-use crate::named_packet::NamedPacket;
+use crate::case::NamedPacket;
 use crate::plain;
 
 /// A repair symbol with the packets that it covers, by number.
