@@ -89,7 +89,7 @@ pub trait Endpoint {
     /// A state datagram.
     fn handle_datagram(&mut self, now: Instant, from: Peer, bytes: &[u8]);
 
-    /// A connection has ended; no bytes come from it or go to it any more.
+    /// A connection has ended: no bytes come from it or go to it.
     fn handle_ended(&mut self, now: Instant, peer: Peer, ending: Ending);
 
     /// A moment that `poll_timeout` named has come.

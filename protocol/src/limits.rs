@@ -122,8 +122,8 @@ pub const MASS_MAX: f32 = 1e6;
 pub const GYRATION_MIN: f32 = 1e-6;
 /// See [`GYRATION_MIN`].
 pub const GYRATION_MAX: f32 = 1e8;
-/// Largest moment of inertia that a dynamic body has from its shape and density, kg·m²: at [`ANGULAR_MAX`] the square of
-/// its angular momentum is a four-hundredth of the largest f32.
+/// Largest moment of inertia that a dynamic body has from its shape and density, kg·m²: at [`ANGULAR_MAX`] the square
+/// of its angular momentum is a four-hundredth of the largest f32.
 pub const MOMENT_MAX: f32 = 9_007_199_254_740_992.0;
 /// Bodies of a scene that are swept against moving ones.
 pub const SWEPT_BODIES_MAX: usize = 64;

@@ -139,8 +139,8 @@ fn turn(p: &mut [f64; 3], axis: usize, tangent: f64) {
 
 /// The angular velocity of a body after some half ticks without torque, about the axes that it has now.
 ///
-/// World frame, rad/s. An engine that turns a body by one angular velocity in a tick takes the one after half a tick, and
-/// takes the other half when the body has turned: then a free body rotates as it is predicted to.
+/// World frame, rad/s. An engine that turns a body by one angular velocity in a tick takes the one after half a tick,
+/// and takes the other half when the body has turned: then a free body rotates as it is predicted to.
 #[must_use]
 pub fn precessed(
     rotation: DQuat,

@@ -227,7 +227,8 @@ fn a_spin_about_the_axis_of_the_least_or_the_greatest_moment_stays_there() {
         (
             "fast rod",
             cuboid(0.05, 0.5, 0.05),
-            // An exact rotation tilts by 17 degrees. A tick turns the rod by 1.7 rad, and the direction of its momentum swings.
+            // An exact rotation tilts by 17 degrees. A tick turns the rod by 1.7 rad, and the direction of its momentum
+            // swings.
             DVec3::new(0.3, 100.0, 0.0),
             35.0,
         ),

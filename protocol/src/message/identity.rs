@@ -135,7 +135,7 @@ pub struct SessionRequest {
     pub answered: u64,
 }
 
-/// Where a session goes on; sent before the answer to the join.
+/// The state from which a session resumes; sent before the answer to the join.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SessionState {
     /// True if the scene knows the session; otherwise it has just begun.
@@ -144,7 +144,7 @@ pub struct SessionState {
     pub durable: bool,
     /// Commands of the session that were applied or refused; the next one has this number.
     pub commands: u64,
-    /// The tick at which the scene goes on. After a restart of the server it may be earlier than the last one sent.
+    /// The tick at which the scene resumes. After a restart of the server it may be earlier than the last one sent.
     pub tick: Tick,
 }
 

@@ -28,7 +28,7 @@ pub enum RemovalCause {
     NotFinite,
 }
 
-/// Reason why a scene does not go on after its engine failed.
+/// Reason why a scene stopped after its engine failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum FaultCause {
     /// The server keeps no earlier state of the scene.
@@ -79,16 +79,16 @@ pub enum SceneEvent {
         /// m/s², world frame.
         gravity: Vec3,
     },
-    /// The engine failed; the scene takes no more steps.
+    /// The engine failed; the scene has stopped.
     SceneFaulted {
         /// The last complete tick.
         tick: Tick,
         /// The reason why the scene was not restored.
         cause: FaultCause,
     },
-    /// The engine failed, and the scene goes on without the commands that are refused for it.
+    /// The engine failed, and the scene continues without the commands that are refused for it.
     SceneRestored {
-        /// The tick from which the scene goes on.
+        /// The tick from which the scene continues.
         tick: Tick,
     },
     /// A joint was added.

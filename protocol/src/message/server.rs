@@ -111,7 +111,7 @@ pub enum ServerMessage {
     QueryResult(QueryResult),
     /// The events of bodies in one tick.
     TickEvents(TickEvents),
-    /// Where the session of this join goes on; sent before `Joined`.
+    /// The state from which the session of this join resumes; sent before `Joined`.
     Session(SessionState),
     /// The scene up to this tick, and so many commands of the session, survive the server's crash.
     Durable {

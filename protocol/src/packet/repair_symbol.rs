@@ -168,8 +168,8 @@ pub(crate) fn source_symbol_into(
     Some(number)
 }
 
-/// The datagram of a recovered source symbol; `None` if no packet has this symbol. It is shorter than the repair symbol,
-/// or no longer than another packet that the symbol covers.
+/// The datagram of a recovered source symbol; `None` if no packet has this symbol. It is shorter than the repair
+/// symbol, or no longer than another packet that the symbol covers.
 pub(crate) fn packet_of(stream: StreamId, number: u64, source_symbol: &[u8]) -> Option<Vec<u8>> {
     let (kind, rest) = without_zeros(source_symbol).split_first()?;
     let kind = match kind {

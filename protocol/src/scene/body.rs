@@ -55,13 +55,13 @@ pub struct BodyDesc {
     pub dominance: i8,
     /// True if bodies pass through it.
     pub sensor: bool,
-    /// True if it is swept against moving bodies, swept ones too, so that it does not pass through them within a step. Every
-    /// fast body is swept against fixed ones.
+    /// True if it is swept against moving bodies, swept ones too, so that it does not pass through them within a step.
+    /// Every fast body is swept against fixed ones.
     pub swept: bool,
     /// `None`: the scene's conditions. Only dynamic bodies use it.
     pub sleep: Option<Sleep>,
-    /// True if it takes part in the scene: a body that does not stays where it is, touches nothing, and its joints do not
-    /// act.
+    /// True if it takes part in the scene: a body that does not stays where it is, touches nothing, and its joints do
+    /// not act.
     pub enabled: bool,
 }
 

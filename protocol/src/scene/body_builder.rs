@@ -99,8 +99,9 @@ impl BodyBuilder {
         self
     }
 
-    /// The body with its shape moved so that the centre of mass is the shape's own, and the centre: where it was, in the
-    /// axes of the body. The body lies where it would with the shape as it was given, and its pose is that of the centre.
+    /// The body with its shape moved so that the centre of mass is the shape's own, and the centre: where it was, in
+    /// the axes of the body. The body lies where it would with the shape as it was given, and its pose is that of the
+    /// centre.
     ///
     /// Does nothing to a shape whose centre is its origin: see [`Shape::centred`].
     #[must_use]
@@ -111,8 +112,8 @@ impl BodyBuilder {
         (self, centre)
     }
 
-    /// The centre of mass of its shape, metres in the axes of the body, where the engine would turn the body about another
-    /// point: its origin. `None` for a body that is not dynamic or has moments of inertia of its own.
+    /// The centre of mass of its shape, metres in the axes of the body, where the engine would turn the body about
+    /// another point: its origin. `None` for a body that is not dynamic or has moments of inertia of its own.
     #[must_use]
     pub fn off_centre(&self) -> Option<Vec3> {
         let has_moments = self.desc.mass.is_some_and(|mass| mass.moments.is_some());

@@ -310,7 +310,7 @@ impl fmt::Display for Quantity {
 pub struct Invalid {
     /// The rule that the number breaks.
     pub rule: Rule,
-    /// What the number measures.
+    /// The quantity that the number measures.
     pub quantity: Quantity,
     found: Found,
 }
@@ -324,7 +324,7 @@ pub enum Rule {
     OutOfRange,
 }
 
-/// What was found where a number was checked.
+/// The rule that a number breaks.
 #[derive(Clone, Copy, Debug)]
 enum Found {
     /// Another machine found it.
@@ -365,7 +365,7 @@ impl Invalid {
         }
     }
 
-    /// What a sentence says of a quantity, its subject.
+    /// The predicate of a sentence whose subject is the quantity.
     pub(crate) const fn because(quantity: Quantity, sentence: &'static str) -> Self {
         Self {
             rule: Rule::OutOfRange,

@@ -64,7 +64,7 @@ pub enum CommandError {
         /// When to try again, seconds from now.
         retry_seconds: u8,
     },
-    /// The engine failed on the command, and the scene goes on without it. It may have been applied before.
+    /// The engine failed on the command, and the scene continues without it. It may have been applied before.
     EngineFailed,
     /// The solid of the shape takes longer to make than the server allows.
     ShapeTooSlow {

@@ -120,7 +120,7 @@ impl Hull {
     }
 }
 
-/// What helps against too many corners.
+/// The advice where a hull has too many corners.
 const MANY_CORNERS: &str = "leave out corners that are close to others, make a compound of several \
     hulls, or take a mesh for a body that no engine moves";
 

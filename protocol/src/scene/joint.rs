@@ -66,8 +66,8 @@ impl JointFrame {
     }
 }
 
-/// Limits of a free motion: radians or metres, inclusive. Angles are those of the rotation or a whole turn more or less, and
-/// limits of one are at most a whole turn apart.
+/// Limits of a free motion: radians or metres, inclusive. Angles are those of the rotation or a whole turn more or
+/// less, and limits of one are at most a whole turn apart.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JointLimits {
     /// The least.
@@ -209,7 +209,8 @@ impl JointKind {
     }
 }
 
-/// Bound on a motor's position of an axis: metres of a translation, radians of a rotation, that of its limits if it has some.
+/// Bound on a motor's position of an axis: metres of a translation, radians of a rotation, that of its limits if it has
+/// some.
 const fn reach(axis: usize, is_limited: bool) -> f32 {
     match (is_translation(axis), is_limited) {
         (true, _) => EXTENT_MAX,
@@ -233,7 +234,8 @@ pub struct Joint {
     pub frames: [JointFrame; 2],
     /// True if the two bodies also collide with each other.
     pub collide: bool,
-    /// Motors of free axes: translations along x, y and z, then rotations about x, y and z. A rope or a spring has none.
+    /// Motors of free axes: translations along x, y and z, then rotations about x, y and z. A rope or a spring has
+    /// none.
     pub motors: [Option<Motor>; 6],
     /// `None`: it never breaks.
     pub strength: Option<JointStrength>,
@@ -538,11 +540,13 @@ impl Joints {
 }
 
 /// A motor: accelerates the second body against the first by `stiffness` times what the position lacks plus `damping`
-/// times what the velocity lacks, whatever their masses and the distance of the axis from their centres. What is fixed to
-/// either body, or held there by motors, moves along. A motor too stiff for the engine is slower, at the same damping ratio.
+/// times what the velocity lacks, whatever their masses and the distance of the axis from their centres. What is fixed
+/// to either body, or held there by motors, moves along. A motor too stiff for the engine is slower, at the same
+/// damping ratio.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Motor {
-    /// Metres or radians: from −π to π, or within ±2π on an axis with limits, where the motor takes the way within these.
+    /// Metres or radians: from −π to π, or within ±2π on an axis with limits, where the motor takes the way within
+    /// these.
     pub position: f32,
     /// m/s or rad/s.
     pub velocity: f32,

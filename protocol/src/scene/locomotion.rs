@@ -80,7 +80,8 @@ impl Wire for Locomotion {
     }
 }
 
-/// How a character walks. It moves by the velocity that was set last, as far as the world lets it, and falls by gravity.
+/// How a character walks. It moves by the velocity that was set last, as far as the world lets it, and falls by
+/// gravity.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Character {
     /// Direction away from the ground, world frame, of unit length; `None`: against the scene's gravity, or along y if
@@ -324,8 +325,8 @@ pub struct Vehicle {
 /// A wheel, in the axes of its chassis and from its centre of mass.
 ///
 /// A ray from the wheel's position along its suspension finds the ground. The spring pushes the chassis away from it by
-/// its mass times stiffness · (rest length − length), less the damping. The wheel rolls across its axle: along the cross product
-/// of the ground's normal and the axle. With the axle along x and y upwards, forward is −z.
+/// its mass times stiffness · (rest length − length), less the damping. The wheel rolls across its axle: along the
+/// cross product of the ground's normal and the axle. With the axle along x and y upwards, forward is −z.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Wheel {
     /// Upper end of the suspension, metres.
@@ -348,8 +349,8 @@ pub struct Wheel {
     pub relaxation: f32,
     /// Greatest force of the suspension, N.
     pub force_max: f32,
-    /// Greatest force along the ground, as a share of the suspension's force. The part along the rolling direction counts
-    /// half.
+    /// Greatest force along the ground, as a share of the suspension's force. The part along the rolling direction
+    /// counts half.
     pub friction_slip: f32,
     /// Factor of the force along the axle that keeps the wheel from sliding sideways.
     pub side_friction: f32,

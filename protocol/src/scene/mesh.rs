@@ -345,13 +345,13 @@ impl Wire for Heights {
 pub enum Edges {
     /// Each triangle is touched as if it were alone: a body that slides or rolls over flat ground may catch on an edge.
     Plain,
-    /// A contact pushes by the triangles on both sides of the edge: a body slides and rolls over flat ground as over one
-    /// face. Heights are then touched from above only; a mesh from both sides.
+    /// A contact pushes by the triangles on both sides of the edge: a body slides and rolls over flat ground as over
+    /// one face. Heights are then touched from above only; a mesh from both sides.
     Smooth,
 }
 
 impl Edges {
-    /// Those of a new mesh or field.
+    /// The edges of a new mesh or field.
     pub const DEFAULT: Self = Self::Smooth;
 }
 

@@ -79,7 +79,8 @@ pub struct SceneConfig {
 }
 
 impl Default for SceneConfig {
-    /// 60 ticks a second of four substeps in lockstep, the earth's gravity along −y, no damping, bodies as heavy as water.
+    /// 60 ticks a second of four substeps in lockstep, the earth's gravity along −y, no damping, bodies as heavy as
+    /// water.
     fn default() -> Self {
         Self {
             integrator: Integrator {

@@ -524,8 +524,8 @@ const OFF_CENTRE: f64 = 1e-4;
 impl Shape {
     /// The centre of mass of the shape at an even density, metres in the body's axes, if it is not the origin.
     ///
-    /// The server takes the origin of a shape for its centre of mass. `None` for a shape whose centre is its origin, but for
-    /// rounding, and for one without an inside. Hulls and compounds alone can have another.
+    /// The server takes the origin of a shape for its centre of mass. `None` for a shape whose centre is its origin,
+    /// but for rounding, and for one without an inside. Hulls and compounds alone can have another.
     #[must_use]
     pub fn centre(&self) -> Option<Vec3> {
         let (_, centre) = weight(self)?;
@@ -536,8 +536,8 @@ impl Shape {
 
     /// The shape moved so that its centre of mass is the origin, and where the centre was: metres in the body's axes.
     ///
-    /// A body of the moved shape lies as this one would if its pose is moved by the centre, turned as the body is. A shape
-    /// without another centre is returned as it is, with zero.
+    /// A body of the moved shape lies as this one would if its pose is moved by the centre, turned as the body is. A
+    /// shape without another centre is returned as it is, with zero.
     #[must_use]
     pub fn centred(&self) -> (Self, Vec3) {
         let moved = self.centre().and_then(|centre| {

@@ -96,8 +96,8 @@ impl ClientSession {
         Ok(())
     }
 
-    /// Begins a session with the next join. A client that draws its key at random can go on with the session over
-    /// another connection, by [`Self::reconnect`].
+    /// Begins a session with the next join. A client that draws its key at random can resume the session over another
+    /// connection, by [`Self::reconnect`].
     ///
     /// # Errors
     ///
@@ -158,8 +158,8 @@ impl ClientSession {
         Ok(number)
     }
 
-    /// Asks where bodies are; returns the number that the answer, a `QueryResult`, will name. Numbers go on over the
-    /// connections of a session; queries that one left unanswered get no answer.
+    /// Asks where bodies are; returns the number that the answer, a `QueryResult`, will name. Numbering continues over
+    /// the connections of a session; queries that one left unanswered get no answer.
     ///
     /// # Errors
     ///
@@ -252,8 +252,8 @@ impl ClientSession {
     /// Publishes the states of the bodies under the member's authority, where the server's prediction exceeds the
     /// tolerance. A body without a state stands still at its last place.
     ///
-    /// Returns whether the states were published: `false` before the authority is granted, also over the next connection
-    /// of a session, and for a tick not after the last one.
+    /// Returns whether the states were published: `false` before the authority is granted, also over the next
+    /// connection of a session, and for a tick not after the last one.
     ///
     /// # Errors
     ///
@@ -267,10 +267,10 @@ impl ClientSession {
     }
 
     /// Makes the session ready for another connection: it joins the scene again by itself, and sends again what was not
-    /// done. [`Event::Resumed`] reports that the scene goes on; the replica is absent until then. Then it requests its
-    /// authority over bodies again; other requests that were not answered are lost. If the scene has no place for it
-    /// now, the session closes with [`CloseCode::BUSY`], and may try again; if it is denied for good, [`Event::Denied`]
-    /// says so before the end.
+    /// done. [`Event::Resumed`] reports that the session is resumed; the replica is absent until then. Then it requests
+    /// its authority over bodies again; other requests that were not answered are lost. If the scene has no place for
+    /// it now, the session closes with [`CloseCode::BUSY`], and may try again; if it is denied for good,
+    /// [`Event::Denied`] says so before the end.
     ///
     /// # Errors
     ///
@@ -349,13 +349,13 @@ impl ClientSession {
         self.resumption.is_durable()
     }
 
-    /// True if another connection could go on with the session.
+    /// True if another connection could resume the session.
     #[must_use]
     pub const fn can_reconnect(&self) -> bool {
         self.resumption.can_reconnect()
     }
 
-    /// Commands that the server may have to be sent again.
+    /// The number of commands that may have to be sent again.
     #[must_use]
     pub fn unfinished_commands(&self) -> usize {
         self.resumption.unfinished_commands()
@@ -599,7 +599,7 @@ impl Endpoint for ClientSession {
     }
 }
 
-/// A client's words about itself.
+/// What a client states about itself.
 #[derive(Debug)]
 struct ClientHandshake {
     scene: SceneName,

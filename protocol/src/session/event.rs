@@ -54,13 +54,13 @@ pub enum Event {
         /// The reason for the refusal.
         error: CommandError,
     },
-    /// The connection ended; the client tries to go on with the session over another one.
+    /// The connection ended; the client tries to resume the session over another one.
     Interrupted(Ending),
-    /// The session goes on over another connection: the replica is complete again, and commands that were not done are
-    /// sent again, and authority over bodies is requested again. A scene that was restored may go on at an earlier tick than
-    /// the last one sent.
+    /// The session is resumed over another connection: the replica is complete again, and commands that were not done
+    /// are sent again, and authority over bodies is requested again. A scene that was restored may continue at an earlier
+    /// tick than the last one sent.
     Resumed(SessionState),
-    /// The server does not know the session any more: which of its commands were done is unknown. The connection
+    /// The server no longer knows the session: which of its commands were done is unknown. The connection
     /// ends.
     SessionLost(SessionState),
     /// The scene up to this tick, and so many commands of the session, survive a crash of the server.
@@ -89,18 +89,19 @@ pub enum Event {
         /// The reason why the scene was not restored.
         cause: FaultCause,
     },
-    /// The physics engine failed, and the scene goes on from this tick without the commands that it failed on. A
+    /// The physics engine failed, and the scene continues from this tick without the commands that it failed on. A
     /// `Refused` with `EngineFailed` names each of them to its member, also one that was applied before.
     SceneRestored(Tick),
-    /// The server receives nothing from the member with authority over this body. Its pose is a guess, and its error bound is
-    /// unknown, from a tick on.
+    /// The server receives nothing from the member with authority over this body. Its pose is a guess, and its error
+    /// bound is unknown, from a tick on.
     PublisherSilent {
         /// The body.
         id: BodyId,
         /// The tick.
         since: Tick,
     },
-    /// The server receives from that member again, or its authority has ended: from this tick on the body has an error bound.
+    /// The server receives from that member again, or its authority has ended: from this tick on the body has an error
+    /// bound.
     PublisherActive {
         /// The body.
         id: BodyId,

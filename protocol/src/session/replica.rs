@@ -105,8 +105,8 @@ impl Replica {
         Some(BodyDesc { id, ..desc })
     }
 
-    /// The descriptor of a body as it is at a tick that a view shows: a body that is removed or changed later still has it.
-    /// None for a body that does not exist then.
+    /// The descriptor of a body as it is at a tick that a view shows: a body that is removed or changed later still has
+    /// it. None for a body that does not exist then.
     #[must_use]
     pub fn body_at(&self, id: BodyId, tick: Tick) -> Option<BodyDesc> {
         let label = self.stream().label_at(id, tick)?;
@@ -246,7 +246,7 @@ impl Replica {
         Ok(())
     }
 
-    /// Releases the descriptors of bodies that no view shows any more.
+    /// Releases the descriptors of bodies that no view shows.
     fn release_descs(&mut self) {
         for label in self.stream_mut().take_released_labels() {
             self.descs.leave(label);

@@ -77,7 +77,7 @@ impl ServerSession {
                     Ok(false) => {}
                     Err(code) => self.close(code),
                 },
-                // The frame is complete, so only this command is refused and the connection goes on.
+                // The frame is complete, so only this command is refused and the connection stays open.
                 Err(Malformed::Motion(invalid)) if self.state == ServerState::Member => {
                     return Some(Err(CommandError::Invalid(invalid.into())));
                 }

@@ -58,7 +58,8 @@ const NAMES_END: u32 = 2 * AUTHORITY_BODIES_MAX as u32;
 const REPORT_AGAIN: Span = Span::from_millis(50);
 
 impl UpstreamReceiver {
-    /// Opens the stream that was granted for this request. `parameters` returns None for a body that is not in the scene.
+    /// Opens the stream that was granted for this request. `parameters` returns None for a body that is not in the
+    /// scene.
     pub fn new(
         grant: &AuthorityGrant,
         request: &TakeAuthority,
@@ -300,7 +301,8 @@ const FEATURES: Features = Features {
 const SCENE_EVENTS: u64 = 0;
 
 impl UpstreamSender {
-    /// Starts the stream that the server granted for this request. `parameters` returns None for a body that is not in the scene.
+    /// Starts the stream that the server granted for this request. `parameters` returns None for a body that is not in
+    /// the scene.
     pub(crate) fn new(
         grant: &AuthorityGrant,
         request: &TakeAuthority,

@@ -77,8 +77,8 @@ impl EarlierTracks {
         })
     }
 
-    /// Keeps the track that an update of a body has just replaced. Of the older ones, those stay that were in force after
-    /// `shown_from`.
+    /// Keeps the track that an update of a body has just replaced. Of the older ones, those stay that were in force
+    /// after `shown_from`.
     pub(crate) fn keep(&mut self, index: u32, track: DenseTrack, shown_from: Tick) {
         let place = match self.place(index) {
             Some(place) => place,
@@ -104,8 +104,8 @@ impl EarlierTracks {
         self.drop_older(place, track.origin(), shown_from);
     }
 
-    /// Adds a track that was overtaken by the present one, where no track has its origin. Of the older ones, those stay that
-    /// were in force after `shown_from`.
+    /// Adds a track that was overtaken by the present one, where no track has its origin. Of the older ones, those stay
+    /// that were in force after `shown_from`.
     pub(crate) fn insert(&mut self, index: u32, track: DenseTrack, shown_from: Tick) {
         let Some(place) = self.place(index) else {
             return;

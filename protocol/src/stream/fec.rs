@@ -147,7 +147,7 @@ impl FecEncoder {
         }
     }
 
-    /// True if to send a tick of this many bytes in two packets.
+    /// True if a tick of this many bytes is sent in two packets.
     pub(crate) const fn halves(&self, bytes: usize) -> bool {
         self.redundancy.halves(bytes)
     }

@@ -239,13 +239,13 @@ impl ReplyLimiter {
         self.receivers.remove(&receiver);
     }
 
-    /// True if to answer a loss report now. If so, the next reports within the pause are not answered.
+    /// True if a loss report is answered now. If so, the next reports within the pause are not answered.
     pub(super) fn allow_report(&mut self, now: Instant, receiver: u64) -> bool {
         let answered = self.receivers.entry(receiver).or_default();
         is_due(&mut answered.report, now, REPORT_PAUSE)
     }
 
-    /// True if to refresh a packet now. If so, it is not refreshed again within a round trip.
+    /// True if a packet is refreshed now. If so, it is not refreshed again within a round trip.
     pub(super) fn allow_refresh(
         &mut self,
         now: Instant,

@@ -105,7 +105,7 @@ impl ObservationHistory {
         });
     }
 
-    /// Drops the ticks that no publisher needs any more.
+    /// Drops the ticks that no publisher needs.
     fn forget(&mut self) {
         let (is_looked_at, spare_buffers) = (self.needed_ticks(), &mut self.spare_buffers);
         self.ticks.retain_mut(|observed| {

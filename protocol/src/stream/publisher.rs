@@ -384,7 +384,7 @@ struct ObservationScan {
     prefilter: ErrorPrefilter,
     /// Bodies whose tracks may not hold, in order.
     undecided: Vec<u32>,
-    /// Those of them that the prefilter tested four at a time, in order, until they are merged into the others.
+    /// Undecided bodies that the prefilter tested four at a time, in order, until they are merged into the others.
     tested: Vec<u32>,
     /// Undecided bodies with children that are no parent candidates, in order.
     other_parents: Vec<u32>,

@@ -160,7 +160,7 @@ impl NackScheduler {
         }
     }
 
-    /// Starts timers for packets that are newly missing, and drops those of packets that are not missing any more.
+    /// Starts timers for packets that are newly missing, and drops those of packets that are no longer missing.
     fn watch(&mut self, now: Instant, stream: &Subscriber) {
         let in_order = stream.statistics().disordered == 0;
         let allowed = if in_order { Span::ZERO } else { DISORDER };
@@ -187,9 +187,9 @@ impl NackScheduler {
         due.map(|due| due.max(self.paused_until))
     }
 
-    /// The packets to report now, in rising order, as many as a report holds. The pause until the next report of each is
-    /// `min_delay` at least, and never zero, even before a round trip is measured. More packets follow after a pause in
-    /// which the sender answers no report.
+    /// The packets to report now, in rising order, as many as a report holds. The pause until the next report of each
+    /// is `min_delay` at least, and never zero, even before a round trip is measured. More packets follow after a pause
+    /// in which the sender answers no report.
     fn poll(&mut self, now: Instant, min_delay: Span) -> Vec<u64> {
         if now < self.paused_until {
             return Vec::new();

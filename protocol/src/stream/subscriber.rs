@@ -384,7 +384,7 @@ impl Subscriber {
         let departed = self.depart(id.index(), Some(track.origin));
         let mut placed = self.tracks.place(id, parameters, track, label);
         if !placed && self.forget_departed() {
-            // They are not the publisher's any more, and must not take a damping's place from its bodies.
+            // The publisher no longer has them, so they must not take a damping's place from its bodies.
             placed = self.tracks.place(id, parameters, track, label);
         }
         if placed {
@@ -432,7 +432,8 @@ impl Subscriber {
         self.tracks.change_gravity(since, gravity);
     }
 
-    /// Notes after a scene event that the poses of bodies are guesses from a tick on, because their publisher is silent.
+    /// Notes after a scene event that the poses of bodies are guesses from a tick on, because their publisher is
+    /// silent.
     pub(crate) fn silence(&mut self, since: Tick, bodies: &[BodyId]) {
         for id in bodies {
             self.silent_publishers.silence(*id, since);

@@ -45,9 +45,9 @@ impl ClockSampler {
         is_due
     }
 
-    /// Takes in the answer to the ping of `sent`: the newest tick, and the time since it. Measures the round trip, and for
-    /// a member the clock of its scene. Before the client joined, the scene may not have existed; its clock then has no
-    /// meaning.
+    /// Takes in the answer to the ping of `sent`: the newest tick, and the time since it. Measures the round trip, and
+    /// for a member the clock of its scene. Before the client joined, the scene may not have existed; its clock then
+    /// has no meaning.
     ///
     /// `scene`: the config of a member's scene.
     pub(super) fn handle_pong(

@@ -110,7 +110,7 @@ pub(super) struct Resumption {
     unfinished: VecDeque<Unfinished>,
     /// The stream to join again, between two connections.
     rejoin: Option<StreamChoice>,
-    /// Where the session goes on, until the snapshot is complete.
+    /// The state from which the session resumes, until the snapshot is complete.
     state: Option<SessionState>,
 }
 
@@ -147,12 +147,12 @@ impl Resumption {
         self.key.is_some() && self.durable
     }
 
-    /// True if another connection could go on with the session.
+    /// True if another connection could resume the session.
     pub(super) const fn can_reconnect(&self) -> bool {
         self.key.is_some() && self.rejoin.is_some()
     }
 
-    /// The number of commands that the server may have to be sent again.
+    /// The number of commands that may have to be sent again.
     pub(super) fn unfinished_commands(&self) -> usize {
         let unfinished = self.unfinished.iter();
         let commands = unfinished.filter(|message| matches!(message, Unfinished::Command(..)));
@@ -209,8 +209,8 @@ impl Resumption {
         }
     }
 
-    /// Takes in where the session goes on. A server that does not know it has lost commands; the session then ends, and
-    /// so does the connection.
+    /// Takes the state from which the session resumes. A server that does not know it has lost commands; the session
+    /// then ends, and so does the connection.
     pub(super) fn handle_state(
         &mut self,
         state: SessionState,
@@ -238,7 +238,7 @@ impl Resumption {
     }
 
     /// Sends again what was not done, after the snapshot of a resumed session; `None` for another one. Returns where
-    /// the session goes on, and the last tick that was requested again.
+    /// the session resumes, and the last tick that was requested again.
     pub(super) fn resume(&mut self, outbox: &mut ClientOutbox) -> Option<(SessionState, Tick)> {
         let state = self.state.take()?;
         // Commands that are done but not yet durable are kept: the server may ask for them if it fails again.

@@ -88,13 +88,13 @@ impl Subscription {
         self.replica_switch.end_snapshot()
     }
 
-    /// Goes on after a snapshot: the next request may be sent.
+    /// Notes the end of a snapshot: the next request may be sent.
     pub(super) fn end_resync(&mut self, outbox: &mut ClientOutbox) {
         self.resyncing = false;
         self.request_stream(outbox);
     }
 
-    /// Goes on after the server denied a stream.
+    /// Notes that the server denied a stream.
     pub(super) fn handle_denied(&mut self, outbox: &mut ClientOutbox) {
         self.stream_selection.handle_denied();
         self.request_stream(outbox);
@@ -243,7 +243,7 @@ impl Subscription {
     }
 
     /// Shows the next replica if it has caught up, and reports the change of subscription. A client that selects
-    /// another stream meanwhile skips the one between; the server sends that stream no more.
+    /// another stream meanwhile skips the one between; the server stops sending that stream.
     fn switch_replica(&mut self, outbox: &mut ClientOutbox, events: &mut VecDeque<Event>) {
         let shown = self.replica_switch.shown();
         let is_live = shown.is_some_and(|replica| !replica.stream().has_lost_sync());

@@ -47,8 +47,8 @@ impl ClientUpstream {
         }
     }
 
-    /// The upstream over the next connection of the session, before it joins. If the application wants another authority
-    /// than it had, it has the earlier one again when that is denied.
+    /// The upstream over the next connection of the session, before it joins. If the application wants another
+    /// authority than it had, it has the earlier one again when that is denied.
     pub(super) fn over_next_connection(self) -> Self {
         let had = self.granted.filter(|granted| !granted.bodies.is_empty());
         let (regained, granted) = match self.regained.or(self.requested) {
@@ -182,7 +182,7 @@ impl ClientUpstream {
         Some(bodies)
     }
 
-    /// Goes on after a denial; returns the reason that the application is to know.
+    /// Handles a denial; returns the reason for the application, if it concerns the application.
     pub(super) fn handle_denied(
         &mut self,
         error: AuthorityError,

@@ -290,8 +290,8 @@ impl<'a> WorldModes<'a> {
         }
     }
 
-    /// The acceleration of a moving mode, m/s², and its greatest expected duration in ticks. `None` if the mode does not
-    /// apply.
+    /// The acceleration of a moving mode, m/s², and its greatest expected duration in ticks. `None` if the mode does
+    /// not apply.
     pub(super) fn acceleration(&self, number: usize) -> Option<(DVec3, f64)> {
         match number {
             FLOATING => Some((DVec3::ZERO, f64::INFINITY)),

@@ -17,8 +17,8 @@ use crate::stream::tracks::{Slot, Tracks};
 const JUMP: f64 = 3.0;
 /// Greatest error of the velocities that a correction implies after a jump: over a tick, as a share of the tolerance.
 const AFTER_JUMP: f64 = 1.0;
-/// The same for other bodies, and what it grows by with their speeds: a body that is hit has implied velocities of their
-/// size, and only one whose correction had to wait has greater ones.
+/// The same for other bodies, and what it grows by with their speeds: a body that is hit has implied velocities of
+/// their size, and only one whose correction had to wait has greater ones.
 const ODD_VELOCITY: f64 = 8.0;
 const ODD_SPEEDS: f64 = 2.0;
 
@@ -75,8 +75,8 @@ impl<'s> RecentMotion<'s> {
         }
     }
 
-    /// True if the body may be shown with these velocities until the next tick: they differ little from its own, or it was
-    /// displaced by them in both strides. A correction implies velocities; those of a jump lead beyond both places.
+    /// True if the body may be shown with these velocities until the next tick: they differ little from its own, or it
+    /// was displaced by them in both strides. A correction implies velocities; those of a jump lead beyond both places.
     pub(super) fn may_have(&self, velocities: &Twist, units: &Units) -> bool {
         let each_tick = |twist: Twist| Errors::of([twist.linear, twist.angular]) * units.moving;
         let (stride, shown) = (

@@ -21,7 +21,7 @@ struct InForce<'a> {
     origin: TrackSource,
 }
 
-/// What is known of the ticks of a track.
+/// Whether a track is known to be in force at a tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Certainty {
     /// It was in force up to this tick at least.
@@ -106,16 +106,16 @@ impl Subscriber {
         self.lifetimes.take_released()
     }
 
-    /// True if the track by which a body is predicted at a tick is attached to a body that was removed: its motion in the
-    /// world is then not known until the track of its next update.
+    /// True if the track by which a body is predicted at a tick is attached to a body that was removed: its motion in
+    /// the world is then not known until the track of its next update.
     #[must_use]
     pub fn is_orphaned_at(&self, id: BodyId, tick: Tick) -> bool {
         let parent = self.in_force(id, tick).and_then(|of| of.track.parent);
         parent.is_some_and(|parent| self.in_force(parent, tick).is_none())
     }
 
-    /// The predicted motion of a body at a tick, by the track in force then as far as it is kept. Of an orphaned body, it
-    /// is relative to the parent that it had.
+    /// The predicted motion of a body at a tick, by the track in force then as far as it is kept. Of an orphaned body,
+    /// it is relative to the parent that it had.
     #[must_use]
     pub fn predicted_motion(&self, id: BodyId, tick: Tick) -> Option<Motion> {
         self.motion_by(&self.in_force(id, tick)?, id, tick)
@@ -188,8 +188,8 @@ impl Subscriber {
         self.bound_at(id, self.watermark_tick)
     }
 
-    /// The error bound of a body at a tick; `None` for a body that does not exist then. Unknown after the watermark, before
-    /// the tracks that are still kept, between two published ticks, and while the body's publisher is silent.
+    /// The error bound of a body at a tick; `None` for a body that does not exist then. Unknown after the watermark,
+    /// before the tracks that are still kept, between two published ticks, and while the body's publisher is silent.
     #[must_use]
     pub fn bound_at(&self, id: BodyId, tick: Tick) -> Option<ErrorBound> {
         let in_force = self.in_force(id, tick)?;
@@ -252,8 +252,8 @@ impl Subscriber {
         }
     }
 
-    /// Keeps the body of an index that is about to go, for a view of earlier ticks. `at`: the tick of its change; `None`
-    /// for a removal. Returns `false` if there is none, or no view of earlier ticks.
+    /// Keeps the body of an index that is about to go, for a view of earlier ticks. `at`: the tick of its change;
+    /// `None` for a removal. Returns `false` if there is none, or no view of earlier ticks.
     pub(super) fn depart(&mut self, index: u32, at: Option<Tick>) -> bool {
         let lookahead = u64::from(self.lookahead.count());
         let is_past_shown = self
@@ -281,7 +281,7 @@ impl Subscriber {
                 Some(tick) => DepartureTick::At(tick),
                 None => DepartureTick::After(self.scene_events + 1, None),
             },
-            // What arrives later, of a missing packet too, is not about this body any more.
+            // Later datagrams, of a missing packet too, no longer concern this body.
             sure_until: self.complete(),
             slot,
         });
@@ -307,7 +307,7 @@ impl Subscriber {
     }
 }
 
-/// No end.
+/// No last tick.
 const FOR_EVER: Tick = Tick::new(u64::MAX);
 
 const fn past(slot: &Slot, track: Track, certainty: Certainty) -> InForce<'_> {

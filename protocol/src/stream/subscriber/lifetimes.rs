@@ -55,7 +55,7 @@ pub(super) struct Departed {
 /// The first tick of a scene without a body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum DepartureTick {
-    /// It is known.
+    /// The last tick is known.
     At(Tick),
     /// No datagram that counts this scene event has arrived. A view shows the body until the tick, if there is one.
     After(u64, Option<Tick>),
@@ -87,7 +87,7 @@ impl Lifetimes {
         }
     }
 
-    /// What was under an index at a tick and is not there any more.
+    /// The body that was under an index at a tick and has left since.
     pub(super) fn departed_at(&self, index: u32, tick: Tick) -> Option<&Departed> {
         let mut departed = self.changed.get(&index)?.departed.iter().rev();
         departed.find(|departed| departed.is_at(tick))
@@ -143,8 +143,8 @@ impl Lifetimes {
         }
     }
 
-    /// Drops what no tick from this one on needs. A body whose last tick is not known is shown for `news_after` ticks, within
-    /// which a datagram tells it.
+    /// Drops what no tick from this one on needs. A body whose last tick is not known is shown for `news_after` ticks,
+    /// within which a datagram tells it.
     pub(super) fn forget_before(
         &mut self,
         tick: Tick,
@@ -216,7 +216,7 @@ impl SilentPublishers {
         })
     }
 
-    /// Notes that a body is not confirmed from a tick on. An earlier span of it that is still kept goes on.
+    /// Notes that a body is not confirmed from a tick on. An earlier span of it that is still kept continues.
     pub(super) fn silence(&mut self, id: BodyId, since: Tick) {
         match self.spans.binary_search_by_key(&id, |span| span.id) {
             Ok(place) => {
@@ -238,7 +238,7 @@ impl SilentPublishers {
         }
     }
 
-    /// Drops the span of a body that no view shows any more.
+    /// Drops the span of a body that no view shows.
     pub(super) fn forget(&mut self, id: BodyId) {
         if let Ok(place) = self.spans.binary_search_by_key(&id, |span| span.id) {
             self.spans.remove(place);
