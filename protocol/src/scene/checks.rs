@@ -324,7 +324,7 @@ pub enum Rule {
     OutOfRange,
 }
 
-/// The rule that a number breaks.
+/// The invalid value, as its check found it.
 #[derive(Clone, Copy, Debug)]
 enum Found {
     /// Another machine found it.
