@@ -251,7 +251,7 @@ fn floor(x: f64x4) -> f64x4 {
     near - (near.simd_gt(x) & f64x4::splat(1.0))
 }
 
-/// As [`exact::sin_cos`](crate::exact::sin_cos).
+/// As `exact::sin_cos`.
 fn sin_cos(x: f64x4) -> (f64x4, f64x4) {
     let quarters = floor(x * TWO_OVER_PI + 0.5);
     let r = (x - quarters * HALF_PI_HIGH) - quarters * HALF_PI_LOW;
