@@ -1,4 +1,4 @@
-//! A scene whose engine fails continues without the commands that made it fail.
+//! A scene whose engine fails continues without the commands that broke it.
 //!
 //! Real sessions command a scene whose engine panics where the test wants it. A parallel scene with the same commands,
 //! less those that must be left out, is the truth: its digest must equal the server's, and every copy must have its
