@@ -185,7 +185,7 @@ def same_quantised(case, quantised, grid):
 
 
 def constants():
-    """Every constant of reckoning.py, in the notation of the document's tables."""
+    """Every constant of reckoning.py, as the document writes it."""
     named = {name: value for name, value in vars(r).items() if name.isupper()}
     for name, value in named.items():
         for one in value if isinstance(value, list) else [value]:
@@ -194,7 +194,7 @@ def constants():
             if name in ("ANGLE_LIMIT", "PACKED_STEPS"):
                 yield name, str(int(one))
             elif isinstance(one, float):
-                yield name, f"`{bits64([one])[0]}`"
+                yield name, bits64([one])[0]
             else:
                 yield name, f"| {one} |"
 

@@ -428,7 +428,7 @@ def over(length, radius):
 
 
 def bounding_radius(shape, extents, rows=None):
-    """4.5; `extents` in the order of section 6."""
+    """4.5; `extents` in the order of vectors/README.md."""
     if shape == "ball":
         return extents[0]
     if shape == "cuboid":

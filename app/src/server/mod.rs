@@ -1,4 +1,4 @@
-//! Server of APP clients (`spec/APP.md`), without sockets.
+//! Server of APP clients (the book, `operating/app.md`), without sockets.
 //!
 //! Each client owns a scene of its host, which members of that host may subscribe to: same engine, same checks, same
 //! containment.

@@ -158,7 +158,9 @@ fn listed(lines: &[&str]) -> Option<String> {
         .take_while(|other| other.starts_with("    ") && depth(other) > depth(line));
     let mut text = format!("{} {}", &line[start..], line[..start].trim());
     for other in below {
-        let end = names(other).first().map_or(other.len(), |(start, _)| *start);
+        let end = names(other)
+            .first()
+            .map_or(other.len(), |(start, _)| *start);
         text.push(' ');
         text.push_str(other[..end].trim());
     }
