@@ -341,12 +341,13 @@ fn begins_a_word(line: &str, place: usize) -> bool {
     line[..place].chars().next_back().is_none_or(|c| c == ' ')
 }
 
-/// True if a text is pairs of digits with one or two spaces between.
+/// True if a text is groups of pairs of digits with one or two spaces between.
 fn is_bytes(text: &str) -> bool {
-    let pairs: Vec<_> = text.split(' ').filter(|pair| !pair.is_empty()).collect();
-    let is_pair =
-        |pair: &&str| pair.len() == 2 && pair.bytes().all(|c| b"0123456789abcdef".contains(&c));
-    pairs.len() > 1 && !text.starts_with(' ') && pairs.iter().all(is_pair)
+    let groups: Vec<_> = text.split(' ').filter(|group| !group.is_empty()).collect();
+    let is_group = |group: &&str| {
+        group.len() % 2 == 0 && group.bytes().all(|c| b"0123456789abcdef".contains(&c))
+    };
+    groups.len() > 1 && !text.starts_with(' ') && groups.iter().all(is_group)
 }
 
 #[test]
@@ -356,8 +357,7 @@ fn the_documents_examples_of_messages_decode_as_described() {
     for (name, bytes) in examples("4.13") {
         let (length, typed) = bytes.split_first().expect("an example has bytes");
         assert_eq!(usize::from(*length), typed.len(), "{name}");
-        let server = ["Applied", "Refused", "BodyPlaced"];
-        let side = if server.iter().any(|word| name.starts_with(word)) {
+        let side = if name.starts_with("BodyPlaced") {
             Sender::Server
         } else {
             Sender::Client
@@ -376,18 +376,7 @@ fn the_documents_examples_of_messages_decode_as_described() {
         );
         words.push(is.to_owned());
     }
-    let expected = [
-        "Hello",
-        "Join",
-        "Join",
-        "Command",
-        "Advance",
-        "TakeAuthority",
-        "Applied",
-        "Refused",
-        "SceneEvent",
-    ];
-    assert_eq!(words, expected);
+    assert_eq!(words, ["Hello", "Join", "Command", "SceneEvent"]);
 }
 
 #[test]

@@ -15,7 +15,7 @@ use rustls::server::ResolvesServerCert;
 use rustls::sign::{CertifiedKey, SingleCertAndKey};
 
 use super::fingerprint::Fingerprint;
-use super::tuning::ALPN;
+use super::tuning::{ALPN, DRAFT_ALPN};
 
 /// A server's certificate with its key, ready to serve.
 #[derive(Clone, Debug)]
@@ -111,7 +111,10 @@ impl Certificate {
 
     /// The TLS configuration of a server of plain clients alone.
     pub(crate) fn tls(&self) -> Arc<rustls::ServerConfig> {
-        server_tls(Arc::new(SingleCertAndKey::from(self.key())), &[ALPN])
+        server_tls(
+            Arc::new(SingleCertAndKey::from(self.key())),
+            &[DRAFT_ALPN, ALPN],
+        )
     }
 
     pub(super) fn key(&self) -> Arc<CertifiedKey> {

@@ -254,7 +254,7 @@ impl PacketKey for PlainResets {
 mod tests {
     use super::super::certificate::Certificate;
     use super::super::trust::{self, Trust};
-    use super::super::tuning::ALPN;
+    use super::super::tuning::DRAFT_ALPN;
     use super::*;
 
     /// Numbers of the parameters in their encoding, in order.
@@ -287,7 +287,7 @@ mod tests {
         );
         let known = server.handshake_data().unwrap();
         let known = known.downcast::<HandshakeData>().unwrap();
-        assert_eq!(known.protocol.as_deref(), Some(ALPN));
+        assert_eq!(known.protocol.as_deref(), Some(DRAFT_ALPN));
         assert_eq!(known.server_name.as_deref(), Some("localhost"));
         // Keys of the handshake, and those behind it, each when the bytes before them are written.
         for _ in 0..2 {

@@ -65,7 +65,10 @@ impl ServerOptions {
         let hashes = web.certificate.hashes()?;
         let resolver = HandshakeCertificate::new(self.certificate.key(), hashes.clone());
         Ok(TlsSide {
-            config: server_tls(Arc::new(resolver), &[tuning::ALPN, tuning::WEB_ALPN]),
+            config: server_tls(
+                Arc::new(resolver),
+                &[tuning::DRAFT_ALPN, tuning::ALPN, tuning::WEB_ALPN],
+            ),
             streams: ClientStreams::WEB,
             hashes,
         })

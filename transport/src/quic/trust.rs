@@ -17,7 +17,7 @@ use rustls::{CertificateError as Refusal, DigitallySignedStruct, RootCertStore, 
 
 use super::certificate::{CertificateError, read_certificates};
 use super::fingerprint::Fingerprint;
-use super::tuning::ALPN;
+use super::tuning::{ALPN, DRAFT_ALPN};
 
 /// Condition under which a certificate is trusted.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -78,7 +78,7 @@ pub(super) fn tls(
         .dangerous()
         .with_custom_certificate_verifier(Arc::new(verifier))
         .with_no_client_auth();
-    tls.alpn_protocols = vec![ALPN.to_vec()];
+    tls.alpn_protocols = vec![DRAFT_ALPN.to_vec(), ALPN.to_vec()];
     tls.resumption = rustls::client::Resumption::disabled();
     Ok((Arc::new(tls), certificate_check))
 }

@@ -17,6 +17,9 @@ use crate::piece::PIECE_COST_BYTES;
 /// The application protocol, by its TLS name.
 pub(crate) const ALPN: &[u8] = b"rhumb/1";
 
+/// The same of this draft alone (PROTOCOL 1.1-5): a later draft that changes a byte has another.
+pub(crate) const DRAFT_ALPN: &[u8] = b"rhumb/1-draft-1";
+
 /// HTTP/3, on which browsers open sessions.
 pub(super) const WEB_ALPN: &[u8] = b"h3";
 

@@ -1,14 +1,15 @@
 //! A client connects to the right server only; an error names the cause.
 
 use std::fs;
-use std::net::UdpSocket;
+use std::net::{SocketAddr, UdpSocket};
 use std::path::PathBuf;
 use std::process;
 use std::sync::Arc;
+use std::sync::mpsc::{Receiver, channel};
 use std::thread;
 use std::time::Duration;
 
-use quinn::crypto::rustls::QuicServerConfig;
+use quinn::crypto::rustls::{HandshakeData, QuicClientConfig, QuicServerConfig};
 use quinn::rustls::{self, pki_types::PrivatePkcs8KeyDer};
 use rhumb_transport::{
     BindError, Certificate, CertificateError, ClientOptions, ConnectError, Fingerprint, QuicClient,
@@ -59,8 +60,9 @@ fn a_silent_server_is_reported_after_the_time_limit() {
     assert_eq!((server, tried), (address, timeout));
 }
 
-#[test]
-fn another_protocol_has_its_own_error() {
+/// A server of QUIC alone that takes these protocols: where it listens, its certificate's fingerprint, and the protocol of
+/// each connection.
+fn server_of(protocols: &[&[u8]]) -> (SocketAddr, Fingerprint, Receiver<Vec<u8>>) {
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()
@@ -76,25 +78,89 @@ fn another_protocol_has_its_own_error() {
         .with_no_client_auth()
         .with_single_cert(vec![made.cert.der().clone()], key.into())
         .unwrap();
-    tls.alpn_protocols = vec![b"h3".to_vec()];
+    tls.alpn_protocols = protocols.iter().map(|name| name.to_vec()).collect();
     let config =
         quinn::ServerConfig::with_crypto(Arc::new(QuicServerConfig::try_from(tls).unwrap()));
     let other = quinn::Endpoint::server(config, "127.0.0.1:0".parse().unwrap()).unwrap();
     let address = other.local_addr().unwrap();
     drop(inside);
+    let (taken, protocol) = channel();
     thread::spawn(move || {
         runtime.block_on(async move {
             while let Some(incoming) = other.accept().await {
-                let _ = incoming.await;
+                let Ok(connection) = incoming.await else {
+                    continue;
+                };
+                let _ = taken.send(protocol_of(&connection));
             }
         });
     });
-    let options = ClientOptions::new(address, Trust::Fingerprint(fingerprint));
-    let error = QuicClient::connect(options, TIMEOUT).unwrap_err();
-    assert!(
-        matches!(error, ConnectError::OtherProtocol { .. }),
-        "{error:?}"
-    );
+    (address, fingerprint, protocol)
+}
+
+fn protocol_of(connection: &quinn::Connection) -> Vec<u8> {
+    let data = connection.handshake_data().expect("a connection has it");
+    let data = data.downcast::<HandshakeData>().expect("data of rustls");
+    data.protocol.expect("both ends name protocols")
+}
+
+#[test]
+fn another_protocol_has_its_own_error() {
+    for other in [&b"h3"[..], b"rhumb/1-draft-2", b"rhumb/2"] {
+        let (address, fingerprint, _) = server_of(&[other]);
+        let options = ClientOptions::new(address, Trust::Fingerprint(fingerprint));
+        let error = QuicClient::connect(options, TIMEOUT).unwrap_err();
+        assert!(
+            matches!(error, ConnectError::OtherProtocol { .. }),
+            "{error:?}"
+        );
+    }
+}
+
+/// PROTOCOL 1.1-5.
+#[test]
+fn a_client_prefers_the_name_of_its_draft_and_takes_that_of_the_version() {
+    let (draft, version) = (&b"rhumb/1-draft-1"[..], &b"rhumb/1"[..]);
+    let servers = [
+        (&[draft][..], draft),
+        (&[version][..], version),
+        (&[draft, version][..], draft),
+    ];
+    for (protocols, expected) in servers {
+        let (address, fingerprint, protocol) = server_of(protocols);
+        let options = ClientOptions::new(address, Trust::Fingerprint(fingerprint));
+        let _client = QuicClient::connect(options, TIMEOUT).unwrap();
+        assert_eq!(protocol.recv_timeout(TIMEOUT).unwrap(), expected);
+    }
+}
+
+/// PROTOCOL 1.1-5, 8-1.
+#[test]
+fn a_server_takes_both_names_of_its_draft_and_no_other() {
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .unwrap();
+    let server = Running::echo();
+    let tries: [(&[&[u8]], Option<&[u8]>); 4] = [
+        (&[b"rhumb/1-draft-1"], Some(b"rhumb/1-draft-1")),
+        (&[b"rhumb/1"], Some(b"rhumb/1")),
+        (&[b"rhumb/1", b"rhumb/1-draft-1"], Some(b"rhumb/1-draft-1")),
+        (&[b"rhumb/1-draft-2"], None),
+    ];
+    for (offered, expected) in tries {
+        let mut tls =
+            rhumb_transport::raw::client_tls(&Trust::Fingerprint(server.fingerprint)).unwrap();
+        Arc::make_mut(&mut tls).alpn_protocols = offered.iter().map(|name| name.to_vec()).collect();
+        let config = QuicClientConfig::try_from(tls).unwrap();
+        let taken = runtime.block_on(async {
+            let endpoint = quinn::Endpoint::client("127.0.0.1:0".parse().unwrap()).unwrap();
+            let config = quinn::ClientConfig::new(Arc::new(config));
+            let connecting = endpoint.connect_with(config, server.address, "localhost");
+            connecting.unwrap().await.ok().as_ref().map(protocol_of)
+        });
+        assert_eq!(taken.as_deref(), expected);
+    }
 }
 
 #[test]

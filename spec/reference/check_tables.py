@@ -1,0 +1,184 @@
+"""Checks what spec/tables says about the other files: digests, and which vectors and mutants try each requirement.
+
+Usage: python3 check_tables.py [--write]. `digests.json` has the SHA-256 of each file of vectors and tables. In
+`requirements.json` this script owns the columns `vectors` and `mutants`; `cases` and `reason` are those of the suite
+(`cargo run -p rhumb-conformance --example requirements -- --write`). The words of PROTOCOL's reading path, and that no
+private value is assigned, are checked too.
+"""
+
+import hashlib
+import inspect
+import json
+import re
+import sys
+from pathlib import Path
+
+import make_streams
+import rule_streams
+from mutants import MUTANTS
+
+SPEC = Path(__file__).resolve().parent.parent
+DIGESTS, REQUIREMENTS = SPEC / "tables" / "digests.json", SPEC / "tables" / "requirements.json"
+DOCUMENTS = ("PROTOCOL", "RECKONING")
+NUMBER = re.compile(r"\[(\d+(?:\.\d+)*-\d+)\]")
+
+
+def digest(data):
+    return hashlib.sha256(data).hexdigest()
+
+
+def digests():
+    """The digests of all files, and the one over all vectors, as CONFORMANCE says."""
+    vectors = sorted((SPEC / "vectors").glob("*.json"))
+    tables = [SPEC / "tables" / name for name in ("packets.json", "protocol.json")]
+    files = {path.relative_to(SPEC).as_posix(): digest(path.read_bytes()) for path in vectors + tables}
+    lines = "".join(f"{files[name]}  {name}\n" for name in sorted(files) if name.startswith("vectors/"))
+    return json.dumps({"format": "rhumb digests 1", "vectors": digest(lines.encode()), "files": files}, indent=1) + "\n"
+
+
+def text(name):
+    return (SPEC / f"{name}.md").read_text(encoding="utf-8")
+
+
+def stated():
+    """The requirements of each document, in its order."""
+    lines = {name: [line for line in text(name).split("\n") if not line.startswith("    ")] for name in DOCUMENTS}
+    return {name: NUMBER.findall("\n".join(lines[name])) for name in DOCUMENTS}
+
+
+def cited(words, numbers):
+    """The requirements that a list of citations names: `6.5-2`, `6.6-2 to 6.6-5`, `5.17`, `RECKONING 3.8-4`, `3.2–3.6`."""
+    document = "PROTOCOL"
+    for one in re.split(r",\s*(?:and )?", words.strip().rstrip(".")):
+        named = re.fullmatch(r"(PROTOCOL |RECKONING )?([\d.]+(?:-\d+)?)(?:(?: to |–)([\d.]+(?:-\d+)?))?", one)
+        if not named:
+            continue
+        document = (named[1] or document).strip()
+        last = named[3] or named[2]
+        for number in numbers[document]:
+            clause = number.split("-")[0]
+            of = number if "-" in named[2] else clause
+            if key(named[2]) <= key(of) <= key(last):
+                yield document, number
+
+
+def key(number):
+    return [int(part) for part in re.split(r"[.-]", number)]
+
+
+def scripted(numbers):
+    """The requirements of each scripted stream, from its maker's description, and of each refused datagram."""
+    for module in (make_streams, rule_streams):
+        for maker in vars(module).values():
+            if not inspect.isfunction(maker) or maker.__module__ != module.__name__ or inspect.signature(maker).parameters:
+                continue
+            requirements = list(cited(inspect.getdoc(maker) or "", numbers))
+            made = maker() if requirements else []
+            for stream in [made] if hasattr(made, "recorded") else made:
+                for requirement in requirements:
+                    yield requirement, f"scripted: {stream.name}"
+    for line in json.loads((SPEC / "vectors" / "scripted.json").read_text(encoding="utf-8"))["refused"]:
+        for requirement in cited(line["breaks"], numbers):
+            yield requirement, f"scripted: {line['name']}"
+
+
+def sections(numbers):
+    """The requirements of each section of reckoning.json, from the last column of RECKONING's table."""
+    for row in re.finditer(r"^\| `(\w+)` \|.*\| ([\d.,– ]+) \|$", text("RECKONING"), re.MULTILINE):
+        for requirement in cited("RECKONING " + row[2], numbers):
+            yield requirement, f"reckoning: {row[1]}"
+
+
+def argued(rows):
+    """The files of vectors that the reason for having no case names."""
+    for document, of in rows.items():
+        for number, row in of.items():
+            for name in set(re.findall(r"(\w+)\.json|(golden vectors)", row.get("reason", ""))):
+                yield (document, number), name[0] or "control"
+
+
+def requirements():
+    """The table, with this script's columns made anew."""
+    numbers, old = stated(), json.loads(REQUIREMENTS.read_text(encoding="utf-8"))
+    kept = {name: {number: {k: v for k, v in old.get(name, {}).get(number, {}).items() if k in ("cases", "reason")} for number in numbers[name]} for name in DOCUMENTS}
+    vectors = {}
+    for requirement, vector in [*scripted(numbers), *sections(numbers), *argued(kept)]:
+        vectors.setdefault(requirement, set()).add(vector)
+    for (document, number), of in vectors.items():
+        kept[document][number]["vectors"] = sorted(of)
+    for mutant in MUTANTS:
+        for document, number in cited(mutant.requirement, numbers):
+            kept[document][number].setdefault("mutants", []).append(mutant.broken)
+    return listed(kept)
+
+
+def listed(rows):
+    """One requirement a line, as the suite's program writes it."""
+
+    def line(number, row):
+        return f'"{number}": {json.dumps(row, ensure_ascii=False, sort_keys=True, separators=(",", ":"))}'
+
+    documents = (f'"{name}": {{\n' + ",\n".join(line(*one) for one in rows[name].items()) + "\n}" for name in DOCUMENTS)
+    return "{\n" + ",\n".join(documents) + "\n}\n"
+
+
+def bare():
+    """The requirements without a vector, a case, a mutant or a reason."""
+    for document, rows in json.loads(requirements()).items():
+        for number, row in rows.items():
+            if not row:
+                yield f"{document} {number} has neither a vector, a case, a mutant nor a reason"
+
+
+def words_of(name, sections):
+    """The words of sections of a document, `sections` as the reading path lists them."""
+    total, counts, parts = 0, {}, re.split(r"^#+ ", text(name), flags=re.MULTILINE)
+    for part in parts[1:]:
+        number = part.split()[0]
+        if re.fullmatch(r"[\d.]+", number):
+            counts[number] = len(part.split()) + 1
+    for one in sections.split(","):
+        first, last = ([*one.split(" to "), one][:2] if " to " in one else (one, one))
+        first, last = key(first.strip()), key(last.strip())
+        total += sum(count for number, count in counts.items() if first <= key(number)[: len(first)] and key(number)[: len(last)] <= last)
+    return total
+
+
+def path():
+    """The rows of the reading path whose words are more than a twentieth off."""
+    for profile, sections, words in re.findall(r"^\| ([a-z, ]+) \| ((?:PROTOCOL|RECKONING) [^|]*) \| ([\d,]+) \|$", text("PROTOCOL"), re.MULTILINE):
+        now = sum(words_of(*one.strip().split(" ", 1)) for one in sections.split(";"))
+        if abs(now - int(words.replace(",", ""))) > now / 20:
+            yield f"the reading path of *{profile}* has {now} words, not {words}"
+
+
+def private():
+    """Assigned values in the private ranges of PROTOCOL 12-2."""
+    table = json.loads((SPEC / "tables" / "protocol.json").read_text(encoding="utf-8"))
+    for name, of in table["types"].items():
+        for row in of.get("codes", []):
+            if row["code"] >= 0xF0:
+                yield f"{name} {row['code']} is private"
+    for row in table["close codes"]:
+        if 4096 <= row["code"] < 8192:
+            yield f"close code {row['code']} is private"
+
+
+def main():
+    wrong = [*path(), *private()]
+    for file, made in ((DIGESTS, digests), (REQUIREMENTS, requirements)):
+        if "--write" in sys.argv:
+            file.write_text(made(), encoding="utf-8")
+        elif not file.exists() or file.read_text(encoding="utf-8") != made():
+            wrong.append(f"{file.name} differs: python3 spec/reference/check_tables.py --write")
+    for name, numbers in stated().items():
+        wrong += [f"{name} {number} is stated twice" for number in sorted({one for one in numbers if numbers.count(one) > 1})]
+    wrong += bare()
+    for line in wrong:
+        print(line)
+    print(f"{sum(map(len, stated().values()))} requirements, {len(wrong)} faults of the tables")
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
