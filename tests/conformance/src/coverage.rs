@@ -104,9 +104,9 @@ pub fn table(old: &str) -> String {
         let line = format!("\"{id}\": {row}");
         rows.entry(*document).or_default().push(line);
     }
-    let documents = rows.into_iter().map(|(document, lines)| {
-        format!("\"{}\": {{\n{}\n}}", document.name(), lines.join(",\n"))
-    });
+    let documents = rows
+        .into_iter()
+        .map(|(document, lines)| format!("\"{}\": {{\n{}\n}}", document.name(), lines.join(",\n")));
     let documents: Vec<_> = documents.collect();
     format!("{{\n{}\n}}\n", documents.join(",\n"))
 }

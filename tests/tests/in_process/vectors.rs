@@ -207,9 +207,10 @@ fn limits_in_code() -> BTreeMap<&'static str, f64> {
 /// The limits of PROTOCOL 7 by name.
 fn limits_in_the_document() -> BTreeMap<String, f64> {
     let text = Document::Protocol.text();
-    let rows = text.lines().filter_map(|line| {
-        let (name, rest) = line.strip_prefix("| `")?.split_once("` | ")?;
-        let value = rest.split(' ').next()?.parse().ok()?;
+    let begin = text.find("\n## 7 ").expect("an existing clause");
+    let rows = text[begin..].lines().filter_map(|line| {
+        let mut words = line.strip_prefix("    ")?.split_whitespace();
+        let (name, value) = (words.next()?, words.next()?.parse().ok()?);
         let is_name = name.bytes().all(|c| c.is_ascii_uppercase() || c == b'_');
         is_name.then(|| (name.to_owned(), value))
     });
