@@ -2,7 +2,7 @@
 
 Usage: python3 check_tables.py [--write]. `digests.json` has the SHA-256 of each file of vectors and tables. In
 `requirements.json` this script owns the columns `vectors` and `mutants`; `cases` and `reason` are those of the suite
-(`cargo run -p rhumb-conformance --example requirements -- --write`). The words of PROTOCOL's reading path, and that no
+(`UPDATE_VECTORS=1 cargo test -p rhumb-conformance --lib coverage`). The words of PROTOCOL's reading path, and that no
 private value is assigned, are checked too.
 """
 
@@ -112,7 +112,7 @@ def requirements():
 
 
 def listed(rows):
-    """One requirement a line, as the suite's program writes it."""
+    """One requirement a line, as the suite's test writes it."""
 
     def line(number, row):
         return f'"{number}": {json.dumps(row, ensure_ascii=False, sort_keys=True, separators=(",", ":"))}'

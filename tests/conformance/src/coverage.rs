@@ -75,42 +75,6 @@ pub fn reasons() -> BTreeMap<(Document, String), String> {
     reasons
 }
 
-/// The table of requirements in `spec/tables`, with the suite's columns `cases` and `reason` as they are now; the others
-/// are those of `old`, and belong to `spec/reference/check_tables.py`.
-///
-/// # Panics
-///
-/// When `old` is not such a table.
-#[must_use]
-pub fn table(old: &str) -> String {
-    let old: Value = serde_json::from_str(old).expect("the table is JSON");
-    let mut rows: BTreeMap<Document, Vec<String>> = BTreeMap::new();
-    for one in coverage() {
-        let Requirement { document, id, .. } = &one.requirement;
-        let mut row: BTreeMap<&str, Value> = BTreeMap::new();
-        for column in ["mutants", "vectors"] {
-            let kept = &old[document.name()][id.as_str()][column];
-            if !kept.is_null() {
-                row.insert(column, kept.clone());
-            }
-        }
-        if !one.cases.is_empty() {
-            row.insert("cases", one.cases.join(" ").into());
-        }
-        if let Some(reason) = one.reason {
-            row.insert("reason", reason.into());
-        }
-        let row = serde_json::to_string(&row).expect("a row is JSON");
-        let line = format!("\"{id}\": {row}");
-        rows.entry(*document).or_default().push(line);
-    }
-    let documents = rows
-        .into_iter()
-        .map(|(document, lines)| format!("\"{}\": {{\n{}\n}}", document.name(), lines.join(",\n")));
-    let documents: Vec<_> = documents.collect();
-    format!("{{\n{}\n}}\n", documents.join(",\n"))
-}
-
 /// Contradictions between requirements, cases and reasons; empty when there are none.
 #[must_use]
 pub fn holes() -> Vec<String> {
@@ -156,4 +120,55 @@ pub fn holes() -> Vec<String> {
         }
     }
     holes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The table of requirements in `spec/tables`, with the suite's columns `cases` and `reason` as they are now; the others
+    /// are those of `old`, and belong to `spec/reference/check_tables.py`.
+    fn table(old: &str) -> String {
+        let old: Value = serde_json::from_str(old).expect("the table is JSON");
+        let mut rows: BTreeMap<Document, Vec<String>> = BTreeMap::new();
+        for one in coverage() {
+            let Requirement { document, id, .. } = &one.requirement;
+            let mut row: BTreeMap<&str, Value> = BTreeMap::new();
+            for column in ["mutants", "vectors"] {
+                let kept = &old[document.name()][id.as_str()][column];
+                if !kept.is_null() {
+                    row.insert(column, kept.clone());
+                }
+            }
+            if !one.cases.is_empty() {
+                row.insert("cases", one.cases.join(" ").into());
+            }
+            if let Some(reason) = one.reason {
+                row.insert("reason", reason.into());
+            }
+            let row = serde_json::to_string(&row).expect("a row is JSON");
+            let line = format!("\"{id}\": {row}");
+            rows.entry(*document).or_default().push(line);
+        }
+        let documents = rows.into_iter().map(|(document, lines)| {
+            format!("\"{}\": {{\n{}\n}}", document.name(), lines.join(",\n"))
+        });
+        let documents: Vec<_> = documents.collect();
+        format!("{{\n{}\n}}\n", documents.join(",\n"))
+    }
+
+    /// `UPDATE_VECTORS=1` writes it.
+    #[test]
+    fn the_table_of_requirements_has_the_suites_cases_and_reasons() {
+        let file = concat!(env!("CARGO_MANIFEST_DIR"), "/spec/tables/requirements.json");
+        let old = std::fs::read_to_string(file).expect("the table is in the repository");
+        let now = table(&old);
+        if std::env::var_os("UPDATE_VECTORS").is_some() {
+            return std::fs::write(file, now).expect("writing the table");
+        }
+        assert!(
+            now == old,
+            "it differs: UPDATE_VECTORS=1 cargo test -p rhumb-conformance --lib coverage"
+        );
+    }
 }
