@@ -44,7 +44,7 @@ pub enum Transmit {
 pub enum Ending {
     /// The peer closed it and gave this code.
     Closed(u32),
-    /// Nothing was received for the idle time.
+    /// No packet was received for the idle time.
     TimedOut,
     /// The transport failed or refused.
     Broken,
@@ -100,7 +100,7 @@ pub trait Endpoint {
         let _ = (now, peer, report);
     }
 
-    /// The link has taken so many more of the control bytes handed over for a peer.
+    /// The link has taken this many more of the control bytes handed over for a peer.
     ///
     /// A driver that reports this calls it with zero after `handle_opened`; it is then handed only a window of control
     /// bytes beyond those that the link took.

@@ -169,7 +169,7 @@ pub const HISTORY_PACKETS: usize = 1_024;
 pub const LOST_NUMBERS_MAX: usize = 64;
 /// Parts of one refresh.
 pub const REFRESH_PARTS_MAX: u8 = 64;
-/// A repair symbol covers at most so many consecutive packet numbers, and both ends keep so many packets for it.
+/// The most consecutive packet numbers that a repair symbol covers; both ends keep this many packets for it.
 pub const FEC_SPAN: u32 = 32;
 /// Repair symbols of different coefficients: half of the elements of their field.
 pub const FEC_ROWS: u8 = 128;

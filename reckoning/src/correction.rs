@@ -23,7 +23,7 @@ impl Correction {
     /// A jump longer than this is shown at once: it is a teleport, not an error.
     pub const TELEPORT: Metres = Metres::new(2.0);
 
-    /// Nothing to take off.
+    /// A correction of zero.
     pub const NONE: Self = Self {
         start: Seconds::new(f64::NEG_INFINITY),
         offset: DVec3::ZERO,

@@ -142,6 +142,27 @@ impl PredictionX4 {
         self.len = 0;
     }
 
+    /// Predicts all bodies of the batch, hands out the corrected ones, and empties the batch.
+    ///
+    /// `corrections`: one for each body, in the order of [`Self::take`]; bodies without one are not handed out.
+    pub fn correct<'a>(
+        &mut self,
+        corrections: impl IntoIterator<Item = Option<LaneCorrection<'a>>>,
+        mut out: impl FnMut(u32, QuantisedState),
+    ) {
+        let Some(config) = self.config.take() else {
+            return;
+        };
+        let laid = LaneCorrections::of(corrections.into_iter().take(self.len));
+        let whole = laid.onto(&self.predicted(&config));
+        for (lane, residual) in laid.residuals.into_iter().enumerate() {
+            if let Some(residual) = residual {
+                out(self.keys[lane], residual.onto_implied(whole.at(lane)));
+            }
+        }
+        self.len = 0;
+    }
+
     /// Predicts all lanes, the unused ones too.
     #[inline]
     fn predicted(&self, config: &StepConstants) -> MotionX4 {
@@ -314,29 +335,6 @@ struct WholeSteps {
     rotation: [[f64; LANES]; 4],
     linear: [[f64; LANES]; 3],
     angular: [[f64; LANES]; 3],
-}
-
-impl PredictionX4 {
-    /// Predicts all bodies of the batch, hands out the corrected ones, and empties the batch.
-    ///
-    /// `corrections`: one for each body, in the order of [`Self::take`]; bodies without one are not handed out.
-    pub fn correct<'a>(
-        &mut self,
-        corrections: impl IntoIterator<Item = Option<LaneCorrection<'a>>>,
-        mut out: impl FnMut(u32, QuantisedState),
-    ) {
-        let Some(config) = self.config.take() else {
-            return;
-        };
-        let laid = LaneCorrections::of(corrections.into_iter().take(self.len));
-        let whole = laid.onto(&self.predicted(&config));
-        for (lane, residual) in laid.residuals.into_iter().enumerate() {
-            if let Some(residual) = residual {
-                out(self.keys[lane], residual.onto_implied(whole.at(lane)));
-            }
-        }
-        self.len = 0;
-    }
 }
 
 impl<'a> LaneCorrections<'a> {

@@ -11,7 +11,7 @@ use wide::f32x4;
 
 use crate::flow::{Integrator, TRACK_AGE_MAX};
 use crate::predictor::Conditions;
-use crate::quantiser::Grid;
+use crate::quantiser::{Grid, OTHERS};
 use crate::tolerance::Tolerance;
 use crate::track::{Anchor, BodyState, DenseTrack};
 use crate::units::{Metres, Tick};
@@ -215,9 +215,6 @@ struct AnchorF32 {
     /// Off by 2⁻²¹ at most, if the anchor is packed.
     rotation: [f32; 4],
 }
-
-/// For each place of the greatest component of a packed rotation, the places of the others.
-const OTHERS: [[usize; 3]; 4] = [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]];
 
 impl AnchorF32 {
     #[inline(always)]

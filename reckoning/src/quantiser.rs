@@ -428,7 +428,7 @@ pub struct PackedRotation {
 /// Steps in one.
 pub(crate) const PACKED_STEPS: f64 = 524_288.0;
 /// For each place of the greatest component, the places of the others.
-const OTHERS: [[usize; 3]; 4] = [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]];
+pub(crate) const OTHERS: [[usize; 3]; 4] = [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]];
 
 impl PackedRotation {
     /// No turn: the fourth component is the largest, the others are zero.

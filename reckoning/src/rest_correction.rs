@@ -5,6 +5,7 @@
 
 use crate::exact::sqrt;
 use crate::motion::{InvalidMotion, Pose};
+use crate::quantiser::OTHERS;
 use crate::track::BodyState;
 
 /// Difference between the f32 of a pose and those of its prediction.
@@ -32,7 +33,7 @@ impl RestCorrection {
         let place = greatest(expected);
         let negated = (rotation[place] < 0.0) != (expected[place] < 0.0);
         let expected = expected.map(|part| if negated { -part } else { part });
-        let parts = others(place).map(|i| rotation[i]);
+        let parts = OTHERS[place].map(|i| rotation[i]);
         let guess = greatest_of(parts, expected[place]);
         let position_guess = predicted.position.to_array();
         let mut rest_correction = Self {
@@ -42,7 +43,7 @@ impl RestCorrection {
         };
         for i in 0..3 {
             rest_correction.position[i] = steps(position[i], position_guess[i] as f32)?;
-            rest_correction.others[i] = steps(parts[i], expected[others(place)[i]] as f32)?;
+            rest_correction.others[i] = steps(parts[i], expected[OTHERS[place][i]] as f32)?;
         }
         Some(rest_correction)
     }
@@ -58,7 +59,7 @@ impl RestCorrection {
         let expected = expected.map(|part| if self.negated { -part } else { part });
         let guess = predicted.position.to_array();
         let position = core::array::from_fn(|i| stepped(guess[i] as f32, self.position[i]));
-        let places = others(place);
+        let places = OTHERS[place];
         let parts: [f32; 3] =
             core::array::from_fn(|i| stepped(expected[places[i]] as f32, self.others[i]));
         let mut rotation = [0.0; 4];
@@ -79,16 +80,6 @@ fn greatest(parts: [f64; 4]) -> usize {
         }
     }
     place
-}
-
-/// The three other places, in order.
-const fn others(place: usize) -> [usize; 3] {
-    match place {
-        0 => [1, 2, 3],
-        1 => [0, 2, 3],
-        2 => [0, 1, 3],
-        _ => [0, 1, 2],
-    }
 }
 
 /// The fourth part of a unit quaternion, from the three others and with the sign of the expected value.

@@ -32,7 +32,7 @@ pub struct Track {
 pub enum Anchor {
     /// On the stream's grid.
     Quantised(QuantisedState),
-    /// To the last bit of the engine's f32 state.
+    /// The engine's f32 state to the last bit.
     Exact(BodyState),
 }
 

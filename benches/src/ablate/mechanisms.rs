@@ -253,7 +253,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
             "protocol/src/stream/receiver.rs#const DISORDER, const WAIT_MOST, struct NackScheduler, impl NackScheduler, struct RetryTimer, impl RetryTimer",
             "protocol/src/stream/losses.rs#const REPORT_PAUSE, struct ReplyLimiter, struct Answered, impl ReplyLimiter, fn is_due, struct SentPackets, impl SentPackets",
             "protocol/src/stream/publisher/packer.rs#fn refresh",
-            "protocol/src/packet/recovery.rs#const GAP_ORDER, const ALIAS_ORDER, const AGE_ORDER, const AGE_MAX, struct RefreshRecord, struct Refresh, impl Refresh, const HEAD_BYTES_MAX, struct RefreshWriter, impl Default for RefreshWriter, impl RefreshWriter, struct LossReport, impl LossReport",
+            "protocol/src/packet/recovery.rs#const GAP_ORDER, const ALIAS_ORDER, const AGE_ORDER, struct RefreshRecord, struct Refresh, impl Refresh, const HEAD_BYTES_MAX, struct RefreshWriter, impl Default for RefreshWriter, impl RefreshWriter, struct LossReport, impl LossReport",
         ],
         requirements: &[
             "PROTOCOL 5.11",

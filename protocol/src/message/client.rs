@@ -231,7 +231,7 @@ fn decode_hello(from: &mut Reader<'_>) -> Result<ClientMessage, Malformed> {
 /// The cause of a member's request for a new snapshot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ResyncCause {
-    /// So many packets are missing that no refresh helps.
+    /// Too many packets are missing for refreshes.
     LostSync,
     /// A checksum of the stream differs from that of the copy: a fault of the publisher or of the subscriber.
     ChecksumMismatch,

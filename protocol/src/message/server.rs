@@ -113,7 +113,7 @@ pub enum ServerMessage {
     TickEvents(TickEvents),
     /// The state from which the session of this join resumes; sent before `Joined`.
     Session(SessionState),
-    /// The scene up to this tick, and so many commands of the session, survive the server's crash.
+    /// The scene up to this tick, and this number of commands of the session, survive the server's crash.
     Durable {
         /// Commands of the session from its first on.
         commands: u64,

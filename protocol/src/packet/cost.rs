@@ -5,10 +5,10 @@
 
 use rhumb_reckoning::{Residual, VelocityResidual};
 
+use super::keyframe::INDEX_BITS;
 use super::model::{code_cost, opening_cost};
 use super::payload::{
-    Age, INDEX_BITS, PredictionMode, UpdateCoder, UpdateForm, UpdatePayload, each_number, length,
-    resting,
+    Age, PredictionMode, UpdateCoder, UpdateForm, UpdatePayload, each_number, length, resting,
 };
 use super::tables::contexts;
 use super::tables::contexts::TripleContexts;

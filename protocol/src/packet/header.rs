@@ -81,7 +81,7 @@ pub enum PacketKind {
     Updates,
     /// Updates of a stream; the last packet of its tick.
     UpdatesEnd,
-    /// Nothing more was to be sent up to a tick.
+    /// Everything up to a tick was sent.
     Watermark,
     /// The present tracks of the bodies in a lost packet.
     Refresh,
@@ -97,7 +97,7 @@ pub enum PacketKind {
     RepairSymbol,
     /// Updates of a stream with a budget; the last packet of a tick at which some bodies exceed their tolerance.
     UpdatesOverBudget,
-    /// Nothing more was sent up to a tick of a stream with a budget, and some bodies exceed their tolerance.
+    /// Everything up to a tick of a stream with a budget was sent, and some bodies exceed their tolerance.
     WatermarkOverBudget,
 }
 

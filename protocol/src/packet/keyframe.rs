@@ -23,8 +23,8 @@ const VELOCITY_ORDER: u32 = 6;
 const ACCELERATION_ORDER: u32 = 6;
 const ACCELERATION_EXPONENT_BITS: u32 = 4;
 
-/// Bits of a body's index and of its generation.
-const INDEX_BITS: u32 = INDICES_MAX.ilog2();
+/// Bits of a body's index.
+pub(super) const INDEX_BITS: u32 = INDICES_MAX.ilog2();
 const GENERATION_BITS: u32 = 16;
 
 /// A track without its origin tick.

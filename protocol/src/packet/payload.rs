@@ -12,13 +12,12 @@ use rhumb_reckoning::{
 };
 
 use super::keyframe::{
-    ACCELERATED, Keyframe, numbers_of_acceleration, predictor_code, predictor_of,
+    ACCELERATED, INDEX_BITS, Keyframe, numbers_of_acceleration, predictor_code, predictor_of,
     read_acceleration, unzigzag, write_acceleration, zigzag,
 };
 use super::model::Model;
 use super::tables::contexts::TripleContexts;
 use super::tables::{ASSIGN_ALIAS, END, FORM_COUNT, MODES, contexts};
-use crate::limits::INDICES_MAX;
 use crate::wire::Malformed;
 use crate::wire::range::{Alphabet, RangeReader, RangeWriter, TOTAL_BITS};
 
@@ -567,10 +566,9 @@ static FORMS: [Alphabet; MODES.len()] = [
     Alphabet::new(&MODES[3]),
 ];
 
-/// Bits of a body's index.
-pub(super) const INDEX_BITS: u32 = INDICES_MAX.ilog2();
-/// A moving body or a parent is updated at least this often, or put to rest.
-const AGE_MAX: u32 = 1 << 30;
+/// The greatest age, half a year at 60 Hz. A moving body or a parent is updated before, or put to rest; a refresh gives
+/// an older track this age.
+pub(super) const AGE_MAX: u32 = 1 << 30;
 
 /// The number of published ticks since the origin of a track. The published tick that carries the track counts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -685,6 +683,7 @@ pub(crate) mod tests {
     };
 
     use super::*;
+    use crate::limits::INDICES_MAX;
     use crate::packet::cost::CostModel;
     use crate::packet::keyframe::tests::{keyframe, steps};
 

@@ -11,6 +11,7 @@ use rhumb_reckoning::Ticks;
 use super::LargestPacket;
 use super::header::{Head, Low16, PacketKind, StreamId};
 use super::keyframe::Keyframe;
+use super::payload::AGE_MAX;
 use crate::limits::{
     DATAGRAM_BYTES_MAX, FEC_SPAN, INDICES_MAX, LARGEST_PACKET_MIN, LOST_NUMBERS_MAX,
     REFRESH_PARTS_MAX, UPDATES_PER_PACKET_MAX,
@@ -86,8 +87,6 @@ impl LossReport {
 const GAP_ORDER: u32 = 3;
 const ALIAS_ORDER: u32 = 5;
 const AGE_ORDER: u32 = 4;
-/// An older track is encoded with this age: half a year at 60 Hz.
-const AGE_MAX: u32 = 1 << 30;
 
 /// One body's track.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -278,7 +277,7 @@ const _: () = assert!(
 pub struct Checksums {
     /// Number of the stream's next packet: the checksum covers all packets before it.
     pub next: Low16,
-    /// Low bits of the tick up to which nothing more is to be sent.
+    /// Low bits of the tick up to which everything was sent.
     pub tick: Low16,
     /// Low bits of the count of scene events up to that tick.
     pub scene_events: Low16,

@@ -233,7 +233,7 @@ impl<'a> UpdatePacket<'a> {
     }
 }
 
-/// States that all packets before `next` were sent, and that nothing more is to be sent up to a tick (PROTOCOL 5.10).
+/// States that all packets before `next` were sent, and everything up to a tick (PROTOCOL 5.10).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Watermark {
     /// Low bits of the number of the stream's next packet.

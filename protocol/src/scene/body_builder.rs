@@ -17,7 +17,7 @@ use super::{Material, Sleep};
 /// damping.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BodyBuilder {
-    /// With ids that mean nothing yet.
+    /// The description; its ids are placeholders until the body is added.
     desc: BodyDesc,
     shape: Shape,
     position: Vec3,

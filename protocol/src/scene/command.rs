@@ -12,7 +12,7 @@ use super::body::BodyDesc;
 use super::body_event::ActiveEvents;
 use super::checks::{Invalid, Quantity, rotation, scalar, vector};
 use super::ids::IdOutOfRange;
-use super::joint::{Joint, JointId};
+use super::joint::{IDENTITY_BITS, Joint, JointId};
 use super::locomotion::{JumpFrom, Locomotion, WheelInput, decode_each, encode_each};
 use super::shape::{Shape, ShapeId};
 use crate::limits::{ANGULAR_MAX, COORDINATE_MAX, FORCE_MAX, GRAVITY_MAX, LINEAR_MAX};
@@ -573,9 +573,6 @@ mod part {
     pub(super) const LINEAR: u8 = 2;
     pub(super) const ANGULAR: u8 = 4;
 }
-
-/// The bits of the identity quaternion.
-const IDENTITY_BITS: [u32; 4] = [0, 0, 0, 1.0_f32.to_bits()];
 
 impl Wire for BodyState {
     fn encode(&self, to: &mut Writer) {

@@ -139,7 +139,7 @@ pub struct JointStrength {
 /// radians.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum JointKind {
-    /// Nothing.
+    /// No motion is free.
     Fixed,
     /// Every turn; limits about x, y and z.
     Spherical(Option<[JointLimits; 3]>),
@@ -303,8 +303,8 @@ mod flag {
     pub(super) const ALL: u64 = (1 << 9) - 1;
 }
 
-/// Bits of the rotation that the encoding omits.
-const IDENTITY_BITS: [u32; 4] = [0, 0, 0, 1.0_f32.to_bits()];
+/// The bits of the identity quaternion, which encodings omit.
+pub(super) const IDENTITY_BITS: [u32; 4] = [0, 0, 0, 1.0_f32.to_bits()];
 
 fn is_identity(rotation: Quat) -> bool {
     rotation.to_array().map(f32::to_bits) == IDENTITY_BITS

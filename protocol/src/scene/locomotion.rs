@@ -80,8 +80,7 @@ impl Wire for Locomotion {
     }
 }
 
-/// How a character walks. It moves by the velocity that was set last, as far as the world lets it, and falls by
-/// gravity.
+/// How a character walks. It moves by the velocity that was set last until something blocks it, and falls by gravity.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Character {
     /// Direction away from the ground, world frame, of unit length; `None`: against the scene's gravity, or along y if
@@ -522,7 +521,7 @@ fn number(
     checked.map_err(|wrong| wrong.of(name, unit))
 }
 
-/// Encodes so many values. A number that no vehicle has stands for itself or for 255, which is refused either way.
+/// Encodes this many values. A number that no vehicle has stands for itself or for 255, which is refused either way.
 pub(super) fn encode_each<T: Wire>(values: &[T], to: &mut Writer) {
     to.u8(u8::try_from(values.len()).unwrap_or(u8::MAX));
     for value in values {

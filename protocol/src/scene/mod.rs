@@ -330,7 +330,7 @@ pub enum Sleep {
     /// It sleeps once it has settled: the engine finds it slow, and neither gravity nor a motor still moves it.
     #[default]
     Settled,
-    /// It never falls asleep by itself, and neither does what it touches.
+    /// It never falls asleep by itself, nor does a body that touches it.
     Never,
     /// It sleeps once it is slow, whatever moves it.
     Below(SleepThresholds),

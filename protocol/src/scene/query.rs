@@ -1,6 +1,6 @@
 //! Questions about where the bodies of a scene are, and their answers.
 //!
-//! An engine evaluates them; nothing here does. Each question finds at most so many bodies as it asks for. Positions
+//! An engine evaluates them; nothing here does. Each question states how many bodies it finds at most. Positions
 //! and directions are in the world frame.
 
 use alloc::vec::Vec;
@@ -194,7 +194,7 @@ impl Query {
         self
     }
 
-    /// The same question for so many bodies.
+    /// The same question for this many bodies at most.
     #[must_use]
     pub const fn finding(mut self, hits: u8) -> Self {
         self.hits = hits;

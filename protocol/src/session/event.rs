@@ -57,13 +57,13 @@ pub enum Event {
     /// The connection ended; the client tries to resume the session over another one.
     Interrupted(Ending),
     /// The session is resumed over another connection: the replica is complete again, and commands that were not done
-    /// are sent again, and authority over bodies is requested again. A scene that was restored may continue at an earlier
-    /// tick than the last one sent.
+    /// are sent again, and authority over bodies is requested again. A scene that was restored may continue at an
+    /// earlier tick than the last one sent.
     Resumed(SessionState),
     /// The server no longer knows the session: which of its commands were done is unknown. The connection
     /// ends.
     SessionLost(SessionState),
-    /// The scene up to this tick, and so many commands of the session, survive a crash of the server.
+    /// The scene up to this tick, and this number of commands of the session, survive a crash of the server.
     Durable {
         /// Commands of the session from its first on.
         commands: u64,
@@ -122,7 +122,7 @@ pub enum Event {
         /// The event.
         event: BodyEvent,
     },
-    /// So many events of bodies were not sent or not kept, in this tick or before it: a tick had too many of them, or
+    /// Events of bodies were not sent or not kept, in this tick or before it: a tick had too many of them, or
     /// the client was too far behind.
     EventsMissed {
         /// The tick.

@@ -145,7 +145,7 @@ pub enum Misuse {
     NoInside,
     /// A joint cannot join a body to itself.
     JoinedToItself(BodyId),
-    /// No query finds so many bodies.
+    /// A query asks for more bodies than it may find.
     Hits(u8),
     /// One message cannot have queries of this cost: there is none, or too many.
     QueryCost(u32),

@@ -21,7 +21,7 @@ impl Writer {
         Self::default()
     }
 
-    /// An empty buffer with capacity for so many bytes.
+    /// An empty buffer with capacity for this many bytes.
     #[must_use]
     pub(crate) fn with_capacity(bytes: usize) -> Self {
         Self {

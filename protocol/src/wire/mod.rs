@@ -33,7 +33,7 @@ pub enum Malformed {
     Motion(InvalidMotion),
     /// A text is not UTF-8 or contains forbidden characters.
     Text,
-    /// More than a limit allows.
+    /// A length or count exceeds its limit.
     TooLong,
 }
 

@@ -34,7 +34,7 @@ impl Default for RangeWriter {
 }
 
 impl RangeWriter {
-    /// A writer with capacity for so many bytes.
+    /// A writer with capacity for this many bytes.
     pub(crate) fn with_capacity(bytes: usize) -> Self {
         Self {
             bytes: vec![0; bytes],
@@ -321,7 +321,7 @@ impl<'a> RangeReader<'a> {
         Ok(value)
     }
 
-    /// Checks that the bytes are exactly those that a writer of these symbols gives.
+    /// Checks that a writer of these symbols gives exactly these bytes.
     ///
     /// # Errors
     ///

@@ -187,7 +187,7 @@ impl Resumption {
         }
     }
 
-    /// All commands up to this number are done; the scene is at this tick.
+    /// Notes that all commands up to this number are done, and that the scene is at this tick.
     pub(super) fn note_applied(&mut self, through: u64, tick: Tick) {
         self.answered = self.answered.max(through + 1);
         if !self.durable {
@@ -195,7 +195,7 @@ impl Resumption {
         }
     }
 
-    /// The server keeps so many commands, and the scene up to this tick.
+    /// Notes that the server keeps this number of commands, and the scene up to this tick.
     pub(super) fn finish(&mut self, commands: u64, tick: Tick) {
         self.unfinished.drain(..self.done(commands, tick));
     }
@@ -258,8 +258,8 @@ impl Resumption {
         Some((state, awaited))
     }
 
-    /// Number of first unfinished messages that are done if so many commands are, and the scene is at this tick. A
-    /// command is done after everything before it.
+    /// How many of the oldest unfinished messages are done, once this number of commands is done and the scene is at
+    /// this tick. A command is done after everything before it.
     fn done(&self, commands: u64, tick: Tick) -> usize {
         let is_done = |message: &Unfinished| matches!(message, Unfinished::Command(number, _) if *number < commands);
         let last = self.unfinished.iter().rposition(is_done);

@@ -25,7 +25,7 @@ pub(super) struct Lifetimes {
 /// The bodies under one index.
 #[derive(Clone, Debug, Default)]
 struct IndexLifetimes {
-    /// The present body, and the first tick at which it is as it is now.
+    /// The present body, and the first tick of its present description.
     arrived: Option<(BodyId, Tick)>,
     /// Oldest first.
     departed: Vec<Departed>,
@@ -48,7 +48,7 @@ pub(super) struct Departed {
     /// Its first tick.
     pub(super) since: Tick,
     pub(super) end: DepartureTick,
-    /// Nothing is promised after this tick.
+    /// The last tick for which the bound is known.
     pub(super) sure_until: Tick,
 }
 
@@ -72,7 +72,7 @@ impl Departed {
 }
 
 impl Lifetimes {
-    /// The first tick of a body that is there; zero if no view needs to know it.
+    /// The first tick of the present body; zero if no view needs to know it.
     pub(super) fn since(&self, id: BodyId) -> Tick {
         // Almost always there is none.
         if self.changed.is_empty() {

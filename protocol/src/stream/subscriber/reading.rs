@@ -340,9 +340,7 @@ impl Subscriber {
             self.updates = updates;
         }
     }
-}
 
-impl Subscriber {
     /// Applies an update that a newer one has overtaken: its track held until the newer one.
     ///
     /// Of a restricted stream, more than two tracks of a body may be in use. The track that held between them is then
@@ -525,9 +523,7 @@ impl Subscriber {
             Err(Unreadable::NoBody | Unreadable::Superseded) => {}
         }
     }
-}
 
-impl Subscriber {
     /// Keeps a packet to decode repair symbols with it, and to read it again.
     fn keep(&mut self, number: u64, datagram: &Datagram<'_>) {
         self.fec_decoder.add_packet(number, datagram);
