@@ -1,7 +1,7 @@
 //! Makes the golden vectors of the control stream.
 //!
 //! Messages are composed by hand from the document and decoded by the codec and by the table; the results of both are
-//! recorded. `cargo run -p rhumb-tests --example control_vectors -- --write` writes `spec/vectors/control.json`.
+//! recorded. `UPDATE_VECTORS=1 cargo test -p rhumb-tests --test in_process vectors` writes `spec/vectors/control.json`.
 
 mod change;
 mod client;

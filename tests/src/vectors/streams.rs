@@ -1,7 +1,7 @@
 //! Golden streams: data received over a bad link, and the resulting states.
 //!
-//! They are recorded from a real server by `cargo run -p rhumb-tests --example control_vectors -- --write`. The tests
-//! replay the received data to a session. So a change of the engine does not invalidate them, but a change of the wire
+//! They are recorded from a real server by `UPDATE_VECTORS=1 cargo test -p rhumb-tests --test in_process vectors`. The
+//! tests replay the received data to a session. So a change of the engine does not invalidate them, but a change of the wire
 //! format does.
 use rhumb_conformance::grammar::hex;
 use rhumb_conformance::seed::Dice;

@@ -1,6 +1,6 @@
 //! Vectors, tables and examples of the control stream agree with the codec.
 //!
-//! After an intended change, write the vectors with `cargo run -p rhumb-tests --example control_vectors -- --write`.
+//! After an intended change, write the vectors with `UPDATE_VECTORS=1 cargo test -p rhumb-tests --test in_process vectors`.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -15,14 +15,22 @@ use rhumb_protocol::scene::{Quantity, Shape};
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::wire::{OPTIONAL, Wire};
-use rhumb_tests::vectors::{control, folder};
+use rhumb_tests::vectors::{control, folder, streams};
 use serde_json::Value;
+
+/// Writes golden vectors, if `UPDATE_VECTORS` is set.
+fn update(name: &str, vectors: impl FnOnce() -> String) {
+    if std::env::var_os("UPDATE_VECTORS").is_some() {
+        std::fs::write(folder().join(name), vectors()).expect("the specification can be written");
+    }
+}
 
 #[test]
 fn the_golden_vectors_agree_with_the_codec() {
+    let computed = control();
+    update("control.json", || computed.clone());
     let golden = std::fs::read_to_string(folder().join("control.json"));
     let golden = golden.expect("the specification is in the repository");
-    let computed = control();
     for (number, (is, was)) in computed.lines().zip(golden.lines()).enumerate() {
         assert_eq!(is, was, "line {}", number + 1);
     }
@@ -31,6 +39,8 @@ fn the_golden_vectors_agree_with_the_codec() {
 
 #[test]
 fn a_session_that_receives_a_golden_stream_reaches_its_recorded_states() {
+    // They are compiled in: the next build reads what is written here.
+    update("streams.json", streams::streams);
     let golden = golden("streams.json");
     for stream in golden["streams"].as_array().expect("streams are listed") {
         let events = stream["events"].as_array().expect("events are listed");
