@@ -92,7 +92,7 @@ impl ReplayClient {
     }
 
     fn watch(&mut self, now: Instant) {
-        self.receiver.watch(now);
+        self.receiver.update_timers(now);
         self.receiver.expect_watermark(now);
     }
 

@@ -497,14 +497,14 @@ impl ClientSession {
             }
         }
         self.membership.subscription.end_resync(&mut self.outbox);
-        self.watch(now);
+        self.update(now);
         Ok(())
     }
 
     /// Shows a replica that has caught up and restarts the timers.
-    fn watch(&mut self, now: Instant) {
+    fn update(&mut self, now: Instant) {
         let subscription = &mut self.membership.subscription;
-        subscription.watch(now, &mut self.outbox, &mut self.events);
+        subscription.update(now, &mut self.outbox, &mut self.events);
     }
 
     fn end_membership(&mut self, event: Event) {
@@ -541,7 +541,7 @@ impl Endpoint for ClientSession {
                 return self.close(code);
             }
         }
-        self.watch(now);
+        self.update(now);
     }
 
     fn handle_datagram(&mut self, now: Instant, _from: Peer, bytes: &[u8]) {
@@ -563,7 +563,7 @@ impl Endpoint for ClientSession {
         if let Some(tick) = self.membership.subscription.handle_datagram(&datagram) {
             self.clock.note_shown(now, tick, self.config.as_ref());
         }
-        self.watch(now);
+        self.update(now);
     }
 
     fn handle_ended(&mut self, _now: Instant, _peer: Peer, ending: Ending) {

@@ -228,7 +228,7 @@ impl UpstreamReceiver {
         } else {
             self.receiver.end_silence();
         }
-        self.receiver.watch(now);
+        self.receiver.update_timers(now);
         self.receiver.report(now, REPORT_AGAIN, out);
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! Reports losses, open or recovered by repair symbols, and overdue watermarks. Sans-IO. Used by a client for its
 //! scene, by a server for an upstream, and by replays; each sets how long silence may last. Call order:
-//! `subscriber_mut().handle`, `watch`, then `due` and `report`. Every missing packet has a timer of its own with
+//! `subscriber_mut().handle`, `update_timers`, then `due` and `report`. Every missing packet has a timer of its own with
 //! growing pauses; only missing packets take memory.
 
 use alloc::vec::Vec;
@@ -65,8 +65,8 @@ impl StreamReceiver {
     }
 
     /// Updates the retry timers after anything was received.
-    pub fn watch(&mut self, now: Instant) {
-        self.nacks.watch(now, &self.subscriber);
+    pub fn update_timers(&mut self, now: Instant) {
+        self.nacks.update(now, &self.subscriber);
     }
 
     /// Ends the timeout of silence after a datagram arrived.
@@ -161,7 +161,7 @@ impl NackScheduler {
     }
 
     /// Starts timers for packets that are newly missing, and drops those of packets that are no longer missing.
-    fn watch(&mut self, now: Instant, stream: &Subscriber) {
+    fn update(&mut self, now: Instant, stream: &Subscriber) {
         let in_order = stream.statistics().disordered == 0;
         let allowed = if in_order { Span::ZERO } else { DISORDER };
         self.wait_for(now, allowed, stream.missing_packets());
@@ -292,7 +292,7 @@ mod tests {
             };
             let subscriber = receiver.subscriber_mut();
             subscriber.handle_datagram(&watermark.encode(STREAM));
-            receiver.watch(now);
+            receiver.update_timers(now);
             receiver.expect_watermark(now);
         }
 

@@ -332,7 +332,7 @@ impl Subscriber {
     }
 
     /// Counts an index as changed.
-    fn touch(&mut self, index: u32) {
+    fn note_changed(&mut self, index: u32) {
         let place = index as usize;
         grow_to(&mut self.marked, place + 1, || false);
         if !core::mem::replace(&mut self.marked[place], true) {
@@ -341,7 +341,7 @@ impl Subscriber {
     }
 
     /// Counts attached bodies as changed if their parents changed.
-    fn touch_attached(&mut self) {
+    fn note_attached_changed(&mut self) {
         let mut attached = core::mem::take(&mut self.attached_indices);
         attached.retain(|index| {
             let Some(parent) = self.tracks.slot(*index).and_then(Slot::parent) else {
@@ -349,7 +349,7 @@ impl Subscriber {
             };
             let moved = self.marked.get(parent.index() as usize);
             if moved.copied().unwrap_or_default() {
-                self.touch(*index);
+                self.note_changed(*index);
             }
             true
         });
@@ -360,7 +360,7 @@ impl Subscriber {
     /// added.
     pub(crate) fn succeed(&mut self, old: &Self) {
         for index in 0..old.index_end() as u32 {
-            self.touch(index);
+            self.note_changed(index);
         }
         self.statistics.mismatches += old.statistics.mismatches;
     }
@@ -396,7 +396,7 @@ impl Subscriber {
             if track.parent.is_some() {
                 self.attached_indices.push(id.index());
             }
-            self.touch(id.index());
+            self.note_changed(id.index());
             self.earlier_tracks.forget(id.index());
         }
         placed
@@ -413,7 +413,7 @@ impl Subscriber {
     /// Removes a body after a scene event; `false` if there is no such body.
     #[must_use]
     pub fn remove(&mut self, id: BodyId) -> bool {
-        self.touch(id.index());
+        self.note_changed(id.index());
         if self.body(id.index()) != Some(id) {
             return false;
         }

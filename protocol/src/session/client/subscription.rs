@@ -122,7 +122,7 @@ impl Subscription {
     }
 
     /// Shows a replica that has caught up and restarts the timers. Called after each received message and datagram.
-    pub(super) fn watch(
+    pub(super) fn update(
         &mut self,
         now: Instant,
         outbox: &mut ClientOutbox,
@@ -136,7 +136,7 @@ impl Subscription {
             .note_complete(now, replica.stream().complete());
         let (converged, awaits) = (replica.stream().is_converged(), self.awaits());
         for receiver in self.replica_switch.receivers_mut() {
-            receiver.watch(now);
+            receiver.update_timers(now);
             if awaits {
                 receiver.end_silence();
             } else {
@@ -173,7 +173,7 @@ impl Subscription {
         let min_delay = Span::from_nanos(round_trip.as_nanos() * 5 / 4);
         outbox.send_states(self.replica_switch.report(now, min_delay));
         if self.resync_due().is_some_and(|due| due <= now) {
-            self.watch(now, outbox, events);
+            self.update(now, outbox, events);
         }
     }
 

@@ -170,7 +170,7 @@ impl Subscriber {
             if number < newest {
                 self.read_again_after(number, &mut updates);
             }
-            self.touch_attached();
+            self.note_attached_changed();
         }
         self.updates = updates;
         decoded
@@ -310,14 +310,14 @@ impl Subscriber {
         let origins = origins.ok_or(Malformed::OutOfRange)?;
         let lost = refresh.lost.expand(self.gaps.next());
         if self.gaps.lacks(lost) {
-            self.make_good(lost, as_of, refresh, &origins);
+            self.apply_refresh(lost, as_of, refresh, &origins);
         }
-        self.touch_attached();
+        self.note_attached_changed();
         Ok(())
     }
 
     /// Applies a refresh of a missing packet. A refresh of a received packet contains nothing new.
-    fn make_good(&mut self, lost: u64, as_of: Tick, refresh: &Refresh, origins: &[Tick]) {
+    fn apply_refresh(&mut self, lost: u64, as_of: Tick, refresh: &Refresh, origins: &[Tick]) {
         self.statistics.refreshes += 1;
         for (record, origin) in refresh.records.iter().zip(origins.iter().copied()) {
             let keyframe = UpdatePayload::Keyframe(record.keyframe);
@@ -405,7 +405,7 @@ impl Subscriber {
             if let Some(before) = before {
                 self.keep_earlier(index, before);
             }
-            self.touch(index);
+            self.note_changed(index);
         }
         self.doubt_earlier(index, self.converged_at);
     }
@@ -430,7 +430,7 @@ impl Subscriber {
         if self.restricted.is_some() && again {
             self.doubt_earlier(index, Tick::ZERO);
         }
-        self.touch(index);
+        self.note_changed(index);
     }
 
     /// Applies all updates of a packet.
