@@ -2,20 +2,18 @@
 //!
 //! `tests/conformance/data/truths.json` has checksums of the motion of each dynamic body, at chosen ticks, by the index of the
 //! body in its member's id range. The checksums are computed in this process without a connection, so that a server
-//! and its packets are compared with the engine alone. `cargo run -p rhumb-conformance --example truths -- --write` writes
-//! the file; a test compares it with a new computation.
+//! and its packets are compared with the engine alone. A test compares the file with a new computation;
+//! `UPDATE_VECTORS=1 cargo test -p rhumb-conformance --lib truths` writes it.
 
 use std::collections::BTreeMap;
-use std::fmt::Write;
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::scene::{
     BodyDesc, BodyKind, Command, Material, SceneConfig, Shape, ShapeId, Sleep, SleepThresholds,
 };
 use rhumb_reckoning::{BodyId, BodyState, Damping, Motion, Tick};
-use rhumb_server::Scene;
 use rhumb_sims::{FreeFall, Script, by_name};
-use serde_json::{Value, json};
+use serde_json::Value;
 
 use crate::fnv::Fnv;
 
@@ -74,43 +72,6 @@ impl ReferenceScene {
         by_name(self.name, self.bodies, SEED).expect("an existing script")
     }
 
-    /// The motion of each dynamic body at the chosen ticks, computed by the engine of this build.
-    fn computed(&self) -> BTreeMap<u64, BodyDigests> {
-        let mut script = self.script();
-        let mut scene =
-            Scene::new(script.config()).expect("the configuration of a script is valid");
-        let mut commands = Vec::new();
-        // The initial motion, until the engine reports another.
-        let mut motions = BTreeMap::new();
-        let mut ticks = BTreeMap::new();
-        for tick in 1..=TICKS[TICKS.len() - 1] {
-            commands.clear();
-            script.commands(scene.tick(), &mut commands);
-            for command in &commands {
-                scene
-                    .apply(command)
-                    .expect("the commands of a script are valid");
-                if let Command::AddBody { desc, motion } = command {
-                    motions.insert(desc.id, *motion);
-                }
-            }
-            scene.step().expect("the engine steps scripted scenes");
-            for observation in scene.observations() {
-                motions.insert(observation.id, observation.motion);
-            }
-            if TICKS.contains(&tick) {
-                let can_move = |desc: &&BodyDesc| desc.kind != BodyKind::Fixed;
-                let bodies = scene.bodies().filter(can_move);
-                let bodies = bodies.map(|desc| {
-                    let motion = motions[&desc.id].motion();
-                    (desc.id.index(), checksums(&motion))
-                });
-                ticks.insert(tick, bodies.collect());
-            }
-        }
-        ticks
-    }
-
     /// The recorded motion of each body; `None` if the tick was not recorded.
     #[must_use]
     pub fn recorded(&self, tick: Tick) -> Option<BodyDigests> {
@@ -135,48 +96,6 @@ pub fn checksums(motion: &Motion) -> u64 {
     let mut checksums = Fnv::START;
     checksums.fold_motion(motion);
     checksums.value()
-}
-
-/// The content of the file, computed by the engine of this build.
-///
-/// # Panics
-///
-/// When the engine cannot step a scripted scene.
-#[must_use]
-pub fn truths(engine: &str) -> String {
-    let mut scenes = BTreeMap::new();
-    for subject in ReferenceScene::ALL {
-        let ticks = subject.computed().into_iter().map(|(tick, bodies)| {
-            let mut text = String::new();
-            for (place, checksums) in bodies {
-                let space = if text.is_empty() { "" } else { " " };
-                write!(text, "{space}{place}:{checksums:016x}").expect("writing to memory");
-            }
-            (tick.to_string(), Value::String(text))
-        });
-        scenes.insert(subject.name, Value::Object(ticks.collect()));
-    }
-    let record = json!({ "engine": engine, "scenes": scenes });
-    let mut text = serde_json::to_string_pretty(&record).expect("it is JSON");
-    text.push('\n');
-    text
-}
-
-/// The engine's name and version, from the text of the workspace's lock file.
-///
-/// # Panics
-///
-/// When the lock file has no engine.
-#[must_use]
-pub fn engine(lock: &str) -> String {
-    let mut lines = lock
-        .lines()
-        .skip_while(|line| *line != "name = \"rapier3d\"");
-    let version = lines.nth(1).and_then(|line| line.split('"').nth(1));
-    format!(
-        "rapier3d {}",
-        version.expect("the lock file contains the engine")
-    )
 }
 
 /// Balls that fall obliquely on a floor, roll, touch and come to rest; all with the default material of the scene.
@@ -239,12 +158,93 @@ impl Script for BallsOnGround {
 
 #[cfg(test)]
 mod tests {
+    use std::fmt::Write;
+
+    use rhumb_server::Scene;
+    use serde_json::json;
+
     use super::*;
+
+    impl ReferenceScene {
+        /// The motion of each dynamic body at the chosen ticks, computed by the engine of this build.
+        fn computed(&self) -> BTreeMap<u64, BodyDigests> {
+            let mut script = self.script();
+            let mut scene =
+                Scene::new(script.config()).expect("the configuration of a script is valid");
+            let mut commands = Vec::new();
+            // The initial motion, until the engine reports another.
+            let mut motions = BTreeMap::new();
+            let mut ticks = BTreeMap::new();
+            for tick in 1..=TICKS[TICKS.len() - 1] {
+                commands.clear();
+                script.commands(scene.tick(), &mut commands);
+                for command in &commands {
+                    scene
+                        .apply(command)
+                        .expect("the commands of a script are valid");
+                    if let Command::AddBody { desc, motion } = command {
+                        motions.insert(desc.id, *motion);
+                    }
+                }
+                scene.step().expect("the engine steps scripted scenes");
+                for observation in scene.observations() {
+                    motions.insert(observation.id, observation.motion);
+                }
+                if TICKS.contains(&tick) {
+                    let can_move = |desc: &&BodyDesc| desc.kind != BodyKind::Fixed;
+                    let bodies = scene.bodies().filter(can_move);
+                    let bodies = bodies.map(|desc| {
+                        let motion = motions[&desc.id].motion();
+                        (desc.id.index(), checksums(&motion))
+                    });
+                    ticks.insert(tick, bodies.collect());
+                }
+            }
+            ticks
+        }
+    }
+
+    /// The content of the file, computed by the engine of this build.
+    fn truths(engine: &str) -> String {
+        let mut scenes = BTreeMap::new();
+        for subject in ReferenceScene::ALL {
+            let ticks = subject.computed().into_iter().map(|(tick, bodies)| {
+                let mut text = String::new();
+                for (place, checksums) in bodies {
+                    let space = if text.is_empty() { "" } else { " " };
+                    write!(text, "{space}{place}:{checksums:016x}").expect("writing to memory");
+                }
+                (tick.to_string(), Value::String(text))
+            });
+            scenes.insert(subject.name, Value::Object(ticks.collect()));
+        }
+        let record = json!({ "engine": engine, "scenes": scenes });
+        let mut text = serde_json::to_string_pretty(&record).expect("it is JSON");
+        text.push('\n');
+        text
+    }
+
+    /// The engine's name and version, from the text of the workspace's lock file.
+    fn engine(lock: &str) -> String {
+        let mut lines = lock
+            .lines()
+            .skip_while(|line| *line != "name = \"rapier3d\"");
+        let version = lines.nth(1).and_then(|line| line.split('"').nth(1));
+        format!(
+            "rapier3d {}",
+            version.expect("the lock file contains the engine")
+        )
+    }
 
     #[test]
     fn the_recorded_checksums_match_the_engine() {
         let computed = truths(&engine(include_str!("../../../Cargo.lock")));
-        for (number, (is, was)) in computed.lines().zip(RECORDED.lines()).enumerate() {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/data/truths.json");
+        if std::env::var_os("UPDATE_VECTORS").is_some() {
+            std::fs::write(path, &computed).expect("the checkout can be written");
+        }
+        let recorded = std::fs::read_to_string(path).expect("the record is in the checkout");
+        for (number, (is, was)) in computed.lines().zip(recorded.lines()).enumerate() {
             assert_eq!(
                 is,
                 was,
@@ -252,7 +252,7 @@ mod tests {
                 number + 1
             );
         }
-        assert_eq!(computed.len(), RECORDED.len());
+        assert_eq!(computed.len(), recorded.len());
     }
 
     #[test]
