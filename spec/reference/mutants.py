@@ -457,6 +457,7 @@ UNBROKEN = {
     "6.14-1": "a convention of names; every upstream of the vectors depends on it",
     "6.14-13": "needs an engine",
     "6.14-17": "the server's messages; the touch that is lost is 6.7-9 and 6.12-6",
+    "6.7-11": "a permission",
     "6.8-7": "a permission",
     "6.15-2": "a permission",
 }
