@@ -1,20 +1,23 @@
 //! The committed header and imports are what the sources say.
 //!
-//! `cargo run -p rhumb-c --example generate` writes them anew.
+//! `UPDATE_VECTORS=1 cargo test -p rhumb-c --test generated` writes them anew.
 
-#[path = "../examples/generate/generators.rs"]
 mod generators;
 
 use generators::{HEADER, IMPORTS, header, imports, root};
 
 fn compare(path: &str, generated: &str) {
-    let committed = std::fs::read_to_string(root().join(path)).expect("the committed file");
+    let file = root().join(path);
+    if std::env::var_os("UPDATE_VECTORS").is_some() {
+        std::fs::write(&file, generated).expect("the checkout can be written");
+    }
+    let committed = std::fs::read_to_string(file).expect("the committed file");
     let lines = generated.lines().zip(committed.lines());
     let differing = lines.enumerate().find(|(_, (a, b))| a != b);
     let line = differing.map_or(1, |(place, _)| place + 1);
     assert!(
         generated == committed,
-        "bindings/{path} differs from line {line} on: cargo run -p rhumb-c --example generate"
+        "bindings/{path} differs from line {line} on: UPDATE_VECTORS=1 cargo test -p rhumb-c --test generated"
     );
 }
 
