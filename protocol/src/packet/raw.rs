@@ -1,7 +1,7 @@
 //! Symbol counts of packets, and packets that no publisher sends.
 //!
 //! Not part of the protocol: a tool that fits tables decodes recorded packets and counts their symbols
-//! (ARCHITECTURE.md, "Tables"); tests need packets that a subscriber refuses.
+//! (docs/decisions/0014); tests need packets that a subscriber refuses.
 
 use alloc::vec::Vec;
 

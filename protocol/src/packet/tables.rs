@@ -1,6 +1,6 @@
 //! The tables of the packet coder: contexts, expectations, alphabets.
 //!
-//! Normative (PROTOCOL 5.4). Fitted to recorded motion of several engines; see ARCHITECTURE.md, "Tables". `payload`
+//! Normative (PROTOCOL 5.4). Fitted to recorded motion of several engines; see docs/decisions/0014. `payload`
 //! reads and writes the symbols that begin an update (PROTOCOL 5.6).
 
 /// Symbols of a number's alphabet, the escape included.
