@@ -115,16 +115,21 @@ fn bound_at_moment(motion: &MomentMotion, ends: f64, radius: Metres, fraction: f
 
 /// How far a body may have come at a fraction of a tick, at whose end it is `apart` from where it began, in metres.
 ///
-/// Nothing tells a jump from a push that is as fast: the body may be on its way. A part of a turn has a longer chord than
-/// that part of the turn's chord. The true turn exceeds the predicted one by the turns of both bounds at most.
+/// Nothing tells a jump from a push that is as fast: the body may be on its way. It turns evenly, and no chord is longer than
+/// its arc. The true turn exceeds the predicted one by the turns of both bounds at most.
 fn way(apart: &Divergence, ends: f64, radius: Metres, fraction: f64) -> f64 {
-    let whole_turn = 2.0 * radius.metres();
     let straight = apart.position.metres() * fraction;
+    let whole_turn = 2.0 * radius.metres();
     if whole_turn == 0.0 {
         return straight;
     }
-    let turn = apart.turn().radians() + 4.0 * (ends / whole_turn).min(1.0).asin();
-    straight + whole_turn * (turn.min(PI) * fraction / 2.0).sin()
+    let of_bound = Divergence {
+        half_chord: (ends / whole_turn).min(1.0),
+        ..Divergence::default()
+    };
+    let turn = apart.turn().radians() + 2.0 * of_bound.turn().radians();
+    let arc = radius.metres() * turn.min(PI) * fraction;
+    straight + arc.min(whole_turn)
 }
 
 /// The bound between two ticks whose greater bound is `ends`.
