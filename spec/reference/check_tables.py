@@ -145,7 +145,7 @@ def words_of(name, sections):
 
 def path():
     """The rows of the reading path whose words are more than 50 and a twentieth off."""
-    for profile, sections, words in re.findall(r"^\| ([a-z, ]+) \| ((?:PROTOCOL|RECKONING) [^|]*) \| ([\d,]+) \|$", text("PROTOCOL"), re.MULTILINE):
+    for profile, words, sections in re.findall(r"^    ([a-z, ]+?) +([\d,]+) +(PROTOCOL .*)$", text("PROTOCOL"), re.MULTILINE):
         now = sum(words_of(*one.strip().split(" ", 1)) for one in sections.split(";"))
         if abs(now - int(words.replace(",", ""))) > 50 + now / 20:
             yield f"the reading path of *{profile}* has {now} words, not {words}"

@@ -31,12 +31,14 @@ fn codes(source: &str) -> Vec<(String, u32)> {
     lines.collect()
 }
 
-/// True if a row of a table has this number and this name.
+/// True if a row of a table, or a line of a listing, has this number and this name.
 fn has_row(document: &str, name: &str, number: u32) -> bool {
     document.lines().any(|line| {
         let mut cells = line.split('|').skip(1).map(str::trim);
         let code = cells.next().and_then(|cell| cell.split(' ').next());
-        code == Some(number.to_string().as_str()) && cells.next() == Some(name)
+        let is_row = code == Some(number.to_string().as_str()) && cells.next() == Some(name);
+        let listed = line.strip_prefix("    ").map(str::split_whitespace);
+        is_row || listed.is_some_and(|words| words.take(2).eq([&number.to_string(), name]))
     })
 }
 
