@@ -25,6 +25,12 @@ use crate::redial::{BoxedConnection, Redial};
 /// Default time limit for an answer of the server.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
 
+/// The first characters of an address of the network, which may be absent (PROTOCOL 12).
+const NETWORK_PREFIX: &str = "rhumb://";
+
+/// The port of an address that names none (PROTOCOL 12).
+const DEFAULT_PORT: u16 = 4433;
+
 /// The first characters of the address of a Unix socket.
 #[cfg(unix)]
 const UNIX_PREFIX: &str = "unix:";
@@ -43,9 +49,10 @@ impl ServerConnection {
         if let Some(path) = address.strip_prefix(UNIX_PREFIX) {
             return Self::open_unix(path.into()).map(|opened| opened.timeout(timeout));
         }
-        let (server, others) = resolve(address)?;
+        let address = host_and_port(address);
+        let (server, others) = resolve(&address)?;
         let options = ClientOptions {
-            server_name: host_of(address).to_owned(),
+            server_name: host_of(&address).to_owned(),
             others,
             ..ClientOptions::new(server, trust)
         };
@@ -167,7 +174,7 @@ impl ServerConnection {
 
 impl Client {
     /// Connects to the server at `address`, `host:port`, within five seconds. The same timeout holds for every later
-    /// call that waits for an answer.
+    /// call that waits for an answer. An address without a port means port 4433; `rhumb://` may precede it.
     ///
     /// `unix:PATH` reaches a server of this machine by its Unix socket; the trust is then not asked, since only the user
     /// who runs the server can connect.
@@ -234,6 +241,18 @@ fn scene_name(scene: &str) -> Result<SceneName, OpenError> {
     })
 }
 
+/// `host:port` of an address whose prefix and port may be absent.
+fn host_and_port(address: &str) -> String {
+    let address = address.strip_prefix(NETWORK_PREFIX).unwrap_or(address);
+    // An address of version 6 is in brackets, and has colons of its own.
+    let behind_host = address.rsplit(']').next().unwrap_or_default();
+    if behind_host.contains(':') {
+        address.to_owned()
+    } else {
+        format!("{address}:{DEFAULT_PORT}")
+    }
+}
+
 /// The addresses of `host:port`: the first one, and the others.
 fn resolve(server: &str) -> Result<(SocketAddr, Vec<SocketAddr>), OpenError> {
     let failed = |cause| OpenError::Address {
@@ -251,4 +270,25 @@ fn resolve(server: &str) -> Result<(SocketAddr, Vec<SocketAddr>), OpenError> {
 fn host_of(server: &str) -> &str {
     let host = server.rsplit_once(':').map_or(server, |(host, _)| host);
     host.trim_start_matches('[').trim_end_matches(']')
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_address_without_a_port_has_the_default_one() {
+        for (address, expected) in [
+            ("localhost", "localhost:4433"),
+            ("localhost:5000", "localhost:5000"),
+            ("rhumb://physics.example", "physics.example:4433"),
+            ("rhumb://physics.example:5000", "physics.example:5000"),
+            ("[::1]", "[::1]:4433"),
+            ("rhumb://[::1]:5000", "[::1]:5000"),
+        ] {
+            let found = host_and_port(address);
+            assert_eq!(found, expected);
+            assert!(!host_of(&found).contains([']', '/']), "{found}");
+        }
+    }
 }
