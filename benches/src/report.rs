@@ -40,7 +40,7 @@ pub fn html(experiment: &Experiment, summary: &Summary) -> String {
     let mut figures = all_figures(experiment, summary).into_iter();
     page.extend(figures.next());
     page.push_str(&provenance(summary));
-    page.push_str(&table::html(summary));
+    page.push_str(&table::table_html(summary));
     page.push_str(&table::ratios(summary));
     page.push_str(&modes(experiment));
     page.push_str("<h2>Limitations of Rhumb and of these figures</h2>\n<ul>\n");

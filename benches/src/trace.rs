@@ -106,7 +106,7 @@ fn write_to(
         } else {
             StateForm::Grid(GridHistory::default())
         };
-        load::write(&mut file, (prefix, load), form, options, &mut |_| {
+        load::write_load(&mut file, (prefix, load), form, options, &mut |_| {
             done += 1;
             progress(Progress { done, of });
         })?;

@@ -39,7 +39,7 @@ impl Dominoes {
     fn build(&mut self, out: &mut Vec<Command>) {
         // Positions around the ring, some of which stay empty; stones of a small ring must not touch.
         let places = (self.stones + GAP).max(12);
-        let radius = SPACING * f64::from(places) / (2.0 * PI);
+        let radius = STONE_SPACING * f64::from(places) / (2.0 * PI);
         let mut builder = SceneBuilder::default();
         builder.floor(radius as f32 + 10.0, out);
         let half_extents = Vec3::new(0.1, 0.5, 0.25);
@@ -83,6 +83,6 @@ impl Script for Dominoes {
 }
 
 /// Distance between neighbours along the ring, metres.
-const SPACING: f64 = 0.55;
+const STONE_SPACING: f64 = 0.55;
 /// Number of empty positions.
 const GAP: u32 = 4;

@@ -50,7 +50,7 @@ impl Script for Rain {
             return;
         }
         let mut builder = SceneBuilder::default();
-        let shapes = SHAPES.map(|shape| builder.shape(shape, out));
+        let shapes = PROJECTILES.map(|shape| builder.shape(shape, out));
         let mut rng = SceneRng::new(self.seed);
         for place in 0..self.projectiles {
             let shape = shapes[place as usize % shapes.len()];
@@ -129,7 +129,7 @@ fn throw(rng: &mut SceneRng) -> (Vec3, Vec3) {
 /// Spacing of the pads, metres.
 const SPACING: f32 = 3.0;
 
-const SHAPES: [Shape; 3] = [
+const PROJECTILES: [Shape; 3] = [
     Shape::Ball { radius: 0.15 },
     Shape::Cuboid {
         half_extents: Vec3::new(0.3, 0.05, 0.05),

@@ -51,7 +51,7 @@ impl Script for Rest {
             .unwrap_or(1);
         let middle = (side - 1) as f32 * 0.5;
         let mut builder = SceneBuilder::default();
-        builder.floor(middle * SPACING + 10.0, out);
+        builder.floor(middle * BOX_SPACING + 10.0, out);
         let shapes = HALVES.map(|half_extents| builder.shape(Shape::Cuboid { half_extents }, out));
         for place in 0..self.boxes {
             let kind = self.rng.below(HALVES.len() as u32) as usize;
@@ -59,7 +59,7 @@ impl Script for Rest {
                 (place % side) as f32 - middle,
                 (place / side) as f32 - middle,
             );
-            let position = Vec3::new(x * SPACING, HALVES[kind].y, z * SPACING);
+            let position = Vec3::new(x * BOX_SPACING, HALVES[kind].y, z * BOX_SPACING);
             let turn = about_y(f64::from(self.rng.signed()));
             let place = motion(position, turn, Vec3::ZERO, Vec3::ZERO);
             builder.body(BodyKind::Dynamic, shapes[kind], place, out);
@@ -68,7 +68,7 @@ impl Script for Rest {
 }
 
 /// Spacing, metres: larger than the diagonal of any box.
-const SPACING: f32 = 1.5;
+const BOX_SPACING: f32 = 1.5;
 
 /// Half extents of the boxes, metres.
 const HALVES: [Vec3; 3] = [

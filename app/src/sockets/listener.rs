@@ -5,7 +5,7 @@ use core::net::SocketAddr;
 use std::collections::BTreeMap;
 use std::io;
 use std::sync::Arc;
-use std::sync::mpsc::{self, Receiver};
+use std::sync::mpsc::{Receiver, channel};
 use std::thread::{self, JoinHandle};
 
 use rhumb_protocol::Peer;
@@ -78,7 +78,7 @@ impl AppListener {
         let address = tcp.local_addr().map_err(wrong)?;
         let datagram_sender = Arc::new(DatagramSender::new(listen.datagrams_per_ms));
         let (end, ended) = oneshot::channel();
-        let (sender, inputs) = mpsc::channel();
+        let (sender, inputs) = channel();
         let sender = AppInputSender {
             inputs: sender,
             wake: Arc::new(wake),

@@ -6,7 +6,7 @@ use super::words::escape;
 use crate::summary::{Column, RunFigures, Summary, columns, ratios as ratios_of};
 
 /// The `table` element.
-pub(super) fn html(summary: &Summary) -> String {
+pub(super) fn table_html(summary: &Summary) -> String {
     let columns = columns(&summary.runs);
     let mut text = String::from("<div class=\"wide\"><table>\n<thead><tr>");
     for column in &columns {

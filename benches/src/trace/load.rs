@@ -14,7 +14,7 @@ use super::time::Time;
 use crate::record::Load;
 
 /// Writes a load; `done` is called after each tick with its number.
-pub(super) fn write<W: Write + Seek>(
+pub(super) fn write_load<W: Write + Seek>(
     file: &mut TraceFile<W>,
     (prefix, load): (&str, &Load),
     form: StateForm,

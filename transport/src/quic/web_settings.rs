@@ -7,15 +7,15 @@ use quinn::{Connection, RecvStream, SendStream};
 use tokio::io::AsyncReadExt;
 use tokio::sync::mpsc;
 use web_transport_proto as proto;
-use web_transport_proto::{Setting, StreamUni, VarInt};
+use web_transport_proto::{Setting, StreamUni};
 
 use super::web_request::{WebRefusal, broken};
 
 /// Sessions at a time on one connection, of drafts 13 and 14.
-const WT_MAX_SESSIONS: Setting = Setting(VarInt::from_u32(0x14e9_cd29));
+const WT_MAX_SESSIONS: Setting = Setting(proto::VarInt::from_u32(0x14e9_cd29));
 
 /// Support for sessions, of drafts 15 and 16.
-const WT_ENABLED: Setting = Setting(VarInt::from_u32(0x2c7c_f000));
+const WT_ENABLED: Setting = Setting(proto::VarInt::from_u32(0x2c7c_f000));
 
 /// This end's settings, whose stream must not end before the connection.
 #[derive(Debug)]
@@ -31,7 +31,7 @@ pub(super) struct ClientSettings {
 
 /// Sends this end's settings. They wait for nothing of the client (RFC 9114, section 7.2.4.2).
 pub(super) async fn send_settings(connection: &Connection) -> Result<SentSettings, WebRefusal> {
-    let one = VarInt::from_u32(1);
+    let one = proto::VarInt::from_u32(1);
     let mut settings = proto::Settings::default();
     // Drafts 2 to 12.
     settings.enable_webtransport(1);
@@ -69,7 +69,7 @@ pub(super) fn takes_datagrams(settings: &proto::Settings) -> bool {
         Setting::ENABLE_DATAGRAM_DEPRECATED,
     ]
     .iter()
-    .any(|setting| settings.get(setting) == Some(&VarInt::from_u32(1)))
+    .any(|setting| settings.get(setting) == Some(&proto::VarInt::from_u32(1)))
 }
 
 /// Reads settings if the stream has them, and holds it open, unread, for as long as its connection: to drop it would
@@ -79,7 +79,7 @@ async fn take_stream(
     mut stream: RecvStream,
     settings: mpsc::Sender<Result<proto::Settings, WebRefusal>>,
 ) {
-    if let Ok(kind) = VarInt::read(&mut stream).await
+    if let Ok(kind) = proto::VarInt::read(&mut stream).await
         && StreamUni(kind) == StreamUni::CONTROL
     {
         let mut whole = (&[0][..]).chain(&mut stream);
