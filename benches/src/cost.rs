@@ -23,8 +23,10 @@ use crate::replay::{Failure, ended};
 use crate::summary::{aligned, markdown, number};
 
 pub use decoding::Decoding;
+use decoding::measure_decoding;
 pub use members::Members;
 pub use publishing::{Publishing, Sleeping};
+use publishing::{measure_publishing, measure_sleeping, publishing_steps};
 
 /// Arguments: bodies, members, repeats, output.
 #[derive(Clone, Debug, Args)]
@@ -104,10 +106,10 @@ impl Costs {
             true => &[][..],
             false => &arguments.members[..],
         };
-        let steps = publishing::steps(repeats) + 2 * counts.len() as u64;
+        let steps = publishing_steps(repeats) + 2 * counts.len() as u64;
         let bar = output::progress_bar(steps, "cost".to_owned());
         let mut progress = || bar.inc(1);
-        let publishing = publishing::publishing(bodies, repeats, &mut progress)?;
+        let publishing = measure_publishing(bodies, repeats, &mut progress)?;
         let sleepers = [bodies / 100, bodies / 10, bodies];
         let long = Duration::from_secs(u64::from(arguments.member_seconds.get()));
         let costs = Self {
@@ -116,9 +118,9 @@ impl Costs {
             build: machine::build(),
             publishing,
             sleeping: sleepers
-                .map(|bodies| publishing::sleeping(bodies, repeats))
+                .map(|bodies| measure_sleeping(bodies, repeats))
                 .to_vec(),
-            decoding: decoding::decoding(bodies, repeats),
+            decoding: measure_decoding(bodies, repeats),
             members: members::members(counts, long, &mut progress)?,
         };
         bar.finish_and_clear();

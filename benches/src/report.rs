@@ -18,7 +18,9 @@ use crate::summary::{RunFigures, Summary};
 
 use figures::Figure;
 pub use figures::color;
+use frontier::frontier;
 pub use plot::{Axis, Chart, Mark, SIZE};
+use table::{ratios, table_html};
 pub use words::escape;
 
 /// Style sheet of the pages.
@@ -40,8 +42,8 @@ pub fn html(experiment: &Experiment, summary: &Summary) -> String {
     let mut figures = all_figures(experiment, summary).into_iter();
     page.extend(figures.next());
     page.push_str(&provenance(summary));
-    page.push_str(&table::table_html(summary));
-    page.push_str(&table::ratios(summary));
+    page.push_str(&table_html(summary));
+    page.push_str(&ratios(summary));
     page.push_str(&modes(experiment));
     page.push_str("<h2>Limitations of Rhumb and of these figures</h2>\n<ul>\n");
     for sentence in words::limits(summary) {
@@ -122,7 +124,7 @@ fn replay_figures(experiment: &Experiment, summary: &Summary) -> Vec<String> {
         ];
         return curves.iter().map(|of| figure(of, "")).collect();
     }
-    let frontier = frontier::frontier(summary);
+    let frontier = frontier(summary);
     frontier
         .iter()
         .map(|frontier| figure(frontier, ""))

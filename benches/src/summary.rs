@@ -18,6 +18,7 @@ use crate::record::Experiment;
 pub use cells::{aligned, markdown, number};
 pub(crate) use columns::{Column, columns};
 pub(crate) use measure::second_by_second;
+use measure::{compare_with_naive, figures_of_run};
 pub use run_figures::{
     DATAGRAM_HEADER_BYTES, ErrorQuantiles, FirstSeconds, FrameTimes, Join, LessThanNaive, Moving,
     OfLimit, OverTolerance, Recovery, RunFigures, SIM_FPS_MAX, StepTimes,
@@ -47,11 +48,11 @@ impl Summary {
     #[must_use]
     pub fn of(experiment: &Experiment) -> Self {
         let runs = experiment.loads.iter().flat_map(|load| {
-            let figures = |run| measure::figures(run, load.truth.digest);
+            let figures = |run| figures_of_run(run, load.truth.digest);
             load.runs.iter().map(figures)
         });
         let mut runs: Vec<_> = runs.collect();
-        measure::compare_with_naive(&mut runs);
+        compare_with_naive(&mut runs);
         let unfinished = experiment.loads.iter().flat_map(|load| &load.unfinished);
         Self {
             command: experiment.command.clone(),

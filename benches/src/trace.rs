@@ -38,8 +38,10 @@ use crate::record::Experiment;
 
 pub use error::TraceError;
 pub use layout::layout;
-pub(crate) use names::{loads as load_names, runs as run_names};
+use load::{last_tick, write_load};
+pub(crate) use names::{load_names, run_names};
 pub use options::TraceOptions;
+use partial::Partial;
 
 /// Progress of the writing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -63,7 +65,7 @@ pub fn write(
     options: &TraceOptions,
     progress: &mut dyn FnMut(Progress),
 ) -> Result<u64, TraceError> {
-    let mut partial = partial::Partial::create(path)?;
+    let mut partial = Partial::create(path)?;
     let written = write_to(partial.sink(), experiment, options, progress);
     written.map_err(|cause| TraceError::writing(partial.path(), cause))?;
     partial.finish()
@@ -96,7 +98,7 @@ fn write_to(
     let of = experiment
         .loads
         .iter()
-        .map(|load| load::last_tick(load) + 1)
+        .map(|load| last_tick(load) + 1)
         .sum();
     let mut done = 0;
     for (place, (load, prefix)) in experiment.loads.iter().zip(&prefixes).enumerate() {
@@ -106,7 +108,7 @@ fn write_to(
         } else {
             StateForm::Grid(GridHistory::default())
         };
-        load::write_load(&mut file, (prefix, load), form, options, &mut |_| {
+        write_load(&mut file, (prefix, load), form, options, &mut |_| {
             done += 1;
             progress(Progress { done, of });
         })?;

@@ -18,7 +18,7 @@ use tokio::time::{sleep, timeout};
 
 use super::connection::{AppConnectionReader, AppInput, AppInputSender, connection_queue};
 use super::datagram_sender::DatagramSender;
-use super::rate_limiter;
+use super::rate_limiter::limiter_of_bytes;
 
 /// Connections at one time, at most.
 const CONNECTIONS_MAX: usize = 64;
@@ -140,7 +140,7 @@ async fn read_loop(mut read: OwnedReadHalf, peer: Peer, inputs: &AppInputSender)
 
 /// Writes queued pieces, no faster than a client can read them.
 async fn write_loop(mut write: OwnedWriteHalf, mut queue: AppConnectionReader) -> EndReason {
-    let mut rate_limiter = rate_limiter::of_bytes();
+    let mut rate_limiter = limiter_of_bytes();
     while let Some(bytes) = queue.queue.recv().await {
         rate_limiter.spend(bytes.len()).await;
         match timeout(WRITE, write.write_all(&bytes)).await {

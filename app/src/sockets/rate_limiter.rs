@@ -18,7 +18,7 @@ pub(super) struct RateLimiter {
 }
 
 /// Limit of a TCP connection: one read takes a whole span, which fills a quarter of it.
-pub(super) const fn of_bytes() -> RateLimiter {
+pub(super) const fn limiter_of_bytes() -> RateLimiter {
     RateLimiter::new(Duration::from_millis(35), 16 << 10)
 }
 
@@ -68,7 +68,7 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn each_span_has_the_full_budget() {
         let begun = Instant::now();
-        let mut rate_limiter = of_bytes();
+        let mut rate_limiter = limiter_of_bytes();
         let mut moments = Vec::new();
         for _ in 0..25 {
             rate_limiter.spend(1_400).await;
@@ -81,7 +81,7 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn an_amount_above_the_budget_gets_its_own_span() {
         let begun = Instant::now();
-        let mut rate_limiter = of_bytes();
+        let mut rate_limiter = limiter_of_bytes();
         rate_limiter.spend(1).await;
         rate_limiter.spend(1 << 20).await;
         assert_eq!(begun.elapsed().as_millis(), 35);

@@ -12,9 +12,11 @@ use clap::Args;
 use serde::Deserialize;
 
 use super::analysis::Analysis;
-use super::engines::{self, Engines};
+use super::engines::Engines;
+use super::engines::engines_table;
 use super::error::PaperError;
 use super::figures::{self, PaperFigure};
+use super::findings::sentences;
 use super::gap::{self, GapResults};
 use super::hardware::{self, HardwareResults};
 use super::outcome::ExperimentTrial;
@@ -22,7 +24,7 @@ use super::remote::{self, RemoteResults};
 use super::results::PaperResults;
 use super::settings::Settings;
 use super::store::parse;
-use super::{findings, tables};
+use super::tables;
 use rhumb_bench::ablate::Ablation;
 use rhumb_bench::cost::Costs;
 use rhumb_bench::load::Load;
@@ -216,7 +218,7 @@ fn of_paper(results: &PaperResults, block: &str) -> Option<String> {
     let table = match block {
         "command" => return Some(format!("    {}", results.command)),
         "findings" => {
-            let sentences = findings::sentences(results);
+            let sentences = sentences(results);
             let lines: Vec<String> = sentences
                 .iter()
                 .map(|sentence| format!("- {sentence}"))
@@ -294,7 +296,7 @@ fn of_engines(engines: &Engines, what: &str) -> Option<String> {
             "    {}\n\nOn {}; {} with {} bodies.",
             engines.command, engines.machine, engines.scene, engines.bodies
         )),
-        "table" => Some(engines::table(engines).to_markdown()),
+        "table" => Some(engines_table(engines).to_markdown()),
         _ => None,
     }
 }

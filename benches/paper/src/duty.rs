@@ -44,7 +44,7 @@ impl Drop for Duty {
 
 /// Runs as the helper until standard input is closed.
 #[cfg(target_os = "linux")]
-pub(crate) fn serve(arguments: &DutyArguments) -> ExitCode {
+pub(crate) fn serve_duty(arguments: &DutyArguments) -> ExitCode {
     use std::io::Read;
     use std::sync::mpsc::{RecvTimeoutError, channel};
     use std::time::Duration;
@@ -88,6 +88,6 @@ pub(crate) fn serve(arguments: &DutyArguments) -> ExitCode {
 
 /// Not available on this system.
 #[cfg(not(target_os = "linux"))]
-pub(crate) fn serve(_: &DutyArguments) -> ExitCode {
+pub(crate) fn serve_duty(_: &DutyArguments) -> ExitCode {
     ExitCode::FAILURE
 }

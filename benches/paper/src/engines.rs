@@ -38,7 +38,7 @@ impl EngineRow {
 }
 
 /// A row for each engine, relative to the same engine in process.
-pub(crate) fn table(engines: &Engines) -> Table {
+pub(crate) fn engines_table(engines: &Engines) -> Table {
     let columns = [
         "engine",
         "frame, ms",

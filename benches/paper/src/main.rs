@@ -43,6 +43,7 @@ use rhumb_bench::drive::{Serve, serve};
 
 use document::PageArguments;
 use duty::DutyArguments;
+use duty::serve_duty;
 use experiment::ExperimentArguments;
 use gap::GapArguments;
 use hardware::HardwareArguments;
@@ -103,7 +104,7 @@ fn main() -> ExitCode {
         Some(Task::Hardware(arguments)) => hardware::run(&arguments),
         Some(Task::Merge(arguments)) => hardware::merge(&arguments.files, &arguments.out),
         Some(Task::Page(arguments)) => document::run(&arguments),
-        Some(Task::Duty(arguments)) => return duty::serve(&arguments),
+        Some(Task::Duty(arguments)) => return serve_duty(&arguments),
         Some(Task::Serve(arguments)) => return serve(*arguments),
     };
     match done {

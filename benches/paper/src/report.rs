@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::figures;
-use super::findings;
+use super::findings::sentences;
 use super::page::{figure_html, page};
 use super::results::PaperResults;
 use super::table::Table;
@@ -32,7 +32,7 @@ pub(crate) fn markdown(results: &PaperResults) -> String {
         "# The paper's experiment, run again\n\n`{}`\n\n",
         results.command
     );
-    for sentence in findings::sentences(results) {
+    for sentence in sentences(results) {
         let _ = writeln!(text, "- {sentence}");
     }
     for table in all_tables(results) {
@@ -44,7 +44,7 @@ pub(crate) fn markdown(results: &PaperResults) -> String {
 /// The text of `paper.html`, which is self-contained.
 pub(crate) fn html(results: &PaperResults) -> String {
     let mut body = format!("<pre>{}</pre>\n<ul>\n", escape(&results.command));
-    for sentence in findings::sentences(results) {
+    for sentence in sentences(results) {
         let _ = writeln!(body, "<li>{}</li>", escape(&sentence));
     }
     body.push_str("</ul>\n");

@@ -29,7 +29,7 @@ pub struct Decoding {
 }
 
 /// Measures decoding; each figure is the median of `repeats`.
-pub(super) fn decoding(bodies: u32, repeats: u32) -> Decoding {
+pub(super) fn measure_decoding(bodies: u32, repeats: u32) -> Decoding {
     let grid = Grid::new(Tolerance::NORMAL, Metres::new(0.5));
     let often = repeats * TICKS as u32;
     let lanes =

@@ -44,7 +44,7 @@ pub struct Sleeping {
 }
 
 /// Number of progress calls for `repeats`.
-pub(super) fn steps(repeats: u32) -> u64 {
+pub(super) fn publishing_steps(repeats: u32) -> u64 {
     let ticks = SCENARIOS.iter().map(Scenario::steps);
     ticks.sum::<u64>() + SCENARIOS.len() as u64 * TIERS.len() as u64 * u64::from(repeats)
 }
@@ -54,7 +54,7 @@ pub(super) fn steps(repeats: u32) -> u64 {
 /// # Errors
 ///
 /// The refusal of the engine or its scene, as text.
-pub(super) fn publishing(
+pub(super) fn measure_publishing(
     bodies: u32,
     repeats: u32,
     progress: &mut dyn FnMut(),
@@ -91,7 +91,7 @@ pub(super) fn publishing(
 }
 
 /// Measures a stream of `bodies` sleeping bodies.
-pub(super) fn sleeping(bodies: u32, repeats: u32) -> Sleeping {
+pub(super) fn measure_sleeping(bodies: u32, repeats: u32) -> Sleeping {
     let mut load = SleepLoad::new(bodies);
     let mut silence = || {
         let publish = || {

@@ -11,8 +11,11 @@ mod remote_player;
 use super::error::DriveError;
 use crate::record::Mode;
 
+use app_player::OverApp;
 use interface::PlayerFactory;
 pub use interface::{FrameCost, Player, PlayerSetup, PlayerTotals, Stages, Traffic};
+use local::InThread;
+use remote_player::OverRhumb;
 pub use remote_player::remote_player_at;
 
 /// A playable mode and its factory.
@@ -26,31 +29,31 @@ pub struct Playable {
 const PLAYABLE: &[Playable] = &[
     Playable {
         mode: Mode::Integrated,
-        player_factory: &local::InThread,
+        player_factory: &InThread,
     },
     Playable {
         mode: Mode::AppAll,
-        player_factory: &app_player::OverApp,
+        player_factory: &OverApp,
     },
     Playable {
         mode: Mode::AppActive,
-        player_factory: &app_player::OverApp,
+        player_factory: &OverApp,
     },
     Playable {
         mode: Mode::AppPacked,
-        player_factory: &app_player::OverApp,
+        player_factory: &OverApp,
     },
     Playable {
         mode: Mode::Naive,
-        player_factory: &remote_player::OverRhumb,
+        player_factory: &OverRhumb,
     },
     Playable {
         mode: Mode::Rhumb,
-        player_factory: &remote_player::OverRhumb,
+        player_factory: &OverRhumb,
     },
     Playable {
         mode: Mode::RhumbPipelined,
-        player_factory: &remote_player::OverRhumb,
+        player_factory: &OverRhumb,
     },
 ];
 

@@ -10,8 +10,10 @@ use rhumb_trace::{FileContents, SceneFacts, StoredChannel};
 
 use super::error::RecordingError;
 use super::options::ReadOptions;
+use super::rate::rate_of_step;
 use super::recorded::{Recording, ScriptOrigin};
-use super::{foxglove, rate, states, velocity};
+use super::states::{ReadTruth, read_truth};
+use super::{foxglove, velocity};
 
 /// The end of the topics of states.
 const STATES: &str = "/truth/state";
@@ -62,11 +64,11 @@ fn of_states(
 ) -> Result<Recording, RecordingError> {
     let topic = format!("/{load}{STATES}");
     let contents = FileContents::read(bytes, &|channel| channel.topic == topic)?;
-    let states::ReadTruth {
+    let ReadTruth {
         truth,
         has_velocities,
         notes,
-    } = states::truth(&contents, load)?;
+    } = read_truth(&contents, load)?;
     let mut recording = match origin(outline, load)? {
         Origin::Stated {
             name,
@@ -186,7 +188,7 @@ fn origin(outline: &FileContents, load: &str) -> Result<Origin, RecordingError> 
         });
     }
     let step_s = scene.and_then(|scene| scene.get("step_s")?.parse().ok());
-    let rate = step_s.and_then(|step_s| rate::of_step(step_s, 1e-6));
+    let rate = step_s.and_then(|step_s| rate_of_step(step_s, 1e-6));
     Ok(Origin::Unstated { name, rate })
 }
 

@@ -13,8 +13,9 @@ use rhumb_reckoning::{BodyId, BodyState, Damping, Integrator, Rate, Tick};
 use super::activity::{activity_from_records, set_digest};
 use super::error::{Place, RecordingError, RowDefect};
 use super::options::{MissingPoses, ReadOptions};
+use super::rate::rate_of_step;
 use super::recorded::Recording;
-use super::{rate, velocity};
+use super::velocity;
 use crate::record::{Placed, Truth};
 
 /// Largest distance of a time from its frame, as a share of a step.
@@ -224,7 +225,7 @@ impl TimedPoses {
         let share = (2.0 * off_ns + TIMES_ROUNDED_NS) / before_ns.max(median_ns);
         let share = share.clamp(1e-9, 1e-2);
         let step_s = step_ns / 1e9;
-        rate::of_step(step_s, share).ok_or(RecordingError::Step { step_s })
+        rate_of_step(step_s, share).ok_or(RecordingError::Step { step_s })
     }
 
     /// Puts each pose into its frame.

@@ -9,7 +9,7 @@ const SECONDS_MAX: u32 = 10_000;
 
 /// The simplest rate whose step is within `share` of this one: a whole one, or 1000/1001 of one as of film and
 /// television, or the first of a hundred hertz with the fewest decimals. `None` beyond 1 to 1000 Hz.
-pub(super) fn of_step(step_s: f64, share: f64) -> Option<Rate> {
+pub(super) fn rate_of_step(step_s: f64, share: f64) -> Option<Rate> {
     let hertz = 1.0 / step_s;
     let in_range = (0.999..=1_000.5).contains(&hertz);
     if !in_range {
@@ -44,10 +44,10 @@ fn reduced(rate: Rate) -> Option<Rate> {
 }
 
 /// The rate of a number of hertz on the command line.
-pub(super) fn of_hertz(text: &str) -> Result<Rate, String> {
+pub(super) fn rate_of_hertz(text: &str) -> Result<Rate, String> {
     let hertz: Option<f64> = text.parse().ok();
     let hertz = hertz.filter(|hertz| HERTZ.contains(hertz));
-    let rate = hertz.and_then(|hertz| of_step(1.0 / hertz, 1e-7));
+    let rate = hertz.and_then(|hertz| rate_of_step(1.0 / hertz, 1e-7));
     rate.ok_or_else(|| "must be a number of hertz from 1 to 1000".to_owned())
 }
 
@@ -70,19 +70,22 @@ mod tests {
             (59.94, 2_997, 50),
         ] {
             let step_s = f64::from((1.0 / hertz) as f32);
-            let rate = of_step(step_s, 1e-7).unwrap();
+            let rate = rate_of_step(step_s, 1e-7).unwrap();
             assert_eq!((rate.ticks(), rate.seconds()), (ticks, seconds), "{hertz}");
         }
         for step_s in [0.0, -1.0, 2.0, 1e-4, f64::NAN, f64::INFINITY] {
-            assert_eq!(of_step(step_s, 1e-7), None, "{step_s}");
+            assert_eq!(rate_of_step(step_s, 1e-7), None, "{step_s}");
         }
     }
 
     #[test]
     fn a_rate_on_the_command_line_is_exact() {
-        assert_eq!(of_hertz("29.97").unwrap(), Rate::new(2_997, 100).unwrap());
+        assert_eq!(
+            rate_of_hertz("29.97").unwrap(),
+            Rate::new(2_997, 100).unwrap()
+        );
         for wrong in ["", "0", "-60", "1001", "fast", "NaN"] {
-            assert!(of_hertz(wrong).is_err(), "{wrong}");
+            assert!(rate_of_hertz(wrong).is_err(), "{wrong}");
         }
     }
 }

@@ -6,8 +6,9 @@ use rhumb_reckoning::Rate;
 
 use super::error::RecordingError;
 use super::options::ReadOptions;
+use super::rate::rate_of_hertz;
 use super::recorded::Recording;
-use super::{csv, mcap, rate, rhtrace};
+use super::{csv, mcap, rhtrace};
 
 /// The first bytes of what zstd packs.
 const ZSTD: &[u8] = &[0x28, 0xb5, 0x2f, 0xfd];
@@ -16,7 +17,7 @@ const MCAP: &[u8] = b"\x89MCAP0\r\n";
 
 /// A rate on the command line, Hz.
 pub(crate) fn hertz(text: &str) -> Result<Rate, String> {
-    rate::of_hertz(text)
+    rate_of_hertz(text)
 }
 
 /// Reads a recording.

@@ -13,8 +13,9 @@ use rhumb_reckoning::{BodyId, BodyState, Damping, Integrator, Tick};
 
 use super::activity::{activity_from_records, set_digest};
 use super::error::RecordingError;
+use super::rate::rate_of_step;
 use super::recorded::Recording;
-use super::{rate, velocity};
+use super::velocity;
 use crate::record::{Placed, Truth};
 
 /// Largest relative change of a step by rounding to single precision, with a margin of two.
@@ -69,7 +70,7 @@ fn read_plain(name: &str, bytes: &[u8]) -> Result<Recording, RecordingError> {
     }
     let step_s = f64::from(reader.f32()?);
     let gravity = Vec3::from_array(reader.f32s()?);
-    let rate = rate::of_step(step_s, ROUNDED).ok_or(RecordingError::Step { step_s })?;
+    let rate = rate_of_step(step_s, ROUNDED).ok_or(RecordingError::Step { step_s })?;
     let mut shapes = Vec::new();
     for index in 0..bodies {
         shapes.push(shape(&mut reader, index)?);

@@ -25,7 +25,7 @@ pub(super) struct ReadTruth {
 }
 
 /// The truth of a load, from the messages of its topic.
-pub(super) fn truth(contents: &FileContents, load: &str) -> Result<ReadTruth, RecordingError> {
+pub(super) fn read_truth(contents: &FileContents, load: &str) -> Result<ReadTruth, RecordingError> {
     let mut reader = StatesReader::default();
     let mut building = Building::default();
     for message in &contents.messages {

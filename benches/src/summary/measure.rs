@@ -15,7 +15,7 @@ use super::run_figures::{
 const NANOSECONDS_PER_MILLISECOND: f64 = 1e6;
 
 /// All figures of a run.
-pub(super) fn figures(run: &Run, truth_checksum: u64) -> RunFigures {
+pub(super) fn figures_of_run(run: &Run, truth_checksum: u64) -> RunFigures {
     let config = &run.config;
     let mut errors = WithZeros::default();
     for frame in &run.frames {

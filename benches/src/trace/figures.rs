@@ -8,7 +8,7 @@ use crate::quantile::rank;
 use crate::record::{Breach, CapturedPacket, Cause, Frame, PacketDirection};
 
 /// The figures of a frame.
-pub(super) fn stats(number: u32, frame: &Frame, payload_bytes_down: u64) -> TickStats {
+pub(super) fn stats_message(number: u32, frame: &Frame, payload_bytes_down: u64) -> TickStats {
     let exact = frame.exact as usize;
     let count = exact + frame.errors_m.len();
     let error = |percent| {
@@ -32,7 +32,7 @@ pub(super) fn stats(number: u32, frame: &Frame, payload_bytes_down: u64) -> Tick
     }
 }
 
-pub(super) fn breach(breach: &Breach) -> BreachMessage {
+pub(super) fn breach_message(breach: &Breach) -> BreachMessage {
     BreachMessage {
         tick: breach.tick.value(),
         index: breach.id.index(),
@@ -49,7 +49,7 @@ pub(super) fn breach(breach: &Breach) -> BreachMessage {
 }
 
 /// A packet with its bytes, or with their number alone.
-pub(super) fn packet(tick: Tick, captured: &CapturedPacket, keeps_bytes: bool) -> Packet {
+pub(super) fn packet_message(tick: Tick, captured: &CapturedPacket, keeps_bytes: bool) -> Packet {
     Packet {
         tick: tick.value(),
         frame: captured.frame,

@@ -5,14 +5,14 @@
 
 use serde_json::{Value, json};
 
-use super::names;
+use super::names::{load_names, run_names};
 use crate::record::{Experiment, Load, Mode};
 
 /// The text of `layout.json`: the smallest load, with its truth and its first copy that states a tolerance.
 #[must_use]
 pub fn layout(experiment: &Experiment) -> String {
     let bodies = |load: &Load| load.runs.first().map_or(u32::MAX, |run| run.config.bodies);
-    let loads = names::loads(experiment);
+    let loads = load_names(experiment);
     let smallest = experiment
         .loads
         .iter()
@@ -27,7 +27,7 @@ pub fn layout(experiment: &Experiment) -> String {
 }
 
 fn window(load: &Load, prefix: &str) -> Value {
-    let runs: Vec<_> = load.runs.iter().zip(names::runs(load)).collect();
+    let runs: Vec<_> = load.runs.iter().zip(run_names(load)).collect();
     let remote = || {
         runs.iter()
             .filter(|(run, _)| run.config.mode != Mode::Integrated)

@@ -7,7 +7,7 @@ use rhumb_reckoning::{BodyId, Tick};
 use rhumb_trace::{ASLEEP, AWAKE, SceneTopics, StateForm, States, TraceFile};
 
 use super::bodies::{Body, TruthBodies};
-use super::names;
+use super::names::run_names;
 use super::options::TraceOptions;
 use super::run::RunTopics;
 use super::time::Time;
@@ -26,7 +26,7 @@ pub(super) fn write_load<W: Write + Seek>(
     }
     let time = Time::of(load.facts.integrator.rate, options);
     let mut truth = TruthTopics::new((prefix, load), form, time, options);
-    let mut runs: Vec<_> = names::runs(load)
+    let mut runs: Vec<_> = run_names(load)
         .iter()
         .zip(&load.runs)
         .map(|(name, run)| RunTopics::new(&format!("/{prefix}/{name}"), load, run, options))

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use crate::record::{Experiment, Load, PacketDirection};
 
 /// Prefix of each load, such as `n500`, in the order of the record.
-pub(crate) fn loads(experiment: &Experiment) -> Vec<String> {
+pub(crate) fn load_names(experiment: &Experiment) -> Vec<String> {
     let bodies = |load: &Load| load.runs.first().map_or(0, |run| run.config.bodies);
     distinct(
         experiment
@@ -18,7 +18,7 @@ pub(crate) fn loads(experiment: &Experiment) -> Vec<String> {
 }
 
 /// Name of each run of a load, such as `rhumb`, in the order of the record.
-pub(crate) fn runs(load: &Load) -> Vec<String> {
+pub(crate) fn run_names(load: &Load) -> Vec<String> {
     distinct(
         load.runs
             .iter()
@@ -27,7 +27,7 @@ pub(crate) fn runs(load: &Load) -> Vec<String> {
 }
 
 /// Last part of the topic name for packets of one direction.
-pub(super) const fn direction(direction: PacketDirection) -> &'static str {
+pub(super) const fn direction_name(direction: PacketDirection) -> &'static str {
     match direction {
         PacketDirection::StateDown => "state-down",
         PacketDirection::StateUp => "state-up",

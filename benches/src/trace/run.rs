@@ -8,9 +8,10 @@ use rhumb_trace::{
 };
 
 use super::bodies::{Bodies, Body, CopiedBodies};
+use super::figures::{breach_message, packet_message, stats_message};
+use super::names::direction_name;
 use super::options::TraceOptions;
 use super::time::Time;
-use super::{figures, names};
 use crate::record::{Frame, Load, Mode, PacketDirection, Run};
 
 /// A run that is being written.
@@ -52,7 +53,7 @@ impl<'a> RunTopics<'a> {
             breaches: topic("breaches", Schema::Own("rhumb.Breach")),
             poses: topic("seen", Schema::Own("rhumb.Poses")),
             wire: directions.map(|direction| {
-                let name = format!("wire/{}", names::direction(direction));
+                let name = format!("wire/{}", direction_name(direction));
                 (direction, topic(&name, Schema::Wire("rhumb.Packet")))
             }),
             scene: drawn.then(|| DrawnTopics::new(prefix, time.rest_delay_ticks())),
@@ -84,7 +85,7 @@ impl<'a> RunTopics<'a> {
             && breach.tick.value() <= tick
         {
             let at_ns = self.time.at_ns(breach.tick.value());
-            file.put(&mut self.breaches, at_ns, &figures::breach(breach))?;
+            file.put(&mut self.breaches, at_ns, &breach_message(breach))?;
             self.breached += 1;
         }
         Ok(())
@@ -114,7 +115,7 @@ impl<'a> RunTopics<'a> {
         file.put(
             &mut self.stats,
             at_ns,
-            &figures::stats(number, frame, payload),
+            &stats_message(number, frame, payload),
         )?;
         if !frame.changed.is_empty() || !frame.removed.is_empty() {
             let poses = self.seen(number, frame, truth);
@@ -185,7 +186,7 @@ impl<'a> RunTopics<'a> {
             for (direction, topic) in &mut self.wire {
                 if *direction == captured.direction {
                     let keeps = *direction != PacketDirection::StateDown || self.has_tolerance;
-                    let packet = figures::packet(frame.tick, captured, keeps);
+                    let packet = packet_message(frame.tick, captured, keeps);
                     file.put(topic, at_ns, &packet)?;
                 }
             }

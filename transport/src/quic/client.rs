@@ -14,7 +14,8 @@ use std::time::Duration;
 use bytes::Bytes;
 use rhumb_protocol::session::TransportCode;
 
-use super::client_io::{self, Attempt, EstablishedConnection};
+use super::client_io::run_io;
+use super::client_io::{Attempt, EstablishedConnection};
 use super::connect_error::ConnectError;
 use super::inbox::{Inbox, Received};
 use super::statistics::WireStatistics;
@@ -91,7 +92,7 @@ impl QuicClient {
             .name("rhumb-client-io".into())
             .spawn({
                 let inbox = Arc::clone(&inbox);
-                move || runtime.block_on(client_io::run(attempts, ready, inbox))
+                move || runtime.block_on(run_io(attempts, ready, inbox))
             })
             .map_err(ConnectError::Thread)?;
         match connected.recv() {

@@ -60,7 +60,7 @@ struct ClientConnection {
 }
 
 /// Connects, reports, and carries the connection until it has ended and its close frame has left.
-pub(super) async fn run(
+pub(super) async fn run_io(
     attempts: Vec<Attempt>,
     ready: SyncSender<Result<EstablishedConnection, ConnectError>>,
     inbox: Arc<Inbox>,
