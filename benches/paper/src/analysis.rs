@@ -1,13 +1,13 @@
 //! Analysis over all trials: means, spreads, tests, degradation.
 //!
-//! A void outcome enters no figure and is listed by name.
+//! A void outcome enters no figure and is listed by name. The results are `paper.json`.
 
+use rhumb_bench::record::Mode;
 use serde::{Deserialize, Serialize};
 
-use super::outcome::{ExperimentTrial, ModeOutcome};
-use super::settings::Settings;
-use super::statistics::{Comparison, Paired, Sample};
-use rhumb_bench::record::Mode;
+use crate::settings::Settings;
+use crate::statistics::{Comparison, Paired, Sample};
+use crate::store::{ExperimentTrial, ModeOutcome};
 
 /// Frame rate below which a load counts as degraded (MDL: the minimum degradation load).
 pub(crate) const DEGRADED_FPS: f64 = 9.0;
@@ -239,11 +239,24 @@ fn void(trials: &[ExperimentTrial]) -> Vec<Void> {
     void
 }
 
+/// Results of an experiment: `paper.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct PaperResults {
+    /// The command line, as typed.
+    pub(crate) command: String,
+    /// Settings of the experiment.
+    pub(crate) settings: Settings,
+    /// Every finished trial.
+    pub(crate) trials: Vec<ExperimentTrial>,
+    /// Analysis over all trials.
+    pub(crate) analysis: Analysis,
+}
+
 #[cfg(test)]
 pub(crate) mod tests {
-    use super::super::outcome::LoadOutcome;
-    use super::super::settings::tests::settings;
     use super::*;
+    use crate::settings::tests::settings;
+    use crate::store::LoadOutcome;
 
     /// A trial with these frame rates of integrated and naive at 500 and 1,000 balls.
     pub(crate) fn trial(number: u32, fps: [[f64; 2]; 2]) -> ExperimentTrial {

@@ -2,36 +2,32 @@
 //!
 //! `<!-- paper: BLOCK FILE -->` opens a block, `<!-- /paper -->` closes it. FILE, or a folder of runs, lies beside the
 //! page. The text between the markers is replaced, everything else stays. Blocks are fully generated, so a check can
-//! find stale ones.
+//! find stale ones. Other engines are measured by `compare_engines.py`.
 
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use serde::Deserialize;
-
-use super::analysis::Analysis;
-use super::engines::Engines;
-use super::engines::engines_table;
-use super::error::PaperError;
-use super::figures::{self, PaperFigure};
-use super::findings::sentences;
-use super::gap::{self, GapResults};
-use super::hardware::{self, HardwareResults};
-use super::outcome::ExperimentTrial;
-use super::remote::{self, RemoteResults};
-use super::results::PaperResults;
-use super::settings::Settings;
-use super::store::parse;
-use super::tables;
 use rhumb_bench::ablate::Ablation;
 use rhumb_bench::cost::Costs;
 use rhumb_bench::load::Load;
 use rhumb_bench::neighbour::Neighbour;
 use rhumb_bench::output;
 use rhumb_bench::service::ServiceCosts;
-use rhumb_bench::summary::{Summary, later, markdown, ratios};
+use rhumb_bench::summary::{Summary, later, markdown, number, ratios};
+use serde::Deserialize;
+
+use crate::analysis::{Analysis, PaperResults};
+use crate::figures::PaperFigure;
+use crate::gap::GapResults;
+use crate::hardware::HardwareResults;
+use crate::page::Table;
+use crate::remote::RemoteResults;
+use crate::report::sentences;
+use crate::settings::{PaperError, Settings};
+use crate::store::{ExperimentTrial, parse};
+use crate::{figures, gap, hardware, remote, tables};
 
 /// Arguments of the page task.
 #[derive(Clone, Debug, Args)]
@@ -349,6 +345,70 @@ fn of_figure(page: &Path, block: &str, figure: Option<PaperFigure>) -> Result<Bl
     })
 }
 
+/// Output of the script's `--out`.
+#[derive(Debug, Deserialize)]
+pub(crate) struct Engines {
+    /// Command line of the script.
+    pub(crate) command: String,
+    /// Processor, cores, operating system.
+    pub(crate) machine: String,
+    /// Name of the scene.
+    pub(crate) scene: String,
+    /// Number of its non-static bodies.
+    pub(crate) bodies: u32,
+    rows: Vec<EngineRow>,
+}
+
+/// Times of one engine, milliseconds.
+#[derive(Debug, Deserialize)]
+struct EngineRow {
+    /// Engine and where it steps: `bullet, tcp:localhost:6667`.
+    engine: String,
+    frame_ms_mean: f64,
+    frame_ms_p50: f64,
+    frame_ms_p99: f64,
+    /// Both directions, headers included; `None` for an engine in process.
+    bytes_per_frame: Option<f64>,
+}
+
+impl EngineRow {
+    fn family(&self) -> &str {
+        self.engine.split(',').next().unwrap_or_default()
+    }
+}
+
+/// A row for each engine, relative to the same engine in process.
+pub(crate) fn engines_table(engines: &Engines) -> Table {
+    let columns = [
+        "engine",
+        "frame, ms",
+        "p50, ms",
+        "p99, ms",
+        "mean, relative to its first row",
+        "bytes per frame",
+    ];
+    let mut table = Table::new("Other engines on the same scene", columns);
+    for row in &engines.rows {
+        let first = engines
+            .rows
+            .iter()
+            .find(|other| other.family() == row.family());
+        let values = [
+            Some(row.frame_ms_mean),
+            Some(row.frame_ms_p50),
+            Some(row.frame_ms_p99),
+            first.map(|first| row.frame_ms_mean / first.frame_ms_mean),
+            row.bytes_per_frame,
+        ];
+        let mut cells = vec![row.engine.clone()];
+        cells.extend(values.map(number));
+        table.rows.push(cells);
+    }
+    table.note = "Piles differ between engines, so times measure similar work, not the same work."
+        .to_owned();
+    table
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -396,5 +456,20 @@ mod tests {
             let message = filled(text).unwrap_err().to_string();
             assert!(message.contains(why), "{message}");
         }
+    }
+
+    #[test]
+    fn a_remote_engine_is_compared_to_itself_in_process() {
+        let text = r#"{"command": "c", "machine": "m", "scene": "ball-pit", "bodies": 500, "rows": [
+            {"engine": "bullet, direct", "frame_ms_mean": 2.0, "frame_ms_p50": 2.0, "frame_ms_p99": 3.0, "bytes_per_frame": null},
+            {"engine": "ours, a", "frame_ms_mean": 1.0, "frame_ms_p50": 1.0, "frame_ms_p99": 1.5, "bytes_per_frame": null},
+            {"engine": "bullet, tcp:h:1", "frame_ms_mean": 6.0, "frame_ms_p50": 5.0, "frame_ms_p99": 9.0, "bytes_per_frame": 1234.0}]}"#;
+        let engines: Engines = serde_json::from_str(text).unwrap();
+        let rows = engines_table(&engines).rows;
+        assert_eq!(rows[1], ["ours, a", "1.00", "1.00", "1.50", "1.00", "–"]);
+        assert_eq!(
+            rows[2],
+            ["bullet, tcp:h:1", "6.00", "5.00", "9.00", "3.00", "1,234"]
+        );
     }
 }

@@ -3,30 +3,24 @@
 //! Each finished trial is stored at once, and results are recomputed after it. An interruption loses only the running
 //! trial.
 
-use std::io::{self, Write as _};
+use std::io;
+use std::io::Write as _;
 use std::num::NonZeroU32;
 use std::path::PathBuf;
 
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
+use rhumb_bench::drive::{DriveError, ServerCpu, player};
+use rhumb_bench::record::Mode;
+use rhumb_bench::{machine, output};
 use rhumb_server::{Workers, run_on_cores};
 
-use super::analysis::Analysis;
-use super::cores::CoreAssignment;
-use super::error::PaperError;
-use super::loads::Loads;
-use super::outcome::ExperimentTrial;
-use super::pit::{FRAMES_PER_SECOND, STEPS};
-use super::results::PaperResults;
-use super::settings::Settings;
-use super::store::Store;
-use super::tolerance::tolerance;
-use super::trial::{self, Staging};
-use super::{report, tables};
-use rhumb_bench::drive::{DriveError, ServerCpu, player};
-use rhumb_bench::machine;
-use rhumb_bench::output;
-use rhumb_bench::record::Mode;
+use crate::analysis::{Analysis, PaperResults};
+use crate::processor::CoreAssignment;
+use crate::settings::{Loads, PaperError, Settings, tolerance};
+use crate::store::{ExperimentTrial, Store};
+use crate::trial::{FRAMES_PER_SECOND, STEPS, Staging};
+use crate::{report, tables, trial};
 
 /// Arguments of the experiment.
 #[derive(Clone, Debug, Args)]

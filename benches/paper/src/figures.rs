@@ -3,14 +3,13 @@
 use std::fmt::Write as _;
 
 use plotters::style::RGBColor;
-
-use super::analysis::ModeAnalysis;
-use super::published;
-use super::results::PaperResults;
-use super::statistics::Sample;
 use rhumb_bench::drive::player;
 use rhumb_bench::record::Mode;
 use rhumb_bench::report::{Axis, Chart, Mark, SIZE, color, escape};
+
+use crate::analysis::{ModeAnalysis, PaperResults};
+use crate::published;
+use crate::statistics::Sample;
 
 /// A figure and its legend.
 pub(crate) struct PaperFigure {

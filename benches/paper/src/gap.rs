@@ -8,25 +8,21 @@ use std::num::NonZeroU32;
 use std::path::PathBuf;
 
 use clap::Args;
+use rhumb_bench::drive::player::{FrameCost, PlayerSetup};
+use rhumb_bench::drive::{Defect, Defects, ServerCpu, player};
+use rhumb_bench::record::Mode;
+use rhumb_bench::summary::number;
+use rhumb_bench::{machine, output};
 use rhumb_server::run_on_cores;
 use rhumb_transport::Clock;
 use serde::{Deserialize, Serialize};
 
-use super::cores::CoreAssignment;
-use super::error::PaperError;
-use super::outcome::ModeOutcome;
-use super::pit::{Pit, bodies_placed};
-use super::provenance::Provenance;
-use super::published;
-use super::table::Table;
-use super::tolerance::tolerance;
-use super::trial::outcome;
-use rhumb_bench::drive::player::{self, FrameCost, PlayerSetup};
-use rhumb_bench::drive::{Defect, Defects, ServerCpu};
-use rhumb_bench::machine;
-use rhumb_bench::output;
-use rhumb_bench::record::Mode;
-use rhumb_bench::summary::number;
+use crate::page::{Provenance, Table};
+use crate::processor::CoreAssignment;
+use crate::published;
+use crate::settings::{PaperError, tolerance};
+use crate::store::ModeOutcome;
+use crate::trial::{Pit, bodies_placed, outcome};
 
 /// Arguments of the gap task.
 #[derive(Clone, Debug, Args)]

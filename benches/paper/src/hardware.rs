@@ -8,24 +8,19 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use clap::Args;
+use rhumb_bench::drive::{DriveError, ServerCpu};
+use rhumb_bench::record::Mode;
+use rhumb_bench::summary::number;
+use rhumb_bench::{machine, output};
 use rhumb_server::{Workers, run_on_cores, usable_cores};
 use serde::{Deserialize, Serialize};
 
-use super::cores::CoreAssignment;
-use super::error::PaperError;
-use super::outcome::ModeOutcome;
-use super::page::page;
-use super::pit::{FRAMES_PER_SECOND, STEPS};
-use super::settings::Settings;
-use super::store::parse;
-use super::table::Table;
-use super::tolerance::tolerance;
-use super::trial::{self, Staging};
-use rhumb_bench::drive::{DriveError, ServerCpu};
-use rhumb_bench::machine;
-use rhumb_bench::output;
-use rhumb_bench::record::Mode;
-use rhumb_bench::summary::number;
+use crate::page::{Table, page};
+use crate::processor::CoreAssignment;
+use crate::settings::{PaperError, Settings, tolerance};
+use crate::store::{ModeOutcome, parse};
+use crate::trial;
+use crate::trial::{FRAMES_PER_SECOND, STEPS, Staging};
 
 /// Arguments of the hardware task.
 #[derive(Clone, Debug, Args)]

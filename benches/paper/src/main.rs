@@ -4,50 +4,35 @@
 //! measurements.
 
 mod analysis;
-mod beside;
-mod cores;
-mod crossover;
 mod document;
-mod duty;
-mod engines;
-mod error;
 mod experiment;
 mod figures;
-mod findings;
 mod gap;
 mod hardware;
-mod loads;
-mod outcome;
 mod page;
-mod pit;
-mod provenance;
+mod processor;
 mod published;
-mod quota;
 mod remote;
 mod report;
-mod results;
 mod settings;
 mod statistics;
 mod store;
-mod table;
 mod tables;
-mod tolerance;
 mod trial;
 
-use std::io::{self, Write};
+use std::io;
+use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand};
-use rhumb_bench::drive::{Serve, serve};
-
 use document::PageArguments;
-use duty::DutyArguments;
-use duty::serve_duty;
 use experiment::ExperimentArguments;
 use gap::GapArguments;
 use hardware::HardwareArguments;
+use processor::{DutyArguments, serve_duty};
 use remote::RemoteArguments;
+use rhumb_bench::drive::{Serve, serve};
 
 /// Repeats the paper's experiment, or runs one of the tasks beside it.
 #[derive(Debug, Parser)]

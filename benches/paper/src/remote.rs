@@ -11,6 +11,11 @@ use std::num::NonZeroU32;
 use std::path::PathBuf;
 
 use clap::Args;
+use results::{Crossing, RemotePoint, crossings};
+use rhumb_bench::drive::player::{Player, PlayerSetup, PlayerTotals};
+use rhumb_bench::drive::{Defects, ServerCpu, player};
+use rhumb_bench::record::Mode;
+use rhumb_bench::{machine, output};
 use rhumb_client::PipelineDepth;
 use rhumb_protocol::Span;
 use rhumb_reckoning::Tick;
@@ -19,19 +24,12 @@ use rhumb_sims::{Crowd, Script};
 use rhumb_transport::Clock;
 use serde::Serialize;
 
-use super::beside::work;
-use super::cores::CoreAssignment;
-use super::error::PaperError;
-use super::pit::{FRAMES_PER_SECOND, bodies_placed, in_frames};
-use super::provenance::Provenance;
-use super::tolerance::tolerance;
+use crate::page::Provenance;
+use crate::processor::{CoreAssignment, work};
+use crate::settings::{PaperError, tolerance};
+use crate::trial::{FRAMES_PER_SECOND, bodies_placed, in_frames};
+
 pub(crate) use results::RemoteResults;
-use results::{Crossing, RemotePoint, crossings};
-use rhumb_bench::drive::player::{self, Player, PlayerSetup, PlayerTotals};
-use rhumb_bench::drive::{Defects, ServerCpu};
-use rhumb_bench::machine;
-use rhumb_bench::output;
-use rhumb_bench::record::Mode;
 pub(crate) use tables::{aims_table, crossings_table, points_table};
 
 /// Arguments of the remote task.

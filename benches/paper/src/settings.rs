@@ -1,7 +1,16 @@
-//! Settings that define an experiment, so that trials of two never mix.
+//! Settings of an experiment, their text forms, and the errors of its tasks.
+//!
+//! Trials of other settings are never mixed with these.
 
-use std::fmt;
+use std::path::PathBuf;
+use std::str::FromStr;
+use std::{fmt, io};
 
+use rhumb_bench::drive::DriveError;
+use rhumb_bench::output::OutputError;
+use rhumb_bench::record::Mode;
+use rhumb_reckoning::{Metres, Tolerance};
+use rhumb_server::RunError;
 use serde::{Deserialize, Serialize};
 
 /// Everything on which a trial's outcome may depend, except its number.
@@ -78,6 +87,158 @@ impl Settings {
     }
 }
 
+/// Checks a length in metres as a tolerance.
+pub(crate) fn tolerance(metres: f64) -> Result<Tolerance, PaperError> {
+    Tolerance::from_metres(Metres::new(metres)).map_err(|error| PaperError::Tolerance {
+        metres,
+        cause: error.to_string(),
+    })
+}
+
+/// Balls in the pit, stage by stage: consecutive multiples of the first.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Loads(Vec<u32>);
+
+/// Largest load; more would not fit into a scene beside the walls.
+const LOAD_MAX: u32 = 100_000;
+
+impl Loads {
+    /// The first `count` multiples of `first`.
+    pub(crate) fn multiples(first: u32, count: u32) -> Self {
+        Self((1..=count).map(|stage| first * stage).collect())
+    }
+
+    pub(crate) fn as_slice(&self) -> &[u32] {
+        &self.0
+    }
+}
+
+impl FromStr for Loads {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let number = |text: &str| -> Result<u32, String> {
+            let failed = |_| format!("{text:?} is not a number of balls");
+            let load = text.trim().parse().map_err(failed)?;
+            if (1..=LOAD_MAX).contains(&load) {
+                Ok(load)
+            } else {
+                Err(format!("a load must lie between 1 and {LOAD_MAX} balls"))
+            }
+        };
+        let loads = match text.split_once("..") {
+            Some((first, last)) => {
+                let (first, last) = (number(first)?, number(last)?);
+                if !last.is_multiple_of(first) {
+                    return Err(format!("{last} is not a multiple of {first}"));
+                }
+                Self::multiples(first, last / first).0
+            }
+            None => text.split(',').map(number).collect::<Result<_, _>>()?,
+        };
+        let first = loads[0];
+        let fits =
+            |(stage, load): (u32, &u32)| u64::from(*load) == u64::from(first) * u64::from(stage);
+        if (1..).zip(&loads).all(fits) {
+            Ok(Self(loads))
+        } else {
+            Err(format!(
+                "loads must be consecutive multiples of the first, since each stage adds as many balls: {}",
+                Self::multiples(first, loads.len() as u32)
+                    .0
+                    .iter()
+                    .map(u32::to_string)
+                    .collect::<Vec<_>>()
+                    .join(",")
+            ))
+        }
+    }
+}
+
+/// The error of a task.
+#[derive(Debug)]
+pub(crate) enum PaperError {
+    /// A run failed.
+    Drive(DriveError),
+    /// The cores cannot be chosen.
+    Cores(RunError),
+    /// An output cannot be written.
+    Output(OutputError),
+    /// A file or folder cannot be read.
+    Read { path: PathBuf, cause: io::Error },
+    /// A file has another format than this program writes.
+    NotOurs {
+        path: PathBuf,
+        cause: serde_json::Error,
+    },
+    /// The folder holds trials of other settings or of another machine.
+    OtherExperiment {
+        folder: PathBuf,
+        difference: Difference,
+    },
+    /// A mode cannot take part.
+    NotPlayable { mode: Mode },
+    /// The baseline mode is missing.
+    NoIntegrated,
+    /// The tolerance is invalid.
+    Tolerance { metres: f64, cause: String },
+    /// The merge has no input, or inconsistent input.
+    Merge { why: String },
+    /// A page's markers are wrong.
+    Page { path: PathBuf, why: String },
+    /// A page is stale.
+    Stale { path: PathBuf, blocks: Vec<String> },
+    /// The caller cannot be slowed.
+    Quota { why: String },
+}
+
+impl fmt::Display for PaperError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Drive(cause) => cause.fmt(f),
+            Self::Cores(cause) => write!(f, "{cause}; tasks with --no-pin let the system choose"),
+            Self::Output(cause) => cause.fmt(f),
+            Self::Read { path, cause } => write!(f, "cannot read {}: {cause}", path.display()),
+            Self::NotOurs { path, cause } => write!(
+                f,
+                "{} does not have the format that this program writes: {cause}",
+                path.display()
+            ),
+            Self::OtherExperiment { folder, difference } => write!(
+                f,
+                "{} holds trials of another experiment ({difference}); choose another --out, or remove it",
+                folder.display()
+            ),
+            Self::NotPlayable { mode } => write!(f, "{mode} cannot take part in this experiment"),
+            Self::NoIntegrated => {
+                f.write_str("--modes must name integrated: all others are compared with it")
+            }
+            Self::Tolerance { metres, cause } => write!(f, "a tolerance of {metres} m: {cause}"),
+            Self::Merge { why } => write!(f, "cannot merge: {why}"),
+            Self::Page { path, why } => write!(f, "{}: {why}", path.display()),
+            Self::Stale { path, blocks } => write!(
+                f,
+                "{path} is stale: {}; `rhumb-paper page {path}` updates it",
+                blocks.join(", "),
+                path = path.display(),
+            ),
+            Self::Quota { why } => write!(f, "the caller cannot be slowed: {why}"),
+        }
+    }
+}
+
+impl From<DriveError> for PaperError {
+    fn from(cause: DriveError) -> Self {
+        Self::Drive(cause)
+    }
+}
+
+impl From<OutputError> for PaperError {
+    fn from(cause: OutputError) -> Self {
+        Self::Output(cause)
+    }
+}
+
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
@@ -122,5 +283,26 @@ pub(crate) mod tests {
     fn each_trial_has_its_own_seed() {
         let seeds: Vec<_> = (1..=3).map(|trial| settings().seed_of(trial)).collect();
         assert_eq!(seeds, [1, 2, 3]);
+    }
+
+    #[test]
+    fn loads_are_multiples_in_every_notation() {
+        let read = |text: &str| text.parse::<Loads>().map(|loads| loads.0);
+        assert_eq!(read("500"), Ok(vec![500]));
+        assert_eq!(read("500..2000"), Ok(vec![500, 1_000, 1_500, 2_000]));
+        assert_eq!(read("10, 20,30"), Ok(vec![10, 20, 30]));
+        for wrong in [
+            "",
+            "0",
+            "500,1500",
+            "1000,500",
+            "500..1200",
+            "5..x",
+            "200000",
+            "70000,140000",
+        ] {
+            assert!(read(wrong).is_err(), "{wrong}");
+        }
+        assert!(read("500,1500").unwrap_err().ends_with("500,1000"));
     }
 }

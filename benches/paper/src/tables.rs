@@ -1,19 +1,20 @@
 //! The experiment's tables, next to the paper's own figures.
 
 mod aims;
-mod cells;
 mod lines;
 
-use super::analysis::{ALPHA, DEGRADED_FPS, Degradation, ModeAnalysis};
-use super::published;
-use super::results::PaperResults;
-use super::statistics::{Comparison, Sample, Test};
-use super::table::Table;
-pub(crate) use aims::{aims, aims_of_bytes};
-use cells::{Digits, NONE, interval, probability};
-pub(crate) use lines::{analysis_csv, trials_csv};
 use rhumb_bench::record::Mode;
 use rhumb_bench::summary::number;
+
+use crate::analysis::{ALPHA, DEGRADED_FPS, Degradation, ModeAnalysis, PaperResults};
+use crate::page::Table;
+use crate::published;
+use crate::statistics::{Comparison, Sample, Test};
+
+use aims::{Digits, NONE, interval, probability};
+
+pub(crate) use aims::{aims, aims_of_bytes};
+pub(crate) use lines::{analysis_csv, trials_csv};
 
 fn test(test: Option<Test>) -> [String; 2] {
     match test {

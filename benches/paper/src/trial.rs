@@ -3,21 +3,26 @@
 //! One mode runs at a time, because cores of a processor share caches and memory and would slow each other. The modes
 //! take turns at being first. A pipelined mode comes last: its caller then does other work for as long as the
 //! integrated frame took, and a pause follows in which its server finishes.
+//!
+//! A frame has 1/11.33 s in six equal steps of 1/67.98 s: the longest step that divides a frame and does not exceed
+//! 1/60 s. Streams publish only the last tick of a frame, as the paper's engine did. A script is polled once per
+//! frame, before its first step.
 
-use rhumb_protocol::Span;
-use rhumb_protocol::scene::Command;
-use rhumb_transport::Clock;
+use std::num::NonZeroU32;
 
-use super::beside::{pause, work};
-use super::error::PaperError;
-use super::outcome::{ExperimentTrial, LoadOutcome, ModeOutcome};
-use super::pit::{FRAMES_PER_SECOND, Pit, bodies_placed};
-use super::quota::Weakness;
-use super::settings::Settings;
-use rhumb_bench::drive::player::{self, FrameCost, Player, PlayerSetup, PlayerTotals};
-use rhumb_bench::drive::{Defects, ServerCpu};
+use rhumb_bench::drive::player::{FrameCost, Player, PlayerSetup, PlayerTotals};
+use rhumb_bench::drive::{Defects, ServerCpu, player};
 use rhumb_bench::quantile::of_nanoseconds;
 use rhumb_bench::record::Mode;
+use rhumb_protocol::Span;
+use rhumb_protocol::scene::{Command, PublishSchedule, SceneConfig};
+use rhumb_reckoning::{Rate, Tick, Ticks};
+use rhumb_sims::{BallPit, Script};
+use rhumb_transport::Clock;
+
+use crate::processor::{Weakness, pause, work};
+use crate::settings::{PaperError, Settings};
+use crate::store::{ExperimentTrial, LoadOutcome, ModeOutcome};
 
 /// Progress of a trial.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -66,7 +71,7 @@ pub(crate) fn run(
     let player_setup = PlayerSetup {
         config: pit.config(),
         bodies: bodies_placed(&commands) + first * (stages - 1),
-        tolerance: super::tolerance::tolerance(settings.tolerance_m)?,
+        tolerance: crate::settings::tolerance(settings.tolerance_m)?,
         defects: Defects::SOUND,
         cpu: staging.cpu.clone(),
         seed,
@@ -247,10 +252,68 @@ fn milliseconds(nanoseconds: u64) -> f64 {
     nanoseconds as f64 / 1e6
 }
 
+/// Steps of a frame.
+pub(crate) const STEPS: NonZeroU32 = NonZeroU32::new(6).expect("six is not zero");
+/// Step rate: 11.33 frames per second of six steps each.
+const RATE: Rate = Rate::new(6_798, 100).expect("neither is zero");
+/// Frames per second.
+pub(crate) const FRAMES_PER_SECOND: f64 = 11.33;
+
+/// Converts a scene's config to frames.
+pub(crate) fn in_frames(config: SceneConfig) -> SceneConfig {
+    let mut config = config;
+    config.integrator.rate = RATE;
+    config.publish_schedule = PublishSchedule {
+        publish_interval: STEPS,
+        lookahead: Ticks::ZERO,
+    };
+    config
+}
+
+/// The number of bodies that commands place.
+pub(crate) fn bodies_placed(commands: &[Command]) -> u32 {
+    let placed = commands
+        .iter()
+        .filter(|command| matches!(command, Command::AddBody { .. }));
+    placed.count() as u32
+}
+
+/// The ball pit that fills stage by stage.
+pub(crate) struct Pit {
+    script: BallPit,
+    frames_per_load: u32,
+}
+
+impl Pit {
+    /// Each of `stages` stages adds `balls_per_stage` balls and lasts `frames_per_load` frames.
+    pub(crate) fn new(balls_per_stage: u32, stages: u32, frames_per_load: u32, seed: u64) -> Self {
+        Self {
+            script: BallPit::new(balls_per_stage, stages, seed),
+            frames_per_load,
+        }
+    }
+
+    pub(crate) fn config(&self) -> SceneConfig {
+        in_frames(self.script.config())
+    }
+
+    /// Appends the commands before a frame, counted from 0; call it once per frame, in order.
+    pub(crate) fn commands(&mut self, frame: u32, out: &mut Vec<Command>) {
+        if frame.is_multiple_of(self.frames_per_load) {
+            let stage = frame / self.frames_per_load;
+            // The script counts its own ticks at 60 Hz.
+            let cycle = u64::from(BallPit::CYCLE_SECONDS * 60);
+            self.script
+                .commands(Tick::new(u64::from(stage) * cycle), out);
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
-    use super::*;
     use rhumb_bench::drive::player::Stages;
+
+    use super::*;
 
     fn frame_cost(wall_ms: u64) -> FrameCost {
         FrameCost {
@@ -291,5 +354,34 @@ mod tests {
         assert_eq!((ahead.phys_ft_ms, ahead.work_ms), (1.0, Some(0.5)));
         let waits = outcome(Mode::Rhumb, &frames, &PlayerTotals::default(), &after);
         assert!((waits.sustained_fps - FRAMES_PER_SECOND).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_frame_has_the_papers_length_and_no_step_exceeds_a_sixtieth() {
+        let config = Pit::new(500, 20, 340, 1).config();
+        assert_eq!(config.check(), Ok(()));
+        let step_s = config.integrator.rate.step().seconds();
+        assert!(step_s <= 1.0 / 60.0);
+        let frame_s = step_s * f64::from(config.publish_schedule.publish_interval.get());
+        assert!((frame_s - 1.0 / FRAMES_PER_SECOND).abs() < 1e-12);
+    }
+
+    #[test]
+    fn each_stage_adds_its_balls_in_its_first_frame_only() {
+        let mut pit = Pit::new(50, 3, 7, 1);
+        let mut added = Vec::new();
+        for frame in 0..30 {
+            let mut commands = Vec::new();
+            pit.commands(frame, &mut commands);
+            let bodies = commands
+                .iter()
+                .filter(|command| matches!(command, Command::AddBody { .. }));
+            added.push(bodies.count());
+        }
+        let walls = added[0] - 50;
+        assert!(walls > 0);
+        for (frame, added) in added.iter().enumerate().skip(1) {
+            assert_eq!(*added, if [7, 14].contains(&frame) { 50 } else { 0 });
+        }
     }
 }

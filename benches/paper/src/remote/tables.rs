@@ -1,9 +1,9 @@
 //! Tables of the remote task.
 
-use super::results::{RemoteResults, crossings, integrated};
-use crate::crossover::Crossover;
-use crate::table::Table;
 use rhumb_bench::summary::number;
+
+use super::results::{Crossover, RemoteResults, crossings, integrated};
+use crate::page::Table;
 
 /// The crossovers, a row each.
 pub(crate) fn crossings_table(results: &RemoteResults) -> Table {

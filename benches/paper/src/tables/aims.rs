@@ -1,12 +1,11 @@
-//! Targets of the experiment, and whether they are met.
+//! Targets of the experiment, whether they are met, and numbers as text.
 
-use super::cells::{NONE, interval};
-use crate::analysis::{Degradation, LoadAnalysis, ModeAnalysis};
-use crate::results::PaperResults;
-use crate::statistics::Interval;
-use crate::table::Table;
 use rhumb_bench::record::Mode;
 use rhumb_bench::summary::number;
+
+use crate::analysis::{Degradation, LoadAnalysis, ModeAnalysis, PaperResults};
+use crate::page::Table;
+use crate::statistics::{Interval, Sample};
 
 const COLUMNS: [&str; 5] = ["target", "found", "95 % interval", "where", "met"];
 
@@ -167,12 +166,57 @@ pub(crate) fn aims_of_bytes(results: &PaperResults) -> Table {
     table
 }
 
+/// Cell of a missing value.
+pub(super) const NONE: &str = "–";
+
+/// Precision of a displayed figure.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Digits {
+    /// Three significant digits.
+    Three,
+    /// Two decimals, as the paper prints frames per second.
+    TwoPlaces,
+}
+
+impl Digits {
+    pub(super) fn show(self, value: Option<f64>) -> String {
+        match (self, value) {
+            (Self::TwoPlaces, Some(value)) => format!("{value:.2}"),
+            (_, value) => number(value),
+        }
+    }
+
+    /// A mean and its standard deviation.
+    pub(super) fn spread(self, sample: &Sample) -> String {
+        let mean = self.show(Some(sample.mean));
+        match sample.deviation {
+            Some(deviation) => format!("{mean} ± {}", self.show(Some(deviation))),
+            None => mean,
+        }
+    }
+}
+
+pub(super) fn probability(p: f64) -> String {
+    if p < 0.0001 {
+        "< 0.0001".to_owned()
+    } else {
+        format!("{p:.4}")
+    }
+}
+
+pub(super) fn interval(interval: Option<Interval>) -> String {
+    interval.map_or_else(
+        || NONE.to_owned(),
+        |Interval { from, to }| format!("{} to {}", number(Some(from)), number(Some(to))),
+    )
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::analysis::Analysis;
-    use crate::outcome::{ExperimentTrial, LoadOutcome, ModeOutcome};
     use crate::settings::tests::settings;
+    use crate::store::{ExperimentTrial, LoadOutcome, ModeOutcome};
 
     /// Trials with these frame times of integrated, rhumb and rhumb-pipelined at 500 and 1,000 balls, milliseconds;
     /// engine steps take half the integrated frame.

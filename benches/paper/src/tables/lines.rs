@@ -1,10 +1,10 @@
 //! The experiment's results as CSV: a line per outcome or comparison.
 
+use rhumb_bench::output::OutputError;
 use serde::Serialize;
 
-use crate::error::PaperError;
-use crate::results::PaperResults;
-use rhumb_bench::output::OutputError;
+use crate::analysis::PaperResults;
+use crate::settings::PaperError;
 
 /// One line of `trials.csv`: a mode at a load in a trial.
 #[derive(Serialize)]
