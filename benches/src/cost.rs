@@ -1,32 +1,33 @@
 //! `rhumb-bench cost`: processor time of a stream, stage by stage.
 //!
-//! Covers publishing beside the engine's step, a tick in which all bodies sleep, decoding, rendering, and one more
-//! member of a stream. All but the members run in the calling thread, one after the other. Times are processor times of
-//! that thread, so that other programs hardly change them. Each figure is the median of its repeats, beside its target.
+//! Covers publishing of awake bodies beside the engine's step, a tick in which all bodies sleep, decoding, rendering,
+//! and one more member of a stream. All but the members run in the calling thread, one after the other. Times are
+//! processor times of that thread, so that other programs hardly change them. Each figure is the median of its
+//! repeats, beside its target.
 
-mod decoding;
-mod median;
 mod members;
-mod publishing;
 
+use std::hint::black_box;
 use std::num::{NonZeroU32, NonZeroUsize};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
 use clap::Args;
+use rhumb_reckoning::{Anchor, Grid, Metres, QuantisedState, Tolerance, Track};
 use serde::{Deserialize, Serialize};
 
-use crate::machine;
-use crate::output;
+use crate::processor::time_of;
 use crate::replay::{Failure, ended};
+use crate::setup::decoding::{DecodeLoad, RenderLoad, TICKS, config, impulse_state, track};
+use crate::setup::lanes::Lanes;
+use crate::setup::publishing::{
+    MEASURED, ObservedRun, PublishCost, SCENARIOS, Scenario, SleepLoad, TIERS,
+};
 use crate::summary::{aligned, markdown, number};
+use crate::{machine, output, quantile};
 
-pub use decoding::Decoding;
-use decoding::measure_decoding;
 pub use members::Members;
-pub use publishing::{Publishing, Sleeping};
-use publishing::{measure_publishing, measure_sleeping, publishing_steps};
 
 /// Arguments: bodies, members, repeats, output.
 #[derive(Clone, Debug, Args)]
@@ -239,4 +240,170 @@ impl Costs {
 
 fn titles<const N: usize>(titles: [&str; N]) -> Vec<String> {
     titles.map(str::to_owned).to_vec()
+}
+
+/// Cost of decoding and rendering.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Decoding {
+    /// Bodies of the stream.
+    pub bodies: u32,
+    /// First update of a body, nanoseconds.
+    pub first_ns: f64,
+    /// Update in mid-run, nanoseconds.
+    pub update_ns: f64,
+    /// View of all bodies, milliseconds.
+    pub view_ms: f64,
+    /// Lower bound: prediction and correction of one body alone, nanoseconds.
+    pub correcting_ns: f64,
+    /// Lower bound: prediction of all bodies alone, milliseconds.
+    pub predicting_ms: f64,
+}
+
+/// Measures decoding; each figure is the median of `repeats`.
+fn measure_decoding(bodies: u32, repeats: u32) -> Decoding {
+    let grid = Grid::new(Tolerance::NORMAL, Metres::new(0.5));
+    let often = repeats * TICKS as u32;
+    let lanes =
+        |track: &dyn Fn(u32) -> Track| Lanes::of((0..bodies).map(track), config().integrator, grid);
+    // Anchors in mid-run lie on the grid; anchors of a snapshot do not.
+    let quantised_track = |index| Track {
+        anchor: Anchor::Quantised(QuantisedState::of(&impulse_state(index, 0).motion(), &grid)),
+        ..track(index)
+    };
+    let (moving, quantised) = (lanes(&track), lanes(&quantised_track));
+    let correcting = median_of(often, || quantised.correct());
+    let mut render = RenderLoad::new(bodies);
+    Decoding {
+        bodies,
+        first_ns: update_ns(&DecodeLoad::new(bodies), repeats),
+        update_ns: update_ns(&DecodeLoad::in_mid_run(bodies), repeats),
+        view_ms: ms(median_of(often, || render.refresh())),
+        correcting_ns: correcting.as_nanos() as f64 / f64::from(bodies),
+        predicting_ms: ms(median_of(often, || moving.predict())),
+    }
+}
+
+/// Time to decode an update, nanoseconds.
+fn update_ns(load: &DecodeLoad, repeats: u32) -> f64 {
+    let once = || {
+        let mut subscriber = load.subscriber.clone();
+        let (took, ()) = time_of(|| load.decode(&mut subscriber));
+        black_box(subscriber);
+        took
+    };
+    let took = median((0..repeats).map(|_| once()));
+    took.as_nanos() as f64 / load.updates.max(1) as f64
+}
+
+fn median_of(repeats: u32, mut work: impl FnMut()) -> Duration {
+    median((0..repeats).map(|_| time_of(&mut work).0))
+}
+
+fn ms(time: Duration) -> f64 {
+    time.as_secs_f64() * 1e3
+}
+
+/// Ticks with all bodies asleep, measured as one block.
+const SILENT: u32 = 1_000;
+
+/// Cost of publishing a scene, per tick.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Publishing {
+    /// Scene and stage.
+    pub scene: String,
+    /// Number of streams, one tier each.
+    pub streams: usize,
+    /// Bodies awake in the last tick.
+    pub awake: usize,
+    /// Mean step of the engine, milliseconds.
+    pub step_ms: f64,
+    /// Mean time to read every body, milliseconds.
+    pub observe_ms: f64,
+    /// Mean time of selection and encoding for all streams, milliseconds.
+    pub publish_ms: f64,
+    /// Observing and publishing as a share of the step.
+    pub of_step: f64,
+    /// Updates per tick over all streams.
+    pub updates_per_tick: f64,
+}
+
+/// Cost of publishing where nothing moves.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Sleeping {
+    /// Bodies of the stream, all asleep.
+    pub bodies: u32,
+    /// One tick of one stream, microseconds.
+    pub publish_us: f64,
+}
+
+/// Number of progress calls for `repeats`.
+fn publishing_steps(repeats: u32) -> u64 {
+    let ticks = SCENARIOS.iter().map(Scenario::steps);
+    ticks.sum::<u64>() + SCENARIOS.len() as u64 * TIERS.len() as u64 * u64::from(repeats)
+}
+
+/// Measures each scene, as one stream and as four.
+///
+/// # Errors
+///
+/// The refusal of the engine or its scene, as text.
+fn measure_publishing(
+    bodies: u32,
+    repeats: u32,
+    progress: &mut dyn FnMut(),
+) -> Result<Vec<Publishing>, String> {
+    let mut all = Vec::new();
+    for scenario in &SCENARIOS {
+        let run = ObservedRun::record(scenario, bodies, progress)?;
+        for tiers in TIERS {
+            let measured = (0..repeats).map(|_| {
+                let cost = run.publish(tiers);
+                progress();
+                cost
+            });
+            let costs: Vec<PublishCost> = measured.collect();
+            let ms = |time: Duration| time.as_secs_f64() * 1e3;
+            let publish_ms = ms(median(costs.iter().map(|cost| cost.tick)));
+            let observe_ms = ms(run.observe);
+            let step_ms = ms(run.step);
+            // All repeats encode the same updates.
+            let updates = costs.first().map_or(0, |cost| cost.updates);
+            all.push(Publishing {
+                scene: scenario.name.to_owned(),
+                streams: tiers.len(),
+                awake: run.awake(),
+                step_ms,
+                publish_ms,
+                observe_ms,
+                of_step: (observe_ms + publish_ms) / step_ms,
+                updates_per_tick: updates as f64 / MEASURED as f64,
+            });
+        }
+    }
+    Ok(all)
+}
+
+/// Measures a stream of `bodies` sleeping bodies.
+fn measure_sleeping(bodies: u32, repeats: u32) -> Sleeping {
+    let mut load = SleepLoad::new(bodies);
+    let mut silence = || {
+        let publish = || {
+            for _ in 0..SILENT {
+                load.publish();
+            }
+        };
+        time_of(publish).0
+    };
+    silence();
+    let took = median((0..repeats).map(|_| silence()));
+    Sleeping {
+        bodies,
+        publish_us: took.as_secs_f64() * 1e6 / f64::from(SILENT),
+    }
+}
+
+/// Median of several durations; zero if there are none.
+fn median(values: impl Iterator<Item = Duration>) -> Duration {
+    let mut all: Vec<u64> = values.map(|value| value.as_nanos() as u64).collect();
+    Duration::from_nanos(quantile::of_nanoseconds(&mut all, 50).unwrap_or(0))
 }

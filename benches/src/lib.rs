@@ -15,8 +15,8 @@ pub mod load;
 pub mod machine;
 pub mod neighbour;
 pub mod output;
-mod pretty_json;
 pub mod processor;
+pub mod quantile;
 pub mod record;
 pub mod recording;
 pub mod replay;
@@ -26,5 +26,3 @@ pub mod service;
 pub mod setup;
 pub mod summary;
 pub mod trace;
-
-pub mod quantile;

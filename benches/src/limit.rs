@@ -4,13 +4,11 @@
 //! verified by the normative prediction. An ideal coder then prices them. The result is an upper bound of the true
 //! minimum: better fits may make segments longer. A real publisher has more to do: it does not know the future, and it
 //! sends packets, refreshes and exact rest poses. One cut uses motions as fitted, another those that the protocol can
-//! express; the difference is the cost of its grid.
+//! express; the difference is the cost of its grid. Other tasks add the limit to their runs.
 
-mod beside;
 mod code;
 mod context;
 mod fit;
-mod path;
 mod segments;
 
 use std::collections::BTreeMap;
@@ -20,21 +18,19 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
+use code::Bits;
+use context::{Basis, ParentPath, Path, Paths, PredictorKind, SegmentContext};
 use rhumb_reckoning::Tolerance;
+use segments::{Objective, PARENT_RATIO, Segmentation, cut};
 use serde::{Deserialize, Serialize};
 
 use crate::output;
-use crate::pretty_json::pretty_json;
 use crate::quantile::WithZeros;
+use crate::record::{LimitRates, Run};
 use crate::recording::Recording;
 use crate::replay::{Failure, RecordingSource, ToleranceOptions, ended};
+use crate::summary::pretty_json;
 use crate::summary::{ErrorQuantiles, aligned, number};
-
-pub(crate) use beside::{Promised, set_beside_limits};
-use code::Bits;
-use context::{Basis, ParentPath, PredictorKind, SegmentContext};
-use path::{Path, Paths};
-use segments::{Objective, PARENT_RATIO, Segmentation, cut};
 
 /// Arguments: recording, tolerance, output.
 #[derive(Clone, Debug, Args)]
@@ -351,6 +347,35 @@ impl Found {
                 velocities: kbps(bits.velocities),
             },
             surface_error_m: ErrorQuantiles::of(&mut self.errors),
+        }
+    }
+}
+
+/// A tolerance and the publish interval at which it holds.
+pub(crate) type Promised = (Tolerance, NonZeroU32);
+
+/// Adds the limit to each run that states a tolerance; equal tolerances are computed once.
+pub(crate) fn set_beside_limits<'a>(
+    recording: &Recording,
+    runs: impl Iterator<Item = (&'a mut Run, Option<Promised>)>,
+) {
+    let mut known = BTreeMap::new();
+    for (run, promised) in runs {
+        run.config.limit = promised.map(|(tolerance, publish_interval)| {
+            let least = known.entry((tolerance, publish_interval));
+            *least.or_insert_with(|| Limit::of(recording, tolerance, publish_interval).rates())
+        });
+    }
+}
+
+impl Limit {
+    /// The figures to which runs are compared.
+    #[must_use]
+    pub fn rates(&self) -> LimitRates {
+        LimitRates {
+            updates_per_second: self.fewest_updates.updates_per_second,
+            updates_on_grid_per_second: self.fewest_updates_on_grid.updates_per_second,
+            kbps: self.fewest_bits.kbps,
         }
     }
 }

@@ -2,17 +2,17 @@
 //!
 //! Each file is written whole or not at all.
 
-use std::fmt;
-use std::io::{self, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::{fmt, io};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use crate::pretty_json::pretty_json;
 use crate::record::Experiment;
-use crate::report;
 use crate::summary::Summary;
-use crate::trace::{self, TraceError, TraceOptions};
+use crate::summary::pretty_json;
+use crate::trace::{TraceError, TraceOptions};
+use crate::{report, trace};
 
 /// The error of an output that was not written.
 #[derive(Debug)]

@@ -7,24 +7,98 @@
 //! ```
 //!
 //! A recording is checked when it is read, so a replay can rely on it. What the file does not say, or lacks, is a note.
+//!
+//! Reads a recording of any form: the file's content tells which.
 
-mod activity;
 mod csv;
 mod error;
 mod foxglove;
 pub mod mcap;
 mod options;
-mod play;
 mod poses;
-mod rate;
-mod read;
 mod recorded;
 pub mod rhtrace;
-mod states;
 mod velocity;
+
+use std::path::Path;
+
+use rhumb_reckoning::Rate;
+
+use options::rate_of_hertz;
 
 pub use error::{Place, RecordingError, RowDefect};
 pub use options::{MissingPoses, ReadOptions, ShapeChoice};
-pub(crate) use read::hertz;
-pub use read::read;
 pub use recorded::{Recording, ScriptOrigin};
+
+/// The first bytes of what zstd packs.
+const ZSTD: &[u8] = &[0x28, 0xb5, 0x2f, 0xfd];
+/// The first bytes of an MCAP file.
+const MCAP: &[u8] = b"\x89MCAP0\r\n";
+
+/// A rate on the command line, Hz.
+pub(crate) fn hertz(text: &str) -> Result<Rate, String> {
+    rate_of_hertz(text)
+}
+
+/// Reads a recording.
+///
+/// # Errors
+///
+/// [`RecordingError`] names the file and the defect.
+pub fn read(path: &Path, options: &ReadOptions) -> Result<Recording, RecordingError> {
+    let bytes = std::fs::read(path).map_err(|cause| RecordingError::read(path, cause))?;
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let name = name.split('.').next().unwrap_or_default();
+    let recording = read_bytes(name, &bytes, options);
+    recording.map_err(|cause| RecordingError::File {
+        path: path.to_owned(),
+        cause: Box::new(cause),
+    })
+}
+
+fn read_bytes(
+    name: &str,
+    bytes: &[u8],
+    options: &ReadOptions,
+) -> Result<Recording, RecordingError> {
+    if bytes.starts_with(MCAP) {
+        return mcap::read(name, bytes, options);
+    }
+    if bytes.starts_with(ZSTD) || bytes.starts_with(&rhtrace::MAGIC) {
+        return rhtrace::read(name, bytes);
+    }
+    match std::str::from_utf8(bytes) {
+        Ok(text) if !text.trim().is_empty() => csv::read(name, text, options),
+        _ => Err(RecordingError::UnknownForm),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_error_names_the_file_and_what_would_be_read() {
+        let folder = std::env::temp_dir().join(format!("rhumb-recording-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).expect("the temporary folder is writable");
+        let contents: [(&str, &[u8]); 4] = [
+            ("empty.mcap", b""),
+            ("picture.png", b"\x89PNG\r\n\xff"),
+            ("letter.txt", b"Dear all, this is no recording.\n"),
+            ("half.rhtrace.zst", b"\x28\xb5\x2f\xfd"),
+        ];
+        for (name, bytes) in contents {
+            let path = folder.join(name);
+            std::fs::write(&path, bytes).expect("it is our own folder");
+            let error = read(&path, &ReadOptions::default()).expect_err("it is no recording");
+            let (message, named) = (error.to_string(), path.display().to_string());
+            assert!(message.contains(&named), "{message}");
+        }
+        let error = read(&folder.join("empty.mcap"), &ReadOptions::default());
+        let message = error.expect_err("it is empty").to_string();
+        assert!(message.contains("foxglove.FrameTransforms"), "{message}");
+        let missing = read(&folder.join("nosuch.mcap"), &ReadOptions::default());
+        assert!(matches!(missing, Err(RecordingError::Read { .. })));
+        std::fs::remove_dir_all(folder).expect("it is our own folder");
+    }
+}

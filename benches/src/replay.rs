@@ -2,24 +2,15 @@
 //!
 //! Declarations only: `command` is the task, `session` is one replay.
 
-mod client;
 mod command;
 mod config;
-mod failure;
-mod feature;
 mod judge;
-mod plain;
 mod session;
 mod source;
-mod sweep;
 
-pub use command::{Replay, replay};
-pub use config::ReplayConfig;
-pub(crate) use failure::{Failure, ended};
-pub use feature::{EnabledFeatures, Feature};
-pub(crate) use plain::tally;
-pub(crate) use session::first_track;
+pub use command::{Replay, Sweep, replay};
+pub use config::{EnabledFeatures, Feature, ReplayConfig};
 pub use session::{ReplayError, run};
-pub(crate) use source::{DEFAULT_TOLERANCE, budget, print_notes};
+pub(crate) use session::{first_track, tally};
+pub(crate) use source::{DEFAULT_TOLERANCE, Failure, budget, ended, print_notes};
 pub use source::{RecordingSource, ReplayOptions, ToleranceOptions};
-pub use sweep::Sweep;

@@ -1,26 +1,23 @@
 //! Writes `report.html`: one self-contained page on an experiment.
 //!
-//! One figure comes first, then the table and the other figures. Each figure has one sentence above it. Colours follow
-//! the reader's system, light or dark. All figures come from the summary; only curves are read from the record.
+//! One figure comes first, then the table (a row per run, grouped by load) and the other figures. Each figure has one
+//! sentence above it. Colours follow the reader's system, light or dark. All figures come from the summary; only
+//! curves are read from the record.
 
-mod decimate;
 mod figures;
-mod frontier;
-mod labels;
 mod plot;
-mod table;
 mod words;
 
 use std::fmt::Write as _;
 
-use crate::record::{Experiment, Load};
-use crate::summary::{RunFigures, Summary};
+use figures::{Figure, frontier};
 
-use figures::Figure;
+use crate::record::{Experiment, Load};
+use crate::summary::columns;
+use crate::summary::{Column, RunFigures, Summary, ratios as ratios_of};
+
 pub use figures::color;
-use frontier::frontier;
 pub use plot::{Axis, Chart, Mark, SIZE};
-use table::{ratios, table_html};
 pub use words::escape;
 
 /// Style sheet of the pages.
@@ -215,3 +212,73 @@ later</dd>
 <p class=\"soft\">Every number is in <code>summary.json</code>, and can be computed again from <code>trace.mcap</code>
 without this program.</p>
 ";
+
+/// The `table` element.
+fn table_html(summary: &Summary) -> String {
+    let columns = columns(&summary.runs);
+    let mut text = String::from("<div class=\"wide\"><table>\n<thead><tr>");
+    for column in &columns {
+        let _ = write!(
+            text,
+            "<th>{}<small>{}</small></th>",
+            column.long, column.small
+        );
+    }
+    text.push_str("</tr></thead>\n<tbody>\n");
+    let mut load = None;
+    for run in &summary.runs {
+        if load != Some((&run.scene, run.bodies)) {
+            load = Some((&run.scene, run.bodies));
+            let _ = writeln!(
+                text,
+                "<tr class=\"load\"><td colspan=\"{}\">{} bodies, {}</td></tr>",
+                columns.len(),
+                run.bodies,
+                escape(&run.scene)
+            );
+        }
+        text.push_str(&row(run, &columns, summary));
+    }
+    text.push_str("</tbody></table></div>\n");
+    text
+}
+
+/// Table of factors against naive replication; empty without a naive run.
+fn ratios(summary: &Summary) -> String {
+    let rows = ratios_of(&summary.runs);
+    let Some((titles, rows)) = rows.split_first().filter(|(_, rows)| !rows.is_empty()) else {
+        return String::new();
+    };
+    let mut text =
+        String::from("<h2>Less than naive, times</h2>\n<div class=\"wide\"><table>\n<thead><tr>");
+    for title in titles {
+        let _ = write!(text, "<th>{title}</th>");
+    }
+    text.push_str("</tr></thead>\n<tbody>\n");
+    for row in rows {
+        let cells: String = row
+            .iter()
+            .map(|cell| format!("<td>{}</td>", escape(cell)))
+            .collect();
+        let _ = writeln!(text, "<tr>{cells}</tr>");
+    }
+    text.push_str("</tbody></table></div>\n");
+    text
+}
+
+fn row(run: &RunFigures, columns: &[Column], summary: &Summary) -> String {
+    let mut text = String::from("<tr>");
+    for (place, column) in columns.iter().enumerate() {
+        let cell = escape(&(column.cell)(run, &summary.runs));
+        let _ = match place {
+            0 => write!(
+                text,
+                "<td><span class=\"key\" style=\"--own: var(--{})\">{cell}</span></td>",
+                escape(&run.mode)
+            ),
+            _ => write!(text, "<td>{cell}</td>"),
+        };
+    }
+    text.push_str("</tr>\n");
+    text
+}

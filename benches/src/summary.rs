@@ -4,28 +4,23 @@
 //! thread sends no bytes. A percentile is the least measured value that the given share does not exceed.
 
 mod cells;
-mod columns;
-mod measure;
 mod run_figures;
 mod table;
-mod unfinished;
 
+use run_figures::{compare_with_naive, figures_of_run};
 use serde::{Deserialize, Serialize};
 
-use crate::pretty_json::pretty_json;
 use crate::record::Experiment;
 
+pub(crate) use cells::pretty_json;
 pub use cells::{aligned, markdown, number};
-pub(crate) use columns::{Column, columns};
-pub(crate) use measure::second_by_second;
-use measure::{compare_with_naive, figures_of_run};
+pub(crate) use run_figures::second_by_second;
 pub use run_figures::{
     DATAGRAM_HEADER_BYTES, ErrorQuantiles, FirstSeconds, FrameTimes, Join, LessThanNaive, Moving,
     OfLimit, OverTolerance, Recovery, RunFigures, SIM_FPS_MAX, StepTimes,
 };
-pub use table::SummaryTable;
-pub use table::{later, ratios};
-pub use unfinished::UnfinishedReplay;
+pub(crate) use table::{Column, columns};
+pub use table::{SummaryTable, UnfinishedReplay, later, ratios};
 
 /// Figures of one experiment.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -15,33 +15,30 @@
 //! Metadata records are `rhumb.experiment`, `rhumb.truth.n500`, `rhumb.run.n500.{mode}`. The messages are those of
 //! `rhumb.proto` of `rhumb-trace`. Every figure of the summary can be computed from the file. The file is written under a
 //! temporary name and renamed once complete.
+//!
+//! Topics of one load: the truth and each of its runs, tick by tick.
 
 mod bodies;
-mod error;
-mod figures;
-mod layout;
-mod load;
+mod file;
 mod metadata;
-mod names;
-mod options;
-mod partial;
 mod run;
-mod time;
 
 use std::io::{Seek, Write};
 use std::path::Path;
 
+use bodies::{Body, TruthBodies};
+use file::Partial;
 use mcap::McapError;
-use rhumb_trace::{GridHistory, StateForm, TraceFile};
+use rhumb_reckoning::{BodyId, Tick};
+use rhumb_trace::{ASLEEP, AWAKE, GridHistory, SceneTopics, StateForm, States, TraceFile};
+use run::{RunTopics, Time};
 
-use crate::record::Experiment;
+use crate::record::{Experiment, Load};
 
-pub use error::TraceError;
-pub use layout::layout;
-use load::{last_tick, write_load};
-pub(crate) use names::{load_names, run_names};
-pub use options::TraceOptions;
-use partial::Partial;
+pub use file::TraceError;
+pub use metadata::layout;
+pub(crate) use metadata::{load_names, run_names};
+pub use run::TraceOptions;
 
 /// Progress of the writing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -115,4 +112,106 @@ fn write_to(
     }
     file.finish()?.flush()?;
     Ok(())
+}
+
+/// Writes a load; `done` is called after each tick with its number.
+fn write_load<W: Write + Seek>(
+    file: &mut TraceFile<W>,
+    (prefix, load): (&str, &Load),
+    form: StateForm,
+    options: &TraceOptions,
+    done: &mut dyn FnMut(u64),
+) -> Result<(), McapError> {
+    if load.runs.is_empty() {
+        return Ok(());
+    }
+    let time = Time::of(load.facts.integrator.rate, options);
+    let mut truth = TruthTopics::new((prefix, load), form, time, options);
+    let mut runs: Vec<_> = run_names(load)
+        .iter()
+        .zip(&load.runs)
+        .map(|(name, run)| RunTopics::new(&format!("/{prefix}/{name}"), load, run, options))
+        .collect();
+    for tick in 0..=last_tick(load) {
+        truth.write(file, Tick::new(tick))?;
+        for run in &mut runs {
+            run.write_through(file, tick, &truth.bodies.bodies)?;
+        }
+        done(tick);
+    }
+    runs.iter_mut().try_for_each(|run| run.end(file))
+}
+
+/// The last tick that the engine simulated or a frame showed.
+fn last_tick(load: &Load) -> u64 {
+    let shown = load
+        .runs
+        .iter()
+        .flat_map(|run| &run.frames)
+        .map(|frame| frame.tick.value());
+    shown.max().unwrap_or(0).max(load.truth.ticks.len() as u64)
+}
+
+struct TruthTopics<'a> {
+    time: Time,
+    form: StateForm,
+    topics: SceneTopics,
+    is_drawn: bool,
+    bodies: TruthBodies<'a>,
+    last: u64,
+    drawn: Option<u64>,
+    /// True if a static body was placed or removed since statics were last drawn.
+    statics_changed: bool,
+}
+
+impl<'a> TruthTopics<'a> {
+    fn new(
+        (prefix, load): (&str, &'a Load),
+        form: StateForm,
+        time: Time,
+        options: &TraceOptions,
+    ) -> Self {
+        Self {
+            time,
+            form,
+            topics: SceneTopics::new(&format!("/{prefix}"), time.rest_delay_ticks()),
+            is_drawn: options.draws(load),
+            bodies: TruthBodies::new(&load.truth),
+            last: last_tick(load),
+            drawn: None,
+            statics_changed: false,
+        }
+    }
+
+    fn write<W: Write + Seek>(
+        &mut self,
+        file: &mut TraceFile<W>,
+        tick: Tick,
+    ) -> Result<(), McapError> {
+        let at_ns = self.time.at_ns(tick.value());
+        let changes = self.bodies.step(tick);
+        self.statics_changed |= changes.statics_changed;
+        let removed: Vec<BodyId> = changes.removed.iter().map(|(_, id)| *id).collect();
+        let after = (changes.placed, removed.as_slice());
+        let states = States::of(tick, changes.observed, after, &mut self.form);
+        self.topics.put_states(file, at_ns, &states)?;
+        let due = self
+            .drawn
+            .is_none_or(|drawn| self.time.draws_after(drawn, tick.value()));
+        if self.is_drawn && (due || tick.value() == self.last) {
+            self.drawn = Some(tick.value());
+            let bodies = || self.bodies.bodies.iter();
+            if std::mem::take(&mut self.statics_changed) {
+                let statics = bodies().filter(|body| body.is_static());
+                self.topics
+                    .draw_statics(file, at_ns, statics.map(Body::drawn))?;
+            }
+            let moving = bodies().filter(|body| !body.is_static());
+            let painted: Vec<_> = moving
+                .map(|body| (body.drawn(), if body.still { ASLEEP } else { AWAKE }))
+                .collect();
+            self.topics.draw(file, (tick.value(), at_ns), &painted)?;
+        }
+        Ok(())
+    }
 }

@@ -1,19 +1,19 @@
-//! Runs a server in a process of its own.
+//! Runs a server in a process of its own, with a script's controller.
 //!
-//! Mostly, the server is this binary with the hidden subcommand `serve`, so no other program must be built or found.
+//! Mostly, the server is this binary with the hidden subcommand `serve`, so no other program must be built or found. A
+//! script's controller is a hook of the scene, here and in the server process.
 
-use std::fmt;
-use std::io::{self, BufRead, BufReader};
+use std::io::{BufRead, BufReader, Write};
 use std::net::SocketAddr;
 use std::num::NonZeroU32;
-use std::process::{Child, Command, Stdio};
-use std::thread;
+use std::process::{Child, Command, ExitCode, Stdio};
 use std::time::{Duration, Instant};
+use std::{fmt, io, thread};
 
-use rhumb_server::{RunError, run_on_cores};
+use clap::Args;
+use rhumb_server::{Hook, Hooks, RunError, Scene, run_on_cores};
+use rhumb_sims::{Controller, Script};
 use rhumb_transport::Fingerprint;
-
-use super::control::ScriptChoice;
 
 /// A running server; ended in order on drop, and killed if it does not end.
 #[derive(Debug)]
@@ -277,3 +277,98 @@ impl Drop for ServerProcess {
         end(&mut self.child);
     }
 }
+
+/// Identifies a script and so its controller.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ScriptChoice {
+    /// Name of the script.
+    pub scene: String,
+    /// Number of bodies.
+    pub bodies: u32,
+    /// Seed of the script.
+    pub seed: u64,
+}
+
+impl ScriptChoice {
+    /// Builds the script; `None` if the name is unknown.
+    #[must_use]
+    pub fn script(&self) -> Option<Box<dyn Script>> {
+        rhumb_sims::by_name(&self.scene, self.bodies, self.seed)
+    }
+}
+
+impl fmt::Display for ScriptChoice {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{} of {} bodies, seed {}",
+            self.scene, self.bodies, self.seed
+        )
+    }
+}
+
+/// Wraps a controller as a scene hook.
+pub(super) fn hook(mut controller: Box<dyn Controller>) -> Hook {
+    Hook::new(move |scene: &Scene, out| {
+        let motion = |id| scene.observation(id).map(|observation| observation.motion);
+        controller.before_step(scene.tick(), &motion, out);
+    })
+}
+
+/// Arguments of a server whose scenes run the controller of a script.
+#[derive(Debug, Args)]
+pub struct Serve {
+    #[command(flatten)]
+    server: rhumb_server::cli::Arguments,
+    /// Script whose controller acts in the scenes; none by default.
+    #[arg(long, requires_all = ["bodies", "seed"])]
+    scene: Option<String>,
+    /// Number of bodies of the script.
+    #[arg(long)]
+    bodies: Option<u32>,
+    /// Seed of the script.
+    #[arg(long)]
+    seed: Option<u64>,
+}
+
+/// Runs a server until it is stopped. Exit code 1 if it cannot start or the script is unknown.
+pub fn serve(arguments: Serve) -> ExitCode {
+    end_with_parent();
+    let Serve {
+        server,
+        scene,
+        bodies,
+        seed,
+    } = arguments;
+    let (Some(scene), Some(bodies), Some(seed)) = (scene, bodies, seed) else {
+        return rhumb_server::cli::main(server);
+    };
+    let script_choice = ScriptChoice {
+        scene,
+        bodies,
+        seed,
+    };
+    let Some(script) = script_choice.script() else {
+        // If standard error is closed, no other place is left to report to.
+        let _ = writeln!(io::stderr(), "error: no such script: {script_choice}");
+        return ExitCode::FAILURE;
+    };
+    let hooks = Hooks::new(move |_, _| script.controller().map(hook));
+    rhumb_server::cli::main_with(server, Some(hooks))
+}
+
+/// Ends this process when its parent ends, for any reason.
+#[cfg(target_os = "linux")]
+fn end_with_parent() {
+    use rustix::process::{Signal, set_parent_process_death_signal};
+    // If the system refuses, the server outlives a killed parent, as on other systems.
+    let _ = set_parent_process_death_signal(Some(Signal::TERM));
+}
+
+/// Not available on this system: the process outlives its parent.
+#[cfg(not(target_os = "linux"))]
+fn end_with_parent() {}
+
+/// Longest silence of a server before a run fails. An engine may take over half a minute for the first frame of a
+/// hundred thousand bodies. A server that ends is noticed at once, because its connection closes.
+pub(super) const SERVER_TIMEOUT: Duration = Duration::from_secs(300);

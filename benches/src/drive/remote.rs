@@ -18,10 +18,8 @@ use rhumb_reckoning::{BodyId, Tick, Ticks, Tolerance};
 use rhumb_transport::Clock;
 
 use super::compare::{RecentTruth, ViewErrors, compare};
-use super::control::ScriptChoice;
 use super::error::DriveError;
-use super::process::{ServerCpu, ServerProcess};
-use super::server_timeout::SERVER_TIMEOUT;
+use super::process::{SERVER_TIMEOUT, ScriptChoice, ServerCpu, ServerProcess};
 use crate::record::{Breach, CapturedPacket, Cause, CopiedPose, Frame, JoinCost, PacketDirection};
 
 /// Setup of a remote mode.

@@ -1,24 +1,30 @@
 //! Runs the modes that step in turn: integrated, naive and predicted.
 //!
-//! Each tick, the pipelined client requests its next tick. While its server works, the integrated scene takes the tick
-//! in this thread, then the other modes take it. So the pipelined caller has other work to do, as a simulator has.
+//! The integrated scene steps in this thread: it is the truth and the baseline of time. Each tick, the pipelined
+//! client requests its next tick. While its server works, the integrated scene takes the tick, then the other modes
+//! take it. So the pipelined caller has other work to do, as a simulator has.
+
+use std::hint::black_box;
 
 use rhumb_client::{PipelineDepth, StreamChoice};
 use rhumb_netsim::LinkConfig;
 use rhumb_protocol::scene::{Command, PublishSchedule};
-use rhumb_protocol::stream::Budget;
-use rhumb_reckoning::{Metres, Tick, Ticks, Tolerance};
+use rhumb_protocol::stream::{Budget, Observation, PredictionParameters};
+use rhumb_reckoning::{BodyId, BodyState, Metres, Tick, Ticks, Tolerance};
+use rhumb_server::{Hook, Scene};
 use rhumb_sims::Script;
 use rhumb_trace::SceneFacts;
+use rhumb_transport::Clock;
 
 use super::app::{AppRemote, AppSetup, Defects};
 use super::compare::{RecentTruth, TrueBody};
-use super::control::ScriptChoice;
-use super::integrated::Integrated;
+use super::error::DriveError;
+use super::process::{ScriptChoice, ServerCpu, hook};
 use super::remote::{Remote, Retention, Setup};
-use super::{DriveError, ServerCpu};
 use crate::quantile::of_nanoseconds;
-use crate::record::{Frame, JoinCost, Load, Mode, Run, RunConfig, SubscriptionSettings};
+use crate::record::{
+    Frame, JoinCost, Load, Mode, Placed, Run, RunConfig, SubscriptionSettings, Truth,
+};
 
 /// Cores of the caller and of the servers, where there are two.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -368,4 +374,115 @@ fn finish(
         runs,
         unfinished: Vec::new(),
     })
+}
+
+/// An engine in this process and the record of its states.
+pub(super) struct Integrated {
+    scene: Scene,
+    hook: Option<Hook>,
+    clock: Clock,
+    pub(super) truth: Truth,
+    /// Newest state of each body, by index; the simulator reads it every frame.
+    states: Vec<Option<(BodyId, BodyState)>>,
+    observations: Vec<Observation>,
+    pub(super) steps_ns: Vec<u64>,
+}
+
+impl Integrated {
+    /// The empty scene of a script, with its controller attached.
+    pub(super) fn new(script: &dyn Script) -> Result<Self, DriveError> {
+        let scene = Scene::new(script.config()).map_err(DriveError::Config)?;
+        Ok(Self {
+            scene,
+            hook: script.controller().map(hook),
+            clock: Clock::start(),
+            truth: Truth::default(),
+            states: Vec::new(),
+            observations: Vec::new(),
+            steps_ns: Vec::new(),
+        })
+    }
+
+    /// Applies a command and records placements and removals.
+    pub(super) fn apply(&mut self, command: &Command) -> Result<(), DriveError> {
+        self.scene.apply(command).map_err(DriveError::Refused)?;
+        let tick = self.scene.tick();
+        match *command {
+            Command::AddBody { desc, .. } => {
+                let observation = self.scene.observation(desc.id);
+                let shape = self.scene.shape_of(desc.id).cloned();
+                if let (Some(observation), Some(shape)) = (observation, shape) {
+                    self.remember(&observation);
+                    let (damping, known) =
+                        (self.scene.config().damping, self.scene.inertia(desc.id));
+                    let inertia = PredictionParameters::of(&desc, &shape, damping, known).inertia;
+                    self.truth.placed.push(Placed {
+                        tick,
+                        desc,
+                        shape,
+                        observation,
+                        inertia,
+                    });
+                }
+            }
+            Command::RemoveBody { id } => {
+                self.states[id.index() as usize] = None;
+                self.truth.removed.push((tick, id));
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn remember(&mut self, observation: &Observation) {
+        let index = observation.id.index() as usize;
+        if index >= self.states.len() {
+            self.states.resize(index + 1, None);
+        }
+        self.states[index] = Some((observation.id, observation.motion));
+    }
+
+    /// One frame of an integrated simulator: step, then read every pose. Returns its duration in nanoseconds.
+    pub(super) fn frame(&mut self) -> Result<u64, DriveError> {
+        let begun = self.clock.now();
+        let hook = self.hook.as_mut();
+        let refused = hook.map(|hook| hook.act(&mut self.scene));
+        let stepped = self.scene.step().map_err(DriveError::Scene)?;
+        let after_step = self.clock.now();
+        if let Some(error) = refused.iter().flatten().next() {
+            return Err(DriveError::Controller(*error));
+        }
+        for (id, _) in &stepped.removed {
+            self.states[id.index() as usize] = None;
+        }
+        self.observations.clear();
+        self.scene.observe(&mut self.observations);
+        let observations = std::mem::take(&mut self.observations);
+        for observation in &observations {
+            self.remember(observation);
+        }
+        for (_, motion) in self.states.iter().flatten() {
+            black_box((motion.position(), motion.rotation()));
+        }
+        let ended = self.clock.now();
+        for (id, _) in stepped.removed {
+            self.truth.removed.push((stepped.tick, id));
+        }
+        self.truth.ticks.push(observations);
+        self.truth.digest = self.scene.digest().value();
+        self.steps_ns.push(after_step.since(begun).as_nanos());
+        Ok(ended.since(begun).as_nanos())
+    }
+
+    pub(super) fn tick(&self) -> Tick {
+        self.scene.tick()
+    }
+
+    pub(super) fn states(&self) -> &[Option<(BodyId, BodyState)>] {
+        &self.states
+    }
+
+    pub(super) fn scene(&self) -> &Scene {
+        &self.scene
+    }
 }

@@ -9,9 +9,8 @@ use rhumb_reckoning::{
     attached_motion, relative_to,
 };
 
-use super::context::{PredictorKind, SegmentContext, SegmentStart};
+use super::context::{Path, PredictorKind, SegmentContext, SegmentStart};
 use super::fit::fit;
-use super::path::Path;
 
 /// Shortest segment, in frames, from which an acceleration is fitted.
 const ACCELERATION_FRAMES: usize = 4;

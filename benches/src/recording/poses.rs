@@ -10,12 +10,11 @@ use rhumb_protocol::scene::{BodyDesc, BodyKind, Shape, ShapeId};
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Damping, Integrator, Rate, Tick};
 
-use super::activity::{activity_from_records, set_digest};
 use super::error::{Place, RecordingError, RowDefect};
-use super::options::{MissingPoses, ReadOptions};
-use super::rate::rate_of_step;
+use super::options::{MissingPoses, ReadOptions, rate_of_step};
 use super::recorded::Recording;
 use super::velocity;
+use super::velocity::{activity_from_records, set_digest};
 use crate::record::{Placed, Truth};
 
 /// Largest distance of a time from its frame, as a share of a step.

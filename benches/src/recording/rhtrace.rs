@@ -11,11 +11,11 @@ use rhumb_protocol::scene::{BodyDesc, BodyKind, Shape, ShapeId};
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Damping, Integrator, Tick};
 
-use super::activity::{activity_from_records, set_digest};
 use super::error::RecordingError;
-use super::rate::rate_of_step;
+use super::options::rate_of_step;
 use super::recorded::Recording;
 use super::velocity;
+use super::velocity::{activity_from_records, set_digest};
 use crate::record::{Placed, Truth};
 
 /// Largest relative change of a step by rounding to single precision, with a margin of two.

@@ -1,16 +1,19 @@
-//! Velocities of bodies whose recording has poses alone.
+//! Velocities and activity of bodies whose recording has poses alone.
 //!
-//! A difference of neighbours would make noise of rounded poses, so a parabola is fitted to the poses of up to two frames
-//! before and after. The engine's velocity is the one with which a step under gravity gives the fitted path.
+//! A difference of neighbours would make noise of rounded poses, so a parabola is fitted to the poses of up to two
+//! frames before and after. The engine's velocity is the one with which a step under gravity gives the fitted path. A
+//! body is active where it has records.
 
 use std::collections::BTreeMap;
 
 use glam::{DQuat, DVec3};
+use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Tick};
+use rhumb_server::Digest;
 
 use super::error::RecordingError;
 use super::recorded::Recording;
-use crate::record::Placed;
+use crate::record::{Placed, Truth};
 
 /// Frames on either side that a fit uses.
 const REACH: usize = 2;
@@ -74,11 +77,7 @@ struct Path<'a> {
 
 impl Path<'_> {
     /// Its pose in each frame.
-    fn poses(
-        &self,
-        placed: &Placed,
-        ticks: &[Vec<rhumb_protocol::stream::Observation>],
-    ) -> Vec<BodyState> {
+    fn poses(&self, placed: &Placed, ticks: &[Vec<Observation>]) -> Vec<BodyState> {
         let mut poses = vec![placed.observation.motion];
         let mut records = self.records.iter().peekable();
         for frame in self.first + 1..=self.end {
@@ -158,6 +157,45 @@ fn slope(values: impl Iterator<Item = (f64, DVec3)>) -> DVec3 {
     let whole = n * (s2 * s4 - s3 * s3) - s1 * (s1 * s4 - s2 * s3) + s2 * (s1 * s3 - s2 * s2);
     let [p0, p1, p2] = products;
     (p1 * (n * s4 - s2 * s2) - p0 * (s1 * s4 - s2 * s3) - p2 * (n * s3 - s1 * s2)) / whole
+}
+
+/// Derives activity from the records. A body with a record in the next frame moves, so it is awake; a body without one
+/// has not changed, so it sleeps.
+pub(super) fn activity_from_records(truth: &mut Truth) {
+    for placed in &mut truth.placed {
+        let next = truth.ticks.get(placed.tick.value() as usize);
+        let moves = next.is_some_and(|row| has(row, &placed.observation));
+        placed.observation.activity = of(moves);
+    }
+    for next in 1..truth.ticks.len() {
+        let (before, after) = truth.ticks.split_at_mut(next);
+        for observation in &mut before[next - 1] {
+            observation.activity = of(has(&after[0], observation));
+        }
+    }
+}
+
+const fn of(moves: bool) -> Activity {
+    if moves {
+        Activity::Awake
+    } else {
+        Activity::Asleep
+    }
+}
+
+/// True if a row, which is in the order of indices, has the body.
+fn has(row: &[Observation], of: &Observation) -> bool {
+    let found = row.binary_search_by_key(&of.id.index(), |observation| observation.id.index());
+    found.is_ok()
+}
+
+/// Sets the digest over all observations.
+pub(super) fn set_digest(truth: &mut Truth) {
+    let mut digest = Digest::START;
+    for (row, tick) in truth.ticks.iter().zip(1..) {
+        digest.fold_tick(Tick::new(tick), row);
+    }
+    truth.digest = digest.value();
 }
 
 #[cfg(test)]

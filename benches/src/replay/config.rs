@@ -1,15 +1,15 @@
-//! Settings of a replay.
+//! Settings of a replay, and its features that can be switched off.
 //!
 //! Contains no logic: `session` applies the settings, and the record keeps them.
 
 use std::num::NonZeroU32;
 
+use clap::ValueEnum;
 use rhumb_netsim::LinkConfig;
 use rhumb_protocol::packet::LargestPacket;
-use rhumb_protocol::stream::Budget;
+use rhumb_protocol::stream::{Budget, Features};
 use rhumb_reckoning::{Metres, Ticks, Tolerance};
 
-use super::feature::{EnabledFeatures, Feature};
 use crate::record::{Mode, Replayed, RunConfig};
 use crate::recording::Recording;
 
@@ -78,5 +78,182 @@ impl ReplayConfig {
             replayed: Some(self.replayed()),
             limit: None,
         }
+    }
+}
+
+/// Features that a replay uses.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct EnabledFeatures {
+    /// Features of the publisher.
+    pub publisher: Features,
+    /// True if coded sizes are counted; if not, the sizes in plain codes are counted.
+    pub coder: bool,
+}
+
+impl EnabledFeatures {
+    /// All features.
+    pub const ALL: Self = Self::of(Features::ALL);
+
+    /// These publisher features, and the coder.
+    #[must_use]
+    pub const fn of(publisher: Features) -> Self {
+        Self {
+            publisher,
+            coder: true,
+        }
+    }
+}
+
+/// A feature, as named on the command line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Feature {
+    /// Predict that a motionless awake body stays motionless.
+    Resting,
+    /// Predict ballistic motion.
+    Ballistic,
+    /// Predict torque-free rotation.
+    TorqueFree,
+    /// Attach bodies to parents.
+    Attached,
+    /// Derive velocities from corrections.
+    Derived,
+    /// Omit parts of corrections that the tolerance does not need.
+    Sparse,
+    /// Quantise velocities in coarser steps where that suffices.
+    Coarse,
+    /// Predict constant acceleration.
+    ConstantAcceleration,
+    /// Select corrections with lookahead (mode decision).
+    ModeDecision,
+    /// Encode motions as corrections of the prediction.
+    Residuals,
+    /// Send no update for a body within tolerance.
+    Prefilter,
+    /// Pack updates of several bodies into one packet.
+    Packing,
+    /// Entropy-code numbers; without it, only the counted sizes change, to those of plain codes.
+    Coder,
+    /// Send repair symbols for lost packets, unsolicited where loss is high.
+    Fec,
+    /// Send repair symbols without a request where loss is high.
+    UnsolicitedFec,
+    /// Split large ticks in two packets where loss is high.
+    SplitTicks,
+    /// Encode exact rest poses as corrections.
+    RestCorrections,
+    /// Name bodies by short aliases instead of their indices.
+    Aliases,
+    /// Send checksums over all tracks.
+    Checksums,
+}
+
+impl Feature {
+    /// All features, in the order of the list.
+    pub const ALL: [Self; 19] = [
+        Self::Resting,
+        Self::Ballistic,
+        Self::TorqueFree,
+        Self::Attached,
+        Self::Derived,
+        Self::Sparse,
+        Self::Coarse,
+        Self::ConstantAcceleration,
+        Self::ModeDecision,
+        Self::Residuals,
+        Self::Prefilter,
+        Self::Packing,
+        Self::Coder,
+        Self::Fec,
+        Self::UnsolicitedFec,
+        Self::SplitTicks,
+        Self::RestCorrections,
+        Self::Aliases,
+        Self::Checksums,
+    ];
+
+    /// Name on the command line and in the summary.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Resting => "resting",
+            Self::Ballistic => "ballistic",
+            Self::TorqueFree => "torque-free",
+            Self::Attached => "attached",
+            Self::Derived => "derived",
+            Self::Sparse => "sparse",
+            Self::Coarse => "coarse",
+            Self::ConstantAcceleration => "constant-acceleration",
+            Self::ModeDecision => "mode-decision",
+            Self::Residuals => "residuals",
+            Self::Prefilter => "prefilter",
+            Self::Packing => "packing",
+            Self::Coder => "coder",
+            Self::Fec => "fec",
+            Self::UnsolicitedFec => "unsolicited-fec",
+            Self::SplitTicks => "split-ticks",
+            Self::RestCorrections => "rest-corrections",
+            Self::Aliases => "aliases",
+            Self::Checksums => "checksums",
+        }
+    }
+
+    /// All features except these.
+    #[must_use]
+    pub fn all_but(without: &[Self]) -> EnabledFeatures {
+        let mut features = EnabledFeatures::ALL;
+        for feature in without {
+            *feature.switch(&mut features) = false;
+        }
+        features
+    }
+
+    /// The features that are switched off.
+    pub fn without(features: &EnabledFeatures) -> impl Iterator<Item = Self> {
+        let mut features = *features;
+        Self::ALL
+            .into_iter()
+            .filter(move |feature| !*feature.switch(&mut features))
+    }
+
+    const fn switch(self, features: &mut EnabledFeatures) -> &mut bool {
+        let publisher = &mut features.publisher;
+        match self {
+            Self::Resting => &mut publisher.resting,
+            Self::Ballistic => &mut publisher.ballistic,
+            Self::TorqueFree => &mut publisher.torque_free,
+            Self::Attached => &mut publisher.attached,
+            Self::Derived => &mut publisher.derived,
+            Self::Sparse => &mut publisher.sparse,
+            Self::Coarse => &mut publisher.coarse,
+            Self::ConstantAcceleration => &mut publisher.accelerated,
+            Self::ModeDecision => &mut publisher.mode_decision,
+            Self::Residuals => &mut publisher.residuals,
+            Self::Prefilter => &mut publisher.prefilter,
+            Self::Packing => &mut publisher.packing,
+            Self::Coder => &mut features.coder,
+            Self::Fec => &mut publisher.redundancy,
+            Self::UnsolicitedFec => &mut publisher.unsolicited,
+            Self::SplitTicks => &mut publisher.halves,
+            Self::RestCorrections => &mut publisher.rest_corrections,
+            Self::Aliases => &mut publisher.aliases,
+            Self::Checksums => &mut publisher.checksums,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_disabled_feature_is_listed_by_name() {
+        assert_eq!(Feature::all_but(&[]), EnabledFeatures::ALL);
+        for feature in Feature::ALL {
+            let features = Feature::all_but(&[feature]);
+            assert!(Feature::without(&features).eq([feature]));
+            let value = feature.to_possible_value().expect("no value is hidden");
+            assert_eq!(value.get_name(), feature.name());
+        }
+        assert_eq!(Feature::value_variants(), Feature::ALL);
     }
 }

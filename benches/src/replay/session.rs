@@ -2,27 +2,36 @@
 //!
 //! The sender publishes the recording as a server publishes a free-running scene: scene events before packets,
 //! watermarks in silence, refreshes after loss reports. Bytes count when they are sent, whether or not they arrive.
-//! Both ends know the initial bodies, which cost nothing.
+//! Both ends know the initial bodies, which cost nothing. The receiver is the product's; the round trip is a known
+//! constant instead of a measurement.
+//!
+//! The range coder is part of the wire format, so nothing can be sent without it: the size in plain codes can only be
+//! counted. FEC and budgets act on the coded packets.
 
+use std::collections::VecDeque;
 use std::fmt;
+use std::num::NonZeroU32;
 
 use bytes::Bytes;
+use glam::Vec3;
 use rhumb_netsim::{Lane, Link};
 use rhumb_protocol::message::{SceneEvent, ServerMessage};
-use rhumb_protocol::packet::{Datagram, PacketKind, StreamId};
+use rhumb_protocol::packet::{
+    Datagram, Head, LargestPacket, PacketKind, StreamId, SymbolCounts, UpdatePacket,
+};
 use rhumb_protocol::scene::{BodyKind, PublishSchedule};
 use rhumb_protocol::stream::{
-    Activity, ObservationHistory, PredictionParameters, Recipient, StreamConfig, StreamSender,
-    WatermarkPolicy,
+    Activity, Budget, ObservationHistory, PredictionParameters, Recipient, StreamConfig,
+    StreamReceiver, StreamSender, StreamStart, Subscriber, WatermarkPolicy,
 };
+use rhumb_protocol::wire::Wire;
+use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::{Instant, Span};
-use rhumb_reckoning::{Anchor, BodyId, Predictor, Rate, Tick, Track};
+use rhumb_reckoning::{Anchor, BodyId, Integrator, Predictor, Rate, Tick, Tolerance, Track};
 use rhumb_transport::Clock;
 
-use super::client::{PendingEvent, ReplayClient, StreamSetup};
 use super::config::ReplayConfig;
 use super::judge::ReplayJudge;
-use super::plain::plain_len;
 use crate::processor;
 use crate::record::{CapturedPacket, Frame, JoinCost, PacketDirection, Placed, Run};
 use crate::recording::Recording;
@@ -500,5 +509,160 @@ pub(crate) fn first_track(placed: &Placed, parameters: &PredictionParameters) ->
         predictor,
         anchor: Anchor::Exact(if resting { motion.stilled() } else { motion }),
         parent: None,
+    }
+}
+
+/// Change by a scene event in transit.
+#[derive(Clone, Debug)]
+pub(super) enum PendingEvent {
+    Placed(BodyId, PredictionParameters, Track),
+    Removed(BodyId),
+}
+
+/// Client of a replay.
+#[derive(Debug)]
+pub(super) struct ReplayClient {
+    pub(super) receiver: StreamReceiver,
+    /// The changes by scene events in transit, in order.
+    pub(super) pending: VecDeque<PendingEvent>,
+    /// Least time between two reports of one loss.
+    min_delay: Span,
+}
+
+/// Configuration that both ends of a replay know at its start.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct StreamSetup {
+    pub(super) stream: StreamId,
+    pub(super) tolerance: Tolerance,
+    pub(super) integrator: Integrator,
+    pub(super) gravity: Vec3,
+    pub(super) publish_interval: NonZeroU32,
+    pub(super) largest_packet: LargestPacket,
+}
+
+impl ReplayClient {
+    /// `budget`: the budget of a capped stream.
+    pub(super) fn new(start: &StreamSetup, round_trip: Span, budget: Option<Budget>) -> Self {
+        let begin = match budget {
+            Some(_) => Subscriber::limited,
+            None => Subscriber::new,
+        };
+        let subscriber = begin(&StreamStart {
+            stream: start.stream,
+            tolerance: start.tolerance,
+            integrator: start.integrator,
+            publish_interval: start.publish_interval,
+            largest_packet: start.largest_packet,
+            gravity: start.gravity,
+            tick: Tick::ZERO,
+            next: 0,
+            scene_events: 0,
+        });
+        let mut receiver = StreamReceiver::new(subscriber);
+        receiver.expect_watermark(Instant::ZERO);
+        Self {
+            receiver,
+            pending: VecDeque::new(),
+            min_delay: Span::from_nanos(round_trip.as_nanos() * 5 / 4),
+        }
+    }
+
+    /// Applies the next scene event; `false` when its change breaks a limit.
+    #[must_use]
+    pub(super) fn receive_event(&mut self, now: Instant) -> bool {
+        let subscriber = self.receiver.subscriber_mut();
+        let done = match self.pending.pop_front() {
+            Some(PendingEvent::Placed(id, parameters, track)) => {
+                subscriber.place(id, &parameters, track)
+            }
+            Some(PendingEvent::Removed(id)) => subscriber.remove(id),
+            None => false,
+        };
+        subscriber.apply_scene_event();
+        self.watch(now);
+        done
+    }
+
+    /// Handles a received datagram.
+    pub(super) fn receive(&mut self, now: Instant, datagram: &[u8]) {
+        self.receiver.subscriber_mut().handle_datagram(datagram);
+        self.watch(now);
+    }
+
+    fn watch(&mut self, now: Instant) {
+        self.receiver.update_timers(now);
+        self.receiver.expect_watermark(now);
+    }
+
+    /// The copy.
+    pub(super) const fn subscriber(&self) -> &Subscriber {
+        self.receiver.subscriber()
+    }
+
+    /// Time of the next report if nothing arrives before. There always is one, because a watermark is expected.
+    pub(super) fn due(&self) -> Instant {
+        self.receiver.due().map_or(Instant::ZERO, |wake| wake.at)
+    }
+
+    /// The loss reports that are due now.
+    pub(super) fn report(&mut self, now: Instant) -> Vec<Bytes> {
+        let mut reports = Vec::new();
+        self.receiver.report(now, self.min_delay, &mut reports);
+        reports
+    }
+}
+
+/// Bits that distinguish all forms.
+const FORM_BITS: u64 = SymbolCounts::CODES[1].next_power_of_two().ilog2() as u64;
+
+/// Forms and numbers of a datagram, if it holds updates.
+pub(crate) fn tally(datagram: &[u8]) -> Option<SymbolCounts> {
+    let mut reader = Reader::new(datagram);
+    let head = Head::decode(&mut reader).ok()?;
+    let packet = match head.kind {
+        PacketKind::Updates => UpdatePacket::decode(false, reader),
+        PacketKind::UpdatesEnd => UpdatePacket::decode(true, reader),
+        PacketKind::UpdatesOverBudget => UpdatePacket::decode_over_budget(reader),
+        _ => return None,
+    };
+    let packet = packet.ok()?;
+    let mut updates = Vec::new();
+    packet.updates(&mut updates).ok()?;
+    Some(SymbolCounts::of(&updates))
+}
+
+/// Size of a datagram, bytes, if each form took a fixed-length code and each number an Exp-Golomb code. Signs, ids and
+/// keyframes are plain bits in either case.
+pub(super) fn plain_len(datagram: &[u8]) -> u64 {
+    let length = datagram.len() as u64;
+    let Some(tally) = tally(datagram) else {
+        return length;
+    };
+    let numbers = tally.numbers.iter().map(|(_, number)| exp_golomb(*number));
+    let plain = tally.codes.len() as u64 * FORM_BITS + numbers.sum::<u64>();
+    (length * 8 + plain)
+        .saturating_sub(tally.coded() / 256)
+        .div_ceil(8)
+}
+
+/// Bits of a number's Exp-Golomb code of order 0.
+fn exp_golomb(number: u32) -> u64 {
+    u64::from(2 * (u64::from(number) + 1).ilog2() + 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn exp_golomb_codes_have_their_defined_length() {
+        let lengths = [0, 1, 2, 3, 6, 7, u32::MAX].map(exp_golomb);
+        assert_eq!(lengths, [1, 3, 3, 5, 5, 7, 65]);
+    }
+
+    #[test]
+    fn other_datagrams_keep_their_length() {
+        assert_eq!(plain_len(b"no packet at all"), 16);
+        assert_eq!(plain_len(&[]), 0);
     }
 }

@@ -1,10 +1,12 @@
-//! Arguments common to all tasks on a recording.
+//! Arguments and errors common to all tasks on a recording.
 //!
-//! They select the recording and the settings of publishing and subscribing.
+//! The arguments select the recording and the settings of publishing and subscribing.
 
-use std::io::{self, Write};
+use std::io::Write;
 use std::num::NonZeroU32;
 use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::{fmt, io};
 
 use clap::Args;
 use glam::Vec3;
@@ -14,11 +16,11 @@ use rhumb_protocol::packet::LargestPacket;
 use rhumb_protocol::stream::{Budget, LOOKAHEAD_MAX};
 use rhumb_reckoning::{Damping, Metres, Radians, Rate, Ticks, Tolerance};
 
-use super::config::ReplayConfig;
-use super::failure::Failure;
-use super::feature::EnabledFeatures;
-use crate::output;
-use crate::recording::{self, MissingPoses, ReadOptions, Recording, RecordingError, ShapeChoice};
+use super::config::{EnabledFeatures, ReplayConfig};
+use super::session::ReplayError;
+use crate::output::OutputError;
+use crate::recording::{MissingPoses, ReadOptions, Recording, RecordingError, ShapeChoice};
+use crate::{output, recording};
 
 /// The recording and the parameters of its engine.
 #[derive(Clone, Debug, Args)]
@@ -187,5 +189,62 @@ impl ReplayOptions {
             largest_packet: self.largest_packet,
             features,
         })
+    }
+}
+
+/// The error of a task on a recording.
+#[derive(Debug)]
+pub(crate) enum Failure {
+    /// The recording cannot be read.
+    Recording(RecordingError),
+    /// All of this many replays failed; the first one's error.
+    Replay(usize, ReplayError),
+    /// Number of failed replays and of all replays; the results of the others are written.
+    Unfinished(usize, usize),
+    /// An output cannot be written.
+    Output(OutputError),
+    /// Invalid arguments, as text.
+    Terms(String),
+}
+
+/// Exit code 0 on success; otherwise prints the failure to standard error and returns 1.
+pub(crate) fn ended(result: Result<(), Failure>) -> ExitCode {
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            // If standard error is closed, no other place is left to report to.
+            let _ = writeln!(io::stderr(), "error: {failure}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+impl fmt::Display for Failure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Recording(cause) => cause.fmt(f),
+            Self::Replay(1, cause) => cause.fmt(f),
+            Self::Replay(all, cause) => {
+                write!(f, "all {all} replays failed; the first: {cause}")
+            }
+            Self::Unfinished(unfinished, all) => write!(
+                f,
+                "{unfinished} of {all} replays failed, see the table; the results of the others are written"
+            ),
+            Self::Output(cause) => cause.fmt(f),
+            Self::Terms(cause) => f.write_str(cause),
+        }
+    }
+}
+
+impl From<RecordingError> for Failure {
+    fn from(cause: RecordingError) -> Self {
+        Self::Recording(cause)
+    }
+}
+
+impl From<OutputError> for Failure {
+    fn from(cause: OutputError) -> Self {
+        Self::Output(cause)
     }
 }

@@ -1,7 +1,8 @@
-//! A chart as inline SVG.
+//! A chart as inline SVG, with reduced curves and placed labels.
 //!
-//! Knows axes and marks, not their meaning. Colours are those of a light page; `style.css` maps each to its dark
-//! counterpart.
+//! Knows axes, marks and boxes in the picture's units, not their meaning. Colours are those of a light page;
+//! `style.css` maps each to its dark counterpart. A curve is reduced to about as many points as a screen has columns;
+//! the minimum and maximum of each column are kept, so no peak is lost.
 
 use std::ops::Range;
 
@@ -9,8 +10,6 @@ use plotters::coord::Shift;
 use plotters::coord::ranged1d::{AsRangedCoord, ValueFormatter};
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
-
-use super::labels::Labels;
 
 /// The content of a chart.
 pub struct Chart {
@@ -291,6 +290,119 @@ pub(super) fn plain(value: f64) -> String {
 type Area<'t> = DrawingArea<SVGBackend<'t>, Shift>;
 type PlotError<'t> = DrawingAreaErrorKind<<SVGBackend<'t> as DrawingBackend>::ErrorType>;
 
+/// A box: left, top, right, bottom.
+pub(super) type Corners = [i32; 4];
+
+/// Boxes already occupied, and the sizes of picture and letters.
+#[derive(Debug)]
+pub(super) struct Labels {
+    size: (i32, i32),
+    letter: (i32, i32),
+    taken: Vec<Corners>,
+}
+
+impl Labels {
+    /// An empty picture of a size, with letters of a width and height.
+    pub(super) const fn new(size: (i32, i32), letter: (i32, i32)) -> Self {
+        Self {
+            size,
+            letter,
+            taken: Vec::new(),
+        }
+    }
+
+    /// Keeps labels off a dot.
+    pub(super) fn avoid(&mut self, (x, y): (i32, i32), radius: i32) {
+        let taken = [x - radius, y - radius, x + radius, y + radius];
+        self.taken.push(taken);
+    }
+
+    /// Keeps labels off a polyline.
+    pub(super) fn avoid_line(&mut self, points: impl Iterator<Item = (i32, i32)>) {
+        let mut last = None;
+        for to in points {
+            let from = last.replace(to).unwrap_or(to);
+            let (x, y) = (to.0 - from.0, to.1 - from.1);
+            let steps = (x.abs().max(y.abs()) / LINE_STEP).max(1);
+            for step in 0..=steps {
+                self.avoid((from.0 + x * step / steps, from.1 + y * step / steps), 2);
+            }
+        }
+    }
+
+    /// Upper left corner of a label beside a dot: right or left, above or below; `None` if all of these are occupied.
+    pub(super) fn place(
+        &mut self,
+        (x, y): (i32, i32),
+        radius: i32,
+        word: &str,
+    ) -> Option<(i32, i32)> {
+        let (width, height) = (word.chars().count() as i32 * self.letter.0, self.letter.1);
+        let gap = radius + 4;
+        let corners = [
+            (x + gap, y - height / 2),
+            (x - gap - width, y - height / 2),
+            (x - width / 2, y - gap - height),
+            (x - width / 2, y + gap),
+            (x + gap, y - height),
+            (x - gap - width, y),
+        ];
+        let fits = |(left, top): &(i32, i32)| {
+            let own = [*left, *top, left + width, top + height];
+            let inside =
+                own[0] >= 0 && own[1] >= 0 && own[2] <= self.size.0 && own[3] <= self.size.1;
+            inside && !self.taken.iter().any(|other| overlap(&own, other))
+        };
+        let corner = corners.into_iter().find(fits)?;
+        self.taken
+            .push([corner.0, corner.1, corner.0 + width, corner.1 + height]);
+        Some(corner)
+    }
+}
+
+/// Spacing of the points that keep labels off a line.
+const LINE_STEP: i32 = 6;
+
+fn overlap(a: &Corners, b: &Corners) -> bool {
+    a[0] < b[2] && b[0] < a[2] && a[1] < b[3] && b[1] < a[3]
+}
+
+/// Largest number of points of a curve.
+pub(super) const POINTS_MAX: usize = 900;
+
+/// A short curve unchanged; otherwise the lowest and highest point of each column, in order.
+pub(super) fn decimate(points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
+    if points.len() <= POINTS_MAX {
+        return points;
+    }
+    let columns = POINTS_MAX / 2;
+    let mut kept = Vec::with_capacity(POINTS_MAX);
+    for column in 0..columns {
+        let (from, to) = (
+            column * points.len() / columns,
+            (column + 1) * points.len() / columns,
+        );
+        let part = &points[from..to];
+        let by_height = |a: &&(f64, f64), b: &&(f64, f64)| a.1.total_cmp(&b.1);
+        let ends = part
+            .iter()
+            .min_by(by_height)
+            .zip(part.iter().max_by(by_height));
+        if let Some((low, high)) = ends {
+            let (first, second) = if low.0 <= high.0 {
+                (low, high)
+            } else {
+                (high, low)
+            };
+            kept.push(*first);
+            if first != second {
+                kept.push(*second);
+            }
+        }
+    }
+    kept
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -311,5 +423,52 @@ mod tests {
             [0.001, 50.0, 0.1, 100.0 / 3.0].map(plain),
             ["0.001", "50", "0.1", "33.333333"]
         );
+    }
+
+    #[test]
+    fn labels_overlap_neither_each_other_nor_dots() {
+        let mut labels = Labels::new((1_000, 500), (10, 20));
+        let dots = [(500, 250), (500, 250), (520, 250), (5, 5), (995, 495)];
+        for dot in dots {
+            labels.avoid(dot, 6);
+        }
+        for dot in dots {
+            labels.place(dot, 6, "1,000");
+        }
+        let taken = &labels.taken;
+        for (place, one) in taken.iter().enumerate().skip(dots.len()) {
+            let others = taken
+                .iter()
+                .enumerate()
+                .filter(|(other, _)| *other != place);
+            assert!(others.clone().count() > 0);
+            assert!(others.into_iter().all(|(_, other)| !overlap(one, other)));
+            assert!(one[0] >= 0 && one[1] >= 0 && one[2] <= 1_000 && one[3] <= 500);
+        }
+        assert!(taken.len() > dots.len() + 2);
+    }
+
+    #[test]
+    fn a_label_without_space_is_omitted() {
+        let mut labels = Labels::new((20, 20), (10, 20));
+        assert_eq!(labels.place((10, 10), 4, "words"), None);
+    }
+
+    #[test]
+    fn decimation_keeps_every_peak() {
+        let flat = (0..100_000).map(|x| (f64::from(x), f64::from(x % 3)));
+        let mut points: Vec<_> = flat.collect();
+        points[54_321].1 = 99.0;
+        points[12_345].1 = -99.0;
+        let kept = decimate(points.clone());
+        assert!(kept.len() <= POINTS_MAX);
+        assert!(kept.contains(&points[54_321]) && kept.contains(&points[12_345]));
+        assert!(kept.windows(2).all(|pair| pair[0].0 < pair[1].0));
+    }
+
+    #[test]
+    fn a_short_curve_is_unchanged() {
+        let points = vec![(0.0, 1.0), (1.0, 0.0)];
+        assert_eq!(decimate(points.clone()), points);
     }
 }

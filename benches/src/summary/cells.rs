@@ -1,4 +1,8 @@
-//! Numbers and rows of cells as text, for a terminal or for Markdown.
+//! Values as text: numbers, rows of cells, indented JSON.
+//!
+//! For a terminal, for Markdown, and for the files of results.
+
+use serde::Serialize;
 
 /// Titles and rows as a Markdown table.
 pub fn markdown(rows: &[Vec<String>]) -> String {
@@ -63,6 +67,17 @@ fn grouped(value: f64) -> String {
         text.push(digit);
     }
     text
+}
+
+/// The text of a value, with a line end.
+///
+/// # Errors
+///
+/// As `serde_json`: a map whose keys are no texts.
+pub(crate) fn pretty_json(value: &impl Serialize) -> serde_json::Result<String> {
+    let mut text = serde_json::to_string_pretty(value)?;
+    text.push('\n');
+    Ok(text)
 }
 
 #[cfg(test)]

@@ -1,18 +1,21 @@
 //! Topics of one run: its frames, its packets, its copy as a scene.
+//!
+//! Log time is tick times step, from zero, so truth and all modes align.
 
 use std::io::{Seek, Write};
 
+use bytes::Bytes;
 use mcap::McapError;
+use rhumb_reckoning::{Rate, Tick};
 use rhumb_trace::{
-    Color, DrawnTopics, GridHistory, PoseBase, Poses, Schema, Topic, TraceFile, TraceSink,
+    BreachMessage, Color, DrawnTopics, GridHistory, Packet, PoseBase, Poses, Schema, TickStats,
+    Topic, TraceFile, TraceSink, log_time_ns,
 };
 
 use super::bodies::{Bodies, Body, CopiedBodies};
-use super::figures::{breach_message, packet_message, stats_message};
-use super::names::direction_name;
-use super::options::TraceOptions;
-use super::time::Time;
-use crate::record::{Frame, Load, Mode, PacketDirection, Run};
+use super::metadata::direction_name;
+use crate::quantile::rank;
+use crate::record::{Breach, CapturedPacket, Cause, Frame, Load, Mode, PacketDirection, Run};
 
 /// A run that is being written.
 pub(super) struct RunTopics<'a> {
@@ -231,5 +234,129 @@ fn error_color(share: f64) -> Color {
         share if share > 1.0 => mix(OVER, OVER, 0.0),
         share if share > 0.5 => mix(HALF, FULL, share * 2.0 - 1.0),
         share => mix(NONE, HALF, share * 2.0),
+    }
+}
+
+/// The figures of a frame.
+pub(super) fn stats_message(number: u32, frame: &Frame, payload_bytes_down: u64) -> TickStats {
+    let exact = frame.exact as usize;
+    let count = exact + frame.errors_m.len();
+    let error = |percent| {
+        let place = rank(percent, count)?.checked_sub(exact)?;
+        frame.errors_m.get(place).copied().map(f64::from)
+    };
+    TickStats {
+        tick: frame.tick.value(),
+        frame: number,
+        frame_ns: frame.frame_ns,
+        wire_bytes_down: frame.wire_bytes_down,
+        wire_bytes_up: frame.wire_bytes_up,
+        wire_datagrams_down: frame.wire_datagrams_down,
+        wire_datagrams_up: frame.wire_datagrams_up,
+        payload_bytes_down,
+        updates: frame.updates,
+        body_ticks: count as u64,
+        error_m_p50: error(50).unwrap_or(0.0),
+        error_m_p99: error(99).unwrap_or(0.0),
+        error_m_max: error(100).unwrap_or(0.0),
+    }
+}
+
+pub(super) fn breach_message(breach: &Breach) -> BreachMessage {
+    BreachMessage {
+        tick: breach.tick.value(),
+        index: breach.id.index(),
+        generation: u32::from(breach.id.generation()),
+        error_m: breach.error_m,
+        tolerance_m: breach.tolerance_m,
+        cause: match breach.cause {
+            Cause::Loss => 1,
+            Cause::Late => 2,
+            Cause::Fault => 3,
+            Cause::Budget => 4,
+        },
+    }
+}
+
+/// A packet with its bytes, or with their number alone.
+pub(super) fn packet_message(tick: Tick, captured: &CapturedPacket, keeps_bytes: bool) -> Packet {
+    Packet {
+        tick: tick.value(),
+        frame: captured.frame,
+        direction: match captured.direction {
+            PacketDirection::StateDown => 1,
+            PacketDirection::StateUp => 2,
+            PacketDirection::ControlDown => 3,
+            PacketDirection::ControlUp => 4,
+        },
+        data: if keeps_bytes {
+            captured.bytes.clone()
+        } else {
+            Bytes::new()
+        },
+        length: captured.bytes.len() as u32,
+    }
+}
+
+/// The parts of a trace that are drawn for viewers; the data topics are always complete.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TraceOptions {
+    /// Scenes drawn per simulated second.
+    pub scene_hz: f64,
+    /// Seconds that a body lies still before it is drawn on the `resting` topic.
+    pub resting_after_s: f64,
+    /// Loads with more bodies are not drawn: a drawn body takes about 20 bytes each time.
+    pub scene_bodies_max: u32,
+}
+
+impl Default for TraceOptions {
+    fn default() -> Self {
+        Self {
+            scene_hz: 30.0,
+            resting_after_s: 0.5,
+            scene_bodies_max: 1_000,
+        }
+    }
+}
+
+impl TraceOptions {
+    pub(super) fn draws(&self, load: &Load) -> bool {
+        load.runs
+            .first()
+            .is_some_and(|run| run.config.bodies <= self.scene_bodies_max)
+    }
+}
+
+/// Maps a load's ticks to log times and selects the ticks to draw.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Time {
+    rate: Rate,
+    stride: u64,
+    rest_delay_s: f64,
+}
+
+impl Time {
+    pub(super) fn of(rate: Rate, options: &TraceOptions) -> Self {
+        let step_s = rate.step().seconds();
+        Self {
+            rate,
+            stride: (1.0 / (step_s * options.scene_hz)).round().max(1.0) as u64,
+            rest_delay_s: options.resting_after_s,
+        }
+    }
+
+    /// Log time of a tick, nanoseconds.
+    pub(super) fn at_ns(&self, tick: u64) -> u64 {
+        log_time_ns(self.rate, tick)
+    }
+
+    /// True if a tick is to be drawn if `drawn` was the last drawn one.
+    pub(super) const fn draws_after(&self, drawn: u64, tick: u64) -> bool {
+        tick / self.stride > drawn / self.stride
+    }
+
+    /// Ticks that a body lies still before it is drawn on `resting`.
+    pub(super) fn rest_delay_ticks(&self) -> u64 {
+        (self.rest_delay_s / self.rate.step().seconds()).round() as u64
     }
 }

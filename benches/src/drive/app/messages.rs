@@ -1,10 +1,10 @@
-//! Translation of a script's commands into messages of the paper's protocol.
+//! A script's commands as messages of the paper's protocol; the mode's errors.
 //!
 //! Uses the order of the published plug-in: a shape for each object, then the actor, then the attachment. A script
 //! that the protocol cannot express is refused before a run begins.
 
 use std::collections::BTreeMap;
-use std::fmt;
+use std::{fmt, io};
 
 use glam::{Quat, Vec3};
 use rhumb_app::{
@@ -247,5 +247,35 @@ impl MessageWriter {
             position: Vec3::ZERO,
         }));
         Ok(())
+    }
+}
+
+/// The error of a mode of the paper's protocol.
+#[derive(Debug)]
+pub enum AppError {
+    /// The script uses a feature that the protocol cannot express.
+    Unsupported(Unsupported),
+    /// The sockets failed, or the server ended the connection.
+    PaperConnection(io::Error),
+}
+
+impl fmt::Display for AppError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Unsupported(what) => write!(f, "the paper's protocol cannot express {what}"),
+            Self::PaperConnection(cause) => write!(f, "the paper's protocol: {cause}"),
+        }
+    }
+}
+
+impl From<io::Error> for AppError {
+    fn from(cause: io::Error) -> Self {
+        Self::PaperConnection(cause)
+    }
+}
+
+impl From<Unsupported> for AppError {
+    fn from(what: Unsupported) -> Self {
+        Self::Unsupported(what)
     }
 }

@@ -4,22 +4,21 @@
 //! processes received messages every 10 ms, 5,000 of each transport. No order holds across them.
 
 use std::collections::VecDeque;
-use std::io::{self, Read, Write};
+use std::io::{Read, Write};
 use std::net::{TcpStream, UdpSocket};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use std::thread::{self, JoinHandle};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
+use std::{io, thread};
 
 use rhumb_app::{Message, MessageFraming};
 
-use super::defects::Defects;
-use super::replica::{AppReplica, AwaitedEnd};
+use super::replica::{AppReplica, AwaitedEnd, Defects};
 use super::sockets::{
-    END_LOST_AFTER, MESSAGES_PER_POLL, PUMP, READ_BYTES, Sockets, is_nothing_yet, next_message,
-    receive_datagram,
+    END_LOST_AFTER, MESSAGES_PER_POLL, PUMP, READ_BYTES, Sockets, WireCounter, is_nothing_yet,
+    next_message, receive_datagram,
 };
-use super::wire::WireCounter;
-use crate::drive::server_timeout::SERVER_TIMEOUT;
+use crate::drive::process::SERVER_TIMEOUT;
 
 /// Interval between two turns of the thread that processes received messages.
 const MESSENGER: Duration = Duration::from_millis(10);

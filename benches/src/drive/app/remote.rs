@@ -1,8 +1,7 @@
 //! One mode of the paper's protocol: a server process, and its client
 
-use std::io;
-use std::thread;
 use std::time::Duration;
+use std::{io, thread};
 
 use glam::{Quat, Vec3};
 use rhumb_app::{Logon, Message};
@@ -11,17 +10,13 @@ use rhumb_protocol::scene::{Command, SceneConfig};
 use rhumb_reckoning::{BodyId, Tick};
 use rhumb_transport::Clock;
 
-use super::defects::Defects;
-use super::error::AppError;
-use super::messages::{MessageWriter, SIMULATION};
+use super::messages::{AppError, MessageWriter, SIMULATION};
 use super::polled::Polled;
-use super::replica::AppReplica;
-use super::sockets::{Direct, Sockets};
-use super::wire::{Count, WireCounter};
+use super::replica::{AppReplica, Defects};
+use super::sockets::{Count, Direct, Sockets, WireCounter};
 use crate::drive::compare::{RecentTruth, compare};
-use crate::drive::control::ScriptChoice;
 use crate::drive::error::DriveError;
-use crate::drive::process::{ServerCpu, ServerProcess};
+use crate::drive::process::{ScriptChoice, ServerCpu, ServerProcess};
 use crate::drive::remote::Retention;
 use crate::record::{CapturedPacket, Cause, CopiedPose, Frame, JoinCost, Mode};
 
