@@ -6,18 +6,13 @@
 
 #[cfg(target_os = "linux")]
 mod child_stream;
-mod client_transport;
-mod clock;
 #[cfg(feature = "conditioner")]
 pub mod conditioner;
-mod held_back;
-mod link_meter;
 mod piece;
 mod quic;
-mod random;
 #[cfg(feature = "raw")]
 pub mod raw;
-mod socket;
+mod system;
 #[cfg(unix)]
 mod unix;
 
@@ -25,19 +20,15 @@ mod unix;
 pub use child_stream::{
     CHILD_FRAME_BYTES_MAX, ChildSender, FrameReceiver, ParentSender, child_stream, parent_stream,
 };
-pub use client_transport::ClientTransport;
-pub use clock::Clock;
-pub use held_back::HeldBack;
-pub use link_meter::LinkMeter;
-pub use piece::{ByteCredit, PIECE_COST_BYTES, Piece};
+pub use piece::{ByteCredit, HeldBack, PIECE_COST_BYTES, Piece};
 pub use quic::{
-    BindError, Certificate, CertificateError, CertificateHashes, ClientOptions, ConnectError,
-    DATAGRAM_BYTES_MIN, DevelopmentPem, Fingerprint, FingerprintError, Inbox, InvalidPageOrigin,
-    Origins, PageOrigin, QuicClient, QuicServer, Received, ServeError, ServerOptions,
-    ServerStatistics, ServerWatch, Stop, Trust, Waker, WebIdentity, WebOptions, WireStatistics,
+    BindError, Certificate, CertificateError, CertificateHashes, ClientOptions, ClientTransport,
+    ConnectError, DATAGRAM_BYTES_MIN, DevelopmentPem, Fingerprint, FingerprintError, Inbox,
+    InvalidPageOrigin, LinkMeter, Origins, PageOrigin, QuicClient, QuicServer, Received,
+    ServeError, ServerOptions, ServerStatistics, ServerWatch, Stop, Trust, Waker, WebIdentity,
+    WebOptions, WireStatistics,
 };
-pub use random::random_bytes;
 pub use rhumb_protocol::session::TransportCode;
-pub use socket::{bind_udp, io_runtime};
+pub use system::{Clock, bind_udp, io_runtime, random_bytes};
 #[cfg(unix)]
 pub use unix::{UnixClient, UnixServer, WithUnixPeers};

@@ -1,18 +1,20 @@
 //! One direction of a simulated link: delay, copies, reordering, loss.
 //!
 //! No clock and no socket; `next_at` returns the time of the next step. The control lane is reliable and ordered: the
-//! link sends a lost piece again, under the configuration of that time. Equal seeds and calls give equal results to the
-//! bit.
+//! link sends a lost piece again, under the configuration of that time. Random draws are seeded and in whole numbers,
+//! so that equal seeds and calls give equal results to the bit on every platform. Pieces and bytes are counted as
+//! pushed: no headers are added.
 
 use std::cmp::Ordering;
 use std::collections::{BTreeMap, BinaryHeap, VecDeque};
+use std::ops::AddAssign;
 
 use bytes::Bytes;
+use rand_pcg::Pcg32;
+use rand_pcg::rand_core::Rng;
 use rhumb_protocol::{Instant, Span};
 
-use super::config::LinkConfig;
-use super::counts::LinkCounts;
-use super::rng::{Odds, SimRng};
+use super::config::{LinkConfig, Probability};
 
 /// Reliability of a piece.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -351,3 +353,95 @@ impl PartialEq for Packet {
 }
 
 impl Eq for Packet {}
+
+/// Counters of one lane of a link.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LinkCounts {
+    /// Pushed into the link.
+    pub pushed: Tally,
+    /// Lost; a lost piece of the control lane is sent again.
+    pub lost: Tally,
+    /// Lost by a full queue before the rate limit; a lost piece of the control lane is sent again.
+    pub overflowed: Tally,
+    /// Duplicates that the link made.
+    pub duplicated: Tally,
+    /// Delivered by the link, duplicates included.
+    pub delivered: Tally,
+}
+
+/// Count of pieces, and of their bytes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Tally {
+    /// Pieces.
+    pub pieces: u64,
+    /// Bytes, as pushed, without headers.
+    pub bytes: u64,
+}
+
+impl Tally {
+    pub(super) fn add(&mut self, bytes: &Bytes) {
+        self.pieces += 1;
+        self.bytes += bytes.len() as u64;
+    }
+}
+
+impl AddAssign for Tally {
+    fn add_assign(&mut self, other: Self) {
+        self.pieces += other.pieces;
+        self.bytes += other.bytes;
+    }
+}
+
+impl AddAssign for LinkCounts {
+    fn add_assign(&mut self, other: Self) {
+        self.pushed += other.pushed;
+        self.lost += other.lost;
+        self.overflowed += other.overflowed;
+        self.duplicated += other.duplicated;
+        self.delivered += other.delivered;
+    }
+}
+
+/// A generator of decisions that depend on the seed alone.
+#[derive(Clone, Debug)]
+pub(super) struct SimRng {
+    draws: Pcg32,
+}
+
+/// A probability as a count of 2⁻³², in [0, 2³²].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Odds(u64);
+
+impl Odds {
+    pub(super) fn of(share: Probability) -> Self {
+        Self::ratio(share.as_millionths().into(), 1_000_000)
+    }
+
+    /// `part / whole`, at most 1; `whole` is not zero.
+    pub(super) fn ratio(part: u64, whole: u64) -> Self {
+        let ratio = (u128::from(part) << 32) / u128::from(whole);
+        Self(u64::try_from(ratio).unwrap_or(u64::MAX).min(1 << 32))
+    }
+}
+
+impl SimRng {
+    pub(super) fn new(seed: u64) -> Self {
+        Self {
+            draws: Pcg32::new(seed, STREAM),
+        }
+    }
+
+    pub(super) fn happens(&mut self, odds: Odds) -> bool {
+        u64::from(self.draws.next_u32()) < odds.0
+    }
+
+    /// A uniform span in [0, `span_max`].
+    pub(super) fn span(&mut self, span_max: Span) -> Span {
+        let choices = u128::from(span_max.as_nanos()) + 1;
+        let ns = (u128::from(self.draws.next_u64()) * choices) >> 64;
+        Span::from_nanos(u64::try_from(ns).expect("at most the greatest span"))
+    }
+}
+
+/// Stream number of the generator. Any odd constant is valid; this one is PCG's example.
+const STREAM: u64 = 0x0a02_bdbf_7bb3_c0a7;

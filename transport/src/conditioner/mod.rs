@@ -4,16 +4,9 @@
 //! decides everything; the relay carries real datagrams over such links.
 
 mod config;
-mod counts;
-mod direction;
 mod link;
-mod probability;
 mod relay;
-mod rng;
 
-pub use config::{LinkConfig, LinkConfigError};
-pub use counts::{LinkCounts, Tally};
-pub use direction::Direction;
-pub use link::{Lane, Link};
-pub use probability::Probability;
-pub use relay::{RelayError, UdpRelay};
+pub use config::{LinkConfig, LinkConfigError, Probability};
+pub use link::{Lane, Link, LinkCounts, Tally};
+pub use relay::{Direction, RelayError, UdpRelay};

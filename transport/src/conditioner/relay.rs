@@ -4,12 +4,12 @@
 //! they depend on real arrival times. Delays round up to the timer's millisecond. Clients and queued datagrams are
 //! bounded; a new client takes the place of one that has been silent for long.
 
-use std::fmt;
-use std::io::{self, IoSliceMut};
+use std::io::IoSliceMut;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::sync::{Arc, Mutex, MutexGuard};
-use std::thread::{self, JoinHandle};
+use std::thread::JoinHandle;
 use std::time::Duration;
+use std::{fmt, io, thread};
 
 use bytes::Bytes;
 use quinn::udp::{RecvMeta, UdpSocketState};
@@ -21,11 +21,8 @@ use tokio::task::JoinHandle as Task;
 use tokio::time::sleep;
 
 use super::config::LinkConfig;
-use super::counts::LinkCounts;
-use super::direction::Direction;
-use super::link::{Lane, Link};
-use crate::clock::Clock;
-use crate::socket::{bind_udp, io_runtime};
+use super::link::{Lane, Link, LinkCounts};
+use crate::system::{Clock, bind_udp, io_runtime};
 
 /// A relay in front of a server; it runs until it is dropped.
 #[derive(Debug)]
@@ -480,6 +477,15 @@ impl std::error::Error for RelayError {
             Self::Address { cause, .. } | Self::Thread(cause) => Some(cause),
         }
     }
+}
+
+/// Direction of a link.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Direction {
+    /// From a client to the server.
+    Up,
+    /// From the server to a client.
+    Down,
 }
 
 #[cfg(test)]

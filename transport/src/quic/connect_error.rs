@@ -2,15 +2,13 @@
 //!
 //! Nothing is retried. A refused certificate outranks the alert that QUIC reports for it.
 
-use std::fmt;
-use std::io;
 use std::net::SocketAddr;
 use std::time::Duration;
+use std::{fmt, io};
 
 use quinn::{ConnectionError, TransportErrorCode, rustls};
 
-use super::certificate::CertificateError;
-use super::fingerprint::Fingerprint;
+use super::certificate::{CertificateError, Fingerprint};
 use super::trust::{CertificateCheck, Distrust};
 
 /// Reason of a failed connection attempt.

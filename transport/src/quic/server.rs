@@ -3,33 +3,25 @@
 //! Neither interprets the protocol nor steps a world. The caller's thread feeds the endpoint; a second one owns the
 //! sockets.
 
-use std::fmt;
-use std::io;
 use std::net::SocketAddr;
-use std::sync::Arc;
-use std::sync::mpsc;
-use std::thread::{self, JoinHandle};
+use std::sync::{Arc, mpsc};
+use std::thread::JoinHandle;
+use std::{fmt, io, thread};
 
 use quinn::crypto::rustls::NoInitialCipherSuite;
 use quinn::{EndpointConfig, TokioRuntime, rustls};
 use rhumb_protocol::Endpoint;
 use tokio::sync::oneshot;
 
-use super::certificate::{Certificate, CertificateError, server_tls};
-use super::connection_id::Short;
-use super::fingerprint::Fingerprint;
-
-use super::input::Input;
-use super::server_io;
-use super::server_loop::{EndpointLoop, ServeError};
-use super::statistics::ServerStatistics;
-use super::stop::Stop;
-use super::tuning::{self, ClientStreams};
-use super::waker::Waker;
-use super::watch::ServerWatch;
-use super::web_certificate::{CertificateHashes, HandshakeCertificate};
-use super::web_options::WebOptions;
-use crate::socket::{bind_udp, io_runtime};
+use super::certificate::{Certificate, CertificateError, Fingerprint, server_tls};
+use super::client_transport::ServerStatistics;
+use super::connection::Short;
+use super::server_loop::{EndpointLoop, Input, ServeError, Waker};
+use super::tuning::ClientStreams;
+use super::watch::{ServerWatch, Stop};
+use super::web_certificate::{CertificateHashes, HandshakeCertificate, WebOptions};
+use super::{server_io, tuning};
+use crate::system::{bind_udp, io_runtime};
 
 /// Address and certificate of a server, and what it has for browsers.
 #[derive(Clone, Debug)]

@@ -1,11 +1,14 @@
 //! I/O thread of the server: accepts, and carries to the server thread.
 //!
 //! Interprets nothing. Inputs are bounded per connection and lane; a full server refuses attempts at the listener.
+//! Connections and attempts of each address are bounded, so that one address cannot take all connections of a server.
 
 use std::any::Any;
-use std::sync::Arc;
+use std::collections::BTreeMap;
+use std::net::IpAddr;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::Sender;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use quinn::crypto::rustls::HandshakeData;
@@ -19,15 +22,12 @@ use rhumb_protocol::session::TransportCode;
 use tokio::sync::oneshot;
 use tokio::time::{sleep, timeout};
 
-use super::addresses::Addresses;
-use super::closing::Closing;
-use super::control_queue::{ControlWriter, control_queue};
-use super::datagram_lane::DatagramLane;
-use super::input::{Input, PeerHandles};
+use super::connection::{Closing, ControlWriter, DatagramLane, control_queue};
 use super::origins::Origins;
+use super::server_loop::{Input, PeerHandles};
 use super::tuning::{
-    CONNECTIONS_MAX, CONTROL_IN_FLIGHT_BYTES, DATAGRAM_BYTES_MIN, HANDSHAKES_UNPROVEN_MAX, SETUP,
-    STATE_IN_FLIGHT_BYTES, WEB_ALPN,
+    CONNECTIONS_MAX, CONNECTIONS_PER_ADDRESS_MAX, CONTROL_IN_FLIGHT_BYTES, DATAGRAM_BYTES_MIN,
+    HANDSHAKES_UNPROVEN_MAX, SETUP, STATE_IN_FLIGHT_BYTES, WEB_ALPN,
 };
 use super::watch::ServerWatch;
 use super::web_session::{SentSettings, WebRefusal, WebSession, send_settings};
@@ -357,3 +357,63 @@ const LAST_TURN: Duration = Duration::from_millis(2);
 
 /// Bytes of one read of the control stream, at most.
 const READ_BYTES_MAX: usize = 64 << 10;
+
+/// Counts connections by address; all clones are one count.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Addresses {
+    counts: Arc<Mutex<BTreeMap<IpAddr, usize>>>,
+}
+
+/// The place of one connection; dropping it frees the place.
+#[derive(Debug)]
+pub(super) struct AddressPlace {
+    address: IpAddr,
+    addresses: Addresses,
+}
+
+impl Addresses {
+    /// A place for another connection from this address; `None` if it has as many as it may.
+    pub(super) fn take(&self, address: IpAddr) -> Option<AddressPlace> {
+        let mut counts = self.counts.lock().unwrap_or_else(PoisonError::into_inner);
+        let count = counts.entry(address).or_insert(0);
+        if *count >= CONNECTIONS_PER_ADDRESS_MAX {
+            return None;
+        }
+        *count += 1;
+        Some(AddressPlace {
+            address,
+            addresses: self.clone(),
+        })
+    }
+}
+
+impl Drop for AddressPlace {
+    fn drop(&mut self) {
+        let counts = &self.addresses.counts;
+        let mut counts = counts.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(count) = counts.get_mut(&self.address) {
+            *count -= 1;
+            if *count == 0 {
+                counts.remove(&self.address);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_address_leaves_places_for_others_and_gets_its_own_back() {
+        let addresses = Addresses::default();
+        let [one, other] = [1, 2].map(|last| IpAddr::from([127, 0, 0, last]));
+        let mut places: Vec<_> = std::iter::from_fn(|| addresses.take(one)).collect();
+        assert_eq!(places.len(), CONNECTIONS_PER_ADDRESS_MAX);
+        assert!(addresses.take(other).is_some());
+        places.pop();
+        assert!(addresses.take(one).is_some());
+        drop(places);
+        assert!(addresses.counts.lock().expect("no panic").is_empty());
+    }
+}

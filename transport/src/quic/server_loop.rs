@@ -1,26 +1,26 @@
 //! Loop of the server thread: inputs, timeouts, transmissions.
 //!
-//! Touches no socket: the I/O thread drives the connections. It sleeps whenever there is nothing to do.
+//! Touches no socket: the I/O thread drives the connections. The loop sleeps whenever there is nothing to do; other
+//! threads wake it. Inputs are bounded: each waiting piece holds a permit of its connection, returned when the piece
+//! is handled. Each connection has a meter of its link's recent throughput: bytes handed over minus queued.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fmt;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError};
-use std::thread;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, TryRecvError};
 use std::time::Duration;
+use std::{fmt, thread};
 
 use bytes::Bytes;
 use quinn::SendDatagramError;
 use rhumb_protocol::session::TransportCode;
-use rhumb_protocol::{Endpoint, Peer, Span, Transmit};
+use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Span, Transmit};
 
-use super::input::{Input, PeerHandles};
+use super::connection::{Closing, ControlSender, DatagramLane};
 use super::tuning::{CLOSE_LEAVES, DATAGRAM_SEND_BYTES};
-use super::waker::Waker;
 use super::watch::ServerWatch;
-use crate::clock::Clock;
-use crate::held_back::HeldBack;
-use crate::link_meter::LinkMeter;
-use crate::piece::Piece;
+use crate::piece::{HeldBack, Piece};
+use crate::system::Clock;
 
 /// Reason why a server stopped by itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -319,3 +319,131 @@ impl fmt::Display for ServeError {
 }
 
 impl std::error::Error for ServeError {}
+
+/// One input for the server thread.
+#[derive(Debug)]
+pub(crate) enum Input {
+    /// A connection was opened.
+    Opened { peer: Peer, handles: PeerHandles },
+    /// Bytes of a control stream.
+    Control { peer: Peer, piece: Piece },
+    /// The connection has taken all control bytes that were handed over.
+    ControlTaken { peer: Peer },
+    /// The endpoint has something to transmit.
+    Wake,
+    /// A datagram.
+    State { peer: Peer, piece: Piece },
+    /// A connection has ended; its last input.
+    Ended { peer: Peer, ending: Ending },
+    /// The server must stop.
+    Stop,
+    /// The I/O thread has ended; the last input.
+    IoOver,
+}
+
+/// The server thread's handles of one connection.
+#[derive(Debug)]
+pub(crate) struct PeerHandles {
+    pub(super) datagrams: DatagramLane,
+    pub(super) control: ControlSender,
+    pub(super) closing: Arc<Closing>,
+}
+
+/// Wakes the server thread, which drains its endpoint then; all clones are one.
+#[derive(Clone, Debug)]
+pub struct Waker {
+    inputs: Sender<Input>,
+    /// True if a wake-up waits already: many before the thread wakes are one.
+    waiting: Arc<AtomicBool>,
+}
+
+impl Waker {
+    pub(super) fn new(inputs: Sender<Input>) -> Self {
+        Self {
+            inputs,
+            waiting: Arc::new(AtomicBool::new(false)),
+        }
+    }
+
+    /// Wakes the server thread.
+    pub fn wake(&self) {
+        if !self.waiting.swap(true, Ordering::AcqRel) {
+            // If the server thread has ended, there is nothing to wake.
+            let _ = self.inputs.send(Input::Wake);
+        }
+    }
+
+    /// The server thread is awake.
+    pub(super) fn note_woken(&self) {
+        self.waiting.store(false, Ordering::Release);
+    }
+}
+
+/// Measurements of one connection's link.
+#[derive(Clone, Copy, Debug)]
+pub struct LinkMeter {
+    read_at: Instant,
+    handed_bytes: u64,
+    waiting_bytes: u64,
+}
+
+/// Time between two readings.
+const INTERVAL: Span = Span::from_millis(100);
+
+impl LinkMeter {
+    /// A meter of a link that has carried nothing yet.
+    pub const fn new(now: Instant) -> Self {
+        Self {
+            read_at: now,
+            handed_bytes: 0,
+            waiting_bytes: 0,
+        }
+    }
+
+    /// True if it is time for another reading.
+    pub fn is_due(&self, now: Instant) -> bool {
+        now >= self.read_at + INTERVAL
+    }
+
+    /// Takes a reading: total bytes handed over, and how many of them still wait.
+    pub fn read(
+        &mut self,
+        now: Instant,
+        handed_bytes: u64,
+        waiting_bytes: u64,
+        round_trip: Span,
+    ) -> LinkReport {
+        let handed = handed_bytes.saturating_sub(self.handed_bytes);
+        let report = LinkReport {
+            waiting_bytes,
+            sent_bytes: (self.waiting_bytes + handed).saturating_sub(waiting_bytes),
+            over: now.since(self.read_at),
+            round_trip,
+        };
+        *self = Self {
+            read_at: now,
+            handed_bytes,
+            waiting_bytes,
+        };
+        report
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sent_bytes_are_handed_over_bytes_minus_queued_ones() {
+        let at = |ms| Instant::ZERO + Span::from_millis(ms);
+        let mut link_meter = LinkMeter::new(at(0));
+        assert!(!link_meter.is_due(at(99)) && link_meter.is_due(at(100)));
+        let first = link_meter.read(at(100), 5_000, 2_000, Span::ZERO);
+        assert_eq!((first.sent_bytes, first.waiting_bytes), (3_000, 2_000));
+        let second = link_meter.read(at(250), 6_000, 500, Span::ZERO);
+        assert_eq!(
+            (second.sent_bytes, second.over),
+            (2_500, Span::from_millis(150))
+        );
+    }
+}

@@ -9,14 +9,12 @@ use std::sync::{Arc, OnceLock};
 use quinn::rustls;
 use rustls::client::WebPkiServerVerifier;
 use rustls::client::danger::{HandshakeSignatureValid, ServerCertVerified, ServerCertVerifier};
-use rustls::crypto::{
-    CryptoProvider, ring::default_provider, verify_tls12_signature, verify_tls13_signature,
-};
+use rustls::crypto::ring::default_provider;
+use rustls::crypto::{CryptoProvider, verify_tls12_signature, verify_tls13_signature};
 use rustls::pki_types::{CertificateDer, ServerName, UnixTime};
 use rustls::{CertificateError as Refusal, DigitallySignedStruct, RootCertStore, SignatureScheme};
 
-use super::certificate::{CertificateError, read_certificates};
-use super::fingerprint::Fingerprint;
+use super::certificate::{CertificateError, Fingerprint, read_certificates};
 use super::tuning::{ALPN, DRAFT_ALPN};
 
 /// Condition under which a certificate is trusted.

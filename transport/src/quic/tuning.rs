@@ -6,12 +6,11 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use quinn::congestion::BbrConfig;
-use quinn::crypto;
 use quinn::crypto::rustls::{NoInitialCipherSuite, QuicClientConfig, QuicServerConfig};
-use quinn::{ClientConfig, IdleTimeout, ServerConfig, TransportConfig, VarInt, rustls};
+use quinn::{ClientConfig, IdleTimeout, ServerConfig, TransportConfig, VarInt, crypto, rustls};
 
 #[cfg(feature = "web")]
-use super::partial_reset_tls::PartialResetConfig;
+use super::reset_stream_at::PartialResetConfig;
 use crate::piece::PIECE_COST_BYTES;
 
 /// The application protocol, by its TLS name.

@@ -1,8 +1,9 @@
-//! Short-lived certificates that a browser accepts by their hash.
+//! Short-lived certificates that a browser accepts by their hash; options.
 //!
 //! Browsers accept a pinned certificate only if it is valid for two weeks at most and its key is on the curve P-256. A
-//! certificate that is made now serves half a lifetime later, so that its hash is known before it serves. Connections that
-//! stand keep theirs. Time is an argument here; `HandshakeCertificate` reads the clock.
+//! certificate that is made now serves half a lifetime later, so that its hash is known before it serves. Connections
+//! that stand keep theirs. Time is an argument here; `HandshakeCertificate` reads the clock. The options name the
+//! origins of pages and the certificate.
 
 use std::fmt;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -15,8 +16,8 @@ use rustls::pki_types::{PrivateKeyDer, PrivatePkcs8KeyDer};
 use rustls::server::{ClientHello, ResolvesServerCert};
 use rustls::sign::CertifiedKey;
 
-use super::certificate::CertificateError;
-use super::fingerprint::Fingerprint;
+use super::certificate::{CertificateError, Fingerprint};
+use super::origins::Origins;
 use super::tuning::WEB_ALPN;
 
 /// Time for which a certificate serves. It is valid for two of these, and an hour on either side.
@@ -169,6 +170,33 @@ impl fmt::Debug for HandshakeCertificate {
         f.debug_struct("HandshakeCertificate")
             .field("web", &self.web)
             .finish_non_exhaustive()
+    }
+}
+
+/// A server's options for browsers.
+#[derive(Clone, Debug)]
+pub struct WebOptions {
+    /// The pages that may connect.
+    pub origins: Origins,
+    /// The certificate that browsers are shown.
+    pub certificate: WebIdentity,
+}
+
+/// The certificate that browsers are shown.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum WebIdentity {
+    /// The server's own: an authority that browsers know has signed it.
+    Own,
+    /// Short-lived ones for these names (host names or addresses), which pages pin by their hashes.
+    Pinned(Vec<String>),
+}
+
+impl WebIdentity {
+    pub(super) fn hashes(&self) -> Result<CertificateHashes, CertificateError> {
+        match self {
+            Self::Own => Ok(CertificateHashes::none()),
+            Self::Pinned(names) => CertificateHashes::new(names.clone()),
+        }
     }
 }
 

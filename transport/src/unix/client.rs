@@ -1,6 +1,7 @@
 //! Client over a Unix socket: it reads on its caller's thread.
 
-use std::io::{self, Read};
+use std::io;
+use std::io::Read;
 use std::os::unix::net::UnixStream;
 use std::path::Path;
 use std::sync::Arc;
@@ -12,9 +13,8 @@ use rhumb_protocol::Ending;
 use rhumb_protocol::session::TransportCode;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
-use super::frame::{FrameReader, StreamFrame};
-use super::outgoing::Outgoing;
-use crate::client_transport::ClientTransport;
+use super::frame::{FrameReader, Outgoing, StreamFrame};
+use crate::quic::ClientTransport;
 use crate::quic::{Received, WireStatistics};
 
 /// Bytes of one read.

@@ -1,6 +1,18 @@
-//! Frames of a Unix stream: a lane, a length, bytes.
+//! Frames of a Unix stream, and how they leave an end.
+//!
+//! A frame is a lane, a length, and bytes. Frames leave at once, or by a thread.
+
+use std::collections::VecDeque;
+use std::io::Write;
+use std::net::Shutdown;
+use std::os::unix::net::UnixStream;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard};
+use std::time::Duration;
+use std::{io, thread};
 
 use bytes::{Buf, BufMut, Bytes, BytesMut};
+use rustix::io::Errno;
+use rustix::net::{SendFlags, send};
 
 /// Most bytes of one frame.
 pub(super) const FRAME_BYTES_MAX: usize = 64 << 10;
@@ -78,6 +90,187 @@ impl FrameReader {
         }
     }
 }
+
+/// Waiting bytes beyond which datagrams are dropped.
+const STATE_WAITING_MAX: usize = 1 << 20;
+/// Waiting bytes beyond which a connection ends.
+const WAITING_MAX: usize = 12 << 20;
+/// Time without progress after which a peer counts as gone.
+const WRITE_TIMEOUT: Duration = Duration::from_secs(10);
+
+/// The frames of one end that its socket has not taken.
+pub(super) struct Outgoing {
+    socket: UnixStream,
+    waiting: Mutex<Waiting>,
+    changed: Condvar,
+    /// Called when the thread has written.
+    note_written: Box<dyn Fn() + Send + Sync>,
+}
+
+#[derive(Default)]
+struct Waiting {
+    frames: VecDeque<WaitingFrame>,
+    bytes: usize,
+    /// True while the thread writes frames that it has taken.
+    writing: bool,
+    /// True once nothing more may be sent.
+    closed: bool,
+    /// Control bytes that the socket has taken.
+    taken: u64,
+}
+
+struct WaitingFrame {
+    bytes: Bytes,
+    /// Bytes of control in it.
+    control: usize,
+}
+
+/// More waits for a peer than the bound allows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Overflow;
+
+impl Outgoing {
+    /// Starts the thread of a socket.
+    pub(super) fn start(
+        socket: UnixStream,
+        note_written: impl Fn() + Send + Sync + 'static,
+    ) -> io::Result<Arc<Self>> {
+        socket.set_write_timeout(Some(WRITE_TIMEOUT))?;
+        let outgoing = Arc::new(Self {
+            socket,
+            waiting: Mutex::default(),
+            changed: Condvar::new(),
+            note_written: Box::new(note_written),
+        });
+        let on_thread = Arc::clone(&outgoing);
+        thread::Builder::new()
+            .name("rhumb-unix-out".to_owned())
+            .spawn(move || on_thread.write_waiting())?;
+        Ok(outgoing)
+    }
+
+    /// Sends control bytes, in as many frames as they need.
+    pub(super) fn send_control(&self, mut bytes: Bytes) -> Result<(), Overflow> {
+        let mut waiting = self.lock();
+        while !bytes.is_empty() {
+            let piece = bytes.split_to(bytes.len().min(FRAME_BYTES_MAX));
+            let control = piece.len();
+            let bytes = StreamFrame::Control(piece).encode();
+            self.send(&mut waiting, WaitingFrame { bytes, control })?;
+        }
+        Ok(())
+    }
+
+    /// Sends a datagram, unless too much waits. Returns whether it was sent.
+    pub(super) fn send_state(&self, bytes: Bytes) -> bool {
+        let mut waiting = self.lock();
+        if waiting.bytes > STATE_WAITING_MAX || bytes.len() > FRAME_BYTES_MAX {
+            return false;
+        }
+        let bytes = StreamFrame::State(bytes).encode();
+        self.send(&mut waiting, WaitingFrame { bytes, control: 0 })
+            .is_ok()
+    }
+
+    /// Ends the stream with a code, after all that waits.
+    pub(super) fn close(&self, code: u32) {
+        let mut waiting = self.lock();
+        if !waiting.closed {
+            let bytes = StreamFrame::End(code).encode();
+            waiting.frames.push_back(WaitingFrame { bytes, control: 0 });
+            waiting.closed = true;
+        }
+        self.changed.notify_all();
+    }
+
+    /// Ends the stream at once.
+    pub(super) fn abort(&self) {
+        let mut waiting = self.lock();
+        waiting.frames.clear();
+        waiting.closed = true;
+        self.changed.notify_all();
+        // A socket that is not connected is ended already.
+        let _ = self.socket.shutdown(Shutdown::Both);
+    }
+
+    /// Control bytes that the socket has taken so far.
+    pub(super) fn taken(&self) -> u64 {
+        self.lock().taken
+    }
+
+    fn send(&self, waiting: &mut Waiting, mut frame: WaitingFrame) -> Result<(), Overflow> {
+        if waiting.closed {
+            return Ok(());
+        }
+        if waiting.frames.is_empty() && !waiting.writing {
+            match send(
+                &self.socket,
+                &frame.bytes,
+                SendFlags::DONTWAIT | SendFlags::NOSIGNAL,
+            ) {
+                Ok(sent) if sent == frame.bytes.len() => {
+                    waiting.taken += frame.control as u64;
+                    return Ok(());
+                }
+                Ok(sent) => frame.bytes = frame.bytes.slice(sent..),
+                Err(Errno::AGAIN | Errno::INTR) => {}
+                // The reader learns that the connection has ended.
+                Err(_) => {
+                    waiting.closed = true;
+                    return Ok(());
+                }
+            }
+        }
+        if waiting.bytes + frame.bytes.len() > WAITING_MAX {
+            return Err(Overflow);
+        }
+        waiting.bytes += frame.bytes.len();
+        waiting.frames.push_back(frame);
+        self.changed.notify_all();
+        Ok(())
+    }
+
+    /// Writes what waits, until the stream has ended.
+    fn write_waiting(&self) {
+        let mut waiting = self.lock();
+        loop {
+            let frames = std::mem::take(&mut waiting.frames);
+            if frames.is_empty() {
+                if waiting.closed {
+                    // As in `abort`.
+                    let _ = self.socket.shutdown(Shutdown::Both);
+                    return;
+                }
+                waiting = self.changed.wait(waiting).expect(LOCK);
+                continue;
+            }
+            waiting.writing = true;
+            drop(waiting);
+            let mut socket = &self.socket;
+            let (mut written, mut control, mut failed) = (0, 0, false);
+            for frame in &frames {
+                written += frame.bytes.len();
+                control += frame.control as u64;
+                failed = failed || socket.write_all(&frame.bytes).is_err();
+            }
+            waiting = self.lock();
+            waiting.writing = false;
+            waiting.bytes = waiting.bytes.saturating_sub(written);
+            waiting.taken += control;
+            if failed {
+                waiting.frames.clear();
+                waiting.closed = true;
+            }
+            (self.note_written)();
+        }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Waiting> {
+        self.waiting.lock().expect(LOCK)
+    }
+}
+
+const LOCK: &str = "nothing panics while frames are locked";
 
 #[cfg(test)]
 mod tests {

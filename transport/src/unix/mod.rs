@@ -4,9 +4,7 @@
 //! a server has a thread for the socket, and two for each connection, whose queues are bounded.
 
 mod client;
-mod credit;
 mod frame;
-mod outgoing;
 mod server;
 
 pub use client::UnixClient;

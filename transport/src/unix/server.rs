@@ -1,27 +1,27 @@
 //! Server over a Unix socket, beside another driver's peers.
+//!
+//! A credit bounds each connection's control bytes that wait for the server.
 
 use std::collections::BTreeMap;
-use std::io::{self, Read};
+use std::io::Read;
 use std::os::unix::fs::{FileTypeExt, PermissionsExt};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard};
 use std::time::Duration;
-use std::{fs, thread};
+use std::{fs, io, thread};
 
 use bytes::Bytes;
 use rhumb_protocol::session::TransportCode;
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
-use super::credit::{Credit, WaitingBytes};
-use super::frame::{FrameReader, StreamFrame};
-use super::outgoing::Outgoing;
-use crate::clock::Clock;
-use crate::held_back::HeldBack;
+use super::frame::{FrameReader, Outgoing, StreamFrame};
+use crate::piece::HeldBack;
 use crate::quic::Waker;
+use crate::system::Clock;
 
 /// The first number of peers of a Unix socket, above those of the network.
 const FIRST_PEER: u64 = 1 << 63;
@@ -422,3 +422,61 @@ impl<E: Endpoint> Endpoint for WithUnixPeers<'_, E> {
         self.endpoint.poll_timeout()
     }
 }
+
+/// Waiting bytes beyond which a socket is not read.
+const WAITING_MAX: usize = 256 << 10;
+/// Interval of the checks whether a connection that is not read has ended.
+const END_CHECK: Duration = Duration::from_millis(100);
+
+/// The waiting bytes of one connection.
+#[derive(Debug, Default)]
+pub(super) struct Credit {
+    waiting: Mutex<usize>,
+    freed: Condvar,
+}
+
+/// Waiting bytes, which hold their share of the bound until they are dropped.
+#[derive(Debug)]
+pub(super) struct WaitingBytes {
+    bytes: Bytes,
+    credit: Arc<Credit>,
+}
+
+impl Credit {
+    /// Waits until the bound allows more bytes, or until their connection has ended.
+    ///
+    /// The server holds bytes back until it learns of the end, which comes after the last of them. What has arrived
+    /// before the end is what a socket's buffer takes at most, and needs no other bound.
+    pub(super) fn admit(
+        self: &Arc<Self>,
+        bytes: Bytes,
+        has_ended: impl Fn() -> bool,
+    ) -> WaitingBytes {
+        let mut waiting = self.lock();
+        while *waiting > WAITING_MAX && !has_ended() {
+            (waiting, _) = self.freed.wait_timeout(waiting, END_CHECK).expect(LOCK);
+        }
+        *waiting += bytes.len();
+        let credit = Arc::clone(self);
+        WaitingBytes { bytes, credit }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, usize> {
+        self.waiting.lock().expect(LOCK)
+    }
+}
+
+impl AsRef<[u8]> for WaitingBytes {
+    fn as_ref(&self) -> &[u8] {
+        &self.bytes
+    }
+}
+
+impl Drop for WaitingBytes {
+    fn drop(&mut self) {
+        *self.credit.lock() -= self.bytes.len();
+        self.credit.freed.notify_one();
+    }
+}
+
+const LOCK: &str = "nothing panics while a number is locked";

@@ -1,10 +1,11 @@
-//! Received bytes that wait for a client's caller.
+//! A client's connection to its server: received bytes, traffic, interface.
 //!
-//! Another thread, or a call of the server in this process, puts them there.
-//! Bounded lane by lane: control stops reading the stream, state drops its oldest. The end comes once, after
-//! everything else.
+//! Another thread, or a call of the server in this process, fills the inbox. It is bounded lane by lane: control stops
+//! reading the stream, state drops its oldest. The end comes once, after everything else. Traffic counts UDP payloads,
+//! without the headers of UDP and IP (28 or 48 bytes a datagram).
 
 use std::collections::VecDeque;
+use std::ops::AddAssign;
 use std::sync::{Condvar, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
@@ -14,6 +15,28 @@ use tokio::sync::Notify;
 
 use super::tuning::{CONTROL_IN_FLIGHT_BYTES, STATE_INBOX_BYTES};
 use crate::piece::PIECE_COST_BYTES;
+
+/// An open connection of a client: one reliable stream of control bytes, and state datagrams.
+///
+/// [`QuicClient`](crate::QuicClient) reaches a server over the network. Other programs may bring their own.
+pub trait ClientTransport: Send {
+    /// Appends bytes to the control stream without waiting. A connection that cannot keep them ends.
+    fn send_control(&self, bytes: Bytes);
+
+    /// Sends one datagram without waiting. It arrives whole, or not at all.
+    fn send_state(&self, bytes: Bytes);
+
+    /// Ends the connection with a code, once the control bytes have arrived or after a short wait.
+    fn close(&self, code: u32);
+
+    /// The next received item, within `timeout`; zero does not wait.
+    ///
+    /// [`Received::Ended`] comes once, after everything else; from then on this returns `None` at once.
+    fn recv(&mut self, timeout: Duration) -> Option<Received>;
+
+    /// The connection's traffic so far.
+    fn statistics(&self) -> WireStatistics;
+}
 
 /// One received item of a client.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -66,7 +89,7 @@ enum ReceiverState {
 
 impl Inbox {
     /// Adds control bytes, once the bound allows. Without a receiver they are dropped.
-    pub(super) async fn put_control(&self, bytes: &Bytes) {
+    pub(crate) async fn put_control(&self, bytes: &Bytes) {
         while !self.try_put_control(bytes) {
             self.space_freed.notified().await;
         }
@@ -193,6 +216,65 @@ impl InboxQueue {
         let bytes = self.pieces.pop_front()?;
         self.cost_bytes -= bytes.len() + PIECE_COST_BYTES;
         Some(bytes)
+    }
+}
+
+/// Traffic of one connection since it began, in UDP payloads; or the sum over several.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct WireStatistics {
+    /// UDP payload bytes sent.
+    pub sent_bytes: u64,
+    /// UDP datagrams sent.
+    pub sent_datagrams: u64,
+    /// UDP payload bytes received.
+    pub received_bytes: u64,
+    /// UDP datagrams received.
+    pub received_datagrams: u64,
+    /// QUIC packets that this end sent and considers lost.
+    pub lost_packets: u64,
+    /// Round-trip time as QUIC estimates it now; in a sum, the greatest.
+    pub round_trip: Duration,
+}
+
+/// Counters of a server over its whole life.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ServerStatistics {
+    /// Connections that were opened.
+    pub opened: u64,
+    /// Connections that have ended.
+    pub ended: u64,
+    /// Attempts refused because the server was full.
+    pub refused: u64,
+    /// Connections closed because their peer read control bytes too slowly.
+    pub control_overflows: u64,
+    /// Datagrams from clients dropped because the server thread was late.
+    pub state_dropped: u64,
+    /// Datagrams to clients that were larger than the path allows.
+    pub state_oversized: u64,
+}
+
+impl WireStatistics {
+    pub(crate) fn of(connection: &quinn::Connection) -> Self {
+        let stats = connection.stats();
+        Self {
+            sent_bytes: stats.udp_tx.bytes,
+            sent_datagrams: stats.udp_tx.datagrams,
+            received_bytes: stats.udp_rx.bytes,
+            received_datagrams: stats.udp_rx.datagrams,
+            lost_packets: stats.path.lost_packets,
+            round_trip: stats.path.rtt,
+        }
+    }
+}
+
+impl AddAssign for WireStatistics {
+    fn add_assign(&mut self, other: Self) {
+        self.sent_bytes += other.sent_bytes;
+        self.sent_datagrams += other.sent_datagrams;
+        self.received_bytes += other.received_bytes;
+        self.received_datagrams += other.received_datagrams;
+        self.lost_packets += other.lost_packets;
+        self.round_trip = self.round_trip.max(other.round_trip);
     }
 }
 
