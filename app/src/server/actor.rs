@@ -1,10 +1,24 @@
 //! An actor of an APP client, and its body in the scene.
+//!
+//! Indices of bodies are assigned from the lowest up, and reused with the next generation once all were used. The
+//! index returned last is reused last, so that subscribers see few bodies under one index.
+//!
+//! A body of a scene has its origin in its centre of mass, one shape, one density and one surface. An actor has its
+//! origin anywhere, and several shapes, each with density and surface. The body's density gives it the actor's mass;
+//! its surface is that of the first attached part.
+
+use std::collections::VecDeque;
 
 use glam::{Quat, Vec3};
-use rhumb_protocol::scene::{BodyKind, Material, ShapeId};
+use rhumb_protocol::limits::{DENSITY_MAX, DENSITY_MIN, FRICTION_MAX};
+use rhumb_protocol::scene::{
+    BodyKind, Compound, IdRange, Material, Part as ScenePart, Shape, ShapeId,
+};
 use rhumb_reckoning::BodyId;
 
-use super::body_properties::{ActorPart, Frame};
+use super::host::Refusal;
+use super::shape_definition::ShapeDefinition;
+use crate::wire::Surface;
 
 /// An actor.
 #[derive(Clone, Debug)]
@@ -89,5 +103,409 @@ impl Actor {
         if self.parts.len() == before && self.upright && before == 1 {
             self.parts.clear();
         }
+    }
+}
+
+/// Used and free indices of one range.
+#[derive(Debug, Default)]
+pub(super) struct BodyIds {
+    /// `None` until the client's scene begins.
+    range: Option<IdRange>,
+    /// Every index below it was used.
+    next: u32,
+    free: VecDeque<BodyId>,
+}
+
+impl BodyIds {
+    /// Ids of this range.
+    pub(super) fn of_range(range: IdRange) -> Self {
+        Self {
+            range: Some(range),
+            ..Self::default()
+        }
+    }
+
+    /// An id that no body had. `None` when the range is used up.
+    pub(super) fn take(&mut self) -> Option<BodyId> {
+        let range = self.range?;
+        if self.next < range.count() {
+            let id = BodyId::new(range.first() + self.next, range.generation());
+            self.next += 1;
+            return Some(id);
+        }
+        self.free.pop_front()
+    }
+
+    /// Returns an id; an index whose generations are used up is not assigned again.
+    pub(super) fn give_back(&mut self, id: BodyId) {
+        self.free.extend(Self::again(id));
+    }
+
+    /// The next id of the same index.
+    pub(super) fn again(id: BodyId) -> Option<BodyId> {
+        let generation = id.generation().checked_add(1)?;
+        Some(BodyId::new(id.index(), generation))
+    }
+}
+
+/// A shape on an actor.
+#[derive(Clone, Debug)]
+pub(super) struct ActorPart {
+    /// The client's name of the shape.
+    pub(super) name: u32,
+    /// The shape when it was attached; `None` for an undefined name.
+    pub(super) definition: Option<ShapeDefinition>,
+    pub(super) material: Material,
+    /// Metres, in the actor's axes.
+    pub(super) position: Vec3,
+    /// Shape → actor.
+    pub(super) rotation: Quat,
+}
+
+/// Pose of a body's axes in its actor's.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Frame {
+    /// The body's origin, metres.
+    pub(super) position: Vec3,
+    /// Body → actor.
+    pub(super) rotation: Quat,
+}
+
+/// Body properties of an actor.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct ActorProperties {
+    pub(super) shape: Shape,
+    pub(super) frame: Frame,
+    /// `None`: the scene's own.
+    pub(super) material: Option<Material>,
+    /// Mass, kg.
+    pub(super) mass: f32,
+}
+
+impl Frame {
+    const IDENTITY: Self = Self {
+        position: Vec3::ZERO,
+        rotation: Quat::IDENTITY,
+    };
+
+    /// The body's pose for an actor's. A body that shares the actor's frame keeps every bit.
+    pub(super) fn body_of(&self, position: Vec3, rotation: Quat) -> (Vec3, Quat) {
+        if *self == Self::IDENTITY {
+            return (position, rotation);
+        }
+        let (wide, offset) = (rotation.as_dquat(), self.position.as_dvec3());
+        let at = position.as_dvec3() + wide * offset;
+        let turned = (wide * self.rotation.as_dquat()).normalize();
+        (at.as_vec3(), turned.as_quat())
+    }
+
+    /// The actor's pose for a body's.
+    pub(super) fn actor_of(&self, position: Vec3, rotation: Quat) -> (Vec3, Quat) {
+        if *self == Self::IDENTITY {
+            return (position, rotation);
+        }
+        let wide = (rotation.as_dquat() * self.rotation.as_dquat().conjugate()).normalize();
+        let at = position.as_dvec3() - wide * self.position.as_dvec3();
+        (at.as_vec3(), wide.as_quat())
+    }
+}
+
+/// A rotation of unit length, from one that is nearly so; the published plug-in rounds.
+pub(super) fn unit(rotation: Quat) -> Result<Quat, Refusal> {
+    let wide = rotation.as_dquat();
+    let squared = wide.length_squared();
+    if !squared.is_finite() || squared < 1e-6 {
+        return Err(Refusal::Number);
+    }
+    if (squared - 1.0).abs() <= 1e-6 {
+        return Ok(rotation);
+    }
+    Ok(wide.normalize().as_quat())
+}
+
+/// A scene's material for a client's surface. Numbers beyond the limits are clamped; numbers that are not finite are
+/// refused.
+pub(super) fn material(surface: &Surface) -> Result<Material, Refusal> {
+    let Surface {
+        density,
+        kinetic_friction,
+        restitution,
+        ..
+    } = *surface;
+    if !(density.is_finite() && kinetic_friction.is_finite() && restitution.is_finite()) {
+        return Err(Refusal::Number);
+    }
+    Ok(Material {
+        // An engine has one coefficient, that of sliding: a resting body then needs the same force.
+        friction: kinetic_friction.clamp(0.0, FRICTION_MAX),
+        restitution: restitution.clamp(0.0, 1.0),
+        density: density.clamp(DENSITY_MIN, DENSITY_MAX),
+    })
+}
+
+/// The mass of an actor of these parts, kg; a kilogram without any solid part.
+pub(super) fn mass(kind: BodyKind, parts: &[ActorPart]) -> f32 {
+    let counts =
+        |definition: &&ShapeDefinition| kind == BodyKind::Fixed || definition.solid().is_some();
+    let masses = parts.iter().filter_map(|part| {
+        let definition = part.definition.as_ref().filter(counts)?;
+        Some(definition.bulk.volume * part.material.density)
+    });
+    let (count, sum) = masses.fold((0, 0.0), |(count, sum), mass| (count + 1, sum + mass));
+    match count {
+        0 => 1.0,
+        _ => f32::max(sum, f32::MIN_POSITIVE),
+    }
+}
+
+/// The body of an actor of these parts. `scenes`: the scene's default material.
+pub(super) fn body_properties(
+    kind: BodyKind,
+    parts: &[ActorPart],
+    scenes: Material,
+) -> ActorProperties {
+    let placed: Vec<(ShapeDefinition, &ActorPart)> = parts
+        .iter()
+        .filter_map(|part| {
+            let definition = part.definition.as_ref()?;
+            let definition = match kind {
+                BodyKind::Fixed => Some(definition.clone()),
+                BodyKind::Dynamic | BodyKind::Kinematic => definition.solid(),
+            };
+            Some((definition?, part))
+        })
+        .collect();
+    let volume: f32 = placed
+        .iter()
+        .map(|(definition, _)| definition.bulk.volume)
+        .sum();
+    let masses = placed
+        .iter()
+        .map(|(definition, part)| definition.bulk.volume * part.material.density);
+    let mass: f32 = masses.sum();
+    let (shape, frame) = match placed.as_slice() {
+        [] => (Shape::Compound(Compound::nothing()), Frame::IDENTITY),
+        [(definition, part)] => single(definition, part),
+        _ => several(kind, &placed, mass),
+    };
+    let Some((_, first)) = placed.first() else {
+        // A body without shape weighs a kilogram, as in the engine.
+        return ActorProperties {
+            shape,
+            frame,
+            material: None,
+            mass: 1.0,
+        };
+    };
+    let mean = if volume > 0.0 && placed.len() > 1 {
+        (mass / volume).clamp(DENSITY_MIN, DENSITY_MAX)
+    } else {
+        first.material.density
+    };
+    let material = Material {
+        density: mean,
+        ..first.material
+    };
+    ActorProperties {
+        shape,
+        frame,
+        material: (material != scenes).then_some(material),
+        mass: mass.max(f32::MIN_POSITIVE),
+    }
+}
+
+fn frame_of(definition: &ShapeDefinition, part: &ActorPart) -> Frame {
+    let rotation = (part.rotation.as_dquat() * definition.rotation.as_dquat()).normalize();
+    let offset = part.rotation.as_dquat() * definition.position.as_dvec3();
+    let plain = part.rotation == Quat::IDENTITY && definition.rotation == Quat::IDENTITY;
+    Frame {
+        position: (part.position.as_dvec3() + offset).as_vec3(),
+        rotation: if plain {
+            Quat::IDENTITY
+        } else {
+            rotation.as_quat()
+        },
+    }
+}
+
+fn single(definition: &ShapeDefinition, part: &ActorPart) -> (Shape, Frame) {
+    let (shape, centre) = definition.centred();
+    let mut frame = frame_of(definition, part);
+    frame.position += frame.rotation * centre;
+    (shape, frame)
+}
+
+fn several(kind: BodyKind, placed: &[(ShapeDefinition, &ActorPart)], mass: f32) -> (Shape, Frame) {
+    let frames: Vec<Frame> = placed
+        .iter()
+        .map(|(definition, part)| frame_of(definition, part))
+        .collect();
+    let moments = placed
+        .iter()
+        .zip(&frames)
+        .map(|((definition, part), frame)| {
+            let own = frame.position + frame.rotation * definition.bulk.centre;
+            own * (definition.bulk.volume * part.material.density)
+        });
+    let centre = if kind == BodyKind::Dynamic && mass > 0.0 {
+        moments.sum::<Vec3>() / mass
+    } else {
+        Vec3::ZERO
+    };
+    let parts = placed
+        .iter()
+        .zip(&frames)
+        .map(|((definition, _), frame)| ScenePart {
+            position: frame.position - centre,
+            rotation: frame.rotation,
+            shape: definition.shape.clone(),
+        });
+    // Parts are counted when they are attached, and each was checked at its definition.
+    let compound = Compound::new(parts.collect()).unwrap_or_else(|_| Compound::nothing());
+    let frame = Frame {
+        position: centre,
+        rotation: Quat::IDENTITY,
+    };
+    (Shape::Compound(compound), frame)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::server::host::{Bulk, Geometry};
+    use crate::wire::{ConvexMesh, Id};
+
+    /// Geometry without an engine: balls are exact, and a hull is taken for its bounding box.
+    struct Boxes;
+
+    impl Geometry for Boxes {
+        fn bulk(&self, shape: &Shape) -> Option<Bulk> {
+            let (centre, volume) = match shape {
+                Shape::Ball { radius } => (
+                    Vec3::ZERO,
+                    radius.powi(3) * core::f32::consts::PI * 4.0 / 3.0,
+                ),
+                Shape::Cuboid { half_extents } => {
+                    (Vec3::ZERO, half_extents.element_product() * 8.0)
+                }
+                Shape::Hull(hull) => {
+                    let least = hull.points().iter().copied().reduce(Vec3::min)?;
+                    let most = hull.points().iter().copied().reduce(Vec3::max)?;
+                    ((least + most) * 0.5, (most - least).element_product())
+                }
+                _ => (Vec3::ZERO, 1.0),
+            };
+            Some(Bulk { centre, volume })
+        }
+    }
+
+    const STONE: Material = Material {
+        friction: 0.2,
+        restitution: 0.0,
+        density: 1_000.0,
+    };
+
+    fn part(definition: ShapeDefinition, position: Vec3, density: f32) -> ActorPart {
+        ActorPart {
+            name: 1,
+            definition: Some(definition),
+            material: Material { density, ..STONE },
+            position,
+            rotation: Quat::IDENTITY,
+        }
+    }
+
+    #[test]
+    fn a_plain_ball_keeps_its_pose_to_the_bit_and_its_scenes_material() {
+        let ball = ShapeDefinition::ball(Vec3::ZERO, 0.5, &Boxes).unwrap();
+        let properties =
+            body_properties(BodyKind::Dynamic, &[part(ball, Vec3::ZERO, 1_000.0)], STONE);
+        assert_eq!(properties.shape, Shape::Ball { radius: 0.5 });
+        assert_eq!(
+            (properties.material, properties.frame),
+            (None, Frame::IDENTITY)
+        );
+        assert!((properties.mass - 523.6).abs() < 0.1, "{}", properties.mass);
+        let pose = (
+            Vec3::new(0.1, 0.2, 0.3),
+            Quat::from_xyzw(0.1, 0.7, 0.1, 0.7),
+        );
+        assert_eq!(properties.frame.body_of(pose.0, pose.1), pose);
+    }
+
+    #[test]
+    fn two_linked_boxes_weigh_and_balance_as_two() {
+        let cube = ShapeDefinition::cuboid(Vec3::ONE, &Boxes).unwrap();
+        let parts = [
+            part(cube.clone(), Vec3::ZERO, 1_000.0),
+            part(cube, Vec3::new(2.0, 0.0, 0.0), 3_000.0),
+        ];
+        let properties = body_properties(BodyKind::Dynamic, &parts, STONE);
+        assert!((properties.mass - 4_000.0).abs() < 0.1);
+        assert_eq!(properties.material.unwrap().density, 2_000.0);
+        assert!((properties.frame.position.x - 1.5).abs() < 1e-6);
+        let Shape::Compound(compound) = &properties.shape else {
+            panic!("two parts are a compound");
+        };
+        let places: Vec<f32> = compound
+            .parts()
+            .iter()
+            .map(|part| part.position.x)
+            .collect();
+        assert_eq!(places, [-1.5, 0.5]);
+        let (position, rotation) = properties.frame.body_of(Vec3::ONE, Y);
+        let (back, turned) = properties.frame.actor_of(position, rotation);
+        assert!(back.distance(Vec3::ONE) < 1e-6 && turned.angle_between(Y) < 1e-3);
+    }
+
+    /// A quarter turn about y.
+    const Y: Quat = Quat::from_xyzw(0.0, 0.707_106_77, 0.0, 0.707_106_77);
+
+    #[test]
+    fn a_hull_is_centred_on_its_centre_of_mass() {
+        let corners: Vec<Vec3> = (0..8)
+            .map(|bits| {
+                Vec3::new(
+                    (bits & 1) as f32,
+                    (bits >> 1 & 1) as f32,
+                    (bits >> 2) as f32,
+                )
+            })
+            .collect();
+        let shape = Id {
+            simulation: 0,
+            object: 1,
+        };
+        let hull = ShapeDefinition::hull(
+            &ConvexMesh {
+                shape,
+                points: corners,
+            },
+            &Boxes,
+        )
+        .unwrap();
+        let properties =
+            body_properties(BodyKind::Dynamic, &[part(hull, Vec3::ZERO, 1_000.0)], STONE);
+        assert!(properties.frame.position.distance(Vec3::splat(0.5)) < 1e-5);
+        assert!((properties.shape.bounding_radius().metres() - 0.75_f64.sqrt()).abs() < 1e-5);
+    }
+
+    #[test]
+    fn an_actor_without_shape_weighs_a_kilogram() {
+        let properties = body_properties(BodyKind::Dynamic, &[], STONE);
+        assert_eq!(properties.shape, Shape::Compound(Compound::nothing()));
+        assert_eq!(properties.mass, 1.0);
+    }
+
+    #[test]
+    fn an_avatars_capsule_is_upright_and_has_its_height() {
+        let capsule = ShapeDefinition::capsule(0.3, 1.9, &Boxes).unwrap();
+        let mut upright = part(capsule, Vec3::ZERO, 1_062.0);
+        upright.rotation = Y;
+        let properties = body_properties(BodyKind::Dynamic, &[upright], STONE);
+        let (_, rotation) = properties.frame.body_of(Vec3::ZERO, Quat::IDENTITY);
+        let axis = rotation * Vec3::Y;
+        assert!(axis.z.abs() > 0.999_99, "{axis}");
+        assert_eq!(properties.shape.bounding_radius().metres() as f32, 0.95);
     }
 }

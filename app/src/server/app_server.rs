@@ -10,10 +10,8 @@ use std::collections::{BTreeMap, VecDeque};
 use rhumb_protocol::Peer;
 
 use super::client::{AppClient, ClientRequest, LogonState};
-use super::host::AppHost;
-use super::options::AppOptions;
-use super::refusal::{Refusal, RefusedMessage};
-use super::transmit::AppTransmit;
+use super::host::{AppHost, AppOptions, Refusal, RefusedMessage};
+use super::send_queue::AppTransmit;
 use crate::wire::{Message, SessionError};
 
 /// The APP clients of one host, without sockets. Connections are numbered by the caller.

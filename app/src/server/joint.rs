@@ -8,8 +8,8 @@ use glam::{Quat, Vec3};
 use rhumb_protocol::scene::{Joint, JointFrame, JointKind, JointLimits};
 use rhumb_reckoning::BodyId;
 
-use super::body_properties::{Frame, unit};
-use super::refusal::Refusal;
+use super::actor::{Frame, unit};
+use super::host::Refusal;
 use crate::wire::{AddJoint, Grip};
 
 /// Freedom of one motion.

@@ -6,26 +6,14 @@
 mod actor;
 mod app_server;
 mod apply;
-mod body_ids;
-mod body_properties;
 mod client;
-mod depenetration;
-mod frame_clock;
 mod host;
-mod hull;
 mod joint;
-mod options;
-mod refusal;
 mod send_queue;
-mod shape_cache;
 mod shape_definition;
 mod state_reporter;
-mod subject;
-mod transmit;
 mod world_mirror;
 
 pub use app_server::AppServer;
-pub use host::{AppHost, AppScene, Bulk, Geometry};
-pub use options::{AppOptions, Datagrams, States, TimeAdvanced};
-pub use subject::{DatagramSubject, Urgency};
-pub use transmit::{AppDatagram, AppTransmit};
+pub use host::{AppHost, AppOptions, AppScene, Bulk, Datagrams, Geometry, States, TimeAdvanced};
+pub use send_queue::{AppDatagram, AppTransmit, DatagramSubject, Urgency};

@@ -1,16 +1,16 @@
-//! Queued messages to one APP client, cut to protect its reader.
+//! Queued messages to one APP client, cut for its reader, and their subjects.
 //!
 //! The published plug-in loses messages that its own read cuts, and reads 64 KiB every 30 ms. Bytes for TCP leave in
-//! pieces of whole messages that fit a segment. A datagram has one message, unless a measurement packs them.
+//! pieces of whole messages that fit a segment. A datagram has one message, unless a measurement packs them. A newer
+//! datagram replaces a waiting one about the same subject.
 
 use core::net::SocketAddr;
 use std::collections::VecDeque;
 
 use bytes::Bytes;
+use rhumb_protocol::Peer;
 
-use super::options::Datagrams;
-use super::subject::{DatagramSubject, Urgency};
-use super::transmit::AppDatagram;
+use super::host::Datagrams;
 use crate::wire::Message;
 
 /// Queued messages of one client.
@@ -141,6 +141,86 @@ impl SendQueue {
     /// The next datagram.
     pub(super) fn poll_datagram(&mut self) -> Option<AppDatagram> {
         self.datagrams.pop_front()
+    }
+}
+
+/// A datagram to an APP client.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct AppDatagram {
+    /// The destination.
+    pub to: SocketAddr,
+    /// The whole datagram.
+    pub bytes: Bytes,
+    /// While it waits, a newer one about the same subject takes its place; `None`: none does.
+    pub subject: Option<DatagramSubject>,
+    /// The most urgent one leaves first.
+    pub urgency: Urgency,
+}
+
+/// A transmission to an APP client.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum AppTransmit {
+    /// Bytes for a connection, written at once: whole messages, so that no read cuts one.
+    Bytes {
+        /// The connection.
+        to: Peer,
+        /// Whole messages.
+        bytes: Bytes,
+    },
+    /// A datagram.
+    Datagram(AppDatagram),
+    /// Sends the queued bytes, then ends the connection.
+    Close {
+        /// The connection.
+        to: Peer,
+    },
+}
+
+/// The subject of a datagram.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum DatagramSubject {
+    /// The state of an actor.
+    Actor(u32),
+    /// A contact of two actors.
+    Pair(u32, u32),
+}
+
+/// Order of waiting datagrams: the least first.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Urgency {
+    /// The state of an actor that rests, which no later one would correct.
+    Resting,
+    /// Everything else.
+    #[default]
+    Moving,
+}
+
+impl DatagramSubject {
+    /// The subject of a message; `None` for one that no newer one replaces.
+    pub(super) const fn of(message: &Message) -> Option<Self> {
+        match message {
+            Message::SetDynamicActor(motion) => Some(Self::Actor(motion.actor.object)),
+            Message::ActorsCollided(contact) => Some(Self::Pair(
+                contact.colliding.object,
+                contact.collided.object,
+            )),
+            _ => None,
+        }
+    }
+}
+
+impl Urgency {
+    /// The urgency of a message.
+    pub(super) fn of(message: &Message) -> Self {
+        match message {
+            // An engine puts a body to sleep with no velocity at all.
+            Message::SetDynamicActor(motion)
+                if motion.linear == glam::Vec3::ZERO && motion.angular == glam::Vec3::ZERO =>
+            {
+                Self::Resting
+            }
+            _ => Self::Moving,
+        }
     }
 }
 

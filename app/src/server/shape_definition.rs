@@ -1,16 +1,20 @@
-//! Conversion of an APP client's shape into a shape of a scene.
+//! An APP client's shapes as shapes of its scene, each stored once.
 //!
-//! Checked when it is made: it can be given to an engine.
+//! A shape is checked when it is made: it can be given to an engine. The published plug-in defines a shape for every
+//! object; a scene allows a few thousand, and sends each to every member.
 
 use core::f32::consts::FRAC_1_SQRT_2;
+use std::collections::BTreeMap;
 
 use glam::{Quat, Vec3};
-use rhumb_protocol::limits::{EXTENT_MIN, POSTS_MAX};
-use rhumb_protocol::scene::{Edges, Heights, Hull, Mesh, Shape};
+use rhumb_protocol::limits::{EXTENT_MIN, HULL_POINTS_MAX, POSTS_MAX, SHAPES_MAX};
+use rhumb_protocol::scene::{
+    Command, CommandError, Edges, Heights, Hull, Invalid, Mesh, Shape, ShapeId,
+};
+use rhumb_protocol::wire::Wire;
+use rhumb_protocol::wire::bytes::Writer;
 
-use super::host::{Bulk, Geometry};
-use super::hull::hull_of;
-use super::refusal::Refusal;
+use super::host::{AppScene, Bulk, Geometry, Refusal};
 use crate::wire::{ConvexMesh, HeightGrid, TriangleMesh};
 
 /// A shape, and its pose in the axes of the client's definition.
@@ -159,3 +163,99 @@ const NO_BULK: Bulk = Bulk {
 };
 /// Share of its radius by which rounding alone may displace a hull's centre of mass.
 const ROUNDING: f32 = 1e-4;
+
+/// A hull of any number of points, reduced to the allowed number: the farthest points in directions all around.
+///
+/// # Errors
+///
+/// [`Invalid`] for a point that is not finite or too far out, and for points that make no hull.
+pub(super) fn hull_of(points: &[Vec3]) -> Result<Hull, Invalid> {
+    if points.len() <= HULL_POINTS_MAX {
+        return Hull::new(points);
+    }
+    let mut chosen = Vec::new();
+    for direction in directions(HULL_POINTS_MAX) {
+        let reach = |point: &Vec3| point.dot(direction);
+        let farthest = points.iter().max_by(|a, b| reach(a).total_cmp(&reach(b)));
+        chosen.extend(farthest.filter(|point| !chosen.contains(*point)).copied());
+    }
+    Hull::new(&chosen)
+}
+
+/// Unit vectors spread over a sphere, by the golden angle.
+fn directions(count: usize) -> impl Iterator<Item = Vec3> {
+    let golden = core::f32::consts::PI * (3.0 - 5.0_f32.sqrt());
+    (0..count).map(move |place| {
+        let y = 1.0 - 2.0 * (place as f32 + 0.5) / count as f32;
+        let across = (1.0 - y * y).max(0.0).sqrt();
+        let angle = golden * place as f32;
+        Vec3::new(across * angle.cos(), y, across * angle.sin())
+    })
+}
+
+/// Shapes in the scene, by their bytes.
+#[derive(Debug, Default)]
+pub(super) struct ShapeCache {
+    known: BTreeMap<Vec<u8>, ShapeId>,
+    /// Number of bodies with each shape, and its bytes.
+    users: BTreeMap<ShapeId, (usize, Vec<u8>)>,
+    /// The last assigned number.
+    last: u32,
+}
+
+impl ShapeCache {
+    /// The scene's id of a shape, for one more body.
+    pub(super) fn take(
+        &mut self,
+        shape: &Shape,
+        scene: &mut dyn AppScene,
+    ) -> Result<ShapeId, CommandError> {
+        let mut writer = Writer::new();
+        shape.encode(&mut writer);
+        let bytes = writer.into_bytes();
+        if let Some(id) = self.known.get(&bytes) {
+            if let Some((users, _)) = self.users.get_mut(id) {
+                *users += 1;
+            }
+            return Ok(*id);
+        }
+        if self.users.len() >= SHAPES_MAX as usize {
+            return Err(CommandError::UnknownShape(ShapeId(SHAPES_MAX)));
+        }
+        let id = self.free(scene);
+        let shape = shape.clone();
+        scene.command(&Command::AddShape { id, shape })?;
+        self.last = id.0;
+        self.known.insert(bytes.clone(), id);
+        self.users.insert(id, (1, bytes));
+        Ok(id)
+    }
+
+    /// Releases a shape for one body.
+    pub(super) fn give_back(&mut self, id: ShapeId, scene: &mut dyn AppScene) {
+        let Some((users, bytes)) = self.users.get_mut(&id) else {
+            return;
+        };
+        *users -= 1;
+        if *users > 0 {
+            return;
+        }
+        self.known.remove(bytes);
+        self.users.remove(&id);
+        if let Err(error) = scene.command(&Command::RemoveShape { id }) {
+            // Another member's body has this shape.
+            tracing::debug!(%error, "a shape stays in its scene");
+        }
+    }
+
+    /// A number without a shape in the scene: members may have taken any. Beyond the limit if all are taken.
+    fn free(&self, scene: &dyn AppScene) -> ShapeId {
+        let from = (self.last + 1) % SHAPES_MAX;
+        let numbers = (from..SHAPES_MAX).chain(0..from).map(ShapeId);
+        let free = |id: &ShapeId| scene.shape(*id).is_none();
+        numbers
+            .into_iter()
+            .find(free)
+            .unwrap_or(ShapeId(SHAPES_MAX))
+    }
+}

@@ -15,8 +15,7 @@ use rhumb_protocol::scene::{BodyKind, Contact};
 use rhumb_protocol::stream::{Activity, Observation};
 
 use super::actor::Actor;
-use super::host::AppScene;
-use super::options::States;
+use super::host::{AppScene, States};
 use super::world_mirror::WorldMirror;
 use crate::wire::{ActorsCollided, Id, Message, Motion};
 

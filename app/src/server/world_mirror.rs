@@ -14,13 +14,9 @@ use rhumb_protocol::limits::{
 use rhumb_protocol::scene::{BodyKind, JointId, Material};
 use rhumb_reckoning::BodyId;
 
-use super::actor::Actor;
-use super::body_ids::BodyIds;
-use super::body_properties::{ActorPart, mass, material, unit};
-use super::host::Geometry;
-use super::refusal::Refusal;
-use super::shape_cache::ShapeCache;
-use super::shape_definition::ShapeDefinition;
+use super::actor::{Actor, ActorPart, BodyIds, mass, material, unit};
+use super::host::{Geometry, Refusal};
+use super::shape_definition::{ShapeCache, ShapeDefinition};
 use crate::wire::{AddJoint, AttachShape, FramedMessage, Message, Motion, SetWorld, Surface};
 
 /// All objects of one client.

@@ -1,21 +1,31 @@
 //! The APP listener of a server: bound here, served by the server's thread.
+//!
+//! Its I/O thread accepts connections and carries bytes. It interprets nothing. Input for the server thread is bounded
+//! per connection; the listener closes connections beyond the limit.
+//!
+//! The published client reads TCP every 30 ms, 64 KiB at most, and loses a message that a read cuts. Sending in spans
+//! keeps within that, with one limiter for each connection.
 
 use core::fmt;
 use core::net::SocketAddr;
 use std::collections::BTreeMap;
-use std::io;
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, channel};
-use std::thread::{self, JoinHandle};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::thread::JoinHandle;
+use std::time::Duration;
+use std::{io, thread};
 
+use bytes::Bytes;
 use rhumb_protocol::Peer;
-use rhumb_transport::{bind_udp, io_runtime};
-use tokio::net::{TcpListener, UdpSocket};
-use tokio::sync::oneshot;
+use rhumb_transport::{ByteCredit, PIECE_COST_BYTES, Piece, bind_udp, io_runtime};
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::tcp::{OwnedReadHalf, OwnedWriteHalf};
+use tokio::net::{TcpListener, TcpStream, UdpSocket};
+use tokio::sync::{Semaphore, mpsc, oneshot};
+use tokio::time::{Instant, sleep, sleep_until, timeout};
 
-use super::connection::{AppConnection, AppInput, AppInputSender};
 use super::datagram_sender::DatagramSender;
-use super::io::{Sockets, carry};
 use crate::server::{AppHost, AppServer, AppTransmit};
 
 /// Address and rate of the APP listener.
@@ -212,5 +222,363 @@ impl std::error::Error for AppBindError {
         match self {
             Self::Address { cause, .. } | Self::Thread(cause) => Some(cause),
         }
+    }
+}
+
+/// Connections at one time, at most.
+const CONNECTIONS_MAX: usize = 64;
+/// Deadline for the first bytes of a connection.
+const FIRST_BYTES: Duration = Duration::from_secs(10);
+/// Silence after which a connection ends: a live client sends a step eleven times a second.
+const IDLE: Duration = Duration::from_secs(60);
+/// A slower write means that the client does not read.
+const WRITE: Duration = Duration::from_secs(30);
+/// Time for the last bytes to leave when a connection is closed.
+const FLUSH: Duration = Duration::from_millis(500);
+/// Bytes between the sockets and the server thread, per connection; beyond them the connection is not read.
+const IN_FLIGHT_BYTES: usize = 256 << 10;
+/// Bytes of datagrams between the sockets and the server thread; beyond them datagrams are dropped.
+const DATAGRAMS_IN_FLIGHT_BYTES: usize = 64 << 10;
+const READ_BYTES_MAX: usize = 64 << 10;
+/// Longest datagram that is read; a logon has 76 bytes.
+const DATAGRAM_BYTES_MAX: usize = 512;
+/// Bit of the peer numbers of this listener.
+const BY_APP: u64 = 1 << 63;
+
+/// Sockets and queue of the listener.
+pub(super) struct Sockets {
+    pub(super) tcp: TcpListener,
+    pub(super) udp: UdpSocket,
+    /// Outgoing datagrams.
+    pub(super) datagram_sender: Arc<DatagramSender>,
+}
+
+/// Carries bytes until its end is requested.
+pub(super) async fn carry(
+    sockets: Sockets,
+    inputs: AppInputSender,
+    mut ended: oneshot::Receiver<()>,
+) {
+    let udp = Arc::new(sockets.udp);
+    let datagram_writer = tokio::spawn(datagram_write_loop(
+        Arc::clone(&udp),
+        sockets.datagram_sender,
+    ));
+    let listen = tokio::spawn(datagram_read_loop(udp, inputs.clone()));
+    let free_places = Arc::new(Semaphore::new(CONNECTIONS_MAX));
+    let mut peers = BY_APP;
+    loop {
+        let accepted = tokio::select! {
+            accepted = sockets.tcp.accept() => accepted,
+            _ = &mut ended => break,
+        };
+        let (stream, from) = match accepted {
+            Ok(accepted) => accepted,
+            Err(cause) => {
+                // The process has no free descriptor, or the client has left already: the listener goes on.
+                tracing::warn!(%cause, "an app connection was not accepted");
+                sleep(PAUSE).await;
+                continue;
+            }
+        };
+        let Ok(place) = Arc::clone(&free_places).try_acquire_owned() else {
+            tracing::warn!(%from, "an app connection was refused: the server is full");
+            continue;
+        };
+        let (peer, inputs) = (Peer(peers), inputs.clone());
+        peers += 1;
+        tokio::spawn(async move {
+            serve(stream, from, peer, inputs).await;
+            drop(place);
+        });
+    }
+    datagram_writer.abort();
+    listen.abort();
+    // Every connection's task gets a turn to send its queued bytes.
+    sleep(LAST_TURN).await;
+}
+
+/// Carries one connection from start to end.
+async fn serve(stream: TcpStream, from: SocketAddr, peer: Peer, inputs: AppInputSender) {
+    if let Err(cause) = stream.set_nodelay(true) {
+        tracing::debug!(%cause, "an app connection ended at once");
+        return;
+    }
+    let (near, far) = connection_queue();
+    let opened = AppInput::Opened {
+        peer,
+        from,
+        connection: near,
+    };
+    // If the server thread has ended, this thread ends soon too.
+    let _ = inputs.send(opened);
+    let (read, write) = stream.into_split();
+    tokio::select! {
+        why = read_loop(read, peer, &inputs) => tracing::info!(peer = peer.0, %from, %why, "an app connection ended"),
+        why = write_loop(write, far) => tracing::info!(peer = peer.0, %from, %why, "an app connection was ended"),
+    }
+    let _ = inputs.send(AppInput::Ended { peer });
+}
+
+/// Reason for the end of a connection, for the log.
+type EndReason = &'static str;
+
+/// Reads no further than the server thread keeps up.
+async fn read_loop(mut read: OwnedReadHalf, peer: Peer, inputs: &AppInputSender) -> EndReason {
+    let credit = ByteCredit::new(IN_FLIGHT_BYTES);
+    let mut buffer = vec![0; READ_BYTES_MAX];
+    let mut time_limit = FIRST_BYTES;
+    loop {
+        let count = match timeout(time_limit, read.read(&mut buffer)).await {
+            Ok(Ok(0)) => return "the client closed the connection",
+            Ok(Ok(count)) => count,
+            Ok(Err(_)) => return "the connection broke",
+            Err(_) => return "the client was silent",
+        };
+        time_limit = IDLE;
+        let piece = credit.admit(&buffer[..count]).await;
+        if inputs.send(AppInput::Bytes { peer, piece }).is_err() {
+            return "the server is stopping";
+        }
+    }
+}
+
+/// Writes queued pieces, no faster than a client can read them.
+async fn write_loop(mut write: OwnedWriteHalf, mut queue: AppConnectionReader) -> EndReason {
+    let mut rate_limiter = limiter_of_bytes();
+    while let Some(bytes) = queue.queue.recv().await {
+        rate_limiter.spend(bytes.len()).await;
+        match timeout(WRITE, write.write_all(&bytes)).await {
+            Ok(Ok(())) => queue.left(bytes.len()),
+            Ok(Err(_)) => return "the connection broke",
+            Err(_) => return "the client does not read",
+        }
+    }
+    // The server thread has dropped its end.
+    let _ = timeout(FLUSH, write.shutdown()).await;
+    "the server closed the connection"
+}
+
+async fn datagram_write_loop(udp: Arc<UdpSocket>, datagram_sender: Arc<DatagramSender>) {
+    loop {
+        let (to, bytes) = datagram_sender.next().await;
+        if let Err(cause) = udp.send_to(&bytes, to).await {
+            tracing::debug!(%to, %cause, "a datagram was not sent");
+        }
+    }
+}
+
+async fn datagram_read_loop(udp: Arc<UdpSocket>, inputs: AppInputSender) {
+    let credit = ByteCredit::new(DATAGRAMS_IN_FLIGHT_BYTES);
+    let mut buffer = [0; DATAGRAM_BYTES_MAX];
+    loop {
+        let (count, from) = match udp.recv_from(&mut buffer).await {
+            Ok(received) => received,
+            // An earlier datagram was refused by its destination; datagrams carry no promise.
+            Err(cause) if cause.kind() == io::ErrorKind::ConnectionRefused => continue,
+            Err(cause) => {
+                tracing::warn!(%cause, "a datagram was not received");
+                sleep(PAUSE).await;
+                continue;
+            }
+        };
+        let Some(piece) = credit.try_admit(&buffer[..count]) else {
+            continue;
+        };
+        if inputs.send(AppInput::Datagram { from, piece }).is_err() {
+            return;
+        }
+    }
+}
+
+/// Pause before a failed accept is tried again.
+const PAUSE: Duration = Duration::from_millis(50);
+/// Long enough for a turn of each task, short enough not to delay a stop.
+const LAST_TURN: Duration = Duration::from_millis(2);
+
+/// One input for the server thread.
+#[derive(Debug)]
+pub(super) enum AppInput {
+    Opened {
+        peer: Peer,
+        from: SocketAddr,
+        connection: AppConnection,
+    },
+    Bytes {
+        peer: Peer,
+        piece: Piece,
+    },
+    Datagram {
+        from: SocketAddr,
+        piece: Piece,
+    },
+    Ended {
+        peer: Peer,
+    },
+}
+
+/// The I/O thread's end of the inputs.
+#[derive(Clone)]
+pub(super) struct AppInputSender {
+    pub(super) inputs: Sender<AppInput>,
+    /// Wakes the thread that takes the inputs.
+    pub(super) wake: Arc<dyn Fn() + Send + Sync>,
+}
+
+/// Error: the server thread has ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct ServerEnded;
+
+/// The sending end of a connection's outgoing bytes. Dropping it ends the connection, after the queued bytes.
+#[derive(Debug)]
+pub(super) struct AppConnection {
+    queue: mpsc::UnboundedSender<Bytes>,
+    waiting_bytes: Arc<AtomicUsize>,
+}
+
+/// The reading end, which the I/O thread empties.
+#[derive(Debug)]
+pub(super) struct AppConnectionReader {
+    pub(super) queue: mpsc::UnboundedReceiver<Bytes>,
+    waiting_bytes: Arc<AtomicUsize>,
+}
+
+/// Error: the queue has reached its bound.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct AppQueueOverflow;
+
+/// Queued bytes per client, at most: minutes of a busy region's updates over TCP.
+const WAITING_BYTES_MAX: usize = 4 << 20;
+
+impl AppInputSender {
+    /// Passes an input to the server thread.
+    pub(super) fn send(&self, input: AppInput) -> Result<(), ServerEnded> {
+        self.inputs.send(input).map_err(|_| ServerEnded)?;
+        (self.wake)();
+        Ok(())
+    }
+}
+
+pub(super) fn connection_queue() -> (AppConnection, AppConnectionReader) {
+    let (sender, receiver) = mpsc::unbounded_channel();
+    let waiting_bytes = Arc::new(AtomicUsize::new(0));
+    let near = AppConnection {
+        queue: sender,
+        waiting_bytes: Arc::clone(&waiting_bytes),
+    };
+    let far = AppConnectionReader {
+        queue: receiver,
+        waiting_bytes,
+    };
+    (near, far)
+}
+
+impl AppConnection {
+    /// Appends bytes without waiting.
+    pub(super) fn send(&self, bytes: Bytes) -> Result<(), AppQueueOverflow> {
+        let cost = bytes.len() + PIECE_COST_BYTES;
+        let waiting = self.waiting_bytes.fetch_add(cost, Ordering::Relaxed);
+        if waiting + cost > WAITING_BYTES_MAX {
+            return Err(AppQueueOverflow);
+        }
+        // Without a reader the connection has ended; its end is reported separately.
+        let _ = self.queue.send(bytes);
+        Ok(())
+    }
+
+    /// Cost of the queued bytes, with the fixed cost of each piece.
+    pub(super) fn waiting_bytes(&self) -> usize {
+        self.waiting_bytes.load(Ordering::Relaxed)
+    }
+}
+
+impl AppConnectionReader {
+    /// Returns the cost of written bytes.
+    pub(super) fn left(&self, bytes: usize) {
+        let cost = bytes + PIECE_COST_BYTES;
+        self.waiting_bytes.fetch_sub(cost, Ordering::Relaxed);
+    }
+}
+
+/// A budget for each span of time.
+#[derive(Clone, Debug)]
+pub(super) struct RateLimiter {
+    span: Duration,
+    most: usize,
+    /// End of the span in which budget was last spent.
+    until: Option<Instant>,
+    spent: usize,
+}
+
+/// Limit of a TCP connection: one read takes a whole span, which fills a quarter of it.
+pub(super) const fn limiter_of_bytes() -> RateLimiter {
+    RateLimiter::new(Duration::from_millis(35), 16 << 10)
+}
+
+impl RateLimiter {
+    const fn new(span: Duration, most: usize) -> Self {
+        Self {
+            span,
+            most,
+            until: None,
+            spent: 0,
+        }
+    }
+
+    /// Spends an amount at a moment.
+    ///
+    /// # Errors
+    ///
+    /// The moment from which on it can be spent. An amount above the budget of a span gets a span of its own.
+    pub(super) fn try_spend(&mut self, now: Instant, amount: usize) -> Result<(), Instant> {
+        match self.until {
+            Some(until) if now < until => {
+                if self.spent + amount > self.most {
+                    return Err(until);
+                }
+            }
+            _ => {
+                self.until = Some(now + self.span);
+                self.spent = 0;
+            }
+        }
+        self.spent += amount;
+        Ok(())
+    }
+
+    /// Waits until the amount can be spent, and spends it.
+    pub(super) async fn spend(&mut self, amount: usize) {
+        while let Err(at) = self.try_spend(Instant::now(), amount) {
+            sleep_until(at).await;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test(start_paused = true)]
+    async fn each_span_has_the_full_budget() {
+        let begun = Instant::now();
+        let mut rate_limiter = limiter_of_bytes();
+        let mut moments = Vec::new();
+        for _ in 0..25 {
+            rate_limiter.spend(1_400).await;
+            moments.push(begun.elapsed().as_millis());
+        }
+        let expected = [vec![0; 11], vec![35; 11], vec![70; 3]];
+        assert_eq!(moments, expected.concat());
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn an_amount_above_the_budget_gets_its_own_span() {
+        let begun = Instant::now();
+        let mut rate_limiter = limiter_of_bytes();
+        rate_limiter.spend(1).await;
+        rate_limiter.spend(1 << 20).await;
+        assert_eq!(begun.elapsed().as_millis(), 35);
+        rate_limiter.spend(1).await;
+        assert_eq!(begun.elapsed().as_millis(), 70);
     }
 }

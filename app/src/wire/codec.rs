@@ -1,10 +1,10 @@
-//! Big-endian numbers and fields.
+//! Big-endian numbers and fields, and reasons why bytes are no message.
 //!
 //! Decoding checks every length and never asserts: any peer may be the sender.
 
-use glam::{Quat, Vec3};
+use core::fmt;
 
-use super::malformed::MalformedMessage;
+use glam::{Quat, Vec3};
 
 /// Takes values off the front of a slice.
 #[derive(Clone, Debug)]
@@ -132,11 +132,83 @@ macro_rules! fields {
 
             fn take(
                 from: &mut $crate::wire::codec::FieldReader<'_>,
-            ) -> Result<Self, $crate::wire::malformed::MalformedMessage> {
+            ) -> Result<Self, $crate::wire::codec::MalformedMessage> {
                 Ok(Self { $($field: $crate::wire::codec::Field::take(from)?,)+ })
             }
         }
     };
 }
-
 pub(crate) use fields;
+
+/// Bytes that do not follow the protocol. Nothing after them can be decoded either.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum MalformedMessage {
+    /// The bytes end too soon.
+    Truncated,
+    /// The bytes continue after the end of the message.
+    TrailingBytes,
+    /// An unknown version.
+    Version(u16),
+    /// An unknown type.
+    UnknownKind(u16),
+    /// A length that no message of this type has.
+    Length {
+        /// The type in the header.
+        kind: u16,
+        /// The length in the header.
+        bytes: u32,
+    },
+    /// More points, triangles or posts than allowed, or than the length provides bytes for.
+    Count(u32),
+    /// A text that is not UTF-8.
+    Text,
+}
+
+impl fmt::Display for MalformedMessage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Truncated => f.write_str("the message ends too soon"),
+            Self::TrailingBytes => f.write_str("bytes follow the end of the message"),
+            Self::Version(version) => write!(f, "version {version} is not supported"),
+            Self::UnknownKind(kind) => write!(f, "there is no message of type {kind}"),
+            Self::Length { kind, bytes } => {
+                write!(f, "no message of type {kind} is {bytes} bytes long")
+            }
+            Self::Count(count) => write!(f, "a count of {count} does not fit the message"),
+            Self::Text => f.write_str("a text is not UTF-8"),
+        }
+    }
+}
+
+impl core::error::Error for MalformedMessage {}
+
+fields! {
+    /// Names an actor, a shape or a joint; each kind has its own numbers.
+    #[derive(Eq, PartialOrd, Ord, Hash)]
+    Id {
+        /// The simulation; always zero in the shape's name of `AttachShape` and `DetachShape`.
+        simulation: u32,
+        /// Number within its kind.
+        object: u32,
+    }
+}
+
+fields! {
+    /// Density and surface of a shape on an actor.
+    Surface {
+        /// Density, kg/m³.
+        density: f32,
+        /// Coefficient of static friction.
+        static_friction: f32,
+        /// Coefficient of kinetic friction.
+        kinetic_friction: f32,
+        /// Share of the closing speed that is returned.
+        restitution: f32,
+    }
+}
+
+impl fmt::Display for Id {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}/{}", self.simulation, self.object)
+    }
+}

@@ -4,12 +4,9 @@
 
 use glam::{Quat, Vec3};
 
-use super::codec::{Field, FieldReader, fields};
-use super::fields::{Id, Surface};
-use super::header::Header;
-use super::kind::Kind;
+use super::codec::{Field, FieldReader, Id, MalformedMessage, Surface, fields};
+use super::header::{Header, Kind};
 use super::limits::{HEADER_BYTES, TEXT_BYTES_MAX};
-use super::malformed::MalformedMessage;
 use super::shapes::{ConvexMesh, HeightGrid, TriangleMesh};
 
 fields! {

@@ -5,10 +5,8 @@
 
 use glam::Vec3;
 
-use super::codec::{Field, FieldReader};
-use super::fields::Id;
+use super::codec::{Field, FieldReader, Id, MalformedMessage};
 use super::limits::{POINTS_MAX, POSTS_MAX, TRIANGLES_MAX};
-use super::malformed::MalformedMessage;
 
 /// The convex hull of points.
 #[derive(Clone, Debug, PartialEq)]
