@@ -32,9 +32,7 @@
 //! ```
 #![forbid(unsafe_code)]
 
-mod connection;
 mod driver;
-mod host;
 mod server;
 
 use rhumb_client::{Client, ServerConnection};

@@ -1,19 +1,22 @@
-//! A server in this process, and the two ways to run it.
+//! A server in this process, its clients' connections, the two ways to run it.
+//!
+//! Opens no socket. A call steps the server, or a thread of its own does.
 
-use std::io;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::sync::{Arc, Mutex};
-use std::thread;
+use std::time::Duration;
+use std::{io, thread};
 
-use rhumb_client::ServerConnection;
-use rhumb_protocol::Peer;
+use bytes::Bytes;
+use rhumb_client::{
+    ClientTransport, Ending, Received, ServerConnection, TransportCode, WireStatistics,
+};
+use rhumb_protocol::{Peer, Span};
 use rhumb_server::Front;
-use rhumb_transport::Clock;
+use rhumb_transport::{Clock, Inbox};
 
-use crate::connection::LocalConnection;
-use crate::driver::Driver;
-use crate::host::{Host, InputQueue, QueuedInput};
+use crate::driver::{Driver, Host, InputQueue, LocalInput, Lost, QueuedInput};
 
 /// Inputs that the server's thread handles before outputs and ticks get their turn.
 const INPUTS_PER_TURN: usize = 256;
@@ -110,5 +113,137 @@ fn run(driver: &mut Driver, inputs: &Receiver<QueuedInput>) {
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => return,
         }
+    }
+}
+
+/// Longest sleep of a client whose server runs on the threads of its clients: another client's call may have brought the
+/// server's next moment forward.
+const NAP: Duration = Duration::from_millis(5);
+
+/// An open connection of a client to a server in this process.
+pub(crate) struct LocalConnection {
+    host: Host,
+    peer: Peer,
+    inbox: Arc<Inbox>,
+    clock: Clock,
+    sent: Traffic,
+    received: Traffic,
+}
+
+/// Bytes and pieces, without headers: there are none.
+#[derive(Default)]
+struct Traffic {
+    bytes: AtomicU64,
+    pieces: AtomicU64,
+}
+
+impl LocalConnection {
+    pub(crate) fn open(host: Host, peer: Peer) -> Self {
+        let connection = Self {
+            host,
+            peer,
+            inbox: Arc::default(),
+            clock: Clock::start(),
+            sent: Traffic::default(),
+            received: Traffic::default(),
+        };
+        connection.send(LocalInput::Opened(Arc::clone(&connection.inbox)));
+        connection
+    }
+
+    /// Hands an input to the server; without one, the connection has ended.
+    fn send(&self, input: LocalInput) {
+        let ending = match self.host.send(self.peer, input) {
+            Ok(()) => return,
+            Err(Lost::Server) => Ending::Broken,
+            Err(Lost::Full) => {
+                let code = TransportCode::CONTROL_OVERFLOW.0;
+                // If the server is gone, the connection ends below all the same.
+                let _ = self.host.send(self.peer, LocalInput::Closed(code));
+                Ending::Closed(code)
+            }
+        };
+        self.inbox.put_end(ending);
+    }
+
+    /// Runs a server on this thread as far as is due; returns how long a wait may last.
+    fn run_server(&self) -> Duration {
+        let Host::Caller(driver) = &self.host else {
+            return Duration::MAX;
+        };
+        match driver.lock() {
+            Ok(mut driver) => driver.run().map_or(NAP, |left| left.min(NAP)),
+            Err(_) => {
+                self.inbox.put_end(Ending::Broken);
+                Duration::ZERO
+            }
+        }
+    }
+}
+
+impl ClientTransport for LocalConnection {
+    fn send_control(&self, bytes: Bytes) {
+        self.sent.add(bytes.len());
+        self.send(LocalInput::Control(bytes));
+    }
+
+    fn send_state(&self, bytes: Bytes) {
+        self.sent.add(bytes.len());
+        // As on a network, a datagram that cannot be kept is lost.
+        if self.host.send(self.peer, LocalInput::State(bytes)) == Err(Lost::Server) {
+            self.inbox.put_end(Ending::Broken);
+        }
+    }
+
+    fn close(&self, code: u32) {
+        self.send(LocalInput::Closed(code));
+    }
+
+    fn recv(&mut self, timeout: Duration) -> Option<Received> {
+        let timeout = Span::from_nanos(u64::try_from(timeout.as_nanos()).unwrap_or(u64::MAX));
+        let until = self.clock.now() + timeout;
+        let received = loop {
+            let pause = self.run_server();
+            let left = self.clock.until(until);
+            match self.inbox.take(pause.min(left)) {
+                Some(received) => break received,
+                None if left.is_zero() || self.inbox.has_ended() => return None,
+                None => {}
+            }
+        };
+        match &received {
+            Received::Control(bytes) => {
+                self.received.add(bytes.len());
+                self.send(LocalInput::Taken(bytes.len()));
+            }
+            Received::State(bytes) => self.received.add(bytes.len()),
+            Received::Ended(_) => {}
+        }
+        Some(received)
+    }
+
+    fn statistics(&self) -> WireStatistics {
+        WireStatistics {
+            sent_bytes: self.sent.bytes.load(Ordering::Relaxed),
+            sent_datagrams: self.sent.pieces.load(Ordering::Relaxed),
+            received_bytes: self.received.bytes.load(Ordering::Relaxed),
+            received_datagrams: self.received.pieces.load(Ordering::Relaxed),
+            ..WireStatistics::default()
+        }
+    }
+}
+
+impl Drop for LocalConnection {
+    fn drop(&mut self) {
+        self.inbox.abandon();
+        // A server that is gone needs no word of it.
+        let _ = (self.host).send(self.peer, LocalInput::Closed(TransportCode::LEFT.0));
+    }
+}
+
+impl Traffic {
+    fn add(&self, bytes: usize) {
+        self.bytes.fetch_add(bytes as u64, Ordering::Relaxed);
+        self.pieces.fetch_add(1, Ordering::Relaxed);
     }
 }

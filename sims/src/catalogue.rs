@@ -3,13 +3,10 @@
 use crate::asteroids::{Asteroids, Spin};
 use crate::ball_pit::BallPit;
 use crate::cubes::Cubes;
-use crate::dominoes::Dominoes;
-use crate::free_fall::FreeFall;
+use crate::free_fall::{FreeFall, Rain};
 use crate::ragdolls::Ragdolls;
-use crate::rain::Rain;
-use crate::rest::Rest;
 use crate::script::Script;
-use crate::stack::Stack;
+use crate::standing::{Dominoes, Rest, Stack};
 use crate::tumbler::Tumbler;
 use crate::zoo::Zoo;
 

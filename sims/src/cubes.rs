@@ -14,11 +14,8 @@ use glam::{DVec3, Vec3};
 use rhumb_protocol::scene::{BodyKind, Command, SceneConfig, Shape, Sleep, SleepThresholds};
 use rhumb_reckoning::{BodyId, BodyState, Damping, Tick};
 
-use crate::builder::SceneBuilder;
-use crate::controller::{Controller, flight};
-use crate::defaults::{still, surface};
 use crate::rng::SceneRng;
-use crate::script::Script;
+use crate::script::{Controller, SceneBuilder, Script, flight, still, surface};
 
 /// Cubes and a player.
 #[derive(Clone, Debug)]
@@ -265,7 +262,7 @@ mod tests {
     use glam::Quat;
 
     use super::*;
-    use crate::defaults::motion;
+    use crate::script::motion;
 
     #[test]
     fn a_push_accelerates_outward_and_gathering_carries_along() {

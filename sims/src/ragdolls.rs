@@ -13,10 +13,8 @@ use rhumb_protocol::scene::{
 };
 use rhumb_reckoning::{BodyId, Damping, Tick};
 
-use crate::builder::SceneBuilder;
-use crate::defaults::{motion, still, surface};
 use crate::rng::SceneRng;
-use crate::script::Script;
+use crate::script::{SceneBuilder, Script, motion, still, surface};
 
 /// Falling dolls.
 #[derive(Clone, Debug)]

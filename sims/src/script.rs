@@ -1,11 +1,14 @@
-//! The trait of scene scripts.
+//! A scene's script: its trait, its controller, a builder, shared defaults.
 //!
-//! Applies nothing: the caller sends a script's commands, steps the scene, and polls the script again.
+//! Applies nothing: the caller sends a script's commands, steps the scene, and polls the script again. A controller's
+//! commands depend on the bodies' motions. Invariant: they are a function of the script's name, number of bodies and
+//! seed, and of the motions, bit exact on every platform.
 
-use rhumb_protocol::scene::{Command, SceneConfig};
-use rhumb_reckoning::Tick;
+use core::num::NonZeroU32;
 
-use crate::controller::Controller;
+use glam::{Quat, Vec3};
+use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, Material, SceneConfig, Shape, ShapeId};
+use rhumb_reckoning::{BodyId, BodyState, Damping, Integrator, Rate, Tick};
 
 /// A scene as a sequence of commands.
 ///
@@ -27,4 +30,133 @@ pub trait Script: Send {
     fn controller(&self) -> Option<Box<dyn Controller>> {
         None
     }
+}
+
+/// Acts on bodies from inside the server or the local process, without network traffic.
+pub trait Controller: Send {
+    /// Appends the commands that precede the step from `tick`: forces, velocities and poses, nothing else.
+    ///
+    /// `motion` returns the current state of a body, or `None` if the body does not exist at this tick.
+    fn before_step(
+        &mut self,
+        tick: Tick,
+        motion: &dyn Fn(BodyId) -> Option<BodyState>,
+        out: &mut Vec<Command>,
+    );
+}
+
+/// Position and linear velocity of a body, world frame, m and m/s.
+pub(crate) fn flight(motion: &BodyState) -> (Vec3, Vec3) {
+    let parts = motion.parts();
+    (
+        Vec3::from_slice(&parts[..3]),
+        Vec3::from_slice(&parts[7..10]),
+    )
+}
+
+/// The next free ids.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct SceneBuilder {
+    bodies: u32,
+    shapes: u32,
+}
+
+impl SceneBuilder {
+    pub(crate) fn shape(&mut self, shape: Shape, out: &mut Vec<Command>) -> ShapeId {
+        let id = ShapeId(self.shapes);
+        self.shapes += 1;
+        out.push(Command::AddShape { id, shape });
+        id
+    }
+
+    /// Adds a body with the scene's default material and damping.
+    pub(crate) fn body(
+        &mut self,
+        kind: BodyKind,
+        shape: ShapeId,
+        motion: BodyState,
+        out: &mut Vec<Command>,
+    ) -> BodyId {
+        self.with(|id| BodyDesc::plain(id, kind, shape), motion, out)
+    }
+
+    /// Adds a body with any descriptor.
+    pub(crate) fn with(
+        &mut self,
+        desc: impl FnOnce(BodyId) -> BodyDesc,
+        motion: BodyState,
+        out: &mut Vec<Command>,
+    ) -> BodyId {
+        let id = BodyId::new(self.bodies, 0);
+        self.bodies += 1;
+        let desc = desc(id);
+        out.push(Command::AddBody { desc, motion });
+        id
+    }
+
+    /// Adds a slab with its top at y = 0 that reaches `half` metres each way, thick enough to prevent tunnelling.
+    pub(crate) fn floor(&mut self, half: f32, out: &mut Vec<Command>) -> BodyId {
+        let half_extents = Vec3::new(half, 5.0, half);
+        let slab = self.shape(Shape::Cuboid { half_extents }, out);
+        let place = still(Vec3::new(0.0, -5.0, 0.0));
+        self.body(BodyKind::Fixed, slab, place, out)
+    }
+}
+
+/// Rotation about y by an angle, radians.
+pub(crate) fn about_y(angle: f64) -> Quat {
+    let (sin, cos) = (libm::sin(angle * 0.5), libm::cos(angle * 0.5));
+    Quat::from_xyzw(0.0, sin as f32, 0.0, cos as f32)
+}
+
+/// Rotation about z by an angle, radians.
+pub(crate) fn about_z(angle: f64) -> Quat {
+    let (sin, cos) = (libm::sin(angle * 0.5), libm::cos(angle * 0.5));
+    Quat::from_xyzw(0.0, 0.0, sin as f32, cos as f32)
+}
+
+/// Integrator of all scenes: 60 Hz, four substeps.
+pub(crate) const INTEGRATOR: Integrator = Integrator {
+    rate: Rate::HZ_60,
+    substeps: NonZeroU32::new(4).expect("four is not zero"),
+};
+
+/// Earth's gravity, along y, m/s².
+pub(crate) const GRAVITY: Vec3 = Vec3::new(0.0, -9.806_65, 0.0);
+
+/// A material without bounce; density in kg/m³.
+pub(crate) const fn surface(friction: f32, density: f32) -> Material {
+    Material {
+        friction,
+        restitution: 0.0,
+        density,
+    }
+}
+
+/// A scene whose bodies are slowed a little, by 0.05 1/s.
+pub(crate) fn damped(material: Material) -> SceneConfig {
+    SceneConfig {
+        material,
+        damping: Damping {
+            linear: 0.05,
+            angular: 0.05,
+        },
+        ..SceneConfig::default()
+    }
+}
+
+/// A body state; the script guarantees finite parts and a unit quaternion.
+pub(crate) fn motion(position: Vec3, rotation: Quat, linear: Vec3, angular: Vec3) -> BodyState {
+    BodyState::new(
+        position.to_array(),
+        rotation.to_array(),
+        linear.to_array(),
+        angular.to_array(),
+    )
+    .expect("scripts place bodies at finite poses")
+}
+
+/// A state at rest.
+pub(crate) fn still(position: Vec3) -> BodyState {
+    motion(position, Quat::IDENTITY, Vec3::ZERO, Vec3::ZERO)
 }

@@ -10,11 +10,10 @@ use glam::{Quat, Vec3};
 use rhumb_protocol::scene::{BodyKind, Command, SceneConfig, Shape};
 use rhumb_reckoning::{BodyId, BodyState, Tick};
 
-use crate::builder::{SceneBuilder, about_z};
-use crate::controller::Controller;
-use crate::defaults::{INTEGRATOR, damped, motion, still, surface};
 use crate::rng::SceneRng;
-use crate::script::Script;
+use crate::script::{
+    Controller, INTEGRATOR, SceneBuilder, Script, about_z, damped, motion, still, surface,
+};
 
 /// A drum with bodies inside.
 #[derive(Clone, Debug)]

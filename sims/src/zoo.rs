@@ -10,10 +10,8 @@ use rhumb_protocol::scene::{
 };
 use rhumb_reckoning::{BodyId, BodyState, Damping, Tick};
 
-use crate::cluster::Cluster;
-use crate::defaults::{GRAVITY, motion, still};
-use crate::rng::SceneRng;
-use crate::script::Script;
+use crate::rng::{Cluster, SceneRng};
+use crate::script::{GRAVITY, Script, motion, still};
 
 /// Every kind of body, and every command.
 #[derive(Clone, Debug)]

@@ -6,14 +6,10 @@
 
 mod grounds;
 mod parts;
-mod placed;
 mod queries;
 mod rays;
-mod unit_mass;
 
 pub use grounds::{Dispatcher, Grounds};
-pub use parts::{SolidPart, add_parts, parts, pose, simple_part};
-pub use placed::PlacedBodies;
-pub use queries::{SearchedBodies, answer, nearest_hit};
+pub use parts::{SolidPart, UnitMass, add_parts, parts, pose, simple_part};
+pub use queries::{PlacedBodies, SearchedBodies, answer, nearest_hit};
 pub use rays::cast_ray;
-pub use unit_mass::UnitMass;

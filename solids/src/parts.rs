@@ -1,10 +1,13 @@
-//! Conversion of shapes to solids of the collision library.
+//! Conversion of shapes to solids of the collision library; their mass.
 //!
-//! Code that may panic in the library runs under `catch_unwind`, and nothing of it is kept.
+//! Code that may panic in the library runs under `catch_unwind`, and nothing of it is kept. Mass and moments of
+//! inertia are those at density one, around the body's origin, which the protocol places at the centre of mass.
+//! Invariant: all numbers are normal.
 
 use std::panic::catch_unwind;
 
 use glam::{Quat, Vec3};
+use parry3d::mass_properties::MassProperties;
 use parry3d::math::Pose;
 use parry3d::shape::{HeightFieldFlags, SharedShape, TriMeshFlags};
 use parry3d::utils::Array2;
@@ -134,4 +137,32 @@ fn triangles(mesh: &Mesh) -> Option<SharedShape> {
     };
     let made = catch_unwind(|| SharedShape::trimesh_with_flags(points, triangles, flags));
     made.ok().and_then(Result::ok)
+}
+
+/// Mass and moments of a solid of one kilogram per cubic metre.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct UnitMass {
+    /// Kilograms: its volume.
+    pub mass: f32,
+    /// About its principal axes, kg·m².
+    pub moments: Vec3,
+    /// Principal axes → body.
+    pub frame: Quat,
+}
+
+impl UnitMass {
+    /// Of all parts together; `None` for parts without volume, and where a number is too small or too large for f32.
+    #[must_use]
+    pub fn of(parts: &[SolidPart]) -> Option<Self> {
+        let own = |part: &SolidPart| part.shape.mass_properties(1.0).transform_by(&part.at);
+        let total: MassProperties = parts.iter().map(own).sum();
+        let (mass, moments) = (total.mass(), total.principal_inertia());
+        let sound = |value: f32| value.is_normal() && value > 0.0;
+        let is_sound = sound(mass) && sound(moments.min_element()) && moments.is_finite();
+        is_sound.then_some(Self {
+            mass,
+            moments,
+            frame: total.principal_inertia_local_frame,
+        })
+    }
 }

@@ -1,15 +1,18 @@
-//! Answers to queries over a set of bodies.
+//! Queries over a set of bodies at their poses.
 //!
 //! The library finds parts and a query finds bodies: a body counts once, by its nearest part. Reads the set only.
+//! Engines without such queries of their own use a set that is made anew when bodies have moved; it does not follow
+//! them.
 
-use glam::Vec3;
+use glam::{Quat, Vec3};
 use parry3d::bounding_volume::BoundingVolume;
 use parry3d::math::Pose;
-use parry3d::partitioning::{Bvh, BvhNode};
+use parry3d::partitioning::{Bvh, BvhBuildStrategy, BvhNode};
+use parry3d::query;
 use parry3d::query::details::{NormalConstraints, ShapeCastOptions};
-use parry3d::query::{self, Ray, RayIntersection};
-use parry3d::shape::{CompositeShape, CompositeShapeRef, Shape, TypedCompositeShape};
-use rhumb_protocol::scene::{Answer, Hit, Query, QueryFilter, QueryKind};
+use parry3d::query::{Ray, RayIntersection};
+use parry3d::shape::{CompositeShape, CompositeShapeRef, Shape, SharedShape, TypedCompositeShape};
+use rhumb_protocol::scene::{Answer, Hit, Query, QueryCandidate, QueryFilter, QueryKind};
 use rhumb_reckoning::BodyId;
 
 use crate::grounds::Grounds;
@@ -251,5 +254,86 @@ impl Search<'_> {
             }
         });
         bodies
+    }
+}
+
+/// Bodies at their poses.
+#[derive(Default)]
+pub struct PlacedBodies {
+    /// By the number of a leaf of the tree.
+    parts: Vec<PlacedPart>,
+    tree: Bvh,
+}
+
+struct PlacedPart {
+    body: QueryCandidate,
+    at: Pose,
+    solid: SharedShape,
+}
+
+impl PlacedBodies {
+    /// The set of these bodies: what a filter reads of each, its pose in the world, and its parts.
+    pub fn new<'a>(
+        bodies: impl IntoIterator<Item = (QueryCandidate, (Vec3, Quat), &'a [SolidPart])>,
+    ) -> Self {
+        let mut parts = Vec::new();
+        for (body, (position, rotation), of_body) in bodies {
+            let at = pose(position, rotation);
+            parts.extend(of_body.iter().map(|part| PlacedPart {
+                body,
+                at: at * part.at,
+                solid: part.shape.clone(),
+            }));
+        }
+        let around = |part: &PlacedPart| part.solid.compute_aabb(&part.at);
+        let boxes: Vec<_> = parts.iter().map(around).collect();
+        let tree = Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes);
+        Self { parts, tree }
+    }
+}
+
+/// The parts that one query considers.
+struct Considered<'a> {
+    placed: &'a PlacedBodies,
+    filter: &'a QueryFilter,
+    before: &'a [BodyId],
+}
+
+impl CompositeShape for Considered<'_> {
+    fn map_part_at(
+        &self,
+        part: u32,
+        find: &mut dyn FnMut(Option<&Pose>, &dyn Shape, Option<&dyn NormalConstraints>),
+    ) {
+        let Some(part) = self.placed.parts.get(part as usize) else {
+            return;
+        };
+        if self.filter.takes(&part.body) && !self.before.contains(&part.body.id) {
+            find(Some(&part.at), &*part.solid.0, None);
+        }
+    }
+
+    fn bvh(&self) -> &Bvh {
+        &self.placed.tree
+    }
+}
+
+impl SearchedBodies for PlacedBodies {
+    fn search(
+        &self,
+        filter: &QueryFilter,
+        before: &[BodyId],
+        find: &mut dyn FnMut(&dyn CompositeShape),
+    ) {
+        find(&Considered {
+            placed: self,
+            filter,
+            before,
+        });
+    }
+
+    fn body_of(&self, part: u32) -> Option<BodyId> {
+        let part = self.parts.get(part as usize)?;
+        Some(part.body.id)
     }
 }

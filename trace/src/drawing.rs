@@ -7,8 +7,8 @@
 
 use foxglove::messages::{Color, PosesInFrame, SceneEntity, SceneUpdate, Timestamp};
 
-use super::body::DrawnBody;
-use super::primitives;
+use crate::primitives;
+use crate::primitives::DrawnBody;
 
 /// The content of the last messages of both topics.
 #[derive(Debug)]

@@ -10,13 +10,9 @@
 //! | `truth/poses` | `foxglove.PosesInFrame` | the poses of a drawing, for viewers that draw no scenes |
 #![forbid(unsafe_code)]
 
-mod body;
 mod contents;
 mod drawing;
-mod facts;
 mod file;
-mod grid;
-mod layout;
 #[cfg(feature = "live")]
 mod live;
 mod messages;
@@ -26,21 +22,20 @@ mod read;
 mod schema_test;
 mod topics;
 
-pub use body::{DrawnBody, Placed};
 pub use contents::{ContentsError, FileContents, FileEnd, StoredChannel, StoredMessage};
 pub use drawing::{ASLEEP, AWAKE, Drawing, DrawnScene, Painted, draw_statics};
-pub use facts::{SceneFacts, log_time_ns};
-pub use file::TraceFile;
+pub use file::{SceneFacts, TraceFile, log_time_ns};
 pub use foxglove::messages::{Color, SceneUpdate};
-pub use grid::{GridHistory, GridPose, STEPS};
-pub use layout::{drawing_panel, scene_layout, whole_layout};
 #[cfg(feature = "live")]
 pub use live::{LiveError, LiveScenes};
 pub use mcap::McapError;
 pub use mcap::write::NoSeek;
 pub use messages::{
-    BreachMessage, DESCRIPTORS, Packet, Placement, PoseBase, Poses, StateForm, States, TickStats,
+    BreachMessage, DESCRIPTORS, GridHistory, GridPose, Packet, Placement, PoseBase, Poses, STEPS,
+    StateForm, States, TickStats,
 };
-pub use primitives::FRAME;
+pub use primitives::{DrawnBody, FRAME, Placed};
 pub use read::{StatesReader, TickStates, read_states};
-pub use topics::{DrawnTopics, SceneTopics, Schema, Topic, TraceSink};
+pub use topics::{
+    DrawnTopics, SceneTopics, Schema, Topic, TraceSink, drawing_panel, scene_layout, whole_layout,
+};

@@ -1,4 +1,4 @@
-//! Conversion of shapes and poses to Foxglove primitives.
+//! Bodies as traces have them, as Foxglove's primitives.
 //!
 //! The engine's y axis points up, Foxglove's z axis does. Poses are turned by a quarter about x: (x, y, z) is drawn at
 //! (x, -z, y) in the frame `map`. Only drawings are turned; the data topics keep the engine's frame.
@@ -8,9 +8,9 @@ use foxglove::messages::{
     SpherePrimitive, TriangleListPrimitive, Vector3,
 };
 use glam::{DQuat, DVec3, Vec3};
-use rhumb_protocol::scene::{Compound, Shape};
-
-use super::body::DrawnBody;
+use rhumb_protocol::scene::{BodyDesc, Compound, Shape};
+use rhumb_protocol::stream::Observation;
+use rhumb_reckoning::{BodyId, Inertia, Tick};
 
 /// The name of the frame of all drawings.
 pub const FRAME: &str = "map";
@@ -87,7 +87,7 @@ fn size(half: Vec3) -> Option<Vector3> {
 }
 
 /// A body's pose as it is drawn; a ball, which looks the same in every orientation, is unturned.
-pub(super) fn pose(body: &DrawnBody<'_>) -> Pose {
+pub(crate) fn pose(body: &DrawnBody<'_>) -> Pose {
     let rotation = match body.shape {
         Shape::Ball { .. } => UP.conjugate(),
         _ => DQuat::from_array(body.rotation.map(f64::from)),
@@ -96,7 +96,7 @@ pub(super) fn pose(body: &DrawnBody<'_>) -> Pose {
 }
 
 /// Adds a body's primitives to an entity.
-pub(super) fn add(
+pub(crate) fn add(
     entity: &mut SceneEntity,
     shape: &Shape,
     position: [f32; 3],
@@ -237,6 +237,36 @@ fn drawn(position: DVec3, rotation: DQuat) -> Pose {
             w: part(turned.w),
         }),
     }
+}
+
+/// A body and its initial state.
+#[derive(Clone, Debug)]
+pub struct Placed {
+    /// The body is placed before the step that follows this tick.
+    pub tick: Tick,
+    /// Its descriptor.
+    pub desc: BodyDesc,
+    /// Its shape.
+    pub shape: Shape,
+    /// Its initial state.
+    pub observation: Observation,
+    /// Its inertia, if it rotates freely and the inertia is known.
+    pub inertia: Option<Inertia>,
+}
+
+/// A body as it is drawn.
+#[derive(Clone, Copy, Debug)]
+pub struct DrawnBody<'a> {
+    /// The body.
+    pub id: BodyId,
+    /// Its shape.
+    pub shape: &'a Shape,
+    /// Centre of mass, world frame, metres.
+    pub position: [f32; 3],
+    /// Quaternion x, y, z, w.
+    pub rotation: [f32; 4],
+    /// True if the body is at rest.
+    pub still: bool,
 }
 
 #[cfg(test)]

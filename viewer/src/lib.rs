@@ -4,8 +4,6 @@
 //! from outside. It opens no socket.
 #![forbid(unsafe_code)]
 
-mod asset;
-mod static_page;
+mod page;
 
-pub use asset::{Asset, UNAVAILABLE, asset, assets, content_security_policy};
-pub use static_page::static_files;
+pub use page::{Asset, UNAVAILABLE, asset, assets, content_security_policy, static_files};
