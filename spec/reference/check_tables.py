@@ -2,8 +2,8 @@
 
 Usage: python3 check_tables.py [--write]. `digests.json` has the SHA-256 of each file of vectors and tables. In
 `requirements.json` this script owns the columns `vectors` and `mutants`; `cases` and `reason` are those of the suite
-(`UPDATE_VECTORS=1 cargo test -p rhumb-conformance --lib coverage`). The words of PROTOCOL's reading path, and that no
-private value is assigned, are checked too.
+(`UPDATE_VECTORS=1 cargo test -p rhumb-conformance --lib coverage`). The words of PROTOCOL's reading path, its listings
+of codes, and that no private value is assigned, are checked too.
 """
 
 import hashlib
@@ -20,6 +20,9 @@ from mutants import MUTANTS
 SPEC = Path(__file__).resolve().parent.parent
 DIGESTS, REQUIREMENTS = SPEC / "tables" / "digests.json", SPEC / "tables" / "requirements.json"
 DOCUMENTS = ("PROTOCOL", "RECKONING")
+SUITE = SPEC.parent / "tests" / "conformance" / "tests" / "suite"
+# The clauses of PROTOCOL that list the codes of a type of protocol.json.
+LISTED = {"4.2": "client message", "4.3": "server message", "4.4": "command", "4.6": "event", "4.15": "body event"}
 NUMBER = re.compile(r"\[(\d+(?:\.\d+)*-\d+)\]")
 
 
@@ -96,6 +99,14 @@ def argued(rows):
                 yield (document, number), name[0] or "control"
 
 
+def suite_mutants():
+    """The suite's own mutants: the case that must fail, and the name."""
+    for side in ("client", "server"):
+        source = (SUITE / f"{side}.rs").read_text(encoding="utf-8")
+        for name, case in re.findall(r'\(\s*(\w+Mutant::\w+),[^()]*?"(L[\d.]+)",?\s*\)', source):
+            yield case, name
+
+
 def requirements():
     """The table, with this script's columns made anew."""
     numbers, old = stated(), json.loads(REQUIREMENTS.read_text(encoding="utf-8"))
@@ -108,6 +119,9 @@ def requirements():
     for mutant in MUTANTS:
         for document, number in cited(mutant.requirement, numbers):
             kept[document][number].setdefault("mutants", []).append(mutant.broken)
+    for case, name in suite_mutants():
+        for row in (row for rows in kept.values() for row in rows.values() if case in row.get("cases", "").split()):
+            row.setdefault("mutants", []).append(f"{name}, which {case} finds")
     return listed(kept)
 
 
@@ -151,6 +165,17 @@ def path():
             yield f"the reading path of *{profile}* has {now} words, not {words}"
 
 
+def listings():
+    """Codes and names that the listings of PROTOCOL and protocol.json do not share."""
+    table = json.loads((SPEC / "tables" / "protocol.json").read_text(encoding="utf-8"))
+    stated = {clause: table["types"][of]["codes"] for clause, of in LISTED.items()} | {"3.4": table["close codes"]}
+    for clause, rows in stated.items():
+        section = re.search(rf"^### {re.escape(clause)} .*?(?=^##)", text("PROTOCOL"), re.MULTILINE | re.DOTALL)[0]
+        listed = {(int(code), name) for code, name in re.findall(r"^    (\d+) +(\w+)", section, re.MULTILINE)}
+        for code, name in sorted(listed ^ {(row["code"], row["name"]) for row in rows}):
+            yield f"PROTOCOL {clause} and protocol.json differ in {code} {name}"
+
+
 def private():
     """Assigned values in the private ranges of PROTOCOL 12-2."""
     table = json.loads((SPEC / "tables" / "protocol.json").read_text(encoding="utf-8"))
@@ -164,7 +189,7 @@ def private():
 
 
 def main():
-    wrong = [*path(), *private()]
+    wrong = [*path(), *listings(), *private()]
     for file, made in ((DIGESTS, digests), (REQUIREMENTS, requirements)):
         if "--write" in sys.argv:
             file.write_text(made(), encoding="utf-8")

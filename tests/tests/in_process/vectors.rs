@@ -356,7 +356,7 @@ fn begins_a_word(line: &str, place: usize) -> bool {
 fn is_bytes(text: &str) -> bool {
     let groups: Vec<_> = text.split(' ').filter(|group| !group.is_empty()).collect();
     let is_group = |group: &&str| {
-        group.len() % 2 == 0 && group.bytes().all(|c| b"0123456789abcdef".contains(&c))
+        group.len().is_multiple_of(2) && group.bytes().all(|c| b"0123456789abcdef".contains(&c))
     };
     groups.len() > 1 && !text.starts_with(' ') && groups.iter().all(is_group)
 }
