@@ -37,7 +37,7 @@ impl LocalInput {
     }
 
     /// True if a full queue refuses it: a client sends any number of them.
-    pub(crate) const fn is_refusable(&self) -> bool {
+    const fn is_refusable(&self) -> bool {
         matches!(self, Self::Control(_) | Self::State(_))
     }
 }

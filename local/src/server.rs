@@ -121,7 +121,7 @@ fn run(driver: &mut Driver, inputs: &Receiver<QueuedInput>) {
 const NAP: Duration = Duration::from_millis(5);
 
 /// An open connection of a client to a server in this process.
-pub(crate) struct LocalConnection {
+struct LocalConnection {
     host: Host,
     peer: Peer,
     inbox: Arc<Inbox>,
@@ -138,7 +138,7 @@ struct Traffic {
 }
 
 impl LocalConnection {
-    pub(crate) fn open(host: Host, peer: Peer) -> Self {
+    fn open(host: Host, peer: Peer) -> Self {
         let connection = Self {
             host,
             peer,

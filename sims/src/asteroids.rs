@@ -314,7 +314,7 @@ const NEAR_ENOUGH: f64 = 0.001;
 
 /// A rock of scale one.
 #[derive(Clone, Debug)]
-pub(crate) struct Rock {
+struct Rock {
     /// Corners relative to the centre of mass, metres.
     pub(crate) points: Vec<Vec3>,
     /// Volume, m³.

@@ -138,7 +138,7 @@ impl DrawnTopics {
 }
 
 /// The names of the topics in which an engine's bodies are drawn, below a scene's prefix.
-pub(crate) fn drawn_topics(prefix: &str) -> [String; 3] {
+fn drawn_topics(prefix: &str) -> [String; 3] {
     ["static", "moving", "resting"].map(|of| format!("{prefix}/truth/{of}"))
 }
 

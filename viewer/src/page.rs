@@ -43,7 +43,7 @@ pub fn content_security_policy(sources: &str) -> String {
 /// The rights of the page without a server: it loads its own files, and connects to nothing.
 ///
 /// It stands in the page, where a policy cannot say who may embed it.
-pub(crate) fn static_policy() -> String {
+fn static_policy() -> String {
     format!(
         "default-src 'none'; script-src 'self' {IMPORT_MAP}; style-src 'self'; img-src 'self' data:; \
          connect-src 'self'; base-uri 'none'; form-action 'none'"

@@ -337,7 +337,7 @@ fn steer(
 }
 
 /// Raises the bodies below a body's height field.
-pub(super) fn depenetrate(mirror: &WorldMirror, ground: BodyId, scene: &mut dyn AppScene) {
+fn depenetrate(mirror: &WorldMirror, ground: BodyId, scene: &mut dyn AppScene) {
     let shape_of = |scene: &dyn AppScene, id| scene.shape(scene.body(id)?.shape).cloned();
     let (Some(Shape::Heights(field)), Some(at)) =
         (shape_of(scene, ground), scene.observation(ground))

@@ -297,7 +297,7 @@ impl WorldMirror {
 
 /// Ticks for frames.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct FrameClock {
+struct FrameClock {
     rate: Rate,
     /// Seconds of frames that are not yet converted to ticks.
     carried: f64,
@@ -315,7 +315,7 @@ const SLACK: f64 = 1e-3;
 impl FrameClock {
     /// A clock for a client with this first frame; `None` if its time is zero, too long, or not a ratio of small
     /// numbers.
-    pub(super) fn of_frame(seconds: f32) -> Option<Self> {
+    fn of_frame(seconds: f32) -> Option<Self> {
         if !(FRAME_MIN..=FRAME_MAX).contains(&seconds) {
             return None;
         }
@@ -328,12 +328,12 @@ impl FrameClock {
     }
 
     /// Tick rate of the scene.
-    pub(super) const fn rate(&self) -> Rate {
+    const fn rate(&self) -> Rate {
         self.rate
     }
 
     /// The ticks of a frame; `None` for a frame of zero time or too long.
-    pub(super) fn ticks(&mut self, seconds: f32) -> Option<u32> {
+    fn ticks(&mut self, seconds: f32) -> Option<u32> {
         if !(0.0..=FRAME_MAX).contains(&seconds) {
             return None;
         }

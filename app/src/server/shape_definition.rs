@@ -169,7 +169,7 @@ const ROUNDING: f32 = 1e-4;
 /// # Errors
 ///
 /// [`Invalid`] for a point that is not finite or too far out, and for points that make no hull.
-pub(super) fn hull_of(points: &[Vec3]) -> Result<Hull, Invalid> {
+fn hull_of(points: &[Vec3]) -> Result<Hull, Invalid> {
     if points.len() <= HULL_POINTS_MAX {
         return Hull::new(points);
     }

@@ -128,7 +128,7 @@ impl Unsent {
 
 /// The queues of all addresses.
 #[derive(Debug)]
-pub(super) struct DatagramQueues {
+struct DatagramQueues {
     datagram_queues: BTreeMap<SocketAddr, AddressQueue>,
     /// The address of each queue, once; the next one to be served is in front.
     turns: VecDeque<SocketAddr>,
@@ -184,18 +184,18 @@ impl LastSent {
 
 /// Result of appending a datagram.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct PushOutcome {
+struct PushOutcome {
     /// True if the queue was empty.
-    pub(super) is_first: bool,
+    is_first: bool,
     /// True if an older datagram about the subject was replaced.
-    pub(super) is_newer: bool,
+    is_newer: bool,
     /// The number of datagrams of the address that were dropped, this one included.
-    pub(super) dropped: u64,
+    dropped: u64,
 }
 
 /// The next step of the sender.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum NextDatagram {
+enum NextDatagram {
     /// Send this datagram.
     Datagram(SocketAddr, Bytes),
     /// Datagrams are queued, and none may leave before this moment.
@@ -349,7 +349,7 @@ fn cost(bytes: &Bytes) -> usize {
 
 /// A pace, and what it has let pass.
 #[derive(Clone, Debug)]
-pub(super) struct DatagramPace {
+struct DatagramPace {
     /// Time of one datagram.
     interval: Duration,
     /// Datagrams may be earlier than their moments by this.
@@ -377,7 +377,7 @@ impl DatagramPace {
     /// # Errors
     ///
     /// The moment from which on it may pass.
-    pub(super) fn try_pass(&mut self, now: Instant) -> Result<(), Instant> {
+    fn try_pass(&mut self, now: Instant) -> Result<(), Instant> {
         let due = self.due.map_or(now, |due| due.max(now));
         if due > now + self.slack {
             return Err(due - self.slack);
@@ -387,7 +387,7 @@ impl DatagramPace {
     }
 
     /// True if the pace equals a new one.
-    pub(super) fn is_over(&self, now: Instant) -> bool {
+    fn is_over(&self, now: Instant) -> bool {
         self.due.is_none_or(|due| due <= now)
     }
 }

@@ -246,19 +246,15 @@ const DATAGRAM_BYTES_MAX: usize = 512;
 const BY_APP: u64 = 1 << 63;
 
 /// Sockets and queue of the listener.
-pub(super) struct Sockets {
-    pub(super) tcp: TcpListener,
-    pub(super) udp: UdpSocket,
+struct Sockets {
+    tcp: TcpListener,
+    udp: UdpSocket,
     /// Outgoing datagrams.
     pub(super) datagram_sender: Arc<DatagramSender>,
 }
 
 /// Carries bytes until its end is requested.
-pub(super) async fn carry(
-    sockets: Sockets,
-    inputs: AppInputSender,
-    mut ended: oneshot::Receiver<()>,
-) {
+async fn carry(sockets: Sockets, inputs: AppInputSender, mut ended: oneshot::Receiver<()>) {
     let udp = Arc::new(sockets.udp);
     let datagram_writer = tokio::spawn(datagram_write_loop(
         Arc::clone(&udp),
@@ -398,7 +394,7 @@ const LAST_TURN: Duration = Duration::from_millis(2);
 
 /// One input for the server thread.
 #[derive(Debug)]
-pub(super) enum AppInput {
+enum AppInput {
     Opened {
         peer: Peer,
         from: SocketAddr,
@@ -419,33 +415,33 @@ pub(super) enum AppInput {
 
 /// The I/O thread's end of the inputs.
 #[derive(Clone)]
-pub(super) struct AppInputSender {
-    pub(super) inputs: Sender<AppInput>,
+struct AppInputSender {
+    inputs: Sender<AppInput>,
     /// Wakes the thread that takes the inputs.
-    pub(super) wake: Arc<dyn Fn() + Send + Sync>,
+    wake: Arc<dyn Fn() + Send + Sync>,
 }
 
 /// Error: the server thread has ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct ServerEnded;
+struct ServerEnded;
 
 /// The sending end of a connection's outgoing bytes. Dropping it ends the connection, after the queued bytes.
 #[derive(Debug)]
-pub(super) struct AppConnection {
+struct AppConnection {
     queue: mpsc::UnboundedSender<Bytes>,
     waiting_bytes: Arc<AtomicUsize>,
 }
 
 /// The reading end, which the I/O thread empties.
 #[derive(Debug)]
-pub(super) struct AppConnectionReader {
-    pub(super) queue: mpsc::UnboundedReceiver<Bytes>,
+struct AppConnectionReader {
+    queue: mpsc::UnboundedReceiver<Bytes>,
     waiting_bytes: Arc<AtomicUsize>,
 }
 
 /// Error: the queue has reached its bound.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct AppQueueOverflow;
+struct AppQueueOverflow;
 
 /// Queued bytes per client, at most: minutes of a busy region's updates over TCP.
 const WAITING_BYTES_MAX: usize = 4 << 20;
@@ -459,7 +455,7 @@ impl AppInputSender {
     }
 }
 
-pub(super) fn connection_queue() -> (AppConnection, AppConnectionReader) {
+fn connection_queue() -> (AppConnection, AppConnectionReader) {
     let (sender, receiver) = mpsc::unbounded_channel();
     let waiting_bytes = Arc::new(AtomicUsize::new(0));
     let near = AppConnection {
@@ -502,7 +498,7 @@ impl AppConnectionReader {
 
 /// A budget for each span of time.
 #[derive(Clone, Debug)]
-pub(super) struct RateLimiter {
+struct RateLimiter {
     span: Duration,
     most: usize,
     /// End of the span in which budget was last spent.
@@ -511,7 +507,7 @@ pub(super) struct RateLimiter {
 }
 
 /// Limit of a TCP connection: one read takes a whole span, which fills a quarter of it.
-pub(super) const fn limiter_of_bytes() -> RateLimiter {
+const fn limiter_of_bytes() -> RateLimiter {
     RateLimiter::new(Duration::from_millis(35), 16 << 10)
 }
 
@@ -530,7 +526,7 @@ impl RateLimiter {
     /// # Errors
     ///
     /// The moment from which on it can be spent. An amount above the budget of a span gets a span of its own.
-    pub(super) fn try_spend(&mut self, now: Instant, amount: usize) -> Result<(), Instant> {
+    fn try_spend(&mut self, now: Instant, amount: usize) -> Result<(), Instant> {
         match self.until {
             Some(until) if now < until => {
                 if self.spent + amount > self.most {
@@ -547,7 +543,7 @@ impl RateLimiter {
     }
 
     /// Waits until the amount can be spent, and spends it.
-    pub(super) async fn spend(&mut self, amount: usize) {
+    async fn spend(&mut self, amount: usize) {
         while let Err(at) = self.try_spend(Instant::now(), amount) {
             sleep_until(at).await;
         }

@@ -68,7 +68,7 @@ macro_rules! kinds {
 
             /// The type of a code.
             #[must_use]
-            pub(crate) const fn from_code(code: u16) -> Option<Self> {
+            const fn from_code(code: u16) -> Option<Self> {
                 match code {
                     $($code => Some(Self::$name),)+
                     _ => None,
@@ -76,7 +76,7 @@ macro_rules! kinds {
             }
 
             /// Least and greatest length of the body, bytes.
-            pub(crate) const fn body_bytes(self) -> (usize, usize) {
+            const fn body_bytes(self) -> (usize, usize) {
                 match self {
                     $(Self::$name => ($least, $most),)+
                 }
@@ -161,12 +161,12 @@ kinds! {
 impl Kind {
     /// Its code.
     #[must_use]
-    pub(crate) const fn code(self) -> u16 {
+    const fn code(self) -> u16 {
         self as u16
     }
 
     /// Checks the length of a message of this type, header included.
-    pub(crate) const fn check_length(self, bytes: u32) -> Result<usize, MalformedMessage> {
+    const fn check_length(self, bytes: u32) -> Result<usize, MalformedMessage> {
         let (least, most) = self.body_bytes();
         let length = bytes as usize;
         if length >= least + HEADER_BYTES && length <= most + HEADER_BYTES {

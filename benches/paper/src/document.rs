@@ -347,7 +347,7 @@ fn of_figure(page: &Path, block: &str, figure: Option<PaperFigure>) -> Result<Bl
 
 /// Output of the script's `--out`.
 #[derive(Debug, Deserialize)]
-pub(crate) struct Engines {
+struct Engines {
     /// Command line of the script.
     pub(crate) command: String,
     /// Processor, cores, operating system.
@@ -378,7 +378,7 @@ impl EngineRow {
 }
 
 /// A row for each engine, relative to the same engine in process.
-pub(crate) fn engines_table(engines: &Engines) -> Table {
+fn engines_table(engines: &Engines) -> Table {
     let columns = [
         "engine",
         "frame, ms",

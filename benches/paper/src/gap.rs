@@ -63,7 +63,7 @@ pub(crate) struct GapRow {
     /// Number of balls.
     pub(crate) load: u32,
     /// Defects of the client, or the other kind of row, as `cases` names it.
-    pub(crate) client: String,
+    client: String,
     /// Time from the first command until the server has applied all of them, seconds.
     pub(crate) placing_s: f64,
     pub(crate) outcome: ModeOutcome,

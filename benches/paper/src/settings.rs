@@ -46,7 +46,7 @@ pub(crate) struct Settings {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Difference {
     /// Name of the setting.
-    pub(crate) setting: String,
+    setting: String,
     /// Value in the first experiment.
     pub(crate) one: String,
     /// Value in the second experiment.

@@ -105,7 +105,7 @@ struct PendingFrame {
 }
 
 /// Name of the scene on the benchmark's own servers.
-pub(super) const SCENE_NAME: &str = "bench";
+const SCENE_NAME: &str = "bench";
 
 impl Remote {
     /// Starts a server and joins its scene.

@@ -385,7 +385,7 @@ pub(super) struct Integrated {
     /// Newest state of each body, by index; the simulator reads it every frame.
     states: Vec<Option<(BodyId, BodyState)>>,
     observations: Vec<Observation>,
-    pub(super) steps_ns: Vec<u64>,
+    steps_ns: Vec<u64>,
 }
 
 impl Integrated {

@@ -199,7 +199,7 @@ fn origin(outline: &FileContents, load: &str) -> Result<Origin, RecordingError> 
 const MISSING_MAX: u64 = 216_000;
 
 /// A truth as it is read.
-pub(super) struct ReadTruth {
+struct ReadTruth {
     pub(super) truth: Truth,
     /// False if the poses have no velocities.
     pub(super) has_velocities: bool,
@@ -207,7 +207,7 @@ pub(super) struct ReadTruth {
 }
 
 /// The truth of a load, from the messages of its topic.
-pub(super) fn read_truth(contents: &FileContents, load: &str) -> Result<ReadTruth, RecordingError> {
+fn read_truth(contents: &FileContents, load: &str) -> Result<ReadTruth, RecordingError> {
     let mut reader = StatesReader::default();
     let mut building = Building::default();
     for message in &contents.messages {

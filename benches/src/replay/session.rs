@@ -514,14 +514,14 @@ pub(crate) fn first_track(placed: &Placed, parameters: &PredictionParameters) ->
 
 /// Change by a scene event in transit.
 #[derive(Clone, Debug)]
-pub(super) enum PendingEvent {
+enum PendingEvent {
     Placed(BodyId, PredictionParameters, Track),
     Removed(BodyId),
 }
 
 /// Client of a replay.
 #[derive(Debug)]
-pub(super) struct ReplayClient {
+struct ReplayClient {
     pub(super) receiver: StreamReceiver,
     /// The changes by scene events in transit, in order.
     pub(super) pending: VecDeque<PendingEvent>,
@@ -531,7 +531,7 @@ pub(super) struct ReplayClient {
 
 /// Configuration that both ends of a replay know at its start.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct StreamSetup {
+struct StreamSetup {
     pub(super) stream: StreamId,
     pub(super) tolerance: Tolerance,
     pub(super) integrator: Integrator,
@@ -569,7 +569,7 @@ impl ReplayClient {
 
     /// Applies the next scene event; `false` when its change breaks a limit.
     #[must_use]
-    pub(super) fn receive_event(&mut self, now: Instant) -> bool {
+    fn receive_event(&mut self, now: Instant) -> bool {
         let subscriber = self.receiver.subscriber_mut();
         let done = match self.pending.pop_front() {
             Some(PendingEvent::Placed(id, parameters, track)) => {
@@ -633,7 +633,7 @@ pub(crate) fn tally(datagram: &[u8]) -> Option<SymbolCounts> {
 
 /// Size of a datagram, bytes, if each form took a fixed-length code and each number an Exp-Golomb code. Signs, ids and
 /// keyframes are plain bits in either case.
-pub(super) fn plain_len(datagram: &[u8]) -> u64 {
+fn plain_len(datagram: &[u8]) -> u64 {
     let length = datagram.len() as u64;
     let Some(tally) = tally(datagram) else {
         return length;

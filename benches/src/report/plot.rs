@@ -291,11 +291,11 @@ type Area<'t> = DrawingArea<SVGBackend<'t>, Shift>;
 type PlotError<'t> = DrawingAreaErrorKind<<SVGBackend<'t> as DrawingBackend>::ErrorType>;
 
 /// A box: left, top, right, bottom.
-pub(super) type Corners = [i32; 4];
+type Corners = [i32; 4];
 
 /// Boxes already occupied, and the sizes of picture and letters.
 #[derive(Debug)]
-pub(super) struct Labels {
+struct Labels {
     size: (i32, i32),
     letter: (i32, i32),
     taken: Vec<Corners>,
@@ -312,13 +312,13 @@ impl Labels {
     }
 
     /// Keeps labels off a dot.
-    pub(super) fn avoid(&mut self, (x, y): (i32, i32), radius: i32) {
+    fn avoid(&mut self, (x, y): (i32, i32), radius: i32) {
         let taken = [x - radius, y - radius, x + radius, y + radius];
         self.taken.push(taken);
     }
 
     /// Keeps labels off a polyline.
-    pub(super) fn avoid_line(&mut self, points: impl Iterator<Item = (i32, i32)>) {
+    fn avoid_line(&mut self, points: impl Iterator<Item = (i32, i32)>) {
         let mut last = None;
         for to in points {
             let from = last.replace(to).unwrap_or(to);
@@ -368,7 +368,7 @@ fn overlap(a: &Corners, b: &Corners) -> bool {
 }
 
 /// Largest number of points of a curve.
-pub(super) const POINTS_MAX: usize = 900;
+const POINTS_MAX: usize = 900;
 
 /// A short curve unchanged; otherwise the lowest and highest point of each column, in order.
 pub(super) fn decimate(points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {

@@ -238,7 +238,7 @@ fn error_color(share: f64) -> Color {
 }
 
 /// The figures of a frame.
-pub(super) fn stats_message(number: u32, frame: &Frame, payload_bytes_down: u64) -> TickStats {
+fn stats_message(number: u32, frame: &Frame, payload_bytes_down: u64) -> TickStats {
     let exact = frame.exact as usize;
     let count = exact + frame.errors_m.len();
     let error = |percent| {
@@ -262,7 +262,7 @@ pub(super) fn stats_message(number: u32, frame: &Frame, payload_bytes_down: u64)
     }
 }
 
-pub(super) fn breach_message(breach: &Breach) -> BreachMessage {
+fn breach_message(breach: &Breach) -> BreachMessage {
     BreachMessage {
         tick: breach.tick.value(),
         index: breach.id.index(),
@@ -279,7 +279,7 @@ pub(super) fn breach_message(breach: &Breach) -> BreachMessage {
 }
 
 /// A packet with its bytes, or with their number alone.
-pub(super) fn packet_message(tick: Tick, captured: &CapturedPacket, keeps_bytes: bool) -> Packet {
+fn packet_message(tick: Tick, captured: &CapturedPacket, keeps_bytes: bool) -> Packet {
     Packet {
         tick: tick.value(),
         frame: captured.frame,

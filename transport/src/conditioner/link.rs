@@ -404,13 +404,13 @@ impl AddAssign for LinkCounts {
 
 /// A generator of decisions that depend on the seed alone.
 #[derive(Clone, Debug)]
-pub(super) struct SimRng {
+struct SimRng {
     draws: Pcg32,
 }
 
 /// A probability as a count of 2⁻³², in [0, 2³²].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Odds(u64);
+struct Odds(u64);
 
 impl Odds {
     pub(super) fn of(share: Probability) -> Self {
@@ -418,7 +418,7 @@ impl Odds {
     }
 
     /// `part / whole`, at most 1; `whole` is not zero.
-    pub(super) fn ratio(part: u64, whole: u64) -> Self {
+    fn ratio(part: u64, whole: u64) -> Self {
         let ratio = (u128::from(part) << 32) / u128::from(whole);
         Self(u64::try_from(ratio).unwrap_or(u64::MAX).min(1 << 32))
     }
@@ -431,7 +431,7 @@ impl SimRng {
         }
     }
 
-    pub(super) fn happens(&mut self, odds: Odds) -> bool {
+    fn happens(&mut self, odds: Odds) -> bool {
         u64::from(self.draws.next_u32()) < odds.0
     }
 

@@ -217,7 +217,7 @@ fn in_turn(first: SocketAddr, others: &[SocketAddr]) -> Vec<SocketAddr> {
 }
 
 /// Parameters of one connection attempt.
-pub(super) struct Attempt {
+struct Attempt {
     pub(super) server: SocketAddr,
     pub(super) server_name: String,
     pub(super) bind: SocketAddr,
@@ -234,7 +234,7 @@ const STAGGER: Duration = Duration::from_millis(250);
 
 /// The caller's side of a connection.
 #[derive(Debug)]
-pub(super) struct EstablishedConnection {
+struct EstablishedConnection {
     pub(super) connection: Connection,
     pub(super) control: ControlSender,
     pub(super) closing: Arc<Closing>,
@@ -250,7 +250,7 @@ struct ClientConnection {
 }
 
 /// Connects, reports, and carries the connection until it has ended and its close frame has left.
-pub(super) async fn run_io(
+async fn run_io(
     attempts: Vec<Attempt>,
     ready: SyncSender<Result<EstablishedConnection, ConnectError>>,
     inbox: Arc<Inbox>,

@@ -60,7 +60,7 @@ impl Closing {
     }
 
     /// Closes once the queued bytes have arrived, or after a short wait; see `ControlWriter::run`.
-    pub(super) fn after_flush(&self, code: u32) {
+    fn after_flush(&self, code: u32) {
         self.note(code);
         self.flush_requested.notify_one();
     }
@@ -369,7 +369,7 @@ impl DatagramLane {
 }
 
 /// Bytes of a server's ids: with some 5,000 in use at most, one draw in a million is repeated.
-pub(super) const SERVER_ID_BYTES: usize = 4;
+const SERVER_ID_BYTES: usize = 4;
 
 /// Generates empty ids: the address alone identifies the connection.
 pub(super) struct Unnamed;

@@ -10,11 +10,11 @@ use super::origins::Origins;
 
 /// A session that no connection has.
 #[derive(Debug)]
-pub(super) enum NoSession {}
+enum NoSession {}
 
 /// Reason why a connection with HTTP/3 has no session.
 #[derive(Debug)]
-pub(super) enum NoWeb {
+enum NoWeb {
     /// The server was built without the feature `web`.
     Absent,
 }

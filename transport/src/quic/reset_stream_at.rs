@@ -29,7 +29,7 @@ use rustls::pki_types::CertificateDer;
 use rustls::quic;
 
 /// The numbers of the transport parameter by which an end allows the frame: the registered one, and that of drafts.
-pub(super) const PARAMETERS: [u64; 2] = [0x1d, 0x17_f758_6d2c_b571];
+const PARAMETERS: [u64; 2] = [0x1d, 0x17_f758_6d2c_b571];
 
 const RESET_STREAM: u8 = 0x04;
 const RESET_STREAM_AT: u8 = 0x24;
@@ -37,7 +37,7 @@ const RESET_STREAM_AT: u8 = 0x24;
 /// Turns each RESET_STREAM_AT among the frames of a packet into a RESET_STREAM with padding behind it.
 ///
 /// An invalid one stays: the library then closes the connection, as it must.
-pub(super) fn make_plain(mut frames: &mut [u8]) {
+fn make_plain(mut frames: &mut [u8]) {
     while let Some(length) = frame_length(frames) {
         let (frame, rest) = mem::take(&mut frames).split_at_mut(length);
         if frame[0] == RESET_STREAM_AT {

@@ -360,13 +360,13 @@ const READ_BYTES_MAX: usize = 64 << 10;
 
 /// Counts connections by address; all clones are one count.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Addresses {
+struct Addresses {
     counts: Arc<Mutex<BTreeMap<IpAddr, usize>>>,
 }
 
 /// The place of one connection; dropping it frees the place.
 #[derive(Debug)]
-pub(super) struct AddressPlace {
+struct AddressPlace {
     address: IpAddr,
     addresses: Addresses,
 }

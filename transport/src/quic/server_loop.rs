@@ -374,7 +374,7 @@ impl Waker {
     }
 
     /// The server thread is awake.
-    pub(super) fn note_woken(&self) {
+    fn note_woken(&self) {
         self.waiting.store(false, Ordering::Release);
     }
 }

@@ -262,7 +262,7 @@ pub(super) struct SentSettings {
 
 /// A client's unidirectional streams: its settings, and two of header compression that stay empty, in any order.
 #[derive(Debug)]
-pub(super) struct ClientSettings {
+struct ClientSettings {
     settings: mpsc::Receiver<Result<proto::Settings, WebRefusal>>,
 }
 
@@ -300,7 +300,7 @@ impl ClientSettings {
 }
 
 /// True if the client takes datagrams, by the setting of RFC 9297 or that of its drafts.
-pub(super) fn takes_datagrams(settings: &proto::Settings) -> bool {
+fn takes_datagrams(settings: &proto::Settings) -> bool {
     [
         Setting::ENABLE_DATAGRAM,
         Setting::ENABLE_DATAGRAM_DEPRECATED,

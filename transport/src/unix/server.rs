@@ -430,14 +430,14 @@ const END_CHECK: Duration = Duration::from_millis(100);
 
 /// The waiting bytes of one connection.
 #[derive(Debug, Default)]
-pub(super) struct Credit {
+struct Credit {
     waiting: Mutex<usize>,
     freed: Condvar,
 }
 
 /// Waiting bytes, which hold their share of the bound until they are dropped.
 #[derive(Debug)]
-pub(super) struct WaitingBytes {
+struct WaitingBytes {
     bytes: Bytes,
     credit: Arc<Credit>,
 }

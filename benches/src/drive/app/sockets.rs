@@ -25,7 +25,7 @@ pub(super) struct Sockets {
     /// Number of state datagrams that the buffer of `udp` holds.
     pub(super) buffer_datagrams: usize,
     /// See [`END_LOST_AFTER`].
-    pub(super) end_timeout: Duration,
+    end_timeout: Duration,
 }
 
 /// A connection that its caller reads.
