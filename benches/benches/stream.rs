@@ -74,7 +74,7 @@ fn codec(criterion: &mut Criterion<ProcessorTime>) {
     group.finish();
 }
 
-/// Makes the load of so many bodies.
+/// Makes the load of this number of bodies.
 type MakeLoad = fn(u32) -> DecodeLoad;
 
 /// Decoding with the tracks: a subscriber that has just joined, and one in mid-run.

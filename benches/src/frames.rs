@@ -1,7 +1,7 @@
 //! `rhumb-bench frames`: a simulator's frame by where its physics is.
 //!
 //! Every place steps the same script. At each tick each place has its frame in turn, so that a change of the machine's
-//! speed meets all of them. A frame sends the commands, has the scene step, and reads every pose.
+//! speed meets all of them. A frame sends the commands, steps the scene, and reads every pose.
 
 use std::hint::black_box;
 use std::path::PathBuf;

@@ -66,7 +66,7 @@ pub struct Limit {
     pub fewest_updates: Cut,
     /// The same with motions rounded to the protocol's grid and verified as rounded.
     pub fewest_updates_on_grid: Cut,
-    /// Cut with few bits, or the cut with the fewest segments if it takes no more bits.
+    /// Cut with few bits, or the cut with the fewest segments if it takes at most as many bits.
     pub fewest_bits: Cut,
 }
 

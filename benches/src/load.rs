@@ -378,7 +378,7 @@ impl Member {
     }
 }
 
-/// Where the bodies of a scene began.
+/// The states in which the bodies of a scene began.
 struct Resets {
     bodies: usize,
     movable: Vec<(BodyId, BodyState)>,

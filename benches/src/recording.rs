@@ -5,10 +5,9 @@
 //!   .rhtrace.zst ──▶ records by frame ────────────────────────────────────────┼─▶ Recording
 //!   MCAP of others, CSV ──▶ poses by time ──▶ frames of a constant rate ──────┘
 //! ```
+//! A recording is checked when it is read, so a replay can rely on it. A fact that the file lacks is a note.
 //!
-//! A recording is checked when it is read, so a replay can rely on it. What the file does not say, or lacks, is a note.
-//!
-//! Reads a recording of any form: the file's content tells which.
+//! The file's content tells its form.
 
 mod csv;
 mod error;

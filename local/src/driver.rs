@@ -20,7 +20,7 @@ use rhumb_transport::{Clock, HeldBack, Inbox};
 pub(crate) enum LocalInput {
     Opened(Arc<Inbox>),
     Control(Bytes),
-    /// The client has taken so many control bytes out of its inbox.
+    /// The client has taken this number of control bytes out of its inbox.
     Taken(usize),
     State(Bytes),
     /// The client has closed its connection, with this code.
@@ -57,7 +57,7 @@ struct LocalClient {
     inbox: Arc<Inbox>,
     /// Bytes that wait in the inbox.
     waiting: usize,
-    /// Those of them that the server does not know to be taken.
+    /// Taken bytes that the server does not know of yet.
     unreported: usize,
 }
 
@@ -107,8 +107,8 @@ impl Driver {
         self.guard(|driver| driver.take(from, input));
     }
 
-    /// Does what is due, and hands out what the server transmits. Returns the time until more is due, if it will be
-    /// without an input.
+    /// Runs all due work, and delivers the transmissions of the server. Returns the time until the next timeout, if the
+    /// server has one.
     pub(crate) fn run(&mut self) -> Option<Duration> {
         self.guard(Self::turn).flatten()
     }
@@ -215,7 +215,7 @@ const INPUT_COST_BYTES: usize = 64;
 /// The thread on which a server runs.
 #[derive(Clone)]
 pub(crate) enum Host {
-    /// That of each client's call.
+    /// The thread of each client's call.
     Caller(Arc<Mutex<Driver>>),
     /// One of its own.
     Thread(InputQueue),

@@ -96,7 +96,7 @@ fn front() -> Front {
     Front::on_one_thread(move || stopwatch.now())
 }
 
-/// Runs a server until nothing can reach it any more.
+/// Runs a server until its last client is gone.
 fn run(driver: &mut Driver, inputs: &Receiver<QueuedInput>) {
     loop {
         let first = match driver.run() {
@@ -116,8 +116,8 @@ fn run(driver: &mut Driver, inputs: &Receiver<QueuedInput>) {
     }
 }
 
-/// Longest sleep of a client whose server runs on the threads of its clients: another client's call may have brought the
-/// server's next moment forward.
+/// Longest sleep of a client whose server runs on the threads of its clients: another client's call may have brought
+/// the server's next moment forward.
 const NAP: Duration = Duration::from_millis(5);
 
 /// An open connection of a client to a server in this process.

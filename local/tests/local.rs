@@ -74,15 +74,15 @@ fn a_scene_is_equal_to_that_of_a_bare_engine_whichever_thread_steps() {
                         .command(command.clone())
                         .expect("the connection is open");
                 }
-                client.advance(depth).expect("the scene goes on");
+                client.advance(depth).expect("the scene runs");
             }
             client
                 .wait(PipelineDepth::LOCKSTEP)
-                .expect("the scene goes on");
+                .expect("the scene runs");
             let truth = client.inspect().expect("the server answers");
             assert_eq!((truth.tick, truth.truth), (Tick::new(240), alone));
             assert_eq!(client.statistics().stream.mismatches, 0);
-            client.delete().expect("the scene is there");
+            client.delete().expect("the scene exists");
         }
     }
 }
@@ -101,8 +101,12 @@ fn clients_on_two_threads_share_a_scene() {
                 .time()
                 .is_none_or(|at| at.tick < Tick::new(60))
             {
-                observer.idle(Duration::from_millis(1)).expect("it goes on");
-                observer.wait(PipelineDepth::LOCKSTEP).expect("it goes on");
+                observer
+                    .idle(Duration::from_millis(1))
+                    .expect("the scene runs");
+                observer
+                    .wait(PipelineDepth::LOCKSTEP)
+                    .expect("the scene runs");
             }
             observer.view().position(ball).expect("a body of the scene")
         });
@@ -136,8 +140,8 @@ fn a_free_running_scene_steps_in_real_time() {
         while !falls(&client) {
             client
                 .idle(Duration::from_millis(5))
-                .expect("the scene goes on");
-            client.poll().expect("the scene goes on");
+                .expect("the scene runs");
+            client.poll().expect("the scene runs");
         }
     }
 }
@@ -155,7 +159,7 @@ fn a_large_scene_can_be_joined() {
             .add_bodies((0..20_000).map(body))
             .expect("room for bodies");
         first.advance(PipelineDepth::LOCKSTEP).expect("it steps");
-        let second = server.connect().join("large").expect("the scene is there");
+        let second = server.connect().join("large").expect("the scene exists");
         for (place, id) in (0..).zip(&ids) {
             let position = second.view().position(*id).expect("a body of the scene");
             assert!((position.to_array()[0] - at(place)[0]).abs() < 0.1);
@@ -225,7 +229,7 @@ fn the_interface_is_that_of_a_remote_client() {
     let events = std::iter::from_fn(|| client.poll_event());
     let refused = |(_, event)| matches!(event, Event::Refused { number: of, .. } if of == number);
     assert!(events.into_iter().any(refused));
-    client.delete().expect("the scene is there");
+    client.delete().expect("the scene exists");
     let late = client.advance(PipelineDepth::LOCKSTEP);
     assert!(
         matches!(late, Err(ClientError::SceneDeleted | ClientError::Ended(_))),
@@ -254,11 +258,13 @@ fn what_the_server_refuses_is_an_error_of_the_next_advance_and_the_one_after_goe
     assert_eq!(one.reason.word(), "unknown body");
     assert_eq!((other.body, other.reason.word()), (None, "unknown joint"));
     assert!(refused.to_string().contains("and 1 more"), "{refused}");
-    // The tick is done, its view is there, and nothing of the refusals is left.
+    // The tick is done, its view is complete, and no refusal is left.
     let shown = client.view().time().expect("a view").tick;
     assert_eq!(shown, Tick::new(1));
     assert!(client.view().position(ball).is_some());
-    let next = client.advance(PipelineDepth::LOCKSTEP).expect("it goes on");
+    let next = client
+        .advance(PipelineDepth::LOCKSTEP)
+        .expect("the scene runs");
     assert_eq!(next, Tick::new(2));
     let events = std::iter::from_fn(|| client.poll_event());
     let refusals = events.filter(|(_, event)| matches!(event, Event::Refused { .. }));
@@ -360,8 +366,8 @@ fn the_error_bound_is_that_of_the_pose_that_is_shown() {
             .metres()
     };
     assert_eq!(bound(&client), 0.05);
-    // The server steps and sends an update, which is read without a new view: the view still shows the tick before, whose
-    // track is known. A view of an earlier tick than the update's stays right.
+    // The server steps and sends an update, which is read without a new view: the view still shows the tick before,
+    // whose track is known. A view of an earlier tick than the update's stays right.
     let jump = client.command(Command::SetVelocity {
         id: ball,
         linear: Vec3::X * 40.0,
@@ -369,7 +375,9 @@ fn the_error_bound_is_that_of_the_pose_that_is_shown() {
     });
     jump.expect("it is queued");
     let requested = client.request_tick().expect("it is asked");
-    client.idle(Duration::from_millis(50)).expect("it goes on");
+    client
+        .idle(Duration::from_millis(50))
+        .expect("the scene runs");
     assert_eq!(bound(&client), 0.05);
     let of_track = client.tick_error_bound(ball, requested.next());
     assert!(matches!(of_track, Some(ErrorBound::Unknown { .. })));
@@ -393,8 +401,10 @@ fn a_lockstep_scene_stands_still_while_it_is_polled() {
         }
         let at = client.view().position(ball);
         for _ in 0..20 {
-            client.idle(Duration::from_millis(5)).expect("it goes on");
-            let shown = client.poll().expect("it goes on");
+            client
+                .idle(Duration::from_millis(5))
+                .expect("the scene runs");
+            let shown = client.poll().expect("the scene runs");
             assert_eq!(shown, RenderTime::at(Tick::new(30)));
             assert_eq!(client.view().position(ball), at);
             let bound = client.error_bound(ball).expect("a body of the view");

@@ -16,7 +16,7 @@ use rhumb_protocol::scene::{Edges, Heights, Mesh, Shape};
 /// A convex part, a sheet or a half-space.
 #[derive(Clone)]
 pub struct SolidPart {
-    /// Its pose: of a body's part, relative to the body's centre of mass.
+    /// Its pose; for a body's part relative to the body's centre of mass.
     pub at: Pose,
     /// Its geometry.
     pub shape: SharedShape,
@@ -151,7 +151,8 @@ pub struct UnitMass {
 }
 
 impl UnitMass {
-    /// Of all parts together; `None` for parts without volume, and where a number is too small or too large for f32.
+    /// The mass of all parts together; `None` for parts without volume, and where a number is too small or too large
+    /// for f32.
     #[must_use]
     pub fn of(parts: &[SolidPart]) -> Option<Self> {
         let own = |part: &SolidPart| part.shape.mass_properties(1.0).transform_by(&part.at);

@@ -260,7 +260,7 @@ impl Search<'_> {
 /// Bodies at their poses.
 #[derive(Default)]
 pub struct PlacedBodies {
-    /// By the number of a leaf of the tree.
+    /// The parts, by the number of a leaf of the tree.
     parts: Vec<PlacedPart>,
     tree: Bvh,
 }

@@ -1,7 +1,7 @@
 //! Rays on solids, without gaps where triangles meet.
 //!
-//! The library's own rays may pass between two cells of a height field or two triangles of a mesh. Here a ray that meets
-//! an edge or a post meets the surface. Other solids are left to the library.
+//! The library's own rays may pass between two cells of a height field or two triangles of a mesh. Here a ray that
+//! meets an edge or a post meets the surface. Other solids are left to the library.
 
 use glam::{DVec3, Vec3};
 use parry3d::bounding_volume::BoundingVolume;
@@ -257,7 +257,9 @@ mod tests {
                 &*ball.0,
                 ShapeCastOptions::with_max_time_of_impact(60.0),
             );
-            let hit = cast.expect("both are supported").expect("a hill is there");
+            let hit = cast
+                .expect("both are supported")
+                .expect("the ray hits the hill");
             // The slope rises from 14 to 15 m by 2 m, and the ball lies a quarter of a metre off it.
             let expected = 29.5 - 0.25 * 5.0_f32.sqrt() / 2.0;
             assert!((hit.time_of_impact - expected).abs() < 1e-2, "{hit:?}");

@@ -1,4 +1,4 @@
-//! What is whole in an MCAP file of any writer.
+//! The whole messages of an MCAP file of any writer.
 //!
 //! It needs no summary, no index and no end: a file is read from its beginning, and one that ends too early gives
 //! everything before that. Chunks may be in any order; messages come in the order of their log times.
@@ -22,7 +22,7 @@ pub struct FileContents {
     pub messages: Vec<StoredMessage>,
     /// Names and values of the metadata records, as in the file.
     pub metadata: Vec<(String, BTreeMap<String, String>)>,
-    /// How the file ends.
+    /// The end of the file.
     pub end: FileEnd,
     /// Whole messages of all channels.
     pub message_count: u64,
@@ -30,13 +30,13 @@ pub struct FileContents {
     pub last_ns: u64,
 }
 
-/// How a file ends.
+/// The end of a file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum FileEnd {
-    /// By its footer.
+    /// The file ends with its footer.
     #[default]
     Whole,
-    /// Too early: it is still written, or its writing was interrupted, or it was cut.
+    /// The footer is missing: the file is still written, its writing was interrupted, or it was cut.
     Early,
 }
 
@@ -65,11 +65,11 @@ pub struct StoredMessage {
 /// Reason why a file is not read.
 #[derive(Debug)]
 pub enum ContentsError {
-    /// It does not begin as an MCAP file.
+    /// The file does not begin as an MCAP file.
     NotMcap,
     /// A record is damaged.
     Damaged {
-        /// Whole messages before it.
+        /// Number of whole messages before the defect.
         after: u64,
         /// The defect.
         cause: Box<McapError>,

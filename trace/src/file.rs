@@ -203,7 +203,7 @@ impl SceneFacts {
     }
 }
 
-/// So many finite numbers between spaces.
+/// Parses `COUNT` finite numbers with spaces between them.
 fn numbers<const COUNT: usize>(text: &str) -> Option<[f32; COUNT]> {
     let numbers: Vec<f32> = text
         .split_whitespace()

@@ -68,7 +68,7 @@ struct Subscriptions(Mutex<Subscribed>);
 struct Subscribed {
     /// Topics and their viewers.
     waiting: BTreeSet<(String, SinkId)>,
-    /// Those that get messages.
+    /// Topics and viewers that get messages.
     admitted: BTreeSet<(String, SinkId)>,
 }
 
@@ -158,7 +158,7 @@ impl LiveScenes {
         self.subscriptions.admit()
     }
 
-    /// Withdraws all topics whose names begin so.
+    /// Withdraws all topics whose names begin with this prefix.
     pub fn withdraw(&mut self, prefix: &str) {
         self.channels.retain(|name, channel| {
             let stays = !name.starts_with(prefix);

@@ -28,7 +28,7 @@ pub struct ByteCredit {
 }
 
 impl ByteCredit {
-    /// A bound of so many bytes, the cost of pieces included.
+    /// A bound of this number of bytes, the cost of pieces included.
     #[must_use]
     pub fn new(bytes: usize) -> Self {
         Self {
@@ -132,7 +132,7 @@ impl<T: AsRef<[u8]>> HeldBack<T> {
         }
     }
 
-    /// Drops what is left of a peer.
+    /// Drops the remaining bytes of a peer.
     pub fn forget(&mut self, peer: Peer) {
         self.pieces.remove(&peer);
     }

@@ -111,8 +111,7 @@ fn duration(span: Span) -> Duration {
 /// Bytes that no other process can guess.
 ///
 /// # Errors
-///
-/// If the system gives none.
+/// An I/O error, if the system has none.
 pub fn random_bytes<const N: usize>() -> io::Result<[u8; N]> {
     let mut bytes = [0; N];
     let filled = SystemRandom::new().fill(&mut bytes);

@@ -1,4 +1,4 @@
-// What the page's address says: scene, tolerance and link, or the load and run of a recording. It can be shared.
+// The fields of the page's address: scene, tolerance and link, or the load and run of a recording. It can be shared.
 
 /** Of each condition of the link: its unit, and its greatest value, as the sliders have it. */
 const LINK = { delay: ["ms", 500], jitter: ["ms", 100], loss: ["%", 30], rate: ["kbit", 10_000] };

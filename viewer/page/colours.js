@@ -74,7 +74,7 @@ export class Colours {
   }
 
   /**
-   * What the colours mean: `from` and `to` with the steps between them, and the patches beside that bar. `hasErrors`: there is
+   * The meaning of the colours: `from` and `to` with the steps between them, and the patches beside that bar. `hasErrors`: there is
    * a truth to compare with.
    */
   legend(tolerance, hasErrors) {

@@ -85,7 +85,7 @@ export class Comparison {
       this.tolerance = Math.max(this.tolerance ?? 0, tolerance);
       this.allBodyTicks++;
       if (error > tolerance + ROUNDING) this.allBeyondTolerance++;
-      // Of a tick that is complete, but not the newest one, a body may have no known track any more.
+      // Of a tick that is complete, but not the newest one, a body may have lost its known track.
       if (!Number.isFinite(errorBounds[place])) continue;
       this.boundedBodyTicks++;
       if (error > errorBounds[place] + ROUNDING) this.beyondBound++;

@@ -108,7 +108,7 @@ export class Live {
       if (copy !== this.copy || !this.options.truth) return client.close();
       this.#truthClient = client;
       this.truth = new Truth(client);
-      // Without the truth the copy goes on alone.
+      // Without the truth the copy continues alone.
       client.closed.then(() => {
         if (this.#truthClient === client) this.truth = this.#truthClient = undefined;
       });

@@ -435,8 +435,8 @@ function setDown(direction) {
   for (const each of [pane, besidePane]) each.bodies.down = direction;
 }
 
-function pauseOrGoOn() {
-  if (mode.kind === "recording") player.pauseOrGoOn();
+function togglePause() {
+  if (mode.kind === "recording") player.togglePause();
   else if (mode.kind === "live") toHistory(view.history.length - 1);
   else toLive();
 }
@@ -493,7 +493,7 @@ function controls() {
     if (mode.kind === "history") toHistory(mode.index);
   });
   element("live").addEventListener("click", () => {
-    if (live === undefined) pauseOrGoOn();
+    if (live === undefined) togglePause();
     else if (mode.kind === "live") toHistory(view.history.length - 1);
     else toLive();
   });
@@ -555,7 +555,7 @@ function keyActions() {
     KeyT: () => hands?.throwBall(),
     KeyN: () => hands?.dropBox(),
     Delete: removePicked,
-    KeyP: pauseOrGoOn,
+    KeyP: togglePause,
     ArrowLeft: () => step(-1),
     ArrowRight: () => step(1),
     KeyC: () => choose(element("colour"), COLOURS[(COLOURS.indexOf(colours.mode) + 1) % COLOURS.length]),

@@ -86,20 +86,20 @@ export class Player {
     this.onbegin(this.recording);
   }
 
-  /** Stands still, or goes on: at the end, from the beginning. */
-  pauseOrGoOn() {
+  /** Pauses or continues; at the end, starts from the beginning. */
+  togglePause() {
     this.isPaused = !this.isPaused;
     if (!this.isPaused && this.#at >= this.recording.length) this.#at = 0;
   }
 
-  /** Goes to a time of the recording, seconds, and stays there. */
+  /** Moves to a time of the recording, seconds, and pauses. */
   scrub(at) {
-    if (!this.isPaused) this.pauseOrGoOn();
+    if (!this.isPaused) this.togglePause();
     this.#at = Math.max(0, Math.min(this.recording.length, at));
     this.#element("scrubber").value = Math.round(1000 * this.#at);
   }
 
-  /** Goes on or back by ticks, and stays there. */
+  /** Moves forward or back by ticks, and pauses. */
   step(ticks) {
     this.scrub(this.#at + ticks * this.recording.step);
   }

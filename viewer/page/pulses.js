@@ -60,7 +60,7 @@ export class Pulses {
     return this.#points.geometry.drawRange.count;
   }
 
-  /** Goes on to a frame; `height`: that of the picture, pixels; `now` in seconds. */
+  /** Advances to a frame; `height`: that of the picture, pixels; `now` in seconds. */
   show({ layout, updateTicks, positions }, height, now) {
     if (layout !== this.#layout) {
       this.#layout = layout;

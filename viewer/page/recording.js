@@ -94,9 +94,9 @@ class Recording {
   }
 
   /**
-   * What is shown at a time in seconds: the `frame`, and with a copy its `errors`, the greatest (`worst`), the truth of that tick
-   * (`actual`), `bytes` received and what full states of all bodies take (`naive`) up to then; `beside`, the frame of the sender
-   * of full states, with its own.
+   * The picture at a time in seconds: the `frame`, and with a copy its `errors`, the greatest (`worst`), the truth of that tick
+   * (`actual`), the `bytes` received up to then, and those of full states of all bodies (`naive`); `beside`, the frame of the
+   * sender of full states, with its own.
    */
   at(seconds) {
     const tick = Math.max(0, Math.min(this.#truth.length - 1, Math.round(seconds / this.#step)));

@@ -42,7 +42,7 @@ export class Trail {
     this.#draw();
   }
 
-  /** Goes on to a frame, or back to it. `place`: the body's, negative if there is none. */
+  /** Moves to a frame, forward or back. `place`: the body's, negative without a body. */
   show({ time, positions, updateTicks }, place) {
     if (place < 0) return this.#points.length > 0 && this.clear();
     if (time === this.#points.at(-1)?.time) return;

@@ -214,7 +214,7 @@ const bodyAt = (page, id) =>
 async function bodiesAreCarried(page) {
   const view = await page.evaluate(() => document.getElementById("view").getBoundingClientRect().toJSON());
   const [x, y] = [view.left + view.width * (await middle(page)), view.top + view.height * 0.55];
-  // The present moment goes on at each frame; a complete tick may be long in coming.
+  // The present moment advances at each frame; a complete tick may be long in coming.
   await choose(page, "shown", "predicted");
   // The bodies move, and go back now and then: another try may hit another one.
   let points = 0;

@@ -121,7 +121,7 @@ async function comparePoses(page, path, run, load = "") {
 
 async function plays(page, path, said) {
   await drop(page, path);
-  // Until it is read, the page says so, and an earlier recording goes on.
+  // Until it is read, the page says so, and an earlier recording continues.
   const named = `document.getElementById("status").textContent.startsWith(${JSON.stringify(basename(path))})`;
   await until(page, `${named} && document.getElementById("moment").textContent.includes(" of ")`);
   const status = await text(page, "status");
@@ -189,7 +189,7 @@ async function aBodyIsPicked(page) {
   check(true, "a body of a recording is picked, and its way drawn");
 }
 
-/** A recording goes on, whatever becomes of the live connection behind it. */
+/** A recording continues, whatever becomes of the live connection behind it. */
 async function connectionsComeAndGo(browser, path) {
   let demo = await startDemo(binary);
   try {

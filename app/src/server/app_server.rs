@@ -115,7 +115,7 @@ impl AppServer {
         self.datagram_logons.push_back((logon.simulation, from));
     }
 
-    /// A connection has ended; no bytes come from it or go to it any more.
+    /// A connection has ended: it carries no further bytes.
     pub fn handle_ended(&mut self, host: &mut dyn AppHost, peer: Peer) {
         self.dismiss(host, peer);
         self.clients.remove(&peer);

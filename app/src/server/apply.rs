@@ -47,7 +47,7 @@ impl WorldMirror {
     pub(super) fn apply(&mut self, scene: &mut dyn AppScene) -> FrameResult {
         let mut result = FrameResult::default();
         for name in std::mem::take(&mut self.removed_joints) {
-            // A joint goes with its body: it may not exist any more.
+            // A joint is removed with its body: it may be gone already.
             let _ = scene.command(&Command::RemoveJoint { id: name });
         }
         for body in std::mem::take(&mut self.removed_bodies) {
@@ -78,7 +78,7 @@ impl WorldMirror {
 
     fn take_out(&mut self, body: &ActorBody, scene: &mut dyn AppScene) {
         self.forget_body(body.id);
-        // A body that left the world does not exist any more.
+        // A body that left the world is gone already.
         let _ = scene.command(&Command::RemoveBody { id: body.id });
         self.shape_cache.give_back(body.shape, scene);
         for record in self.joints.values_mut() {

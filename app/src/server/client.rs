@@ -65,7 +65,7 @@ pub(super) enum ClientRequest {
     Nothing,
     /// Log the client on with this simulation.
     Logon(u32),
-    /// Advance time by so many seconds.
+    /// Advance time by this number of seconds.
     Frame(f32),
     Logoff,
 }

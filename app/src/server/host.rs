@@ -63,7 +63,7 @@ pub trait AppScene {
     /// Steps once and publishes the tick.
     fn step(&mut self);
 
-    /// True if the engine failed: the scene takes no more steps.
+    /// True if the engine failed: the scene has stopped.
     fn is_faulted(&self) -> bool;
 
     /// The present moment, to measure time.
@@ -132,7 +132,7 @@ pub enum States {
 /// Messages per datagram.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Datagrams {
-    /// One, as the protocol has it: the published plug-in reads no more.
+    /// One, as the protocol has it: the published plug-in reads only the first.
     #[default]
     Single,
     /// As many as fit 1,472 bytes: to measure the effect of packing alone.

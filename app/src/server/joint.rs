@@ -49,7 +49,7 @@ pub(super) fn is_upright(message: &AddJoint) -> bool {
     freedoms(message) == [[Freedom::Free; 3], [Freedom::Locked; 3]]
 }
 
-/// Its kind, and the turn that puts the remaining free axis along x.
+/// A joint's kind, and the turn that puts the remaining free axis along x.
 fn kind(message: &AddJoint) -> Option<(JointKind, Quat)> {
     let [linear, angular] = freedoms(message);
     let locked = |freedoms: [Freedom; 3]| freedoms == [Freedom::Locked; 3];

@@ -49,9 +49,9 @@ struct ReportedPose {
 /// Messages to send after a frame.
 #[derive(Debug, Default)]
 pub(super) struct FrameOutput {
-    /// By datagram where those reach the client, in order.
+    /// Messages by datagram, where datagrams reach the client, in order.
     pub(super) passing: Vec<Message>,
-    /// On TCP, in order.
+    /// Messages on TCP, in order.
     pub(super) lasting: Vec<Message>,
 }
 

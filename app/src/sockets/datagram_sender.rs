@@ -42,9 +42,9 @@ struct CountedQueues {
 /// Datagrams that were not sent, since the last line of the log.
 #[derive(Debug, Default, PartialEq, Eq)]
 struct Unsent {
-    /// Those in whose place a newer one was sent.
+    /// Datagrams that a newer one replaced.
     replaced: u64,
-    /// Those for which the queue was full.
+    /// Datagrams that a full queue dropped.
     dropped: u64,
     /// The moment of the last line.
     logged: Option<Instant>,
@@ -143,7 +143,7 @@ struct AddressQueue {
     /// Place of each subject that waits.
     places: BTreeMap<DatagramSubject, Place>,
     last_sent: LastSent,
-    /// Counts what happens, as a clock of this queue.
+    /// Number of events so far, the clock of this queue.
     count: u64,
     waiting_bytes: usize,
     pace: Option<DatagramPace>,
@@ -362,7 +362,7 @@ struct DatagramPace {
 const BURST: Duration = Duration::from_millis(3);
 
 impl DatagramPace {
-    /// A pace of so many datagrams in a millisecond, at least one.
+    /// A pace of this number of datagrams in a millisecond, at least one.
     pub(super) fn new(per_millisecond: u32) -> Self {
         let interval = Duration::from_millis(1) / per_millisecond.max(1);
         Self {
@@ -504,7 +504,8 @@ mod tests {
             }
         }
 
-        /// Sends frames of so many falling balls to a polling client, of which the last thousand rest from frame 50 on.
+        /// Sends frames of this number of falling balls to a polling client, of which the last thousand rest from frame
+        /// 50 on.
         async fn fall(balls: u32, frames: u32) -> Polling {
             let datagram_sender = DatagramSender::new(Some(20));
             let mut client = Polling {

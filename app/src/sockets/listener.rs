@@ -69,7 +69,8 @@ const PORTS_TRIED: usize = 16;
 const INPUTS_PER_TURN: usize = 512;
 
 impl AppListener {
-    /// Binds the address for TCP and UDP and starts the I/O thread. `wake` has the thread that serves the clients call [`Self::serve`] soon.
+    /// Binds the address for TCP and UDP and starts the I/O thread. `wake` makes the serving thread call
+    /// [`Self::serve`] soon.
     ///
     /// # Errors
     ///
@@ -123,7 +124,7 @@ impl AppListener {
         for _ in 0..INPUTS_PER_TURN {
             match self.inputs.try_recv() {
                 Ok(input) => self.handle(input, server, host),
-                // If the I/O thread has ended, nothing comes any more.
+                // The I/O thread has ended: no further input comes.
                 Err(_) => break,
             }
         }
@@ -155,7 +156,7 @@ impl AppListener {
         }
     }
 
-    /// Queues a transmission of the endpoint. A connection that is closed or too slow is not read any more.
+    /// Queues a transmission of the endpoint. A connection that is closed or too slow is no longer read.
     fn send(&mut self, transmit: AppTransmit) {
         match transmit {
             AppTransmit::Bytes { to, bytes } => {
@@ -271,7 +272,7 @@ async fn carry(sockets: Sockets, inputs: AppInputSender, mut ended: oneshot::Rec
         let (stream, from) = match accepted {
             Ok(accepted) => accepted,
             Err(cause) => {
-                // The process has no free descriptor, or the client has left already: the listener goes on.
+                // The process has no free descriptor, or the client has left already: the listener continues.
                 tracing::warn!(%cause, "an app connection was not accepted");
                 sleep(PAUSE).await;
                 continue;

@@ -62,11 +62,11 @@ pub(crate) struct ModeAnalysis {
 /// Comparison of a mode with integrated; differences are mode minus integrated.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Against {
-    /// In frames per second.
+    /// Difference in frames per second.
     pub(crate) sim_fps: Comparison,
-    /// In milliseconds per frame.
+    /// Difference in milliseconds per frame.
     pub(crate) phys_ft_ms: Comparison,
-    /// In milliseconds per frame, paired by trial: in each trial both step the same scene in turn.
+    /// Difference in milliseconds per frame, paired by trial: in each trial both step the same scene in turn.
     pub(crate) paired: Option<Paired>,
     /// Engine times, paired by trial: the engines take the same steps on different cores.
     pub(crate) engine: Option<Paired>,
@@ -77,9 +77,9 @@ pub(crate) struct Against {
 pub(crate) struct Degradation {
     /// Name of the mode.
     pub(crate) mode: String,
-    /// By SimFPS; `None` if no load degrades it.
+    /// The load by SimFPS; `None` if no load degrades the mode.
     pub(crate) mdl: Option<u32>,
-    /// By the sustained rate.
+    /// The load by the sustained rate.
     pub(crate) sustained_mdl: Option<u32>,
 }
 

@@ -130,7 +130,7 @@ pub(crate) struct Provenance {
 }
 
 impl Provenance {
-    /// That of this process, on a machine as described before the process was bound to cores.
+    /// The provenance of this process, on a machine as described before the process was bound to cores.
     pub(crate) fn new(machine: String, places: &CoreAssignment, seed: u64, frames: u32) -> Self {
         Self {
             command: output::command_line(),
@@ -142,7 +142,7 @@ impl Provenance {
         }
     }
 
-    /// In Markdown; `each`: what the number of frames is of.
+    /// The provenance in Markdown; `each` names the unit that the number of frames is of.
     pub(crate) fn markdown(&self, each: &str) -> String {
         format!(
             "    {}\n\nOn {} ({}; {} build), seed {}, {} frames {each}.",

@@ -257,7 +257,7 @@ impl CoreAssignment {
         }
     }
 
-    /// As text, such as `caller 0, servers 1`.
+    /// The assignment as text, such as `caller 0, servers 1`.
     pub(crate) fn describe(&self) -> String {
         let list = |cores: &[usize]| {
             let cores: Vec<_> = cores.iter().map(usize::to_string).collect();

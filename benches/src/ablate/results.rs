@@ -80,7 +80,7 @@ impl AblationRow {
 pub struct Comparison {
     /// Name of the load.
     pub load: String,
-    /// With the mechanism: over a perfect link, and over the one with loss.
+    /// Bytes with the mechanism: over a perfect link, and over the one with loss.
     pub with: [Sent; 2],
     /// The same without it.
     pub without: [Sent; 2],
@@ -315,7 +315,7 @@ impl AblationRow {
 }
 
 impl Comparison {
-    /// By how much the bytes without it exceed those with it, as a share of the latter, over each link.
+    /// The share by which the bytes without the mechanism exceed those with it, over each link.
     fn saved(&self) -> [Option<f64>; 2] {
         [0, 1].map(|link| {
             let (with, without) = (&self.with[link], &self.without[link]);

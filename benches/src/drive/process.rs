@@ -30,9 +30,9 @@ pub struct ServerProcess {
 /// A listener beside the server's own, whose line is awaited at the start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum BesideListener {
-    /// For clients of the paper's protocol.
+    /// The listener for clients of the paper's protocol.
     App,
-    /// For figures.
+    /// The listener for metrics.
     Metrics,
 }
 

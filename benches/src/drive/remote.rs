@@ -78,7 +78,7 @@ pub(super) struct Remote {
 /// Error bound of a body that the stream stated when the body was shown.
 #[derive(Clone, Copy, Debug)]
 enum StreamKnowledge {
-    /// At most this factor times its tolerance.
+    /// The error is at most this factor times the tolerance.
     Within(f64),
     /// Unknown, for this reason.
     Unknown(Cause),

@@ -225,7 +225,7 @@ pub(super) struct SegmentStart {
     pub(super) predictor: PredictorKind,
     /// The frame at which the motion holds.
     pub(super) frame: usize,
-    /// In the world frame, or in the parent's frame.
+    /// The motion in the world frame, or in the parent's frame.
     pub(super) motion: Motion,
     /// Index of the parent.
     pub(super) parent: Option<usize>,

@@ -1,7 +1,7 @@
 //! Poses of bodies as rows of text: `time body x y z qx qy qz qw`.
 //!
-//! Fields are separated by commas, semicolons, tabs or spaces. A header names the columns, in any order; without one they
-//! are these nine, or eight without the body, as in TUM's files. Lines that begin with `#` are comments.
+//! Fields are separated by commas, semicolons, tabs or spaces. A header names the columns, in any order; without one
+//! they are these nine, or eight without the body, as in TUM's files. Lines that begin with `#` are comments.
 
 use std::str::SplitWhitespace;
 
@@ -96,7 +96,7 @@ impl Separator {
 /// The place of each column in a row.
 #[derive(Clone, Debug)]
 struct Layout {
-    /// Of time, x, y, z, qx, qy, qz, qw.
+    /// Columns of time, x, y, z, qx, qy, qz, qw.
     numbers: [(&'static str, usize); 8],
     body: Option<usize>,
     velocities: Option<[(&'static str, usize); 6]>,

@@ -91,7 +91,7 @@ pub enum RecordingError {
         /// Index of the body.
         index: u32,
     },
-    /// The states of one tick are there twice.
+    /// The states of one tick occur twice.
     TickTwice {
         /// The tick.
         tick: Tick,
@@ -314,7 +314,7 @@ impl RecordingError {
             ),
             Self::TickTwice { tick, load } => write!(
                 f,
-                "{tick} of {load} is there twice: recordings of two runs were merged"
+                "{tick} of {load} occurs twice: recordings of two runs were merged"
             ),
             other => other.fmt_messages(f),
         }

@@ -127,7 +127,7 @@ fn unstated(name: String, rate: Option<Rate>, truth: Truth) -> Recording {
     }
 }
 
-/// Where the settings of a load's engine come from.
+/// The source of the settings of a load's engine.
 enum Origin {
     /// Its facts.
     Stated {
@@ -241,7 +241,7 @@ fn read_truth(contents: &FileContents, load: &str) -> Result<ReadTruth, Recordin
 /// A truth while its messages come.
 struct Building {
     truth: Truth,
-    /// Bodies that are there: the places of their placements.
+    /// Present bodies: the places of their placements.
     there: BTreeMap<BodyId, usize>,
     first: Option<Tick>,
     last: Tick,
@@ -338,7 +338,7 @@ impl Building {
         self.there.contains_key(&observation.id) || removed().any(|(_, id)| *id == observation.id)
     }
 
-    /// Places a body; one that is there already moves to its new place, or is exchanged if it has changed.
+    /// Places a body. A body that exists already moves to its new place, or is exchanged if it has changed.
     fn place(&mut self, placed: Placed, row: &mut Vec<Observation>) {
         let id = placed.desc.id;
         if let Some(known) = self.there.get(&id) {

@@ -1,7 +1,8 @@
 //! Foreign recordings of boxes: `.rhtrace`, packed by zstd or not.
 //!
 //! The book has the layout (Your own recording). A body without a record in a
-//! frame has not changed, so it sleeps whatever its last flag. Damping is not stored and taken as zero, with one substep.
+//! frame has not changed, so it sleeps whatever its last flag. Damping is not stored and taken as zero, with one
+//! substep.
 
 use std::collections::BTreeMap;
 use std::num::NonZeroU32;
@@ -117,7 +118,7 @@ fn read_plain(name: &str, bytes: &[u8]) -> Result<Recording, RecordingError> {
     Ok(recording)
 }
 
-/// Whether a body is there, and how often it has come.
+/// Whether a body is present, and how often it was added.
 #[derive(Clone, Copy, Debug, Default)]
 struct Stay {
     is_there: bool,

@@ -82,7 +82,7 @@ impl RecordingSource {
     }
 }
 
-/// Prints what a file lacks to standard error.
+/// Prints the facts that a file lacks to standard error.
 pub(crate) fn print_notes(recording: &Recording) {
     for note in &recording.notes {
         // If standard error is closed, no other place is left to report to.
@@ -145,8 +145,8 @@ impl ToleranceOptions {
 pub struct ReplayOptions {
     #[command(flatten)]
     pub(super) tolerance_options: ToleranceOptions,
-    /// The link in simulated time, such as rtt=100ms,loss=5%,jitter=10ms. Its parts: rtt or delay (of one way), jitter, loss,
-    /// burst (mean run of losses, packets), dup, reorder, rate (as 1mbit), queue (as 64kB).
+    /// The link in simulated time, such as rtt=100ms,loss=5%,jitter=10ms. Its parts: rtt or delay (of one way), jitter,
+    /// loss, burst (mean run of losses, packets), dup, reorder, rate (as 1mbit), queue (as 64kB).
     #[arg(long, default_value_t = LinkConfig::PERFECT)]
     pub(super) link: LinkConfig,
     /// Ticks between publications.

@@ -110,7 +110,7 @@ impl Axis {
         }
     }
 
-    /// From `from` to the largest value.
+    /// The axis from `from` to the largest value.
     pub fn linear(title: &str, from: f64, values: impl Iterator<Item = f64>) -> Self {
         let most = values.fold(from, f64::max);
         Self {

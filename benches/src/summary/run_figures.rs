@@ -155,7 +155,7 @@ pub struct OverTolerance {
 pub struct Moving {
     /// Body-ticks with a record; `over_tolerance_share` is relative to them.
     pub body_ticks: u64,
-    /// Their surface errors.
+    /// Surface errors of these body-ticks.
     pub surface_error_m: ErrorQuantiles,
     /// Body-ticks of any body over tolerance, divided by `body_ticks`.
     pub over_tolerance_share: f64,
@@ -166,9 +166,9 @@ pub struct Moving {
 pub struct FirstSeconds {
     /// Length of the span, simulated seconds.
     pub seconds: f64,
-    /// As `payload_bytes_down`.
+    /// `payload_bytes_down` of the span.
     pub payload_bytes_down: u64,
-    /// As `bytes_down`: with headers.
+    /// `bytes_down` of the span: with headers.
     pub bytes_down: u64,
 }
 
@@ -177,11 +177,11 @@ pub struct FirstSeconds {
 pub struct LessThanNaive {
     /// Payload, whole run.
     pub payload: f64,
-    /// With headers, whole run.
+    /// Bytes with headers, whole run.
     pub with_headers: f64,
     /// Payload, first seconds.
     pub payload_first: f64,
-    /// With headers, first seconds.
+    /// Bytes with headers, first seconds.
     pub with_headers_first: f64,
 }
 

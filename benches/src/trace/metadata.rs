@@ -1,4 +1,4 @@
-//! What a trace says beside its messages: metadata, names, viewer layout.
+//! Metadata, names and viewer layout of a trace, beside its messages.
 //!
 //! With them, every figure of `summary.json` can be computed from the trace alone.
 //!

@@ -159,7 +159,7 @@ impl Inbox {
         self.lock().end == End::Delivered
     }
 
-    /// The receiver takes nothing any more.
+    /// Marks the receiver as gone.
     pub fn abandon(&self) {
         self.lock().receiver = ReceiverState::Gone;
         self.space_freed.notify_one();

@@ -223,7 +223,7 @@ impl ControlSender {
     ///
     /// # Errors
     ///
-    /// The queue has reached its bound: the bytes are not taken and the connection cannot be used any more.
+    /// The queue has reached its bound: the bytes are not taken, and the connection must be closed.
     pub(super) fn send(&self, bytes: Bytes) -> Result<(), ControlQueueOverflow> {
         let cost = bytes.len() + PIECE_COST_BYTES;
         let waiting = self

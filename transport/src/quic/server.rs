@@ -211,7 +211,7 @@ impl QuicServer {
     ///
     /// Exactly one `handle_ended` follows every `handle_opened`, unless the server stops first. A connection that the
     /// endpoint or the driver closed ends as `Closed` with that code; after `Close` its end is the only further input.
-    /// After a stop the endpoint gets no more inputs; its peers see [`TransportCode::GOING_AWAY`].
+    /// After a stop the endpoint gets no further inputs; its peers see [`TransportCode::GOING_AWAY`].
     ///
     /// [`TransportCode::GOING_AWAY`]: rhumb_protocol::session::TransportCode::GOING_AWAY
     ///

@@ -36,8 +36,8 @@ pub(super) struct EndpointLoop {
     inputs: Receiver<Input>,
     waker: Waker,
     peers: BTreeMap<Peer, OpenConnection>,
-    /// Control bytes that the endpoint does not want yet: none of a peer that this end has closed. They keep their share
-    /// of the bound, so that flow control slows their peers down.
+    /// Control bytes that the endpoint does not want yet: none of a peer that this end has closed. They keep their
+    /// share of the bound, so that flow control slows their peers down.
     held_back: HeldBack<Piece>,
     /// Datagrams of the present drain: they leave after its control bytes, so that both can share a packet.
     states: Vec<(Peer, Bytes)>,
@@ -218,7 +218,7 @@ impl EndpointLoop {
         }
     }
 
-    /// Sends what the endpoint has, until its links take no more.
+    /// Sends the endpoint's transmissions until its links are full.
     fn drain<E: Endpoint>(&mut self, endpoint: &mut E) {
         while self.drain_once(endpoint) {}
     }

@@ -31,7 +31,8 @@ const _: () = assert!(2 * SERVES.as_secs() + 2 * CLOCK_SLACK.as_secs() <= 13 * D
 
 /// The hashes of the certificates that browsers may be shown; all clones are one.
 ///
-/// Give them to pages that connect: the first is of the certificate that serves now, the second of the one that follows.
+/// Give them to pages that connect: the first is of the certificate that serves now, the second of the one that
+/// follows.
 #[derive(Clone)]
 pub struct CertificateHashes {
     pair: Option<Arc<Mutex<Pair>>>,
@@ -42,7 +43,7 @@ struct Pair {
     names: Vec<String>,
     serving: WebCertificate,
     next: WebCertificate,
-    /// From then on, the next one serves.
+    /// The moment from which the next one serves.
     until: SystemTime,
 }
 

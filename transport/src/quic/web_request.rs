@@ -56,7 +56,7 @@ pub(super) enum WebRefusal {
     Request {
         /// The answer.
         status: StatusCode,
-        /// What is wrong.
+        /// The defect.
         cause: String,
     },
     /// The page's origin is not allowed.
@@ -107,7 +107,7 @@ pub(super) fn refused(status: StatusCode, cause: impl fmt::Display) -> WebRefusa
 /// A request for a session.
 #[derive(Debug)]
 pub(super) struct WebRequest {
-    /// What it asks for, and the page's origin.
+    /// The requested path, and the page's origin.
     pub(super) connect: ConnectRequest,
     /// The name that it gives to sessions.
     pub(super) protocol: &'static str,
@@ -184,7 +184,7 @@ async fn read_fields(stream: &mut RecvStream) -> Result<Vec<u8>, WebRefusal> {
                 let status = StatusCode::REQUEST_HEADER_FIELDS_TOO_LARGE;
                 return Err(refused(status, cause));
             }
-            // Those of HTTP/3 that a request cannot begin with, those of HTTP/2, and a stream of a session.
+            // Frames of HTTP/3 that cannot begin a request, frames of HTTP/2, and a stream of a session.
             frame @ (0x00..=0x09 | 0x0d | 0x41) => {
                 let cause = format!("a request begins with the frame {frame:#x}");
                 return Err(refused(StatusCode::BAD_REQUEST, cause));
@@ -238,7 +238,7 @@ fn without(fields: &[u8], name: &Word) -> Vec<u8> {
 /// A text of fields, in both of its encodings (RFC 9204, section 4.1.2).
 struct Word {
     plain: &'static [u8],
-    /// By Huffman's code of RFC 7541, appendix B.
+    /// In Huffman's code of RFC 7541, appendix B.
     packed: &'static [u8],
 }
 

@@ -46,8 +46,7 @@ impl UnixClient {
     /// Connects to the socket at a path.
     ///
     /// # Errors
-    ///
-    /// The system's: no socket is there, nothing listens, or the file's permissions refuse it.
+    /// An I/O error: no socket, no listener, or no permission.
     pub fn connect(path: &Path) -> io::Result<Self> {
         let socket = UnixStream::connect(path)?;
         let outgoing = Outgoing::start(socket.try_clone()?, || {})?;

@@ -230,7 +230,7 @@ impl Outgoing {
         Ok(())
     }
 
-    /// Writes what waits, until the stream has ended.
+    /// Writes the waiting frames until the stream has ended.
     fn write_waiting(&self) {
         let mut waiting = self.lock();
         loop {

@@ -80,8 +80,7 @@ impl UnixServer {
     /// Listens at a path. Only this user's processes may connect. A socket that a dead server left there is replaced.
     ///
     /// # Errors
-    ///
-    /// The system's: another server listens there, something else is there, or the folder cannot be written.
+    /// An I/O error: another server listens at the path, another file has it, or the folder cannot be written.
     pub fn bind(path: &Path) -> io::Result<Self> {
         let listener = match UnixListener::bind(path) {
             Err(cause) if cause.kind() == io::ErrorKind::AddrInUse && is_dead(path) => {
@@ -245,7 +244,7 @@ fn has_ended(socket: &UnixStream) -> bool {
 }
 
 impl<E: Endpoint> WithUnixPeers<'_, E> {
-    /// Handles what the sockets received.
+    /// Handles the sockets' input.
     fn handle_inputs(&mut self) {
         for _ in 0..FRAMES_PER_TURN {
             let Ok((peer, input)) = self.inputs.try_recv() else {

@@ -22,7 +22,7 @@ pub(crate) const TIMEOUT: Duration = Duration::from_secs(20);
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) enum Event {
     Opened(Peer),
-    /// So many control bytes were handed to [`Unwilling`].
+    /// This number of control bytes was handed to [`Unwilling`].
     Control(usize),
     Ended(Peer, Ending),
 }

@@ -203,6 +203,9 @@ fn a_dead_socket_is_replaced_and_nothing_else_is() {
     assert!(UnixServer::bind(&path).is_err(), "a server listens there");
     drop(server);
     fs::write(&path, "precious").expect("a file can be written");
-    assert!(UnixServer::bind(&path).is_err(), "another file is there");
+    assert!(
+        UnixServer::bind(&path).is_err(),
+        "another file has the path"
+    );
     assert_eq!(fs::read_to_string(&path).ok().as_deref(), Some("precious"));
 }

@@ -16,7 +16,7 @@ use web_transport_quinn::proto::{
 use crate::support::TIMEOUT;
 use crate::web::{PATH, WebServer, ending, runtime, serve};
 
-/// What a client of a draft sends, beside datagrams of RFC 9297.
+/// The settings that a client of a draft sends, beside datagrams of RFC 9297.
 struct Draft {
     name: &'static str,
     /// Numbers and values.

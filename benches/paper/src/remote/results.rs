@@ -71,9 +71,9 @@ pub(crate) struct Crossing {
     pub(crate) load: Option<u32>,
     /// Fixed other work, if the search runs over loads.
     pub(crate) other_work_ms: Option<u32>,
-    /// With frames of at least 1/11.33 s.
+    /// Crossings with frames of at least 1/11.33 s.
     pub(crate) capped: Vec<Crossover>,
-    /// With frames as fast as possible.
+    /// Crossings with frames as fast as possible.
     pub(crate) uncapped: Vec<Crossover>,
     /// The same, if the engine's steps took as long in the caller's thread as at the server.
     pub(crate) engines_alike: Vec<Crossover>,

@@ -238,7 +238,7 @@ pub(super) fn next_message(frames: &mut MessageFraming) -> io::Result<Option<Mes
     Ok(framed.map(|framed| framed.message))
 }
 
-/// True if a read failed only because no data was there.
+/// True if a read failed only for lack of data.
 pub(super) fn is_nothing_yet(cause: &io::Error) -> bool {
     matches!(
         cause.kind(),
