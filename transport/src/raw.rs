@@ -9,7 +9,7 @@ use crate::quic::{self, Certificate, CertificateError, Trust};
 /// The application protocol, as TLS names it.
 pub const ALPN: &[u8] = quic::ALPN;
 
-/// The TLS side of a client that trusts so.
+/// The TLS side of a client with this trust.
 ///
 /// # Errors
 ///
