@@ -18,8 +18,6 @@ mod live;
 mod messages;
 mod primitives;
 mod read;
-#[cfg(test)]
-mod schema_test;
 mod topics;
 
 pub use contents::{ContentsError, FileContents, FileEnd, StoredChannel, StoredMessage};
