@@ -118,7 +118,7 @@ impl QuicClient {
         self.inbox.state_dropped()
     }
 
-    /// The largest datagram that can be sent now, never less than [`DATAGRAM_BYTES_MIN`](super::DATAGRAM_BYTES_MIN).
+    /// The largest datagram that can be sent now, never less than [`DATAGRAM_BYTES_MIN`].
     #[must_use]
     pub fn max_datagram_bytes(&self) -> usize {
         let now = self.connected.connection.max_datagram_size();
