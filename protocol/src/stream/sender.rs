@@ -55,8 +55,8 @@ pub struct StreamSender {
     source: Source,
     receivers: usize,
     silence: Silence,
-    /// The count of scene events that the last datagram for every receiver had.
-    scene_events: u64,
+    /// The count of scene events up to the last published tick; `None` before the first one.
+    scene_events: Option<u64>,
     /// The tick and the value of the last checksum sent.
     checksum: (Tick, u64),
     mismatches: u64,
@@ -104,7 +104,7 @@ impl StreamSender {
             source,
             receivers: 1,
             silence: Silence::new(policy, tick),
-            scene_events: 0,
+            scene_events: None,
             checksum: (tick, 0),
             mismatches: 0,
             packets: Vec::new(),
@@ -189,7 +189,7 @@ impl StreamSender {
     /// Adds the checksum that is due to the packets of a tick, or a watermark if there are none.
     fn close_tick(&mut self, scene_events: u64) {
         let tick = self.tick();
-        let before = core::mem::replace(&mut self.scene_events, scene_events);
+        let before = self.scene_events.replace(scene_events);
         if !self.packets.is_empty() {
             self.silence.end(tick);
             let checksum = self.due_checksum(scene_events);
@@ -201,7 +201,7 @@ impl StreamSender {
             Source::Reckoned(publisher) => publisher.has_budget(),
             Source::Full(_) => false,
         };
-        let has_news = before != scene_events && !has_budget;
+        let has_news = before != Some(scene_events) && !has_budget;
         if has_news || self.silence.is_watermark_due(tick) {
             self.silence.pause(tick);
             // A checksum is also a watermark.
@@ -249,9 +249,11 @@ impl StreamSender {
         self.packets.iter().chain(symbols)
     }
 
-    /// The watermark of the present tick: everything up to it has been sent.
+    /// The watermark of the present tick: everything up to it has been sent. It counts the scene events up to that tick, so
+    /// that it tells when a body went, whenever it is sent.
     #[must_use]
     pub fn watermark(&self, scene_events: u64) -> Bytes {
+        let scene_events = self.scene_events.unwrap_or(scene_events);
         with_publisher!(&self.source, publisher => publisher.watermark(scene_events))
     }
 
@@ -272,7 +274,8 @@ impl StreamSender {
     }
 
     /// Answers a loss report, unless the last one was answered just before. The answer holds repair symbols or
-    /// refreshes of the lost packets, and a watermark for packets that the receiver does not know of.
+    /// refreshes of the lost packets, and a watermark for packets that the receiver does not know of. `scene_events`: the
+    /// scene's number of events now.
     pub fn handle_report(
         &mut self,
         now: Instant,

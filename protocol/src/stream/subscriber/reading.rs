@@ -250,8 +250,7 @@ impl Subscriber {
         if let (Some(statements), Some(error_scale)) = (&mut self.statements, error_scale) {
             statements.watermark(next, tick, error_scale);
         }
-        // It may have been sent between its tick and the next one.
-        self.note_departures(watermark.scene_events, tick.next());
+        self.note_departures(watermark.scene_events, tick);
         self.statistics.missed += next.saturating_sub(before);
         self.newest = self.newest.max(tick);
         self.watermark_tick = self.watermark_tick.max(tick);
