@@ -3,7 +3,7 @@
 //! A body that a command places elsewhere is shown at one of its two places, never on a way between them.
 
 use rhumb_protocol::stream::Subscriber;
-use rhumb_reckoning::{BodyId, Divergence, Metres, Motion, Predictor, Seconds, Tick};
+use rhumb_reckoning::{BodyId, Divergence, Metres, Motion, Seconds, Tick};
 
 /// What a body was expected to do, and what it did.
 #[derive(Clone, Copy, Debug)]
@@ -23,22 +23,14 @@ const TOLERANCES: f64 = 3.0;
 impl Leap<'_> {
     /// True if no motion leads from one to the other: they are farther apart than the velocities of both explain.
     ///
-    /// `tick`: one at which the newer track is in force. The velocity of a body that is placed by commands says nothing: it
-    /// may be the distance of the jump over the time of a tick.
+    /// `tick`: one at which the newer track is in force.
     pub(crate) fn is_jump(&self, stream: &Subscriber, id: BodyId, tick: Tick) -> bool {
-        let (Some(radius), Some(shown)) = (stream.radius_at(id, tick), stream.track_at(id, tick))
-        else {
+        let Some(radius) = stream.radius_at(id, tick) else {
             return false;
         };
         let tolerance = stream.tolerance_of(id).unwrap_or(stream.tolerance());
         let reach = tolerance.reach(radius).metres();
-        let is_placed = matches!(shown.track.predictor, Predictor::Rest | Predictor::Uniform);
-        let after = if is_placed {
-            0.0
-        } else {
-            speed(self.after, radius)
-        };
-        let speeds = speed(self.before, radius) + after;
+        let speeds = speed(self.before, radius) + speed(self.after, radius);
         let apart = Divergence::between(&self.before.pose(), &self.after.pose());
         let apart = apart.surface_error(radius).metres();
         apart > TOLERANCES * reach + speeds * self.within.seconds()
