@@ -22,6 +22,9 @@ const WATERMARK_TIMEOUT: Span = Span::from_millis(2_900);
 const SILENCE: Span = Span::from_millis(100);
 /// The longest pause between two reports to a stream that stays silent.
 pub(crate) const SILENCE_MOST: Span = Span::from_millis(2_000);
+/// The same of a stream that owes a watermark, whose silence means a dead link. QUIC's own pauses double without an end
+/// meanwhile: the first report and the first answer that arrive make both ends send again at once what they hold back.
+const DEAD_LINK_MOST: Span = Span::from_millis(500);
 
 /// The receiving end of one stream.
 #[derive(Debug)]
@@ -29,6 +32,10 @@ pub struct StreamReceiver {
     subscriber: Subscriber,
     nacks: NackScheduler,
     silence: RetryTimer,
+    /// True if the timeout is that of datagrams that wait for scene events.
+    waits: bool,
+    /// The number of datagrams that had come when the timeout began.
+    arrived: u64,
     /// The time of the last report of losses, and their number then.
     reported: (Instant, u64),
     /// The time of the last query.
@@ -48,6 +55,8 @@ impl StreamReceiver {
             subscriber,
             nacks: NackScheduler::new(),
             silence: RetryTimer::new(silence, SILENCE_MOST),
+            waits: false,
+            arrived: 0,
             reported: (Instant::ZERO, 0),
             queried: None,
         }
@@ -76,14 +85,28 @@ impl StreamReceiver {
 
     /// Starts the timeout of silence, unless it runs: `span`, and the first timeout at least.
     pub(crate) fn expect_within(&mut self, now: Instant, span: Span) {
+        self.silence.limit(SILENCE_MOST);
         self.silence.begin_for(now, span);
     }
 
-    /// Restarts the timeout after a datagram. The next one arrives at the latest with the watermark of a free-running
-    /// stream.
+    /// Restarts the timeout after a datagram; nothing else that arrives restarts it. The next one arrives at the latest with
+    /// the watermark of a free-running stream. A datagram that waits for scene events is no news: the timeout is then shorter,
+    /// and no other such datagram restarts it.
     pub fn expect_watermark(&mut self, now: Instant) {
+        let waits = self.subscriber.waits_for_scene_events();
+        let arrived = self.subscriber.arrived();
+        let is_news = !waits && arrived != self.arrived;
+        if self.silence.due().is_some() && waits == self.waits && !is_news {
+            return;
+        }
+        self.waits = waits;
+        self.arrived = arrived;
         self.silence.end();
-        self.silence.begin(now + WATERMARK_TIMEOUT);
+        self.silence.limit(DEAD_LINK_MOST);
+        match waits {
+            true => self.silence.begin_for(now, DEAD_LINK_MOST),
+            false => self.silence.begin(now + WATERMARK_TIMEOUT),
+        }
     }
 
     /// Appends a report that asks for the watermark, unless one was sent within `pause` (PROTOCOL 6.7-11).
@@ -243,6 +266,11 @@ impl RetryTimer {
         }
     }
 
+    /// Sets the longest pause anew.
+    const fn limit(&mut self, most: Span) {
+        self.most = most;
+    }
+
     /// Stops: the message is answered, or needs no answer.
     pub(crate) fn end(&mut self) {
         self.due = None;
@@ -285,10 +313,20 @@ mod tests {
 
         /// Handles a watermark with this number of the next packet.
         fn handle_watermark(receiver: &mut StreamReceiver, now: Instant, next: u64) {
+            handle_watermark_after(receiver, now, next, 0);
+        }
+
+        /// The same after some scene events.
+        fn handle_watermark_after(
+            receiver: &mut StreamReceiver,
+            now: Instant,
+            next: u64,
+            scene_events: u64,
+        ) {
             let watermark = Watermark {
                 next: Low16::of(next),
                 tick: Low16(1),
-                scene_events: Low16(0),
+                scene_events: Low16::of(scene_events),
             };
             let subscriber = receiver.subscriber_mut();
             subscriber.handle_datagram(&watermark.encode(STREAM));
@@ -323,13 +361,33 @@ mod tests {
         fn a_stream_without_watermark_is_queried_after_three_seconds() {
             let mut receiver = receiver();
             handle_watermark(&mut receiver, at(0), 0);
-            for ms in [3_000, 3_200, 3_600, 4_400, 6_000, 8_000] {
+            // Anything else that arrives changes nothing.
+            receiver.expect_watermark(at(1_000));
+            for ms in [3_000, 3_200, 3_600, 4_100, 4_600, 5_100] {
                 let due = receiver.due().map(|wake| (wake.at, wake.reason));
                 assert_eq!(due, Some((at(ms), WakeReason::Watermark)));
                 assert!(reported(&mut receiver, at(ms)).is_some());
             }
             handle_watermark(&mut receiver, at(8_100), 0);
             assert_eq!(receiver.due().map(|wake| wake.at), Some(at(11_100)));
+        }
+
+        #[test]
+        fn datagrams_that_wait_for_scene_events_are_reported_twice_a_second_until_these_arrive() {
+            let mut receiver = receiver();
+            handle_watermark(&mut receiver, at(0), 0);
+            // The stream goes on, but what it waits for is held back.
+            for ms in [40, 100, 300] {
+                handle_watermark_after(&mut receiver, at(ms), 0, 1);
+            }
+            for ms in [540, 1_040, 1_540] {
+                assert_eq!(receiver.due().map(|wake| wake.at), Some(at(ms)));
+                assert!(reported(&mut receiver, at(ms)).is_some());
+                handle_watermark_after(&mut receiver, at(ms + 50), 0, 1);
+            }
+            receiver.subscriber_mut().apply_scene_event();
+            receiver.expect_watermark(at(1_700));
+            assert_eq!(receiver.due().map(|wake| wake.at), Some(at(4_700)));
         }
     }
 

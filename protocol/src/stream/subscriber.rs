@@ -68,6 +68,8 @@ pub struct Subscriber {
     scene_events: u64,
     /// Heads and bodies of datagrams that wait for scene events.
     deferred: VecDeque<(Head, Vec<u8>)>,
+    /// Number of datagrams that have come.
+    arrived: u64,
     /// Indices of attached bodies, and of some that were attached earlier.
     attached_indices: Vec<u32>,
     aliases: ReceivedAliases,
@@ -119,6 +121,7 @@ impl Subscriber {
             fec_decoder: FecDecoder::new(start.next, start.largest_packet),
             scene_events: start.scene_events,
             deferred: VecDeque::new(),
+            arrived: 0,
             attached_indices: Vec::new(),
             aliases: ReceivedAliases::default(),
             watermark_tick: start.tick,
@@ -163,6 +166,16 @@ impl Subscriber {
         self.statements
             .as_ref()
             .map_or(Some(1.0), |log| log.at(tick))
+    }
+
+    /// The number of datagrams that have come, whatever they said.
+    pub(crate) const fn arrived(&self) -> u64 {
+        self.arrived
+    }
+
+    /// True if a datagram waits for scene events that have not arrived.
+    pub(crate) fn waits_for_scene_events(&self) -> bool {
+        self.placed && !self.deferred.is_empty()
     }
 
     /// The number of missing packets.
@@ -478,6 +491,7 @@ impl Subscriber {
 
     /// Applies a datagram of this stream. A malformed one, or one of another stream, only changes a counter.
     pub fn handle(&mut self, datagram: &Datagram<'_>) {
+        self.arrived += 1;
         self.read(datagram);
         self.note_converged();
     }
