@@ -6,6 +6,8 @@ import { Member } from "./member.js";
 
 /** Events kept until they are read; beyond them the oldest are dropped. */
 const EVENTS_KEPT = 65536;
+/** Refusals kept until a call throws them; of further ones only the number is known. */
+const REFUSALS_KEPT = 1024;
 /** First and longest pause between attempts to reach the server again, and the time of one, milliseconds. */
 const PAUSE_FIRST = 100;
 const PAUSE_MAX = 5000;
@@ -47,6 +49,7 @@ export class Client {
   #events = [];
   /** Refusals that no call has thrown yet; undefined if they are events alone. */
   #refused = [];
+  #refusedMore = 0;
   #timer;
   #flushing = false;
   #state = "open";
@@ -254,19 +257,24 @@ export class Client {
 
   /** Keeps a refusal for the next call that computes the view. An authority that lost sync is requested again. */
   #refuse({ number, body, reason, message }) {
-    if (reason === undefined) return;
-    this.#refused?.push({ number, body: body ?? undefined, reason, message });
+    if (reason === undefined || !this.#refused) return;
+    if (this.#refused.length < REFUSALS_KEPT) this.#refused.push({ number, body: body ?? undefined, reason, message });
+    else this.#refusedMore += 1;
   }
 
   /** Throws what the server has refused since the last call that threw. */
   #throwRefusals() {
     if (!this.#refused?.length) return;
     const refusals = this.#refused.splice(0);
+    const refusalsLeftOut = this.#refusedMore;
+    this.#refusedMore = 0;
     const [{ number, body, message }] = refusals;
     const what = number === undefined ? "the authority" : `command ${number}`;
     const about = body === undefined ? "" : ` about body ${body}`;
-    const more = refusals.length > 1 ? ` (and ${refusals.length - 1} more refusals)` : "";
-    throw new RhumbError({ code: "refused", message: `the server refused ${what}${about}: ${message}${more}`, refusals });
+    const others = refusals.length - 1 + refusalsLeftOut;
+    const more = others > 0 ? ` (and ${others} more refusals)` : "";
+    const text = `the server refused ${what}${about}: ${message}${more}`;
+    throw new RhumbError({ code: "refused", message: text, refusals, refusalsLeftOut });
   }
 
   /** A denial answers the calls that wait, if it is of their kind. */
@@ -410,6 +418,10 @@ export class Client {
 
   errorBound(id) {
     return this.#member.errorBound(id);
+  }
+
+  tickErrorBound(id, tick) {
+    return this.#member.tickErrorBound(id, tick);
   }
 
   get digest() {

@@ -215,7 +215,15 @@ export class Member {
 
   errorBound(id) {
     const bound = module().error_bound(this.#handle, id);
-    return bound >= 0 && bound < Infinity ? bound : undefined;
+    return bound >= 0 ? bound : undefined;
+  }
+
+  tickErrorBound(id, tick) {
+    if (!Number.isSafeInteger(tick) || tick < 0) {
+      throw new RhumbError({ code: "argument", message: `tick is ${tick}, and must be a whole number that is not negative` });
+    }
+    const bound = module().tick_error_bound(this.#handle, id, tick);
+    return bound >= 0 ? bound : undefined;
   }
 
   get completeTick() {

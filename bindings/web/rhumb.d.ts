@@ -266,8 +266,14 @@ export class Client {
   joints(): ReadonlyMap<JointId, Joint>;
   /** The track that the copy predicts a body from; undefined for a body that the copy does not have. */
   track(id: BodyId): Track | undefined;
-  /** Bound on the error of the shown pose, metres: see {@link View.errorBounds}; `undefined` for a body without a state. */
+  /** Bound on the error of the shown pose, metres: see {@link View.errorBounds}; `undefined` for a body that is not in the view. */
   errorBound(id: BodyId): number | undefined;
+  /**
+   * How far any point of a body may be off at a tick by what is known of it, whatever the view shows, metres: the bound of its
+   * track. Infinite where nothing finite is known; `undefined` for a body that the copy does not have. Throws `argument` for a tick
+   * that is no whole number.
+   */
+  tickErrorBound(id: BodyId, tick: number): number | undefined;
 
   /**
    * Queues the addition of a body, and of its shape unless the scene has an equal one; returns the body's id. The event
@@ -754,8 +760,10 @@ export class RhumbError extends Error {
   readonly denial?: DenialCode;
   /** Code with which the server closed the connection (PROTOCOL 3.4). */
   readonly closeCode?: number;
-  /** Of the code `refused`: what the server refused, the oldest first. */
+  /** Of the code `refused`: what the server refused, the first 1,024, the oldest first. */
   readonly refusals?: readonly Refusal[];
+  /** Of the code `refused`: the number of further refusals. They are events, too. */
+  readonly refusalsLeftOut?: number;
 }
 
 /** A request that the server refused, and that changed nothing. */
@@ -811,6 +819,7 @@ export class Member {
   shape(id: ShapeId): Shape | undefined;
   track(id: BodyId): Track | undefined;
   errorBound(id: BodyId): number | undefined;
+  tickErrorBound(id: BodyId, tick: number): number | undefined;
   /** The state of the copy in the words of spec/vectors: equal to that of every client that has read the same bytes. */
   readonly digest: Digest | undefined;
   /** Frees the module's memory of this member. Afterwards its calls, and those of its view, throw `notNow`. */

@@ -20,13 +20,12 @@ use rhumb_protocol::session::{CloseCode, Event, Misuse, Replica};
 use rhumb_protocol::stream::Subscriber;
 use rhumb_protocol::{Ending, Instant};
 use rhumb_reckoning::{BodyId, BodyState, Tick, Ticks, Tolerance};
-use rhumb_view::{
-    ClientIds, LiveView, PipelineDepth, RefusedRequest, RenderTime, UpstreamClock, View, may_resume,
-};
+use rhumb_view::{ClientIds, LiveView, PipelineDepth, RenderTime, UpstreamClock, View, may_resume};
 
-use crate::error::{ClientError, RefusedRequests};
+use crate::error::ClientError;
 use crate::join_options::{JoinOptions, Refusals};
 use crate::pump::{Pump, TapChannel, span};
+use crate::refused_requests::Unreported;
 use crate::statistics::Statistics;
 
 /// Limit of queued events. Beyond it, the oldest events are dropped.
@@ -46,7 +45,7 @@ pub struct Client {
     answered: Option<u64>,
     events: VecDeque<(Tick, Event)>,
     /// Refusals that no call has reported yet, if calls report them.
-    refused: Vec<RefusedRequest>,
+    refused: Unreported,
     refusals: Refusals,
     inspected: Option<Inspection>,
     denied: Option<Denial>,
@@ -89,7 +88,7 @@ impl Client {
             unanswered: None,
             answered: None,
             events: VecDeque::new(),
-            refused: Vec::new(),
+            refused: Unreported::default(),
             refusals: options.refusals,
             inspected: None,
             denied: None,
@@ -575,16 +574,17 @@ impl Client {
             _ => {}
         }
         let is_passed = self.ids.note(event, &mut self.pump.session);
-        if is_passed && self.refusals == Refusals::Errors {
-            self.refused.extend(self.ids.refusal(event));
+        let is_reported = is_passed && self.refusals == Refusals::Errors;
+        if let Some(refusal) = self.ids.refusal(event).filter(|_| is_reported) {
+            self.refused.add(refusal);
         }
         is_passed
     }
 
     /// Refusals since the last call that reported some, as its error.
     fn report_refusals(&mut self) -> Result<(), ClientError> {
-        RefusedRequests::take(&mut self.refused)
-            .map_or(Ok(()), |refused| Err(ClientError::Refused(refused)))
+        let refused = self.refused.take();
+        refused.map_or(Ok(()), |refused| Err(ClientError::Refused(refused)))
     }
 
     /// Computes the view of a tick.

@@ -12,7 +12,9 @@ use rhumb_protocol::scene::{IdOutOfRange, InvalidSceneName, SceneName};
 use rhumb_protocol::session::{CloseCode, Misuse};
 use rhumb_reckoning::Tick;
 use rhumb_transport::{ConnectError, TransportCode};
-use rhumb_view::{AddError, InvalidTicks, RefusedRequest};
+use rhumb_view::{AddError, InvalidTicks};
+
+use crate::refused_requests::RefusedRequests;
 
 /// Reason why a client did not join its scene.
 #[derive(Debug)]
@@ -153,44 +155,6 @@ impl fmt::Display for ClientError {
 }
 
 impl std::error::Error for ClientError {}
-
-/// Requests that the server refused: at least one.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct RefusedRequests(Box<[RefusedRequest]>);
-
-impl RefusedRequests {
-    /// Takes the refusals; `None` if there are none.
-    pub(crate) fn take(refusals: &mut Vec<RefusedRequest>) -> Option<Self> {
-        let refusals = std::mem::take(refusals);
-        (!refusals.is_empty()).then(|| Self(refusals.into()))
-    }
-
-    /// All of them, the oldest first.
-    #[must_use]
-    pub fn refusals(&self) -> &[RefusedRequest] {
-        &self.0
-    }
-
-    /// The oldest one.
-    ///
-    /// # Panics
-    ///
-    /// Never: there is at least one.
-    #[must_use]
-    pub fn first(&self) -> &RefusedRequest {
-        self.0.first().expect("there is at least one refusal")
-    }
-}
-
-impl fmt::Display for RefusedRequests {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.first().fmt(f)?;
-        match self.0.len() - 1 {
-            0 => Ok(()),
-            more => write!(f, " (and {more} more refusals)"),
-        }
-    }
-}
 
 impl From<Misuse> for ClientError {
     fn from(misuse: Misuse) -> Self {

@@ -56,16 +56,17 @@ mod main_error;
 mod pump;
 mod reconnector;
 mod redial;
-
+mod refused_requests;
 mod server_connection;
 mod statistics;
 
 pub use client::Client;
-pub use error::{ClientError, OpenError, RefusedRequests};
+pub use error::{ClientError, OpenError};
 pub use glam;
 pub use join_options::{JoinOptions, Refusals};
 pub use main_error::MainError;
 pub use pump::TapChannel;
+pub use refused_requests::RefusedRequests;
 pub use rhumb_protocol::Ending;
 pub use rhumb_protocol::message::{
     AuthorityError, Denial, Inspection, InvalidToken, QueryError, QueryResult, RemovalCause,

@@ -272,6 +272,27 @@ fn what_the_server_refuses_is_an_error_of_the_next_advance_and_the_one_after_goe
 }
 
 #[test]
+fn refusals_that_no_call_reports_are_kept_up_to_a_number_and_counted() {
+    let mut client = Client::local().join("own").expect("a new scene");
+    let gone = BodyId::new(9, 0);
+    let numbers: Vec<_> = (0..3_000)
+        .map(|_| client.command(Command::RemoveBody { id: gone }))
+        .map(|number| number.expect("it is queued"))
+        .collect();
+    let refused = match client.advance(PipelineDepth::LOCKSTEP) {
+        Err(ClientError::Refused(refused)) => refused,
+        other => panic!("{other:?}"),
+    };
+    assert_eq!(refused.first().number, Some(numbers[0]));
+    assert_eq!(
+        (refused.refusals().len(), refused.left_out()),
+        (1_024, 1_976)
+    );
+    assert!(refused.to_string().contains("and 2999 more"), "{refused}");
+    client.advance(PipelineDepth::LOCKSTEP).expect("it goes on");
+}
+
+#[test]
 fn what_can_be_known_at_once_is_refused_at_once() {
     let mut client = Client::local().join("own").expect("a new scene");
     let sheet = Mesh::new(&[Vec3::ZERO, Vec3::X, Vec3::Y], &[[0, 1, 2]]);

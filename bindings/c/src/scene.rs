@@ -347,7 +347,7 @@ unsafe fn step(
         let stepped = call(scene);
         Ok((stepped, scene.time().tick))
     })?;
-    if matches!(stepped, Ok(_) | Err(BindingError::Refused(_))) {
+    if matches!(stepped, Ok(_) | Err(BindingError::Refused { .. })) {
         // SAFETY: the caller promises the memory.
         unsafe { write_if_wanted(tick, shown.value(), "tick") }?;
     }
@@ -371,7 +371,7 @@ pub unsafe extern "C" fn rhumb_scene_poll(scene: RhumbScene, time: *mut RhumbTim
             tick: shown.tick.value(),
             fraction: shown.fraction,
         };
-        if matches!(polled, Ok(_) | Err(BindingError::Refused(_))) {
+        if matches!(polled, Ok(_) | Err(BindingError::Refused { .. })) {
             // SAFETY: the caller promises the memory.
             unsafe { write_if_wanted(time, shown, "time") }?;
         }

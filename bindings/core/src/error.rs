@@ -31,8 +31,13 @@ pub enum BindingError {
         /// The rule that it breaks.
         cause: InvalidTolerance,
     },
-    /// The server refused requests of earlier calls: at least one. The call did what it says.
-    Refused(Vec<RefusalRecord>),
+    /// The server refused requests of earlier calls. The call did what it says.
+    Refused {
+        /// The oldest of them: at least one.
+        kept: Vec<RefusalRecord>,
+        /// The number of further ones.
+        left_out: u64,
+    },
     /// The view does not have the body.
     NotInView(BodyId),
     /// A state of a body is not allowed.
@@ -158,7 +163,7 @@ impl BindingError {
                     ErrorKind::Denied
                 }
             },
-            Self::Refused(_) => ErrorKind::Refused,
+            Self::Refused { .. } => ErrorKind::Refused,
             Self::Invalid(_)
             | Self::Tolerance { .. }
             | Self::NotInView(_)
@@ -198,12 +203,12 @@ impl fmt::Display for BindingError {
             Self::Query(cause) => cause.fmt(f),
             Self::Invalid(cause) => cause.fmt(f),
             Self::Tolerance { metres, cause } => write!(f, "a tolerance of {metres} m: {cause}"),
-            Self::Refused(records) => {
-                let Some((first, more)) = records.split_first() else {
+            Self::Refused { kept, left_out } => {
+                let Some((first, more)) = kept.split_first() else {
                     return Ok(());
                 };
                 first.fmt(f)?;
-                match more.len() {
+                match more.len() as u64 + left_out {
                     0 => Ok(()),
                     more => write!(f, " (and {more} more refusals)"),
                 }
@@ -246,9 +251,10 @@ impl From<OpenError> for BindingError {
 impl From<ClientError> for BindingError {
     fn from(error: ClientError) -> Self {
         match error {
-            ClientError::Refused(refused) => {
-                Self::Refused(refused.refusals().iter().map(RefusalRecord::new).collect())
-            }
+            ClientError::Refused(refused) => Self::Refused {
+                kept: refused.refusals().iter().map(RefusalRecord::new).collect(),
+                left_out: refused.left_out(),
+            },
             error => Self::Client(error),
         }
     }

@@ -246,8 +246,8 @@ impl RemoteScene {
     /// Keeps the refusals of a call for [`Self::poll_refusal`].
     fn reported<T>(&mut self, result: Result<T, ClientError>) -> Result<T, BindingError> {
         let result = result.map_err(BindingError::from);
-        if let Err(BindingError::Refused(records)) = &result {
-            self.refusals = records.iter().cloned().collect();
+        if let Err(BindingError::Refused { kept, .. }) = &result {
+            self.refusals = kept.iter().cloned().collect();
         }
         result
     }
@@ -310,9 +310,16 @@ impl RemoteScene {
     }
 
     /// The contacts of a body, or of all bodies, between bodies of which one reports its contacts.
-    pub fn contacts(&mut self, body: Option<BodyId>) -> Vec<ContactRecord> {
+    ///
+    /// # Errors
+    ///
+    /// [`BindingError::NotInView`] for a body that this client never knew.
+    pub fn contacts(&mut self, body: Option<BodyId>) -> Result<Vec<ContactRecord>, BindingError> {
         self.take_events();
-        self.contacts.of(body).collect()
+        match body.filter(|body| !self.has(*body) && !self.known.has(*body)) {
+            Some(unknown) => Err(BindingError::NotInView(unknown)),
+            None => Ok(self.contacts.of(body).collect()),
+        }
     }
 
     /// Takes the client's events, which keeps no more of them than this scene.

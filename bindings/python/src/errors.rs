@@ -6,20 +6,21 @@ use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::PyType;
 use rhumb_bindings::rhumb_client::BodyId;
-use rhumb_bindings::{BindingError, ErrorKind, body_word};
+use rhumb_bindings::rhumb_client::scene::Invalid;
+use rhumb_bindings::{BindingError, Coordinates, ErrorKind, body_word};
 
 /// The exception of an error.
 pub(crate) fn exception(py: Python<'_>, error: &BindingError) -> PyErr {
     let text = error.to_string();
-    if let BindingError::Refused(records) = error {
+    if let BindingError::Refused { kept, left_out } = error {
         let word = |id: &BodyId| body_word(*id);
-        let rows = records.iter().map(|record| {
+        let rows = kept.iter().map(|record| {
             let body = record.body.as_ref().map(word);
             (record.number, body, record.reason, record.text.clone())
         });
         let rows: Vec<_> = rows.collect();
         return match class(py, error.kind()) {
-            Ok(class) => PyErr::from_type(class, (text, rows)),
+            Ok(class) => PyErr::from_type(class, (text, rows, *left_out)),
             Err(missing) => missing,
         };
     }
@@ -42,6 +43,19 @@ pub(crate) fn wrong_value(
     needed: impl Display,
 ) -> PyErr {
     exception(py, &BindingError::value(argument, found, needed))
+}
+
+/// Refuses at once what is wrong in all coordinates: the unit of a length is that of a scene, which is not known yet.
+pub(crate) fn check_in_any(
+    py: Python<'_>,
+    check: impl Fn(Coordinates) -> Result<(), Invalid>,
+) -> PyResult<()> {
+    let mut each = Coordinates::EACH.into_iter().map(check);
+    let first = each.next().unwrap_or(Ok(()));
+    match first {
+        Err(invalid) if each.all(|checked| checked.is_err()) => Err(exception(py, &invalid.into())),
+        _ => Ok(()),
+    }
 }
 
 fn class(py: Python<'_>, kind: ErrorKind) -> PyResult<Bound<'_, PyType>> {

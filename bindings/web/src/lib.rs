@@ -278,6 +278,16 @@ pub extern "C" fn error_bound(member: u32, body: f64) -> f64 {
     bound.flatten().unwrap_or(-1.0)
 }
 
+/// Bound on a body's error at a tick by what is known of it, metres; as [`error_bound`] otherwise.
+#[unsafe(no_mangle)]
+pub extern "C" fn tick_error_bound(member: u32, body: f64, tick: f64) -> f64 {
+    let tick = Tick::new(tick as u64);
+    let bound = with(member, |member| {
+        member.tick_error_bound(body_of(body)?, tick)
+    });
+    bound.flatten().unwrap_or(-1.0)
+}
+
 /// The newest tick at which every body is within its tolerance.
 #[unsafe(no_mangle)]
 pub extern "C" fn complete_tick(member: u32) -> f64 {

@@ -280,6 +280,10 @@ impl WebMember {
         Some(view.error_bound(self.replica()?.stream(), id)?.metres())
     }
 
+    pub(crate) fn tick_error_bound(&self, id: BodyId, tick: Tick) -> Option<f64> {
+        Some(self.stream()?.bound_at(id, tick)?.metres())
+    }
+
     pub(crate) fn body_json(&self, id: BodyId) -> Option<Value> {
         Some(scene_json::body(&self.replica()?.body(id)?))
     }

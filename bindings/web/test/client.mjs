@@ -129,6 +129,36 @@ test("what the server refuses is thrown by the next poll, and the one after goes
   assert.ok(eventKinds(client).includes("refused"));
 });
 
+test("refusals that no call throws are kept up to a number and counted", async () => {
+  const { client, server } = await joined();
+  for (let sent = 0; sent < 1500; sent += 1) server.sendControl(message("Refused, 2 of a body"));
+  await pause(50);
+  let refused;
+  assert.throws(
+    () => client.poll(),
+    (error) => (refused = error).code === "refused",
+  );
+  assert.deepEqual([refused.refusals.length, refused.refusalsLeftOut], [1024, 476]);
+  assert.match(refused.message, /and 1499 more refusals/);
+  client.poll();
+});
+
+test("a body's bound at a tick is that of its track, and known up to the complete tick", async () => {
+  const { client } = await joined();
+  client.poll();
+  const [id] = client.view.ids;
+  const { completeTick } = client;
+  const bound = client.tickErrorBound(id, completeTick);
+  assert.ok(bound > 0 && bound < 1, `${bound}`);
+  assert.equal(client.tickErrorBound(id, completeTick + 1000), Infinity);
+  assert.equal(client.tickErrorBound(4711, completeTick), undefined);
+  assert.equal(client.errorBound(4711), undefined);
+  assert.ok(client.errorBound(id) < 1);
+  for (const tick of [-1, 1.5, Number.NaN]) {
+    assert.throws(() => client.tickErrorBound(id, tick), { code: "argument", message: /tick is/ });
+  }
+});
+
 test("refusals are events alone where the application says so", async () => {
   const { client, server } = await joined({ refusals: "events" });
   server.sendControl(message("Refused, 2 of a body"));

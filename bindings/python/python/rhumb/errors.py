@@ -48,20 +48,25 @@ class RefusedError(Error):
     """The server refused requests of earlier calls, which changed nothing.
 
     advance, wait and poll raise it after they have done their work: the tick is done, the view is computed, and the next
-    call goes on. number, body, reason and text are those of the first refusal; refusals has all of them. Join with
-    refusals="events" to get them as events alone.
+    call goes on. number, body, reason and text are those of the first refusal; refusals has the first 1,024, and left_out is
+    the number of further ones. Join with refusals="events" to get them as events alone.
     """
 
     refusals: Tuple[Refusal, ...]
+    left_out: int
 
     def __init__(
-        self, message: str, refusals: Iterable[Tuple[Optional[int], Optional[int], str, str]]
+        self,
+        message: str,
+        refusals: Iterable[Tuple[Optional[int], Optional[int], str, str]],
+        left_out: int = 0,
     ) -> None:
         super().__init__(message)
         self.refusals = tuple(Refusal(*refusal) for refusal in refusals)
+        self.left_out = left_out
 
-    def __reduce__(self) -> Tuple[Type["RefusedError"], Tuple[str, Tuple[Refusal, ...]]]:
-        return type(self), (str(self), self.refusals)
+    def __reduce__(self) -> Tuple[Type["RefusedError"], Tuple[str, Tuple[Refusal, ...], int]]:
+        return type(self), (str(self), self.refusals, self.left_out)
 
     @property
     def number(self) -> Optional[int]:
