@@ -14,11 +14,13 @@ use rhumb_bindings::{BodyParams, StateRecord, body_word};
 use rhumb_client::BodyId;
 use rhumb_client::glam::{Mat3, Quat, Vec3};
 use rhumb_client::scene::{
-    ActiveEvents, BodyBuilder, BodyDesc, BodyKind, CollisionGroups, Command, Material, Shape, Sleep,
+    ActiveEvents, BodyBuilder, BodyDesc, BodyKind, CollisionGroups, Command, Edges, Material,
+    Shape, SleepThresholds,
 };
 
 use crate::axes::{AXES, quaternion, vec3, vector};
 use crate::membership::{SceneMembership, outcome};
+use crate::motion_settings::{NodeEdges, NodeSleep};
 use crate::shapes::{DescriptionError, node_shape, resource};
 
 /// The scene that the nodes of its bodies share with its own node.
@@ -80,10 +82,24 @@ pub(crate) struct BodyNode {
     #[export]
     #[init(val = true)]
     gyroscopic: bool,
-    /// False: it never falls asleep by itself.
+    /// Its own condition of sleep in place of the scene's.
     #[export]
-    #[init(val = true)]
-    can_sleep: bool,
+    sleep: NodeSleep,
+    /// With `Below`: speed of its fastest point, m/s.
+    #[export(range = (0.0, 10.0, or_greater, suffix = "m/s"))]
+    #[init(val = 0.1)]
+    sleep_speed: f32,
+    /// With `Below`: rad/s.
+    #[export(range = (0.0, 10.0, or_greater, suffix = "rad/s"))]
+    #[init(val = 1.0)]
+    sleep_angular_speed: f32,
+    /// With `Below`: time for which it must be as slow as that.
+    #[export(range = (0.0, 10.0, or_greater, suffix = "s"))]
+    #[init(val = 0.5)]
+    sleep_seconds: f32,
+    /// Of a concave polygon or a height map: how bodies touch the edges between its triangles.
+    #[export]
+    edges: NodeEdges,
     /// Layers that it is in. Two bodies touch if each one's mask has a layer of the other.
     #[export(flags_3d_physics)]
     #[init(val = u32::MAX)]
@@ -253,7 +269,7 @@ impl BodyNode {
     /// The body to add that the properties describe, and its origin in the node's axes.
     pub(crate) fn builder(&self, scene: Material) -> Result<(BodyBuilder, Vec3), DescriptionError> {
         let shape = self.shape.as_ref().ok_or(DescriptionError::Missing)?;
-        let placed = node_shape(shape)?;
+        let placed = node_shape(shape, self.edges.edges())?;
         let pose = body_pose(self.base().get_transform(), placed.origin);
         let (position, rotation) = pose.ok_or(DescriptionError::Pose)?;
         let kind = match self.kind {
@@ -276,7 +292,11 @@ impl BodyNode {
             sensor: self.sensor,
             swept: self.continuous_cd,
             gyroscopic: self.gyroscopic,
-            sleep: (!self.can_sleep).then_some(Sleep::Never),
+            sleep: self.sleep.rule(SleepThresholds {
+                speed: self.sleep_speed,
+                angular_speed: self.sleep_angular_speed,
+                seconds: self.sleep_seconds,
+            }),
             ..BodyParams::new(kind, placed.shape)
         };
         // A shape that is not given from its centre of mass is moved there, and the origin with it.
@@ -312,7 +332,18 @@ impl BodyNode {
         self.sensor = desc.sensor;
         self.continuous_cd = desc.swept;
         self.gyroscopic = desc.gyroscopic;
-        self.can_sleep = desc.sleep != Some(Sleep::Never);
+        let (sleep, thresholds) = NodeSleep::of(desc.sleep);
+        self.sleep = sleep;
+        if let Some(thresholds) = thresholds {
+            self.sleep_speed = thresholds.speed;
+            self.sleep_angular_speed = thresholds.angular_speed;
+            self.sleep_seconds = thresholds.seconds;
+        }
+        self.edges = NodeEdges::of(match shape {
+            Some(Shape::Mesh(mesh)) => mesh.edges(),
+            Some(Shape::Heights(heights)) => heights.edges(),
+            _ => Edges::DEFAULT,
+        });
         self.collision_layer = desc.groups.members;
         self.collision_mask = desc.groups.touches;
     }

@@ -13,6 +13,7 @@ mod event;
 mod join;
 mod leaving;
 mod membership;
+mod motion_settings;
 mod scene;
 mod shapes;
 

@@ -15,7 +15,7 @@ use rhumb_bindings::{
     EventKind, EventRecord, JoinParams, ObjectChange, StateRecord, parse_body_word,
 };
 use rhumb_client::glam::Vec3;
-use rhumb_client::scene::{Query, QueryFilter, QueryKind, Stepping};
+use rhumb_client::scene::{Query, QueryFilter, QueryKind, SleepThresholds, Stepping};
 use rhumb_client::{Client, ClientError, Event, PipelineDepth, QueryResult};
 
 use crate::axes::{AXES, vec3};
@@ -24,6 +24,7 @@ use crate::body_nodes::{add, set_node, warn_of_other_rate};
 use crate::event::{details, ray_hit};
 use crate::join::{JoinRequest, PendingJoin};
 use crate::membership::{SceneMembership, outcome};
+use crate::motion_settings::NodeSleep;
 
 /// Source of the ticks of a new scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, GodotConvert, Var, Export)]
@@ -87,6 +88,21 @@ pub(crate) struct SceneNode {
     #[export]
     #[init(val = Vector3::new(0.0, -9.81, 0.0))]
     gravity: Vector3,
+    /// Condition under which bodies of a new scene fall asleep that have none of their own.
+    #[export]
+    sleep: NodeSleep,
+    /// With `Below`: speed of its fastest point, m/s.
+    #[export(range = (0.0, 10.0, or_greater, suffix = "m/s"))]
+    #[init(val = 0.1)]
+    sleep_speed: f32,
+    /// With `Below`: rad/s.
+    #[export(range = (0.0, 10.0, or_greater, suffix = "rad/s"))]
+    #[init(val = 1.0)]
+    sleep_angular_speed: f32,
+    /// With `Below`: time for which it must be as slow as that.
+    #[export(range = (0.0, 10.0, or_greater, suffix = "s"))]
+    #[init(val = 0.5)]
+    sleep_seconds: f32,
     /// Lockstep: ticks by which the scene may be ahead of what is shown. At 0 a physics frame waits for its tick.
     #[export(range = (0.0, 8.0))]
     #[init(val = 1)]
@@ -311,6 +327,14 @@ impl SceneNode {
             },
             ticks_per_second: ticks_per_second.unsigned_abs(),
             gravity: Some(vec3(self.gravity)),
+            sleep: self
+                .sleep
+                .rule(SleepThresholds {
+                    speed: self.sleep_speed,
+                    angular_speed: self.sleep_angular_speed,
+                    seconds: self.sleep_seconds,
+                })
+                .unwrap_or_default(),
             delay_ticks: self.delay_ticks,
             whole_ticks: self.whole_ticks,
             smooth: self.smooth,

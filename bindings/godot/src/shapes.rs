@@ -13,7 +13,7 @@ use godot::classes::{
 use godot::obj::{Gd, Inherits, NewGd};
 use rhumb_bindings::BindingError;
 use rhumb_client::glam::{DVec3, Vec3};
-use rhumb_client::scene::{Heights, Hull, Invalid, Mesh, Shape};
+use rhumb_client::scene::{Edges, Heights, Hull, Invalid, Mesh, Shape};
 
 use crate::axes::{vec3, vector};
 
@@ -64,8 +64,11 @@ impl From<Invalid> for DescriptionError {
     }
 }
 
-/// The shape that a resource describes.
-pub(crate) fn node_shape(resource: &Gd<Shape3D>) -> Result<NodeShape, DescriptionError> {
+/// The shape that a resource describes. `edges`: those between triangles, if it has some.
+pub(crate) fn node_shape(
+    resource: &Gd<Shape3D>,
+    edges: Edges,
+) -> Result<NodeShape, DescriptionError> {
     let plain = |shape| NodeShape {
         shape,
         origin: Vec3::ZERO,
@@ -94,10 +97,11 @@ pub(crate) fn node_shape(resource: &Gd<Shape3D>) -> Result<NodeShape, Descriptio
         return Ok(plain(Shape::Hull(Hull::new(&points(&hull.get_points()))?)));
     }
     if let Some(mesh) = cast::<ConcavePolygonShape3D>(resource) {
-        return Ok(plain(Shape::Mesh(mesh_of(&points(&mesh.get_faces()))?)));
+        let mesh = mesh_of(&points(&mesh.get_faces()))?;
+        return Ok(plain(Shape::Mesh(mesh.with_edges(edges))));
     }
     if let Some(heights) = cast::<HeightMapShape3D>(resource) {
-        return heights_of(&heights);
+        return heights_of(&heights, edges);
     }
     if let Some(boundary) = cast::<WorldBoundaryShape3D>(resource) {
         let plane = boundary.get_plane();
@@ -187,15 +191,16 @@ fn mesh_of(corners: &[Vec3]) -> Result<Mesh, Invalid> {
 }
 
 /// Godot's field has a post in each metre, stands around its middle, and goes along x first.
-fn heights_of(field: &Gd<HeightMapShape3D>) -> Result<NodeShape, DescriptionError> {
+fn heights_of(field: &Gd<HeightMapShape3D>, edges: Edges) -> Result<NodeShape, DescriptionError> {
     let (width, depth) = (field.get_map_width(), field.get_map_depth());
     let data: PackedFloat32Array = field.get_map_data();
     let (columns, data) = (width as usize, data.as_slice());
     let by_x = (0..columns).flat_map(|x| data.iter().skip(x).step_by(columns).copied());
     let by_x: Vec<f32> = by_x.collect();
     let half = |posts: i32| -0.5 * (posts - 1) as f32;
+    let heights = Heights::new(width as u32, 1.0, 1.0, &by_x)?;
     Ok(NodeShape {
-        shape: Shape::Heights(Heights::new(width as u32, 1.0, 1.0, &by_x)?),
+        shape: Shape::Heights(heights.with_edges(edges)),
         origin: Vec3::new(half(width), 0.0, half(depth)),
     })
 }

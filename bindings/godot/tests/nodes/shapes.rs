@@ -2,7 +2,9 @@
 
 use rhumb_bindings::parse_body_word;
 use rhumb_client::glam::Vec3;
-use rhumb_client::scene::{BodyDesc, Compound, Mesh, Part, Shape, Stepping};
+use rhumb_client::scene::{
+    BodyDesc, Compound, Edges, Mesh, Part, Shape, Sleep, SleepThresholds, Stepping,
+};
 use rhumb_client::{Client, PipelineDepth, StreamChoice};
 
 use crate::agent::Agent;
@@ -142,4 +144,70 @@ fn shapes_of_other_members_are_resources_of_godot() {
         agent.eval(&format!("agent.body({}).shape.size", ids[1])),
         "(2.0, 4.0, 6.0)"
     );
+}
+
+#[test]
+fn conditions_of_sleep_and_edges_are_settings_of_the_scene_and_its_bodies() {
+    let server = Server::start();
+    let Some(mut agent) = Agent::start(&server, "settings", "lockstep", 0) else {
+        return;
+    };
+    agent.frame();
+    // Two is `Below`, three is `Never`, one is `Settled`; zero are plain edges.
+    agent.eval("scene.set('sleep', 2)");
+    agent.eval("scene.set('sleep_speed', 0.25)");
+    agent.eval("scene.set('sleep_seconds', 2.0)");
+    assert_eq!(agent.eval("scene.join()"), "0");
+    agent.run_until("the scene is joined", |agent, _| agent.has_said("joined"));
+    let plain = agent.number("agent.add_set({'edges': 0})");
+    let smooth = agent.number("agent.add_set({'edges': 1})");
+    let scenes = agent.number("agent.add_set({})");
+    let never = agent.number("agent.add_set({'sleep': 3})");
+    let settled = agent.number("agent.add_set({'sleep': 1})");
+    let below =
+        "{'sleep': 2, 'sleep_speed': 0.5, 'sleep_angular_speed': 0.75, 'sleep_seconds': 1.5}";
+    let below = agent.number(&format!("agent.add_set({below})"));
+    agent.step();
+    let mut truth = server.join("settings", Stepping::Lockstep, StreamChoice::Full);
+    truth.advance(PipelineDepth::LOCKSTEP).expect("a tick");
+    let thresholds = |speed, angular_speed, seconds| {
+        Sleep::Below(SleepThresholds {
+            speed,
+            angular_speed,
+            seconds,
+        })
+    };
+    assert_eq!(truth.config().sleep, thresholds(0.25, 1.0, 2.0));
+    let sleep = |id| {
+        let body = truth.replica()?.body(parse_body_word(id).ok()?)?;
+        body.sleep
+    };
+    assert_eq!(sleep(scenes), None);
+    assert_eq!(sleep(never), Some(Sleep::Never));
+    assert_eq!(sleep(settled), Some(Sleep::Settled));
+    assert_eq!(sleep(below), Some(thresholds(0.5, 0.75, 1.5)));
+    for (id, edges) in [(plain, Edges::Plain), (smooth, Edges::Smooth)] {
+        let Shape::Mesh(mesh) = truth_of(&truth, id).0 else {
+            panic!("a mesh");
+        };
+        assert_eq!(mesh.edges(), edges);
+    }
+    // A second member's nodes have the same settings.
+    let Some(mut other) = Agent::start(&server, "settings", "lockstep", 0) else {
+        return;
+    };
+    other.join();
+    let shown = format!(
+        "[agent.body({below}).sleep, agent.body({below}).sleep_seconds, agent.body({never}).sleep, agent.body({plain}).edges]"
+    );
+    other.run_until("the bodies are shown", |_, frame| {
+        frame.body(below).is_some()
+    });
+    assert_eq!(other.eval(&shown), "[2, 1.5, 3, 0]");
+    // Numbers that no body can have are refused with their limit.
+    assert_eq!(
+        agent.number("agent.add_set({'sleep': 2, 'sleep_seconds': -1.0})"),
+        0
+    );
+    assert!(agent.errors().contains("-1"), "{}", agent.errors());
 }

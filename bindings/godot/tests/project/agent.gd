@@ -184,6 +184,22 @@ func add_triangles(at: Vector3) -> int:
 	return add(mesh, 0, at)
 
 
+## A flat sheet or a ball with settings of its own, by name.
+func add_set(settings: Dictionary) -> int:
+	var node := RhumbBody.new()
+	if settings.has("edges"):
+		var mesh := ConcavePolygonShape3D.new()
+		mesh.set_faces(PackedVector3Array([Vector3(0, 0, 0), Vector3(0, 0, 1), Vector3(1, 0, 0)]))
+		node.shape = mesh
+		node.kind = 0
+	else:
+		node.shape = SphereShape3D.new()
+	for setting: String in settings:
+		node.set(setting, settings[setting])
+	scene.add_child(node)
+	return node.get_id()
+
+
 func add_capsule(at: Vector3) -> int:
 	var capsule := CapsuleShape3D.new()
 	capsule.radius = 0.25
