@@ -10,6 +10,7 @@ use rhumb_bindings::rhumb_client::scene::{Sleep, SleepThresholds};
 use rhumb_bindings::{BindingError, parse_body_word};
 
 use crate::errors::{exception, wrong, wrong_value};
+use crate::number::{REAL, within, written};
 
 /// Numbers of an argument, with the shape of their array. The shape of one number alone is empty.
 struct Numbers<T> {
@@ -31,11 +32,11 @@ impl<T: Element + Copy> Numbers<T> {
     }
 }
 
-fn numbers(argument: &Bound<'_, PyAny>) -> PyResult<Numbers<f32>> {
+fn numbers(argument: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Numbers<f32>> {
     let py = argument.py();
     let dtype = numpy::dtype::<f32>(py);
-    let array = get_array_module(py)?.call_method1("asarray", (argument, dtype))?;
-    Numbers::of(&array)
+    let array = get_array_module(py)?.call_method1("asarray", (argument, dtype));
+    Numbers::of(&within(argument, name, array, REAL)?)
 }
 
 /// Whole numbers. A negative one becomes greater than any place or id. A float is refused: its fraction would be lost.
@@ -53,7 +54,7 @@ fn integers(argument: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Numbers
         'f' => argument.extract::<Vec<u64>>().ok(),
         _ => None,
     };
-    let values = mixed.ok_or_else(|| wrong(py, name, "whole numbers"))?;
+    let values = mixed.ok_or_else(|| wrong_value(py, name, written(argument), "whole numbers"))?;
     let shape = vec![values.len()];
     Ok(Numbers { shape, values })
 }
@@ -64,7 +65,7 @@ pub(crate) fn rows<const W: usize>(
     count: usize,
     name: &'static str,
 ) -> PyResult<Vec<[f32; W]>> {
-    let numbers = numbers(argument)?;
+    let numbers = numbers(argument, name)?;
     let (rows, _) = numbers.values.as_chunks::<W>();
     match *numbers.shape.as_slice() {
         [width] if width == W => Ok(vec![rows[0]; count]),
@@ -95,7 +96,7 @@ pub(crate) fn optional_rows<const W: usize>(
 
 /// Any number of rows of three numbers.
 pub(crate) fn points(argument: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Vec<Vec3>> {
-    let numbers = numbers(argument)?;
+    let numbers = numbers(argument, name)?;
     match *numbers.shape.as_slice() {
         [_, 3] => Ok(numbers
             .values
@@ -131,7 +132,7 @@ pub(crate) fn triangles(argument: &Bound<'_, PyAny>) -> PyResult<Vec<[u32; 3]>> 
 
 /// Rows of heights: their number, and all of them.
 pub(crate) fn heights(argument: &Bound<'_, PyAny>) -> PyResult<(u32, Vec<f32>)> {
-    let numbers = numbers(argument)?;
+    let numbers = numbers(argument, "heights")?;
     match *numbers.shape.as_slice() {
         [rows, _] if u32::try_from(rows).is_ok() => Ok((rows as u32, numbers.values)),
         _ => Err(wrong(argument.py(), "heights", "rows of heights")),
@@ -153,7 +154,7 @@ fn one_row<const W: usize>(
     name: &'static str,
     needed: &'static str,
 ) -> PyResult<[f32; W]> {
-    let numbers = numbers(argument)?;
+    let numbers = numbers(argument, name)?;
     let row = numbers.values.as_slice().try_into().ok();
     row.filter(|_| numbers.shape == [W])
         .ok_or_else(|| wrong_value(argument.py(), name, shape_of(&numbers.shape), needed))
@@ -227,7 +228,7 @@ pub(crate) fn sleep(value: &Bound<'_, PyAny>) -> PyResult<Option<Sleep>> {
     match value.extract::<String>().as_deref() {
         Ok("settled") => Ok(Some(Sleep::Settled)),
         Ok("never") => Ok(Some(Sleep::Never)),
-        _ => Err(wrong(value.py(), "sleep", NEEDED)),
+        _ => Err(wrong_value(value.py(), "sleep", written(value), NEEDED)),
     }
 }
 

@@ -10,6 +10,7 @@ use rhumb_bindings::rhumb_client::{Damping, ToleranceScale};
 
 use crate::arguments::{one_of, optional_rows, points, sleep};
 use crate::errors::wrong_value;
+use crate::number::{real, reals, whole, within};
 use crate::shape::PyShape;
 
 const KINDS: [(&str, BodyKind); 3] = [
@@ -33,42 +34,41 @@ pub(crate) fn plain_body(
     for (key, value) in keywords {
         let key: String = key.extract()?;
         match key.as_str() {
-            "mass" => body.mass = value.extract()?,
-            "moments" => {
-                let numbers: Option<(f32, f32, f32)> = value.extract()?;
-                body.moments = numbers.map(Vec3::from);
-            }
+            "mass" => body.mass = optional(&value, "mass", real)?,
+            "moments" => body.moments = optional(&value, "moments", reals)?.map(Vec3::from_array),
             "material" => {
-                let numbers: Option<(f32, f32, f32)> = value.extract()?;
-                body.material = numbers.map(|(friction, restitution, density)| Material {
+                let numbers = optional(&value, "material", reals)?;
+                body.material = numbers.map(|[friction, restitution, density]| Material {
                     friction,
                     restitution,
                     density,
                 });
             }
             "damping" => {
-                let numbers: Option<(f32, f32)> = value.extract()?;
-                body.damping = numbers.map(|(linear, angular)| Damping { linear, angular });
+                let numbers = optional(&value, "damping", reals)?;
+                body.damping = numbers.map(|[linear, angular]| Damping { linear, angular });
             }
-            "gravity_scale" => body.gravity_scale = value.extract()?,
+            "gravity_scale" => body.gravity_scale = real(&value, "gravity_scale")?,
             "locked_axes" => {
-                let bits = value.extract()?;
+                let bits = whole::locked_axes(&value)?;
                 let needed = "six bits: 0 to 63";
                 body.locked_axes = LockedAxes::new(bits)
                     .ok_or_else(|| wrong_value(py, "locked_axes", bits, needed))?;
             }
             "groups" => {
-                let (members, touches) = value.extract()?;
+                let needed = "two numbers of 32 bits: 0 to 4294967295";
+                let (members, touches) = within(&value, "groups", value.extract(), needed)?;
                 body.groups = CollisionGroups { members, touches };
             }
             "tolerance_exponent" => {
-                let exponent = value.extract()?;
+                let needed = "-3 to 3";
+                let exponent = within(&value, "tolerance_exponent", value.extract(), needed)?;
                 body.tolerance_scale = ToleranceScale::new(exponent)
-                    .ok_or_else(|| wrong_value(py, "tolerance_exponent", exponent, "-3 to 3"))?;
+                    .ok_or_else(|| wrong_value(py, "tolerance_exponent", exponent, needed))?;
             }
-            "sensor" => body.sensor = value.extract()?,
-            "swept" => body.swept = value.extract()?,
-            "gyroscopic" => body.gyroscopic = value.extract()?,
+            "sensor" => body.sensor = flag(&value, "sensor")?,
+            "swept" => body.swept = flag(&value, "swept")?,
+            "gyroscopic" => body.gyroscopic = flag(&value, "gyroscopic")?,
             "sleep" => body.sleep = sleep(&value)?,
             _ => {
                 let text = format!("{key} is no keyword of a body");
@@ -77,6 +77,22 @@ pub(crate) fn plain_body(
         }
     }
     Ok(body)
+}
+
+/// The value of a keyword that may be `None`.
+fn optional<T>(
+    value: &Bound<'_, PyAny>,
+    name: &'static str,
+    read: impl FnOnce(&Bound<'_, PyAny>, &'static str) -> PyResult<T>,
+) -> PyResult<Option<T>> {
+    match value.is_none() {
+        true => Ok(None),
+        false => read(value, name).map(Some),
+    }
+}
+
+fn flag(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<bool> {
+    within(value, name, value.extract(), "True or False")
 }
 
 /// A body like a plain one for each row of positions. Rotations and velocities, linear then angular, may be left out.

@@ -10,6 +10,7 @@ use rhumb_bindings::{BindingError, Coordinates, JoinCondition, JoinParams, Remot
 
 use crate::arguments::{one_of, seconds, sleep as sleep_rule, vector};
 use crate::errors::exception;
+use crate::number;
 use crate::scene::PyScene;
 
 const COORDINATES: [(&str, Coordinates); 4] = [
@@ -54,7 +55,7 @@ pub(crate) fn connect(
     fingerprint: Option<&str>,
     roots: Option<PathBuf>,
     token: Option<&str>,
-    timeout: f64,
+    #[pyo3(from_py_with = number::double::timeout)] timeout: f64,
 ) -> PyResult<PyConnection> {
     let trust = rhumb_bindings::trust(fingerprint, roots.as_deref());
     let trust = trust.map_err(|error| exception(py, &error))?;
@@ -68,6 +69,11 @@ pub(crate) fn connect(
         address: address.to_owned(),
         connection: Mutex::new(Some(opened)),
     })
+}
+
+/// Seconds, or none.
+fn resume_within(value: &Bound<'_, PyAny>) -> PyResult<Option<f64>> {
+    number::within(value, "resume_within", value.extract(), "seconds")
 }
 
 #[pymethods]
@@ -104,19 +110,19 @@ impl PyConnection {
         scene: &str,
         coordinates: &str,
         condition: &str,
-        tolerance: f64,
+        #[pyo3(from_py_with = number::double::tolerance)] tolerance: f64,
         stepping: &str,
-        ticks_per_second: u32,
-        substeps: u32,
-        publish_interval: u32,
+        #[pyo3(from_py_with = number::whole::ticks_per_second)] ticks_per_second: u32,
+        #[pyo3(from_py_with = number::whole::substeps)] substeps: u32,
+        #[pyo3(from_py_with = number::whole::publish_interval)] publish_interval: u32,
         gravity: Option<&Bound<'_, PyAny>>,
         sleep: Option<&Bound<'_, PyAny>>,
-        delay_ticks: f64,
-        lead_ticks: f64,
+        #[pyo3(from_py_with = number::double::delay_ticks)] delay_ticks: f64,
+        #[pyo3(from_py_with = number::double::lead_ticks)] lead_ticks: f64,
         whole_ticks: bool,
         smooth: bool,
         refusals: &str,
-        resume_within: Option<f64>,
+        #[pyo3(from_py_with = resume_within)] resume_within: Option<f64>,
     ) -> PyResult<PyScene> {
         let gravity = gravity.map(|gravity| vector(gravity, "gravity"));
         let resume_within = resume_within.map(|within| seconds(py, within, "resume_within"));

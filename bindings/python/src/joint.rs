@@ -10,7 +10,8 @@ use rhumb_bindings::rhumb_client::scene::{
 use rhumb_bindings::{JointFreedom, JointParams, body_word};
 
 use crate::arguments::{one_of, rotation, single, vector};
-use crate::errors::{exception, wrong_value};
+use crate::errors::{check_in_any, exception, wrong_value};
+use crate::number;
 
 const FREEDOMS: [(&str, JointFreedom); 7] = [
     ("fixed", JointFreedom::Fixed),
@@ -51,6 +52,21 @@ pub(crate) struct PyJoint {
     joint: Joint,
 }
 
+const BY_AXIS: &str = "by axes 0 to 5, with finite numbers";
+
+fn limits(value: &Bound<'_, PyAny>) -> PyResult<Option<Limits>> {
+    number::within(value, "limits", value.extract(), BY_AXIS)
+}
+
+fn motors(value: &Bound<'_, PyAny>) -> PyResult<Option<Motors>> {
+    number::within(value, "motors", value.extract(), BY_AXIS)
+}
+
+fn breaks_at(value: &Bound<'_, PyAny>) -> PyResult<Option<(f32, f32)>> {
+    let needed = "a force and a torque, both finite";
+    number::within(value, "breaks_at", value.extract(), needed)
+}
+
 impl PyJoint {
     pub(crate) fn addition(&self, id: u32) -> Command {
         Command::AddJoint {
@@ -86,14 +102,14 @@ impl PyJoint {
         second_anchor: Option<&Bound<'_, PyAny>>,
         first_rotation: Option<&Bound<'_, PyAny>>,
         second_rotation: Option<&Bound<'_, PyAny>>,
-        locked_axes: u8,
-        limits: Option<Limits>,
-        motors: Option<Motors>,
-        length: f32,
-        stiffness: f32,
-        damping: f32,
+        #[pyo3(from_py_with = number::whole::locked_axes)] locked_axes: u8,
+        #[pyo3(from_py_with = limits)] limits: Option<Limits>,
+        #[pyo3(from_py_with = motors)] motors: Option<Motors>,
+        #[pyo3(from_py_with = number::single::length)] length: f32,
+        #[pyo3(from_py_with = number::single::stiffness)] stiffness: f32,
+        #[pyo3(from_py_with = number::single::damping)] damping: f32,
         collide: bool,
-        breaks_at: Option<(f32, f32)>,
+        #[pyo3(from_py_with = breaks_at)] breaks_at: Option<(f32, f32)>,
     ) -> PyResult<Self> {
         let freedom = one_of(py, &FREEDOMS, kind, "kind")?;
         let pair = [single(first)?, single(second)?];
@@ -125,6 +141,7 @@ impl PyJoint {
             ..JointParams::new(freedom, pair)
         };
         let joint = params.joint().map_err(|error| exception(py, &error))?;
+        check_in_any(py, |coordinates| coordinates.joint_in(&joint).check())?;
         let kind = kind.to_owned();
         Ok(Self { kind, joint })
     }

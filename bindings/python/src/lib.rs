@@ -16,6 +16,7 @@ mod errors;
 mod event;
 mod joint;
 mod locomotion;
+mod number;
 mod open_scene;
 mod query;
 mod scene;

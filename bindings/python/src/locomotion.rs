@@ -13,6 +13,8 @@ use rhumb_bindings::rhumb_client::scene::{
 };
 
 use crate::arguments::vector;
+use crate::errors::check_in_any;
+use crate::number;
 
 /// The commands that give bodies a locomotion.
 pub(crate) fn set(bodies: &[BodyId], locomotion: &Locomotion) -> Vec<Command> {
@@ -46,10 +48,19 @@ pub(crate) struct PyCharacter {
     snap: Option<f32>,
 }
 
+fn step(value: &Bound<'_, PyAny>) -> PyResult<Option<(f32, f32)>> {
+    let needed = "a height and a width, both finite";
+    number::within(value, "step", value.extract(), needed)
+}
+
 impl PyCharacter {
     pub(crate) fn locomotion(&self, coordinates: Coordinates) -> Locomotion {
+        self.character(coordinates).into()
+    }
+
+    fn character(&self, coordinates: Coordinates) -> Character {
         let plain = coordinates.plain_character();
-        let character = Character {
+        Character {
             up: self.up,
             offset: self.offset.unwrap_or(plain.offset),
             climb_angle: self.climb_angle,
@@ -59,8 +70,7 @@ impl PyCharacter {
             snap: self
                 .snap
                 .map_or(plain.snap, |snap| (snap != 0.0).then_some(snap)),
-        };
-        character.into()
+        }
     }
 }
 
@@ -74,16 +84,17 @@ impl PyCharacter {
     // Named parameters are the interface of Python.
     #[expect(clippy::too_many_arguments)]
     fn new(
+        py: Python<'_>,
         up: Option<&Bound<'_, PyAny>>,
-        offset: Option<f32>,
-        climb_angle: f32,
-        slide_angle: f32,
-        mass: f32,
-        step: Option<(f32, f32)>,
+        #[pyo3(from_py_with = number::optional::offset)] offset: Option<f32>,
+        #[pyo3(from_py_with = number::single::climb_angle)] climb_angle: f32,
+        #[pyo3(from_py_with = number::single::slide_angle)] slide_angle: f32,
+        #[pyo3(from_py_with = number::single::mass)] mass: f32,
+        #[pyo3(from_py_with = step)] step: Option<(f32, f32)>,
         onto_dynamic: bool,
-        snap: Option<f32>,
+        #[pyo3(from_py_with = number::optional::snap)] snap: Option<f32>,
     ) -> PyResult<Self> {
-        Ok(Self {
+        let character = Self {
             up: up.map(|up| vector(up, "up")).transpose()?,
             offset,
             climb_angle,
@@ -95,7 +106,13 @@ impl PyCharacter {
                 onto_dynamic,
             }),
             snap,
-        })
+        };
+        check_in_any(py, |coordinates| {
+            coordinates
+                .character_in(character.character(coordinates))
+                .check()
+        })?;
+        Ok(character)
     }
 
     fn __repr__(&self) -> String {
@@ -185,23 +202,24 @@ impl PyWheel {
     // Named parameters are the interface of Python.
     #[expect(clippy::too_many_arguments)]
     fn new(
+        py: Python<'_>,
         position: &Bound<'_, PyAny>,
-        radius: f32,
+        #[pyo3(from_py_with = number::single::radius)] radius: f32,
         direction: Option<&Bound<'_, PyAny>>,
         axle: Option<&Bound<'_, PyAny>>,
-        rest_length: Option<f32>,
-        travel: Option<f32>,
-        stiffness: Option<f32>,
-        compression: Option<f32>,
-        relaxation: Option<f32>,
-        force_max: Option<f32>,
-        friction_slip: Option<f32>,
-        side_friction: Option<f32>,
+        #[pyo3(from_py_with = number::optional::rest_length)] rest_length: Option<f32>,
+        #[pyo3(from_py_with = number::optional::travel)] travel: Option<f32>,
+        #[pyo3(from_py_with = number::optional::stiffness)] stiffness: Option<f32>,
+        #[pyo3(from_py_with = number::optional::compression)] compression: Option<f32>,
+        #[pyo3(from_py_with = number::optional::relaxation)] relaxation: Option<f32>,
+        #[pyo3(from_py_with = number::optional::force_max)] force_max: Option<f32>,
+        #[pyo3(from_py_with = number::optional::friction_slip)] friction_slip: Option<f32>,
+        #[pyo3(from_py_with = number::optional::side_friction)] side_friction: Option<f32>,
     ) -> PyResult<Self> {
         let optional = |argument: Option<&Bound<'_, PyAny>>, name| {
             argument.map(|argument| vector(argument, name)).transpose()
         };
-        Ok(Self {
+        let wheel = Self {
             position: vector(position, "position")?,
             radius,
             direction: optional(direction, "direction")?,
@@ -214,7 +232,12 @@ impl PyWheel {
             force_max,
             friction_slip,
             side_friction,
-        })
+        };
+        check_in_any(py, |coordinates| {
+            let wheels = vec![coordinates.wheel_in(wheel.wheel(coordinates))];
+            Vehicle { wheels }.check()
+        })?;
+        Ok(wheel)
     }
 
     fn __repr__(&self) -> String {
@@ -264,13 +287,23 @@ impl PyWheelInput {
 impl PyWheelInput {
     #[new]
     #[pyo3(signature = (steering = 0.0, force = 0.0, brake = 0.0))]
-    const fn new(steering: f32, force: f32, brake: f32) -> Self {
+    fn new(
+        py: Python<'_>,
+        #[pyo3(from_py_with = number::single::steering)] steering: f32,
+        #[pyo3(from_py_with = number::single::force)] force: f32,
+        #[pyo3(from_py_with = number::single::brake)] brake: f32,
+    ) -> PyResult<Self> {
         let input = WheelInput {
             steering,
             force,
             brake,
         };
-        Self { input }
+        check_in_any(py, |coordinates| {
+            let inputs = vec![coordinates.wheel_input_in(input)];
+            let id = BodyId::new(0, 0);
+            Command::SetWheels { id, inputs }.check()
+        })?;
+        Ok(Self { input })
     }
 
     fn __repr__(&self) -> String {

@@ -7,7 +7,8 @@ use rhumb_bindings::rhumb_client::scene::{self, QueryKind};
 use rhumb_bindings::{HitRecord, body_word};
 
 use crate::arguments::{rotation, single, vector};
-use crate::errors::wrong;
+use crate::errors::{check_in_any, wrong, wrong_value};
+use crate::number;
 use crate::shape::{PyShape, written};
 
 /// A question about where the bodies are, for Scene.query: Query.ray, shape_cast, projection or overlap.
@@ -18,58 +19,86 @@ pub(crate) struct PyQuery {
     pub(crate) query: scene::Query,
 }
 
+impl PyQuery {
+    /// The query with its number of hits, if some scene can be asked it.
+    fn checked(py: Python<'_>, query: scene::Query, hits: u32) -> PyResult<Self> {
+        let allowed = 1..=scene::Query::HITS_MAX;
+        let most = u8::try_from(hits)
+            .ok()
+            .filter(|hits| allowed.contains(hits));
+        let needed = format_args!("1 to {}", scene::Query::HITS_MAX);
+        let most = most.ok_or_else(|| wrong_value(py, "hits", hits, needed))?;
+        let query = query.finding(most);
+        check_in_any(py, |coordinates| {
+            coordinates.query_in(query.clone())?.check()
+        })?;
+        Ok(Self { query })
+    }
+}
+
 #[pymethods]
 impl PyQuery {
     /// The nearest bodies along a line from origin to origin + translation. Sensors do not count.
     #[staticmethod]
     #[pyo3(signature = (origin, translation, *, hits = 1))]
-    fn ray(origin: &Bound<'_, PyAny>, translation: &Bound<'_, PyAny>, hits: u32) -> PyResult<Self> {
+    fn ray(
+        py: Python<'_>,
+        origin: &Bound<'_, PyAny>,
+        translation: &Bound<'_, PyAny>,
+        #[pyo3(from_py_with = number::whole::hits)] hits: u32,
+    ) -> PyResult<Self> {
         let (origin, way) = (
             vector(origin, "origin")?,
             vector(translation, "translation")?,
         );
-        let query = scene::Query::ray(origin, way).finding(most(hits));
-        Ok(Self { query })
+        Self::checked(py, scene::Query::ray(origin, way), hits)
     }
 
     /// The nearest bodies that a shape touches on its way: a ball, cuboid, rounded cuboid, capsule, cylinder or cone.
     #[staticmethod]
     #[pyo3(signature = (shape, position, translation, *, rotation = None, hits = 1))]
     fn shape_cast(
+        py: Python<'_>,
         shape: &Bound<'_, PyShape>,
         position: &Bound<'_, PyAny>,
         translation: &Bound<'_, PyAny>,
         rotation: Option<&Bound<'_, PyAny>>,
-        hits: u32,
+        #[pyo3(from_py_with = number::whole::hits)] hits: u32,
     ) -> PyResult<Self> {
         let shape = simple(shape)?;
         let (position, turned) = (vector(position, "position")?, turned(rotation)?);
         let way = vector(translation, "translation")?;
-        let query = scene::Query::shape_cast(shape, position, turned, way).finding(most(hits));
-        Ok(Self { query })
+        let query = scene::Query::shape_cast(shape, position, turned, way);
+        Self::checked(py, query, hits)
     }
 
     /// The bodies whose surfaces are nearest to a point, within a distance.
     #[staticmethod]
     #[pyo3(signature = (point, distance, *, hits = 1))]
-    fn projection(point: &Bound<'_, PyAny>, distance: f32, hits: u32) -> PyResult<Self> {
+    fn projection(
+        py: Python<'_>,
+        point: &Bound<'_, PyAny>,
+        #[pyo3(from_py_with = number::single::distance)] distance: f32,
+        #[pyo3(from_py_with = number::whole::hits)] hits: u32,
+    ) -> PyResult<Self> {
         let point = vector(point, "point")?;
-        let query = scene::Query::projection(point, distance).finding(most(hits));
-        Ok(Self { query })
+        let query = scene::Query::projection(point, distance);
+        Self::checked(py, query, hits)
     }
 
     /// The bodies that a shape overlaps: a ball, cuboid, rounded cuboid, capsule, cylinder or cone.
     #[staticmethod]
     #[pyo3(signature = (shape, position, *, rotation = None, hits = 64))]
     fn overlap(
+        py: Python<'_>,
         shape: &Bound<'_, PyShape>,
         position: &Bound<'_, PyAny>,
         rotation: Option<&Bound<'_, PyAny>>,
-        hits: u32,
+        #[pyo3(from_py_with = number::whole::hits)] hits: u32,
     ) -> PyResult<Self> {
         let (position, turned) = (vector(position, "position")?, turned(rotation)?);
-        let query = scene::Query::overlap(simple(shape)?, position, turned).finding(most(hits));
-        Ok(Self { query })
+        let query = scene::Query::overlap(simple(shape)?, position, turned);
+        Self::checked(py, query, hits)
     }
 
     /// The same question about some bodies: of these kinds, of a group in the bits of groups, but not the one excluded.
@@ -80,7 +109,7 @@ impl PyQuery {
         dynamic: bool,
         kinematic: bool,
         sensors: bool,
-        groups: u32,
+        #[pyo3(from_py_with = number::whole::groups)] groups: u32,
         excluding: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
         let except = excluding.map(single);
@@ -135,11 +164,6 @@ impl PyQuery {
         }
         text
     }
-}
-
-/// A number of hits; one that no query can have stays one.
-fn most(hits: u32) -> u8 {
-    u8::try_from(hits).unwrap_or(u8::MAX)
 }
 
 fn turned(rotation: Option<&Bound<'_, PyAny>>) -> PyResult<Quat> {

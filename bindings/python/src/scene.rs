@@ -1,22 +1,25 @@
 //! Scenes: bodies, commands, time, arrays, events, queries.
 
+mod calls;
+
 use std::sync::{Mutex, TryLockError};
 
 use numpy::{IntoPyArray, PyArray1, PyArrayDyn};
 use pyo3::{prelude::*, types::PyDict};
 use rhumb_bindings::rhumb_client::glam::Vec3;
 use rhumb_bindings::rhumb_client::scene::{ActiveEvents, Command, JointId, Locomotion};
-use rhumb_bindings::rhumb_client::{BodyId, PipelineDepth, Tick};
-use rhumb_bindings::{BindingError, Coordinates, RemoteScene, body_word};
+use rhumb_bindings::rhumb_client::{PipelineDepth, Tick};
+use rhumb_bindings::{BindingError, RemoteScene, body_word};
 
-use crate::arguments::{Bodies, bodies, rows, seconds, single, vector};
+use crate::arguments::{bodies, seconds, single, vector};
 use crate::body::{bodies_at, plain_body};
 use crate::body_states::states;
 use crate::commands::{jumps, set_poses, set_velocities};
 use crate::errors::{exception, wrong_value};
 use crate::event::{PyContact, PyEvent};
 use crate::joint::PyJoint;
-use crate::locomotion::{PyCharacter, PyWheel, PyWheelInput, set};
+use crate::locomotion::{PyCharacter, PyWheel, PyWheelInput};
+use crate::number;
 use crate::open_scene::OpenScene;
 use crate::query::{PyHit, PyQuery};
 use crate::shape::PyShape;
@@ -47,107 +50,6 @@ impl PyScene {
             name,
             opened: Mutex::new(Some(OpenScene::new(scene))),
         }
-    }
-
-    /// Calls with the scene. A second thread does not wait.
-    fn with<R>(
-        &self,
-        py: Python<'_>,
-        call: impl FnOnce(&mut OpenScene) -> Result<R, BindingError>,
-    ) -> PyResult<R> {
-        self.locked(call).map_err(|error| exception(py, &error))
-    }
-
-    /// The same without the interpreter's lock, for a call that waits.
-    fn waiting<R: Send>(
-        &self,
-        py: Python<'_>,
-        call: impl FnOnce(&mut OpenScene) -> Result<R, BindingError> + Send,
-    ) -> PyResult<R> {
-        let result = py.detach(|| self.locked(call));
-        result.map_err(|error| exception(py, &error))
-    }
-
-    fn locked<R>(
-        &self,
-        call: impl FnOnce(&mut OpenScene) -> Result<R, BindingError>,
-    ) -> Result<R, BindingError> {
-        let mut opened = self.opened.try_lock().map_err(|error| match error {
-            TryLockError::WouldBlock => BindingError::Busy,
-            TryLockError::Poisoned(_) => {
-                BindingError::Fault("an earlier call of this scene panicked".into())
-            }
-        })?;
-        call(opened.as_mut().ok_or(BindingError::Closed)?)
-    }
-
-    /// Queues a command for each body, made of its row of numbers.
-    fn push(
-        &self,
-        py: Python<'_>,
-        body: &Bound<'_, PyAny>,
-        numbers: &Bound<'_, PyAny>,
-        name: &'static str,
-        command: impl Fn(BodyId, Vec3) -> Command,
-    ) -> PyResult<Option<u64>> {
-        let Bodies { ids, .. } = bodies(body)?;
-        let vectors = rows::<3>(numbers, ids.len(), name)?;
-        let command = |(id, vector): (BodyId, [f32; 3])| command(id, vector.into());
-        let commands = ids.into_iter().zip(vectors).map(command).collect();
-        self.all(py, commands)
-    }
-
-    /// Queues commands.
-    fn all(&self, py: Python<'_>, commands: Vec<Command>) -> PyResult<Option<u64>> {
-        self.with(py, |opened| opened.scene.command(commands))
-    }
-
-    /// Queues a command.
-    fn one(&self, py: Python<'_>, command: Command) -> PyResult<Option<u64>> {
-        self.all(py, vec![command])
-    }
-
-    /// Queues a command for each body.
-    fn each(
-        &self,
-        py: Python<'_>,
-        body: &Bound<'_, PyAny>,
-        command: impl Fn(BodyId) -> Command,
-    ) -> PyResult<Option<u64>> {
-        let commands = bodies(body)?.ids.into_iter().map(command).collect();
-        self.all(py, commands)
-    }
-
-    /// A bound of one body as a number, of a row of bodies as an array.
-    fn bounds(
-        &self,
-        py: Python<'_>,
-        body: &Bound<'_, PyAny>,
-        bound: impl Fn(&RemoteScene, BodyId) -> Result<f32, BindingError>,
-    ) -> PyResult<Py<PyAny>> {
-        let Bodies { ids, is_single } = bodies(body)?;
-        let bounds = self.with(py, |opened| {
-            let bounds = ids.iter().map(|id| bound(&opened.scene, *id));
-            bounds.collect::<Result<Vec<_>, _>>()
-        })?;
-        match (is_single, bounds.as_slice()) {
-            (true, [bound]) => Ok(bound.into_pyobject(py)?.into_any().unbind()),
-            _ => Ok(bounds.into_pyarray(py).into_any().unbind()),
-        }
-    }
-
-    /// Queues that each body gets a locomotion in the scene's coordinates.
-    fn moved(
-        &self,
-        py: Python<'_>,
-        body: &Bound<'_, PyAny>,
-        locomotion: impl FnOnce(Coordinates) -> Locomotion,
-    ) -> PyResult<Option<u64>> {
-        let ids = bodies(body)?.ids;
-        self.with(py, |opened| {
-            let locomotion = locomotion(opened.scene.coordinates());
-            opened.scene.command(set(&ids, &locomotion))
-        })
     }
 }
 
@@ -370,7 +272,7 @@ impl PyScene {
         py: Python<'_>,
         body: &Bound<'_, PyAny>,
         contacts: bool,
-        force: Option<f32>,
+        #[pyo3(from_py_with = number::optional::force)] force: Option<f32>,
         sensors: bool,
         sleep: bool,
     ) -> PyResult<Option<u64>> {
@@ -387,7 +289,7 @@ impl PyScene {
     fn add_joint(
         &self,
         py: Python<'_>,
-        id: u32,
+        #[pyo3(from_py_with = number::whole::id)] id: u32,
         joint: &Bound<'_, PyJoint>,
     ) -> PyResult<Option<u64>> {
         self.one(py, joint.get().addition(id))
@@ -397,14 +299,18 @@ impl PyScene {
     fn change_joint(
         &self,
         py: Python<'_>,
-        id: u32,
+        #[pyo3(from_py_with = number::whole::id)] id: u32,
         joint: &Bound<'_, PyJoint>,
     ) -> PyResult<Option<u64>> {
         self.one(py, joint.get().change(id))
     }
 
     /// Removes a joint. It goes with either of its bodies too.
-    fn remove_joint(&self, py: Python<'_>, id: u32) -> PyResult<Option<u64>> {
+    fn remove_joint(
+        &self,
+        py: Python<'_>,
+        #[pyo3(from_py_with = number::whole::id)] id: u32,
+    ) -> PyResult<Option<u64>> {
         self.one(py, Command::RemoveJoint { id: JointId(id) })
     }
 
@@ -446,7 +352,7 @@ impl PyScene {
         &self,
         py: Python<'_>,
         body: &Bound<'_, PyAny>,
-        speed: f32,
+        #[pyo3(from_py_with = number::single::speed)] speed: f32,
         anywhere: bool,
     ) -> PyResult<Option<u64>> {
         self.all(py, jumps(body, speed, anywhere)?)
@@ -474,7 +380,7 @@ impl PyScene {
         &self,
         py: Python<'_>,
         body: &Bound<'_, PyAny>,
-        tolerance: f64,
+        #[pyo3(from_py_with = number::double::tolerance)] tolerance: f64,
     ) -> PyResult<()> {
         let ids = bodies(body)?.ids;
         self.with(py, |opened| opened.scene.take_authority(&ids, tolerance))
@@ -519,7 +425,12 @@ impl PyScene {
     /// At depth 1, the view is one tick behind, and the server computes the newest one meanwhile. It raises RefusedError
     /// for what the server refused, after the tick in which that became known; the next call goes on.
     #[pyo3(signature = (ticks = 1, depth = 0))]
-    fn advance(&self, py: Python<'_>, ticks: u32, depth: u32) -> PyResult<u64> {
+    fn advance(
+        &self,
+        py: Python<'_>,
+        #[pyo3(from_py_with = number::whole::ticks)] ticks: u32,
+        #[pyo3(from_py_with = number::whole::depth)] depth: u32,
+    ) -> PyResult<u64> {
         if ticks == 0 {
             return Err(wrong_value(py, "ticks", ticks, "at least 1"));
         }
@@ -538,7 +449,11 @@ impl PyScene {
 
     /// Waits again for the tick of an advance that timed out.
     #[pyo3(signature = (depth = 0))]
-    fn wait(&self, py: Python<'_>, depth: u32) -> PyResult<u64> {
+    fn wait(
+        &self,
+        py: Python<'_>,
+        #[pyo3(from_py_with = number::whole::depth)] depth: u32,
+    ) -> PyResult<u64> {
         self.waiting(py, |opened| {
             opened.expire();
             Ok(opened.scene.wait(PipelineDepth::new(depth))?.value())
@@ -557,7 +472,11 @@ impl PyScene {
     }
 
     /// Handles what arrives for a time in seconds, without computing the view.
-    fn idle(&self, py: Python<'_>, duration: f64) -> PyResult<()> {
+    fn idle(
+        &self,
+        py: Python<'_>,
+        #[pyo3(from_py_with = number::double::duration)] duration: f64,
+    ) -> PyResult<()> {
         let duration = seconds(py, duration, "duration")?;
         self.waiting(py, |opened| opened.scene.idle(duration))
     }
@@ -691,14 +610,18 @@ impl PyScene {
         &self,
         py: Python<'_>,
         body: &Bound<'_, PyAny>,
-        tick: u64,
+        #[pyo3(from_py_with = number::whole::tick)] tick: u64,
     ) -> PyResult<Py<PyAny>> {
         let tick = Tick::new(tick);
         self.bounds(py, body, |scene, id| scene.tick_error_bound(id, tick))
     }
 
     /// Sets lead_ticks of join anew: by how many ticks publish is ahead of the server's clock.
-    fn set_lead_ticks(&self, py: Python<'_>, ticks: f64) -> PyResult<()> {
+    fn set_lead_ticks(
+        &self,
+        py: Python<'_>,
+        #[pyo3(from_py_with = number::double::ticks)] ticks: f64,
+    ) -> PyResult<()> {
         self.with(py, |opened| opened.scene.set_lead_ticks(ticks))
     }
 
@@ -706,7 +629,7 @@ impl PyScene {
     ///
     /// It knows the bodies that touch where one of the two reports contacts: call report_events(body, contacts=True) when
     /// you add them. With force=0.0 beside it, point, normal and force are those of the newest tick in which the two were
-    /// awake; otherwise those of the beginning.
+    /// awake; otherwise those of the beginning. Raises InvalidError for a body that this client never knew.
     #[pyo3(signature = (body = None))]
     fn contacts(
         &self,
@@ -714,7 +637,7 @@ impl PyScene {
         body: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Vec<PyContact>> {
         let id = body.map(single).transpose()?;
-        let contacts = self.with(py, |opened| Ok(opened.scene.contacts(id)))?;
+        let contacts = self.with(py, |opened| opened.scene.contacts(id))?;
         Ok(contacts.iter().map(PyContact::new).collect())
     }
 

@@ -7,7 +7,8 @@ use rhumb_bindings::rhumb_client::scene::{
 };
 
 use crate::arguments::{heights, one_of, points, rotation, triangles, vector};
-use crate::errors::exception;
+use crate::errors::{check_in_any, exception};
+use crate::number;
 
 /// A part of a compound: shape, position, and rotation if it is turned.
 #[derive(FromPyObject)]
@@ -29,6 +30,9 @@ pub(crate) struct PyShape {
 impl PyShape {
     fn checked(py: Python<'_>, shape: Result<scene::Shape, Invalid>) -> PyResult<Self> {
         let shape = shape.map_err(|invalid| exception(py, &invalid.into()))?;
+        check_in_any(py, |coordinates| {
+            coordinates.shape_in(shape.clone())?.check()
+        })?;
         Ok(Self { shape })
     }
 }
@@ -45,56 +49,81 @@ fn edges_of(py: Python<'_>, word: Option<&str>) -> PyResult<Edges> {
 impl PyShape {
     /// A sphere.
     #[staticmethod]
-    const fn ball(radius: f32) -> Self {
+    fn ball(
+        py: Python<'_>,
+        #[pyo3(from_py_with = number::single::radius)] radius: f32,
+    ) -> PyResult<Self> {
         let shape = scene::Shape::ball(radius);
-        Self { shape }
+        Self::checked(py, Ok(shape))
     }
 
     /// A box, by half its edge lengths: cuboid(0.5, 0.5, 0.5) is a cube of edge 1.
     #[staticmethod]
-    const fn cuboid(x: f32, y: f32, z: f32) -> Self {
+    fn cuboid(
+        py: Python<'_>,
+        #[pyo3(from_py_with = number::single::x)] x: f32,
+        #[pyo3(from_py_with = number::single::y)] y: f32,
+        #[pyo3(from_py_with = number::single::z)] z: f32,
+    ) -> PyResult<Self> {
         let shape = scene::Shape::cuboid(x, y, z);
-        Self { shape }
+        Self::checked(py, Ok(shape))
     }
 
     /// A box with round edges: every point within the radius of a box, which is given by half its edge lengths.
     #[staticmethod]
-    fn rounded_cuboid(x: f32, y: f32, z: f32, radius: f32) -> Self {
+    fn rounded_cuboid(
+        py: Python<'_>,
+        #[pyo3(from_py_with = number::single::x)] x: f32,
+        #[pyo3(from_py_with = number::single::y)] y: f32,
+        #[pyo3(from_py_with = number::single::z)] z: f32,
+        #[pyo3(from_py_with = number::single::radius)] radius: f32,
+    ) -> PyResult<Self> {
         let half_extents = [x, y, z].into();
         let shape = scene::Shape::RoundedCuboid {
             half_extents,
             radius,
         };
-        Self { shape }
+        Self::checked(py, Ok(shape))
     }
 
     /// A cylinder with half balls on its ends, by half the length of its straight part.
     #[staticmethod]
-    const fn capsule(half_height: f32, radius: f32) -> Self {
+    fn capsule(
+        py: Python<'_>,
+        #[pyo3(from_py_with = number::single::half_height)] half_height: f32,
+        #[pyo3(from_py_with = number::single::radius)] radius: f32,
+    ) -> PyResult<Self> {
         let shape = scene::Shape::capsule(half_height, radius);
-        Self { shape }
+        Self::checked(py, Ok(shape))
     }
 
     /// A cylinder, by half its length.
     #[staticmethod]
-    const fn cylinder(half_height: f32, radius: f32) -> Self {
+    fn cylinder(
+        py: Python<'_>,
+        #[pyo3(from_py_with = number::single::half_height)] half_height: f32,
+        #[pyo3(from_py_with = number::single::radius)] radius: f32,
+    ) -> PyResult<Self> {
         let shape = scene::Shape::cylinder(half_height, radius);
-        Self { shape }
+        Self::checked(py, Ok(shape))
     }
 
     /// A cone whose tip points up, by half its height.
     #[staticmethod]
-    const fn cone(half_height: f32, radius: f32) -> Self {
+    fn cone(
+        py: Python<'_>,
+        #[pyo3(from_py_with = number::single::half_height)] half_height: f32,
+        #[pyo3(from_py_with = number::single::radius)] radius: f32,
+    ) -> PyResult<Self> {
         let shape = scene::Shape::cone(half_height, radius);
-        Self { shape }
+        Self::checked(py, Ok(shape))
     }
 
     /// Everything behind a plane, whose normal points out of it. For fixed bodies.
     #[staticmethod]
-    fn half_space(normal: &Bound<'_, PyAny>) -> PyResult<Self> {
+    fn half_space(py: Python<'_>, normal: &Bound<'_, PyAny>) -> PyResult<Self> {
         let normal = vector(normal, "normal")?;
-        let shape = scene::Shape::HalfSpace { normal };
-        Ok(Self { shape })
+        Self::checked(py, Ok(scene::Shape::HalfSpace { normal }))
     }
 
     /// The convex hull of rows of three numbers, from any origin: see centre. At most 255 corners; other points are left out.
@@ -132,8 +161,8 @@ impl PyShape {
     fn of_heights(
         py: Python<'_>,
         heights: &Bound<'_, PyAny>,
-        row_spacing: f32,
-        column_spacing: f32,
+        #[pyo3(from_py_with = number::single::row_spacing)] row_spacing: f32,
+        #[pyo3(from_py_with = number::single::column_spacing)] column_spacing: f32,
         edges: Option<&str>,
     ) -> PyResult<Self> {
         let (rows, heights) = self::heights(heights)?;

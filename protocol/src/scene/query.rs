@@ -136,6 +136,9 @@ impl QueryCandidate {
 }
 
 impl Query {
+    /// The most bodies that a query finds.
+    pub const HITS_MAX: u8 = HITS_MAX;
+
     /// The nearest body along a line.
     #[must_use]
     pub const fn ray(origin: Vec3, translation: Vec3) -> Self {
