@@ -1217,8 +1217,8 @@ RhumbCode rhumb_scene_query(struct RhumbScene scene,
                             size_t *hit_count,
                             uint64_t *tick);
 
-// Takes the oldest refusal of the last call that was `RHUMB_CODE_REFUSED`. Its sentences are those of `rhumb_last_error`,
-// which names the first.
+// Takes the oldest refusal of the last call that was `RHUMB_CODE_REFUSED`, of which 1,024 are kept. Its sentences are those
+// of `rhumb_last_error`, which names the first and tells how many others there are.
 //
 // # Safety
 //

@@ -489,8 +489,8 @@ namespace Rhumb
         public static extern RhumbCode rhumb_scene_query(RhumbScene scene, RhumbQuery* queries, System.UIntPtr count, RhumbHit* hits, System.UIntPtr capacity, System.UIntPtr* hit_count, ulong* tick);
 
         /// <summary>
-        ///  Takes the oldest refusal of the last call that was `RHUMB_CODE_REFUSED`. Its sentences are those of `rhumb_last_error`,
-        ///  which names the first.
+        ///  Takes the oldest refusal of the last call that was `RHUMB_CODE_REFUSED`, of which 1,024 are kept. Its sentences are those
+        ///  of `rhumb_last_error`, which names the first and tells how many others there are.
         ///
         ///  # Safety
         ///
