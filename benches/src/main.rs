@@ -15,6 +15,7 @@ use rhumb_bench::neighbour::{NeighbourArguments, neighbour};
 use rhumb_bench::replay::{Replay, replay};
 use rhumb_bench::scene_file::{SceneArguments, scene};
 use rhumb_bench::service::{ServiceArguments, service};
+use rhumb_server::cli::parse;
 
 /// Command line of `rhumb-bench`.
 #[derive(Debug, Parser)]
@@ -54,7 +55,7 @@ enum Task {
 }
 
 fn main() -> ExitCode {
-    match Arguments::parse().task {
+    match parse::<Arguments>().task {
         Task::Evaluate(arguments) => evaluate(&arguments),
         Task::Replay(arguments) => replay(&arguments),
         Task::Ablate(arguments) => ablate(&arguments),

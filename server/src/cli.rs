@@ -14,11 +14,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use clap::builder::NonEmptyStringValueParser;
 use clap::{Parser, Subcommand};
 use rhumb_protocol::packet::LargestPacket;
 use rhumb_protocol::scene::SceneName;
 use rhumb_transport::{PageOrigin, Stop};
 use tracing::level_filters::LevelFilter;
+
+pub use crate::command_line::parse;
 
 use crate::announcement::{BoundAddresses, announce};
 #[cfg(feature = "demo")]
@@ -72,7 +75,7 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE", conflicts_with = "open")]
     token_key: Vec<PathBuf>,
     /// Name that a token must give as its audience [default: rhumb].
-    #[arg(long)]
+    #[arg(long, value_parser = NonEmptyStringValueParser::new())]
     audience: Option<String>,
     /// Admits every client of this machine without a token, for development.
     #[arg(long)]
@@ -178,6 +181,7 @@ enum Task {
     #[command(hide = true)]
     Worker {
         /// The tenant, as a list of processes shows it.
+        #[arg(value_parser = NonEmptyStringValueParser::new())]
         tenant: String,
     },
     /// Shows a running server's figures in this terminal: scenes, clients, bytes, times of ticks.

@@ -50,6 +50,7 @@ mod authority_table;
 mod baking;
 mod body_placement;
 pub mod cli;
+mod command_line;
 #[cfg(feature = "demo")]
 mod demo;
 mod digest;

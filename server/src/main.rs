@@ -2,9 +2,8 @@
 
 use std::process::ExitCode;
 
-use clap::Parser;
-use rhumb_server::cli::{Arguments, main as serve};
+use rhumb_server::cli::{main as serve, parse};
 
 fn main() -> ExitCode {
-    serve(Arguments::parse())
+    serve(parse())
 }

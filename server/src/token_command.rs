@@ -5,6 +5,7 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use clap::Args;
+use clap::builder::NonEmptyStringValueParser;
 use rhumb_protocol::message::Token;
 
 use crate::access::{Claims, DEFAULT_AUDIENCE, TokenKeys, make_keys, role_of, sign};
@@ -17,13 +18,13 @@ pub(crate) struct TokenArguments {
     new_key: Option<PathBuf>,
     /// Checks this token instead, as a server with the public key of --key and this audience would, for the scene if one is
     /// named: prints its claims, or says which of them is wrong and ends with code 1.
-    #[arg(long, value_name = "TOKEN", conflicts_with_all = ["client", "role"])]
+    #[arg(long, value_name = "TOKEN", conflicts_with_all = ["client", "role"], value_parser = NonEmptyStringValueParser::new())]
     check: Option<String>,
     /// File with the secret key that signs, or to check with the public key.
     #[arg(long, value_name = "FILE", required_unless_present = "new_key")]
     key: Option<PathBuf>,
     /// Name of the client; it owns the bodies that it adds.
-    #[arg(long, required_unless_present_any = ["new_key", "check"])]
+    #[arg(long, required_unless_present_any = ["new_key", "check"], value_parser = NonEmptyStringValueParser::new())]
     client: Option<String>,
     /// Name of a scene, or the beginning of names and a `*`; may be repeated.
     #[arg(long, required_unless_present_any = ["new_key", "check"], value_parser = pattern)]
@@ -35,7 +36,7 @@ pub(crate) struct TokenArguments {
     #[arg(long, default_value_t = 24, value_parser = clap::value_parser!(u32).range(1..=87_600))]
     hours: u32,
     /// The servers that it is for: their `--audience`.
-    #[arg(long, default_value = DEFAULT_AUDIENCE)]
+    #[arg(long, default_value = DEFAULT_AUDIENCE, value_parser = NonEmptyStringValueParser::new())]
     audience: String,
     /// Most bodies of the client in a scene.
     #[arg(long)]

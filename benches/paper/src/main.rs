@@ -81,7 +81,7 @@ struct MergeArguments {
 }
 
 fn main() -> ExitCode {
-    let arguments = Arguments::parse();
+    let arguments: Arguments = rhumb_server::cli::parse();
     let done = match arguments.task {
         None => experiment::run(&arguments.experiment),
         Some(Task::Remote(arguments)) => remote::run(&arguments),

@@ -12,6 +12,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 use std::time::Duration;
 
+use clap::builder::NonEmptyStringValueParser;
 use clap::{Args, Parser, Subcommand};
 use rhumb_netsim::{Carrier, LinkConfig, RawConnection, RawPeerConfig};
 use rhumb_protocol::message::Token;
@@ -59,7 +60,7 @@ enum Task {
 #[derive(Debug, Args)]
 struct ServerTask {
     /// Host and port of the server.
-    #[arg(long, required_unless_present = "list")]
+    #[arg(long, required_unless_present = "list", value_parser = NonEmptyStringValueParser::new())]
     target: Option<String>,
     /// SHA-256 of the server's certificate, as 64 hexadecimal digits.
     #[arg(long, conflicts_with = "roots", required_unless_present_any = ["roots", "list"])]
@@ -99,7 +100,7 @@ struct ClientTask {
     #[arg(long, default_value = "127.0.0.1:0")]
     listen: SocketAddr,
     /// Command that starts the client.
-    #[arg(long, required_unless_present = "list")]
+    #[arg(long, required_unless_present = "list", value_parser = NonEmptyStringValueParser::new())]
     exec: Option<String>,
     #[command(flatten)]
     common: Common,
@@ -108,7 +109,7 @@ struct ClientTask {
 #[derive(Debug, Args)]
 struct VectorsTask {
     /// Command that starts the decoder; by default the project's own decoder is tested.
-    #[arg(long)]
+    #[arg(long, value_parser = NonEmptyStringValueParser::new())]
     exec: Option<String>,
     #[command(flatten)]
     common: Common,
@@ -141,7 +142,7 @@ struct TraceTask {
     /// A trace written by `rhumb-bench`, or a recording of a server.
     file: PathBuf,
     /// This load of the trace alone, such as n500, or this scene of the recording.
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", value_parser = NonEmptyStringValueParser::new())]
     load: Option<String>,
     #[command(flatten)]
     reports: Reports,
@@ -153,7 +154,7 @@ struct Common {
     #[arg(long)]
     list: bool,
     /// Only these cases: a prefix of an id, or words of a name; `*` matches any text.
-    #[arg(long, value_name = "PATTERN")]
+    #[arg(long, value_name = "PATTERN", value_parser = NonEmptyStringValueParser::new())]
     case: Vec<String>,
     /// Treat SHOULD as MUST.
     #[arg(long)]

@@ -2,9 +2,9 @@
 
 use std::process::ExitCode;
 
-use clap::Parser;
-use rhumb_conformance::{Arguments, main as run};
+use rhumb_conformance::main as run;
+use rhumb_server::cli::parse;
 
 fn main() -> ExitCode {
-    run(Arguments::parse())
+    run(parse())
 }
