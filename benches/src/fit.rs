@@ -28,7 +28,8 @@ use crate::replay::{
 #[derive(Clone, Debug, Args)]
 pub struct FitArguments {
     /// Recordings and how they are published, such as cubes.rhtrace.zst,tolerance=0.01,lookahead=6,weight=2; further
-    /// settings: turn (degrees), publish-interval. The tolerance is 0.05 m unless it is set.
+    /// settings: turn (degrees), publish-interval, and load, the name of one of the file's loads. The tolerance is 0.05 m unless it
+    /// is set.
     #[arg(required = true)]
     loads: Vec<FitLoad>,
     /// Source file whose tables are replaced; without it the tables are printed.
@@ -40,12 +41,15 @@ pub struct FitArguments {
 #[derive(Clone, Debug, PartialEq)]
 struct FitLoad {
     path: PathBuf,
+    /// One of the file's; its first, unless it is named.
+    load: Option<String>,
     config: ReplayConfig,
     weight: f64,
 }
 
-fn number(text: &str) -> Result<f64, String> {
-    text.parse().map_err(|_| format!("{text} is not a number"))
+fn number(name: &str, text: &str) -> Result<f64, String> {
+    text.parse()
+        .map_err(|_| format!("{name} is {text:?}, and must be a number"))
 }
 
 impl FromStr for FitLoad {
@@ -55,42 +59,55 @@ impl FromStr for FitLoad {
         let mut parts = text.split(',');
         let path = PathBuf::from(parts.next().unwrap_or_default());
         let (mut tolerance, mut turn, mut publish_interval, mut lookahead, mut weight) =
-            (DEFAULT_TOLERANCE.to_owned(), None, 1.0, 0.0, 1.0);
+            (number("tolerance", DEFAULT_TOLERANCE)?, None, 1.0, 0.0, 1.0);
+        let mut load = None;
         for part in parts {
             let (name, value) = part
                 .split_once('=')
                 .ok_or_else(|| format!("{part} is not a setting"))?;
-            if name == "tolerance" {
-                tolerance = value.to_owned();
-                continue;
-            }
-            let value = number(value)?;
             match name {
-                "turn" => turn = Some(value),
-                "publish-interval" => publish_interval = value,
-                "lookahead" => lookahead = value,
-                "weight" => weight = value,
-                _ => return Err(format!("{name} is not a setting of a load")),
+                "load" => load = Some(value.to_owned()),
+                "tolerance" => tolerance = number(name, value)?,
+                "turn" => turn = Some(number(name, value)?),
+                "publish-interval" => publish_interval = number(name, value)?,
+                "lookahead" => lookahead = number(name, value)?,
+                "weight" => weight = number(name, value)?,
+                _ => {
+                    return Err(format!(
+                        "{name:?} is no setting of a load: load, tolerance, turn, publish-interval, lookahead or weight"
+                    ));
+                }
             }
         }
-        let length = Metres::new(number(&tolerance)?);
-        let tolerance = match turn {
+        let length = Metres::new(tolerance);
+        let allowed = match turn {
             None => Tolerance::from_metres(length),
             Some(degrees) => Tolerance::parts(length, Radians::new(degrees.to_radians())),
         };
-        let lookahead_is_valid = lookahead >= 0.0 && lookahead <= f64::from(LOOKAHEAD_MAX.count());
-        if !(lookahead_is_valid && weight > 0.0 && f64::is_finite(weight)) {
-            return Err(format!("{text}: lookahead or weight is out of range"));
+        let most = f64::from(LOOKAHEAD_MAX.count());
+        if !(0.0..=most).contains(&lookahead) {
+            return Err(format!(
+                "lookahead is {lookahead}, and must be 0 to {most} ticks"
+            ));
         }
+        if !(weight > 0.0 && weight.is_finite()) {
+            return Err(format!(
+                "weight is {weight}, and must be finite and above 0"
+            ));
+        }
+        let interval = NonZeroU32::new(publish_interval as u32).ok_or_else(|| {
+            format!("publish-interval is {publish_interval}, and must be at least 1")
+        })?;
         Ok(Self {
             path,
+            load,
             config: ReplayConfig {
                 budget: None,
                 largest_packet: LargestPacket::DEFAULT,
-                tolerance: tolerance.map_err(|wrong| wrong.to_string())?,
+                tolerance: allowed
+                    .map_err(|wrong| format!("tolerance is {tolerance} m: {wrong}"))?,
                 link: LinkConfig::PERFECT,
-                publish_interval: NonZeroU32::new(publish_interval as u32)
-                    .ok_or("publish-interval is at least 1")?,
+                publish_interval: interval,
                 seed: 1,
                 lookahead: Ticks::new(lookahead as u32),
                 features: EnabledFeatures::ALL,
@@ -108,7 +125,11 @@ pub fn fit(arguments: &FitArguments) -> ExitCode {
 fn fit_all(arguments: &FitArguments) -> Result<(), Failure> {
     let mut fit = Fit::new();
     for load in &arguments.loads {
-        let recording = recording::read(&load.path, &ReadOptions::default())?;
+        let options = ReadOptions {
+            load: load.load.clone(),
+            ..ReadOptions::default()
+        };
+        let recording = recording::read(&load.path, &options)?;
         print_notes(&recording);
         let bar = output::progress_bar(u64::from(recording.ticks()), recording.name.clone());
         let run = run(&recording, &load.config, &mut |_| bar.inc(1))
@@ -442,9 +463,11 @@ mod tests {
 
     #[test]
     fn loads_are_read_and_wrong_ones_refused() {
-        let load: FitLoad = "a.mcap,tolerance=0.02,publish-interval=2,lookahead=6,weight=2"
-            .parse()
-            .unwrap();
+        let load: FitLoad =
+            "a.mcap,load=n50,tolerance=0.02,publish-interval=2,lookahead=6,weight=2"
+                .parse()
+                .unwrap();
+        assert_eq!(load.load.as_deref(), Some("n50"));
         assert_eq!(
             (load.config.publish_interval.get(), load.config.lookahead),
             (2, Ticks::new(6))

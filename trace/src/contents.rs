@@ -67,6 +67,11 @@ pub struct StoredMessage {
 pub enum ContentsError {
     /// The file does not begin as an MCAP file.
     NotMcap,
+    /// It ends within its first chunk, so that nothing of it is whole.
+    CutAtOnce {
+        /// Its length.
+        bytes: usize,
+    },
     /// A record is damaged.
     Damaged {
         /// Number of whole messages before the defect.
@@ -80,6 +85,10 @@ impl fmt::Display for ContentsError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::NotMcap => f.write_str("this is no MCAP file: it does not begin as one"),
+            Self::CutAtOnce { bytes } => write!(
+                f,
+                "the MCAP file ends after {bytes} bytes, within its first chunk: no message of it is whole"
+            ),
             Self::Damaged { after, cause } => {
                 write!(
                     f,
@@ -127,6 +136,18 @@ impl FileContents {
         }
         contents.messages.sort_by_key(|message| message.log_ns);
         Ok(contents)
+    }
+
+    /// Refuses a file that ends within its first chunk: what it has is not known. `bytes`: its length.
+    ///
+    /// # Errors
+    ///
+    /// [`ContentsError::CutAtOnce`].
+    pub fn check_begun(&self, bytes: usize) -> Result<(), ContentsError> {
+        match self.end {
+            FileEnd::Early if self.channels.is_empty() => Err(ContentsError::CutAtOnce { bytes }),
+            _ => Ok(()),
+        }
     }
 
     /// A sentence on a file that ends early: how much of it is whole. `None` for a whole file.
@@ -342,6 +363,19 @@ mod tests {
                 if contents.end == FileEnd::Early {
                     let note = contents.note().unwrap();
                     assert!(note.contains(&format!("its {most} whole")), "{note}");
+                }
+                let begun = contents.check_begun(length);
+                assert_eq!(
+                    begun.is_err(),
+                    contents.channels.is_empty(),
+                    "{length} bytes"
+                );
+                if let Err(cut) = begun {
+                    let cut = cut.to_string();
+                    assert!(
+                        cut.contains(&format!("after {length} bytes, within")),
+                        "{cut}"
+                    );
                 }
             }
             assert_eq!(most, 6);

@@ -28,6 +28,7 @@ const STATES: &str = "/truth/state";
 /// [`RecordingError`] if the bytes are no MCAP file, or it has no bodies that are read.
 pub fn read(name: &str, bytes: &[u8], options: &ReadOptions) -> Result<Recording, RecordingError> {
     let outline = FileContents::read(bytes, &|_| false)?;
+    outline.check_begun(bytes.len())?;
     let loads = loads(&outline);
     let mut recording = if loads.is_empty() {
         foxglove::read(name, bytes, &outline, options)?
@@ -36,7 +37,7 @@ pub fn read(name: &str, bytes: &[u8], options: &ReadOptions) -> Result<Recording
         let mut recording = of_states(bytes, &outline, load)?;
         if loads.len() > 1 && options.load.is_none() {
             recording.notes.push(format!(
-                "of the loads {} this is {load}; --load NAME chooses another",
+                "of the loads {} this is {load}; --load NAME chooses another, in `fit` FILE,load=NAME",
                 loads.join(", ")
             ));
         }

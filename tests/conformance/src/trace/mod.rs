@@ -48,6 +48,7 @@ pub struct Judged {
 pub fn judge(path: &Path, chosen: Option<&str>) -> Result<Judged, Box<dyn std::error::Error>> {
     let bytes = std::fs::read(path)?;
     let outline = FileContents::read(&bytes, &|_| false)?;
+    outline.check_begun(bytes.len())?;
     let mut loads = loads_of(&outline, chosen)?;
     let contents = FileContents::read(&bytes, &|channel| {
         let wanted = ["state", "stats", "seen", "breaches"];
