@@ -427,6 +427,133 @@ def last_numbers():
     yield s
 
 
+# Rules that an implementation broke unseen
+
+
+def large_numbers():
+    """5.4-6"""
+    # An expectation of 4095 is reached after some ninety numbers above it. Most of these bodies do not exist.
+    s = started("many numbers above 4095 in one context", 1)
+    far = {"mode": "same", "age": 1, "position": [5000, 0, 0], "turn": [0, 0, 0]}
+    many = [{"alias": 1 + index, "body": 100 + index} | far for index in range(110)]
+    s.get(s.packet(1, s.corrected(0, 1), *many), s.checksum(1))
+    yield s
+
+
+def least_ages():
+    """5.6-18"""
+    s = started("a parent whose track is later, in the same publish interval", 2, publish_interval=3)
+    s.control(s.event(placed(0, origin=4)))
+    s.get(s.packet(3, s.corrected(1, 3, "attached", parent=0, parent_age=0), checked=False))
+    s.settle(6)
+    yield s
+
+
+def overtaken_gravity():
+    """6.9-2, 6.9-3"""
+    # As after a scene was restored.
+    s = started("a change of gravity before the last one", 2)
+    s.control(s.event(gravity_changed(8, 0.0, 1.0, 0.0)))
+    s.get(s.packet(9, s.keyframe(0, 2)))
+    s.control(s.event(gravity_changed(4, 0.0, 2.0, 0.0)))
+    s.get(s.packet(12, s.keyframe(1, 2)), s.watermark(14))
+    yield s
+
+
+def replaced_joints():
+    """2.4-2, 4.6-8"""
+    s = Stream("the joints of a body go when another takes its index", [*[placed(index) for index in range(3)], fixed_to(1, 0, 1), fixed_to(2, 1, 2), fixed_to(3, 0, 2)])
+    s.joints = True
+    s.join()
+    s.control(s.event(placed(1, 1, origin=1)))
+    yield s
+
+
+def lone_names():
+    """6.2-8, 6.10-3, 6.13-7, and lines S70, S90 and S105"""
+    s = started("a keyframe whose parent does not exist", 2)
+    all_corrected(s, 1, 2)
+    s.get(s.packet(2, s.keyframe(0, 0, parent=[9, 0])), s.packet(3, s.corrected(1, 3)), s.checksum(3))
+    yield s
+    s = started("a record of an unknown body before others", 2, choice={"is": "full"})
+    s.get(s.full(1, 7, 0, 1))
+    yield s
+    # Body 0 has alias 0 until it rests, then body 2, which is gone when the refresh comes.
+    s = started("a refresh with the alias of a removed body", 3)
+    all_corrected(s, 1, 2)
+    s.packet(2, s.rests(0, 2))
+    s.packet(3, s.corrected(2, 3, alias=0))
+    late = s.refresh(2, 3)
+    s.control(s.event(removed(2)))
+    s.get(s.watermark(3), *late, s.packet(4, s.corrected(0, 4, age=3) | {"alias": 0, "body": None}, checked=False))
+    yield s
+
+
+def rebuilt_between():
+    """6.5-2, 6.15-4, and line S25"""
+    s = started("a packet rebuilt between two datagrams that wait", 2)
+    all_corrected(s, 1, 2)
+    s.packet(2, s.corrected(0, 2))
+    new = s.event(gravity_changed(3, 0.0, 1.0, 0.0))
+    s.get(s.packet(3, s.corrected(1, 3)), *s.refresh(1, 3), s.repair(0, 1, 2))
+    s.control(new)
+    yield s
+
+
+def copies_anew():
+    """3.2-4, 4.8-5"""
+    old = started("a second Joined of a scene that began anew, after touch is lost", 4, fixed_to(4, 0, 1), tick=50)
+    all_corrected(old, 51, 4)
+    for index in range(3):
+        old.packet(52 + index, old.corrected(index, 52 + index))
+    old.get(old.packet(55, old.corrected(3, 55)), *old.refresh(1, 55), old.repair(0, 2, 3))
+    old.event(gravity_changed(56, 0.0, 1.0, 0.0))
+    # The last datagram loses touch, so that the old copy is not kept.
+    old.get(old.packet(57, old.corrected(3, 57)), old.watermark(55 + 3601, count=0))
+    s = joined_again(old, [placed(index, origin=2) for index in range(3)], tick=2)
+    s.joints = s.requests = True
+    s.join()
+    s.get(s.watermark(3))
+    s.packet(4, s.corrected(0, 4))
+    s.packet(5, s.corrected(1, 5))
+    s.get(s.watermark(5), s.packet(6, s.corrected(2, 6)), s.repair(0, 0, 1), s.repair(1, 0, 1), s.checksum(6))
+    yield s
+    old = started("a second Joined without a body that had an alias", 2)
+    all_corrected(old, 1, 2)
+    s = joined_again(old, [placed(1, origin=9)], tick=9, next=40)
+    s.join()
+    s.get(s.packet(10, s.corrected(1, 10) | {"alias": 0, "body": None}, checked=False))
+    yield s
+    old = started("a second Joined of a stream with a budget", 1, choice=BUDGET)
+    old.get(old.packet(4, old.corrected(0, 4), kind=11, scale=30))
+    s = joined_again(old, [placed(0, origin=6)], choice=BUDGET, tick=6, next=3)
+    s.join()
+    s.get(s.watermark(8, kind=12, scale=9))
+    yield s
+
+
+def greatest_scales():
+    """5.17-2"""
+    s = started("the greatest bounded error scale", 1, choice=BUDGET)
+    s.get(s.watermark(1, kind=12, scale=14 << 31), s.watermark(2, kind=12))
+    yield s
+
+
+def full_symbols():
+    """6.15-3, 6.15-10, and lines S142, S143, S159 and S160"""
+    s = started("repair symbols to drop while as many as may be are kept", 2)
+    lost = lost_pairs(s)
+    s.get(s.repair(15, 17, 18), s.repair(50, 0), lost[0])
+    yield s
+    s = started("a request behind packets that were refreshed", 2)
+    s.requests = True
+    all_corrected(s, 1, 2)
+    for step in range(3):
+        s.packet(2 + step, s.corrected(step % 2, 2 + step))
+    s.get(s.watermark(4), *s.refresh(1, 4), s.repair(0, 1, 2))
+    yield s
+
+
 # Upstreams
 
 
@@ -507,10 +634,22 @@ def lanes():
     yield s
 
 
+def first_tracks():
+    """6.14-3"""
+    event = placed(0, kind=2, origin=100)
+    event["track"]["payload"]["anchor"] |= {"present": 2, "linear": digits([0.0, -0.0, 0.0])}
+    s = Authority("an upstream of a body whose velocity is -0", [event], 100)
+    s.get(s.checksum(100))
+    s.step(101)
+    yield s
+
+
 def streams():
     makers = (newest_ticks, published_ticks, snapshot_packets, snapshot_waits, unknown_events, joints, unreadable_updates, replaced_tracks, named_refreshes, second_snapshots, late_assignments)
-    return [s for maker in (*makers, spans, seventeenth_symbols, after_wrong_symbols, requested_symbols, arrivals, last_numbers) for s in maker()]
+    more = (spans, seventeenth_symbols, after_wrong_symbols, requested_symbols, arrivals, last_numbers)
+    last = (large_numbers, least_ages, overtaken_gravity, replaced_joints, lone_names, rebuilt_between, copies_anew, greatest_scales, full_symbols)
+    return [s for maker in (*makers, *more, *last) for s in maker()]
 
 
 def upstreams():
-    return [s for maker in (counted_events, wrong_records, silences, lanes) for s in maker()]
+    return [s for maker in (counted_events, wrong_records, silences, lanes, first_tracks) for s in maker()]
