@@ -10,11 +10,11 @@ use super::origins::Origins;
 
 /// A session that no connection has.
 #[derive(Debug)]
-enum NoSession {}
+pub(super) enum NoSession {}
 
 /// Reason why a connection with HTTP/3 has no session.
 #[derive(Debug)]
-enum NoWeb {
+pub(super) enum NoWeb {
     /// The server was built without the feature `web`.
     Absent,
 }
