@@ -1,4 +1,4 @@
-// A member of a scene over a connection: moves bytes between the two, and goes on over another connection when one ends.
+// A member of a scene over a connection: moves bytes between the two, and continues over another connection when one ends.
 
 import { Connection, within } from "./connection.js";
 import { RhumbError } from "./error.js";

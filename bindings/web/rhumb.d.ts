@@ -203,7 +203,7 @@ export class Client {
    * present moment. Returns the moment shown, in ticks; its fraction lies between two ticks.
    *
    * A lockstep scene stands still until a member advances it. Throws `refused` for what the server refused, after the view is
-   * computed; the next call goes on.
+   * computed; the next call continues.
    */
   poll(now?: number): number;
 
@@ -223,7 +223,7 @@ export class Client {
   /**
    * Steps a lockstep scene once; resolves with the tick of the view, as `Client::advance` of the Rust crate does.
    *
-   * Rejects with `refused` for what the server refused, after the tick is done and its view computed: the next call goes on. Also
+   * Rejects with `refused` for what the server refused, after the tick is done and its view computed: the next call continues. Also
    * rejects with `denied`, with `sceneFaulted` once the scene's engine has failed, and with the reason why the client
    * ends, such as `sceneDeleted`.
    */
@@ -301,7 +301,7 @@ export class Client {
   /**
    * Requests authority over these kinematic bodies, in place of those that this client has authority over now. The event
    * `authorityGrant` or `authorityDenied` reports the result. An empty list ends the authority. While the session is
-   * interrupted it waits; a session that goes on requests its authority again by itself.
+   * interrupted it waits; a session that continues requests its authority again by itself.
    */
   takeAuthority(bodies: readonly BodyId[], tolerance: Tolerance): void;
   /** The bodies under this client's authority. */
@@ -733,7 +733,7 @@ export type ErrorCode =
   | "broken"
   /** A member deleted the scene: the client has ended. */
   | "sceneDeleted"
-  /** The scene's engine failed: the scene steps no more, but the client goes on. */
+  /** The scene's engine failed: the scene steps no more, but the client continues. */
   | "sceneFaulted";
 
 export type DenialCode =

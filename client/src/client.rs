@@ -56,7 +56,7 @@ pub struct Client {
     ended: Option<Ending>,
     /// Time for attempts to go on over another connection.
     resume_within: Duration,
-    /// End of the last connection, until the session goes on.
+    /// End of the last connection, until the session continues.
     interrupted: Option<(Instant, Ending)>,
     #[cfg(feature = "queries")]
     copy_queries: rhumb_view::CopyQueries,

@@ -81,7 +81,7 @@ pub enum ClientError {
     /// The server denied a request.
     Denied(Denial),
     /// The server refused requests of this client since the last call that reported some, and changed nothing for them.
-    /// The call did what it says all the same, and the next one goes on.
+    /// The call did what it says all the same, and the next one continues.
     Refused(RefusedRequests),
     /// All shape numbers of the scene are in use.
     TooManyShapes,

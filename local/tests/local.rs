@@ -289,7 +289,9 @@ fn refusals_that_no_call_reports_are_kept_up_to_a_number_and_counted() {
         (1_024, 1_976)
     );
     assert!(refused.to_string().contains("and 2999 more"), "{refused}");
-    client.advance(PipelineDepth::LOCKSTEP).expect("it goes on");
+    client
+        .advance(PipelineDepth::LOCKSTEP)
+        .expect("it continues");
 }
 
 #[test]

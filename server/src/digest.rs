@@ -42,7 +42,7 @@ impl Digest {
         }
     }
 
-    /// The digest of a run that goes on from a snapshot.
+    /// The digest of a run that continues from a snapshot.
     pub(crate) const fn from_value(value: u64) -> Self {
         Self(value)
     }

@@ -125,9 +125,9 @@ limits! {
     flight_kib = 256, 4 to 65536;
     /// Files of flight recorders; beyond them the oldest are removed.
     flight_files = 64, 1 to 10000;
-    /// MiB after which a recording goes on in another file.
+    /// MiB after which a recording continues in another file.
     record_file_mib = 256, 1 to 1048576;
-    /// Minutes after which a recording goes on in another file.
+    /// Minutes after which a recording continues in another file.
     record_file_minutes = 60, 1 to 525600;
     /// MiB of all recordings; beyond them the oldest files are removed.
     record_total_mib = 4096, 1 to 1073741824;

@@ -25,7 +25,7 @@ struct Base {
     ownership: Ownership,
 }
 
-/// A scene that goes on, and what it lacks.
+/// A scene that continues, and what it lacks.
 pub(crate) struct Restoration {
     pub(crate) scene: Scene,
     pub(crate) ownership: Ownership,

@@ -71,7 +71,7 @@ impl RhumbClient {
         self.follower.late_steps()
     }
 
-    /// True if the scene goes on no more; [`RhumbEnded`](crate::RhumbEnded) had the reason.
+    /// True if the scene has ended; [`RhumbEnded`](crate::RhumbEnded) had the reason.
     #[must_use]
     pub const fn is_ended(&self) -> bool {
         self.follower.is_ended()

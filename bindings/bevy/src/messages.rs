@@ -16,7 +16,7 @@ pub struct RhumbMessage {
     pub event: Event,
 }
 
-/// The scene goes on no more: its connection is lost, it was deleted, its engine failed, or the server denied a step.
+/// The scene has ended: its connection is lost, it was deleted, its engine failed, or the server denied a step.
 ///
 /// Written once for a scene. Its entities stay where they are until [`RhumbClient`](crate::RhumbClient) is removed.
 #[derive(Debug, Message)]

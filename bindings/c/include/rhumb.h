@@ -70,7 +70,7 @@ enum RhumbCode
   // A fault of this library. The scene can only be closed.
   RHUMB_CODE_FAULT,
   // The server refused requests of earlier calls, which `rhumb_scene_poll_refusal` names. The call did what it says all
-  // the same, and the next one goes on.
+  // the same, and the next one continues.
   RHUMB_CODE_REFUSED,
 };
 #ifndef __cplusplus
@@ -416,7 +416,7 @@ enum RhumbEventKind
   RHUMB_EVENT_KIND_EVENTS_MISSED,
   // The stream changed because of the link.
   RHUMB_EVENT_KIND_STREAM_CHANGED,
-  // The engine failed, and the scene goes on from `tick` without the commands that it failed on.
+  // The engine failed, and the scene continues from `tick` without the commands that it failed on.
   RHUMB_EVENT_KIND_SCENE_RESTORED,
   // The engine failed, and the scene stands still after `tick`.
   RHUMB_EVENT_KIND_SCENE_FAULTED,
@@ -424,7 +424,7 @@ enum RhumbEventKind
   RHUMB_EVENT_KIND_SCENE_DELETED,
   // The connection ended, and the client tries to resume.
   RHUMB_EVENT_KIND_INTERRUPTED,
-  // The client goes on with its session over another connection.
+  // The client continues with its session over another connection.
   RHUMB_EVENT_KIND_RESUMED,
   // The server does not know the session any more.
   RHUMB_EVENT_KIND_SESSION_LOST,

@@ -45,7 +45,7 @@ struct Refusal {
 };
 
 /// The server refused requests of earlier calls. advance, wait and poll throw it after they have done their work, and the
-/// next call goes on. Join with RHUMB_REFUSALS_EVENTS to get refusals as events alone.
+/// next call continues. Join with RHUMB_REFUSALS_EVENTS to get refusals as events alone.
 class RefusedError : public Error {
 public:
     RefusedError(const std::string& sentence, std::vector<Refusal> refusals)
@@ -984,7 +984,7 @@ public:
         static_cast<void>(rhumb_scene_close(std::exchange(raw_, RhumbScene{0})));
     }
 
-    /// The handle of rhumb.h, which this object goes on owning.
+    /// The handle of rhumb.h, which this object continues to own.
     RhumbScene raw() const noexcept { return raw_; }
 
 private:

@@ -31,7 +31,7 @@ impl<T> HandleTable<T> {
         number
     }
 
-    /// Ends a handle. A call of another thread that is inside it goes on, and its end drops the value.
+    /// Ends a handle. A call of another thread that is inside it continues, and its end drops the value.
     pub(crate) fn remove(&self, number: u64) -> Result<Arc<Mutex<T>>, BindingError> {
         self.entries().remove(&number).ok_or(BindingError::Closed)
     }

@@ -231,7 +231,7 @@ pub enum RhumbEventKind {
     EventsMissed,
     /// The stream changed because of the link.
     StreamChanged,
-    /// The engine failed, and the scene goes on from `tick` without the commands that it failed on.
+    /// The engine failed, and the scene continues from `tick` without the commands that it failed on.
     SceneRestored,
     /// The engine failed, and the scene stands still after `tick`.
     SceneFaulted,
@@ -239,7 +239,7 @@ pub enum RhumbEventKind {
     SceneDeleted,
     /// The connection ended, and the client tries to resume.
     Interrupted,
-    /// The client goes on with its session over another connection.
+    /// The client continues with its session over another connection.
     Resumed,
     /// The server does not know the session any more.
     SessionLost,

@@ -34,7 +34,7 @@ pub enum RhumbCode {
     /// A fault of this library. The scene can only be closed.
     Fault,
     /// The server refused requests of earlier calls, which `rhumb_scene_poll_refusal` names. The call did what it says all
-    /// the same, and the next one goes on.
+    /// the same, and the next one continues.
     Refused,
 }
 

@@ -441,7 +441,7 @@ static void numbers(RhumbScene scene, RhumbBody body) {
     EXPECT(RHUMB_CODE_INVALID, rhumb_scene_command(scene, commands, 2, NULL));
     EXPECT(RHUMB_CODE_INVALID, rhumb_scene_error_bounds(scene, &(RhumbBody){body + 1}, 1, &bound));
     EXPECT(RHUMB_CODE_INVALID, rhumb_scene_place(scene, UINT64_MAX, &place));
-    // After all these errors the scene goes on, and the body is there.
+    // After all these errors the scene continues, and the body is there.
     EXPECT(RHUMB_CODE_OK, rhumb_scene_advance(scene, 0, NULL));
     EXPECT(RHUMB_CODE_OK, rhumb_scene_place(scene, body, &place));
 }

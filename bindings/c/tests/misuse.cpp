@@ -84,7 +84,7 @@ void refusals(rhumb::Scene& scene) {
         expect(refusal.reason == "unknown body" && refusal.text == "the scene has no body 77", "with its reason");
     }
     expect(scene.poses().tick() == before + 1, "the tick is done");
-    expect(scene.advance() == before + 2, "the next call goes on");
+    expect(scene.advance() == before + 2, "the next call continues");
 }
 
 void views(rhumb::Scene& scene) {

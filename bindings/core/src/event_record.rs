@@ -47,7 +47,7 @@ pub enum EventKind {
     PublisherSilent,
     /// It receives from that member again, or its authority has ended: from `tick` on `body` has an error bound.
     PublisherActive,
-    /// The engine failed, and the scene goes on from `tick` without the commands that it failed on.
+    /// The engine failed, and the scene continues from `tick` without the commands that it failed on.
     SceneRestored,
     /// The engine failed, and the scene stands still after `tick`.
     SceneFaulted,
@@ -55,7 +55,7 @@ pub enum EventKind {
     SceneDeleted,
     /// The connection ended, and the client tries to resume.
     Interrupted,
-    /// The client goes on with its session over another connection.
+    /// The client continues with its session over another connection.
     Resumed,
     /// The server does not know the session any more.
     SessionLost,

@@ -93,7 +93,7 @@ impl<O> SceneFollower<O> {
         self.is_ended
     }
 
-    /// Notes that the scene goes on no more.
+    /// Notes that the scene has ended.
     pub const fn end(&mut self) {
         self.is_ended = true;
     }

@@ -1566,7 +1566,7 @@ namespace Rhumb
         Fault,
         /// <summary>
         ///  The server refused requests of earlier calls, which `rhumb_scene_poll_refusal` names. The call did what it says all
-        ///  the same, and the next one goes on.
+        ///  the same, and the next one continues.
         /// </summary>
         Refused,
     }
@@ -1954,7 +1954,7 @@ namespace Rhumb
         /// </summary>
         StreamChanged,
         /// <summary>
-        ///  The engine failed, and the scene goes on from `tick` without the commands that it failed on.
+        ///  The engine failed, and the scene continues from `tick` without the commands that it failed on.
         /// </summary>
         SceneRestored,
         /// <summary>
@@ -1970,7 +1970,7 @@ namespace Rhumb
         /// </summary>
         Interrupted,
         /// <summary>
-        ///  The client goes on with its session over another connection.
+        ///  The client continues with its session over another connection.
         /// </summary>
         Resumed,
         /// <summary>

@@ -50,7 +50,7 @@ namespace Rhumb
 
     /// <summary>
     /// The server refused requests of earlier calls, which changed nothing. Advance, Wait and Poll throw it after they have
-    /// done their work: the tick is done, the view is computed, and the next call goes on. With JoinOptions.Refusals they are
+    /// done their work: the tick is done, the view is computed, and the next call continues. With JoinOptions.Refusals they are
     /// events alone.
     /// </summary>
     public sealed class RhumbRefusedException : RhumbException

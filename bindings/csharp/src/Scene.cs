@@ -322,7 +322,7 @@ namespace Rhumb
 
         /// <summary>
         /// Steps a lockstep scene once, computes the view, and returns its tick. Throws RhumbRefusedException for what the
-        /// server refused, after the tick is done; the next call goes on.
+        /// server refused, after the tick is done; the next call continues.
         /// </summary>
         public unsafe ulong Advance(uint depth = 0)
         {

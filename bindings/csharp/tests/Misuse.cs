@@ -120,7 +120,7 @@ internal static class Misuse
         ExpectError(RhumbCode.Invalid, "hits", () => scene.Ask(Query.Ray(default(Vec3), new Vec3(0, 1, 0), 1000)));
         ExpectError(RhumbCode.Invalid, "a hull is not cast", () => Query.Overlap(Shape.Hull(new Vec3[4]), default(Vec3)));
         Expect(scene.Place(default(Body)) == -1, "no body has no place");
-        // After all these errors the scene goes on, and nothing of them was queued.
+        // After all these errors the scene continues, and nothing of them was queued.
         scene.Send();
         scene.Advance();
         Expect(scene.Bodies.Length == 1 && scene.Place(body) == 0, "the body is there");
@@ -176,7 +176,7 @@ internal static class Misuse
             Expect(error.Message.Contains(refusal.Text), error.Message);
         }
         ulong tick = (ulong)scene.Time.Tick;
-        Expect(scene.Advance() == tick + 1, "the next call goes on");
+        Expect(scene.Advance() == tick + 1, "the next call continues");
         bool removed = false, refused = false;
         while (scene.TryNextEvent(out Event next))
         {

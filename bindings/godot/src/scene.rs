@@ -160,7 +160,7 @@ impl SceneNode {
     #[signal]
     fn join_failed(reason: GString);
 
-    /// The scene goes on no more. Its nodes stay where they are.
+    /// The scene has ended. Its nodes stay where they are.
     #[signal]
     fn ended(reason: GString);
 

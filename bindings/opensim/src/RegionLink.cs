@@ -54,7 +54,7 @@ namespace Rhumb.Plugin
             return scene;
         }
 
-        /// <summary>True if one call was wrong or denied, and the scene goes on.</summary>
+        /// <summary>True if one call was wrong or denied, and the scene continues.</summary>
         internal static bool IsOfOneCall(RhumbException error)
         {
             return error.Code == RhumbCode.Invalid || error.Code == RhumbCode.Denied;
@@ -90,7 +90,7 @@ namespace Rhumb.Plugin
             Scene failed = scene;
             if (error.Code == RhumbCode.Timeout)
             {
-                Log.WarnFormat("[RHUMB]: {0} did not answer for {1} s; the region goes on without physics until it does",
+                Log.WarnFormat("[RHUMB]: {0} did not answer for {1} s; the region continues without physics until it does",
                     settings.Address, settings.Timeout);
                 task = Task.Run(() => Await(failed));
                 return;

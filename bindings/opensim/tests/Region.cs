@@ -1,7 +1,7 @@
 // A short life of a region: every promise of the plug-in, checked.
 
 // Arguments: the plug-in's assembly, the server's address and fingerprint. A line on standard input answers that the server
-// was stopped, goes on, died or is back, after this program has asked for it on standard output.
+// was stopped, continues, died or is back, after this program has asked for it on standard output.
 
 using System;
 using System.Collections.Generic;

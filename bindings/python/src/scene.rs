@@ -164,7 +164,7 @@ impl PyScene {
     ///
     /// Poses of a kinematic body may come more seldom than ticks, up to four a second: it then moves evenly from one to the
     /// next, carries what lies on it, and stops at the last one. A pose beyond 100 m/s or a quarter of a turn in a tick is a
-    /// jump that shoves nothing. If set_velocity follows, the body is there after one tick and goes on at that velocity.
+    /// jump that shoves nothing. If set_velocity follows, the body is there after one tick and continues at that velocity.
     #[pyo3(signature = (body, position, rotation = None))]
     fn set_pose(
         &self,
@@ -423,7 +423,7 @@ impl PyScene {
     /// Steps a lockstep scene by some ticks, computes the view, and returns its tick.
     ///
     /// At depth 1, the view is one tick behind, and the server computes the newest one meanwhile. It raises RefusedError
-    /// for what the server refused, after the tick in which that became known; the next call goes on.
+    /// for what the server refused, after the tick in which that became known; the next call continues.
     #[pyo3(signature = (ticks = 1, depth = 0))]
     fn advance(
         &self,

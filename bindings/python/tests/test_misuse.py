@@ -184,7 +184,7 @@ def test_wrong_numbers_and_sizes(scene):
     ):
         with pytest.raises((TypeError, ValueError, OverflowError)):
             wrong()
-    # After all these errors the scene goes on, and nothing of them was queued.
+    # After all these errors the scene continues, and nothing of them was queued.
     scene.advance()
     assert set(scene.bodies) == {ball, other}
     assert [event for event in scene.events() if event.kind == "command refused"] == []
@@ -207,7 +207,7 @@ def test_numbers_of_joints_and_bodies_that_no_scene_can_have(scene):
     ):
         with pytest.raises(rhumb.InvalidError, match="no scene has"):
             wrong()
-    # The server knows the last numbers that a scene can have no more than others, and goes on.
+    # The server knows the last numbers that a scene can have no more than others, and continues.
     refused = [scene.remove(last), scene.remove_joint(65_535)]
     with pytest.raises(rhumb.RefusedError):
         scene.advance()

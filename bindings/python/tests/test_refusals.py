@@ -20,7 +20,7 @@ def test_a_refusal_raises_at_the_next_advance_and_the_one_after_goes_on(scene):
     assert [refusal.reason for refusal in error.refusals] == ["unknown body", "unknown joint"]
     again = pickle.loads(pickle.dumps(error))
     assert (str(again), again.refusals) == (str(error), error.refusals)
-    # The tick is done, its view is there, and the next one goes on.
+    # The tick is done, its view is there, and the next one continues.
     assert scene.time == (1, 0.0) and ball in scene
     assert scene.advance() == 2
     assert scene.positions[scene.place(ball)][1] < 5

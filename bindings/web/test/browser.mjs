@@ -200,7 +200,7 @@ async function deletion({ url, hashes }) {
   return { codes, states: [waiting.state, deleting.state] };
 }
 
-/** In a page: joins a durable scene, and waits until it goes on after its server was killed. */
+/** In a page: joins a durable scene, and waits until it continues after its server was killed. */
 async function goesOn(url) {
   const { connect } = await import("/rhumb.js");
   const options = { certificateHashes: () => globalThis.presentHashes() };
@@ -281,7 +281,7 @@ async function run(page, browser, folder) {
       server = await startServer(address, ["--data", join(folder, "data")]);
     });
     const went = await page.evaluate(goesOn, url);
-    check(went.kinds.includes("interrupted") && went.after > 0 && went.place >= 0, `a client goes on: ${JSON.stringify(went)}`);
+    check(went.kinds.includes("interrupted") && went.after > 0 && went.place >= 0, `a client continues: ${JSON.stringify(went)}`);
   } finally {
     server.process.removeAllListeners("exit");
     server.process.kill();

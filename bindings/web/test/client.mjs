@@ -107,7 +107,7 @@ test("a denied stream fails no step, and a denied step no deletion", async () =>
   assert.equal((await settled(deleted)).error?.denial, "notAllowed");
 });
 
-test("what the server refuses is thrown by the next poll, and the one after goes on", async () => {
+test("what the server refuses is thrown by the next poll, and the one after continues", async () => {
   const { client, server } = await joined();
   assert.equal(client.command({ kind: "removeBody", id: 77 }), 0);
   client.flush();

@@ -22,7 +22,7 @@ impl Client {
     /// can move these bodies. The authority over a body ends when the body or this client leaves the scene; the body
     /// then stands still.
     ///
-    /// A client whose session was interrupted requests the authority again when the session goes on, without bodies that
+    /// A client whose session was interrupted requests the authority again when the session continues, without bodies that
     /// it cannot have any more; the same events report the result. What it requests meanwhile is sent then.
     ///
     /// # Errors

@@ -11,7 +11,7 @@ impl Client {
     /// Sends queries with all queued commands, and waits for their answers.
     ///
     /// The answers are not queued as an event; other events stay queued. [`Self::query`] does not wait. Queries that an
-    /// ended connection left unanswered are asked again when the session goes on.
+    /// ended connection left unanswered are asked again when the session continues.
     ///
     /// # Errors
     ///

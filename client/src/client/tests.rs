@@ -215,7 +215,7 @@ fn interrupt(client: &mut Client, script: &Mutex<Script>) {
     assert!(client.interrupted.is_some());
 }
 
-/// Waits until the session goes on.
+/// Waits until the session continues.
 fn resume(client: &mut Client) {
     while client.interrupted.is_some() {
         client.idle(Duration::from_millis(1)).expect("it tries on");

@@ -67,7 +67,7 @@ impl LiveView {
         &self.view
     }
 
-    /// Learns from the events of the session: of the server's clock, and of a session that goes on with other tracks.
+    /// Learns from the events of the session: of the server's clock, and of a session that continues with other tracks.
     pub fn note(&mut self, event: &Event) {
         self.clock.note(event);
         if let Event::Resumed(_) = event {

@@ -222,7 +222,7 @@ impl fmt::Display for CommandError {
                 "the server has no time left for it; try again in {retry_seconds} s"
             ),
             Self::EngineFailed => {
-                f.write_str("the physics engine failed on it, and the scene goes on without it")
+                f.write_str("the physics engine failed on it, and the scene continues without it")
             }
             Self::ShapeTooSlow { limit_ms } => write!(
                 f,

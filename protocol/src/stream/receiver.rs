@@ -376,7 +376,7 @@ mod tests {
         fn datagrams_that_wait_for_scene_events_are_reported_twice_a_second_until_these_arrive() {
             let mut receiver = receiver();
             handle_watermark(&mut receiver, at(0), 0);
-            // The stream goes on, but what it waits for is held back.
+            // The stream continues, but what it waits for is held back.
             for ms in [40, 100, 300] {
                 handle_watermark_after(&mut receiver, at(ms), 0, 1);
             }

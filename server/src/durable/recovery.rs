@@ -62,7 +62,7 @@ pub(crate) struct Report {
 }
 
 impl Restored {
-    /// Where its log goes on.
+    /// Where its log continues.
     pub(crate) fn origin(&self) -> Origin {
         Origin {
             name: self.name.clone(),

@@ -33,7 +33,7 @@ pub(crate) struct SceneFiles {
 pub(super) struct LogHeader {
     pub(super) scene: SceneName,
     pub(super) config: SceneConfig,
-    /// Number and bytes of the segment before it, unless it goes on from its own snapshot alone.
+    /// Number and bytes of the segment before it, unless it continues from its own snapshot alone.
     pub(super) previous: Option<(u32, u64)>,
 }
 

@@ -1,6 +1,6 @@
 //! A snapshot file: an authenticated image of a scene with its sessions.
 //!
-//! Layout: magic number, version of the program and its engine, number of the segment that goes on from it, tick,
+//! Layout: magic number, version of the program and its engine, number of the segment that continues from it, tick,
 //! digest, image of the sessions and owners, image of the scene, HMAC-SHA-256 of everything before. The engine trusts its image,
 //! so that nothing behind the version is read before the code is verified.
 

@@ -405,7 +405,7 @@ proptest! {
         let session = recorded.sessions.get(SESSION).unwrap();
         prop_assert_eq!(session.commands, done + behind + 1);
         prop_assert_eq!(session.refusals_from(done).count() as u64, behind + 1);
-        // The log goes on from there.
+        // The log continues from there.
         for _ in 0..10 {
             recorded.tick();
             recorded.write();

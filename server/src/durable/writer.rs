@@ -48,7 +48,7 @@ pub(crate) struct Frozen {
     pub(crate) scene: FrozenScene,
 }
 
-/// Where the log of a scene begins or goes on.
+/// Where the log of a scene begins or continues.
 pub(crate) struct Origin {
     pub(crate) name: SceneName,
     pub(crate) config: SceneConfig,
@@ -96,7 +96,7 @@ struct SnapshotPoint {
 
 enum Job {
     Batch(Batch),
-    /// The log goes on in a new segment, which a snapshot of its beginning follows.
+    /// The log continues in a new segment, which a snapshot of its beginning follows.
     Snapshot(Box<Frozen>, SnapshotPoint),
     /// A snapshot is written, or is not.
     Written(u32, Result<(), DataError>),
@@ -189,7 +189,7 @@ impl SceneLog {
         self.shared.is_broken()
     }
 
-    /// Gives the log up until the next snapshot: the scene goes on from another state, which counts as a batch. A
+    /// Gives the log up until the next snapshot: the scene continues from another state, which counts as a batch. A
     /// snapshot that was handed over before does not count.
     pub(crate) fn give_up(&mut self) {
         self.batches += 1;
@@ -360,7 +360,7 @@ impl LogWriter {
         self.end_snapshot(number, written);
     }
 
-    /// Writes the snapshot beside the log, which goes on after a segment.
+    /// Writes the snapshot beside the log, which continues after a segment.
     fn go_on(&mut self, before: &Segment, frozen: Frozen) {
         let number = self.next;
         self.begin_segment(frozen.tick, Some((before.number, before.length)));

@@ -34,7 +34,7 @@ impl EngineKind {
         }
     }
 
-    /// True if a data directory can keep its scenes, and a scene goes on after a fault: the engine has images and copies.
+    /// True if a data directory can keep its scenes, and a scene continues after a fault: the engine has images and copies.
     #[must_use]
     pub const fn keeps_images(self) -> bool {
         matches!(self, Self::Rapier)

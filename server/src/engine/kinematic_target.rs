@@ -376,7 +376,7 @@ mod tests {
         };
         assert_eq!(velocities_after(0.5).0, Some(Twist::ZERO));
         let (second, mut kinematic_target) = velocities_after(1.0);
-        assert_eq!(second, None, "a motion goes on");
+        assert_eq!(second, None, "a motion continues");
         for _ in 0..60 {
             kinematic_target.advance(INTEGRATOR);
         }

@@ -1,7 +1,7 @@
 //! States of scenes for files and viewers, tick by tick.
 //!
 //! A scene copies the states of a tick into a bounded queue, and never waits: a queue that is full costs ticks of the
-//! recording, which goes on with a whole scene. Threads of their own write. Without readers a scene copies nothing.
+//! recording, which continues with a whole scene. Threads of their own write. Without readers a scene copies nothing.
 
 #[cfg(feature = "record")]
 mod file;

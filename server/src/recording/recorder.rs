@@ -214,7 +214,7 @@ impl RecordedScene {
     /// Goes on without the file; another one is tried later.
     fn give_up(&mut self, now: Instant, path: &Path, cause: &McapError) {
         let path = path.display();
-        tracing::error!(%path, %cause, "a recording cannot be written; it goes on in another file after ten seconds");
+        tracing::error!(%path, %cause, "a recording cannot be written; it continues in another file after ten seconds");
         self.file = None;
         self.retry_at = now + RETRY;
     }

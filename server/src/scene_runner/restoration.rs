@@ -1,4 +1,4 @@
-//! A scene whose engine failed goes on, or stands still with a reason.
+//! A scene whose engine failed continues, or stands still with a reason.
 //!
 //! The restored scene is compared with what the members know, and they learn the difference by ordinary scene events:
 //! streams, tracks and sessions go on.
@@ -52,7 +52,7 @@ impl SceneRunner {
         stepped.map_err(|cause| self.fault(cause, out)).ok()
     }
 
-    /// The error of a command that was refused: one on which the engine failed is left out, and the scene goes on.
+    /// The error of a command that was refused: one on which the engine failed is left out, and the scene continues.
     pub(super) fn restore_if_failed(&mut self, now: Instant, error: CommandError) -> CommandError {
         if self.faulted || self.scene.is_sound() {
             return error;
@@ -89,7 +89,7 @@ impl SceneRunner {
             tick = self.scene.tick().value(),
             ?failed_in,
             left_out = restoration.left_out.len(),
-            "the engine failed; the scene goes on without the commands that it failed on"
+            "the engine failed; the scene continues without the commands that it failed on"
         );
         Ok(self.adopt(restoration))
     }

@@ -220,7 +220,7 @@ impl SceneRunner {
     }
 
     /// Grants a new member its indices. Clients that are away give way to one that is here: their sessions end, one after
-    /// the other, until the indices suffice. A session whose indices all have bodies would free none, and goes on.
+    /// the other, until the indices suffice. A session whose indices all have bodies would free none, and continues.
     fn grant_to_new_member(&mut self, peer: Peer) -> Result<IdRange, Denial> {
         let least = (self.index_limits().share / SUFFICES).max(1);
         let mut granted = self.grant_first(peer, least);
@@ -269,7 +269,7 @@ impl SceneRunner {
         IndexLimits::of(limits.indices_per_scene, limits.members_per_scene, members)
     }
 
-    /// Tells a new member where its session goes on.
+    /// Tells a new member where its session continues.
     pub(super) fn announce_session(&self, peer: Peer, resumed: bool, out: &mut Outbox) {
         if let Some(session) = self.session_of(peer) {
             let state = SessionState {

@@ -383,7 +383,7 @@ fn what_follows_an_unmade_solid_ends_with_its_connection() {
     bench.bake();
     bench.pass(100);
     assert_eq!(events(&bench.take(OTHER)), ["shape 0"]);
-    assert!(bench.tick(OTHER) >= Tick::new(5), "the scene goes on");
+    assert!(bench.tick(OTHER) >= Tick::new(5), "the scene continues");
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! The scene goes on, or ends, when a connection ends.
+//! The scene continues, or ends, when a connection ends.
 //!
 //! Proved on a server loop without sockets. Caught: unread messages of a connection that had ended were handled without
 //! any limit, thousands of joins among them; a client that came back was counted beside its own old connection

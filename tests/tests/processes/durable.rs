@@ -125,7 +125,7 @@ pub(crate) fn step(client: &mut Client) {
     }
     if let Err(error) = stepped {
         let events: Vec<_> = std::iter::from_fn(|| client.poll_event()).collect();
-        panic!("the scene goes on: {error}; {events:?}");
+        panic!("the scene continues: {error}; {events:?}");
     }
 }
 
@@ -184,7 +184,7 @@ fn a_server_killed_at_any_moment_loses_and_doubles_no_command() {
         let mut tick = 0;
         while !ended.load(Ordering::Relaxed) {
             for command in commands(tick, &of_client) {
-                client.command(command).expect("the session goes on");
+                client.command(command).expect("the session continues");
             }
             step(&mut client);
             take_events(&mut client, &mut seen);
@@ -303,7 +303,7 @@ fn walker(server: &ServerProcess) -> (Client, (BodyId, BodyState)) {
     taken.expect("a member may");
     let mut seen = Seen::default();
     while seen.durable < 2 || client.authority_bodies().next().is_none() {
-        client.idle(Duration::from_millis(2)).expect("it goes on");
+        client.idle(Duration::from_millis(2)).expect("it continues");
         take_events(&mut client, &mut seen);
     }
     (client, (avatar, state))
@@ -336,7 +336,7 @@ fn an_avatar_walks_on_when_its_server_comes_back() {
     let end = Instant::now() + LONG;
     while publish(&mut client).is_none() {
         assert!(Instant::now() < end, "the avatar stands");
-        client.idle(Duration::from_millis(2)).expect("it goes on");
+        client.idle(Duration::from_millis(2)).expect("it continues");
     }
     assert_eq!(client.authority_bodies().collect::<Vec<_>>(), [avatar]);
 }

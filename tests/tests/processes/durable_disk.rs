@@ -89,7 +89,7 @@ impl Run {
     fn go(&mut self, ticks: u64) {
         for _ in 0..ticks {
             for command in commands(self.tick, &self.ids) {
-                self.client.command(command).expect("the session goes on");
+                self.client.command(command).expect("the session continues");
                 self.sent += 1;
             }
             step(&mut self.client);
@@ -108,7 +108,7 @@ impl Run {
             // A disk under load takes longer than thousands of ticks.
             self.client
                 .idle(Duration::from_millis(2))
-                .expect("the session goes on");
+                .expect("the session continues");
         }
     }
 

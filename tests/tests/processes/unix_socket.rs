@@ -23,7 +23,7 @@ fn a_unix_socket_reaches_the_same_scenes() {
     let ball = near.add_body(ball).expect("room for a body");
     for _ in 0..180 {
         near.advance(PipelineDepth::LOCKSTEP)
-            .expect("the scene goes on");
+            .expect("the scene continues");
     }
     let far = Client::connect(&server.address.to_string(), trust())
         .and_then(|connection| connection.join("near"))

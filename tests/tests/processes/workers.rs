@@ -79,7 +79,9 @@ fn until_durable(client: &mut Client, mut take: impl FnMut(&Event)) {
             Instant::now() < end,
             "{durable} of {all} commands are durable"
         );
-        client.idle(Duration::from_millis(10)).expect("it goes on");
+        client
+            .idle(Duration::from_millis(10))
+            .expect("it continues");
         while let Some((_, event)) = client.poll_event() {
             take(&event);
             if let Event::Durable { commands, .. } = event {
@@ -338,7 +340,7 @@ fn a_process_killed_under_load_loses_and_doubles_no_command() {
         let (mut seen, mut tick) = (Seen::default(), 0);
         while !ended.load(Ordering::Relaxed) {
             for command in commands(tick, &of_client) {
-                client.command(command).expect("the session goes on");
+                client.command(command).expect("the session continues");
             }
             step(&mut client);
             take_events(&mut client, &mut seen);
@@ -354,7 +356,7 @@ fn a_process_killed_under_load_loses_and_doubles_no_command() {
     let mut slowest = Duration::ZERO;
     for kill in 0..kills {
         let before = ticks.load(Ordering::Relaxed);
-        until("the scene goes on", || {
+        until("the scene continues", || {
             assert!(!running.is_finished(), "the client failed");
             ticks.load(Ordering::Relaxed) > before + 1 + kill * 37 % 100
         });
@@ -451,7 +453,7 @@ fn a_server_killed_with_its_processes_starts_again_in_their_directory() {
         // Before its creation is durable, a scene can be lost.
         while tick < until || seen.durable == 0 {
             for command in commands(tick, &ids) {
-                client.command(command).expect("the session goes on");
+                client.command(command).expect("the session continues");
             }
             step(client);
             take_events(client, &mut seen);

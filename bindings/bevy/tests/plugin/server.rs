@@ -99,11 +99,11 @@ pub(crate) fn show_tick(truth: &mut Client, tick: Tick) {
     while truth.statistics().complete < tick {
         truth
             .idle(Duration::from_millis(1))
-            .expect("the server goes on");
+            .expect("the server continues");
     }
     let shown = truth
         .wait(PipelineDepth::LOCKSTEP)
-        .expect("the server goes on");
+        .expect("the server continues");
     assert_eq!(shown, tick, "the truth is at the tick of the copy");
 }
 
@@ -114,6 +114,6 @@ pub(crate) fn advance_beyond(member: &mut Client, shown: Tick) {
     while tick <= shown {
         tick = member
             .advance(PipelineDepth::LOCKSTEP)
-            .expect("the server goes on");
+            .expect("the server continues");
     }
 }

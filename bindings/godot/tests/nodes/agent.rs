@@ -143,7 +143,7 @@ impl Agent {
         })
     }
 
-    /// Joins, and goes on until the scene is joined.
+    /// Joins, and continues until the scene is joined.
     pub(crate) fn join(&mut self) -> Frame {
         self.frame();
         assert_eq!(self.eval("scene.join()"), "0");

@@ -34,7 +34,7 @@ fn the_code_of_the_page_lets_a_ball_rise_and_fall() {
     for _ in 0..200 {
         clock
             .idle(Duration::from_millis(50))
-            .expect("the server goes on");
+            .expect("the server continues");
         if let Ok(scene) = server.connect().join_with("drop", existing()) {
             heights.extend(scene.view().positions().iter().map(|position| position.y));
         }

@@ -124,7 +124,7 @@ fn wrong_calls_are_errors_with_a_sentence() {
         assert!(errors.contains(needle), "{needle}: {errors}");
     }
     let frame = agent.step();
-    assert_eq!(frame.bodies.len(), 1, "the good one goes on: {frame:?}");
+    assert_eq!(frame.bodies.len(), 1, "the good one continues: {frame:?}");
     assert_eq!(agent.eval("scene.delete()"), "0");
     agent.run_until("the end is noticed", |agent, _| agent.has_said("ended: "));
 }

@@ -108,8 +108,8 @@ fn balls_of_a_free_running_scene_fall_and_come_to_rest_where_the_truth_has_them(
     let mut truth = server.join("free", Stepping::FreeRunning, StreamChoice::Full);
     truth
         .idle(std::time::Duration::from_millis(100))
-        .expect("the server goes on");
-    truth.poll().expect("the server goes on");
+        .expect("the server continues");
+    truth.poll().expect("the server continues");
     compare(&at_rest, &truth, &balls);
     assert_eq!(
         agent.eval(&format!("agent.body({}).is_resting()", balls[0])),
@@ -172,7 +172,7 @@ fn a_node_that_the_project_frees_hides_its_body_alone() {
         assert!(after.body(hidden).is_none(), "{hidden}");
         assert_eq!(agent.eval(&format!("scene.get_body({hidden})")), "<null>");
     }
-    let height = |frame: &Frame| frame.body(other).expect("the third goes on").position.y;
+    let height = |frame: &Frame| frame.body(other).expect("the third continues").position.y;
     assert!(height(&after) < height(&before));
     assert_eq!(agent.eval("agent.appeared"), "[]");
     assert_eq!(

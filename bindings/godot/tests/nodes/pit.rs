@@ -36,7 +36,7 @@ fn the_pit_fills_and_a_second_window_adds_nothing() {
             Ok(pit) if !pit.view().ids().is_empty() => break pit,
             Ok(_) | Err(_) => clock
                 .idle(Duration::from_millis(50))
-                .expect("the server goes on"),
+                .expect("the server continues"),
         }
     };
     let count = 5 + 8 * 8 * 4;
@@ -49,8 +49,8 @@ fn the_pit_fills_and_a_second_window_adds_nothing() {
             break;
         }
         pit.idle(Duration::from_millis(50))
-            .expect("the server goes on");
-        pit.poll().expect("the server goes on");
+            .expect("the server continues");
+        pit.poll().expect("the server continues");
         let low = |position: &&rhumb_client::glam::Vec3| (0.0..1.0).contains(&position.y);
         fallen |= pit.view().positions().iter().filter(low).count() > 50;
     }

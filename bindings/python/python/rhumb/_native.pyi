@@ -508,7 +508,7 @@ class Scene:
 
         Poses of a kinematic body may come more seldom than ticks, up to four a second: it then moves evenly from one to the
         next, carries what lies on it, and stops at the last one. A pose beyond 100 m/s or a quarter of a turn in a tick is a
-        jump that shoves nothing. If set_velocity follows, the body is there after one tick and goes on at that velocity.
+        jump that shoves nothing. If set_velocity follows, the body is there after one tick and continues at that velocity.
         """
     def set_velocity(self, body: _Bodies, linear: _Vector, angular: Optional[_Vector] = None) -> Optional[int]:
         """Sets velocities, in units of length per second and rad/s; a kinematic body keeps them. No spin without one."""
@@ -603,7 +603,7 @@ class Scene:
         """Steps a lockstep scene by some ticks, computes the view, and returns its tick.
 
         At depth 1, the view is one tick behind, and the server computes the newest one meanwhile. It raises RefusedError
-        for what the server refused, after the tick in which that became known; the next call goes on.
+        for what the server refused, after the tick in which that became known; the next call continues.
         """
     def wait(self, depth: int = 0) -> int:
         """Waits again for the tick of an advance that timed out."""

@@ -48,7 +48,7 @@ class RefusedError(Error):
     """The server refused requests of earlier calls, which changed nothing.
 
     advance, wait and poll raise it after they have done their work: the tick is done, the view is computed, and the next
-    call goes on. number, body, reason and text are those of the first refusal; refusals has the first 1,024, and left_out is
+    call continues. number, body, reason and text are those of the first refusal; refusals has the first 1,024, and left_out is
     the number of further ones. Join with refusals="events" to get them as events alone.
     """
 

@@ -1,7 +1,7 @@
 //! Steps a Rapier world, in parts where swept bodies meet moving ones.
 //!
 //! Rapier sweeps a body against others where the step ends, and never two swept bodies against each other. Here the step
-//! ends early where a swept body meets one that moves fast or is swept too, and goes on from there: the next part begins
+//! ends early where a swept body meets one that moves fast or is swept too, and continues from there: the next part begins
 //! with their contact. Without such a meeting a step is one step of Rapier.
 
 use std::collections::BTreeSet;

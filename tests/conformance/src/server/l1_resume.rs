@@ -27,7 +27,7 @@ const ROWS: &[CaseRow] = &[
     ),
     (
         2,
-        "a session goes on over another connection, with its numbers and indices",
+        "a session continues over another connection, with its numbers and indices",
         "PROTOCOL 4.16-2, 4.16-5, 4.4-1",
         goes_on,
     ),

@@ -76,7 +76,7 @@ mod tests {
         };
         assert_eq!(read(&[1 << 20]), Some(1.0));
         assert_eq!(read(&[1 << 20]), Some(2.0));
-        assert_eq!(read(&[0]), Some(3.0), "it goes on");
+        assert_eq!(read(&[0]), Some(3.0), "it continues");
         assert!(read(&[i64::MIN]).is_some());
         assert_eq!(read(&[]), None);
     }
