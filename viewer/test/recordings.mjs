@@ -126,6 +126,7 @@ async function plays(page, path, said) {
   await until(page, `${named} && document.getElementById("moment").textContent.includes(" of ")`);
   const status = await text(page, "status");
   check(said.test(status), `it plays: ${status}`);
+  await until(page, "d.shown !== undefined");
   const { time } = await page.evaluate(() => rhumbDiagnostics.shown);
   await until(page, `d.shown.time > ${time}`);
   return status;
