@@ -155,7 +155,8 @@ async function beginLive() {
   hands.onerror = link.onerror = hint;
   link.onchange = (condition) => writeAddress({ link: condition });
   liveControls();
-  toLive();
+  if (mode.kind === "recording") element("live").textContent = "Back to live";
+  else toLive();
   const wrong = obstacle();
   if (wrong !== undefined) {
     diagnostics.state = "impossible";
@@ -225,8 +226,11 @@ function offerScenes() {
 function follow(name) {
   scene = name;
   offerScenes();
-  stage.lookAtScene(name);
-  toLive();
+  // A recording that was dropped on the page before its server answered stays.
+  if (mode.kind !== "recording") {
+    stage.lookAtScene(name);
+    toLive();
+  }
   live.follow(name);
 }
 
@@ -536,6 +540,7 @@ function liveControls() {
   onChoice(element("policy"), (may) => live.copy?.setTierPolicy(may ? { upTo: 0.2 } : "never"));
   onChoice(element("scene"), (name) => {
     writeAddress({ scene: name });
+    if (mode.kind === "recording") toLive();
     follow(name);
   });
   onChoice(element("truth"), (isOn) => live.showTruth(isOn).catch((cause) => hint(cause.message)));
