@@ -8,7 +8,7 @@ mod bounds;
 mod lockstep;
 mod queries;
 mod scene_requests;
-#[cfg(test)]
+#[cfg(all(test, feature = "quic"))]
 mod tests;
 
 use std::collections::VecDeque;

@@ -1,7 +1,9 @@
 //! Errors of joining a scene and of calls on an open client.
 
 use std::fmt;
+#[cfg(feature = "quic")]
 use std::io;
+#[cfg(feature = "quic")]
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -11,7 +13,9 @@ use rhumb_protocol::message::{Denial, InvalidToken};
 use rhumb_protocol::scene::{IdOutOfRange, InvalidSceneName, SceneName};
 use rhumb_protocol::session::{CloseCode, Misuse};
 use rhumb_reckoning::Tick;
-use rhumb_transport::{ConnectError, TransportCode};
+#[cfg(feature = "quic")]
+use rhumb_transport::ConnectError;
+use rhumb_transport::TransportCode;
 use rhumb_view::{AddError, InvalidTicks};
 
 use crate::refused_requests::RefusedRequests;
@@ -20,6 +24,7 @@ use crate::refused_requests::RefusedRequests;
 #[derive(Debug)]
 pub enum OpenError {
     /// The address is not a host and port that can be resolved.
+    #[cfg(feature = "quic")]
     Address {
         /// The address, as the caller wrote it.
         server: String,
@@ -27,6 +32,7 @@ pub enum OpenError {
         cause: io::Error,
     },
     /// Nothing answers at a Unix socket.
+    #[cfg(feature = "quic")]
     Socket {
         /// The socket.
         path: PathBuf,
@@ -34,6 +40,7 @@ pub enum OpenError {
         cause: io::Error,
     },
     /// The connection was not established.
+    #[cfg(feature = "quic")]
     Connect(ConnectError),
     /// The text is not a valid scene name.
     SceneName {
@@ -54,6 +61,7 @@ pub enum OpenError {
         denial: Denial,
     },
     /// The system gives no random bytes for the key of a session.
+    #[cfg(feature = "quic")]
     Random(io::Error),
     /// The connection ended, or the server did not answer in time.
     Client(ClientError),
@@ -94,12 +102,14 @@ pub enum ClientError {
 impl fmt::Display for OpenError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
+            #[cfg(feature = "quic")]
             Self::Address { server, cause } => {
                 write!(
                     f,
                     "{server:?} is not a host and port that can be reached: {cause}"
                 )
             }
+            #[cfg(feature = "quic")]
             Self::Socket { path, cause } => {
                 write!(
                     f,
@@ -107,6 +117,7 @@ impl fmt::Display for OpenError {
                     path.display()
                 )
             }
+            #[cfg(feature = "quic")]
             Self::Connect(cause) => cause.fmt(f),
             Self::SceneName { scene, cause } => {
                 write!(f, "{scene:?} cannot name a scene: {cause}")
@@ -114,6 +125,7 @@ impl fmt::Display for OpenError {
             Self::Ticks(cause) => cause.fmt(f),
             Self::Token(cause) => cause.fmt(f),
             Self::Denied { scene, denial } => write!(f, "scene {scene}: {denial}"),
+            #[cfg(feature = "quic")]
             Self::Random(cause) => cause.fmt(f),
             Self::Client(cause) => cause.fmt(f),
         }
@@ -183,6 +195,7 @@ impl From<ClientError> for OpenError {
     }
 }
 
+#[cfg(feature = "quic")]
 impl From<ConnectError> for OpenError {
     fn from(error: ConnectError) -> Self {
         Self::Connect(error)

@@ -3,8 +3,13 @@
 //! No call of this interface is async. A call returns at once or within the client's timeout; between calls only bytes
 //! arrive. A [`Client`] is a member of one scene; connect again for another scene.
 //!
-//! A simulator needs no other crate: this crate re-exports the types of its calls, and [`glam`]. The features `mint`
-//! and `nalgebra` turn on glam's conversions from and to the types of those crates.
+//! A simulator needs no other crate: this crate re-exports the types of its calls, and [`glam`].
+//!
+//! | feature | adds |
+//! |---|---|
+//! | `quic` (default) | `Client::connect`: servers over the network, and over Unix sockets |
+//! | `queries` | queries on the client's own copy |
+//! | `mint`, `nalgebra` | glam's conversions from and to the types of those crates |
 //!
 //! # Example
 //!
@@ -53,6 +58,8 @@ mod client;
 mod error;
 mod join_options;
 mod main_error;
+#[cfg(feature = "quic")]
+mod network;
 mod pump;
 mod reconnector;
 mod redial;
@@ -81,10 +88,9 @@ pub use rhumb_reckoning::{
     BodyId, BodyState, Damping, Integrator, InvalidMotion, InvalidTolerance, LengthBound, Metres,
     Radians, Rate, Seconds, Tick, Ticks, Tolerance, ToleranceScale, TurnBound,
 };
-pub use rhumb_transport::{
-    CertificateError, ClientTransport, ConnectError, Fingerprint, FingerprintError, Received,
-    TransportCode, Trust, WireStatistics,
-};
+#[cfg(feature = "quic")]
+pub use rhumb_transport::{CertificateError, ConnectError, Fingerprint, FingerprintError, Trust};
+pub use rhumb_transport::{ClientTransport, Received, TransportCode, WireStatistics};
 pub use rhumb_view::{
     BodyCentres, InvalidTicks, JoinMode, PipelineDepth, RESUME_WITHIN, RefusalReason,
     RefusedRequest, RenderParams, RenderTime, View,

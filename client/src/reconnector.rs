@@ -3,13 +3,15 @@
 //! The pause before each attempt doubles up to a limit, and is shortened at random, so that the clients of a server that
 //! comes back do not all arrive at once.
 
+use std::collections::hash_map::RandomState;
+use std::hash::BuildHasher as _;
 use std::io;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, TrySendError, sync_channel};
 use std::thread;
 use std::time::Duration;
 
 use rhumb_protocol::Instant;
-use rhumb_transport::{Clock, random_bytes};
+use rhumb_transport::Clock;
 
 use crate::redial::{BoxedConnection, Redial};
 
@@ -89,7 +91,8 @@ fn run(
 
 /// A pause between half of this one and all of it.
 fn shortened(pause: Duration) -> Duration {
-    let share = random_bytes::<1>().map_or(0, |[byte]| byte);
+    // Each state of the library's hashes has another random key.
+    let [share, ..] = RandomState::new().hash_one(()).to_ne_bytes();
     pause / 2 + pause / 2 * u32::from(share) / 255
 }
 

@@ -64,7 +64,8 @@ impl ByteCredit {
 
 impl Piece {
     /// Bytes that another bound limits.
-    pub(crate) fn without_share(bytes: &[u8]) -> Self {
+    #[must_use]
+    pub fn without_share(bytes: &[u8]) -> Self {
         Self::new(bytes, None)
     }
 

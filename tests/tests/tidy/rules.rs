@@ -207,7 +207,7 @@ fn sockets_and_clocks_are_used_only_in_the_crates_that_own_them() {
     );
     let net = naming(&["std::net"], |file| {
         let names_addresses = [
-            "client/src/server_connection.rs",
+            "client/src/network.rs",
             "server/src/announcement.rs",
             "server/src/recording/live.rs",
             "server/src/serve/observers.rs",

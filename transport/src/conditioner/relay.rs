@@ -22,7 +22,8 @@ use tokio::time::sleep;
 
 use super::config::LinkConfig;
 use super::link::{Lane, Link, LinkCounts};
-use crate::system::{Clock, bind_udp, io_runtime};
+use crate::clock::Clock;
+use crate::system::{bind_udp, io_runtime};
 
 /// A relay in front of a server; it runs until it is dropped.
 #[derive(Debug)]

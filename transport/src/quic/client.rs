@@ -21,12 +21,14 @@ use tokio::task::JoinSet;
 use tokio::time;
 use tokio::time::sleep;
 
-use super::client_transport::{ClientTransport, Inbox, Received, WireStatistics};
 use super::connect_error::ConnectError;
-use super::connection::{Closing, ControlSender, ControlWriter, Unnamed, control_queue};
+use super::connection::{
+    Closing, ControlSender, ControlWriter, Unnamed, control_queue, wire_statistics,
+};
 use super::trust::{CertificateCheck, Trust};
 use super::tuning::{CLOSE_LEAVES, DATAGRAM_BYTES_MIN};
 use super::{trust, tuning};
+use crate::client_transport::{ClientTransport, Inbox, Received, WireStatistics};
 use crate::system::{bind_udp, io_runtime};
 
 /// The server to connect to, and how to authenticate it.
@@ -160,7 +162,7 @@ impl ClientTransport for QuicClient {
     }
 
     fn statistics(&self) -> WireStatistics {
-        WireStatistics::of(&self.connected.connection)
+        wire_statistics(&self.connected.connection)
     }
 }
 

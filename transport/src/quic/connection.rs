@@ -25,7 +25,21 @@ use tokio::time::{sleep, timeout};
 
 use super::tuning::{CONTROL_QUEUE_BYTES, FLUSH};
 use super::web_session::{WebSession, is_end_of_session, session_code};
+use crate::client_transport::WireStatistics;
 use crate::piece::PIECE_COST_BYTES;
+
+/// The traffic of a connection so far.
+pub(super) fn wire_statistics(connection: &Connection) -> WireStatistics {
+    let stats = connection.stats();
+    WireStatistics {
+        sent_bytes: stats.udp_tx.bytes,
+        sent_datagrams: stats.udp_tx.datagrams,
+        received_bytes: stats.udp_rx.bytes,
+        received_datagrams: stats.udp_rx.datagrams,
+        lost_packets: stats.path.lost_packets,
+        round_trip: stats.path.rtt,
+    }
+}
 
 /// The end of a connection: requested, performed and named from any thread.
 #[derive(Debug)]

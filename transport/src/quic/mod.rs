@@ -5,7 +5,6 @@
 
 mod certificate;
 mod client;
-mod client_transport;
 mod connect_error;
 mod connection;
 #[cfg(not(feature = "web"))]
@@ -36,7 +35,6 @@ pub use certificate::{
     Certificate, CertificateError, DevelopmentPem, Fingerprint, FingerprintError,
 };
 pub use client::{ClientOptions, QuicClient};
-pub use client_transport::{ClientTransport, Inbox, Received, ServerStatistics, WireStatistics};
 pub use connect_error::ConnectError;
 pub use origins::{InvalidPageOrigin, Origins, PageOrigin};
 pub use server::{BindError, QuicServer, ServerOptions};
@@ -47,5 +45,5 @@ pub(crate) use trust::client_tls;
 #[cfg(feature = "raw")]
 pub(crate) use tuning::ALPN;
 pub use tuning::DATAGRAM_BYTES_MIN;
-pub use watch::{ServerWatch, Stop};
+pub use watch::{ServerStatistics, ServerWatch, Stop};
 pub use web_certificate::{CertificateHashes, WebIdentity, WebOptions};

@@ -14,11 +14,10 @@ use rhumb_protocol::Endpoint;
 use tokio::sync::oneshot;
 
 use super::certificate::{Certificate, CertificateError, Fingerprint, server_tls};
-use super::client_transport::ServerStatistics;
 use super::connection::Short;
 use super::server_loop::{EndpointLoop, Input, ServeError, Waker};
 use super::tuning::ClientStreams;
-use super::watch::{ServerWatch, Stop};
+use super::watch::{ServerStatistics, ServerWatch, Stop};
 use super::web_certificate::{CertificateHashes, HandshakeCertificate, WebOptions};
 use super::{server_io, tuning};
 use crate::system::{bind_udp, io_runtime};

@@ -26,11 +26,12 @@ use super::connection::{Closing, ControlWriter, DatagramLane, control_queue};
 use super::origins::Origins;
 use super::server_loop::{Input, PeerHandles};
 use super::tuning::{
-    CONNECTIONS_MAX, CONNECTIONS_PER_ADDRESS_MAX, CONTROL_IN_FLIGHT_BYTES, DATAGRAM_BYTES_MIN,
-    HANDSHAKES_UNPROVEN_MAX, SETUP, STATE_IN_FLIGHT_BYTES, WEB_ALPN,
+    CONNECTIONS_MAX, CONNECTIONS_PER_ADDRESS_MAX, DATAGRAM_BYTES_MIN, HANDSHAKES_UNPROVEN_MAX,
+    SETUP, STATE_IN_FLIGHT_BYTES, WEB_ALPN,
 };
 use super::watch::ServerWatch;
 use super::web_session::{SentSettings, WebRefusal, WebSession, send_settings};
+use crate::client_transport::CONTROL_IN_FLIGHT_BYTES;
 use crate::piece::{ByteCredit, Piece};
 
 /// Accepts until its end is requested, then refuses the attempts that still arrive.

@@ -19,8 +19,8 @@ use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Span, Transmit
 use super::connection::{Closing, ControlSender, DatagramLane};
 use super::tuning::{CLOSE_LEAVES, DATAGRAM_SEND_BYTES};
 use super::watch::ServerWatch;
+use crate::clock::Clock;
 use crate::piece::{HeldBack, Piece};
-use crate::system::Clock;
 
 /// Reason why a server stopped by itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -58,14 +58,8 @@ pub(super) const HANDSHAKES_UNPROVEN_MAX: usize = 64;
 /// there.
 pub(super) const CONTROL_QUEUE_BYTES: usize = 12 << 20;
 
-/// Control bytes between the sockets and the receiver, per connection; beyond them the stream is not read.
-pub(super) const CONTROL_IN_FLIGHT_BYTES: usize = 256 << 10;
-
 /// State bytes between the sockets and the server thread, per connection; beyond them datagrams are dropped.
 pub(super) const STATE_IN_FLIGHT_BYTES: usize = 1 << 20;
-
-/// State bytes that wait for a client's caller; beyond them the oldest datagrams are dropped.
-pub(super) const STATE_INBOX_BYTES: usize = 4 << 20;
 
 /// Unsent datagrams per connection: a tick's burst of 500 full packets and more, yet never seconds of stale state.
 pub(super) const DATAGRAM_SEND_BYTES: usize = 1 << 20;

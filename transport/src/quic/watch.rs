@@ -12,7 +12,8 @@ use std::sync::{Arc, Mutex, MutexGuard};
 use quinn::Connection;
 use rhumb_protocol::Peer;
 
-use super::client_transport::{ServerStatistics, WireStatistics};
+use super::connection::wire_statistics;
+use crate::client_transport::WireStatistics;
 
 /// Reads a server's counters while it runs and after; all clones are one.
 #[derive(Clone, Debug, Default)]
@@ -30,6 +31,23 @@ struct WatchState {
 struct Connections {
     standing: BTreeMap<Peer, Connection>,
     ended: WireStatistics,
+}
+
+/// Counters of a server over its whole life.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ServerStatistics {
+    /// Connections that were opened.
+    pub opened: u64,
+    /// Connections that have ended.
+    pub ended: u64,
+    /// Attempts refused because the server was full.
+    pub refused: u64,
+    /// Connections closed because their peer read control bytes too slowly.
+    pub control_overflows: u64,
+    /// Datagrams from clients dropped because the server thread was late.
+    pub state_dropped: u64,
+    /// Datagrams to clients that were larger than the path allows.
+    pub state_oversized: u64,
 }
 
 /// The counters behind [`ServerStatistics`].
@@ -67,7 +85,7 @@ impl ServerWatch {
             (
                 *peer,
                 connection.remote_address(),
-                WireStatistics::of(connection),
+                wire_statistics(connection),
             )
         };
         connections.standing.iter().map(row).collect()
@@ -79,7 +97,7 @@ impl ServerWatch {
         let connections = self.lock();
         let mut sum = connections.ended;
         for connection in connections.standing.values() {
-            sum += WireStatistics::of(connection);
+            sum += wire_statistics(connection);
         }
         sum
     }
@@ -97,7 +115,7 @@ impl ServerWatch {
         self.count(|counters| &counters.ended);
         let mut connections = self.lock();
         if let Some(connection) = connections.standing.remove(&peer) {
-            connections.ended += WireStatistics::of(&connection);
+            connections.ended += wire_statistics(&connection);
         }
     }
 

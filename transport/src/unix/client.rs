@@ -14,8 +14,7 @@ use rhumb_protocol::session::TransportCode;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use super::frame::{FrameReader, Outgoing, StreamFrame};
-use crate::quic::ClientTransport;
-use crate::quic::{Received, WireStatistics};
+use crate::client_transport::{ClientTransport, Received, WireStatistics};
 
 /// Bytes of one read.
 const READ_BYTES: usize = 64 << 10;

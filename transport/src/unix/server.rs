@@ -19,9 +19,9 @@ use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use super::frame::{FrameReader, Outgoing, StreamFrame};
+use crate::clock::Clock;
 use crate::piece::HeldBack;
 use crate::quic::Waker;
-use crate::system::Clock;
 
 /// The first number of peers of a Unix socket, above those of the network.
 const FIRST_PEER: u64 = 1 << 63;

@@ -13,12 +13,17 @@ use bytes::Bytes;
 use rhumb_protocol::Ending;
 use tokio::sync::Notify;
 
-use super::tuning::{CONTROL_IN_FLIGHT_BYTES, STATE_INBOX_BYTES};
 use crate::piece::PIECE_COST_BYTES;
+
+/// Control bytes between the sockets and the receiver, per connection; beyond them the stream is not read.
+pub const CONTROL_IN_FLIGHT_BYTES: usize = 256 << 10;
+
+/// State bytes that wait for a client's caller; beyond them the oldest datagrams are dropped.
+const STATE_INBOX_BYTES: usize = 4 << 20;
 
 /// An open connection of a client: one reliable stream of control bytes, and state datagrams.
 ///
-/// [`QuicClient`](crate::QuicClient) reaches a server over the network. Other programs may bring their own.
+/// `QuicClient` reaches a server over the network. Other programs may bring their own.
 pub trait ClientTransport: Send {
     /// Appends bytes to the control stream without waiting. A connection that cannot keep them ends.
     fn send_control(&self, bytes: Bytes);
@@ -89,7 +94,7 @@ enum ReceiverState {
 
 impl Inbox {
     /// Adds control bytes, once the bound allows. Without a receiver they are dropped.
-    pub(crate) async fn put_control(&self, bytes: &Bytes) {
+    pub async fn put_control(&self, bytes: &Bytes) {
         while !self.try_put_control(bytes) {
             self.space_freed.notified().await;
         }
@@ -234,37 +239,6 @@ pub struct WireStatistics {
     pub lost_packets: u64,
     /// Round-trip time as QUIC estimates it now; in a sum, the greatest.
     pub round_trip: Duration,
-}
-
-/// Counters of a server over its whole life.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct ServerStatistics {
-    /// Connections that were opened.
-    pub opened: u64,
-    /// Connections that have ended.
-    pub ended: u64,
-    /// Attempts refused because the server was full.
-    pub refused: u64,
-    /// Connections closed because their peer read control bytes too slowly.
-    pub control_overflows: u64,
-    /// Datagrams from clients dropped because the server thread was late.
-    pub state_dropped: u64,
-    /// Datagrams to clients that were larger than the path allows.
-    pub state_oversized: u64,
-}
-
-impl WireStatistics {
-    pub(crate) fn of(connection: &quinn::Connection) -> Self {
-        let stats = connection.stats();
-        Self {
-            sent_bytes: stats.udp_tx.bytes,
-            sent_datagrams: stats.udp_tx.datagrams,
-            received_bytes: stats.udp_rx.bytes,
-            received_datagrams: stats.udp_rx.datagrams,
-            lost_packets: stats.path.lost_packets,
-            round_trip: stats.path.rtt,
-        }
-    }
 }
 
 impl AddAssign for WireStatistics {
