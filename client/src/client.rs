@@ -1,32 +1,27 @@
 //! A member of one scene, for a plain frame loop.
 //!
 //! A call returns at once or within the client's timeout. Commands are queued and sent together, by `flush` or by the
-//! next call that handles received data. Every other request is sent at once.
+//! next call that handles received data. Every other request is sent at once. A denial goes to the call that it answers:
+//! one of a stream fails no step.
 
 mod authority;
-mod bounds;
-mod lockstep;
-mod queries;
-mod scene_requests;
 #[cfg(all(test, feature = "quic"))]
 mod tests;
 
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use rhumb_protocol::message::{Denial, Inspection, StreamChoice, TierPolicy};
+use rhumb_protocol::message::{Denial, Inspection, QueryResult, StreamChoice, TierPolicy};
 use rhumb_protocol::scene::{BodyBuilder, Command, IdRange, Query, SceneConfig};
 use rhumb_protocol::session::{CloseCode, Event, Misuse, Replica};
-use rhumb_protocol::stream::Subscriber;
+use rhumb_protocol::stream::{ErrorBound, Subscriber};
 use rhumb_protocol::{Ending, Instant};
 use rhumb_reckoning::{BodyId, BodyState, Tick, Ticks, Tolerance};
 use rhumb_view::{ClientIds, LiveView, PipelineDepth, RenderTime, UpstreamClock, View, may_resume};
 
-use crate::error::ClientError;
+use crate::connection::{Pump, Statistics, TapChannel, span};
+use crate::error::{ClientError, Unreported};
 use crate::join_options::{JoinOptions, Refusals};
-use crate::pump::{Pump, TapChannel, span};
-use crate::refused_requests::Unreported;
-use crate::statistics::Statistics;
 
 /// Limit of queued events. Beyond it, the oldest events are dropped.
 const EVENTS_KEPT: usize = 65_536;
@@ -54,7 +49,7 @@ pub struct Client {
     deleted: bool,
     faulted: Option<Tick>,
     ended: Option<Ending>,
-    /// Time for attempts to go on over another connection.
+    /// Time for attempts to continue over another connection.
     resume_within: Duration,
     /// End of the last connection, until the session continues.
     interrupted: Option<(Instant, Ending)>,
@@ -140,6 +135,36 @@ impl Client {
         }
     }
 
+    /// Bound on the error of the pose that the view shows: how far any point of the body may be from its true place at the
+    /// moment of the view. `None` for a body that is not in the view.
+    ///
+    /// It is the body's tolerance where everything up to the moment of the view has arrived, plus what a smoothed
+    /// correction has still to cover, or what updates that were read since the view was computed would change. Between two
+    /// ticks, the truth is the interpolation of the two true poses.
+    ///
+    /// It is [`ErrorBound::Unknown`] as long as anything is missing: a packet, or the news of a moment that the view
+    /// shows ahead of them. Without a delay, a free-running view always predicts the last moments, and nothing finite is
+    /// certain of them: a command may have put a body anywhere. [`JoinOptions::delay_ticks`](crate::JoinOptions) of the
+    /// network's delay and a little more gives a finite bound.
+    #[must_use]
+    pub fn error_bound(&self, id: BodyId) -> Option<ErrorBound> {
+        self.view().error_bound(self.replica()?.stream(), id)
+    }
+
+    /// The bound of each body of the view, in its order: see [`Self::error_bound`].
+    pub fn error_bounds(&self) -> impl Iterator<Item = ErrorBound> {
+        let stream = self.replica().map(Replica::stream);
+        let bounds = stream.map(|stream| self.view().error_bounds(stream));
+        bounds.into_iter().flatten()
+    }
+
+    /// Bound on the error of what is known of a body at a tick, whatever the view shows: that of its track. `None` for a
+    /// body that the copy does not have.
+    #[must_use]
+    pub fn tick_error_bound(&self, id: BodyId, tick: Tick) -> Option<ErrorBound> {
+        self.replica()?.stream().bound_at(id, tick)
+    }
+
     /// Requests another stream at once and does not wait. [`Event::SubscriptionChanged`] reports when the copy follows
     /// it.
     ///
@@ -168,6 +193,49 @@ impl Client {
         self.check_open()?;
         self.pump.session.set_tier_policy(tier_policy)?;
         self.pump.flush();
+        Ok(())
+    }
+
+    /// Requests an inspection of the scene, and waits for the answer. A scene that stands still answers, too.
+    ///
+    /// # Errors
+    ///
+    /// [`ClientError::Timeout`] when no answer arrives in time.
+    pub fn inspect(&mut self) -> Result<Inspection, ClientError> {
+        self.check_member()?;
+        self.inspected = None;
+        self.pump.session.inspect()?;
+        let deadline = self.deadline();
+        loop {
+            if let Some(inspection) = self.inspected.take() {
+                return Ok(inspection);
+            }
+            match self.turn(deadline, "inspection") {
+                Ok(()) | Err(ClientError::SceneFaulted(_)) => {}
+                Err(error) => return Err(error),
+            }
+        }
+    }
+
+    /// Deletes the scene for all members, and waits for the answer. One that stands still can be deleted, too.
+    ///
+    /// # Errors
+    ///
+    /// [`ClientError::Denied`] when the scene no longer exists.
+    pub fn delete(&mut self) -> Result<(), ClientError> {
+        self.check_member()?;
+        self.pump.session.delete()?;
+        self.denied = None;
+        let deadline = self.deadline();
+        while !self.deleted {
+            if let Some(denial) = self.denied.take() {
+                return Err(ClientError::Denied(denial));
+            }
+            match self.turn(deadline, "answer") {
+                Ok(()) | Err(ClientError::SceneDeleted | ClientError::SceneFaulted(_)) => {}
+                Err(error) => return Err(error),
+            }
+        }
         Ok(())
     }
 
@@ -288,6 +356,30 @@ impl Client {
         Ok(self.pump.session.query(queries)?)
     }
 
+    /// Sends queries with all queued commands, and waits for their answers.
+    ///
+    /// The answers are not queued as an event; other events stay queued. [`Self::query`] does not wait. Queries that an
+    /// ended connection left unanswered are asked again when the session continues.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::query`], and [`ClientError::Timeout`] when no answer arrives in time.
+    pub fn ask(&mut self, queries: Vec<Query>) -> Result<QueryResult, ClientError> {
+        let deadline = self.deadline();
+        let mut asked = None;
+        loop {
+            if let Some(result) = asked.and_then(|number| self.take_answer(number)) {
+                return Ok(result);
+            }
+            if self.interrupted.is_some() {
+                asked = None;
+            } else if asked.is_none() {
+                asked = Some(self.query(queries.clone())?);
+            }
+            self.turn(deadline, "answer to queries")?;
+        }
+    }
+
     /// Answers queries on the client's own copy, where the view shows its bodies. Nothing is sent, and nothing waits.
     ///
     /// The queries are those of [`Self::query`], and so are the answers if the bodies are where the view shows them: the
@@ -354,11 +446,32 @@ impl Client {
     /// [`ClientError::Timeout`] when the tick is not complete in time; [`Self::wait`] continues to wait.
     /// [`ClientError::Denied`] when the scene is not a lockstep scene, or the tick lies too far ahead.
     /// [`ClientError::Refused`] for requests that the server refused, such as the addition of a body, unless
-    /// [`JoinOptions::refusals`] leaves them to the events: the tick is done then, its view computed, and the next call goes
-    /// on.
+    /// [`JoinOptions::refusals`] leaves them to the events: the tick is done then, its view computed, and the next call
+    /// continues.
     pub fn advance(&mut self, depth: PipelineDepth) -> Result<Tick, ClientError> {
         self.request_tick()?;
         self.wait(depth)
+    }
+
+    /// Requests the next published tick of a lockstep scene at once, does not wait, and returns the tick.
+    ///
+    /// [`Self::try_wait`] shows it once it is complete; [`Self::wait`] waits for it. [`Self::advance`] requests and
+    /// waits.
+    ///
+    /// # Errors
+    ///
+    /// [`ClientError::Ended`] when the connection is over.
+    pub fn request_tick(&mut self) -> Result<Tick, ClientError> {
+        self.check_open()?;
+        self.denied_advance = None;
+        let newest = self.ids.last_command();
+        self.unanswered = newest.filter(|number| Some(*number) > self.answered);
+        let publish_schedule = self.config().publish_schedule;
+        self.requested = publish_schedule.next_published(self.requested);
+        let now = self.pump.now();
+        self.pump.session.advance(now, self.requested)?;
+        self.pump.flush();
+        Ok(self.requested)
     }
 
     /// Waits for the tick that the last [`Self::advance`] requested, and computes its view.
@@ -384,6 +497,29 @@ impl Client {
         self.show(tick);
         self.report_refusals()?;
         Ok(tick)
+    }
+
+    /// Handles received data, and computes the view as [`Self::wait`] if its tick is complete. Does not wait: returns
+    /// `None` while the tick is not complete, and leaves the view as it is.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::wait`], except that it never times out.
+    pub fn try_wait(&mut self, depth: PipelineDepth) -> Result<Option<Tick>, ClientError> {
+        self.pump.turn(Instant::ZERO);
+        self.take_events();
+        let tick = self.complete();
+        if tick >= self.awaited(depth) {
+            self.show(tick);
+            self.report_refusals()?;
+            return Ok(Some(tick));
+        }
+        self.check_open()?;
+        self.report_refusals()?;
+        match self.take_refusal() {
+            Some(refusal) => Err(refusal),
+            None => Ok(None),
+        }
     }
 
     /// Handles received data and computes the view for the present moment. Does not wait.
@@ -461,6 +597,19 @@ impl Client {
         self.pump.tap(Box::new(tap));
     }
 
+    /// The tick that a view at this depth shows, after the last request.
+    fn awaited(&self, depth: PipelineDepth) -> Tick {
+        let span = self.published_ticks(depth);
+        self.requested.before(span).unwrap_or_default()
+    }
+
+    /// The server's denial of the last request; the next request then begins at the newest complete tick.
+    fn take_refusal(&mut self) -> Option<ClientError> {
+        let denial = self.denied_advance.take()?;
+        self.requested = self.complete();
+        Some(ClientError::Denied(denial))
+    }
+
     fn complete(&self) -> Tick {
         self.replica()
             .map_or(Tick::ZERO, |replica| replica.stream().complete())
@@ -528,7 +677,7 @@ impl Client {
         }
     }
 
-    /// Tries to go on over another connection, unless the server refuses this client or the time is over.
+    /// Tries to continue over another connection, unless the server refuses this client or the time is over.
     fn try_to_resume(&mut self, ending: Ending) -> bool {
         let now = self.pump.now();
         let since = self.interrupted.map_or(now, |(since, _)| since);
@@ -579,6 +728,34 @@ impl Client {
             self.refused.add(refusal);
         }
         is_passed
+    }
+
+    /// Keeps a denial for the call that it answers (PROTOCOL 4.7-1).
+    const fn note_denial(&mut self, denial: Denial) {
+        match denial {
+            Denial::NotLockstep
+            | Denial::TooFarAhead
+            | Denial::AdvanceNotAllowed
+            | Denial::SceneFaulted => self.denied_advance = Some(denial),
+            Denial::Owned | Denial::Other(_) => {
+                self.denied_advance = Some(denial);
+                self.denied = Some(denial);
+            }
+            // No call waits for a stream.
+            Denial::TooManyStreams => {}
+            _ => self.denied = Some(denial),
+        }
+    }
+
+    /// Takes the answer to queries of this number out of the queued events.
+    fn take_answer(&mut self, number: u64) -> Option<QueryResult> {
+        let is_answer =
+            |event: &Event| matches!(event, Event::QueryResult(result) if result.number == number);
+        let place = self.events.iter().rposition(|(_, event)| is_answer(event));
+        match self.events.remove(place?) {
+            Some((_, Event::QueryResult(result))) => Some(result),
+            _ => None,
+        }
     }
 
     /// Refusals since the last call that reported some, as its error.

@@ -1,5 +1,9 @@
-//! Errors of joining a scene and of calls on an open client.
+//! Errors of joining a scene, of an open client, and of a program's `main`.
+//!
+//! Requests that the server refused are an error of the next call that reports them. Invariant: at most
+//! [`REFUSALS_KEPT`] of them are kept, the oldest ones; of the others only the number is known.
 
+use std::error::Error;
 use std::fmt;
 #[cfg(feature = "quic")]
 use std::io;
@@ -16,9 +20,7 @@ use rhumb_reckoning::Tick;
 #[cfg(feature = "quic")]
 use rhumb_transport::ConnectError;
 use rhumb_transport::TransportCode;
-use rhumb_view::{AddError, InvalidTicks};
-
-use crate::refused_requests::RefusedRequests;
+use rhumb_view::{AddError, InvalidTicks, RefusedRequest};
 
 /// Reason why a client did not join its scene.
 #[derive(Debug)]
@@ -132,7 +134,7 @@ impl fmt::Display for OpenError {
     }
 }
 
-impl std::error::Error for OpenError {}
+impl Error for OpenError {}
 
 impl fmt::Display for ClientError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -166,7 +168,7 @@ impl fmt::Display for ClientError {
     }
 }
 
-impl std::error::Error for ClientError {}
+impl Error for ClientError {}
 
 impl From<Misuse> for ClientError {
     fn from(misuse: Misuse) -> Self {
@@ -199,5 +201,143 @@ impl From<ClientError> for OpenError {
 impl From<ConnectError> for OpenError {
     fn from(error: ConnectError) -> Self {
         Self::Connect(error)
+    }
+}
+
+/// Limit of refusals that no call has reported yet. Far more than an application reads, and some 50 KiB.
+const REFUSALS_KEPT: usize = 1_024;
+
+/// Requests that the server refused: at least one.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RefusedRequests {
+    kept: Box<[RefusedRequest]>,
+    left_out: u64,
+}
+
+impl RefusedRequests {
+    /// The first 1,024 of them, the oldest first.
+    #[must_use]
+    pub fn refusals(&self) -> &[RefusedRequest] {
+        &self.kept
+    }
+
+    /// The number of further ones, of which nothing else is kept. They are events as well.
+    #[must_use]
+    pub const fn left_out(&self) -> u64 {
+        self.left_out
+    }
+
+    /// The oldest one.
+    ///
+    /// # Panics
+    ///
+    /// Never: there is at least one.
+    #[must_use]
+    pub fn first(&self) -> &RefusedRequest {
+        self.kept.first().expect("there is at least one refusal")
+    }
+}
+
+impl fmt::Display for RefusedRequests {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.first().fmt(f)?;
+        match self.kept.len() as u64 - 1 + self.left_out {
+            0 => Ok(()),
+            more => write!(f, " (and {more} more refusals)"),
+        }
+    }
+}
+
+/// Refusals that no call has reported yet.
+#[derive(Debug, Default)]
+pub(crate) struct Unreported {
+    kept: Vec<RefusedRequest>,
+    left_out: u64,
+}
+
+impl Unreported {
+    /// Adds a refusal.
+    pub(crate) fn add(&mut self, refusal: RefusedRequest) {
+        if self.kept.len() < REFUSALS_KEPT {
+            self.kept.push(refusal);
+        } else {
+            self.left_out += 1;
+        }
+    }
+
+    /// Takes all refusals; `None` if there are none.
+    pub(crate) fn take(&mut self) -> Option<RefusedRequests> {
+        let Self { kept, left_out } = std::mem::take(self);
+        (!kept.is_empty()).then(|| RefusedRequests {
+            kept: kept.into(),
+            left_out,
+        })
+    }
+}
+
+/// Any error, for `main`: its `Debug` is its sentence, followed by those of its causes.
+///
+/// ```
+/// fn main() -> Result<(), rhumb_client::MainError> {
+///     let address = std::env::args().nth(1).unwrap_or_default();
+/// #   let address = "1";
+///     let count: u32 = address.parse()?;
+///     (count > 0).then_some(()).ok_or("the number is missing")?;
+///     Ok(())
+/// }
+/// ```
+pub struct MainError(Box<dyn Error + Send + Sync>);
+
+impl<E: Into<Box<dyn Error + Send + Sync>>> From<E> for MainError {
+    fn from(error: E) -> Self {
+        Self(error.into())
+    }
+}
+
+impl fmt::Debug for MainError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.0)?;
+        let mut cause = self.0.source();
+        while let Some(error) = cause {
+            write!(f, "\n  because: {error}")?;
+            cause = error.source();
+        }
+        Ok(())
+    }
+}
+
+impl fmt::Display for MainError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(Debug)]
+    struct Outer(ClientError);
+
+    impl fmt::Display for Outer {
+        fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+            f.write_str("the run ended")
+        }
+    }
+
+    impl Error for Outer {
+        fn source(&self) -> Option<&(dyn Error + 'static)> {
+            Some(&self.0)
+        }
+    }
+
+    #[test]
+    fn what_main_prints_is_the_sentence_and_its_causes() {
+        let error = MainError::from(ClientError::SceneDeleted);
+        assert_eq!(format!("{error:?}"), "another member deleted the scene");
+        let error = MainError::from(Outer(ClientError::SceneDeleted));
+        let text = "the run ended\n  because: another member deleted the scene";
+        assert_eq!(format!("{error:?}"), text);
+        assert_eq!(format!("{:?}", MainError::from("no address")), "no address");
     }
 }

@@ -33,7 +33,7 @@ pub struct JoinOptions {
     pub smooth: bool,
     /// Whether the server's refusals are errors of calls, or events alone.
     pub refusals: Refusals,
-    /// Time for which the client tries to go on with its session over another connection when one ends without its doing.
+    /// Time for which the client tries to continue its session over another connection when one ends without its doing.
     /// Commands meanwhile are queued. At zero, the first connection is the only one, and there is no session.
     ///
     /// `None`: [`RESUME_WITHIN`] if the server keeps the scene over its own end, else zero, for a scene that is gone is

@@ -55,25 +55,18 @@
 #![forbid(unsafe_code)]
 
 mod client;
+mod connection;
 mod error;
 mod join_options;
-mod main_error;
 #[cfg(feature = "quic")]
 mod network;
-mod pump;
-mod reconnector;
-mod redial;
-mod refused_requests;
 mod server_connection;
-mod statistics;
 
 pub use client::Client;
-pub use error::{ClientError, OpenError};
+pub use connection::{Statistics, TapChannel};
+pub use error::{ClientError, MainError, OpenError, RefusedRequests};
 pub use glam;
 pub use join_options::{JoinOptions, Refusals};
-pub use main_error::MainError;
-pub use pump::TapChannel;
-pub use refused_requests::RefusedRequests;
 pub use rhumb_protocol::Ending;
 pub use rhumb_protocol::message::{
     AuthorityError, Denial, Inspection, InvalidToken, QueryError, QueryResult, RemovalCause,
@@ -98,4 +91,3 @@ pub use rhumb_view::{
 #[cfg(feature = "queries")]
 pub use rhumb_view::{CopyAnswer, CopyQueries};
 pub use server_connection::ServerConnection;
-pub use statistics::Statistics;

@@ -13,8 +13,8 @@ use rhumb_transport::UnixClient;
 use rhumb_transport::{ClientOptions, QuicClient, Trust};
 
 use crate::client::Client;
+use crate::connection::Redial;
 use crate::error::OpenError;
-use crate::redial::Redial;
 use crate::server_connection::{ANSWER_TIMEOUT, ServerConnection};
 
 /// The first characters of an address of the network, which may be absent (PROTOCOL 12).

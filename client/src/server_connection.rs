@@ -15,10 +15,10 @@ use rhumb_transport::random_bytes;
 use rhumb_view::{JoinError, Joining};
 
 use crate::client::Client;
+use crate::connection::{BoxedConnection, Redial};
+use crate::connection::{Pump, span};
 use crate::error::{ClientError, OpenError};
 use crate::join_options::JoinOptions;
-use crate::pump::{Pump, span};
-use crate::redial::{BoxedConnection, Redial};
 
 /// Default time limit for an answer of the server.
 pub(crate) const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);

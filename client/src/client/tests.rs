@@ -22,8 +22,8 @@ use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance, Track};
 use rhumb_transport::{ClientTransport, Received, WireStatistics};
 
 use super::Client;
+use crate::connection::{BoxedConnection, Redial};
 use crate::join_options::JoinOptions;
-use crate::redial::{BoxedConnection, Redial};
 use crate::server_connection::ServerConnection;
 
 const BODY: BodyId = BodyId::new(0, 0);

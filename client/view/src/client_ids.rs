@@ -2,6 +2,7 @@
 //!
 //! Queues commands at the session and never waits.
 
+use core::fmt;
 use std::collections::{BTreeMap, VecDeque};
 
 use rhumb_protocol::limits::{GRANT, GRANTED_MAX, SHAPES_MAX};
@@ -9,12 +10,9 @@ use rhumb_protocol::scene::{BodyBuilder, BodyDesc, BodyKind, Command, IdRange, S
 use rhumb_protocol::session::{ClientSession, Event, Misuse, Replica};
 use rhumb_reckoning::{BodyId, BodyState};
 
-use crate::add_error::AddError;
-use crate::id_allocator::IdAllocator;
-use crate::own_bodies::{IdSource, OwnBodies};
-use crate::refusal::{CommandBodies, RefusedRequest};
-use crate::shape_clashes::{ShapeClashes, WrongBody};
-use crate::shape_numbers::{ShapeNumbers, ShapeRefusal, ShapeSlot};
+use crate::body_ids::{IdAllocator, IdSource, OwnBodies};
+use crate::shapes::{ShapeClashes, ShapeNumbers, ShapeRefusal, ShapeSlot, WrongBody};
+use crate::unanswered::{CommandBodies, RefusedRequest};
 
 /// The ids and numbers of one client in one scene.
 #[derive(Debug)]
@@ -379,3 +377,32 @@ fn check_inside(body: &BodyBuilder) -> Result<(), Misuse> {
         false => Ok(()),
     }
 }
+
+/// Reason why the addition of a body is not queued.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum AddError {
+    /// The caller's own mistake.
+    Misuse(Misuse),
+    /// All shape numbers of the scene are in use.
+    TooManyShapes,
+}
+
+impl From<Misuse> for AddError {
+    fn from(misuse: Misuse) -> Self {
+        Self::Misuse(misuse)
+    }
+}
+
+impl fmt::Display for AddError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Misuse(misuse) => misuse.fmt(f),
+            Self::TooManyShapes => write!(
+                f,
+                "the scene has {SHAPES_MAX} shapes, as many as it may; remove one that no body has, or use equal shapes"
+            ),
+        }
+    }
+}
+
+impl std::error::Error for AddError {}

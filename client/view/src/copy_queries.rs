@@ -19,8 +19,8 @@ use rhumb_protocol::stream::ErrorBound;
 use rhumb_reckoning::{BodyId, Seconds, Tick};
 use rhumb_solids::{SearchedBodies, SolidPart};
 
-use crate::render_time::RenderTime;
-use crate::shown_bound::{ShownPose, shown_bound};
+use crate::bounds::{ShownPose, shown_bound};
+use crate::moment::RenderTime;
 use crate::view::View;
 
 /// Answers queries on the bodies of one view and its replica; another pair needs another one.

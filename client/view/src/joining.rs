@@ -1,10 +1,13 @@
-//! The way of a session from its welcome into a scene.
+//! The way of a session into a scene, and over another connection.
 //!
 //! A function of the session's events: their arrival and the time limits are the caller's.
 
+use std::time::Duration;
+
+use rhumb_protocol::Ending;
 use rhumb_protocol::message::{Denial, SessionKey, StreamChoice};
 use rhumb_protocol::scene::{IdRange, SceneConfig};
-use rhumb_protocol::session::{ClientSession, Event, Misuse};
+use rhumb_protocol::session::{ClientSession, CloseCode, Event, Misuse, TransportCode};
 
 /// The condition under which a client joins: the scene is new, exists already, or either.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -56,7 +59,7 @@ impl From<Misuse> for JoinError {
 }
 
 impl Joining {
-    /// Before the welcome. `key`: that of a session that may go on over another connection; `None`: it may not.
+    /// Before the welcome. `key`: that of a session that may continue over another connection; `None`: it may not.
     #[must_use]
     pub const fn new(mode: JoinMode, stream: StreamChoice, key: Option<SessionKey>) -> Self {
         Self {
@@ -126,5 +129,24 @@ impl Joining {
         session.join(self.stream)?;
         self.step = Step::Scene;
         Ok(())
+    }
+}
+
+/// Time for which a client of a durable scene tries to resume by default. A machine starts again within a minute, its
+/// server in seconds, and a client notices within ten; the server keeps the session for five minutes.
+pub const RESUME_WITHIN: Duration = Duration::from_secs(60);
+
+/// True if another connection may continue after this end of one: the server has not refused the client.
+#[must_use]
+pub const fn may_resume(ending: Ending) -> bool {
+    match ending {
+        Ending::Closed(code) => {
+            code == TransportCode::GOING_AWAY.0
+                || code == CloseCode::BUSY.0
+                // The application slept while a connection was opened for it.
+                || code == CloseCode::HELLO_LATE.0
+                || code == CloseCode::SCENE_RESTORING.0
+        }
+        Ending::TimedOut | Ending::Broken => true,
     }
 }

@@ -8,11 +8,10 @@ use rhumb_protocol::session::{ClientSession, Event, Replica};
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::{Seconds, Tick, Ticks};
 
-use crate::invalid_ticks;
-use crate::render_params::RenderParams;
-use crate::render_time::RenderTime;
-use crate::scene_clock::SceneClock;
-use crate::view::View;
+use crate::clocks::SceneClock;
+use crate::clocks::ticks_or_none;
+use crate::moment::RenderTime;
+use crate::view::{RenderParams, View};
 
 /// Seconds that a free-running view predicts at most beyond the tick that should have been published by now. Then it
 /// holds.
@@ -115,7 +114,7 @@ impl LiveView {
         let step = self.config.integrator.rate.step().seconds();
         let round_trip = session.round_trip().as_nanos() as f64 / 1e9 / step;
         // Ticks that the view lies behind the watermark when it arrives.
-        let spare = invalid_ticks::or_none(self.options.delay_ticks) - round_trip / 2.0;
+        let spare = ticks_or_none(self.options.delay_ticks) - round_trip / 2.0;
         let Some(stream) = session.replica().map(Replica::stream) else {
             return;
         };
@@ -142,7 +141,7 @@ impl LiveView {
         let history = match self.config.stepping {
             Stepping::Lockstep => Ticks::ZERO,
             Stepping::FreeRunning => {
-                let delay = invalid_ticks::or_none(self.options.delay_ticks);
+                let delay = ticks_or_none(self.options.delay_ticks);
                 Ticks::new(delay.ceil() as u32)
             }
         };
@@ -161,7 +160,7 @@ impl LiveView {
     /// lookahead.
     #[must_use]
     pub fn delay_ticks(&self) -> f64 {
-        invalid_ticks::or_none(self.options.delay_ticks)
+        ticks_or_none(self.options.delay_ticks)
             + f64::from(self.config.publish_schedule.lookahead.count())
     }
 
@@ -170,6 +169,29 @@ impl LiveView {
     pub fn behind_ticks(&self, now: Instant) -> Option<f64> {
         let shown = self.view.time()?;
         Some(self.clock.server(now)? - shown.ticks())
+    }
+}
+
+/// Number of published ticks that the server may compute beyond the tick that a lockstep client shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PipelineDepth(u32);
+
+impl PipelineDepth {
+    /// The client waits for each tick.
+    pub const LOCKSTEP: Self = Self(0);
+    /// The client shows a tick while the server computes the next.
+    pub const PIPELINED: Self = Self(1);
+
+    /// A depth in published ticks; [`Self::LOCKSTEP`] is 0, [`Self::PIPELINED`] is 1.
+    #[must_use]
+    pub const fn new(ticks: u32) -> Self {
+        Self(ticks)
+    }
+
+    /// The number of published ticks.
+    #[must_use]
+    pub const fn ticks(self) -> u32 {
+        self.0
     }
 }
 

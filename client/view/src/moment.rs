@@ -1,13 +1,45 @@
-//! The motion of a body at a moment, which may lie between two ticks.
+//! A moment of a scene, and the motions of bodies at a moment.
 //!
-//! Between two ticks it is interpolated, but for a jump: a body that is placed elsewhere is at one place or at the other.
+//! Between two ticks a motion is interpolated, but for a jump: a body that a command places elsewhere is shown at one of
+//! its two places, never on a way between them.
 
 use glam::{DQuat, DVec3};
 use rhumb_protocol::stream::Subscriber;
-use rhumb_reckoning::{BodyId, Motion, Pose, Seconds, Ticks, Twist};
+use rhumb_reckoning::{BodyId, Divergence, Metres, Motion, Pose, Seconds, Tick, Ticks, Twist};
 
-use crate::jump::Leap;
-use crate::render_time::RenderTime;
+/// A moment of the scene between two ticks.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RenderTime {
+    /// The tick at or before the moment.
+    pub tick: Tick,
+    /// Fraction of the step to the next tick, in [0, 1).
+    pub fraction: f64,
+}
+
+impl RenderTime {
+    /// The moment of a tick.
+    #[must_use]
+    pub const fn at(tick: Tick) -> Self {
+        Self {
+            tick,
+            fraction: 0.0,
+        }
+    }
+
+    pub(crate) fn from_ticks(ticks: f64) -> Self {
+        let whole = ticks.max(0.0).floor();
+        Self {
+            tick: Tick::new(whole as u64),
+            fraction: ticks.max(0.0) - whole,
+        }
+    }
+
+    /// The moment in ticks since tick zero.
+    #[must_use]
+    pub fn ticks(&self) -> f64 {
+        self.tick.value() as f64 + self.fraction
+    }
+}
 
 /// True if a body's motion in the world is not known at a moment, because its parent was removed.
 pub(crate) fn is_orphaned(stream: &Subscriber, id: BodyId, at: RenderTime) -> bool {
@@ -77,4 +109,42 @@ fn between(first: &Motion, second: &Motion, fraction: f64) -> Option<Motion> {
         angular: DVec3::lerp(first.twist().angular, second.twist().angular, fraction),
     };
     Motion::new(pose, twist).ok()
+}
+
+/// The expected motion of a body, and its actual one.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Leap<'a> {
+    /// The motion without the newer track.
+    pub(crate) before: &'a Motion,
+    /// The motion with it.
+    pub(crate) after: &'a Motion,
+    /// Time in which the two may have parted.
+    pub(crate) within: Seconds,
+}
+
+/// Tolerances within which two motions of one body are never a jump: each is off by one at most, and a correction may
+/// begin on the glide of the last one.
+const TOLERANCES: f64 = 3.0;
+
+impl Leap<'_> {
+    /// True if no motion leads from one to the other: they are farther apart than the velocities of both explain.
+    ///
+    /// `tick`: one at which the newer track is in force.
+    pub(crate) fn is_jump(&self, stream: &Subscriber, id: BodyId, tick: Tick) -> bool {
+        let Some(radius) = stream.radius_at(id, tick) else {
+            return false;
+        };
+        let tolerance = stream.tolerance_of(id).unwrap_or(stream.tolerance());
+        let reach = tolerance.reach(radius).metres();
+        let speeds = speed(self.before, radius) + speed(self.after, radius);
+        let apart = Divergence::between(&self.before.pose(), &self.after.pose());
+        let apart = apart.surface_error(radius).metres();
+        apart > TOLERANCES * reach + speeds * self.within.seconds()
+    }
+}
+
+/// Speed of the fastest point of a body at most, m/s.
+fn speed(motion: &Motion, radius: Metres) -> f64 {
+    let twist = motion.twist();
+    twist.linear.length() + twist.angular.length() * radius.metres()
 }

@@ -11,11 +11,21 @@ use glam::{DQuat, Quat, Vec3};
 use rhumb_protocol::stream::{ErrorBound, Subscriber};
 use rhumb_reckoning::{Anchor, BodyId, Correction, Motion, Pose, Seconds, Twist};
 
-use crate::jump::Leap;
-use crate::moment::{MomentMotion, is_orphaned};
-use crate::render_params::RenderParams;
-use crate::render_time::RenderTime;
-use crate::shown_bound::{ShownPose, shown_bound};
+use crate::bounds::{ShownPose, shown_bound};
+use crate::moment::{Leap, MomentMotion, RenderTime, is_orphaned};
+
+/// Parameters for computing a view.
+#[derive(Clone, Copy, Debug)]
+pub struct RenderParams {
+    /// The moment to show.
+    pub at: RenderTime,
+    /// The caller's own time, which times the smoothing of corrections.
+    pub now: Seconds,
+    /// True if corrections are smoothed.
+    pub smooth: bool,
+    /// The time from one tick to the next.
+    pub step: Seconds,
+}
 
 /// The poses and velocities of all bodies at one moment, for a simulator to read each frame.
 #[derive(Debug, Default)]

@@ -1,6 +1,6 @@
 //! The bound on the error of a pose that is shown.
 //!
-//! A stream bounds the error of its tracks. What is shown may be another pose: one that glides, one of an earlier
+//! A stream bounds the error of its tracks. A view may show another pose: one that glides, one of an earlier
 //! refresh. Invariant: the bound is never too small; where nothing finite is certain it is unknown.
 
 use std::f64::consts::PI;
@@ -9,8 +9,7 @@ use glam::{DQuat, Quat, Vec3};
 use rhumb_protocol::stream::{ErrorBound, Subscriber};
 use rhumb_reckoning::{BodyId, Divergence, Metres, Motion, Pose, Seconds, Ticks};
 
-use crate::moment::{MomentMotion, is_orphaned};
-use crate::render_time::RenderTime;
+use crate::moment::{MomentMotion, RenderTime, is_orphaned};
 
 /// A pose as a view has it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -188,7 +187,7 @@ mod tests {
         })
     }
 
-    /// What a true pose is off by: metres and a turn.
+    /// The error of a true pose: metres and a turn.
     fn any_error() -> impl Strategy<Value = (DVec3, DQuat)> {
         (0.0..1.0, any_vector(), any_turn(1.0))
             .prop_map(|(scale, vector, turn)| (vector * scale, DQuat::IDENTITY.slerp(turn, scale)))

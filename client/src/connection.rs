@@ -1,15 +1,27 @@
-//! Moves bytes between a connection and its session, on the caller's thread.
+//! A connection to a server, its session, and attempts to reach it again.
 //!
-//! Contains no protocol logic. A wait ends at the given deadline at the latest.
+//! Moves bytes between the two on the caller's thread, and contains no protocol logic. A wait ends at the given deadline
+//! at the latest. Attempts to reach the server again have a thread of their own: the pause before each of them doubles up
+//! to a limit, and is shortened at random, so that the clients of a server that comes back do not all arrive at once.
 
+use std::collections::hash_map::RandomState;
+use std::hash::BuildHasher as _;
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, TrySendError, sync_channel};
 use std::time::Duration;
+use std::{io, thread};
 
 use rhumb_protocol::session::ClientSession;
+use rhumb_protocol::stream::{PublisherStatistics, SubscriberStatistics};
 use rhumb_protocol::{Endpoint, Instant, Peer, Span, Transmit};
-use rhumb_transport::{Clock, Received};
+use rhumb_reckoning::Tick;
+use rhumb_transport::{ClientTransport, Clock, Received, WireStatistics};
 
-use crate::reconnector::{ReconnectProgress, Reconnector, first_pause};
-use crate::redial::{BoxedConnection, Redial};
+/// A connection, whatever carries its bytes.
+pub(crate) type BoxedConnection = Box<dyn ClientTransport>;
+
+/// Reaches the server of an ended connection again, within some time.
+pub(crate) type Redial = Arc<dyn Fn(Duration) -> Option<BoxedConnection> + Send + Sync>;
 
 /// A connection and its session.
 pub(crate) struct Pump {
@@ -121,7 +133,7 @@ impl Pump {
         received_any
     }
 
-    /// Begins to reach the server again, to go on with the session; `false` if it cannot. `full_since`: the time for
+    /// Begins to reach the server again, to continue the session; `false` if it cannot. `full_since`: the time for
     /// which it has had no place; the present one otherwise.
     pub(crate) fn reconnect(&mut self, full_since: Instant, until: Instant) -> bool {
         let Some(redial) = self.redial.clone().filter(|_| self.session.can_reconnect()) else {
@@ -188,4 +200,125 @@ impl Pump {
 /// A duration as a protocol span; longer ones than the span's maximum (centuries) saturate.
 pub(crate) fn span(duration: Duration) -> Span {
     Span::from_nanos(u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX))
+}
+
+/// First pause.
+const PAUSE_FIRST: Duration = Duration::from_millis(100);
+/// Longest pause.
+const PAUSE_MAX: Duration = Duration::from_secs(5);
+/// Time for one attempt.
+const ATTEMPT: Duration = Duration::from_secs(3);
+
+/// Attempts until one succeeds or the time is over.
+pub(crate) struct Reconnector {
+    connected: Receiver<Option<BoxedConnection>>,
+}
+
+/// The state of the attempts.
+pub(crate) enum ReconnectProgress {
+    Connected(BoxedConnection),
+    Trying,
+    GaveUp,
+}
+
+impl Reconnector {
+    /// Begins the attempts after a pause; none begins after a moment of this clock.
+    pub(crate) fn start(
+        redial: Redial,
+        clock: Clock,
+        pause: Duration,
+        until: Instant,
+    ) -> io::Result<Self> {
+        let (to, connected) = sync_channel(1);
+        let attempts = move || {
+            // A client that is gone needs no connection: it closes when it is dropped.
+            match to.try_send(run(&redial, clock, pause, until)) {
+                Ok(()) | Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => {}
+            }
+        };
+        thread::Builder::new()
+            .name("rhumb-reconnect".to_owned())
+            .spawn(attempts)?;
+        Ok(Self { connected })
+    }
+
+    /// Waits for a connection for some time at most.
+    pub(crate) fn wait(&self, timeout: Duration) -> ReconnectProgress {
+        match self.connected.recv_timeout(timeout) {
+            Ok(Some(connection)) => ReconnectProgress::Connected(connection),
+            Ok(None) | Err(RecvTimeoutError::Disconnected) => ReconnectProgress::GaveUp,
+            Err(RecvTimeoutError::Timeout) => ReconnectProgress::Trying,
+        }
+    }
+}
+
+/// The pause before the next attempt at a server that has had no place for so long: the time grows by half with each.
+pub(crate) fn first_pause(full_for: Duration) -> Duration {
+    (full_for / 2).clamp(PAUSE_FIRST, PAUSE_MAX)
+}
+
+/// Attempts to connect; `None` if none succeeds in time.
+fn run(
+    redial: &Redial,
+    clock: Clock,
+    mut pause: Duration,
+    until: Instant,
+) -> Option<BoxedConnection> {
+    loop {
+        thread::sleep(shortened(pause));
+        if clock.now() >= until {
+            return None;
+        }
+        if let Some(connection) = redial(ATTEMPT) {
+            return Some(connection);
+        }
+        pause = (pause * 2).min(PAUSE_MAX);
+    }
+}
+
+/// A pause between half of this one and all of it.
+fn shortened(pause: Duration) -> Duration {
+    // Each state of the library's hashes has another random key.
+    let [share, ..] = RandomState::new().hash_one(()).to_ne_bytes();
+    pause / 2 + pause / 2 * u32::from(share) / 255
+}
+
+/// Statistics of a client's connection and stream.
+#[derive(Clone, Copy, Debug)]
+pub struct Statistics {
+    /// Bytes, datagrams and round trip of the connection.
+    pub wire: WireStatistics,
+    /// Packets and updates received.
+    pub stream: SubscriberStatistics,
+    /// Packets and updates of the upstream since the last authority grant.
+    pub upstream: PublisherStatistics,
+    /// The newest tick up to which the subscriber knows that everything is published.
+    pub watermark_tick: Tick,
+    /// The newest tick at which every body is within its tolerance.
+    pub complete: Tick,
+    /// Ticks by which the view lies behind the server's clock; `None` before the clock is known.
+    pub behind_ticks: Option<f64>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_server_that_has_no_place_is_asked_ever_more_rarely() {
+        let (mut tried, mut attempts) = (Duration::ZERO, 0);
+        while tried < Duration::from_secs(60) {
+            tried += first_pause(tried);
+            attempts += 1;
+        }
+        assert!((10..=25).contains(&attempts), "{attempts}");
+    }
+
+    #[test]
+    fn a_pause_is_shortened_by_half_at_most() {
+        for _ in 0..100 {
+            let pause = shortened(PAUSE_FIRST);
+            assert!(pause >= PAUSE_FIRST / 2 && pause <= PAUSE_FIRST);
+        }
+    }
 }
