@@ -19,7 +19,7 @@ use rhumb_protocol::{Ending, Instant};
 use rhumb_reckoning::{BodyId, BodyState, Tick, Ticks, Tolerance};
 use rhumb_view::{ClientIds, LiveView, PipelineDepth, RenderTime, UpstreamClock, View, may_resume};
 
-use crate::connection::{Pump, Statistics, TapChannel, span};
+use crate::connection::{Pump, Statistics, TURNS_MAX, TapChannel, span};
 use crate::error::{ClientError, Unreported};
 use crate::join_options::{JoinOptions, Refusals};
 
@@ -482,8 +482,7 @@ impl Client {
     pub fn wait(&mut self, depth: PipelineDepth) -> Result<Tick, ClientError> {
         let awaited = self.awaited(depth);
         let deadline = self.deadline();
-        self.pump.turn(Instant::ZERO);
-        self.take_events();
+        self.read_waiting();
         // The answers come beside the tick, and may be the later ones.
         while self.complete() < awaited
             || (depth == PipelineDepth::LOCKSTEP && self.unanswered.is_some())
@@ -506,8 +505,7 @@ impl Client {
     ///
     /// As [`Self::wait`], except that it never times out.
     pub fn try_wait(&mut self, depth: PipelineDepth) -> Result<Option<Tick>, ClientError> {
-        self.pump.turn(Instant::ZERO);
-        self.take_events();
+        self.read_waiting();
         let tick = self.complete();
         if tick >= self.awaited(depth) {
             self.show(tick);
@@ -532,8 +530,7 @@ impl Client {
     /// computed then.
     pub fn poll(&mut self) -> Result<RenderTime, ClientError> {
         self.check_open()?;
-        self.pump.turn(Instant::ZERO);
-        self.take_events();
+        self.read_waiting();
         self.check_open()?;
         let now = self.pump.now();
         let shown = self.live_view.show_present(&mut self.pump.session, now);
@@ -555,14 +552,13 @@ impl Client {
     /// [`ClientError::Ended`] when the connection is over.
     pub fn idle(&mut self, duration: Duration) -> Result<(), ClientError> {
         let deadline = self.pump.now() + span(duration);
-        loop {
+        while self.pump.now() < deadline {
             self.pump.turn(deadline);
             self.take_events();
             self.check_open()?;
-            if self.pump.now() >= deadline {
-                return Ok(());
-            }
         }
+        self.read_waiting();
+        self.check_open()
     }
 
     /// Leaves the scene and closes the connection. Commands sent before are delivered first, within little more than
@@ -639,6 +635,17 @@ impl Client {
         self.pump.turn(deadline);
         self.take_events();
         self.check_open()
+    }
+
+    /// Handles all data that waits, however long the client was not called.
+    fn read_waiting(&mut self) {
+        for _ in 0..TURNS_MAX {
+            let is_more = self.pump.turn(Instant::ZERO);
+            self.take_events();
+            if !is_more {
+                break;
+            }
+        }
     }
 
     fn check_open(&self) -> Result<(), ClientError> {

@@ -56,6 +56,9 @@ pub enum TapChannel {
 /// Limit of received pieces per turn, so that a fast server cannot starve timers and the caller.
 const PIECES_PER_TURN: usize = 4_096;
 
+/// Limit of turns in which a call reads what waits for it. Derived: an inbox of 4 MiB holds 16 turns of empty datagrams.
+pub(crate) const TURNS_MAX: usize = 32;
+
 /// The one peer of a client.
 const SERVER: Peer = Peer(0);
 
@@ -104,7 +107,8 @@ impl Pump {
         }
     }
 
-    /// Handles received data, and waits for its first piece until `deadline` at most; `false` when nothing arrived.
+    /// Handles received data, and waits for its first piece until `deadline` at most; `true` if more may wait than one
+    /// turn handles.
     pub(crate) fn turn(&mut self, deadline: Instant) -> bool {
         if self.reconnector.is_some() {
             return self.await_connection(deadline);
@@ -116,11 +120,9 @@ impl Pump {
             .poll_timeout()
             .map_or(deadline, |wake| wake.at.min(deadline));
         let wait = Duration::from_nanos(wake.since(now).as_nanos());
-        let mut received_any = false;
         let mut next = self.connection.recv(wait);
         let mut left = PIECES_PER_TURN;
         while let Some(received) = next {
-            received_any = true;
             self.handle(received);
             left -= 1;
             if left == 0 {
@@ -130,7 +132,7 @@ impl Pump {
         }
         self.session.handle_timeout(self.clock.now());
         self.flush();
-        received_any
+        left == 0
     }
 
     /// Begins to reach the server again, to continue the session; `false` if it cannot. `full_since`: the time for
@@ -154,7 +156,7 @@ impl Pump {
         self.gave_up
     }
 
-    /// Waits until `deadline` at most for the server to be reached again.
+    /// Waits until `deadline` at most for the server to be reached again; `true` if it is.
     fn await_connection(&mut self, deadline: Instant) -> bool {
         let now = self.clock.now();
         let wait = Duration::from_nanos(deadline.since(now).as_nanos());

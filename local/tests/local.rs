@@ -435,3 +435,37 @@ fn a_lockstep_scene_stands_still_while_it_is_polled() {
         }
     }
 }
+
+#[test]
+fn a_member_that_is_not_called_for_100_seconds_shows_the_present_at_its_first_call() {
+    const TICKS: u64 = 6_000;
+    // Each way of a call to read what waits, and the tick that it shows at once.
+    let calls: [fn(&mut Client) -> Tick; 3] = [
+        |client| client.poll().expect("the scene runs").tick,
+        |client| {
+            let shown = client.try_wait(PipelineDepth::LOCKSTEP);
+            shown.expect("the scene runs").expect("nothing is awaited")
+        },
+        |client| {
+            client.idle(Duration::ZERO).expect("the scene runs");
+            client.statistics().complete
+        },
+    ];
+    for server in servers() {
+        let mut first = server.connect().join("long").expect("a new scene");
+        let others = calls.map(|call| {
+            let joined = server.connect().join("long");
+            (joined.expect("the scene is there"), call)
+        });
+        let ball = BodyDesc::dynamic(Shape::ball(0.5)).at(0.0, 100.0, 0.0);
+        let ball = first.add_body(ball).expect("a body");
+        for _ in 0..TICKS {
+            first.advance(PipelineDepth::LOCKSTEP).expect("it steps");
+        }
+        for (mut other, call) in others {
+            assert_eq!(call(&mut other), Tick::new(TICKS));
+            other.poll().expect("the scene runs");
+            assert_eq!(other.view().position(ball), first.view().position(ball));
+        }
+    }
+}

@@ -2,7 +2,6 @@
 //!
 //! The caller publishes their states once per frame. States that the server predicts within tolerance are not sent.
 
-use rhumb_protocol::Instant;
 use rhumb_protocol::scene::{IdOutOfRange, Stepping};
 use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance};
 use rhumb_view::InvalidTicks;
@@ -75,8 +74,7 @@ impl Client {
                 (self.pump.session.publish(tick, motions)?).then_some(tick)
             }
             Stepping::FreeRunning => {
-                self.pump.turn(Instant::ZERO);
-                self.take_events();
+                self.read_waiting();
                 self.check_open()?;
                 let now = self.pump.now();
                 self.upstream_clock
