@@ -195,7 +195,7 @@ pub unsafe extern "C" fn rhumb_scene_place(
     guard(|| {
         check_out(place, "place")?;
         let id = parse_body_word(body.0)?;
-        let found = with(scene, |scene| scene.place_in_view(id))?;
+        let found = with(scene, |scene| scene.place(id))?;
         // SAFETY: the caller promises the memory.
         unsafe { write(place, found, "place") }
     })

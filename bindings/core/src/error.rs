@@ -79,6 +79,9 @@ pub enum BindingError {
     Fault(String),
 }
 
+/// Limit of refusals in one error, the client's own.
+const REFUSALS_KEPT: usize = 1_024;
+
 /// Kinds of errors that a caller may want to tell apart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ErrorKind {
@@ -138,6 +141,29 @@ impl BindingError {
             _ => words.concat(),
         };
         Self::value(argument, format_args!("{found:?}"), needed)
+    }
+
+    /// The refusals of two calls as those of one. Any other error stays as it is.
+    #[must_use]
+    pub fn and_later(self, later: Self) -> Self {
+        match (self, later) {
+            (
+                Self::Refused {
+                    mut kept,
+                    mut left_out,
+                },
+                Self::Refused {
+                    kept: more,
+                    left_out: further,
+                },
+            ) => {
+                let room = REFUSALS_KEPT.saturating_sub(kept.len());
+                left_out += further + more.len().saturating_sub(room) as u64;
+                kept.extend(more.into_iter().take(room));
+                Self::Refused { kept, left_out }
+            }
+            (earlier, _) => earlier,
+        }
     }
 
     /// The kind of the error.
@@ -215,7 +241,7 @@ impl fmt::Display for BindingError {
             }
             Self::NotInView(id) => write!(
                 f,
-                "body {} is not in the view: it is not there yet, or was removed",
+                "body {} is not in the view: it is not there yet, was removed, or never was; ask first whether the view has it",
                 body_word(*id)
             ),
             Self::Value {

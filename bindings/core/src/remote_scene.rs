@@ -213,6 +213,29 @@ impl RemoteScene {
         self.reported(advanced)
     }
 
+    /// As [`Self::advance`] for a call of several ticks: refusals are added to `refused`, so that no tick is left out for
+    /// them.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::advance`], but for [`BindingError::Refused`].
+    pub fn advance_through(
+        &mut self,
+        depth: PipelineDepth,
+        refused: &mut Option<BindingError>,
+    ) -> Result<u64, BindingError> {
+        match self.advance(depth) {
+            Err(later @ BindingError::Refused { .. }) => {
+                *refused = Some(match refused.take() {
+                    Some(earlier) => earlier.and_later(later),
+                    None => later,
+                });
+                Ok(self.time().tick.value())
+            }
+            advanced => advanced.map(Tick::value),
+        }
+    }
+
     /// Waits for the tick of the last advance that timed out, and computes the view.
     ///
     /// # Errors
@@ -355,28 +378,12 @@ impl RemoteScene {
         self.client.view().place(body).is_some()
     }
 
-    /// Place of a body in the arrays; `None` for one that is still to come, or has gone.
+    /// Place of a body in the arrays.
     ///
     /// # Errors
     ///
-    /// [`BindingError::NotInView`] for a body that this client never knew.
-    pub fn place(&mut self, body: BodyId) -> Result<Option<usize>, BindingError> {
-        let place = self.client.view().place(body);
-        if place.is_none() {
-            self.take_events();
-            if !self.known.has(body) {
-                return Err(BindingError::NotInView(body));
-            }
-        }
-        Ok(place)
-    }
-
-    /// Place of a body that the view must have.
-    ///
-    /// # Errors
-    ///
-    /// [`BindingError::NotInView`].
-    pub fn place_in_view(&self, body: BodyId) -> Result<usize, BindingError> {
+    /// [`BindingError::NotInView`] for a body that is still to come, has gone, or was never there.
+    pub fn place(&self, body: BodyId) -> Result<usize, BindingError> {
         let place = self.client.view().place(body);
         place.ok_or(BindingError::NotInView(body))
     }

@@ -24,7 +24,11 @@ pub(crate) fn exception(py: Python<'_>, error: &BindingError) -> PyErr {
             Err(missing) => missing,
         };
     }
-    match class(py, error.kind()) {
+    let class = match error {
+        BindingError::NotInView(_) => named(py, "NotInViewError"),
+        _ => class(py, error.kind()),
+    };
+    match class {
         Ok(class) => PyErr::from_type(class, text),
         Err(missing) => missing,
     }
@@ -59,8 +63,6 @@ pub(crate) fn check_in_any(
 }
 
 fn class(py: Python<'_>, kind: ErrorKind) -> PyResult<Bound<'_, PyType>> {
-    static MODULE: PyOnceLock<Py<PyModule>> = PyOnceLock::new();
-    let module = MODULE.get_or_try_init(py, || py.import("rhumb.errors").map(Bound::unbind))?;
     let name = match kind {
         ErrorKind::Invalid | ErrorKind::Null | ErrorKind::TooSmall => "InvalidError",
         ErrorKind::Closed => "ClosedError",
@@ -73,5 +75,11 @@ fn class(py: Python<'_>, kind: ErrorKind) -> PyResult<Bound<'_, PyType>> {
         ErrorKind::SceneGone => "SceneGoneError",
         ErrorKind::Fault => "FaultError",
     };
+    named(py, name)
+}
+
+fn named<'py>(py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyType>> {
+    static MODULE: PyOnceLock<Py<PyModule>> = PyOnceLock::new();
+    let module = MODULE.get_or_try_init(py, || py.import("rhumb.errors").map(Bound::unbind))?;
     Ok(module.bind(py).getattr(name)?.cast_into::<PyType>()?)
 }

@@ -423,7 +423,7 @@ impl PyScene {
     /// Steps a lockstep scene by some ticks, computes the view, and returns its tick.
     ///
     /// At depth 1, the view is one tick behind, and the server computes the newest one meanwhile. It raises RefusedError
-    /// for what the server refused, after the tick in which that became known; the next call continues.
+    /// for what the server refused, once and after all of the ticks; the next call continues.
     #[pyo3(signature = (ticks = 1, depth = 0))]
     fn advance(
         &self,
@@ -436,15 +436,25 @@ impl PyScene {
         }
         let depth = PipelineDepth::new(depth);
         let mut shown = 0;
+        let mut refused = None;
         for _ in 0..ticks {
             // Between two ticks, Python may raise what a signal asks for.
-            py.check_signals()?;
-            shown = self.waiting(py, |opened| {
-                opened.expire();
-                Ok(opened.scene.advance(depth)?.value())
+            let advanced = py.check_signals().and_then(|()| {
+                self.waiting(py, |opened| {
+                    opened.expire();
+                    opened.scene.advance_through(depth, &mut refused)
+                })
+            });
+            shown = advanced.inspect_err(|error| {
+                if let Some(refused) = &refused {
+                    error.set_cause(py, Some(exception(py, refused)));
+                }
             })?;
         }
-        Ok(shown)
+        match refused {
+            None => Ok(shown),
+            Some(refused) => Err(exception(py, &refused)),
+        }
     }
 
     /// Waits again for the tick of an advance that timed out.
@@ -560,9 +570,9 @@ impl PyScene {
 
     /// Place of a body in the arrays: scene.positions[scene.place(body)].
     ///
-    /// None for a body that is still to come or has gone; the arrays refuse None as a place, with an IndexError. Raises
-    /// InvalidError for a body that this client never knew. "body in scene" asks whether the view has it.
-    fn place(&self, py: Python<'_>, body: &Bound<'_, PyAny>) -> PyResult<Option<usize>> {
+    /// Raises NotInViewError, a KeyError, for a body that is still to come, has gone, or was never there. "body in scene" asks
+    /// whether the view has it.
+    fn place(&self, py: Python<'_>, body: &Bound<'_, PyAny>) -> PyResult<usize> {
         let id = single(body)?;
         self.with(py, |opened| opened.scene.place(id))
     }
@@ -580,7 +590,7 @@ impl PyScene {
     ) -> PyResult<Bound<'py, PyArray1<usize>>> {
         let ids = bodies(body)?.ids;
         let places = self.with(py, |opened| {
-            let places = ids.iter().map(|id| opened.scene.place_in_view(*id));
+            let places = ids.iter().map(|id| opened.scene.place(*id));
             places.collect::<Result<Vec<_>, _>>()
         })?;
         Ok(places.into_pyarray(py))

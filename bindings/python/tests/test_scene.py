@@ -2,6 +2,7 @@
 
 import gc
 import math
+import pickle
 import subprocess
 import sys
 
@@ -50,15 +51,28 @@ def test_arrays_have_one_order_and_their_types(scene):
     scene.advance()
     assert len(scene) == 3 and set(scene.removed) == set(bodies[:2])
     assert bodies[0] not in scene and bodies[2] in scene
-    assert scene.place(bodies[0]) is None
-    for array in (scene.positions, scene.rotations, scene.bodies, scene.resting, scene.error_bounds):
-        with pytest.raises(IndexError, match="None is the place of no body"):
-            array[scene.place(bodies[0])]
-    with pytest.raises(IndexError):
-        scene.positions[scene.place(bodies[0]), 1]
-    # An axis is added as in NumPy, and all else is plain.
-    assert scene.positions[None, :].shape == (1, 3, 3)
-    assert type(scene.positions[:2]) is type(scene.positions - 1) is type(scene.positions[0]) is np.ndarray
+    assert type(scene.positions) is np.ndarray and scene.positions[None, :].shape == (1, 3, 3)
+
+
+def test_a_body_that_is_not_in_the_view_has_no_place_that_indexes(scene):
+    bodies = scene.add_bodies(rhumb.Shape.ball(0.5), [(3 * i, 5, 0) for i in range(4)])
+    scene.advance()
+    gone, never = int(bodies[1]), 12_345
+    scene.remove(gone)
+    scene.advance()
+    coming = scene.add_body(rhumb.Shape.ball(0.5), (0, 9, 0))
+    for body in (gone, never, coming):
+        assert body not in scene
+        for call in (scene.place, lambda body: scene.places([bodies[0], body]), scene.error_bound):
+            with pytest.raises(rhumb.NotInViewError, match=f"^body {body} is not in the view: .*ask first") as raised:
+                call(body)
+            assert isinstance(raised.value, KeyError) and isinstance(raised.value, rhumb.InvalidError)
+            again = pickle.loads(pickle.dumps(raised.value))
+            assert str(again) == str(raised.value)
+    scene.advance()
+    assert scene.bodies[scene.place(coming)] == coming
+    for body in bodies[[0, 2, 3]]:
+        assert scene.bodies[scene.place(body)] == body
 
 
 def test_an_array_is_read_only_the_same_when_read_again_and_keeps_its_frame(scene):

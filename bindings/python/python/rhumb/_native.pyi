@@ -603,7 +603,7 @@ class Scene:
         """Steps a lockstep scene by some ticks, computes the view, and returns its tick.
 
         At depth 1, the view is one tick behind, and the server computes the newest one meanwhile. It raises RefusedError
-        for what the server refused, after the tick in which that became known; the next call continues.
+        for what the server refused, once and after all of the ticks; the next call continues.
         """
     def wait(self, depth: int = 0) -> int:
         """Waits again for the tick of an advance that timed out."""
@@ -641,11 +641,11 @@ class Scene:
     @property
     def removed(self) -> npt.NDArray[np.uint64]:
         """Bodies that were removed since the last view."""
-    def place(self, body: int) -> Optional[int]:
+    def place(self, body: int) -> int:
         """Place of a body in the arrays: scene.positions[scene.place(body)].
 
-        None for a body that is still to come or has gone; the arrays refuse None as a place, with an IndexError. Raises
-        InvalidError for a body that this client never knew. "body in scene" asks whether the view has it.
+        Raises NotInViewError, a KeyError, for a body that is still to come, has gone, or was never there. "body in scene" asks
+        whether the view has it.
         """
     def places(self, body: _Bodies) -> npt.NDArray[np.uintp]:
         """Places of many bodies, which must all be in the view: scene.positions[scene.places(bodies)]."""

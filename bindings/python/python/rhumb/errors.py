@@ -15,6 +15,14 @@ class InvalidError(Error, ValueError):
     """An argument is wrong; nothing was done."""
 
 
+class NotInViewError(InvalidError, KeyError):
+    """The view does not have the body: it is still to come, was removed, or was never there. "body in scene" asks for it."""
+
+    def __str__(self) -> str:
+        # A KeyError shows its words in quotes.
+        return Exception.__str__(self)
+
+
 class ClosedError(Error, ValueError):
     """The scene or connection is closed."""
 

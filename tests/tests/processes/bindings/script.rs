@@ -478,7 +478,7 @@ fn in_axes(server: &ServerProcess, axes: Axes) -> Outcome {
     let poses: Vec<_> = bodies
         .iter()
         .filter_map(|body| {
-            let place = scene.place_in_view(*body).ok()?;
+            let place = scene.place(*body).ok()?;
             Some(axes.pose_back(scene.positions()[place], scene.rotations()[place]))
         })
         .collect();
