@@ -260,9 +260,9 @@ mod tests {
         host.begin(first);
         assert_eq!(host.closed(), []);
         let mut runners = host.server_loop.runners.iter_mut();
-        let (name, runner) = runners.next().expect("its scene");
+        let (_, runner) = runners.next().expect("its scene");
         let broken = Scene::with_engine(*runner.config(), Box::new(Failing)).expect("same config");
-        *runner = SceneRunner::new(broken, StreamNames::of_scene(0), Provision::unbounded(name));
+        *runner = SceneRunner::new(broken, StreamNames::of_scene(0), Provision::unbounded());
         assert!(runner.give_to(first).is_ok());
         host.send(first, &FRAME);
         assert_eq!(host.closed(), [first]);

@@ -68,6 +68,7 @@ mod load;
 mod log;
 mod member;
 mod metrics;
+mod observer;
 mod outbox;
 mod over_budget;
 mod provided;

@@ -13,7 +13,7 @@ use rhumb_protocol::{Instant, Peer, Span, Transmit};
 use rhumb_transport::TransportCode;
 
 use crate::limits::Limits;
-use crate::metrics::ByteCounts;
+use crate::observer::Traffic;
 
 /// Control bytes handed to the driver beyond those that the link has taken.
 const WINDOW_BYTES: usize = 256 << 10;
@@ -54,7 +54,7 @@ struct PeerQueue {
     /// True while its control bytes wait for the disk.
     kept_back: bool,
     /// The figures of the scene that its client is a member of.
-    bytes: Option<ByteCounts>,
+    bytes: Option<Traffic>,
 }
 
 impl PeerQueue {
@@ -126,7 +126,7 @@ impl Outbox {
     }
 
     /// Starts to count the bytes of a connection.
-    pub(crate) fn count(&mut self, peer: Peer, bytes: ByteCounts) {
+    pub(crate) fn count(&mut self, peer: Peer, bytes: Traffic) {
         if let Some(lane) = self.lanes.get_mut(&peer) {
             lane.bytes = Some(bytes);
         }
@@ -140,7 +140,7 @@ impl Outbox {
         }
     }
 
-    fn counts(&self, peer: Peer) -> Option<&ByteCounts> {
+    fn counts(&self, peer: Peer) -> Option<&Traffic> {
         self.lanes.get(&peer)?.bytes.as_ref()
     }
 

@@ -48,6 +48,7 @@ use crate::engine::Workers;
 use crate::grants::Grants;
 use crate::hook::Hook;
 use crate::member::{Member, SnapshotRequest};
+use crate::observer::Incident;
 use crate::outbox::Outbox;
 use crate::provided::SceneScript;
 use crate::rewind::Rewind;
@@ -332,7 +333,7 @@ impl SceneRunner {
         let (number, session) = (member.number_command(), member.session);
         member.charge_command(out.now());
         if let Ok(command) = &command {
-            self.provision.flight.command(peer, number, command);
+            self.provision.observer.command(peer, number, command);
         }
         let unsent = self.unsent.len();
         let applied = command.and_then(|command| self.apply_of_member(peer, &command));
@@ -341,10 +342,9 @@ impl SceneRunner {
         }
         let refused = applied.err();
         let refused = refused.map(|error| self.restore_if_failed(out.now(), error));
-        self.provision.meter.count_command(refused.is_some());
+        self.provision.observer.commanded(refused.as_ref());
         self.note_command(session, refused);
         if let Some(error) = refused {
-            self.provision.flight.refused(&error);
             out.send(peer, &ServerMessage::Refused { number, error });
         }
         let added = self.unsent.len().saturating_sub(unsent);
@@ -440,7 +440,7 @@ impl SceneRunner {
 
     fn record_event(&mut self, scene_event: SceneEvent) {
         self.scene_events += 1;
-        self.provision.tap.note(&scene_event);
+        self.provision.observer.scene_event(&scene_event);
         ServerMessage::SceneEvent(scene_event).encode(&mut self.unsent);
     }
 
@@ -489,12 +489,12 @@ impl SceneRunner {
             let late_by = now.since(due).as_nanos();
             self.late = late_by > step.as_nanos();
             if self.late {
-                self.provision.meter.count_late();
+                self.provision.observer.incident(Incident::Late);
             }
             let kept = late_by <= step.as_nanos() * CATCH_UP_STEPS;
             self.next_step = Some(if kept { due + step } else { now + step });
             if !kept {
-                self.provision.meter.count_slowed();
+                self.provision.observer.incident(Incident::Slowed);
             }
         }
         self.last_step = now;
@@ -515,7 +515,7 @@ impl SceneRunner {
     fn tick(&mut self, clock: Stopwatch<'_>, out: &mut Outbox) {
         let begun = clock();
         self.copy_if_due();
-        self.provision.flight.step_began(begun, self.scene.tick());
+        (self.provision.observer).step_began(begun, self.scene.tick());
         for scene_event in self.authority_table.set_targets(&mut self.scene) {
             self.record_event(scene_event);
         }

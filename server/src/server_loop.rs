@@ -28,11 +28,10 @@ use crate::engine::{Engines, Workers};
 use crate::hook::Hooks;
 use crate::limits::Limits;
 use crate::load::ServerLoad;
-use crate::metrics::Metrics;
+use crate::observer::{ObserveScenes, Unobserved};
 use crate::outbox::Outbox;
 use crate::provided::ProvidedScenes;
 use crate::pulse::Pulse;
-use crate::recorders::SceneRecorders;
 use crate::scene_connection::SceneConnection;
 use crate::scene_runner::{Departure, SceneRunner};
 use crate::scene_slots::{SceneSlot, SceneSlots};
@@ -53,8 +52,7 @@ pub struct ServerLoop {
     limits: Limits,
     slots: SceneSlots,
     load: ServerLoad,
-    metrics: Metrics,
-    recorders: SceneRecorders,
+    observers: Arc<dyn ObserveScenes>,
     taken_slots: BTreeMap<SceneName, SceneSlot>,
     pulse: Pulse,
     pub(crate) out: Outbox,
@@ -85,8 +83,7 @@ impl ServerLoop {
             },
             slots: SceneSlots::default(),
             load: ServerLoad::default(),
-            metrics: Metrics::default(),
-            recorders: SceneRecorders::default(),
+            observers: Arc::new(Unobserved),
             taken_slots: BTreeMap::new(),
             pulse: Pulse::default(),
             out: Outbox::default(),
@@ -145,16 +142,15 @@ impl ServerLoop {
         }
     }
 
-    /// Shares the bounds on scenes and on their load, and the figures, with other loops.
-    pub(crate) fn share(&mut self, slots: SceneSlots, load: ServerLoad, metrics: Metrics) {
+    /// Shares the bounds on scenes and on their load with other loops.
+    pub(crate) fn share(&mut self, slots: SceneSlots, load: ServerLoad) {
         self.slots = slots;
         self.load = load;
-        self.metrics = metrics;
     }
 
-    /// Records later scenes.
-    pub(crate) fn record(&mut self, recorders: SceneRecorders) {
-        self.recorders = recorders;
+    /// Has later scenes observed.
+    pub(crate) fn observe_with(&mut self, observers: Arc<dyn ObserveScenes>) {
+        self.observers = observers;
     }
 
     /// Reports liveness at each message and each tick.

@@ -19,7 +19,7 @@ use super::entry::{COMMAND_BYTES_KEPT, FlightEntry, HEAD_BYTES_KEPT};
 use super::job::FlightJob;
 use super::ring::FlightRing;
 use crate::digest::Digest;
-use crate::metrics::TickFigures;
+use crate::observer::TickFigures;
 
 /// The flight recorders of all scenes; all clones are one. The default records nothing.
 #[derive(Clone, Default)]
@@ -224,7 +224,7 @@ impl FlightRecorder {
     pub(crate) fn stepped(&self, figures: &TickFigures, digest: Digest) {
         let count = |count: usize| u32::try_from(count).unwrap_or(u32::MAX);
         self.push(&FlightEntry::Stepped {
-            tick: figures.tick,
+            tick: figures.tick.value(),
             step_ns: figures.step.as_nanos(),
             publish_ns: figures.publish.as_nanos(),
             members: count(figures.members),

@@ -161,7 +161,7 @@ impl Front {
             self.settings.load.clone(),
             &self.settings.limits,
         );
-        self.settings.metrics = metrics;
+        self.settings.recorders.metrics = metrics;
     }
 
     /// Sets the hooks of later scenes.
@@ -297,7 +297,7 @@ impl Front {
         }
         tracing::debug!(peer = peer.0, %code, "closing a connection");
         let code = code.0;
-        self.settings.metrics.count_closed(code);
+        self.settings.recorders.metrics.count_closed(code);
         self.out.push_back(Transmit::Close { to: peer, code });
     }
 
@@ -369,7 +369,7 @@ impl Front {
             | Transmit::Close { to, .. }) = &transmit;
             if self.bound(*to) == Some(id) {
                 if let Transmit::Close { code, .. } = &transmit {
-                    self.settings.metrics.count_closed(*code);
+                    self.settings.recorders.metrics.count_closed(*code);
                 }
                 self.out.push_back(transmit);
             }
@@ -425,8 +425,8 @@ impl Endpoint for Front {
         self.greeting_until.insert((until, peer));
         let greeting = Connection::Greeting(Greeting::new(until));
         self.connections.insert(peer, greeting);
-        self.settings.metrics.count_opened();
-        (self.settings.metrics).set_connections(self.connections.len());
+        self.settings.recorders.metrics.count_opened();
+        (self.settings.recorders.metrics).set_connections(self.connections.len());
     }
 
     fn handle_control(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
@@ -478,7 +478,7 @@ impl Endpoint for Front {
         if let Some(Connection::Greeting(greeting)) = self.connections.remove(&peer) {
             self.greeting_until.remove(&(greeting.until, peer));
         }
-        (self.settings.metrics).set_connections(self.connections.len());
+        (self.settings.recorders.metrics).set_connections(self.connections.len());
     }
 
     fn handle_timeout(&mut self, now: Instant) {

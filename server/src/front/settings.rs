@@ -13,7 +13,6 @@ use crate::engine::{EngineKind, Engines, Workers};
 use crate::hook::Hooks;
 use crate::limits::Limits;
 use crate::load::ServerLoad;
-use crate::metrics::Metrics;
 use crate::provided::ProvidedScenes;
 use crate::recorders::SceneRecorders;
 use crate::scene_slots::SceneSlots;
@@ -29,7 +28,6 @@ pub(super) struct WorkerSettings {
     pub(super) largest_packet: LargestPacket,
     pub(super) slots: SceneSlots,
     pub(super) load: ServerLoad,
-    pub(super) metrics: Metrics,
     pub(super) recorders: SceneRecorders,
     pub(super) limits: Limits,
     pub(super) data: Option<DataDir>,
@@ -47,7 +45,6 @@ impl WorkerSettings {
             largest_packet: LargestPacket::DEFAULT,
             slots: SceneSlots::default(),
             load: ServerLoad::default(),
-            metrics: Metrics::default(),
             recorders: SceneRecorders::default(),
             limits: Limits {
                 empty_scene_seconds: 0,
@@ -70,8 +67,8 @@ impl WorkerSettings {
         server_loop.build_with(Engines::of(self.engine));
         server_loop.employ(self.engine_threads.clone());
         server_loop.set_largest_packet(self.largest_packet);
-        server_loop.share(self.slots.clone(), self.load.clone(), self.metrics.clone());
-        server_loop.record(self.recorders.clone());
+        server_loop.share(self.slots.clone(), self.load.clone());
+        server_loop.observe_with(Arc::new(self.recorders.clone()));
         server_loop.set_limits(self.limits);
         if let Some(data) = &self.data {
             server_loop.store_in(data.clone());

@@ -90,7 +90,7 @@ impl Front {
         }
         self.watchdog.parked.insert(id, worker.scope.clone());
         let parked = self.watchdog.parked.len();
-        self.settings.metrics.set_parked(parked);
+        self.settings.recorders.metrics.set_parked(parked);
         tracing::error!(scope = ?worker.scope, worker = id.0, parked, "a scene does not answer and is parked");
     }
 
@@ -99,7 +99,7 @@ impl Front {
         if let Some(scope) = self.watchdog.parked.remove(&id) {
             tracing::warn!(?scope, worker = id.0, "a parked thread has ended");
             self.by_scope.remove(&scope);
-            (self.settings.metrics).set_parked(self.watchdog.parked.len());
+            (self.settings.recorders.metrics).set_parked(self.watchdog.parked.len());
         }
         if self.workers.contains_key(&id) {
             self.close_connections_of(id, CloseCode::SCENE_PARKED);

@@ -4,7 +4,6 @@
 //! the text format of Prometheus.
 
 mod answer;
-mod bytes;
 mod lock;
 mod process;
 mod scene;
@@ -17,10 +16,9 @@ use std::sync::{Arc, Mutex};
 use rhumb_protocol::Span;
 use rhumb_protocol::scene::SceneName;
 
-pub(crate) use self::bytes::ByteCounts;
 use self::lock::lock;
 use self::scene::SceneMeters;
-pub(crate) use self::scene::{SCENE_VALUES, SceneMeter, SceneValues, TickFigures};
+pub(crate) use self::scene::{SCENE_VALUES, SceneMeter, SceneValues};
 use self::text::{MetricKind, Text};
 use crate::limits::Limits;
 use crate::load::ServerLoad;
@@ -201,6 +199,7 @@ impl Metrics {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::observer::TickFigures;
 
     #[test]
     fn the_text_names_scenes_until_they_end() {
@@ -209,7 +208,7 @@ mod tests {
         metrics.count_closed(18);
         let meter = metrics.begin_scene(&"team/pit".parse().unwrap());
         meter.note_tick(&TickFigures {
-            tick: 7,
+            tick: rhumb_reckoning::Tick::new(7),
             members: 2,
             bodies: 30,
             awake: 4,
@@ -218,7 +217,7 @@ mod tests {
             step: Span::from_millis(3),
             publish: Span::from_millis(1),
         });
-        meter.bytes().add_sent(1_100);
+        meter.traffic().add_sent(1_100);
         meter.count_late();
         meter.note_step_period(Span::from_millis(20));
         let text = metrics.text();

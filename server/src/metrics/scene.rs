@@ -7,9 +7,9 @@ use std::sync::{Arc, Mutex};
 use rhumb_protocol::Span;
 use rhumb_protocol::scene::SceneName;
 
-use super::bytes::ByteCounts;
 use super::lock::lock;
 use super::text::{MetricKind, Text};
+use crate::observer::{TickFigures, Traffic};
 
 /// Upper ends of the buckets of a step's duration, microseconds.
 const BUCKETS_US: [u64; 8] = [500, 1_000, 2_000, 4_000, 8_000, 16_000, 33_000, 100_000];
@@ -88,7 +88,7 @@ struct SceneFigures {
     load: AtomicU64,
     restorations: AtomicU64,
     faulted: AtomicU64,
-    bytes: ByteCounts,
+    traffic: Traffic,
     /// Steps within each bucket, and not within the one before.
     buckets: [AtomicU64; BUCKETS_US.len()],
 }
@@ -120,8 +120,8 @@ impl SceneFigures {
             &self.load,
             &self.restorations,
             &self.faulted,
-            self.bytes.received(),
-            self.bytes.sent(),
+            self.traffic.received(),
+            self.traffic.sent(),
         ];
         plain.into_iter().chain(&self.buckets)
     }
@@ -134,21 +134,6 @@ pub(crate) struct SceneMeter {
     meters: SceneMeters,
 }
 
-/// The figures after a tick.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct TickFigures {
-    pub(crate) tick: u64,
-    pub(crate) members: usize,
-    pub(crate) bodies: usize,
-    pub(crate) awake: usize,
-    /// Bodies whose updates wait for the budget of a stream.
-    pub(crate) waiting: usize,
-    /// Body steps in a second that the scene has reserved.
-    pub(crate) load: u64,
-    pub(crate) step: Span,
-    pub(crate) publish: Span,
-}
-
 impl SceneMeter {
     /// Notes the simulated time of a step.
     pub(crate) fn note_step_period(&self, period: Span) {
@@ -157,14 +142,14 @@ impl SceneMeter {
     }
 
     /// The bytes of the scene's members.
-    pub(crate) fn bytes(&self) -> ByteCounts {
-        self.figures.bytes.clone()
+    pub(crate) fn traffic(&self) -> Traffic {
+        self.figures.traffic.clone()
     }
 
     pub(crate) fn note_tick(&self, tick: &TickFigures) {
         let figures = &*self.figures;
         let set = |figure: &AtomicU64, value| figure.store(value, Ordering::Relaxed);
-        set(&figures.tick, tick.tick);
+        set(&figures.tick, tick.tick.value());
         set(&figures.members, tick.members as u64);
         set(&figures.bodies, tick.bodies as u64);
         set(&figures.awake, tick.awake as u64);
@@ -273,13 +258,13 @@ const PLAIN: [(&str, MetricKind, &str, Read); 14] = [
         "rhumb_scene_received_bytes_total",
         MetricKind::Counter,
         "Bytes from members, without headers.",
-        |of| of.bytes.received(),
+        |of| of.traffic.received(),
     ),
     (
         "rhumb_scene_sent_bytes_total",
         MetricKind::Counter,
         "Bytes to members, without headers.",
-        |of| of.bytes.sent(),
+        |of| of.traffic.sent(),
     ),
     (
         "rhumb_scene_bodies_waiting",

@@ -1,10 +1,9 @@
-//! The figures of a scene's ticks, for operators and the flight recorder.
+//! The figures of a scene's ticks, for its observer.
 
 use rhumb_protocol::message::RemovalCause;
 
 use super::SceneRunner;
-use crate::flight::FlightCause;
-use crate::metrics::TickFigures;
+use crate::observer::{Incident, TickFigures};
 use crate::times::Marks;
 
 impl SceneRunner {
@@ -12,7 +11,7 @@ impl SceneRunner {
     pub(super) fn note_times(&mut self, marks: Marks) {
         self.times.add(marks);
         let figures = TickFigures {
-            tick: self.scene.tick().value(),
+            tick: self.scene.tick(),
             members: self.members.len(),
             bodies: self.scene.body_count(),
             awake: self.scene.awake_count(),
@@ -21,17 +20,15 @@ impl SceneRunner {
             step: marks.stepped.since(marks.begun),
             publish: marks.published.since(marks.stepped),
         };
-        self.provision.meter.note_tick(&figures);
-        let flight = &self.provision.flight;
-        flight.packets(self.streams.all_packets());
-        flight.stepped(&figures, self.scene.digest());
-        self.provision.tap.record(&self.scene);
+        let mut packets = self.streams.all_packets();
+        let observer = &mut self.provision.observer;
+        observer.stepped(&figures, &self.scene, &mut packets);
     }
 
-    /// A body whose state was not finite is a fault of the engine, which the flight recorder explains.
-    pub(super) fn note_removal(&self, cause: RemovalCause) {
+    /// A body whose state was not finite is a fault of the engine.
+    pub(super) fn note_removal(&mut self, cause: RemovalCause) {
         if cause == RemovalCause::NotFinite {
-            self.provision.flight.write(FlightCause::Quarantine);
+            self.provision.observer.incident(Incident::NotFinite);
         }
     }
 }

@@ -77,7 +77,7 @@ mod tests {
         let pulse = Pulse::new(move || Instant::from_nanos(clock.load(Ordering::Relaxed)));
         let provision = Provision {
             pulse: pulse.clone(),
-            ..Provision::unbounded(&"owned".parse().unwrap())
+            ..Provision::unbounded()
         };
         let scene = Scene::new(SceneConfig::default()).unwrap();
         let mut runner = SceneRunner::new(scene, StreamNames::of_scene(0), provision);

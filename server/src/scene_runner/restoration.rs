@@ -11,7 +11,7 @@ use rhumb_protocol::{Instant, Peer, Span};
 use rhumb_reckoning::BodyId;
 
 use super::SceneRunner;
-use crate::flight::FlightCause;
+use crate::observer::Incident;
 use crate::outbox::Outbox;
 use crate::rewind::{FailedIn, Restoration};
 use crate::scene::{Author, Scene, Stepped};
@@ -66,7 +66,7 @@ impl SceneRunner {
 
     /// Puts an earlier state in the place of the failed scene; returns the authors of the commands that it lacks.
     fn restore(&mut self, now: Instant, failed_in: FailedIn) -> Result<Vec<Author>, FaultCause> {
-        self.provision.flight.write(FlightCause::EnginePanicked);
+        (self.provision.observer).incident(Incident::EnginePanicked);
         while let Some(first) = self.restored_at.front()
             && now.since(*first) >= PERIOD
         {
@@ -84,7 +84,7 @@ impl SceneRunner {
             .restore(&self.scene, failed_in, &mut || pulse.beat())
             .ok_or(FaultCause::FailedAgain)?;
         self.restored_at.push_back(now);
-        self.provision.meter.count_restored();
+        self.provision.observer.incident(Incident::Restored);
         tracing::error!(
             tick = self.scene.tick().value(),
             ?failed_in,
@@ -227,7 +227,7 @@ impl SceneRunner {
     /// Informs all members that the engine failed for good; nothing moves any more.
     pub(super) fn fault(&mut self, cause: FaultCause, out: &mut Outbox) {
         self.faulted = true;
-        self.provision.meter.note_faulted();
+        self.provision.observer.incident(Incident::Faulted);
         self.next_step = None;
         let tick = self.scene.tick();
         tracing::error!(

@@ -72,11 +72,13 @@ impl SceneRunner {
         self.send_scene_events(out);
         let commands = session.and_then(|number| self.sessions.get(number));
         let commands = commands.map_or(0, |session| session.commands);
-        self.provision.flight.joined(peer, permit.client.as_deref());
+        self.provision
+            .observer
+            .joined(peer, permit.client.as_deref());
         let member = Member::new(permit, (stream, choice), session, commands);
         self.members.insert(peer, member);
         let resumed = session.is_some_and(|number| number < before);
-        out.count(peer, self.provision.meter.bytes());
+        out.count(peer, self.provision.observer.traffic());
         self.announce_session(peer, resumed, out);
         self.send_snapshot(peer, out);
         if let Some(request) = request {
@@ -99,7 +101,7 @@ impl SceneRunner {
         self.waiting.retain(|(sender, _)| *sender != peer);
         self.authority_table.end(peer);
         if let Some(member) = self.members.remove(&peer) {
-            self.provision.flight.left(peer);
+            self.provision.observer.left(peer);
             if let Some(durability) = &mut self.durability {
                 durability.awaited.forget(peer);
             }

@@ -9,8 +9,8 @@ use rhumb_protocol::stream::Recipient;
 use rhumb_protocol::{Instant, LinkReport, Peer, Span};
 
 use super::SceneRunner;
-use crate::flight::FlightCause;
 use crate::member::SnapshotRequest;
+use crate::observer::Incident;
 use crate::outbox::Outbox;
 use crate::tier_controller::{Confirmation, TierDecision};
 
@@ -31,7 +31,7 @@ impl SceneRunner {
             }
             ResyncCause::ChecksumMismatch => {
                 tracing::warn!(peer = peer.0, %stream, "a member's checksum differs from its stream's");
-                self.provision.flight.write(FlightCause::ChecksumMismatch);
+                (self.provision.observer).incident(Incident::ChecksumMismatch);
                 if let Some(stream) = self.streams.get_mut(stream) {
                     stream.sender.count_mismatch();
                 }

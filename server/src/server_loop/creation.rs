@@ -88,12 +88,9 @@ impl ServerLoop {
         let provision = Provision {
             limits: self.limits,
             load,
-            meter: self.metrics.begin_scene(name),
             pulse: self.pulse.clone(),
-            flight: self.recorders.flights.begin(name),
-            tap: self.recorders.taps.begin(name),
+            observer: self.observers.begin(name, period),
         };
-        provision.meter.note_step_period(period);
         let mut runner = SceneRunner::new(scene, names, provision);
         runner.employ(self.workers.clone());
         runner.set_largest_packet(self.largest_packet);

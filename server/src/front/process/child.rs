@@ -145,7 +145,7 @@ impl WorkerProcess {
             slots: settings.slots.clone(),
             load: settings.load.clone(),
             pulses,
-            metrics: settings.metrics.clone(),
+            metrics: settings.recorders.metrics.clone(),
             flights: settings.recorders.flights.clone(),
             outlet,
         };

@@ -130,7 +130,7 @@ impl Processes {
             Ok(process) => {
                 self.running.insert(id, process);
                 self.by_tenant.insert(tenant, id);
-                settings.metrics.set_workers(self.running.len());
+                settings.recorders.metrics.set_workers(self.running.len());
                 self.share_out(settings);
                 Ok(id)
             }
@@ -249,7 +249,7 @@ impl Processes {
         settings: &WorkerSettings,
     ) -> Option<Death> {
         let process = self.running.remove(&id)?;
-        settings.metrics.set_workers(self.running.len());
+        settings.recorders.metrics.set_workers(self.running.len());
         self.share_out(settings);
         if process.state == ProcessState::Ending {
             return None;
@@ -258,7 +258,7 @@ impl Processes {
             self.by_tenant.remove(&process.tenant);
         }
         self.deaths.note(now, process.tenant.clone());
-        settings.metrics.count_worker_death();
+        settings.recorders.metrics.count_worker_death();
         let tenant = &process.tenant;
         tracing::error!(%tenant, worker = id.0, status, "a worker process has died");
         let (cause, stuck) = match process.state {

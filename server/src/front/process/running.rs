@@ -144,7 +144,7 @@ impl RunningProcess {
         }
         for (scene, values) in figures {
             let meter = self.meters.entry(scene.clone());
-            let meter = meter.or_insert_with(|| settings.metrics.begin_scene(scene));
+            let meter = meter.or_insert_with(|| settings.recorders.metrics.begin_scene(scene));
             meter.show(values);
         }
     }

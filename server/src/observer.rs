@@ -1,0 +1,146 @@
+//! What a scene tells whoever watches it: metrics, recordings, the last moments before a fault.
+//!
+//! A scene calls its observer while it works, so that an observer must not wait. Invariant: nothing that an observer does
+//! changes the scene.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use bytes::Bytes;
+use rhumb_protocol::message::SceneEvent;
+use rhumb_protocol::scene::{Command, CommandError, SceneName};
+use rhumb_protocol::{Instant, Peer, Span};
+use rhumb_reckoning::Tick;
+
+use crate::scene::Scene;
+
+/// Gives each scene its observer when it begins.
+pub(crate) trait ObserveScenes: Send + Sync {
+    /// The observer of a scene that begins. `period`: simulated time of a step.
+    fn begin(&self, scene: &SceneName, period: Span) -> Box<dyn SceneObserver>;
+}
+
+/// Observes one scene, on the thread of the scene, and is dropped there when the scene ends.
+pub(crate) trait SceneObserver: Send {
+    /// A client became a member. `client`: its name, if it has shown a token.
+    fn joined(&mut self, _peer: Peer, _client: Option<&str>) {}
+
+    /// A member left, or its connection ended.
+    fn left(&mut self, _peer: Peer) {}
+
+    /// A member's command is about to be checked and applied.
+    fn command(&mut self, _peer: Peer, _number: u64, _command: &Command) {}
+
+    /// A member's command was applied, or refused for a reason.
+    fn commanded(&mut self, _refused: Option<&CommandError>) {}
+
+    /// The scene has an event for its members.
+    fn scene_event(&mut self, _event: &SceneEvent) {}
+
+    /// A step begins.
+    fn step_began(&mut self, _at: Instant, _tick: Tick) {}
+
+    /// A step and its publication have ended. `packets`: of all streams.
+    fn stepped(
+        &mut self,
+        _figures: &TickFigures,
+        _scene: &Scene,
+        _packets: &mut dyn Iterator<Item = &Bytes>,
+    ) {
+    }
+
+    /// Something happened that an operator looks for.
+    fn incident(&mut self, _incident: Incident) {}
+
+    /// The counters of the bytes of the scene's members.
+    fn traffic(&self) -> Traffic {
+        Traffic::default()
+    }
+}
+
+/// Observes nothing.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Unobserved;
+
+impl SceneObserver for Unobserved {}
+
+impl ObserveScenes for Unobserved {
+    fn begin(&self, _scene: &SceneName, _period: Span) -> Box<dyn SceneObserver> {
+        Box::new(Self)
+    }
+}
+
+/// The figures of a tick.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct TickFigures {
+    /// The tick.
+    pub(crate) tick: Tick,
+    /// Members of the scene.
+    pub(crate) members: usize,
+    /// Bodies in the scene.
+    pub(crate) bodies: usize,
+    /// Bodies awake after the step.
+    pub(crate) awake: usize,
+    /// Bodies whose updates wait for the budget of a stream.
+    pub(crate) waiting: usize,
+    /// Body steps in a second that the scene has reserved.
+    pub(crate) load: u64,
+    /// Duration of the step.
+    pub(crate) step: Span,
+    /// Duration of everything after the step.
+    pub(crate) publish: Span,
+}
+
+/// Something that happened to a scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Incident {
+    /// A step began more than a step after it was due.
+    Late,
+    /// The scene slows its clock: it is too late to catch up.
+    Slowed,
+    /// The engine panicked.
+    EnginePanicked,
+    /// After that, the scene went back to an earlier tick, and continues.
+    Restored,
+    /// The engine failed for good, and the scene stands still.
+    Faulted,
+    /// The engine removed a body whose state was not finite.
+    NotFinite,
+    /// A checksum of a client's copy differs from that of its stream.
+    ChecksumMismatch,
+}
+
+/// Bytes that the members of a scene send and receive; all clones are one.
+///
+/// They count what the server hands to the links and takes from them: control streams and datagrams, without the headers
+/// of QUIC. A count is an addition to a number; nothing waits.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Traffic(Arc<Counters>);
+
+#[derive(Debug, Default)]
+struct Counters {
+    received: AtomicU64,
+    sent: AtomicU64,
+}
+
+impl Traffic {
+    pub(crate) fn add_received(&self, bytes: usize) {
+        self.0.received.fetch_add(bytes as u64, Ordering::Relaxed);
+    }
+
+    pub(crate) fn add_sent(&self, bytes: usize) {
+        self.0.sent.fetch_add(bytes as u64, Ordering::Relaxed);
+    }
+
+    /// Bytes that members sent.
+    #[must_use]
+    pub(crate) fn received(&self) -> &AtomicU64 {
+        &self.0.received
+    }
+
+    /// Bytes that members were sent.
+    #[must_use]
+    pub(crate) fn sent(&self) -> &AtomicU64 {
+        &self.0.sent
+    }
+}
