@@ -9,8 +9,8 @@ use rhumb_protocol::packet::StreamId;
 use rhumb_protocol::{Instant, Span};
 
 use crate::access::Permit;
-use crate::durable::SessionNumber;
 use crate::query_budget::QueryBudget;
+use crate::record::SessionNumber;
 use crate::tier_controller::TierController;
 
 /// A client that is a member.

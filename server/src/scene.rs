@@ -27,9 +27,10 @@ pub(crate) use self::history::{Author, Done, History};
 pub(crate) use self::image::FrozenScene;
 use crate::baking::BakedShapes;
 use crate::digest::Digest;
-use crate::durable::{Journal, Record};
 use crate::engine::{Engine, EngineFault, EnginePart, Push, RapierEngine, Workers};
 use crate::event_monitor::{EventMonitor, StepEvents};
+use crate::journal::Journal;
+use crate::record::Record;
 use crate::registry::Registry;
 
 /// Bodies under one gravity, stepped together.

@@ -5,7 +5,6 @@
 
 mod creation;
 mod storage;
-mod stored_scenes;
 mod turns;
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
@@ -18,11 +17,11 @@ use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake, WakeReason};
 use rhumb_reckoning::Tick;
 
-use self::stored_scenes::StoredScenes;
 use crate::access::rights::{self, Request};
 use crate::access::{Ownership, Permit};
 use crate::authority_table::UpstreamStatistics;
 use crate::baking::{Bakers, Bakery};
+use crate::command_log::SceneStore;
 use crate::empty_scenes::EmptyScenes;
 use crate::engine::{Engines, Workers};
 use crate::hook::Hooks;
@@ -62,7 +61,7 @@ pub struct ServerLoop {
     engines: Engines,
     workers: Workers,
     largest_packet: LargestPacket,
-    stored: StoredScenes,
+    store: Option<Arc<dyn SceneStore>>,
     bakery: Bakery,
     pub(crate) stopwatch: Box<dyn Fn() -> Instant + Send>,
 }
@@ -93,7 +92,7 @@ impl ServerLoop {
             engines: Engines::default(),
             workers: Workers::default(),
             largest_packet: LargestPacket::DEFAULT,
-            stored: StoredScenes::default(),
+            store: None,
             bakery: Bakery::default(),
             stopwatch: Box::new(stopwatch),
         }
@@ -263,7 +262,7 @@ impl ServerLoop {
                         let choice = (choice, session);
                         runner.join(now, peer, permit, choice, &mut self.out)
                     }
-                    None => Err(self.stored.denial(&name)),
+                    None => Err(self.absence(&name)),
                 };
                 match joined {
                     Ok(()) => {
@@ -343,7 +342,7 @@ impl ServerLoop {
             let denial = ServerMessage::Denied(Denial::Owned);
             return self.out.send(peer, &denial);
         }
-        if self.stored.delete_damaged(name) {
+        if (self.store.as_ref()).is_some_and(|store| store.delete_damaged(name)) {
             return self.out.send(peer, &ServerMessage::Deleted);
         }
         if !self.runners.contains_key(name) {

@@ -13,7 +13,7 @@ use rhumb_protocol::wire::{Malformed, Wire};
 use rhumb_protocol::{Instant, Peer, Span};
 
 use crate::access::{ClientName, decode_client_of, encode_client_of};
-use crate::durable::{Record, SessionNumber};
+use crate::record::{Record, SessionNumber};
 
 /// Refusals that a session keeps, for a client that has not seen them.
 const REFUSALS_KEPT: usize = 256;

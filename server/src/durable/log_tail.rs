@@ -6,7 +6,7 @@
 use rhumb_protocol::scene::CommandError;
 
 use super::frame::{LogFrames, OVERHEAD};
-use super::record::Record;
+use crate::record::Record;
 
 /// The use of the commands behind the last step of a log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -13,12 +13,12 @@ use super::error::{Damage, DataError};
 use super::frame::{LogFrames, Tail};
 use super::head::DurableEnd;
 use super::log_tail::{LogTail, cut};
-use super::record::Record;
 use super::scene_files::{LogHeader, SceneFiles};
 use super::snapshot_file::Snapshot;
 use super::writer::Origin;
 use crate::access::Ownership;
 use crate::engine::Workers;
+use crate::record::Record;
 use crate::scene::Scene;
 use crate::sessions::Sessions;
 

@@ -17,8 +17,8 @@ use super::disk::{Disk, LogFile, parent, write_whole};
 use super::error::{Damage, DataError};
 use super::frame::{LogFrame, LogFrames, Tail};
 use super::head::{DurableEnd, HeadFile};
-use super::journal::Batch;
 use super::snapshot_file::Snapshot;
+use crate::journal::Batch;
 
 /// The directory of one scene.
 #[derive(Clone)]

@@ -22,13 +22,13 @@ use self::chance::Chance;
 use super::disk::Disk;
 use super::error::DataError;
 use super::log_tail::LogTail;
-use super::record::{Record, SessionNumber};
 use super::recovery::{ReplayStart, Restored};
 use super::scene_files::{LogHeader, SceneFiles, Segment};
 use super::sim_disk::SimDisk;
 use super::snapshot_file::Snapshot;
 use crate::access::Ownership;
 use crate::engine::Workers;
+use crate::record::{Record, SessionNumber};
 use crate::scene::Scene;
 use crate::sessions::Sessions;
 

@@ -15,13 +15,10 @@ use rhumb_protocol::scene::{SceneConfig, SceneName};
 use rhumb_reckoning::Tick;
 
 use super::error::DataError;
-use super::journal::Batch;
 use super::scene_files::{LogHeader, SceneFiles, Segment};
 use super::snapshot_file::Snapshot;
-use crate::access::Ownership;
-use crate::digest::Digest;
-use crate::scene::FrozenScene;
-use crate::sessions::Sessions;
+use crate::command_log::{CommandLog, Frozen};
+use crate::journal::Batch;
 
 /// Bytes of batches that may wait for the disk; beyond them the log is given up until the next snapshot.
 pub(super) const WAITING_BYTES_MAX: usize = 64 << 20;
@@ -37,15 +34,6 @@ pub(crate) struct SceneLog {
     bytes: usize,
     /// How often the log had been given up at the last snapshot: batches are lost while it is another number.
     given_up: u64,
-}
-
-/// The state of a scene at a moment, for a snapshot.
-pub(crate) struct Frozen {
-    pub(crate) tick: Tick,
-    pub(crate) digest: Digest,
-    pub(crate) sessions: Sessions,
-    pub(crate) ownership: Ownership,
-    pub(crate) scene: FrozenScene,
 }
 
 /// Where the log of a scene begins or continues.
@@ -139,9 +127,24 @@ impl SceneLog {
         })
     }
 
-    /// Hands over a batch; returns its number, for [`Self::durable`]. Once the log is given up, a batch is lost and
-    /// only counts: the next snapshot has what it did.
-    pub(crate) fn append(&mut self, batch: Batch) -> u64 {
+    /// Memory of the batches that wait for the disk.
+    pub(super) fn waiting_bytes(&self) -> usize {
+        self.shared.waiting_bytes.load(Ordering::Relaxed)
+    }
+
+    /// True if no snapshot that was handed over can make durable what follows.
+    fn is_losing(&self) -> bool {
+        self.given_up != self.shared.given_up()
+    }
+
+    /// The thread reports its own end.
+    fn send(&self, job: Job) {
+        let _ = self.jobs.send(job);
+    }
+}
+
+impl CommandLog for SceneLog {
+    fn append(&mut self, batch: Batch) -> u64 {
         self.batches += 1;
         self.bytes += batch.records.len();
         if !self.is_losing() && self.waiting_bytes() > WAITING_BYTES_MAX {
@@ -159,45 +162,32 @@ impl SceneLog {
         self.batches
     }
 
-    /// Number of batches so far.
-    pub(crate) const fn appended(&self) -> u64 {
+    fn appended(&self) -> u64 {
         self.batches
     }
 
-    /// Number of batches that are durable.
-    pub(crate) fn durable(&self) -> u64 {
+    fn durable(&self) -> u64 {
         self.shared.durable.load(Ordering::Acquire)
     }
 
-    /// Bytes of records since the last snapshot.
-    pub(crate) const fn bytes(&self) -> usize {
+    fn bytes(&self) -> usize {
         self.bytes
     }
 
-    /// Memory of the batches that wait for the disk.
-    pub(super) fn waiting_bytes(&self) -> usize {
-        self.shared.waiting_bytes.load(Ordering::Relaxed)
-    }
-
-    /// True if another snapshot may begin.
-    pub(crate) fn may_snapshot(&self) -> bool {
+    fn may_snapshot(&self) -> bool {
         !self.shared.snapshot.load(Ordering::Relaxed)
     }
 
-    /// True if only a snapshot makes the log whole again.
-    pub(crate) fn is_broken(&self) -> bool {
+    fn is_broken(&self) -> bool {
         self.shared.is_broken()
     }
 
-    /// Gives the log up until the next snapshot: the scene continues from another state, which counts as a batch. A
-    /// snapshot that was handed over before does not count.
-    pub(crate) fn give_up(&mut self) {
+    fn give_up(&mut self) {
         self.batches += 1;
         self.shared.give_up();
     }
 
-    /// Hands over a snapshot of the scene after all batches so far.
-    pub(crate) fn snapshot(&mut self, frozen: Frozen) {
+    fn snapshot(&mut self, frozen: Frozen) {
         self.bytes = 0;
         self.given_up = self.shared.given_up();
         let point = SnapshotPoint {
@@ -208,19 +198,8 @@ impl SceneLog {
         self.send(Job::Snapshot(Box::new(frozen), point));
     }
 
-    /// Removes the files of the scene.
-    pub(crate) fn delete(self) {
+    fn delete(self: Box<Self>) {
         self.send(Job::Delete);
-    }
-
-    /// True if no snapshot that was handed over can make durable what follows.
-    fn is_losing(&self) -> bool {
-        self.given_up != self.shared.given_up()
-    }
-
-    /// The thread reports its own end.
-    fn send(&self, job: Job) {
-        let _ = self.jobs.send(job);
     }
 }
 

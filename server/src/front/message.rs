@@ -107,7 +107,7 @@ pub(super) enum WorkerReport {
 }
 
 impl WorkerInput {
-    /// Feeds the input to the server loop of a worker.
+    /// Feeds the input to the server loop of a worker, which restores scenes by itself.
     pub(super) fn apply(self, now: Instant, to: &mut ServerLoop) {
         match self {
             Self::Opened(peer, permit) => {
@@ -119,9 +119,8 @@ impl WorkerInput {
             Self::Datagram(peer, bytes) => to.handle_datagram(now, peer, &bytes),
             Self::Link(peer, report) => to.handle_link(now, peer, &report),
             Self::Ended(peer, ending) => to.handle_ended(now, peer, ending),
-            Self::Restore(scene, tail) => to.restore(&scene, tail),
             Self::Wake => to.handle_wake(now),
-            Self::End => {}
+            Self::Restore(..) | Self::End => {}
         }
     }
 }

@@ -70,9 +70,6 @@ impl WorkerSettings {
         server_loop.share(self.slots.clone(), self.load.clone());
         server_loop.observe_with(Arc::new(self.recorders.clone()));
         server_loop.set_limits(self.limits);
-        if let Some(data) = &self.data {
-            server_loop.store_in(data.clone());
-        }
         server_loop
     }
 }

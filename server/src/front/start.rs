@@ -1,5 +1,6 @@
 //! How workers begin: on the caller's thread, on their own, or in a process.
 
+use std::sync::Arc;
 use std::sync::mpsc::channel;
 
 use rhumb_protocol::session::CloseCode;
@@ -37,13 +38,13 @@ impl Front {
     ) -> Result<WorkerId, CloseCode> {
         let id = WorkerId(self.next_worker);
         let place = match (&self.threads, &mut self.processes, &scope) {
-            (None, ..) => Place::Here(Box::new(HereWorker::new(self.settings.server_loop()))),
+            (None, ..) => Place::Here(Box::new(HereWorker::new(&self.settings, Arc::new(|| {})))),
             (Some(threads), Some(processes), Scope::Scene(scene)) => {
                 Place::Process(processes.begin(id, scene, threads, &self.settings)?)
             }
             (Some(threads), ..) => {
-                let worker = HereWorker::new(self.settings.server_loop());
-                let started = ThreadWorker::start(id, worker, channel(), &threads.workers);
+                let (settings, threads) = (&self.settings, &threads.workers);
+                let started = ThreadWorker::start(id, settings, None, channel(), threads);
                 Place::Thread(started.map_err(|cause| {
                     tracing::error!(%cause, "no thread for a scene");
                     CloseCode::BUSY
@@ -89,8 +90,8 @@ impl Front {
             inputs,
             serve,
         } = adapter;
-        let worker = HereWorker::new(self.settings.server_loop()).with_others(serve);
-        let thread = ThreadWorker::start(id, worker, (sender, inputs), &threads.workers)?;
+        let (settings, threads) = (&self.settings, &threads.workers);
+        let thread = ThreadWorker::start(id, settings, Some(serve), (sender, inputs), threads)?;
         self.add_worker(id, Scope::Adapter, Place::Thread(thread));
         Ok(())
     }

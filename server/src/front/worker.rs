@@ -11,12 +11,15 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
 use std::thread;
 use std::time::Duration;
 
+use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::{Endpoint, Instant, Peer, Transmit};
 
 use super::message::{FromWorker, WorkerId, WorkerInput, WorkerOutput};
 use super::priority::{self, ThreadId};
+use super::settings::WorkerSettings;
 use super::threads::{SharedClock, WorkerThreads};
 use crate::baking::Bakers;
+use crate::durable::{LogTail, StoredScenes, Wake};
 use crate::pulse::Pulse;
 use crate::server_loop::ServerLoop;
 
@@ -34,6 +37,10 @@ pub(super) struct HereWorker {
     /// Control bytes received and not yet reported as handled.
     unhandled: BTreeMap<Peer, usize>,
     inputs: u64,
+    /// The scenes of the data directory, if there is one.
+    stored: Option<Arc<StoredScenes>>,
+    clock: SharedClock,
+    pulse: Pulse,
     /// Serves the clients of another protocol.
     others: Option<ServeOthers>,
 }
@@ -46,21 +53,24 @@ pub(super) struct ThreadWorker {
 }
 
 impl HereWorker {
-    pub(super) fn new(server_loop: ServerLoop) -> Self {
+    /// `wake` has the worker report what has become durable.
+    pub(super) fn new(settings: &WorkerSettings, wake: Wake) -> Self {
+        let mut server_loop = settings.server_loop();
+        let stored = settings.data.clone().map(|data| {
+            let workers = settings.engine_threads.clone();
+            Arc::new(StoredScenes::new(data, workers, wake))
+        });
+        if let Some(stored) = stored.clone() {
+            server_loop.store_in(stored);
+        }
         Self {
             server_loop,
             unhandled: BTreeMap::new(),
             inputs: 0,
+            stored,
+            clock: SharedClock::clone(&settings.stopwatch),
+            pulse: Pulse::default(),
             others: None,
-        }
-    }
-
-    /// Sets the adapter of another protocol.
-    #[cfg(feature = "app")]
-    pub(super) fn with_others(self, others: ServeOthers) -> Self {
-        Self {
-            others: Some(others),
-            ..self
         }
     }
 
@@ -77,7 +87,20 @@ impl HereWorker {
         if input != WorkerInput::Wake {
             self.inputs += 1;
         }
-        input.apply(now, &mut self.server_loop);
+        match input {
+            WorkerInput::Restore(scene, tail) => self.restore(&scene, tail),
+            input => input.apply(now, &mut self.server_loop),
+        }
+    }
+
+    /// Restores a scene from the data directory, if it is there.
+    fn restore(&mut self, scene: &SceneName, tail: LogTail) {
+        let (clock, pulse) = (&*self.clock, &self.pulse);
+        let restored = (self.stored.as_ref())
+            .and_then(|stored| stored.restore(scene, tail, clock, &mut || pulse.beat()));
+        if let Some(restored) = restored {
+            self.server_loop.add_restored(restored);
+        }
     }
 
     pub(super) fn handle_timeout(&mut self, now: Instant) {
@@ -118,7 +141,8 @@ impl ThreadWorker {
     /// Starts the thread of a worker, which takes its inputs from a queue.
     pub(super) fn start(
         id: WorkerId,
-        mut worker: HereWorker,
+        settings: &WorkerSettings,
+        others: Option<ServeOthers>,
         (sender, inputs): (Sender<WorkerInput>, Receiver<WorkerInput>),
         threads: &WorkerThreads,
     ) -> io::Result<Self> {
@@ -127,15 +151,17 @@ impl ThreadWorker {
             let clock = SharedClock::clone(&clock);
             Pulse::new(move || clock())
         };
-        worker.server_loop.show_progress(pulse.clone());
         let wake = sender.clone();
         let wake = move || {
             // A thread that has ended needs no waking.
             let _ = wake.send(WorkerInput::Wake);
         };
         let wake: Arc<dyn Fn() + Send + Sync> = Arc::new(wake);
-        (worker.server_loop).bake_with(Bakers::threads(Arc::clone(&wake)));
-        worker.server_loop.wake_by(wake);
+        let mut worker = HereWorker::new(settings, Arc::clone(&wake));
+        worker.others = others;
+        worker.pulse = pulse.clone();
+        worker.server_loop.show_progress(pulse.clone());
+        worker.server_loop.bake_with(Bakers::threads(wake));
         let send = Arc::clone(&threads.send);
         let thread_id = ThreadId::default();
         let (on_thread, own_id) = (pulse.clone(), thread_id.clone());

@@ -11,10 +11,10 @@ use rhumb_reckoning::BodyId;
 use super::SceneRunner;
 use crate::access::rights::{self, Refused, Request};
 use crate::access::{Ownership, Permit};
-use crate::durable::Record;
 use crate::engine::{BakedShape, Baker, UnusableShape};
 use crate::load;
 use crate::member::Member;
+use crate::record::Record;
 
 impl SceneRunner {
     /// Decides whether a member may make a request.

@@ -10,12 +10,14 @@ use rhumb_protocol::{Peer, Span};
 use super::SceneRunner;
 use super::acknowledgements::SessionCommands;
 use super::durability::Durability;
-use crate::durable::{Frozen, Journal, Record, SceneLog, SessionNumber};
+use crate::command_log::{CommandLog, Frozen};
+use crate::journal::Journal;
 use crate::outbox::Outbox;
+use crate::record::{Record, SessionNumber};
 
 impl SceneRunner {
     /// Starts the command log. `replayed`: time that its restoration took.
-    pub(crate) fn keep_log(&mut self, log: SceneLog, replayed: Span) {
+    pub(crate) fn keep_log(&mut self, log: Box<dyn CommandLog>, replayed: Span) {
         self.scene.keep_journal();
         let tick = self.scene.tick();
         self.durability = Some(Durability::new(log, replayed, tick));

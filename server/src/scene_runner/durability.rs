@@ -8,7 +8,7 @@ use rhumb_protocol::{Peer, Span};
 use rhumb_reckoning::Tick;
 
 use super::acknowledgements::Acknowledgements;
-use crate::durable::SceneLog;
+use crate::command_log::CommandLog;
 
 /// Time of steps after which a snapshot is due: a third of the time for a restart.
 const SNAPSHOT_AFTER: Span = Span::from_millis(1_000);
@@ -19,7 +19,7 @@ const REPAIR_STEPS: u64 = 60;
 
 /// The log of a scene, and what waits for it.
 pub(super) struct Durability {
-    pub(super) log: SceneLog,
+    pub(super) log: Box<dyn CommandLog>,
     /// Time of the steps since the last snapshot.
     pub(super) stepped: Span,
     pub(super) snapshot_tick: Tick,
@@ -31,7 +31,7 @@ pub(super) struct Durability {
 
 impl Durability {
     /// `stepped`: time that the replay of the log took.
-    pub(super) const fn new(log: SceneLog, stepped: Span, tick: Tick) -> Self {
+    pub(super) fn new(log: Box<dyn CommandLog>, stepped: Span, tick: Tick) -> Self {
         Self {
             log,
             stepped,

@@ -13,10 +13,10 @@ use rhumb_protocol::{Instant, Peer};
 use super::SceneRunner;
 use crate::access::rights::{self, Request};
 use crate::access::{Ownership, Permit};
-use crate::durable::{Record, SessionNumber};
 use crate::grants::IndexLimits;
 use crate::member::Member;
 use crate::outbox::Outbox;
+use crate::record::{Record, SessionNumber};
 use crate::sessions::{ResumableSession, Sessions};
 
 /// End of a membership.

@@ -11,12 +11,13 @@ use rhumb_transport::Clock;
 
 use super::{Recorded, files, name};
 use crate::access::Ownership;
-use crate::durable::journal::{Batch, Journal};
+use crate::command_log::{CommandLog, Frozen};
 use crate::durable::log_tail::LogTail;
 use crate::durable::recovery::ReplayStart;
 use crate::durable::sim_disk::SimDisk;
-use crate::durable::writer::{Frozen, Origin, SceneLog, WAITING_BYTES_MAX};
+use crate::durable::writer::{Origin, SceneLog, WAITING_BYTES_MAX};
 use crate::engine::Workers;
+use crate::journal::{Batch, Journal};
 
 fn wait_until(what: &str, is_so: impl Fn() -> bool) {
     let clock = Clock::start();

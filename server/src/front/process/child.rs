@@ -19,7 +19,7 @@ use rhumb_transport::{Clock, ParentSender, parent_stream};
 use super::super::message::{FromProcess, FromWorker, ToProcess, Vitals, WorkerId, WorkerInput};
 use super::super::settings::WorkerSettings;
 use super::super::threads::WorkerThreads;
-use super::super::worker::{HereWorker, ThreadWorker};
+use super::super::worker::ThreadWorker;
 use super::codec::{decode_to, encode_from};
 use super::setup::WorkerSetup;
 use super::system;
@@ -203,8 +203,7 @@ impl WorkerProcess {
     }
 
     fn begin(&mut self, id: WorkerId) {
-        let worker = HereWorker::new(self.settings.server_loop());
-        match ThreadWorker::start(id, worker, channel(), &self.threads) {
+        match ThreadWorker::start(id, &self.settings, None, channel(), &self.threads) {
             Ok(worker) => {
                 lock(&self.life.pulses).insert(id, worker.pulse.clone());
                 self.workers.insert(id, worker);

@@ -49,7 +49,7 @@ const COMMAND_BYTES_MAX: usize = rhumb_protocol::limits::LONG_MESSAGE_BYTES_MAX;
 
 impl Record {
     /// Appends a command, without a copy of it.
-    pub(super) fn encode_applied(command: &Command, to: &mut Writer) {
+    pub(crate) fn encode_applied(command: &Command, to: &mut Writer) {
         let mut bytes = Writer::new();
         command.encode(&mut bytes);
         to.u8(kind::APPLIED);
@@ -57,7 +57,7 @@ impl Record {
     }
 
     /// Reads every record of a frame.
-    pub(super) fn decode_all(bytes: &[u8]) -> Result<Vec<Self>, Malformed> {
+    pub(crate) fn decode_all(bytes: &[u8]) -> Result<Vec<Self>, Malformed> {
         let mut from = Reader::new(bytes);
         let mut records = Vec::new();
         while !from.rest().is_empty() {
@@ -144,7 +144,7 @@ impl Wire for Record {
 }
 
 /// Eight bytes, little-endian.
-pub(super) fn decode_u64(from: &mut Reader<'_>) -> Result<u64, Malformed> {
+pub(crate) fn decode_u64(from: &mut Reader<'_>) -> Result<u64, Malformed> {
     let bytes = from.raw(8)?;
     bytes
         .try_into()

@@ -7,7 +7,7 @@ use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Writer;
 use rhumb_reckoning::Tick;
 
-use super::record::Record;
+use crate::record::Record;
 
 /// Records in their order.
 #[derive(Debug, Default)]
@@ -27,7 +27,7 @@ pub(crate) struct Batch {
 
 impl Batch {
     /// Bytes that it takes in memory.
-    pub(super) fn memory_bytes(&self) -> usize {
+    pub(crate) fn memory_bytes(&self) -> usize {
         size_of::<Self>() + self.records.capacity()
     }
 }

@@ -1,0 +1,94 @@
+//! How a scene survives its process: its command log, and the store of all logs, as the scene knows them.
+//!
+//! What keeps them is elsewhere: files, another process. Invariant: neither a log nor a store makes a scene wait.
+
+use rhumb_protocol::Span;
+use rhumb_protocol::scene::{SceneConfig, SceneName};
+use rhumb_reckoning::Tick;
+
+use crate::access::Ownership;
+use crate::digest::Digest;
+use crate::journal::Batch;
+use crate::record::Record;
+use crate::scene::{FrozenScene, Scene};
+use crate::sessions::Sessions;
+
+/// A scene's end of its log. Batches are durable in their order.
+pub(crate) trait CommandLog: Send {
+    /// Hands over a batch; returns its number, for [`Self::durable`]. Once the log is given up, a batch is lost and
+    /// only counts: the next snapshot has what it did.
+    fn append(&mut self, batch: Batch) -> u64;
+
+    /// Number of batches so far.
+    fn appended(&self) -> u64;
+
+    /// Number of batches that are durable.
+    fn durable(&self) -> u64;
+
+    /// Bytes of records since the last snapshot.
+    fn bytes(&self) -> usize;
+
+    /// True if another snapshot may begin.
+    fn may_snapshot(&self) -> bool;
+
+    /// True if only a snapshot makes the log whole again.
+    fn is_broken(&self) -> bool;
+
+    /// Gives the log up until the next snapshot: the scene continues from another state, which counts as a batch. A
+    /// snapshot that was handed over before does not count.
+    fn give_up(&mut self);
+
+    /// Hands over a snapshot of the scene after all batches so far.
+    fn snapshot(&mut self, frozen: Frozen);
+
+    /// Removes everything that the log keeps of the scene.
+    fn delete(self: Box<Self>);
+}
+
+/// The state of a scene at a moment, for a snapshot.
+pub(crate) struct Frozen {
+    /// The newest tick.
+    pub(crate) tick: Tick,
+    /// Digest of all observations up to it.
+    pub(crate) digest: Digest,
+    /// Sessions of its clients.
+    pub(crate) sessions: Sessions,
+    /// Owners of its bodies, shapes and joints.
+    pub(crate) ownership: Ownership,
+    /// Its bodies.
+    pub(crate) scene: FrozenScene,
+}
+
+/// The logs of all scenes, and those that are damaged: they are not served, and keep their names until a client deletes
+/// them.
+pub(crate) trait SceneStore: Send + Sync {
+    /// The log of a scene that begins; `None` if it cannot be kept.
+    fn create(&self, scene: &SceneName, config: &SceneConfig) -> Option<Box<dyn CommandLog>>;
+
+    /// True for a scene that is damaged.
+    fn is_damaged(&self, scene: &SceneName) -> bool;
+
+    /// Removes a damaged scene; `false` for any other scene, and if it cannot be removed.
+    fn delete_damaged(&self, scene: &SceneName) -> bool;
+
+    /// Number of damaged scenes.
+    fn damaged(&self) -> usize;
+}
+
+/// A scene that continues where its log ends.
+pub(crate) struct RestoredScene {
+    /// Its name.
+    pub(crate) name: SceneName,
+    /// Its bodies.
+    pub(crate) scene: Scene,
+    /// Sessions of its clients.
+    pub(crate) sessions: Sessions,
+    /// Owners of its bodies, shapes and joints.
+    pub(crate) ownership: Ownership,
+    /// Records of sessions that the log lacks.
+    pub(crate) unnoted: Vec<Record>,
+    /// The log, which continues; `None` if it cannot be kept any longer.
+    pub(crate) log: Option<Box<dyn CommandLog>>,
+    /// Time that the restoration took.
+    pub(crate) took: Span,
+}
