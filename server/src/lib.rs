@@ -102,6 +102,9 @@ mod top;
 mod view;
 
 pub use access::{KeyError, TokenKeys};
+#[cfg(feature = "app")]
+#[doc(hidden)]
+pub use app_host::AppScenes;
 pub use authority_table::UpstreamStatistics;
 pub use baking::{BakeJob, Bakers};
 pub use digest::Digest;
@@ -129,6 +132,8 @@ pub use rhumb_transport::{
 };
 pub use scene::{Scene, SceneFault, Stepped};
 pub use serve::{Access, Identity, RunError, Server, run_on_cores, usable_cores};
+#[doc(hidden)]
+pub use server_loop::OwnedScene;
 pub use server_loop::ServerLoop;
 #[cfg(feature = "view")]
 pub use view::{ViewError, ViewScene};

@@ -10,7 +10,6 @@ mod command_log;
 mod durability;
 mod figures;
 mod flow;
-#[cfg(feature = "app")]
 mod owner;
 mod provision;
 mod queries;

@@ -4,6 +4,7 @@
 //! reads no clock but its stopwatch, which only measures.
 
 mod creation;
+mod owned;
 mod storage;
 mod turns;
 
@@ -17,6 +18,7 @@ use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake, WakeReason};
 use rhumb_reckoning::Tick;
 
+pub use self::owned::OwnedScene;
 use crate::access::rights::{self, Request};
 use crate::access::{Ownership, Permit};
 use crate::authority_table::UpstreamStatistics;
@@ -40,7 +42,7 @@ const UNREAD_BYTES: usize = 64 << 10;
 
 /// All scenes of one server process and all connections to them.
 pub struct ServerLoop {
-    pub(crate) runners: BTreeMap<SceneName, SceneRunner>,
+    runners: BTreeMap<SceneName, SceneRunner>,
     connections: BTreeMap<Peer, SceneConnection>,
     /// Connections with unread messages, whose next turn comes at once.
     queued: VecDeque<Peer>,
@@ -54,7 +56,7 @@ pub struct ServerLoop {
     observers: Arc<dyn ObserveScenes>,
     taken_slots: BTreeMap<SceneName, SceneSlot>,
     pulse: Pulse,
-    pub(crate) out: Outbox,
+    out: Outbox,
     scenes_begun: u32,
     hooks: Option<Hooks>,
     provided: Option<ProvidedScenes>,
@@ -63,7 +65,7 @@ pub struct ServerLoop {
     largest_packet: LargestPacket,
     store: Option<Arc<dyn SceneStore>>,
     bakery: Bakery,
-    pub(crate) stopwatch: Box<dyn Fn() -> Instant + Send>,
+    stopwatch: Box<dyn Fn() -> Instant + Send>,
 }
 
 impl ServerLoop {
@@ -214,7 +216,7 @@ impl ServerLoop {
     }
 
     /// Notes whether a scene has members or an owner.
-    pub(crate) fn note_empty(&mut self, name: &SceneName) {
+    fn note_empty(&mut self, name: &SceneName) {
         let runner = self.runners.get(name);
         let is_empty = runner.is_some_and(SceneRunner::is_abandoned);
         self.empty_scenes.note(name, is_empty, self.out.now());
@@ -358,7 +360,7 @@ impl ServerLoop {
     }
 
     /// Removes a scene and informs its members.
-    pub(crate) fn delete_scene(&mut self, name: &SceneName) {
+    fn delete_scene(&mut self, name: &SceneName) {
         let Some(runner) = self.runners.remove(name) else {
             return;
         };

@@ -45,7 +45,6 @@ impl Times {
     }
 
     /// Adds the time of a report to the scene's owner.
-    #[cfg(feature = "app")]
     pub(crate) fn add_reporting(&mut self, took: rhumb_protocol::Span) {
         self.publish_total += took.as_nanos();
     }

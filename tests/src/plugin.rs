@@ -13,7 +13,7 @@ use rhumb_app::{
     Logon, Message, MessageFraming, Motion, SetWorld, Surface,
 };
 use rhumb_protocol::{Instant, Peer};
-use rhumb_server::ServerLoop;
+use rhumb_server::{AppScenes, ServerLoop};
 
 /// The messages of the plug-in in one session.
 #[derive(Clone, Debug)]
@@ -152,17 +152,16 @@ impl PluginSession {
 
     /// Sends bytes, and receives the server's answers.
     pub fn send(&mut self, server: &mut PluginServer, bytes: &[u8]) {
-        let scenes = &mut server.server_loop;
-        (server.clients).handle_bytes(scenes, self.peer, bytes, self.waiting_bytes);
+        let mut scenes = AppScenes(&mut server.server_loop);
+        (server.clients).handle_bytes(&mut scenes, self.peer, bytes, self.waiting_bytes);
         let mut others = [];
         deliver(server, self, &mut others);
     }
 
     /// Ends the connection.
     pub fn end(&self, server: &mut PluginServer) {
-        server
-            .clients
-            .handle_ended(&mut server.server_loop, self.peer);
+        let mut scenes = AppScenes(&mut server.server_loop);
+        server.clients.handle_ended(&mut scenes, self.peer);
     }
 
     /// The last state of each actor, from either transport.

@@ -42,6 +42,6 @@ pub use interface::{
     Push, UnanswerableQuery, UnusableShape,
 };
 pub use rapier::RapierEngine;
-#[cfg(feature = "app")]
-pub(crate) use rapier_solid::bulk;
+#[doc(hidden)]
+pub use rapier_solid::{Bulk, bulk};
 pub use rapier_workers::{Workers, WorkersError};

@@ -205,18 +205,26 @@ pub(super) fn mass_beside(properties: &BodyProperties, solid: &Solid) -> Option<
     }
 }
 
+/// Mass properties of a shape with volume, at density one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bulk {
+    /// Centre of mass in the shape's coordinates, metres.
+    pub centre: Vec3,
+    /// Volume, m³.
+    pub volume: f32,
+}
+
 /// Mass properties of a shape with volume; for a mesh, of the enclosed volume.
 ///
 /// # Errors
 ///
 /// [`UnusableShape`] when no solid can be made, or one without mass.
-#[cfg(feature = "app")]
-pub(crate) fn bulk(shape: &Shape) -> Result<rhumb_app::Bulk, UnusableShape> {
+pub fn bulk(shape: &Shape) -> Result<Bulk, UnusableShape> {
     let parts = rhumb_solids::parts(shape).ok_or(UnusableShape)?;
     let properties = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| total(&parts)))
         .map_err(|_| UnusableShape)?;
     check(&properties)?;
-    Ok(rhumb_app::Bulk {
+    Ok(Bulk {
         centre: properties.local_com,
         volume: properties.mass(),
     })

@@ -1,4 +1,4 @@
-//! Commands of an APP client to the scene that it owns.
+//! Commands of a client of another protocol to the scene that it owns.
 //!
 //! The owner is no member: it assigns its own body ids, gets no stream, and alone steps and ends the scene. Members
 //! may subscribe, push and add bodies; they get the same scene events and packets as in any scene.
@@ -13,7 +13,7 @@ use crate::outbox::Outbox;
 use crate::scene::Scene;
 
 impl SceneRunner {
-    /// Gives the scene to an APP client, with the index range of its bodies.
+    /// Gives the scene to a client of another protocol, with the index range of its bodies.
     pub(crate) fn give_to(&mut self, owner: Peer) -> Result<IdRange, Denial> {
         let own_indices = self.grant_more(owner, BODIES_MAX)?;
         self.owned = true;

@@ -30,7 +30,7 @@ impl ServerLoop {
         }
     }
 
-    pub(crate) fn create(
+    pub(super) fn create(
         &mut self,
         name: &SceneName,
         config: SceneConfig,

@@ -8,7 +8,8 @@ use std::collections::BTreeMap;
 
 use glam::Vec3;
 use rhumb_app::{AppOptions, Id, Kind, Logon, Message, Motion, States, TimeAdvanced};
-use rhumb_tests::{Dice, PluginServer, PluginSession, Recording, falling, seed};
+use rhumb_server::engine::Engines;
+use rhumb_tests::{Dice, FailingEngine, PluginServer, PluginSession, Recording, falling, seed};
 
 const ZOO: &[u8] = include_bytes!("../../data/app/harness_zoo.zst");
 const BALLS: &[u8] = include_bytes!("../../data/app/harness_balls.zst");
@@ -321,6 +322,31 @@ fn messages_of_a_rejected_peer_are_ignored() {
         .collect();
     assert_eq!(scenes, ["app/7"]);
     assert_eq!(first.received(Kind::TimeAdvanced), 1);
+}
+
+#[test]
+fn an_engine_fault_closes_the_owning_client_which_may_return() {
+    let (mut logon, mut frame) = (Vec::new(), Vec::new());
+    Message::Logon(Logon::new(7, "x")).encode(0, &mut logon);
+    Message::AdvanceTime((7, 0.089)).encode(0, &mut frame);
+    let mut server = server();
+    let failing = FailingEngine::engines_that_fail_after(Some(6));
+    server.server_loop.build_with(failing);
+    let mut first = PluginSession::begin(&mut server, 1, &logon);
+    first.send(&mut server, &logon);
+    first.send(&mut server, &frame);
+    assert!(!first.closed);
+    first.send(&mut server, &frame);
+    assert!(first.closed);
+    assert_eq!(server.server_loop.scenes().count(), 0);
+    // The old connection is still closing when the client comes again.
+    server.server_loop.build_with(Engines::default());
+    let mut second = PluginSession::begin(&mut server, 2, &logon);
+    second.send(&mut server, &logon);
+    second.send(&mut server, &frame);
+    second.send(&mut server, &frame);
+    assert!(!second.closed);
+    assert_eq!(server.server_loop.scenes().count(), 1);
 }
 
 #[test]

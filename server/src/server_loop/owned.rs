@@ -1,0 +1,114 @@
+//! Scenes that a client of another protocol owns: it alone steps and ends them.
+//!
+//! Its gateway calls the server loop, between the calls of the driver.
+
+use rhumb_protocol::message::Denial;
+use rhumb_protocol::scene::{Command, CommandError, IdRange, SceneConfig, SceneName};
+use rhumb_protocol::{Instant, Peer, Span};
+
+use super::ServerLoop;
+use crate::outbox::Outbox;
+use crate::scene::Scene;
+use crate::scene_runner::{SceneRunner, Stopwatch};
+
+/// A scene under the commands of its owner.
+pub struct OwnedScene<'a> {
+    runner: &'a mut SceneRunner,
+    owner: Peer,
+    clock: Stopwatch<'a>,
+    out: &'a mut Outbox,
+}
+
+impl ServerLoop {
+    /// Creates a scene that a client owns; returns the index range of its bodies.
+    ///
+    /// # Errors
+    ///
+    /// [`Denial`] if no such scene can be created.
+    pub fn begin_owned(
+        &mut self,
+        owner: Peer,
+        name: &SceneName,
+        config: SceneConfig,
+    ) -> Result<IdRange, Denial> {
+        let own_indices = self.create(name, config)?.give_to(owner);
+        match own_indices {
+            Ok(_) => self.note_empty(name),
+            Err(_) => self.delete_scene(name),
+        }
+        own_indices
+    }
+
+    /// Ends a scene that a client owns.
+    pub fn end_owned(&mut self, name: &SceneName) {
+        self.delete_scene(name);
+    }
+
+    /// A scene that a client owns.
+    pub fn owned(&mut self, owner: Peer, name: &SceneName) -> Option<OwnedScene<'_>> {
+        Some(OwnedScene {
+            runner: self.runners.get_mut(name)?,
+            owner,
+            clock: &self.stopwatch,
+            out: &mut self.out,
+        })
+    }
+}
+
+impl OwnedScene<'_> {
+    /// Applies a command; members learn of it with the next tick.
+    ///
+    /// # Errors
+    ///
+    /// [`CommandError`] names the reason; nothing has changed.
+    pub fn command(&mut self, command: &Command) -> Result<(), CommandError> {
+        self.runner.command_of_owner(self.owner, command)
+    }
+
+    /// Steps once and publishes the tick.
+    pub fn step(&mut self) {
+        self.runner.step_for_owner(self.clock, self.out);
+    }
+
+    /// True if the engine failed: the scene has stopped.
+    #[must_use]
+    pub const fn is_faulted(&self) -> bool {
+        self.runner.is_faulted()
+    }
+
+    /// The present moment, to measure time.
+    #[must_use]
+    pub fn now(&self) -> Instant {
+        (self.clock)()
+    }
+
+    /// Adds the time of a report to the owner: it counts as publishing.
+    pub fn note_reporting(&mut self, took: Span) {
+        self.runner.note_reporting(took);
+    }
+
+    /// The scene.
+    #[must_use]
+    pub const fn scene(&self) -> &Scene {
+        self.runner.scene()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::limits::Limits;
+
+    #[test]
+    fn a_scene_whose_owner_gets_no_indices_is_not_kept() {
+        let mut server_loop = ServerLoop::new(|| Instant::ZERO);
+        server_loop.set_limits(Limits {
+            indices_per_scene: 4_096,
+            ..Limits::default()
+        });
+        let name = "app/7".parse().unwrap();
+        let begun = server_loop.begin_owned(Peer(1), &name, SceneConfig::default());
+        assert_eq!(begun, Err(Denial::NoIndicesLeft));
+        assert_eq!(server_loop.scenes().count(), 0);
+    }
+}
