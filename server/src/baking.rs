@@ -9,7 +9,6 @@ use std::fmt;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::thread;
 
 use rhumb_protocol::scene::{Shape, ShapeId};
 use rhumb_protocol::{Instant, Span};
@@ -80,22 +79,6 @@ impl Bakers {
     /// Bakers that are given to a function, which must not wait for them.
     pub fn new(take: impl Fn(BakeJob) + Send + Sync + 'static) -> Self {
         Self(Some(Arc::new(take)))
-    }
-
-    /// A thread for each job. `wake` is called after each.
-    pub(crate) fn threads(wake: Arc<dyn Fn() + Send + Sync>) -> Self {
-        Self::new(move |job| {
-            let wake = Arc::clone(&wake);
-            let work = move || {
-                job.run();
-                wake();
-            };
-            let thread = thread::Builder::new().name("rhumb-bake".to_owned());
-            // The job is lost with its thread, and refused when its time is over.
-            if let Err(cause) = thread.spawn(work) {
-                tracing::error!(%cause, "no thread for the solid of a shape");
-            }
-        })
     }
 }
 

@@ -6,10 +6,10 @@ use rhumb_protocol::Span;
 use rhumb_protocol::scene::{SceneConfig, SceneName};
 use rhumb_reckoning::Tick;
 
-use crate::access::Ownership;
 use crate::digest::Digest;
 use crate::journal::Batch;
 use crate::record::Record;
+use crate::rights::Ownership;
 use crate::scene::{FrozenScene, Scene};
 use crate::sessions::Sessions;
 

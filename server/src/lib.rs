@@ -81,6 +81,7 @@ mod recorders;
 mod recording;
 mod registry;
 mod rewind;
+mod rights;
 mod scene;
 mod scene_connection;
 mod scene_runner;

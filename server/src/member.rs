@@ -8,9 +8,9 @@ use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::packet::StreamId;
 use rhumb_protocol::{Instant, Span};
 
-use crate::access::Permit;
 use crate::query_budget::QueryBudget;
 use crate::record::SessionNumber;
+use crate::rights::Permit;
 use crate::tier_controller::TierController;
 
 /// A client that is a member.

@@ -8,9 +8,8 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use bytes::Bytes;
 use rhumb_protocol::message::{Grease, ServerMessage};
-use rhumb_protocol::session::{CloseCode, ServerSession};
+use rhumb_protocol::session::{CloseCode, ServerSession, TransportCode};
 use rhumb_protocol::{Instant, Peer, Span, Transmit};
-use rhumb_transport::TransportCode;
 
 use crate::limits::Limits;
 use crate::observer::Traffic;

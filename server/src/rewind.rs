@@ -8,7 +8,7 @@
 use rhumb_protocol::Span;
 use rhumb_protocol::scene::Command;
 
-use crate::access::Ownership;
+use crate::rights::Ownership;
 use crate::scene::{Author, Done, History, Scene};
 
 /// The way back of one scene.

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use rhumb_protocol::message::{ClientMessage, SessionRequest};
 use rhumb_protocol::scene::SceneName;
 
-use crate::access::Permit;
 use crate::baking::Bake;
+use crate::rights::Permit;
 
 /// A connection: its scene, its rights, and its membership.
 #[derive(Debug)]

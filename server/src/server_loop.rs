@@ -19,8 +19,6 @@ use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake
 use rhumb_reckoning::Tick;
 
 pub use self::owned::OwnedScene;
-use crate::access::rights::{self, Request};
-use crate::access::{Ownership, Permit};
 use crate::authority_table::UpstreamStatistics;
 use crate::baking::{Bakers, Bakery};
 use crate::command_log::SceneStore;
@@ -33,6 +31,7 @@ use crate::observer::{ObserveScenes, Unobserved};
 use crate::outbox::Outbox;
 use crate::provided::ProvidedScenes;
 use crate::pulse::Pulse;
+use crate::rights::{self, Ownership, Permit, Request};
 use crate::scene_connection::SceneConnection;
 use crate::scene_runner::{Departure, SceneRunner};
 use crate::scene_slots::{SceneSlot, SceneSlots};

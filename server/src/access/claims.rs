@@ -12,7 +12,7 @@ use serde_json::{Map, Value};
 use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
 
-use super::permit::{Permit, Quotas};
+use crate::rights::{Permit, Quotas};
 
 /// The audience of tokens unless the operator names another one.
 pub(crate) const DEFAULT_AUDIENCE: &str = "rhumb";

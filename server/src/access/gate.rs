@@ -8,7 +8,7 @@ use rhumb_protocol::scene::SceneName;
 
 use super::claims::TokenError;
 use super::keys::TokenKeys;
-use super::permit::Permit;
+use crate::rights::Permit;
 
 /// Seconds since 1970, by the system's clock.
 type WallClock = Arc<dyn Fn() -> i64 + Send + Sync>;

@@ -16,9 +16,9 @@ use super::log_tail::{LogTail, cut};
 use super::scene_files::{LogHeader, SceneFiles};
 use super::snapshot_file::Snapshot;
 use super::writer::Origin;
-use crate::access::Ownership;
 use crate::engine::Workers;
 use crate::record::Record;
+use crate::rights::Ownership;
 use crate::scene::Scene;
 use crate::sessions::Sessions;
 

@@ -10,9 +10,9 @@ use rhumb_reckoning::Tick;
 use ring::hmac;
 
 use super::error::Damage;
-use crate::access::Ownership;
 use crate::digest::Digest;
 use crate::record::decode_u64;
+use crate::rights::Ownership;
 use crate::sessions::Sessions;
 
 const MAGIC: [u8; 8] = *b"RhSnap1\0";

@@ -26,9 +26,9 @@ use super::recovery::{ReplayStart, Restored};
 use super::scene_files::{LogHeader, SceneFiles, Segment};
 use super::sim_disk::SimDisk;
 use super::snapshot_file::Snapshot;
-use crate::access::Ownership;
 use crate::engine::Workers;
 use crate::record::{Record, SessionNumber};
+use crate::rights::Ownership;
 use crate::scene::Scene;
 use crate::sessions::Sessions;
 

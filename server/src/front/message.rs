@@ -8,10 +8,10 @@ use bytes::Bytes;
 use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Span, Transmit};
 
-use crate::access::Permit;
 use crate::durable::LogTail;
 use crate::flight::FlightCause;
 use crate::metrics::SceneValues;
+use crate::rights::Permit;
 use crate::server_loop::ServerLoop;
 
 /// Number of a worker; not used again.

@@ -161,7 +161,7 @@ impl ThreadWorker {
         worker.others = others;
         worker.pulse = pulse.clone();
         worker.server_loop.show_progress(pulse.clone());
-        worker.server_loop.bake_with(Bakers::threads(wake));
+        worker.server_loop.bake_with(bakers(wake));
         let send = Arc::clone(&threads.send);
         let thread_id = ThreadId::default();
         let (on_thread, own_id) = (pulse.clone(), thread_id.clone());
@@ -189,6 +189,22 @@ impl ThreadWorker {
     pub(super) fn send(&self, input: WorkerInput) {
         let _ = self.inputs.send(input);
     }
+}
+
+/// Bakers with a thread for each job. `wake` is called after each.
+fn bakers(wake: Wake) -> Bakers {
+    Bakers::new(move |job| {
+        let wake = Wake::clone(&wake);
+        let work = move || {
+            job.run();
+            wake();
+        };
+        let thread = thread::Builder::new().name("rhumb-bake".to_owned());
+        // The job is lost with its thread, and refused when its time is over.
+        if let Err(cause) = thread.spawn(work) {
+            tracing::error!(%cause, "no thread for the solid of a shape");
+        }
+    })
 }
 
 impl Drop for ThreadWorker {

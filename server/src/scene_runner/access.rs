@@ -9,12 +9,11 @@ use rhumb_protocol::scene::{Command, CommandError, Locomotion, Shape, ShapeId};
 use rhumb_reckoning::BodyId;
 
 use super::SceneRunner;
-use crate::access::rights::{self, Refused, Request};
-use crate::access::{Ownership, Permit};
 use crate::engine::{BakedShape, Baker, UnusableShape};
 use crate::load;
 use crate::member::Member;
 use crate::record::Record;
+use crate::rights::{self, Ownership, Permit, Refused, Request};
 
 impl SceneRunner {
     /// Decides whether a member may make a request.

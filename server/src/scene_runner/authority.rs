@@ -8,10 +8,10 @@ use rhumb_protocol::session::UpstreamReceiver;
 use rhumb_reckoning::BodyId;
 
 use super::SceneRunner;
-use crate::access::rights::Request;
 use crate::authority_table::UpstreamStatistics;
 use crate::body_placement;
 use crate::outbox::Outbox;
+use crate::rights::Request;
 
 impl SceneRunner {
     /// A packet of a member's upstream on the control stream, where members lead: it acts before the steps of the next

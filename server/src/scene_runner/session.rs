@@ -11,12 +11,11 @@ use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Instant, Peer};
 
 use super::SceneRunner;
-use crate::access::rights::{self, Request};
-use crate::access::{Ownership, Permit};
 use crate::grants::IndexLimits;
 use crate::member::Member;
 use crate::outbox::Outbox;
 use crate::record::{Record, SessionNumber};
+use crate::rights::{self, Ownership, Permit, Request};
 use crate::sessions::{ResumableSession, Sessions};
 
 /// End of a membership.

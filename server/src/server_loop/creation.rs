@@ -5,8 +5,8 @@ use rhumb_protocol::message::Denial;
 use rhumb_protocol::scene::{Invalid, Quantity, SceneConfig, SceneName, Stepping};
 
 use super::ServerLoop;
-use crate::access::rights;
 use crate::load::{self, SceneLoad};
+use crate::rights;
 use crate::scene::Scene;
 use crate::scene_runner::{Provision, SceneRunner};
 use crate::scene_slots::SceneSlot;

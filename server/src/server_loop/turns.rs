@@ -230,7 +230,7 @@ mod tests {
     use rhumb_protocol::{Ending, Endpoint as _, Transmit};
 
     use super::*;
-    use crate::access::{Permit, Quotas};
+    use crate::rights::{Permit, Quotas};
 
     const HASTY: Peer = Peer(1);
     const WATCHER: Peer = Peer(2);

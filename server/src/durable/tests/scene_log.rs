@@ -10,7 +10,6 @@ use rhumb_reckoning::Tick;
 use rhumb_transport::Clock;
 
 use super::{Recorded, files, name};
-use crate::access::Ownership;
 use crate::command_log::{CommandLog, Frozen};
 use crate::durable::log_tail::LogTail;
 use crate::durable::recovery::ReplayStart;
@@ -18,6 +17,7 @@ use crate::durable::sim_disk::SimDisk;
 use crate::durable::writer::{Origin, SceneLog, WAITING_BYTES_MAX};
 use crate::engine::Workers;
 use crate::journal::{Batch, Journal};
+use crate::rights::Ownership;
 
 fn wait_until(what: &str, is_so: impl Fn() -> bool) {
     let clock = Clock::start();

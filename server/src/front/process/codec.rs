@@ -16,9 +16,9 @@ use rhumb_protocol::{Ending, LinkReport, Peer, Span, Transmit};
 use super::super::message::{
     FromProcess, FromWorker, ToProcess, Vitals, WorkerId, WorkerInput, WorkerOutput,
 };
-use crate::access::{Permit, Quotas, decode_client_of, encode_client_of};
 use crate::durable::LogTail;
 use crate::metrics::{SCENE_VALUES, SceneValues};
+use crate::rights::{Permit, Quotas, decode_client_of, encode_client_of};
 
 /// Bytes from which on the rest of an output goes into another frame.
 const SPLIT_BYTES: usize = 1 << 20;

@@ -11,10 +11,10 @@ use super::super::message::{
     FromProcess, FromWorker, ToProcess, Vitals, WorkerId, WorkerInput, WorkerOutput,
 };
 use super::codec::{decode_from, decode_to, encode_from, encode_to};
-use crate::access::{Permit, Quotas};
 use crate::durable::LogTail;
 use crate::flight::FlightCause;
 use crate::metrics::{SCENE_VALUES, SceneValues};
+use crate::rights::{Permit, Quotas};
 
 fn bytes() -> impl Strategy<Value = Bytes> {
     proptest::collection::vec(any::<u8>(), 0..300).prop_map(Bytes::from)

@@ -3,13 +3,16 @@
 //! Roles decide what kind of request; ownership, which bodies, shapes and joints; quotas, how much. All else that may
 //! be wrong with a request is checked where it is carried out.
 
+mod ownership;
+mod permit;
+
 use rhumb_protocol::limits::{DAMPINGS_MAX, STREAMS_PER_SCENE_MAX};
 use rhumb_protocol::message::{AuthorityError, Denial, Role};
 use rhumb_protocol::scene::{BodyDesc, Command, CommandError, SceneConfig};
 use rhumb_reckoning::BodyId;
 
-use super::ownership::Ownership;
-use super::permit::Permit;
+pub(crate) use self::ownership::{Ownership, decode_client, decode_client_of, encode_client_of};
+pub(crate) use self::permit::{ClientName, Permit, Quotas};
 
 /// Streams of one client in a scene: half of all.
 const STREAMS_OF_CLIENT_MAX: usize = STREAMS_PER_SCENE_MAX / 2;
@@ -208,7 +211,6 @@ mod tests {
     use rhumb_reckoning::Damping;
 
     use super::*;
-    use crate::access::permit::Quotas;
 
     fn permit(client: &str, role: Role) -> Permit {
         Permit {
