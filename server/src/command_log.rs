@@ -14,7 +14,7 @@ use crate::scene::{FrozenScene, Scene};
 use crate::sessions::Sessions;
 
 /// A scene's end of its log. Batches are durable in their order.
-pub(crate) trait CommandLog: Send {
+pub trait CommandLog: Send {
     /// Hands over a batch; returns its number, for [`Self::durable`]. Once the log is given up, a batch is lost and
     /// only counts: the next snapshot has what it did.
     fn append(&mut self, batch: Batch) -> u64;
@@ -46,22 +46,22 @@ pub(crate) trait CommandLog: Send {
 }
 
 /// The state of a scene at a moment, for a snapshot.
-pub(crate) struct Frozen {
+pub struct Frozen {
     /// The newest tick.
-    pub(crate) tick: Tick,
+    pub tick: Tick,
     /// Digest of all observations up to it.
-    pub(crate) digest: Digest,
+    pub digest: Digest,
     /// Sessions of its clients.
-    pub(crate) sessions: Sessions,
+    pub sessions: Sessions,
     /// Owners of its bodies, shapes and joints.
-    pub(crate) ownership: Ownership,
+    pub ownership: Ownership,
     /// Its bodies.
-    pub(crate) scene: FrozenScene,
+    pub scene: FrozenScene,
 }
 
 /// The logs of all scenes, and those that are damaged: they are not served, and keep their names until a client deletes
 /// them.
-pub(crate) trait SceneStore: Send + Sync {
+pub trait SceneStore: Send + Sync {
     /// The log of a scene that begins; `None` if it cannot be kept.
     fn create(&self, scene: &SceneName, config: &SceneConfig) -> Option<Box<dyn CommandLog>>;
 
@@ -76,19 +76,19 @@ pub(crate) trait SceneStore: Send + Sync {
 }
 
 /// A scene that continues where its log ends.
-pub(crate) struct RestoredScene {
+pub struct RestoredScene {
     /// Its name.
-    pub(crate) name: SceneName,
+    pub name: SceneName,
     /// Its bodies.
-    pub(crate) scene: Scene,
+    pub scene: Scene,
     /// Sessions of its clients.
-    pub(crate) sessions: Sessions,
+    pub sessions: Sessions,
     /// Owners of its bodies, shapes and joints.
-    pub(crate) ownership: Ownership,
+    pub ownership: Ownership,
     /// Records of sessions that the log lacks.
-    pub(crate) unnoted: Vec<Record>,
+    pub unnoted: Vec<Record>,
     /// The log, which continues; `None` if it cannot be kept any longer.
-    pub(crate) log: Option<Box<dyn CommandLog>>,
+    pub log: Option<Box<dyn CommandLog>>,
     /// Time that the restoration took.
-    pub(crate) took: Span,
+    pub took: Span,
 }

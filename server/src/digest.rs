@@ -43,7 +43,8 @@ impl Digest {
     }
 
     /// The digest of a run that continues from a snapshot.
-    pub(crate) const fn from_value(value: u64) -> Self {
+    #[must_use]
+    pub const fn from_value(value: u64) -> Self {
         Self(value)
     }
 

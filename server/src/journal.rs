@@ -11,7 +11,7 @@ use crate::record::Record;
 
 /// Records in their order.
 #[derive(Debug, Default)]
-pub(crate) struct Journal {
+pub struct Journal {
     records: Writer,
     /// The scene's tick before the first of them.
     tick: Option<Tick>,
@@ -19,15 +19,17 @@ pub(crate) struct Journal {
 
 /// Records that are written as a whole or not at all.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct Batch {
+pub struct Batch {
     /// The scene's tick before them.
-    pub(crate) tick: Tick,
-    pub(crate) records: Vec<u8>,
+    pub tick: Tick,
+    /// Their bytes.
+    pub records: Vec<u8>,
 }
 
 impl Batch {
     /// Bytes that it takes in memory.
-    pub(crate) fn memory_bytes(&self) -> usize {
+    #[must_use]
+    pub fn memory_bytes(&self) -> usize {
         size_of::<Self>() + self.records.capacity()
     }
 }
@@ -40,13 +42,13 @@ impl Journal {
     }
 
     /// Adds a record.
-    pub(crate) fn push(&mut self, tick: Tick, record: &Record) {
+    pub fn push(&mut self, tick: Tick, record: &Record) {
         self.tick.get_or_insert(tick);
         record.encode(&mut self.records);
     }
 
     /// Everything since the last call.
-    pub(crate) fn take(&mut self) -> Option<Batch> {
+    pub fn take(&mut self) -> Option<Batch> {
         let tick = self.tick.take()?;
         let records = std::mem::take(&mut self.records).into_bytes();
         Some(Batch { tick, records })

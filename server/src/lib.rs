@@ -108,6 +108,7 @@ pub use access::{KeyError, TokenKeys};
 pub use app_host::AppScenes;
 pub use authority_table::UpstreamStatistics;
 pub use baking::{BakeJob, Bakers};
+pub use command_log::{CommandLog, Frozen, RestoredScene, SceneStore};
 pub use digest::Digest;
 pub use durable::{Damage, DataDir, DataError};
 pub use engine::{Workers, WorkersError};
@@ -115,8 +116,13 @@ pub use event_monitor::StepEvents;
 pub use front::Front;
 pub use glam;
 pub use hook::{Hook, HookError, Hooks};
-pub use limits::{InvalidLimit, Limits};
+pub use journal::{Batch, Journal};
+pub use limits::{InvalidLimit, LimitRow, Limits};
+pub use load::ServerLoad;
+pub use observer::{Incident, ObserveScenes, SceneObserver, TickFigures, Traffic, Unobserved};
 pub use provided::{ProvidedScene, ProvidedScenes, SceneScript};
+pub use pulse::Pulse;
+pub use record::{Record, SessionNumber, decode_u64};
 #[cfg(feature = "app")]
 pub use rhumb_app;
 pub use rhumb_protocol::message::RemovalCause;
@@ -131,10 +137,13 @@ pub use rhumb_transport::{
     BindError, CertificateError, CertificateHashes, Fingerprint, Origins, PageOrigin, ServeError,
     ServerStatistics, Stop,
 };
-pub use scene::{Scene, SceneFault, Stepped};
+pub use rights::{ClientName, Ownership, Permit, Quotas, decode_client_of, encode_client_of};
+pub use scene::{FrozenScene, Scene, SceneFault, Stepped};
+pub use scene_slots::SceneSlots;
 pub use serve::{Access, Identity, RunError, Server, run_on_cores, usable_cores};
 #[doc(hidden)]
 pub use server_loop::OwnedScene;
 pub use server_loop::ServerLoop;
+pub use sessions::{ResumableSession, Sessions};
 #[cfg(feature = "view")]
 pub use view::{ViewError, ViewScene};

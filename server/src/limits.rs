@@ -12,12 +12,15 @@ use serde::{Deserialize, Serialize};
 
 /// One limit, as the configuration file describes it.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct LimitRow {
-    pub(crate) name: &'static str,
-    pub(crate) default: u64,
+pub struct LimitRow {
+    /// Its key.
+    pub name: &'static str,
+    /// Its value unless the file has another one.
+    pub default: u64,
     least: u64,
     most: u64,
-    pub(crate) reason: &'static str,
+    /// Why there is such a limit.
+    pub reason: &'static str,
 }
 
 /// A limit outside its bounds.
@@ -61,7 +64,7 @@ macro_rules! limits {
 
         impl Limits {
             /// All limits, in the order of the file.
-            pub(crate) const ROWS: &[LimitRow] = &[$(LimitRow {
+            pub const ROWS: &[LimitRow] = &[$(LimitRow {
                 name: stringify!($name),
                 default: $default,
                 least: $least,
@@ -161,11 +164,15 @@ impl Limits {
         Ok(())
     }
 
-    pub(crate) const fn hello(&self) -> Span {
+    /// The latest time of a connection's first message.
+    #[must_use]
+    pub const fn hello(&self) -> Span {
         Span::from_millis(self.hello_seconds * 1_000)
     }
 
-    pub(crate) const fn stuck(&self) -> Span {
+    /// The time after which a scene that does not answer is stuck.
+    #[must_use]
+    pub const fn stuck(&self) -> Span {
         Span::from_millis(self.stuck_milliseconds)
     }
 

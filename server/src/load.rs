@@ -19,7 +19,7 @@ const STEPS_OF_TICK: u64 = 500;
 
 /// The sum over all scenes of a server; all clones are one.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct ServerLoad(Arc<LoadSum>);
+pub struct ServerLoad(Arc<LoadSum>);
 
 #[derive(Debug, Default)]
 struct LoadSum {
@@ -68,17 +68,19 @@ pub(crate) fn locomotion_steps<'a>(locomotions: impl Iterator<Item = &'a Locomot
 
 impl ServerLoad {
     /// Reserved body steps in a second.
-    pub(crate) fn reserved(&self) -> u64 {
+    #[must_use]
+    pub fn reserved(&self) -> u64 {
         self.0.reserved()
     }
 
     /// The part of the scenes of this process.
-    pub(crate) fn here(&self) -> u64 {
+    #[must_use]
+    pub fn here(&self) -> u64 {
         self.0.here.load(Ordering::Relaxed)
     }
 
     /// Sets the part of the server's other processes.
-    pub(crate) fn set_elsewhere(&self, load: u64) {
+    pub fn set_elsewhere(&self, load: u64) {
         self.0.elsewhere.store(load, Ordering::Relaxed);
     }
 

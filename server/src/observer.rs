@@ -15,13 +15,13 @@ use rhumb_reckoning::Tick;
 use crate::scene::Scene;
 
 /// Gives each scene its observer when it begins.
-pub(crate) trait ObserveScenes: Send + Sync {
+pub trait ObserveScenes: Send + Sync {
     /// The observer of a scene that begins. `period`: simulated time of a step.
     fn begin(&self, scene: &SceneName, period: Span) -> Box<dyn SceneObserver>;
 }
 
 /// Observes one scene, on the thread of the scene, and is dropped there when the scene ends.
-pub(crate) trait SceneObserver: Send {
+pub trait SceneObserver: Send {
     /// A client became a member. `client`: its name, if it has shown a token.
     fn joined(&mut self, _peer: Peer, _client: Option<&str>) {}
 
@@ -60,7 +60,7 @@ pub(crate) trait SceneObserver: Send {
 
 /// Observes nothing.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Unobserved;
+pub struct Unobserved;
 
 impl SceneObserver for Unobserved {}
 
@@ -72,28 +72,28 @@ impl ObserveScenes for Unobserved {
 
 /// The figures of a tick.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct TickFigures {
+pub struct TickFigures {
     /// The tick.
-    pub(crate) tick: Tick,
+    pub tick: Tick,
     /// Members of the scene.
-    pub(crate) members: usize,
+    pub members: usize,
     /// Bodies in the scene.
-    pub(crate) bodies: usize,
+    pub bodies: usize,
     /// Bodies awake after the step.
-    pub(crate) awake: usize,
+    pub awake: usize,
     /// Bodies whose updates wait for the budget of a stream.
-    pub(crate) waiting: usize,
+    pub waiting: usize,
     /// Body steps in a second that the scene has reserved.
-    pub(crate) load: u64,
+    pub load: u64,
     /// Duration of the step.
-    pub(crate) step: Span,
+    pub step: Span,
     /// Duration of everything after the step.
-    pub(crate) publish: Span,
+    pub publish: Span,
 }
 
 /// Something that happened to a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Incident {
+pub enum Incident {
     /// A step began more than a step after it was due.
     Late,
     /// The scene slows its clock: it is too late to catch up.
@@ -115,7 +115,7 @@ pub(crate) enum Incident {
 /// They count what the server hands to the links and takes from them: control streams and datagrams, without the headers
 /// of QUIC. A count is an addition to a number; nothing waits.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Traffic(Arc<Counters>);
+pub struct Traffic(Arc<Counters>);
 
 #[derive(Debug, Default)]
 struct Counters {
@@ -124,23 +124,25 @@ struct Counters {
 }
 
 impl Traffic {
-    pub(crate) fn add_received(&self, bytes: usize) {
+    /// Members sent so many bytes.
+    pub fn add_received(&self, bytes: usize) {
         self.0.received.fetch_add(bytes as u64, Ordering::Relaxed);
     }
 
-    pub(crate) fn add_sent(&self, bytes: usize) {
+    /// Members were sent so many bytes.
+    pub fn add_sent(&self, bytes: usize) {
         self.0.sent.fetch_add(bytes as u64, Ordering::Relaxed);
     }
 
     /// Bytes that members sent.
     #[must_use]
-    pub(crate) fn received(&self) -> &AtomicU64 {
+    pub fn received(&self) -> &AtomicU64 {
         &self.0.received
     }
 
     /// Bytes that members were sent.
     #[must_use]
-    pub(crate) fn sent(&self) -> &AtomicU64 {
+    pub fn sent(&self) -> &AtomicU64 {
         &self.0.sent
     }
 }

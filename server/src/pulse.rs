@@ -10,7 +10,7 @@ use rhumb_protocol::{Instant, Span};
 
 /// The sign of life of one thread; all clones are one.
 #[derive(Clone, Default)]
-pub(crate) struct Pulse(Option<Arc<Beats>>);
+pub struct Pulse(Option<Arc<Beats>>);
 
 struct Beats {
     clock: Box<dyn Fn() -> Instant + Send + Sync>,
@@ -22,7 +22,7 @@ const RESTING: u64 = u64::MAX;
 
 impl Pulse {
     /// A pulse that is read against this clock. The default one is never read and costs nothing.
-    pub(crate) fn new(clock: impl Fn() -> Instant + Send + Sync + 'static) -> Self {
+    pub fn new(clock: impl Fn() -> Instant + Send + Sync + 'static) -> Self {
         Self(Some(Arc::new(Beats {
             clock: Box::new(clock),
             busy_since: AtomicU64::new(RESTING),
@@ -30,7 +30,7 @@ impl Pulse {
     }
 
     /// The thread begins a piece of work.
-    pub(crate) fn beat(&self) {
+    pub fn beat(&self) {
         if let Some(beats) = &self.0 {
             let now = (beats.clock)().as_nanos();
             beats.busy_since.store(now, Ordering::Relaxed);
@@ -38,14 +38,15 @@ impl Pulse {
     }
 
     /// The thread waits.
-    pub(crate) fn rest(&self) {
+    pub fn rest(&self) {
         if let Some(beats) = &self.0 {
             beats.busy_since.store(RESTING, Ordering::Relaxed);
         }
     }
 
     /// The duration of the present piece of work so far; zero while the thread waits.
-    pub(crate) fn busy_for(&self) -> Span {
+    #[must_use]
+    pub fn busy_for(&self) -> Span {
         let Some(beats) = &self.0 else {
             return Span::ZERO;
         };

@@ -12,11 +12,11 @@ use crate::rights::{ClientName, decode_client, decode_client_of, encode_client_o
 
 /// Number of a session in the log of its scene; not used again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub(crate) struct SessionNumber(pub(crate) u32);
+pub struct SessionNumber(pub u32);
 
 /// One record.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) enum Record {
+pub enum Record {
     /// A command that changed the scene, whatever its source: a member, an upstream or a hook.
     Applied(Command),
     /// The object that the `Applied` before it added belongs to this client.
@@ -57,7 +57,11 @@ impl Record {
     }
 
     /// Reads every record of a frame.
-    pub(crate) fn decode_all(bytes: &[u8]) -> Result<Vec<Self>, Malformed> {
+    ///
+    /// # Errors
+    ///
+    /// [`Malformed`] for bytes that are no records of this version.
+    pub fn decode_all(bytes: &[u8]) -> Result<Vec<Self>, Malformed> {
         let mut from = Reader::new(bytes);
         let mut records = Vec::new();
         while !from.rest().is_empty() {
@@ -144,7 +148,11 @@ impl Wire for Record {
 }
 
 /// Eight bytes, little-endian.
-pub(crate) fn decode_u64(from: &mut Reader<'_>) -> Result<u64, Malformed> {
+///
+/// # Errors
+///
+/// [`Malformed::Truncated`] for fewer.
+pub fn decode_u64(from: &mut Reader<'_>) -> Result<u64, Malformed> {
     let bytes = from.raw(8)?;
     bytes
         .try_into()

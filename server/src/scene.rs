@@ -24,7 +24,7 @@ use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Inertia, Metres, Tick, Twist};
 
 pub(crate) use self::history::{Author, Done, History};
-pub(crate) use self::image::FrozenScene;
+pub use self::image::FrozenScene;
 use crate::baking::BakedShapes;
 use crate::digest::Digest;
 use crate::engine::{Engine, EngineFault, EnginePart, Push, RapierEngine, Workers};
@@ -264,7 +264,7 @@ impl Scene {
     }
 
     /// Starts to note all changes of the scene for its command log.
-    pub(crate) fn keep_journal(&mut self) {
+    pub fn keep_journal(&mut self) {
         self.journal = Some(Journal::default());
     }
 
@@ -286,7 +286,7 @@ impl Scene {
     }
 
     /// The journal, if one is kept.
-    pub(crate) const fn journal_mut(&mut self) -> Option<&mut Journal> {
+    pub const fn journal_mut(&mut self) -> Option<&mut Journal> {
         self.journal.as_mut()
     }
 

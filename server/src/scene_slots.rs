@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Counts the scenes of a server; all clones are one count.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct SceneSlots(Arc<SlotCounts>);
+pub struct SceneSlots(Arc<SlotCounts>);
 
 #[derive(Debug, Default)]
 struct SlotCounts {
@@ -23,12 +23,13 @@ pub(crate) struct SceneSlot(Arc<SlotCounts>);
 
 impl SceneSlots {
     /// Scenes of this process.
-    pub(crate) fn here(&self) -> usize {
+    #[must_use]
+    pub fn here(&self) -> usize {
         self.0.here.load(Ordering::Relaxed)
     }
 
     /// Sets the number of scenes of the server's other processes.
-    pub(crate) fn set_elsewhere(&self, scenes: usize) {
+    pub fn set_elsewhere(&self, scenes: usize) {
         self.0.elsewhere.store(scenes, Ordering::Relaxed);
     }
 

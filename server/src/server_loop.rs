@@ -136,30 +136,31 @@ impl ServerLoop {
     }
 
     /// Sets what a new connection may do, before its first message; without this, everything.
-    pub(crate) fn set_permit(&mut self, peer: Peer, permit: Arc<Permit>) {
+    pub fn set_permit(&mut self, peer: Peer, permit: Arc<Permit>) {
         if let Some(connection) = self.connections.get_mut(&peer) {
             connection.permit = permit;
         }
     }
 
     /// Shares the bounds on scenes and on their load with other loops.
-    pub(crate) fn share(&mut self, slots: SceneSlots, load: ServerLoad) {
+    pub fn share(&mut self, slots: SceneSlots, load: ServerLoad) {
         self.slots = slots;
         self.load = load;
     }
 
     /// Has later scenes observed.
-    pub(crate) fn observe_with(&mut self, observers: Arc<dyn ObserveScenes>) {
+    pub fn observe_with(&mut self, observers: Arc<dyn ObserveScenes>) {
         self.observers = observers;
     }
 
     /// Reports liveness at each message and each tick.
-    pub(crate) fn show_progress(&mut self, pulse: Pulse) {
+    pub fn show_progress(&mut self, pulse: Pulse) {
         self.pulse = pulse;
     }
 
     /// Bytes of a connection's control stream that were not handled yet.
-    pub(crate) fn unread_bytes(&self, peer: Peer) -> usize {
+    #[must_use]
+    pub fn unread_bytes(&self, peer: Peer) -> usize {
         self.out.unread_bytes(peer)
     }
 

@@ -24,14 +24,14 @@ const ABSENT_FOR: Span = Span::from_millis(300_000);
 
 /// One session.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct ResumableSession {
+pub struct ResumableSession {
     key: SessionKey,
     /// The client that began it, whose alone it is; `None` without a token.
     client: Option<ClientName>,
     /// Commands that were applied or refused.
-    pub(crate) commands: u64,
+    pub commands: u64,
     /// Body indices granted to it.
-    pub(crate) ranges: Vec<IdRange>,
+    pub ranges: Vec<IdRange>,
     /// The last refusals with the numbers of their commands.
     refusals: VecDeque<(u64, CommandError)>,
     presence: Presence,
@@ -47,7 +47,7 @@ enum Presence {
 
 /// All sessions of one scene.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct Sessions {
+pub struct Sessions {
     sessions: BTreeMap<SessionNumber, ResumableSession>,
     next: u32,
 }
@@ -66,7 +66,9 @@ impl Sessions {
         })
     }
 
-    pub(crate) fn get(&self, number: SessionNumber) -> Option<&ResumableSession> {
+    /// A session by its number.
+    #[must_use]
+    pub fn get(&self, number: SessionNumber) -> Option<&ResumableSession> {
         self.sessions.get(&number)
     }
 
@@ -146,7 +148,7 @@ impl Sessions {
     }
 
     /// Does what a record says. Records that concern the scene alone change nothing here.
-    pub(crate) fn replay(&mut self, record: &Record) {
+    pub fn replay(&mut self, record: &Record) {
         match record {
             Record::Opened(number, key, client) => {
                 self.next = number.0 + 1;
@@ -188,7 +190,7 @@ impl ResumableSession {
     }
 
     /// The kept refusals of commands from a number on.
-    pub(crate) fn refusals_from(&self, number: u64) -> impl Iterator<Item = (u64, CommandError)> {
+    pub fn refusals_from(&self, number: u64) -> impl Iterator<Item = (u64, CommandError)> {
         let refusals = self.refusals.iter().copied();
         refusals.filter(move |(refused, _)| *refused >= number)
     }

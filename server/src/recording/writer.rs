@@ -137,11 +137,10 @@ mod tests {
     use prost::Message;
     use rhumb_protocol::message::{RemovalCause, SceneEvent};
     use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, SceneConfig, Shape, ShapeId};
-    use rhumb_reckoning::BodyState;
+    use rhumb_reckoning::{BodyState, Track};
     use rhumb_trace::{Topic, read_states};
 
     use super::*;
-    use crate::body_placement;
     use crate::recording::tap::{QueuedBytes, SceneTap, SceneTaps, TapMessage, TapQueue};
     use crate::scene::Scene;
 
@@ -196,11 +195,14 @@ mod tests {
             self.scene
                 .apply(&Command::AddBody { desc, motion })
                 .unwrap();
-            let there = self.scene.observation_at_tick(id).unwrap();
-            let state = (there.motion, there.activity);
-            let track = body_placement::first_track(self.scene.tick(), state, &desc, false);
-            let event = body_placement::scene_event(&self.scene, desc, track, None);
-            self.tap.note(&event);
+            let track = Track::resting(self.scene.tick(), motion);
+            let (inertia, alias) = (None, None);
+            self.tap.note(&SceneEvent::BodyPlaced {
+                desc,
+                inertia,
+                track,
+                alias,
+            });
         }
 
         fn remove(&mut self, index: u32) {

@@ -11,8 +11,9 @@ use rhumb_protocol::message::{AuthorityError, Denial, Role};
 use rhumb_protocol::scene::{BodyDesc, Command, CommandError, SceneConfig};
 use rhumb_reckoning::BodyId;
 
-pub(crate) use self::ownership::{Ownership, decode_client, decode_client_of, encode_client_of};
-pub(crate) use self::permit::{ClientName, Permit, Quotas};
+pub(crate) use self::ownership::decode_client;
+pub use self::ownership::{Ownership, decode_client_of, encode_client_of};
+pub use self::permit::{ClientName, Permit, Quotas};
 
 /// Streams of one client in a scene: half of all.
 const STREAMS_OF_CLIENT_MAX: usize = STREAMS_PER_SCENE_MAX / 2;

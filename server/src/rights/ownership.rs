@@ -14,7 +14,7 @@ use super::permit::ClientName;
 
 /// Owners in one scene.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct Ownership {
+pub struct Ownership {
     bodies: BTreeMap<BodyId, ClientName>,
     shapes: BTreeMap<ShapeId, ClientName>,
     joints: BTreeMap<JointId, ClientName>,
@@ -25,7 +25,7 @@ pub(crate) struct Ownership {
 
 impl Ownership {
     /// Notes the effect of a command that was applied.
-    pub(crate) fn note(&mut self, client: Option<&ClientName>, command: &Command) {
+    pub fn note(&mut self, client: Option<&ClientName>, command: &Command) {
         match (command, client) {
             (Command::AddBody { desc, .. }, Some(client)) => {
                 self.bodies.insert(desc.id, client.clone());
@@ -63,7 +63,7 @@ impl Ownership {
     }
 
     /// Forgets a body that has left the scene.
-    pub(crate) fn remove_body(&mut self, id: BodyId) {
+    pub fn remove_body(&mut self, id: BodyId) {
         let Some(client) = self.bodies.remove(&id) else {
             return;
         };
@@ -76,7 +76,7 @@ impl Ownership {
     }
 
     /// Forgets a joint that has left the scene.
-    pub(crate) fn remove_joint(&mut self, id: JointId) {
+    pub fn remove_joint(&mut self, id: JointId) {
         self.joints.remove(&id);
     }
 
@@ -180,7 +180,7 @@ pub(crate) fn decode_client(from: &mut Reader<'_>) -> Result<ClientName, Malform
 }
 
 /// A client's name, or none.
-pub(crate) fn encode_client_of(client: Option<&ClientName>, to: &mut Writer) {
+pub fn encode_client_of(client: Option<&ClientName>, to: &mut Writer) {
     to.u8(u8::from(client.is_some()));
     if let Some(client) = client {
         to.sized(client.as_bytes());
@@ -188,7 +188,11 @@ pub(crate) fn encode_client_of(client: Option<&ClientName>, to: &mut Writer) {
 }
 
 /// A client's name, or none.
-pub(crate) fn decode_client_of(from: &mut Reader<'_>) -> Result<Option<ClientName>, Malformed> {
+///
+/// # Errors
+///
+/// [`Malformed`] for bytes that are neither.
+pub fn decode_client_of(from: &mut Reader<'_>) -> Result<Option<ClientName>, Malformed> {
     match from.u8()? {
         0 => Ok(None),
         1 => decode_client(from).map(Some),

@@ -19,7 +19,7 @@ use crate::event_monitor::EventMonitor;
 use crate::registry::Registry;
 
 /// A copy of a scene, to be encoded on another thread.
-pub(crate) struct FrozenScene {
+pub struct FrozenScene {
     gravity: Vec3,
     registry: Registry,
     event_monitor: EventMonitor,
@@ -28,7 +28,8 @@ pub(crate) struct FrozenScene {
 
 impl FrozenScene {
     /// Its bytes; `None` if the engine cannot encode its world.
-    pub(crate) fn encode(self) -> Option<Vec<u8>> {
+    #[must_use]
+    pub fn encode(self) -> Option<Vec<u8>> {
         let mut to = Writer::new();
         to.f32s(&self.gravity.to_array());
         let mut registry = Writer::new();
@@ -42,7 +43,8 @@ impl FrozenScene {
 
 impl Scene {
     /// A copy of the scene; `None` unless a step was the last change, and for an engine without images.
-    pub(crate) fn freeze(&self) -> Option<FrozenScene> {
+    #[must_use]
+    pub fn freeze(&self) -> Option<FrozenScene> {
         let engine = self.engine.freeze()?;
         Some(FrozenScene {
             gravity: self.gravity,
@@ -78,7 +80,7 @@ impl Scene {
     /// # Errors
     ///
     /// [`Malformed`] for bytes that are no image of this version.
-    pub(crate) fn from_image(
+    pub fn from_image(
         config: SceneConfig,
         workers: &Workers,
         (tick, digest): (Tick, Digest),

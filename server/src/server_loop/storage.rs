@@ -14,18 +14,19 @@ use crate::load;
 
 impl ServerLoop {
     /// Keeps the scenes that clients create from now on in a store.
-    pub(crate) fn store_in(&mut self, store: Arc<dyn SceneStore>) {
+    pub fn store_in(&mut self, store: Arc<dyn SceneStore>) {
         self.store = Some(store);
     }
 
     /// Number of scenes that exist, damaged ones too.
-    pub(crate) fn scene_count(&self) -> usize {
+    #[must_use]
+    pub fn scene_count(&self) -> usize {
         let damaged = self.store.as_ref().map_or(0, |store| store.damaged());
         self.runners.len() + damaged
     }
 
     /// Tells members what has become durable.
-    pub(crate) fn report_durable(&mut self) {
+    pub fn report_durable(&mut self) {
         for runner in self.runners.values_mut() {
             runner.report_durable(&mut self.out);
         }
@@ -66,7 +67,7 @@ impl ServerLoop {
     }
 
     /// Runs a scene that was restored.
-    pub(crate) fn add_restored(&mut self, restored: RestoredScene) {
+    pub fn add_restored(&mut self, restored: RestoredScene) {
         let RestoredScene {
             name,
             scene,

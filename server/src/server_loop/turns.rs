@@ -109,7 +109,7 @@ impl ServerLoop {
     }
 
     /// Something that a connection waited for is there.
-    pub(crate) fn handle_wake(&mut self, now: Instant) {
+    pub fn handle_wake(&mut self, now: Instant) {
         self.out.at(now);
         if self.is_baking() {
             self.retry(now);
