@@ -15,7 +15,7 @@ use rhumb_protocol::scene::{
 };
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span};
 use rhumb_reckoning::{BodyId, BodyState, Tick};
-use rhumb_server::Limits;
+use rhumb_scene::Limits;
 
 use crate::links::{Links, create, join};
 

@@ -16,7 +16,7 @@ use rhumb_protocol::scene::{
 };
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance};
-use rhumb_server::{BakeJob, Bakers, Scene, ServerLoop};
+use rhumb_scene::{BakeJob, Bakers, Scene, ServerLoop};
 
 const OWNER: Peer = Peer(1);
 const OTHER: Peer = Peer(2);

@@ -13,8 +13,8 @@ use rhumb_protocol::scene::{
 use rhumb_protocol::session::{ClientSession, Event};
 use rhumb_protocol::{Endpoint, Instant, Peer, Transmit};
 use rhumb_reckoning::{BodyId, BodyState, Divergence, Tick, Tolerance};
-use rhumb_server::engine::{Box3dEngine, EngineKind, Engines};
-use rhumb_server::{Activity, Scene, ServerLoop};
+use rhumb_scene::engine::{Box3dEngine, EngineKind, Engines};
+use rhumb_scene::{Activity, Scene, ServerLoop};
 use rhumb_sims::{BallPit, Script};
 
 const VALID: &str = "the test makes it valid";

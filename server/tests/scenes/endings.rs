@@ -11,7 +11,7 @@ use rhumb_protocol::scene::{
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Ending, Endpoint, Peer, Span};
 use rhumb_reckoning::{BodyState, Tolerance};
-use rhumb_server::{Limits, ProvidedScene, ProvidedScenes, SceneScript};
+use rhumb_scene::{Limits, ProvidedScene, ProvidedScenes, SceneScript};
 
 use crate::links::{Links, create, join};
 

@@ -11,7 +11,7 @@ use rhumb_protocol::message::{
 use rhumb_protocol::scene::{CommandError, IdRange, SceneConfig, Stepping};
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_reckoning::Tolerance;
-use rhumb_server::ServerLoop;
+use rhumb_scene::ServerLoop;
 
 /// A server loop, and the links of its connections.
 pub(crate) struct Links {

@@ -7,7 +7,6 @@ mod baking;
 #[cfg(feature = "box3d")]
 mod box3d;
 mod endings;
-mod front;
 mod links;
 mod motion;
 mod order;

@@ -11,7 +11,7 @@ use rhumb_protocol::scene::{
 };
 use rhumb_protocol::stream::Activity;
 use rhumb_reckoning::{BodyId, Damping};
-use rhumb_server::Scene;
+use rhumb_scene::Scene;
 
 const VALID: &str = "the test makes it valid";
 const EARTH: Vec3 = Vec3::new(0.0, -9.81, 0.0);

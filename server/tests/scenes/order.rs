@@ -12,7 +12,7 @@ use rhumb_protocol::scene::{
 };
 use rhumb_protocol::{Endpoint, Instant, Peer, Transmit};
 use rhumb_reckoning::{BodyState, Tick, Tolerance};
-use rhumb_server::ServerLoop;
+use rhumb_scene::ServerLoop;
 
 const CLIENT: Peer = Peer(1);
 

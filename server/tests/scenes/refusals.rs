@@ -15,10 +15,10 @@ use rhumb_protocol::scene::{
 };
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Damping, Inertia, Tick, Twist};
-use rhumb_server::engine::{
+use rhumb_scene::engine::{
     BodyProperties, Engine, EngineFault, Push, UnanswerableQuery, UnusableShape,
 };
-use rhumb_server::{Digest, Scene, SceneFault};
+use rhumb_scene::{Digest, Scene, SceneFault};
 
 fn config() -> SceneConfig {
     SceneConfig {

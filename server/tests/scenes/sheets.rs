@@ -11,7 +11,7 @@ use rhumb_protocol::scene::{
     SceneConfig, Shape, ShapeId,
 };
 use rhumb_reckoning::{BodyId, BodyState, Damping};
-use rhumb_server::Scene;
+use rhumb_scene::Scene;
 
 const VALID: &str = "the test makes it valid";
 const GROUND: BodyId = BodyId::new(0, 0);

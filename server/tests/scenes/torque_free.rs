@@ -15,7 +15,7 @@ use rhumb_reckoning::{
     BodyId, BodyState, Conditions, Damping, Divergence, Integrator, Metres, Predictor, Rate,
     RotationCursor, StepCoefficientTable, TRACK_AGE_MAX, Ticks,
 };
-use rhumb_server::Scene;
+use rhumb_scene::Scene;
 
 const INTEGRATOR: Integrator = Integrator {
     rate: Rate::HZ_60,

@@ -11,7 +11,7 @@ use rhumb_protocol::scene::{
 };
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Damping};
-use rhumb_server::Scene;
+use rhumb_scene::Scene;
 
 const FLOOR: BodyId = BodyId::new(0, 0);
 const BALL: BodyId = BodyId::new(1, 0);

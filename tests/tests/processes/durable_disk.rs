@@ -1,7 +1,7 @@
 //! Data directories on real disks: full, read-only, cut, or without a file.
 //!
 //! The full and the read-only one are a small `tmpfs` of their own, which needs the right to mount: without it, those
-//! two tests say so and end. `server/src/durable/tests.rs` tries every byte and every crash on a simulated disk.
+//! two tests say so and end. `service/src/durable/tests.rs` tries every byte and every crash on a simulated disk.
 
 use std::fs;
 use std::io::Write;

@@ -182,13 +182,13 @@ fn sockets_and_clocks_are_used_only_in_the_crates_that_own_them() {
             "transport/",
             "benches/",
             "app/src/sockets/",
-            "server/src/serve.rs",
-            "server/src/serve/",
-            "server/src/cli.rs",
-            "server/src/main.rs",
-            "server/src/http.rs",
-            "server/src/top/request.rs",
-            "server/src/view/listener.rs",
+            "service/src/serve.rs",
+            "service/src/serve/",
+            "service/src/cli.rs",
+            "service/src/main.rs",
+            "service/src/http.rs",
+            "service/src/top/request.rs",
+            "service/src/view/listener.rs",
         ]) || file.is_test()
     };
     let mut clocks = naming(&["Instant::now", "SystemTime"], |file| !own(file));
@@ -208,11 +208,11 @@ fn sockets_and_clocks_are_used_only_in_the_crates_that_own_them() {
     let net = naming(&["std::net"], |file| {
         let names_addresses = [
             "client/src/network.rs",
-            "server/src/announcement.rs",
-            "server/src/recording/live.rs",
-            "server/src/serve/observers.rs",
-            "server/src/settings.rs",
-            "server/src/start_check.rs",
+            "service/src/announcement.rs",
+            "service/src/recording/live.rs",
+            "service/src/serve/observers.rs",
+            "service/src/settings.rs",
+            "service/src/start_check.rs",
             "trace/src/live.rs",
         ];
         !own(file) && !file.is_in(&names_addresses)
@@ -229,6 +229,7 @@ fn no_library_prints() {
         "transport/src/",
         "app/src/",
         "server/src/",
+        "service/src/",
         "client/src/",
         "client/view/src/",
         "local/src/",

@@ -157,6 +157,7 @@ fn a_type_name_has_one_definition_in_the_product() {
         "protocol/src/",
         "transport/src/",
         "server/src/",
+        "service/src/",
         "client/",
         "app/src/",
         "bindings/",

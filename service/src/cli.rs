@@ -1,0 +1,479 @@
+//! Command line of `rhumb-server`, reusable by other binaries.
+//!
+//! Start-up lines go to standard output, one fact a line, for readers and scripts; the log goes to standard error.
+
+use std::error::Error;
+use std::ffi::OsString;
+use std::io::Write;
+use std::net::SocketAddr;
+use std::num::NonZeroU32;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use clap::builder::NonEmptyStringValueParser;
+use clap::{Parser, Subcommand};
+use rhumb_protocol::packet::LargestPacket;
+use rhumb_protocol::scene::SceneName;
+use rhumb_scene::engine::EngineKind;
+use rhumb_scene::{Hooks, ProvidedScenes};
+use rhumb_transport::{PageOrigin, Stop};
+use tracing::level_filters::LevelFilter;
+
+pub use crate::command_line::parse;
+
+use crate::announcement::{BoundAddresses, announce};
+#[cfg(feature = "demo")]
+use crate::announcement::{announce_opening, page_url};
+#[cfg(feature = "demo")]
+use crate::demo::{DemoArguments, open_browser};
+use crate::durable::{self, DataDir, DataError};
+use crate::flight;
+use crate::front;
+use crate::log;
+use crate::serve::{Server, seconds_since_1970};
+use crate::settings::{ServerSettings, WorkerKind};
+use crate::start_check::{self, CheckedStart};
+use crate::token_command::{self, TokenArguments};
+#[cfg(feature = "top")]
+use crate::top::{self, TopArguments};
+#[cfg(feature = "view")]
+use crate::view::{PageArguments, ViewScene, write_page};
+
+/// A Rapier server for remote rigid-body physics.
+#[derive(Debug, Parser)]
+#[command(
+    name = "rhumb-server",
+    version,
+    about,
+    args_conflicts_with_subcommands = true
+)]
+pub struct Arguments {
+    #[command(subcommand)]
+    task: Option<Task>,
+    /// TOML file with settings; `rhumb-server config` prints one with all defaults. Flags and environment replace it.
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Checks everything that would keep the server from starting, except addresses in use, and ends: code 0 if it could
+    /// start.
+    #[arg(long)]
+    check_config: bool,
+    /// UDP address to listen on; port 0 picks a free one [default: 127.0.0.1:4433].
+    #[arg(long)]
+    listen: Option<SocketAddr>,
+    /// PEM file with the certificate chain; without it a development certificate is made at start.
+    #[arg(long, requires = "key")]
+    cert: Option<PathBuf>,
+    /// PEM file with the certificate's private key.
+    #[arg(long, requires = "cert")]
+    key: Option<PathBuf>,
+    /// File with a public key of tokens; may be repeated. `rhumb-server token --new-key FILE` makes keys.
+    #[arg(long, value_name = "FILE", conflicts_with = "open")]
+    token_key: Vec<PathBuf>,
+    /// Name that a token must give as its audience [default: rhumb].
+    #[arg(long, value_parser = NonEmptyStringValueParser::new())]
+    audience: Option<String>,
+    /// Admits every client of this machine without a token, for development.
+    #[arg(long)]
+    open: bool,
+    /// Lets clients without a token come from other machines too: those of --open and of --app-listen.
+    #[arg(long)]
+    open_to_network: bool,
+    /// Path of a Unix socket for clients of this machine, beside the address; only this user can connect.
+    #[arg(long, value_name = "PATH")]
+    socket: Option<PathBuf>,
+    /// TCP address for figures (/metrics) and health (/health).
+    #[arg(long, value_name = "ADDRESS")]
+    metrics: Option<SocketAddr>,
+    /// Serves a page in which scenes are seen, at this TCP address, or without one at 127.0.0.1:8433. With tokens, the page
+    /// observes only.
+    #[cfg(feature = "view")]
+    #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = "127.0.0.1:8433")]
+    view: Option<SocketAddr>,
+    /// Directory for the flight recorders of scenes that fault; `rhumb-server flight FILE` prints one.
+    #[arg(long, value_name = "DIR")]
+    flight: Option<PathBuf>,
+    /// Directory for MCAP files with the states of every scene.
+    #[cfg(feature = "record")]
+    #[arg(long, value_name = "DIR")]
+    record: Option<PathBuf>,
+    /// Shows every scene live to Foxglove's viewers, at this TCP address, or without one at 127.0.0.1:8765. It has no tokens.
+    #[cfg(feature = "foxglove")]
+    #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = "127.0.0.1:8765")]
+    foxglove: Option<SocketAddr>,
+    /// Log level: off, error, warn, info, debug or trace [default: info].
+    #[arg(long)]
+    log: Option<LevelFilter>,
+    /// Run on this processor core alone, or on these cores.
+    #[arg(long, value_delimiter = ',')]
+    core: Vec<usize>,
+    /// Physics engine of all scenes: rapier, or one that this program was built with by a feature [default: rapier].
+    #[arg(long, value_name = "NAME")]
+    engine: Option<EngineKind>,
+    /// Number of threads to step and publish on, shared by all scenes; more than one needs the feature `parallel` [default: 1].
+    #[arg(long)]
+    threads: Option<NonZeroU32>,
+    /// Where scenes run: on threads of the server, or in processes, one for each tenant [default: threads].
+    #[arg(long, value_name = "KIND")]
+    workers: Option<WorkerKind>,
+    /// All scenes without a tenant share one worker process.
+    #[arg(long)]
+    share_worker: bool,
+    /// Largest packet of a stream, bytes, from 700 to 1150 [default: 1100]. Relays and browsers add headers of their own.
+    #[arg(long, value_name = "BYTES")]
+    largest_packet: Option<LargestPacket>,
+    /// Directory for command logs and snapshots, from which scenes are restored at start; without it, scenes end with
+    /// the process.
+    #[arg(long, value_name = "DIR")]
+    data: Option<PathBuf>,
+    /// Origin of a web page that may connect, as https://host:port, or * for all; may be repeated. Pages of this machine
+    /// may always.
+    #[arg(long, value_name = "ORIGIN", conflicts_with = "no_web")]
+    web_origin: Vec<PageOrigin>,
+    /// Serves no browsers.
+    #[arg(long)]
+    no_web: bool,
+    #[cfg(feature = "app")]
+    #[command(flatten)]
+    app: crate::app_arguments::AppArguments,
+}
+
+/// Tasks beside serving.
+#[derive(Debug, Subcommand)]
+enum Task {
+    /// Shows a scene in a page, over the real protocol.
+    #[cfg(feature = "demo")]
+    Demo(DemoArguments),
+    /// Makes a token for a client, or the keys for tokens.
+    Token(TokenArguments),
+    /// Verifies every scene of a data directory that no server uses: authentic, whole, and replayed to the same bits.
+    Check {
+        /// The directory.
+        dir: PathBuf,
+    },
+    /// Runs the log of a scene again from the oldest state that is kept.
+    Replay {
+        /// The directory.
+        dir: PathBuf,
+        /// The scene.
+        scene: SceneName,
+    },
+    /// Prints the last moments of a scene before a fault, from a file that --flight wrote.
+    Flight {
+        /// The file.
+        file: PathBuf,
+    },
+    /// Prints a layout for Foxglove's viewers, in which these scenes are drawn: live, and of recordings.
+    #[cfg(feature = "record")]
+    Layout {
+        /// The scenes, by their names.
+        #[arg(required = true)]
+        scenes: Vec<SceneName>,
+    },
+    /// Writes a page that plays recordings without a server, for any web host.
+    #[cfg(feature = "view")]
+    Page(PageArguments),
+    /// Runs the scenes of a tenant for the server that starts it.
+    #[command(hide = true)]
+    Worker {
+        /// The tenant, as a list of processes shows it.
+        #[arg(value_parser = NonEmptyStringValueParser::new())]
+        tenant: String,
+    },
+    /// Shows a running server's figures in this terminal: scenes, clients, bytes, times of ticks.
+    #[cfg(feature = "top")]
+    Top(TopArguments),
+    /// Prints a configuration file with every setting at its default, and the reason of each limit.
+    Config,
+}
+
+/// A server that has not stopped so long after a signal is ended: two seconds are promised.
+const STOP_WITHIN: Duration = Duration::from_millis(1_500);
+
+/// Time for which a data directory may be in use at a start, and the pause between two attempts.
+const IN_USE: Duration = Duration::from_millis(1_000);
+const IN_USE_PAUSE: Duration = Duration::from_millis(20);
+
+/// Exit code of a server that was ended so.
+const EXIT_NOT_STOPPED: i32 = 3;
+
+/// Runs a server until SIGINT or SIGTERM. Exit code 0 after such a stop, 1 when it cannot start or fails, 3 when it
+/// does not stop in time.
+pub fn main(arguments: Arguments) -> ExitCode {
+    main_with(arguments, None)
+}
+
+/// As [`main`], with hooks for the scenes that clients create.
+pub fn main_with(arguments: Arguments, hooks: Option<Hooks>) -> ExitCode {
+    let outcome = match &arguments.task {
+        Some(Task::Token(token)) => token_command::run(token, seconds_since_1970()),
+        Some(Task::Check { dir }) => durable::check(dir, &mut std::io::stdout()),
+        Some(Task::Replay { dir, scene }) => durable::replay(dir, scene, &mut std::io::stdout()),
+        Some(Task::Flight { file }) => flight::run(file, &mut std::io::stdout()),
+        Some(Task::Worker { .. }) => front::run_worker(hooks, seconds_since_1970),
+        #[cfg(feature = "record")]
+        Some(Task::Layout { scenes }) => {
+            let names: Vec<_> = scenes.iter().map(SceneName::as_str).collect();
+            print(&rhumb_trace::scene_layout(&names))
+        }
+        #[cfg(feature = "top")]
+        Some(Task::Top(arguments)) => top::run(arguments),
+        #[cfg(feature = "view")]
+        Some(Task::Page(page)) => write_page(page, &mut std::io::stdout()).map_err(Into::into),
+        Some(Task::Config) => print(&ServerSettings::file()),
+        #[cfg(feature = "demo")]
+        Some(Task::Demo(demo)) => {
+            let settings = demo.settings();
+            let _last_lines = log::start(settings.log, settings.limits.log_lines_per_second);
+            let parts = Parts {
+                provided: Some(demo.provided()),
+                scenes: demo.scenes(),
+                opens_browser: demo.opens_browser(),
+                ..Parts::default()
+            };
+            run(&settings, parts)
+        }
+        None => settings_of(&arguments).and_then(|settings| {
+            let parts = Parts {
+                #[cfg(feature = "app")]
+                app: Some(arguments.app.clone()),
+                hooks,
+                ..Parts::default()
+            };
+            if arguments.check_config {
+                start_check::check(&settings, parts.app_beyond_loopback())?;
+                return print("the configuration is valid\n");
+            }
+            let _last_lines = log::start(settings.log, settings.limits.log_lines_per_second);
+            run(&settings, parts)
+        }),
+    };
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            // The cause of a failed start is printed at any log level. If standard error fails too, nothing is left to
+            // try.
+            let _ = writeln!(std::io::stderr(), "error: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// The settings of the file and the environment, and then of the flags.
+fn settings_of(arguments: &Arguments) -> Result<ServerSettings, Box<dyn Error>> {
+    // A variable that is no text is none of ours.
+    let text = |(name, value): (OsString, OsString)| {
+        Some((name.into_string().ok()?, value.into_string().ok()?))
+    };
+    let environment = std::env::vars_os().filter_map(text);
+    let mut settings = ServerSettings::read(arguments.config.as_deref(), environment)?;
+    set(&mut settings.listen, arguments.listen);
+    set(&mut settings.audience, arguments.audience.clone());
+    set(&mut settings.log, arguments.log);
+    set(&mut settings.engine, arguments.engine);
+    set(&mut settings.threads, arguments.threads);
+    set(&mut settings.workers, arguments.workers);
+    settings.share_worker |= arguments.share_worker;
+    set(&mut settings.largest_packet, arguments.largest_packet);
+    settings.flight = arguments.flight.clone().or(settings.flight);
+    settings.metrics = arguments.metrics.or(settings.metrics);
+    settings.socket = arguments.socket.clone().or(settings.socket);
+    #[cfg(feature = "view")]
+    {
+        settings.view = arguments.view.or(settings.view);
+    }
+    #[cfg(feature = "record")]
+    {
+        settings.record = arguments.record.clone().or(settings.record);
+    }
+    #[cfg(feature = "foxglove")]
+    {
+        settings.foxglove = arguments.foxglove.or(settings.foxglove);
+    }
+    settings.data = arguments.data.clone().or(settings.data);
+    if arguments.cert.is_some() {
+        settings.cert = arguments.cert.clone();
+        settings.key = arguments.key.clone();
+    }
+    if !arguments.token_key.is_empty() {
+        settings.token_keys = arguments.token_key.clone();
+    }
+    if !arguments.core.is_empty() {
+        settings.cores = arguments.core.clone();
+    }
+    settings.open |= arguments.open;
+    settings.open_to_network |= arguments.open_to_network;
+    settings.web &= !arguments.no_web;
+    if !arguments.web_origin.is_empty() {
+        settings.web_origins = arguments.web_origin.clone();
+    }
+    Ok(settings)
+}
+
+fn set<T>(setting: &mut T, flag: Option<T>) {
+    if let Some(value) = flag {
+        *setting = value;
+    }
+}
+
+fn print(text: &str) -> Result<(), Box<dyn Error>> {
+    Ok(std::io::stdout().lock().write_all(text.as_bytes())?)
+}
+
+/// The parts of a server beside its settings.
+#[derive(Default)]
+struct Parts {
+    /// The flags about APP clients, unless another task than serving is at hand.
+    #[cfg(feature = "app")]
+    app: Option<crate::app_arguments::AppArguments>,
+    hooks: Option<Hooks>,
+    provided: Option<ProvidedScenes>,
+    /// Provided scenes that the page offers.
+    #[cfg(feature = "view")]
+    scenes: Vec<ViewScene>,
+    /// True if the page is opened in the browser of the desktop.
+    #[cfg(feature = "demo")]
+    opens_browser: bool,
+}
+
+impl Parts {
+    /// The address for APP clients, if other machines reach it.
+    fn app_beyond_loopback(&self) -> Option<SocketAddr> {
+        #[cfg(feature = "app")]
+        return (self.app.as_ref()).and_then(crate::app_arguments::AppArguments::beyond_loopback);
+        #[cfg(not(feature = "app"))]
+        None
+    }
+}
+
+fn run(settings: &ServerSettings, parts: Parts) -> Result<(), Box<dyn Error>> {
+    let CheckedStart {
+        workers,
+        access,
+        processes,
+    } = start_check::check(settings, parts.app_beyond_loopback())?;
+    let data = settings.data.as_deref().map(open_data).transpose()?;
+    let identity = start_check::identity(settings, data.as_ref())?;
+    let stop = Stop::new();
+    let origins = settings.web_origins.iter().cloned().collect();
+    let origins = settings.web.then_some(origins);
+    let mut server = Server::bind_with_origins(settings.listen, &identity, access, origins)?;
+    server.build_with(settings.engine);
+    server.employ(workers);
+    server.set_largest_packet(settings.largest_packet);
+    server.set_limits(settings.limits);
+    if let Some(processes) = processes {
+        server.use_processes(processes);
+    }
+    if let Some(data) = data {
+        server.store_in(data);
+    }
+    listen_at(&mut server, settings.socket.as_deref())?;
+    if let Some(directory) = &settings.flight {
+        server.record_flights(directory.clone());
+    }
+    if let Some(hooks) = parts.hooks {
+        server.attach(hooks);
+    }
+    if let Some(provided) = parts.provided {
+        server.provide(provided);
+    }
+    let foxglove = observe(&mut server, settings)?;
+    let addresses = BoundAddresses {
+        foxglove,
+        #[cfg(feature = "app")]
+        app: match &parts.app {
+            Some(app) => app.listen(&mut server)?,
+            None => None,
+        },
+        #[cfg(not(feature = "app"))]
+        app: None,
+        metrics: match settings.metrics {
+            Some(address) => Some(server.answer_metrics(address)?),
+            None => None,
+        },
+        #[cfg(feature = "view")]
+        view: match settings.view {
+            Some(address) => Some(server.show_page(address, parts.scenes)?),
+            None => None,
+        },
+        #[cfg(not(feature = "view"))]
+        view: None,
+    };
+    announce(&server, &identity, &addresses);
+    #[cfg(feature = "demo")]
+    if let Some(page) = addresses.view.map(page_url).filter(|_| parts.opens_browser) {
+        announce_opening(&page, open_browser(&page));
+    }
+    let running = stop_on_signals(&stop);
+    let outcome = server.run(&stop);
+    running.store(false, Ordering::Relaxed);
+    let statistics = outcome?;
+    tracing::info!(connections = statistics.opened, "stopped");
+    Ok(())
+}
+
+/// Opens a data directory. Processes of a server that was killed end a moment later than it, and hold the lock so long.
+fn open_data(path: &Path) -> Result<DataDir, DataError> {
+    let begun = Instant::now();
+    loop {
+        match DataDir::open(path) {
+            Err(DataError::InUse { .. }) if begun.elapsed() < IN_USE => thread::sleep(IN_USE_PAUSE),
+            opened => return opened,
+        }
+    }
+}
+
+/// Stops at SIGINT and SIGTERM. The result is to be set to false when the server has stopped.
+fn stop_on_signals(stop: &Stop) -> Arc<AtomicBool> {
+    let running = Arc::new(AtomicBool::new(true));
+    let (requested, still_running) = (stop.clone(), Arc::clone(&running));
+    let on_signal = move || {
+        requested.stop();
+        thread::sleep(STOP_WITHIN);
+        if still_running.load(Ordering::Relaxed) {
+            tracing::error!("the server did not stop in time");
+            std::process::exit(EXIT_NOT_STOPPED);
+        }
+    };
+    // Fails only when a handler is installed already: its owner decides when to stop.
+    if let Err(cause) = ctrlc::set_handler(on_signal) {
+        tracing::warn!("signals do not stop this server: {cause}");
+    }
+    running
+}
+
+/// Starts recording and live viewing; returns where.
+fn observe(
+    server: &mut Server,
+    settings: &ServerSettings,
+) -> Result<Option<SocketAddr>, Box<dyn Error>> {
+    #[cfg(feature = "record")]
+    if let Some(directory) = &settings.record {
+        server.record_scenes(directory.clone());
+    }
+    #[cfg(feature = "foxglove")]
+    if let Some(address) = settings.foxglove {
+        return Ok(Some(server.show_in_foxglove(address)?));
+    }
+    let _ = (server, settings);
+    Ok(None)
+}
+
+/// Serves clients of this machine at a Unix socket.
+#[cfg(unix)]
+fn listen_at(server: &mut Server, path: Option<&Path>) -> Result<(), Box<dyn Error>> {
+    if let Some(path) = path {
+        server.listen_at(path)?;
+    }
+    Ok(())
+}
+
+/// This system has no Unix sockets, and a start that names one was refused.
+#[cfg(not(unix))]
+fn listen_at(_server: &mut Server, _path: Option<&Path>) -> Result<(), Box<dyn Error>> {
+    Ok(())
+}

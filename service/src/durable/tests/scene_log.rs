@@ -1,0 +1,209 @@
+//! The log of a scene whose disk breaks or hangs, and works again.
+//!
+//! The log's own thread writes on a simulated disk. What is restored at the end must equal the recorded run.
+
+use std::sync::Arc;
+
+use rhumb_protocol::scene::SceneConfig;
+use rhumb_protocol::{Instant, Span};
+use rhumb_reckoning::Tick;
+use rhumb_scene::engine::Workers;
+use rhumb_scene::{Batch, CommandLog, Frozen, Journal, Ownership};
+use rhumb_transport::Clock;
+
+use super::{Recorded, files, name};
+use crate::durable::log_tail::LogTail;
+use crate::durable::recovery::ReplayStart;
+use crate::durable::sim_disk::SimDisk;
+use crate::durable::writer::{Origin, SceneLog, WAITING_BYTES_MAX};
+
+fn wait_until(what: &str, is_so: impl Fn() -> bool) {
+    let clock = Clock::start();
+    let end = Instant::ZERO + Span::from_millis(20_000);
+    while !is_so() {
+        assert!(clock.now() < end, "{what}");
+        std::thread::yield_now();
+    }
+}
+
+/// A recorded scene, and its log on a disk of its own.
+struct Logged {
+    recorded: Recorded,
+    disk: SimDisk,
+    log: SceneLog,
+}
+
+impl Logged {
+    fn on(disk: SimDisk) -> Self {
+        let origin = Origin {
+            name: name(),
+            config: SceneConfig::default(),
+            tick: Tick::ZERO,
+            segment: 0,
+            previous: None,
+        };
+        let log = SceneLog::start(files(&disk), origin, Arc::new(|| {}));
+        Self {
+            recorded: Recorded::new(11),
+            disk,
+            log: log.expect("the log has a thread"),
+        }
+    }
+
+    /// On a disk that works; the first batch is durable.
+    fn begun() -> Self {
+        let mut logged = Self::on(SimDisk::default());
+        let first = logged.append();
+        wait_until("durable at first", || logged.log.durable() == first);
+        logged
+    }
+
+    /// Steps, and hands the records over.
+    fn append(&mut self) -> u64 {
+        self.recorded.tick();
+        let journal = self.recorded.scene.journal_mut();
+        let batch = journal.and_then(Journal::take);
+        self.log.append(batch.expect("a step is recorded"))
+    }
+
+    /// Hands a snapshot of the present state over.
+    fn snapshot(&mut self) {
+        let scene = &self.recorded.scene;
+        self.log.snapshot(Frozen {
+            tick: scene.tick(),
+            digest: scene.digest(),
+            sessions: self.recorded.sessions.clone(),
+            ownership: Ownership::default(),
+            scene: scene.freeze().expect("a step was the last change"),
+        });
+    }
+
+    /// Hands a snapshot over, which makes the log whole.
+    fn mend(&mut self) {
+        self.snapshot();
+        wait_until("the log is whole again", || !self.log.is_broken());
+    }
+
+    /// Goes on until everything is durable. Then the log ends, and the machine loses each name that was not
+    /// synchronised: the files have the newest state.
+    fn must_be_restored(mut self) {
+        let last = self.append();
+        wait_until("durable again", || self.log.durable() == last);
+        drop(self.log);
+        self.disk.crash(|n| n - 1);
+        let newest = (ReplayStart::Newest, LogTail::Kept);
+        let restored = files(&self.disk).restore(&Workers::default(), newest, &mut || {});
+        let restored = restored.expect("the files are whole");
+        let restored = restored.expect("the scene is durable");
+        let checked = self.recorded.check(&restored);
+        checked.expect("the scene is as it was recorded");
+        assert_eq!(restored.scene.tick(), self.recorded.scene.tick());
+    }
+}
+
+/// A log whose disk breaks and works again: nothing is acknowledged until a snapshot has made it whole.
+fn a_disk_breaks(breaks: impl Fn(&SimDisk), works: impl Fn(&SimDisk)) {
+    let mut logged = Logged::begun();
+    let first = logged.log.durable();
+    breaks(&logged.disk);
+    logged.append();
+    wait_until("the log breaks", || logged.log.is_broken());
+    logged.append();
+    assert_eq!(logged.log.durable(), first);
+    works(&logged.disk);
+    logged.mend();
+    logged.must_be_restored();
+}
+
+#[test]
+fn a_full_disk_ends_the_acknowledgements_until_a_snapshot_finds_room() {
+    a_disk_breaks(|disk| disk.set_room(Some(10)), |disk| disk.set_room(None));
+}
+
+#[test]
+fn a_file_whose_synchronisation_failed_is_not_trusted_again() {
+    a_disk_breaks(
+        |disk| disk.set_failing(true),
+        |disk| disk.set_failing(false),
+    );
+}
+
+#[test]
+fn a_snapshot_of_a_state_that_the_scene_has_left_does_not_make_the_log_whole() {
+    let mut logged = Logged::begun();
+    let held = logged.disk.hold_syncs();
+    let written = logged.append();
+    wait_until("the disk hangs", || held.has_one());
+    logged.snapshot();
+    logged.log.give_up();
+    logged.append();
+    drop(held);
+    wait_until("the snapshot is done with", || logged.log.may_snapshot());
+    assert!(logged.log.is_broken());
+    logged.append();
+    assert_eq!(logged.log.durable(), written);
+    logged.mend();
+    logged.must_be_restored();
+}
+
+/// Hands over 100 MiB that the disk does not take.
+fn overload(log: &mut SceneLog) {
+    let batch = || Batch {
+        tick: Tick::ZERO,
+        records: vec![0; 1 << 20],
+    };
+    let most = WAITING_BYTES_MAX + batch().memory_bytes();
+    for _ in 0..100 {
+        log.append(batch());
+        assert!(log.waiting_bytes() <= most);
+    }
+    assert!(log.is_broken());
+}
+
+#[test]
+fn what_waits_for_a_disk_that_hangs_is_bounded() {
+    let mut logged = Logged::begun();
+    let held = logged.disk.hold_syncs();
+    logged.append();
+    wait_until("the disk hangs", || held.has_one());
+    overload(&mut logged.log);
+    logged.snapshot();
+    overload(&mut logged.log);
+    drop(held);
+    wait_until("nothing waits", || logged.log.waiting_bytes() == 0);
+    wait_until("the snapshot is done with", || logged.log.may_snapshot());
+    assert!(logged.log.is_broken());
+    logged.mend();
+    logged.must_be_restored();
+}
+
+#[test]
+fn batches_behind_the_snapshot_that_makes_the_log_whole_are_kept() {
+    let mut logged = Logged::begun();
+    logged.log.give_up();
+    logged.append();
+    let held = logged.disk.hold_syncs();
+    logged.snapshot();
+    wait_until("the disk hangs", || held.has_one());
+    logged.append();
+    logged.append();
+    drop(held);
+    logged.must_be_restored();
+}
+
+#[test]
+fn the_directory_of_a_new_scene_is_durable_with_its_log() {
+    Logged::begun().must_be_restored();
+}
+
+#[test]
+fn a_scene_whose_directory_could_not_be_made_is_durable_after_a_snapshot() {
+    let disk = SimDisk::default();
+    disk.set_refusing_directories(true);
+    let mut logged = Logged::on(disk);
+    wait_until("the log breaks", || logged.log.is_broken());
+    logged.append();
+    logged.disk.set_refusing_directories(false);
+    logged.mend();
+    logged.must_be_restored();
+}

@@ -1,0 +1,272 @@
+//! The flight recorder of a scene, and those of all scenes by name.
+//!
+//! A scene locks its own ring for one entry at a time, and not while it steps: the front can copy the ring of a scene
+//! that is stuck.
+
+use std::collections::BTreeMap;
+use std::sync::mpsc::SyncSender;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use bytes::Bytes;
+use rhumb_protocol::scene::{Command, CommandError, SceneName};
+use rhumb_protocol::wire::Wire;
+use rhumb_protocol::wire::bytes::Writer;
+use rhumb_protocol::{Instant, Peer};
+use rhumb_reckoning::Tick;
+use rhumb_scene::{Digest, TickFigures};
+
+use super::cause::FlightCause;
+use super::entry::{COMMAND_BYTES_KEPT, FlightEntry, HEAD_BYTES_KEPT};
+use super::job::FlightJob;
+use super::ring::FlightRing;
+
+/// The flight recorders of all scenes; all clones are one. The default records nothing.
+#[derive(Clone, Default)]
+pub(crate) struct FlightRecorders(Option<Arc<Recorders>>);
+
+struct Recorders {
+    rings: Mutex<BTreeMap<SceneName, SharedRing>>,
+    out: FlightOutlet,
+    /// Bytes of each ring.
+    bytes_max: usize,
+}
+
+/// Where entries go that are to be kept or written.
+enum FlightOutlet {
+    /// To the thread that writes files.
+    Writer(SyncSender<FlightJob>),
+    /// To the front: a process that ends takes its memory along.
+    Front(ForwardFlight),
+}
+
+/// Hands something to the front of a worker process.
+pub(crate) type ForwardFlight = Arc<dyn Fn(&SceneName, ForwardedFlight) + Send + Sync>;
+
+/// Entries that a worker process hands to its front.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum ForwardedFlight {
+    /// New entries.
+    Entries(Vec<u8>),
+    /// The recorder is to be written.
+    Write(FlightCause),
+}
+
+type SharedRing = Arc<Mutex<FlightRing>>;
+
+/// The flight recorder of one scene; dropping it ends it. In a thread that panics, it is written first.
+pub(crate) struct FlightRecorder {
+    name: SceneName,
+    ring: Option<SharedRing>,
+    recorders: FlightRecorders,
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    // An entry is added whole or not at all.
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl FlightRecorders {
+    /// Recorders of so many bytes each, which hand what is to be written to a thread.
+    pub(super) fn new(jobs: SyncSender<FlightJob>, bytes_max: usize) -> Self {
+        Self::with(FlightOutlet::Writer(jobs), bytes_max)
+    }
+
+    /// Recorders of a worker process, whose entries the front keeps. So many bytes wait for that, at most.
+    pub(crate) fn forwarding(forward: ForwardFlight, bytes_max: usize) -> Self {
+        Self::with(FlightOutlet::Front(forward), bytes_max)
+    }
+
+    fn with(out: FlightOutlet, bytes_max: usize) -> Self {
+        let rings = Mutex::default();
+        Self(Some(Arc::new(Recorders {
+            rings,
+            out,
+            bytes_max,
+        })))
+    }
+
+    /// True if anything is recorded.
+    pub(crate) const fn is_on(&self) -> bool {
+        self.0.is_some()
+    }
+
+    /// Hands the entries of all scenes to the front.
+    pub(crate) fn forward_all(&self) {
+        let Some(recorders) = &self.0 else {
+            return;
+        };
+        let rings = lock(&recorders.rings).clone();
+        for (name, ring) in &rings {
+            self.forward(name, ring);
+        }
+    }
+
+    /// Hands the entries of a scene to the front, if they go there.
+    fn forward(&self, name: &SceneName, ring: &SharedRing) {
+        if let Some(recorders) = &self.0
+            && let FlightOutlet::Front(forward) = &recorders.out
+        {
+            let entries = lock(ring).take();
+            if !entries.is_empty() {
+                forward(name, ForwardedFlight::Entries(entries));
+            }
+        }
+    }
+
+    /// The recorder of a new scene.
+    pub(crate) fn begin(&self, name: &SceneName) -> FlightRecorder {
+        let ring = self.0.as_ref().map(|recorders| {
+            let ring = Arc::new(Mutex::new(FlightRing::new(recorders.bytes_max)));
+            lock(&recorders.rings).insert(name.clone(), Arc::clone(&ring));
+            ring
+        });
+        FlightRecorder {
+            name: name.clone(),
+            ring,
+            recorders: self.clone(),
+        }
+    }
+
+    /// Writes the recorders of some scenes, whatever their threads do.
+    pub(crate) fn write_where(&self, is_wanted: impl Fn(&SceneName) -> bool, cause: FlightCause) {
+        let Some(recorders) = &self.0 else {
+            return;
+        };
+        let rings = lock(&recorders.rings).clone();
+        for (name, ring) in rings.iter().filter(|(name, _)| is_wanted(name)) {
+            self.write(name, ring, cause);
+        }
+    }
+
+    fn write(&self, scene: &SceneName, ring: &SharedRing, cause: FlightCause) {
+        let Some(recorders) = &self.0 else {
+            return;
+        };
+        let jobs = match &recorders.out {
+            FlightOutlet::Writer(jobs) => jobs,
+            FlightOutlet::Front(forward) => {
+                self.forward(scene, ring);
+                return forward(scene, ForwardedFlight::Write(cause));
+            }
+        };
+        let (entries, dropped) = lock(ring).copy();
+        let job = FlightJob::Write {
+            scene: scene.clone(),
+            cause,
+            dropped,
+            entries,
+        };
+        if jobs.try_send(job).is_err() {
+            tracing::warn!(%scene, %cause, "a flight recorder is not written: too many wait for the disk");
+        }
+    }
+}
+
+impl FlightRecorder {
+    fn push(&self, entry: &FlightEntry<'_>) {
+        if let Some(ring) = &self.ring {
+            lock(ring).push(entry);
+        }
+    }
+
+    pub(crate) fn joined(&self, peer: Peer, client: Option<&str>) {
+        self.push(&FlightEntry::Joined {
+            peer: peer.0,
+            client,
+        });
+    }
+
+    pub(crate) fn left(&self, peer: Peer) {
+        self.push(&FlightEntry::Left { peer: peer.0 });
+    }
+
+    /// A command is about to be checked and applied.
+    pub(crate) fn command(&self, peer: Peer, number: u64, command: &Command) {
+        if self.ring.is_none() {
+            return;
+        }
+        let mut bytes = Writer::new();
+        command.encode(&mut bytes);
+        let bytes = bytes.into_bytes();
+        self.push(&FlightEntry::Command {
+            peer: peer.0,
+            number,
+            length: u32::try_from(bytes.len()).unwrap_or(u32::MAX),
+            bytes: &bytes[..bytes.len().min(COMMAND_BYTES_KEPT)],
+        });
+    }
+
+    /// The last command was refused.
+    pub(crate) fn refused(&self, error: &CommandError) {
+        if self.ring.is_some() {
+            let error = error.to_string();
+            self.push(&FlightEntry::Refused { error: &error });
+        }
+    }
+
+    pub(crate) fn step_began(&self, at: Instant, tick: Tick) {
+        let (at_ns, tick) = (at.as_nanos(), tick.value());
+        self.push(&FlightEntry::StepBegan { at_ns, tick });
+        // The front keeps the entries of a process before a step that ends it.
+        if let Some(ring) = &self.ring {
+            self.recorders.forward(&self.name, ring);
+        }
+    }
+
+    /// Adds the entries of a scene in another process.
+    pub(crate) fn append(&self, entries: &[u8]) {
+        if let Some(ring) = &self.ring {
+            lock(ring).append(entries);
+        }
+    }
+
+    pub(crate) fn stepped(&self, figures: &TickFigures, digest: Digest) {
+        let count = |count: usize| u32::try_from(count).unwrap_or(u32::MAX);
+        self.push(&FlightEntry::Stepped {
+            tick: figures.tick.value(),
+            step_ns: figures.step.as_nanos(),
+            publish_ns: figures.publish.as_nanos(),
+            members: count(figures.members),
+            bodies: count(figures.bodies),
+            awake: count(figures.awake),
+            digest: digest.value(),
+        });
+    }
+
+    /// The packets of a tick.
+    pub(crate) fn packets<'a>(&self, packets: impl Iterator<Item = &'a Bytes>) {
+        let Some(ring) = &self.ring else {
+            return;
+        };
+        let mut ring = lock(ring);
+        for packet in packets {
+            ring.push(&FlightEntry::Packet {
+                length: u32::try_from(packet.len()).unwrap_or(u32::MAX),
+                head: &packet[..packet.len().min(HEAD_BYTES_KEPT)],
+            });
+        }
+    }
+
+    /// Requests that the recorder be written.
+    pub(crate) fn write(&self, cause: FlightCause) {
+        if let Some(ring) = &self.ring {
+            self.recorders.write(&self.name, ring, cause);
+        }
+    }
+}
+
+impl Drop for FlightRecorder {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            self.write(FlightCause::ThreadPanicked);
+        }
+        let (Some(recorders), Some(ring)) = (&self.recorders.0, &self.ring) else {
+            return;
+        };
+        let mut rings = lock(&recorders.rings);
+        // A parked scene ends late: another one may have its name by then.
+        if (rings.get(&self.name)).is_some_and(|now| Arc::ptr_eq(now, ring)) {
+            rings.remove(&self.name);
+        }
+    }
+}

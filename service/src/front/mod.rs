@@ -1,0 +1,534 @@
+//! The front: connections on one side, scene workers on the other.
+//!
+//! Reads a connection's first message, which names its scene, and carries everything else between the connection and
+//! the worker of that scene. It steps no scene, so that no scene delays it. On one thread, as in the simulated network,
+//! workers run inside its calls, in the order of their numbers. Invariants: it never waits for a worker; a worker's
+//! transmission reaches only connections of that worker; what waits for a worker is bounded for each connection.
+
+#[cfg(feature = "app")]
+mod adapter;
+mod expiry;
+mod greeting;
+mod message;
+mod parked;
+mod priority;
+#[cfg(target_os = "linux")]
+mod process;
+#[cfg(not(target_os = "linux"))]
+#[path = "no_process.rs"]
+mod process;
+mod process_over;
+mod settings;
+mod start;
+mod stored;
+mod threads;
+mod watchdog;
+mod worker;
+
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+
+use bytes::Bytes;
+use rhumb_protocol::packet::LargestPacket;
+use rhumb_protocol::scene::SceneName;
+use rhumb_protocol::session::CloseCode;
+use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake, WakeReason};
+use rhumb_scene::engine::{EngineKind, Workers};
+use rhumb_scene::{Hooks, Limits, ProvidedScenes, Pulse, UpstreamStatistics};
+
+#[cfg(feature = "app")]
+pub(crate) use self::adapter::{Adapter, AdapterQueue};
+use self::expiry::Expiry;
+use self::greeting::{Greeted, Greeting};
+use self::message::{
+    FromWorker, ProcessId, ToProcess, WorkerId, WorkerInput, WorkerOutput, WorkerReport,
+};
+use self::parked::{Parked, Scope};
+use self::process::Processes;
+pub(crate) use self::process::{ProcessOptions, run_worker};
+use self::settings::WorkerSettings;
+use self::threads::{SharedClock, Threads};
+use self::worker::{HereWorker, ThreadWorker};
+use crate::access::Gate;
+use crate::metrics::Metrics;
+
+/// Connections, and the workers of their scenes.
+pub struct Front {
+    connections: BTreeMap<Peer, Connection>,
+    /// Connections that must say hello by then.
+    greeting_until: BTreeSet<(Instant, Peer)>,
+    gate: Gate,
+    /// Shows that the front makes progress.
+    pulse: Pulse,
+    expiry: Expiry,
+    workers: BTreeMap<WorkerId, Worker>,
+    by_scope: BTreeMap<Scope, WorkerId>,
+    next_worker: u32,
+    /// Workers on this thread that may have output.
+    fresh: BTreeSet<WorkerId>,
+    out: VecDeque<Transmit>,
+    threads: Option<Threads>,
+    /// The worker processes, if scenes have them.
+    processes: Option<Processes>,
+    watchdog: Parked,
+    settings: WorkerSettings,
+}
+
+struct Worker {
+    scope: Scope,
+    place: Place,
+    connections: usize,
+    /// Inputs sent to it, and those that it has taken.
+    sent: u64,
+    taken: u64,
+    scenes: usize,
+}
+
+/// The thread or process in which a worker runs.
+enum Place {
+    Here(Box<HereWorker>),
+    Thread(ThreadWorker),
+    Process(ProcessId),
+}
+
+enum Connection {
+    Greeting(Greeting),
+    /// Its control bytes that the worker has not handled.
+    Bound(WorkerId, usize),
+    /// Closed by the front: only its end is still awaited.
+    Closed,
+}
+
+/// Control bytes of a connection that a worker may have unhandled; beyond them the driver holds them back.
+const UNHANDLED_BYTES_MAX: usize = 128 << 10;
+/// Inputs that a worker may have unhandled before datagrams and link reports to it are dropped.
+const INPUTS_WAITING_MAX: u64 = 8_192;
+/// The first characters of the names of an adapter's scenes.
+const ADAPTER_SCENES: &str = "app/";
+
+impl Front {
+    /// A front whose workers run on the calling thread. `stopwatch` measures the stages of ticks.
+    pub fn on_one_thread(stopwatch: impl Fn() -> Instant + Send + Sync + 'static) -> Self {
+        Self {
+            connections: BTreeMap::new(),
+            greeting_until: BTreeSet::new(),
+            gate: Gate::Open,
+            pulse: Pulse::default(),
+            expiry: Expiry::default(),
+            workers: BTreeMap::new(),
+            by_scope: BTreeMap::new(),
+            next_worker: 0,
+            fresh: BTreeSet::new(),
+            out: VecDeque::new(),
+            threads: None,
+            processes: None,
+            watchdog: Parked::default(),
+            settings: WorkerSettings::new(stopwatch),
+        }
+    }
+
+    /// A front with a thread for each scene. `clock` tells the threads the time; `wake` is called when one of them has
+    /// output, and must have the driver drain the front.
+    pub fn on_threads(
+        clock: impl Fn() -> Instant + Send + Sync + 'static,
+        wake: impl Fn() + Send + Sync + 'static,
+    ) -> Self {
+        let mut front = Self::on_one_thread(clock);
+        let clock = SharedClock::clone(&front.settings.stopwatch);
+        front.threads = Some(Threads::new(clock, wake));
+        front
+    }
+
+    /// Runs later scenes in worker processes, except those of an adapter.
+    pub(crate) fn use_processes(&mut self, options: ProcessOptions) {
+        self.processes = Some(Processes::new(options));
+    }
+
+    /// Decides which later connections are admitted.
+    pub(crate) fn guard(&mut self, gate: Gate) {
+        self.gate = gate;
+    }
+
+    /// Counts figures of later connections and scenes.
+    pub(crate) fn count(&mut self, metrics: Metrics) {
+        let clock = SharedClock::clone(&self.settings.stopwatch);
+        self.pulse = Pulse::new(move || clock());
+        metrics.watch(
+            self.pulse.clone(),
+            self.settings.load.clone(),
+            &self.settings.limits,
+        );
+        self.settings.recorders.metrics = metrics;
+    }
+
+    /// Sets the hooks of later scenes.
+    pub fn attach(&mut self, hooks: Hooks) {
+        self.settings.hooks = Some(hooks);
+    }
+
+    /// Provides scenes that clients name.
+    pub fn provide(&mut self, scenes: ProvidedScenes) {
+        self.settings.provided = Some(scenes);
+    }
+
+    /// Sets the engine of later scenes.
+    pub const fn build_with(&mut self, engine: EngineKind) {
+        self.settings.engine = engine;
+    }
+
+    /// Sets the threads that divide a step and the streams of later scenes.
+    pub fn employ(&mut self, engine_threads: Workers) {
+        self.settings.engine_threads = engine_threads;
+    }
+
+    /// Bounds the packets of later scenes' streams.
+    pub const fn set_largest_packet(&mut self, largest_packet: LargestPacket) {
+        self.settings.largest_packet = largest_packet;
+    }
+
+    /// Sets the limits of later connections and scenes. Without this, they are the defaults, and no scene expires.
+    pub const fn set_limits(&mut self, limits: Limits) {
+        self.settings.limits = limits;
+    }
+
+    /// Statistics of all bodies of a scene under a member's authority, if its worker runs on this thread.
+    pub fn upstreams(&self, scene: &SceneName) -> impl Iterator<Item = UpstreamStatistics> {
+        let id = self.by_scope.get(&self.scope_of(scene));
+        let worker = id.and_then(|id| self.workers.get(id)).into_iter();
+        let here = worker.filter_map(|worker| match &worker.place {
+            Place::Here(here) => Some(here),
+            Place::Thread(_) | Place::Process(_) => None,
+        });
+        here.flat_map(|here| here.server_loop().upstreams(scene))
+    }
+
+    /// The scenes of the worker that has this one.
+    fn scope_of(&self, scene: &SceneName) -> Scope {
+        let is_adapter = scene.as_str().starts_with(ADAPTER_SCENES);
+        if is_adapter && self.by_scope.contains_key(&Scope::Adapter) {
+            Scope::Adapter
+        } else {
+            Scope::Scene(scene.clone())
+        }
+    }
+
+    /// Gives an input to a worker.
+    fn route(&mut self, now: Instant, id: WorkerId, input: WorkerInput) {
+        let Some(worker) = self.workers.get_mut(&id) else {
+            return;
+        };
+        worker.sent += 1;
+        match &mut worker.place {
+            Place::Here(here) => {
+                here.handle(now, input);
+                self.fresh.insert(id);
+            }
+            Place::Thread(thread) => thread.send(input),
+            Place::Process(process) => {
+                if let Some(processes) = &mut self.processes {
+                    processes.send(*process, &ToProcess::Input(id, input));
+                }
+            }
+        }
+    }
+
+    /// The worker of a connection.
+    fn bound(&self, peer: Peer) -> Option<WorkerId> {
+        match self.connections.get(&peer)? {
+            Connection::Bound(id, _) => Some(*id),
+            Connection::Greeting(_) | Connection::Closed => None,
+        }
+    }
+
+    /// The worker of a connection, unless so much waits for it that what may be lost is dropped.
+    fn bound_and_quick(&self, peer: Peer) -> Option<WorkerId> {
+        let id = self.bound(peer)?;
+        let worker = self.workers.get(&id)?;
+        (worker.sent - worker.taken < INPUTS_WAITING_MAX).then_some(id)
+    }
+
+    fn greet(&mut self, now: Instant, peer: Peer, bytes: &[u8]) {
+        let Some(Connection::Greeting(greeting)) = self.connections.get_mut(&peer) else {
+            return;
+        };
+        let (scene, token, received) = match greeting.handle_control(bytes) {
+            Greeted::NotYet => return,
+            Greeted::Broken(code) => return self.close(peer, code),
+            Greeted::Names(scene, token, received) => (scene, token, received),
+        };
+        self.greeting_until.remove(&(greeting.until, peer));
+        let paced = greeting.paced;
+        let admission = match self.gate.admit(token.as_deref(), &scene) {
+            Ok(admission) => admission,
+            Err(cause) => {
+                let code = cause.code();
+                tracing::info!(peer = peer.0, %scene, %code, %cause, "a client is not admitted");
+                return self.close(peer, code);
+            }
+        };
+        let id = match self.worker_of(self.scope_of(&scene)) {
+            Ok(id) => id,
+            Err(code) => return self.close(peer, code),
+        };
+        if let Some(worker) = self.workers.get_mut(&id) {
+            worker.connections += 1;
+        }
+        let bound = Connection::Bound(id, received.len());
+        self.connections.insert(peer, bound);
+        if let Some(valid_for) = admission.valid_for {
+            self.expiry.set(peer, now + valid_for);
+        }
+        self.route(now, id, WorkerInput::Opened(peer, admission.permit));
+        if paced {
+            self.route(now, id, WorkerInput::ControlTaken(peer, 0));
+        }
+        self.route(now, id, WorkerInput::Control(peer, received));
+    }
+
+    /// Closes a connection of the front.
+    fn close(&mut self, peer: Peer, code: CloseCode) {
+        if let Some(Connection::Greeting(greeting)) =
+            self.connections.insert(peer, Connection::Closed)
+        {
+            self.greeting_until.remove(&(greeting.until, peer));
+        }
+        tracing::debug!(peer = peer.0, %code, "closing a connection");
+        let code = code.0;
+        self.settings.recorders.metrics.count_closed(code);
+        self.out.push_back(Transmit::Close { to: peer, code });
+    }
+
+    /// Closes a connection of a worker, which learns of it.
+    fn expire(&mut self, now: Instant, peer: Peer) {
+        let code = CloseCode::TOKEN_EXPIRED;
+        self.end_binding(now, peer, Ending::Closed(code.0));
+        self.close(peer, code);
+    }
+
+    /// Tells the worker of a connection that it has ended.
+    fn end_binding(&mut self, now: Instant, peer: Peer, ending: Ending) {
+        self.expiry.forget(peer);
+        if let Some(id) = self.bound(peer) {
+            self.route(now, id, WorkerInput::Ended(peer, ending));
+            if let Some(worker) = self.workers.get_mut(&id) {
+                worker.connections -= 1;
+            }
+        }
+    }
+
+    /// Takes the outputs of all workers; returns whether there were any.
+    fn collect(&mut self) -> bool {
+        let mut any = false;
+        while let Some(id) = self.fresh.pop_first() {
+            if let Some(worker) = self.workers.get_mut(&id)
+                && let Place::Here(here) = &mut worker.place
+            {
+                let output = here.output();
+                any |= !output.transmits.is_empty();
+                self.absorb(id, output);
+            }
+        }
+        while let Some(report) = self.next_report() {
+            any = true;
+            match report {
+                WorkerReport::Worker(id, message) => self.take_message(id, message),
+                WorkerReport::Process(id, message) => self.take_process_message(id, message),
+                WorkerReport::ProcessOver(id, status) => self.note_process_over(id, &status),
+            }
+        }
+        if let Some(processes) = &mut self.processes {
+            processes.flush();
+        }
+        any
+    }
+
+    fn next_report(&self) -> Option<WorkerReport> {
+        self.threads.as_ref()?.received.try_recv().ok()
+    }
+
+    fn take_message(&mut self, id: WorkerId, message: FromWorker) {
+        match message {
+            FromWorker::Output(output) => self.absorb(id, output),
+            FromWorker::Over => self.note_over(id),
+        }
+    }
+
+    fn absorb(&mut self, id: WorkerId, output: WorkerOutput) {
+        // A parked worker's late output concerns no connection.
+        let Some(worker) = self.workers.get_mut(&id) else {
+            return;
+        };
+        worker.taken = output.inputs;
+        worker.scenes = output.scenes;
+        for transmit in output.transmits {
+            let (Transmit::Control { to, .. }
+            | Transmit::State { to, .. }
+            | Transmit::Close { to, .. }) = &transmit;
+            if self.bound(*to) == Some(id) {
+                if let Transmit::Close { code, .. } = &transmit {
+                    self.settings.recorders.metrics.count_closed(*code);
+                }
+                self.out.push_back(transmit);
+            }
+        }
+        for (peer, bytes) in output.handled {
+            if let Some(Connection::Bound(_, unhandled)) = self.connections.get_mut(&peer) {
+                *unhandled = unhandled.saturating_sub(bytes);
+            }
+        }
+        self.retire_if_idle(id);
+    }
+
+    /// Ends a worker that has neither a connection nor a scene.
+    fn retire_if_idle(&mut self, id: WorkerId) {
+        let is_idle = |worker: &Worker| {
+            worker.scope != Scope::Adapter
+                && worker.connections == 0
+                && worker.scenes == 0
+                && worker.sent == worker.taken
+        };
+        if self.workers.get(&id).is_some_and(is_idle) {
+            self.drop_worker(id);
+        }
+    }
+
+    /// Forgets a worker; its thread ends as soon as it can.
+    fn drop_worker(&mut self, id: WorkerId) {
+        if let Some(worker) = self.workers.remove(&id) {
+            self.by_scope.remove(&worker.scope);
+            if let (Place::Process(process), Some(processes)) = (worker.place, &mut self.processes)
+            {
+                processes.send(process, &ToProcess::Input(id, WorkerInput::End));
+            }
+        }
+        self.fresh.remove(&id);
+    }
+
+    /// Closes all connections of a worker.
+    fn close_connections_of(&mut self, id: WorkerId, code: CloseCode) {
+        let bound = self.connections.iter();
+        let bound = bound
+            .filter(|(_, connection)| matches!(connection, Connection::Bound(of, _) if *of == id));
+        let peers: Vec<Peer> = bound.map(|(peer, _)| *peer).collect();
+        for peer in peers {
+            self.close(peer, code);
+        }
+    }
+}
+
+impl Endpoint for Front {
+    fn handle_opened(&mut self, now: Instant, peer: Peer) {
+        let until = now + self.settings.limits.hello();
+        self.greeting_until.insert((until, peer));
+        let greeting = Connection::Greeting(Greeting::new(until));
+        self.connections.insert(peer, greeting);
+        self.settings.recorders.metrics.count_opened();
+        (self.settings.recorders.metrics).set_connections(self.connections.len());
+    }
+
+    fn handle_control(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
+        self.pulse.beat();
+        match self.connections.get_mut(&from) {
+            Some(Connection::Greeting(_)) => self.greet(now, from, bytes),
+            Some(Connection::Bound(id, unhandled)) => {
+                *unhandled += bytes.len();
+                let (id, bytes) = (*id, Bytes::copy_from_slice(bytes));
+                self.route(now, id, WorkerInput::Control(from, bytes));
+            }
+            Some(Connection::Closed) | None => {}
+        }
+    }
+
+    fn handle_control_taken(&mut self, now: Instant, peer: Peer, bytes: usize) {
+        match self.connections.get_mut(&peer) {
+            Some(Connection::Greeting(greeting)) => greeting.paced = true,
+            Some(Connection::Bound(id, _)) => {
+                let id = *id;
+                self.route(now, id, WorkerInput::ControlTaken(peer, bytes));
+            }
+            Some(Connection::Closed) | None => {}
+        }
+    }
+
+    fn wants_control(&self, from: Peer) -> bool {
+        match self.connections.get(&from) {
+            Some(Connection::Bound(_, unhandled)) => *unhandled < UNHANDLED_BYTES_MAX,
+            _ => true,
+        }
+    }
+
+    fn handle_datagram(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
+        if let Some(id) = self.bound_and_quick(from) {
+            let bytes = Bytes::copy_from_slice(bytes);
+            self.route(now, id, WorkerInput::Datagram(from, bytes));
+        }
+    }
+
+    fn handle_link(&mut self, now: Instant, peer: Peer, report: &LinkReport) {
+        if let Some(id) = self.bound_and_quick(peer) {
+            self.route(now, id, WorkerInput::Link(peer, *report));
+        }
+    }
+
+    fn handle_ended(&mut self, now: Instant, peer: Peer, ending: Ending) {
+        self.end_binding(now, peer, ending);
+        if let Some(Connection::Greeting(greeting)) = self.connections.remove(&peer) {
+            self.greeting_until.remove(&(greeting.until, peer));
+        }
+        (self.settings.recorders.metrics).set_connections(self.connections.len());
+    }
+
+    fn handle_timeout(&mut self, now: Instant) {
+        self.pulse.beat();
+        while let Some((until, peer)) = self.greeting_until.first().copied()
+            && until <= now
+        {
+            self.close(peer, CloseCode::HELLO_LATE);
+        }
+        while let Some(peer) = self.expiry.pop(now) {
+            self.expire(now, peer);
+        }
+        for (id, worker) in &mut self.workers {
+            if let Place::Here(here) = &mut worker.place
+                && here
+                    .server_loop()
+                    .poll_timeout()
+                    .is_some_and(|wake| wake.at <= now)
+            {
+                here.handle_timeout(now);
+                self.fresh.insert(*id);
+            }
+        }
+        self.watch(now);
+    }
+
+    fn poll_transmit(&mut self) -> Option<Transmit> {
+        if self.out.is_empty() {
+            self.collect();
+        }
+        self.out.pop_front()
+    }
+
+    fn poll_timeout(&self) -> Option<Wake> {
+        // The driver waits next.
+        self.pulse.rest();
+        let deadline = |at| Wake {
+            at,
+            reason: WakeReason::Deadline,
+        };
+        let greeting = self
+            .greeting_until
+            .first()
+            .map(|(until, _)| deadline(*until));
+        let expiry = self.expiry.next().map(deadline);
+        let watch = self.next_watch().map(deadline);
+        let here = self
+            .workers
+            .values()
+            .filter_map(|worker| match &worker.place {
+                Place::Here(here) => here.server_loop().poll_timeout(),
+                Place::Thread(_) | Place::Process(_) => None,
+            });
+        let front = [greeting, expiry, watch].into_iter().flatten();
+        here.chain(front).min_by_key(|wake| wake.at)
+    }
+}

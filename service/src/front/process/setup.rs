@@ -1,0 +1,32 @@
+//! The settings that the front gives to a worker process in its first frame.
+
+use std::num::NonZeroU32;
+use std::path::PathBuf;
+
+use rhumb_scene::Limits;
+use rhumb_scene::engine::EngineKind;
+
+use serde::{Deserialize, Serialize};
+
+/// The settings of a worker process.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) struct WorkerSetup {
+    /// The process id of the front.
+    pub(super) front: u32,
+    /// The front's clock at the start of the process, nanoseconds.
+    pub(super) now_ns: u64,
+    pub(super) limits: Limits,
+    /// Bytes of the largest packet of a stream.
+    pub(super) largest_packet: u32,
+    pub(super) engine: EngineKind,
+    /// Threads that step and publish.
+    pub(super) threads: NonZeroU32,
+    /// The data directory, whose lock the process has inherited.
+    pub(super) data: Option<PathBuf>,
+    /// The log level, as text.
+    pub(super) log: String,
+    /// True if the front keeps flight recorders.
+    pub(super) records_flights: bool,
+    /// The directory for recordings of its scenes.
+    pub(super) record: Option<PathBuf>,
+}

@@ -1,0 +1,149 @@
+//! Workers that do not answer: found, and parked.
+//!
+//! A thread cannot be killed. A parked one is left to itself with the lowest priority; its clients are
+//! closed, its scenes are lost, and their names are free again when it ends by itself. Invariant: at most
+//! `parked_scenes` threads are parked before new scenes are refused.
+
+use std::time::Duration;
+
+use rhumb_protocol::scene::SceneName;
+use rhumb_protocol::session::CloseCode;
+use rhumb_protocol::{Instant, Span};
+use rhumb_scene::Pulse;
+
+use super::message::{FromWorker, WorkerId, WorkerReport};
+use super::parked::Scope;
+use super::{ADAPTER_SCENES, Front, Place, priority};
+use crate::flight::{FlightCause, FlightRecorders};
+#[cfg(feature = "record")]
+use crate::recording::SceneTaps;
+
+/// Time between two looks at the workers.
+const INTERVAL: Span = Span::from_millis(250);
+/// Looks without a sign of life beyond the time that a thread has: a process may be late with its own.
+const LOOKS_MORE: u64 = 2;
+/// Time that threads have to end when the front ends.
+const END: Duration = Duration::from_millis(500);
+/// Time that processes have, whose threads have as long.
+const END_OF_PROCESSES: Duration = Duration::from_millis(800);
+/// Time after which processes that did not end by themselves are killed and gone.
+const KILLED: Duration = Duration::from_millis(1_200);
+
+impl Front {
+    /// Records the last moments of later scenes.
+    pub(crate) fn record_flights(&mut self, flights: FlightRecorders) {
+        self.settings.recorders.flights = flights;
+    }
+
+    /// Hands the states of later scenes to their readers.
+    #[cfg(feature = "record")]
+    pub(crate) fn tap(&mut self, taps: SceneTaps) {
+        self.settings.recorders.taps = taps;
+    }
+
+    /// The time of the next check of the workers; never if none has a thread.
+    pub(super) fn next_watch(&self) -> Option<Instant> {
+        let processes = self.processes.as_ref();
+        let has_process = processes.is_some_and(|processes| !processes.is_empty());
+        let watches = self.threads.is_some() && (!self.workers.is_empty() || has_process);
+        watches.then_some(self.watchdog.next)
+    }
+
+    /// Parks the workers that have not answered for too long.
+    pub(super) fn watch(&mut self, now: Instant) {
+        if now < self.watchdog.next {
+            return;
+        }
+        self.watchdog.next = now + INTERVAL;
+        let stuck_for = self.settings.limits.stuck();
+        if let Some(processes) = &mut self.processes {
+            let looks = stuck_for.as_nanos() / INTERVAL.as_nanos() + LOOKS_MORE;
+            processes.look(u32::try_from(looks).unwrap_or(u32::MAX));
+        }
+        let is_stuck = |pulse: &Pulse| pulse.busy_for() > stuck_for;
+        let stuck = self
+            .workers
+            .iter()
+            .filter(|(_, worker)| match &worker.place {
+                Place::Thread(thread) => is_stuck(&thread.pulse),
+                // A process watches its threads itself.
+                Place::Here(_) | Place::Process(_) => false,
+            });
+        let stuck: Vec<WorkerId> = stuck.map(|(id, _)| *id).collect();
+        for id in stuck {
+            self.park(id);
+        }
+    }
+
+    fn park(&mut self, id: WorkerId) {
+        self.close_connections_of(id, CloseCode::SCENE_PARKED);
+        let Some(worker) = self.workers.remove(&id) else {
+            return;
+        };
+        let is_parked = |name: &SceneName| match &worker.scope {
+            Scope::Scene(scene) => name == scene,
+            Scope::Adapter => name.as_str().starts_with(ADAPTER_SCENES),
+        };
+        (self.settings.recorders.flights).write_where(is_parked, FlightCause::Parked);
+        if let Place::Thread(thread) = &worker.place {
+            priority::lower(&thread.thread_id);
+        }
+        self.watchdog.parked.insert(id, worker.scope.clone());
+        let parked = self.watchdog.parked.len();
+        self.settings.recorders.metrics.set_parked(parked);
+        tracing::error!(scope = ?worker.scope, worker = id.0, parked, "a scene does not answer and is parked");
+    }
+
+    /// The thread of a worker has ended: by itself if it is no worker any more, else by a panic.
+    pub(super) fn note_over(&mut self, id: WorkerId) {
+        if let Some(scope) = self.watchdog.parked.remove(&id) {
+            tracing::warn!(?scope, worker = id.0, "a parked thread has ended");
+            self.by_scope.remove(&scope);
+            (self.settings.recorders.metrics).set_parked(self.watchdog.parked.len());
+        }
+        if self.workers.contains_key(&id) {
+            self.close_connections_of(id, CloseCode::SCENE_PARKED);
+            self.drop_worker(id);
+        }
+    }
+
+    /// Ends all workers; waits a little for the threads that are not parked, and for all processes.
+    pub fn shut_down(&mut self) {
+        let is_thread = |worker: &super::Worker| matches!(worker.place, Place::Thread(_));
+        let of_threads = self.workers.iter();
+        let mut left: Vec<WorkerId> = of_threads
+            .filter(|(_, worker)| is_thread(worker))
+            .map(|(id, _)| *id)
+            .collect();
+        self.workers.clear();
+        let Some(threads) = &self.threads else {
+            return;
+        };
+        let mut processes = self.processes.as_mut();
+        let mut running = processes
+            .as_mut()
+            .map_or(0, |processes| processes.end_all());
+        let mut until = if running > 0 { END_OF_PROCESSES } else { END };
+        let started = (threads.workers.clock)();
+        while !left.is_empty() || running > 0 {
+            let waited = (threads.workers.clock)().since(started);
+            let waited = Duration::from_nanos(waited.as_nanos());
+            match threads.received.recv_timeout(until.saturating_sub(waited)) {
+                Ok(WorkerReport::Worker(id, FromWorker::Over)) => left.retain(|other| *other != id),
+                Ok(WorkerReport::ProcessOver(..)) => running -= 1,
+                Ok(WorkerReport::Worker(..) | WorkerReport::Process(..)) => {}
+                Err(_) if running > 0 && until < KILLED => {
+                    tracing::warn!(running, "worker processes did not end in time");
+                    until = KILLED;
+                    processes
+                        .iter_mut()
+                        .for_each(|processes| processes.kill_all());
+                }
+                Err(_) => {
+                    let threads = left.len();
+                    return tracing::warn!(threads, "threads of scenes did not end in time");
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,261 @@
+//! A scene worker: one scene's server loop, on a thread or on the caller's.
+//!
+//! Both take the same inputs and give the same outputs. A worker never waits for another one; its thread waits for the
+//! front only if many of its outputs lie unread.
+
+use std::collections::BTreeMap;
+use std::io;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
+use std::thread;
+use std::time::Duration;
+
+use rhumb_protocol::scene::SceneName;
+use rhumb_protocol::{Endpoint, Instant, Peer, Transmit};
+use rhumb_scene::{Bakers, Pulse, ServerLoop};
+
+use super::message::{FromWorker, WorkerId, WorkerInput, WorkerOutput};
+use super::priority::{self, ThreadId};
+use super::settings::WorkerSettings;
+use super::threads::{SharedClock, WorkerThreads};
+use crate::durable::{LogTail, StoredScenes, Wake};
+
+/// Inputs of one turn, before outputs and ticks.
+const INPUTS_PER_TURN: usize = 256;
+/// Stack of a worker's thread: what a main thread has.
+const STACK_BYTES: usize = 8 << 20;
+
+/// Serves the clients of another protocol.
+pub(super) type ServeOthers = Box<dyn FnMut(&mut ServerLoop) + Send>;
+
+/// A server loop, and the control bytes that it has not handled.
+pub(super) struct HereWorker {
+    server_loop: ServerLoop,
+    /// Control bytes received and not yet reported as handled.
+    unhandled: BTreeMap<Peer, usize>,
+    inputs: u64,
+    /// The scenes of the data directory, if there is one.
+    stored: Option<Arc<StoredScenes>>,
+    clock: SharedClock,
+    pulse: Pulse,
+    /// Serves the clients of another protocol.
+    others: Option<ServeOthers>,
+}
+
+/// The front's handle of a worker on a thread of its own.
+pub(super) struct ThreadWorker {
+    inputs: Sender<WorkerInput>,
+    pub(super) pulse: Pulse,
+    pub(super) thread_id: ThreadId,
+}
+
+impl HereWorker {
+    /// `wake` has the worker report what has become durable.
+    pub(super) fn new(settings: &WorkerSettings, wake: Wake) -> Self {
+        let mut server_loop = settings.server_loop();
+        let stored = settings.data.clone().map(|data| {
+            let workers = settings.engine_threads.clone();
+            Arc::new(StoredScenes::new(data, workers, wake))
+        });
+        if let Some(stored) = stored.clone() {
+            server_loop.store_in(stored);
+        }
+        Self {
+            server_loop,
+            unhandled: BTreeMap::new(),
+            inputs: 0,
+            stored,
+            clock: SharedClock::clone(&settings.stopwatch),
+            pulse: Pulse::default(),
+            others: None,
+        }
+    }
+
+    pub(super) fn handle(&mut self, now: Instant, input: WorkerInput) {
+        match &input {
+            WorkerInput::Control(peer, bytes) => {
+                *self.unhandled.entry(*peer).or_insert(0) += bytes.len();
+            }
+            WorkerInput::Ended(peer, _) => {
+                self.unhandled.remove(peer);
+            }
+            _ => {}
+        }
+        if input != WorkerInput::Wake {
+            self.inputs += 1;
+        }
+        match input {
+            WorkerInput::Restore(scene, tail) => self.restore(&scene, tail),
+            input => input.apply(now, &mut self.server_loop),
+        }
+    }
+
+    /// Restores a scene from the data directory, if it is there.
+    fn restore(&mut self, scene: &SceneName, tail: LogTail) {
+        let (clock, pulse) = (&*self.clock, &self.pulse);
+        let restored = (self.stored.as_ref())
+            .and_then(|stored| stored.restore(scene, tail, clock, &mut || pulse.beat()));
+        if let Some(restored) = restored {
+            self.server_loop.add_restored(restored);
+        }
+    }
+
+    pub(super) fn handle_timeout(&mut self, now: Instant) {
+        self.server_loop.handle_timeout(now);
+    }
+
+    pub(super) fn server_loop(&self) -> &ServerLoop {
+        &self.server_loop
+    }
+
+    /// Everything that there is to transmit, and what was handled.
+    pub(super) fn output(&mut self) -> WorkerOutput {
+        let server_loop = &mut self.server_loop;
+        if let Some(serve_others) = &mut self.others {
+            serve_others(server_loop);
+        }
+        server_loop.report_durable();
+        let transmits: Vec<Transmit> = std::iter::from_fn(|| server_loop.poll_transmit()).collect();
+        let mut handled = Vec::new();
+        self.unhandled.retain(|peer, bytes| {
+            let unread = server_loop.unread_bytes(*peer).min(*bytes);
+            if unread < *bytes {
+                handled.push((*peer, *bytes - unread));
+            }
+            *bytes = unread;
+            unread > 0
+        });
+        WorkerOutput {
+            transmits,
+            handled,
+            inputs: self.inputs,
+            scenes: server_loop.scene_count(),
+        }
+    }
+}
+
+impl ThreadWorker {
+    /// Starts the thread of a worker, which takes its inputs from a queue.
+    pub(super) fn start(
+        id: WorkerId,
+        settings: &WorkerSettings,
+        others: Option<ServeOthers>,
+        (sender, inputs): (Sender<WorkerInput>, Receiver<WorkerInput>),
+        threads: &WorkerThreads,
+    ) -> io::Result<Self> {
+        let clock = SharedClock::clone(&threads.clock);
+        let pulse = {
+            let clock = SharedClock::clone(&clock);
+            Pulse::new(move || clock())
+        };
+        let wake = sender.clone();
+        let wake = move || {
+            // A thread that has ended needs no waking.
+            let _ = wake.send(WorkerInput::Wake);
+        };
+        let wake: Arc<dyn Fn() + Send + Sync> = Arc::new(wake);
+        let mut worker = HereWorker::new(settings, Arc::clone(&wake));
+        worker.others = others;
+        worker.pulse = pulse.clone();
+        worker.server_loop.show_progress(pulse.clone());
+        worker.server_loop.bake_with(bakers(wake));
+        let send = Arc::clone(&threads.send);
+        let thread_id = ThreadId::default();
+        let (on_thread, own_id) = (pulse.clone(), thread_id.clone());
+        thread::Builder::new()
+            .name(format!("rhumb-scene-{}", id.0))
+            .stack_size(STACK_BYTES)
+            .spawn(move || {
+                priority::note(&own_id);
+                let send = |message| send(id, message);
+                let run = || run(worker, &inputs, &send, &on_thread, &clock);
+                if catch_unwind(AssertUnwindSafe(run)).is_err() {
+                    tracing::error!(worker = id.0, "the thread of a scene panicked");
+                }
+                on_thread.rest();
+                send(FromWorker::Over);
+            })?;
+        Ok(Self {
+            inputs: sender,
+            pulse,
+            thread_id,
+        })
+    }
+
+    /// Queues an input. The end of the thread is reported elsewhere.
+    pub(super) fn send(&self, input: WorkerInput) {
+        let _ = self.inputs.send(input);
+    }
+}
+
+/// Bakers with a thread for each job. `wake` is called after each.
+fn bakers(wake: Wake) -> Bakers {
+    Bakers::new(move |job| {
+        let wake = Wake::clone(&wake);
+        let work = move || {
+            job.run();
+            wake();
+        };
+        let thread = thread::Builder::new().name("rhumb-bake".to_owned());
+        // The job is lost with its thread, and refused when its time is over.
+        if let Err(cause) = thread.spawn(work) {
+            tracing::error!(%cause, "no thread for the solid of a shape");
+        }
+    })
+}
+
+impl Drop for ThreadWorker {
+    fn drop(&mut self) {
+        self.send(WorkerInput::End);
+    }
+}
+
+/// Runs a worker until the front drops it.
+fn run(
+    mut worker: HereWorker,
+    inputs: &Receiver<WorkerInput>,
+    send: &dyn Fn(FromWorker) -> bool,
+    pulse: &Pulse,
+    clock: &SharedClock,
+) {
+    let mut reported = (0, 0);
+    loop {
+        let output = worker.output();
+        pulse.rest();
+        let counts = (output.inputs, output.scenes);
+        let has_news =
+            !output.transmits.is_empty() || !output.handled.is_empty() || counts != reported;
+        reported = counts;
+        if has_news && !send(FromWorker::Output(output)) {
+            return;
+        }
+        let first = match worker.server_loop.poll_timeout() {
+            None => inputs.recv().map_err(|_| RecvTimeoutError::Disconnected),
+            Some(wake) => {
+                let until = Duration::from_nanos(wake.at.since(clock()).as_nanos());
+                inputs.recv_timeout(until)
+            }
+        };
+        pulse.beat();
+        match first {
+            Ok(WorkerInput::End) | Err(RecvTimeoutError::Disconnected) => return,
+            Err(RecvTimeoutError::Timeout) => {}
+            Ok(input) => {
+                worker.handle(clock(), input);
+                for input in inputs.try_iter().take(INPUTS_PER_TURN) {
+                    if input == WorkerInput::End {
+                        return;
+                    }
+                    pulse.beat();
+                    worker.handle(clock(), input);
+                }
+            }
+        }
+        let now = clock();
+        let wake = worker.server_loop.poll_timeout();
+        if wake.is_some_and(|wake| wake.at <= now) {
+            worker.handle_timeout(now);
+        }
+    }
+}

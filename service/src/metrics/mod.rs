@@ -1,0 +1,256 @@
+//! Figures for operators.
+//!
+//! A figure is an atomic number: a tick stores some ten of them and waits for nothing. [`Metrics::text`] writes them in
+//! the text format of Prometheus.
+
+mod answer;
+mod lock;
+mod process;
+mod scene;
+mod text;
+
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+
+use rhumb_protocol::Span;
+use rhumb_protocol::scene::SceneName;
+use rhumb_scene::{Limits, Pulse, ServerLoad};
+
+use self::lock::lock;
+use self::scene::SceneMeters;
+pub(crate) use self::scene::{SCENE_VALUES, SceneMeter, SceneValues};
+use self::text::{MetricKind, Text};
+
+/// A front that has worked on one piece for longer is stuck.
+const FRONT_STUCK: Span = Span::from_millis(2_000);
+
+/// The figures of one server; all clones are one.
+#[derive(Clone, Default)]
+pub(crate) struct Metrics(Arc<Figures>);
+
+#[derive(Default)]
+struct Figures {
+    connections: AtomicU64,
+    opened: AtomicU64,
+    parked: AtomicU64,
+    workers: AtomicU64,
+    worker_deaths: AtomicU64,
+    /// Connections that the server closed, by code.
+    closed: Mutex<BTreeMap<u32, u64>>,
+    scenes: SceneMeters,
+    /// The figures of the front, once the server runs.
+    front: Mutex<Option<WatchedFront>>,
+}
+
+/// Sign of life of the front, the load of all scenes, and the bounds on it.
+struct WatchedFront {
+    pulse: Pulse,
+    load: ServerLoad,
+    scene_load_max: u64,
+    load_max: u64,
+}
+
+impl Metrics {
+    /// Sets what is read of a running server.
+    pub(crate) fn watch(&self, pulse: Pulse, load: ServerLoad, limits: &Limits) {
+        *lock(&self.0.front) = Some(WatchedFront {
+            pulse,
+            load,
+            scene_load_max: limits.scene_load,
+            load_max: limits.server_load,
+        });
+    }
+
+    pub(crate) fn count_opened(&self) {
+        self.0.opened.fetch_add(1, Ordering::Relaxed);
+    }
+
+    pub(crate) fn set_connections(&self, count: usize) {
+        self.0.connections.store(count as u64, Ordering::Relaxed);
+    }
+
+    pub(crate) fn set_parked(&self, count: usize) {
+        self.0.parked.store(count as u64, Ordering::Relaxed);
+    }
+
+    pub(crate) fn count_closed(&self, code: u32) {
+        *lock(&self.0.closed).entry(code).or_default() += 1;
+    }
+
+    /// The figures of all scenes, for the front of a worker process.
+    pub(crate) fn scene_values(&self) -> Vec<(SceneName, SceneValues)> {
+        self.0.scenes.values()
+    }
+
+    pub(crate) fn set_workers(&self, count: usize) {
+        self.0.workers.store(count as u64, Ordering::Relaxed);
+    }
+
+    /// A worker process has ended by itself, or did not answer and was killed.
+    pub(crate) fn count_worker_death(&self) {
+        self.0.worker_deaths.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// The meter of a new scene, whose figures are shown until it is dropped.
+    pub(crate) fn begin_scene(&self, name: &SceneName) -> SceneMeter {
+        self.0.scenes.begin(name)
+    }
+
+    /// Names of the scenes that exist.
+    #[cfg(feature = "view")]
+    pub(crate) fn scene_names(&self) -> Vec<SceneName> {
+        self.0.scenes.names()
+    }
+
+    /// False if the front has not answered for two seconds. A stuck scene does not matter here.
+    pub(crate) fn is_healthy(&self) -> bool {
+        let front = lock(&self.0.front);
+        front
+            .as_ref()
+            .is_some_and(|front| front.pulse.busy_for() <= FRONT_STUCK)
+    }
+
+    /// All figures, as Prometheus reads them.
+    pub(crate) fn text(&self) -> String {
+        let figures = &self.0;
+        let read = |figure: &AtomicU64| figure.load(Ordering::Relaxed);
+        let mut text = Text::default();
+        let plain = [
+            (
+                "rhumb_connections",
+                MetricKind::Gauge,
+                "Connections now.",
+                read(&figures.connections),
+            ),
+            (
+                "rhumb_connections_total",
+                MetricKind::Counter,
+                "Connections so far.",
+                read(&figures.opened),
+            ),
+            (
+                "rhumb_scenes_parked",
+                MetricKind::Gauge,
+                "Scenes that did not answer and are parked.",
+                read(&figures.parked),
+            ),
+            (
+                "rhumb_workers",
+                MetricKind::Gauge,
+                "Worker processes now.",
+                read(&figures.workers),
+            ),
+            (
+                "rhumb_worker_deaths_total",
+                MetricKind::Counter,
+                "Worker processes that ended by themselves, or did not answer and were killed.",
+                read(&figures.worker_deaths),
+            ),
+        ];
+        for (name, kind, help, value) in plain {
+            text.describe(name, kind, help);
+            text.sample(name, &[], value);
+        }
+        self.write_load(&mut text);
+        let name = "rhumb_closed_total";
+        text.describe(
+            name,
+            MetricKind::Counter,
+            "Connections that the server closed, by code (PROTOCOL 3.4).",
+        );
+        for (code, count) in lock(&figures.closed).iter() {
+            text.sample(name, &[("code", &code.to_string())], *count);
+        }
+        figures.scenes.write(&mut text);
+        process::write(&mut text);
+        text.into_string()
+    }
+
+    fn write_load(&self, text: &mut Text) {
+        let front = lock(&self.0.front);
+        let front = front.as_ref();
+        let rows = [
+            (
+                "rhumb_load",
+                "Body steps in a second that free-running scenes have reserved.",
+                front.map(|front| front.load.reserved()),
+            ),
+            (
+                "rhumb_load_limit",
+                "The most that all scenes together may reserve.",
+                front.map(|front| front.load_max),
+            ),
+            (
+                "rhumb_scene_load_limit",
+                "The most that one scene may reserve.",
+                front.map(|front| front.scene_load_max),
+            ),
+        ];
+        for (name, help, value) in rows {
+            text.describe(name, MetricKind::Gauge, help);
+            text.sample(name, &[], value.unwrap_or(0));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rhumb_scene::TickFigures;
+
+    use super::*;
+
+    #[test]
+    fn the_text_names_scenes_until_they_end() {
+        let metrics = Metrics::default();
+        metrics.count_opened();
+        metrics.count_closed(18);
+        let meter = metrics.begin_scene(&"team/pit".parse().unwrap());
+        meter.note_tick(&TickFigures {
+            tick: rhumb_reckoning::Tick::new(7),
+            members: 2,
+            bodies: 30,
+            awake: 4,
+            waiting: 1,
+            load: 960,
+            step: Span::from_millis(3),
+            publish: Span::from_millis(1),
+        });
+        meter.traffic().add_sent(1_100);
+        meter.count_late();
+        meter.note_step_period(Span::from_millis(20));
+        let text = metrics.text();
+        for line in [
+            "rhumb_scene_sent_bytes_total{scene=\"team/pit\"} 1100",
+            "rhumb_scene_received_bytes_total{scene=\"team/pit\"} 0",
+            "rhumb_scene_late_total{scene=\"team/pit\"} 1",
+            "rhumb_scene_step_period_seconds{scene=\"team/pit\"} 0.02",
+            "rhumb_scene_bodies_waiting{scene=\"team/pit\"} 1",
+            "rhumb_scene_load{scene=\"team/pit\"} 960",
+            "rhumb_connections_total 1",
+            "rhumb_scene_publish_seconds_total{scene=\"team/pit\"} 0.001",
+            "rhumb_closed_total{code=\"18\"} 1",
+            "rhumb_scenes 1",
+            "rhumb_scene_tick{scene=\"team/pit\"} 7",
+            "rhumb_scene_bodies_awake{scene=\"team/pit\"} 4",
+            "rhumb_scene_step_seconds_bucket{scene=\"team/pit\",le=\"0.002\"} 0",
+            "rhumb_scene_step_seconds_bucket{scene=\"team/pit\",le=\"0.004\"} 1",
+            "rhumb_scene_step_seconds_bucket{scene=\"team/pit\",le=\"+Inf\"} 1",
+            "rhumb_scene_step_seconds_sum{scene=\"team/pit\"} 0.003",
+        ] {
+            assert!(text.lines().any(|have| have == line), "{line} in\n{text}");
+        }
+        drop(meter);
+        assert!(!metrics.text().contains("team/pit"));
+    }
+
+    #[test]
+    fn a_parked_scene_s_late_end_leaves_its_successor() {
+        let metrics = Metrics::default();
+        let name = "pit".parse().unwrap();
+        let parked = metrics.begin_scene(&name);
+        let _successor = metrics.begin_scene(&name);
+        drop(parked);
+        assert!(metrics.text().contains("rhumb_scenes 1\n"));
+    }
+}

@@ -1,0 +1,496 @@
+//! Runs a server behind real sockets until a stop is requested.
+//!
+//! The function of the `rhumb-server` binary, callable by programs that embed it.
+
+#[cfg(feature = "record")]
+mod observers;
+mod run_error;
+
+use std::io;
+use std::net::{SocketAddr, TcpListener};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::SystemTime;
+
+use rhumb_protocol::packet::LargestPacket;
+use rhumb_scene::engine::{EngineKind, Workers};
+use rhumb_scene::{Hooks, Limits, ProvidedScenes};
+#[cfg(unix)]
+use rhumb_transport::UnixServer;
+use rhumb_transport::{
+    Certificate, CertificateHashes, Clock, Fingerprint, Origins, QuicServer, ServerOptions,
+    ServerStatistics, Stop, WebIdentity, WebOptions,
+};
+
+pub use self::run_error::RunError;
+use crate::access::{Gate, TokenKeys};
+use crate::durable::DataDir;
+use crate::flight::FlightWriter;
+#[cfg(feature = "app")]
+use crate::front::Adapter;
+use crate::front::{Front, ProcessOptions};
+use crate::http::HttpListener;
+use crate::metrics::Metrics;
+#[cfg(feature = "view")]
+use crate::view::{PageListener, ViewScene};
+
+/// The server's certificate.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Identity {
+    /// A certificate made at start; clients pin its fingerprint.
+    Development,
+    /// The same, kept in PEM files of a data directory.
+    DevelopmentFiles {
+        /// The certificate.
+        certificate: PathBuf,
+        /// The key.
+        key: PathBuf,
+    },
+    /// A certificate chain and its key, as PEM files.
+    Files {
+        /// The chain, the server's own first.
+        certificate: PathBuf,
+        /// The key.
+        key: PathBuf,
+    },
+}
+
+impl Identity {
+    /// Makes or reads the certificate.
+    pub(crate) fn certificate(&self) -> Result<Certificate, RunError> {
+        match self {
+            Self::Development => Certificate::development(["localhost"]),
+            Self::Files { certificate, key } | Self::DevelopmentFiles { certificate, key } => {
+                Certificate::from_pem_files(certificate, key)
+            }
+        }
+        .map_err(RunError::Certificate)
+    }
+
+    /// The certificate for browsers, which accept one for development only if it is short-lived.
+    fn web(&self) -> WebIdentity {
+        match self {
+            Self::Files { .. } => WebIdentity::Own,
+            Self::Development | Self::DevelopmentFiles { .. } => {
+                WebIdentity::Pinned(vec!["localhost".to_owned()])
+            }
+        }
+    }
+}
+
+/// The clients that a server admits.
+#[derive(Clone, Debug)]
+pub enum Access {
+    /// Clients with a token of one of these keys; each may do what its token says.
+    Tokens(TokenKeys),
+    /// All clients of this machine, which may do everything: for development.
+    OpenOnLoopback,
+    /// All clients that reach the server, which may do everything.
+    OpenToNetwork,
+}
+
+/// A server that listens, but does not run yet.
+pub struct Server {
+    transport: QuicServer,
+    access: Access,
+    hooks: Option<Hooks>,
+    provided: Option<ProvidedScenes>,
+    engine: EngineKind,
+    workers: Workers,
+    /// `Some` if scenes run in worker processes.
+    processes: Option<ProcessOptions>,
+    largest_packet: LargestPacket,
+    limits: Limits,
+    metrics: Option<TcpListener>,
+    #[cfg(unix)]
+    socket: Option<UnixServer>,
+    data: Option<DataDir>,
+    flight: Option<PathBuf>,
+    #[cfg(feature = "record")]
+    record: Option<PathBuf>,
+    #[cfg(feature = "foxglove")]
+    foxglove: Option<crate::recording::BoundViewers>,
+    /// The page, and the provided scenes that it names.
+    #[cfg(feature = "view")]
+    view: Option<(PageListener, Vec<ViewScene>)>,
+    /// Serves the clients of another protocol.
+    #[cfg(feature = "app")]
+    adapter: Option<Adapter>,
+}
+
+impl Server {
+    /// Listens, for pages of this machine too. Clients that connect wait until [`Self::run`].
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::bind_with_origins`].
+    pub fn bind(listen: SocketAddr, identity: &Identity, access: Access) -> Result<Self, RunError> {
+        Self::bind_with_origins(listen, identity, access, Some(Origins::loopback()))
+    }
+
+    /// Listens. Clients that connect wait until [`Self::run`].
+    ///
+    /// `origins`: the web pages that may connect, by WebTransport on the same address; `None`: no browser.
+    ///
+    /// # Errors
+    ///
+    /// [`RunError`] for a certificate or an address that cannot be used, and for an open server at an address that
+    /// other machines reach.
+    pub fn bind_with_origins(
+        listen: SocketAddr,
+        identity: &Identity,
+        access: Access,
+        origins: Option<Origins>,
+    ) -> Result<Self, RunError> {
+        if matches!(access, Access::OpenOnLoopback) && !listen.ip().is_loopback() {
+            return Err(RunError::OpenToNetwork(listen));
+        }
+        let certificate = identity.certificate()?;
+        let web = origins.map(|origins| WebOptions {
+            origins,
+            certificate: identity.web(),
+        });
+        let options = ServerOptions {
+            listen,
+            certificate,
+            web,
+        };
+        let transport = QuicServer::bind(options).map_err(RunError::Bind)?;
+        Ok(Self {
+            transport,
+            access,
+            hooks: None,
+            provided: None,
+            engine: EngineKind::default(),
+            workers: Workers::default(),
+            processes: None,
+            largest_packet: LargestPacket::DEFAULT,
+            limits: Limits::default(),
+            metrics: None,
+            #[cfg(unix)]
+            socket: None,
+            data: None,
+            flight: None,
+            #[cfg(feature = "record")]
+            record: None,
+            #[cfg(feature = "foxglove")]
+            foxglove: None,
+            #[cfg(feature = "view")]
+            view: None,
+            #[cfg(feature = "app")]
+            adapter: None,
+        })
+    }
+
+    /// The address that it listens at.
+    #[must_use]
+    pub fn address(&self) -> SocketAddr {
+        self.transport.local_addr()
+    }
+
+    /// The fingerprint for clients to pin.
+    #[must_use]
+    pub fn fingerprint(&self) -> Fingerprint {
+        self.transport.fingerprint()
+    }
+
+    /// The hashes of the certificates that browsers are shown, for pages to pin; they change every six days.
+    #[must_use]
+    pub fn certificate_hashes(&self) -> CertificateHashes {
+        self.transport.certificate_hashes()
+    }
+
+    /// Serves the clients of another protocol too, on a thread with their scenes.
+    #[cfg(feature = "app")]
+    pub(crate) fn serve_also(&mut self, adapter: Adapter) {
+        self.adapter = Some(adapter);
+    }
+
+    /// Sets the hooks of later scenes.
+    pub fn attach(&mut self, hooks: Hooks) {
+        self.hooks = Some(hooks);
+    }
+
+    /// Provides scenes that clients name.
+    pub fn provide(&mut self, scenes: ProvidedScenes) {
+        self.provided = Some(scenes);
+    }
+
+    /// Serves a page in which scenes are seen, at a TCP address, which is returned. The page observes every scene; where
+    /// no tokens are asked for, it may command them too. `scenes`: provided scenes that the page offers before they begin.
+    ///
+    /// # Errors
+    ///
+    /// [`RunError::View`] for an address that cannot be used, and if this build has no page.
+    #[cfg(feature = "view")]
+    pub fn show_page(
+        &mut self,
+        address: SocketAddr,
+        scenes: Vec<ViewScene>,
+    ) -> Result<SocketAddr, RunError> {
+        if matches!(self.access, Access::OpenOnLoopback) && !address.ip().is_loopback() {
+            return Err(RunError::OpenToNetwork(address));
+        }
+        let page = PageListener::bind(address, self.address()).map_err(RunError::View)?;
+        let local = page.address();
+        self.view = Some((page, scenes));
+        Ok(local)
+    }
+
+    /// Runs scenes in processes of this program, which answers to `worker` then.
+    pub(crate) fn use_processes(&mut self, options: ProcessOptions) {
+        self.processes = Some(options);
+    }
+
+    /// Sets the engine of later scenes; with a data directory it must keep images.
+    pub const fn build_with(&mut self, engine: EngineKind) {
+        self.engine = engine;
+    }
+
+    /// Sets the threads that step and publish later scenes.
+    pub fn employ(&mut self, workers: Workers) {
+        self.workers = workers;
+    }
+
+    /// Bounds the packets of all streams.
+    pub const fn set_largest_packet(&mut self, largest_packet: LargestPacket) {
+        self.largest_packet = largest_packet;
+    }
+
+    /// Answers requests for figures (`/metrics`, as Prometheus reads them) and for its health (`/health`) at a TCP
+    /// address, which is returned. Bind it where only operators reach it.
+    ///
+    /// # Errors
+    ///
+    /// [`RunError::Metrics`] for an address that cannot be used.
+    pub fn answer_metrics(&mut self, address: SocketAddr) -> Result<SocketAddr, RunError> {
+        let failed = |cause| RunError::Metrics { address, cause };
+        let listener = TcpListener::bind(address).map_err(failed)?;
+        let local = listener.local_addr().map_err(failed)?;
+        self.metrics = Some(listener);
+        Ok(local)
+    }
+
+    /// Serves clients of this machine at a Unix socket too. Only the user who runs the server can connect.
+    ///
+    /// # Errors
+    ///
+    /// [`RunError::Socket`] if another server listens there or the folder cannot be written.
+    #[cfg(unix)]
+    pub fn listen_at(&mut self, path: &Path) -> Result<(), RunError> {
+        let bound = UnixServer::bind(path).map_err(|cause| RunError::Socket {
+            path: path.to_owned(),
+            cause,
+        })?;
+        self.socket = Some(bound);
+        Ok(())
+    }
+
+    /// Sets the limits.
+    pub const fn set_limits(&mut self, limits: Limits) {
+        self.limits = limits;
+    }
+
+    /// Keeps scenes in a data directory, and restores those that it has.
+    pub fn store_in(&mut self, data: DataDir) {
+        self.data = Some(data);
+    }
+
+    /// Writes the last moments of a scene that faults to a file of this directory, which is made if it is missing.
+    pub fn record_flights(&mut self, directory: PathBuf) {
+        self.flight = Some(directory);
+    }
+
+    /// Serves on the calling thread, and each scene on a thread of its own, until `stop` is requested. Then every
+    /// client learns that the server is going away.
+    ///
+    /// # Errors
+    ///
+    /// [`RunError::Serve`] if the thread of the sockets fails, [`RunError::Data`] if the data directory does,
+    /// [`RunError::EngineWithoutImages`] for a data directory and an engine that cannot store its scenes.
+    pub fn run(self, stop: &Stop) -> Result<ServerStatistics, RunError> {
+        if self.data.is_some() {
+            check_images(self.engine)?;
+        }
+        #[cfg(any(feature = "view", feature = "record"))]
+        let mut server = self;
+        #[cfg(not(any(feature = "view", feature = "record")))]
+        let server = self;
+        let clock = Clock::start();
+        let waker = server.transport.waker();
+        let mut front = Front::on_threads(move || clock.now(), move || waker.wake());
+        let metrics = Metrics::default();
+        #[cfg(feature = "record")]
+        let observers = server.start_observers(&mut front)?;
+        #[cfg(feature = "view")]
+        let showing = server.start_page(&metrics)?;
+        front.guard(gate(server.access));
+        front.build_with(server.engine);
+        front.employ(server.workers);
+        front.set_largest_packet(server.largest_packet);
+        if let Some(hooks) = server.hooks {
+            front.attach(hooks);
+        }
+        if let Some(provided) = server.provided {
+            front.provide(provided);
+        }
+        front.set_limits(server.limits);
+        if let Some(processes) = server.processes {
+            front.use_processes(processes);
+        }
+        let flight = match server.flight {
+            None => None,
+            Some(directory) => Some(start_flights(directory, &server.limits, &mut front)?),
+        };
+        front.count(metrics.clone());
+        #[cfg(feature = "app")]
+        if let Some(adapter) = server.adapter {
+            front.serve_also(adapter).map_err(RunError::Thread)?;
+        }
+        let answering = match server.metrics {
+            None => None,
+            Some(listener) => {
+                let answer = Arc::new(move |request: &_| metrics.answer(request));
+                let started = HttpListener::start(listener, "rhumb-server-metrics", answer);
+                Some(started.map_err(RunError::Thread)?)
+            }
+        };
+        if let Some(data) = server.data {
+            front.store_in(data).map_err(RunError::Data)?;
+        }
+        #[cfg(unix)]
+        let served = match server.socket {
+            None => server.transport.run(&mut front, stop),
+            Some(socket) => {
+                let waker = server.transport.waker();
+                let mut all = socket.serve(&mut front, waker).map_err(RunError::Thread)?;
+                server.transport.run(&mut all, stop)
+            }
+        };
+        #[cfg(not(unix))]
+        let served = server.transport.run(&mut front, stop);
+        front.shut_down();
+        drop(answering);
+        #[cfg(feature = "view")]
+        drop(showing);
+        drop(flight);
+        #[cfg(feature = "record")]
+        drop(observers);
+        served.map_err(RunError::Serve)
+    }
+}
+
+/// Refuses an engine without images, whose scenes no data directory can keep.
+pub(crate) const fn check_images(engine: EngineKind) -> Result<(), RunError> {
+    match engine.keeps_images() {
+        true => Ok(()),
+        false => Err(RunError::EngineWithoutImages(engine)),
+    }
+}
+
+/// Starts the thread that writes flight recorders.
+fn start_flights(
+    directory: PathBuf,
+    limits: &Limits,
+    front: &mut Front,
+) -> Result<FlightWriter, RunError> {
+    let started = FlightWriter::start(directory.clone(), limits, seconds_since_1970);
+    let (writer, flights) = started.map_err(|cause| RunError::Flight { directory, cause })?;
+    front.record_flights(flights);
+    Ok(writer)
+}
+
+#[cfg(feature = "view")]
+impl Server {
+    /// Begins to answer the page's requests, if there is a page.
+    fn start_page(&mut self, metrics: &Metrics) -> Result<Option<HttpListener>, RunError> {
+        let Some((page, scenes)) = self.view.take() else {
+            return Ok(None);
+        };
+        let issuer = match &mut self.access {
+            Access::Tokens(keys) => Some(keys.issuer().map_err(RunError::ViewToken)?),
+            Access::OpenOnLoopback | Access::OpenToNetwork => None,
+        };
+        let hashes = self.certificate_hashes();
+        let texts = move || hashes.current().iter().map(ToString::to_string).collect();
+        let hashes = Box::new(texts);
+        let started = page.start(
+            hashes,
+            (scenes, metrics.clone()),
+            issuer,
+            seconds_since_1970,
+        );
+        started.map(Some).map_err(RunError::Thread)
+    }
+}
+
+fn gate(access: Access) -> Gate {
+    match access {
+        Access::OpenOnLoopback | Access::OpenToNetwork => Gate::Open,
+        Access::Tokens(keys) => Gate::Tokens {
+            keys,
+            clock: Arc::new(seconds_since_1970),
+        },
+    }
+}
+
+/// The system's time. A clock before 1970 counts as 1970: no token is valid then.
+pub(crate) fn seconds_since_1970() -> i64 {
+    let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
+    now.map_or(0, |since| {
+        i64::try_from(since.as_secs()).unwrap_or(i64::MAX)
+    })
+}
+
+/// The cores that the calling thread may run on, lowest first; empty where the system does not report them.
+#[cfg(target_os = "linux")]
+#[must_use]
+pub fn usable_cores() -> Vec<usize> {
+    use rustix::thread::{CpuSet, sched_getaffinity};
+    let set = sched_getaffinity(None).unwrap_or_default();
+    (0..CpuSet::MAX_CPU)
+        .filter(|core| set.is_set(*core))
+        .collect()
+}
+
+/// The cores that the calling thread may run on, lowest first; empty where the system does not report them.
+#[cfg(not(target_os = "linux"))]
+#[must_use]
+pub fn usable_cores() -> Vec<usize> {
+    Vec::new()
+}
+
+/// Binds the calling thread, and the threads it starts from now on, to some cores.
+///
+/// # Errors
+///
+/// [`RunError::Cores`] when the system refuses or has none of them.
+#[cfg(target_os = "linux")]
+pub fn run_on_cores(cores: &[usize]) -> Result<(), RunError> {
+    use rustix::thread::{CpuSet, sched_setaffinity};
+    let failed = |cause| RunError::Cores {
+        cores: cores.to_vec(),
+        cause,
+    };
+    if cores.iter().any(|core| *core >= CpuSet::MAX_CPU) {
+        return Err(failed(io::ErrorKind::InvalidInput.into()));
+    }
+    let mut set = CpuSet::new();
+    for core in cores {
+        set.set(*core);
+    }
+    sched_setaffinity(None, &set).map_err(|errno| failed(errno.into()))
+}
+
+/// Binds the calling thread, and the threads it starts from now on, to some cores.
+///
+/// # Errors
+///
+/// Always: this system has no such call.
+#[cfg(not(target_os = "linux"))]
+pub fn run_on_cores(cores: &[usize]) -> Result<(), RunError> {
+    Err(RunError::Cores {
+        cores: cores.to_vec(),
+        cause: io::ErrorKind::Unsupported.into(),
+    })
+}

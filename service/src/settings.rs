@@ -1,0 +1,426 @@
+//! The configuration: a file, then the environment, then the command line.
+//!
+//! An environment variable `RHUMB_SERVER_NAME` replaces the setting `name`, and `RHUMB_SERVER_LIMITS_NAME` a limit. A
+//! name that no setting has is an error.
+
+use std::fmt;
+use std::fmt::Write;
+use std::fs;
+use std::io;
+use std::net::SocketAddr;
+use std::num::NonZeroU32;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use clap::ValueEnum;
+use rhumb_protocol::packet::LargestPacket;
+use rhumb_scene::engine::EngineKind;
+use rhumb_scene::{InvalidLimit, Limits};
+use rhumb_transport::PageOrigin;
+use serde::{Deserialize, Deserializer};
+use toml::{Table, Value};
+use tracing::level_filters::LevelFilter;
+
+use crate::access::DEFAULT_AUDIENCE;
+
+/// Where scenes run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum WorkerKind {
+    /// Each on a thread of the server.
+    #[default]
+    Threads,
+    /// In a process for each tenant.
+    Processes,
+}
+
+/// All settings of a server but those of APP clients.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct ServerSettings {
+    pub(crate) listen: SocketAddr,
+    pub(crate) cert: Option<PathBuf>,
+    pub(crate) key: Option<PathBuf>,
+    pub(crate) token_keys: Vec<PathBuf>,
+    pub(crate) audience: String,
+    pub(crate) open: bool,
+    pub(crate) open_to_network: bool,
+    pub(crate) socket: Option<PathBuf>,
+    pub(crate) metrics: Option<SocketAddr>,
+    pub(crate) view: Option<SocketAddr>,
+    pub(crate) data: Option<PathBuf>,
+    pub(crate) flight: Option<PathBuf>,
+    pub(crate) record: Option<PathBuf>,
+    pub(crate) foxglove: Option<SocketAddr>,
+    #[serde(deserialize_with = "parsed")]
+    pub(crate) log: LevelFilter,
+    pub(crate) cores: Vec<usize>,
+    #[serde(deserialize_with = "parsed")]
+    pub(crate) engine: EngineKind,
+    pub(crate) threads: NonZeroU32,
+    pub(crate) workers: WorkerKind,
+    pub(crate) share_worker: bool,
+    #[serde(deserialize_with = "parsed")]
+    pub(crate) largest_packet: LargestPacket,
+    pub(crate) web: bool,
+    #[serde(deserialize_with = "parsed_list")]
+    pub(crate) web_origins: Vec<PageOrigin>,
+    pub(crate) limits: Limits,
+}
+
+/// Reason why a configuration cannot be used.
+#[derive(Debug)]
+pub(crate) enum SettingsError {
+    Read {
+        path: PathBuf,
+        cause: io::Error,
+    },
+    /// The file is not TOML.
+    Syntax {
+        path: PathBuf,
+        cause: Box<toml::de::Error>,
+    },
+    /// A setting is unknown, or its value is of the wrong kind.
+    Setting(Box<toml::de::Error>),
+    Limit(InvalidLimit),
+}
+
+impl fmt::Display for SettingsError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Read { path, cause } => write!(f, "cannot read {}: {cause}", path.display()),
+            Self::Syntax { path, cause } => write!(f, "{}: {cause}", path.display()),
+            Self::Setting(cause) => write!(f, "the configuration: {}", cause.message()),
+            Self::Limit(cause) => cause.fmt(f),
+        }
+    }
+}
+
+impl std::error::Error for SettingsError {}
+
+/// The first characters of environment variables that replace settings.
+const PREFIX: &str = "RHUMB_SERVER_";
+
+/// The settings beside the limits: name, default as the file writes it, meaning.
+const ROWS: [(&str, &str, &str); 23] = [
+    (
+        "listen",
+        "\"127.0.0.1:4433\"",
+        "UDP address to listen on; port 0 picks a free one.",
+    ),
+    (
+        "cert",
+        "\"chain.pem\"",
+        "PEM file with the certificate chain; without it the server makes a certificate at start.",
+    ),
+    (
+        "key",
+        "\"key.pem\"",
+        "PEM file with the certificate's private key.",
+    ),
+    ("token_keys", "[]", "Files with public keys of tokens."),
+    (
+        "audience",
+        "\"rhumb\"",
+        "Name that a token must give as its audience.",
+    ),
+    (
+        "open",
+        "false",
+        "Admits every client of this machine without a token, for development.",
+    ),
+    (
+        "open_to_network",
+        "false",
+        "Lets clients without a token come from other machines too.",
+    ),
+    (
+        "socket",
+        "\"rhumb.sock\"",
+        "Path of a Unix socket for clients of this machine, beside the address; only the server's user can connect.",
+    ),
+    (
+        "metrics",
+        "\"127.0.0.1:9464\"",
+        "TCP address for /metrics and /health; without it there are none.",
+    ),
+    (
+        "view",
+        "\"127.0.0.1:8433\"",
+        "TCP address of the page in which scenes are seen; without it there is none. Needs the feature `view`.",
+    ),
+    (
+        "data",
+        "\"data\"",
+        "Directory for command logs and snapshots, from which scenes are restored at start; without it, scenes end with the process.",
+    ),
+    (
+        "flight",
+        "\"flight\"",
+        "Directory for the flight recorders of scenes that fault; without it nothing is recorded.",
+    ),
+    (
+        "record",
+        "\"recordings\"",
+        "Directory for MCAP files with the states of every scene; without it nothing is recorded. Needs the feature `record`.",
+    ),
+    (
+        "foxglove",
+        "\"127.0.0.1:8765\"",
+        "TCP address at which Foxglove's viewers see every scene live; without it there is none. Needs the feature `foxglove`.",
+    ),
+    (
+        "log",
+        "\"info\"",
+        "Log level: off, error, warn, info, debug or trace.",
+    ),
+    ("cores", "[]", "Processor cores to run on; empty for all."),
+    (
+        "engine",
+        "\"rapier\"",
+        "Physics engine of all scenes; \"box3d\" needs the feature `box3d` and keeps no data directory.",
+    ),
+    (
+        "threads",
+        "1",
+        "Threads to step on; more than one needs the feature `parallel`.",
+    ),
+    (
+        "workers",
+        "\"threads\"",
+        "Where scenes run: \"threads\" of the server, or \"processes\", one for each tenant, which the first part of a scene's name names, up to a slash. A process that does not answer can be killed, and what breaks it breaks no scene of another tenant.",
+    ),
+    (
+        "share_worker",
+        "false",
+        "Has all scenes without a tenant share one worker process; without this, each has its own.",
+    ),
+    (
+        "largest_packet",
+        "1100",
+        "Largest packet of a stream, bytes, from 700 to 1150.",
+    ),
+    (
+        "web",
+        "true",
+        "Serves browsers too, by WebTransport at the same address.",
+    ),
+    (
+        "web_origins",
+        "[]",
+        "Origins of web pages that may connect, as \"https://host:port\", or \"*\" for all; pages of this machine may always.",
+    ),
+];
+
+/// The settings that a file need not have, and that have no default.
+const OPTIONAL: [&str; 9] = [
+    "cert", "key", "socket", "metrics", "view", "data", "flight", "record", "foxglove",
+];
+
+impl Default for ServerSettings {
+    fn default() -> Self {
+        Self {
+            listen: SocketAddr::from(([127, 0, 0, 1], 4433)),
+            cert: None,
+            key: None,
+            token_keys: Vec::new(),
+            audience: DEFAULT_AUDIENCE.to_owned(),
+            open: false,
+            open_to_network: false,
+            socket: None,
+            metrics: None,
+            view: None,
+            data: None,
+            flight: None,
+            record: None,
+            foxglove: None,
+            log: LevelFilter::INFO,
+            cores: Vec::new(),
+            engine: EngineKind::default(),
+            threads: NonZeroU32::MIN,
+            workers: WorkerKind::Threads,
+            share_worker: false,
+            largest_packet: LargestPacket::DEFAULT,
+            web: true,
+            web_origins: Vec::new(),
+            limits: Limits::default(),
+        }
+    }
+}
+
+impl ServerSettings {
+    /// Reads a file, if there is one, and applies the environment.
+    pub(crate) fn read(
+        path: Option<&Path>,
+        environment: impl Iterator<Item = (String, String)>,
+    ) -> Result<Self, SettingsError> {
+        let mut table = match path {
+            Some(path) => read_table(path)?,
+            None => Table::new(),
+        };
+        for (name, text) in environment {
+            if let Some(name) = name.strip_prefix(PREFIX) {
+                replace(&mut table, &name.to_ascii_lowercase(), &text);
+            }
+        }
+        let settings = Self::deserialize(Value::Table(table));
+        let settings = settings.map_err(|cause| SettingsError::Setting(Box::new(cause)))?;
+        settings.limits.check().map_err(SettingsError::Limit)?;
+        Ok(settings)
+    }
+
+    /// A file with every setting at its default.
+    pub(crate) fn file() -> String {
+        let mut text = String::from(
+            "# Configuration of rhumb-server. Each line below is a default; remove the # before it to change it.\n\
+             # The environment replaces settings: RHUMB_SERVER_LISTEN, RHUMB_SERVER_LIMITS_SCENES and so on. Flags of\n\
+             # the command line replace both.\n",
+        );
+        for (name, default, meaning) in ROWS {
+            text += "\n";
+            describe(&mut text, meaning);
+            if OPTIONAL.contains(&name) {
+                describe(&mut text, "None by default; for example:");
+            }
+            text += &format!("# {name} = {default}\n");
+        }
+        text += "\n[limits]\n";
+        for row in Limits::ROWS {
+            text += "\n";
+            for line in row.reason.lines() {
+                describe(&mut text, line.trim());
+            }
+            text += &format!("# {} = {}\n", row.name, row.default);
+        }
+        text
+    }
+}
+
+fn describe(text: &mut String, line: &str) {
+    // Writing to a text does not fail.
+    let _ = writeln!(text, "# {line}");
+}
+
+/// A value that has a text form; a number counts as its text.
+fn parsed<'de, T, D>(from: D) -> Result<T, D::Error>
+where
+    T: FromStr<Err: fmt::Display>,
+    D: Deserializer<'de>,
+{
+    let value = Value::deserialize(from)?;
+    let text = match &value {
+        Value::String(text) => text.clone(),
+        Value::Integer(number) => number.to_string(),
+        _ => return Err(serde::de::Error::custom("neither a text nor a number")),
+    };
+    text.parse().map_err(serde::de::Error::custom)
+}
+
+/// Several values that have a text form.
+fn parsed_list<'de, T, D>(from: D) -> Result<Vec<T>, D::Error>
+where
+    T: FromStr<Err: fmt::Display>,
+    D: Deserializer<'de>,
+{
+    let texts = Vec::<String>::deserialize(from)?;
+    let parsed = texts.iter().map(|text| text.parse());
+    parsed
+        .collect::<Result<_, _>>()
+        .map_err(serde::de::Error::custom)
+}
+
+fn read_table(path: &Path) -> Result<Table, SettingsError> {
+    let text = fs::read_to_string(path).map_err(|cause| SettingsError::Read {
+        path: path.to_owned(),
+        cause,
+    })?;
+    text.parse().map_err(|cause| SettingsError::Syntax {
+        path: path.to_owned(),
+        cause: Box::new(cause),
+    })
+}
+
+/// Replaces a setting by the text of an environment variable, which is a value of TOML or a plain text.
+fn replace(table: &mut Table, name: &str, text: &str) {
+    let parsed = format!("value = {text}").parse::<Table>().ok();
+    let parsed = parsed.and_then(|mut table| table.remove("value"));
+    let value = parsed.unwrap_or_else(|| Value::String(text.to_owned()));
+    match name.strip_prefix("limits_") {
+        None => {
+            table.insert(name.to_owned(), value);
+        }
+        Some(limit) => {
+            let limits = table.entry("limits");
+            let limits = limits.or_insert_with(|| Value::Table(Table::new()));
+            if let Value::Table(limits) = limits {
+                limits.insert(limit.to_owned(), value);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of_environment(pairs: &[(&str, &str)]) -> Result<ServerSettings, SettingsError> {
+        let pairs = pairs.iter();
+        let owned = pairs.map(|(name, text)| ((*name).to_owned(), (*text).to_owned()));
+        ServerSettings::read(None, owned)
+    }
+
+    #[test]
+    fn the_generated_file_says_the_defaults() {
+        let file = ServerSettings::file();
+        assert_eq!(file.parse::<Table>().unwrap().len(), 1, "all is commented");
+        let mut lines = String::new();
+        for line in file.lines() {
+            let setting = line.strip_prefix("# ").unwrap_or(line);
+            let is_setting = setting.split_once(" = ").is_some_and(|(name, _)| {
+                let known = |row: &(&str, &str, &str)| row.0 == name;
+                let limit = Limits::ROWS.iter().any(|row| row.name == name);
+                !OPTIONAL.contains(&name) && (limit || ROWS.iter().any(known))
+            });
+            if is_setting || line == "[limits]" {
+                lines += setting;
+                lines += "\n";
+            }
+        }
+        let table: Table = lines.parse().unwrap();
+        assert_eq!(table.len(), ROWS.len() - OPTIONAL.len() + 1);
+        let settings = ServerSettings::deserialize(Value::Table(table)).unwrap();
+        assert_eq!(settings, ServerSettings::default());
+    }
+
+    #[test]
+    fn the_environment_replaces_settings_and_limits() {
+        let settings = of_environment(&[
+            ("RHUMB_SERVER_LISTEN", "0.0.0.0:9000"),
+            ("RHUMB_SERVER_OPEN", "true"),
+            ("RHUMB_SERVER_DATA", "/var/lib/rhumb"),
+            ("RHUMB_SERVER_CORES", "[2, 3]"),
+            ("RHUMB_SERVER_LIMITS_SCENES", "4"),
+            ("RHUMB_OTHER", "1"),
+        ])
+        .unwrap();
+        assert_eq!(settings.listen, "0.0.0.0:9000".parse().unwrap());
+        assert!(settings.open);
+        assert_eq!(settings.data, Some("/var/lib/rhumb".into()));
+        assert_eq!(settings.cores, [2, 3]);
+        assert_eq!(settings.limits.scenes, 4);
+    }
+
+    #[test]
+    fn an_unknown_setting_or_a_limit_out_of_bounds_is_named() {
+        for (name, text, named) in [
+            ("RHUMB_SERVER_LISTENS", "1", "listens"),
+            ("RHUMB_SERVER_LIMITS_SCENERY", "1", "scenery"),
+            ("RHUMB_SERVER_LIMITS_SCENES", "0", "limits.scenes"),
+            ("RHUMB_SERVER_THREADS", "many", "many"),
+            ("RHUMB_SERVER_WEB_ORIGINS", "[\"nowhere\"]", "nowhere"),
+        ] {
+            let error = of_environment(&[(name, text)]).unwrap_err().to_string();
+            assert!(error.contains(named), "{error}");
+        }
+    }
+}

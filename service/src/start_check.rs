@@ -1,0 +1,228 @@
+//! Refusals of a start: wrong settings, unusable files and directories.
+//!
+//! A start and `--check-config` run the same checks. Nothing stays changed, and no address is taken, so a running server is
+//! not disturbed.
+
+use std::error::Error;
+use std::fs::File;
+use std::io;
+use std::net::SocketAddr;
+use std::path::Path;
+
+use rhumb_scene::engine::Workers;
+
+use crate::access::TokenKeys;
+use crate::durable::DataDir;
+use crate::front::ProcessOptions;
+use crate::serve::{Access, Identity, RunError, check_images, run_on_cores};
+use crate::settings::{ServerSettings, WorkerKind};
+
+/// The message to an operator who has not decided about access.
+const NO_ACCESS: &str = "no client could join: start with --open to admit all clients of this machine, \
+    or make keys by `rhumb-server token --new-key FILE` and start with --token-key FILE.pub";
+
+/// The parts of a start that were made while it was checked.
+pub(crate) struct CheckedStart {
+    pub(crate) workers: Workers,
+    pub(crate) access: Access,
+    /// `Some` if scenes run in worker processes.
+    pub(crate) processes: Option<ProcessOptions>,
+}
+
+/// Checks everything that refuses a start, except addresses in use and the contents of the data directory.
+///
+/// `app`: an address at which clients of another protocol are served without tokens, if other machines reach it.
+///
+/// # Errors
+///
+/// The first reason for which a server with these settings would not start.
+pub(crate) fn check(
+    settings: &ServerSettings,
+    app: Option<SocketAddr>,
+) -> Result<CheckedStart, Box<dyn Error>> {
+    if !settings.cores.is_empty() {
+        run_on_cores(&settings.cores)?;
+    }
+    if settings.data.is_some() {
+        check_images(settings.engine)?;
+    }
+    let workers = Workers::new(Some(settings.threads)).map_err(RunError::Workers)?;
+    let access = access(settings)?;
+    if matches!(access, Access::OpenOnLoopback) && !settings.listen.ip().is_loopback() {
+        return Err(RunError::OpenToNetwork(settings.listen).into());
+    }
+    check_open(settings, app)?;
+    check_page(settings, &access)?;
+    check_observers(settings)?;
+    if cfg!(not(unix)) && settings.socket.is_some() {
+        return Err("this system has no Unix sockets: leave out --socket".into());
+    }
+    let processes = processes(settings)?;
+    check_written("scenes", settings.data.as_deref())?;
+    check_written("flight recorders", settings.flight.as_deref())?;
+    check_written("recordings", settings.record.as_deref())?;
+    // Without files, the certificate is made at the start.
+    if let identity @ Identity::Files { .. } = identity(settings, None)? {
+        identity.certificate()?;
+    }
+    Ok(CheckedStart {
+        workers,
+        access,
+        processes,
+    })
+}
+
+/// The certificate to serve with: its files, or one for development, which a data directory keeps.
+pub(crate) fn identity(
+    settings: &ServerSettings,
+    data: Option<&DataDir>,
+) -> Result<Identity, Box<dyn Error>> {
+    match (settings.cert.clone(), settings.key.clone()) {
+        (Some(certificate), Some(key)) => Ok(Identity::Files { certificate, key }),
+        (None, None) => Ok(match data {
+            None => Identity::Development,
+            Some(data) => {
+                let (certificate, key) = data.development_certificate()?;
+                Identity::DevelopmentFiles { certificate, key }
+            }
+        }),
+        _ => Err("a certificate needs its key, and a key its certificate".into()),
+    }
+}
+
+/// The clients to admit. No client is admitted without a token unless the operator says so.
+fn access(settings: &ServerSettings) -> Result<Access, Box<dyn Error>> {
+    match (settings.open, settings.open_to_network) {
+        (true, _) if !settings.token_keys.is_empty() => {
+            Err("a server is open or has token keys, not both".into())
+        }
+        (true, true) => Ok(Access::OpenToNetwork),
+        (true, false) => Ok(Access::OpenOnLoopback),
+        _ if settings.token_keys.is_empty() => Err(NO_ACCESS.into()),
+        _ => {
+            let keys = TokenKeys::read(&settings.token_keys, &settings.audience)?;
+            Ok(Access::Tokens(keys))
+        }
+    }
+}
+
+/// Refuses what would let other machines in without a token, unless the operator says so.
+fn check_open(settings: &ServerSettings, app: Option<SocketAddr>) -> Result<(), RunError> {
+    let view = settings.view.filter(|view| !view.ip().is_loopback());
+    let foxglove = (settings.foxglove).filter(|at| !at.ip().is_loopback());
+    match app.or(view).or(foxglove) {
+        Some(address) if !settings.open_to_network => Err(RunError::OpenToNetwork(address)),
+        _ => Ok(()),
+    }
+}
+
+/// Refuses a page that could not be shown.
+fn check_page(settings: &ServerSettings, access: &Access) -> Result<(), Box<dyn Error>> {
+    if settings.view.is_none() {
+        return Ok(());
+    }
+    #[cfg(not(feature = "view"))]
+    {
+        let _ = access;
+        Err("this server was built without the feature `view`: it has no page".into())
+    }
+    #[cfg(feature = "view")]
+    {
+        if let Some(reason) = rhumb_viewer::UNAVAILABLE {
+            return Err(RunError::View(crate::view::ViewError::Unavailable(reason)).into());
+        }
+        if !settings.web {
+            return Err(
+                "a page is no use to a server without browsers: leave out --no-web, or --view"
+                    .into(),
+            );
+        }
+        if let Access::Tokens(keys) = access {
+            keys.clone().issuer().map_err(RunError::ViewToken)?;
+        }
+        Ok(())
+    }
+}
+
+/// Refuses recordings and viewers that this server could not serve.
+fn check_observers(settings: &ServerSettings) -> Result<(), Box<dyn Error>> {
+    if cfg!(not(feature = "record")) && settings.record.is_some() {
+        return Err(
+            "this server was built without the feature `record`: it records nothing".into(),
+        );
+    }
+    if cfg!(not(feature = "foxglove")) && settings.foxglove.is_some() {
+        return Err("this server was built without the feature `foxglove`".into());
+    }
+    if settings.foxglove.is_some() && settings.workers == WorkerKind::Processes {
+        return Err(
+            "Foxglove's viewers see scenes of the server's own process alone: \
+                    leave out `foxglove`, or set workers = \"threads\""
+                .into(),
+        );
+    }
+    Ok(())
+}
+
+#[cfg(target_os = "linux")]
+fn processes(settings: &ServerSettings) -> Result<Option<ProcessOptions>, Box<dyn Error>> {
+    let options = || ProcessOptions {
+        share: settings.share_worker,
+        log: settings.log,
+        threads: settings.threads,
+        record: settings.record.clone(),
+    };
+    Ok((settings.workers == WorkerKind::Processes).then(options))
+}
+
+/// This system has no worker processes.
+#[cfg(not(target_os = "linux"))]
+fn processes(settings: &ServerSettings) -> Result<Option<ProcessOptions>, Box<dyn Error>> {
+    match settings.workers {
+        WorkerKind::Threads => Ok(None),
+        WorkerKind::Processes => {
+            Err("this system has no worker processes: set `workers` to \"threads\"".into())
+        }
+    }
+}
+
+/// Checks that a directory takes files, or can still be made.
+fn check_written(of: &str, directory: Option<&Path>) -> Result<(), Box<dyn Error>> {
+    let Some(directory) = directory else {
+        return Ok(());
+    };
+    let named = directory.display();
+    let missing = directory.ancestors().skip(1).find(|above| above.exists());
+    let above = if directory.exists() {
+        directory
+    } else {
+        // A relative name stands in the current directory.
+        missing
+            .filter(|above| *above != Path::new(""))
+            .unwrap_or(Path::new("."))
+    };
+    if !above.is_dir() {
+        let above = above.display();
+        return Err(
+            format!("the directory {named} for {of} cannot be used: {above} is a file").into(),
+        );
+    }
+    try_file_in(above).map_err(|cause| {
+        let above = above.display();
+        format!("the directory {named} for {of} cannot be used: {above} takes no files: {cause}")
+            .into()
+    })
+}
+
+/// Makes a file in a directory and removes it. A file or a link that is there already is left alone.
+fn try_file_in(directory: &Path) -> io::Result<()> {
+    for number in 0..u8::MAX {
+        let probe = directory.join(format!(".rhumb-server-{}-{number}", std::process::id()));
+        match File::create_new(&probe) {
+            Ok(_) => return std::fs::remove_file(&probe),
+            Err(cause) if cause.kind() == io::ErrorKind::AlreadyExists => {}
+            Err(cause) => return Err(cause),
+        }
+    }
+    Err(io::ErrorKind::AlreadyExists.into())
+}
