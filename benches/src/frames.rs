@@ -17,7 +17,8 @@ use rhumb_local::LocalServer;
 use rhumb_protocol::scene::Command;
 use rhumb_protocol::stream::Observation;
 use rhumb_reckoning::Tick;
-use rhumb_server::{Access, Identity, RunError, Scene, Server, Stop};
+use rhumb_scene::Scene;
+use rhumb_server::{Access, Identity, RunError, Server, Stop};
 use rhumb_sims::{NAMES, by_name};
 use serde::{Deserialize, Serialize};
 

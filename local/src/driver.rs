@@ -12,7 +12,7 @@ use std::time::Duration;
 
 use bytes::Bytes;
 use rhumb_protocol::{Ending, Endpoint, Peer, Transmit};
-use rhumb_server::Front;
+use rhumb_scene::ServerLoop;
 use rhumb_transport::{Clock, HeldBack, Inbox};
 
 /// One input of a client.
@@ -44,11 +44,11 @@ impl LocalInput {
 
 /// A server, and the inboxes of its clients.
 pub(crate) struct Driver {
-    front: Front,
+    server: ServerLoop,
     clock: Clock,
     clients: BTreeMap<Peer, LocalClient>,
     held_back: HeldBack<Bytes>,
-    /// True after a panic: the front is in an unknown state, and is not called again.
+    /// True after a panic: the server is in an unknown state, and is not called again.
     broken: bool,
 }
 
@@ -87,9 +87,9 @@ impl LocalClient {
 }
 
 impl Driver {
-    pub(crate) fn new(front: Front, clock: Clock) -> Self {
+    pub(crate) fn new(server: ServerLoop, clock: Clock) -> Self {
         Self {
-            front,
+            server,
             clock,
             clients: BTreeMap::new(),
             held_back: HeldBack::default(),
@@ -113,7 +113,7 @@ impl Driver {
         self.guard(Self::turn).flatten()
     }
 
-    /// Calls the front, unless it has panicked, in this call or before.
+    /// Calls the server, unless it has panicked, in this call or before.
     fn guard<T>(&mut self, call: impl FnOnce(&mut Self) -> T) -> Option<T> {
         if self.broken {
             return None;
@@ -137,24 +137,24 @@ impl Driver {
                     unreported: 0,
                 };
                 self.clients.insert(from, client);
-                self.front.handle_opened(now, from);
-                self.front.handle_control_taken(now, from, 0);
+                self.server.handle_opened(now, from);
+                self.server.handle_control_taken(now, from, 0);
             }
             LocalInput::Control(bytes) => {
-                (self.held_back).handle_control(now, &mut self.front, from, bytes);
+                (self.held_back).handle_control(now, &mut self.server, from, bytes);
             }
             LocalInput::Taken(bytes) => {
                 let news = self.clients.get_mut(&from).map(|client| client.take(bytes));
                 if let Some(news) = news.filter(|news| *news > 0) {
-                    self.front.handle_control_taken(now, from, news);
+                    self.server.handle_control_taken(now, from, news);
                 }
             }
-            LocalInput::State(bytes) => self.front.handle_datagram(now, from, &bytes),
+            LocalInput::State(bytes) => self.server.handle_datagram(now, from, &bytes),
             LocalInput::Closed(code) => {
                 if let Some(client) = self.clients.remove(&from) {
-                    (self.held_back).deliver_rest(now, &mut self.front, from);
+                    (self.held_back).deliver_rest(now, &mut self.server, from);
                     client.inbox.put_end(Ending::Closed(code));
-                    self.front.handle_ended(now, from, Ending::Closed(code));
+                    self.server.handle_ended(now, from, Ending::Closed(code));
                 }
             }
         }
@@ -162,14 +162,18 @@ impl Driver {
 
     fn turn(&mut self) -> Option<Duration> {
         let now = self.clock.now();
-        if self.front.poll_timeout().is_some_and(|wake| wake.at <= now) {
-            self.front.handle_timeout(now);
+        if self
+            .server
+            .poll_timeout()
+            .is_some_and(|wake| wake.at <= now)
+        {
+            self.server.handle_timeout(now);
         }
         self.transmit();
-        while self.held_back.deliver(now, &mut self.front) {
+        while self.held_back.deliver(now, &mut self.server) {
             self.transmit();
         }
-        let wake = self.front.poll_timeout()?;
+        let wake = self.server.poll_timeout()?;
         Some(self.clock.until(wake.at))
     }
 
@@ -180,13 +184,13 @@ impl Driver {
     }
 
     fn transmit(&mut self) {
-        while let Some(transmit) = self.front.poll_transmit() {
+        while let Some(transmit) = self.server.poll_transmit() {
             match transmit {
                 Transmit::Control { to, bytes } => {
                     let taken = self.clients.get_mut(&to).map(|client| client.put(&bytes));
                     if let Some(taken) = taken.filter(|taken| *taken > 0) {
                         let now = self.clock.now();
-                        self.front.handle_control_taken(now, to, taken);
+                        self.server.handle_control_taken(now, to, taken);
                     }
                 }
                 Transmit::State { to, bytes } => {
@@ -199,7 +203,7 @@ impl Driver {
                     if let Some(client) = self.clients.remove(&to) {
                         self.held_back.forget(to);
                         client.inbox.put_end(Ending::Closed(code));
-                        self.front.handle_ended(now, to, Ending::Closed(code));
+                        self.server.handle_ended(now, to, Ending::Closed(code));
                     }
                 }
             }

@@ -13,7 +13,7 @@ use rhumb_client::{
     ClientTransport, Ending, Received, ServerConnection, TransportCode, WireStatistics,
 };
 use rhumb_protocol::{Peer, Span};
-use rhumb_server::Front;
+use rhumb_scene::ServerLoop;
 use rhumb_transport::{Clock, Inbox};
 
 use crate::driver::{Driver, Host, InputQueue, LocalInput, Lost, QueuedInput};
@@ -36,7 +36,7 @@ impl LocalServer {
     /// A server that steps on the thread of the client that calls it, with the default limits.
     #[must_use]
     pub fn new() -> Self {
-        Self::of(front())
+        Self::of(scenes())
     }
 
     /// A server that steps on a thread of its own, with the default limits.
@@ -45,24 +45,24 @@ impl LocalServer {
     ///
     /// The system's, if the thread cannot start.
     pub fn spawn() -> io::Result<Self> {
-        Self::spawn_of(front())
+        Self::spawn_of(scenes())
     }
 
-    /// As [`Self::new`], with hooks, limits and threads of the engine as this front has them.
+    /// As [`Self::new`], with hooks, limits and threads of the engine as these scenes have them.
     #[must_use]
-    pub fn of(front: Front) -> Self {
-        let driver = Driver::new(front, Clock::start());
+    pub fn of(scenes: ServerLoop) -> Self {
+        let driver = Driver::new(scenes, Clock::start());
         Self::at(Host::Caller(Arc::new(Mutex::new(driver))))
     }
 
-    /// As [`Self::spawn`], with hooks, limits and threads of the engine as this front has them.
+    /// As [`Self::spawn`], with hooks, limits and threads of the engine as these scenes have them.
     ///
     /// # Errors
     ///
     /// The system's, if the thread cannot start.
-    pub fn spawn_of(front: Front) -> io::Result<Self> {
+    pub fn spawn_of(scenes: ServerLoop) -> io::Result<Self> {
         let (sender, inputs) = channel();
-        let mut driver = Driver::new(front, Clock::start());
+        let mut driver = Driver::new(scenes, Clock::start());
         thread::Builder::new()
             .name("rhumb-local-server".to_owned())
             .stack_size(STACK_BYTES)
@@ -91,9 +91,9 @@ impl Default for LocalServer {
     }
 }
 
-fn front() -> Front {
+fn scenes() -> ServerLoop {
     let stopwatch = Clock::start();
-    Front::on_one_thread(move || stopwatch.now())
+    ServerLoop::new(move || stopwatch.now())
 }
 
 /// Runs a server until its last client is gone.

@@ -16,7 +16,7 @@ use rhumb_client::{
     PipelineDepth, Refusals, RenderTime, StreamChoice, Tick, Tolerance,
 };
 use rhumb_local::{Local as _, LocalServer};
-use rhumb_server::{Front, Hook, Hooks, Instant, Scene};
+use rhumb_scene::{Hook, Hooks, Instant, Scene, ServerLoop};
 use rhumb_sims::by_name;
 
 /// Both ways to run a server.
@@ -176,13 +176,13 @@ fn a_server_that_panics_ends_its_clients_with_an_error() {
             }))
         })
     };
-    let front = || {
-        let mut front = Front::on_one_thread(|| Instant::ZERO);
-        front.attach(hooks());
-        front
+    let scenes = || {
+        let mut scenes = ServerLoop::new(|| Instant::ZERO);
+        scenes.attach(hooks());
+        scenes
     };
-    let spawned = LocalServer::spawn_of(front()).expect("a thread can start");
-    for server in [LocalServer::of(front()), spawned] {
+    let spawned = LocalServer::spawn_of(scenes()).expect("a thread can start");
+    for server in [LocalServer::of(scenes()), spawned] {
         let mut client = server.connect().join("hooked").expect("a new scene");
         let failed = (0..10).find_map(|_| client.advance(PipelineDepth::LOCKSTEP).err());
         assert!(failed.is_some());
@@ -195,12 +195,12 @@ fn the_thread_ends_with_the_last_client() {
     let (held, gone) = (Arc::new(()), Arc::new(()));
     let alive = Arc::downgrade(&gone);
     drop(held);
-    let mut front = Front::on_one_thread(|| Instant::ZERO);
-    front.attach(Hooks::new(move |_, _| {
+    let mut scenes = ServerLoop::new(|| Instant::ZERO);
+    scenes.attach(Hooks::new(move |_, _| {
         let _kept = &gone;
         None
     }));
-    let server = LocalServer::spawn_of(front).expect("a thread can start");
+    let server = LocalServer::spawn_of(scenes).expect("a thread can start");
     let client = server.connect().join("last").expect("a new scene");
     drop(server);
     assert!(alive.upgrade().is_some());

@@ -1,6 +1,6 @@
-//! How a scene survives its process: its command log, and the store of all logs, as the scene knows them.
+//! The command log of a scene, and the store of all, as a scene knows them.
 //!
-//! What keeps them is elsewhere: files, another process. Invariant: neither a log nor a store makes a scene wait.
+//! With them a scene survives its process. What keeps them is elsewhere: files, another process. Invariant: neither a log nor a store makes a scene wait.
 
 use rhumb_protocol::Span;
 use rhumb_protocol::scene::{SceneConfig, SceneName};

@@ -1,4 +1,4 @@
-//! What a scene tells whoever watches it: metrics, recordings, the last moments before a fault.
+//! What a scene tells its observer: for metrics, recordings, fault reports.
 //!
 //! A scene calls its observer while it works, so that an observer must not wait. Invariant: nothing that an observer does
 //! changes the scene.
@@ -115,10 +115,10 @@ pub enum Incident {
 /// They count what the server hands to the links and takes from them: control streams and datagrams, without the headers
 /// of QUIC. A count is an addition to a number; nothing waits.
 #[derive(Clone, Debug, Default)]
-pub struct Traffic(Arc<Counters>);
+pub struct Traffic(Arc<TrafficCounts>);
 
 #[derive(Debug, Default)]
-struct Counters {
+struct TrafficCounts {
     received: AtomicU64,
     sent: AtomicU64,
 }

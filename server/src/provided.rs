@@ -26,7 +26,7 @@ impl SceneScript {
     }
 
     /// The commands before the next step.
-    pub(crate) fn commands(&mut self, scene: &Scene) -> Vec<Command> {
+    pub fn commands(&mut self, scene: &Scene) -> Vec<Command> {
         let mut commands = Vec::new();
         (self.0)(scene, &mut commands);
         commands

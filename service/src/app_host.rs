@@ -53,7 +53,7 @@ impl Server {
 
 impl Geometry for AppScenes<'_> {
     fn bulk(&self, shape: &Shape) -> Option<Bulk> {
-        let engine::Bulk { centre, volume } = engine::bulk(shape).ok()?;
+        let engine::ShapeVolume { centre, volume } = engine::shape_volume(shape).ok()?;
         Some(Bulk { centre, volume })
     }
 }

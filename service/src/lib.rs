@@ -1,4 +1,4 @@
-//! Rhumb's server: scenes as a service, with sockets, threads, processes, files and tokens.
+//! Rhumb's server: scenes as a service, with sockets, threads and tokens.
 //!
 //! The scenes themselves are `rhumb-scene`. Only `serve` has sockets, through the transport. `serve` and `log` have clocks;
 //! all else gets the time as an argument or a function.

@@ -6,14 +6,14 @@ use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::session::{ClientSession, Replica};
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::Tolerance;
-use rhumb_server::{Front, Workers};
+use rhumb_scene::{ServerLoop, Workers};
 use rhumb_sims::by_name;
 
 /// Longer than any answer takes over a perfect link.
 const ANSWERED: Span = Span::from_millis(10);
 
 /// The members of one scene: the first commands it, the others follow.
-struct Members(SimNetwork<Front, ClientSession>);
+struct Members(SimNetwork<ServerLoop, ClientSession>);
 
 impl Members {
     /// Makes a call of a member and waits for the answer.
@@ -68,7 +68,7 @@ pub(crate) fn displayed_digests(
     workers: Workers,
 ) -> Vec<u64> {
     let mut script = by_name(scene, 60, 1).expect("an existing script");
-    let mut server = Front::on_one_thread(|| Instant::ZERO);
+    let mut server = ServerLoop::new(|| Instant::ZERO);
     server.employ(workers);
     let mut members = Members(SimNetwork::new(server, LinkConfig::PERFECT, 1));
     let name: SceneName = "golden".parse().expect("a valid scene name");

@@ -3,7 +3,7 @@
 //! Proved by runs in this process, compared with each other and with recorded digests.
 
 use rhumb_protocol::scene::{BodyDesc, BodyKind};
-use rhumb_server::{Digest, Hook, Scene};
+use rhumb_scene::{Digest, Hook, Scene};
 use rhumb_sims::{NAMES, Script, by_name};
 
 /// Runs a script and hands each tick's observations to `check`.

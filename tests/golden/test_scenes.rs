@@ -5,7 +5,7 @@
 use glam::{DQuat, DVec3, Vec3};
 use rhumb_protocol::scene::{BodyDesc, BodyKind, Command};
 use rhumb_reckoning::BodyId;
-use rhumb_server::{Hook, Scene};
+use rhumb_scene::{Hook, Scene};
 use rhumb_sims::{Script, by_name, default_bodies};
 
 /// A scene with its script, and the motion at the start.

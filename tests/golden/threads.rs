@@ -6,7 +6,7 @@
 use std::num::NonZeroU32;
 
 use rhumb_reckoning::{Metres, Tolerance};
-use rhumb_server::{Scene, Workers, WorkersError};
+use rhumb_scene::{Scene, Workers, WorkersError};
 use rhumb_sims::{BallPit, Script};
 
 use crate::displayed::displayed_digests;

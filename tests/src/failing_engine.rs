@@ -13,8 +13,8 @@ use rhumb_protocol::scene::{
 };
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Inertia, Twist};
-use rhumb_server::Workers;
-use rhumb_server::engine::{
+use rhumb_scene::Workers;
+use rhumb_scene::engine::{
     BodyProperties, Engine, EngineFault, Engines, Push, UnanswerableQuery, UnusableShape,
 };
 

@@ -13,7 +13,8 @@ use rhumb_app::{
     Logon, Message, MessageFraming, Motion, SetWorld, Surface,
 };
 use rhumb_protocol::{Instant, Peer};
-use rhumb_server::{AppScenes, ServerLoop};
+use rhumb_scene::ServerLoop;
+use rhumb_server::AppScenes;
 
 /// The messages of the plug-in in one session.
 #[derive(Clone, Debug)]

@@ -9,7 +9,7 @@ use rhumb_protocol::scene::{Command, SceneConfig, Stepping};
 use rhumb_protocol::session::{ClientSession, Replica};
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::Tick;
-use rhumb_server::Front;
+use rhumb_scene::ServerLoop;
 use rhumb_sims::Script;
 
 use crate::observation_history::ObservationHistory;
@@ -28,7 +28,7 @@ const ANSWER_TIME_LIMIT: Span = Span::from_millis(600_000);
 /// A scene with its members.
 pub struct Stage {
     /// The network, for operations without a method here.
-    pub network: SimNetwork<Front, ClientSession>,
+    pub network: SimNetwork<ServerLoop, ClientSession>,
     /// The history of each member.
     pub histories: Vec<ObservationHistory>,
     config: SceneConfig,
@@ -64,7 +64,7 @@ impl Stage {
         seed: u64,
     ) -> Self {
         let mut stage = Self {
-            network: SimNetwork::new(Front::on_one_thread(|| Instant::ZERO), links, seed),
+            network: SimNetwork::new(ServerLoop::new(|| Instant::ZERO), links, seed),
             histories: Vec::new(),
             config,
             script,

@@ -9,8 +9,8 @@ use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::scene::SceneConfig;
 use rhumb_protocol::session::{ClientSession, CloseCode};
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
-use rhumb_server::engine::Engines;
-use rhumb_server::{Hooks, Limits, ProvidedScenes, ServerLoop};
+use rhumb_scene::engine::Engines;
+use rhumb_scene::{Hooks, Limits, ProvidedScenes, ServerLoop};
 
 /// One unit of data between the server and a client.
 #[derive(Clone, Debug, PartialEq, Eq)]

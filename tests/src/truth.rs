@@ -8,7 +8,7 @@ use std::ops::RangeInclusive;
 
 use rhumb_protocol::scene::{Command, SceneConfig};
 use rhumb_reckoning::{BodyId, BodyState, Divergence, Metres, Pose, Tick};
-use rhumb_server::Scene;
+use rhumb_scene::Scene;
 
 /// The commands of one member, and the server's answers.
 #[derive(Clone, Debug, Default)]

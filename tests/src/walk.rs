@@ -12,7 +12,7 @@ use rhumb_protocol::{Peer, Span};
 use rhumb_reckoning::{
     BodyId, BodyState, Divergence, Metres, Motion, Tick, Ticks, Tolerance, ToleranceScale,
 };
-use rhumb_server::UpstreamStatistics;
+use rhumb_scene::UpstreamStatistics;
 
 use crate::avatar::Avatars;
 use crate::stage::{COMMANDER, Stage, TICK};

@@ -13,7 +13,8 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use rhumb_bench::drive::{DriveError, ServerCpu, player};
 use rhumb_bench::record::Mode;
 use rhumb_bench::{machine, output};
-use rhumb_server::{Workers, run_on_cores};
+use rhumb_scene::Workers;
+use rhumb_server::run_on_cores;
 
 use crate::analysis::{Analysis, PaperResults};
 use crate::processor::CoreAssignment;

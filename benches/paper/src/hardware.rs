@@ -12,7 +12,8 @@ use rhumb_bench::drive::{DriveError, ServerCpu};
 use rhumb_bench::record::Mode;
 use rhumb_bench::summary::number;
 use rhumb_bench::{machine, output};
-use rhumb_server::{Workers, run_on_cores, usable_cores};
+use rhumb_scene::Workers;
+use rhumb_server::{run_on_cores, usable_cores};
 use serde::{Deserialize, Serialize};
 
 use crate::page::{Table, page};

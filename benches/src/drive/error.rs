@@ -6,7 +6,7 @@ use rhumb_client::{ClientError, OpenError};
 use rhumb_netsim::RelayError;
 use rhumb_protocol::scene::{CommandError, Invalid};
 use rhumb_reckoning::Tick;
-use rhumb_server::{HookError, SceneFault, WorkersError};
+use rhumb_scene::{HookError, SceneFault, WorkersError};
 
 use super::app::AppError;
 use super::process::ProcessError;

@@ -12,7 +12,7 @@ use rhumb_protocol::message::{Inspection, StageTimes};
 use rhumb_protocol::scene::{Command, SceneConfig};
 use rhumb_protocol::stream::Activity;
 use rhumb_reckoning::{BodyId, BodyState, Tick, Ticks, Tolerance};
-use rhumb_server::{Scene, Workers};
+use rhumb_scene::{Scene, Workers};
 use rhumb_transport::Clock;
 
 use super::app::{AppRemote, AppSetup, Defects};

@@ -11,7 +11,8 @@ use std::time::{Duration, Instant};
 use std::{fmt, io, thread};
 
 use clap::Args;
-use rhumb_server::{Hook, Hooks, RunError, Scene, run_on_cores};
+use rhumb_scene::{Hook, Hooks, Scene};
+use rhumb_server::{RunError, run_on_cores};
 use rhumb_sims::{Controller, Script};
 use rhumb_transport::Fingerprint;
 

@@ -11,7 +11,7 @@ use rhumb_netsim::LinkConfig;
 use rhumb_protocol::scene::{Command, PublishSchedule};
 use rhumb_protocol::stream::{Budget, Observation, PredictionParameters};
 use rhumb_reckoning::{BodyId, BodyState, Metres, Tick, Ticks, Tolerance};
-use rhumb_server::{Hook, Scene};
+use rhumb_scene::{Hook, Scene};
 use rhumb_sims::Script;
 use rhumb_trace::SceneFacts;
 use rhumb_transport::Clock;

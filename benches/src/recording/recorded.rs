@@ -10,7 +10,7 @@ use glam::Vec3;
 use rhumb_protocol::scene::{BodyKind, Command};
 use rhumb_protocol::stream::PredictionParameters;
 use rhumb_reckoning::{BodyId, Damping, Inertia, Integrator, Tick};
-use rhumb_server::Scene;
+use rhumb_scene::Scene;
 use rhumb_sims::Script;
 use rhumb_trace::SceneFacts;
 

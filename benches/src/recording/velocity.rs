@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use glam::{DQuat, DVec3};
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Tick};
-use rhumb_server::Digest;
+use rhumb_scene::Digest;
 
 use super::error::RecordingError;
 use super::recorded::Recording;

@@ -22,7 +22,7 @@ use rhumb_protocol::stream::{
 use rhumb_reckoning::{
     Anchor, BodyId, BodyState, Damping, Metres, Predictor, Tick, Tolerance, Track,
 };
-use rhumb_server::Scene;
+use rhumb_scene::Scene;
 use rhumb_sims::{BallPit, Script};
 
 use crate::processor::time_of;

@@ -15,7 +15,7 @@ use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, SceneConfig, Shape, Sha
 use rhumb_protocol::session::{ClientSession, Event};
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::{BodyId, BodyState};
-use rhumb_server::{Front, Limits};
+use rhumb_scene::{Limits, ServerLoop};
 
 /// Name of every scene here.
 const SCENE: &str = "bench";
@@ -28,7 +28,7 @@ const APART: f32 = 3.0;
 
 /// A free-running scene of one ball, and members that receive its state at every tick.
 pub struct HandOverLoad {
-    network: SimNetwork<Front, ClientSession>,
+    network: SimNetwork<ServerLoop, ClientSession>,
 }
 
 impl HandOverLoad {
@@ -39,13 +39,13 @@ impl HandOverLoad {
     /// If the server admits fewer.
     #[must_use]
     pub fn new(members: usize) -> Self {
-        let mut front = Front::on_one_thread(|| Instant::ZERO);
-        front.set_limits(Limits {
+        let mut scenes = ServerLoop::new(|| Instant::ZERO);
+        scenes.set_limits(Limits {
             members_per_scene: members as u64,
             ..Limits::default()
         });
         let mut load = Self {
-            network: SimNetwork::new(front, LinkConfig::PERFECT, 1),
+            network: SimNetwork::new(scenes, LinkConfig::PERFECT, 1),
         };
         for member in 0..members {
             load.enter(member == 0);

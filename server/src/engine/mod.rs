@@ -43,5 +43,5 @@ pub use interface::{
 };
 pub use rapier::RapierEngine;
 #[doc(hidden)]
-pub use rapier_solid::{Bulk, bulk};
+pub use rapier_solid::{ShapeVolume, shape_volume};
 pub use rapier_workers::{Workers, WorkersError};

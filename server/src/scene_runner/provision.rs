@@ -1,4 +1,4 @@
-//! A server's provision for one scene: limits, a share of time, and an observer.
+//! A server's provision for one scene: limits, a share of time, an observer.
 
 use crate::limits::Limits;
 use crate::load::SceneLoad;

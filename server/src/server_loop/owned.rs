@@ -1,4 +1,4 @@
-//! Scenes that a client of another protocol owns: it alone steps and ends them.
+//! Scenes that clients of another protocol own: they alone step and end them.
 //!
 //! Its gateway calls the server loop, between the calls of the driver.
 

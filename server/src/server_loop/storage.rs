@@ -1,4 +1,4 @@
-//! Scenes of a store: how a server loop creates them, and runs those that were restored.
+//! Scenes of a store: how they are created, and run once they are restored.
 //!
 //! Without a store, none of this does anything.
 

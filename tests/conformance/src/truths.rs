@@ -160,7 +160,7 @@ impl Script for BallsOnGround {
 mod tests {
     use std::fmt::Write;
 
-    use rhumb_server::Scene;
+    use rhumb_scene::Scene;
     use serde_json::json;
 
     use super::*;

@@ -12,7 +12,7 @@ use rhumb_protocol::packet::{LossReport, Low16, StreamId};
 use rhumb_protocol::scene::{Command, CommandError, Stepping};
 use rhumb_protocol::session::CloseCode;
 use rhumb_reckoning::{BodyId, Divergence, Tick, Tolerance};
-use rhumb_server::Scene;
+use rhumb_scene::Scene;
 
 use super::commands::command;
 use super::inputs::with_bytes;

@@ -11,7 +11,7 @@ use rhumb_protocol::scene::{
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_reckoning::BodyId;
-use rhumb_server::Scene;
+use rhumb_scene::Scene;
 
 use super::commands::command;
 use super::script::Script;

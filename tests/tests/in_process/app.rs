@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 
 use glam::Vec3;
 use rhumb_app::{AppOptions, Id, Kind, Logon, Message, Motion, States, TimeAdvanced};
-use rhumb_server::engine::Engines;
+use rhumb_scene::engine::Engines;
 use rhumb_tests::{Dice, FailingEngine, PluginServer, PluginSession, Recording, falling, seed};
 
 const ZOO: &[u8] = include_bytes!("../../data/app/harness_zoo.zst");

@@ -8,7 +8,7 @@ use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::scene::{BodyKind, Command, CommandError};
 use rhumb_protocol::session::Event;
 use rhumb_reckoning::{BodyId, Tick};
-use rhumb_server::{Hook, HookError, Hooks, Scene};
+use rhumb_scene::{Hook, HookError, Hooks, Scene};
 use rhumb_sims::{Controller, NAMES, Script, by_name};
 use rhumb_tests::Table;
 

@@ -16,7 +16,7 @@ use rhumb_protocol::packet::{LossReport, Low16, StreamId};
 use rhumb_protocol::session::{ClientSession, CloseCode, Event};
 use rhumb_protocol::{Endpoint, Instant, Peer, Span};
 use rhumb_reckoning::{Divergence, Tick, Tolerance};
-use rhumb_server::Scene;
+use rhumb_scene::Scene;
 use rhumb_sims::{Script, Zoo};
 use rhumb_tests::fuzzing::assert_peer_code;
 use rhumb_tests::{Delivered, Dice, RawPeer, Table};

@@ -7,7 +7,7 @@ use rhumb_protocol::Peer;
 use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::scene::{Joint, JointId, Joints};
 use rhumb_reckoning::Tick;
-use rhumb_server::Scene;
+use rhumb_scene::Scene;
 use rhumb_sims::{Script, Zoo};
 use rhumb_tests::Table;
 

@@ -17,7 +17,7 @@ use rhumb_protocol::scene::{
 use rhumb_protocol::session::Event;
 use rhumb_protocol::stream::ErrorBound;
 use rhumb_reckoning::{BodyId, Tick, Tolerance};
-use rhumb_server::Scene;
+use rhumb_scene::Scene;
 use rhumb_tests::fuzzing::random_commands;
 use rhumb_tests::{Dice, Table, seed};
 

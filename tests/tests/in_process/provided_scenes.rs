@@ -8,7 +8,7 @@ use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, SceneConfig, Shape, Sha
 use rhumb_protocol::session::Event;
 use rhumb_protocol::{Peer, Span};
 use rhumb_reckoning::{BodyId, BodyState};
-use rhumb_server::{ProvidedScene, ProvidedScenes, Scene, SceneScript};
+use rhumb_scene::{ProvidedScene, ProvidedScenes, Scene, SceneScript};
 use rhumb_tests::Table;
 
 const BALL: ShapeId = ShapeId(0);

@@ -14,7 +14,7 @@ use rhumb_protocol::scene::{
 use rhumb_protocol::session::Misuse;
 use rhumb_protocol::stream::ErrorBound;
 use rhumb_reckoning::{BodyId, Rate, Tick, Ticks, Tolerance};
-use rhumb_server::Scene;
+use rhumb_scene::Scene;
 use rhumb_sims::by_name;
 use rhumb_tests::{COMMANDER, Stage, TICK, assert_same_copy, seed};
 

@@ -13,7 +13,7 @@ use rhumb_protocol::scene::{
 };
 use rhumb_protocol::session::Event;
 use rhumb_reckoning::{BodyId, BodyState, Divergence, Tick, Tolerance};
-use rhumb_server::Scene;
+use rhumb_scene::Scene;
 use rhumb_tests::{FailingEngine, Fails, Table, failing_body};
 
 const BALL: ShapeId = ShapeId(0);

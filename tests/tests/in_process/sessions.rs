@@ -10,7 +10,7 @@ use rhumb_protocol::scene::{Command, Query, SceneConfig, Stepping};
 use rhumb_protocol::session::{CloseCode, Event};
 use rhumb_protocol::{Ending, Peer, Span};
 use rhumb_reckoning::Tolerance;
-use rhumb_server::Limits;
+use rhumb_scene::Limits;
 use rhumb_sims::by_name;
 use rhumb_tests::{Stage, Table};
 

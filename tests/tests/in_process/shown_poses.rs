@@ -13,7 +13,7 @@ use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, SceneConfig, Shape, ShapeId, Stepping};
 use rhumb_protocol::session::{ClientSession, Event};
 use rhumb_reckoning::{BodyId, BodyState, Divergence, Metres, Pose, Tick, Tolerance};
-use rhumb_server::Scene;
+use rhumb_scene::Scene;
 use rhumb_sims::{Script, by_name};
 use rhumb_tests::{COMMANDER, Dice, Stage, TICK, seed};
 use rhumb_view::{LiveView, RenderTime, ViewOptions};

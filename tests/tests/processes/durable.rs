@@ -18,7 +18,7 @@ use rhumb_client::{
     Client, ClientError, Event, JoinMode, JoinOptions, PipelineDepth, Tick, Tolerance, Trust,
 };
 use rhumb_reckoning::{BodyId, BodyState};
-use rhumb_server::Scene;
+use rhumb_scene::Scene;
 use rhumb_tests::{Ended, ServerProcess};
 
 use crate::SERVER;

@@ -89,7 +89,7 @@ fn a_client_displays_sixty_lockstep_ticks_within_tolerance() {
     let mut client = open(&server, "pit", stepping);
     let mut script = BallPit::new(20, 1, 5);
     run_script(&mut client, &mut script, 60);
-    let mut scene = rhumb_server::Scene::new(script.config()).unwrap();
+    let mut scene = rhumb_scene::Scene::new(script.config()).unwrap();
     let mut again = BallPit::new(20, 1, 5);
     for tick in 0..60 {
         let mut commands = Vec::new();

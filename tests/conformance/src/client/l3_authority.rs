@@ -8,7 +8,7 @@ use std::collections::BTreeSet;
 use rhumb_protocol::message::{AuthorityError, ClientMessage, ServerMessage};
 use rhumb_protocol::scene::BodyKind;
 use rhumb_reckoning::{Divergence, LengthBound, Tick, Tolerance};
-use rhumb_server::UpstreamStatistics;
+use rhumb_scene::UpstreamStatistics;
 
 use super::table::table;
 use crate::case::{Case, CaseRow};

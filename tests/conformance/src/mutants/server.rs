@@ -13,7 +13,7 @@ use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit, Wake};
 use rhumb_reckoning::BodyState;
-use rhumb_server::ServerLoop;
+use rhumb_scene::ServerLoop;
 use rhumb_transport::{Certificate, Fingerprint, QuicServer, ServerOptions, Stop};
 
 use super::packets::{updates_of, without_rests, written};

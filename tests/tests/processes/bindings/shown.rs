@@ -11,9 +11,8 @@ use std::thread::{self, JoinHandle};
 
 use glam::{DQuat, DVec3};
 use rhumb_reckoning::{BodyId, Pose};
-use rhumb_server::{
-    Access, Hook, Hooks, Identity, RunError, Scene, Server, ServerStatistics, Stop,
-};
+use rhumb_scene::{Hook, Hooks, Scene};
+use rhumb_server::{Access, Identity, RunError, Server, ServerStatistics, Stop};
 use rhumb_transport::Fingerprint;
 use tempfile::TempDir;
 
