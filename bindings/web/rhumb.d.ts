@@ -549,33 +549,150 @@ export type Joint = JointKind & {
   readonly strength?: { readonly force: number; readonly torque: number };
 };
 
+// >>> records, made by bindings/table
+/** A character: a kinematic body that walks by its velocity, as far as the world lets it, and falls. */
+export interface Character {
+  /** Gap that it keeps to its surroundings: 0.001 to 10,000 m. Default: 0.02. */
+  readonly offset?: number;
+  /** Steepest slope that it climbs, from level ground: 0 to π/2 rad. Default: π/4. */
+  readonly climbAngle?: number;
+  /** Slope from which on it slides down, from level ground: 0 to π/2 rad. Default: π/4. */
+  readonly slideAngle?: number;
+  /** Mass with which it pushes dynamic bodies, none at zero: 0 to 1,000,000 kg. Default: 80. */
+  readonly mass?: number;
+  /** Direction away from the ground, of unit length, instead of the one against gravity. */
+  readonly up?: Vec3;
+  /**
+   * `height`: greatest height of a step that it climbs: 0.001 to 10,000 m; `width`: free width that it needs on a step:
+   * 0.001 to 10,000 m; `ontoDynamic`: it also climbs onto dynamic bodies; otherwise it pushes them. Default: none.
+   */
+  readonly step?: { readonly height: number; readonly width: number; readonly ontoDynamic?: boolean };
+  /** Greatest drop of the ground that it follows without a fall: 0.001 to 10,000 m. Default: 0.2. Zero: none. */
+  readonly snap?: number;
+}
+
+/** A wheel of a vehicle, in the axes of its chassis and from the origin of its shape: a ray with a spring. */
+export interface Wheel {
+  /** Upper end of the suspension: at most 10,000 m along each axis. */
+  readonly position: Vec3;
+  /** Direction of the suspension, of unit length, towards the ground. Default: 0, -1, 0. */
+  readonly direction?: Vec3;
+  /** Axis about which the wheel turns, of unit length, to the right of the way forward. Default: 1, 0, 0. */
+  readonly axle?: Vec3;
+  /** Radius of the wheel: 0.001 to 10,000 m. */
+  readonly radius: number;
+  /** Length of the suspension without load, from the position to the wheel's centre: 0 to 10,000 m. Default: 0.3. */
+  readonly restLength?: number;
+  /** Greatest change of that length: 0 to 10,000 m. Default: 0.25. */
+  readonly travel?: number;
+  /** Acceleration of the chassis for a change of that length: 0 to 1,000,000 1/s². Default: 50. */
+  readonly stiffness?: number;
+  /** Damping while the spring is compressed: 0 to 1,000,000 1/s. Default: 4. */
+  readonly compression?: number;
+  /** Damping while the spring relaxes: 0 to 1,000,000 1/s. Default: 6. */
+  readonly relaxation?: number;
+  /** Greatest force of the suspension: 0 to 1,000,000,000 N. Default: any. */
+  readonly forceMax?: number;
+  /**
+   * Greatest force along the ground, as a share of the suspension's force, of which the part along the way forward
+   * counts half: 0 to 100. Default: 2.
+   */
+  readonly frictionSlip?: number;
+  /** Factor of the force along the axle that keeps the wheel from sliding sideways: 0 to 100. Default: 1. */
+  readonly sideFriction?: number;
+}
+
+/** Steering, force and brake of a wheel. Without any, it rolls freely. */
+export interface WheelInput {
+  /** Turn about the axis that points up, to the left if positive: -π to π rad. Default: 0. */
+  readonly steering?: number;
+  /** Force along the way forward, backward if negative: -1,000,000,000 to 1,000,000,000 N. Default: 0. */
+  readonly force?: number;
+  /** Greatest force that stops it, while it has no force: 0 to 1,000,000,000 N. Default: 0. */
+  readonly brake?: number;
+}
+
 /** Events that a body reports. */
 export interface ActiveEvents {
+  /** Its contacts begin and end. */
   readonly contacts?: boolean;
-  /** Newtons from which a contact's force is reported. */
-  readonly force?: number;
+  /** Bodies enter and leave the sensor, or the body enters and leaves sensors. */
   readonly sensors?: boolean;
+  /** It falls asleep and wakes. */
   readonly sleep?: boolean;
+  /** Least force of a contact that is reported, in each tick, zero for all: 0 to 1,000,000,000 N. */
+  readonly force?: number;
 }
+
+// <<< records
 
 /** One command. Forces act during the next tick, impulses at once. N, N·m, N·s, N·m·s; points in metres, world frame. */
 export type Command =
+  // >>> commands, made by bindings/table
+  /** Removes a body, and its joints. */
   | { readonly kind: "removeBody"; readonly id: BodyId }
-  | { readonly kind: "changeBody"; readonly desc: BodyDesc }
   /**
    * Puts a fixed or dynamic body elsewhere at once, and moves a kinematic one there during the next tick. If poses of a
-   * kinematic body come more seldom than ticks, up to four a second, it moves evenly from one to the next and carries what
-   * lies on it. A pose beyond 100 m/s or a quarter of a turn in a tick is a jump that shoves nothing.
+   * kinematic body come more seldom than ticks, up to four a second, it moves evenly from one to the next, carries what
+   * lies on it, and stops at the last one. A pose beyond 100 m/s or a quarter of a turn in a tick is a jump that shoves
+   * nothing. If a velocity is set after the pose, the body is there after one tick and continues at that velocity.
+   * `position`: place of the origin of its shape: at most 100,000 m along each axis. `rotation`: unit quaternion x, y,
+   * z, w, body to world. Default: 0, 0, 0, 1.
    */
-  | { readonly kind: "setPose"; readonly id: BodyId; readonly position: Vec3; readonly rotation: Quat }
-  | { readonly kind: "setVelocity"; readonly id: BodyId; readonly linear: Vec3; readonly angular: Vec3 }
+  | { readonly kind: "setPose"; readonly id: BodyId; readonly position: Vec3; readonly rotation?: Quat }
+  /**
+   * Sets both velocities. A kinematic body keeps them, and a character walks by them. `linear`: velocity of the centre
+   * of mass: at most 1,000 m/s along each axis. `angular`: angular velocity about world axes: at most 100 rad/s along
+   * each axis. Default: 0, 0, 0.
+   */
+  | { readonly kind: "setVelocity"; readonly id: BodyId; readonly linear: Vec3; readonly angular?: Vec3 }
+  /**
+   * Applies a force at the centre of mass during the next tick. `force`: in world axes: at most 1,000,000,000 N along
+   * each axis. `point`: point of the world where it acts: at most 100,000 m along each axis.
+   */
   | { readonly kind: "force"; readonly id: BodyId; readonly force: Vec3; readonly point?: Vec3 }
+  /** Applies a torque during the next tick. `torque`: about world axes: at most 1,000,000,000 N·m along each axis. */
   | { readonly kind: "torque"; readonly id: BodyId; readonly torque: Vec3 }
+  /**
+   * Applies an impulse at the centre of mass: the velocity changes at once. `impulse`: in world axes: at most
+   * 1,000,000,000 N·s along each axis. `point`: point of the world where it acts: at most 100,000 m along each axis.
+   */
   | { readonly kind: "impulse"; readonly id: BodyId; readonly impulse: Vec3; readonly point?: Vec3 }
+  /**
+   * Applies an angular impulse: the spin changes at once. `impulse`: about world axes: at most 1,000,000,000 N·m·s
+   * along each axis.
+   */
   | { readonly kind: "torqueImpulse"; readonly id: BodyId; readonly impulse: Vec3 }
-  | { readonly kind: "sleep" | "wake"; readonly id: BodyId }
+  /** Puts a dynamic body to sleep, until something that moves touches it. */
+  | { readonly kind: "sleep"; readonly id: BodyId }
+  /** Wakes a dynamic body. */
+  | { readonly kind: "wake"; readonly id: BodyId }
+  /** Turns the events of a body on; what is left out, off. A new body reports none. */
   | { readonly kind: "setEvents"; readonly id: BodyId; readonly events: ActiveEvents }
+  /** Makes a character or a vehicle an ordinary body again. */
+  | { readonly kind: "clearLocomotion"; readonly id: BodyId }
+  /**
+   * Makes a kinematic body a character, which walks by the velocity that is set, or gives a character other settings.
+   * Events report when it reaches the ground and when it leaves it.
+   */
+  | { readonly kind: "setCharacter"; readonly id: BodyId; readonly character: Character }
+  /** Makes a dynamic body a vehicle, whose wheels begin without inputs. */
+  | { readonly kind: "setVehicle"; readonly id: BodyId; readonly wheels: readonly Wheel[] }
+  /**
+   * Lets a character rise along its direction up. In the air nothing happens, unless it may jump from anywhere.
+   * `speed`: speed with which it rises: -1,000 to 1,000 m/s. `from`: ground that the jump needs. Default: `"ground"`.
+   */
+  | { readonly kind: "jump"; readonly id: BodyId; readonly speed: number; readonly from?: "ground" | "anywhere" }
+  /**
+   * Sets steering, force and brake of all wheels of a vehicle. It keeps them until the next ones. `inputs`: in the
+   * order of the wheels.
+   */
+  | { readonly kind: "setWheels"; readonly id: BodyId; readonly inputs: readonly WheelInput[] }
+  /** Changes the gravity of the scene. `gravity`: in world axes: at most 1,000 m/s² along each axis. */
   | { readonly kind: "setGravity"; readonly gravity: Vec3 }
+  // <<< commands
+  /** Replaces the description of a body; pose and velocities stay. */
+  | { readonly kind: "changeBody"; readonly desc: BodyDesc }
   | { readonly kind: "addShape"; readonly id: ShapeId; readonly shape: Shape }
   | { readonly kind: "removeShape"; readonly id: ShapeId }
   | { readonly kind: "addJoint" | "changeJoint"; readonly id: JointId; readonly joint: Joint }

@@ -21,20 +21,21 @@
 #include <stdint.h>
 #include <stdlib.h>
 
-// Bit of `events`: contacts of the body begin and end.
+// Bytes of the text of an event, with the zero byte that ends it.
+#define RHUMB_EVENT_TEXT_BYTES 192
+
+// Bit of `events`: its contacts begin and end.
 #define RHUMB_EVENTS_CONTACTS 1
 
-// Bit of `events`: the force of a contact is at least `event_force`, in each tick.
+// Bit of `events`: `number` is the least force of a contact that is reported, in each tick, zero for all: 0 to
+// 1,000,000,000 N.
 #define RHUMB_EVENTS_FORCE 2
 
 // Bit of `events`: bodies enter and leave the sensor, or the body enters and leaves sensors.
 #define RHUMB_EVENTS_SENSORS 4
 
-// Bit of `events`: the body falls asleep and wakes.
+// Bit of `events`: it falls asleep and wakes.
 #define RHUMB_EVENTS_SLEEP 8
-
-// Bytes of the text of an event, with the zero byte that ends it.
-#define RHUMB_EVENT_TEXT_BYTES 192
 
 // Bytes of the reason of a refusal, with the zero byte that ends it.
 #define RHUMB_REASON_BYTES 32
@@ -295,7 +296,7 @@ typedef uint32_t RhumbJointKind;
 #endif // __STDC_VERSION__ >= 202311L
 #endif // __cplusplus
 
-// Ground that a jump of a character needs.
+// Ground that the jump needs, a choice of the command `Jump`.
 enum RhumbJumpFrom
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
   : uint32_t
@@ -314,40 +315,56 @@ typedef uint32_t RhumbJumpFrom;
 #endif // __STDC_VERSION__ >= 202311L
 #endif // __cplusplus
 
-// Kind of a command.
+// FieldKind of a command.
 enum RhumbCommandKind
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
   : uint32_t
 #endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
  {
-  // Removes `body`.
-  RHUMB_COMMAND_KIND_REMOVE_BODY,
-  // Moves `body` to the position `vector` and to `rotation`: at once, or a kinematic one during the next tick. If poses of
-  // a kinematic body come more seldom than ticks, up to four a second, it moves evenly from one to the next and carries
-  // what lies on it. A pose beyond 100 m/s or a quarter of a turn in a tick is a jump that shoves nothing.
-  RHUMB_COMMAND_KIND_SET_POSE,
-  // Gives `body` the velocity `vector` and the angular velocity `angular`.
-  RHUMB_COMMAND_KIND_SET_VELOCITY,
-  // Applies the force `vector` at the centre of mass of `body` during the next tick.
-  RHUMB_COMMAND_KIND_FORCE,
-  // Applies the torque `vector` to `body` during the next tick.
-  RHUMB_COMMAND_KIND_TORQUE,
-  // Applies the impulse `vector` at the centre of mass of `body`.
-  RHUMB_COMMAND_KIND_IMPULSE,
-  // Applies the angular impulse `vector` to `body`.
-  RHUMB_COMMAND_KIND_TORQUE_IMPULSE,
-  // Applies the force `vector` to `body` at `point` during the next tick.
-  RHUMB_COMMAND_KIND_FORCE_AT,
-  // Applies the impulse `vector` to `body` at `point`.
-  RHUMB_COMMAND_KIND_IMPULSE_AT,
-  // Makes `vector` the gravity of the scene.
-  RHUMB_COMMAND_KIND_SET_GRAVITY,
-  // Puts `body` to sleep.
-  RHUMB_COMMAND_KIND_SLEEP,
-  // Wakes `body`.
-  RHUMB_COMMAND_KIND_WAKE,
-  // Makes `body` report the events that `events` names, and contacts from the force `event_force` on.
-  RHUMB_COMMAND_KIND_SET_EVENTS,
+  // Removes a body, and its joints.
+  RHUMB_COMMAND_KIND_REMOVE_BODY = 3,
+  // Puts a fixed or dynamic body elsewhere at once, and moves a kinematic one there during the next tick. If poses
+  // of a kinematic body come more seldom than ticks, up to four a second, it moves evenly from one to the next,
+  // carries what lies on it, and stops at the last one. A pose beyond 100 m/s or a quarter of a turn in a tick is a
+  // jump that shoves nothing. If a velocity is set after the pose, the body is there after one tick and continues at
+  // that velocity. `vector`: place of the origin of its shape, units of length: at most 100,000 m along each axis;
+  // `rotation`: unit quaternion x, y, z, w, body to world.
+  RHUMB_COMMAND_KIND_SET_POSE = 4,
+  // Sets both velocities. A kinematic body keeps them, and a character walks by them. `vector`: velocity of the
+  // centre of mass, units of length per second: at most 1,000 m/s along each axis; `angular`: angular velocity about
+  // world axes: at most 100 rad/s along each axis.
+  RHUMB_COMMAND_KIND_SET_VELOCITY = 5,
+  // Applies a force at the centre of mass during the next tick. `vector`: in world axes: at most 1,000,000,000 N
+  // along each axis.
+  RHUMB_COMMAND_KIND_FORCE = 6,
+  // Applies a torque during the next tick. `vector`: about world axes: at most 1,000,000,000 N·m along each axis.
+  RHUMB_COMMAND_KIND_TORQUE = 7,
+  // Applies an impulse at the centre of mass: the velocity changes at once. `vector`: in world axes: at most
+  // 1,000,000,000 N·s along each axis.
+  RHUMB_COMMAND_KIND_IMPULSE = 8,
+  // Applies an angular impulse: the spin changes at once. `vector`: about world axes: at most 1,000,000,000 N·m·s
+  // along each axis.
+  RHUMB_COMMAND_KIND_TORQUE_IMPULSE = 9,
+  // Changes the gravity of the scene. `vector`: in world axes, units of length per s²: at most 1,000 m/s² along each
+  // axis.
+  RHUMB_COMMAND_KIND_SET_GRAVITY = 10,
+  // Applies a force at a point during the next tick. `vector`: in world axes: at most 1,000,000,000 N along each
+  // axis; `point`: point of the world where it acts, units of length: at most 100,000 m along each axis.
+  RHUMB_COMMAND_KIND_FORCE_AT = 15,
+  // Applies an impulse at a point: both velocities change at once. `vector`: in world axes: at most 1,000,000,000
+  // N·s along each axis; `point`: point of the world where it acts, units of length: at most 100,000 m along each
+  // axis.
+  RHUMB_COMMAND_KIND_IMPULSE_AT = 16,
+  // Puts a dynamic body to sleep, until something that moves touches it.
+  RHUMB_COMMAND_KIND_SLEEP = 17,
+  // Wakes a dynamic body.
+  RHUMB_COMMAND_KIND_WAKE = 18,
+  // Turns the events of a body on; what is left out, off. A new body reports none.
+  RHUMB_COMMAND_KIND_SET_EVENTS = 19,
+  // Lets a character rise along its direction up. In the air nothing happens, unless it may jump from anywhere.
+  // `number`: speed with which it rises, units of length per second: -1,000 to 1,000 m/s; `choice`: ground that the
+  // jump needs.
+  RHUMB_COMMAND_KIND_JUMP = 21,
 };
 #ifndef __cplusplus
 #if __STDC_VERSION__ >= 202311L
@@ -390,9 +407,9 @@ enum RhumbEventKind
   RHUMB_EVENT_KIND_NONE,
   // All commands up to `number` were applied or refused; they act in the step after `tick`.
   RHUMB_EVENT_KIND_COMMANDS_APPLIED,
-  // The command `number` was refused; `text` says why.
+  // The command `number` was refused; `text` says why, and `body` is one that the reason names.
   RHUMB_EVENT_KIND_COMMAND_REFUSED,
-  // `body` was placed in the scene.
+  // `body` was placed in the scene, or its description was replaced.
   RHUMB_EVENT_KIND_BODY_PLACED,
   // `body` was removed; `text` says why.
   RHUMB_EVENT_KIND_BODY_REMOVED,
@@ -412,10 +429,19 @@ enum RhumbEventKind
   RHUMB_EVENT_KIND_WOKE,
   // The state of `body` was not finite, and it was removed.
   RHUMB_EVENT_KIND_BODY_FAULT,
+  // The character `body` reached ground that carries it.
+  RHUMB_EVENT_KIND_REACHED_GROUND,
+  // No ground carries the character `body` any more.
+  RHUMB_EVENT_KIND_LEFT_GROUND,
   // So many events of bodies as `number` says were not kept.
   RHUMB_EVENT_KIND_EVENTS_MISSED,
-  // The stream changed because of the link.
+  // The stream changed, by request or because of the link.
   RHUMB_EVENT_KIND_STREAM_CHANGED,
+  // The server receives nothing from the member with authority over `body`: from `tick` on its pose is a guess, and
+  // its error bound is infinite.
+  RHUMB_EVENT_KIND_PUBLISHER_SILENT,
+  // It receives from that member again, or its authority has ended: from `tick` on `body` has an error bound.
+  RHUMB_EVENT_KIND_PUBLISHER_ACTIVE,
   // The engine failed, and the scene continues from `tick` without the commands that it failed on.
   RHUMB_EVENT_KIND_SCENE_RESTORED,
   // The engine failed, and the scene stands still after `tick`.
@@ -432,23 +458,14 @@ enum RhumbEventKind
   RHUMB_EVENT_KIND_DURABLE,
   // The server granted authority over as many bodies as `number` says.
   RHUMB_EVENT_KIND_AUTHORITY_GRANTED,
-  // The server denied authority; `text` says why.
+  // The server denied authority; `text` says why, and `body` is one that the reason names.
   RHUMB_EVENT_KIND_AUTHORITY_DENIED,
   // The server denied a request; `text` says why.
   RHUMB_EVENT_KIND_DENIED,
   // The connection ended; `text` says why.
   RHUMB_EVENT_KIND_ENDED,
-  // Any other event; `text` names it.
+  // An event that bindings do not describe further; `text` names it.
   RHUMB_EVENT_KIND_OTHER,
-  // The character `body` reached ground that carries it.
-  RHUMB_EVENT_KIND_REACHED_GROUND,
-  // No ground carries the character `body` any more.
-  RHUMB_EVENT_KIND_LEFT_GROUND,
-  // The server receives nothing from the member with authority over `body`: from `tick` on its pose is a guess, and its
-  // error bound is infinite.
-  RHUMB_EVENT_KIND_PUBLISHER_SILENT,
-  // It receives from that member again, or its authority has ended: from `tick` on `body` has an error bound.
-  RHUMB_EVENT_KIND_PUBLISHER_ACTIVE,
 };
 #ifndef __cplusplus
 #if __STDC_VERSION__ >= 202311L
@@ -485,8 +502,8 @@ typedef struct RhumbBodyState {
   float angular_velocity[3];
 } RhumbBodyState;
 
-// A command. Fields that its kind does not name are ignored. Units are kilograms, seconds, radians, and the scene's unit
-// of length.
+// A command, for `rhumb_scene_command`. Fields that its kind does not name are ignored. Units are kilograms, seconds,
+// radians, and the scene's unit of length.
 typedef struct RhumbCommand {
   // A `RhumbCommandKind`.
   uint32_t kind;
@@ -494,7 +511,7 @@ typedef struct RhumbCommand {
   uint32_t events;
   // The body.
   RhumbBody body;
-  // Position, velocity, force, torque, impulse or gravity, in world axes.
+  // A position, velocity, force, torque, impulse or gravity, in world axes, as the kind says.
   float vector[3];
   // Where a force or an impulse acts, in world axes.
   float point[3];
@@ -502,8 +519,10 @@ typedef struct RhumbCommand {
   float angular[3];
   // Unit quaternion x, y, z, w: body to world.
   float rotation[4];
-  // Force from which on contacts are reported.
-  float event_force;
+  // A number, as the kind says.
+  float number;
+  // A number of an enumeration, as the kind says.
+  uint32_t choice;
 } RhumbCommand;
 
 // How to reach a server, and which one to trust: by `fingerprint` or by `roots`, one of the two.
@@ -659,6 +678,76 @@ typedef struct RhumbEvent {
   char text[192];
 } RhumbEvent;
 
+// A character: a kinematic body that walks by its velocity, as far as the world lets it, and falls. Begin with
+// `rhumb_character_init`.
+typedef struct RhumbCharacter {
+  // Not zero: it has `up`.
+  uint8_t has_up;
+  // Not zero: it has `step_height` and what belongs to it.
+  uint8_t has_step;
+  // Not zero: it also climbs onto dynamic bodies; otherwise it pushes them.
+  uint8_t onto_dynamic;
+  // Not zero: it has `snap`.
+  uint8_t has_snap;
+  // Gap that it keeps to its surroundings, units of length: 0.001 to 10,000 m.
+  float offset;
+  // Steepest slope that it climbs, from level ground: 0 to π/2 rad.
+  float climb_angle;
+  // Slope from which on it slides down, from level ground: 0 to π/2 rad.
+  float slide_angle;
+  // Mass with which it pushes dynamic bodies, none at zero: 0 to 1,000,000 kg.
+  float mass;
+  // Direction away from the ground, of unit length, instead of the one against gravity.
+  float up[3];
+  // Greatest height of a step that it climbs, units of length: 0.001 to 10,000 m.
+  float step_height;
+  // Free width that it needs on a step, units of length: 0.001 to 10,000 m.
+  float step_width;
+  // Greatest drop of the ground that it follows without a fall, units of length: 0.001 to 10,000 m.
+  float snap;
+} RhumbCharacter;
+
+// A wheel of a vehicle, in the axes of its chassis and from the origin of its shape: a ray with a spring. Begin with
+// `rhumb_wheel_init`.
+typedef struct RhumbWheel {
+  // Upper end of the suspension, units of length: at most 10,000 m along each axis.
+  float position[3];
+  // Direction of the suspension, of unit length, towards the ground.
+  float direction[3];
+  // Axis about which the wheel turns, of unit length, to the right of the way forward.
+  float axle[3];
+  // Radius of the wheel, units of length: 0.001 to 10,000 m.
+  float radius;
+  // Length of the suspension without load, from the position to the wheel's centre, units of length: 0 to 10,000 m.
+  float rest_length;
+  // Greatest change of that length, units of length: 0 to 10,000 m.
+  float travel;
+  // Acceleration of the chassis for a change of that length: 0 to 1,000,000 1/s².
+  float stiffness;
+  // Damping while the spring is compressed: 0 to 1,000,000 1/s.
+  float compression;
+  // Damping while the spring relaxes: 0 to 1,000,000 1/s.
+  float relaxation;
+  // Greatest force of the suspension: 0 to 1,000,000,000 N.
+  float force_max;
+  // Greatest force along the ground, as a share of the suspension's force, of which the part along the way forward
+  // counts half: 0 to 100.
+  float friction_slip;
+  // Factor of the force along the axle that keeps the wheel from sliding sideways: 0 to 100.
+  float side_friction;
+} RhumbWheel;
+
+// Steering, force and brake of a wheel. Without any, it rolls freely. All zeros are its default.
+typedef struct RhumbWheelInput {
+  // Turn about the axis that points up, to the left if positive, in left-handed coordinates to the right: -π to π
+  // rad.
+  float steering;
+  // Force along the way forward, backward if negative: -1,000,000,000 to 1,000,000,000 N.
+  float force;
+  // Greatest force that stops it, while it has no force: 0 to 1,000,000,000 N.
+  float brake;
+} RhumbWheelInput;
+
 // Frame of a joint in one of its bodies.
 typedef struct RhumbJointFrame {
   // From the origin of the body's shape, along its axes, in the scene's unit of length.
@@ -717,74 +806,6 @@ typedef struct RhumbJointDesc {
   // Torque at which the joint breaks.
   float break_torque;
 } RhumbJointDesc;
-
-// A character: a kinematic body that walks by the velocity that was set last, as far as the world lets it, and falls.
-// Begin with `rhumb_character_init`.
-typedef struct RhumbCharacter {
-  // Not zero: `up` replaces the direction against the scene's gravity.
-  uint8_t has_up;
-  // Not zero: it climbs steps of at most `step_height` with at least `step_width`.
-  uint8_t has_step;
-  // Not zero: it also climbs onto dynamic bodies; otherwise it pushes them.
-  uint8_t steps_onto_dynamic;
-  // Not zero: it follows the ground down by at most `snap` without a fall.
-  uint8_t has_snap;
-  // Direction away from the ground, in world axes, of unit length.
-  float up[3];
-  // Gap that it keeps to its surroundings, units of length.
-  float offset;
-  // Steepest slope that it climbs, radians from level ground.
-  float climb_angle;
-  // Slope from which on it slides down, radians from level ground.
-  float slide_angle;
-  // Mass with which it pushes dynamic bodies, kilograms; at zero it pushes none.
-  float mass;
-  // Greatest height of a step, units of length.
-  float step_height;
-  // Free width that it needs on a step, units of length.
-  float step_width;
-  // Greatest drop of the ground that it follows, units of length.
-  float snap;
-} RhumbCharacter;
-
-// A wheel of a vehicle, in the axes of its chassis and from the origin of its shape: a ray with a spring. Begin with
-// `rhumb_wheel_init`.
-typedef struct RhumbWheel {
-  // Upper end of the suspension, units of length.
-  float position[3];
-  // Direction of the suspension, of unit length, towards the ground.
-  float direction[3];
-  // Axis about which the wheel turns, of unit length. It points to the right of the way forward.
-  float axle[3];
-  // Units of length.
-  float radius;
-  // Length of the suspension without load, from the position to the wheel's centre, units of length.
-  float rest_length;
-  // Greatest change of that length, units of length.
-  float travel;
-  // Acceleration of the chassis for a change of that length, 1/s².
-  float stiffness;
-  // Damping while the spring is compressed, 1/s.
-  float compression;
-  // Damping while the spring relaxes, 1/s.
-  float relaxation;
-  // Greatest force of the suspension.
-  float force_max;
-  // Greatest force along the ground, as a share of the suspension's force. The part along the way forward counts half.
-  float friction_slip;
-  // Factor of the force along the axle that keeps the wheel from sliding sideways.
-  float side_friction;
-} RhumbWheel;
-
-// Steering, force and brake of a wheel. All zeros: it rolls freely.
-typedef struct RhumbWheelInput {
-  // Turn about the axis that points up, radians: a positive one steers left, in left-handed coordinates right.
-  float steering;
-  // Force forward; a negative one acts backward.
-  float force;
-  // Greatest force that stops it. A wheel with a force does not brake.
-  float brake;
-} RhumbWheelInput;
 
 // The arrays of a view. They have one order, which changes from view to view.
 //
@@ -1057,6 +1078,55 @@ RhumbCode rhumb_shape_centre(const struct RhumbShape *shape,
 // `event` points to memory for a `RhumbEvent`.
 RhumbCode rhumb_scene_poll_event(struct RhumbScene scene, struct RhumbEvent *event);
 
+// Queues a command: makes a character or a vehicle an ordinary body again.
+//
+// `last` may be null; otherwise it receives the number of the command, which events name.
+//
+// # Safety
+//
+// `last` is null or points to memory for a number.
+RhumbCode rhumb_scene_clear_locomotion(struct RhumbScene scene, RhumbBody body, uint64_t *last);
+
+// Queues a command: makes a kinematic body a character, which walks by the velocity that is set, or gives a character
+// other settings. Events report when it reaches the ground and when it leaves it.
+//
+// `last` may be null; otherwise it receives the number of the command, which events name.
+//
+// # Safety
+//
+// `character` points to one; `last` is null or points to memory for a number.
+RhumbCode rhumb_scene_set_character(struct RhumbScene scene,
+                                    RhumbBody body,
+                                    const struct RhumbCharacter *character,
+                                    uint64_t *last);
+
+// Queues a command: makes a dynamic body a vehicle, whose wheels begin without inputs. `count`: 1 to 16.
+//
+// `last` may be null; otherwise it receives the number of the command, which events name.
+//
+// # Safety
+//
+// `wheels` points to `count` of them; `last` is null or points to memory for a number.
+RhumbCode rhumb_scene_set_vehicle(struct RhumbScene scene,
+                                  RhumbBody body,
+                                  const struct RhumbWheel *wheels,
+                                  size_t count,
+                                  uint64_t *last);
+
+// Queues a command: sets steering, force and brake of all wheels of a vehicle. It keeps them until the next ones.
+// `count`: 1 to 16. `inputs` are in the order of the wheels.
+//
+// `last` may be null; otherwise it receives the number of the command, which events name.
+//
+// # Safety
+//
+// `inputs` points to `count` of them; `last` is null or points to memory for a number.
+RhumbCode rhumb_scene_set_wheels(struct RhumbScene scene,
+                                 RhumbBody body,
+                                 const struct RhumbWheelInput *inputs,
+                                 size_t count,
+                                 uint64_t *last);
+
 // Makes a plain description: a fixed joint of no bodies at their centres, without limits and motors, that never breaks.
 //
 // # Safety
@@ -1113,57 +1183,6 @@ RhumbCode rhumb_character_init(struct RhumbCharacter *character,
 // `wheel` points to memory for a `RhumbWheel`.
 RhumbCode rhumb_wheel_init(struct RhumbWheel *wheel,
                            uint32_t coordinates);
-
-// Queues that a kinematic body becomes a character, or that a character gets other settings.
-//
-// Its velocity, which `RHUMB_COMMAND_KIND_SET_VELOCITY` sets, is the one by which it walks. `last` may be null; otherwise it
-// receives the number of the command, which events name.
-//
-// # Safety
-//
-// `character` points to a character; `last` is null or points to memory for a number.
-RhumbCode rhumb_scene_set_character(struct RhumbScene scene,
-                                    RhumbBody body,
-                                    const struct RhumbCharacter *character,
-                                    uint64_t *last);
-
-// Queues that a dynamic body becomes a vehicle on 1 to 16 wheels, which begin without inputs.
-//
-// # Safety
-//
-// `wheels` points to `count` wheels; `last` is null or points to memory for a number.
-RhumbCode rhumb_scene_set_vehicle(struct RhumbScene scene,
-                                  RhumbBody body,
-                                  const struct RhumbWheel *wheels,
-                                  size_t count,
-                                  uint64_t *last);
-
-// Queues that a character or a vehicle becomes an ordinary body again.
-//
-// # Safety
-//
-// `last` is null or points to memory for a number.
-RhumbCode rhumb_scene_clear_locomotion(struct RhumbScene scene, RhumbBody body, uint64_t *last);
-
-// Queues that a character rises with this speed along its direction up, in units of length per second.
-//
-// `from` is a `RhumbJumpFrom`: a jump from the ground changes nothing in the air.
-//
-// # Safety
-//
-// `last` is null or points to memory for a number.
-RhumbCode rhumb_scene_jump(struct RhumbScene scene, RhumbBody body, float speed, uint32_t from, uint64_t *last);
-
-// Queues the inputs of all wheels of a vehicle, in the order of its wheels. It keeps them until the next ones.
-//
-// # Safety
-//
-// `inputs` points to `count` inputs; `last` is null or points to memory for a number.
-RhumbCode rhumb_scene_set_wheels(struct RhumbScene scene,
-                                 RhumbBody body,
-                                 const struct RhumbWheelInput *inputs,
-                                 size_t count,
-                                 uint64_t *last);
 
 // Lends the arrays of the view that the last advance, wait or poll computed.
 //

@@ -82,6 +82,23 @@ struct Quat {
 
 static_assert(sizeof(Vec3) == 3 * sizeof(float) && sizeof(Quat) == 4 * sizeof(float), "arrays of floats are read as such");
 
+namespace detail {
+
+inline void set(float (&to)[3], Vec3 from) {
+    to[0] = from.x;
+    to[1] = from.y;
+    to[2] = from.z;
+}
+
+inline void set(float (&to)[4], Quat from) {
+    to[0] = from.x;
+    to[1] = from.y;
+    to[2] = from.z;
+    to[3] = from.w;
+}
+
+}  // namespace detail
+
 /// Elements that something else owns.
 template <typename T>
 class Slice {
@@ -289,7 +306,7 @@ public:
     static BodyDesc kinematic(Shape shape) { return BodyDesc(RHUMB_BODY_KIND_KINEMATIC, std::move(shape)); }
 
     BodyDesc& at(float x, float y, float z) {
-        set(raw_.position, Vec3{x, y, z});
+        detail::set(raw_.position, Vec3{x, y, z});
         return *this;
     }
 
@@ -302,13 +319,13 @@ public:
     }
 
     BodyDesc& linear_velocity(Vec3 velocity) {
-        set(raw_.linear_velocity, velocity);
+        detail::set(raw_.linear_velocity, velocity);
         return *this;
     }
 
     /// rad/s about world axes.
     BodyDesc& angular_velocity(Vec3 velocity) {
-        set(raw_.angular_velocity, velocity);
+        detail::set(raw_.angular_velocity, velocity);
         return *this;
     }
 
@@ -330,7 +347,7 @@ public:
     /// Moments of inertia about the body's axes, kg·m², in place of those of its shape; needs a mass.
     BodyDesc& moments(Vec3 moments) {
         raw_.has_moments = 1;
-        set(raw_.moments, moments);
+        detail::set(raw_.moments, moments);
         return *this;
     }
 
@@ -380,12 +397,6 @@ private:
         raw_.kind = static_cast<std::uint32_t>(kind);
     }
 
-    static void set(float (&to)[3], Vec3 from) {
-        to[0] = from.x;
-        to[1] = from.y;
-        to[2] = from.z;
-    }
-
     RhumbBodyDesc raw_;
     Shape shape_;
 };
@@ -411,15 +422,15 @@ public:
 
     /// From the centres of mass of the bodies, along their axes.
     JointDesc& anchors(Vec3 first, Vec3 second) {
-        set(raw_.first_frame.anchor, first);
-        set(raw_.second_frame.anchor, second);
+        detail::set(raw_.first_frame.anchor, first);
+        detail::set(raw_.second_frame.anchor, second);
         return *this;
     }
 
     /// Frames to bodies.
     JointDesc& rotations(Quat first, Quat second) {
-        set(raw_.first_frame.rotation, first);
-        set(raw_.second_frame.rotation, second);
+        detail::set(raw_.first_frame.rotation, first);
+        detail::set(raw_.second_frame.rotation, second);
         return *this;
     }
 
@@ -461,60 +472,69 @@ private:
         return 1U << axis;
     }
 
-    static void set(float (&to)[3], Vec3 from) {
-        to[0] = from.x;
-        to[1] = from.y;
-        to[2] = from.z;
-    }
-
-    static void set(float (&to)[4], Quat from) {
-        to[0] = from.x;
-        to[1] = from.y;
-        to[2] = from.z;
-        to[3] = from.w;
-    }
-
     RhumbJointDesc raw_;
 };
 
-/// A character, for Scene::set_character: a kinematic body that walks by its velocity. Give the coordinates of its scene.
+// >>> records, made by bindings/table
+/// A character: a kinematic body that walks by its velocity, as far as the world lets it, and falls. Give the
+/// coordinates of its scene: what is not set has its default in them.
 class Character {
 public:
     explicit Character(RhumbCoordinates coordinates = RHUMB_COORDINATES_RHUMB) {
         throw_unless_ok(rhumb_character_init(&raw_, static_cast<std::uint32_t>(coordinates)));
     }
 
-    /// Direction away from the ground, instead of the one against gravity; of unit length.
-    Character& up(Vec3 direction) {
-        raw_.has_up = 1;
-        raw_.up[0] = direction.x;
-        raw_.up[1] = direction.y;
-        raw_.up[2] = direction.z;
+    /// Gap that it keeps to its surroundings, units of length: 0.001 to 10,000 m.
+    Character& offset(float offset) {
+        raw_.offset = offset;
         return *this;
     }
 
-    /// The greatest height of a step that it climbs, and the free width that it needs there.
-    Character& step(float height, float width) {
+    /// Steepest slope that it climbs, from level ground: 0 to π/2 rad.
+    Character& climb_angle(float climb_angle) {
+        raw_.climb_angle = climb_angle;
+        return *this;
+    }
+
+    /// Slope from which on it slides down, from level ground: 0 to π/2 rad.
+    Character& slide_angle(float slide_angle) {
+        raw_.slide_angle = slide_angle;
+        return *this;
+    }
+
+    /// Mass with which it pushes dynamic bodies, none at zero: 0 to 1,000,000 kg.
+    Character& mass(float mass) {
+        raw_.mass = mass;
+        return *this;
+    }
+
+    /// Direction away from the ground, of unit length, instead of the one against gravity.
+    Character& up(Vec3 up) {
+        raw_.has_up = 1;
+        detail::set(raw_.up, up);
+        return *this;
+    }
+
+    /// height: greatest height of a step that it climbs, units of length: 0.001 to 10,000 m.
+    /// width: free width that it needs on a step, units of length: 0.001 to 10,000 m.
+    /// onto_dynamic: it also climbs onto dynamic bodies; otherwise it pushes them.
+    Character& step(float height, float width, bool onto_dynamic = false) {
         raw_.has_step = 1;
         raw_.step_height = height;
         raw_.step_width = width;
+        raw_.onto_dynamic = onto_dynamic ? 1 : 0;
         return *this;
     }
 
-    /// The steepest slope that it climbs and on which it stands, radians from level ground.
-    Character& slope(float angle) {
-        raw_.climb_angle = angle;
-        raw_.slide_angle = angle;
+    /// Greatest drop of the ground that it follows without a fall, units of length: 0.001 to 10,000 m.
+    /// None: it has none.
+    Character& snap(std::optional<float> snap) {
+        raw_.has_snap = snap ? 1 : 0;
+        raw_.snap = snap.value_or(0.0F);
         return *this;
     }
 
-    /// The mass with which it pushes dynamic bodies.
-    Character& mass(float kilograms) {
-        raw_.mass = kilograms;
-        return *this;
-    }
-
-    /// Every other field, as rhumb.h names it.
+    /// Every field, as rhumb.h names it.
     RhumbCharacter& fields() noexcept { return raw_; }
     const RhumbCharacter& raw() const noexcept { return raw_; }
 
@@ -522,125 +542,215 @@ private:
     RhumbCharacter raw_;
 };
 
-/// A wheel of a vehicle, for Scene::set_vehicle, in the axes of its chassis. Give the coordinates of its scene.
+/// A wheel of a vehicle, in the axes of its chassis and from the origin of its shape: a ray with a spring. Give the
+/// coordinates of its scene: what is not set has its default in them.
 class Wheel {
 public:
-    /// On a suspension of 0.3 m that points down. Its axle points to the right.
+    /// position: upper end of the suspension, units of length: at most 10,000 m along each axis.
+    /// radius: radius of the wheel, units of length: 0.001 to 10,000 m.
     Wheel(Vec3 position, float radius, RhumbCoordinates coordinates = RHUMB_COORDINATES_RHUMB) {
         throw_unless_ok(rhumb_wheel_init(&raw_, static_cast<std::uint32_t>(coordinates)));
-        set(raw_.position, position);
+        detail::set(raw_.position, position);
         raw_.radius = radius;
     }
 
-    /// Directions of the suspension, towards the ground, and of the axle, to the right of the way forward; of unit length.
-    Wheel& axes(Vec3 direction, Vec3 axle) {
-        set(raw_.direction, direction);
-        set(raw_.axle, axle);
+    /// Direction of the suspension, of unit length, towards the ground.
+    Wheel& direction(Vec3 direction) {
+        detail::set(raw_.direction, direction);
         return *this;
     }
 
-    /// Length without load, and the greatest change of it.
-    Wheel& suspension(float rest_length, float travel) {
+    /// Axis about which the wheel turns, of unit length, to the right of the way forward.
+    Wheel& axle(Vec3 axle) {
+        detail::set(raw_.axle, axle);
+        return *this;
+    }
+
+    /// Length of the suspension without load, from the position to the wheel's centre, units of length: 0 to 10,000 m.
+    Wheel& rest_length(float rest_length) {
         raw_.rest_length = rest_length;
+        return *this;
+    }
+
+    /// Greatest change of that length, units of length: 0 to 10,000 m.
+    Wheel& travel(float travel) {
         raw_.travel = travel;
         return *this;
     }
 
-    /// Stiffness in 1/s², and damping of both directions in 1/s.
-    Wheel& spring(float stiffness, float damping) {
+    /// Acceleration of the chassis for a change of that length: 0 to 1,000,000 1/s².
+    Wheel& stiffness(float stiffness) {
         raw_.stiffness = stiffness;
-        raw_.compression = damping;
-        raw_.relaxation = damping;
         return *this;
     }
 
-    /// Every other field, as rhumb.h names it.
+    /// Damping while the spring is compressed: 0 to 1,000,000 1/s.
+    Wheel& compression(float compression) {
+        raw_.compression = compression;
+        return *this;
+    }
+
+    /// Damping while the spring relaxes: 0 to 1,000,000 1/s.
+    Wheel& relaxation(float relaxation) {
+        raw_.relaxation = relaxation;
+        return *this;
+    }
+
+    /// Greatest force of the suspension: 0 to 1,000,000,000 N.
+    Wheel& force_max(float force_max) {
+        raw_.force_max = force_max;
+        return *this;
+    }
+
+    /// Greatest force along the ground, as a share of the suspension's force, of which the part along the way forward
+    /// counts half: 0 to 100.
+    Wheel& friction_slip(float friction_slip) {
+        raw_.friction_slip = friction_slip;
+        return *this;
+    }
+
+    /// Factor of the force along the axle that keeps the wheel from sliding sideways: 0 to 100.
+    Wheel& side_friction(float side_friction) {
+        raw_.side_friction = side_friction;
+        return *this;
+    }
+
+    /// Every field, as rhumb.h names it.
     RhumbWheel& fields() noexcept { return raw_; }
     const RhumbWheel& raw() const noexcept { return raw_; }
 
 private:
-    static void set(float (&to)[3], Vec3 from) {
-        to[0] = from.x;
-        to[1] = from.y;
-        to[2] = from.z;
-    }
-
     RhumbWheel raw_;
 };
 
-/// Steering, force and brake of a wheel: see RhumbWheelInput.
+/// Steering, force and brake of a wheel. Without any, it rolls freely. See RhumbWheelInput.
 using WheelInput = RhumbWheelInput;
+
+// <<< records
 
 /// Commands, for Scene::command.
 namespace command {
 
-inline RhumbCommand make(RhumbCommandKind kind, Body body, Vec3 vector = {}) {
+inline RhumbCommand make(RhumbCommandKind kind, Body body) {
     RhumbCommand command = {};
     command.kind = static_cast<std::uint32_t>(kind);
     command.body = body;
-    command.vector[0] = vector.x;
-    command.vector[1] = vector.y;
-    command.vector[2] = vector.z;
-    command.rotation[3] = 1.0F;
     return command;
 }
 
-inline RhumbCommand make_at(RhumbCommandKind kind, Body body, Vec3 vector, Vec3 point) {
-    RhumbCommand command = make(kind, body, vector);
-    command.point[0] = point.x;
-    command.point[1] = point.y;
-    command.point[2] = point.z;
-    return command;
-}
-
+// >>> commands, made by bindings/table
+/// Removes a body, and its joints.
 inline RhumbCommand remove_body(Body body) { return make(RHUMB_COMMAND_KIND_REMOVE_BODY, body); }
 
-/// Puts a fixed or dynamic body elsewhere at once, and moves a kinematic one there during the next tick: see
-/// RHUMB_COMMAND_KIND_SET_POSE.
-inline RhumbCommand set_pose(Body body, Vec3 position, Quat rotation) {
-    RhumbCommand command = make(RHUMB_COMMAND_KIND_SET_POSE, body, position);
-    command.rotation[0] = rotation.x;
-    command.rotation[1] = rotation.y;
-    command.rotation[2] = rotation.z;
-    command.rotation[3] = rotation.w;
+/// Puts a fixed or dynamic body elsewhere at once, and moves a kinematic one there during the next tick. If poses of a
+/// kinematic body come more seldom than ticks, up to four a second, it moves evenly from one to the next, carries what
+/// lies on it, and stops at the last one. A pose beyond 100 m/s or a quarter of a turn in a tick is a jump that shoves
+/// nothing. If a velocity is set after the pose, the body is there after one tick and continues at that velocity.
+/// position: place of the origin of its shape, units of length: at most 100,000 m along each axis.
+/// rotation: unit quaternion x, y, z, w, body to world.
+inline RhumbCommand set_pose(Body body, Vec3 position, Quat rotation = {0, 0, 0, 1}) {
+    RhumbCommand command = make(RHUMB_COMMAND_KIND_SET_POSE, body);
+    detail::set(command.vector, position);
+    detail::set(command.rotation, rotation);
     return command;
 }
 
-inline RhumbCommand set_velocity(Body body, Vec3 linear, Vec3 angular) {
-    RhumbCommand command = make(RHUMB_COMMAND_KIND_SET_VELOCITY, body, linear);
-    command.angular[0] = angular.x;
-    command.angular[1] = angular.y;
-    command.angular[2] = angular.z;
+/// Sets both velocities. A kinematic body keeps them, and a character walks by them.
+/// linear: velocity of the centre of mass, units of length per second: at most 1,000 m/s along each axis.
+/// angular: angular velocity about world axes: at most 100 rad/s along each axis.
+inline RhumbCommand set_velocity(Body body, Vec3 linear, Vec3 angular = {}) {
+    RhumbCommand command = make(RHUMB_COMMAND_KIND_SET_VELOCITY, body);
+    detail::set(command.vector, linear);
+    detail::set(command.angular, angular);
     return command;
 }
 
-inline RhumbCommand force(Body body, Vec3 force) { return make(RHUMB_COMMAND_KIND_FORCE, body, force); }
-inline RhumbCommand torque(Body body, Vec3 torque) { return make(RHUMB_COMMAND_KIND_TORQUE, body, torque); }
-inline RhumbCommand impulse(Body body, Vec3 impulse) { return make(RHUMB_COMMAND_KIND_IMPULSE, body, impulse); }
+/// Applies a force at the centre of mass during the next tick.
+/// force: in world axes: at most 1,000,000,000 N along each axis.
+inline RhumbCommand force(Body body, Vec3 force) {
+    RhumbCommand command = make(RHUMB_COMMAND_KIND_FORCE, body);
+    detail::set(command.vector, force);
+    return command;
+}
 
+/// Applies a torque during the next tick.
+/// torque: about world axes: at most 1,000,000,000 N·m along each axis.
+inline RhumbCommand torque(Body body, Vec3 torque) {
+    RhumbCommand command = make(RHUMB_COMMAND_KIND_TORQUE, body);
+    detail::set(command.vector, torque);
+    return command;
+}
+
+/// Applies an impulse at the centre of mass: the velocity changes at once.
+/// impulse: in world axes: at most 1,000,000,000 N·s along each axis.
+inline RhumbCommand impulse(Body body, Vec3 impulse) {
+    RhumbCommand command = make(RHUMB_COMMAND_KIND_IMPULSE, body);
+    detail::set(command.vector, impulse);
+    return command;
+}
+
+/// Applies an angular impulse: the spin changes at once.
+/// impulse: about world axes: at most 1,000,000,000 N·m·s along each axis.
 inline RhumbCommand torque_impulse(Body body, Vec3 impulse) {
-    return make(RHUMB_COMMAND_KIND_TORQUE_IMPULSE, body, impulse);
+    RhumbCommand command = make(RHUMB_COMMAND_KIND_TORQUE_IMPULSE, body);
+    detail::set(command.vector, impulse);
+    return command;
 }
 
+/// Changes the gravity of the scene.
+/// gravity: in world axes, units of length per s²: at most 1,000 m/s² along each axis.
+inline RhumbCommand set_gravity(Vec3 gravity) {
+    RhumbCommand command = make(RHUMB_COMMAND_KIND_SET_GRAVITY, 0);
+    detail::set(command.vector, gravity);
+    return command;
+}
+
+/// Applies a force at a point during the next tick.
+/// force: in world axes: at most 1,000,000,000 N along each axis.
+/// point: point of the world where it acts, units of length: at most 100,000 m along each axis.
 inline RhumbCommand force_at(Body body, Vec3 force, Vec3 point) {
-    return make_at(RHUMB_COMMAND_KIND_FORCE_AT, body, force, point);
+    RhumbCommand command = make(RHUMB_COMMAND_KIND_FORCE_AT, body);
+    detail::set(command.vector, force);
+    detail::set(command.point, point);
+    return command;
 }
 
+/// Applies an impulse at a point: both velocities change at once.
+/// impulse: in world axes: at most 1,000,000,000 N·s along each axis.
+/// point: point of the world where it acts, units of length: at most 100,000 m along each axis.
 inline RhumbCommand impulse_at(Body body, Vec3 impulse, Vec3 point) {
-    return make_at(RHUMB_COMMAND_KIND_IMPULSE_AT, body, impulse, point);
+    RhumbCommand command = make(RHUMB_COMMAND_KIND_IMPULSE_AT, body);
+    detail::set(command.vector, impulse);
+    detail::set(command.point, point);
+    return command;
 }
 
-inline RhumbCommand set_gravity(Vec3 gravity) { return make(RHUMB_COMMAND_KIND_SET_GRAVITY, 0, gravity); }
+/// Puts a dynamic body to sleep, until something that moves touches it.
 inline RhumbCommand sleep(Body body) { return make(RHUMB_COMMAND_KIND_SLEEP, body); }
+
+/// Wakes a dynamic body.
 inline RhumbCommand wake(Body body) { return make(RHUMB_COMMAND_KIND_WAKE, body); }
 
-/// RHUMB_EVENTS_ bits; contacts are reported from the force on, if that bit is set.
+/// Turns the events of a body on; what is left out, off. A new body reports none.
+/// events: RHUMB_EVENTS_ bits. force: from which on contacts are reported, if that bit is set.
 inline RhumbCommand set_events(Body body, std::uint32_t events, float force = 0.0F) {
     RhumbCommand command = make(RHUMB_COMMAND_KIND_SET_EVENTS, body);
     command.events = events;
-    command.event_force = force;
+    command.number = force;
     return command;
 }
+
+/// Lets a character rise along its direction up. In the air nothing happens, unless it may jump from anywhere.
+/// speed: speed with which it rises, units of length per second: -1,000 to 1,000 m/s.
+/// from: ground that the jump needs.
+inline RhumbCommand jump(Body body, float speed, RhumbJumpFrom from = RHUMB_JUMP_FROM_GROUND) {
+    RhumbCommand command = make(RHUMB_COMMAND_KIND_JUMP, body);
+    command.number = speed;
+    command.choice = static_cast<std::uint32_t>(from);
+    return command;
+}
+
+// <<< commands
 
 }  // namespace command
 
@@ -819,14 +929,23 @@ public:
         return number;
     }
 
-    /// Queues that a kinematic body becomes a character, or that a character gets other settings.
+    // >>> commands of a scene, made by bindings/table
+    /// Makes a character or a vehicle an ordinary body again.
+    std::uint64_t clear_locomotion(Body body) {
+        std::uint64_t number = 0;
+        throw_unless_ok(rhumb_scene_clear_locomotion(raw_, body, &number));
+        return number;
+    }
+
+    /// Makes a kinematic body a character, which walks by the velocity that is set, or gives a character other
+    /// settings. Events report when it reaches the ground and when it leaves it.
     std::uint64_t set_character(Body body, const Character& character) {
         std::uint64_t number = 0;
         throw_unless_ok(rhumb_scene_set_character(raw_, body, &character.raw(), &number));
         return number;
     }
 
-    /// Queues that a dynamic body becomes a vehicle on 1 to 16 wheels.
+    /// Makes a dynamic body a vehicle, whose wheels begin without inputs.
     std::uint64_t set_vehicle(Body body, const std::vector<Wheel>& wheels) {
         std::vector<RhumbWheel> raw;
         raw.reserve(wheels.size());
@@ -838,26 +957,15 @@ public:
         return number;
     }
 
-    /// Queues that a character or a vehicle becomes an ordinary body again.
-    std::uint64_t clear_locomotion(Body body) {
-        std::uint64_t number = 0;
-        throw_unless_ok(rhumb_scene_clear_locomotion(raw_, body, &number));
-        return number;
-    }
-
-    /// Queues that a character rises with this speed along its direction up.
-    std::uint64_t jump(Body body, float speed, RhumbJumpFrom from = RHUMB_JUMP_FROM_GROUND) {
-        std::uint64_t number = 0;
-        throw_unless_ok(rhumb_scene_jump(raw_, body, speed, static_cast<std::uint32_t>(from), &number));
-        return number;
-    }
-
-    /// Queues the inputs of all wheels of a vehicle, in their order. It keeps them.
+    /// Sets steering, force and brake of all wheels of a vehicle. It keeps them until the next ones.
+    /// inputs: in the order of the wheels.
     std::uint64_t set_wheels(Body body, const std::vector<WheelInput>& inputs) {
         std::uint64_t number = 0;
         throw_unless_ok(rhumb_scene_set_wheels(raw_, body, inputs.data(), inputs.size(), &number));
         return number;
     }
+
+    // <<< commands of a scene
 
     /// Requests authority over kinematic bodies, 256 at most, in place of those of now; none ends it. An event answers. The
     /// tolerance of a stream adds to this one.

@@ -1,46 +1,9 @@
-//! Commands as flat structs of C.
+//! Commands of C: they are queued, in batches.
 
-use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
-use rhumb_bindings::rhumb_client::scene::{ActiveEvents, Command};
-use rhumb_bindings::{BindingError, parse_body_word};
-
-use crate::border::{elements, guard, one_of, write_if_wanted};
-use crate::descriptions::RhumbBody;
-use crate::kinds::RhumbCommandKind;
-use crate::scene::{RhumbScene, with};
+use crate::border::{elements, guard};
+use crate::generated::RhumbCommand;
+use crate::scene::{RhumbScene, send_all};
 use crate::status::RhumbCode;
-
-/// Bit of `events`: contacts of the body begin and end.
-pub const RHUMB_EVENTS_CONTACTS: u32 = 1;
-/// Bit of `events`: the force of a contact is at least `event_force`, in each tick.
-pub const RHUMB_EVENTS_FORCE: u32 = 2;
-/// Bit of `events`: bodies enter and leave the sensor, or the body enters and leaves sensors.
-pub const RHUMB_EVENTS_SENSORS: u32 = 4;
-/// Bit of `events`: the body falls asleep and wakes.
-pub const RHUMB_EVENTS_SLEEP: u32 = 8;
-
-/// A command. Fields that its kind does not name are ignored. Units are kilograms, seconds, radians, and the scene's unit
-/// of length.
-#[repr(C)]
-#[derive(Clone, Copy, Debug)]
-pub struct RhumbCommand {
-    /// A `RhumbCommandKind`.
-    pub kind: u32,
-    /// Bits of events.
-    pub events: u32,
-    /// The body.
-    pub body: RhumbBody,
-    /// Position, velocity, force, torque, impulse or gravity, in world axes.
-    pub vector: [f32; 3],
-    /// Where a force or an impulse acts, in world axes.
-    pub point: [f32; 3],
-    /// Angular velocity, rad/s about world axes.
-    pub angular: [f32; 3],
-    /// Unit quaternion x, y, z, w: body to world.
-    pub rotation: [f32; 4],
-    /// Force from which on contacts are reported.
-    pub event_force: f32,
-}
 
 /// Queues `count` commands, which are applied in this order before the next tick. If one is wrong, none is queued.
 ///
@@ -69,107 +32,17 @@ pub unsafe extern "C" fn rhumb_scene_command(
     })
 }
 
-/// Queues a command, and writes its number.
-///
-/// # Safety
-///
-/// `last` is null or points to memory for a number.
-pub(crate) unsafe fn send(
-    scene: RhumbScene,
-    command: Command,
-    last: *mut u64,
-) -> Result<(), BindingError> {
-    // SAFETY: the caller promises the memory.
-    unsafe { send_all(scene, vec![command], last) }
-}
-
-/// Queues commands, and writes the number of the last, if there are any.
-///
-/// # Safety
-///
-/// As [`send`].
-unsafe fn send_all(
-    scene: RhumbScene,
-    commands: Vec<Command>,
-    last: *mut u64,
-) -> Result<(), BindingError> {
-    match with(scene, |scene| scene.command(commands))? {
-        // SAFETY: the caller promises the memory.
-        Some(number) => unsafe { write_if_wanted(last, number, "last") },
-        None => Ok(()),
-    }
-}
-
-impl RhumbCommand {
-    fn command(&self) -> Result<Command, BindingError> {
-        let kind = one_of(&RhumbCommandKind::EACH, self.kind, "command.kind")?;
-        let (vector, point) = (Vec3::from_array(self.vector), Vec3::from_array(self.point));
-        if kind == RhumbCommandKind::SetGravity {
-            return Ok(Command::SetGravity { gravity: vector });
-        }
-        let id = parse_body_word(self.body.0)?;
-        Ok(match kind {
-            RhumbCommandKind::RemoveBody => Command::RemoveBody { id },
-            RhumbCommandKind::SetPose => Command::SetPose {
-                id,
-                position: vector,
-                rotation: Quat::from_array(self.rotation),
-            },
-            RhumbCommandKind::SetVelocity => Command::SetVelocity {
-                id,
-                linear: vector,
-                angular: Vec3::from_array(self.angular),
-            },
-            RhumbCommandKind::Force => Command::Force { id, force: vector },
-            RhumbCommandKind::Torque => Command::Torque { id, torque: vector },
-            RhumbCommandKind::Impulse => Command::Impulse {
-                id,
-                impulse: vector,
-            },
-            RhumbCommandKind::TorqueImpulse => Command::TorqueImpulse {
-                id,
-                impulse: vector,
-            },
-            RhumbCommandKind::ForceAt => Command::ForceAt {
-                id,
-                force: vector,
-                point,
-            },
-            RhumbCommandKind::ImpulseAt => Command::ImpulseAt {
-                id,
-                impulse: vector,
-                point,
-            },
-            RhumbCommandKind::SetGravity => Command::SetGravity { gravity: vector },
-            RhumbCommandKind::Sleep => Command::Sleep { id },
-            RhumbCommandKind::Wake => Command::Wake { id },
-            RhumbCommandKind::SetEvents => Command::SetEvents {
-                id,
-                events: self.active_events()?,
-            },
-        })
-    }
-
-    fn active_events(&self) -> Result<ActiveEvents, BindingError> {
-        let is_on = |bit: u32| self.events & bit != 0;
-        let known =
-            RHUMB_EVENTS_CONTACTS | RHUMB_EVENTS_FORCE | RHUMB_EVENTS_SENSORS | RHUMB_EVENTS_SLEEP;
-        if self.events & !known != 0 {
-            let (bits, needed) = (self.events, "bits that the header names: 0 to 15");
-            return Err(BindingError::value("command.events", bits, needed));
-        }
-        Ok(ActiveEvents {
-            contacts: is_on(RHUMB_EVENTS_CONTACTS),
-            force: is_on(RHUMB_EVENTS_FORCE).then_some(self.event_force),
-            sensors: is_on(RHUMB_EVENTS_SENSORS),
-            sleep: is_on(RHUMB_EVENTS_SLEEP),
-        })
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use rhumb_bindings::parse_body_word;
+    use rhumb_bindings::rhumb_client::glam::Vec3;
+    use rhumb_bindings::rhumb_client::scene::{ActiveEvents, Command, JumpFrom};
+
     use super::*;
+    use crate::descriptions::RhumbBody;
+    use crate::generated::{
+        RHUMB_EVENTS_FORCE, RHUMB_EVENTS_SLEEP, RhumbCommandKind, RhumbJumpFrom,
+    };
 
     const PLAIN: RhumbCommand = RhumbCommand {
         kind: 0,
@@ -179,7 +52,8 @@ mod tests {
         point: [4.0, 5.0, 6.0],
         angular: [7.0, 8.0, 9.0],
         rotation: [0.0, 0.0, 0.0, 1.0],
-        event_force: 10.0,
+        number: 10.0,
+        choice: 1,
     };
 
     fn error(command: RhumbCommand) -> String {
@@ -207,6 +81,13 @@ mod tests {
             point: Vec3::new(4.0, 5.0, 6.0),
         };
         assert_eq!(command(RhumbCommandKind::ImpulseAt), expected);
+        let jump = Command::Jump {
+            id,
+            speed: 10.0,
+            from: JumpFrom::Anywhere,
+        };
+        assert_eq!(PLAIN.choice, RhumbJumpFrom::Anywhere as u32);
+        assert_eq!(command(RhumbCommandKind::Jump), jump);
         let events = RhumbCommand {
             events: RHUMB_EVENTS_FORCE | RHUMB_EVENTS_SLEEP,
             ..of_kind(RhumbCommandKind::SetEvents)
@@ -228,9 +109,10 @@ mod tests {
 
     #[test]
     fn unknown_kinds_bodies_and_bits_are_errors() {
-        let unknown = RhumbCommand { kind: 13, ..PLAIN };
+        let unknown = RhumbCommand { kind: 0, ..PLAIN };
         assert!(error(unknown).starts_with("command.kind is "));
         let nothing = RhumbCommand {
+            kind: RhumbCommandKind::RemoveBody as u32,
             body: RhumbBody(0),
             ..PLAIN
         };
@@ -241,5 +123,11 @@ mod tests {
             ..PLAIN
         };
         assert!(error(bits).starts_with("command.events is "));
+        let choice = RhumbCommand {
+            kind: RhumbCommandKind::Jump as u32,
+            choice: 2,
+            ..PLAIN
+        };
+        assert!(error(choice).starts_with("command.choice is "));
     }
 }

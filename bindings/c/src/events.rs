@@ -7,7 +7,7 @@ use rhumb_bindings::{EventRecord, body_word};
 
 use crate::border::{check_out, copy_text, guard, write};
 use crate::descriptions::RhumbBody;
-use crate::kinds::RhumbEventKind;
+use crate::generated::RhumbEventKind;
 use crate::scene::{RhumbScene, with};
 use crate::status::RhumbCode;
 

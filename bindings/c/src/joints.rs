@@ -7,10 +7,9 @@ use rhumb_bindings::rhumb_client::scene::{
 use rhumb_bindings::{BindingError, JointFreedom, JointParams, parse_body_word};
 
 use crate::border::{guard, one_of, value, write};
-use crate::commands::send;
 use crate::descriptions::RhumbBody;
 use crate::kinds::JOINT_KINDS;
-use crate::scene::RhumbScene;
+use crate::scene::{RhumbScene, send};
 use crate::status::RhumbCode;
 
 /// Frame of a joint in one of its bodies.

@@ -3,8 +3,8 @@
 //! A struct of C holds their numbers as `uint32_t`, because C does not keep a number within its enumeration.
 
 use rhumb_bindings::rhumb_client::Refusals;
-use rhumb_bindings::rhumb_client::scene::{BodyKind, Edges, JumpFrom, Stepping};
-use rhumb_bindings::{Coordinates, EventKind, JoinCondition, JointFreedom};
+use rhumb_bindings::rhumb_client::scene::{BodyKind, Edges, Stepping};
+use rhumb_bindings::{Coordinates, JoinCondition, JointFreedom};
 
 /// Axes and unit of length of an application. Up is the same direction in all of them.
 #[repr(u32)]
@@ -139,50 +139,6 @@ pub enum RhumbJointKind {
     Generic,
 }
 
-/// Ground that a jump of a character needs.
-#[repr(u32)]
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum RhumbJumpFrom {
-    /// The character jumps only if it stands on the ground.
-    Ground,
-    /// It jumps in the air too.
-    Anywhere,
-}
-
-/// Kind of a command.
-#[repr(u32)]
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum RhumbCommandKind {
-    /// Removes `body`.
-    RemoveBody,
-    /// Moves `body` to the position `vector` and to `rotation`: at once, or a kinematic one during the next tick. If poses of
-    /// a kinematic body come more seldom than ticks, up to four a second, it moves evenly from one to the next and carries
-    /// what lies on it. A pose beyond 100 m/s or a quarter of a turn in a tick is a jump that shoves nothing.
-    SetPose,
-    /// Gives `body` the velocity `vector` and the angular velocity `angular`.
-    SetVelocity,
-    /// Applies the force `vector` at the centre of mass of `body` during the next tick.
-    Force,
-    /// Applies the torque `vector` to `body` during the next tick.
-    Torque,
-    /// Applies the impulse `vector` at the centre of mass of `body`.
-    Impulse,
-    /// Applies the angular impulse `vector` to `body`.
-    TorqueImpulse,
-    /// Applies the force `vector` to `body` at `point` during the next tick.
-    ForceAt,
-    /// Applies the impulse `vector` to `body` at `point`.
-    ImpulseAt,
-    /// Makes `vector` the gravity of the scene.
-    SetGravity,
-    /// Puts `body` to sleep.
-    Sleep,
-    /// Wakes `body`.
-    Wake,
-    /// Makes `body` report the events that `events` names, and contacts from the force `event_force` on.
-    SetEvents,
-}
-
 /// Kind of a query.
 #[repr(u32)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -195,75 +151,6 @@ pub enum RhumbQueryKind {
     Projection,
     /// The bodies that `shape` overlaps at `position` and `rotation`.
     Overlap,
-}
-
-/// The kind of an event.
-#[repr(u32)]
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum RhumbEventKind {
-    /// There was no event.
-    None,
-    /// All commands up to `number` were applied or refused; they act in the step after `tick`.
-    CommandsApplied,
-    /// The command `number` was refused; `text` says why.
-    CommandRefused,
-    /// `body` was placed in the scene.
-    BodyPlaced,
-    /// `body` was removed; `text` says why.
-    BodyRemoved,
-    /// `body` and `other` began to touch.
-    ContactBegan,
-    /// `body` and `other` ceased to touch, or one of them was removed.
-    ContactEnded,
-    /// The force between `body` and `other` reached the threshold of one of them.
-    ContactForce,
-    /// `other` entered the sensor `body`.
-    SensorEntered,
-    /// `other` left the sensor `body`.
-    SensorLeft,
-    /// `body` fell asleep.
-    FellAsleep,
-    /// `body` woke.
-    Woke,
-    /// The state of `body` was not finite, and it was removed.
-    BodyFault,
-    /// So many events of bodies as `number` says were not kept.
-    EventsMissed,
-    /// The stream changed because of the link.
-    StreamChanged,
-    /// The engine failed, and the scene continues from `tick` without the commands that it failed on.
-    SceneRestored,
-    /// The engine failed, and the scene stands still after `tick`.
-    SceneFaulted,
-    /// The scene was deleted.
-    SceneDeleted,
-    /// The connection ended, and the client tries to resume.
-    Interrupted,
-    /// The client continues with its session over another connection.
-    Resumed,
-    /// The server does not know the session any more.
-    SessionLost,
-    /// The scene up to `tick` survives a crash of the server.
-    Durable,
-    /// The server granted authority over as many bodies as `number` says.
-    AuthorityGranted,
-    /// The server denied authority; `text` says why.
-    AuthorityDenied,
-    /// The server denied a request; `text` says why.
-    Denied,
-    /// The connection ended; `text` says why.
-    Ended,
-    /// Any other event; `text` names it.
-    Other,
-    /// The character `body` reached ground that carries it.
-    ReachedGround,
-    /// No ground carries the character `body` any more.
-    LeftGround,
-    /// The server receives nothing from the member with authority over `body`: from `tick` on its pose is a guess, and its
-    /// error bound is infinite.
-    PublisherSilent,
-    /// It receives from that member again, or its authority has ended: from `tick` on `body` has an error bound.
-    PublisherActive,
 }
 
 /// The coordinates in the order of their numbers.
@@ -294,9 +181,6 @@ pub(crate) const JOINT_KINDS: [JointFreedom; 7] = [
     JointFreedom::Generic,
 ];
 
-/// The grounds of jumps in the order of their numbers.
-pub(crate) const JUMPS: [JumpFrom; 2] = [JumpFrom::Ground, JumpFrom::Anywhere];
-
 impl RhumbSleep {
     pub(crate) const EACH: [Self; 4] = [Self::Default, Self::Settled, Self::Below, Self::Never];
 }
@@ -318,66 +202,10 @@ impl RhumbShapeKind {
     ];
 }
 
-impl RhumbCommandKind {
-    /// In the order of their numbers.
-    pub(crate) const EACH: [Self; 13] = [
-        Self::RemoveBody,
-        Self::SetPose,
-        Self::SetVelocity,
-        Self::Force,
-        Self::Torque,
-        Self::Impulse,
-        Self::TorqueImpulse,
-        Self::ForceAt,
-        Self::ImpulseAt,
-        Self::SetGravity,
-        Self::Sleep,
-        Self::Wake,
-        Self::SetEvents,
-    ];
-}
-
 impl RhumbQueryKind {
     /// In the order of their numbers.
     pub(crate) const EACH: [Self; 4] =
         [Self::Ray, Self::ShapeCast, Self::Projection, Self::Overlap];
-}
-
-impl RhumbEventKind {
-    pub(crate) const fn of(kind: EventKind) -> Self {
-        match kind {
-            EventKind::CommandsApplied => Self::CommandsApplied,
-            EventKind::CommandRefused => Self::CommandRefused,
-            EventKind::BodyPlaced => Self::BodyPlaced,
-            EventKind::BodyRemoved => Self::BodyRemoved,
-            EventKind::ContactBegan => Self::ContactBegan,
-            EventKind::ContactEnded => Self::ContactEnded,
-            EventKind::ContactForce => Self::ContactForce,
-            EventKind::SensorEntered => Self::SensorEntered,
-            EventKind::SensorLeft => Self::SensorLeft,
-            EventKind::FellAsleep => Self::FellAsleep,
-            EventKind::Woke => Self::Woke,
-            EventKind::BodyFault => Self::BodyFault,
-            EventKind::ReachedGround => Self::ReachedGround,
-            EventKind::LeftGround => Self::LeftGround,
-            EventKind::EventsMissed => Self::EventsMissed,
-            EventKind::StreamChanged => Self::StreamChanged,
-            EventKind::PublisherSilent => Self::PublisherSilent,
-            EventKind::PublisherActive => Self::PublisherActive,
-            EventKind::SceneRestored => Self::SceneRestored,
-            EventKind::SceneFaulted => Self::SceneFaulted,
-            EventKind::SceneDeleted => Self::SceneDeleted,
-            EventKind::Interrupted => Self::Interrupted,
-            EventKind::Resumed => Self::Resumed,
-            EventKind::SessionLost => Self::SessionLost,
-            EventKind::Durable => Self::Durable,
-            EventKind::AuthorityGranted => Self::AuthorityGranted,
-            EventKind::AuthorityDenied => Self::AuthorityDenied,
-            EventKind::Denied => Self::Denied,
-            EventKind::Ended => Self::Ended,
-            EventKind::Other => Self::Other,
-        }
-    }
 }
 
 #[cfg(test)]
@@ -390,9 +218,6 @@ mod tests {
             assert_eq!(kind as usize, place);
         }
         for (place, kind) in RhumbShapeKind::EACH.into_iter().enumerate() {
-            assert_eq!(kind as usize, place);
-        }
-        for (place, kind) in RhumbCommandKind::EACH.into_iter().enumerate() {
             assert_eq!(kind as usize, place);
         }
         for (place, kind) in RhumbQueryKind::EACH.into_iter().enumerate() {
@@ -427,8 +252,6 @@ mod tests {
         ] {
             assert_eq!(JOINT_KINDS[kind as usize], freedom);
         }
-        assert_eq!(JUMPS[RhumbJumpFrom::Ground as usize], JumpFrom::Ground);
-        assert_eq!(JUMPS[RhumbJumpFrom::Anywhere as usize], JumpFrom::Anywhere);
         assert_eq!(
             CONDITIONS[RhumbJoinCondition::Create as usize],
             JoinCondition::Create

@@ -3,6 +3,7 @@
 use std::ffi::c_char;
 
 use rhumb_bindings::rhumb_client::glam::Vec3;
+use rhumb_bindings::rhumb_client::scene::Command;
 use rhumb_bindings::rhumb_client::{PipelineDepth, Tick};
 use rhumb_bindings::{BindingError, JoinParams, RemoteScene, body_word, parse_body_word};
 
@@ -476,4 +477,35 @@ pub unsafe extern "C" fn rhumb_scene_statistics(
         // SAFETY: the caller promises the memory.
         unsafe { write(statistics, now, "statistics") }
     })
+}
+
+/// Queues a command, and writes its number.
+///
+/// # Safety
+///
+/// `last` is null or points to memory for a number.
+pub(crate) unsafe fn send(
+    scene: RhumbScene,
+    command: Command,
+    last: *mut u64,
+) -> Result<(), BindingError> {
+    // SAFETY: the caller promises the memory.
+    unsafe { send_all(scene, vec![command], last) }
+}
+
+/// Queues commands, and writes the number of the last, if there are any.
+///
+/// # Safety
+///
+/// As [`send`].
+pub(crate) unsafe fn send_all(
+    scene: RhumbScene,
+    commands: Vec<Command>,
+    last: *mut u64,
+) -> Result<(), BindingError> {
+    match with(scene, |scene| scene.command(commands))? {
+        // SAFETY: the caller promises the memory.
+        Some(number) => unsafe { write_if_wanted(last, number, "last") },
+        None => Ok(()),
+    }
 }

@@ -91,7 +91,8 @@ static void character(RhumbScene scene) {
     const float stood = position(scene, body)[0];
     advance(scene, 30);
     expect_near(position(scene, body)[0], stood, 0.05f, "its place");
-    check(rhumb_scene_jump(scene, body, 5, RHUMB_JUMP_FROM_GROUND, NULL), "jump");
+    const RhumbCommand jump = {.kind = RHUMB_COMMAND_KIND_JUMP, .body = body, .number = 5};
+    check(rhumb_scene_command(scene, &jump, 1, NULL), "jump");
     advance(scene, 30);
     if (!came(scene, RHUMB_EVENT_KIND_LEFT_GROUND, body)) abort();
     if (position(scene, body)[1] < 2) abort();

@@ -47,7 +47,7 @@ int count(rhumb::Scene& scene, RhumbEventKind kind, rhumb::Body body) {
 void character(rhumb::Scene& scene) {
     scene.add_body(rhumb::BodyDesc::fixed(rhumb::Shape::cuboid(100, 200, 10)).at(300, 0, 10));
     const auto body = scene.add_body(rhumb::BodyDesc::kinematic(rhumb::Shape::capsule(60, 30)).at(0, 0, 92));
-    scene.set_character(body, rhumb::Character(UNREAL).up({0, 0, 1}).slope(0.8F).mass(70).step(30, 10));
+    scene.set_character(body, rhumb::Character(UNREAL).up({0, 0, 1}).climb_angle(0.8F).slide_angle(0.8F).mass(70).step(30, 10));
     scene.command(rhumb::command::set_velocity(body, {200, 0, 0}, {}));
     advance(scene, 80);
     expect_near(position(scene, body).x, 267, 35, "the way of the character");
@@ -55,11 +55,11 @@ void character(rhumb::Scene& scene) {
     // On the floor, and again on the step.
     expect_near(static_cast<float>(count(scene, RHUMB_EVENT_KIND_REACHED_GROUND, body)), 2, 1, "its landings");
     scene.command(rhumb::command::set_velocity(body, {}, {}));
-    scene.jump(body, 500);
+    scene.command(rhumb::command::jump(body, 500));
     advance(scene, 30);
     // Half a second at 10 m/s² reaches 1.25 m.
     expect_near(position(scene, body).z, 112 + 125, 12, "its jump");
-    scene.jump(body, 500, RHUMB_JUMP_FROM_ANYWHERE);
+    scene.command(rhumb::command::jump(body, 500, RHUMB_JUMP_FROM_ANYWHERE));
     advance(scene, 10);
     expect_near(position(scene, body).z, 112 + 125 + 70, 16, "its jump in the air");
     scene.clear_locomotion(body);
@@ -72,11 +72,11 @@ void vehicle(rhumb::Scene& scene) {
     std::vector<rhumb::Wheel> wheels;
     for (const float x : {120.0F, -120.0F}) {
         for (const float y : {-80.0F, 80.0F}) {
-            wheels.push_back(rhumb::Wheel({x, y, -10}, 30, UNREAL).spring(50, 5).suspension(30, 25));
+            wheels.push_back(rhumb::Wheel({x, y, -10}, 30, UNREAL).stiffness(50).compression(5).relaxation(5).rest_length(30).travel(25));
         }
     }
     // The same axes again, by hand.
-    wheels[0].axes({0, 0, -1}, {0, 1, 0}).fields().friction_slip = 2;
+    wheels[0].direction({0, 0, -1}).axle({0, 1, 0}).fields().friction_slip = 2;
     scene.set_vehicle(body, wheels);
     advance(scene, 60);
     // Two kilonewtons, in kg cm/s², by the rear wheels; the front ones steer to the right a little.
@@ -112,7 +112,7 @@ void misuse(rhumb::Scene& scene) {
     expect_invalid("no wheels", [&] { scene.set_vehicle(body, {}); });
     expect_invalid("no radius", [&] { scene.set_vehicle(body, {rhumb::Wheel({0, 0, 0}, 0)}); });
     expect_invalid("no inputs", [&] { scene.set_wheels(body, {}); });
-    expect_invalid("a speed", [&] { scene.jump(body, std::nanf("")); });
+    expect_invalid("a speed", [&] { scene.command(rhumb::command::jump(body, std::nanf(""))); });
     expect_invalid("no body", [&] { scene.clear_locomotion(0); });
 }
 

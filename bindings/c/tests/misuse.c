@@ -161,7 +161,6 @@ static void calls_that_need(RhumbScene scene, RhumbCode code) {
     EXPECT(code, rhumb_scene_set_character(scene, body, &character, NULL));
     EXPECT(code, rhumb_scene_set_vehicle(scene, body, &wheel, 1, NULL));
     EXPECT(code, rhumb_scene_clear_locomotion(scene, body, NULL));
-    EXPECT(code, rhumb_scene_jump(scene, body, 1, RHUMB_JUMP_FROM_GROUND, NULL));
     EXPECT(code, rhumb_scene_set_wheels(scene, body, &input, 1, NULL));
     EXPECT(code, rhumb_scene_take_authority(scene, &body, 1, 0.02));
     EXPECT(code, rhumb_scene_publish(scene, &state, 1, NULL, NULL));
@@ -308,8 +307,12 @@ static void locomotion(RhumbScene scene, RhumbBody body) {
     wheels[3].axle[0] = 0;
     EXPECT(RHUMB_CODE_INVALID, rhumb_scene_set_vehicle(scene, body, wheels, 4, NULL));
     EXPECT(RHUMB_CODE_INVALID, rhumb_scene_clear_locomotion(scene, 0, NULL));
-    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_jump(scene, body, INFINITY, RHUMB_JUMP_FROM_GROUND, NULL));
-    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_jump(scene, body, 1, 2, NULL));
+    const RhumbCommand high = {.kind = RHUMB_COMMAND_KIND_JUMP, .body = body, .number = INFINITY};
+    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_command(scene, &high, 1, NULL));
+    const RhumbCommand unknown = {.kind = RHUMB_COMMAND_KIND_JUMP, .body = body, .number = 1, .choice = 2};
+    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_command(scene, &unknown, 1, NULL));
+    const RhumbCommand nothing = {.body = body};
+    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_command(scene, &nothing, 1, NULL));
     EXPECT(RHUMB_CODE_NULL, rhumb_scene_set_wheels(scene, body, NULL, 1, NULL));
     EXPECT(RHUMB_CODE_INVALID, rhumb_scene_set_wheels(scene, body, NULL, 0, NULL));
     EXPECT(RHUMB_CODE_INVALID, rhumb_scene_set_wheels(scene, body, &input, SIZE_MAX, NULL));

@@ -146,7 +146,9 @@ static void interfere(RhumbScene scene, int tick, const RhumbBody *bodies) {
         commands[1].angular[0] = 1;
         check(rhumb_scene_command(scene, commands, 2, NULL), "commands");
     } else if (tick == 40) {
-        check(rhumb_scene_jump(scene, bodies[PILED + 4], 4, RHUMB_JUMP_FROM_GROUND, NULL), "jump");
+        RhumbCommand jump = command(RHUMB_COMMAND_KIND_JUMP, bodies[PILED + 4], 0, 0, 0);
+        jump.number = 4;
+        check(rhumb_scene_command(scene, &jump, 1, NULL), "jump");
     } else if (tick == 60) {
         RhumbCommand removal = command(RHUMB_COMMAND_KIND_REMOVE_BODY, bodies[4], 0, 0, 0);
         check(rhumb_scene_command(scene, &removal, 1, NULL), "removal");

@@ -100,7 +100,7 @@ void interfere(rhumb::Scene& scene, int tick, const std::vector<rhumb::Body>& bo
         scene.command({rhumb::command::impulse(bodies[1], {200, 100, 0}),
                        rhumb::command::set_velocity(bodies[6], {0, 4, 1}, {1, 0, 0})});
     } else if (tick == 40) {
-        scene.jump(bodies[PILED + 4], 4);
+        scene.command(rhumb::command::jump(bodies[PILED + 4], 4));
     } else if (tick == 60) {
         scene.command(rhumb::command::remove_body(bodies[4]));
         if (scene.remove_unused_shapes() != 0) {

@@ -7,7 +7,8 @@ use std::collections::BTreeMap;
 use glam::Vec3;
 use rhumb_client::{BodyId, Tick};
 
-use crate::event_record::{EventKind, EventRecord};
+use crate::event_record::EventRecord;
+use crate::generated::EventKind;
 
 /// Two bodies that touch.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -10,9 +10,8 @@ mod joints;
 
 use glam::{Quat, Vec3};
 use rhumb_client::scene::{
-    Character, CharacterStep, Command, Compound, Contact, Heights, Hit, Hull, Invalid, Joint,
-    JointFrame, LockedAxes, Locomotion, Mesh, Part, Query, QueryKind, Shape, Sleep,
-    SleepThresholds, Vehicle, Wheel, WheelInput,
+    Character, Compound, Contact, Heights, Hit, Hull, Invalid, Joint, JointFrame, LockedAxes, Mesh,
+    Part, Query, QueryKind, Shape, Sleep, SleepThresholds, Wheel,
 };
 
 use self::joints::JointAxes;
@@ -150,6 +149,14 @@ impl Coordinates {
     #[must_use]
     pub fn length_in(self, length: f32) -> f32 {
         length * self.metres_per_unit()
+    }
+
+    /// A turn about an axis, in radians. In left-handed axes a positive one is the other way round.
+    pub(crate) fn turn_in(self, turn: f32) -> f32 {
+        match self.is_left_handed() {
+            true => 0.0 - turn,
+            false => turn,
+        }
     }
 
     /// Conditions of sleep, whose speed is in units of length per second.
@@ -362,157 +369,6 @@ impl Coordinates {
             travel: self.length_out(plain.travel),
             ..plain
         }
-    }
-
-    /// A character in Rhumb's coordinates.
-    #[must_use]
-    pub fn character_in(self, character: Character) -> Character {
-        Character {
-            up: character.up.map(|up| self.direction_in(up)),
-            offset: self.length_in(character.offset),
-            step: character.step.map(|step| CharacterStep {
-                height: self.length_in(step.height),
-                width: self.length_in(step.width),
-                ..step
-            }),
-            snap: character.snap.map(|snap| self.length_in(snap)),
-            ..character
-        }
-    }
-
-    /// A wheel in Rhumb's coordinates. An axle that points to the right of the way forward does so in any axes.
-    #[must_use]
-    pub fn wheel_in(self, wheel: Wheel) -> Wheel {
-        // Stiffness and damping are accelerations for a length and for a speed: they have no unit of length.
-        Wheel {
-            position: self.vector_in(wheel.position),
-            direction: self.direction_in(wheel.direction),
-            axle: self.direction_in(wheel.axle),
-            radius: self.length_in(wheel.radius),
-            rest_length: self.length_in(wheel.rest_length),
-            travel: self.length_in(wheel.travel),
-            force_max: self.length_in(wheel.force_max),
-            ..wheel
-        }
-    }
-
-    /// An input of a wheel in Rhumb's coordinates. A steering is a turn: in left-handed axes a positive one is the other
-    /// way round.
-    #[must_use]
-    pub fn wheel_input_in(self, input: WheelInput) -> WheelInput {
-        WheelInput {
-            steering: match self.is_left_handed() {
-                true => 0.0 - input.steering,
-                false => input.steering,
-            },
-            force: self.length_in(input.force),
-            brake: self.length_in(input.brake),
-        }
-    }
-
-    /// A command in Rhumb's coordinates.
-    ///
-    /// Descriptions of bodies pass as they are: no binding offers such commands.
-    #[must_use]
-    pub fn command_in(self, command: Command) -> Command {
-        match command {
-            Command::SetPose {
-                id,
-                position,
-                rotation,
-            } => Command::SetPose {
-                id,
-                position: self.vector_in(position),
-                rotation: self.rotation_in(rotation),
-            },
-            Command::SetVelocity {
-                id,
-                linear,
-                angular,
-            } => Command::SetVelocity {
-                id,
-                linear: self.vector_in(linear),
-                angular: self.angular_in(angular),
-            },
-            Command::Force { id, force } => Command::Force {
-                id,
-                force: self.vector_in(force),
-            },
-            Command::Torque { id, torque } => Command::Torque {
-                id,
-                torque: self.torque_in(torque),
-            },
-            Command::Impulse { id, impulse } => Command::Impulse {
-                id,
-                impulse: self.vector_in(impulse),
-            },
-            Command::TorqueImpulse { id, impulse } => Command::TorqueImpulse {
-                id,
-                impulse: self.torque_in(impulse),
-            },
-            Command::ForceAt { id, force, point } => Command::ForceAt {
-                id,
-                force: self.vector_in(force),
-                point: self.vector_in(point),
-            },
-            Command::ImpulseAt { id, impulse, point } => Command::ImpulseAt {
-                id,
-                impulse: self.vector_in(impulse),
-                point: self.vector_in(point),
-            },
-            Command::SetGravity { gravity } => Command::SetGravity {
-                gravity: self.vector_in(gravity),
-            },
-            Command::SetEvents { id, mut events } => {
-                events.force = events.force.map(|force| self.length_in(force));
-                Command::SetEvents { id, events }
-            }
-            Command::AddJoint { .. } | Command::ChangeJoint { .. } => {
-                self.joint_command_in(command)
-            }
-            Command::AddShape { .. }
-            | Command::RemoveShape { .. }
-            | Command::AddBody { .. }
-            | Command::RemoveBody { .. }
-            | Command::RemoveJoint { .. }
-            | Command::ChangeBody { .. }
-            | Command::Sleep { .. }
-            | Command::Wake { .. } => command,
-            Command::SetLocomotion { .. } | Command::Jump { .. } | Command::SetWheels { .. } => {
-                self.locomotion_command_in(command)
-            }
-        }
-    }
-
-    /// A command about a body's locomotion, in Rhumb's coordinates.
-    fn locomotion_command_in(self, mut command: Command) -> Command {
-        match &mut command {
-            Command::SetLocomotion { locomotion, .. } => match locomotion.as_mut() {
-                Locomotion::None => {}
-                Locomotion::Character(character) => *character = self.character_in(*character),
-                Locomotion::Vehicle(Vehicle { wheels }) => {
-                    wheels
-                        .iter_mut()
-                        .for_each(|wheel| *wheel = self.wheel_in(*wheel));
-                }
-            },
-            Command::Jump { speed, .. } => *speed = self.length_in(*speed),
-            Command::SetWheels { inputs, .. } => {
-                inputs
-                    .iter_mut()
-                    .for_each(|input| *input = self.wheel_input_in(*input));
-            }
-            _ => {}
-        }
-        command
-    }
-
-    /// A command with a joint, in Rhumb's coordinates.
-    fn joint_command_in(self, mut command: Command) -> Command {
-        if let Command::AddJoint { joint, .. } | Command::ChangeJoint { joint, .. } = &mut command {
-            **joint = self.joint_in(joint);
-        }
-        command
     }
 
     /// A query in Rhumb's coordinates.

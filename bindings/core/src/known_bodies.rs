@@ -2,7 +2,8 @@
 
 use rhumb_client::BodyId;
 
-use crate::event_record::{EventKind, EventRecord};
+use crate::event_record::EventRecord;
+use crate::generated::EventKind;
 
 /// By index: one more than the latest generation, or zero.
 #[derive(Debug, Default)]

@@ -16,11 +16,12 @@ namespace Rhumb
         const string __DllName = "rhumb";
 
         /// <summary>
-        ///  Bit of `events`: contacts of the body begin and end.
+        ///  Bit of `events`: its contacts begin and end.
         /// </summary>
         public const uint RHUMB_EVENTS_CONTACTS = 1;
         /// <summary>
-        ///  Bit of `events`: the force of a contact is at least `event_force`, in each tick.
+        ///  Bit of `events`: `number` is the least force of a contact that is reported, in each tick, zero for all: 0 to
+        ///  1,000,000,000 N.
         /// </summary>
         public const uint RHUMB_EVENTS_FORCE = 2;
         /// <summary>
@@ -28,7 +29,7 @@ namespace Rhumb
         /// </summary>
         public const uint RHUMB_EVENTS_SENSORS = 4;
         /// <summary>
-        ///  Bit of `events`: the body falls asleep and wakes.
+        ///  Bit of `events`: it falls asleep and wakes.
         /// </summary>
         public const uint RHUMB_EVENTS_SLEEP = 8;
 
@@ -252,6 +253,56 @@ namespace Rhumb
         public static extern RhumbCode rhumb_scene_statistics(RhumbScene scene, RhumbStatistics* statistics);
 
         /// <summary>
+        ///  Queues a command: makes a character or a vehicle an ordinary body again.
+        ///
+        ///  `last` may be null; otherwise it receives the number of the command, which events name.
+        ///
+        ///  # Safety
+        ///
+        ///  `last` is null or points to memory for a number.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_scene_clear_locomotion", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_scene_clear_locomotion(RhumbScene scene, RhumbBody body, ulong* last);
+
+        /// <summary>
+        ///  Queues a command: makes a kinematic body a character, which walks by the velocity that is set, or gives a character
+        ///  other settings. Events report when it reaches the ground and when it leaves it.
+        ///
+        ///  `last` may be null; otherwise it receives the number of the command, which events name.
+        ///
+        ///  # Safety
+        ///
+        ///  `character` points to one; `last` is null or points to memory for a number.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_scene_set_character", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_scene_set_character(RhumbScene scene, RhumbBody body, RhumbCharacter* character, ulong* last);
+
+        /// <summary>
+        ///  Queues a command: makes a dynamic body a vehicle, whose wheels begin without inputs. `count`: 1 to 16.
+        ///
+        ///  `last` may be null; otherwise it receives the number of the command, which events name.
+        ///
+        ///  # Safety
+        ///
+        ///  `wheels` points to `count` of them; `last` is null or points to memory for a number.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_scene_set_vehicle", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_scene_set_vehicle(RhumbScene scene, RhumbBody body, RhumbWheel* wheels, System.UIntPtr count, ulong* last);
+
+        /// <summary>
+        ///  Queues a command: sets steering, force and brake of all wheels of a vehicle. It keeps them until the next ones.
+        ///  `count`: 1 to 16. `inputs` are in the order of the wheels.
+        ///
+        ///  `last` may be null; otherwise it receives the number of the command, which events name.
+        ///
+        ///  # Safety
+        ///
+        ///  `inputs` points to `count` of them; `last` is null or points to memory for a number.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_scene_set_wheels", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_scene_set_wheels(RhumbScene scene, RhumbBody body, RhumbWheelInput* inputs, System.UIntPtr count, ulong* last);
+
+        /// <summary>
         ///  Queues `count` commands, which are applied in this order before the next tick. If one is wrong, none is queued.
         ///
         ///  They are sent together, by the next call that waits or by `rhumb_scene_flush`. `last` may be null; otherwise it receives
@@ -330,61 +381,6 @@ namespace Rhumb
         /// </summary>
         [DllImport(__DllName, EntryPoint = "rhumb_wheel_init", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
         public static extern RhumbCode rhumb_wheel_init(RhumbWheel* wheel, uint coordinates);
-
-        /// <summary>
-        ///  Queues that a kinematic body becomes a character, or that a character gets other settings.
-        ///
-        ///  Its velocity, which `RHUMB_COMMAND_KIND_SET_VELOCITY` sets, is the one by which it walks. `last` may be null; otherwise it
-        ///  receives the number of the command, which events name.
-        ///
-        ///  # Safety
-        ///
-        ///  `character` points to a character; `last` is null or points to memory for a number.
-        /// </summary>
-        [DllImport(__DllName, EntryPoint = "rhumb_scene_set_character", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
-        public static extern RhumbCode rhumb_scene_set_character(RhumbScene scene, RhumbBody body, RhumbCharacter* character, ulong* last);
-
-        /// <summary>
-        ///  Queues that a dynamic body becomes a vehicle on 1 to 16 wheels, which begin without inputs.
-        ///
-        ///  # Safety
-        ///
-        ///  `wheels` points to `count` wheels; `last` is null or points to memory for a number.
-        /// </summary>
-        [DllImport(__DllName, EntryPoint = "rhumb_scene_set_vehicle", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
-        public static extern RhumbCode rhumb_scene_set_vehicle(RhumbScene scene, RhumbBody body, RhumbWheel* wheels, System.UIntPtr count, ulong* last);
-
-        /// <summary>
-        ///  Queues that a character or a vehicle becomes an ordinary body again.
-        ///
-        ///  # Safety
-        ///
-        ///  `last` is null or points to memory for a number.
-        /// </summary>
-        [DllImport(__DllName, EntryPoint = "rhumb_scene_clear_locomotion", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
-        public static extern RhumbCode rhumb_scene_clear_locomotion(RhumbScene scene, RhumbBody body, ulong* last);
-
-        /// <summary>
-        ///  Queues that a character rises with this speed along its direction up, in units of length per second.
-        ///
-        ///  `from` is a `RhumbJumpFrom`: a jump from the ground changes nothing in the air.
-        ///
-        ///  # Safety
-        ///
-        ///  `last` is null or points to memory for a number.
-        /// </summary>
-        [DllImport(__DllName, EntryPoint = "rhumb_scene_jump", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
-        public static extern RhumbCode rhumb_scene_jump(RhumbScene scene, RhumbBody body, float speed, uint from, ulong* last);
-
-        /// <summary>
-        ///  Queues the inputs of all wheels of a vehicle, in the order of its wheels. It keeps them until the next ones.
-        ///
-        ///  # Safety
-        ///
-        ///  `inputs` points to `count` inputs; `last` is null or points to memory for a number.
-        /// </summary>
-        [DllImport(__DllName, EntryPoint = "rhumb_scene_set_wheels", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
-        public static extern RhumbCode rhumb_scene_set_wheels(RhumbScene scene, RhumbBody body, RhumbWheelInput* inputs, System.UIntPtr count, ulong* last);
 
         /// <summary>
         ///  Requests authority over `count` kinematic bodies, in place of the bodies that this client has authority over now. None
@@ -922,8 +918,8 @@ namespace Rhumb
     }
 
     /// <summary>
-    ///  A command. Fields that its kind does not name are ignored. Units are kilograms, seconds, radians, and the scene's unit
-    ///  of length.
+    ///  A command, for `rhumb_scene_command`. Fields that its kind does not name are ignored. Units are kilograms, seconds,
+    ///  radians, and the scene's unit of length.
     /// </summary>
     [StructLayout(LayoutKind.Sequential)]
     public unsafe partial struct RhumbCommand
@@ -941,7 +937,7 @@ namespace Rhumb
         /// </summary>
         public RhumbBody body;
         /// <summary>
-        ///  Position, velocity, force, torque, impulse or gravity, in world axes.
+        ///  A position, velocity, force, torque, impulse or gravity, in world axes, as the kind says.
         /// </summary>
         public fixed float vector[3];
         /// <summary>
@@ -957,9 +953,149 @@ namespace Rhumb
         /// </summary>
         public fixed float rotation[4];
         /// <summary>
-        ///  Force from which on contacts are reported.
+        ///  A number, as the kind says.
         /// </summary>
-        public float event_force;
+        public float number;
+        /// <summary>
+        ///  A number of an enumeration, as the kind says.
+        /// </summary>
+        public uint choice;
+    }
+
+    /// <summary>
+    ///  A character: a kinematic body that walks by its velocity, as far as the world lets it, and falls. Begin with
+    ///  `rhumb_character_init`.
+    /// </summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public unsafe partial struct RhumbCharacter
+    {
+        /// <summary>
+        ///  Not zero: it has `up`.
+        /// </summary>
+        public byte has_up;
+        /// <summary>
+        ///  Not zero: it has `step_height` and what belongs to it.
+        /// </summary>
+        public byte has_step;
+        /// <summary>
+        ///  Not zero: it also climbs onto dynamic bodies; otherwise it pushes them.
+        /// </summary>
+        public byte onto_dynamic;
+        /// <summary>
+        ///  Not zero: it has `snap`.
+        /// </summary>
+        public byte has_snap;
+        /// <summary>
+        ///  Gap that it keeps to its surroundings, units of length: 0.001 to 10,000 m.
+        /// </summary>
+        public float offset;
+        /// <summary>
+        ///  Steepest slope that it climbs, from level ground: 0 to π/2 rad.
+        /// </summary>
+        public float climb_angle;
+        /// <summary>
+        ///  Slope from which on it slides down, from level ground: 0 to π/2 rad.
+        /// </summary>
+        public float slide_angle;
+        /// <summary>
+        ///  Mass with which it pushes dynamic bodies, none at zero: 0 to 1,000,000 kg.
+        /// </summary>
+        public float mass;
+        /// <summary>
+        ///  Direction away from the ground, of unit length, instead of the one against gravity.
+        /// </summary>
+        public fixed float up[3];
+        /// <summary>
+        ///  Greatest height of a step that it climbs, units of length: 0.001 to 10,000 m.
+        /// </summary>
+        public float step_height;
+        /// <summary>
+        ///  Free width that it needs on a step, units of length: 0.001 to 10,000 m.
+        /// </summary>
+        public float step_width;
+        /// <summary>
+        ///  Greatest drop of the ground that it follows without a fall, units of length: 0.001 to 10,000 m.
+        /// </summary>
+        public float snap;
+    }
+
+    /// <summary>
+    ///  A wheel of a vehicle, in the axes of its chassis and from the origin of its shape: a ray with a spring. Begin with
+    ///  `rhumb_wheel_init`.
+    /// </summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public unsafe partial struct RhumbWheel
+    {
+        /// <summary>
+        ///  Upper end of the suspension, units of length: at most 10,000 m along each axis.
+        /// </summary>
+        public fixed float position[3];
+        /// <summary>
+        ///  Direction of the suspension, of unit length, towards the ground.
+        /// </summary>
+        public fixed float direction[3];
+        /// <summary>
+        ///  Axis about which the wheel turns, of unit length, to the right of the way forward.
+        /// </summary>
+        public fixed float axle[3];
+        /// <summary>
+        ///  Radius of the wheel, units of length: 0.001 to 10,000 m.
+        /// </summary>
+        public float radius;
+        /// <summary>
+        ///  Length of the suspension without load, from the position to the wheel's centre, units of length: 0 to 10,000 m.
+        /// </summary>
+        public float rest_length;
+        /// <summary>
+        ///  Greatest change of that length, units of length: 0 to 10,000 m.
+        /// </summary>
+        public float travel;
+        /// <summary>
+        ///  Acceleration of the chassis for a change of that length: 0 to 1,000,000 1/s².
+        /// </summary>
+        public float stiffness;
+        /// <summary>
+        ///  Damping while the spring is compressed: 0 to 1,000,000 1/s.
+        /// </summary>
+        public float compression;
+        /// <summary>
+        ///  Damping while the spring relaxes: 0 to 1,000,000 1/s.
+        /// </summary>
+        public float relaxation;
+        /// <summary>
+        ///  Greatest force of the suspension: 0 to 1,000,000,000 N.
+        /// </summary>
+        public float force_max;
+        /// <summary>
+        ///  Greatest force along the ground, as a share of the suspension's force, of which the part along the way forward
+        ///  counts half: 0 to 100.
+        /// </summary>
+        public float friction_slip;
+        /// <summary>
+        ///  Factor of the force along the axle that keeps the wheel from sliding sideways: 0 to 100.
+        /// </summary>
+        public float side_friction;
+    }
+
+    /// <summary>
+    ///  Steering, force and brake of a wheel. Without any, it rolls freely. All zeros are its default.
+    /// </summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public unsafe partial struct RhumbWheelInput
+    {
+        /// <summary>
+        ///  Turn about the axis that points up, to the left if positive, in left-handed coordinates to the right: -π to π
+        ///  rad.
+        /// </summary>
+        public float steering;
+        /// <summary>
+        ///  Force along the way forward, backward if negative: -1,000,000,000 to 1,000,000,000 N.
+        /// </summary>
+        public float force;
+        /// <summary>
+        ///  Greatest force that stops it, while it has no force: 0 to 1,000,000,000 N.
+        /// </summary>
+        public float brake;
     }
 
     /// <summary>
@@ -1075,140 +1211,6 @@ namespace Rhumb
         ///  Torque at which the joint breaks.
         /// </summary>
         public float break_torque;
-    }
-
-    /// <summary>
-    ///  A character: a kinematic body that walks by the velocity that was set last, as far as the world lets it, and falls.
-    ///  Begin with `rhumb_character_init`.
-    /// </summary>
-    [StructLayout(LayoutKind.Sequential)]
-    public unsafe partial struct RhumbCharacter
-    {
-        /// <summary>
-        ///  Not zero: `up` replaces the direction against the scene's gravity.
-        /// </summary>
-        public byte has_up;
-        /// <summary>
-        ///  Not zero: it climbs steps of at most `step_height` with at least `step_width`.
-        /// </summary>
-        public byte has_step;
-        /// <summary>
-        ///  Not zero: it also climbs onto dynamic bodies; otherwise it pushes them.
-        /// </summary>
-        public byte steps_onto_dynamic;
-        /// <summary>
-        ///  Not zero: it follows the ground down by at most `snap` without a fall.
-        /// </summary>
-        public byte has_snap;
-        /// <summary>
-        ///  Direction away from the ground, in world axes, of unit length.
-        /// </summary>
-        public fixed float up[3];
-        /// <summary>
-        ///  Gap that it keeps to its surroundings, units of length.
-        /// </summary>
-        public float offset;
-        /// <summary>
-        ///  Steepest slope that it climbs, radians from level ground.
-        /// </summary>
-        public float climb_angle;
-        /// <summary>
-        ///  Slope from which on it slides down, radians from level ground.
-        /// </summary>
-        public float slide_angle;
-        /// <summary>
-        ///  Mass with which it pushes dynamic bodies, kilograms; at zero it pushes none.
-        /// </summary>
-        public float mass;
-        /// <summary>
-        ///  Greatest height of a step, units of length.
-        /// </summary>
-        public float step_height;
-        /// <summary>
-        ///  Free width that it needs on a step, units of length.
-        /// </summary>
-        public float step_width;
-        /// <summary>
-        ///  Greatest drop of the ground that it follows, units of length.
-        /// </summary>
-        public float snap;
-    }
-
-    /// <summary>
-    ///  A wheel of a vehicle, in the axes of its chassis and from the origin of its shape: a ray with a spring. Begin with
-    ///  `rhumb_wheel_init`.
-    /// </summary>
-    [StructLayout(LayoutKind.Sequential)]
-    public unsafe partial struct RhumbWheel
-    {
-        /// <summary>
-        ///  Upper end of the suspension, units of length.
-        /// </summary>
-        public fixed float position[3];
-        /// <summary>
-        ///  Direction of the suspension, of unit length, towards the ground.
-        /// </summary>
-        public fixed float direction[3];
-        /// <summary>
-        ///  Axis about which the wheel turns, of unit length. It points to the right of the way forward.
-        /// </summary>
-        public fixed float axle[3];
-        /// <summary>
-        ///  Units of length.
-        /// </summary>
-        public float radius;
-        /// <summary>
-        ///  Length of the suspension without load, from the position to the wheel's centre, units of length.
-        /// </summary>
-        public float rest_length;
-        /// <summary>
-        ///  Greatest change of that length, units of length.
-        /// </summary>
-        public float travel;
-        /// <summary>
-        ///  Acceleration of the chassis for a change of that length, 1/s².
-        /// </summary>
-        public float stiffness;
-        /// <summary>
-        ///  Damping while the spring is compressed, 1/s.
-        /// </summary>
-        public float compression;
-        /// <summary>
-        ///  Damping while the spring relaxes, 1/s.
-        /// </summary>
-        public float relaxation;
-        /// <summary>
-        ///  Greatest force of the suspension.
-        /// </summary>
-        public float force_max;
-        /// <summary>
-        ///  Greatest force along the ground, as a share of the suspension's force. The part along the way forward counts half.
-        /// </summary>
-        public float friction_slip;
-        /// <summary>
-        ///  Factor of the force along the axle that keeps the wheel from sliding sideways.
-        /// </summary>
-        public float side_friction;
-    }
-
-    /// <summary>
-    ///  Steering, force and brake of a wheel. All zeros: it rolls freely.
-    /// </summary>
-    [StructLayout(LayoutKind.Sequential)]
-    public unsafe partial struct RhumbWheelInput
-    {
-        /// <summary>
-        ///  Turn about the axis that points up, radians: a positive one steers left, in left-handed coordinates right.
-        /// </summary>
-        public float steering;
-        /// <summary>
-        ///  Force forward; a negative one acts backward.
-        /// </summary>
-        public float force;
-        /// <summary>
-        ///  Greatest force that stops it. A wheel with a force does not brake.
-        /// </summary>
-        public float brake;
     }
 
     /// <summary>
@@ -1790,82 +1792,6 @@ namespace Rhumb
     }
 
     /// <summary>
-    ///  Ground that a jump of a character needs.
-    /// </summary>
-    public enum RhumbJumpFrom : uint
-    {
-        /// <summary>
-        ///  The character jumps only if it stands on the ground.
-        /// </summary>
-        Ground,
-        /// <summary>
-        ///  It jumps in the air too.
-        /// </summary>
-        Anywhere,
-    }
-
-    /// <summary>
-    ///  Kind of a command.
-    /// </summary>
-    public enum RhumbCommandKind : uint
-    {
-        /// <summary>
-        ///  Removes `body`.
-        /// </summary>
-        RemoveBody,
-        /// <summary>
-        ///  Moves `body` to the position `vector` and to `rotation`: at once, or a kinematic one during the next tick. If poses of
-        ///  a kinematic body come more seldom than ticks, up to four a second, it moves evenly from one to the next and carries
-        ///  what lies on it. A pose beyond 100 m/s or a quarter of a turn in a tick is a jump that shoves nothing.
-        /// </summary>
-        SetPose,
-        /// <summary>
-        ///  Gives `body` the velocity `vector` and the angular velocity `angular`.
-        /// </summary>
-        SetVelocity,
-        /// <summary>
-        ///  Applies the force `vector` at the centre of mass of `body` during the next tick.
-        /// </summary>
-        Force,
-        /// <summary>
-        ///  Applies the torque `vector` to `body` during the next tick.
-        /// </summary>
-        Torque,
-        /// <summary>
-        ///  Applies the impulse `vector` at the centre of mass of `body`.
-        /// </summary>
-        Impulse,
-        /// <summary>
-        ///  Applies the angular impulse `vector` to `body`.
-        /// </summary>
-        TorqueImpulse,
-        /// <summary>
-        ///  Applies the force `vector` to `body` at `point` during the next tick.
-        /// </summary>
-        ForceAt,
-        /// <summary>
-        ///  Applies the impulse `vector` to `body` at `point`.
-        /// </summary>
-        ImpulseAt,
-        /// <summary>
-        ///  Makes `vector` the gravity of the scene.
-        /// </summary>
-        SetGravity,
-        /// <summary>
-        ///  Puts `body` to sleep.
-        /// </summary>
-        Sleep,
-        /// <summary>
-        ///  Wakes `body`.
-        /// </summary>
-        Wake,
-        /// <summary>
-        ///  Makes `body` report the events that `events` names, and contacts from the force `event_force` on.
-        /// </summary>
-        SetEvents,
-    }
-
-    /// <summary>
     ///  Kind of a query.
     /// </summary>
     public enum RhumbQueryKind : uint
@@ -1889,6 +1815,100 @@ namespace Rhumb
     }
 
     /// <summary>
+    ///  FieldKind of a command.
+    /// </summary>
+    public enum RhumbCommandKind : uint
+    {
+        /// <summary>
+        ///  Removes a body, and its joints.
+        /// </summary>
+        RemoveBody = 3,
+        /// <summary>
+        ///  Puts a fixed or dynamic body elsewhere at once, and moves a kinematic one there during the next tick. If poses
+        ///  of a kinematic body come more seldom than ticks, up to four a second, it moves evenly from one to the next,
+        ///  carries what lies on it, and stops at the last one. A pose beyond 100 m/s or a quarter of a turn in a tick is a
+        ///  jump that shoves nothing. If a velocity is set after the pose, the body is there after one tick and continues at
+        ///  that velocity. `vector`: place of the origin of its shape, units of length: at most 100,000 m along each axis;
+        ///  `rotation`: unit quaternion x, y, z, w, body to world.
+        /// </summary>
+        SetPose = 4,
+        /// <summary>
+        ///  Sets both velocities. A kinematic body keeps them, and a character walks by them. `vector`: velocity of the
+        ///  centre of mass, units of length per second: at most 1,000 m/s along each axis; `angular`: angular velocity about
+        ///  world axes: at most 100 rad/s along each axis.
+        /// </summary>
+        SetVelocity = 5,
+        /// <summary>
+        ///  Applies a force at the centre of mass during the next tick. `vector`: in world axes: at most 1,000,000,000 N
+        ///  along each axis.
+        /// </summary>
+        Force = 6,
+        /// <summary>
+        ///  Applies a torque during the next tick. `vector`: about world axes: at most 1,000,000,000 N·m along each axis.
+        /// </summary>
+        Torque = 7,
+        /// <summary>
+        ///  Applies an impulse at the centre of mass: the velocity changes at once. `vector`: in world axes: at most
+        ///  1,000,000,000 N·s along each axis.
+        /// </summary>
+        Impulse = 8,
+        /// <summary>
+        ///  Applies an angular impulse: the spin changes at once. `vector`: about world axes: at most 1,000,000,000 N·m·s
+        ///  along each axis.
+        /// </summary>
+        TorqueImpulse = 9,
+        /// <summary>
+        ///  Changes the gravity of the scene. `vector`: in world axes, units of length per s²: at most 1,000 m/s² along each
+        ///  axis.
+        /// </summary>
+        SetGravity = 10,
+        /// <summary>
+        ///  Applies a force at a point during the next tick. `vector`: in world axes: at most 1,000,000,000 N along each
+        ///  axis; `point`: point of the world where it acts, units of length: at most 100,000 m along each axis.
+        /// </summary>
+        ForceAt = 15,
+        /// <summary>
+        ///  Applies an impulse at a point: both velocities change at once. `vector`: in world axes: at most 1,000,000,000
+        ///  N·s along each axis; `point`: point of the world where it acts, units of length: at most 100,000 m along each
+        ///  axis.
+        /// </summary>
+        ImpulseAt = 16,
+        /// <summary>
+        ///  Puts a dynamic body to sleep, until something that moves touches it.
+        /// </summary>
+        Sleep = 17,
+        /// <summary>
+        ///  Wakes a dynamic body.
+        /// </summary>
+        Wake = 18,
+        /// <summary>
+        ///  Turns the events of a body on; what is left out, off. A new body reports none.
+        /// </summary>
+        SetEvents = 19,
+        /// <summary>
+        ///  Lets a character rise along its direction up. In the air nothing happens, unless it may jump from anywhere.
+        ///  `number`: speed with which it rises, units of length per second: -1,000 to 1,000 m/s; `choice`: ground that the
+        ///  jump needs.
+        /// </summary>
+        Jump = 21,
+    }
+
+    /// <summary>
+    ///  Ground that the jump needs, a choice of the command `Jump`.
+    /// </summary>
+    public enum RhumbJumpFrom : uint
+    {
+        /// <summary>
+        ///  The character jumps only if it stands on the ground.
+        /// </summary>
+        Ground,
+        /// <summary>
+        ///  It jumps in the air too.
+        /// </summary>
+        Anywhere,
+    }
+
+    /// <summary>
     ///  The kind of an event.
     /// </summary>
     public enum RhumbEventKind : uint
@@ -1902,11 +1922,11 @@ namespace Rhumb
         /// </summary>
         CommandsApplied,
         /// <summary>
-        ///  The command `number` was refused; `text` says why.
+        ///  The command `number` was refused; `text` says why, and `body` is one that the reason names.
         /// </summary>
         CommandRefused,
         /// <summary>
-        ///  `body` was placed in the scene.
+        ///  `body` was placed in the scene, or its description was replaced.
         /// </summary>
         BodyPlaced,
         /// <summary>
@@ -1946,13 +1966,30 @@ namespace Rhumb
         /// </summary>
         BodyFault,
         /// <summary>
+        ///  The character `body` reached ground that carries it.
+        /// </summary>
+        ReachedGround,
+        /// <summary>
+        ///  No ground carries the character `body` any more.
+        /// </summary>
+        LeftGround,
+        /// <summary>
         ///  So many events of bodies as `number` says were not kept.
         /// </summary>
         EventsMissed,
         /// <summary>
-        ///  The stream changed because of the link.
+        ///  The stream changed, by request or because of the link.
         /// </summary>
         StreamChanged,
+        /// <summary>
+        ///  The server receives nothing from the member with authority over `body`: from `tick` on its pose is a guess, and
+        ///  its error bound is infinite.
+        /// </summary>
+        PublisherSilent,
+        /// <summary>
+        ///  It receives from that member again, or its authority has ended: from `tick` on `body` has an error bound.
+        /// </summary>
+        PublisherActive,
         /// <summary>
         ///  The engine failed, and the scene continues from `tick` without the commands that it failed on.
         /// </summary>
@@ -1986,7 +2023,7 @@ namespace Rhumb
         /// </summary>
         AuthorityGranted,
         /// <summary>
-        ///  The server denied authority; `text` says why.
+        ///  The server denied authority; `text` says why, and `body` is one that the reason names.
         /// </summary>
         AuthorityDenied,
         /// <summary>
@@ -1998,26 +2035,9 @@ namespace Rhumb
         /// </summary>
         Ended,
         /// <summary>
-        ///  Any other event; `text` names it.
+        ///  An event that bindings do not describe further; `text` names it.
         /// </summary>
         Other,
-        /// <summary>
-        ///  The character `body` reached ground that carries it.
-        /// </summary>
-        ReachedGround,
-        /// <summary>
-        ///  No ground carries the character `body` any more.
-        /// </summary>
-        LeftGround,
-        /// <summary>
-        ///  The server receives nothing from the member with authority over `body`: from `tick` on its pose is a guess, and its
-        ///  error bound is infinite.
-        /// </summary>
-        PublisherSilent,
-        /// <summary>
-        ///  It receives from that member again, or its authority has ended: from `tick` on `body` has an error bound.
-        /// </summary>
-        PublisherActive,
     }
 
 

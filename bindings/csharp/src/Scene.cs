@@ -12,7 +12,7 @@ namespace Rhumb
     /// The arrays of the view belong to this object. A span of one is valid for ever and never points to freed memory; the
     /// next Advance, Wait or Poll and a new read of the property write the next view into the same array.
     /// </summary>
-    public sealed class Scene : IDisposable
+    public sealed partial class Scene : IDisposable
     {
         private readonly SceneHandle handle;
         private readonly ViewArrays arrays;
@@ -169,87 +169,6 @@ namespace Rhumb
         {
             ulong number;
             RhumbException.Check(Native.rhumb_scene_remove_joint(Raw(), joint, &number));
-            return number;
-        }
-
-        /// <summary>
-        /// Queues that a kinematic body becomes a character, or that a character gets other settings; returns the command's
-        /// number. It walks by the velocity that Command.SetVelocity sets.
-        /// </summary>
-        public unsafe ulong SetCharacter(Body body, Character character)
-        {
-            if (character == null)
-            {
-                throw new RhumbException(RhumbCode.Null, "character must not be null");
-            }
-            RhumbCharacter raw = character.Raw();
-            ulong number;
-            RhumbException.Check(Native.rhumb_scene_set_character(Raw(), Raw(body), &raw, &number));
-            return number;
-        }
-
-        /// <summary>Queues that a dynamic body becomes a vehicle on 1 to 16 wheels, which begin without inputs.</summary>
-        public unsafe ulong SetVehicle(Body body, params Wheel[] wheels)
-        {
-            if (wheels == null)
-            {
-                throw new RhumbException(RhumbCode.Null, "wheels must not be null");
-            }
-            var raw = new RhumbWheel[wheels.Length];
-            for (int i = 0; i < raw.Length; i++)
-            {
-                if (wheels[i] == null)
-                {
-                    throw new RhumbException(RhumbCode.Null, "wheels[" + i + "] must not be null");
-                }
-                raw[i] = wheels[i].Raw();
-            }
-            ulong number;
-            fixed (RhumbWheel* from = raw)
-            {
-                RhumbException.Check(
-                    Native.rhumb_scene_set_vehicle(Raw(), Raw(body), from, (UIntPtr)raw.Length, &number));
-            }
-            return number;
-        }
-
-        /// <summary>Queues that a character or a vehicle becomes an ordinary body again.</summary>
-        public unsafe ulong ClearLocomotion(Body body)
-        {
-            ulong number;
-            RhumbException.Check(Native.rhumb_scene_clear_locomotion(Raw(), Raw(body), &number));
-            return number;
-        }
-
-        /// <summary>
-        /// Queues that a character rises with this speed along its direction up. A jump from the ground changes nothing in the
-        /// air.
-        /// </summary>
-        public unsafe ulong Jump(Body body, float speed, RhumbJumpFrom from = RhumbJumpFrom.Ground)
-        {
-            ulong number;
-            RhumbException.Check(Native.rhumb_scene_jump(Raw(), Raw(body), speed, (uint)from, &number));
-            return number;
-        }
-
-        /// <summary>Queues the inputs of all wheels of a vehicle, in the order of its wheels. It keeps them.</summary>
-        public unsafe ulong SetWheels(Body body, params WheelInput[] inputs)
-        {
-            if (inputs == null)
-            {
-                throw new RhumbException(RhumbCode.Null, "inputs must not be null");
-            }
-            var raw = new RhumbWheelInput[inputs.Length];
-            for (int i = 0; i < raw.Length; i++)
-            {
-                raw[i] = inputs[i].Raw();
-            }
-            ulong number;
-            fixed (RhumbWheelInput* from = raw)
-            {
-                RhumbException.Check(
-                    Native.rhumb_scene_set_wheels(Raw(), Raw(body), from, (UIntPtr)raw.Length, &number));
-            }
             return number;
         }
 

@@ -77,7 +77,7 @@ internal static class Locomotion
     {
         scene.Add(BodyDesc.Fixed(Shape.Cuboid(2, 0.1f, 1)).At(0, 0.1f, 3));
         Body body = scene.Add(BodyDesc.Kinematic(Shape.Capsule(0.6f, 0.3f)).At(0, 0.92f, 0));
-        Character character = new Character(Unity).Step(0.3f, 0.1f).OntoDynamic().Slope(0.8f, 0.8f).Mass(70)
+        Character character = new Character(Unity).Step(0.3f, 0.1f, true).ClimbAngle(0.8f).SlideAngle(0.8f).Mass(70)
             .Up(new Vec3(0, 1, 0)).Offset(0.02f).Snap(0.2f);
         Expect(scene.SetCharacter(body, character) > 0, "the number of a command");
         scene.Send(Command.SetVelocity(body, new Vec3(0, 0, 2), default(Vec3)));
@@ -87,10 +87,10 @@ internal static class Locomotion
         scene.Send(Command.SetVelocity(body, default(Vec3), default(Vec3)));
         Vec3 stood = After(scene, 10, body);
         Expect(Near(After(scene, 30, body).Z, stood.Z, 0.05f), "it stands");
-        scene.Jump(body, 5);
+        scene.Send(Command.Jump(body, 5));
         Expect(After(scene, 30, body).Y > 2, "it jumps");
         Expect(Count(scene, RhumbEventKind.LeftGround, body) > 0, "it left the ground");
-        scene.Jump(body, 5, RhumbJumpFrom.Anywhere);
+        scene.Send(Command.Jump(body, 5, RhumbJumpFrom.Anywhere));
         Expect(After(scene, 20, body).Y > 3, "it jumps in the air");
         scene.ClearLocomotion(body);
         Expect(After(scene, 60, body).Y > 3, "an ordinary kinematic body does not fall");
@@ -103,10 +103,11 @@ internal static class Locomotion
         for (int i = 0; i < wheels.Length; i++)
         {
             var at = new Vec3(i % 2 == 0 ? -0.8f : 0.8f, -0.1f, i < 2 ? 1.2f : -1.2f);
-            wheels[i] = new Wheel(at, 0.3f, Unity).Suspension(0.3f, 0.25f).Spring(50, 4, 6).Friction(2, 1);
+            wheels[i] = new Wheel(at, 0.3f, Unity).RestLength(0.3f).Travel(0.25f).Stiffness(50).Compression(4)
+                .Relaxation(6).FrictionSlip(2).SideFriction(1);
         }
         // The same axes again, by hand, and a force that is enough.
-        wheels[0].Axes(new Vec3(0, -1, 0), new Vec3(1, 0, 0)).ForceMax(100000);
+        wheels[0].Direction(new Vec3(0, -1, 0)).Axle(new Vec3(1, 0, 0)).ForceMax(100000);
         scene.SetVehicle(body, wheels);
         Expect(Near(After(scene, 60, body).Y, 0.65f, 0.08f), "it stands on its springs");
         WheelInput front = new WheelInput(0.1f, 0, 0), rear = new WheelInput(0, 1000, 0);
@@ -138,8 +139,8 @@ internal static class Locomotion
         ExpectError(RhumbCode.Invalid, "many wheels", () => scene.SetVehicle(body, Repeated(plain, 17)));
         ExpectError(RhumbCode.Invalid, "a radius", () => scene.SetVehicle(body, new Wheel(default(Vec3), 0)));
         ExpectError(RhumbCode.Invalid, "a brake", () => scene.SetWheels(body, new WheelInput(0, 0, -1)));
-        ExpectError(RhumbCode.Invalid, "a ground", () => scene.Jump(body, 1, (RhumbJumpFrom)2));
-        ExpectError(RhumbCode.Invalid, "a speed", () => scene.Jump(body, float.NaN));
+        ExpectError(RhumbCode.Invalid, "a ground", () => scene.Send(Command.Jump(body, 1, (RhumbJumpFrom)2)));
+        ExpectError(RhumbCode.Invalid, "a speed", () => scene.Send(Command.Jump(body, float.NaN)));
         scene.SetCharacter(body, new Character().Snap(null));
     }
 

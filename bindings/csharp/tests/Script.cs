@@ -123,7 +123,7 @@ internal static class Script
         }
         else if (tick == 40)
         {
-            scene.Jump(bodies[Piled + 4], 4);
+            scene.Send(Command.Jump(bodies[Piled + 4], 4));
         }
         else if (tick == 60)
         {

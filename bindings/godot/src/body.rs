@@ -14,8 +14,8 @@ use rhumb_bindings::{BodyParams, StateRecord, body_word};
 use rhumb_client::BodyId;
 use rhumb_client::glam::{Mat3, Quat, Vec3};
 use rhumb_client::scene::{
-    ActiveEvents, BodyBuilder, BodyDesc, BodyKind, CollisionGroups, Command, Edges, Material,
-    Shape, SleepThresholds,
+    BodyBuilder, BodyDesc, BodyKind, CollisionGroups, Command, Edges, Material, Shape,
+    SleepThresholds,
 };
 
 use crate::axes::{AXES, quaternion, vec3, vector};
@@ -168,34 +168,6 @@ impl BodyNode {
         })
     }
 
-    /// Changes the momentum at once: N·s, at the centre of mass.
-    #[func]
-    fn apply_impulse(&self, impulse: Vector3) -> Error {
-        let impulse = vec3(impulse);
-        self.command("apply_impulse", |id| Command::Impulse { id, impulse })
-    }
-
-    /// Changes the angular momentum at once: N·m·s about world axes.
-    #[func]
-    fn apply_torque_impulse(&self, impulse: Vector3) -> Error {
-        let impulse = vec3(impulse);
-        self.command("apply_torque_impulse", |id| Command::TorqueImpulse {
-            id,
-            impulse,
-        })
-    }
-
-    /// Sets the velocity: m/s, and rad/s about world axes.
-    #[func]
-    fn set_velocity(&self, linear: Vector3, angular: Vector3) -> Error {
-        let (linear, angular) = (vec3(linear), vec3(angular));
-        self.command("set_velocity", |id| Command::SetVelocity {
-            id,
-            linear,
-            angular,
-        })
-    }
-
     /// Puts the body elsewhere, and turns it. The pose is relative to the node of the scene; its scale does not count.
     #[func]
     fn teleport(&self, pose: Transform3D) -> Error {
@@ -212,32 +184,6 @@ impl BodyNode {
             position,
             rotation,
         })
-    }
-
-    /// Turns the events of the body on or off for all members. The signal `event` of the scene has them: contacts begin and
-    /// end, bodies enter and leave a sensor, it falls asleep and wakes, and contacts with a force of at least so many
-    /// newtons (zero: none).
-    #[func]
-    fn report_events(
-        &self,
-        contacts: bool,
-        #[opt(default = false)] sensors: bool,
-        #[opt(default = false)] sleep: bool,
-        #[opt(default = 0.0)] force: f32,
-    ) -> Error {
-        let events = ActiveEvents {
-            contacts,
-            force: (force > 0.0).then_some(force),
-            sensors,
-            sleep,
-        };
-        self.command("report_events", |id| Command::SetEvents { id, events })
-    }
-
-    /// Removes the body for all members of the scene. The node is freed when the server has removed it.
-    #[func]
-    fn remove(&self) -> Error {
-        self.command("remove", |id| Command::RemoveBody { id })
     }
 }
 
@@ -368,7 +314,7 @@ impl BodyNode {
         Some((subject.membership.upgrade()?, subject.id))
     }
 
-    fn command(&self, call: &str, command: impl FnOnce(BodyId) -> Command) -> Error {
+    pub(crate) fn command(&self, call: &str, command: impl FnOnce(BodyId) -> Command) -> Error {
         let Some((membership, id)) = self.membership() else {
             godot_error!(
                 "{call}: the node {} stands for no body of a scene",

@@ -10,6 +10,7 @@ mod axes;
 mod body;
 mod body_nodes;
 mod event;
+mod generated;
 mod join;
 mod leaving;
 mod membership;

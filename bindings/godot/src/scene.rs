@@ -15,7 +15,7 @@ use rhumb_bindings::{
     EventKind, EventRecord, JoinParams, ObjectChange, StateRecord, parse_body_word,
 };
 use rhumb_client::glam::Vec3;
-use rhumb_client::scene::{Query, QueryFilter, QueryKind, SleepThresholds, Stepping};
+use rhumb_client::scene::{Command, Query, QueryFilter, QueryKind, SleepThresholds, Stepping};
 use rhumb_client::{Client, ClientError, Event, PipelineDepth, QueryResult};
 
 use crate::axes::{AXES, vec3};
@@ -316,6 +316,16 @@ impl SceneNode {
 }
 
 impl SceneNode {
+    /// Queues a command about the scene.
+    pub(crate) fn command(&self, call: &str, command: Command) -> Error {
+        let Some(membership) = self.membership.clone() else {
+            godot_error!("{call}: no scene is joined");
+            return Error::ERR_UNCONFIGURED;
+        };
+        let queued = membership.borrow_mut().command(command);
+        outcome(call, queued)
+    }
+
     fn params(&self) -> JoinParams {
         let ticks_per_second = Engine::singleton().get_physics_ticks_per_second();
         JoinParams {

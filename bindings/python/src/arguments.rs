@@ -238,3 +238,22 @@ pub(crate) fn seconds(py: Python<'_>, seconds: f64, name: &'static str) -> PyRes
     Duration::try_from_secs_f64(seconds)
         .map_err(|_| exception(py, &BindingError::value(name, seconds, needed)))
 }
+
+/// A call as Python writes it, without the keywords that were left out.
+pub(crate) fn call(name: &str, keywords: &[(&str, Option<String>)]) -> String {
+    let given = keywords.iter().filter_map(|(keyword, value)| {
+        let value = value.as_ref()?;
+        Some(format!("{keyword}={value}"))
+    });
+    format!("{name}({})", given.collect::<Vec<_>>().join(", "))
+}
+
+/// A number as Python writes it.
+pub(crate) fn number(value: f32) -> String {
+    value.to_string()
+}
+
+/// A vector as Python writes it.
+pub(crate) fn triple(v: Vec3) -> String {
+    format!("({}, {}, {})", v.x, v.y, v.z)
+}

@@ -3,12 +3,12 @@
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use rhumb_bindings::BodyParams;
 use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
 use rhumb_bindings::rhumb_client::scene::{BodyKind, CollisionGroups, LockedAxes, Material};
 use rhumb_bindings::rhumb_client::{Damping, ToleranceScale};
+use rhumb_bindings::{BodyParams, StateRecord};
 
-use crate::arguments::{one_of, optional_rows, points, sleep};
+use crate::arguments::{bodies, one_of, optional_rows, points, rows, sleep};
 use crate::errors::wrong_value;
 use crate::number::{real, reals, whole, within};
 use crate::shape::PyShape;
@@ -117,4 +117,26 @@ pub(crate) fn bodies_at(
         ..plain.clone()
     });
     Ok(bodies.collect())
+}
+
+/// A state for each body: positions, and rotations, velocities and spins if there are any.
+pub(crate) fn states(
+    body: &Bound<'_, PyAny>,
+    position: &Bound<'_, PyAny>,
+    [rotation, linear, angular]: [Option<&Bound<'_, PyAny>>; 3],
+) -> PyResult<Vec<StateRecord>> {
+    let ids = bodies(body)?.ids;
+    let count = ids.len();
+    let at = rows::<3>(position, count, "position")?;
+    let turned = optional_rows(rotation, count, "rotation", Quat::IDENTITY.to_array())?;
+    let linear = optional_rows(linear, count, "linear", [0.0; 3])?;
+    let angular = optional_rows(angular, count, "angular", [0.0; 3])?;
+    let state = |(place, body)| StateRecord {
+        body,
+        position: Vec3::from_array(at[place]),
+        rotation: Quat::from_array(turned[place]),
+        linear_velocity: Vec3::from_array(linear[place]),
+        angular_velocity: Vec3::from_array(angular[place]),
+    };
+    Ok(ids.into_iter().enumerate().map(state).collect())
 }

@@ -7,11 +7,11 @@ use rhumb_bindings::{ContactRecord, EventRecord, body_word};
 /// Something that happened, or the answer to a command. What its kind does not name is zero, None or empty.
 #[pyclass(frozen, get_all, name = "Event", module = "rhumb")]
 pub(crate) struct PyEvent {
-    /// One of: "commands applied", "command refused", "body placed", "body removed", "contact began", "contact ended",
-    /// "contact force", "sensor entered", "sensor left", "fell asleep", "woke", "body fault", "reached ground", "left
-    /// ground", "events missed", "stream changed", "publisher silent", "publisher active", "scene restored", "scene
-    /// faulted", "scene deleted", "interrupted", "resumed", "session lost", "durable", "authority granted", "authority
-    /// denied", "denied", "ended", "other".
+    /// One of: "commands applied", "command refused", "body placed", "body removed", "contact began", "contact
+    /// ended", "contact force", "sensor entered", "sensor left", "fell asleep", "woke", "body fault", "reached
+    /// ground", "left ground", "events missed", "stream changed", "publisher silent", "publisher active", "scene
+    /// restored", "scene faulted", "scene deleted", "interrupted", "resumed", "session lost", "durable",
+    /// "authority granted", "authority denied", "denied", "ended", "other".
     kind: &'static str,
     /// The newest complete tick when the event was read: no view of an earlier tick shows its effect.
     after: u64,

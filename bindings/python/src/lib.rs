@@ -9,13 +9,11 @@
 
 mod arguments;
 mod body;
-mod body_states;
-mod commands;
 mod connection;
 mod errors;
 mod event;
+mod generated;
 mod joint;
-mod locomotion;
 mod number;
 mod open_scene;
 mod query;
@@ -33,9 +31,9 @@ fn native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<scene::PyScene>()?;
     module.add_class::<shape::PyShape>()?;
     module.add_class::<joint::PyJoint>()?;
-    module.add_class::<locomotion::PyCharacter>()?;
-    module.add_class::<locomotion::PyWheel>()?;
-    module.add_class::<locomotion::PyWheelInput>()?;
+    module.add_class::<generated::PyCharacter>()?;
+    module.add_class::<generated::PyWheel>()?;
+    module.add_class::<generated::PyWheelInput>()?;
     module.add_class::<event::PyEvent>()?;
     module.add_class::<event::PyContact>()?;
     module.add_class::<query::PyQuery>()?;

@@ -48,6 +48,14 @@ pub(crate) fn real(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<f32
     }
 }
 
+/// The same of one that may be left out.
+pub(crate) fn optional_real(
+    value: Option<&Bound<'_, PyAny>>,
+    name: &'static str,
+) -> PyResult<Option<f32>> {
+    value.map(|value| real(value, name)).transpose()
+}
+
 /// Several numbers with a fraction: their count is the caller's.
 pub(crate) fn reals<const N: usize>(
     value: &Bound<'_, PyAny>,
@@ -111,25 +119,6 @@ macro_rules! single {
     };
 }
 
-/// The same of numbers that may be left out.
-macro_rules! optional {
-    ($($name:ident)*) => {
-        /// Numbers of 32 bits with a fraction or `None`, by the names of their arguments.
-        pub(crate) mod optional {
-            use pyo3::prelude::*;
-
-            use crate::number::real;
-
-            $(pub(crate) fn $name(value: &Bound<'_, PyAny>) -> PyResult<Option<f32>> {
-                match value.is_none() {
-                    true => Ok(None),
-                    false => real(value, stringify!($name)).map(Some),
-                }
-            })*
-        }
-    };
-}
-
 /// The same of numbers of 64 bits.
 macro_rules! double {
     ($($name:ident)*) => {
@@ -160,12 +149,7 @@ whole! {
 }
 
 single! {
-    x y z radius half_height row_spacing column_spacing distance speed steering force brake climb_angle slide_angle mass
-    length stiffness damping
-}
-
-optional! {
-    force offset snap rest_length travel stiffness compression relaxation force_max friction_slip side_friction
+    x y z radius half_height row_spacing column_spacing distance length stiffness damping
 }
 
 double! {

@@ -6,20 +6,20 @@ use std::sync::{Mutex, TryLockError};
 
 use numpy::{IntoPyArray, PyArray1, PyArrayDyn};
 use pyo3::{prelude::*, types::PyDict};
-use rhumb_bindings::rhumb_client::glam::Vec3;
-use rhumb_bindings::rhumb_client::scene::{ActiveEvents, Command, JointId, Locomotion};
+use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
+use rhumb_bindings::rhumb_client::scene::{
+    ActiveEvents, Command, JointId, JumpFrom, Locomotion, Vehicle,
+};
 use rhumb_bindings::rhumb_client::{PipelineDepth, Tick};
 use rhumb_bindings::{BindingError, RemoteScene, body_word};
 
-use crate::arguments::{bodies, seconds, single, vector};
-use crate::body::{bodies_at, plain_body};
-use crate::body_states::states;
-use crate::commands::{jumps, set_poses, set_velocities};
+use crate::arguments::{bodies, optional_rows, rows, seconds, single, vector};
+use crate::body::{bodies_at, plain_body, states};
 use crate::errors::{exception, wrong_value};
 use crate::event::{PyContact, PyEvent};
+use crate::generated::{PyCharacter, PyWheel, PyWheelInput};
 use crate::joint::PyJoint;
-use crate::locomotion::{PyCharacter, PyWheel, PyWheelInput};
-use crate::number;
+use crate::number::{self, optional_real, real};
 use crate::open_scene::OpenScene;
 use crate::query::{PyHit, PyQuery};
 use crate::shape::PyShape;
@@ -154,17 +154,23 @@ impl PyScene {
         Ok(words.into_pyarray(py))
     }
 
-    /// Removes bodies, and the joints of each.
+    // >>> commands, made by bindings/table
+
+    /// Removes a body, and its joints.
     fn remove(&self, py: Python<'_>, body: &Bound<'_, PyAny>) -> PyResult<Option<u64>> {
-        self.each(py, body, |id| Command::RemoveBody { id })
+        let ids = bodies(body)?.ids;
+        self.each(py, &ids, |id, _| Command::RemoveBody { id })
     }
 
-    /// Places fixed and dynamic bodies at once; kinematic ones move there during the next tick. Unturned without a
-    /// rotation.
+    /// Puts a fixed or dynamic body elsewhere at once, and moves a kinematic one there during the next tick.
     ///
-    /// Poses of a kinematic body may come more seldom than ticks, up to four a second: it then moves evenly from one to the
-    /// next, carries what lies on it, and stops at the last one. A pose beyond 100 m/s or a quarter of a turn in a tick is a
-    /// jump that shoves nothing. If set_velocity follows, the body is there after one tick and continues at that velocity.
+    /// If poses of a kinematic body come more seldom than ticks, up to four a second, it moves evenly from one to
+    /// the next, carries what lies on it, and stops at the last one. A pose beyond 100 m/s or a quarter of a turn
+    /// in a tick is a jump that shoves nothing. If a velocity is set after the pose, the body is there after one
+    /// tick and continues at that velocity.
+    ///
+    /// position: place of the origin of its shape, units of length: at most 100,000 m along each axis.
+    /// rotation: unit quaternion x, y, z, w, body to world.
     #[pyo3(signature = (body, position, rotation = None))]
     fn set_pose(
         &self,
@@ -173,10 +179,22 @@ impl PyScene {
         position: &Bound<'_, PyAny>,
         rotation: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Option<u64>> {
-        self.all(py, set_poses(body, position, rotation)?)
+        let ids = bodies(body)?.ids;
+        let position = rows(position, ids.len(), "position")?;
+        let rotation = optional_rows(rotation, ids.len(), "rotation", Quat::IDENTITY.to_array())?;
+        self.each(py, &ids, |id, place| Command::SetPose {
+            id,
+            position: Vec3::from_array(position[place]),
+            rotation: Quat::from_array(rotation[place]),
+        })
     }
 
-    /// Sets velocities, in units of length per second and rad/s; a kinematic body keeps them. No spin without one.
+    /// Sets both velocities.
+    ///
+    /// A kinematic body keeps them, and a character walks by them.
+    ///
+    /// linear: velocity of the centre of mass, units of length per second: at most 1,000 m/s along each axis.
+    /// angular: angular velocity about world axes: at most 100 rad/s along each axis.
     #[pyo3(signature = (body, linear, angular = None))]
     fn set_velocity(
         &self,
@@ -185,10 +203,22 @@ impl PyScene {
         linear: &Bound<'_, PyAny>,
         angular: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Option<u64>> {
-        self.all(py, set_velocities(body, linear, angular)?)
+        let ids = bodies(body)?.ids;
+        let linear = rows(linear, ids.len(), "linear")?;
+        let angular = optional_rows(angular, ids.len(), "angular", [0.0; 3])?;
+        self.each(py, &ids, |id, place| Command::SetVelocity {
+            id,
+            linear: Vec3::from_array(linear[place]),
+            angular: Vec3::from_array(angular[place]),
+        })
     }
 
-    /// A force during the next tick, at the centre of mass or at a point of the world.
+    /// Applies a force at the centre of mass during the next tick.
+    ///
+    /// With a point, it acts there.
+    ///
+    /// force: in world axes: at most 1,000,000,000 N along each axis.
+    /// point: point of the world where it acts, units of length: at most 100,000 m along each axis.
     #[pyo3(signature = (body, force, point = None))]
     fn apply_force(
         &self,
@@ -197,27 +227,47 @@ impl PyScene {
         force: &Bound<'_, PyAny>,
         point: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Option<u64>> {
-        let point = point.map(|point| vector(point, "point")).transpose()?;
-        self.push(py, body, force, "force", |id, force| match point {
-            Some(point) => Command::ForceAt { id, force, point },
-            None => Command::Force { id, force },
+        let ids = bodies(body)?.ids;
+        let force = rows(force, ids.len(), "force")?;
+        let point = point
+            .map(|point| rows(point, ids.len(), "point"))
+            .transpose()?;
+        self.each(py, &ids, |id, place| match &point {
+            Some(point) => Command::ForceAt {
+                id,
+                force: Vec3::from_array(force[place]),
+                point: Vec3::from_array(point[place]),
+            },
+            None => Command::Force {
+                id,
+                force: Vec3::from_array(force[place]),
+            },
         })
     }
 
-    /// A torque during the next tick, about world axes.
+    /// Applies a torque during the next tick.
+    ///
+    /// torque: about world axes: at most 1,000,000,000 N·m along each axis.
     fn apply_torque(
         &self,
         py: Python<'_>,
         body: &Bound<'_, PyAny>,
         torque: &Bound<'_, PyAny>,
     ) -> PyResult<Option<u64>> {
-        self.push(py, body, torque, "torque", |id, torque| Command::Torque {
+        let ids = bodies(body)?.ids;
+        let torque = rows(torque, ids.len(), "torque")?;
+        self.each(py, &ids, |id, place| Command::Torque {
             id,
-            torque,
+            torque: Vec3::from_array(torque[place]),
         })
     }
 
-    /// An impulse at once, at the centre of mass or at a point of the world.
+    /// Applies an impulse at the centre of mass: the velocity changes at once.
+    ///
+    /// With a point, it acts there.
+    ///
+    /// impulse: in world axes: at most 1,000,000,000 N·s along each axis.
+    /// point: point of the world where it acts, units of length: at most 100,000 m along each axis.
     #[pyo3(signature = (body, impulse, point = None))]
     fn apply_impulse(
         &self,
@@ -226,64 +276,185 @@ impl PyScene {
         impulse: &Bound<'_, PyAny>,
         point: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Option<u64>> {
-        let point = point.map(|point| vector(point, "point")).transpose()?;
-        self.push(py, body, impulse, "impulse", |id, impulse| match point {
-            Some(point) => Command::ImpulseAt { id, impulse, point },
-            None => Command::Impulse { id, impulse },
+        let ids = bodies(body)?.ids;
+        let impulse = rows(impulse, ids.len(), "impulse")?;
+        let point = point
+            .map(|point| rows(point, ids.len(), "point"))
+            .transpose()?;
+        self.each(py, &ids, |id, place| match &point {
+            Some(point) => Command::ImpulseAt {
+                id,
+                impulse: Vec3::from_array(impulse[place]),
+                point: Vec3::from_array(point[place]),
+            },
+            None => Command::Impulse {
+                id,
+                impulse: Vec3::from_array(impulse[place]),
+            },
         })
     }
 
-    /// An angular impulse at once, about world axes.
+    /// Applies an angular impulse: the spin changes at once.
+    ///
+    /// impulse: about world axes: at most 1,000,000,000 N·m·s along each axis.
     fn apply_torque_impulse(
         &self,
         py: Python<'_>,
         body: &Bound<'_, PyAny>,
         impulse: &Bound<'_, PyAny>,
     ) -> PyResult<Option<u64>> {
-        self.push(py, body, impulse, "impulse", |id, impulse| {
-            Command::TorqueImpulse { id, impulse }
+        let ids = bodies(body)?.ids;
+        let impulse = rows(impulse, ids.len(), "impulse")?;
+        self.each(py, &ids, |id, place| Command::TorqueImpulse {
+            id,
+            impulse: Vec3::from_array(impulse[place]),
         })
     }
 
-    /// Sets the scene's gravity, units of length per s².
-    fn set_gravity(&self, py: Python<'_>, gravity: &Bound<'_, PyAny>) -> PyResult<Option<u64>> {
-        let gravity = vector(gravity, "gravity")?;
-        self.one(py, Command::SetGravity { gravity })
-    }
-
-    /// Puts dynamic bodies to sleep, until something touches them.
+    /// Puts a dynamic body to sleep, until something that moves touches it.
     fn sleep(&self, py: Python<'_>, body: &Bound<'_, PyAny>) -> PyResult<Option<u64>> {
-        self.each(py, body, |id| Command::Sleep { id })
+        let ids = bodies(body)?.ids;
+        self.each(py, &ids, |id, _| Command::Sleep { id })
     }
 
-    /// Wakes bodies.
+    /// Wakes a dynamic body.
     fn wake(&self, py: Python<'_>, body: &Bound<'_, PyAny>) -> PyResult<Option<u64>> {
-        self.each(py, body, |id| Command::Wake { id })
+        let ids = bodies(body)?.ids;
+        self.each(py, &ids, |id, _| Command::Wake { id })
     }
 
-    /// Turns the events of bodies on; what is left out, off. A new body reports none.
+    /// Turns the events of a body on; what is left out, off.
     ///
-    /// contacts: "contact began" and "contact ended", and what contacts() knows. force: "contact force" in every tick in
-    /// which the force of a contact is at least that; 0.0 for all. sensors: "sensor entered" and "sensor left", of a sensor
-    /// or of what enters it. sleep: "fell asleep" and "woke".
-    #[pyo3(signature = (body, *, contacts = false, force = None, sensors = false, sleep = false))]
+    /// A new body reports none.
+    ///
+    /// contacts: its contacts begin and end.
+    /// sensors: bodies enter and leave the sensor, or the body enters and leaves sensors.
+    /// sleep: it falls asleep and wakes.
+    /// force: least force of a contact that is reported, in each tick, zero for all: 0 to 1,000,000,000 N.
+    #[pyo3(signature = (body, *, contacts = false, sensors = false, sleep = false, force = None))]
     fn report_events(
         &self,
         py: Python<'_>,
         body: &Bound<'_, PyAny>,
         contacts: bool,
-        #[pyo3(from_py_with = number::optional::force)] force: Option<f32>,
         sensors: bool,
         sleep: bool,
+        force: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Option<u64>> {
-        let events = ActiveEvents {
-            contacts,
-            force,
-            sensors,
-            sleep,
-        };
-        self.each(py, body, |id| Command::SetEvents { id, events })
+        let ids = bodies(body)?.ids;
+        let force = optional_real(force, "force")?;
+        self.each(py, &ids, |id, _| Command::SetEvents {
+            id,
+            events: ActiveEvents {
+                contacts,
+                sensors,
+                sleep,
+                force,
+            },
+        })
     }
+
+    /// Makes a character or a vehicle an ordinary body again.
+    fn clear_locomotion(&self, py: Python<'_>, body: &Bound<'_, PyAny>) -> PyResult<Option<u64>> {
+        let ids = bodies(body)?.ids;
+        self.each(py, &ids, |id, _| Command::SetLocomotion {
+            id,
+            locomotion: Box::new(Locomotion::None),
+        })
+    }
+
+    /// Makes a kinematic body a character, which walks by the velocity that is set, or gives a character other
+    /// settings.
+    ///
+    /// Events report when it reaches the ground and when it leaves it.
+    fn set_character(
+        &self,
+        py: Python<'_>,
+        body: &Bound<'_, PyAny>,
+        character: &Bound<'_, PyCharacter>,
+    ) -> PyResult<Option<u64>> {
+        let ids = bodies(body)?.ids;
+        self.each_in(py, &ids, |id, coordinates| Command::SetLocomotion {
+            id,
+            locomotion: Box::new(character.get().character(coordinates).into()),
+        })
+    }
+
+    /// Makes a dynamic body a vehicle, whose wheels begin without inputs.
+    fn set_vehicle(
+        &self,
+        py: Python<'_>,
+        body: &Bound<'_, PyAny>,
+        wheels: Vec<PyRef<'_, PyWheel>>,
+    ) -> PyResult<Option<u64>> {
+        let ids = bodies(body)?.ids;
+        self.each_in(py, &ids, |id, coordinates| Command::SetLocomotion {
+            id,
+            locomotion: Box::new(
+                Vehicle {
+                    wheels: wheels
+                        .iter()
+                        .map(|wheel| wheel.wheel(coordinates))
+                        .collect(),
+                }
+                .into(),
+            ),
+        })
+    }
+
+    /// Lets a character rise along its direction up.
+    ///
+    /// In the air nothing happens, unless it may jump from anywhere.
+    ///
+    /// speed: speed with which it rises, units of length per second: -1,000 to 1,000 m/s.
+    /// anywhere: it jumps in the air too.
+    #[pyo3(signature = (body, speed, *, anywhere = false))]
+    fn jump(
+        &self,
+        py: Python<'_>,
+        body: &Bound<'_, PyAny>,
+        speed: &Bound<'_, PyAny>,
+        anywhere: bool,
+    ) -> PyResult<Option<u64>> {
+        let ids = bodies(body)?.ids;
+        let speed = real(speed, "speed")?;
+        let from = match anywhere {
+            true => JumpFrom::Anywhere,
+            false => JumpFrom::Ground,
+        };
+        self.each(py, &ids, |id, _| Command::Jump { id, speed, from })
+    }
+
+    /// Sets steering, force and brake of all wheels of a vehicle.
+    ///
+    /// It keeps them until the next ones.
+    ///
+    /// inputs: in the order of the wheels.
+    fn set_wheels(
+        &self,
+        py: Python<'_>,
+        body: &Bound<'_, PyAny>,
+        inputs: Vec<PyRef<'_, PyWheelInput>>,
+    ) -> PyResult<Option<u64>> {
+        let ids = bodies(body)?.ids;
+        self.each_in(py, &ids, |id, coordinates| Command::SetWheels {
+            id,
+            inputs: inputs
+                .iter()
+                .map(|input| input.wheel_input(coordinates))
+                .collect(),
+        })
+    }
+
+    /// Changes the gravity of the scene.
+    ///
+    /// gravity: in world axes, units of length per s²: at most 1,000 m/s² along each axis.
+    fn set_gravity(&self, py: Python<'_>, gravity: &Bound<'_, PyAny>) -> PyResult<Option<u64>> {
+        let gravity = vector(gravity, "gravity")?;
+        self.one(py, Command::SetGravity { gravity })
+    }
+
+    // <<< commands
 
     /// Adds a joint under a number of yours, below 65,536, that no joint of the scene has.
     fn add_joint(
@@ -312,60 +483,6 @@ impl PyScene {
         #[pyo3(from_py_with = number::whole::id)] id: u32,
     ) -> PyResult<Option<u64>> {
         self.one(py, Command::RemoveJoint { id: JointId(id) })
-    }
-
-    /// Makes kinematic bodies characters, which walk by the velocity of set_velocity, or gives them other settings.
-    ///
-    /// Events, "reached ground" and "left ground", report their ground.
-    fn set_character(
-        &self,
-        py: Python<'_>,
-        body: &Bound<'_, PyAny>,
-        character: &Bound<'_, PyCharacter>,
-    ) -> PyResult<Option<u64>> {
-        self.moved(py, body, |coordinates| {
-            character.get().locomotion(coordinates)
-        })
-    }
-
-    /// Makes dynamic bodies vehicles on 1 to 16 wheels, which begin without inputs.
-    fn set_vehicle(
-        &self,
-        py: Python<'_>,
-        body: &Bound<'_, PyAny>,
-        wheels: Vec<PyRef<'_, PyWheel>>,
-    ) -> PyResult<Option<u64>> {
-        self.moved(py, body, |coordinates| {
-            PyWheel::locomotion(&wheels, coordinates)
-        })
-    }
-
-    /// Makes characters and vehicles ordinary bodies again.
-    fn clear_locomotion(&self, py: Python<'_>, body: &Bound<'_, PyAny>) -> PyResult<Option<u64>> {
-        self.moved(py, body, |_| Locomotion::None)
-    }
-
-    /// Characters rise with this speed, in units of length per second. In the air nothing happens, unless anywhere is
-    /// true.
-    #[pyo3(signature = (body, speed, *, anywhere = false))]
-    fn jump(
-        &self,
-        py: Python<'_>,
-        body: &Bound<'_, PyAny>,
-        #[pyo3(from_py_with = number::single::speed)] speed: f32,
-        anywhere: bool,
-    ) -> PyResult<Option<u64>> {
-        self.all(py, jumps(body, speed, anywhere)?)
-    }
-
-    /// Sets the inputs of all wheels of vehicles, in the order of their wheels. A vehicle keeps them.
-    fn set_wheels(
-        &self,
-        py: Python<'_>,
-        body: &Bound<'_, PyAny>,
-        inputs: Vec<PyRef<'_, PyWheelInput>>,
-    ) -> PyResult<Option<u64>> {
-        self.all(py, PyWheelInput::commands(&bodies(body)?.ids, &inputs))
     }
 
     /// Requests authority over kinematic bodies in place of those of now; an empty row ends it.

@@ -13,6 +13,8 @@ use crate::failure::Failure;
 const FOUND_CHARACTERS: usize = 40;
 
 /// A part of a JSON value, and its place.
+///
+/// What reads a field by its name is not inlined: each place where it were makes the module larger.
 #[derive(Clone, Debug)]
 pub(crate) struct Argument<'a> {
     value: &'a Value,
@@ -133,6 +135,72 @@ impl<'a> Argument<'a> {
 
     pub(crate) fn rotation(&self) -> Result<Quat, Failure> {
         Ok(Quat::from_array(self.singles()?))
+    }
+
+    /// The vector of a field.
+    #[inline(never)]
+    pub(crate) fn vector_of(&self, field: &str) -> Result<Vec3, Failure> {
+        self.field(field)?.vector()
+    }
+
+    /// A vector of a field, or another one where it is left out.
+    #[inline(never)]
+    pub(crate) fn vector_or(&self, field: &str, otherwise: Vec3) -> Result<Vec3, Failure> {
+        self.optional(field)
+            .map_or(Ok(otherwise), |field| field.vector())
+    }
+
+    /// A rotation of a field, or another one where it is left out.
+    #[inline(never)]
+    pub(crate) fn rotation_or(&self, field: &str, otherwise: Quat) -> Result<Quat, Failure> {
+        self.optional(field)
+            .map_or(Ok(otherwise), |field| field.rotation())
+    }
+
+    /// The number of a field.
+    #[inline(never)]
+    pub(crate) fn number_of(&self, field: &str) -> Result<f32, Failure> {
+        self.field(field)?.single()
+    }
+
+    /// A number of a field, or another one where it is left out.
+    #[inline(never)]
+    pub(crate) fn number_or(&self, field: &str, otherwise: f32) -> Result<f32, Failure> {
+        self.optional(field)
+            .map_or(Ok(otherwise), |field| field.single())
+    }
+
+    /// True or false of a field, or another one where it is left out.
+    #[inline(never)]
+    pub(crate) fn flag_or(&self, field: &str, otherwise: bool) -> Result<bool, Failure> {
+        self.optional(field)
+            .map_or(Ok(otherwise), |field| field.flag())
+    }
+
+    /// The body of the field `id`.
+    #[inline(never)]
+    pub(crate) fn id(&self) -> Result<BodyId, Failure> {
+        self.field("id")?.body()
+    }
+
+    /// Numbers of several fields, each with what it is where it is left out.
+    pub(crate) fn numbers<const N: usize>(
+        &self,
+        fields: [(&str, f32); N],
+    ) -> Result<[f32; N], Failure> {
+        let mut numbers = [0.0; N];
+        for (number, (field, otherwise)) in numbers.iter_mut().zip(fields) {
+            *number = self.number_or(field, otherwise)?;
+        }
+        Ok(numbers)
+    }
+
+    /// The values of a list.
+    pub(crate) fn each<T>(
+        &self,
+        read: impl Fn(&Argument<'_>) -> Result<T, Failure>,
+    ) -> Result<Vec<T>, Failure> {
+        self.items()?.map(|item| read(&item)).collect()
     }
 
     /// Numbers, as many as there are.

@@ -9,6 +9,7 @@ mod columns;
 mod digest;
 mod event_json;
 mod failure;
+mod generated;
 mod join_argument;
 mod member;
 mod member_argument;

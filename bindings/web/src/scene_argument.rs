@@ -4,10 +4,10 @@
 
 use rhumb_protocol::limits::{HITS_MAX, JOINTS_MAX, SHAPES_MAX};
 use rhumb_protocol::scene::{
-    ActiveEvents, BodyBuilder, BodyDesc, BodyKind, CollisionGroups, Command, Compound, Edges,
-    Heights, Hull, Joint, JointFrame, JointId, JointKind, JointLimits, JointStrength, LockedAxes,
-    Mass, Material, Mesh, Motor, Part, Query, QueryFilter, QueryKind, Shape, ShapeId, Sleep,
-    SleepThresholds, Spring,
+    BodyBuilder, BodyDesc, BodyKind, CollisionGroups, Command, Compound, Edges, Heights, Hull,
+    Joint, JointFrame, JointId, JointKind, JointLimits, JointStrength, LockedAxes, Mass, Material,
+    Mesh, Motor, Part, Query, QueryFilter, QueryKind, Shape, ShapeId, Sleep, SleepThresholds,
+    Spring,
 };
 use rhumb_reckoning::{BodyId, BodyState, Damping, ToleranceScale};
 
@@ -15,10 +15,11 @@ use glam::{Quat, Vec3};
 
 use crate::argument::Argument;
 use crate::failure::Failure;
+use crate::generated;
 
 pub(crate) fn shape(from: &Argument<'_>) -> Result<Shape, Failure> {
-    let number = |field| from.field(field).and_then(|field| field.single());
-    let half_extents = || from.field("halfExtents").and_then(|field| field.vector());
+    let number = |field| from.number_of(field);
+    let half_extents = || from.vector_of("halfExtents");
     let points = || {
         let numbers = from.field("points")?.all_singles()?;
         let (points, rest) = numbers.as_chunks::<3>();
@@ -48,7 +49,7 @@ pub(crate) fn shape(from: &Argument<'_>) -> Result<Shape, Failure> {
         "cylinder" => Shape::cylinder(number("halfHeight")?, number("radius")?),
         "cone" => Shape::cone(number("halfHeight")?, number("radius")?),
         "halfSpace" => Shape::HalfSpace {
-            normal: from.field("normal")?.vector()?,
+            normal: from.vector_of("normal")?,
         },
         "hull" => Shape::Hull(Hull::new(&points()?).map_err(|why| from.refused(why))?),
         "heights" => {
@@ -101,16 +102,16 @@ pub(crate) fn sleep(from: &Argument<'_>) -> Result<Sleep, Failure> {
         Some("never") => Ok(Sleep::Never),
         Some(_) => Err(from.wrong("settled, never, or an object of thresholds")),
         None => Ok(Sleep::Below(SleepThresholds {
-            speed: from.field("speed")?.single()?,
-            angular_speed: from.field("angularSpeed")?.single()?,
-            seconds: from.field("seconds")?.single()?,
+            speed: from.number_of("speed")?,
+            angular_speed: from.number_of("angularSpeed")?,
+            seconds: from.number_of("seconds")?,
         })),
     }
 }
 
 fn part_of(from: &Argument<'_>) -> Result<Part, Failure> {
     Ok(Part {
-        position: from.field("position")?.vector()?,
+        position: from.vector_of("position")?,
         rotation: from.field("rotation")?.rotation()?,
         shape: shape(&from.field("shape")?)?,
     })
@@ -162,12 +163,8 @@ fn properties(from: &Argument<'_>, id: BodyId, shape: ShapeId) -> Result<BodyDes
     if let Some(from) = from.optional("damping") {
         desc.damping = Some(damping(&from)?);
     }
-    if let Some(from) = from.optional("gravityScale") {
-        desc.gravity_scale = from.single()?;
-    }
-    if let Some(from) = from.optional("gyroscopic") {
-        desc.gyroscopic = from.flag()?;
-    }
+    desc.gravity_scale = from.number_or("gravityScale", desc.gravity_scale)?;
+    desc.gyroscopic = from.flag_or("gyroscopic", desc.gyroscopic)?;
     if let Some(from) = from.optional("toleranceScale") {
         let exponent = from.whole(-3, 3)? as i8;
         desc.tolerance_scale = ToleranceScale::new(exponent).unwrap_or_default();
@@ -178,7 +175,7 @@ fn properties(from: &Argument<'_>, id: BodyId, shape: ShapeId) -> Result<BodyDes
     if let Some(from) = from.optional("mass") {
         let moments = from.optional("moments").map(|from| from.vector());
         desc.mass = Some(Mass {
-            mass: from.field("mass")?.single()?,
+            mass: from.number_of("mass")?,
             moments: moments.transpose()?,
         });
     }
@@ -194,15 +191,9 @@ fn properties(from: &Argument<'_>, id: BodyId, shape: ShapeId) -> Result<BodyDes
     if let Some(from) = from.optional("sleep") {
         desc.sleep = Some(sleep(&from)?);
     }
-    for (field, flag) in [
-        ("sensor", &mut desc.sensor),
-        ("swept", &mut desc.swept),
-        ("enabled", &mut desc.enabled),
-    ] {
-        if let Some(from) = from.optional(field) {
-            *flag = from.flag()?;
-        }
-    }
+    desc.sensor = from.flag_or("sensor", desc.sensor)?;
+    desc.swept = from.flag_or("swept", desc.swept)?;
+    desc.enabled = from.flag_or("enabled", desc.enabled)?;
     Ok(desc)
 }
 
@@ -213,23 +204,23 @@ fn locked_axes(from: &Argument<'_>) -> Result<LockedAxes, Failure> {
 
 pub(crate) fn material(from: &Argument<'_>) -> Result<Material, Failure> {
     Ok(Material {
-        friction: from.field("friction")?.single()?,
-        restitution: from.field("restitution")?.single()?,
-        density: from.field("density")?.single()?,
+        friction: from.number_of("friction")?,
+        restitution: from.number_of("restitution")?,
+        density: from.number_of("density")?,
     })
 }
 
 pub(crate) fn damping(from: &Argument<'_>) -> Result<Damping, Failure> {
     Ok(Damping {
-        linear: from.field("linear")?.single()?,
-        angular: from.field("angular")?.single()?,
+        linear: from.number_of("linear")?,
+        angular: from.number_of("angular")?,
     })
 }
 
 fn limits(from: &Argument<'_>) -> Result<JointLimits, Failure> {
     Ok(JointLimits {
-        least: from.field("least")?.single()?,
-        most: from.field("most")?.single()?,
+        least: from.number_of("least")?,
+        most: from.number_of("most")?,
     })
 }
 
@@ -249,7 +240,7 @@ fn each<T, const N: usize>(
 }
 
 fn joint_kind(from: &Argument<'_>) -> Result<JointKind, Failure> {
-    let number = |field| from.field(field).and_then(|field| field.single());
+    let number = |field| from.number_of(field);
     let one = || {
         (from.optional("limits"))
             .map(|from| limits(&from))
@@ -282,7 +273,7 @@ fn joint_kind(from: &Argument<'_>) -> Result<JointKind, Failure> {
 }
 
 fn motor(from: &Argument<'_>) -> Result<Motor, Failure> {
-    let number = |field| from.field(field).and_then(|field| field.single());
+    let number = |field| from.number_of(field);
     Ok(Motor {
         position: number("position")?,
         velocity: number("velocity")?,
@@ -293,10 +284,9 @@ fn motor(from: &Argument<'_>) -> Result<Motor, Failure> {
 }
 
 fn joint_frame(from: &Argument<'_>) -> Result<JointFrame, Failure> {
-    let rotation = from.optional("rotation").map(|from| from.rotation());
     Ok(JointFrame {
-        anchor: from.field("anchor")?.vector()?,
-        rotation: rotation.transpose()?.unwrap_or(Quat::IDENTITY),
+        anchor: from.vector_of("anchor")?,
+        rotation: from.rotation_or("rotation", Quat::IDENTITY)?,
     })
 }
 
@@ -313,42 +303,25 @@ fn joint(from: &Argument<'_>) -> Result<Box<Joint>, Failure> {
         return Err(frames.wrong("a list of two frames"));
     };
     let mut joint = Joint::plain(joint_kind(from)?, [first, second], [of_first, of_second]);
-    if let Some(from) = from.optional("collide") {
-        joint.collide = from.flag()?;
-    }
+    joint.collide = from.flag_or("collide", joint.collide)?;
     if let Some(from) = from.optional("motors") {
         joint.motors = each(&from, motor)?;
     }
     if let Some(from) = from.optional("strength") {
         joint.strength = Some(JointStrength {
-            force: from.field("force")?.single()?,
-            torque: from.field("torque")?.single()?,
+            force: from.number_of("force")?,
+            torque: from.number_of("torque")?,
         });
     }
     Ok(Box::new(joint))
 }
 
-fn events(from: &Argument<'_>) -> Result<ActiveEvents, Failure> {
-    let flag = |field| from.optional(field).map(|from| from.flag()).transpose();
-    Ok(ActiveEvents {
-        contacts: flag("contacts")?.unwrap_or_default(),
-        force: from
-            .optional("force")
-            .map(|from| from.single())
-            .transpose()?,
-        sensors: flag("sensors")?.unwrap_or_default(),
-        sleep: flag("sleep")?.unwrap_or_default(),
-    })
-}
-
 pub(crate) fn command(from: &Argument<'_>) -> Result<Command, Failure> {
     let kind = from.field("kind")?;
     let kind_text = kind.text()?;
-    if let Some(pushed) = push(from, kind_text)? {
-        return Ok(pushed);
+    if let Some(made) = generated::command(from, kind_text)? {
+        return Ok(made);
     }
-    let id = || from.field("id").and_then(|id| id.body());
-    let vector = |field| from.field(field).and_then(|field| field.vector());
     let shape_number = || from.field("id").and_then(|id| shape_id(&id));
     let joint_id = || {
         let id = from.field("id")?;
@@ -356,28 +329,8 @@ pub(crate) fn command(from: &Argument<'_>) -> Result<Command, Failure> {
     };
     let joint = || joint(&from.field("joint")?);
     Ok(match kind_text {
-        "removeBody" => Command::RemoveBody { id: id()? },
         "changeBody" => Command::ChangeBody {
             desc: desc(&from.field("desc")?)?,
-        },
-        "setPose" => Command::SetPose {
-            id: id()?,
-            position: vector("position")?,
-            rotation: from.field("rotation")?.rotation()?,
-        },
-        "setVelocity" => Command::SetVelocity {
-            id: id()?,
-            linear: vector("linear")?,
-            angular: vector("angular")?,
-        },
-        "sleep" => Command::Sleep { id: id()? },
-        "wake" => Command::Wake { id: id()? },
-        "setEvents" => Command::SetEvents {
-            id: id()?,
-            events: events(&from.field("events")?)?,
-        },
-        "setGravity" => Command::SetGravity {
-            gravity: vector("gravity")?,
         },
         "addShape" => Command::AddShape {
             id: shape_number()?,
@@ -399,49 +352,11 @@ pub(crate) fn command(from: &Argument<'_>) -> Result<Command, Failure> {
     })
 }
 
-/// A force or an impulse; `None` for another kind of command.
-fn push(from: &Argument<'_>, kind: &str) -> Result<Option<Command>, Failure> {
-    let id = || from.field("id").and_then(|id| id.body());
-    let vector = |field| from.field(field).and_then(|field| field.vector());
-    let point = from.optional("point").map(|from| from.vector());
-    let command = match (kind, point.transpose()?) {
-        ("force", None) => Command::Force {
-            id: id()?,
-            force: vector("force")?,
-        },
-        ("force", Some(point)) => Command::ForceAt {
-            id: id()?,
-            force: vector("force")?,
-            point,
-        },
-        ("torque", _) => Command::Torque {
-            id: id()?,
-            torque: vector("torque")?,
-        },
-        ("impulse", None) => Command::Impulse {
-            id: id()?,
-            impulse: vector("impulse")?,
-        },
-        ("impulse", Some(point)) => Command::ImpulseAt {
-            id: id()?,
-            impulse: vector("impulse")?,
-            point,
-        },
-        ("torqueImpulse", _) => Command::TorqueImpulse {
-            id: id()?,
-            impulse: vector("impulse")?,
-        },
-        _ => return Ok(None),
-    };
-    Ok(Some(command))
-}
-
 pub(crate) fn query(from: &Argument<'_>) -> Result<Query, Failure> {
-    let vector = |field| from.field(field).and_then(|field| field.vector());
+    let vector = |field| from.vector_of(field);
     let cast = || {
-        let rotation = from.optional("rotation").map(|from| from.rotation());
+        let rotation = from.rotation_or("rotation", Quat::IDENTITY)?;
         let shape = shape(&from.field("shape")?)?;
-        let rotation = rotation.transpose()?.unwrap_or(Quat::IDENTITY);
         Ok::<_, Failure>((shape, vector("position")?, rotation))
     };
     let kind = from.field("kind")?;
@@ -462,7 +377,7 @@ pub(crate) fn query(from: &Argument<'_>) -> Result<Query, Failure> {
         }
         "projection" => QueryKind::Projection {
             point: vector("point")?,
-            distance: from.field("distance")?.single()?,
+            distance: from.number_of("distance")?,
         },
         "overlap" => {
             let (shape, position, rotation) = cast()?;
@@ -485,16 +400,10 @@ pub(crate) fn query(from: &Argument<'_>) -> Result<Query, Failure> {
 
 fn filter(from: &Argument<'_>) -> Result<QueryFilter, Failure> {
     let mut filter = QueryFilter::DEFAULT;
-    for (field, flag) in [
-        ("withFixed", &mut filter.with_fixed),
-        ("withDynamic", &mut filter.with_dynamic),
-        ("withKinematic", &mut filter.with_kinematic),
-        ("withSensors", &mut filter.with_sensors),
-    ] {
-        if let Some(from) = from.optional(field) {
-            *flag = from.flag()?;
-        }
-    }
+    filter.with_fixed = from.flag_or("withFixed", filter.with_fixed)?;
+    filter.with_dynamic = from.flag_or("withDynamic", filter.with_dynamic)?;
+    filter.with_kinematic = from.flag_or("withKinematic", filter.with_kinematic)?;
+    filter.with_sensors = from.flag_or("withSensors", filter.with_sensors)?;
     filter.except = from
         .optional("except")
         .map(|from| from.body())

@@ -7,6 +7,8 @@ use rhumb_client::scene::{
     Character, CharacterStep, Command, JumpFrom, Locomotion, Vehicle, Wheel, WheelInput,
 };
 
+use rhumb_table::table::Table;
+
 use super::Coordinates;
 
 const BODY: BodyId = BodyId::new(3, 0);
@@ -216,4 +218,53 @@ fn forces_have_the_applications_unit_and_no_locomotion_stays_none() {
         locomotion: Box::new(Locomotion::None),
     };
     assert_eq!(Coordinates::Unity.command_in(none.clone()), none);
+}
+
+/// The default that the table has for a field.
+fn default(record: &str, field: &str) -> Vec<f32> {
+    let table = Table::load();
+    let fields = table.record(record).fields();
+    let found = fields.into_iter().find(|known| known.name == field);
+    let default = found.expect("a field").default.clone();
+    let numbers = default.expect("a default").into_iter();
+    numbers.map(|number| number as f32).collect()
+}
+
+#[test]
+fn the_defaults_of_the_table_are_those_of_rust() {
+    let plain = Character::default();
+    assert_eq!(plain.up, None);
+    assert_eq!(plain.step, None);
+    for (field, value) in [
+        ("offset", plain.offset),
+        ("climb angle", plain.climb_angle),
+        ("slide angle", plain.slide_angle),
+        ("mass", plain.mass),
+        ("snap", plain.snap.expect("a snap")),
+    ] {
+        assert_eq!(default("character", field), [value], "{field}");
+    }
+    let plain = Wheel::at(Vec3::ZERO, 1.0);
+    assert_eq!(default("wheel", "direction"), plain.direction.to_array());
+    assert_eq!(default("wheel", "axle"), plain.axle.to_array());
+    for (field, value) in [
+        ("rest length", plain.rest_length),
+        ("travel", plain.travel),
+        ("stiffness", plain.stiffness),
+        ("compression", plain.compression),
+        ("relaxation", plain.relaxation),
+        ("force max", plain.force_max),
+        ("friction slip", plain.friction_slip),
+        ("side friction", plain.side_friction),
+    ] {
+        assert_eq!(default("wheel", field), [value], "{field}");
+    }
+    let plain = WheelInput::default();
+    for (field, value) in [
+        ("steering", plain.steering),
+        ("force", plain.force),
+        ("brake", plain.brake),
+    ] {
+        assert_eq!(default("wheel input", field), [value], "{field}");
+    }
 }

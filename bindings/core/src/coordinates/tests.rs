@@ -2,6 +2,7 @@
 
 use proptest::prelude::*;
 use rhumb_client::BodyId;
+use rhumb_client::scene::Command;
 
 use super::*;
 

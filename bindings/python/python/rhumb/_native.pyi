@@ -202,29 +202,31 @@ class Joint:
         breaks_at: Optional[Tuple[float, float]] = None,
     ) -> None: ...
 
+# >>> records, made by bindings/table
 @final
 class Character:
-    """A character, for Scene.set_character: a kinematic body that walks, as far as the world lets it, and falls.
+    """A character: a kinematic body that walks by its velocity, as far as the world lets it, and falls.
 
-    Up is the direction away from the ground, of unit length; against gravity if it is left out.
-
-    The offset is the gap that it keeps to its surroundings, 0.02 m if it is left out. It climbs slopes of up to the
-    first angle, and slides down from the second one on; both are radians from level ground, 45 degrees if they are left
-    out. It pushes dynamic bodies with its mass, in kilograms.
-
-    A step is the greatest height that it climbs, and the free width that it needs there; without one it climbs none.
-    It climbs onto dynamic bodies too if it is set so, and pushes them otherwise. The snap is the greatest drop of the
-    ground that it follows without a fall, 0.2 m if it is left out, and none at 0.
+    offset: gap that it keeps to its surroundings, units of length: 0.001 to 10,000 m; 0.02 m by default.
+    climb_angle: steepest slope that it climbs, from level ground: 0 to π/2 rad; π/4 rad by default.
+    slide_angle: slope from which on it slides down, from level ground: 0 to π/2 rad; π/4 rad by default.
+    mass: mass with which it pushes dynamic bodies, none at zero: 0 to 1,000,000 kg; 80 kg by default.
+    up: direction away from the ground, of unit length, instead of the one against gravity.
+    step: greatest height of a step that it climbs, units of length: 0.001 to 10,000 m, and free width that it
+    needs on a step, units of length: 0.001 to 10,000 m; None for none.
+    onto_dynamic: it also climbs onto dynamic bodies; otherwise it pushes them.
+    snap: greatest drop of the ground that it follows without a fall, units of length: 0.001 to 10,000 m; 0.2 m
+    by default; 0 for none.
     """
 
     def __init__(
         self,
         *,
-        up: Optional[_Vector] = None,
         offset: Optional[float] = None,
-        climb_angle: float = ...,
-        slide_angle: float = ...,
-        mass: float = 80.0,
+        climb_angle: Optional[float] = None,
+        slide_angle: Optional[float] = None,
+        mass: Optional[float] = None,
+        up: Optional[_Vector] = None,
         step: Optional[Tuple[float, float]] = None,
         onto_dynamic: bool = False,
         snap: Optional[float] = None,
@@ -232,20 +234,24 @@ class Character:
 
 @final
 class Wheel:
-    """A wheel of a vehicle, for Scene.set_vehicle: a ray with a spring, in the axes of its chassis.
+    """A wheel of a vehicle, in the axes of its chassis and from the origin of its shape: a ray with a spring.
 
-    The position is the upper end of its suspension, from the origin of the chassis' shape.
-
-    The direction of the suspension, of unit length, is down if it is left out. The axle, of unit length, points to the
-    right of the way forward. It is along x if it is left out, in Unreal's coordinates along y: forward is then -z in
-    Rhumb's coordinates, z in Unity's, x in Unreal's, and y where z is up.
-
-    The suspension has its rest length without load, 0.3 m, and changes by at most its travel, 0.25 m. Its stiffness is
-    an acceleration for a length, 50/s²; its damping is 4/s in compression, and 6/s in relaxation. It pushes with any
-    force unless a greatest one is set.
-
-    The greatest force along the ground is a share of the suspension's force, the friction slip, 2; the part along the
-    way forward counts half. The side friction, 1, is a factor of the force that keeps the wheel from sliding sideways.
+    position: upper end of the suspension, units of length: at most 10,000 m along each axis.
+    radius: radius of the wheel, units of length: 0.001 to 10,000 m.
+    direction: direction of the suspension, of unit length, towards the ground; down by default.
+    axle: axis about which the wheel turns, of unit length, to the right of the way forward; along x by default,
+    in Unreal's coordinates along y.
+    rest_length: length of the suspension without load, from the position to the wheel's centre, units of
+    length: 0 to 10,000 m; 0.3 m by default.
+    travel: greatest change of that length, units of length: 0 to 10,000 m; 0.25 m by default.
+    stiffness: acceleration of the chassis for a change of that length: 0 to 1,000,000 1/s²; 50 1/s² by default.
+    compression: damping while the spring is compressed: 0 to 1,000,000 1/s; 4 1/s by default.
+    relaxation: damping while the spring relaxes: 0 to 1,000,000 1/s; 6 1/s by default.
+    force_max: greatest force of the suspension: 0 to 1,000,000,000 N; any by default.
+    friction_slip: greatest force along the ground, as a share of the suspension's force, of which the part
+    along the way forward counts half: 0 to 100; 2 by default.
+    side_friction: factor of the force along the axle that keeps the wheel from sliding sideways: 0 to 100; 1 by
+    default.
     """
 
     def __init__(
@@ -267,15 +273,19 @@ class Wheel:
 
 @final
 class WheelInput:
-    """Steering, force and brake of a wheel, for Scene.set_wheels.
+    """Steering, force and brake of a wheel.
 
-    A positive steering, in radians, turns left; in left-handed coordinates it turns right.
+    Without any, it rolls freely.
 
-    The force acts forward, a negative one backward. The brake is the greatest force that stops the wheel; one with a
-    force does not brake.
+    steering: turn about the axis that points up, to the left if positive, in left-handed coordinates to the
+    right: -π to π rad.
+    force: force along the way forward, backward if negative: -1,000,000,000 to 1,000,000,000 N.
+    brake: greatest force that stops it, while it has no force: 0 to 1,000,000,000 N.
     """
 
     def __init__(self, steering: float = 0.0, force: float = 0.0, brake: float = 0.0) -> None: ...
+
+# <<< records
 
 @final
 class Query:
@@ -359,11 +369,13 @@ class Event:
 
     @property
     def kind(self) -> str:
-        """One of: "commands applied", "command refused", "body placed", "body removed", "contact began", "contact ended",
-        "contact force", "sensor entered", "sensor left", "fell asleep", "woke", "body fault", "reached ground", "left
-        ground", "events missed", "stream changed", "publisher silent", "publisher active", "scene restored", "scene
-        faulted", "scene deleted", "interrupted", "resumed", "session lost", "durable", "authority granted", "authority
-        denied", "denied", "ended", "other"."""
+        # >>> kinds of events, made by bindings/table
+        """One of: "commands applied", "command refused", "body placed", "body removed", "contact began", "contact
+        ended", "contact force", "sensor entered", "sensor left", "fell asleep", "woke", "body fault", "reached
+        ground", "left ground", "events missed", "stream changed", "publisher silent", "publisher active", "scene
+        restored", "scene faulted", "scene deleted", "interrupted", "resumed", "session lost", "durable",
+        "authority granted", "authority denied", "denied", "ended", "other"."""
+        # <<< kinds of events
     @property
     def after(self) -> int:
         """The newest complete tick when the event was read: no view of an earlier tick shows its effect."""
@@ -500,47 +512,107 @@ class Scene:
         a speed of its fastest point, rad/s, and the seconds for which it must be as slow; None: as the scene has it.
         """
 
+    # >>> commands, made by bindings/table
     def remove(self, body: _Bodies) -> Optional[int]:
-        """Removes bodies, and the joints of each."""
+        """Removes a body, and its joints."""
     def set_pose(self, body: _Bodies, position: _Vector, rotation: Optional[_Rotation] = None) -> Optional[int]:
-        """Places fixed and dynamic bodies at once; kinematic ones move there during the next tick. Unturned without a
-        rotation.
+        """Puts a fixed or dynamic body elsewhere at once, and moves a kinematic one there during the next tick.
 
-        Poses of a kinematic body may come more seldom than ticks, up to four a second: it then moves evenly from one to the
-        next, carries what lies on it, and stops at the last one. A pose beyond 100 m/s or a quarter of a turn in a tick is a
-        jump that shoves nothing. If set_velocity follows, the body is there after one tick and continues at that velocity.
+        If poses of a kinematic body come more seldom than ticks, up to four a second, it moves evenly from one to
+        the next, carries what lies on it, and stops at the last one. A pose beyond 100 m/s or a quarter of a turn
+        in a tick is a jump that shoves nothing. If a velocity is set after the pose, the body is there after one
+        tick and continues at that velocity.
+
+        position: place of the origin of its shape, units of length: at most 100,000 m along each axis.
+        rotation: unit quaternion x, y, z, w, body to world.
         """
     def set_velocity(self, body: _Bodies, linear: _Vector, angular: Optional[_Vector] = None) -> Optional[int]:
-        """Sets velocities, in units of length per second and rad/s; a kinematic body keeps them. No spin without one."""
+        """Sets both velocities.
+
+        A kinematic body keeps them, and a character walks by them.
+
+        linear: velocity of the centre of mass, units of length per second: at most 1,000 m/s along each axis.
+        angular: angular velocity about world axes: at most 100 rad/s along each axis.
+        """
     def apply_force(self, body: _Bodies, force: _Vector, point: Optional[_Vector] = None) -> Optional[int]:
-        """A force during the next tick, at the centre of mass or at a point of the world."""
+        """Applies a force at the centre of mass during the next tick.
+
+        With a point, it acts there.
+
+        force: in world axes: at most 1,000,000,000 N along each axis.
+        point: point of the world where it acts, units of length: at most 100,000 m along each axis.
+        """
     def apply_torque(self, body: _Bodies, torque: _Vector) -> Optional[int]:
-        """A torque during the next tick, about world axes."""
+        """Applies a torque during the next tick.
+
+        torque: about world axes: at most 1,000,000,000 N·m along each axis.
+        """
     def apply_impulse(self, body: _Bodies, impulse: _Vector, point: Optional[_Vector] = None) -> Optional[int]:
-        """An impulse at once, at the centre of mass or at a point of the world."""
+        """Applies an impulse at the centre of mass: the velocity changes at once.
+
+        With a point, it acts there.
+
+        impulse: in world axes: at most 1,000,000,000 N·s along each axis.
+        point: point of the world where it acts, units of length: at most 100,000 m along each axis.
+        """
     def apply_torque_impulse(self, body: _Bodies, impulse: _Vector) -> Optional[int]:
-        """An angular impulse at once, about world axes."""
-    def set_gravity(self, gravity: _Vector) -> Optional[int]:
-        """Sets the scene's gravity, units of length per s²."""
+        """Applies an angular impulse: the spin changes at once.
+
+        impulse: about world axes: at most 1,000,000,000 N·m·s along each axis.
+        """
     def sleep(self, body: _Bodies) -> Optional[int]:
-        """Puts dynamic bodies to sleep, until something touches them."""
+        """Puts a dynamic body to sleep, until something that moves touches it."""
     def wake(self, body: _Bodies) -> Optional[int]:
-        """Wakes bodies."""
+        """Wakes a dynamic body."""
     def report_events(
         self,
         body: _Bodies,
         *,
         contacts: bool = False,
-        force: Optional[float] = None,
         sensors: bool = False,
         sleep: bool = False,
+        force: Optional[float] = None,
     ) -> Optional[int]:
-        """Turns the events of bodies on; what is left out, off. A new body reports none.
+        """Turns the events of a body on; what is left out, off.
 
-        contacts: "contact began" and "contact ended", and what contacts() knows. force: "contact force" in every tick in
-        which the force of a contact is at least that; 0.0 for all. sensors: "sensor entered" and "sensor left", of a sensor
-        or of what enters it. sleep: "fell asleep" and "woke".
+        A new body reports none.
+
+        contacts: its contacts begin and end.
+        sensors: bodies enter and leave the sensor, or the body enters and leaves sensors.
+        sleep: it falls asleep and wakes.
+        force: least force of a contact that is reported, in each tick, zero for all: 0 to 1,000,000,000 N.
         """
+    def clear_locomotion(self, body: _Bodies) -> Optional[int]:
+        """Makes a character or a vehicle an ordinary body again."""
+    def set_character(self, body: _Bodies, character: Character) -> Optional[int]:
+        """Makes a kinematic body a character, which walks by the velocity that is set, or gives a character other
+        settings.
+
+        Events report when it reaches the ground and when it leaves it.
+        """
+    def set_vehicle(self, body: _Bodies, wheels: Sequence[Wheel]) -> Optional[int]:
+        """Makes a dynamic body a vehicle, whose wheels begin without inputs."""
+    def jump(self, body: _Bodies, speed: float, *, anywhere: bool = False) -> Optional[int]:
+        """Lets a character rise along its direction up.
+
+        In the air nothing happens, unless it may jump from anywhere.
+
+        speed: speed with which it rises, units of length per second: -1,000 to 1,000 m/s.
+        anywhere: it jumps in the air too.
+        """
+    def set_wheels(self, body: _Bodies, inputs: Sequence[WheelInput]) -> Optional[int]:
+        """Sets steering, force and brake of all wheels of a vehicle.
+
+        It keeps them until the next ones.
+
+        inputs: in the order of the wheels.
+        """
+    def set_gravity(self, gravity: _Vector) -> Optional[int]:
+        """Changes the gravity of the scene.
+
+        gravity: in world axes, units of length per s²: at most 1,000 m/s² along each axis.
+        """
+    # <<< commands
     def contacts(self, body: Optional[int] = None) -> list[Contact]:
         """The contacts of now: of one body, or of all bodies.
 
@@ -554,20 +626,6 @@ class Scene:
         """Replaces a joint, its limits and motors among others."""
     def remove_joint(self, id: int) -> Optional[int]:
         """Removes a joint. It goes with either of its bodies too."""
-    def set_character(self, body: _Bodies, character: Character) -> Optional[int]:
-        """Makes kinematic bodies characters, which walk by the velocity of set_velocity, or gives them other settings.
-
-        Events, "reached ground" and "left ground", report their ground.
-        """
-    def set_vehicle(self, body: _Bodies, wheels: Sequence[Wheel]) -> Optional[int]:
-        """Makes dynamic bodies vehicles on 1 to 16 wheels, which begin without inputs."""
-    def clear_locomotion(self, body: _Bodies) -> Optional[int]:
-        """Makes characters and vehicles ordinary bodies again."""
-    def jump(self, body: _Bodies, speed: float, *, anywhere: bool = False) -> Optional[int]:
-        """Characters rise with this speed, in units of length per second. In the air nothing happens, unless anywhere is
-        true."""
-    def set_wheels(self, body: _Bodies, inputs: Sequence[WheelInput]) -> Optional[int]:
-        """Sets the inputs of all wheels of vehicles, in the order of their wheels. A vehicle keeps them."""
     def take_authority(self, body: _Bodies, tolerance: float = 0.02) -> None:
         """Requests authority over kinematic bodies in place of those of now; an empty row ends it.
 

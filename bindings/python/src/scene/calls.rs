@@ -5,14 +5,12 @@ use std::sync::TryLockError;
 use numpy::IntoPyArray;
 use pyo3::prelude::*;
 use rhumb_bindings::rhumb_client::BodyId;
-use rhumb_bindings::rhumb_client::glam::Vec3;
-use rhumb_bindings::rhumb_client::scene::{Command, Locomotion};
+use rhumb_bindings::rhumb_client::scene::Command;
 use rhumb_bindings::{BindingError, Coordinates, RemoteScene};
 
 use super::PyScene;
-use crate::arguments::{Bodies, bodies, rows};
+use crate::arguments::{Bodies, bodies};
 use crate::errors::exception;
-use crate::locomotion::set;
 use crate::open_scene::OpenScene;
 
 impl PyScene {
@@ -48,41 +46,35 @@ impl PyScene {
         call(opened.as_mut().ok_or(BindingError::Closed)?)
     }
 
-    /// Queues a command for each body, made of its row of numbers.
-    pub(super) fn push(
-        &self,
-        py: Python<'_>,
-        body: &Bound<'_, PyAny>,
-        numbers: &Bound<'_, PyAny>,
-        name: &'static str,
-        command: impl Fn(BodyId, Vec3) -> Command,
-    ) -> PyResult<Option<u64>> {
-        let Bodies { ids, .. } = bodies(body)?;
-        let vectors = rows::<3>(numbers, ids.len(), name)?;
-        let command = |(id, vector): (BodyId, [f32; 3])| command(id, vector.into());
-        let commands = ids.into_iter().zip(vectors).map(command).collect();
-        self.all(py, commands)
-    }
-
-    /// Queues commands.
-    pub(super) fn all(&self, py: Python<'_>, commands: Vec<Command>) -> PyResult<Option<u64>> {
-        self.with(py, |opened| opened.scene.command(commands))
-    }
-
     /// Queues a command.
     pub(super) fn one(&self, py: Python<'_>, command: Command) -> PyResult<Option<u64>> {
-        self.all(py, vec![command])
+        self.with(py, |opened| opened.scene.command(vec![command]))
     }
 
-    /// Queues a command for each body.
+    /// Queues a command for each body of a row, which has its place in it.
     pub(super) fn each(
         &self,
         py: Python<'_>,
-        body: &Bound<'_, PyAny>,
-        command: impl Fn(BodyId) -> Command,
+        ids: &[BodyId],
+        command: impl Fn(BodyId, usize) -> Command,
     ) -> PyResult<Option<u64>> {
-        let commands = bodies(body)?.ids.into_iter().map(command).collect();
-        self.all(py, commands)
+        let each = ids.iter().enumerate();
+        let commands = each.map(|(place, id)| command(*id, place)).collect();
+        self.with(py, |opened| opened.scene.command(commands))
+    }
+
+    /// Queues a command for each body, with a value in the scene's coordinates.
+    pub(super) fn each_in(
+        &self,
+        py: Python<'_>,
+        ids: &[BodyId],
+        command: impl Fn(BodyId, Coordinates) -> Command,
+    ) -> PyResult<Option<u64>> {
+        self.with(py, |opened| {
+            let coordinates = opened.scene.coordinates();
+            let commands = ids.iter().map(|id| command(*id, coordinates));
+            opened.scene.command(commands.collect())
+        })
     }
 
     /// A bound of one body as a number, of a row of bodies as an array.
@@ -101,19 +93,5 @@ impl PyScene {
             (true, [bound]) => Ok(bound.into_pyobject(py)?.into_any().unbind()),
             _ => Ok(bounds.into_pyarray(py).into_any().unbind()),
         }
-    }
-
-    /// Queues that each body gets a locomotion in the scene's coordinates.
-    pub(super) fn moved(
-        &self,
-        py: Python<'_>,
-        body: &Bound<'_, PyAny>,
-        locomotion: impl FnOnce(Coordinates) -> Locomotion,
-    ) -> PyResult<Option<u64>> {
-        let ids = bodies(body)?.ids;
-        self.with(py, |opened| {
-            let locomotion = locomotion(opened.scene.coordinates());
-            opened.scene.command(set(&ids, &locomotion))
-        })
     }
 }

@@ -4,6 +4,8 @@
 //! disturbs them, and asks one query. This file has it in Rust, over the client itself, and in each of the coordinates that
 //! do not round.
 
+use std::process;
+
 use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
 use rhumb_bindings::{BodyParams, Coordinates, JoinCondition, JoinParams, RemoteScene};
 use rhumb_client::scene::{
@@ -14,8 +16,10 @@ use rhumb_client::scene::{
 use rhumb_client::{BodyCentres, BodyId, Client, JoinMode, JoinOptions, PipelineDepth, Trust};
 use rhumb_conformance::fnv::Fnv;
 use rhumb_tests::ServerProcess;
+use tempfile::TempDir;
 
 use super::c::{Compiled, Linked};
+use super::{has, has_all, root, run_well};
 use crate::SERVER;
 
 const PILED: u16 = 60;
@@ -276,6 +280,26 @@ fn the_script_in_c_and_cpp_ends_with_the_hash_of_the_script_in_rust() {
             assert_eq!(out, expected.line(), "{source}, {linked:?}");
         }
     }
+}
+
+#[test]
+fn the_script_in_javascript_ends_with_the_hash_of_the_script_in_rust() {
+    // The client of browsers is built with the page, where the system has its target.
+    let module = rhumb_viewer::asset("/client/rhumb.wasm");
+    let module = module.filter(|_| has("node"));
+    if !has_all("Node and the client of browsers", module.is_some()) {
+        return;
+    }
+    let folder = TempDir::new().expect("a folder for the socket");
+    let [socket, wasm] = ["rhumb.sock", "rhumb.wasm"].map(|name| folder.path().join(name));
+    let bytes = module.expect("it is there").bytes;
+    std::fs::write(&wasm, bytes).expect("a file of its own");
+    let path = socket.to_str().expect("a path of letters");
+    let server = SERVER.serve_with("127.0.0.1:0", &["--socket", path]);
+    let expected = expected(&server).line();
+    let mut node = process::Command::new("node");
+    node.args([&root().join("bindings/web/test/script.mjs"), &wasm, &socket]);
+    assert_eq!(run_well(&mut node), expected);
 }
 
 /// Other axes, turned here by hand.

@@ -1,4 +1,4 @@
-//! The sources of this crate, as declarations of C and of C#.
+//! The sources of rhumb-c, as declarations of C and of C#.
 
 use std::error::Error;
 use std::path::Path;
@@ -9,12 +9,13 @@ pub(crate) const HEADER: &str = "c/include/rhumb.h";
 pub(crate) const IMPORTS: &str = "csharp/src/Native.g.cs";
 
 /// Sources with functions or types that cross the border.
-const SOURCES: [&str; 13] = [
+const SOURCES: [&str; 14] = [
     "status",
     "kinds",
     "descriptions",
     "connection",
     "scene",
+    "generated",
     "commands",
     "joints",
     "locomotion",
@@ -44,8 +45,8 @@ const ENUMERATIONS: [&str; 13] = [
 
 /// The folder of bindings.
 pub(crate) fn root() -> &'static Path {
-    let crate_folder = Path::new(env!("CARGO_MANIFEST_DIR"));
-    crate_folder.parent().unwrap_or(crate_folder)
+    let own = Path::new(env!("CARGO_MANIFEST_DIR"));
+    own.parent().expect("the folder of bindings")
 }
 
 /// The header of C.

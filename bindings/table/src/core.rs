@@ -1,0 +1,199 @@
+//! What all bindings share: conversions of commands, and the kinds of events.
+
+use crate::events::EVENTS;
+use crate::table::{Call, CallField, FieldKind, RecordMember, Table, ValueRecord};
+use crate::text::{camel, comment, fill, pascal, snake};
+
+const HEAD: &str = "\
+//! Commands in other coordinates, and the kinds of events.
+//!
+//! Made by `bindings/table` from `spec/tables/protocol.json`; do not edit.
+
+use rhumb_client::scene::{
+    ActiveEvents, Character, CharacterStep, Command, Locomotion, Vehicle, Wheel, WheelInput,
+};
+
+use crate::coordinates::Coordinates;
+
+impl Coordinates {
+    /// A command in Rhumb's coordinates.
+    ///
+    /// Descriptions of bodies and shapes pass as they are: no binding offers such commands.
+    #[must_use]
+    pub fn command_in(self, mut command: Command) -> Command {
+        match &mut command {
+@arms@\
+            Command::AddJoint { joint, .. } | Command::ChangeJoint { joint, .. } => {
+                **joint = self.joint_in(joint);
+            }
+@locomotions@\
+            // The others have no axes and no lengths.
+            _ => {}
+        }
+        command
+    }
+@records@\
+}
+
+/// The kind of an event.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum EventKind {
+@kinds@\
+}
+
+impl EventKind {
+    /// Each of them, in the order of their numbers in C.
+    pub const EACH: [Self; @count@] = [@each@];
+
+    /// Its name in languages without enumerations.
+    #[must_use]
+    pub const fn word(self) -> &'static str {
+        match self {
+@words@\
+        }
+    }
+}
+";
+
+/// `bindings/core/src/generated.rs`.
+#[must_use]
+pub fn generated(table: &Table) -> String {
+    let converted =
+        |call: &&Call| call.alternative.is_none() && call.fields.iter().any(is_converted);
+    let arms: String = table.calls.iter().filter(converted).map(arm).collect();
+    let records: String = table.records.iter().map(record).collect();
+    let kinds = EVENTS
+        .iter()
+        .map(|event| comment("///", event.doc) + &pascal(event.name) + ",\n");
+    let word = |name: &str| format!("Self::{} => {name:?},\n", pascal(name));
+    let words: String = EVENTS.iter().map(|event| word(event.name)).collect();
+    let each: Vec<_> = EVENTS
+        .iter()
+        .map(|event| format!("Self::{}", pascal(event.name)))
+        .collect();
+    fill(
+        HEAD,
+        &[
+            ("arms", &arms),
+            ("locomotions", LOCOMOTIONS),
+            ("records", &records),
+            ("kinds", &kinds.collect::<String>()),
+            ("words", &words),
+            ("count", &EVENTS.len().to_string()),
+            ("each", &each.join(", ")),
+        ],
+    )
+}
+
+/// The alternatives of the one command that has some.
+const LOCOMOTIONS: &str = "\
+            Command::SetLocomotion { locomotion, .. } => match &mut **locomotion {
+                Locomotion::None => {}
+                Locomotion::Character(character) => *character = self.character_in(*character),
+                Locomotion::Vehicle(Vehicle { wheels }) => {
+                    for wheel in wheels {
+                        *wheel = self.wheel_in(*wheel);
+                    }
+                }
+            },
+";
+
+/// True if a field has axes or a unit of length.
+fn is_converted(field: &CallField) -> bool {
+    conversion(field).is_some()
+}
+
+/// The conversion of a field.
+fn conversion(field: &CallField) -> Option<String> {
+    let unit = field.unit.as_deref().unwrap_or_default();
+    let name = match (&field.kind, unit) {
+        (FieldKind::Vector, "") => "direction_in",
+        (FieldKind::Vector, "rad/s") => "angular_in",
+        (FieldKind::Vector, "N m" | "N m s") => "torque_in",
+        (FieldKind::Vector, _) => "vector_in",
+        (FieldKind::Rotation, _) => "rotation_in",
+        (FieldKind::Number, "m" | "m/s" | "m/s2" | "N" | "N s") => "length_in",
+        (FieldKind::Number, _) if field.is_turn => "turn_in",
+        (FieldKind::Record(of) | FieldKind::List { of, .. }, _) => return Some(snake(of) + "_in"),
+        _ => return None,
+    };
+    Some(name.to_owned())
+}
+
+fn arm(call: &Call) -> String {
+    let converted: Vec<_> = call
+        .fields
+        .iter()
+        .filter(|field| is_converted(field))
+        .collect();
+    let names: Vec<_> = converted.iter().map(|field| field.snake()).collect();
+    let statement = |field: &&CallField| {
+        let (name, convert) = (field.snake(), conversion(field).unwrap_or_default());
+        match &field.kind {
+            FieldKind::List { .. } => {
+                let one = name.trim_end_matches('s');
+                format!("for {one} in {name} {{ *{one} = self.{convert}(*{one}); }}\n")
+            }
+            _ => format!("*{name} = self.{convert}(*{name});\n"),
+        }
+    };
+    let statements: String = converted.iter().map(statement).collect();
+    let (command, names) = (&call.command, names.join(", "));
+    format!("Command::{command} {{ {names}, .. }} => {{\n{statements}}}\n")
+}
+
+/// The conversion of a record.
+fn record(record: &ValueRecord) -> String {
+    let (own, name) = (snake(&record.name), pascal(&record.name));
+    let of = |field: &CallField, path: &str, place: &str| {
+        let convert = conversion(field);
+        convert.map(|convert| format!("{place}: self.{convert}({path}{place}),\n"))
+    };
+    let mut untouched = false;
+    let mut parts = String::new();
+    for member in &record.members {
+        let converted = match member {
+            RecordMember::Plain(field) => of(field, &format!("{own}."), &field.snake()),
+            RecordMember::Optional(field) => conversion(field).map(|convert| {
+                let field = field.snake();
+                format!("{field}: {own}.{field}.map(|{field}| self.{convert}({field})),\n")
+            }),
+            RecordMember::Group(group, fields) => {
+                let each = fields
+                    .iter()
+                    .map(|field| of(field, &format!("{group}."), &field.within(group)));
+                let (each, rest): (Vec<_>, Vec<_>) = each.partition(Option::is_some);
+                let each: String = each.into_iter().flatten().collect();
+                let rest = if rest.is_empty() {
+                    String::new()
+                } else {
+                    format!("..{group}")
+                };
+                let kind = format!("{name}{}", pascal(group));
+                Some(format!(
+                    "{group}: {own}.{group}.map(|{group}| {kind} {{ {each} {rest} }}),\n"
+                ))
+            }
+        };
+        untouched |= converted.is_none();
+        parts += &converted.unwrap_or_default();
+    }
+    let rest = if untouched {
+        format!("..{own}")
+    } else {
+        String::new()
+    };
+    let doc = format!("The {} in Rhumb's coordinates.", camel_words(&record.name));
+    format!(
+        "\n{}    #[must_use]\n    pub fn {own}_in(self, {own}: {name}) -> {name} {{\n {name} {{\n{parts}{rest} }}\n }}\n",
+        comment("    ///", &doc)
+    )
+}
+
+fn camel_words(name: &str) -> String {
+    match camel(name).as_str() {
+        "wheelInput" => "input of a wheel".to_owned(),
+        "activeEvents" => "events that a body reports".to_owned(),
+        _ => name.to_owned(),
+    }
+}

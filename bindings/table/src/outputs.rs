@@ -1,0 +1,47 @@
+//! The files that are made, and what makes them.
+
+use crate::part::MadePart;
+use crate::table::Table;
+use crate::{c, core, cpp, csharp, godot, python, web};
+
+/// A file, and what is made of it.
+#[derive(Debug)]
+pub struct Output {
+    /// Its path below the folder of bindings.
+    pub path: &'static str,
+    /// What is made.
+    pub parts: Vec<MadePart>,
+}
+
+/// All files, in an order in which they can be made.
+#[must_use]
+pub fn outputs(table: &Table) -> Vec<Output> {
+    let whole = |path, text| Output {
+        path,
+        parts: MadePart::whole(text),
+    };
+    vec![
+        whole("core/src/generated.rs", core::generated(table)),
+        whole("c/src/generated.rs", c::generated(table)),
+        Output {
+            path: "c/include/rhumb.hpp",
+            parts: cpp::parts(table),
+        },
+        whole("csharp/src/Commands.g.cs", csharp::generated(table)),
+        whole("python/src/generated.rs", python::records(table)),
+        Output {
+            path: "python/src/scene.rs",
+            parts: vec![python::methods(table)],
+        },
+        Output {
+            path: "python/python/rhumb/_native.pyi",
+            parts: python::stubs(table),
+        },
+        whole("web/src/generated.rs", web::generated(table)),
+        Output {
+            path: "web/rhumb.d.ts",
+            parts: web::types(table),
+        },
+        whole("godot/src/generated.rs", godot::generated(table)),
+    ]
+}
