@@ -11,11 +11,11 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, TrySendError, sync_channel};
 use std::time::Duration;
 use std::{io, thread};
 
+use rhumb_link::{ClientTransport, Clock, Received, WireStatistics};
 use rhumb_protocol::session::ClientSession;
 use rhumb_protocol::stream::{PublisherStatistics, SubscriberStatistics};
 use rhumb_protocol::{Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_reckoning::Tick;
-use rhumb_transport::{ClientTransport, Clock, Received, WireStatistics};
 
 /// A connection, whatever carries its bytes.
 pub(crate) type BoxedConnection = Box<dyn ClientTransport>;

@@ -12,14 +12,14 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use glam::Vec3;
+#[cfg(feature = "quic")]
+use rhumb_link::ConnectError;
+use rhumb_link::TransportCode;
 use rhumb_protocol::Ending;
 use rhumb_protocol::message::{Denial, InvalidToken};
 use rhumb_protocol::scene::{IdOutOfRange, InvalidSceneName, SceneName};
 use rhumb_protocol::session::{CloseCode, Misuse};
 use rhumb_reckoning::Tick;
-#[cfg(feature = "quic")]
-use rhumb_transport::ConnectError;
-use rhumb_transport::TransportCode;
 use rhumb_view::{AddError, InvalidTicks, RefusedRequest};
 
 /// Reason why a client did not join its scene.

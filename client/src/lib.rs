@@ -67,6 +67,9 @@ pub use connection::{Statistics, TapChannel};
 pub use error::{ClientError, MainError, OpenError, RefusedRequests};
 pub use glam;
 pub use join_options::{JoinOptions, Refusals};
+#[cfg(feature = "quic")]
+pub use rhumb_link::{CertificateError, ConnectError, Fingerprint, FingerprintError, Trust};
+pub use rhumb_link::{ClientTransport, Received, TransportCode, WireStatistics};
 pub use rhumb_protocol::Ending;
 pub use rhumb_protocol::message::{
     AuthorityError, Denial, Inspection, InvalidToken, QueryError, QueryResult, RemovalCause,
@@ -81,9 +84,6 @@ pub use rhumb_reckoning::{
     BodyId, BodyState, Damping, Integrator, InvalidMotion, InvalidTolerance, LengthBound, Metres,
     Radians, Rate, Seconds, Tick, Ticks, Tolerance, ToleranceScale, TurnBound,
 };
-#[cfg(feature = "quic")]
-pub use rhumb_transport::{CertificateError, ConnectError, Fingerprint, FingerprintError, Trust};
-pub use rhumb_transport::{ClientTransport, Received, TransportCode, WireStatistics};
 pub use rhumb_view::{
     BodyCentres, InvalidTicks, JoinMode, PipelineDepth, RESUME_WITHIN, RefusalReason,
     RefusedRequest, RenderParams, RenderTime, View,

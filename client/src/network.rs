@@ -9,8 +9,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 #[cfg(unix)]
-use rhumb_transport::UnixClient;
-use rhumb_transport::{ClientOptions, QuicClient, Trust};
+use rhumb_link::UnixClient;
+use rhumb_link::{ClientOptions, QuicClient, Trust};
 
 use crate::client::Client;
 use crate::connection::Redial;

@@ -4,14 +4,14 @@
 
 use std::time::Duration;
 
+use rhumb_link::ClientTransport;
+#[cfg(feature = "quic")]
+use rhumb_link::random_bytes;
 #[cfg(feature = "quic")]
 use rhumb_protocol::message::SessionKey;
 use rhumb_protocol::message::{Denial, Token};
 use rhumb_protocol::scene::{IdRange, SceneName};
 use rhumb_protocol::session::{ClientSession, Event};
-use rhumb_transport::ClientTransport;
-#[cfg(feature = "quic")]
-use rhumb_transport::random_bytes;
 use rhumb_view::{JoinError, Joining};
 
 use crate::client::Client;

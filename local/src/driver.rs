@@ -11,9 +11,9 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use bytes::Bytes;
+use rhumb_link::{Clock, HeldBack, Inbox};
 use rhumb_protocol::{Ending, Endpoint, Peer, Transmit};
 use rhumb_scene::ServerLoop;
-use rhumb_transport::{Clock, HeldBack, Inbox};
 
 /// One input of a client.
 #[derive(Debug)]

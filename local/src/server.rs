@@ -12,9 +12,9 @@ use bytes::Bytes;
 use rhumb_client::{
     ClientTransport, Ending, Received, ServerConnection, TransportCode, WireStatistics,
 };
+use rhumb_link::{Clock, Inbox};
 use rhumb_protocol::{Peer, Span};
 use rhumb_scene::ServerLoop;
-use rhumb_transport::{Clock, Inbox};
 
 use crate::driver::{Driver, Host, InputQueue, LocalInput, Lost, QueuedInput};
 

@@ -10,7 +10,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use quinn::crypto::rustls::QuicClientConfig;
-use rhumb_transport::{Trust, raw};
+use rhumb_link::Trust;
+use rhumb_link::trust::client_tls;
 use web_transport_quinn::http::HeaderValue;
 use web_transport_quinn::http::header::ORIGIN;
 use web_transport_quinn::proto::ConnectRequest;
@@ -37,7 +38,7 @@ async fn attempt(arguments: &[String], saw: &mut Vec<String>) -> Result<(), Fail
     let [trial, address, hash, hello, create, join, malformed] = arguments else {
         return Err("seven arguments are needed".into());
     };
-    let tls = raw::client_tls(&Trust::Fingerprint(hash.parse()?))?;
+    let tls = client_tls(&Trust::Fingerprint(hash.parse()?))?;
     let mut tls = Arc::unwrap_or_clone(tls);
     tls.alpn_protocols = vec![b"h3".to_vec()];
     let config = quinn::ClientConfig::new(Arc::new(QuicClientConfig::try_from(tls)?));

@@ -1,45 +1,43 @@
-//! The sockets and clocks of Rhumb: QUIC, and Unix sockets within one machine.
+//! The sockets of Rhumb's servers: QUIC, WebTransport, Unix sockets.
 //!
 //! Carries bytes between [`rhumb_protocol::Endpoint`]s and interprets none of them. Every queue between threads is
-//! bounded. A listener of another protocol wakes the thread of a server by a `Waker`.
+//! bounded. A listener of another protocol wakes the thread of a server by a [`Waker`].
 //!
-//! Without the feature `quic` there are no sockets: what is left serves a link within one process.
+//! The connections of clients are those of [`rhumb_link`], whose public names this crate has too.
 #![forbid(unsafe_code)]
 
-#[cfg(all(target_os = "linux", feature = "quic"))]
+mod certificate;
+#[cfg(target_os = "linux")]
 mod child_stream;
-mod client_transport;
-mod clock;
-#[cfg(feature = "conditioner")]
 pub mod conditioner;
-mod piece;
-#[cfg(feature = "quic")]
-mod quic;
-#[cfg(feature = "raw")]
-pub mod raw;
-#[cfg(feature = "quic")]
-mod system;
-#[cfg(all(unix, feature = "quic"))]
+mod origins;
+mod reset_stream_at;
+mod server;
+mod server_io;
+mod server_loop;
+#[cfg(unix)]
 mod unix;
+mod watch;
+mod web_certificate;
+mod web_request;
+mod web_session;
 
-#[cfg(all(target_os = "linux", feature = "quic"))]
+pub use certificate::{Certificate, DevelopmentPem};
+#[cfg(target_os = "linux")]
 pub use child_stream::{
     CHILD_FRAME_BYTES_MAX, ChildSender, FrameReceiver, ParentSender, child_stream, parent_stream,
 };
-pub use client_transport::{
-    CONTROL_IN_FLIGHT_BYTES, ClientTransport, Inbox, Received, WireStatistics,
+pub use origins::{InvalidPageOrigin, Origins, PageOrigin};
+#[cfg(unix)]
+pub use rhumb_link::UnixClient;
+pub use rhumb_link::{
+    ByteCredit, CertificateError, ClientOptions, ClientTransport, Clock, ConnectError,
+    DATAGRAM_BYTES_MIN, Fingerprint, FingerprintError, HeldBack, Inbox, PIECE_COST_BYTES, Piece,
+    QuicClient, Received, TransportCode, Trust, WireStatistics, bind_udp, io_runtime, random_bytes,
 };
-pub use clock::Clock;
-pub use piece::{ByteCredit, HeldBack, PIECE_COST_BYTES, Piece};
-#[cfg(feature = "quic")]
-pub use quic::{
-    BindError, Certificate, CertificateError, CertificateHashes, ClientOptions, ConnectError,
-    DATAGRAM_BYTES_MIN, DevelopmentPem, Fingerprint, FingerprintError, InvalidPageOrigin,
-    LinkMeter, Origins, PageOrigin, QuicClient, QuicServer, ServeError, ServerOptions,
-    ServerStatistics, ServerWatch, Stop, Trust, Waker, WebIdentity, WebOptions,
-};
-pub use rhumb_protocol::session::TransportCode;
-#[cfg(feature = "quic")]
-pub use system::{bind_udp, io_runtime, random_bytes};
-#[cfg(all(unix, feature = "quic"))]
-pub use unix::{UnixClient, UnixServer, WithUnixPeers};
+pub use server::{BindError, QuicServer, ServerOptions};
+pub use server_loop::{LinkMeter, ServeError, Waker};
+#[cfg(unix)]
+pub use unix::{UnixServer, WithUnixPeers};
+pub use watch::{ServerStatistics, ServerWatch, Stop};
+pub use web_certificate::{CertificateHashes, WebIdentity, WebOptions};

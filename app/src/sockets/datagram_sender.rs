@@ -18,7 +18,7 @@ use std::sync::{Mutex, MutexGuard};
 use std::time::Duration;
 
 use bytes::Bytes;
-use rhumb_transport::PIECE_COST_BYTES;
+use rhumb_link::PIECE_COST_BYTES;
 use tokio::sync::Notify;
 use tokio::time::{Instant, sleep_until};
 

@@ -17,8 +17,8 @@ use std::time::Duration;
 use std::{io, thread};
 
 use bytes::Bytes;
+use rhumb_link::{ByteCredit, PIECE_COST_BYTES, Piece, bind_udp, io_runtime};
 use rhumb_protocol::Peer;
-use rhumb_transport::{ByteCredit, PIECE_COST_BYTES, Piece, bind_udp, io_runtime};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::tcp::{OwnedReadHalf, OwnedWriteHalf};
 use tokio::net::{TcpListener, TcpStream, UdpSocket};

@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use bytes::Bytes;
 use glam::Vec3;
+use rhumb_link::{ClientTransport, Received, WireStatistics};
 use rhumb_protocol::Ending;
 use rhumb_protocol::message::{
     AuthorityGrant, ClientMessage, Extensions, Frames, Joined, QueryResult, SceneEvent,
@@ -19,7 +20,6 @@ use rhumb_protocol::scene::{BodyDesc, IdRange, Query, SceneConfig, Shape, ShapeI
 use rhumb_protocol::session::Event;
 use rhumb_protocol::stream::{Features, StreamConfig};
 use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance, Track};
-use rhumb_transport::{ClientTransport, Received, WireStatistics};
 
 use super::Client;
 use crate::connection::{BoxedConnection, Redial};

@@ -237,6 +237,7 @@ fn no_library_prints() {
     let libraries = [
         "reckoning/src/",
         "protocol/src/",
+        "transport/link/src/",
         "transport/src/",
         "app/src/",
         "server/src/",

@@ -155,7 +155,7 @@ fn a_type_name_has_one_definition_in_the_product() {
     let product = [
         "reckoning/src/",
         "protocol/src/",
-        "transport/src/",
+        "transport/",
         "server/src/",
         "service/src/",
         "client/",

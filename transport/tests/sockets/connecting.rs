@@ -152,7 +152,7 @@ fn a_server_takes_both_names_of_its_draft_and_no_other() {
         (vec!["rhumb/1-draft-2"], None),
     ] {
         let mut tls =
-            rhumb_transport::raw::client_tls(&Trust::Fingerprint(server.fingerprint)).unwrap();
+            rhumb_link::trust::client_tls(&Trust::Fingerprint(server.fingerprint)).unwrap();
         Arc::make_mut(&mut tls).alpn_protocols = offered.into_iter().map(Into::into).collect();
         let config = QuicClientConfig::try_from(tls).unwrap();
         let taken = runtime.block_on(async {

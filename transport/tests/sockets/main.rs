@@ -9,7 +9,5 @@ mod lanes;
 mod support;
 #[cfg(unix)]
 mod unix;
-#[cfg(all(feature = "web", feature = "raw"))]
 mod web;
-#[cfg(all(feature = "web", feature = "raw"))]
 mod web_http3;

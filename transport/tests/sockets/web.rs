@@ -12,7 +12,7 @@ use quinn::crypto::rustls::QuicClientConfig;
 use rhumb_protocol::{Ending, Endpoint};
 use rhumb_transport::{
     Certificate, CertificateHashes, ClientOptions, Fingerprint, Origins, QuicClient, QuicServer,
-    ServeError, ServerOptions, ServerStatistics, Stop, Trust, WebIdentity, WebOptions, raw,
+    ServeError, ServerOptions, ServerStatistics, Stop, Trust, WebIdentity, WebOptions,
 };
 use tokio::runtime::Runtime;
 use web_transport_quinn::http::HeaderValue;
@@ -102,7 +102,8 @@ impl WebServer {
         pinned: Fingerprint,
         protocol: &[u8],
     ) -> Option<quinn::Connection> {
-        let tls = raw::client_tls(&Trust::Fingerprint(pinned)).expect("a fingerprint");
+        let tls =
+            rhumb_link::trust::client_tls(&Trust::Fingerprint(pinned)).expect("a fingerprint");
         let mut tls = Arc::unwrap_or_clone(tls);
         tls.alpn_protocols = vec![protocol.to_vec()];
         let tls = QuicClientConfig::try_from(tls).expect("TLS 1.3");

@@ -9,7 +9,8 @@ use std::time::Duration;
 
 use quinn::crypto::rustls::QuicClientConfig;
 use quinn::{ClientConfig, Connecting, ConnectionError, Endpoint, EndpointConfig, TokioRuntime};
-use rhumb_transport::{Trust, bind_udp, io_runtime, raw};
+use rhumb_link::trust::client_tls;
+use rhumb_link::{Trust, bind_udp, io_runtime};
 use url::Url;
 use web_transport_quinn::http::HeaderValue;
 use web_transport_quinn::http::header::ORIGIN;
@@ -35,7 +36,7 @@ impl RawConnection {
         raw_config: &RawPeerConfig,
         timeout: Duration,
     ) -> Result<Self, RawPeerError> {
-        let tls = raw::client_tls(trust).map_err(RawPeerError::Certificate)?;
+        let tls = client_tls(trust).map_err(RawPeerError::Certificate)?;
         let mut tls = Arc::unwrap_or_clone(tls);
         tls.alpn_protocols.clone_from(&raw_config.alpn);
         let tls = QuicClientConfig::try_from(tls)

@@ -9,7 +9,7 @@ use std::time::Duration;
 use quinn::{IdleTimeout, TransportConfig, VarInt};
 
 use super::connection::RawPeerEnd;
-use rhumb_transport::CertificateError;
+use rhumb_link::CertificateError;
 
 /// Handshake parameters of one end.
 #[derive(Clone, Debug)]
@@ -47,7 +47,7 @@ pub enum Carrier {
 /// Reason why there is no connection.
 #[derive(Debug)]
 pub enum RawPeerError {
-    /// The file of roots, or a certificate, cannot be used.
+    /// The file of roots cannot be used.
     Certificate(CertificateError),
     /// A socket or a thread of this machine failed.
     Host(io::Error),
@@ -63,7 +63,7 @@ impl Default for RawPeerConfig {
             carrier: Carrier::Quic,
             path: "/rhumb/1".to_owned(),
             origin: None,
-            alpn: vec![rhumb_transport::raw::ALPN.to_vec()],
+            alpn: vec![rhumb_link::tuning::ALPN.to_vec()],
             datagram_bytes: Some(u16::MAX),
             idle: Duration::from_secs(10),
             keep_alive: Some(Duration::from_secs(3)),

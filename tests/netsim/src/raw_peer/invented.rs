@@ -9,7 +9,8 @@ use std::time::Instant;
 
 use quinn::crypto::rustls::QuicClientConfig;
 use quinn_proto::{ClientConfig, Endpoint, EndpointConfig, EndpointEvent};
-use rhumb_transport::{Trust, raw};
+use rhumb_link::Trust;
+use rhumb_link::trust::client_tls;
 
 use super::config::{RawPeerConfig, RawPeerError};
 
@@ -28,7 +29,7 @@ impl InventedClients {
     ///
     /// [`RawPeerError`] when the trust is unusable.
     pub fn new(server: SocketAddr, trust: &Trust) -> Result<Self, RawPeerError> {
-        let tls = raw::client_tls(trust).map_err(RawPeerError::Certificate)?;
+        let tls = client_tls(trust).map_err(RawPeerError::Certificate)?;
         let mut tls = Arc::unwrap_or_clone(tls);
         tls.alpn_protocols = RawPeerConfig::default().alpn;
         let tls = QuicClientConfig::try_from(tls)

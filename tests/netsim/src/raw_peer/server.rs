@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use quinn::crypto::rustls::QuicServerConfig;
 use quinn::{Endpoint, EndpointConfig, ServerConfig, TokioRuntime};
-use rhumb_transport::{Certificate, Fingerprint, TransportCode, bind_udp, io_runtime, raw};
+use rhumb_transport::{Certificate, Fingerprint, TransportCode, bind_udp, io_runtime};
 use tokio::sync::oneshot;
 use web_transport_quinn::Session;
 
@@ -38,7 +38,7 @@ impl RawPeerServer {
         certificate: &Certificate,
         raw_config: &RawPeerConfig,
     ) -> Result<Self, RawPeerError> {
-        let mut tls = Arc::unwrap_or_clone(raw::server_tls(certificate));
+        let mut tls = Arc::unwrap_or_clone(certificate.tls());
         tls.alpn_protocols.clone_from(&raw_config.alpn);
         let tls = QuicServerConfig::try_from(tls)
             .map_err(|cause| RawPeerError::Tls(cause.to_string()))?;

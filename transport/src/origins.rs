@@ -42,7 +42,7 @@ impl Origins {
     }
 
     /// True if a page of this origin may connect; `None` is a client that is no browser.
-    pub(super) fn allows(&self, origin: Option<&str>) -> bool {
+    pub(crate) fn allows(&self, origin: Option<&str>) -> bool {
         let Some(origin) = origin else {
             return true;
         };

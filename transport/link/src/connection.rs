@@ -1,35 +1,30 @@
-//! One connection at either end: its control bytes, datagrams, id and end.
+//! One connection at either end: its control bytes, and its end.
 //!
 //! Interprets no bytes. Control bytes have a bounded queue and a writer: order is kept, and accepted bytes are not
-//! dropped while the connection lives. Datagrams are not queued; they carry the header of a browser's session. The end
-//! waits only on the caller's request, and the first close code counts.
-//!
-//! Connection ids are as short as possible. Packets to a client need none: one socket has one connection. Packets to a
-//! server need one, so that a connection survives a change of address. Guessing an id gains nothing, since every
-//! packet is authenticated.
+//! dropped while the connection lives. The end waits only on the caller's request, and the first close code counts.
+//! Packets to a client need no connection id: one socket has one connection.
 
+use std::fmt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::time::Duration;
 
 use bytes::Bytes;
-use quinn::rustls::crypto::CryptoProvider;
 use quinn::{
-    Connection, ConnectionError, ConnectionId, ConnectionIdGenerator, SendDatagramError,
-    SendStream, TransportErrorCode, VarInt, WriteError,
+    Connection, ConnectionError, ConnectionId, ConnectionIdGenerator, SendStream,
+    TransportErrorCode, VarInt, WriteError,
 };
 use rhumb_protocol::Ending;
 use rhumb_protocol::session::TransportCode;
 use tokio::sync::{Notify, mpsc};
 use tokio::time::{sleep, timeout};
 
-use super::tuning::{CONTROL_QUEUE_BYTES, FLUSH};
-use super::web_session::{WebSession, is_end_of_session, session_code};
 use crate::client_transport::WireStatistics;
 use crate::piece::PIECE_COST_BYTES;
+use crate::tuning::{CONTROL_QUEUE_BYTES, FLUSH};
 
 /// The traffic of a connection so far.
-pub(super) fn wire_statistics(connection: &Connection) -> WireStatistics {
+pub fn wire_statistics(connection: &Connection) -> WireStatistics {
     let stats = connection.stats();
     WireStatistics {
         sent_bytes: stats.udp_tx.bytes,
@@ -41,12 +36,27 @@ pub(super) fn wire_statistics(connection: &Connection) -> WireStatistics {
     }
 }
 
+/// The session of a browser that a connection carries.
+pub trait CarriedSession: fmt::Debug + Send + Sync {
+    /// Requests the end of the session, and of its connection, from any thread.
+    fn close(&self, code: u32);
+
+    /// The code that the peer closed the session with.
+    fn peer_code(&self) -> Option<u32>;
+
+    /// True for the code by which an end resets the streams of a session that it closes.
+    fn is_end_of_session(&self, code: VarInt) -> bool;
+
+    /// The session's code that a peer gave as that of the connection; `None` for an error of the connection.
+    fn code_of_connection(&self, code: VarInt) -> Option<u32>;
+}
+
 /// The end of a connection: requested, performed and named from any thread.
 #[derive(Debug)]
-pub(super) struct Closing {
+pub struct Closing {
     connection: Connection,
     /// The session of a browser, which takes its code before the connection ends.
-    web: Option<Arc<WebSession>>,
+    web: Option<Arc<dyn CarriedSession>>,
     own_code: AtomicU64,
     /// UDP datagrams sent before this end closed: the next one carries the close frame.
     sent_before: AtomicU64,
@@ -57,7 +67,7 @@ pub(super) struct Closing {
 const NOT_CLOSED: u64 = u64::MAX;
 
 impl Closing {
-    pub(super) fn of(connection: &Connection, web: Option<Arc<WebSession>>) -> Arc<Self> {
+    pub fn of(connection: &Connection, web: Option<Arc<dyn CarriedSession>>) -> Arc<Self> {
         Arc::new(Self {
             connection: connection.clone(),
             web,
@@ -68,24 +78,24 @@ impl Closing {
     }
 
     /// Closes at once.
-    pub(super) fn now(&self, code: u32) {
+    pub fn now(&self, code: u32) {
         self.note(code);
         self.finish();
     }
 
     /// Closes once the queued bytes have arrived, or after a short wait; see `ControlWriter::run`.
-    fn after_flush(&self, code: u32) {
+    pub fn after_flush(&self, code: u32) {
         self.note(code);
         self.flush_requested.notify_one();
     }
 
     /// Waits until a close after a flush is requested. For one waiter.
-    pub(super) async fn flush_requested(&self) {
+    pub async fn flush_requested(&self) {
         self.flush_requested.notified().await;
     }
 
     /// Closes with the requested code, unless the connection has ended already: the first end counts.
-    pub(super) fn finish(&self) {
+    pub fn finish(&self) {
         let code = self.own_code().unwrap_or(TransportCode::LEFT.0);
         self.note(code);
         match &self.web {
@@ -95,7 +105,7 @@ impl Closing {
     }
 
     /// Closes the connection itself, by a code of its own.
-    pub(super) fn close_connection(&self, code: VarInt) {
+    pub fn close_connection(&self, code: VarInt) {
         // Closing again would overwrite quinn's reason.
         if self.connection.close_reason().is_none() {
             self.sent_before
@@ -105,27 +115,31 @@ impl Closing {
     }
 
     /// The control stream broke by this code: closes, unless so a browser ends its session, whose code is on its way.
-    pub(super) async fn control_broke(&self, code: VarInt) {
-        let ends_session = self.web.is_some() && is_end_of_session(code);
+    pub async fn control_broke(&self, code: VarInt) {
+        let web = self.web.as_ref();
+        let ends_session = web.is_some_and(|web| web.is_end_of_session(code));
         if !ends_session || timeout(FLUSH, self.connection.closed()).await.is_err() {
             self.now(TransportCode::NO_CONTROL_STREAM.0);
         }
     }
 
     /// Waits for the connection's end and names it: `Closed` for a code of either end.
-    pub(super) async fn ended(&self) -> Ending {
+    pub async fn ended(&self) -> Ending {
         match self.connection.closed().await {
             ConnectionError::ApplicationClosed(close) => {
                 let code = match &self.web {
                     None => u32::try_from(close.error_code.into_inner()).ok(),
-                    Some(web) => self.code_of(web).or_else(|| session_code(close.error_code)),
+                    Some(web) => {
+                        let code = self.code_of(&**web);
+                        code.or_else(|| web.code_of_connection(close.error_code))
+                    }
                 };
                 code.map_or(Ending::Broken, Ending::Closed)
             }
             ConnectionError::LocallyClosed => {
                 let code = match &self.web {
                     None => self.own_code(),
-                    Some(web) => self.code_of(web),
+                    Some(web) => self.code_of(&**web),
                 };
                 code.map_or(Ending::Broken, Ending::Closed)
             }
@@ -134,7 +148,7 @@ impl Closing {
                 if close.error_code == TransportErrorCode::NO_ERROR
                     && let Some(web) = &self.web =>
             {
-                Ending::Closed(self.code_of(web).unwrap_or(TransportCode::LEFT.0))
+                Ending::Closed(self.code_of(&**web).unwrap_or(TransportCode::LEFT.0))
             }
             ConnectionError::TimedOut => Ending::TimedOut,
             ConnectionError::VersionMismatch
@@ -146,7 +160,7 @@ impl Closing {
     }
 
     /// True if the end is complete: the close frame has left, or the connection ended otherwise.
-    pub(super) fn close_has_left(&self) -> bool {
+    pub fn close_has_left(&self) -> bool {
         match self.connection.close_reason() {
             Some(ConnectionError::LocallyClosed) => {
                 self.sent_datagrams() > self.sent_before.load(Ordering::Relaxed)
@@ -161,7 +175,7 @@ impl Closing {
     }
 
     /// The code that a session was closed with, by whichever end was first.
-    fn code_of(&self, web: &WebSession) -> Option<u32> {
+    fn code_of(&self, web: &dyn CarriedSession) -> Option<u32> {
         web.peer_code().or_else(|| self.own_code())
     }
 
@@ -182,14 +196,14 @@ impl Closing {
 
 /// The sending end of a connection's control lane; usable from any thread. Dropping it ends the connection.
 #[derive(Debug)]
-pub(super) struct ControlSender {
+pub struct ControlSender {
     commands: mpsc::UnboundedSender<ControlCommand>,
     progress: Arc<Progress>,
 }
 
 /// The reading end, which the I/O thread empties.
 #[derive(Debug)]
-pub(super) struct ControlWriter {
+pub struct ControlWriter {
     commands: mpsc::UnboundedReceiver<ControlCommand>,
     progress: Arc<Progress>,
 }
@@ -207,7 +221,7 @@ struct Progress {
 
 /// Error: the queue has reached its bound.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct ControlQueueOverflow;
+pub struct ControlQueueOverflow;
 
 #[derive(Debug)]
 enum ControlCommand {
@@ -216,7 +230,7 @@ enum ControlCommand {
 }
 
 /// Both ends of an empty queue.
-pub(super) fn control_queue() -> (ControlSender, ControlWriter) {
+pub fn control_queue() -> (ControlSender, ControlWriter) {
     let (sender, receiver) = mpsc::unbounded_channel();
     let progress = Arc::new(Progress::default());
     let writer = ControlWriter {
@@ -238,7 +252,7 @@ impl ControlSender {
     /// # Errors
     ///
     /// The queue has reached its bound: the bytes are not taken, and the connection must be closed.
-    pub(super) fn send(&self, bytes: Bytes) -> Result<(), ControlQueueOverflow> {
+    pub fn send(&self, bytes: Bytes) -> Result<(), ControlQueueOverflow> {
         let cost = bytes.len() + PIECE_COST_BYTES;
         let waiting = self
             .progress
@@ -253,18 +267,18 @@ impl ControlSender {
     }
 
     /// Bytes that the connection has taken so far.
-    pub(super) fn taken_bytes(&self) -> u64 {
+    pub fn taken_bytes(&self) -> u64 {
         self.progress.taken_bytes.load(Ordering::SeqCst)
     }
 
     /// Returns true if the queue is empty; otherwise the writer notifies once when it is.
-    pub(super) fn is_empty_or_notify(&self) -> bool {
+    pub fn is_empty_or_notify(&self) -> bool {
         self.progress.empty_wanted.store(true, Ordering::SeqCst);
         self.progress.waiting_bytes.load(Ordering::SeqCst) == 0
     }
 
     /// Ends the connection with `code`, once the queued bytes have arrived or after a short wait.
-    pub(super) fn close(&self, closing: &Closing, code: u32) {
+    pub fn close(&self, closing: &Closing, code: u32) {
         closing.after_flush(code);
         let _ = self.commands.send(ControlCommand::Finish);
     }
@@ -275,12 +289,7 @@ impl ControlWriter {
     ///
     /// `on_empty` is called when the queue is empty, if the sender requested that. A peer that does not read delays the
     /// end by `FLUSH` at most.
-    pub(super) async fn run(
-        &mut self,
-        closing: &Closing,
-        stream: &mut SendStream,
-        on_empty: impl Fn(),
-    ) {
+    pub async fn run(&mut self, closing: &Closing, stream: &mut SendStream, on_empty: impl Fn()) {
         let late = async {
             closing.flush_requested().await;
             sleep(FLUSH).await;
@@ -333,72 +342,8 @@ impl ControlWriter {
     }
 }
 
-/// Sends and receives the datagrams of a connection.
-#[derive(Clone, Debug)]
-pub(super) struct DatagramLane {
-    connection: Connection,
-    /// The session of a browser; `None` for a connection of this protocol alone.
-    web: Option<Arc<WebSession>>,
-}
-
-impl DatagramLane {
-    pub(super) const fn new(connection: Connection, web: Option<Arc<WebSession>>) -> Self {
-        Self { connection, web }
-    }
-
-    pub(super) const fn connection(&self) -> &Connection {
-        &self.connection
-    }
-
-    /// Sends a datagram without waiting.
-    pub(super) fn send(&self, bytes: Bytes) -> Result<(), SendDatagramError> {
-        self.connection.send_datagram(match &self.web {
-            None => bytes,
-            Some(web) => web.wrap(&bytes),
-        })
-    }
-
-    /// The next datagram; `None` after the end of the connection.
-    pub(super) async fn read(&self) -> Option<Bytes> {
-        loop {
-            let datagram = self.connection.read_datagram().await.ok()?;
-            match &self.web {
-                None => return Some(datagram),
-                Some(web) => {
-                    // One of another session is dropped: the connection has none.
-                    if let Some(bytes) = web.unwrap(datagram) {
-                        return Some(bytes);
-                    }
-                }
-            }
-        }
-    }
-
-    /// Bytes of the largest datagram that fits now; `None` if the peer takes none.
-    pub(super) fn largest(&self) -> Option<usize> {
-        let overhead = self.web.as_ref().map_or(0, |web| web.overhead());
-        let bytes = self.connection.max_datagram_size()?;
-        Some(bytes.saturating_sub(overhead))
-    }
-}
-
-/// Bytes of a server's ids: with some 5,000 in use at most, one draw in a million is repeated.
-const SERVER_ID_BYTES: usize = 4;
-
 /// Generates empty ids: the address alone identifies the connection.
-pub(super) struct Unnamed;
-
-/// Generates random ids.
-pub(super) struct Short {
-    provider: Arc<CryptoProvider>,
-}
-
-impl Short {
-    /// Uses the provider's random numbers.
-    pub(super) const fn new(provider: Arc<CryptoProvider>) -> Self {
-        Self { provider }
-    }
-}
+pub struct Unnamed;
 
 impl ConnectionIdGenerator for Unnamed {
     fn generate_cid(&mut self) -> ConnectionId {
@@ -407,23 +352,6 @@ impl ConnectionIdGenerator for Unnamed {
 
     fn cid_len(&self) -> usize {
         0
-    }
-
-    fn cid_lifetime(&self) -> Option<Duration> {
-        None
-    }
-}
-
-impl ConnectionIdGenerator for Short {
-    fn generate_cid(&mut self) -> ConnectionId {
-        let mut bytes = [0; SERVER_ID_BYTES];
-        let filled = self.provider.secure_random.fill(&mut bytes);
-        filled.expect("a system that made a TLS key has random numbers");
-        ConnectionId::new(&bytes)
-    }
-
-    fn cid_len(&self) -> usize {
-        SERVER_ID_BYTES
     }
 
     fn cid_lifetime(&self) -> Option<Duration> {

@@ -21,15 +21,15 @@ use tokio::task::JoinSet;
 use tokio::time;
 use tokio::time::sleep;
 
-use super::connect_error::ConnectError;
-use super::connection::{
+use crate::client_transport::{ClientTransport, Inbox, Received, WireStatistics};
+use crate::connect_error::ConnectError;
+use crate::connection::{
     Closing, ControlSender, ControlWriter, Unnamed, control_queue, wire_statistics,
 };
-use super::trust::{CertificateCheck, Trust};
-use super::tuning::{CLOSE_LEAVES, DATAGRAM_BYTES_MIN};
-use super::{trust, tuning};
-use crate::client_transport::{ClientTransport, Inbox, Received, WireStatistics};
 use crate::system::{bind_udp, io_runtime};
+use crate::trust::{CertificateCheck, Trust};
+use crate::tuning::{CLOSE_LEAVES, DATAGRAM_BYTES_MIN};
+use crate::{trust, tuning};
 
 /// The server to connect to, and how to authenticate it.
 #[derive(Clone, Debug)]
@@ -220,12 +220,12 @@ fn in_turn(first: SocketAddr, others: &[SocketAddr]) -> Vec<SocketAddr> {
 
 /// Parameters of one connection attempt.
 struct Attempt {
-    pub(super) server: SocketAddr,
-    pub(super) server_name: String,
-    pub(super) bind: SocketAddr,
-    pub(super) config: ClientConfig,
-    pub(super) certificate_check: CertificateCheck,
-    pub(super) timeout: Duration,
+    pub server: SocketAddr,
+    pub server_name: String,
+    pub bind: SocketAddr,
+    pub config: ClientConfig,
+    pub certificate_check: CertificateCheck,
+    pub timeout: Duration,
 }
 
 /// Both sides of a connection, or the reason why there is none.
@@ -237,9 +237,9 @@ const STAGGER: Duration = Duration::from_millis(250);
 /// The caller's side of a connection.
 #[derive(Debug)]
 struct EstablishedConnection {
-    pub(super) connection: Connection,
-    pub(super) control: ControlSender,
-    pub(super) closing: Arc<Closing>,
+    pub connection: Connection,
+    pub control: ControlSender,
+    pub closing: Arc<Closing>,
 }
 
 /// The I/O thread's side of a connection.

@@ -1,21 +1,178 @@
-//! Frames of a Unix stream, and how they leave an end.
+//! Client over a Unix socket: it reads on its caller's thread.
 //!
-//! A frame is a lane, a length, and bytes. Frames leave at once, or by a thread.
+//! Control and state share the stream, in frames: a lane, a length, and bytes. Frames leave at once, or by a thread. No
+//! bytes are interpreted here. A server has the same frames.
 
 use std::collections::VecDeque;
-use std::io::Write;
+use std::io::{Read, Write};
 use std::net::Shutdown;
 use std::os::unix::net::UnixStream;
+use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use std::{io, thread};
 
 use bytes::{Buf, BufMut, Bytes, BytesMut};
+use rhumb_protocol::Ending;
+use rhumb_protocol::session::TransportCode;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
 use rustix::net::{SendFlags, send};
 
+use crate::client_transport::{ClientTransport, Received, WireStatistics};
+
+/// Bytes of one read.
+const READ_BYTES: usize = 64 << 10;
+/// Longest wait in one call of the system; a longer one is repeated.
+const WAIT_MAX: Duration = Duration::from_secs(3_600);
+
+/// An open connection to a server of the same machine, until one end closes it.
+pub struct UnixClient {
+    socket: UnixStream,
+    outgoing: Arc<Outgoing>,
+    frames: FrameReader,
+    buffer: Box<[u8]>,
+    ended: Ended,
+    sent_bytes: AtomicU64,
+    sent_datagrams: AtomicU64,
+    received_bytes: u64,
+    received_datagrams: u64,
+}
+
+/// The end of a connection, for its caller.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Ended {
+    Not,
+    Delivered,
+}
+
+impl UnixClient {
+    /// Connects to the socket at a path.
+    ///
+    /// # Errors
+    /// An I/O error: no socket, no listener, or no permission.
+    pub fn connect(path: &Path) -> io::Result<Self> {
+        let socket = UnixStream::connect(path)?;
+        let outgoing = Outgoing::start(socket.try_clone()?, || {})?;
+        Ok(Self {
+            socket,
+            outgoing,
+            frames: FrameReader::default(),
+            buffer: vec![0; READ_BYTES].into_boxed_slice(),
+            ended: Ended::Not,
+            sent_bytes: AtomicU64::new(0),
+            sent_datagrams: AtomicU64::new(0),
+            received_bytes: 0,
+            received_datagrams: 0,
+        })
+    }
+
+    fn count_sent(&self, bytes: usize) {
+        self.sent_bytes.fetch_add(bytes as u64, Ordering::Relaxed);
+        self.sent_datagrams.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// The next whole frame that was received.
+    fn next(&mut self) -> Option<Received> {
+        let received = match self.frames.next_frame() {
+            Ok(None) => return None,
+            Ok(Some(StreamFrame::Control(bytes))) => Received::Control(bytes),
+            Ok(Some(StreamFrame::State(bytes))) => Received::State(bytes),
+            Ok(Some(StreamFrame::End(code))) => return Some(self.end(Ending::Closed(code))),
+            Err(_) => return Some(self.end(Ending::Broken)),
+        };
+        let (Received::Control(bytes) | Received::State(bytes)) = &received else {
+            return Some(received);
+        };
+        self.received_bytes += bytes.len() as u64;
+        self.received_datagrams += 1;
+        Some(received)
+    }
+
+    fn end(&mut self, ending: Ending) -> Received {
+        self.ended = Ended::Delivered;
+        self.outgoing.abort();
+        Received::Ended(ending)
+    }
+}
+
+impl ClientTransport for UnixClient {
+    /// If too much waits for the server, the connection closes with [`TransportCode::CONTROL_OVERFLOW`].
+    fn send_control(&self, bytes: Bytes) {
+        self.count_sent(bytes.len());
+        if self.outgoing.send_control(bytes).is_err() {
+            self.outgoing.close(TransportCode::CONTROL_OVERFLOW.0);
+        }
+    }
+
+    fn send_state(&self, bytes: Bytes) {
+        let bytes_len = bytes.len();
+        self.count_sent(bytes_len);
+        if !self.outgoing.send_state(bytes) {
+            tracing::debug!(bytes_len, "state datagram not sent");
+        }
+    }
+
+    fn close(&self, code: u32) {
+        self.outgoing.close(code);
+    }
+
+    fn recv(&mut self, timeout: Duration) -> Option<Received> {
+        let until = Instant::now().checked_add(timeout);
+        loop {
+            if self.ended == Ended::Delivered {
+                return None;
+            }
+            if let Some(received) = self.next() {
+                return Some(received);
+            }
+            let left = until.map_or(WAIT_MAX, |until| {
+                until
+                    .saturating_duration_since(Instant::now())
+                    .min(WAIT_MAX)
+            });
+            let left = Timespec {
+                tv_sec: i64::try_from(left.as_secs()).unwrap_or(i64::MAX),
+                tv_nsec: left.subsec_nanos().into(),
+            };
+            let mut readable = [PollFd::new(&self.socket, PollFlags::IN)];
+            match poll(&mut readable, Some(&left)) {
+                Ok(0) if until.is_some_and(|until| until <= Instant::now()) => return None,
+                Ok(0) | Err(Errno::INTR) => continue,
+                Ok(_) => {}
+                Err(_) => return Some(self.end(Ending::Broken)),
+            }
+            match self.socket.read(&mut self.buffer) {
+                Ok(0) => return Some(self.end(Ending::Broken)),
+                Ok(bytes) => self.frames.put(&self.buffer[..bytes]),
+                Err(cause) if cause.kind() == io::ErrorKind::Interrupted => {}
+                Err(_) => return Some(self.end(Ending::Broken)),
+            }
+        }
+    }
+
+    /// Counts frames and their payloads.
+    fn statistics(&self) -> WireStatistics {
+        WireStatistics {
+            sent_bytes: self.sent_bytes.load(Ordering::Relaxed),
+            sent_datagrams: self.sent_datagrams.load(Ordering::Relaxed),
+            received_bytes: self.received_bytes,
+            received_datagrams: self.received_datagrams,
+            ..WireStatistics::default()
+        }
+    }
+}
+
+impl Drop for UnixClient {
+    /// Closes if neither end did.
+    fn drop(&mut self) {
+        self.outgoing.close(TransportCode::LEFT.0);
+    }
+}
+
 /// Most bytes of one frame.
-pub(super) const FRAME_BYTES_MAX: usize = 64 << 10;
+pub const FRAME_BYTES_MAX: usize = 64 << 10;
 /// Bytes of a frame before its payload.
 const HEAD_BYTES: usize = 5;
 
@@ -26,7 +183,7 @@ const END: u8 = 2;
 
 /// One frame.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum StreamFrame {
+pub enum StreamFrame {
     /// The next bytes of the control stream.
     Control(Bytes),
     /// One state datagram.
@@ -37,17 +194,17 @@ pub(super) enum StreamFrame {
 
 /// The bytes cannot be frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct InvalidFrame;
+pub struct InvalidFrame;
 
 /// Cuts a stream into frames.
 #[derive(Debug, Default)]
-pub(super) struct FrameReader {
+pub struct FrameReader {
     bytes: BytesMut,
 }
 
 impl StreamFrame {
     /// The frame's bytes on the stream.
-    pub(super) fn encode(&self) -> Bytes {
+    pub fn encode(&self) -> Bytes {
         let (lane, payload) = match self {
             Self::Control(bytes) => (CONTROL, bytes.as_ref()),
             Self::State(bytes) => (STATE, bytes.as_ref()),
@@ -63,12 +220,12 @@ impl StreamFrame {
 
 impl FrameReader {
     /// Adds received bytes.
-    pub(super) fn put(&mut self, bytes: &[u8]) {
+    pub fn put(&mut self, bytes: &[u8]) {
         self.bytes.put_slice(bytes);
     }
 
     /// The next whole frame.
-    pub(super) fn next(&mut self) -> Result<Option<StreamFrame>, InvalidFrame> {
+    pub fn next_frame(&mut self) -> Result<Option<StreamFrame>, InvalidFrame> {
         let Some(head) = self.bytes.get(..HEAD_BYTES) else {
             return Ok(None);
         };
@@ -99,7 +256,7 @@ const WAITING_MAX: usize = 12 << 20;
 const WRITE_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// The frames of one end that its socket has not taken.
-pub(super) struct Outgoing {
+pub struct Outgoing {
     socket: UnixStream,
     waiting: Mutex<Waiting>,
     changed: Condvar,
@@ -127,11 +284,11 @@ struct WaitingFrame {
 
 /// More waits for a peer than the bound allows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Overflow;
+pub struct Overflow;
 
 impl Outgoing {
     /// Starts the thread of a socket.
-    pub(super) fn start(
+    pub fn start(
         socket: UnixStream,
         note_written: impl Fn() + Send + Sync + 'static,
     ) -> io::Result<Arc<Self>> {
@@ -150,7 +307,7 @@ impl Outgoing {
     }
 
     /// Sends control bytes, in as many frames as they need.
-    pub(super) fn send_control(&self, mut bytes: Bytes) -> Result<(), Overflow> {
+    pub fn send_control(&self, mut bytes: Bytes) -> Result<(), Overflow> {
         let mut waiting = self.lock();
         while !bytes.is_empty() {
             let piece = bytes.split_to(bytes.len().min(FRAME_BYTES_MAX));
@@ -162,7 +319,7 @@ impl Outgoing {
     }
 
     /// Sends a datagram, unless too much waits. Returns whether it was sent.
-    pub(super) fn send_state(&self, bytes: Bytes) -> bool {
+    pub fn send_state(&self, bytes: Bytes) -> bool {
         let mut waiting = self.lock();
         if waiting.bytes > STATE_WAITING_MAX || bytes.len() > FRAME_BYTES_MAX {
             return false;
@@ -173,7 +330,7 @@ impl Outgoing {
     }
 
     /// Ends the stream with a code, after all that waits.
-    pub(super) fn close(&self, code: u32) {
+    pub fn close(&self, code: u32) {
         let mut waiting = self.lock();
         if !waiting.closed {
             let bytes = StreamFrame::End(code).encode();
@@ -184,7 +341,7 @@ impl Outgoing {
     }
 
     /// Ends the stream at once.
-    pub(super) fn abort(&self) {
+    pub fn abort(&self) {
         let mut waiting = self.lock();
         waiting.frames.clear();
         waiting.closed = true;
@@ -194,7 +351,7 @@ impl Outgoing {
     }
 
     /// Control bytes that the socket has taken so far.
-    pub(super) fn taken(&self) -> u64 {
+    pub fn taken(&self) -> u64 {
         self.lock().taken
     }
 
@@ -290,7 +447,7 @@ mod tests {
             let mut read = Vec::new();
             for piece in stream.chunks(step) {
                 reader.put(piece);
-                while let Some(frame) = reader.next().expect("valid frames") {
+                while let Some(frame) = reader.next_frame().expect("valid frames") {
                     read.push(frame);
                 }
             }
@@ -308,7 +465,7 @@ mod tests {
         ] {
             let mut reader = FrameReader::default();
             reader.put(&bytes);
-            assert_eq!(reader.next(), Err(InvalidFrame), "{bytes:?}");
+            assert_eq!(reader.next_frame(), Err(InvalidFrame), "{bytes:?}");
         }
     }
 }

@@ -8,8 +8,7 @@ use std::{fmt, io};
 
 use quinn::{ConnectionError, TransportErrorCode, rustls};
 
-use super::certificate::{CertificateError, Fingerprint};
-use super::trust::{CertificateCheck, Distrust};
+use crate::trust::{CertificateCheck, CertificateError, Distrust, Fingerprint};
 
 /// Reason of a failed connection attempt.
 #[derive(Debug)]
@@ -85,7 +84,7 @@ pub enum ConnectError {
 
 impl ConnectError {
     /// The meaning of a failed handshake, given the verifier's refusal.
-    pub(super) fn from_handshake(
+    pub fn from_handshake(
         cause: ConnectionError,
         server: SocketAddr,
         server_name: &str,

@@ -12,15 +12,15 @@ use std::time::Duration;
 use std::{fmt, thread};
 
 use bytes::Bytes;
-use quinn::SendDatagramError;
+use quinn::{Connection, SendDatagramError};
+use rhumb_link::connection::{Closing, ControlSender};
+use rhumb_link::tuning::{CLOSE_LEAVES, DATAGRAM_SEND_BYTES};
+use rhumb_link::{Clock, HeldBack, Piece};
 use rhumb_protocol::session::TransportCode;
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Span, Transmit};
 
-use super::connection::{Closing, ControlSender, DatagramLane};
-use super::tuning::{CLOSE_LEAVES, DATAGRAM_SEND_BYTES};
-use super::watch::ServerWatch;
-use crate::clock::Clock;
-use crate::piece::{HeldBack, Piece};
+use crate::watch::ServerWatch;
+use crate::web_session::WebSession;
 
 /// Reason why a server stopped by itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,7 +31,7 @@ pub enum ServeError {
 
 /// The server thread's view of the network.
 #[derive(Debug)]
-pub(super) struct EndpointLoop {
+pub(crate) struct EndpointLoop {
     clock: Clock,
     inputs: Receiver<Input>,
     waker: Waker,
@@ -73,7 +73,7 @@ enum LoopControl {
 const INPUTS_PER_TURN: usize = 256;
 
 impl EndpointLoop {
-    pub(super) fn new(inputs: Receiver<Input>, waker: Waker, watch: ServerWatch) -> Self {
+    pub(crate) fn new(inputs: Receiver<Input>, waker: Waker, watch: ServerWatch) -> Self {
         Self {
             clock: Clock::start(),
             inputs,
@@ -86,7 +86,7 @@ impl EndpointLoop {
     }
 
     /// Runs until stopped.
-    pub(super) fn run<E: Endpoint>(&mut self, endpoint: &mut E) -> Result<(), ServeError> {
+    pub(crate) fn run<E: Endpoint>(&mut self, endpoint: &mut E) -> Result<(), ServeError> {
         loop {
             self.report(endpoint);
             self.drain(endpoint);
@@ -104,7 +104,7 @@ impl EndpointLoop {
     }
 
     /// Closes every connection and waits a little for the close frames to leave.
-    pub(super) fn close_all(&mut self) {
+    pub(crate) fn close_all(&mut self) {
         for standing in self.peers.values() {
             standing.handles.closing.now(TransportCode::GOING_AWAY.0);
         }
@@ -344,9 +344,58 @@ pub(crate) enum Input {
 /// The server thread's handles of one connection.
 #[derive(Debug)]
 pub(crate) struct PeerHandles {
-    pub(super) datagrams: DatagramLane,
-    pub(super) control: ControlSender,
-    pub(super) closing: Arc<Closing>,
+    pub(crate) datagrams: DatagramLane,
+    pub(crate) control: ControlSender,
+    pub(crate) closing: Arc<Closing>,
+}
+
+/// Sends and receives the datagrams of a connection.
+#[derive(Clone, Debug)]
+pub(crate) struct DatagramLane {
+    connection: Connection,
+    /// The session of a browser; `None` for a connection of this protocol alone.
+    web: Option<Arc<WebSession>>,
+}
+
+impl DatagramLane {
+    pub(crate) const fn new(connection: Connection, web: Option<Arc<WebSession>>) -> Self {
+        Self { connection, web }
+    }
+
+    pub(crate) const fn connection(&self) -> &Connection {
+        &self.connection
+    }
+
+    /// Sends a datagram without waiting.
+    pub(crate) fn send(&self, bytes: Bytes) -> Result<(), SendDatagramError> {
+        self.connection.send_datagram(match &self.web {
+            None => bytes,
+            Some(web) => web.wrap(&bytes),
+        })
+    }
+
+    /// The next datagram; `None` after the end of the connection.
+    pub(crate) async fn read(&self) -> Option<Bytes> {
+        loop {
+            let datagram = self.connection.read_datagram().await.ok()?;
+            match &self.web {
+                None => return Some(datagram),
+                Some(web) => {
+                    // One of another session is dropped: the connection has none.
+                    if let Some(bytes) = web.unwrap(datagram) {
+                        return Some(bytes);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Bytes of the largest datagram that fits now; `None` if the peer takes none.
+    pub(crate) fn largest(&self) -> Option<usize> {
+        let overhead = self.web.as_ref().map_or(0, |web| web.overhead());
+        let bytes = self.connection.max_datagram_size()?;
+        Some(bytes.saturating_sub(overhead))
+    }
 }
 
 /// Wakes the server thread, which drains its endpoint then; all clones are one.
@@ -358,7 +407,7 @@ pub struct Waker {
 }
 
 impl Waker {
-    pub(super) fn new(inputs: Sender<Input>) -> Self {
+    pub(crate) fn new(inputs: Sender<Input>) -> Self {
         Self {
             inputs,
             waiting: Arc::new(AtomicBool::new(false)),

@@ -6,21 +6,23 @@
 use std::net::SocketAddr;
 use std::sync::{Arc, mpsc};
 use std::thread::JoinHandle;
+use std::time::Duration;
 use std::{fmt, io, thread};
 
-use quinn::crypto::rustls::NoInitialCipherSuite;
-use quinn::{EndpointConfig, TokioRuntime, rustls};
+use quinn::crypto::rustls::{NoInitialCipherSuite, QuicServerConfig};
+use quinn::rustls::crypto::CryptoProvider;
+use quinn::{ConnectionId, ConnectionIdGenerator, EndpointConfig, TokioRuntime, crypto, rustls};
+use rhumb_link::tuning::ClientStreams;
+use rhumb_link::{CertificateError, Fingerprint, bind_udp, io_runtime, tuning};
 use rhumb_protocol::Endpoint;
 use tokio::sync::oneshot;
 
-use super::certificate::{Certificate, CertificateError, Fingerprint, server_tls};
-use super::connection::Short;
-use super::server_loop::{EndpointLoop, Input, ServeError, Waker};
-use super::tuning::ClientStreams;
-use super::watch::{ServerStatistics, ServerWatch, Stop};
-use super::web_certificate::{CertificateHashes, HandshakeCertificate, WebOptions};
-use super::{server_io, tuning};
-use crate::system::{bind_udp, io_runtime};
+use crate::certificate::{Certificate, server_tls};
+use crate::reset_stream_at::PartialResetConfig;
+use crate::server_io;
+use crate::server_loop::{EndpointLoop, Input, ServeError, Waker};
+use crate::watch::{ServerStatistics, ServerWatch, Stop};
+use crate::web_certificate::{CertificateHashes, HandshakeCertificate, WebOptions};
 
 /// Address and certificate of a server, and what it has for browsers.
 #[derive(Clone, Debug)]
@@ -29,7 +31,7 @@ pub struct ServerOptions {
     pub listen: SocketAddr,
     /// The server's certificate.
     pub certificate: Certificate,
-    /// Its options for browsers, with the feature `web`; `None`: they find no server.
+    /// Its options for browsers; `None`: they find no server.
     pub web: Option<WebOptions>,
 }
 
@@ -71,6 +73,17 @@ struct TlsSide {
     config: Arc<rustls::ServerConfig>,
     streams: ClientStreams,
     hashes: CertificateHashes,
+}
+
+impl TlsSide {
+    /// The TLS side of QUIC: browsers may ask for what QUIC's library has not.
+    fn crypto(&self) -> Result<Arc<dyn crypto::ServerConfig>, NoInitialCipherSuite> {
+        let tls = Arc::clone(&self.config);
+        Ok(match self.streams == ClientStreams::WEB {
+            true => Arc::new(PartialResetConfig::new(tls)?),
+            false => Arc::new(QuicServerConfig::try_from(tls)?),
+        })
+    }
 }
 
 /// A server that is bound but not yet running. Clients can connect already; they wait.
@@ -133,7 +146,8 @@ impl QuicServer {
         let provider = Arc::clone(tls.config.crypto_provider());
         let mut local = EndpointConfig::new(Arc::new(certificate.reset_key()));
         local.cid_generator(move || Box::new(Short::new(Arc::clone(&provider))));
-        let config = tuning::server(tls.config, tls.streams).map_err(BindError::Tls)?;
+        let crypto = tls.crypto().map_err(BindError::Tls)?;
+        let config = tuning::server(crypto, tls.streams);
         let socket = bind_udp(listen).map_err(address)?;
         let runtime = io_runtime().map_err(BindError::Thread)?;
         let endpoint = {
@@ -252,6 +266,39 @@ impl Drop for IoThread {
         {
             tracing::error!("the server's i/o thread panicked");
         }
+    }
+}
+
+/// Bytes of a connection's id: packets to a server need one, so that a connection survives a change of address. Guessing
+/// an id gains nothing, since every packet is authenticated. With some 5,000 in use at most, one draw in a million is repeated.
+const SERVER_ID_BYTES: usize = 4;
+
+/// Generates random ids.
+struct Short {
+    provider: Arc<CryptoProvider>,
+}
+
+impl Short {
+    /// Uses the provider's random numbers.
+    const fn new(provider: Arc<CryptoProvider>) -> Self {
+        Self { provider }
+    }
+}
+
+impl ConnectionIdGenerator for Short {
+    fn generate_cid(&mut self) -> ConnectionId {
+        let mut bytes = [0; SERVER_ID_BYTES];
+        let filled = self.provider.secure_random.fill(&mut bytes);
+        filled.expect("a system that made a TLS key has random numbers");
+        ConnectionId::new(&bytes)
+    }
+
+    fn cid_len(&self) -> usize {
+        SERVER_ID_BYTES
+    }
+
+    fn cid_lifetime(&self) -> Option<Duration> {
+        None
     }
 }
 

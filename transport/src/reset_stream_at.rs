@@ -158,7 +158,7 @@ impl PacketReader<'_> {
 }
 
 /// The TLS configuration of such a server.
-pub(super) struct PartialResetConfig {
+pub(crate) struct PartialResetConfig {
     library: Arc<QuicServerConfig>,
     tls: Arc<rustls::ServerConfig>,
 }
@@ -167,7 +167,7 @@ impl PartialResetConfig {
     /// # Errors
     ///
     /// The provider has no initial cipher suite.
-    pub(super) fn new(tls: Arc<rustls::ServerConfig>) -> Result<Self, NoInitialCipherSuite> {
+    pub(crate) fn new(tls: Arc<rustls::ServerConfig>) -> Result<Self, NoInitialCipherSuite> {
         let library = Arc::new(QuicServerConfig::try_from(Arc::clone(&tls))?);
         Ok(Self { library, tls })
     }
@@ -388,10 +388,11 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::quic::certificate::Certificate;
-    use crate::quic::trust;
-    use crate::quic::trust::Trust;
-    use crate::quic::tuning::DRAFT_ALPN;
+    use rhumb_link::Trust;
+    use rhumb_link::trust;
+    use rhumb_link::tuning::DRAFT_ALPN;
+
+    use crate::certificate::Certificate;
 
     /// A frame of each kind of RFC 9000 and RFC 9221 that says where it ends, with bytes like RESET_STREAM_AT inside.
     const FRAMES: &[&[u8]] = &[

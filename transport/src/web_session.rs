@@ -13,6 +13,8 @@ use std::time::Duration;
 
 use bytes::{BufMut, Bytes, BytesMut};
 use quinn::{Connection, RecvStream, SendStream, VarInt};
+use rhumb_link::connection::CarriedSession;
+use rhumb_link::tuning::FLUSH;
 use rhumb_protocol::session::TransportCode;
 use tokio::io::AsyncReadExt;
 use tokio::sync::{Notify, mpsc};
@@ -21,12 +23,10 @@ use web_transport_proto as proto;
 use web_transport_proto::http::StatusCode;
 use web_transport_proto::{Setting, StreamUni};
 
-use super::origins::Origins;
-use super::tuning::FLUSH;
-use super::web_request;
-use super::web_request::{broken, refused};
-
-pub(super) use super::web_request::WebRefusal;
+use crate::origins::Origins;
+use crate::web_request;
+pub(crate) use crate::web_request::WebRefusal;
+use crate::web_request::{broken, refused};
 
 /// The end of a connection with HTTP/3 that has nothing to report. Source: RFC 9114, section 8.1.
 const H3_NO_ERROR: u32 = 0x100;
@@ -42,7 +42,7 @@ const CODE_TAKEN: Duration = Duration::from_millis(80);
 
 /// A session of a browser.
 #[derive(Debug)]
-pub(super) struct WebSession {
+pub(crate) struct WebSession {
     connection: Connection,
     /// Number of the session: that of the stream that requested it.
     session_id: proto::VarInt,
@@ -65,7 +65,7 @@ impl WebSession {
     /// Answers the request of a client, whose settings come before it or after it.
     ///
     /// A refused client has its status, and some time to read it.
-    pub(super) async fn accept(
+    pub(crate) async fn accept(
         connection: &Connection,
         settings: SentSettings,
         origins: &Origins,
@@ -118,7 +118,7 @@ impl WebSession {
 
     /// The session's next bidirectional stream, behind its header; `None` after the end of the connection. Further requests
     /// are refused: a connection carries one session.
-    pub(super) async fn accept_bi(&self) -> Option<(SendStream, RecvStream)> {
+    pub(crate) async fn accept_bi(&self) -> Option<(SendStream, RecvStream)> {
         loop {
             let (mut send, mut recv) = self.connection.accept_bi().await.ok()?;
             let frame = read_number(&mut recv).await;
@@ -134,7 +134,7 @@ impl WebSession {
     }
 
     /// A datagram for the peer.
-    pub(super) fn wrap(&self, bytes: &[u8]) -> Bytes {
+    pub(crate) fn wrap(&self, bytes: &[u8]) -> Bytes {
         let mut wrapped = BytesMut::with_capacity(self.datagram_header.len() + bytes.len());
         wrapped.put_slice(&self.datagram_header);
         wrapped.put_slice(bytes);
@@ -142,29 +142,18 @@ impl WebSession {
     }
 
     /// The content of a datagram of the peer; `None` for one of another session.
-    pub(super) fn unwrap(&self, datagram: Bytes) -> Option<Bytes> {
+    pub(crate) fn unwrap(&self, datagram: Bytes) -> Option<Bytes> {
         let is_ours = datagram.starts_with(&self.datagram_header);
         is_ours.then(|| datagram.slice(self.datagram_header.len()..))
     }
 
     /// Bytes by which a datagram grows on the way.
-    pub(super) const fn overhead(&self) -> usize {
+    pub(crate) const fn overhead(&self) -> usize {
         self.datagram_header.len()
     }
 
-    /// Requests the end of the session, from any thread; [`Self::run`] performs it.
-    pub(super) fn close(&self, code: u32) {
-        self.own_code.store(code.into(), Ordering::Relaxed);
-        self.close_requested.notify_one();
-    }
-
-    /// The code that the peer closed with.
-    pub(super) fn peer_code(&self) -> Option<u32> {
-        u32::try_from(self.peer_code.load(Ordering::Relaxed)).ok()
-    }
-
     /// Waits for either end to close the session, and then closes the connection by `close`.
-    pub(super) async fn run(&self, close: impl Fn(VarInt)) {
+    pub(crate) async fn run(&self, close: impl Fn(VarInt)) {
         let request = self.request.lock();
         let request = request.unwrap_or_else(PoisonError::into_inner).take();
         let Some((mut send, mut recv)) = request else {
@@ -201,17 +190,28 @@ impl WebSession {
     }
 }
 
-/// True for the code by which an end resets the streams of a session that it closes (draft 16, section 6).
-pub(super) fn is_end_of_session(code: VarInt) -> bool {
-    code == VarInt::from_u32(SESSION_GONE)
-}
+impl CarriedSession for WebSession {
+    /// [`Self::run`] performs it.
+    fn close(&self, code: u32) {
+        self.own_code.store(code.into(), Ordering::Relaxed);
+        self.close_requested.notify_one();
+    }
 
-/// The code that a peer closed a session with by the connection's own code; `None` for an error of HTTP/3.
-pub(super) fn session_code(code: VarInt) -> Option<u32> {
-    // Without a reason: by HTTP/3's code, and by that of libraries below it.
-    match [H3_NO_ERROR, 0].contains(&u32::try_from(code.into_inner()).unwrap_or(u32::MAX)) {
-        true => Some(TransportCode::LEFT.0),
-        false => proto::error_from_http3(code.into_inner()),
+    fn peer_code(&self) -> Option<u32> {
+        u32::try_from(self.peer_code.load(Ordering::Relaxed)).ok()
+    }
+
+    /// Source: draft 16, section 6.
+    fn is_end_of_session(&self, code: VarInt) -> bool {
+        code == VarInt::from_u32(SESSION_GONE)
+    }
+
+    fn code_of_connection(&self, code: VarInt) -> Option<u32> {
+        // Without a reason: by HTTP/3's code, and by that of libraries below it.
+        match [H3_NO_ERROR, 0].contains(&u32::try_from(code.into_inner()).unwrap_or(u32::MAX)) {
+            true => Some(TransportCode::LEFT.0),
+            false => proto::error_from_http3(code.into_inner()),
+        }
     }
 }
 
@@ -256,7 +256,7 @@ const WT_ENABLED: Setting = Setting(proto::VarInt::from_u32(0x2c7c_f000));
 
 /// This end's settings, whose stream must not end before the connection.
 #[derive(Debug)]
-pub(super) struct SentSettings {
+pub(crate) struct SentSettings {
     _stream: SendStream,
 }
 
@@ -267,7 +267,7 @@ struct ClientSettings {
 }
 
 /// Sends this end's settings. They wait for nothing of the client (RFC 9114, section 7.2.4.2).
-pub(super) async fn send_settings(connection: &Connection) -> Result<SentSettings, WebRefusal> {
+pub(crate) async fn send_settings(connection: &Connection) -> Result<SentSettings, WebRefusal> {
     let one = proto::VarInt::from_u32(1);
     let mut settings = proto::Settings::default();
     // Drafts 2 to 12.
@@ -281,7 +281,7 @@ pub(super) async fn send_settings(connection: &Connection) -> Result<SentSetting
 
 impl ClientSettings {
     /// Takes the client's streams from now on, until the end of the connection.
-    pub(super) fn take(connection: &Connection) -> Self {
+    pub(crate) fn take(connection: &Connection) -> Self {
         let (sender, settings) = mpsc::channel(1);
         let connection = connection.clone();
         tokio::spawn(async move {
@@ -293,7 +293,7 @@ impl ClientSettings {
     }
 
     /// Waits for the client's settings.
-    pub(super) async fn received(&mut self) -> Result<proto::Settings, WebRefusal> {
+    pub(crate) async fn received(&mut self) -> Result<proto::Settings, WebRefusal> {
         let settings = self.settings.recv().await;
         settings.unwrap_or_else(|| Err(broken("the connection ended before the client's settings")))
     }

@@ -14,14 +14,13 @@ use std::time::Duration;
 use std::{fs, io, thread};
 
 use bytes::Bytes;
+use rhumb_link::unix::{FrameReader, Outgoing, StreamFrame};
+use rhumb_link::{Clock, HeldBack};
 use rhumb_protocol::session::TransportCode;
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
-use super::frame::{FrameReader, Outgoing, StreamFrame};
-use crate::clock::Clock;
-use crate::piece::HeldBack;
-use crate::quic::Waker;
+use crate::server_loop::Waker;
 
 /// The first number of peers of a Unix socket, above those of the network.
 const FIRST_PEER: u64 = 1 << 63;
@@ -211,7 +210,7 @@ fn read(mut socket: &UnixStream, send: &dyn Fn(SocketInput) -> bool) {
             Err(_) => return,
         }
         loop {
-            let input = match frames.next() {
+            let input = match frames.next_frame() {
                 Ok(Some(StreamFrame::Control(bytes))) => {
                     SocketInput::Control(credit.admit(bytes, || has_ended(socket)))
                 }
@@ -446,7 +445,7 @@ impl Credit {
     ///
     /// The server holds bytes back until it learns of the end, which comes after the last of them. What has arrived
     /// before the end is what a socket's buffer takes at most, and needs no other bound.
-    pub(super) fn admit(
+    pub(crate) fn admit(
         self: &Arc<Self>,
         bytes: Bytes,
         has_ended: impl Fn() -> bool,

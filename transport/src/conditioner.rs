@@ -1,8 +1,13 @@
-//! A UDP relay on real sockets that impairs traffic.
+//! A relay that conditions links: delay, jitter, loss, rate.
 //!
-//! Interprets no packet: every datagram uses the state lane of its link. Runs are not repeatable to the bit, because
-//! they depend on real arrival times. Delays round up to the timer's millisecond. Clients and queued datagrams are
-//! bounded; a new client takes the place of one that has been silent for long.
+//! For views, tests and figures; a server uses it for nothing else. The link has neither socket nor clock, and its seed
+//! decides everything; the relay carries real datagrams over such links. It interprets no packet: every datagram uses the
+//! state lane of its link. Runs are not repeatable to the bit, because they depend on real arrival times. Delays round up
+//! to the timer's millisecond. Clients and queued datagrams are bounded; a new client takes the place of one that has been
+//! silent for long.
+
+mod config;
+mod link;
 
 use std::io::IoSliceMut;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
@@ -13,6 +18,7 @@ use std::{fmt, io, thread};
 
 use bytes::Bytes;
 use quinn::udp::{RecvMeta, UdpSocketState};
+use rhumb_link::{Clock, bind_udp, io_runtime};
 use rhumb_protocol::{Instant, Span};
 use tokio::io::Interest;
 use tokio::net::UdpSocket;
@@ -20,10 +26,8 @@ use tokio::sync::{mpsc, oneshot};
 use tokio::task::JoinHandle as Task;
 use tokio::time::sleep;
 
-use super::config::LinkConfig;
-use super::link::{Lane, Link, LinkCounts};
-use crate::clock::Clock;
-use crate::system::{bind_udp, io_runtime};
+pub use self::config::{LinkConfig, LinkConfigError, Probability};
+pub use self::link::{Lane, Link, LinkCounts, Tally};
 
 /// A relay in front of a server; it runs until it is dropped.
 #[derive(Debug)]

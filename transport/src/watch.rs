@@ -10,10 +10,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
 
 use quinn::Connection;
+use rhumb_link::WireStatistics;
+use rhumb_link::connection::wire_statistics;
 use rhumb_protocol::Peer;
-
-use super::connection::wire_statistics;
-use crate::client_transport::WireStatistics;
 
 /// Reads a server's counters while it runs and after; all clones are one.
 #[derive(Clone, Debug, Default)]
@@ -52,13 +51,13 @@ pub struct ServerStatistics {
 
 /// The counters behind [`ServerStatistics`].
 #[derive(Debug, Default)]
-pub(super) struct Counters {
-    pub(super) opened: AtomicU64,
-    pub(super) ended: AtomicU64,
-    pub(super) refused: AtomicU64,
-    pub(super) control_overflows: AtomicU64,
-    pub(super) state_dropped: AtomicU64,
-    pub(super) state_oversized: AtomicU64,
+pub(crate) struct Counters {
+    pub(crate) opened: AtomicU64,
+    pub(crate) ended: AtomicU64,
+    pub(crate) refused: AtomicU64,
+    pub(crate) control_overflows: AtomicU64,
+    pub(crate) state_dropped: AtomicU64,
+    pub(crate) state_oversized: AtomicU64,
 }
 
 impl ServerWatch {
@@ -102,16 +101,16 @@ impl ServerWatch {
         sum
     }
 
-    pub(super) fn count(&self, pick: impl FnOnce(&Counters) -> &AtomicU64) {
+    pub(crate) fn count(&self, pick: impl FnOnce(&Counters) -> &AtomicU64) {
         pick(&self.shared.counters).fetch_add(1, Ordering::Relaxed);
     }
 
-    pub(super) fn opened(&self, peer: Peer, connection: Connection) {
+    pub(crate) fn opened(&self, peer: Peer, connection: Connection) {
         self.count(|counters| &counters.opened);
         self.lock().standing.insert(peer, connection);
     }
 
-    pub(super) fn ended(&self, peer: Peer) {
+    pub(crate) fn ended(&self, peer: Peer) {
         self.count(|counters| &counters.ended);
         let mut connections = self.lock();
         if let Some(connection) = connections.standing.remove(&peer) {
@@ -162,7 +161,7 @@ impl Stop {
     }
 
     /// Calls `wake` once at the request, or now if it was made already.
-    pub(super) fn on_stop(&self, wake: impl Fn() + Send + 'static) {
+    pub(crate) fn on_stop(&self, wake: impl Fn() + Send + 'static) {
         let mut shared = self.lock();
         if shared.requested {
             wake();

@@ -11,7 +11,7 @@ use web_transport_proto::http::StatusCode;
 use web_transport_proto::http::header::ORIGIN;
 use web_transport_proto::{ConnectError, ConnectRequest, ConnectResponse, Frame, VarInt};
 
-use super::origins::Origins;
+use crate::origins::Origins;
 
 /// The path that a client requests: it names the protocol, as the ALPN name does elsewhere.
 const WEB_PATH: &str = "/rhumb/1";
@@ -49,7 +49,7 @@ const AVAILABLE: Word = Word {
 
 /// Reason why a connection with HTTP/3 has no session.
 #[derive(Debug)]
-pub(super) enum WebRefusal {
+pub(crate) enum WebRefusal {
     /// The peer does not speak HTTP/3 as it should, or was lost.
     Handshake(String),
     /// The request is for something else than a session of this protocol.
@@ -65,7 +65,7 @@ pub(super) enum WebRefusal {
 
 impl WebRefusal {
     /// The answer; `None` if no request came.
-    pub(super) const fn status(&self) -> Option<StatusCode> {
+    pub(crate) const fn status(&self) -> Option<StatusCode> {
         match self {
             Self::Handshake(_) => None,
             Self::Request { status, .. } => Some(*status),
@@ -74,7 +74,7 @@ impl WebRefusal {
     }
 
     /// The origin that is not allowed.
-    pub(super) fn foreign_origin(&self) -> Option<&str> {
+    pub(crate) fn foreign_origin(&self) -> Option<&str> {
         match self {
             Self::Origin(origin) => Some(origin),
             Self::Handshake(_) | Self::Request { .. } => None,
@@ -92,12 +92,12 @@ impl fmt::Display for WebRefusal {
     }
 }
 
-pub(super) fn broken(cause: impl fmt::Display) -> WebRefusal {
+pub(crate) fn broken(cause: impl fmt::Display) -> WebRefusal {
     WebRefusal::Handshake(cause.to_string())
 }
 
 /// A request of this client is malformed, or wants something that this server has not.
-pub(super) fn refused(status: StatusCode, cause: impl fmt::Display) -> WebRefusal {
+pub(crate) fn refused(status: StatusCode, cause: impl fmt::Display) -> WebRefusal {
     WebRefusal::Request {
         status,
         cause: cause.to_string(),
@@ -106,15 +106,15 @@ pub(super) fn refused(status: StatusCode, cause: impl fmt::Display) -> WebRefusa
 
 /// A request for a session.
 #[derive(Debug)]
-pub(super) struct WebRequest {
+pub(crate) struct WebRequest {
     /// The requested path, and the page's origin.
-    pub(super) connect: ConnectRequest,
+    pub(crate) connect: ConnectRequest,
     /// The name that it gives to sessions.
-    pub(super) protocol: &'static str,
+    pub(crate) protocol: &'static str,
 }
 
 /// Reads a request for a session.
-pub(super) async fn read_request(stream: &mut RecvStream) -> Result<WebRequest, WebRefusal> {
+pub(crate) async fn read_request(stream: &mut RecvStream) -> Result<WebRequest, WebRefusal> {
     let fields = read_fields(stream).await?;
     let request = match decode(&fields) {
         // A list of protocols that cannot be read counts as none (draft 16, section 3.3).
@@ -136,7 +136,7 @@ pub(super) async fn read_request(stream: &mut RecvStream) -> Result<WebRequest, 
 }
 
 /// The answer to a request, if it is for a session of this protocol and from a page that may have one.
-pub(super) fn answer(
+pub(crate) fn answer(
     request: &ConnectRequest,
     origins: &Origins,
 ) -> Result<ConnectResponse, WebRefusal> {
@@ -158,7 +158,7 @@ pub(super) fn answer(
 }
 
 /// Answers a request that is refused, and finishes its stream.
-pub(super) async fn refuse(stream: &mut SendStream, status: StatusCode) {
+pub(crate) async fn refuse(stream: &mut SendStream, status: StatusCode) {
     // A client that is gone needs no answer.
     if ConnectResponse::new(status).write(stream).await.is_ok() {
         let _ = stream.finish();

@@ -6,21 +6,19 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use quinn::congestion::BbrConfig;
-use quinn::crypto::rustls::{NoInitialCipherSuite, QuicClientConfig, QuicServerConfig};
+use quinn::crypto::rustls::{NoInitialCipherSuite, QuicClientConfig};
 use quinn::{ClientConfig, IdleTimeout, ServerConfig, TransportConfig, VarInt, crypto, rustls};
 
-#[cfg(feature = "web")]
-use super::reset_stream_at::PartialResetConfig;
 use crate::piece::PIECE_COST_BYTES;
 
 /// The application protocol, by its TLS name.
-pub(crate) const ALPN: &[u8] = b"rhumb/1";
+pub const ALPN: &[u8] = b"rhumb/1";
 
 /// The same of this draft alone (PROTOCOL 1.1-5): a later draft that changes a byte has another.
-pub(crate) const DRAFT_ALPN: &[u8] = b"rhumb/1-draft-1";
+pub const DRAFT_ALPN: &[u8] = b"rhumb/1-draft-1";
 
 /// HTTP/3, on which browsers open sessions.
-pub(super) const WEB_ALPN: &[u8] = b"h3";
+pub const WEB_ALPN: &[u8] = b"h3";
 
 /// Bytes of a state datagram that each connection can carry from its start (PROTOCOL 1.1-4).
 ///
@@ -37,32 +35,32 @@ const IDLE_MS: VarInt = VarInt::from_u32(10_000);
 const KEEP_ALIVE: Duration = Duration::from_secs(3);
 
 /// Time limit of a handshake, and again of the opening of the control stream.
-pub(super) const SETUP: Duration = Duration::from_secs(5);
+pub const SETUP: Duration = Duration::from_secs(5);
 
 /// A closing end waits this long at most until its last control bytes are written and acknowledged.
-pub(super) const FLUSH: Duration = Duration::from_millis(500);
+pub const FLUSH: Duration = Duration::from_millis(500);
 
 /// A closing end waits this long at most for its close frame to leave.
-pub(super) const CLOSE_LEAVES: Duration = Duration::from_millis(100);
+pub const CLOSE_LEAVES: Duration = Duration::from_millis(100);
 
 /// Connections of one server. With every bound below at its limit each costs some 7 MiB.
-pub(super) const CONNECTIONS_MAX: usize = 1_024;
+pub const CONNECTIONS_MAX: usize = 1_024;
 
 /// Connections and attempts of one address: half of all, so that no address takes them all.
-pub(super) const CONNECTIONS_PER_ADDRESS_MAX: usize = 512;
+pub const CONNECTIONS_PER_ADDRESS_MAX: usize = 512;
 
 /// Handshakes in progress beyond which a client must first prove its address.
-pub(super) const HANDSHAKES_UNPROVEN_MAX: usize = 64;
+pub const HANDSHAKES_UNPROVEN_MAX: usize = 64;
 
 /// Queued control bytes before a peer is dropped as too slow. An endpoint that heeds what its links take never gets
 /// there.
-pub(super) const CONTROL_QUEUE_BYTES: usize = 12 << 20;
+pub const CONTROL_QUEUE_BYTES: usize = 12 << 20;
 
 /// State bytes between the sockets and the server thread, per connection; beyond them datagrams are dropped.
-pub(super) const STATE_IN_FLIGHT_BYTES: usize = 1 << 20;
+pub const STATE_IN_FLIGHT_BYTES: usize = 1 << 20;
 
 /// Unsent datagrams per connection: a tick's burst of 500 full packets and more, yet never seconds of stale state.
-pub(super) const DATAGRAM_SEND_BYTES: usize = 1 << 20;
+pub const DATAGRAM_SEND_BYTES: usize = 1 << 20;
 
 /// Datagrams that quinn holds before this crate's task takes them.
 const DATAGRAM_RECEIVE_BYTES: usize = 1 << 20;
@@ -87,59 +85,29 @@ const _: () = assert!(500 * (1_200 + PIECE_COST_BYTES) < DATAGRAM_SEND_BYTES);
 const _: () = assert!(CONTROL_QUEUE_BYTES + DATAGRAM_SEND_BYTES + SEND_WINDOW as usize <= 16 << 20);
 
 /// Streams that a client may have open at a time.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct ClientStreams {
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ClientStreams {
     bidirectional: VarInt,
     unidirectional: VarInt,
 }
 
 impl ClientStreams {
     /// The control stream alone.
-    pub(super) const PLAIN: Self = Self {
+    pub const PLAIN: Self = Self {
         bidirectional: VarInt::from_u32(1),
         unidirectional: VarInt::from_u32(0),
     };
     /// Also those of HTTP/3: the request, settings, and two of header compression. Browsers give up a handshake that
     /// does not grant them, before a server knows who asks; so a server stops them where a plain client opens them.
-    pub(super) const WEB: Self = Self {
+    pub const WEB: Self = Self {
         bidirectional: VarInt::from_u32(2),
         unidirectional: VarInt::from_u32(3),
     };
-
-    /// The TLS side of a server: browsers may ask for what QUIC's library has not.
-    #[cfg(feature = "web")]
-    fn crypto(
-        self,
-        tls: Arc<rustls::ServerConfig>,
-    ) -> Result<Arc<dyn crypto::ServerConfig>, NoInitialCipherSuite> {
-        Ok(match self.unidirectional == Self::WEB.unidirectional {
-            true => Arc::new(PartialResetConfig::new(tls)?),
-            false => Arc::new(QuicServerConfig::try_from(tls)?),
-        })
-    }
-
-    /// The TLS side of a server, which is that of QUIC's library.
-    #[cfg(not(feature = "web"))]
-    fn crypto(
-        self,
-        tls: Arc<rustls::ServerConfig>,
-    ) -> Result<Arc<dyn crypto::ServerConfig>, NoInitialCipherSuite> {
-        Ok(Arc::new(QuicServerConfig::try_from(tls)?))
-    }
 }
 
-/// A server's configuration from its TLS configuration.
-///
-/// # Errors
-///
-/// The provider has no initial cipher suite.
-///
-/// `streams`: those that a client may open.
-pub(super) fn server(
-    tls: Arc<rustls::ServerConfig>,
-    streams: ClientStreams,
-) -> Result<ServerConfig, NoInitialCipherSuite> {
-    let mut config = ServerConfig::with_crypto(streams.crypto(tls)?);
+/// A server's configuration from its TLS side. `streams`: those that a client may open.
+pub fn server(crypto: Arc<dyn crypto::ServerConfig>, streams: ClientStreams) -> ServerConfig {
+    let mut config = ServerConfig::with_crypto(crypto);
     let mut transport = common();
     transport
         .max_concurrent_bidi_streams(streams.bidirectional)
@@ -151,7 +119,7 @@ pub(super) fn server(
         .max_incoming(INCOMING_MAX)
         .incoming_buffer_size(INCOMING_BYTES)
         .incoming_buffer_size_total(INCOMING_BYTES_TOTAL);
-    Ok(config)
+    config
 }
 
 /// A client's configuration from its TLS configuration.
@@ -159,7 +127,7 @@ pub(super) fn server(
 /// # Errors
 ///
 /// The provider has no initial cipher suite.
-pub(super) fn client(tls: Arc<rustls::ClientConfig>) -> Result<ClientConfig, NoInitialCipherSuite> {
+pub fn client(tls: Arc<rustls::ClientConfig>) -> Result<ClientConfig, NoInitialCipherSuite> {
     let mut config = ClientConfig::new(Arc::new(QuicClientConfig::try_from(tls)?));
     let mut transport = common();
     transport

@@ -16,28 +16,27 @@ use quinn::{
     Connecting, Connection, ConnectionError, Endpoint, Incoming, ReadError, RecvStream, SendStream,
     VarInt,
 };
+use rhumb_link::connection::{CarriedSession, Closing, ControlWriter, control_queue};
+use rhumb_link::tuning::{
+    CONNECTIONS_MAX, CONNECTIONS_PER_ADDRESS_MAX, DATAGRAM_BYTES_MIN, HANDSHAKES_UNPROVEN_MAX,
+    SETUP, STATE_IN_FLIGHT_BYTES, WEB_ALPN,
+};
+use rhumb_link::{ByteCredit, CONTROL_IN_FLIGHT_BYTES, Piece};
 use rhumb_protocol::Peer;
 use rhumb_protocol::limits::DATAGRAM_BYTES_MAX;
 use rhumb_protocol::session::TransportCode;
 use tokio::sync::oneshot;
 use tokio::time::{sleep, timeout};
 
-use super::connection::{Closing, ControlWriter, DatagramLane, control_queue};
-use super::origins::Origins;
-use super::server_loop::{Input, PeerHandles};
-use super::tuning::{
-    CONNECTIONS_MAX, CONNECTIONS_PER_ADDRESS_MAX, DATAGRAM_BYTES_MIN, HANDSHAKES_UNPROVEN_MAX,
-    SETUP, STATE_IN_FLIGHT_BYTES, WEB_ALPN,
-};
-use super::watch::ServerWatch;
-use super::web_session::{SentSettings, WebRefusal, WebSession, send_settings};
-use crate::client_transport::CONTROL_IN_FLIGHT_BYTES;
-use crate::piece::{ByteCredit, Piece};
+use crate::origins::Origins;
+use crate::server_loop::{DatagramLane, Input, PeerHandles};
+use crate::watch::ServerWatch;
+use crate::web_session::{SentSettings, WebRefusal, WebSession, send_settings};
 
 /// Accepts until its end is requested, then refuses the attempts that still arrive.
 ///
 /// `origins`: the pages that may connect; `None`: no browser.
-pub(super) async fn accept(
+pub(crate) async fn accept(
     endpoint: Endpoint,
     origins: Option<Arc<Origins>>,
     inputs: Sender<Input>,
@@ -198,7 +197,8 @@ async fn serve(
     inputs: Sender<Input>,
     watch: ServerWatch,
 ) {
-    let closing = Closing::of(&connection, web.clone());
+    let carried = web.clone().map(|web| web as Arc<dyn CarriedSession>);
+    let closing = Closing::of(&connection, carried);
     let datagrams = DatagramLane::new(connection.clone(), web.clone());
     let least = match web {
         None => DATAGRAM_BYTES_MIN,
@@ -374,7 +374,7 @@ struct AddressPlace {
 
 impl Addresses {
     /// A place for another connection from this address; `None` if it has as many as it may.
-    pub(super) fn take(&self, address: IpAddr) -> Option<AddressPlace> {
+    pub(crate) fn take(&self, address: IpAddr) -> Option<AddressPlace> {
         let mut counts = self.counts.lock().unwrap_or_else(PoisonError::into_inner);
         let count = counts.entry(address).or_insert(0);
         if *count >= CONNECTIONS_PER_ADDRESS_MAX {

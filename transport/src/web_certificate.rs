@@ -11,14 +11,14 @@ use std::time::{Duration, SystemTime};
 
 use quinn::rustls;
 use rcgen::{CertificateParams, KeyPair, PKCS_ECDSA_P256_SHA256};
+use rhumb_link::tuning::WEB_ALPN;
+use rhumb_link::{CertificateError, Fingerprint};
 use rustls::crypto::ring::sign::any_ecdsa_type;
 use rustls::pki_types::{PrivateKeyDer, PrivatePkcs8KeyDer};
 use rustls::server::{ClientHello, ResolvesServerCert};
 use rustls::sign::CertifiedKey;
 
-use super::certificate::{CertificateError, Fingerprint};
-use super::origins::Origins;
-use super::tuning::WEB_ALPN;
+use crate::origins::Origins;
 
 /// Time for which a certificate serves. It is valid for two of these, and an hour on either side.
 const SERVES: Duration = Duration::from_hours(6 * 24);
@@ -54,19 +54,19 @@ struct WebCertificate {
 }
 
 /// Chooses the certificate of a handshake: a short-lived one for browsers, the server's own for all others.
-pub(super) struct HandshakeCertificate {
+pub(crate) struct HandshakeCertificate {
     own: Arc<CertifiedKey>,
     web: CertificateHashes,
 }
 
 impl CertificateHashes {
     /// None: browsers are shown the server's own certificate.
-    pub(super) const fn none() -> Self {
+    pub(crate) const fn none() -> Self {
         Self { pair: None }
     }
 
     /// Makes two certificates for `names`.
-    pub(super) fn new(names: Vec<String>) -> Result<Self, CertificateError> {
+    pub(crate) fn new(names: Vec<String>) -> Result<Self, CertificateError> {
         let pair = Pair::new(names, now())?;
         Ok(Self {
             pair: Some(Arc::new(Mutex::new(pair))),
@@ -127,7 +127,9 @@ impl Pair {
 
 impl WebCertificate {
     fn new(names: &[String], now: SystemTime) -> Result<Self, CertificateError> {
-        let failed = |cause| CertificateError::Development { cause };
+        let failed = |cause: rcgen::Error| CertificateError::Development {
+            cause: cause.into(),
+        };
         let key = KeyPair::generate_for(&PKCS_ECDSA_P256_SHA256).map_err(failed)?;
         let mut params = CertificateParams::new(names.to_vec()).map_err(failed)?;
         params.not_before = (now - CLOCK_SLACK).into();
@@ -143,7 +145,7 @@ impl WebCertificate {
 }
 
 impl HandshakeCertificate {
-    pub(super) const fn new(own: Arc<CertifiedKey>, web: CertificateHashes) -> Self {
+    pub(crate) const fn new(own: Arc<CertifiedKey>, web: CertificateHashes) -> Self {
         Self { own, web }
     }
 }
@@ -193,7 +195,7 @@ pub enum WebIdentity {
 }
 
 impl WebIdentity {
-    pub(super) fn hashes(&self) -> Result<CertificateHashes, CertificateError> {
+    pub(crate) fn hashes(&self) -> Result<CertificateHashes, CertificateError> {
         match self {
             Self::Own => Ok(CertificateHashes::none()),
             Self::Pinned(names) => CertificateHashes::new(names.clone()),

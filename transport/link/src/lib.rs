@@ -1,0 +1,49 @@
+//! The links between clients and servers: connections of clients, and clocks.
+//!
+//! Carries bytes between [`rhumb_protocol::Endpoint`]s and interprets none of them. Every queue between threads is
+//! bounded.
+//!
+//! Without the feature `quic` there are no sockets: the rest serves a link within one process. Servers with sockets are
+//! those of `rhumb-transport`; the hidden modules are for them and for raw peers of tests, and may change at any time.
+#![forbid(unsafe_code)]
+
+mod client_transport;
+mod clock;
+#[cfg(feature = "quic")]
+mod connect_error;
+#[cfg(feature = "quic")]
+#[doc(hidden)]
+pub mod connection;
+mod piece;
+#[cfg(feature = "quic")]
+mod quic_client;
+#[cfg(feature = "quic")]
+mod system;
+#[cfg(feature = "quic")]
+#[doc(hidden)]
+pub mod trust;
+#[cfg(feature = "quic")]
+#[doc(hidden)]
+pub mod tuning;
+#[cfg(all(unix, feature = "quic"))]
+#[doc(hidden)]
+pub mod unix;
+
+pub use client_transport::{
+    CONTROL_IN_FLIGHT_BYTES, ClientTransport, Inbox, Received, WireStatistics,
+};
+pub use clock::Clock;
+#[cfg(feature = "quic")]
+pub use connect_error::ConnectError;
+pub use piece::{ByteCredit, HeldBack, PIECE_COST_BYTES, Piece};
+#[cfg(feature = "quic")]
+pub use quic_client::{ClientOptions, QuicClient};
+pub use rhumb_protocol::session::TransportCode;
+#[cfg(feature = "quic")]
+pub use system::{bind_udp, io_runtime, random_bytes};
+#[cfg(feature = "quic")]
+pub use trust::{CertificateError, Fingerprint, FingerprintError, Trust};
+#[cfg(feature = "quic")]
+pub use tuning::DATAGRAM_BYTES_MIN;
+#[cfg(all(unix, feature = "quic"))]
+pub use unix::UnixClient;
