@@ -10,10 +10,10 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use clap::Args;
+use rhumb_client::LocalServer;
 use rhumb_client::{
     Client, JoinMode, JoinOptions, PipelineDepth, ServerConnection, StreamChoice, Tolerance, Trust,
 };
-use rhumb_local::LocalServer;
 use rhumb_protocol::scene::Command;
 use rhumb_protocol::stream::Observation;
 use rhumb_reckoning::Tick;

@@ -8,6 +8,7 @@
 //! | feature | adds |
 //! |---|---|
 //! | `quic` (default) | `Client::connect`: servers over the network, and over Unix sockets |
+//! | `local` | `Client::local` and `LocalServer`: a server in the same process, without sockets |
 //! | `queries` | queries on the client's own copy |
 //! | `mint`, `nalgebra` | glam's conversions from and to the types of those crates |
 //!
@@ -58,6 +59,8 @@ mod client;
 mod connection;
 mod error;
 mod join_options;
+#[cfg(feature = "local")]
+mod local;
 #[cfg(feature = "quic")]
 mod network;
 mod server_connection;
@@ -67,6 +70,8 @@ pub use connection::{Statistics, TapChannel};
 pub use error::{ClientError, MainError, OpenError, RefusedRequests};
 pub use glam;
 pub use join_options::{JoinOptions, Refusals};
+#[cfg(feature = "local")]
+pub use local::LocalServer;
 #[cfg(feature = "quic")]
 pub use rhumb_link::{CertificateError, ConnectError, Fingerprint, FingerprintError, Trust};
 pub use rhumb_link::{ClientTransport, Received, TransportCode, WireStatistics};

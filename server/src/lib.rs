@@ -2,7 +2,7 @@
 //!
 //! What an integrator embeds. [`ServerLoop`] is sans-IO: it has no sockets, threads, files or clock. A driver hands it what
 //! clients send, and moments; it says what to transmit, and when it wants to be called again ([`Endpoint`]). In one
-//! process the crate `rhumb-local` drives it, and `rhumb-server` over a network.
+//! process the crate `rhumb-client` drives it, and `rhumb-server` over a network.
 //!
 //! Only `engine::rapier` uses the engine's types. Invariants: a refused command changes nothing; a state that is not finite
 //! never leaves the engine.

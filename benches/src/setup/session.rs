@@ -4,11 +4,11 @@
 //! small body whose full state each member receives at every tick, so that the engine and the publisher take little of it.
 
 use glam::Vec3;
+use rhumb_client::LocalServer;
 use rhumb_client::scene::BodyBuilder;
 use rhumb_client::{
     Client, ClientError, JoinMode, JoinOptions, OpenError, PipelineDepth, ServerConnection,
 };
-use rhumb_local::LocalServer;
 use rhumb_netsim::{LinkConfig, SimNetwork};
 use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, SceneConfig, Shape, ShapeId, Stepping};

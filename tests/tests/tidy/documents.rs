@@ -32,7 +32,7 @@ const CHAPTERS: [&str; 3] = [
 ];
 
 /// The program that the README shows, which a documentation test runs.
-const FIRST_PROGRAM: &str = "local/examples/first.rs";
+const FIRST_PROGRAM: &str = "client/examples/first.rs";
 
 /// The parts of a decision record, in order.
 const RECORD_PARTS: [&str; 4] = ["Status: ", "## Context", "## Decision", "## Measurement"];

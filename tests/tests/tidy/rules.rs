@@ -244,7 +244,6 @@ fn no_library_prints() {
         "service/src/",
         "client/src/",
         "client/view/src/",
-        "local/src/",
         "bindings/core/src/",
         "bindings/c/src/",
         "bindings/python/src/",

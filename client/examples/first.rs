@@ -6,7 +6,6 @@ use std::io::{Write, stdout};
 
 use rhumb_client::scene::{BodyDesc, Shape};
 use rhumb_client::{Client, MainError, PipelineDepth};
-use rhumb_local::Local as _;
 
 fn main() -> Result<(), MainError> {
     let mut client = Client::local().join("drop")?;

@@ -12,10 +12,9 @@ use rhumb_client::scene::{
     Stepping,
 };
 use rhumb_client::{
-    BodyId, Client, ClientError, Denial, ErrorBound, Event, JoinMode, JoinOptions, Metres, Misuse,
-    PipelineDepth, Refusals, RenderTime, StreamChoice, Tick, Tolerance,
+    BodyId, Client, ClientError, Denial, ErrorBound, Event, JoinMode, JoinOptions, LocalServer,
+    Metres, Misuse, PipelineDepth, Refusals, RenderTime, StreamChoice, Tick, Tolerance,
 };
-use rhumb_local::{Local as _, LocalServer};
 use rhumb_scene::{Hook, Hooks, Instant, Scene, ServerLoop};
 use rhumb_sims::by_name;
 

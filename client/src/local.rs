@@ -1,0 +1,590 @@
+//! A server in this process, and its clients' connections, without sockets.
+//!
+//! A call of a client steps the server, or a thread of its own does. The server side neither waits nor sleeps. A panic of
+//! the server ends its connections, and never reaches a caller. A client's inputs arrive by a call or a queue.
+
+use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+use std::{io, thread};
+
+use bytes::Bytes;
+use rhumb_link::{
+    ClientTransport, Clock, HeldBack, Inbox, Received, TransportCode, WireStatistics,
+};
+use rhumb_protocol::{Ending, Endpoint, Peer, Span, Transmit};
+use rhumb_scene::ServerLoop;
+
+use crate::client::Client;
+use crate::server_connection::ServerConnection;
+
+/// Inputs that the server's thread handles before outputs and ticks get their turn.
+const INPUTS_PER_TURN: usize = 256;
+/// Stack of the server's thread: what a main thread has.
+const STACK_BYTES: usize = 8 << 20;
+
+/// A physics server in this process.
+///
+/// [`connect`](Self::connect) stands where [`Client::connect`](crate::Client) stands otherwise. Every later call is the
+/// same, so that a simulator begins with its physics in its own process, and moves it to another machine by one line. The
+/// packets are those of the network.
+///
+/// | server | a lockstep frame | a pipelined frame | a free-running scene |
+/// |---|---|---|---|
+/// | [`LocalServer::new`] | no thread is woken | the caller steps | steps within calls of its clients |
+/// | [`LocalServer::spawn`] | two threads are woken | steps beside the caller | steps at its own rate |
+///
+/// Clones are one server. It ends with the last of them and of its clients.
+#[derive(Clone)]
+pub struct LocalServer {
+    host: Host,
+    next_peer: Arc<AtomicU64>,
+}
+
+impl LocalServer {
+    /// A server that steps on the thread of the client that calls it, with the default limits.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::of(scenes())
+    }
+
+    /// A server that steps on a thread of its own, with the default limits.
+    ///
+    /// # Errors
+    ///
+    /// The system's, if the thread cannot start.
+    pub fn spawn() -> io::Result<Self> {
+        Self::spawn_of(scenes())
+    }
+
+    /// As [`Self::new`], with hooks, limits and threads of the engine as these scenes have them.
+    #[must_use]
+    pub fn of(scenes: ServerLoop) -> Self {
+        let driver = Driver::new(scenes, Clock::start());
+        Self::at(Host::Caller(Arc::new(Mutex::new(driver))))
+    }
+
+    /// As [`Self::spawn`], with hooks, limits and threads of the engine as these scenes have them.
+    ///
+    /// # Errors
+    ///
+    /// The system's, if the thread cannot start.
+    pub fn spawn_of(scenes: ServerLoop) -> io::Result<Self> {
+        let (sender, inputs) = channel();
+        let mut driver = Driver::new(scenes, Clock::start());
+        thread::Builder::new()
+            .name("rhumb-local-server".to_owned())
+            .stack_size(STACK_BYTES)
+            .spawn(move || run(&mut driver, &inputs))?;
+        Ok(Self::at(Host::Thread(InputQueue::new(sender))))
+    }
+
+    /// Connects a client. The connection waits for no socket and cannot fail.
+    #[must_use]
+    pub fn connect(&self) -> ServerConnection {
+        let peer = Peer(self.next_peer.fetch_add(1, Ordering::Relaxed));
+        ServerConnection::over(LocalConnection::open(self.host.clone(), peer))
+    }
+
+    fn at(host: Host) -> Self {
+        Self {
+            host,
+            next_peer: Arc::default(),
+        }
+    }
+}
+
+impl Client {
+    /// Connects to a server of this client's own, which steps on the thread of the client's calls.
+    ///
+    /// # Example
+    ///
+    /// ```
+    /// use rhumb_client::scene::{BodyDesc, Shape};
+    ///     ///
+    /// # fn main() -> Result<(), rhumb_client::MainError> {
+    /// let mut client = Client::local().join("drop")?;
+    /// client.add_body(BodyDesc::fixed(Shape::cuboid(10.0, 0.5, 10.0)).at(0.0, -0.5, 0.0))?;
+    /// let ball = client.add_body(BodyDesc::dynamic(Shape::ball(0.5)).at(0.0, 10.0, 0.0))?;
+    /// for _ in 0..180 {
+    ///     client.advance(PipelineDepth::LOCKSTEP)?;
+    /// }
+    /// let height = client.view().position(ball).ok_or("the ball is gone")?.y;
+    /// assert!((height - 0.5).abs() < 0.1, "{height}");
+    /// # Ok(())
+    /// # }
+    /// ```
+    #[must_use]
+    pub fn local() -> ServerConnection {
+        LocalServer::new().connect()
+    }
+}
+
+impl Default for LocalServer {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+fn scenes() -> ServerLoop {
+    let stopwatch = Clock::start();
+    ServerLoop::new(move || stopwatch.now())
+}
+
+/// Runs a server until its last client is gone.
+fn run(driver: &mut Driver, inputs: &Receiver<QueuedInput>) {
+    loop {
+        let first = match driver.run() {
+            None => inputs.recv().map_err(|_| RecvTimeoutError::Disconnected),
+            Some(left) => inputs.recv_timeout(left),
+        };
+        match first {
+            Ok(first) => {
+                first.handle(driver);
+                for message in inputs.try_iter().take(INPUTS_PER_TURN) {
+                    message.handle(driver);
+                }
+            }
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => return,
+        }
+    }
+}
+
+/// Longest sleep of a client whose server runs on the threads of its clients: another client's call may have brought
+/// the server's next moment forward.
+const NAP: Duration = Duration::from_millis(5);
+
+/// An open connection of a client to a server in this process.
+struct LocalConnection {
+    host: Host,
+    peer: Peer,
+    inbox: Arc<Inbox>,
+    clock: Clock,
+    sent: LocalTraffic,
+    received: LocalTraffic,
+}
+
+/// Bytes and pieces, without headers: there are none.
+#[derive(Default)]
+struct LocalTraffic {
+    bytes: AtomicU64,
+    pieces: AtomicU64,
+}
+
+impl LocalConnection {
+    fn open(host: Host, peer: Peer) -> Self {
+        let connection = Self {
+            host,
+            peer,
+            inbox: Arc::default(),
+            clock: Clock::start(),
+            sent: LocalTraffic::default(),
+            received: LocalTraffic::default(),
+        };
+        connection.send(LocalInput::Opened(Arc::clone(&connection.inbox)));
+        connection
+    }
+
+    /// Hands an input to the server; without one, the connection has ended.
+    fn send(&self, input: LocalInput) {
+        let ending = match self.host.send(self.peer, input) {
+            Ok(()) => return,
+            Err(Lost::Server) => Ending::Broken,
+            Err(Lost::Full) => {
+                let code = TransportCode::CONTROL_OVERFLOW.0;
+                // If the server is gone, the connection ends below all the same.
+                let _ = self.host.send(self.peer, LocalInput::Closed(code));
+                Ending::Closed(code)
+            }
+        };
+        self.inbox.put_end(ending);
+    }
+
+    /// Runs a server on this thread as far as is due; returns how long a wait may last.
+    fn run_server(&self) -> Duration {
+        let Host::Caller(driver) = &self.host else {
+            return Duration::MAX;
+        };
+        match driver.lock() {
+            Ok(mut driver) => driver.run().map_or(NAP, |left| left.min(NAP)),
+            Err(_) => {
+                self.inbox.put_end(Ending::Broken);
+                Duration::ZERO
+            }
+        }
+    }
+}
+
+impl ClientTransport for LocalConnection {
+    fn send_control(&self, bytes: Bytes) {
+        self.sent.add(bytes.len());
+        self.send(LocalInput::Control(bytes));
+    }
+
+    fn send_state(&self, bytes: Bytes) {
+        self.sent.add(bytes.len());
+        // As on a network, a datagram that cannot be kept is lost.
+        if self.host.send(self.peer, LocalInput::State(bytes)) == Err(Lost::Server) {
+            self.inbox.put_end(Ending::Broken);
+        }
+    }
+
+    fn close(&self, code: u32) {
+        self.send(LocalInput::Closed(code));
+    }
+
+    fn recv(&mut self, timeout: Duration) -> Option<Received> {
+        let timeout = Span::from_nanos(u64::try_from(timeout.as_nanos()).unwrap_or(u64::MAX));
+        let until = self.clock.now() + timeout;
+        let received = loop {
+            let pause = self.run_server();
+            let left = self.clock.until(until);
+            match self.inbox.take(pause.min(left)) {
+                Some(received) => break received,
+                None if left.is_zero() || self.inbox.has_ended() => return None,
+                None => {}
+            }
+        };
+        match &received {
+            Received::Control(bytes) => {
+                self.received.add(bytes.len());
+                self.send(LocalInput::Taken(bytes.len()));
+            }
+            Received::State(bytes) => self.received.add(bytes.len()),
+            Received::Ended(_) => {}
+        }
+        Some(received)
+    }
+
+    fn statistics(&self) -> WireStatistics {
+        WireStatistics {
+            sent_bytes: self.sent.bytes.load(Ordering::Relaxed),
+            sent_datagrams: self.sent.pieces.load(Ordering::Relaxed),
+            received_bytes: self.received.bytes.load(Ordering::Relaxed),
+            received_datagrams: self.received.pieces.load(Ordering::Relaxed),
+            ..WireStatistics::default()
+        }
+    }
+}
+
+impl Drop for LocalConnection {
+    fn drop(&mut self) {
+        self.inbox.abandon();
+        // A server that is gone needs no word of it.
+        let _ = (self.host).send(self.peer, LocalInput::Closed(TransportCode::LEFT.0));
+    }
+}
+
+impl LocalTraffic {
+    fn add(&self, bytes: usize) {
+        self.bytes.fetch_add(bytes as u64, Ordering::Relaxed);
+        self.pieces.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+/// One input of a client.
+#[derive(Debug)]
+enum LocalInput {
+    Opened(Arc<Inbox>),
+    Control(Bytes),
+    /// The client has taken this number of control bytes out of its inbox.
+    Taken(usize),
+    State(Bytes),
+    /// The client has closed its connection, with this code.
+    Closed(u32),
+}
+
+impl LocalInput {
+    /// Its bytes.
+    fn bytes(&self) -> usize {
+        match self {
+            Self::Control(bytes) | Self::State(bytes) => bytes.len(),
+            Self::Opened(_) | Self::Taken(_) | Self::Closed(_) => 0,
+        }
+    }
+
+    /// True if a full queue refuses it: a client sends any number of them.
+    const fn is_refusable(&self) -> bool {
+        matches!(self, Self::Control(_) | Self::State(_))
+    }
+}
+
+/// A server, and the inboxes of its clients.
+struct Driver {
+    server: ServerLoop,
+    clock: Clock,
+    clients: BTreeMap<Peer, LocalClient>,
+    held_back: HeldBack<Bytes>,
+    /// True after a panic: the server is in an unknown state, and is not called again.
+    broken: bool,
+}
+
+/// The inbox of a client, and its control bytes.
+struct LocalClient {
+    inbox: Arc<Inbox>,
+    /// Bytes that wait in the inbox.
+    waiting: usize,
+    /// Taken bytes that the server does not know of yet.
+    unreported: usize,
+}
+
+/// Control bytes that count as taken while they wait in an inbox. A client that is not polled for minutes stays, as one
+/// behind a socket does, whose thread reads for it.
+const TAKEN_BYTES_MAX: usize = 1 << 20;
+
+impl LocalClient {
+    /// Puts control bytes into the inbox; returns how many count as taken.
+    fn put(&mut self, bytes: &Bytes) -> usize {
+        self.inbox.put_bounded_control(bytes);
+        self.waiting += bytes.len();
+        if self.waiting > TAKEN_BYTES_MAX {
+            self.unreported += bytes.len();
+            return 0;
+        }
+        bytes.len()
+    }
+
+    /// Notes that the client has taken bytes; returns how many the server does not know of.
+    fn take(&mut self, bytes: usize) -> usize {
+        self.waiting = self.waiting.saturating_sub(bytes);
+        let news = bytes.min(self.unreported);
+        self.unreported -= news;
+        news
+    }
+}
+
+impl Driver {
+    fn new(server: ServerLoop, clock: Clock) -> Self {
+        Self {
+            server,
+            clock,
+            clients: BTreeMap::new(),
+            held_back: HeldBack::default(),
+            broken: false,
+        }
+    }
+
+    /// Hands an input to the server. What it transmits waits for [`Self::run`].
+    fn handle(&mut self, from: Peer, input: LocalInput) {
+        if self.broken
+            && let LocalInput::Opened(inbox) = &input
+        {
+            inbox.put_end(Ending::Broken);
+        }
+        self.guard(|driver| driver.take(from, input));
+    }
+
+    /// Runs all due work, and delivers the transmissions of the server. Returns the time until the next timeout, if the
+    /// server has one.
+    fn run(&mut self) -> Option<Duration> {
+        self.guard(Self::turn).flatten()
+    }
+
+    /// Calls the server, unless it has panicked, in this call or before.
+    fn guard<T>(&mut self, call: impl FnOnce(&mut Self) -> T) -> Option<T> {
+        if self.broken {
+            return None;
+        }
+        let called = catch_unwind(AssertUnwindSafe(|| call(self)));
+        if called.is_err() {
+            tracing::error!("the server in this process panicked");
+            self.broken = true;
+            self.end();
+        }
+        called.ok()
+    }
+
+    fn take(&mut self, from: Peer, input: LocalInput) {
+        let now = self.clock.now();
+        match input {
+            LocalInput::Opened(inbox) => {
+                let client = LocalClient {
+                    inbox,
+                    waiting: 0,
+                    unreported: 0,
+                };
+                self.clients.insert(from, client);
+                self.server.handle_opened(now, from);
+                self.server.handle_control_taken(now, from, 0);
+            }
+            LocalInput::Control(bytes) => {
+                (self.held_back).handle_control(now, &mut self.server, from, bytes);
+            }
+            LocalInput::Taken(bytes) => {
+                let news = self.clients.get_mut(&from).map(|client| client.take(bytes));
+                if let Some(news) = news.filter(|news| *news > 0) {
+                    self.server.handle_control_taken(now, from, news);
+                }
+            }
+            LocalInput::State(bytes) => self.server.handle_datagram(now, from, &bytes),
+            LocalInput::Closed(code) => {
+                if let Some(client) = self.clients.remove(&from) {
+                    (self.held_back).deliver_rest(now, &mut self.server, from);
+                    client.inbox.put_end(Ending::Closed(code));
+                    self.server.handle_ended(now, from, Ending::Closed(code));
+                }
+            }
+        }
+    }
+
+    fn turn(&mut self) -> Option<Duration> {
+        let now = self.clock.now();
+        if self
+            .server
+            .poll_timeout()
+            .is_some_and(|wake| wake.at <= now)
+        {
+            self.server.handle_timeout(now);
+        }
+        self.transmit();
+        while self.held_back.deliver(now, &mut self.server) {
+            self.transmit();
+        }
+        let wake = self.server.poll_timeout()?;
+        Some(self.clock.until(wake.at))
+    }
+
+    fn end(&mut self) {
+        for client in std::mem::take(&mut self.clients).into_values() {
+            client.inbox.put_end(Ending::Broken);
+        }
+    }
+
+    fn transmit(&mut self) {
+        while let Some(transmit) = self.server.poll_transmit() {
+            match transmit {
+                Transmit::Control { to, bytes } => {
+                    let taken = self.clients.get_mut(&to).map(|client| client.put(&bytes));
+                    if let Some(taken) = taken.filter(|taken| *taken > 0) {
+                        let now = self.clock.now();
+                        self.server.handle_control_taken(now, to, taken);
+                    }
+                }
+                Transmit::State { to, bytes } => {
+                    if let Some(client) = self.clients.get(&to) {
+                        client.inbox.put_state(&bytes);
+                    }
+                }
+                Transmit::Close { to, code } => {
+                    let now = self.clock.now();
+                    if let Some(client) = self.clients.remove(&to) {
+                        self.held_back.forget(to);
+                        client.inbox.put_end(Ending::Closed(code));
+                        self.server.handle_ended(now, to, Ending::Closed(code));
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Bytes that may wait for the server's thread, from all clients.
+const WAITING_BYTES_MAX: usize = 64 << 20;
+/// Cost of a waiting input beside its bytes.
+const INPUT_COST_BYTES: usize = 64;
+
+/// The thread on which a server runs.
+#[derive(Clone)]
+enum Host {
+    /// The thread of each client's call.
+    Caller(Arc<Mutex<Driver>>),
+    /// One of its own.
+    Thread(InputQueue),
+}
+
+/// Inputs that wait for the server's thread.
+#[derive(Clone)]
+struct InputQueue {
+    sender: Sender<QueuedInput>,
+    waiting: Arc<AtomicUsize>,
+}
+
+/// One waiting input.
+struct QueuedInput {
+    from: Peer,
+    input: LocalInput,
+    waiting: Arc<AtomicUsize>,
+}
+
+/// An input could not be handed over: the server is gone, or too much waits for it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Lost {
+    Server,
+    Full,
+}
+
+impl Host {
+    /// Hands over an input. A server on the caller's thread has handled it when this returns.
+    fn send(&self, from: Peer, input: LocalInput) -> Result<(), Lost> {
+        match self {
+            Self::Caller(driver) => {
+                // No panic leaves the driver.
+                let mut driver = driver.lock().map_err(|_| Lost::Server)?;
+                driver.handle(from, input);
+                Ok(())
+            }
+            Self::Thread(queue) => queue.send(from, input),
+        }
+    }
+}
+
+impl InputQueue {
+    fn new(sender: Sender<QueuedInput>) -> Self {
+        Self {
+            sender,
+            waiting: Arc::default(),
+        }
+    }
+
+    fn send(&self, from: Peer, input: LocalInput) -> Result<(), Lost> {
+        let cost = cost(&input);
+        if self.waiting.load(Ordering::Relaxed) + cost > WAITING_BYTES_MAX && input.is_refusable() {
+            return Err(Lost::Full);
+        }
+        self.waiting.fetch_add(cost, Ordering::Relaxed);
+        let waiting = Arc::clone(&self.waiting);
+        let message = QueuedInput {
+            from,
+            input,
+            waiting,
+        };
+        self.sender.send(message).map_err(|_| Lost::Server)
+    }
+}
+
+impl QueuedInput {
+    /// Handles the input in the server.
+    fn handle(self, driver: &mut Driver) {
+        self.waiting.fetch_sub(cost(&self.input), Ordering::Relaxed);
+        driver.handle(self.from, self.input);
+    }
+}
+
+fn cost(input: &LocalInput) -> usize {
+    INPUT_COST_BYTES + input.bytes()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bytes_for_a_client_that_does_not_poll_count_as_taken_up_to_a_bound() {
+        let mut client = LocalClient {
+            inbox: Arc::default(),
+            waiting: 0,
+            unreported: 0,
+        };
+        let half = Bytes::from(vec![0; TAKEN_BYTES_MAX / 2]);
+        let puts = [client.put(&half), client.put(&half), client.put(&half)];
+        assert_eq!(puts, [half.len(), half.len(), 0]);
+        // The client takes the first piece: those bytes were counted, so others count for them.
+        assert_eq!(client.take(half.len()), half.len());
+        assert_eq!(client.take(half.len()), 0);
+        assert_eq!(client.put(&half), half.len());
+    }
+}
