@@ -10,7 +10,7 @@
 //! | `quic` (default) | `Client::connect`: servers over the network, and over Unix sockets |
 //! | `local` | `Client::local` and `LocalServer`: a server in the same process, without sockets |
 //! | `queries` | queries on the client's own copy |
-//! | `mint`, `nalgebra` | glam's conversions from and to the types of those crates |
+//! | `nalgebra` | glam's conversions from and to the types of that crate; those of `mint` are always there |
 //!
 //! # Example
 //!

@@ -1,6 +1,6 @@
 //! Conversion of `mint` and `nalgebra` vectors into bodies and out of views.
 //!
-//! Needs the features of those names, which `rhumb-tests` turns on for the workspace.
+//! Needs the feature `nalgebra`, which `rhumb-tests` turns on for the workspace.
 
 use rhumb_client::glam::{Quat, Vec3};
 use rhumb_client::scene::{BodyDesc, Shape};

@@ -9,7 +9,6 @@ mod header;
 mod keyframe;
 mod model;
 mod payload;
-#[cfg(feature = "raw")]
 mod raw;
 mod recovery;
 mod repair_symbol;
@@ -29,14 +28,14 @@ pub use header::{Datagram, ErrorScale, Head, Low16, PacketKind, StreamId};
 pub use keyframe::Keyframe;
 pub(crate) use keyframe::{predictor_code, predictor_of};
 pub use payload::{Age, PredictionMode, UpdatePayload};
-#[cfg(feature = "raw")]
+#[doc(hidden)]
 pub use raw::{SymbolCounts, TestEncoder};
 pub use recovery::{Checksums, LossReport, Refresh, RefreshRecord, RefreshWriter};
 pub use repair_symbol::RepairSymbol;
 pub(crate) use repair_symbol::{
     add_times, inverse, packet_of, source_symbol_into, source_symbol_of, times,
 };
-#[cfg(feature = "raw")]
+#[doc(hidden)]
 pub use tables::Tables;
 pub use update::{Update, UpdatePacket, UpdateWriter, Watermark};
 

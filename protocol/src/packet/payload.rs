@@ -478,13 +478,11 @@ impl UpdateCoder {
     }
 
     /// Counts the end of the updates.
-    #[cfg(feature = "raw")]
     pub(super) fn note_end(&self, tally: &mut impl CountSink) {
         tally.code(self.last, END);
     }
 
     /// Counts an update for fitting tables: the row and the code of its form, and its numbers with their contexts.
-    #[cfg(feature = "raw")]
     pub(super) fn note(
         &mut self,
         gap: u32,
@@ -506,7 +504,6 @@ impl UpdateCoder {
 }
 
 /// Takes the counts for fitting tables.
-#[cfg(feature = "raw")]
 pub(super) trait CountSink {
     fn code(&mut self, row: usize, code: usize);
     fn number(&mut self, context: usize, number: u32);

@@ -274,7 +274,6 @@ pub(super) const MODES: [[u16; CODE_COUNT + 1]; 4] = [
 ];
 
 /// The tables as the specification prints them.
-#[cfg(feature = "raw")]
 #[derive(Clone, Copy, Debug)]
 pub struct Tables {
     /// The expectation of each context at the start of a packet, in 1/256.
@@ -286,7 +285,6 @@ pub struct Tables {
     pub modes: &'static [[u16; CODE_COUNT + 1]],
 }
 
-#[cfg(feature = "raw")]
 impl Tables {
     /// The tables that both ends use.
     pub const ALL: Self = Self {

@@ -112,7 +112,7 @@ impl Publisher {
     /// Chooses the updates of the present tick as [`Self::publish`] does, but encodes nothing; returns their number.
     ///
     /// For measurements: no subscriber can follow.
-    #[cfg(feature = "raw")]
+    #[doc(hidden)]
     pub fn choose(&mut self, observation_history: &ObservationHistory) -> usize {
         if !self.update(observation_history) {
             return 0;
