@@ -73,17 +73,17 @@ impl Motion {
         if !pose.position.is_finite() {
             return Err(InvalidMotion::Position);
         }
-        if !twist.linear.is_finite() {
-            return Err(InvalidMotion::Linear);
-        }
-        if !twist.angular.is_finite() {
-            return Err(InvalidMotion::Angular);
-        }
         let length = length4(pose.rotation);
         // Written so that NaN fails too.
         let near_unit = (length - 1.0).abs() <= UNIT_LENGTH_SLACK;
         if !near_unit {
             return Err(InvalidMotion::Rotation);
+        }
+        if !twist.linear.is_finite() {
+            return Err(InvalidMotion::Linear);
+        }
+        if !twist.angular.is_finite() {
+            return Err(InvalidMotion::Angular);
         }
         let rotation = normalised(pose.rotation);
         Ok(Self {
@@ -312,6 +312,21 @@ mod tests {
             prop_assert!(again.pose().rotation.dot(body.rotation).abs() > 1.0 - 1e-12);
             let expected = linear + angular.cross(body.position - parent.position);
             prop_assert!((again.twist().linear - expected).length() < 1e-8);
+        }
+    }
+
+    #[test]
+    fn the_first_fault_in_the_order_of_the_parts_is_named() {
+        let none = DQuat::from_xyzw(0.0, 0.0, 0.0, 0.5);
+        let (zero, nan) = (DVec3::ZERO, DVec3::new(0.0, f64::NAN, 0.0));
+        for (position, rotation, linear, angular, fault) in [
+            (nan, none, nan, nan, InvalidMotion::Position),
+            (zero, none, nan, nan, InvalidMotion::Rotation),
+            (zero, DQuat::IDENTITY, nan, nan, InvalidMotion::Linear),
+            (zero, DQuat::IDENTITY, zero, nan, InvalidMotion::Angular),
+        ] {
+            let pose = Pose { position, rotation };
+            assert_eq!(Motion::new(pose, Twist { linear, angular }), Err(fault));
         }
     }
 
