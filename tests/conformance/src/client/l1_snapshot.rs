@@ -14,7 +14,7 @@ use super::hand;
 use super::table::table;
 use crate::case::{Case, CaseRow};
 use crate::outcome::{CaseResult, Stop, ensure};
-use crate::peer::{Delivery, Setting};
+use crate::peer::{Delivery, RawServer, Setting};
 use crate::trial::Trial;
 
 pub(super) fn cases() -> Vec<Case> {
@@ -85,7 +85,49 @@ const UNREQUESTED: &[CaseRow] = &[
             server.must_be_closed(CloseCode::VIOLATION)
         },
     ),
+    (
+        14,
+        "a body of a shape that only the copy before had ends the connection",
+        "PROTOCOL 3.2-4, 4.6-7",
+        |trial| is_forgotten(trial, hand::ball(hand::BALL, Predictor::Rest)),
+    ),
+    (
+        15,
+        "the removal of a shape that only the copy before had ends the connection",
+        "PROTOCOL 3.2-4, 4.6-7",
+        |trial| is_forgotten(trial, SceneEvent::ShapeRemoved { id: hand::SHAPE }),
+    ),
+    (
+        16,
+        "the removal of a body that only the copy before had ends the connection",
+        "PROTOCOL 3.2-4, 4.6-7",
+        |trial| {
+            let (id, cause) = (hand::BALL, RemovalCause::Command);
+            is_forgotten(trial, SceneEvent::BodyRemoved { id, cause })
+        },
+    ),
 ];
+
+/// Sends a second snapshot without the shape and the body of the first.
+fn begins_anew(trial: &mut Trial<'_>) -> Result<RawServer, Stop> {
+    let mut server = trial.raw_server()?;
+    hand::admit(&mut server)?;
+    let mut joined = hand::joined();
+    let later = hand::TICK + 5;
+    joined.start.tick = Tick::new(later);
+    server.send(&ServerMessage::Joined(joined));
+    server.send(&ServerMessage::SnapshotEnd);
+    hand::watermark(&mut server, hand::NEXT, later + 1, hand::SCENE_EVENTS)?;
+    hand::reported_tick(&mut server, later + 1)?;
+    Ok(server)
+}
+
+/// Requires that a scene event names what the copy before had and this one has not.
+fn is_forgotten(trial: &mut Trial<'_>, scene_event: SceneEvent) -> CaseResult {
+    let mut server = begins_anew(trial)?;
+    server.send(&ServerMessage::SceneEvent(scene_event));
+    server.must_be_closed(CloseCode::VIOLATION)
+}
 
 /// Makes scene events.
 type Producer = fn() -> Vec<SceneEvent>;

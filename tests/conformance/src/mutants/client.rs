@@ -66,6 +66,8 @@ pub enum ClientMutant {
     NeverRetakesAuthority,
     /// Ignores the removal of joints, also of those that it does not know.
     JointRemovalIgnored,
+    /// Ignores the removal of shapes, also of those of an earlier copy.
+    ShapeRemovalIgnored,
 }
 
 impl ClientMutant {
@@ -110,6 +112,7 @@ impl MutantBehaviour {
             }
             // The code of a scene event follows the type.
             ClientMutant::JointRemovalIgnored if kind == 11 && body.first() == Some(&7) => None,
+            ClientMutant::ShapeRemovalIgnored if kind == 11 && body.first() == Some(&1) => None,
             ClientMutant::OptionalRefused if kind >= 0x80 => Some((0x7f, body)),
             ClientMutant::NeverRetakesAuthority => {
                 let framed = Framed { kind, body };
@@ -173,6 +176,7 @@ impl Behaviour for MutantBehaviour {
                 | ClientMutant::OptionalRefused
                 | ClientMutant::NeverRetakesAuthority
                 | ClientMutant::JointRemovalIgnored
+                | ClientMutant::ShapeRemovalIgnored
         );
         if !touches {
             return bytes.to_vec();

@@ -17,7 +17,7 @@ use rhumb_netsim::{Carrier, LinkConfig};
 const TESTEE: &str = env!("CARGO_BIN_EXE_rhumb-testee");
 
 /// Each mutant with its command-line name and its case.
-const CAUGHT: [(ClientMutant, &str, &str); 24] = [
+const CAUGHT: [(ClientMutant, &str, &str); 25] = [
     (ClientMutant::AnyVersion, "any-version", "L1.51.2"),
     (ClientMutant::CriticalPasses, "critical-passes", "L1.51.3"),
     (
@@ -81,6 +81,11 @@ const CAUGHT: [(ClientMutant, &str, &str); 24] = [
         ClientMutant::JointRemovalIgnored,
         "joint-removal-ignored",
         "L1.52.8",
+    ),
+    (
+        ClientMutant::ShapeRemovalIgnored,
+        "shape-removal-ignored",
+        "L1.52.15",
     ),
 ];
 
