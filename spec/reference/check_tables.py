@@ -1,9 +1,10 @@
 """Checks what spec/tables says about the other files: digests, and which vectors and mutants try each requirement.
 
 Usage: python3 check_tables.py [--write]. `digests.json` has the SHA-256 of each file of vectors and tables. In
-`requirements.json` this script owns the columns `vectors` and `mutants`; `cases` and `reason` are those of the suite
-(`UPDATE_VECTORS=1 cargo test -p rhumb-conformance --lib coverage`). The words of PROTOCOL's reading path, its listings
-of codes, and that no private value is assigned, are checked too.
+`requirements.json` this script owns the columns `vectors`, `mutants` and `unobservable`; `cases` and `reason` are those
+of the suite (`UPDATE_VECTORS=1 cargo test -p rhumb-conformance --lib coverage`). The words of PROTOCOL's reading path,
+its listings of codes, and that no private value is assigned, are checked too. Where `spec/` is without the suite, that
+one's mutants are left out: what the table says of them stays, and a line says so.
 """
 
 import hashlib
@@ -15,7 +16,7 @@ from pathlib import Path
 
 import make_streams
 import rule_streams
-from mutants import MUTANTS
+from mutants import MUTANTS, UNOBSERVABLE
 
 SPEC = Path(__file__).resolve().parent.parent
 DIGESTS, REQUIREMENTS = SPEC / "tables" / "digests.json", SPEC / "tables" / "requirements.json"
@@ -23,6 +24,7 @@ DOCUMENTS = ("PROTOCOL", "RECKONING")
 SUITE = SPEC.parent / "tests" / "conformance" / "tests" / "suite"
 # The clauses of PROTOCOL that list the codes of a type of protocol.json.
 LISTED = {"4.2": "client message", "4.3": "server message", "4.4": "command", "4.6": "event", "4.15": "body event"}
+FOUND = re.compile(r"\w+Mutant::\w+, which (L[\d.]+) finds")
 NUMBER = re.compile(r"\[(\d+(?:\.\d+)*-\d+)\]")
 
 
@@ -84,11 +86,13 @@ def scripted(numbers):
             yield requirement, f"scripted: {line['name']}"
 
 
-def sections(numbers):
-    """The requirements of each section of reckoning.json, from the last column of RECKONING's table."""
-    for row in re.finditer(r"^\| `(\w+)` \|.*\| ([\d.,– ]+) \|$", text("RECKONING"), re.MULTILINE):
-        for requirement in cited("RECKONING " + row[2], numbers):
-            yield requirement, f"reckoning: {row[1]}"
+def ruled(numbers):
+    """The requirements that lines of control.json are about."""
+    vectors = json.loads((SPEC / "vectors" / "control.json").read_text(encoding="utf-8"))
+    rules = {line["rule"] for lines in vectors.values() if isinstance(lines, list) for line in lines if "rule" in line}
+    for rule in sorted(rules, key=key):
+        for requirement in cited(rule, numbers):
+            yield requirement, f"control: lines of rule {rule}"
 
 
 def argued(rows):
@@ -99,12 +103,16 @@ def argued(rows):
                 yield (document, number), name[0] or "control"
 
 
-def suite_mutants():
-    """The suite's own mutants: the case that must fail, and the name."""
+def suite_mutants(old):
+    """The suite's own mutants, as a row of `mutants` names them, with the case that must fail."""
+    if not SUITE.is_dir():
+        named = {name for rows in old.values() for row in rows.values() for name in row.get("mutants", ())}
+        yield from ((found[1], name) for name in named if (found := FOUND.fullmatch(name)))
+        return
     for side in ("client", "server"):
         source = (SUITE / f"{side}.rs").read_text(encoding="utf-8")
         for name, case in re.findall(r'\(\s*(\w+Mutant::\w+),[^()]*?"(L[\d.]+)",?\s*\)', source):
-            yield case, name
+            yield case, f"{name}, which {case} finds"
 
 
 def requirements():
@@ -112,16 +120,19 @@ def requirements():
     numbers, old = stated(), json.loads(REQUIREMENTS.read_text(encoding="utf-8"))
     kept = {name: {number: {k: v for k, v in old.get(name, {}).get(number, {}).items() if k in ("cases", "reason")} for number in numbers[name]} for name in DOCUMENTS}
     vectors = {}
-    for requirement, vector in [*scripted(numbers), *sections(numbers), *argued(kept)]:
+    for requirement, vector in [*scripted(numbers), *ruled(numbers), *argued(kept)]:
         vectors.setdefault(requirement, set()).add(vector)
     for (document, number), of in vectors.items():
         kept[document][number]["vectors"] = sorted(of)
     for mutant in MUTANTS:
         for document, number in cited(mutant.requirement, numbers):
             kept[document][number].setdefault("mutants", []).append(mutant.broken)
-    for case, name in suite_mutants():
+    for words, why in UNOBSERVABLE.items():
+        for document, number in cited(words, numbers):
+            kept[document][number]["unobservable"] = why
+    for case, name in sorted(suite_mutants(old)):
         for row in (row for rows in kept.values() for row in rows.values() if case in row.get("cases", "").split()):
-            row.setdefault("mutants", []).append(f"{name}, which {case} finds")
+            row.setdefault("mutants", []).append(name)
     return listed(kept)
 
 
@@ -200,6 +211,8 @@ def main():
     wrong += bare()
     for line in wrong:
         print(line)
+    if not SUITE.is_dir():
+        print("left out, as the suite (tests/conformance) is not beside spec/: which of its cases and mutants there are")
     print(f"{sum(map(len, stated().values()))} requirements, {len(wrong)} faults of the tables")
     return 1 if wrong else 0
 

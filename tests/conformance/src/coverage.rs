@@ -134,7 +134,7 @@ mod tests {
         for one in coverage() {
             let Requirement { document, id, .. } = &one.requirement;
             let mut row: BTreeMap<&str, Value> = BTreeMap::new();
-            for column in ["mutants", "vectors"] {
+            for column in ["mutants", "unobservable", "vectors"] {
                 let kept = &old[document.name()][id.as_str()][column];
                 if !kept.is_null() {
                     row.insert(column, kept.clone());
