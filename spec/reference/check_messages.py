@@ -26,9 +26,9 @@ def outcome(side, kind, body):
     except Malformed as why:
         # A command with an invalid motion is refused, not malformed (2.6-29).
         in_command = side == "client" and kind == 7 and why.args[0] == "NotFinite"
-        return ("error", None) if in_command else ("malformed", why.args[0])
+        return ("error", messages.not_finite(why.args[1])) if in_command else ("malformed", why.args[0])
     except messages.UnknownCommand:
-        return "error", None
+        return "error", {"is": "UnknownCommand"}
     if means is None:
         return "skipped", None
     try:
@@ -45,8 +45,9 @@ def results(vectors):
         for case in vectors[side + " messages"]:
             yield from accepted(side, case)
         for case in vectors["refused " + side + " messages"]:
-            what, _ = outcome(side, *one_frame(bytes.fromhex(case["bytes"])))
-            yield case["name"], "malformed", what
+            yield refused(side, case)
+        for case in vectors["long " + side + " messages"]:
+            yield long(side, case)
     for rule in messages.TABLE["rules"]:
         # The type, and perhaps one of its codes.
         kind = next((kind for kind in messages.TYPES if f"{rule['of']} ".startswith(f"{kind} ")), None)
@@ -58,20 +59,39 @@ def results(vectors):
 def accepted(side, case):
     data, name = bytes.fromhex(case["bytes"]), case["name"]
     kind, body = one_frame(data)
-    what, means = outcome(side, kind, body)
-    if "skipped" in case:
-        yield name, "skipped", what
-    elif "error" in case:
-        yield name, "error", what
-        # The table decodes messages that 2.6-29 and 3.5-5 refuse, and has no quantities.
-        if means is not None:
-            yield name, case["error"], means
-    else:
-        yield name, ("accepted", case["means"]), (what, means)
-        yield name + ", written", data.hex(), messages.encoded(side, means).hex()
+    yield meaning(side, case)
+    if "skipped" not in case and "error" not in case:
+        yield name + ", written", data.hex(), messages.encoded(side, case["means"]).hex()
     longer = body + b"\0"
     accepted_lengths = [end for end in range(len(longer) + 1) if end != len(body) and outcome(side, kind, longer[:end])[0] != "malformed"]
     yield name + ", cut", case["cuts"], accepted_lengths
+
+
+def meaning(side, case):
+    """What one that may be sent says, or the error that answers it."""
+    what, means = outcome(side, *one_frame(bytes.fromhex(case["bytes"])))
+    if "skipped" in case:
+        return case["name"], "skipped", what
+    stated = ("error", case["error"]) if "error" in case else ("accepted", case["means"])
+    return case["name"], stated, (what, means)
+
+
+def refused(side, case):
+    """One that is malformed."""
+    what, _ = outcome(side, *one_frame(bytes.fromhex(case["bytes"])))
+    return case["name"], "malformed", what
+
+
+def long(side, case):
+    """One in pieces: its body is each of the parts so many times."""
+    body = b"".join(bytes.fromhex(digits) * times for digits, times in case["parts"])
+    try:
+        kind, joined = one_frame(messages.framed(case["type"], body))
+        what, means = outcome(side, kind, joined)
+    except Malformed:
+        what, means = "malformed", None
+    stated = "malformed" if "refusal" in case else "skipped" if "skipped" in case else case.get("error", "accepted")
+    return case["name"], stated, means if what == "error" else what
 
 
 def split(data):

@@ -13,13 +13,13 @@ import sys
 import time
 from pathlib import Path
 
-from mutants import MUTANTS, UNBROKEN
+from mutants import FORMULAS, MESSAGES, MUTANTS, UNBROKEN
 
 HERE = Path(__file__).resolve().parent
 VECTORS = HERE.parent / "vectors"
 # In the order of import; a mutant of one is seen by all after it.
-SECONDS = 2
-MODULES = ("reckoning", "packets", "messages", "fec_decoder", "subscriber", "upstream", "check_streams")
+SECONDS, MORE_SECONDS = 2, 40
+MODULES = ("reckoning", "packets", "messages", "fec_decoder", "subscriber", "upstream", "check_streams", "check_messages", "check_reckoning")
 
 
 class Endless(BaseException):
@@ -76,6 +76,46 @@ def caught(streams, refused, accepted, by_datagrams=True):
     return None
 
 
+def caught_formula():
+    """The first section of reckoning.json with another result than the stated one."""
+    check_reckoning = sys.modules["check_reckoning"]
+    vectors = json.loads((VECTORS / "reckoning.json").read_text(encoding="utf-8"))
+    checks = check_reckoning.Checks(vectors)
+    for section, cases in vectors.items():
+        for case in cases if hasattr(checks, section) else ():
+            try:
+                if any(want != got for want, got in getattr(checks, section)(case)):
+                    return section
+            except Exception as error:
+                return f"{section}: {type(error).__name__}"
+    return None
+
+
+def caught_message(rule):
+    """The first message of control.json about a rule with another result than the stated one."""
+    check_messages = sys.modules["check_messages"]
+    for section, cases in json.loads((VECTORS / "control.json").read_text(encoding="utf-8")).items():
+        side, *_ = [side for side in ("client", "server") if side in section] or [None]
+        for case in cases if side else ():
+            if case.get("rule") != rule:
+                continue
+            try:
+                name, want, got = message_result(check_messages, section, side, case)
+            except Exception as error:
+                return f"{case['name']}: {type(error).__name__}"
+            if want != got:
+                return name
+    return None
+
+
+def message_result(check_messages, section, side, case):
+    if section.startswith("long"):
+        return check_messages.long(side, case)
+    if section.startswith("refused"):
+        return check_messages.refused(side, case)
+    return check_messages.meaning(side, case)
+
+
 def decoded(digits):
     packets = sys.modules["packets"]
     try:
@@ -95,11 +135,17 @@ def tried(mutant):
     load(mutant)
     start = time.process_time()
     signal.signal(signal.SIGPROF, stop)
-    signal.setitimer(signal.ITIMER_PROF, SECONDS)
+    seconds = SECONDS if mutant not in FORMULAS + MESSAGES else MORE_SECONDS
+    signal.setitimer(signal.ITIMER_PROF, seconds)
     try:
-        by = caught(*GIVEN, mutant.file == "packets")
+        if mutant in MESSAGES:
+            by = caught_message(mutant.requirement)
+        elif mutant in FORMULAS:
+            by = caught_formula()
+        else:
+            by = caught(*GIVEN, mutant.file == "packets")
     except Endless:
-        by = f"the limit of {SECONDS} s"
+        by = f"the limit of {seconds} s"
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0)
     return mutant, by, time.process_time() - start
@@ -130,6 +176,9 @@ def unbroken():
     """The vectors that fail without a mutant. The streams are in the order of their processor time after that."""
     streams, refused, accepted = GIVEN
     yield caught([], refused, accepted)
+    yield caught_formula()
+    for rule in sorted({mutant.requirement for mutant in MESSAGES}):
+        yield caught_message(rule)
     seconds = {}
     for stream in streams:
         start = time.process_time()

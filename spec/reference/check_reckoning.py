@@ -116,6 +116,13 @@ class Checks:
     def traps(self, case):
         yield case["result"], [named(case, bits64([evaluated(case["formula"], doubles(case["operands"]))])[0])]
 
+    def turns(self, case):
+        if "vector" in case:
+            turn = r.turn_by(tuple(doubles(case["vector"])))
+        else:
+            turn = r.turn_about(tuple(doubles(case["axis"])), doubles(case["length"])[0], doubles(case["half_angle"])[0])
+        yield case["rotation"], bits64(turn)
+
     def tolerance_scales(self, case):
         yield case["position"], r.scaled_tolerance(case["micrometres"], case["tolerance_scale"], 1000, 10000000)
         yield case["turn"], r.scaled_tolerance(case["microradians"], case["tolerance_scale"], 100, 3141593)

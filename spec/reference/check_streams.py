@@ -88,7 +88,7 @@ def body_row(scene, body):
 
 def upstream_known(scene, tick):
     """The words of an upstream: what the server has in the step to a tick."""
-    motions = [hashed([scene.motion(index, tick)]) for index in sorted(scene.bodies)]
+    motions = [hashed([scene.step(index, tick)]) for index in sorted(scene.bodies)]
     return {"watermark": scene.watermark, "lost touch": scene.lost_sync, "bodies": motions}
 
 

@@ -25,6 +25,11 @@ class UnknownCommand(Exception):
     """An unknown command: it is refused, and is counted (3.5-5)."""
 
 
+def not_finite(quantity):
+    """The error of 2.6-29."""
+    return {"is": "NotFinite", "quantity": TABLE["quantities"].index(quantity)}
+
+
 class Refused(Exception):
     """A well-formed command or configuration with a number outside the limits (4.5)."""
 
@@ -269,7 +274,17 @@ def motion_of(msg):
 
 
 def check_motion(msg):
-    refuse_if(reckoning.body_state_motion([f32(part) for part in motion_of(msg)]) is None, "NotFinite")
+    """RECKONING 1.6-1; the error has the quantity of the first fault, for 2.6-29."""
+    numbers = [f32(part) for part in motion_of(msg)]
+    parts = {"position": numbers[:3], "rotation": numbers[3:7], "linear velocity": numbers[7:10], "angular velocity": numbers[10:]}
+    for quantity, part in parts.items():
+        finite = all(math.isfinite(number) for number in part)
+        if not finite or quantity == "rotation" and not is_unit(part):
+            raise Malformed("NotFinite", quantity)
+
+
+def is_unit(quaternion):
+    return abs(reckoning.length4(quaternion) - 1) <= SLACK
 
 
 def check_range(msg):
@@ -439,9 +454,7 @@ def check_scalar(value, least, most, quantity):
 
 def check_rotation(parts):
     """Of a rotation or a direction."""
-    x, y, z, *w = parts
-    w = w[0] if w else 0.0
-    if not abs(math.sqrt(x * x + y * y + z * z + w * w) - 1) <= SLACK:
+    if not is_unit([*parts, 0.0][:4]):
         raise Refused("NotFinite", "rotation")
 
 

@@ -644,6 +644,19 @@ def first_tracks():
     yield s
 
 
+def limits():
+    """6.14-13"""
+    s = granted("an upstream of bodies that would leave the limits")
+    s.get(s.packet(101, s.keyframe(0, 1, at=[99999.5, 0.0, 3.0], linear=[12.0, 0.0, 6.0]), s.keyframe(1, 1, at=[1.0, -99999.0, 0.0], linear=[0.0, -60.0, 0.0])))
+    s.step(*range(101, 107))
+    # Its pose in f32 is at the limit.
+    s.get(s.packet(107, s.keyframe(0, 0, at=[0.0, 100000.003, 0.0]), s.keyframe(1, 1, at=[0.0, 0.0, -100000.0], linear=[0.0, 0.0, 1.0])))
+    s.step(*range(107, 110))
+    s.get(s.packet(110, s.keyframe(0, 0, at=[0.0, 100000.01, 0.0]), s.keyframe(1, 1, at=[0.0, 5.0, 0.0], linear=[1.0, 0.0, 0.0])))
+    s.step(110, 111)
+    yield s
+
+
 def streams():
     makers = (newest_ticks, published_ticks, snapshot_packets, snapshot_waits, unknown_events, joints, unreadable_updates, replaced_tracks, named_refreshes, second_snapshots, late_assignments)
     more = (spans, seventeenth_symbols, after_wrong_symbols, requested_symbols, arrivals, last_numbers)
@@ -652,4 +665,4 @@ def streams():
 
 
 def upstreams():
-    return [s for maker in (counted_events, wrong_records, silences, lanes, first_tracks) for s in maker()]
+    return [s for maker in (counted_events, wrong_records, silences, lanes, first_tracks, limits) for s in maker()]

@@ -6,7 +6,7 @@ It receives datagrams; it sends no loss reports, and moves nothing in an engine.
 import packets
 import reckoning
 import subscriber
-from messages import LIMITS, motion_of
+from messages import LIMITS, motion_of, to_f32
 
 NAMES_END = 2 * LIMITS["AUTHORITY_BODIES_MAX"]
 
@@ -23,6 +23,7 @@ class Upstream(subscriber.Scene):
             desc = desc | {"id": {"index": index, "generation": 0}}
             self.bodies[index] = subscriber.Body(desc, None, first_track(grant["tick"], motion_of(granted["motion"])), self)
         self.tracks = {index: [body.track] for index, body in self.bodies.items()}
+        self.placed = {}
         self.end_snapshot()
 
     def receive_datagram(self, data):
@@ -55,8 +56,20 @@ class Upstream(subscriber.Scene):
         track = [track for track in self.tracks[index] if track.origin <= at][-1]
         motion = self.own(self.bodies[index], track, at)
         if tick > at:
-            motion = reckoning.Motion(motion.position, motion.rotation, (0.0,) * 3, (0.0,) * 3)
+            motion = stilled(motion)
         return motion
+
+    def step(self, index, tick):
+        """The motion that a body gets in the step to a tick: one that would leave the limits stays where it was (6.14-13)."""
+        motion = self.motion(index, tick)
+        if all(abs(to_f32(part)) <= LIMITS["COORDINATE_MAX"] for part in motion.position):
+            self.placed[index] = motion
+            return motion
+        return stilled(self.placed.get(index, motion))
+
+
+def stilled(motion):
+    return reckoning.Motion(motion.position, motion.rotation, (0.0,) * 3, (0.0,) * 3)
 
 
 def first_track(tick, motion):

@@ -5,8 +5,11 @@
 
 mod change;
 mod client;
+mod edges;
+mod long;
 mod message_case;
 mod pieces;
+mod scene_edges;
 mod server;
 pub mod streams;
 
@@ -15,10 +18,10 @@ use std::path::{Path, PathBuf};
 use rhumb_conformance::grammar::{Grammar, hex};
 use rhumb_conformance::vectors::{Decoded, Sender, error_json, framed_bytes};
 use rhumb_protocol::scene::Invalid;
-use rhumb_protocol::wire::Malformed;
 use serde_json::{Value, json};
 
 pub(crate) use message_case::MessageCase;
+use pieces::word;
 
 /// The folder of the golden vectors.
 #[must_use]
@@ -31,17 +34,20 @@ pub fn folder() -> PathBuf {
 pub fn control() -> String {
     let grammar = Grammar::load();
     let mut sections = Vec::new();
-    for (side, cases, name) in [
-        (Sender::Client, client::cases(), "client"),
-        (Sender::Server, server::cases(), "server"),
+    for (side, cases, edges, name) in [
+        (Sender::Client, client::cases(), edges::client(), "client"),
+        (Sender::Server, server::cases(), edges::server(), "server"),
     ] {
         let more = change::cases(&grammar, side, &cases);
-        let (sent, refused) = lines(&grammar, side, cases.iter().chain(&more));
+        let all = cases.iter().chain(&more).chain(&edges);
+        let (sent, refused) = lines(&grammar, side, all);
         sections.push(format!("\"{name} messages\": [\n{}\n]", sent.join(",\n")));
         sections.push(format!(
             "\"refused {name} messages\": [\n{}\n]",
             refused.join(",\n")
         ));
+        let long = long::lines(&grammar, side).join(",\n");
+        sections.push(format!("\"long {name} messages\": [\n{long}\n]"));
     }
     sections.push(format!("\"frames\": [\n{}\n]", frames().join(",\n")));
     let sections = sections.join(",\n");
@@ -54,9 +60,18 @@ fn lines<'a>(
     cases: impl Iterator<Item = &'a MessageCase>,
 ) -> (Vec<String>, Vec<String>) {
     let (mut sent, mut refused) = (Vec::new(), Vec::new());
-    for MessageCase { name, kind, body } in cases {
+    for MessageCase {
+        name,
+        kind,
+        body,
+        rule,
+    } in cases
+    {
         let bytes = hex(&framed_bytes(*kind, body));
         let mut line = json!({"name": name, "bytes": bytes});
+        if let Some(rule) = rule {
+            line["rule"] = json!(rule);
+        }
         let outcome = side.outcome(*kind, body);
         match outcome {
             Decoded::Refused(why) => {
@@ -97,14 +112,6 @@ fn whole_at(side: Sender, kind: u8, body: &[u8]) -> Vec<usize> {
         .filter(|end| *end != body.len())
         .filter(is_whole)
         .collect()
-}
-
-/// The name of a decoding error.
-fn word(why: Malformed) -> String {
-    match why {
-        Malformed::Motion(_) => "NotFinite".to_owned(),
-        other => format!("{other:?}"),
-    }
 }
 
 /// Byte streams, the messages in them, and the error that ends them.

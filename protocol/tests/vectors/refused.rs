@@ -473,6 +473,15 @@ fn tails(cases: &mut Vec<NamedPacket>) {
     let refused = tails.map(followed).into_iter();
     let refused = refused.filter(|packet| meaning(packet).is_err()).take(4);
     cases.extend(refused.map(|packet| ("bytes behind the updates".to_owned(), packet)));
+    // A raw field of 16 bits reads part 2^16 (5.3-4). A decoder that takes the last part instead, and whose offset has 32
+    // bits, loses the bit above them, and the rest is well-formed.
+    for string in [
+        [0x5f, 0xce, 0xce, 0x1b, 0xfc, 0x94, 0x5e, 0x96],
+        [0x6b, 0xc2, 0x95, 0x46, 0xfc, 0x64, 0xea, 0xa7],
+        [0x5d, 0xeb, 0x30, 0x21, 0x4d, 0x0b, 0xa3, 0x48],
+    ] {
+        cases.push(("a part behind the last".to_owned(), state(&string)));
+    }
     for tail in [&[0xff; 4][..], &[0xff; 40]] {
         cases.push(("all ones".to_owned(), state(tail)));
     }

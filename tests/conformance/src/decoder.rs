@@ -11,7 +11,7 @@ use super::case::Case;
 use super::outcome::{CaseResult, Stop, ensure};
 use super::peer::Decoder;
 use super::trial::Trial;
-use crate::vectors::{agrees, golden};
+use crate::vectors::{agrees, golden, in_pieces};
 
 /// All cases of this module.
 pub(super) fn cases() -> Vec<Case> {
@@ -20,6 +20,15 @@ pub(super) fn cases() -> Vec<Case> {
     let mut cases = Vec::new();
     for side in ["client", "server"] {
         cases.extend(messages(side, &control));
+    }
+    for side in ["client", "server"] {
+        cases.push(family(
+            "L0.87",
+            &format!("long messages, as a {side} sends them in pieces, are accepted or refused"),
+            "PROTOCOL 2.6-7, 2.6-8, 2.6-10, 4.1-5, 4.1-7",
+            lines_of(&control[&format!("long {side} messages")]),
+            move |decoder, line| long(decoder, side, line),
+        ));
     }
     cases.push(family(
         "L0.83",
@@ -120,8 +129,7 @@ fn received_upstream(upstream: Value) -> Case {
         "a decoder of {} moves the bodies as the server does",
         word(&upstream["name"])
     );
-    let cites =
-        "PROTOCOL 6.14-1, 6.14-3, 6.14-5, 6.14-6, 6.14-8, 6.14-9, 6.14-12, 6.14-14, 6.14-19";
+    let cites = "PROTOCOL 6.14-1, 6.14-3, 6.14-5, 6.14-6, 6.14-8, 6.14-9, 6.14-12, 6.14-13, 6.14-14, 6.14-19";
     family("L4.82", &name, cites, vec![upstream], moved)
 }
 
@@ -162,6 +170,35 @@ fn message(decoder: &mut Decoder, side: &str, line: &Value) -> CaseResult {
         );
     }
     must(answer["means"] == line["means"], line, &answer)
+}
+
+/// A message whose body is so many times each of its parts.
+fn long(decoder: &mut Decoder, side: &str, line: &Value) -> CaseResult {
+    let parts = lines_of(&line["parts"]).into_iter().flat_map(|part| {
+        let times = part[1].as_u64().unwrap_or_default() as usize;
+        crate::grammar::unhex(&word(&part[0])).repeat(times)
+    });
+    let body: Vec<u8> = parts.collect();
+    let kind = line["type"].as_u64().unwrap_or_default() as u8;
+    let bytes = crate::grammar::hex(&in_pieces(kind, &body));
+    let answer = decoder.ask(&json!({"message": side, "bytes": bytes}))?;
+    let word_of_the_answer = ["refused", "skipped", "error", "means"]
+        .into_iter()
+        .find(|word| answer.get(word).is_some());
+    let expected = [
+        ("refusal", "refused"),
+        ("skipped", "skipped"),
+        ("error", "error"),
+    ]
+    .into_iter()
+    .find(|(field, _)| line.get(field).is_some())
+    .map_or("means", |(_, word)| word);
+    let same_error = answer["error"].is_null() || answer["error"] == line["error"];
+    let name = word(&line["name"]);
+    ensure(
+        word_of_the_answer == Some(expected) && same_error,
+        format!("{name}: the answer is {word_of_the_answer:?}; expected is {expected}"),
+    )
 }
 
 fn framed(decoder: &mut Decoder, line: &Value) -> CaseResult {

@@ -28,6 +28,8 @@ pub struct Span {
     pub bounds: (Option<u64>, Option<u64>),
     /// The forbidden value, as bytes.
     pub not: Option<Vec<u8>>,
+    /// Least and greatest number that a server takes, if the table has both by name or value.
+    pub within: Option<[f32; 2]>,
 }
 
 /// The reason why bytes do not match the table.
@@ -91,6 +93,17 @@ impl Grammar {
             )));
         }
         Ok((value, reading.spans))
+    }
+
+    /// The bounds of a quantity: `to` alone bounds its size.
+    fn within(&self, field: &Value) -> Option<[f32; 2]> {
+        let of = |bound: &Value| match bound {
+            Value::String(name) => self.table["limits"][name.as_str()].as_f64(),
+            other => other.as_f64(),
+        };
+        let most = of(&field["to"])?;
+        let least = of(&field["from"]).unwrap_or(-most);
+        Some([least as f32, most as f32])
     }
 
     fn bound(&self, bound: &Value) -> Option<u64> {
@@ -286,6 +299,9 @@ impl Reading<'_> {
             return self.fail("must be left out");
         }
         self.note(kind, start, bounds, not);
+        if let Some(span) = self.spans.last_mut() {
+            span.within = self.grammar.within(field);
+        }
         Ok(value)
     }
 
@@ -367,6 +383,7 @@ impl Reading<'_> {
             end: self.at,
             bounds,
             not,
+            within: None,
         });
     }
 }

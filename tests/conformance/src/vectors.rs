@@ -7,5 +7,5 @@ mod upstream;
 
 pub use golden::golden;
 pub use replay::{agrees, deliver, greeted, known, replayed};
-pub use sender::{Decoded, Sender, error_json, framed_bytes};
+pub use sender::{Decoded, Sender, error_json, framed_bytes, in_pieces};
 pub use upstream::upstream_states;

@@ -15,7 +15,10 @@ use rhumb_conformance::vectors::Sender;
 pub(super) fn cases(grammar: &Grammar, side: Sender, sent: &[MessageCase]) -> Vec<MessageCase> {
     let mut changed = Vec::new();
     let mut seen = BTreeSet::new();
-    for MessageCase { name, kind, body } in sent {
+    for MessageCase {
+        name, kind, body, ..
+    } in sent
+    {
         let typed = [&[*kind], &body[..]].concat();
         let Ok((means, spans)) = grammar.read(side.type_name(), &typed) else {
             continue;
@@ -26,7 +29,14 @@ pub(super) fn cases(grammar: &Grammar, side: Sender, sent: &[MessageCase]) -> Ve
             let place: String = span.path.chars().filter(|c| !c.is_ascii_digit()).collect();
             let now = &typed[span.start..span.end];
             for (word, bytes) in changes(span, now) {
-                if !seen.insert((of.clone(), place.clone(), word.clone())) {
+                let key = if word.contains("the least") || word.contains("the most") || word == WIDE
+                {
+                    // Their bounds are those of the table: once for each name in a kind of message.
+                    (kind_of(&means), place_of(&place), word.clone())
+                } else {
+                    (of.clone(), place.clone(), word.clone())
+                };
+                if !seen.insert(key) {
                     continue;
                 }
                 let body = [&typed[1..span.start], &bytes, &typed[span.end..]].concat();
@@ -37,11 +47,36 @@ pub(super) fn cases(grammar: &Grammar, side: Sender, sent: &[MessageCase]) -> Ve
                 };
                 let name = format!("{name}: {path} {word}");
                 let kind = *kind;
-                changed.push(MessageCase { name, kind, body });
+                changed.push(MessageCase {
+                    name,
+                    kind,
+                    body,
+                    rule: None,
+                });
             }
         }
     }
     changed
+}
+
+/// The name of the change to the greatest number of 64 bits.
+const WIDE: &str = "of 64 bits";
+
+/// The name of a message, and of the command or scene event in it.
+fn kind_of(means: &Value) -> String {
+    let inner =
+        [&means["command"], &means["event"]].map(|inner| inner["is"].as_str().unwrap_or_default());
+    format!(
+        "{}{}",
+        means["is"].as_str().unwrap_or_default(),
+        inner.concat()
+    )
+}
+
+/// The last names of a path.
+fn place_of(path: &str) -> String {
+    let names: Vec<_> = path.split('.').filter(|name| !name.is_empty()).collect();
+    names[names.len().saturating_sub(2)..].join(".")
 }
 
 /// The variants that a value consists of.
@@ -74,6 +109,9 @@ fn changes(span: &Span, now: &[u8]) -> Vec<(String, Vec<u8>)> {
             if least > 0 {
                 change(format!("{}, too little", least - 1), v(least - 1));
             }
+            if span.kind == "varint" && most < u64::MAX >> 1 {
+                change(WIDE.to_owned(), v(u64::MAX));
+            }
             match most.checked_add(1) {
                 Some(more) => change(format!("{more}, too much"), v(more)),
                 None => change("of 65 bits".to_owned(), [&[0xff; 9][..], &[2]].concat()),
@@ -99,12 +137,7 @@ fn changes(span: &Span, now: &[u8]) -> Vec<(String, Vec<u8>)> {
         "code" => change("one that no table has".to_owned(), vec![0x7d]),
         "f32" | "vec3" | "quat" => {
             let size = now.len();
-            for (word, number) in [
-                ("NaN", f32::NAN),
-                ("infinite", f32::INFINITY),
-                ("the greatest of all", f32::MAX),
-                ("less than nothing", -1e-3),
-            ] {
+            for (word, number) in floats(span) {
                 let bytes = [&now[..size - 4], &f(&[number])].concat();
                 change(word.to_owned(), bytes);
             }
@@ -115,4 +148,23 @@ fn changes(span: &Span, now: &[u8]) -> Vec<(String, Vec<u8>)> {
         _ => {}
     }
     changes
+}
+
+/// Numbers for a float: at its bounds and beyond, and what no float may be.
+fn floats(span: &Span) -> Vec<(&'static str, f32)> {
+    let mut floats = vec![
+        ("NaN", f32::NAN),
+        ("infinite", f32::INFINITY),
+        ("the greatest of all", f32::MAX),
+        ("less than nothing", -1e-3),
+    ];
+    if let Some([least, most]) = span.within {
+        floats.extend([
+            ("the least", least),
+            ("less than the least", least.next_down()),
+            ("the most", most),
+            ("more than the most", most.next_up()),
+        ]);
+    }
+    floats
 }

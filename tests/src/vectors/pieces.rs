@@ -2,6 +2,11 @@
 
 use core::f32::consts::{PI, TAU};
 
+use rhumb_protocol::packet::Keyframe;
+use rhumb_protocol::wire::Malformed;
+use rhumb_protocol::wire::bits::BitWriter;
+use rhumb_reckoning::{Anchor, BodyId, PackedRotation, Predictor, QuantisedState};
+
 use super::message_case::MessageCase;
 
 /// A varint.
@@ -26,6 +31,26 @@ pub(super) fn id(index: u64, generation: u64) -> Vec<u8> {
 }
 
 pub(super) const TURNED: [f32; 4] = [0.5, -0.5, 0.5, 0.5];
+
+/// Quaternions about the slack of 0.001, which is no f32: the last ones that pass, and ones that pass within an f32.
+pub(super) const UNIT: [(&str, [u32; 4]); 4] = [
+    (
+        "a rotation that is barely not too long",
+        [0x3f68_0944, 0x3ed9_4b0d, 0x3c96_ea33, 0x3a13_377a],
+    ),
+    (
+        "a rotation that is barely too long",
+        [0x3f4c_1b67, 0x3f14_f4ee, 0x3e2a_9d5e, 0x3934_32dd],
+    ),
+    (
+        "a rotation that is barely not too short",
+        [0x3f71_089f, 0x3eaa_3389, 0x3d01_36c8, 0x3b25_c6bf],
+    ),
+    (
+        "a rotation that is barely too short",
+        [0x3f67_5f3e, 0x3ed9_01ff, 0x3d1f_189f, 0x396b_a7ff],
+    ),
+];
 
 /// A motion with the parts that `present` selects.
 pub(super) fn motion(present: u8) -> Vec<u8> {
@@ -340,6 +365,28 @@ pub(super) fn hinges() -> Vec<(&'static str, Vec<u8>)> {
     ]
 }
 
+/// A track encoded as a bit string.
+pub(super) fn in_bits(predictor: Predictor, parent: Option<BodyId>) -> Vec<u8> {
+    let moving = predictor != Predictor::Rest;
+    let speed = |numbers: [i32; 3]| if moving { numbers } else { [0; 3] };
+    let rotation = PackedRotation::from_parts(3, [1_000, -20_000, 0]).expect("a valid rotation");
+    let anchor = QuantisedState {
+        position: [70_000, -5, 0],
+        rotation,
+        linear: speed([12, -300, 0]),
+        angular: speed([0, 1, -1]),
+    };
+    let mut bits = BitWriter::default();
+    let payload = Keyframe {
+        predictor,
+        anchor: Anchor::Quantised(anchor),
+        parent,
+    };
+    payload.encode(&mut bits);
+    let bytes = bits.into_bytes();
+    [v(bytes.len() as u64), bytes].concat()
+}
+
 /// Extensions with these ids; each value has as many bytes as its id has bits set.
 pub(super) fn extensions(ids: &[u32]) -> Vec<u8> {
     let mut bytes = v(ids.len() as u64);
@@ -378,7 +425,12 @@ pub(super) struct CaseList(pub(super) Vec<MessageCase>);
 impl CaseList {
     pub(super) fn add(&mut self, kind: u8, name: impl Into<String>, parts: &[&[u8]]) {
         let (name, body) = (name.into(), parts.concat());
-        self.0.push(MessageCase { name, kind, body });
+        self.0.push(MessageCase {
+            name,
+            kind,
+            body,
+            rule: None,
+        });
     }
 
     /// Adds messages of unknown types: of `critical`, the first free critical one, and of others.
@@ -391,5 +443,13 @@ impl CaseList {
             let name = format!("an optional type {kind} that is unknown");
             self.add(kind, name, &[&[1, 2, 3]]);
         }
+    }
+}
+
+/// The name of a decoding error.
+pub(super) fn word(why: Malformed) -> String {
+    match why {
+        Malformed::Motion(_) => "NotFinite".to_owned(),
+        other => format!("{other:?}"),
     }
 }

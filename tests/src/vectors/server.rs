@@ -1,15 +1,11 @@
 //! Vectors of server messages: every message, scene event, error and denial.
 
-use rhumb_protocol::packet::Keyframe;
-use rhumb_protocol::wire::bits::BitWriter;
-use rhumb_reckoning::{
-    Anchor, BodyId, ConstantAcceleration, PackedRotation, Predictor, QuantisedState,
-};
+use rhumb_reckoning::{BodyId, ConstantAcceleration, Predictor};
 
 use super::message_case::MessageCase;
 use super::pieces::{
-    CaseList, TURNED, bad_shapes, body, choices, config, extensions, f, id, joints, motion, shapes,
-    v,
+    CaseList, TURNED, bad_shapes, body, choices, config, extensions, f, id, in_bits, joints,
+    motion, shapes, v,
 };
 
 pub(super) fn cases() -> Vec<MessageCase> {
@@ -266,28 +262,6 @@ fn errors(cases: &mut CaseList) {
     cases.add(10, "Refused, 35", &[&v(4), &[35]]);
     cases.add(10, "Refused, 36 for 1000 ms", &[&v(4), &[36], &v(1_000)]);
     cases.add(10, "Refused, 37", &[&v(4), &[37]]);
-}
-
-/// A track encoded as a bit string.
-fn in_bits(predictor: Predictor, parent: Option<BodyId>) -> Vec<u8> {
-    let moving = predictor != Predictor::Rest;
-    let speed = |numbers: [i32; 3]| if moving { numbers } else { [0; 3] };
-    let rotation = PackedRotation::from_parts(3, [1_000, -20_000, 0]).expect("a valid rotation");
-    let anchor = QuantisedState {
-        position: [70_000, -5, 0],
-        rotation,
-        linear: speed([12, -300, 0]),
-        angular: speed([0, 1, -1]),
-    };
-    let mut bits = BitWriter::default();
-    let payload = Keyframe {
-        predictor,
-        anchor: Anchor::Quantised(anchor),
-        parent,
-    };
-    payload.encode(&mut bits);
-    let bytes = bits.into_bytes();
-    [v(bytes.len() as u64), bytes].concat()
 }
 
 fn scene_events(cases: &mut CaseList) {

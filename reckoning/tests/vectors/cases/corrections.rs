@@ -1,6 +1,6 @@
 //! Cases of residuals: over time, with and without velocities, at limits.
 
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use rhumb_reckoning::{
     FINE_STEPS, Motion, POSITION_LIMIT, Pose, Predictor, RESIDUAL_LIMIT, Rate, Residual, Seconds,
     TURN_LIMIT, Ticks, Twist, VELOCITY_EXPONENT_MAX, VELOCITY_LIMIT, VelocityResidual,
@@ -80,7 +80,39 @@ pub(super) fn residuals(rng: &mut VectorRng) -> Vec<CaseJson> {
     cases.extend(at_limits(rng));
     cases.extend(saturated());
     cases.extend(refused(rng));
+    cases.extend(unturned());
     cases
+}
+
+/// Rotations that are another step once they are normalised twice: without a turn the predicted one is packed as it is.
+fn unturned() -> Vec<CaseJson> {
+    const ROTATIONS: [[u64; 4]; 2] = [
+        [
+            0xbfc1_4448_0045_1120,
+            0xbfbe_86a6_2f13_9d71,
+            0xbfd9_7940_5bce_7687,
+            0x3fec_c8f9_cf8d_e55e,
+        ],
+        [
+            0xbfc5_3f18_0054_fc60,
+            0x3fdd_72b8_f051_ca7c,
+            0xbfd5_629b_a95a_d983,
+            0x3fe9_c7eb_e3c0_f417,
+        ],
+    ];
+    let residual = Residual {
+        position: [1, 2, 3],
+        ..Residual::default()
+    };
+    ROTATIONS
+        .map(|bits| {
+            let pose = Pose {
+                position: DVec3::ZERO,
+                rotation: DQuat::from_array(bits.map(f64::from_bits)),
+            };
+            Corrected::nth(1).case(&motion(pose, Twist::ZERO), &residual)
+        })
+        .into()
 }
 
 /// Small, middling and large residuals, each without velocities and with them.

@@ -188,8 +188,21 @@ pub(super) fn starts() -> Vec<CaseJson> {
             None => case.nothing("motion"),
         }
     };
-    given_starts().iter().map(case).collect()
+    let turned = |bits: [u32; 4]| {
+        let [x, y, z, w] = bits.map(f32::from_bits);
+        [0.0, 0.0, 0.0, x, y, z, w, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    };
+    let edges = UNIT_EDGES.map(turned);
+    given_starts().iter().chain(&edges).map(case).collect()
 }
+
+/// Rotations about the slack, which is no f32: barely not too long, too long, not too short, too short.
+const UNIT_EDGES: [[u32; 4]; 4] = [
+    [0x3f68_0944, 0x3ed9_4b0d, 0x3c96_ea33, 0x3a13_377a],
+    [0x3f4c_1b67, 0x3f14_f4ee, 0x3e2a_9d5e, 0x3934_32dd],
+    [0x3f71_089f, 0x3eaa_3389, 0x3d01_36c8, 0x3b25_c6bf],
+    [0x3f67_5f3e, 0x3ed9_01ff, 0x3d1f_189f, 0x396b_a7ff],
+];
 
 pub(super) fn predictor_name(predictor: Predictor) -> &'static str {
     match predictor {

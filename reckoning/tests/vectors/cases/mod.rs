@@ -11,6 +11,7 @@ mod rng;
 mod tolerances;
 mod torque_free;
 mod traps;
+mod turns;
 
 use rng::VectorRng;
 
@@ -21,6 +22,7 @@ pub(crate) fn document() -> String {
     let mut rng = VectorRng(0x5EED);
     written(&[
         ("traps", traps::traps()),
+        ("turns", turns::turns()),
         ("integrators", flight::integrators()),
         ("flows", flight::flows()),
         ("gravities", flight::gravities()),

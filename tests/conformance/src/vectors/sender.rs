@@ -1,8 +1,10 @@
 //! The side that sends a message, and how the codec reads it.
 
+use rhumb_protocol::limits::MESSAGE_BYTES_MAX;
 use rhumb_protocol::message::{ClientMessage, Framed, ServerMessage, frame};
 use rhumb_protocol::scene::{Command, Invalid, Quantity, Rule};
 use rhumb_protocol::wire::Malformed;
+use rhumb_protocol::wire::bytes::Writer;
 use serde_json::{Value, json};
 
 /// The sender of a message.
@@ -98,6 +100,23 @@ pub fn framed_bytes(kind: u8, body: &[u8]) -> Vec<u8> {
     let mut bytes = Vec::new();
     frame(kind, body, &mut bytes);
     bytes
+}
+
+/// A message of any length, also above the greatest, as bytes of the control stream.
+#[must_use]
+pub fn in_pieces(kind: u8, body: &[u8]) -> Vec<u8> {
+    let rest = body.len().saturating_sub(1) / MESSAGE_BYTES_MAX * MESSAGE_BYTES_MAX;
+    let mut to = Writer::new();
+    let pieces = body[..rest].chunks(MESSAGE_BYTES_MAX);
+    for (kind, body) in pieces
+        .map(|piece| (0, piece))
+        .chain([(kind, &body[rest..])])
+    {
+        to.varint(body.len() as u64 + 1);
+        to.u8(kind);
+        to.raw(body);
+    }
+    to.into_bytes()
 }
 
 /// The error that answers a message with such a number.

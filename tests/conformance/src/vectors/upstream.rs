@@ -1,11 +1,13 @@
 //! The upstreams of the vectors, replayed to a server's end.
 
+use std::collections::BTreeMap;
+
 use rhumb_protocol::message::{ClientMessage, Frames, ServerMessage, TakeAuthority};
 use rhumb_protocol::packet::{Datagram, LargestPacket};
-use rhumb_protocol::scene::{BodyDesc, BodyKind, Shape, ShapeId};
+use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, Shape, ShapeId};
 use rhumb_protocol::session::UpstreamReceiver;
 use rhumb_protocol::stream::PredictionParameters;
-use rhumb_reckoning::{Damping, Integrator, Rate, Tick, Tolerance};
+use rhumb_reckoning::{BodyId, Damping, Integrator, Motion, Rate, Tick, Tolerance};
 use serde_json::{Value, json};
 
 use crate::fnv::Fnv;
@@ -25,6 +27,7 @@ pub fn upstream_states(events: &[Value]) -> Vec<Value> {
     // A packet on the other lane is dropped (PROTOCOL 6.14-9).
     let lockstep = grant[2] == "lockstep";
     let (mut frames, mut states) = (Frames::new(), Vec::new());
+    let mut placed = BTreeMap::new();
     for event in events {
         match event[0].as_str() {
             Some("datagram") if !lockstep => receive(&mut receiver, &bytes_of(event)),
@@ -38,7 +41,7 @@ pub fn upstream_states(events: &[Value]) -> Vec<Value> {
             }
             Some("step") => {
                 let tick = Tick::new(event[1].as_u64().expect("a tick"));
-                states.push(state(&mut receiver, tick));
+                states.push(state(&mut receiver, tick, &mut placed));
             }
             _ => {}
         }
@@ -59,11 +62,15 @@ fn packet_of(frames: &mut Frames) -> Option<Vec<u8>> {
     }
 }
 
-/// The state in the step to a tick.
-fn state(receiver: &mut UpstreamReceiver, tick: Tick) -> Value {
-    let motions = receiver.motions(tick).map(|(_, motion)| {
+/// The state in the step to a tick, which leaves the poses of the bodies in `placed`.
+fn state(
+    receiver: &mut UpstreamReceiver,
+    tick: Tick,
+    placed: &mut BTreeMap<BodyId, Motion>,
+) -> Value {
+    let motions = receiver.motions(tick).map(|(id, motion)| {
         let mut digest = Fnv::START;
-        digest.fold_motion(&motion);
+        digest.fold_motion(&held(id, motion, placed));
         format!("{:016x}", digest.value())
     });
     let motions: Vec<_> = motions.collect();
@@ -72,6 +79,23 @@ fn state(receiver: &mut UpstreamReceiver, tick: Tick) -> Value {
         "lost touch": receiver.has_lost_sync(),
         "bodies": motions,
     })
+}
+
+/// The motion that a body gets: one whose pose a command may not set leaves it where it was, and still (PROTOCOL 6.14-13).
+fn held(id: BodyId, motion: Motion, placed: &mut BTreeMap<BodyId, Motion>) -> Motion {
+    let pose = motion.pose();
+    let command = Command::SetPose {
+        id,
+        position: pose.position.as_vec3(),
+        rotation: pose.rotation.as_quat(),
+    };
+    if command.check().is_ok() {
+        placed.insert(id, motion);
+    }
+    match placed.get(&id) {
+        Some(last) if command.check().is_err() => last.stilled(),
+        _ => motion,
+    }
 }
 
 /// The receiver of a granted upstream of kinematic balls of half a metre.
