@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Measures other engines, in process and remote, on one of our scenes: frame times and bytes on the wire.
 
-    rhumb-bench scene ball-pit --bodies 500 --out results/scene.json
+    rhumb-bench dev scene ball-pit --bodies 500 --out results/scene.json
     pip install pybullet sapien
     python3 benches/compare_engines.py results/scene.json --physx --bullet direct --bullet tcp:localhost:6667 \
         --rhumb target/release/rhumb-bench
@@ -35,7 +35,7 @@ class Impossible(Exception):
 
 
 def read(path):
-    """A scene as `rhumb-bench scene` writes it."""
+    """A scene as `rhumb-bench dev scene` writes it."""
     try:
         scene = json.loads(path.read_text(encoding="utf-8"))
     except ValueError as cause:
@@ -299,7 +299,7 @@ def table(rows):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
-    parser.add_argument("scene", type=pathlib.Path, help="output of `rhumb-bench scene`")
+    parser.add_argument("scene", type=pathlib.Path, help="output of `rhumb-bench dev scene`")
     parser.add_argument("--frames", type=int, default=120, help="number of timed steps (120)")
     parser.add_argument("--physx", action="store_true", help="PhysX 5 in process")
     parser.add_argument(

@@ -24,11 +24,12 @@ use rhumb_protocol::scene::PublishSchedule;
 use rhumb_reckoning::{Metres, Radians, Ticks, Tolerance};
 
 use crate::drive::{Cores, Defects, Plan, run_side_by_side};
+use crate::output;
 use crate::record::Mode;
-use crate::recording::{ReadOptions, Recording};
-use crate::replay::{EnabledFeatures, Failure, Feature, ReplayConfig, ended, print_notes, run};
+use crate::recording::{self, ReadOptions, Recording, print_notes};
+use crate::replay::{EnabledFeatures, Feature, ReplayConfig, run};
 use crate::summary::aligned;
-use crate::{machine, output, recording};
+use crate::task::{Failure, Provenance, ended};
 
 pub use results::{Ablation, AblationLoad, AblationRow, Comparison, Sent};
 
@@ -72,9 +73,7 @@ fn ablate_all(arguments: &Ablate) -> Result<(), Failure> {
         .map(|mechanism| row(mechanism, &checkout))
         .collect::<Result<Vec<_>, _>>()?;
     output::make_folder(&arguments.out)?;
-    let lossy: LinkConfig = LOSSY
-        .parse()
-        .map_err(|error: rhumb_netsim::LinkConfigError| Failure::Terms(error.to_string()))?;
+    let lossy: LinkConfig = LOSSY.parse()?;
     let mut loads = Vec::new();
     let mut faults = 0;
     for choice in &arguments.load {
@@ -97,9 +96,7 @@ fn ablate_all(arguments: &Ablate) -> Result<(), Failure> {
         loads.push(choice.described(&recording));
     }
     let ablation = Ablation {
-        command: output::command_line(),
-        machine: machine::describe(),
-        build: machine::build(),
+        provenance: Provenance::here(),
         link: LOSSY.to_owned(),
         seeds: arguments.seeds,
         loads,
@@ -291,7 +288,7 @@ impl LoadChoice {
             Some(turn) => Tolerance::parts(metres, Radians::new(turn)),
             None => Tolerance::from_metres(metres),
         };
-        tolerance.map_err(|error| Failure::Terms(error.to_string()))
+        Ok(tolerance?)
     }
 
     /// Everything on, over a perfect link.
@@ -315,11 +312,10 @@ impl LoadChoice {
             print_notes(&recording);
             return Ok(recording);
         }
-        let failed = |error: &dyn std::fmt::Display| Failure::Terms(error.to_string());
         let bodies = rhumb_sims::default_bodies(self.of.scene).and_then(|all| all.first());
-        let bodies = *bodies.ok_or_else(|| failed(&"a scene of a load is unknown"))?;
-        let mut script = rhumb_sims::by_name(self.of.scene, bodies, seed)
-            .ok_or_else(|| failed(&"a scene of a load is unknown"))?;
+        let bodies = *bodies.ok_or("a scene of a load is unknown")?;
+        let script = rhumb_sims::by_name(self.of.scene, bodies, seed);
+        let mut script = script.ok_or("a scene of a load is unknown")?;
         let step_s = script.config().integrator.rate.step().seconds();
         let ticks = (self.of.seconds / step_s).round() as u32;
         let plan = Plan {
@@ -340,7 +336,7 @@ impl LoadChoice {
             cores: Cores::default(),
         };
         let bar = output::progress_bar(u64::from(ticks), format!("{}, scene", self.name));
-        let load = run_side_by_side(&plan, &mut |_| bar.inc(1)).map_err(|error| failed(&error))?;
+        let load = run_side_by_side(&plan, &mut |_| bar.inc(1))?;
         bar.finish_and_clear();
         Ok(Recording::of_play(&mut *script, load.truth))
     }

@@ -18,14 +18,14 @@ use rhumb_reckoning::{Anchor, Grid, Metres, QuantisedState, Tolerance, Track};
 use serde::{Deserialize, Serialize};
 
 use crate::processor::time_of;
-use crate::replay::{Failure, ended};
 use crate::setup::decoding::{DecodeLoad, RenderLoad, TICKS, config, impulse_state, track};
 use crate::setup::lanes::Lanes;
 use crate::setup::publishing::{
     MEASURED, ObservedRun, PublishCost, SCENARIOS, Scenario, SleepLoad, TIERS,
 };
-use crate::summary::{aligned, markdown, number};
-use crate::{machine, output, quantile};
+use crate::summary::{markdown, number};
+use crate::task::{Failure, Provenance, ended, write};
+use crate::{output, quantile};
 
 pub use members::Members;
 
@@ -55,12 +55,9 @@ pub struct CostArguments {
 /// Content of `cost.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Costs {
-    /// The command line, as typed.
-    pub command: String,
-    /// Processor, cores, operating system.
-    pub machine: String,
-    /// Commit and optimisation of the build.
-    pub build: String,
+    /// Where the figures come from.
+    #[serde(flatten)]
+    pub provenance: Provenance,
     /// Publishing of awake bodies, as one stream and as four.
     pub publishing: Vec<Publishing>,
     /// Publishing of sleeping bodies, by their number.
@@ -78,9 +75,8 @@ pub fn cost(arguments: &CostArguments) -> ExitCode {
 
 fn cost_all(arguments: &CostArguments) -> Result<(), Failure> {
     output::make_folder(&arguments.out)?;
-    let costs = Costs::measure(arguments).map_err(Failure::Terms)?;
-    output::write_json(&arguments.out.join("cost.json"), &costs)?;
-    for (title, rows) in [
+    let costs = Costs::measure(arguments)?;
+    let tables = [
         (
             "publishing, beside the engine's step",
             costs.publishing_rows(),
@@ -91,13 +87,8 @@ fn cost_all(arguments: &CostArguments) -> Result<(), Failure> {
             "a member's datagram, microseconds of a processor",
             costs.member_rows(),
         ),
-    ] {
-        if rows.len() > 1 {
-            output::print_text(&format!("\n{title}\n{}", aligned(&rows)))?;
-        }
-    }
-    output::print_text(&format!("\nwritten to {}\n", arguments.out.display()))?;
-    Ok(())
+    ];
+    Ok(write(&arguments.out, "cost.json", &costs, &tables)?)
 }
 
 impl Costs {
@@ -114,9 +105,7 @@ impl Costs {
         let sleepers = [bodies / 100, bodies / 10, bodies];
         let long = Duration::from_secs(u64::from(arguments.member_seconds.get()));
         let costs = Self {
-            command: output::command_line(),
-            machine: machine::describe(),
-            build: machine::build(),
+            provenance: Provenance::here(),
             publishing,
             sleeping: sleepers
                 .map(|bodies| measure_sleeping(bodies, repeats))
@@ -132,11 +121,7 @@ impl Costs {
     pub fn block(&self, what: &str) -> Option<String> {
         let rows = match what {
             "command" => {
-                return Some(machine::provenance(
-                    &self.command,
-                    &self.machine,
-                    &self.build,
-                ));
+                return Some(self.provenance.paragraph());
             }
             "publishing" => self.publishing_rows(),
             "sleeping" => self.sleeping_rows(),

@@ -2,8 +2,6 @@
 //!
 //! Measures nothing itself. Outputs already written are kept when a later step fails.
 
-use std::fmt;
-use std::io::{self, Write};
 use std::mem;
 use std::num::NonZeroU32;
 use std::path::PathBuf;
@@ -14,15 +12,15 @@ use rhumb_netsim::LinkConfig;
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{Budget, LOOKAHEAD_MAX};
 use rhumb_reckoning::{Metres, Ticks, Tolerance};
-use rhumb_server::{RunError, run_on_cores, usable_cores};
+use rhumb_server::{run_on_cores, usable_cores};
 use rhumb_sims::Script;
 
 use crate::drive::{Cores, Defect, Defects, DriveError, Plan, run_free, run_side_by_side};
 use crate::limit::set_beside_limits;
-use crate::machine;
-use crate::output::{self, OutputError};
 use crate::record::{Experiment, Load, Mode, Run};
 use crate::recording::Recording;
+use crate::task::{Failure, ended};
+use crate::{machine, output};
 
 /// Arguments: which modes to run, and where to write.
 #[derive(Clone, Debug, Args)]
@@ -40,7 +38,7 @@ pub struct Evaluate {
     #[arg(long, default_value = "10", value_parser = seconds, allow_negative_numbers = true)]
     seconds: f64,
     /// Tolerance of a copied body's surface error, metres.
-    #[arg(long, default_value = crate::replay::DEFAULT_TOLERANCE, value_parser = tolerance, allow_negative_numbers = true)]
+    #[arg(long, default_value = crate::recording::DEFAULT_TOLERANCE, value_parser = tolerance, allow_negative_numbers = true)]
     tolerance: Tolerance,
     /// Client of the paper's protocol: one without avoidable losses, or the published one.
     #[arg(
@@ -128,67 +126,16 @@ fn tolerance(text: &str) -> Result<Tolerance, String> {
     Tolerance::from_metres(Metres::new(value)).map_err(|error| error.to_string())
 }
 
-/// The error of an evaluation.
-#[derive(Debug)]
-enum EvaluateError {
-    /// A run failed.
-    Drive(DriveError),
-    /// The cores cannot be chosen.
-    Cores(RunError),
-    /// An output cannot be written.
-    Output(OutputError),
-    /// The engines of two modes diverged, so results cannot be compared.
-    Void { bodies: u32, mode: Mode },
-    /// A publish schedule is given, but no mode uses one.
-    PublishSchedule,
-}
-
-impl fmt::Display for EvaluateError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Drive(cause) => cause.fmt(f),
-            Self::Cores(cause) => write!(f, "{cause}; try --no-pin"),
-            Self::Output(cause) => cause.fmt(f),
-            Self::PublishSchedule => f.write_str(
-                "--publish-interval, --lookahead and --delay apply to free-running modes: select one by --modes, such as rhumb-free,naive-free",
-            ),
-            Self::Void { bodies, mode } => write!(
-                f,
-                "the runs with {bodies} bodies are void: the truth of {mode} differs from that of the other modes"
-            ),
-        }
-    }
-}
-
-impl From<DriveError> for EvaluateError {
-    fn from(cause: DriveError) -> Self {
-        Self::Drive(cause)
-    }
-}
-
-impl From<OutputError> for EvaluateError {
-    fn from(cause: OutputError) -> Self {
-        Self::Output(cause)
-    }
-}
-
 /// Runs an evaluation. Exit code 0 if everything was measured and written, 1 otherwise.
 pub fn evaluate(arguments: &Evaluate) -> ExitCode {
-    match run(arguments) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            // If standard error is closed, no other place is left to report to.
-            let _ = writeln!(io::stderr(), "error: {error}");
-            ExitCode::FAILURE
-        }
-    }
+    ended(run(arguments))
 }
 
-fn run(arguments: &Evaluate) -> Result<(), EvaluateError> {
+fn run(arguments: &Evaluate) -> Result<(), Failure> {
     let has_publish_interval =
         arguments.publish_interval.get() > 1 || arguments.lookahead > 0 || arguments.delay > 0;
     if has_publish_interval && !arguments.modes.iter().any(|mode| mode.is_free()) {
-        return Err(EvaluateError::PublishSchedule);
+        return Err("--publish-interval, --lookahead and --delay apply to free-running modes: select one by --modes, such as rhumb-free,naive-free".into());
     }
     output::make_folder(&arguments.out)?;
     // Read before this process pins itself to one core.
@@ -228,7 +175,7 @@ fn bodies(arguments: &Evaluate) -> &[u32] {
 }
 
 /// Pins caller and servers to different cores where there are two.
-fn choose_cores(arguments: &Evaluate) -> Result<Cores, EvaluateError> {
+fn choose_cores(arguments: &Evaluate) -> Result<Cores, Failure> {
     let usable = usable_cores();
     let (Some(caller), Some(server)) = (usable.first(), usable.get(1)) else {
         return Ok(Cores::default());
@@ -236,7 +183,7 @@ fn choose_cores(arguments: &Evaluate) -> Result<Cores, EvaluateError> {
     if arguments.no_pin {
         return Ok(Cores::default());
     }
-    run_on_cores(&[*caller]).map_err(EvaluateError::Cores)?;
+    run_on_cores(&[*caller]).map_err(|cause| format!("{cause}; try --no-pin"))?;
     Ok(Cores {
         server: Some(*server),
     })
@@ -250,18 +197,14 @@ fn script(arguments: &Evaluate, bodies: u32) -> Result<Box<dyn Script>, DriveErr
 }
 
 /// Ticks of the scene nearest to the requested seconds, at least one.
-fn ticks(arguments: &Evaluate, bodies: u32) -> Result<u32, EvaluateError> {
+fn ticks(arguments: &Evaluate, bodies: u32) -> Result<u32, Failure> {
     let config = script(arguments, bodies)?.config();
     let step_s = config.integrator.rate.step().seconds();
     Ok((arguments.seconds / step_s).round().max(1.0) as u32)
 }
 
 /// Adds the computed limit to the predicted runs of a load.
-fn set_beside_limit(
-    arguments: &Evaluate,
-    bodies: u32,
-    load: &mut Load,
-) -> Result<(), EvaluateError> {
+fn set_beside_limit(arguments: &Evaluate, bodies: u32, load: &mut Load) -> Result<(), Failure> {
     let mut script = script(arguments, bodies)?;
     let recording = Recording::of_play(&mut *script, mem::take(&mut load.truth));
     let promised = |run: &Run| {
@@ -283,7 +226,7 @@ fn set_beside_limit(
 }
 
 /// Runs all modes at one load; the free-running ones separately, because they have a truth of their own.
-fn run_load(arguments: &Evaluate, bodies: u32, cores: Cores) -> Result<Vec<Load>, EvaluateError> {
+fn run_load(arguments: &Evaluate, bodies: u32, cores: Cores) -> Result<Vec<Load>, Failure> {
     let modes = &arguments.modes;
     let plan = Plan {
         scene: arguments.scene.clone(),
@@ -320,14 +263,15 @@ fn run_load(arguments: &Evaluate, bodies: u32, cores: Cores) -> Result<Vec<Load>
 }
 
 /// Fails if the truth differs between modes.
-fn check_truth(experiment: &Experiment) -> Result<(), EvaluateError> {
+fn check_truth(experiment: &Experiment) -> Result<(), Failure> {
     for load in &experiment.loads {
         for run in &load.runs {
             if run.truth_checksum != load.truth.digest {
-                return Err(EvaluateError::Void {
-                    bodies: run.config.bodies,
-                    mode: run.config.mode,
-                });
+                let (bodies, mode) = (run.config.bodies, run.config.mode);
+                return Err(format!(
+                    "the runs with {bodies} bodies are void: the truth of {mode} differs from that of the other modes"
+                )
+                .into());
             }
         }
     }

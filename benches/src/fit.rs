@@ -1,4 +1,4 @@
-//! `rhumb-bench fit`: fits the packet coder's tables to recordings.
+//! `rhumb-bench dev fit`: fits the packet coder's tables to recordings.
 //!
 //! Publishes each recording without loss and counts the symbols of its packets; all recordings weigh alike. Then
 //! alternates two steps. An alphabet becomes the histogram of its class, blended with a smooth distribution. A
@@ -19,10 +19,9 @@ use rhumb_reckoning::{Metres, Radians, Ticks, Tolerance};
 
 use crate::output;
 use crate::record::PacketDirection;
-use crate::recording::{self, ReadOptions};
-use crate::replay::{
-    DEFAULT_TOLERANCE, EnabledFeatures, Failure, ReplayConfig, ended, print_notes, run, tally,
-};
+use crate::recording::{self, DEFAULT_TOLERANCE, ReadOptions, print_notes};
+use crate::replay::{EnabledFeatures, ReplayConfig, run, tally};
+use crate::task::{Failure, ended};
 
 /// Arguments: recordings to fit to, and the file of the tables.
 #[derive(Clone, Debug, Args)]
@@ -132,8 +131,7 @@ fn fit_all(arguments: &FitArguments) -> Result<(), Failure> {
         let recording = recording::read(&load.path, &options)?;
         print_notes(&recording);
         let bar = output::progress_bar(u64::from(recording.ticks()), recording.name.clone());
-        let run = run(&recording, &load.config, &mut |_| bar.inc(1))
-            .map_err(|error| Failure::Replay(1, error))?;
+        let run = run(&recording, &load.config, &mut |_| bar.inc(1))?;
         bar.finish_and_clear();
         let packets = run
             .captured
@@ -152,20 +150,18 @@ fn fit_all(arguments: &FitArguments) -> Result<(), Failure> {
         None => fit.to_rust(),
         Some(path) => {
             let text = std::fs::read_to_string(path).map_err(|e| file_error(path, &e))?;
-            let text = fit.replaced(&text).ok_or_else(|| {
-                Failure::Terms(format!("{} holds no coder tables", path.display()))
-            })?;
+            let replaced = fit.replaced(&text);
+            let text =
+                replaced.ok_or_else(|| format!("{} holds no coder tables", path.display()))?;
             std::fs::write(path, text).map_err(|e| file_error(path, &e))?;
             String::new()
         }
     };
-    let mut out = std::io::stdout();
-    std::io::Write::write_all(&mut out, (summary + &written).as_bytes())
-        .map_err(|e| Failure::Terms(e.to_string()))
+    Ok(output::print_text(&(summary + &written))?)
 }
 
-fn file_error(path: &std::path::Path, why: &std::io::Error) -> Failure {
-    Failure::Terms(format!("{}: {why}", path.display()))
+fn file_error(path: &std::path::Path, why: &std::io::Error) -> String {
+    format!("{}: {why}", path.display())
 }
 
 const CONTEXTS: usize = SymbolCounts::NUMBERS[0];

@@ -1,4 +1,4 @@
-//! `rhumb-bench limit`: fewest updates and bits if the future is known.
+//! `rhumb-bench dev limit`: fewest updates and bits if the future is known.
 //!
 //! For each body of a recording the search greedily takes the longest segments by any standard predictor, each
 //! verified by the normative prediction. An ideal coder then prices them. The result is an upper bound of the true
@@ -27,10 +27,10 @@ use serde::{Deserialize, Serialize};
 use crate::output;
 use crate::quantile::WithZeros;
 use crate::record::{LimitRates, Run};
-use crate::recording::Recording;
-use crate::replay::{Failure, RecordingSource, ToleranceOptions, ended};
+use crate::recording::{Recording, RecordingSource, ToleranceOptions};
 use crate::summary::pretty_json;
 use crate::summary::{ErrorQuantiles, aligned, number};
+use crate::task::{Failure, ended};
 
 /// Arguments: recording, tolerance, output.
 #[derive(Clone, Debug, Args)]
@@ -109,10 +109,7 @@ pub fn limit(arguments: &LimitArguments) -> ExitCode {
 
 fn limit_all(arguments: &LimitArguments) -> Result<(), Failure> {
     output::make_folder(&arguments.out)?;
-    let tolerance = arguments
-        .tolerance_options
-        .tolerance()
-        .map_err(Failure::Terms)?;
+    let tolerance = arguments.tolerance_options.tolerance()?;
     let recording = arguments.source.read()?;
     let limit = Limit::of(&recording, tolerance, arguments.publish_interval);
     output::write_file(

@@ -6,11 +6,6 @@ use std::thread::available_parallelism;
 
 use git_version::git_version;
 
-/// The lines of a document that say where figures come from.
-pub(crate) fn provenance(command: &str, machine: &str, build: &str) -> String {
-    format!("    {command}\n\nOn {machine} ({build}).")
-}
-
 /// Processor, cores available to this process, accelerators with a driver, and operating system.
 #[must_use]
 pub fn describe() -> String {

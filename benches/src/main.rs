@@ -8,13 +8,10 @@ use rhumb_bench::cost::{CostArguments, cost};
 use rhumb_bench::drive::{Serve, serve};
 use rhumb_bench::evaluate::{Evaluate, evaluate};
 use rhumb_bench::fit::{FitArguments, fit};
-use rhumb_bench::frames::{FramesArguments, frames};
 use rhumb_bench::limit::{LimitArguments, limit};
 use rhumb_bench::load::{LoadArguments, load};
-use rhumb_bench::neighbour::{NeighbourArguments, neighbour};
 use rhumb_bench::replay::{Replay, replay};
 use rhumb_bench::scene_file::{SceneArguments, scene};
-use rhumb_bench::service::{ServiceArguments, service};
 use rhumb_server::cli::parse;
 
 /// Command line of `rhumb-bench`.
@@ -33,25 +30,26 @@ enum Task {
     Replay(Replay),
     /// Measure the value and the price of each mechanism of the stream on standard loads.
     Ablate(Ablate),
-    /// Compute the fewest updates and bits a recorded trace needs if the future is known.
-    Limit(LimitArguments),
     /// Measure the processor time of publishing, decoding and one more member.
     Cost(CostArguments),
-    /// Measure a simulator's frame with its physics in process, in another process and behind a socket.
-    Frames(FramesArguments),
-    /// Measure what tokens, durability and worker processes of a server cost.
-    Service(ServiceArguments),
-    /// Run a server with many scenes and members over minutes.
+    /// Run a server with many scenes and members over minutes; or measure frames, settings, neighbours.
     Load(LoadArguments),
-    /// Measure a scene's frames while another scene of the server is abused.
-    Neighbour(NeighbourArguments),
+    /// Tasks for developers of Rhumb.
+    #[command(subcommand, hide = true)]
+    Dev(Dev),
+    /// Run a server; the other tasks start theirs this way.
+    #[command(hide = true)]
+    Serve(Box<Serve>),
+}
+
+#[derive(Debug, Subcommand)]
+enum Dev {
+    /// Compute the fewest updates and bits a recorded trace needs if the future is known.
+    Limit(LimitArguments),
     /// Fit the tables of the packet coder to recorded traces.
     Fit(FitArguments),
     /// Write the bodies a scene places as JSON, for engines that are not linked here.
     Scene(SceneArguments),
-    /// Run a server; the other tasks start theirs this way.
-    #[command(hide = true)]
-    Serve(Box<Serve>),
 }
 
 fn main() -> ExitCode {
@@ -59,14 +57,11 @@ fn main() -> ExitCode {
         Task::Evaluate(arguments) => evaluate(&arguments),
         Task::Replay(arguments) => replay(&arguments),
         Task::Ablate(arguments) => ablate(&arguments),
-        Task::Limit(arguments) => limit(&arguments),
         Task::Cost(arguments) => cost(&arguments),
-        Task::Frames(arguments) => frames(&arguments),
-        Task::Service(arguments) => service(&arguments),
         Task::Load(arguments) => load(&arguments),
-        Task::Neighbour(arguments) => neighbour(&arguments),
-        Task::Fit(arguments) => fit(&arguments),
-        Task::Scene(arguments) => scene(&arguments),
+        Task::Dev(Dev::Limit(arguments)) => limit(&arguments),
+        Task::Dev(Dev::Fit(arguments)) => fit(&arguments),
+        Task::Dev(Dev::Scene(arguments)) => scene(&arguments),
         Task::Serve(arguments) => serve(*arguments),
     }
 }

@@ -9,6 +9,7 @@
 //!
 //! The file's content tells its form.
 
+mod arguments;
 mod csv;
 mod error;
 mod foxglove;
@@ -25,8 +26,11 @@ use rhumb_reckoning::Rate;
 
 use options::rate_of_hertz;
 
+pub(crate) use arguments::{DEFAULT_TOLERANCE, print_notes};
+pub use arguments::{RecordingSource, ToleranceOptions};
 pub use error::{Place, RecordingError, RowDefect};
 pub use options::{MissingPoses, ReadOptions, ShapeChoice};
+pub(crate) use recorded::first_track;
 pub use recorded::{Recording, ScriptOrigin};
 
 /// The first bytes of what zstd packs.

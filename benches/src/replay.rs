@@ -6,11 +6,9 @@ mod command;
 mod config;
 mod judge;
 mod session;
-mod source;
 
 pub use command::{Replay, Sweep, replay};
-pub use config::{EnabledFeatures, Feature, ReplayConfig};
+pub(crate) use config::budget;
+pub use config::{EnabledFeatures, Feature, ReplayConfig, ReplayOptions};
+pub(crate) use session::tally;
 pub use session::{ReplayError, run};
-pub(crate) use session::{first_track, tally};
-pub(crate) use source::{DEFAULT_TOLERANCE, Failure, budget, ended, print_notes};
-pub use source::{RecordingSource, ReplayOptions, ToleranceOptions};

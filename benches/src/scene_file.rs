@@ -1,10 +1,8 @@
-//! `rhumb-bench scene`: writes a script's bodies as JSON for other engines.
+//! `rhumb-bench dev scene`: writes a script's bodies as JSON for other engines.
 //!
 //! Writes bodies, their initial states and the shared config; no joints, no forces, no controller. A script that needs
 //! those is refused with the reason, since another engine would run a different scene.
 
-use std::fmt;
-use std::io::{self, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -13,7 +11,8 @@ use rhumb_protocol::scene::{BodyKind, Command, Shape};
 use rhumb_reckoning::Tick;
 use serde::Serialize;
 
-use crate::output::{self, OutputError};
+use crate::output;
+use crate::task::{Failure, ended};
 
 /// Arguments: which scene, and where to write it.
 #[derive(Clone, Debug, Args)]
@@ -76,59 +75,30 @@ enum SceneFileShape {
     Hull { points: Vec<[f32; 3]> },
 }
 
-/// The error of a scene that was not written.
-#[derive(Debug)]
-enum SceneError {
-    /// The script does more than place bodies.
-    More { scene: String, what: &'static str },
-    /// The file cannot be written.
-    Output(OutputError),
-}
-
-impl fmt::Display for SceneError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::More { scene, what } => {
-                write!(
-                    f,
-                    "{scene} cannot be described by bodies alone: it has {what}"
-                )
-            }
-            Self::Output(cause) => cause.fmt(f),
-        }
-    }
-}
-
 /// Writes a scene. Exit code 0 when it was written, 1 otherwise.
 pub fn scene(arguments: &SceneArguments) -> ExitCode {
-    match write(arguments) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            // If standard error is closed, no other place is left to report to.
-            let _ = writeln!(io::stderr(), "error: {error}");
-            ExitCode::FAILURE
-        }
-    }
+    ended(write(arguments))
 }
 
-fn write(arguments: &SceneArguments) -> Result<(), SceneError> {
+fn write(arguments: &SceneArguments) -> Result<(), Failure> {
     let file = SceneFile::of(arguments)?;
     let folder = arguments.out.parent().unwrap_or(&arguments.out);
-    output::make_folder(folder).map_err(SceneError::Output)?;
-    output::write_json(&arguments.out, &file).map_err(SceneError::Output)?;
+    output::make_folder(folder)?;
+    output::write_json(&arguments.out, &file)?;
     let line = format!(
         "{} bodies: {}\n",
         file.bodies.len(),
         arguments.out.display()
     );
-    output::print_text(&line).map_err(SceneError::Output)
+    Ok(output::print_text(&line)?)
 }
 
 impl SceneFile {
-    fn of(arguments: &SceneArguments) -> Result<Self, SceneError> {
-        let more = |what| SceneError::More {
-            scene: arguments.scene.clone(),
-            what,
+    fn of(arguments: &SceneArguments) -> Result<Self, String> {
+        // The script does more than place bodies.
+        let more = |what| {
+            let scene = &arguments.scene;
+            format!("{scene} cannot be described by bodies alone: it has {what}")
         };
         let script = rhumb_sims::by_name(&arguments.scene, arguments.bodies, arguments.seed);
         let mut script = script.expect("the parser accepts only known names");
@@ -225,7 +195,7 @@ impl SceneFileShape {
 mod tests {
     use super::*;
 
-    fn of(scene: &str) -> Result<SceneFile, SceneError> {
+    fn of(scene: &str) -> Result<SceneFile, String> {
         SceneFile::of(&SceneArguments {
             scene: scene.to_owned(),
             bodies: 20,
@@ -256,7 +226,7 @@ mod tests {
             ("ragdolls", "more than place bodies"),
             ("zoo", "zoo"),
         ] {
-            let message = of(scene).unwrap_err().to_string();
+            let message = of(scene).unwrap_err();
             assert!(message.contains(what), "{message}");
         }
     }

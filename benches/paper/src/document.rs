@@ -11,10 +11,8 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use rhumb_bench::ablate::Ablation;
 use rhumb_bench::cost::Costs;
-use rhumb_bench::load::Load;
-use rhumb_bench::neighbour::Neighbour;
+use rhumb_bench::load::{Load, Neighbour, ServiceCosts};
 use rhumb_bench::output;
-use rhumb_bench::service::ServiceCosts;
 use rhumb_bench::summary::{Summary, later, markdown, number, ratios};
 use serde::Deserialize;
 

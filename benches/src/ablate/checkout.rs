@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use crate::replay::Failure;
+use crate::task::Failure;
 
 /// A checkout of the sources.
 #[derive(Debug)]
@@ -24,11 +24,11 @@ impl Checkout {
         for document in DOCUMENTS {
             let path = root.join(format!("spec/{document}.md"));
             let text = fs::read_to_string(&path).map_err(|cause| {
-                Failure::Terms(format!(
+                format!(
                     "lines and requirements are counted in a checkout of the sources, but {} cannot be read: {cause}; \
                      name the checkout by --checkout",
                     path.display()
-                ))
+                )
             })?;
             requirements.insert(document, ids(&text));
         }
@@ -40,7 +40,7 @@ impl Checkout {
 
     /// Requirements of a clause, such as `PROTOCOL 6.15`, or a single one, such as `PROTOCOL 6.15-1`.
     pub(super) fn requirements(&self, cited: &str) -> Result<u64, Failure> {
-        let unknown = || Failure::Terms(format!("the checkout has no requirement {cited}"));
+        let unknown = || format!("the checkout has no requirement {cited}");
         let (document, clause) = cited.split_once(' ').ok_or_else(unknown)?;
         let known = self.requirements.get(document).ok_or_else(unknown)?;
         let within = |id: &&String| {
@@ -50,7 +50,7 @@ impl Checkout {
                     .is_some_and(|rest| rest.starts_with('-'))
         };
         match known.iter().filter(within).count() {
-            0 => Err(unknown()),
+            0 => Err(unknown().into()),
             count => Ok(count as u64),
         }
     }
@@ -73,21 +73,19 @@ impl Checkout {
         };
         let lines = |item: &str| {
             let lines = item_lines(code, item);
-            lines.ok_or_else(|| Failure::Terms(format!("the checkout has no {file}#{item}")))
+            Ok(lines.ok_or_else(|| format!("the checkout has no {file}#{item}"))?)
         };
         items.split(", ").map(lines).sum()
     }
 }
 
 fn read(path: &Path) -> Result<String, Failure> {
-    fs::read_to_string(path)
-        .map_err(|cause| Failure::Terms(format!("cannot read {}: {cause}", path.display())))
+    let text = fs::read_to_string(path);
+    Ok(text.map_err(|cause| format!("cannot read {}: {cause}", path.display()))?)
 }
 
 fn lines_below(folder: &Path) -> Result<u64, Failure> {
-    let wrong = |cause: std::io::Error| {
-        Failure::Terms(format!("cannot read {}: {cause}", folder.display()))
-    };
+    let wrong = |cause: std::io::Error| format!("cannot read {}: {cause}", folder.display());
     let mut lines = 0;
     for entry in fs::read_dir(folder).map_err(wrong)? {
         let path = entry.map_err(wrong)?.path();

@@ -4,19 +4,16 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::machine;
 use crate::record::{Cause, PacketDirection, Run};
 use crate::summary::{markdown, number};
+use crate::task::Provenance;
 
 /// Content of `ablation.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Ablation {
-    /// The command line, as typed.
-    pub command: String,
-    /// Processor, cores, operating system.
-    pub machine: String,
-    /// Commit and optimisation of the build.
-    pub build: String,
+    /// Where the figures come from.
+    #[serde(flatten)]
+    pub provenance: Provenance,
     /// The link with delay and loss.
     pub link: String,
     /// Seeds of that link, from 1 on.
@@ -173,7 +170,7 @@ impl Ablation {
     #[must_use]
     pub fn block(&self, what: &str) -> Option<String> {
         Some(match what {
-            "command" => machine::provenance(&self.command, &self.machine, &self.build),
+            "command" => self.provenance.paragraph(),
             "loads" => markdown(&self.load_rows()),
             "bytes" => markdown(&self.bytes()),
             "errors" => markdown(&self.errors()),

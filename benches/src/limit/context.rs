@@ -15,8 +15,7 @@ use rhumb_reckoning::{
 };
 
 use crate::record::Placed;
-use crate::recording::Recording;
-use crate::replay::first_track;
+use crate::recording::{Recording, first_track};
 
 /// Path of one body.
 #[derive(Clone, Debug)]

@@ -8,8 +8,8 @@ use std::collections::BTreeMap;
 
 use glam::Vec3;
 use rhumb_protocol::scene::{BodyKind, Command};
-use rhumb_protocol::stream::PredictionParameters;
-use rhumb_reckoning::{BodyId, Damping, Inertia, Integrator, Tick};
+use rhumb_protocol::stream::{Activity, PredictionParameters};
+use rhumb_reckoning::{Anchor, BodyId, Damping, Inertia, Integrator, Predictor, Tick, Track};
 use rhumb_scene::Scene;
 use rhumb_sims::Script;
 use rhumb_trace::SceneFacts;
@@ -122,4 +122,23 @@ fn inertias(script: &mut dyn Script, ticks: u64) -> BTreeMap<BodyId, Inertia> {
         }
     }
     inertias
+}
+
+/// The first track of a body, as a server's scene chooses it.
+pub(crate) fn first_track(placed: &Placed, parameters: &PredictionParameters) -> Track {
+    let is_torque_free = parameters.inertia.is_some();
+    let predictor = match (placed.observation.activity, placed.desc.kind) {
+        (Activity::Asleep, _) | (_, BodyKind::Fixed) => Predictor::Rest,
+        (Activity::Awake, BodyKind::Dynamic) if is_torque_free => Predictor::BallisticTorqueFree,
+        (Activity::Awake, BodyKind::Dynamic) => Predictor::Ballistic,
+        (Activity::Awake, BodyKind::Kinematic) => Predictor::Uniform,
+    };
+    let motion = placed.observation.motion;
+    let resting = predictor == Predictor::Rest;
+    Track {
+        origin: placed.tick,
+        predictor,
+        anchor: Anchor::Exact(if resting { motion.stilled() } else { motion }),
+        parent: None,
+    }
 }

@@ -10,12 +10,12 @@ use std::str::FromStr;
 use clap::Args;
 use rhumb_netsim::LinkConfig;
 
-use super::config::{Feature, ReplayConfig};
+use super::config::{Feature, ReplayConfig, ReplayOptions, budget};
 use super::session::run;
-use super::source::{Failure, RecordingSource, ReplayOptions, ended};
 use crate::limit::{Promised, set_beside_limits};
 use crate::record::{Experiment, Load, Run, Unfinished};
-use crate::recording::Recording;
+use crate::recording::{Recording, RecordingSource};
+use crate::task::{Failure, ended};
 use crate::{machine, output};
 
 /// Arguments: recording, settings, output.
@@ -124,7 +124,10 @@ fn run_all(
         bar.finish_and_clear();
     }
     match first_error {
-        Some(error) if replays.ended.is_empty() => Err(Failure::Replay(all.len(), error)),
+        Some(error) if replays.ended.is_empty() => Err(match all.len() {
+            1 => error.into(),
+            count => format!("all {count} replays failed; the first: {error}").into(),
+        }),
         _ => Ok(replays),
     }
 }
@@ -163,7 +166,10 @@ impl Replays {
         output::write_all(out, &experiment, drawn)?;
         match unfinished {
             0 => Ok(()),
-            _ => Err(Failure::Unfinished(unfinished, all)),
+            _ => Err(format!(
+                "{unfinished} of {all} replays failed, see the table; the results of the others are written"
+            )
+            .into()),
         }
     }
 }
@@ -172,8 +178,8 @@ impl Replays {
 fn settings(arguments: &Replay) -> Result<Vec<ReplayConfig>, Failure> {
     let base = arguments.options;
     let all_options = match &arguments.sweep {
-        Some(sweep) => sweep.over(&base).map_err(Failure::Terms)?,
-        None if arguments.matrix => matrix(&base).map_err(Failure::Terms)?,
+        Some(sweep) => sweep.over(&base)?,
+        None if arguments.matrix => matrix(&base)?,
         None => vec![base],
     };
     let mut without = arguments.without.clone();
@@ -182,7 +188,7 @@ fn settings(arguments: &Replay) -> Result<Vec<ReplayConfig>, Failure> {
     }
     let features = Feature::all_but(&without);
     let config = all_options.iter().map(|options| options.config(features));
-    config.collect::<Result<_, _>>().map_err(Failure::Terms)
+    Ok(config.collect::<Result<_, _>>()?)
 }
 
 /// A setting's name and its values.
@@ -225,7 +231,7 @@ fn change(base: &ReplayOptions, name: &str, value: &str) -> Result<ReplayOptions
         "seed" => options.seed = value.parse().map_err(|_| wrong())?,
         "budget" if value == "none" => options.budget = None,
         "budget" => {
-            let read = super::source::budget(value);
+            let read = budget(value);
             options.budget = Some(read.map_err(|why| format!("budget={value}: {why}"))?);
         }
         _ => options.link = with_link(base.link, &format!("{name}={value}"))?,
@@ -260,7 +266,7 @@ mod tests {
     use rhumb_protocol::packet::LargestPacket;
 
     use super::*;
-    use crate::replay::source::ToleranceOptions;
+    use crate::recording::ToleranceOptions;
 
     fn base() -> ReplayOptions {
         ReplayOptions {

@@ -1,17 +1,70 @@
-//! Settings of a replay, and its features that can be switched off.
+//! Settings of a replay, their arguments, and its features that can be switched off.
 //!
-//! Contains no logic: `session` applies the settings, and the record keeps them.
+//! `session` applies the settings, and the record keeps them.
 
 use std::num::NonZeroU32;
 
-use clap::ValueEnum;
+use clap::{Args, ValueEnum};
 use rhumb_netsim::LinkConfig;
+use rhumb_protocol::limits::{BUDGET_MAX, BUDGET_MIN};
 use rhumb_protocol::packet::LargestPacket;
-use rhumb_protocol::stream::{Budget, Features};
+use rhumb_protocol::stream::{Budget, Features, LOOKAHEAD_MAX};
 use rhumb_reckoning::{Metres, Ticks, Tolerance};
 
 use crate::record::{Mode, Replayed, RunConfig};
-use crate::recording::Recording;
+use crate::recording::{Recording, ToleranceOptions};
+
+/// Settings of publishing and subscribing.
+#[derive(Clone, Copy, Debug, Args)]
+pub struct ReplayOptions {
+    #[command(flatten)]
+    pub(super) tolerance_options: ToleranceOptions,
+    /// The link in simulated time, such as rtt=100ms,loss=5%,jitter=10ms. Its parts: rtt or delay (of one way), jitter,
+    /// loss, burst (mean run of losses, packets), dup, reorder, rate (as 1mbit), queue (as 64kB).
+    #[arg(long, default_value_t = LinkConfig::PERFECT)]
+    pub(super) link: LinkConfig,
+    /// Ticks between publications.
+    #[arg(long, default_value = "1")]
+    pub(super) publish_interval: NonZeroU32,
+    /// Seed of the simulated link.
+    #[arg(long, default_value_t = 1)]
+    pub(super) seed: u64,
+    /// Ticks by which the encoder looks ahead; the copy lags by as many.
+    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=i64::from(LOOKAHEAD_MAX.count())))]
+    pub(super) lookahead: u32,
+    /// Bandwidth limit of the stream, bytes per second; unlimited by default.
+    #[arg(long, value_name = "BYTES/S", value_parser = budget)]
+    pub(super) budget: Option<Budget>,
+    /// Largest packet of the stream, bytes, from 700 to 1150.
+    #[arg(long, value_name = "BYTES", default_value_t)]
+    pub(super) largest_packet: LargestPacket,
+}
+
+/// Parses a budget in bytes per second; a quarter of it may be sent at once.
+pub(crate) fn budget(text: &str) -> Result<Budget, String> {
+    let budget = text.parse().ok().and_then(Budget::per_second);
+    budget.ok_or_else(|| format!("must be bytes per second, from {BUDGET_MIN} to {BUDGET_MAX}"))
+}
+
+impl ReplayOptions {
+    pub(crate) const fn seed(&self) -> u64 {
+        self.seed
+    }
+
+    /// The config of a replay with these features.
+    pub(crate) fn config(&self, features: EnabledFeatures) -> Result<ReplayConfig, String> {
+        Ok(ReplayConfig {
+            tolerance: self.tolerance_options.tolerance()?,
+            link: self.link,
+            publish_interval: self.publish_interval,
+            seed: self.seed,
+            lookahead: Ticks::new(self.lookahead),
+            budget: self.budget,
+            largest_packet: self.largest_packet,
+            features,
+        })
+    }
+}
 
 /// Settings of a replay.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -19,22 +19,22 @@ use rhumb_protocol::message::{SceneEvent, ServerMessage};
 use rhumb_protocol::packet::{
     Datagram, Head, LargestPacket, PacketKind, StreamId, SymbolCounts, UpdatePacket,
 };
-use rhumb_protocol::scene::{BodyKind, PublishSchedule};
+use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{
-    Activity, Budget, ObservationHistory, PredictionParameters, Recipient, StreamConfig,
-    StreamReceiver, StreamSender, StreamStart, Subscriber, WatermarkPolicy,
+    Budget, ObservationHistory, PredictionParameters, Recipient, StreamConfig, StreamReceiver,
+    StreamSender, StreamStart, Subscriber, WatermarkPolicy,
 };
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::{Instant, Span};
-use rhumb_reckoning::{Anchor, BodyId, Integrator, Predictor, Rate, Tick, Tolerance, Track};
+use rhumb_reckoning::{BodyId, Integrator, Rate, Tick, Tolerance, Track};
 use rhumb_transport::Clock;
 
 use super::config::ReplayConfig;
 use super::judge::ReplayJudge;
 use crate::processor;
-use crate::record::{CapturedPacket, Frame, JoinCost, PacketDirection, Placed, Run};
-use crate::recording::Recording;
+use crate::record::{CapturedPacket, Frame, JoinCost, PacketDirection, Run};
+use crate::recording::{Recording, first_track};
 
 /// Reason why a replay failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -491,25 +491,6 @@ fn add_wire(frame: &mut Frame, sent: &Frame) {
     frame.wire_bytes_up += sent.wire_bytes_up;
     frame.wire_datagrams_down += sent.wire_datagrams_down;
     frame.wire_datagrams_up += sent.wire_datagrams_up;
-}
-
-/// The first track of a body, as a server's scene chooses it.
-pub(crate) fn first_track(placed: &Placed, parameters: &PredictionParameters) -> Track {
-    let is_torque_free = parameters.inertia.is_some();
-    let predictor = match (placed.observation.activity, placed.desc.kind) {
-        (Activity::Asleep, _) | (_, BodyKind::Fixed) => Predictor::Rest,
-        (Activity::Awake, BodyKind::Dynamic) if is_torque_free => Predictor::BallisticTorqueFree,
-        (Activity::Awake, BodyKind::Dynamic) => Predictor::Ballistic,
-        (Activity::Awake, BodyKind::Kinematic) => Predictor::Uniform,
-    };
-    let motion = placed.observation.motion;
-    let resting = predictor == Predictor::Rest;
-    Track {
-        origin: placed.tick,
-        predictor,
-        anchor: Anchor::Exact(if resting { motion.stilled() } else { motion }),
-        parent: None,
-    }
 }
 
 /// Change by a scene event in transit.

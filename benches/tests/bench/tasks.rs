@@ -43,11 +43,10 @@ fn tried(name: &str, arguments: &[&str]) -> Done {
     let trace = folder.join("bounce.rhtrace.zst");
     std::fs::write(&trace, bounce::packed()).expect("a file");
     let run = Command::new(env!("CARGO_BIN_EXE_rhumb-bench"))
-        .arg(arguments[0])
-        .arg(&trace)
-        .args(&arguments[1..])
+        .args(arguments)
         .arg("--out")
         .arg(&folder)
+        .arg(&trace)
         .output()
         .expect("the benchmark starts");
     let read = |name: &str| std::fs::read_to_string(folder.join(name)).unwrap_or_default();
@@ -231,7 +230,7 @@ fn a_matrix_has_every_loss_even_and_in_bursts_at_every_round_trip() {
 #[test]
 fn a_replay_is_compared_to_the_limit_of_its_recording() {
     let config = ["--tolerance", "0.02", "--publish-interval", "2"];
-    let limit = task("limit", &[&["limit"], &config[..]].concat());
+    let limit = task("limit", &[&["dev", "limit"], &config[..]].concat());
     let done = task(
         "of-limit",
         &[&["replay", "--no-trace"], &config[..]].concat(),

@@ -1,11 +1,11 @@
-//! `rhumb-bench service`: what tokens, durability and worker processes cost.
+//! `rhumb-bench load service`: what tokens, durability and worker processes cost.
 //!
 //! Servers that differ in one setting step one script each. At each tick each of them has its frame in turn, so that a
 //! change of the machine's speed meets all of them. The processor time is that of the server's processes together.
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command as Program, ExitCode};
+use std::process::Command as Program;
 use std::time::{Duration, Instant};
 
 use clap::Args;
@@ -14,23 +14,21 @@ use rhumb_client::{
 };
 use rhumb_protocol::scene::Command;
 use rhumb_reckoning::Tick;
-use rhumb_sims::{NAMES, by_name};
+use rhumb_sims::NAMES;
 use serde::{Deserialize, Serialize};
 
+use super::{FrameTimes, ServerArguments, script, take_ids};
 use crate::drive::ServerProcess;
-use crate::machine;
 use crate::output;
 use crate::processor::worked_us;
-use crate::quantile;
-use crate::replay::{Failure, ended};
-use crate::summary::{aligned, markdown, number};
+use crate::summary::{markdown, number};
+use crate::task::{Failure, Provenance, write};
 
 /// Arguments: server, scene, bodies, ticks, output.
 #[derive(Clone, Debug, Args)]
-pub struct ServiceArguments {
-    /// The server's program [default: rhumb-server beside this program].
-    #[arg(long, value_name = "FILE")]
-    server: Option<PathBuf>,
+pub(super) struct ServiceArguments {
+    #[command(flatten)]
+    server: ServerArguments,
     /// The scene.
     #[arg(long, default_value = "ball-pit", value_parser = clap::builder::PossibleValuesParser::new(NAMES))]
     scene: String,
@@ -51,12 +49,9 @@ pub struct ServiceArguments {
 /// Content of `service.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ServiceCosts {
-    /// The command line, as typed.
-    pub command: String,
-    /// Processor, cores, operating system.
-    pub machine: String,
-    /// Commit and optimisation of the build.
-    pub build: String,
+    /// Where the figures come from.
+    #[serde(flatten)]
+    pub provenance: Provenance,
     /// Bodies of the script.
     pub bodies: u32,
     /// Each server, the plain one first.
@@ -86,31 +81,20 @@ pub struct ServerCosts {
     pub same_truth: bool,
 }
 
-/// Runs the measurements. Exit code 0 if everything was measured and written, 1 otherwise.
-pub fn service(arguments: &ServiceArguments) -> ExitCode {
-    ended(measure_all(arguments))
-}
-
-fn measure_all(arguments: &ServiceArguments) -> Result<(), Failure> {
+/// Runs the measurements.
+pub(super) fn run(arguments: &ServiceArguments) -> Result<(), Failure> {
     output::make_folder(&arguments.out)?;
     let bar = output::progress_bar(u64::from(arguments.ticks), "service".to_owned());
-    let measured = measure(arguments, &mut || bar.inc(1));
-    let servers = measured.map_err(|error| Failure::Terms(error.to_string()))?;
+    let servers = measure(arguments, &mut || bar.inc(1))?;
     bar.finish_and_clear();
     let costs = ServiceCosts {
-        command: output::command_line(),
-        machine: machine::describe(),
-        build: machine::build(),
+        provenance: Provenance::here(),
         bodies: arguments.bodies,
         servers,
     };
-    output::write_json(&arguments.out.join("service.json"), &costs)?;
-    output::print_text(&aligned(&costs.rows()))?;
-    output::print_text(&format!("\nwritten to {}\n", arguments.out.display()))?;
-    Ok(())
+    let table = [("", costs.rows())];
+    Ok(write(&arguments.out, "service.json", &costs, &table)?)
 }
-
-type Error = Box<dyn std::error::Error>;
 
 /// Name of the scene at each server: its tenant, and a name.
 const SCENE: &str = "bench/service";
@@ -171,13 +155,8 @@ struct Measured {
 fn measure(
     arguments: &ServiceArguments,
     progress: &mut dyn FnMut(),
-) -> Result<Vec<ServerCosts>, Error> {
-    let script = by_name(&arguments.scene, arguments.bodies, arguments.seed);
-    let mut script = script.ok_or("no scene has this name")?;
-    let program = match &arguments.server {
-        Some(program) => program.clone(),
-        None => std::env::current_exe()?.with_file_name("rhumb-server"),
-    };
+) -> Result<Vec<ServerCosts>, Failure> {
+    let mut script = script(&arguments.scene, arguments.bodies, arguments.seed)?;
     let options = JoinOptions {
         mode: JoinMode::Create(script.config()),
         stream: StreamChoice::Within(Tolerance::NORMAL),
@@ -186,7 +165,7 @@ fn measure(
     let mut servers = Vec::new();
     for (place, kind) in KINDS.into_iter().enumerate() {
         let folder = arguments.out.join(format!("server-{place}"));
-        servers.push(Measured::start(&program, kind, folder, options)?);
+        servers.push(Measured::start(&arguments.server, kind, folder, options)?);
     }
     for tick in 0..u64::from(arguments.ticks) {
         let mut commands = Vec::new();
@@ -204,39 +183,40 @@ fn measure(
 
 impl Measured {
     fn start(
-        program: &Path,
+        server: &ServerArguments,
         kind: Kind,
         folder: PathBuf,
         options: JoinOptions,
-    ) -> Result<Self, Error> {
+    ) -> Result<Self, Failure> {
         // An earlier run's state would be restored.
         if folder.exists() {
             fs::remove_dir_all(&folder)?;
         }
         fs::create_dir_all(&folder)?;
-        let mut command = Program::new(program);
-        command.args(["--listen", "127.0.0.1:0", "--log", "warn"]);
-        let key = folder.join("key");
+        let [key, public, data] = ["key", "key.pub", "data"].map(|file| folder.join(file));
+        let path = |path: &Path| path.display().to_string();
+        let mut flags = vec!["--log".to_owned(), "warn".to_owned()];
         if kind.tokens {
-            run(Program::new(program).args(["token", "--new-key"]).arg(&key))?;
-            command.arg("--token-key").arg(folder.join("key.pub"));
+            output_of(server.program()?.args(["token", "--new-key"]).arg(&key))?;
+            flags.extend(["--token-key".to_owned(), path(&public)]);
         } else {
-            command.arg("--open");
+            flags.push("--open".to_owned());
         }
         if kind.durable {
-            command.arg("--data").arg(folder.join("data"));
+            flags.extend(["--data".to_owned(), path(&data)]);
         }
         if kind.processes {
-            command.args(["--workers", "processes"]);
+            flags.extend(["--workers", "processes"].map(str::to_owned));
         }
-        let process = ServerProcess::run(&mut command, None)?;
+        let flags: Vec<&str> = flags.iter().map(String::as_str).collect();
+        let process = server.start(&flags, None)?;
         let trust = Trust::Fingerprint(process.fingerprint);
         let mut connection = Client::connect(&process.address.to_string(), trust)?;
         if kind.tokens {
-            let mut token = Program::new(program);
+            let mut token = server.program()?;
             token.arg("token").arg("--key").arg(&key);
             token.args(["--client", "bench", "--scene", SCENE, "--role", "owner"]);
-            connection = connection.token(&run(&mut token)?);
+            connection = connection.token(&output_of(&mut token)?);
         }
         Ok(Self {
             kind,
@@ -249,11 +229,9 @@ impl Measured {
         })
     }
 
-    fn frame(&mut self, commands: &[Command], is_first: bool) -> Result<(), Error> {
+    fn frame(&mut self, commands: &[Command], is_first: bool) -> Result<(), Failure> {
         if is_first {
-            let bodies = |command: &&Command| matches!(command, Command::AddBody { .. });
-            let count = commands.iter().filter(bodies).count();
-            self.client.new_ids(u32::try_from(count)?)?;
+            take_ids(&mut self.client, commands)?;
         }
         let begun = Instant::now();
         for command in commands {
@@ -270,7 +248,7 @@ impl Measured {
         Ok(())
     }
 
-    fn end(mut self, ticks: u32, truth: u64) -> Result<ServerCosts, Error> {
+    fn end(mut self, ticks: u32, truth: u64) -> Result<ServerCosts, Failure> {
         let ticks = f64::from(ticks.max(2) - 1);
         let wire = self.client.statistics().wire;
         let worked = worked_us(self.process.id()).zip(self.worked_before);
@@ -280,20 +258,14 @@ impl Measured {
             .durable
             .then(|| bytes_in(&self.folder.join("data")));
         let each = |now: u64, before: u64| now.saturating_sub(before) as f64 / ticks;
-        let mut took: Vec<u64> = (self.took.iter())
-            .map(|took| u64::try_from(took.as_nanos()).unwrap_or(u64::MAX))
-            .collect();
-        let mut percentile = |percent| {
-            let ns = quantile::of_nanoseconds(&mut took, percent);
-            ns.map_or(0.0, |ns| ns as f64 / 1e3)
-        };
+        let frames = FrameTimes::of(&self.took);
         let costs = ServerCosts {
             settings: self.kind.name.to_owned(),
             join_bytes: self.joined.received_bytes + self.joined.sent_bytes,
             down_bytes: each(wire.received_bytes, self.joined.received_bytes),
             up_bytes: each(wire.sent_bytes, self.joined.sent_bytes),
-            frame_us: percentile(50),
-            frame_p99_us: percentile(99),
+            frame_us: frames.p50_us,
+            frame_p99_us: frames.p99_us,
             server_us: worked.map(|(now, before)| each(now, before)),
             disk_bytes: disk.transpose()?.map(|bytes| bytes as f64 / ticks),
             same_truth,
@@ -304,7 +276,7 @@ impl Measured {
 }
 
 /// Runs a program to its end; returns its output.
-fn run(program: &mut Program) -> Result<String, Error> {
+fn output_of(program: &mut Program) -> Result<String, Failure> {
     let output = program.output()?;
     if output.status.success() {
         return Ok(String::from_utf8(output.stdout)?);
@@ -331,11 +303,7 @@ impl ServiceCosts {
     #[must_use]
     pub fn block(&self, what: &str) -> Option<String> {
         match what {
-            "command" => Some(machine::provenance(
-                &self.command,
-                &self.machine,
-                &self.build,
-            )),
+            "command" => Some(self.provenance.paragraph()),
             "costs" => Some(markdown(&self.rows())),
             _ => None,
         }

@@ -1,11 +1,10 @@
-//! `rhumb-bench frames`: a simulator's frame by where its physics is.
+//! `rhumb-bench load frames`: a simulator's frame by where its physics is.
 //!
 //! Every place steps the same script. At each tick each place has its frame in turn, so that a change of the machine's
 //! speed meets all of them. A frame sends the commands, steps the scene, and reads every pose.
 
 use std::hint::black_box;
 use std::path::PathBuf;
-use std::process::ExitCode;
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
@@ -19,18 +18,17 @@ use rhumb_protocol::stream::Observation;
 use rhumb_reckoning::Tick;
 use rhumb_scene::Scene;
 use rhumb_server::{Access, Identity, RunError, Server, Stop};
-use rhumb_sims::{NAMES, by_name};
+use rhumb_sims::NAMES;
 use serde::{Deserialize, Serialize};
 
-use crate::machine;
-use crate::output;
-use crate::quantile;
-use crate::replay::{Failure, ended};
-use crate::summary::{aligned, number};
+use super::{script, take_ids};
+use crate::summary::number;
+use crate::task::{Failure, Provenance, write};
+use crate::{output, quantile};
 
 /// Arguments: scene, bodies, ticks, output.
 #[derive(Clone, Debug, Args)]
-pub struct FramesArguments {
+pub(super) struct FramesArguments {
     /// The scene.
     #[arg(long, default_value = "ball-pit", value_parser = clap::builder::PossibleValuesParser::new(NAMES))]
     scene: String,
@@ -51,12 +49,9 @@ pub struct FramesArguments {
 /// Content of `frames.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Frames {
-    /// The command line, as typed.
-    pub command: String,
-    /// Processor, cores, operating system.
-    pub machine: String,
-    /// Commit and optimisation of the build.
-    pub build: String,
+    /// Where the figures come from.
+    #[serde(flatten)]
+    pub provenance: Provenance,
     /// Each number of bodies, in the order of the command line.
     pub scenes: Vec<SceneFrames>,
 }
@@ -87,34 +82,23 @@ pub struct PlaceFrames {
     pub same_truth: bool,
 }
 
-/// Runs the measurements. Exit code 0 if everything was measured and written, 1 otherwise.
-pub fn frames(arguments: &FramesArguments) -> ExitCode {
-    ended(measure_all(arguments))
-}
-
-fn measure_all(arguments: &FramesArguments) -> Result<(), Failure> {
+/// Runs the measurements.
+pub(super) fn run(arguments: &FramesArguments) -> Result<(), Failure> {
     output::make_folder(&arguments.out)?;
     let steps = arguments.bodies.len() as u64 * u64::from(arguments.ticks);
     let bar = output::progress_bar(steps, "frames".to_owned());
     let mut scenes = Vec::new();
     for bodies in &arguments.bodies {
-        let measured = measure(arguments, *bodies, &mut || bar.inc(1));
-        scenes.push(measured.map_err(|error| Failure::Terms(error.to_string()))?);
+        scenes.push(measure(arguments, *bodies, &mut || bar.inc(1))?);
     }
     bar.finish_and_clear();
     let frames = Frames {
-        command: output::command_line(),
-        machine: machine::describe(),
-        build: machine::build(),
+        provenance: Provenance::here(),
         scenes,
     };
-    output::write_json(&arguments.out.join("frames.json"), &frames)?;
-    output::print_text(&aligned(&frames.rows()))?;
-    output::print_text(&format!("\nwritten to {}\n", arguments.out.display()))?;
-    Ok(())
+    let table = [("", frames.rows())];
+    Ok(write(&arguments.out, "frames.json", &frames, &table)?)
 }
-
-type Error = Box<dyn std::error::Error>;
 
 /// A client of a scene somewhere, and its frames.
 struct Remote {
@@ -138,9 +122,8 @@ fn measure(
     arguments: &FramesArguments,
     bodies: u32,
     progress: &mut dyn FnMut(),
-) -> Result<SceneFrames, Error> {
-    let script = by_name(&arguments.scene, bodies, arguments.seed);
-    let mut script = script.ok_or("no scene has this name")?;
+) -> Result<SceneFrames, Failure> {
+    let mut script = script(&arguments.scene, bodies, arguments.seed)?;
     let config = script.config();
     let mut scene = Scene::new(config)?;
     let sockets = SocketServer::start()?;
@@ -192,7 +175,7 @@ fn frame(
     scene: &mut Scene,
     commands: &[Command],
     observations: &mut Vec<Observation>,
-) -> Result<Duration, Error> {
+) -> Result<Duration, Failure> {
     let begun = Instant::now();
     for command in commands {
         scene.apply(command)?;
@@ -211,7 +194,7 @@ impl Remote {
         place: &'static str,
         connection: ServerConnection,
         options: JoinOptions,
-    ) -> Result<Self, Error> {
+    ) -> Result<Self, Failure> {
         let letters = place.chars().filter(char::is_ascii_alphabetic);
         let scene: String = letters.collect();
         Ok(Self {
@@ -223,11 +206,9 @@ impl Remote {
     }
 
     /// Times a frame. A step that still runs beside the caller ends outside that time.
-    fn frame(&mut self, commands: &[Command], is_first: bool) -> Result<(), Error> {
+    fn frame(&mut self, commands: &[Command], is_first: bool) -> Result<(), Failure> {
         if is_first {
-            let bodies = |command: &&Command| matches!(command, Command::AddBody { .. });
-            let count = commands.iter().filter(bodies).count();
-            self.client.new_ids(u32::try_from(count)?)?;
+            take_ids(&mut self.client, commands)?;
         }
         let begun = Instant::now();
         for command in commands {
@@ -241,7 +222,7 @@ impl Remote {
         Ok(())
     }
 
-    fn end(mut self, integrated: &[Duration], truth: u64) -> Result<PlaceFrames, Error> {
+    fn end(mut self, integrated: &[Duration], truth: u64) -> Result<PlaceFrames, Failure> {
         let same_truth = self.client.inspect()?.truth == truth;
         self.client.delete()?;
         let pairs = self.took.iter().zip(integrated);
@@ -271,7 +252,7 @@ fn median(mut values: Vec<f64>) -> f64 {
 }
 
 impl SocketServer {
-    fn start() -> Result<Self, Error> {
+    fn start() -> Result<Self, Failure> {
         let listen = "127.0.0.1:0".parse()?;
         let mut server = Server::bind(listen, &Identity::Development, Access::OpenOnLoopback)?;
         let path = std::env::temp_dir().join(format!("rhumb-frames-{}", std::process::id()));

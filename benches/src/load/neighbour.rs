@@ -1,11 +1,10 @@
-//! `rhumb-bench neighbour`: a scene's frames while another one is abused.
+//! `rhumb-bench load neighbour`: a scene's frames while another one is abused.
 //!
 //! A lockstep client steps one script again and again: alone, and beside each abuse by members of another scene. Both
 //! take turns, so that a change of the machine's speed meets both. A frame sends the commands and waits for the tick.
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
-use std::process::{Command as Program, ExitCode};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
@@ -20,24 +19,21 @@ use rhumb_client::{
 };
 use rhumb_protocol::scene::{Command, Query};
 use rhumb_reckoning::Tick;
-use rhumb_sims::{NAMES, by_name};
+use rhumb_sims::NAMES;
 use rhumb_transport::Fingerprint;
 use serde::{Deserialize, Serialize};
 
+use super::{FrameTimes, ServerArguments, script, take_ids};
 use crate::drive::ServerProcess;
-use crate::replay::{Failure, ended};
-use crate::summary::{aligned, markdown, number};
-use crate::{machine, output, quantile};
+use crate::output;
+use crate::summary::{markdown, number};
+use crate::task::{Failure, Provenance, write};
 
 /// Arguments: server, scene, repetitions, output.
 #[derive(Clone, Debug, Args)]
-pub struct NeighbourArguments {
-    /// The server's program [default: rhumb-server beside this program].
-    #[arg(long, value_name = "FILE")]
-    server: Option<PathBuf>,
-    /// Cores that the server may use [default: all].
-    #[arg(long, value_name = "CORES", value_delimiter = ',')]
-    server_cores: Vec<usize>,
+pub(super) struct NeighbourArguments {
+    #[command(flatten)]
+    server: ServerArguments,
     /// The scene that is measured.
     #[arg(long, default_value = "ball-pit", value_parser = clap::builder::PossibleValuesParser::new(NAMES))]
     scene: String,
@@ -56,20 +52,14 @@ pub struct NeighbourArguments {
     /// Folder for neighbour.json; created if missing.
     #[arg(long, default_value = "results/neighbour")]
     out: PathBuf,
-    /// Further flags of the server, after `--`.
-    #[arg(last = true)]
-    flags: Vec<String>,
 }
 
 /// Content of `neighbour.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Neighbour {
-    /// The command line, as typed.
-    pub command: String,
-    /// Processor, cores, operating system.
-    pub machine: String,
-    /// Commit and optimisation of the build.
-    pub build: String,
+    /// Where the figures come from.
+    #[serde(flatten)]
+    pub provenance: Provenance,
     /// Each abuse.
     pub abuses: Vec<AbuseFrames>,
 }
@@ -87,46 +77,22 @@ pub struct AbuseFrames {
     pub beside: FrameTimes,
 }
 
-/// Times of frames, microseconds.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct FrameTimes {
-    /// The median.
-    pub p50_us: f64,
-    /// The 99th percentile.
-    pub p99_us: f64,
-    /// The greatest.
-    pub max_us: f64,
-}
-
-/// Runs the measurement. Exit code 0 if everything was measured and written, 1 otherwise.
-pub fn neighbour(arguments: &NeighbourArguments) -> ExitCode {
-    ended(run(arguments))
-}
-
-fn run(arguments: &NeighbourArguments) -> Result<(), Failure> {
+/// Runs the measurement.
+pub(super) fn run(arguments: &NeighbourArguments) -> Result<(), Failure> {
     output::make_folder(&arguments.out)?;
-    let abuses = measure(arguments).map_err(|error| Failure::Terms(error.to_string()))?;
+    let abuses = measure(arguments)?;
     let measured = Neighbour {
-        command: output::command_line(),
-        machine: machine::describe(),
-        build: machine::build(),
+        provenance: Provenance::here(),
         abuses,
     };
-    output::write_json(&arguments.out.join("neighbour.json"), &measured)?;
-    output::print_text(&aligned(&measured.table()))?;
-    output::print_text(&format!("\nwritten to {}\n", arguments.out.display()))?;
-    Ok(())
+    let table = [("", measured.table())];
+    Ok(write(&arguments.out, "neighbour.json", &measured, &table)?)
 }
 
-fn measure(arguments: &NeighbourArguments) -> Result<Vec<AbuseFrames>, Error> {
-    let program = match &arguments.server {
-        Some(program) => program.clone(),
-        None => std::env::current_exe()?.with_file_name("rhumb-server"),
-    };
-    let mut command = Program::new(program);
-    command.args(["--open", "--listen", "127.0.0.1:0", "--log", "error"]);
-    command.args(&arguments.flags);
-    let server = ServerProcess::run_on(&arguments.server_cores, &mut command, None)?;
+fn measure(arguments: &NeighbourArguments) -> Result<Vec<AbuseFrames>, Failure> {
+    let server = arguments
+        .server
+        .start(&["--open", "--log", "error"], None)?;
     let runs = u64::from(arguments.runs) * 2 * Abuse::ALL.len() as u64;
     let bar = output::progress_bar(runs, "neighbour".to_owned());
     let mut measured = Vec::new();
@@ -144,8 +110,8 @@ fn measure(arguments: &NeighbourArguments) -> Result<Vec<AbuseFrames>, Error> {
         measured.push(AbuseFrames {
             abuse: abuse.text().to_owned(),
             done,
-            alone: FrameTimes::of(&mut alone),
-            beside: FrameTimes::of(&mut beside),
+            alone: FrameTimes::of(&alone),
+            beside: FrameTimes::of(&beside),
         });
     }
     bar.finish_and_clear();
@@ -156,10 +122,9 @@ fn measure(arguments: &NeighbourArguments) -> Result<Vec<AbuseFrames>, Error> {
 fn step(
     arguments: &NeighbourArguments,
     server: &ServerProcess,
-    took: &mut Vec<u64>,
-) -> Result<(), Error> {
-    let script = by_name(&arguments.scene, arguments.bodies, arguments.seed);
-    let mut script = script.ok_or("no scene has this name")?;
+    took: &mut Vec<Duration>,
+) -> Result<(), Failure> {
+    let mut script = script(&arguments.scene, arguments.bodies, arguments.seed)?;
     let options = JoinOptions {
         mode: JoinMode::Create(script.config()),
         ..JoinOptions::default()
@@ -170,40 +135,18 @@ fn step(
     for tick in 0..u64::from(arguments.ticks) {
         let mut commands = Vec::new();
         script.commands(Tick::new(tick), &mut commands);
-        let bodies = |command: &&Command| matches!(command, Command::AddBody { .. });
-        let count = u32::try_from(commands.iter().filter(bodies).count())?;
-        if count > 0 {
-            client.new_ids(count)?;
-        }
+        take_ids(&mut client, &commands)?;
         let begun = Instant::now();
         for command in commands {
             client.command(command)?;
         }
         client.advance(PipelineDepth::LOCKSTEP)?;
         if tick > 0 {
-            took.push(nanoseconds(begun.elapsed()));
+            took.push(begun.elapsed());
         }
         while client.poll_event().is_some() {}
     }
     Ok(client.delete()?)
-}
-
-fn nanoseconds(duration: Duration) -> u64 {
-    u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
-}
-
-impl FrameTimes {
-    fn of(took: &mut [u64]) -> Self {
-        let mut percentile = |percent| {
-            let ns = quantile::of_nanoseconds(took, percent);
-            ns.map_or(0.0, |ns| ns as f64 * 1e-3)
-        };
-        Self {
-            p50_us: percentile(50),
-            p99_us: percentile(99),
-            max_us: percentile(100),
-        }
-    }
 }
 
 impl Neighbour {
@@ -211,11 +154,7 @@ impl Neighbour {
     #[must_use]
     pub fn block(&self, what: &str) -> Option<String> {
         match what {
-            "command" => Some(machine::provenance(
-                &self.command,
-                &self.machine,
-                &self.build,
-            )),
+            "command" => Some(self.provenance.paragraph()),
             "table" => Some(markdown(&self.table())),
             _ => None,
         }
@@ -245,9 +184,6 @@ impl Neighbour {
         table
     }
 }
-
-/// Any error of a member or of its server.
-type Error = Box<dyn std::error::Error + Send + Sync>;
 
 /// One abuse of a server.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -296,7 +232,7 @@ const SCENE: &str = "abusing/scene";
 /// An abuse that runs until it is stopped.
 struct RunningAbuse {
     stop: Arc<AtomicBool>,
-    worker: JoinHandle<Result<u64, Error>>,
+    worker: JoinHandle<Result<u64, Failure>>,
 }
 
 /// The address of a server.
@@ -304,7 +240,7 @@ struct RunningAbuse {
 struct Target(SocketAddr, Fingerprint);
 
 impl Target {
-    fn join(self, mode: JoinMode) -> Result<Client, Error> {
+    fn join(self, mode: JoinMode) -> Result<Client, Failure> {
         let options = JoinOptions {
             mode,
             refusals: Refusals::Events,
@@ -317,7 +253,7 @@ impl Target {
 
 impl RunningAbuse {
     /// Makes the scene, then begins.
-    fn start(abuse: Abuse, server: &ServerProcess) -> Result<Self, Error> {
+    fn start(abuse: Abuse, server: &ServerProcess) -> Result<Self, Failure> {
         let target = Target(server.address, server.fingerprint);
         let config = SceneConfig {
             stepping: Stepping::FreeRunning,
@@ -349,7 +285,7 @@ impl RunningAbuse {
     }
 
     /// Ends it; returns the number of what was done.
-    fn end(self) -> Result<u64, Error> {
+    fn end(self) -> Result<u64, Failure> {
         self.stop.store(true, Ordering::Relaxed);
         let ended = self.worker.join();
         ended.unwrap_or_else(|_| Err("the thread of the abuse panicked".into()))
@@ -357,7 +293,7 @@ impl RunningAbuse {
 }
 
 /// One turn of an abuse; returns the number of what was done.
-fn turn(abuse: Abuse, target: Target, client: &mut Client, ids: &[BodyId]) -> Result<u64, Error> {
+fn turn(abuse: Abuse, target: Target, client: &mut Client, ids: &[BodyId]) -> Result<u64, Failure> {
     let pause = Duration::from_millis(1);
     match abuse {
         Abuse::Overlap => {
