@@ -15,6 +15,11 @@ pub(crate) fn vec3(vector: Vector3) -> Vec3 {
     Vec3::new(vector.x, vector.y, vector.z)
 }
 
+/// A rotation of Godot.
+pub(crate) fn quat(rotation: Quaternion) -> Quat {
+    Quat::from_xyzw(rotation.x, rotation.y, rotation.z, rotation.w)
+}
+
 /// A vector in Godot's axes.
 pub(crate) fn vector(vector: Vec3) -> Vector3 {
     Vector3::new(vector.x, vector.y, vector.z)

@@ -14,7 +14,7 @@ use rhumb_bindings::{BodyParams, StateRecord, body_word};
 use rhumb_client::BodyId;
 use rhumb_client::glam::{Mat3, Quat, Vec3};
 use rhumb_client::scene::{
-    BodyBuilder, BodyDesc, BodyKind, CollisionGroups, Command, Edges, Material, Shape,
+    BodyBuilder, BodyDesc, BodyKind, CollisionGroups, Command, Edges, Locomotion, Material, Shape,
     SleepThresholds,
 };
 
@@ -171,11 +171,7 @@ impl BodyNode {
     /// Puts the body elsewhere, and turns it. The pose is relative to the node of the scene; its scale does not count.
     #[func]
     fn teleport(&self, pose: Transform3D) -> Error {
-        let origin = self
-            .subject
-            .as_ref()
-            .map_or(Vec3::ZERO, |subject| subject.origin);
-        let Some((position, rotation)) = body_pose(pose, origin) else {
+        let Some((position, rotation)) = body_pose(pose, Vec3::ZERO) else {
             godot_error!("teleport: {}", DescriptionError::Pose);
             return Error::ERR_INVALID_PARAMETER;
         };
@@ -191,6 +187,12 @@ impl BodyNode {
     /// The body that it stands for.
     pub(crate) fn id(&self) -> Option<BodyId> {
         self.subject.as_ref().map(|subject| subject.id)
+    }
+
+    /// The origin of the body, its centre of mass, in the node's axes.
+    pub(crate) fn origin(&self) -> Vec3 {
+        let subject = self.subject.as_ref();
+        subject.map_or(Vec3::ZERO, |subject| subject.origin)
     }
 
     /// Lets the node stand for a body.
@@ -300,9 +302,7 @@ impl BodyNode {
             let mut body = this.bind_mut();
             body.linear_velocity = vector(state.linear_velocity);
             body.angular_velocity = vector(state.angular_velocity);
-            body.subject
-                .as_ref()
-                .map_or(Vec3::ZERO, |subject| subject.origin)
+            body.origin()
         };
         let at = state.position - state.rotation * origin;
         let basis = Basis::from_quaternion(quaternion(state.rotation));
@@ -322,9 +322,28 @@ impl BodyNode {
             );
             return Error::ERR_UNCONFIGURED;
         };
-        let queued = membership.borrow_mut().command(command(id));
+        let command = about_centre(command(id), self.origin());
+        let queued = membership.borrow_mut().command(command);
         outcome(call, queued)
     }
+}
+
+/// A command about a node, as one about the body whose origin lies there in the node's axes.
+fn about_centre(mut command: Command, origin: Vec3) -> Command {
+    match &mut command {
+        Command::SetPose {
+            position, rotation, ..
+        } => *position += *rotation * origin,
+        Command::SetLocomotion { locomotion, .. } => {
+            if let Locomotion::Vehicle(vehicle) = &mut **locomotion {
+                for wheel in &mut vehicle.wheels {
+                    wheel.position -= origin;
+                }
+            }
+        }
+        _ => {}
+    }
+    command
 }
 
 /// Position and rotation of a body whose node has this transform; `None` for one that has no rotation, such as a scale of

@@ -2,16 +2,14 @@
 //!
 //! Made by `bindings/table` from `spec/tables/protocol.json`; do not edit.
 
-use godot::classes::Resource;
 use godot::global::Error;
 use godot::prelude::*;
-use rhumb_client::glam::Quat;
 use rhumb_client::scene::{
     ActiveEvents, Character, CharacterStep, Command, JumpFrom, Locomotion, Vehicle, Wheel,
     WheelInput,
 };
 
-use crate::axes::vec3;
+use crate::axes::{quat, vec3};
 use crate::body::BodyNode;
 use crate::scene::SceneNode;
 
@@ -39,7 +37,7 @@ impl BodyNode {
         self.command("set_pose", |id| Command::SetPose {
             id,
             position: vec3(position),
-            rotation: Quat::from_xyzw(rotation.x, rotation.y, rotation.z, rotation.w),
+            rotation: quat(rotation),
         })
     }
 
@@ -286,7 +284,7 @@ impl CharacterResource {
             slide_angle: self.slide_angle,
             mass: self.mass,
             up: given(self.up),
-            step: (self.step_height != 0.0).then(|| CharacterStep {
+            step: (self.step_height != 0.0).then_some(CharacterStep {
                 height: self.step_height,
                 width: self.step_width,
                 onto_dynamic: self.onto_dynamic,

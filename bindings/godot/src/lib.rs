@@ -12,6 +12,7 @@ mod body_nodes;
 mod event;
 mod generated;
 mod join;
+mod joint;
 mod leaving;
 mod membership;
 mod motion_settings;

@@ -17,15 +17,13 @@ const HEAD: &str = "\
 //!
 //! Made by `bindings/table` from `spec/tables/protocol.json`; do not edit.
 
-use godot::classes::Resource;
 use godot::global::Error;
 use godot::prelude::*;
-use rhumb_client::glam::Quat;
 use rhumb_client::scene::{
     ActiveEvents, Character, CharacterStep, Command, JumpFrom, Locomotion, Vehicle, Wheel, WheelInput,
 };
 
-use crate::axes::vec3;
+use crate::axes::{quat, vec3};
 use crate::body::BodyNode;
 use crate::scene::SceneNode;
 
@@ -152,7 +150,7 @@ fn value(table: &Table, call: &Call, field: &CallField) -> String {
     let own = field.snake();
     match &field.kind {
         FieldKind::Vector => format!("vec3({own})"),
-        FieldKind::Rotation => format!("Quat::from_xyzw({own}.x, {own}.y, {own}.z, {own}.w)"),
+        FieldKind::Rotation => format!("quat({own})"),
         FieldKind::Choice(words) => {
             let kind = crate::c::choice_name(call, field);
             let [no, yes] = [&words[0][0], &words[1][0]].map(|word| pascal(word));
@@ -228,7 +226,7 @@ fn resource(record: &ValueRecord) -> String {
                     .iter()
                     .map(|field| format!("{}: {},\n", field.within(group), read(field)));
                 values += &format!(
-                    "{group}: (self.{} != 0.0).then(|| {name}{} {{ {} }}),\n",
+                    "{group}: (self.{} != 0.0).then_some({name}{} {{ {} }}),\n",
                     fields[0].snake(),
                     pascal(group),
                     inner.collect::<String>()

@@ -243,3 +243,69 @@ func free_node(id: int) -> void:
 func shape_class(id: int) -> String:
 	var shape := body(id).shape
 	return shape.get_class() if shape != null else "null"
+
+
+func add_walker(at: Vector3) -> int:
+	var capsule := CapsuleShape3D.new()
+	capsule.radius = 0.25
+	capsule.height = 1.5
+	return add(capsule, 2, at)
+
+
+## Makes a body a character that climbs steps.
+func make_character(id: int) -> Error:
+	var character := RhumbCharacter.new()
+	character.step_height = 0.5
+	character.step_width = 0.125
+	return body(id).set_character(character)
+
+
+## Makes a box a vehicle on four wheels.
+func make_vehicle(id: int) -> Error:
+	var wheels: Array[RhumbWheel] = []
+	for z: float in [-1.25, 1.25]:
+		for x: float in [-0.75, 0.75]:
+			var wheel := RhumbWheel.new()
+			wheel.position = Vector3(x, -0.125, z)
+			wheel.radius = 0.25
+			wheels.append(wheel)
+	return body(id).set_vehicle(wheels)
+
+
+## Rolls by the rear wheels.
+func drive(id: int, force: float) -> Error:
+	var inputs: Array[RhumbWheelInput] = []
+	for wheel in 4:
+		var input := RhumbWheelInput.new()
+		input.force = force if wheel >= 2 else 0.0
+		inputs.append(input)
+	return body(id).set_wheels(inputs)
+
+
+func plain_wheel() -> RhumbWheel:
+	return RhumbWheel.new()
+
+
+func plain_character() -> RhumbCharacter:
+	return RhumbCharacter.new()
+
+
+## Hangs a body on another one by a hinge about z, which a motor turns.
+func add_hinge(number: int, first: int, second: int, velocity: float) -> Error:
+	var joint := RhumbJoint.new()
+	joint.kind = 2
+	joint.first_anchor = Vector3(0, -0.5, 0)
+	joint.second_anchor = Vector3(0, 1, 0)
+	# The hinge turns about x of its frames.
+	joint.first_rotation = Quaternion(Vector3(0, 1, 0), -PI / 2)
+	joint.second_rotation = joint.first_rotation
+	joint.limit(3, -0.5, 1.0)
+	joint.motor(3, 0.0, velocity, 0.0, 10.0)
+	return scene.add_joint(number, body(first), body(second), joint)
+
+
+func add_wrong_hinge(first: int, second: int) -> Error:
+	var joint := RhumbJoint.new()
+	joint.kind = 2
+	joint.limit(0, -1.0, 1.0)
+	return scene.add_joint(8, body(first), body(second), joint)
