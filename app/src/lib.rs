@@ -10,7 +10,7 @@ mod sockets;
 mod wire;
 
 pub use server::{
-    AppDatagram, AppHost, AppOptions, AppScene, AppServer, AppTransmit, Bulk, DatagramSubject,
+    AppDatagram, AppHost, AppOptions, AppScene, AppServer, AppTransmit, Bulk, CoalescingKey,
     Datagrams, Geometry, States, TimeAdvanced, Urgency,
 };
 pub use sockets::{AppBindError, AppListen, AppListener};

@@ -23,11 +23,11 @@ use rhumb_protocol::scene::{
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Inertia, Metres, Tick, Twist};
 
-pub(crate) use self::history::{Author, Done, History};
+pub(crate) use self::history::{Author, LogEntry, History};
 pub use self::image::FrozenScene;
 use crate::baking::BakedShapes;
 use crate::digest::Digest;
-use crate::engine::{Engine, EngineFault, EnginePart, Push, RapierEngine, Workers};
+use crate::engine::{Engine, EngineFault, EnginePart, Push, RapierEngine, StepThreads};
 use crate::event_monitor::{EventMonitor, StepEvents};
 use crate::journal::Journal;
 use crate::record::Record;
@@ -76,7 +76,7 @@ impl Scene {
     ///
     /// [`Invalid`] names the first invalid part of the configuration.
     pub fn new(config: SceneConfig) -> Result<Self, Invalid> {
-        Self::on(config, &Workers::default())
+        Self::on(config, &StepThreads::default())
     }
 
     /// An empty scene that Rapier steps on these threads.
@@ -84,9 +84,9 @@ impl Scene {
     /// # Errors
     ///
     /// [`Invalid`] names the first invalid part of the configuration.
-    pub fn on(config: SceneConfig, workers: &Workers) -> Result<Self, Invalid> {
+    pub fn on(config: SceneConfig, threads: &StepThreads) -> Result<Self, Invalid> {
         config.check()?;
-        Self::with_engine(config, Box::new(RapierEngine::on(&config, workers)))
+        Self::with_engine(config, Box::new(RapierEngine::on(&config, threads)))
     }
 
     /// An empty scene with another engine, which must be empty and have the configuration's gravity.
@@ -130,7 +130,7 @@ impl Scene {
         if let Some(journal) = &mut self.journal {
             journal.applied(self.tick, command);
         }
-        self.remember(|| Done::Applied(Box::new(command.clone()), None));
+        self.remember(|| LogEntry::Applied(Box::new(command.clone()), None));
         Ok(())
     }
 
@@ -217,12 +217,12 @@ impl Scene {
         if let Some(journal) = &mut self.journal {
             journal.push(before, &Record::Stepped(self.digest.value()));
         }
-        self.remember(|| Done::Stepped);
+        self.remember(|| LogEntry::Stepped);
         Ok(stepped)
     }
 
     /// Adds a change to the history, if one is kept.
-    fn remember(&mut self, change: impl FnOnce() -> Done) {
+    fn remember(&mut self, change: impl FnOnce() -> LogEntry) {
         let kept = self.history.take();
         self.history = kept.and_then(|history| history.with(change()));
     }

@@ -37,25 +37,25 @@ use rhumb_reckoning::{BodyState, Tick};
 
 use self::durability::Durability;
 pub(crate) use self::provision::Provision;
-pub(crate) use self::session::Departure;
+pub(crate) use self::session::DisconnectReason;
 use self::weight::weight;
 use crate::authority_table::AuthorityTable;
 use crate::body_placement;
-use crate::engine::Workers;
-use crate::grants::Grants;
+use crate::engine::StepThreads;
+use crate::id_ranges::IdRanges;
 use crate::hook::Hook;
 use crate::member::{Member, SnapshotRequest};
 use crate::observer::Incident;
 use crate::outbox::Outbox;
 use crate::provided::SceneScript;
-use crate::rewind::Rewind;
+use crate::rollback::Rollback;
 use crate::rights::{Ownership, Request};
 use crate::scene::Scene;
 use crate::sessions::Sessions;
 use crate::snapshot::append_snapshot;
 use crate::stream_names::StreamNames;
 use crate::streams::{Stream, Streams};
-use crate::times::{Marks, Times};
+use crate::times::{Timestamps, Times};
 
 /// Reads the server loop's clock between the stages of a tick.
 pub(crate) type Stopwatch<'a> = &'a dyn Fn() -> Instant;
@@ -68,7 +68,7 @@ pub(crate) struct SceneRunner {
     members: BTreeMap<Peer, Member>,
     streams: Streams,
     names: StreamNames,
-    grants: Grants,
+    id_ranges: IdRanges,
     ownership: Ownership,
     authority_table: AuthorityTable,
     scene_events: u64,
@@ -84,7 +84,7 @@ pub(crate) struct SceneRunner {
     times: Times,
     faulted: bool,
     /// The way back if the engine fails.
-    rewind: Rewind,
+    rollback: Rollback,
     /// When it was restored lately.
     restored_at: VecDeque<Instant>,
     /// True if the last step of the free-running scene was more than a step late.
@@ -114,7 +114,7 @@ impl SceneRunner {
             members: BTreeMap::new(),
             streams,
             names,
-            grants: Grants::default(),
+            id_ranges: IdRanges::default(),
             ownership: Ownership::default(),
             authority_table: AuthorityTable::default(),
             scene_events: 0,
@@ -126,7 +126,7 @@ impl SceneRunner {
             last_step: Instant::ZERO,
             times: Times::default(),
             faulted: false,
-            rewind: Rewind::default(),
+            rollback: Rollback::default(),
             restored_at: VecDeque::new(),
             late: false,
             owned: false,
@@ -143,8 +143,8 @@ impl SceneRunner {
     }
 
     /// Sets the publishing threads.
-    pub(crate) fn employ(&mut self, workers: Workers) {
-        self.streams.employ(workers);
+    pub(crate) fn employ(&mut self, threads: StepThreads) {
+        self.streams.employ(threads);
     }
 
     /// Bounds the packets of the streams that begin from now on.
@@ -201,7 +201,7 @@ impl SceneRunner {
 
     /// Sends the start of the stream, and every shape and body.
     fn send_snapshot(&mut self, peer: Peer, out: &mut Outbox) {
-        let granted = match self.grants.first(peer) {
+        let granted = match self.id_ranges.first(peer) {
             Some(range) => range,
             None => return,
         };
@@ -367,7 +367,7 @@ impl SceneRunner {
             return Err(CommandError::SceneFaulted);
         }
         if let Command::AddBody { desc, .. } = command
-            && !self.grants.allows(peer, desc.id)
+            && !self.id_ranges.allows(peer, desc.id)
         {
             return Err(CommandError::NotGranted(desc.id));
         }
@@ -524,7 +524,7 @@ impl SceneRunner {
             return;
         };
         let after_step = clock();
-        self.rewind.note_step(after_step.since(begun));
+        self.rollback.note_step(after_step.since(begun));
         self.snapshot_if_due(after_step.since(begun));
         for error in refused.into_iter().flatten() {
             tracing::warn!(%error, "the scene continues without the command");
@@ -554,7 +554,7 @@ impl SceneRunner {
                 }
             }
         }
-        self.note_times(Marks {
+        self.note_times(Timestamps {
             begun,
             stepped: after_step,
             observed,

@@ -23,17 +23,17 @@ use crate::authority_table::UpstreamStatistics;
 use crate::baking::{Bakers, Bakery};
 use crate::command_log::SceneStore;
 use crate::empty_scenes::EmptyScenes;
-use crate::engine::{Engines, Workers};
+use crate::engine::{Engines, StepThreads};
 use crate::hook::Hooks;
 use crate::limits::Limits;
 use crate::load::ServerLoad;
 use crate::observer::{ObserveScenes, Unobserved};
 use crate::outbox::Outbox;
 use crate::provided::ProvidedScenes;
-use crate::pulse::Pulse;
+use crate::heartbeat::Heartbeat;
 use crate::rights::{self, Ownership, Permit, Request};
 use crate::scene_connection::SceneConnection;
-use crate::scene_runner::{Departure, SceneRunner};
+use crate::scene_runner::{DisconnectReason, SceneRunner};
 use crate::scene_slots::{SceneSlot, SceneSlots};
 
 /// Unread bytes of a connection beyond which the driver is to hold back more.
@@ -54,13 +54,13 @@ pub struct ServerLoop {
     load: ServerLoad,
     observers: Arc<dyn ObserveScenes>,
     taken_slots: BTreeMap<SceneName, SceneSlot>,
-    pulse: Pulse,
+    heartbeat: Heartbeat,
     out: Outbox,
     scenes_begun: u32,
     hooks: Option<Hooks>,
     provided: Option<ProvidedScenes>,
     engines: Engines,
-    workers: Workers,
+    threads: StepThreads,
     largest_packet: LargestPacket,
     store: Option<Arc<dyn SceneStore>>,
     bakery: Bakery,
@@ -85,13 +85,13 @@ impl ServerLoop {
             load: ServerLoad::default(),
             observers: Arc::new(Unobserved),
             taken_slots: BTreeMap::new(),
-            pulse: Pulse::default(),
+            heartbeat: Heartbeat::default(),
             out: Outbox::default(),
             scenes_begun: 0,
             hooks: None,
             provided: None,
             engines: Engines::default(),
-            workers: Workers::default(),
+            threads: StepThreads::default(),
             largest_packet: LargestPacket::DEFAULT,
             store: None,
             bakery: Bakery::default(),
@@ -115,8 +115,8 @@ impl ServerLoop {
     }
 
     /// Sets the threads that step and publish later scenes.
-    pub fn employ(&mut self, workers: Workers) {
-        self.workers = workers;
+    pub fn employ(&mut self, threads: StepThreads) {
+        self.threads = workers;
     }
 
     /// Sets where the solids of large shapes are made. Without this, each is made at once.
@@ -154,8 +154,8 @@ impl ServerLoop {
     }
 
     /// Reports liveness at each message and each tick.
-    pub fn show_progress(&mut self, pulse: Pulse) {
-        self.pulse = pulse;
+    pub fn show_progress(&mut self, heartbeat: Heartbeat) {
+        self.heartbeat = heartbeat;
     }
 
     /// Bytes of a connection's control stream that were not handled yet.
@@ -186,7 +186,7 @@ impl ServerLoop {
 
     /// Ends the membership of a connection, and forgets it.
     fn forget(&mut self, peer: Peer) {
-        self.leave(peer, Departure::Disconnected);
+        self.leave(peer, DisconnectReason::Disconnected);
         self.connections.remove(&peer);
         self.queued.retain(|queued| *queued != peer);
         self.blocked.remove(&peer);
@@ -315,7 +315,7 @@ impl ServerLoop {
         }
         match message {
             Ok(ClientMessage::Leave) => {
-                runner.leave(now, peer, Departure::Left);
+                runner.leave(now, peer, DisconnectReason::Left);
                 out.send(peer, &ServerMessage::Left);
                 if let Some(connection) = self.connections.get_mut(&peer) {
                     connection.member = false;
@@ -382,12 +382,12 @@ impl ServerLoop {
         self.runners.get_mut(name)
     }
 
-    fn leave(&mut self, peer: Peer, departure: Departure) {
+    fn leave(&mut self, peer: Peer, reason: DisconnectReason) {
         let now = self.out.now();
         let Some(runner) = self.runner_of(peer) else {
             return;
         };
-        runner.leave(now, peer, departure);
+        runner.leave(now, peer, reason);
         let connection = self.connections.get(&peer);
         if let Some(name) = connection.and_then(|connection| connection.scene.clone()) {
             self.note_empty(&name);
@@ -476,13 +476,13 @@ impl Endpoint for ServerLoop {
     fn handle_ended(&mut self, now: Instant, peer: Peer, ending: Ending) {
         tracing::debug!(peer = peer.0, ?ending, "connection ended");
         self.out.at(now);
-        let departure = match ending {
-            Ending::Closed(code) if code == CloseCode::DONE.0 => Departure::Left,
-            Ending::Closed(_) | Ending::TimedOut | Ending::Broken => Departure::Disconnected,
+        let reason = match ending {
+            Ending::Closed(code) if code == CloseCode::DONE.0 => DisconnectReason::Left,
+            Ending::Closed(_) | Ending::TimedOut | Ending::Broken => DisconnectReason::Disconnected,
         };
-        self.handle_rest(now, peer, departure);
+        self.handle_rest(now, peer, reason);
         self.answer_pending(peer);
-        self.leave(peer, departure);
+        self.leave(peer, reason);
         self.forget(peer);
         self.out.forget(peer);
     }
@@ -493,7 +493,7 @@ impl Endpoint for ServerLoop {
             self.take_turn(now, peer);
         }
         for runner in self.runners.values_mut() {
-            self.pulse.beat();
+            self.heartbeat.beat();
             runner.handle_timeout(now, &self.stopwatch, &mut self.out);
             if runner.next_snapshot(&self.out).is_some_and(|at| at <= now) {
                 runner.answer_pending(&mut self.out);

@@ -16,7 +16,7 @@ use rhumb_protocol::stream::{
 };
 use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance, Track};
 
-use crate::engine::Workers;
+use crate::engine::StepThreads;
 use crate::over_budget::OverBudgetLog;
 use crate::scene::Scene;
 
@@ -133,7 +133,7 @@ pub(crate) struct Streams {
     /// The observations that all streams share.
     observation_history: ObservationHistory,
     /// The threads that publish.
-    workers: Workers,
+    threads: StepThreads,
 }
 
 impl Streams {
@@ -142,13 +142,13 @@ impl Streams {
         Self {
             streams: Vec::new(),
             observation_history: ObservationHistory::new(publish_schedule),
-            workers: Workers::default(),
+            threads: StepThreads::default(),
         }
     }
 
     /// Sets the publishing threads.
-    pub(crate) fn employ(&mut self, workers: Workers) {
-        self.workers = workers;
+    pub(crate) fn employ(&mut self, threads: StepThreads) {
+        self.threads = workers;
     }
 
     pub(crate) fn get(&self, id: StreamId) -> Option<&Stream> {
@@ -258,7 +258,7 @@ impl Streams {
     /// Publishes every stream. The log is written afterwards, in the order of the streams.
     pub(crate) fn publish(&mut self, scene_events: u64) {
         let observation_history = &self.observation_history;
-        self.workers.on_each(&mut self.streams, |stream| {
+        self.threads.on_each(&mut self.streams, |stream| {
             stream.publish(observation_history, scene_events);
         });
         self.streams.iter_mut().for_each(Stream::log);

@@ -22,7 +22,7 @@ pub(crate) struct Times {
 
 /// The moments between the stages of one tick.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Marks {
+pub(crate) struct Timestamps {
     pub(crate) begun: Instant,
     pub(crate) stepped: Instant,
     pub(crate) observed: Instant,
@@ -30,11 +30,11 @@ pub(crate) struct Marks {
 }
 
 impl Times {
-    pub(crate) fn add(&mut self, marks: Marks) {
-        let step = marks.stepped.since(marks.begun).as_nanos();
+    pub(crate) fn add(&mut self, timestamps: Timestamps) {
+        let step = timestamps.stepped.since(timestamps.begun).as_nanos();
         self.step_total += step;
-        self.observe_total += marks.observed.since(marks.stepped).as_nanos();
-        self.publish_total += marks.published.since(marks.observed).as_nanos();
+        self.observe_total += timestamps.observed.since(timestamps.stepped).as_nanos();
+        self.publish_total += timestamps.published.since(timestamps.observed).as_nanos();
         if self.recent.len() < RECENT {
             self.recent.push(step);
         } else {

@@ -78,7 +78,7 @@ pub use rhumb_scene::{
     Digest, Hook, HookError, Hooks, IdRange, Inertia, Instant, Invalid, InvalidLimit, Joints,
     Limits, Metres, Observation, Peer, ProvidedScene, ProvidedScenes, RemovalCause, Scene,
     SceneConfig, SceneFault, SceneName, SceneScript, ServerLoop, Shape, ShapeId, Span, StepEvents,
-    Stepped, SubscriberStatistics, Tick, Tolerance, UpstreamStatistics, Workers, WorkersError,
+    Stepped, SubscriberStatistics, Tick, Tolerance, UpstreamStatistics, StepThreads, StepThreadsError,
     engine, glam,
 };
 pub use rhumb_transport::{

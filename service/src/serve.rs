@@ -13,7 +13,7 @@ use std::sync::Arc;
 use std::time::SystemTime;
 
 use rhumb_protocol::packet::LargestPacket;
-use rhumb_scene::engine::{EngineKind, Workers};
+use rhumb_scene::engine::{EngineKind, StepThreads};
 use rhumb_scene::{Hooks, Limits, ProvidedScenes};
 #[cfg(unix)]
 use rhumb_transport::UnixServer;
@@ -23,7 +23,7 @@ use rhumb_transport::{
 };
 
 pub use self::run_error::RunError;
-use crate::access::{Gate, TokenKeys};
+use crate::access::{Authenticator, TokenKeys};
 use crate::durable::DataDir;
 use crate::flight::FlightWriter;
 #[cfg(feature = "app")]
@@ -96,7 +96,7 @@ pub struct Server {
     hooks: Option<Hooks>,
     provided: Option<ProvidedScenes>,
     engine: EngineKind,
-    workers: Workers,
+    workers: StepThreads,
     /// `Some` if scenes run in worker processes.
     processes: Option<ProcessOptions>,
     largest_packet: LargestPacket,
@@ -162,7 +162,7 @@ impl Server {
             hooks: None,
             provided: None,
             engine: EngineKind::default(),
-            workers: Workers::default(),
+            workers: StepThreads::default(),
             processes: None,
             largest_packet: LargestPacket::DEFAULT,
             limits: Limits::default(),
@@ -248,7 +248,7 @@ impl Server {
     }
 
     /// Sets the threads that step and publish later scenes.
-    pub fn employ(&mut self, workers: Workers) {
+    pub fn employ(&mut self, workers: StepThreads) {
         self.workers = workers;
     }
 
@@ -324,7 +324,7 @@ impl Server {
         let observers = server.start_observers(&mut front)?;
         #[cfg(feature = "view")]
         let showing = server.start_page(&metrics)?;
-        front.guard(gate(server.access));
+        front.guard(authenticator(server.access));
         front.build_with(server.engine);
         front.employ(server.workers);
         front.set_largest_packet(server.largest_packet);
@@ -424,10 +424,10 @@ impl Server {
     }
 }
 
-fn gate(access: Access) -> Gate {
+fn authenticator(access: Access) -> Authenticator {
     match access {
-        Access::OpenOnLoopback | Access::OpenToNetwork => Gate::Open,
-        Access::Tokens(keys) => Gate::Tokens {
+        Access::OpenOnLoopback | Access::OpenToNetwork => Authenticator::Open,
+        Access::Tokens(keys) => Authenticator::Tokens {
             keys,
             clock: Arc::new(seconds_since_1970),
         },

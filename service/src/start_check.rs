@@ -9,7 +9,7 @@ use std::io;
 use std::net::SocketAddr;
 use std::path::Path;
 
-use rhumb_scene::engine::Workers;
+use rhumb_scene::engine::StepThreads;
 
 use crate::access::TokenKeys;
 use crate::durable::DataDir;
@@ -23,7 +23,7 @@ const NO_ACCESS: &str = "no client could join: start with --open to admit all cl
 
 /// The parts of a start that were made while it was checked.
 pub(crate) struct CheckedStart {
-    pub(crate) workers: Workers,
+    pub(crate) workers: StepThreads,
     pub(crate) access: Access,
     /// `Some` if scenes run in worker processes.
     pub(crate) processes: Option<ProcessOptions>,
@@ -46,7 +46,7 @@ pub(crate) fn check(
     if settings.data.is_some() {
         check_images(settings.engine)?;
     }
-    let workers = Workers::new(Some(settings.threads)).map_err(RunError::Workers)?;
+    let workers = StepThreads::new(Some(settings.threads)).map_err(RunError::StepThreads)?;
     let access = access(settings)?;
     if matches!(access, Access::OpenOnLoopback) && !settings.listen.ip().is_loopback() {
         return Err(RunError::OpenToNetwork(settings.listen).into());

@@ -43,16 +43,16 @@ impl Threaded {
                 let _ = wake.lock().expect("no thread panics").send(());
             },
         );
-        let (release, gate) = channel::<()>();
-        let gate = Arc::new(Mutex::new(gate));
+        let (release, authenticator) = channel::<()>();
+        let authenticator = Arc::new(Mutex::new(authenticator));
         let (enter, entered) = channel();
         front.attach(Hooks::new(move |name, _| {
-            let (gate, enter) = (Arc::clone(&gate), enter.clone());
+            let (authenticator, enter) = (Arc::clone(&authenticator), enter.clone());
             (name.as_str() == "stuck").then(|| {
                 Hook::new(move |_, _| {
                     let _ = enter.send(());
                     // Ends with an error when the test drops its end.
-                    let _ = gate.lock().expect("no thread panics").recv();
+                    let _ = authenticator.lock().expect("no thread panics").recv();
                 })
             })
         }));

@@ -6,7 +6,7 @@ use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::session::{ClientSession, Replica};
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::Tolerance;
-use rhumb_scene::{ServerLoop, Workers};
+use rhumb_scene::{ServerLoop, StepThreads};
 use rhumb_sims::by_name;
 
 /// Longer than any answer takes over a perfect link.
@@ -65,7 +65,7 @@ fn fold(digest: &mut u64, replica: &Replica) {
 pub(crate) fn displayed_digests(
     scene: &str,
     tolerances: &[Tolerance],
-    workers: Workers,
+    workers: StepThreads,
 ) -> Vec<u64> {
     let mut script = by_name(scene, 60, 1).expect("an existing script");
     let mut server = ServerLoop::new(|| Instant::ZERO);
@@ -108,7 +108,7 @@ pub(crate) fn displayed_digests(
 
 /// Digest of the copy of a member of the 5 cm tier.
 fn displayed_digest(scene: &str) -> u64 {
-    displayed_digests(scene, &[Tolerance::NORMAL], Workers::default())[0]
+    displayed_digests(scene, &[Tolerance::NORMAL], StepThreads::default())[0]
 }
 
 /// Recorded values. Another value means that some client displays another scene than this build; if that is intended,

@@ -6,7 +6,7 @@
 use std::num::NonZeroU32;
 
 use rhumb_reckoning::{Metres, Tolerance};
-use rhumb_scene::{Scene, Workers, WorkersError};
+use rhumb_scene::{Scene, StepThreads, StepThreadsError};
 use rhumb_sims::{BallPit, Script};
 
 use crate::displayed::displayed_digests;
@@ -16,7 +16,7 @@ fn threads(count: u32) -> Option<NonZeroU32> {
 }
 
 /// Digest of 600 balls after two seconds.
-fn truth(workers: &Workers) -> u64 {
+fn truth(workers: &StepThreads) -> u64 {
     let mut script = BallPit::new(600, 1, 5);
     let mut scene = Scene::on(script.config(), workers).expect("a script's config are valid");
     let mut commands = Vec::new();
@@ -33,17 +33,17 @@ fn truth(workers: &Workers) -> u64 {
 
 #[test]
 fn a_pile_gives_equal_results_on_any_number_of_threads() {
-    let one = truth(&Workers::new(threads(1)).unwrap());
-    assert_eq!(one, truth(&Workers::default()), "by default");
-    if Workers::may_be_many() {
+    let one = truth(&StepThreads::new(threads(1)).unwrap());
+    assert_eq!(one, truth(&StepThreads::default()), "by default");
+    if StepThreads::may_be_many() {
         for count in [2, 3, 4, 8] {
-            let workers = Workers::new(threads(count)).unwrap();
+            let workers = StepThreads::new(threads(count)).unwrap();
             assert_eq!(one, truth(&workers), "{count} threads");
         }
     } else {
         let asked = NonZeroU32::new(2).unwrap();
-        let refused = Workers::new(threads(2)).err();
-        assert_eq!(refused, Some(WorkersError::OneOnly { asked }));
+        let refused = StepThreads::new(threads(2)).err();
+        assert_eq!(refused, Some(StepThreadsError::OneOnly { asked }));
     }
 }
 
@@ -53,14 +53,14 @@ fn copies_of_four_tiers_are_the_same_on_any_number_of_threads() {
     let tolerances = [0.01, 0.05, 0.2, 1.0]
         .map(|metres| Tolerance::from_metres(Metres::new(metres)).expect("within the limits"));
     let of = |count| {
-        let workers = Workers::new(threads(count)).expect("the threads are available");
+        let workers = StepThreads::new(threads(count)).expect("the threads are available");
         displayed_digests("ball-pit", &tolerances, workers)
     };
     let one = of(1);
     for (at, digest) in one.iter().enumerate() {
         assert!(!one[..at].contains(digest), "two tiers are one");
     }
-    if Workers::may_be_many() {
+    if StepThreads::may_be_many() {
         for count in [2, 4] {
             assert_eq!(one, of(count), "{count} threads");
         }

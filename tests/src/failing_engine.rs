@@ -13,7 +13,7 @@ use rhumb_protocol::scene::{
 };
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Inertia, Twist};
-use rhumb_scene::Workers;
+use rhumb_scene::StepThreads;
 use rhumb_scene::engine::{
     BodyProperties, Engine, EngineFault, Engines, Push, UnanswerableQuery, UnusableShape,
 };
@@ -66,7 +66,7 @@ impl FailingEngine {
     /// Engines that panic in every step after so many.
     #[must_use]
     pub fn engines_that_fail_after(fails_after: Option<u64>) -> Engines {
-        Engines::new(move |config: &SceneConfig, workers: &Workers| {
+        Engines::new(move |config: &SceneConfig, workers: &StepThreads| {
             Ok(Box::new(Self {
                 inner: Engines::default().make(config, workers)?,
                 fuses: BTreeMap::new(),

@@ -16,4 +16,4 @@ mod world_mirror;
 
 pub use app_server::AppServer;
 pub use host::{AppHost, AppOptions, AppScene, Bulk, Datagrams, Geometry, States, TimeAdvanced};
-pub use send_queue::{AppDatagram, AppTransmit, DatagramSubject, Urgency};
+pub use send_queue::{AppDatagram, AppTransmit, CoalescingKey, Urgency};

@@ -83,7 +83,7 @@ impl SendQueue {
         message.encode(index, &mut self.datagram);
         match datagrams {
             Datagrams::Single => {
-                self.close_datagram(to, DatagramSubject::of(message), Urgency::of(message));
+                self.close_datagram(to, CoalescingKey::of(message), Urgency::of(message));
             }
             Datagrams::Packed if self.datagram.len() > DATAGRAM_BYTES_MAX && start > 0 => {
                 let last = self.datagram.split_off(start);
@@ -105,7 +105,7 @@ impl SendQueue {
     fn close_datagram(
         &mut self,
         to: SocketAddr,
-        subject: Option<DatagramSubject>,
+        subject: Option<CoalescingKey>,
         urgency: Urgency,
     ) {
         if !self.datagram.is_empty() {
@@ -152,7 +152,7 @@ pub struct AppDatagram {
     /// The whole datagram.
     pub bytes: Bytes,
     /// While it waits, a newer one about the same subject takes its place; `None`: none does.
-    pub subject: Option<DatagramSubject>,
+    pub subject: Option<CoalescingKey>,
     /// The most urgent one leaves first.
     pub urgency: Urgency,
 }
@@ -178,7 +178,7 @@ pub enum AppTransmit {
 
 /// The subject of a datagram.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum DatagramSubject {
+pub enum CoalescingKey {
     /// The state of an actor.
     Actor(u32),
     /// A contact of two actors.
@@ -195,7 +195,7 @@ pub enum Urgency {
     Moving,
 }
 
-impl DatagramSubject {
+impl CoalescingKey {
     /// The subject of a message; `None` for one that no newer one replaces.
     pub(super) const fn of(message: &Message) -> Option<Self> {
         match message {
@@ -299,7 +299,7 @@ mod tests {
         send_queue.flush(Some(to));
         let datagrams = std::iter::from_fn(|| send_queue.poll_datagram());
         let subjects: Vec<_> = datagrams.map(|d| (d.subject, d.urgency)).collect();
-        let actor = Some(DatagramSubject::Actor(5));
+        let actor = Some(CoalescingKey::Actor(5));
         let expected = [
             (actor, Urgency::Moving),
             (actor, Urgency::Resting),

@@ -22,7 +22,7 @@ use rhumb_link::PIECE_COST_BYTES;
 use tokio::sync::Notify;
 use tokio::time::{Instant, sleep_until};
 
-use crate::server::{AppDatagram, DatagramSubject, Urgency};
+use crate::server::{AppDatagram, CoalescingKey, Urgency};
 
 /// The queues between the two threads.
 #[derive(Debug)]
@@ -139,9 +139,9 @@ struct DatagramQueues {
 /// Queue of one address. It stays as long as its pace is in use.
 #[derive(Debug)]
 struct AddressQueue {
-    waiting: BTreeMap<Place, (Option<DatagramSubject>, Bytes)>,
+    waiting: BTreeMap<Place, (Option<CoalescingKey>, Bytes)>,
     /// Place of each subject that waits.
-    places: BTreeMap<DatagramSubject, Place>,
+    places: BTreeMap<CoalescingKey, Place>,
     last_sent: LastSent,
     /// Number of events so far, the clock of this queue.
     count: u64,
@@ -156,8 +156,8 @@ type Place = (Urgency, u64, u64);
 /// The counts at which subjects were last sent.
 #[derive(Debug, Default)]
 struct LastSent {
-    by_subject: BTreeMap<DatagramSubject, u64>,
-    by_count: BTreeMap<u64, DatagramSubject>,
+    by_subject: BTreeMap<CoalescingKey, u64>,
+    by_count: BTreeMap<u64, CoalescingKey>,
 }
 
 /// Subjects whose last datagram is remembered, at most. One beyond them counts as never sent, which puts it first.
@@ -165,11 +165,11 @@ const LAST_SENT_MAX: usize = 16_384;
 
 impl LastSent {
     /// Zero for a subject that was not sent lately.
-    fn of(&self, subject: DatagramSubject) -> u64 {
+    fn of(&self, subject: CoalescingKey) -> u64 {
         self.by_subject.get(&subject).copied().unwrap_or(0)
     }
 
-    fn note(&mut self, subject: DatagramSubject, count: u64) {
+    fn note(&mut self, subject: CoalescingKey, count: u64) {
         if let Some(earlier) = self.by_subject.insert(subject, count) {
             self.by_count.remove(&earlier);
         }
@@ -399,7 +399,7 @@ mod tests {
         use std::sync::Arc;
 
         use super::super::*;
-        use crate::server::{DatagramSubject, Urgency};
+        use crate::server::{CoalescingKey, Urgency};
 
         fn address(port: u16) -> SocketAddr {
             SocketAddr::from(([127, 0, 0, 1], port))
@@ -419,7 +419,7 @@ mod tests {
             let bytes = [actor.to_be_bytes(), frame.to_be_bytes()].concat();
             AppDatagram {
                 bytes: Bytes::from(bytes),
-                subject: Some(DatagramSubject::Actor(actor)),
+                subject: Some(CoalescingKey::Actor(actor)),
                 urgency,
                 ..datagram(1)
             }
@@ -623,7 +623,7 @@ mod tests {
 
         fn about(actor: u32, urgency: Urgency, number: usize) -> AppDatagram {
             AppDatagram {
-                subject: Some(DatagramSubject::Actor(actor)),
+                subject: Some(CoalescingKey::Actor(actor)),
                 urgency,
                 ..plain(1, number)
             }

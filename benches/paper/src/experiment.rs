@@ -13,7 +13,7 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use rhumb_bench::drive::{DriveError, ServerCpu, player};
 use rhumb_bench::record::Mode;
 use rhumb_bench::{machine, output};
-use rhumb_scene::Workers;
+use rhumb_scene::StepThreads;
 use rhumb_server::run_on_cores;
 
 use crate::analysis::{Analysis, PaperResults};
@@ -91,7 +91,7 @@ pub(crate) fn run(arguments: &ExperimentArguments) -> Result<(), PaperError> {
         .trials
         .unwrap_or(if arguments.fast { 3 } else { 30 });
     tolerance(settings.tolerance_m)?;
-    Workers::new(Some(arguments.threads)).map_err(DriveError::Workers)?;
+    StepThreads::new(Some(arguments.threads)).map_err(DriveError::StepThreads)?;
     let store = Store::open(&arguments.out, &settings)?;
     if !places.caller.is_empty() {
         run_on_cores(&places.caller).map_err(PaperError::Cores)?;

@@ -12,7 +12,7 @@ use rhumb_bench::drive::{DriveError, ServerCpu};
 use rhumb_bench::record::Mode;
 use rhumb_bench::summary::number;
 use rhumb_bench::{machine, output};
-use rhumb_scene::Workers;
+use rhumb_scene::StepThreads;
 use rhumb_server::{run_on_cores, usable_cores};
 use serde::{Deserialize, Serialize};
 
@@ -114,7 +114,7 @@ pub(crate) fn run(arguments: &HardwareArguments) -> Result<(), PaperError> {
     output::make_folder(&arguments.out)?;
     let threads = threads(arguments, all.len());
     for count in &threads {
-        Workers::new(Some(*count)).map_err(DriveError::Workers)?;
+        StepThreads::new(Some(*count)).map_err(DriveError::StepThreads)?;
     }
     let (loads, frames): (&[u32], u32) = if arguments.fast {
         (&[100], 20)
@@ -170,7 +170,7 @@ fn threads(arguments: &HardwareArguments, cores: usize) -> Vec<NonZeroU32> {
     let all = NonZeroU32::new(cores as u32).unwrap_or(NonZeroU32::MIN);
     let two = NonZeroU32::MIN.saturating_add(1);
     let usual = [Threads::Of(NonZeroU32::MIN), Threads::Of(two), Threads::All];
-    let asked = match (arguments.threads.is_empty(), Workers::may_be_many()) {
+    let asked = match (arguments.threads.is_empty(), StepThreads::may_be_many()) {
         (false, _) => &arguments.threads[..],
         (true, true) => &usual,
         (true, false) => &usual[..1],

@@ -6,7 +6,7 @@ use rhumb_client::{ClientError, OpenError};
 use rhumb_netsim::RelayError;
 use rhumb_protocol::scene::{CommandError, Invalid};
 use rhumb_reckoning::Tick;
-use rhumb_scene::{HookError, SceneFault, WorkersError};
+use rhumb_scene::{HookError, SceneFault, StepThreadsError};
 
 use super::app::AppError;
 use super::process::ProcessError;
@@ -28,7 +28,7 @@ pub enum DriveError {
     /// The engine in this process failed.
     Scene(SceneFault),
     /// The requested number of threads is not available.
-    Workers(WorkersError),
+    StepThreads(StepThreadsError),
     /// The script's config is invalid.
     Config(Invalid),
     /// The scene refused a command of the script.
@@ -60,7 +60,7 @@ impl fmt::Display for DriveError {
             Self::App(cause) => cause.fmt(f),
             Self::Relay(cause) => cause.fmt(f),
             Self::Scene(cause) => cause.fmt(f),
-            Self::Workers(cause) => cause.fmt(f),
+            Self::StepThreads(cause) => cause.fmt(f),
             Self::Config(cause) => cause.fmt(f),
             Self::Refused(cause) => write!(f, "the script's command was refused: {cause}"),
             Self::Controller(cause) => cause.fmt(f),

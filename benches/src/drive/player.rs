@@ -12,7 +12,7 @@ use rhumb_protocol::message::{Inspection, StageTimes};
 use rhumb_protocol::scene::{Command, SceneConfig};
 use rhumb_protocol::stream::Activity;
 use rhumb_reckoning::{BodyId, BodyState, Tick, Ticks, Tolerance};
-use rhumb_scene::{Scene, Workers};
+use rhumb_scene::{Scene, StepThreads};
 use rhumb_transport::Clock;
 
 use super::app::{AppRemote, AppSetup, Defects};
@@ -231,7 +231,7 @@ struct InThread;
 impl PlayerFactory for InThread {
     fn start(&self, player_setup: &PlayerSetup, _: Mode) -> Result<Box<dyn Player>, DriveError> {
         let threads = player_setup.cpu.threads;
-        let workers = Workers::new(threads).map_err(DriveError::Workers)?;
+        let workers = StepThreads::new(threads).map_err(DriveError::StepThreads)?;
         let scene = Scene::on(player_setup.config, &workers).map_err(DriveError::Config)?;
         Ok(Box::new(LocalPlayer {
             scene,

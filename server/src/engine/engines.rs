@@ -10,7 +10,7 @@ use super::box3d::Box3dEngine;
 use super::engine_kind::EngineKind;
 use super::interface::{Engine, NoEngine};
 use super::rapier::RapierEngine;
-use super::rapier_workers::Workers;
+use super::rapier_threads::StepThreads;
 
 /// Makes the engine of a new scene; by default [`RapierEngine`].
 ///
@@ -31,10 +31,10 @@ impl Default for EngineSource {
 }
 
 /// The function type of engines.
-trait Make: Fn(&SceneConfig, &Workers) -> Result<Box<dyn Engine>, NoEngine> + Send + Sync {}
+trait Make: Fn(&SceneConfig, &StepThreads) -> Result<Box<dyn Engine>, NoEngine> + Send + Sync {}
 
 impl<F> Make for F where
-    F: Fn(&SceneConfig, &Workers) -> Result<Box<dyn Engine>, NoEngine> + Send + Sync
+    F: Fn(&SceneConfig, &StepThreads) -> Result<Box<dyn Engine>, NoEngine> + Send + Sync
 {
 }
 
@@ -47,7 +47,7 @@ impl Engines {
 
     /// Engines from a function. An engine must be empty and have the configuration's gravity.
     pub fn new(
-        make: impl Fn(&SceneConfig, &Workers) -> Result<Box<dyn Engine>, NoEngine>
+        make: impl Fn(&SceneConfig, &StepThreads) -> Result<Box<dyn Engine>, NoEngine>
         + Send
         + Sync
         + 'static,
@@ -63,12 +63,12 @@ impl Engines {
     pub fn make(
         &self,
         config: &SceneConfig,
-        workers: &Workers,
+        threads: &StepThreads,
     ) -> Result<Box<dyn Engine>, NoEngine> {
         match &self.0 {
-            EngineSource::Function(make) => make(config, workers),
+            EngineSource::Function(make) => make(config, threads),
             EngineSource::Kind(EngineKind::Rapier) => {
-                Ok(Box::new(RapierEngine::on(config, workers)))
+                Ok(Box::new(RapierEngine::on(config, threads)))
             }
             #[cfg(feature = "box3d")]
             EngineSource::Kind(EngineKind::Box3d) => Ok(Box::new(Box3dEngine::new(config)?)),

@@ -31,7 +31,7 @@ mod rapier_rest;
 mod rapier_solid;
 mod rapier_spin;
 mod rapier_vehicles;
-mod rapier_workers;
+mod rapier_threads;
 
 #[cfg(feature = "box3d")]
 pub use box3d::Box3dEngine;
@@ -44,4 +44,4 @@ pub use interface::{
 pub use rapier::RapierEngine;
 #[doc(hidden)]
 pub use rapier_solid::{ShapeVolume, shape_volume};
-pub use rapier_workers::{Workers, WorkersError};
+pub use rapier_threads::{StepThreads, StepThreadsError};

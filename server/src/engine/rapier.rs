@@ -44,12 +44,12 @@ use super::rapier_rest::RapierRest;
 use super::rapier_solid::{self as solids, Solid};
 use super::rapier_spin::{RapierSpin, SPEED_MAX};
 use super::rapier_vehicles::RapierVehicles;
-use super::rapier_workers::Workers;
+use super::rapier_threads::StepThreads;
 
 /// A Rapier world.
 pub struct RapierEngine {
     world: PhysicsWorld,
-    workers: Workers,
+    threads: StepThreads,
     integrator: Integrator,
     fault: Option<EngineFault>,
     solids: BTreeMap<ShapeId, Solid>,
@@ -93,14 +93,14 @@ impl RapierEngine {
     /// An empty world under this configuration.
     #[must_use]
     pub fn new(config: &SceneConfig) -> Self {
-        Self::on(config, &Workers::default())
+        Self::on(config, &StepThreads::default())
     }
 
     /// An empty world under this configuration, stepped by these threads.
     #[must_use]
-    pub fn on(config: &SceneConfig, workers: &Workers) -> Self {
+    pub fn on(config: &SceneConfig, threads: &StepThreads) -> Self {
         let mut world = PhysicsWorld::new();
-        workers.employ(&mut world);
+        threads.install(&mut world);
         world.gravity = config.gravity;
         let parameters = &mut world.integration_parameters;
         parameters.dt = config.integrator.rate.step().seconds() as f32;
@@ -109,7 +109,7 @@ impl RapierEngine {
         parameters.num_solver_iterations = config.integrator.substeps.get() as usize;
         Self {
             world,
-            workers: workers.clone(),
+            threads: threads.clone(),
             integrator: config.integrator,
             fault: None,
             solids: BTreeMap::new(),

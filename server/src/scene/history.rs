@@ -1,6 +1,6 @@
 //! Everything that was done to a scene since a moment, in memory.
 //!
-//! Kept for [`crate::rewind`], which does it again on a copy of the scene as it was then.
+//! Kept for [`crate::rollback`], which does it again on a copy of the scene as it was then.
 
 use std::collections::BTreeMap;
 
@@ -11,7 +11,7 @@ use crate::rights::ClientName;
 
 /// One change of a scene.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) enum Done {
+pub(crate) enum LogEntry {
     /// A command was applied, whatever its source.
     Applied(Box<Command>, Option<Box<Author>>),
     /// The scene stepped.
@@ -33,7 +33,7 @@ const BYTES_MAX: usize = 16 << 20;
 /// The changes in their order.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct History {
-    pub(crate) done: Vec<Done>,
+    pub(crate) done: Vec<LogEntry>,
     /// About the bytes that it takes in memory beside the scene.
     bytes: usize,
     /// Bytes of the added shapes that the scene still has.
@@ -42,7 +42,7 @@ pub(crate) struct History {
 
 impl History {
     /// A history that begins with these changes.
-    pub(crate) fn of(done: Vec<Done>) -> Self {
+    pub(crate) fn of(done: Vec<LogEntry>) -> Self {
         let mut history = Self::default();
         for change in done {
             history.push(change);
@@ -50,9 +50,9 @@ impl History {
         history
     }
 
-    fn push(&mut self, change: Done) {
-        self.bytes += size_of::<Done>();
-        if let Done::Applied(command, _) = &change {
+    fn push(&mut self, change: LogEntry) {
+        self.bytes += size_of::<LogEntry>();
+        if let LogEntry::Applied(command, _) = &change {
             self.bytes += size_of::<Command>();
             match &**command {
                 // While the scene has the shape, both share its memory.
@@ -68,13 +68,13 @@ impl History {
 
     /// Names the author of the last command.
     pub(super) fn attribute(&mut self, author: Author) {
-        if let Some(Done::Applied(_, of)) = self.done.last_mut() {
+        if let Some(LogEntry::Applied(_, of)) = self.done.last_mut() {
             *of = Some(Box::new(author));
         }
     }
 
     /// The history with one more change; `None` if it has become too long to keep.
-    pub(super) fn with(mut self, change: Done) -> Option<Self> {
+    pub(super) fn with(mut self, change: LogEntry) -> Option<Self> {
         self.push(change);
         (self.bytes <= BYTES_MAX).then_some(self)
     }

@@ -14,7 +14,7 @@ use rhumb_reckoning::Tick;
 use super::Scene;
 use crate::baking::BakedShapes;
 use crate::digest::Digest;
-use crate::engine::{FrozenEngine, RapierEngine, Workers};
+use crate::engine::{FrozenEngine, RapierEngine, StepThreads};
 use crate::event_monitor::EventMonitor;
 use crate::registry::Registry;
 
@@ -82,7 +82,7 @@ impl Scene {
     /// [`Malformed`] for bytes that are no image of this version.
     pub fn from_image(
         config: SceneConfig,
-        workers: &Workers,
+        threads: &StepThreads,
         (tick, digest): (Tick, Digest),
         image: &[u8],
     ) -> Result<Self, Malformed> {
@@ -92,7 +92,7 @@ impl Scene {
         let registry = Registry::decode(&mut inner)?;
         let event_monitor = EventMonitor::decode(&mut inner)?;
         inner.finish()?;
-        let engine = RapierEngine::from_image(&config, workers, registry.shapes(), from.rest())?;
+        let engine = RapierEngine::from_image(&config, threads, registry.shapes(), from.rest())?;
         let scene = Self::with_engine(config, Box::new(engine)).map_err(|_| Malformed::OutOfRange);
         Ok(Self {
             gravity,

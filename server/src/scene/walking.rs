@@ -73,7 +73,7 @@ mod tests {
     use rhumb_reckoning::Rate;
 
     use super::*;
-    use crate::engine::Workers;
+    use crate::engine::StepThreads;
 
     const CAR: BodyId = BodyId::new(1, 0);
     const WALKER: BodyId = BodyId::new(2, 0);
@@ -142,7 +142,7 @@ mod tests {
         }
         let image = scene.freeze().unwrap().encode().unwrap();
         let at = (scene.tick(), scene.digest());
-        let restored = Scene::from_image(*scene.config(), &Workers::default(), at, &image).unwrap();
+        let restored = Scene::from_image(*scene.config(), &StepThreads::default(), at, &image).unwrap();
         let mut others = [restored, scene.copy().unwrap()];
         let mut landed = false;
         for tick in 0..120 {

@@ -120,7 +120,7 @@ impl SceneRunner {
         if config.kind != BodyKind::Kinematic {
             return Err(AuthorityError::NotKinematic(id));
         }
-        if self.grants.owner(id).is_some_and(|owner| owner != peer) {
+        if self.id_ranges.owner(id).is_some_and(|owner| owner != peer) {
             return Err(AuthorityError::NotYours(id));
         }
         if self

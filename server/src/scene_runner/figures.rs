@@ -4,12 +4,12 @@ use rhumb_protocol::message::RemovalCause;
 
 use super::SceneRunner;
 use crate::observer::{Incident, TickFigures};
-use crate::times::Marks;
+use crate::times::Timestamps;
 
 impl SceneRunner {
     /// Adds the times of a tick to the scene's figures.
-    pub(super) fn note_times(&mut self, marks: Marks) {
-        self.times.add(marks);
+    pub(super) fn note_times(&mut self, timestamps: Timestamps) {
+        self.times.add(timestamps);
         let figures = TickFigures {
             tick: self.scene.tick(),
             members: self.members.len(),
@@ -17,8 +17,8 @@ impl SceneRunner {
             awake: self.scene.awake_count(),
             waiting: self.streams.waiting(),
             load: self.provision.load.reserved(),
-            step: marks.stepped.since(marks.begun),
-            publish: marks.published.since(marks.stepped),
+            step: timestamps.stepped.since(timestamps.begun),
+            publish: timestamps.published.since(timestamps.stepped),
         };
         let mut packets = self.streams.all_packets();
         let observer = &mut self.provision.observer;

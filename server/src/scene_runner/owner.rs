@@ -31,7 +31,7 @@ impl SceneRunner {
         owner: Peer,
         command: &Command,
     ) -> Result<(), CommandError> {
-        self.provision.pulse.beat();
+        self.provision.heartbeat.beat();
         let applied = self.apply(owner, command);
         let now = self.last_step;
         applied.map_err(|error| self.restore_if_failed(now, error))
@@ -40,7 +40,7 @@ impl SceneRunner {
     /// Steps once. One message may ask for many steps.
     pub(crate) fn step_for_owner(&mut self, clock: Stopwatch<'_>, out: &mut Outbox) {
         if !self.faulted {
-            self.provision.pulse.beat();
+            self.provision.heartbeat.beat();
             self.target = self.target.next();
             self.tick(clock, out);
         }
@@ -66,7 +66,7 @@ mod tests {
     use rhumb_protocol::scene::SceneConfig;
 
     use super::*;
-    use crate::pulse::Pulse;
+    use crate::heartbeat::Heartbeat;
     use crate::scene_runner::Provision;
     use crate::stream_names::StreamNames;
 
@@ -74,14 +74,14 @@ mod tests {
     fn each_command_and_each_step_of_an_owner_is_a_piece_of_work() {
         let nanos = Arc::new(AtomicU64::new(0));
         let clock = Arc::clone(&nanos);
-        let pulse = Pulse::new(move || Instant::from_nanos(clock.load(Ordering::Relaxed)));
+        let heartbeat = Heartbeat::new(move || Instant::from_nanos(clock.load(Ordering::Relaxed)));
         let provision = Provision {
-            pulse: pulse.clone(),
+            heartbeat: heartbeat.clone(),
             ..Provision::unbounded()
         };
         let scene = Scene::new(SceneConfig::default()).unwrap();
         let mut runner = SceneRunner::new(scene, StreamNames::of_scene(0), provision);
-        pulse.beat();
+        heartbeat.beat();
         let gravity = glam::Vec3::NEG_Y;
         let work: [&dyn Fn(&mut SceneRunner); 2] = [
             &|runner| {
@@ -92,9 +92,9 @@ mod tests {
         ];
         for work in work {
             nanos.fetch_add(5_000_000_000, Ordering::Relaxed);
-            assert_eq!(pulse.busy_for(), Span::from_millis(5_000));
+            assert_eq!(heartbeat.busy_for(), Span::from_millis(5_000));
             work(&mut runner);
-            assert_eq!(pulse.busy_for(), Span::ZERO);
+            assert_eq!(heartbeat.busy_for(), Span::ZERO);
         }
     }
 }

@@ -3,14 +3,14 @@
 use crate::limits::Limits;
 use crate::load::SceneLoad;
 use crate::observer::SceneObserver;
-use crate::pulse::Pulse;
+use crate::heartbeat::Heartbeat;
 
 /// The provision of one scene, given back when the scene ends.
 pub(crate) struct Provision {
     pub(crate) limits: Limits,
     pub(crate) load: SceneLoad,
     /// Shows that a long work of the scene makes progress.
-    pub(crate) pulse: Pulse,
+    pub(crate) heartbeat: Heartbeat,
     pub(crate) observer: Box<dyn SceneObserver>,
 }
 
@@ -21,7 +21,7 @@ impl Provision {
         Self {
             limits: Limits::default(),
             load: crate::load::ServerLoad::default().of_scene((0, 1), u64::MAX, u64::MAX),
-            pulse: Pulse::default(),
+            heartbeat: Heartbeat::default(),
             observer: Box::new(crate::observer::Unobserved),
         }
     }

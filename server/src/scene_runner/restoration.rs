@@ -13,7 +13,7 @@ use rhumb_reckoning::BodyId;
 use super::SceneRunner;
 use crate::observer::Incident;
 use crate::outbox::Outbox;
-use crate::rewind::{FailedIn, Restoration};
+use crate::rollback::{FailedIn, Restoration};
 use crate::scene::{Author, Scene, Stepped};
 
 /// The time in which a scene may be restored [`crate::Limits::restorations`] times.
@@ -23,7 +23,7 @@ impl SceneRunner {
     /// Copies the scene, if that is due, before it changes.
     pub(super) fn copy_if_due(&mut self) {
         if self.provision.limits.restorations > 0 {
-            self.rewind.copy_if_due(&mut self.scene, &self.ownership);
+            self.rollback.copy_if_due(&mut self.scene, &self.ownership);
         }
     }
 
@@ -78,10 +78,10 @@ impl SceneRunner {
         if self.restored_at.len() as u64 >= self.provision.limits.restorations {
             return Err(FaultCause::TooOften);
         }
-        let pulse = self.provision.pulse.clone();
+        let heartbeat = self.provision.heartbeat.clone();
         let restoration = self
-            .rewind
-            .restore(&self.scene, failed_in, &mut || pulse.beat())
+            .rollback
+            .restore(&self.scene, failed_in, &mut || heartbeat.beat())
             .ok_or(FaultCause::FailedAgain)?;
         self.restored_at.push_back(now);
         self.provision.observer.incident(Incident::Restored);

@@ -13,7 +13,7 @@ impl SceneRunner {
         self.run_script();
         let indices = self.scene.bodies().map(|body| body.id.index() + 1);
         let end = indices.max().unwrap_or(0);
-        self.grants.begin_after(end);
+        self.id_ranges.begin_after(end);
     }
 
     /// Applies the script's commands before the next step.
@@ -24,7 +24,7 @@ impl SceneRunner {
         if !self.faulted && self.scene.is_sound() {
             for command in script.commands(&self.scene) {
                 // A script may add thousands of bodies at once.
-                self.provision.pulse.beat();
+                self.provision.heartbeat.beat();
                 if let Err(error) = self.apply_of_script(&command) {
                     tracing::warn!(%error, "a command of the scene's script is refused");
                 }

@@ -11,7 +11,7 @@ use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Instant, Peer};
 
 use super::SceneRunner;
-use crate::grants::IndexLimits;
+use crate::id_ranges::IndexLimits;
 use crate::member::Member;
 use crate::outbox::Outbox;
 use crate::record::{Record, SessionNumber};
@@ -20,7 +20,7 @@ use crate::sessions::{ResumableSession, Sessions};
 
 /// End of a membership.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Departure {
+pub(crate) enum DisconnectReason {
     /// The client has left; its session is over.
     Left,
     /// The connection has ended; its session waits for another one.
@@ -96,7 +96,7 @@ impl SceneRunner {
     }
 
     /// Ends a membership. The client's bodies stay; its input behind a pending advance is dropped.
-    pub(crate) fn leave(&mut self, now: Instant, peer: Peer, departure: Departure) {
+    pub(crate) fn leave(&mut self, now: Instant, peer: Peer, reason: DisconnectReason) {
         self.waiting.retain(|(sender, _)| *sender != peer);
         self.authority_table.end(peer);
         if let Some(member) = self.members.remove(&peer) {
@@ -107,7 +107,7 @@ impl SceneRunner {
             for stream in member.streams() {
                 self.streams.unsubscribe(stream, peer);
             }
-            self.end_session(now, peer, member.session, departure);
+            self.end_session(now, peer, member.session, reason);
         }
         if self.members.is_empty() {
             self.next_step = None;
@@ -150,7 +150,7 @@ impl SceneRunner {
             .sessions
             .iter()
             .flat_map(|(_, session)| &session.ranges);
-        self.grants
+        self.id_ranges
             .restore(self.scene.indices(), of_sessions.copied());
     }
 
@@ -184,14 +184,14 @@ impl SceneRunner {
         let known = self.known_session(permit, request);
         if let Some(other) = known.and_then(|number| self.sessions.member_of(number)) {
             tracing::info!(peer = other.0, "another connection takes the session up");
-            self.leave(now, other, Departure::Disconnected);
+            self.leave(now, other, DisconnectReason::Disconnected);
             if let Some(session) = out.session(other) {
                 session.close(CloseCode::SESSION_TAKEN);
             }
         }
     }
 
-    /// Grants a new member its indices, or gives it back those of its session.
+    /// IdRanges a new member its indices, or gives it back those of its session.
     fn begin_session(
         &mut self,
         now: Instant,
@@ -205,7 +205,7 @@ impl SceneRunner {
                 .sessions
                 .get(number)
                 .map(|session| session.ranges.clone());
-            self.grants.give_back(peer, ranges.unwrap_or_default());
+            self.id_ranges.give_back(peer, ranges.unwrap_or_default());
             self.sessions.attach(number, peer);
             return Ok(known);
         }
@@ -220,7 +220,7 @@ impl SceneRunner {
         Ok(Some(number))
     }
 
-    /// Grants a new member its indices. Clients that are away give way to one that is here: their sessions end, one after
+    /// IdRanges a new member its indices. Clients that are away give way to one that is here: their sessions end, one after
     /// the other, until the indices suffice. A session whose indices all have bodies would free none, and continues.
     fn grant_to_new_member(&mut self, peer: Peer) -> Result<IdRange, Denial> {
         let least = (self.index_limits().share / SUFFICES).max(1);
@@ -250,17 +250,17 @@ impl SceneRunner {
         indices.any(|index| self.scene.vacancy(index).is_some())
     }
 
-    /// Grants a new member its share of the indices, or fewer if no free run is so long, but not fewer than `least`.
+    /// IdRanges a new member its share of the indices, or fewer if no free run is so long, but not fewer than `least`.
     fn grant_first(&mut self, peer: Peer, least: u32) -> Option<IdRange> {
         let (scene, limits) = (&self.scene, self.index_limits());
         let vacancy = |index| scene.vacancy(index);
-        self.grants.admit((peer, least), limits, &vacancy)
+        self.id_ranges.admit((peer, least), limits, &vacancy)
     }
 
     pub(super) fn grant_more(&mut self, peer: Peer, count: u32) -> Result<IdRange, Denial> {
         let (scene, limits) = (&self.scene, self.index_limits());
         let vacancy = |index| scene.vacancy(index);
-        let granted = self.grants.reserve(peer, count, limits, &vacancy);
+        let granted = self.id_ranges.reserve(peer, count, limits, &vacancy);
         granted.ok_or(Denial::NoIndicesLeft)
     }
 
@@ -309,18 +309,18 @@ impl SceneRunner {
         now: Instant,
         peer: Peer,
         session: Option<SessionNumber>,
-        departure: Departure,
+        reason: DisconnectReason,
     ) {
-        match (session, departure) {
-            (Some(number), Departure::Left) => {
+        match (session, reason) {
+            (Some(number), DisconnectReason::Left) => {
                 self.note_session(&Record::Closed(number));
-                self.grants.retire(peer);
+                self.id_ranges.retire(peer);
             }
-            (Some(number), Departure::Disconnected) => {
+            (Some(number), DisconnectReason::Disconnected) => {
                 self.sessions.detach(number, now);
-                self.grants.withdraw(peer);
+                self.id_ranges.withdraw(peer);
             }
-            (None, _) => self.grants.retire(peer),
+            (None, _) => self.id_ranges.retire(peer),
         }
         self.close_expired(now);
         self.commit();
@@ -336,7 +336,7 @@ impl SceneRunner {
     fn close_absent(&mut self, number: SessionNumber) {
         let session = self.sessions.get(number);
         let ranges = session.map(|session| session.ranges.clone());
-        self.grants.free(ranges.unwrap_or_default());
+        self.id_ranges.free(ranges.unwrap_or_default());
         self.note_session(&Record::Closed(number));
     }
 }

@@ -53,7 +53,7 @@ impl ServerLoop {
             let retry_seconds = load::RETRY_SECONDS;
             return Err(Denial::Overloaded { retry_seconds });
         }
-        let engine = self.engines.make(&config, &self.workers).map_err(|cause| {
+        let engine = self.engines.make(&config, &self.threads).map_err(|cause| {
             tracing::warn!(scene = %name, %cause, "a scene cannot begin");
             Denial::TooManyScenes
         })?;
@@ -88,11 +88,11 @@ impl ServerLoop {
         let provision = Provision {
             limits: self.limits,
             load,
-            pulse: self.pulse.clone(),
+            heartbeat: self.heartbeat.clone(),
             observer: self.observers.begin(name, period),
         };
         let mut runner = SceneRunner::new(scene, names, provision);
-        runner.employ(self.workers.clone());
+        runner.employ(self.threads.clone());
         runner.set_largest_packet(self.largest_packet);
         if let Some(hook) = self
             .hooks

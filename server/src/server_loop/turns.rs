@@ -6,7 +6,7 @@ use rhumb_protocol::{Instant, Peer, Span};
 
 use super::ServerLoop;
 use crate::baking::{self, Bake};
-use crate::scene_runner::Departure;
+use crate::scene_runner::DisconnectReason;
 
 /// Messages of one connection that are handled before others, and the ticks, get their turn.
 const MESSAGES_PER_TURN: usize = 512;
@@ -54,7 +54,7 @@ impl ServerLoop {
                     Ok(ClientMessage::Query(_) | ClientMessage::Reserve { .. })
                 );
             left = if is_work { 0 } else { left - 1 };
-            self.pulse.beat();
+            self.heartbeat.beat();
             self.handle_message(now, peer, message);
             self.answer_if_long(peer);
         }
@@ -130,15 +130,15 @@ impl ServerLoop {
     /// Handles what arrived before the end of a connection, as far as it does something without its client: an answer
     /// would have no reader. A client that leaves loses nothing. Of one that broke off, what is beyond its rate is left out,
     /// since its session sends it again.
-    pub(super) fn handle_rest(&mut self, now: Instant, peer: Peer, departure: Departure) {
+    pub(super) fn handle_rest(&mut self, now: Instant, peer: Peer, reason: DisconnectReason) {
         let is_left_out = |server: &mut Self| {
-            departure == Departure::Disconnected
+            reason == DisconnectReason::Disconnected
                 && (server.runner_of(peer)).is_some_and(|runner| runner.is_over_rate(now, peer))
         };
         while !is_left_out(self)
             && let Some(message) = self.next_message(peer)
         {
-            self.pulse.beat();
+            self.heartbeat.beat();
             match message {
                 // The client is gone and joins nothing.
                 Ok(ClientMessage::Join(_) | ClientMessage::Session(_)) => break,

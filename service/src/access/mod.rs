@@ -4,13 +4,13 @@
 //! get the resulting permit.
 
 mod claims;
-mod gate;
+mod authenticator;
 mod keys;
 
 pub(crate) use self::claims::{Claims, DEFAULT_AUDIENCE, role_of};
-pub(crate) use self::gate::Gate;
+pub(crate) use self::authenticator::Authenticator;
 #[cfg(test)]
-pub(crate) use self::gate::tests;
+pub(crate) use self::authenticator::tests;
 #[cfg(feature = "view")]
 pub(crate) use self::keys::TokenIssuer;
 pub use self::keys::{KeyError, TokenKeys};

@@ -5,7 +5,7 @@ use std::io::Write;
 use std::path::Path;
 
 use rhumb_protocol::scene::SceneName;
-use rhumb_scene::engine::Workers;
+use rhumb_scene::engine::StepThreads;
 
 use super::data_dir::DataDir;
 use super::log_tail::LogTail;
@@ -53,7 +53,7 @@ pub(crate) fn replay(
 }
 
 fn restore(files: &SceneFiles, start: ReplayStart) -> Result<Option<Restored>, Box<dyn Error>> {
-    Ok(files.restore(&Workers::default(), (start, LogTail::Kept), &mut || {})?)
+    Ok(files.restore(&StepThreads::default(), (start, LogTail::Kept), &mut || {})?)
 }
 
 /// One line on a restored scene, and one for each thing that was passed over.

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 
 use rhumb_protocol::scene::{Command, SceneConfig, SceneName};
 use rhumb_reckoning::Tick;
-use rhumb_scene::engine::Workers;
+use rhumb_scene::engine::StepThreads;
 use rhumb_scene::{Ownership, Record, Scene, Sessions};
 
 use super::error::{Damage, DataError};
@@ -85,7 +85,7 @@ impl SceneFiles {
     /// The scene, or `None` if its creation was never durable. `beat` is called before each step.
     pub(crate) fn restore(
         &self,
-        workers: &Workers,
+        workers: &StepThreads,
         (start, tail): (ReplayStart, LogTail),
         beat: &mut dyn FnMut(),
     ) -> Result<Option<Restored>, DataError> {
@@ -277,7 +277,7 @@ impl SceneFiles {
     fn begin(
         &self,
         config: SceneConfig,
-        workers: &Workers,
+        workers: &StepThreads,
         snapshot: Option<Snapshot>,
     ) -> Result<Run, DataError> {
         let Some(snapshot) = snapshot else {

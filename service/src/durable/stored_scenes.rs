@@ -6,7 +6,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use rhumb_protocol::Instant;
 use rhumb_protocol::scene::{SceneConfig, SceneName};
 use rhumb_reckoning::Tick;
-use rhumb_scene::engine::Workers;
+use rhumb_scene::engine::StepThreads;
 use rhumb_scene::{CommandLog, RestoredScene, SceneStore};
 
 use super::data_dir::DataDir;
@@ -18,14 +18,14 @@ use super::writer::{Origin, SceneLog, Wake};
 /// The data directory, and the scenes in it that cannot be served.
 pub(crate) struct StoredScenes {
     data: DataDir,
-    workers: Workers,
+    workers: StepThreads,
     wake: Wake,
     damaged: Mutex<BTreeMap<SceneName, SceneFiles>>,
 }
 
 impl StoredScenes {
     /// `workers`: threads that step a scene. `wake` is called when a log has more that is durable.
-    pub(crate) fn new(data: DataDir, workers: Workers, wake: Wake) -> Self {
+    pub(crate) fn new(data: DataDir, workers: StepThreads, wake: Wake) -> Self {
         let damaged = Mutex::default();
         Self {
             data,

@@ -16,7 +16,7 @@ use rhumb_protocol::scene::{
     JumpFrom, SceneConfig, SceneName, Shape, ShapeId, Vehicle, Wheel, WheelInput,
 };
 use rhumb_reckoning::{BodyId, BodyState, Tick};
-use rhumb_scene::engine::Workers;
+use rhumb_scene::engine::StepThreads;
 use rhumb_scene::{Ownership, Record, Scene, SessionNumber, Sessions};
 use ring::hmac;
 
@@ -241,7 +241,7 @@ impl Recorded {
 
     fn restore(&self) -> Result<Option<Restored>, DataError> {
         self.files.restore(
-            &Workers::default(),
+            &StepThreads::default(),
             (ReplayStart::Newest, LogTail::Kept),
             &mut || {},
         )
@@ -394,7 +394,7 @@ proptest! {
         recorded.write();
         recorded.sync();
         let left_out = (ReplayStart::Newest, LogTail::LeftOut);
-        let restored = recorded.files.restore(&Workers::default(), left_out, &mut || {});
+        let restored = recorded.files.restore(&StepThreads::default(), left_out, &mut || {});
         let restored = restored.unwrap().unwrap();
         recorded.check(&restored)?;
         prop_assert_eq!((restored.scene.tick(), restored.scene.body_count()), (tick, bodies));

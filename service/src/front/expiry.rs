@@ -71,7 +71,7 @@ mod tests {
     fn a_connection_ends_with_its_token() {
         let signed = Signed::new("expiry");
         let mut front = Front::on_one_thread(|| Instant::ZERO);
-        front.guard(signed.gate());
+        front.guard(signed.authenticator());
         let (peer, mut now) = (Peer(1), Instant::ZERO);
         front.handle_opened(now, peer);
         front.handle_control(now, peer, &hello(&signed.token()));

@@ -32,8 +32,8 @@ use rhumb_protocol::packet::LargestPacket;
 use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake, WakeReason};
-use rhumb_scene::engine::{EngineKind, Workers};
-use rhumb_scene::{Hooks, Limits, ProvidedScenes, Pulse, UpstreamStatistics};
+use rhumb_scene::engine::{EngineKind, StepThreads};
+use rhumb_scene::{Hooks, Limits, ProvidedScenes, Heartbeat, UpstreamStatistics};
 
 #[cfg(feature = "app")]
 pub(crate) use self::adapter::{Adapter, AdapterQueue};
@@ -47,8 +47,8 @@ use self::process::Processes;
 pub(crate) use self::process::{ProcessOptions, run_worker};
 use self::settings::WorkerSettings;
 use self::threads::{SharedClock, Threads};
-use self::worker::{HereWorker, ThreadWorker};
-use crate::access::Gate;
+use self::worker::{InlineWorker, ThreadWorker};
+use crate::access::Authenticator;
 use crate::metrics::Metrics;
 
 /// Connections, and the workers of their scenes.
@@ -56,14 +56,14 @@ pub struct Front {
     connections: BTreeMap<Peer, Connection>,
     /// Connections that must say hello by then.
     greeting_until: BTreeSet<(Instant, Peer)>,
-    gate: Gate,
+    authenticator: Authenticator,
     /// Shows that the front makes progress.
-    pulse: Pulse,
+    heartbeat: Heartbeat,
     expiry: Expiry,
     workers: BTreeMap<WorkerId, Worker>,
     by_scope: BTreeMap<Scope, WorkerId>,
     next_worker: u32,
-    /// Workers on this thread that may have output.
+    /// StepThreads on this thread that may have output.
     fresh: BTreeSet<WorkerId>,
     out: VecDeque<Transmit>,
     threads: Option<Threads>,
@@ -85,7 +85,7 @@ struct Worker {
 
 /// The thread or process in which a worker runs.
 enum Place {
-    Here(Box<HereWorker>),
+    Inline(Box<InlineWorker>),
     Thread(ThreadWorker),
     Process(ProcessId),
 }
@@ -111,8 +111,8 @@ impl Front {
         Self {
             connections: BTreeMap::new(),
             greeting_until: BTreeSet::new(),
-            gate: Gate::Open,
-            pulse: Pulse::default(),
+            authenticator: Authenticator::Open,
+            heartbeat: Heartbeat::default(),
             expiry: Expiry::default(),
             workers: BTreeMap::new(),
             by_scope: BTreeMap::new(),
@@ -144,16 +144,16 @@ impl Front {
     }
 
     /// Decides which later connections are admitted.
-    pub(crate) fn guard(&mut self, gate: Gate) {
-        self.gate = gate;
+    pub(crate) fn guard(&mut self, authenticator: Authenticator) {
+        self.authenticator = authenticator;
     }
 
     /// Counts figures of later connections and scenes.
     pub(crate) fn count(&mut self, metrics: Metrics) {
         let clock = SharedClock::clone(&self.settings.stopwatch);
-        self.pulse = Pulse::new(move || clock());
+        self.heartbeat = Heartbeat::new(move || clock());
         metrics.watch(
-            self.pulse.clone(),
+            self.heartbeat.clone(),
             self.settings.load.clone(),
             &self.settings.limits,
         );
@@ -176,7 +176,7 @@ impl Front {
     }
 
     /// Sets the threads that divide a step and the streams of later scenes.
-    pub fn employ(&mut self, engine_threads: Workers) {
+    pub fn employ(&mut self, engine_threads: StepThreads) {
         self.settings.engine_threads = engine_threads;
     }
 
@@ -194,11 +194,11 @@ impl Front {
     pub fn upstreams(&self, scene: &SceneName) -> impl Iterator<Item = UpstreamStatistics> {
         let id = self.by_scope.get(&self.scope_of(scene));
         let worker = id.and_then(|id| self.workers.get(id)).into_iter();
-        let here = worker.filter_map(|worker| match &worker.place {
-            Place::Here(here) => Some(here),
+        let inline = worker.filter_map(|worker| match &worker.place {
+            Place::Inline(inline) => Some(inline),
             Place::Thread(_) | Place::Process(_) => None,
         });
-        here.flat_map(|here| here.server_loop().upstreams(scene))
+        inline.flat_map(|inline| inline.server_loop().upstreams(scene))
     }
 
     /// The scenes of the worker that has this one.
@@ -218,8 +218,8 @@ impl Front {
         };
         worker.sent += 1;
         match &mut worker.place {
-            Place::Here(here) => {
-                here.handle(now, input);
+            Place::Inline(inline) => {
+                inline.handle(now, input);
                 self.fresh.insert(id);
             }
             Place::Thread(thread) => thread.send(input),
@@ -257,7 +257,7 @@ impl Front {
         };
         self.greeting_until.remove(&(greeting.until, peer));
         let paced = greeting.paced;
-        let admission = match self.gate.admit(token.as_deref(), &scene) {
+        let admission = match self.authenticator.admit(token.as_deref(), &scene) {
             Ok(admission) => admission,
             Err(cause) => {
                 let code = cause.code();
@@ -320,9 +320,9 @@ impl Front {
         let mut any = false;
         while let Some(id) = self.fresh.pop_first() {
             if let Some(worker) = self.workers.get_mut(&id)
-                && let Place::Here(here) = &mut worker.place
+                && let Place::Inline(inline) = &mut worker.place
             {
-                let output = here.output();
+                let output = inline.output();
                 any |= !output.transmits.is_empty();
                 self.absorb(id, output);
             }
@@ -426,7 +426,7 @@ impl Endpoint for Front {
     }
 
     fn handle_control(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
-        self.pulse.beat();
+        self.heartbeat.beat();
         match self.connections.get_mut(&from) {
             Some(Connection::Greeting(_)) => self.greet(now, from, bytes),
             Some(Connection::Bound(id, unhandled)) => {
@@ -478,7 +478,7 @@ impl Endpoint for Front {
     }
 
     fn handle_timeout(&mut self, now: Instant) {
-        self.pulse.beat();
+        self.heartbeat.beat();
         while let Some((until, peer)) = self.greeting_until.first().copied()
             && until <= now
         {
@@ -488,13 +488,13 @@ impl Endpoint for Front {
             self.expire(now, peer);
         }
         for (id, worker) in &mut self.workers {
-            if let Place::Here(here) = &mut worker.place
-                && here
+            if let Place::Inline(inline) = &mut worker.place
+                && inline
                     .server_loop()
                     .poll_timeout()
                     .is_some_and(|wake| wake.at <= now)
             {
-                here.handle_timeout(now);
+                inline.handle_timeout(now);
                 self.fresh.insert(*id);
             }
         }
@@ -510,7 +510,7 @@ impl Endpoint for Front {
 
     fn poll_timeout(&self) -> Option<Wake> {
         // The driver waits next.
-        self.pulse.rest();
+        self.heartbeat.rest();
         let deadline = |at| Wake {
             at,
             reason: WakeReason::Deadline,
@@ -521,14 +521,14 @@ impl Endpoint for Front {
             .map(|(until, _)| deadline(*until));
         let expiry = self.expiry.next().map(deadline);
         let watch = self.next_watch().map(deadline);
-        let here = self
+        let inline = self
             .workers
             .values()
             .filter_map(|worker| match &worker.place {
-                Place::Here(here) => here.server_loop().poll_timeout(),
+                Place::Inline(inline) => inline.server_loop().poll_timeout(),
                 Place::Thread(_) | Place::Process(_) => None,
             });
         let front = [greeting, expiry, watch].into_iter().flatten();
-        here.chain(front).min_by_key(|wake| wake.at)
+        inline.chain(front).min_by_key(|wake| wake.at)
     }
 }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use rhumb_protocol::Instant;
 use rhumb_protocol::packet::LargestPacket;
-use rhumb_scene::engine::{EngineKind, Engines, Workers};
+use rhumb_scene::engine::{EngineKind, Engines, StepThreads};
 use rhumb_scene::{Hooks, Limits, ProvidedScenes, SceneSlots, ServerLoad, ServerLoop};
 
 use super::threads::SharedClock;
@@ -19,7 +19,7 @@ pub(super) struct WorkerSettings {
     pub(super) hooks: Option<Hooks>,
     pub(super) provided: Option<ProvidedScenes>,
     pub(super) engine: EngineKind,
-    pub(super) engine_threads: Workers,
+    pub(super) engine_threads: StepThreads,
     pub(super) largest_packet: LargestPacket,
     pub(super) slots: SceneSlots,
     pub(super) load: ServerLoad,
@@ -36,7 +36,7 @@ impl WorkerSettings {
             hooks: None,
             provided: None,
             engine: EngineKind::default(),
-            engine_threads: Workers::default(),
+            engine_threads: StepThreads::default(),
             largest_packet: LargestPacket::DEFAULT,
             slots: SceneSlots::default(),
             load: ServerLoad::default(),

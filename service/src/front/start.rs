@@ -9,7 +9,7 @@ use rhumb_protocol::session::CloseCode;
 use super::Adapter;
 use super::message::{WorkerId, WorkerInput};
 use super::parked::Scope;
-use super::worker::{HereWorker, ThreadWorker};
+use super::worker::{InlineWorker, ThreadWorker};
 use super::{Front, Place, Worker};
 use crate::durable::LogTail;
 
@@ -38,7 +38,7 @@ impl Front {
     ) -> Result<WorkerId, CloseCode> {
         let id = WorkerId(self.next_worker);
         let place = match (&self.threads, &mut self.processes, &scope) {
-            (None, ..) => Place::Here(Box::new(HereWorker::new(&self.settings, Arc::new(|| {})))),
+            (None, ..) => Place::Inline(Box::new(InlineWorker::new(&self.settings, Arc::new(|| {})))),
             (Some(threads), Some(processes), Scope::Scene(scene)) => {
                 Place::Process(processes.begin(id, scene, threads, &self.settings)?)
             }

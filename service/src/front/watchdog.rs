@@ -1,4 +1,4 @@
-//! Workers that do not answer: found, and parked.
+//! StepThreads that do not answer: found, and parked.
 //!
 //! A thread cannot be killed. A parked one is left to itself with the lowest priority; its clients are
 //! closed, its scenes are lost, and their names are free again when it ends by itself. Invariant: at most
@@ -9,7 +9,7 @@ use std::time::Duration;
 use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Instant, Span};
-use rhumb_scene::Pulse;
+use rhumb_scene::Heartbeat;
 
 use super::message::{FromWorker, WorkerId, WorkerReport};
 use super::parked::Scope;
@@ -60,14 +60,14 @@ impl Front {
             let looks = stuck_for.as_nanos() / INTERVAL.as_nanos() + LOOKS_MORE;
             processes.look(u32::try_from(looks).unwrap_or(u32::MAX));
         }
-        let is_stuck = |pulse: &Pulse| pulse.busy_for() > stuck_for;
+        let is_stuck = |heartbeat: &Heartbeat| heartbeat.busy_for() > stuck_for;
         let stuck = self
             .workers
             .iter()
             .filter(|(_, worker)| match &worker.place {
-                Place::Thread(thread) => is_stuck(&thread.pulse),
+                Place::Thread(thread) => is_stuck(&thread.heartbeat),
                 // A process watches its threads itself.
-                Place::Here(_) | Place::Process(_) => false,
+                Place::Inline(_) | Place::Process(_) => false,
             });
         let stuck: Vec<WorkerId> = stuck.map(|(id, _)| *id).collect();
         for id in stuck {

@@ -13,7 +13,7 @@ use std::time::Duration;
 
 use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::{Endpoint, Instant, Peer, Transmit};
-use rhumb_scene::{Bakers, Pulse, ServerLoop};
+use rhumb_scene::{Bakers, Heartbeat, ServerLoop};
 
 use super::message::{FromWorker, WorkerId, WorkerInput, WorkerOutput};
 use super::priority::{self, ThreadId};
@@ -30,7 +30,7 @@ const STACK_BYTES: usize = 8 << 20;
 pub(super) type ServeOthers = Box<dyn FnMut(&mut ServerLoop) + Send>;
 
 /// A server loop, and the control bytes that it has not handled.
-pub(super) struct HereWorker {
+pub(super) struct InlineWorker {
     server_loop: ServerLoop,
     /// Control bytes received and not yet reported as handled.
     unhandled: BTreeMap<Peer, usize>,
@@ -38,7 +38,7 @@ pub(super) struct HereWorker {
     /// The scenes of the data directory, if there is one.
     stored: Option<Arc<StoredScenes>>,
     clock: SharedClock,
-    pulse: Pulse,
+    heartbeat: Heartbeat,
     /// Serves the clients of another protocol.
     others: Option<ServeOthers>,
 }
@@ -46,11 +46,11 @@ pub(super) struct HereWorker {
 /// The front's handle of a worker on a thread of its own.
 pub(super) struct ThreadWorker {
     inputs: Sender<WorkerInput>,
-    pub(super) pulse: Pulse,
+    pub(super) heartbeat: Heartbeat,
     pub(super) thread_id: ThreadId,
 }
 
-impl HereWorker {
+impl InlineWorker {
     /// `wake` has the worker report what has become durable.
     pub(super) fn new(settings: &WorkerSettings, wake: Wake) -> Self {
         let mut server_loop = settings.server_loop();
@@ -67,7 +67,7 @@ impl HereWorker {
             inputs: 0,
             stored,
             clock: SharedClock::clone(&settings.stopwatch),
-            pulse: Pulse::default(),
+            heartbeat: Heartbeat::default(),
             others: None,
         }
     }
@@ -93,9 +93,9 @@ impl HereWorker {
 
     /// Restores a scene from the data directory, if it is there.
     fn restore(&mut self, scene: &SceneName, tail: LogTail) {
-        let (clock, pulse) = (&*self.clock, &self.pulse);
+        let (clock, heartbeat) = (&*self.clock, &self.heartbeat);
         let restored = (self.stored.as_ref())
-            .and_then(|stored| stored.restore(scene, tail, clock, &mut || pulse.beat()));
+            .and_then(|stored| stored.restore(scene, tail, clock, &mut || heartbeat.beat()));
         if let Some(restored) = restored {
             self.server_loop.add_restored(restored);
         }
@@ -145,9 +145,9 @@ impl ThreadWorker {
         threads: &WorkerThreads,
     ) -> io::Result<Self> {
         let clock = SharedClock::clone(&threads.clock);
-        let pulse = {
+        let heartbeat = {
             let clock = SharedClock::clone(&clock);
-            Pulse::new(move || clock())
+            Heartbeat::new(move || clock())
         };
         let wake = sender.clone();
         let wake = move || {
@@ -155,14 +155,14 @@ impl ThreadWorker {
             let _ = wake.send(WorkerInput::Wake);
         };
         let wake: Arc<dyn Fn() + Send + Sync> = Arc::new(wake);
-        let mut worker = HereWorker::new(settings, Arc::clone(&wake));
+        let mut worker = InlineWorker::new(settings, Arc::clone(&wake));
         worker.others = others;
-        worker.pulse = pulse.clone();
-        worker.server_loop.show_progress(pulse.clone());
+        worker.heartbeat = heartbeat.clone();
+        worker.server_loop.show_progress(heartbeat.clone());
         worker.server_loop.bake_with(bakers(wake));
         let send = Arc::clone(&threads.send);
         let thread_id = ThreadId::default();
-        let (on_thread, own_id) = (pulse.clone(), thread_id.clone());
+        let (on_thread, own_id) = (heartbeat.clone(), thread_id.clone());
         thread::Builder::new()
             .name(format!("rhumb-scene-{}", id.0))
             .stack_size(STACK_BYTES)
@@ -178,7 +178,7 @@ impl ThreadWorker {
             })?;
         Ok(Self {
             inputs: sender,
-            pulse,
+            heartbeat,
             thread_id,
         })
     }
@@ -213,16 +213,16 @@ impl Drop for ThreadWorker {
 
 /// Runs a worker until the front drops it.
 fn run(
-    mut worker: HereWorker,
+    mut worker: InlineWorker,
     inputs: &Receiver<WorkerInput>,
     send: &dyn Fn(FromWorker) -> bool,
-    pulse: &Pulse,
+    heartbeat: &Heartbeat,
     clock: &SharedClock,
 ) {
     let mut reported = (0, 0);
     loop {
         let output = worker.output();
-        pulse.rest();
+        heartbeat.rest();
         let counts = (output.inputs, output.scenes);
         let has_news =
             !output.transmits.is_empty() || !output.handled.is_empty() || counts != reported;
@@ -237,7 +237,7 @@ fn run(
                 inputs.recv_timeout(until)
             }
         };
-        pulse.beat();
+        heartbeat.beat();
         match first {
             Ok(WorkerInput::End) | Err(RecvTimeoutError::Disconnected) => return,
             Err(RecvTimeoutError::Timeout) => {}
@@ -247,7 +247,7 @@ fn run(
                     if input == WorkerInput::End {
                         return;
                     }
-                    pulse.beat();
+                    heartbeat.beat();
                     worker.handle(clock(), input);
                 }
             }

@@ -15,7 +15,7 @@ use std::sync::{Arc, Mutex};
 
 use rhumb_protocol::Span;
 use rhumb_protocol::scene::SceneName;
-use rhumb_scene::{Limits, Pulse, ServerLoad};
+use rhumb_scene::{Limits, Heartbeat, ServerLoad};
 
 use self::lock::lock;
 use self::scene::SceneMeters;
@@ -45,7 +45,7 @@ struct Figures {
 
 /// Sign of life of the front, the load of all scenes, and the bounds on it.
 struct WatchedFront {
-    pulse: Pulse,
+    heartbeat: Heartbeat,
     load: ServerLoad,
     scene_load_max: u64,
     load_max: u64,
@@ -53,9 +53,9 @@ struct WatchedFront {
 
 impl Metrics {
     /// Sets what is read of a running server.
-    pub(crate) fn watch(&self, pulse: Pulse, load: ServerLoad, limits: &Limits) {
+    pub(crate) fn watch(&self, heartbeat: Heartbeat, load: ServerLoad, limits: &Limits) {
         *lock(&self.0.front) = Some(WatchedFront {
-            pulse,
+            heartbeat,
             load,
             scene_load_max: limits.scene_load,
             load_max: limits.server_load,
@@ -108,7 +108,7 @@ impl Metrics {
         let front = lock(&self.0.front);
         front
             .as_ref()
-            .is_some_and(|front| front.pulse.busy_for() <= FRONT_STUCK)
+            .is_some_and(|front| front.heartbeat.busy_for() <= FRONT_STUCK)
     }
 
     /// All figures, as Prometheus reads them.

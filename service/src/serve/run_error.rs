@@ -5,7 +5,7 @@ use std::io;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
-use rhumb_scene::engine::{EngineKind, WorkersError};
+use rhumb_scene::engine::{EngineKind, StepThreadsError};
 
 use rhumb_transport::{BindError, CertificateError, ServeError};
 
@@ -70,7 +70,7 @@ pub enum RunError {
         cause: io::Error,
     },
     /// The requested number of threads is not available.
-    Workers(WorkersError),
+    StepThreads(StepThreadsError),
     /// A thread cannot start.
     Thread(io::Error),
     /// The data directory cannot be used.
@@ -118,7 +118,7 @@ impl fmt::Display for RunError {
                 let cores: Vec<_> = cores.iter().map(usize::to_string).collect();
                 write!(f, "cannot run on cores {} alone: {cause}", cores.join(","))
             }
-            Self::Workers(cause) => cause.fmt(f),
+            Self::StepThreads(cause) => cause.fmt(f),
             Self::Thread(cause) => write!(f, "cannot start a thread: {cause}"),
             Self::Data(cause) => cause.fmt(f),
             Self::EngineWithoutImages(engine) => write!(

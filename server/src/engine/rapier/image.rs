@@ -19,7 +19,7 @@ use crate::engine::rapier_joints::RapierJoints;
 use crate::engine::rapier_rest::RapierRest;
 use crate::engine::rapier_spin::RapierSpin;
 use crate::engine::rapier_vehicles::RapierVehicles;
-use crate::engine::rapier_workers::Workers;
+use crate::engine::rapier_threads::StepThreads;
 
 impl RapierEngine {
     /// A copy of the world; `None` unless a step was the last change.
@@ -43,10 +43,10 @@ impl RapierEngine {
             return None;
         }
         let mut world = copy(&self.world);
-        self.workers.employ(&mut world);
+        self.threads.install(&mut world);
         Some(Self {
             world,
-            workers: self.workers.clone(),
+            threads: self.threads.clone(),
             integrator: self.integrator,
             fault: None,
             solids: self.solids.clone(),
@@ -76,11 +76,11 @@ impl RapierEngine {
     /// [`Malformed`] for bytes that are no image of this version.
     pub(crate) fn from_image<'a>(
         config: &SceneConfig,
-        workers: &Workers,
+        threads: &StepThreads,
         shapes: impl Iterator<Item = (ShapeId, &'a Shape)>,
         image: &[u8],
     ) -> Result<Self, Malformed> {
-        let mut engine = Self::on(config, workers);
+        let mut engine = Self::on(config, threads);
         for (id, shape) in shapes {
             let solid = solids::solid(shape).map_err(|_| Malformed::OutOfRange)?;
             engine.solids.insert(id, solid);
@@ -92,7 +92,7 @@ impl RapierEngine {
         engine.world = world
             .map_err(|_| Malformed::OutOfRange)?
             .map_err(|_| Malformed::Truncated)?;
-        workers.employ(&mut engine.world);
+        threads.install(&mut engine.world);
         let swept = engine.world.bodies.iter();
         let swept = swept.filter(|(_, body)| body.is_ccd_enabled() && body.is_enabled());
         engine.swept = swept.map(|(_, body)| super::translate::id(body)).collect();

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use rhumb_protocol::scene::SceneConfig;
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::Tick;
-use rhumb_scene::engine::Workers;
+use rhumb_scene::engine::StepThreads;
 use rhumb_scene::{Batch, CommandLog, Frozen, Journal, Ownership};
 use rhumb_transport::Clock;
 
@@ -92,7 +92,7 @@ impl Logged {
         drop(self.log);
         self.disk.crash(|n| n - 1);
         let newest = (ReplayStart::Newest, LogTail::Kept);
-        let restored = files(&self.disk).restore(&Workers::default(), newest, &mut || {});
+        let restored = files(&self.disk).restore(&StepThreads::default(), newest, &mut || {});
         let restored = restored.expect("the files are whole");
         let restored = restored.expect("the scene is durable");
         let checked = self.recorded.check(&restored);

@@ -14,8 +14,8 @@ use bytes::Bytes;
 use rhumb_protocol::packet::LargestPacket;
 use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::{Instant, Span};
-use rhumb_scene::engine::Workers;
-use rhumb_scene::{Hooks, Pulse, SceneSlots, ServerLoad};
+use rhumb_scene::engine::StepThreads;
+use rhumb_scene::{Hooks, Heartbeat, SceneSlots, ServerLoad};
 use rhumb_transport::{Clock, ParentSender, parent_stream};
 
 use super::super::message::{FromProcess, FromWorker, ToProcess, Vitals, WorkerId, WorkerInput};
@@ -82,7 +82,7 @@ struct WorkerProcess {
     threads: WorkerThreads,
     workers: BTreeMap<WorkerId, ThreadWorker>,
     life: Life,
-    /// Workers whose threads have ended.
+    /// StepThreads whose threads have ended.
     over: Receiver<WorkerId>,
     /// Records the scenes; it ends after the workers.
     #[cfg(feature = "record")]
@@ -94,7 +94,7 @@ struct WorkerProcess {
 struct Life {
     slots: SceneSlots,
     load: ServerLoad,
-    pulses: Arc<Mutex<BTreeMap<WorkerId, Pulse>>>,
+    heartbeats: Arc<Mutex<BTreeMap<WorkerId, Heartbeat>>>,
     metrics: Metrics,
     flights: FlightRecorders,
     outlet: Outlet,
@@ -123,7 +123,7 @@ impl WorkerProcess {
         settings.hooks = hooks;
         settings.limits = setup.limits;
         settings.engine = setup.engine;
-        settings.engine_threads = Workers::new(Some(setup.threads))?;
+        settings.engine_threads = StepThreads::new(Some(setup.threads))?;
         settings.largest_packet =
             LargestPacket::new(setup.largest_packet).ok_or("no size of a packet")?;
         settings.data = (setup.data.as_deref())
@@ -132,16 +132,16 @@ impl WorkerProcess {
         if setup.records_flights {
             settings.recorders.flights = forwarded_flights(outlet.clone());
         }
-        let pulses: Arc<Mutex<BTreeMap<WorkerId, Pulse>>> = Arc::default();
+        let heartbeats: Arc<Mutex<BTreeMap<WorkerId, Heartbeat>>> = Arc::default();
         let (ended, over) = channel();
         let threads = WorkerThreads {
             clock: Arc::new(clock),
-            send: Arc::new(sending(outlet.clone(), Arc::clone(&pulses), ended)),
+            send: Arc::new(sending(outlet.clone(), Arc::clone(&heartbeats), ended)),
         };
         let life = Life {
             slots: settings.slots.clone(),
             load: settings.load.clone(),
-            pulses,
+            heartbeats,
             metrics: settings.recorders.metrics.clone(),
             flights: settings.recorders.flights.clone(),
             outlet,
@@ -202,7 +202,7 @@ impl WorkerProcess {
     fn begin(&mut self, id: WorkerId) {
         match ThreadWorker::start(id, &self.settings, None, channel(), &self.threads) {
             Ok(worker) => {
-                lock(&self.life.pulses).insert(id, worker.pulse.clone());
+                lock(&self.life.heartbeats).insert(id, worker.heartbeat.clone());
                 self.workers.insert(id, worker);
             }
             Err(cause) => {
@@ -214,7 +214,7 @@ impl WorkerProcess {
 
     /// Ends all workers, and waits for their threads as long as that may take: logs are written to their ends.
     fn end(&mut self) {
-        let running: Vec<WorkerId> = lock(&self.life.pulses).keys().copied().collect();
+        let running: Vec<WorkerId> = lock(&self.life.heartbeats).keys().copied().collect();
         self.workers.clear();
         let started = (self.threads.clock)();
         let mut left = running.len();
@@ -231,7 +231,7 @@ impl WorkerProcess {
 /// The call by which the workers' threads hand over their outputs.
 fn sending(
     outlet: Outlet,
-    pulses: Arc<Mutex<BTreeMap<WorkerId, Pulse>>>,
+    heartbeats: Arc<Mutex<BTreeMap<WorkerId, Heartbeat>>>,
     ended: Sender<WorkerId>,
 ) -> impl Fn(WorkerId, FromWorker) -> bool + Send + Sync {
     let ended = Mutex::new(ended);
@@ -239,7 +239,7 @@ fn sending(
         let is_over = message == FromWorker::Over;
         let sent = outlet.send(&FromProcess::Worker(id, message));
         if is_over {
-            lock(&pulses).remove(&id);
+            lock(&heartbeats).remove(&id);
             // After the end of the process nothing waits for it.
             let _ = lock(&ended).send(id);
         }
@@ -264,9 +264,9 @@ impl Life {
         while let Err(RecvTimeoutError::Timeout) = stopped.recv_timeout(INTERVAL) {
             // The entries go first: a front that finds the process stuck has them.
             self.flights.forward_all();
-            let busy = lock(&self.pulses)
+            let busy = lock(&self.heartbeats)
                 .iter()
-                .map(|(id, pulse)| (*id, pulse.busy_for()))
+                .map(|(id, heartbeat)| (*id, heartbeat.busy_for()))
                 .max_by_key(|(_, busy)| *busy);
             let figures = FromProcess::Figures(self.metrics.scene_values());
             let vitals = FromProcess::Alive(Vitals {

@@ -13,7 +13,7 @@ use rhumb_reckoning::BodyId;
 
 /// Granted indices of one scene.
 #[derive(Debug, Default)]
-pub(crate) struct Grants {
+pub(crate) struct IdRanges {
     /// No index from here on was ever granted.
     end: u32,
     granted: BTreeMap<Peer, Vec<IdRange>>,
@@ -59,8 +59,8 @@ struct VacantRun {
     generation: u16,
 }
 
-impl Grants {
-    /// Grants a new member its first range: its share of the indices, or the longest run if none is so long. `None` when
+impl IdRanges {
+    /// IdRanges a new member its first range: its share of the indices, or the longest run if none is so long. `None` when
     /// that has fewer than `least`.
     pub(crate) fn admit(
         &mut self,
@@ -79,7 +79,7 @@ impl Grants {
         (run.count >= least).then(|| self.take(peer, run, share))?
     }
 
-    /// Grants a member `count` further indices. `None` when no run of that length is left, when later members would
+    /// IdRanges a member `count` further indices. `None` when no run of that length is left, when later members would
     /// find too few, or when the member has too many.
     pub(crate) fn reserve(
         &mut self,
@@ -152,7 +152,7 @@ impl Grants {
         longest
     }
 
-    /// Grants the first `count` indices of a run, or all of them if it has fewer.
+    /// IdRanges the first `count` indices of a run, or all of them if it has fewer.
     fn take(&mut self, peer: Peer, run: VacantRun, count: u32) -> Option<IdRange> {
         let count = run.count.min(count);
         let range = (count > 0).then(|| IdRange::new(run.first, count, run.generation))??;
@@ -188,7 +188,7 @@ impl Grants {
         owner.map(|(peer, _)| *peer)
     }
 
-    /// Grants from this index on, in a scene whose script has those before it.
+    /// IdRanges from this index on, in a scene whose script has those before it.
     pub(crate) fn begin_after(&mut self, end: u32) {
         self.end = self.end.max(end);
     }
@@ -265,7 +265,7 @@ mod tests {
 
     #[test]
     fn indices_without_bodies_are_granted_again() {
-        let mut grants = Grants::default();
+        let mut grants = IdRanges::default();
         let (first, second) = (Peer(1), Peer(2));
         let range = grants.admit((first, 1), LIMITS, &nothing_lives).unwrap();
         assert_eq!(
@@ -296,7 +296,7 @@ mod tests {
 
     #[test]
     fn a_new_member_gets_the_longest_run_if_none_suffices() {
-        let mut grants = Grants::default();
+        let mut grants = IdRanges::default();
         let limits = IndexLimits {
             indices: GRANT + 7,
             ..LIMITS
@@ -313,7 +313,7 @@ mod tests {
 
     #[test]
     fn one_member_takes_no_more_than_its_part_and_none_of_those_to_come() {
-        let mut grants = Grants::default();
+        let mut grants = IdRanges::default();
         let limits = IndexLimits {
             indices: 3 * GRANTED_MAX,
             members: 3,
@@ -347,7 +347,7 @@ mod tests {
             (4_096, 4_096),
             (1 << 20, 1),
         ] {
-            let mut grants = Grants::default();
+            let mut grants = IdRanges::default();
             for members in 0..members_max {
                 let limits = IndexLimits::of(indices, members_max, members);
                 let share = limits.share;
@@ -357,14 +357,14 @@ mod tests {
         }
         let default = IndexLimits::of(393_216, 64, 0);
         assert_eq!(default.share, GRANT);
-        let mut grants = Grants::default();
+        let mut grants = IdRanges::default();
         let largest = grants.reserve(Peer(1), RESERVE_MAX, default, &nothing_lives);
         assert!(largest.is_some(), "beside the shares of all");
     }
 
     #[test]
     fn a_restored_scene_has_free_indices_around_those_of_sessions() {
-        let mut grants = Grants::default();
+        let mut grants = IdRanges::default();
         let range = |first, count| IdRange::new(first, count, 0).unwrap();
         grants.restore(1_000, [range(500, 10), range(100, 10)]);
         assert_eq!(grants.free, [(0, 100), (110, 390), (510, 490)].into());
@@ -380,7 +380,7 @@ mod tests {
         fn no_index_is_in_two_ranges_or_granted_while_its_body_lives(
             script in prop::collection::vec((0_u32..5, 0_u64..6, 1_u32..6_000), 1..80)
         ) {
-            let mut grants = Grants::default();
+            let mut grants = IdRanges::default();
             let mut living = BTreeSet::new();
             let limits = IndexLimits { indices: 30_000, ..LIMITS };
             for (what, peer, number) in script {

@@ -10,7 +10,7 @@ use rhumb_protocol::{Instant, Span};
 
 /// The sign of life of one thread; all clones are one.
 #[derive(Clone, Default)]
-pub struct Pulse(Option<Arc<Beats>>);
+pub struct Heartbeat(Option<Arc<Beats>>);
 
 struct Beats {
     clock: Box<dyn Fn() -> Instant + Send + Sync>,
@@ -20,8 +20,8 @@ struct Beats {
 
 const RESTING: u64 = u64::MAX;
 
-impl Pulse {
-    /// A pulse that is read against this clock. The default one is never read and costs nothing.
+impl Heartbeat {
+    /// A heartbeat that is read against this clock. The default one is never read and costs nothing.
     pub fn new(clock: impl Fn() -> Instant + Send + Sync + 'static) -> Self {
         Self(Some(Arc::new(Beats {
             clock: Box::new(clock),

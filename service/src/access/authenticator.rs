@@ -15,7 +15,7 @@ type WallClock = Arc<dyn Fn() -> i64 + Send + Sync>;
 
 /// Decides which connections are admitted.
 #[derive(Clone)]
-pub(crate) enum Gate {
+pub(crate) enum Authenticator {
     /// Every client may do everything.
     Open,
     /// A client may do what its token says.
@@ -33,7 +33,7 @@ pub(crate) struct Admission {
 /// Longest validity that a timer holds: a hundred years.
 const SECONDS_MAX: u64 = 100 * 366 * 86_400;
 
-impl Gate {
+impl Authenticator {
     /// Admits a connection to a scene, or names the reason not to.
     pub(crate) fn admit(
         &self,
@@ -56,11 +56,11 @@ impl Gate {
     }
 }
 
-impl fmt::Debug for Gate {
+impl fmt::Debug for Authenticator {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Self::Open => "Gate::Open",
-            Self::Tokens { .. } => "Gate::Tokens",
+            Self::Open => "Authenticator::Open",
+            Self::Tokens { .. } => "Authenticator::Tokens",
         })
     }
 }
@@ -76,7 +76,7 @@ pub(crate) mod tests {
     use super::*;
     use crate::access::{Claims, make_keys, sign};
 
-    /// A gate with a key of its own, and a clock that the test sets.
+    /// A authenticator with a key of its own, and a clock that the test sets.
     pub(crate) struct Signed {
         folder: PathBuf,
         pub(crate) seconds: Arc<AtomicI64>,
@@ -98,9 +98,9 @@ pub(crate) mod tests {
             TokenKeys::read(&[self.folder.join("key.pub")], "rhumb").unwrap()
         }
 
-        pub(crate) fn gate(&self) -> Gate {
+        pub(crate) fn authenticator(&self) -> Authenticator {
             let seconds = Arc::clone(&self.seconds);
-            Gate::Tokens {
+            Authenticator::Tokens {
                 keys: self.keys(),
                 clock: Arc::new(move || seconds.load(Ordering::SeqCst)),
             }
@@ -133,48 +133,48 @@ pub(crate) mod tests {
 
     #[test]
     fn only_a_whole_token_of_the_key_is_admitted() {
-        let signed = Signed::new("gate");
-        let (gate, token) = (signed.gate(), signed.token());
+        let signed = Signed::new("authenticator");
+        let (authenticator, token) = (signed.authenticator(), signed.token());
         let scene = "pit".parse().unwrap();
-        let admission = gate.admit(Some(token.as_bytes()), &scene).unwrap();
+        let admission = authenticator.admit(Some(token.as_bytes()), &scene).unwrap();
         assert_eq!(admission.permit.client.as_deref(), Some("anna"));
         assert_eq!(admission.valid_for, Some(Span::from_millis(90_000)));
         assert!(token.len() <= rhumb_protocol::limits::EXTENSION_BYTES_MAX);
-        assert_eq!(gate.admit(None, &scene), Err(TokenError::Absent));
+        assert_eq!(authenticator.admit(None, &scene), Err(TokenError::Absent));
         for place in 0..token.len() {
             let mut changed = token.clone().into_bytes();
             changed[place] ^= 1;
             for bytes in [&changed[..], &token.as_bytes()[..place]] {
-                let refused = gate.admit(Some(bytes), &scene);
+                let refused = authenticator.admit(Some(bytes), &scene);
                 assert_eq!(refused, Err(TokenError::NotSigned), "{place}");
             }
         }
-        let other = Signed::new("gate-other").token();
-        let refused = gate.admit(Some(other.as_bytes()), &scene);
+        let other = Signed::new("authenticator-other").token();
+        let refused = authenticator.admit(Some(other.as_bytes()), &scene);
         assert_eq!(refused, Err(TokenError::NotSigned));
     }
 
     #[test]
     fn a_token_of_this_process_admits_an_observer_until_it_expires() {
-        let signed = Signed::new("gate-issuer");
+        let signed = Signed::new("authenticator-issuer");
         let mut keys = signed.keys();
         let issuer = keys.issuer().unwrap();
         let now = signed.seconds.load(Ordering::SeqCst);
         let token = issuer.observer("view", now, 60).unwrap();
         let scene = "pit".parse().unwrap();
         let seconds = Arc::clone(&signed.seconds);
-        let gate = Gate::Tokens {
+        let authenticator = Authenticator::Tokens {
             keys,
             clock: Arc::new(move || seconds.load(Ordering::SeqCst)),
         };
-        let admission = gate.admit(Some(token.as_bytes()), &scene).unwrap();
+        let admission = authenticator.admit(Some(token.as_bytes()), &scene).unwrap();
         assert_eq!(admission.permit.role, Role::Observer);
         assert_eq!(admission.permit.client.as_deref(), Some("view"));
-        assert!(gate.admit(Some(signed.token().as_bytes()), &scene).is_ok());
-        let without_issuer = signed.gate().admit(Some(token.as_bytes()), &scene);
+        assert!(authenticator.admit(Some(signed.token().as_bytes()), &scene).is_ok());
+        let without_issuer = signed.authenticator().admit(Some(token.as_bytes()), &scene);
         assert_eq!(without_issuer, Err(TokenError::NotSigned));
         signed.seconds.fetch_add(91, Ordering::SeqCst);
-        let refused = gate.admit(Some(token.as_bytes()), &scene);
+        let refused = authenticator.admit(Some(token.as_bytes()), &scene);
         assert!(
             matches!(refused, Err(TokenError::Expired(_))),
             "{refused:?}"
@@ -183,7 +183,7 @@ pub(crate) mod tests {
 
     #[test]
     fn key_files_hold_the_key_and_nothing_else() {
-        let signed = Signed::new("gate-files");
+        let signed = Signed::new("authenticator-files");
         for (name, begins) in [("key", "k4.secret."), ("key.pub", "k4.public.")] {
             let text = fs::read_to_string(signed.folder.join(name)).unwrap();
             assert!(text.starts_with(begins) && text.trim() == text, "{name}");
@@ -197,7 +197,7 @@ pub(crate) mod tests {
 
     #[test]
     fn a_secret_key_is_no_public_one_and_is_not_written_over() {
-        let signed = Signed::new("gate-keys");
+        let signed = Signed::new("authenticator-keys");
         let key = signed.folder.join("key");
         let refused = TokenKeys::read(std::slice::from_ref(&key), "rhumb");
         assert!(refused.unwrap_err().to_string().contains("k4.public."));

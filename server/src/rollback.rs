@@ -9,11 +9,11 @@ use rhumb_protocol::Span;
 use rhumb_protocol::scene::Command;
 
 use crate::rights::Ownership;
-use crate::scene::{Author, Done, History, Scene};
+use crate::scene::{Author, LogEntry, History, Scene};
 
 /// The way back of one scene.
 #[derive(Default)]
-pub(crate) struct Rewind {
+pub(crate) struct Rollback {
     base: Option<Base>,
     /// Time of the steps since then: a replay takes about as long.
     stepped: Span,
@@ -58,7 +58,7 @@ const CULPRITS_MAX: usize = 3;
 /// Attempts with ever more commands left out, before all since the copy are.
 const ATTEMPTS_MAX: usize = 4;
 
-impl Rewind {
+impl Rollback {
     /// Adds the time of a step.
     pub(crate) fn note_step(&mut self, took: Span) {
         self.stepped = Span::from_nanos(self.stepped.as_nanos() + took.as_nanos());
@@ -101,7 +101,7 @@ impl Rewind {
         beat: &mut dyn FnMut(),
     ) -> Option<Restoration> {
         let done = &failed.history()?.done;
-        let newest = done.iter().rposition(|change| *change == Done::Stepped);
+        let newest = done.iter().rposition(|change| *change == LogEntry::Stepped);
         let (earlier, pending) = done.split_at(newest.map_or(0, |place| place + 1));
         let attempt = self.leave_out_of_pending(earlier, pending, failed_in, beat);
         let attempt = attempt.or_else(|| self.leave_out_of_all(earlier, pending, beat))?;
@@ -111,8 +111,8 @@ impl Rewind {
     /// Leaves out what fails of the commands since the newest step: single ones if that suffices, otherwise all.
     fn leave_out_of_pending(
         &self,
-        earlier: &[Done],
-        pending: &[Done],
+        earlier: &[LogEntry],
+        pending: &[LogEntry],
         failed_in: FailedIn,
         beat: &mut dyn FnMut(),
     ) -> Option<Continuation> {
@@ -145,11 +145,11 @@ impl Rewind {
     /// Leaves out ever more of the last commands, at last all since the copy: some act on the engine late.
     fn leave_out_of_all(
         &self,
-        earlier: &[Done],
-        pending: &[Done],
+        earlier: &[LogEntry],
+        pending: &[LogEntry],
         beat: &mut dyn FnMut(),
     ) -> Option<Continuation> {
-        let is_command = |change: &&Done| **change != Done::Stepped;
+        let is_command = |change: &&LogEntry| **change != LogEntry::Stepped;
         let commands = earlier.iter().filter(is_command).count();
         let mut count = 1;
         for attempts in 1.. {
@@ -163,12 +163,12 @@ impl Rewind {
             let (mut kept, mut left_out) = (Vec::new(), Vec::new());
             for change in earlier {
                 match change {
-                    Done::Applied(_, author) if left == 0 => left_out.push(author.clone()),
-                    Done::Applied(..) => {
+                    LogEntry::Applied(_, author) if left == 0 => left_out.push(author.clone()),
+                    LogEntry::Applied(..) => {
                         left -= 1;
                         kept.push(change.clone());
                     }
-                    Done::Stepped => kept.push(Done::Stepped),
+                    LogEntry::Stepped => kept.push(LogEntry::Stepped),
                 }
             }
             left_out.extend(pending.iter().filter_map(author_of));
@@ -223,7 +223,7 @@ impl Rewind {
 /// A state at the newest tick, and the commands since then that are kept.
 struct Continuation {
     base: Base,
-    kept: Vec<Done>,
+    kept: Vec<LogEntry>,
     left_out: Vec<Option<Box<Author>>>,
     differs: bool,
 }
@@ -236,7 +236,7 @@ impl Continuation {
         };
         for change in &self.kept[..count] {
             // A command that depends on one that was left out is refused, and left out too.
-            if let Done::Applied(command, _) = change {
+            if let LogEntry::Applied(command, _) = change {
                 let _ = scene.apply(command);
             }
         }
@@ -269,11 +269,11 @@ impl Continuation {
 
 impl Base {
     /// The state after these changes; `None` if it fails on the way.
-    fn replay(&self, done: &[Done], beat: &mut dyn FnMut()) -> Option<Self> {
+    fn replay(&self, done: &[LogEntry], beat: &mut dyn FnMut()) -> Option<Self> {
         let mut scene = self.scene.copy()?;
         let mut ownership = self.ownership.clone();
         for change in done {
-            if *change == Done::Stepped {
+            if *change == LogEntry::Stepped {
                 beat();
                 let stepped = scene.step().ok()?;
                 (stepped.removed.iter()).for_each(|(id, _)| ownership.remove_body(*id));
@@ -286,8 +286,8 @@ impl Base {
     }
 }
 
-fn apply(scene: &mut Scene, ownership: &mut Ownership, change: &Done) -> bool {
-    let Done::Applied(command, author) = change else {
+fn apply(scene: &mut Scene, ownership: &mut Ownership, change: &LogEntry) -> bool {
+    let LogEntry::Applied(command, author) = change else {
         return true;
     };
     if scene.apply(command).is_err() {
@@ -301,9 +301,9 @@ fn apply(scene: &mut Scene, ownership: &mut Ownership, change: &Done) -> bool {
     true
 }
 
-fn author_of(change: &Done) -> Option<Option<Box<Author>>> {
+fn author_of(change: &LogEntry) -> Option<Option<Box<Author>>> {
     match change {
-        Done::Applied(_, author) => Some(author.clone()),
-        Done::Stepped => None,
+        LogEntry::Applied(_, author) => Some(author.clone()),
+        LogEntry::Stepped => None,
     }
 }

@@ -13,14 +13,14 @@ use rapier3d::rayon::{ScopeFifo, ThreadPool, ThreadPoolBuilder, scope_fifo};
 
 /// Threads that several scenes may share. By default one, or, with the feature, one for each core.
 #[derive(Clone, Debug, Default)]
-pub struct Workers {
+pub struct StepThreads {
     #[cfg(feature = "parallel")]
     pool: Option<Arc<ThreadPool>>,
 }
 
 /// Reason why the requested threads are not available.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum WorkersError {
+pub enum StepThreadsError {
     /// This program was built to step on one thread.
     OneOnly {
         /// The requested number.
@@ -33,7 +33,7 @@ pub enum WorkersError {
     },
 }
 
-impl fmt::Display for WorkersError {
+impl fmt::Display for StepThreadsError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::OneOnly { asked } => write!(
@@ -45,16 +45,16 @@ impl fmt::Display for WorkersError {
     }
 }
 
-impl std::error::Error for WorkersError {}
+impl std::error::Error for StepThreadsError {}
 
-impl Workers {
+impl StepThreads {
     /// A pool of so many threads; one by default.
     ///
     /// # Errors
     ///
-    /// [`WorkersError`] when the number is not available.
+    /// [`StepThreadsError`] when the number is not available.
     #[cfg(feature = "parallel")]
-    pub fn new(threads: Option<NonZeroU32>) -> Result<Self, WorkersError> {
+    pub fn new(threads: Option<NonZeroU32>) -> Result<Self, StepThreadsError> {
         let asked = threads.unwrap_or(NonZeroU32::MIN);
         let pool = ThreadPoolBuilder::new()
             .num_threads(asked.get() as usize)
@@ -63,7 +63,7 @@ impl Workers {
             Ok(pool) => Ok(Self {
                 pool: Some(Arc::new(pool)),
             }),
-            Err(_) => Err(WorkersError::Denied { asked }),
+            Err(_) => Err(StepThreadsError::Denied { asked }),
         }
     }
 
@@ -71,11 +71,11 @@ impl Workers {
     ///
     /// # Errors
     ///
-    /// [`WorkersError`] when the number is not available.
+    /// [`StepThreadsError`] when the number is not available.
     #[cfg(not(feature = "parallel"))]
-    pub fn new(threads: Option<NonZeroU32>) -> Result<Self, WorkersError> {
+    pub fn new(threads: Option<NonZeroU32>) -> Result<Self, StepThreadsError> {
         match threads {
-            Some(asked) if asked > NonZeroU32::MIN => Err(WorkersError::OneOnly { asked }),
+            Some(asked) if asked > NonZeroU32::MIN => Err(StepThreadsError::OneOnly { asked }),
             _ => Ok(Self::default()),
         }
     }
@@ -110,13 +110,13 @@ impl Workers {
 
     /// Makes a world use these threads.
     #[cfg(feature = "parallel")]
-    pub(super) fn employ(&self, world: &mut PhysicsWorld) {
+    pub(super) fn install(&self, world: &mut PhysicsWorld) {
         world.set_thread_pool(self.pool.clone());
     }
 
     /// Makes a world use these threads.
     #[cfg(not(feature = "parallel"))]
-    pub(super) fn employ(&self, _: &mut PhysicsWorld) {}
+    pub(super) fn install(&self, _: &mut PhysicsWorld) {}
 }
 
 /// Hands each item to the next free thread: items may need very different times.
