@@ -16,7 +16,7 @@ use rhumb_link::{
     ClientTransport, Clock, HeldBack, Inbox, Received, TransportCode, WireStatistics,
 };
 use rhumb_protocol::{Ending, Endpoint, Peer, Span, Transmit};
-use rhumb_scene::ServerLoop;
+use rhumb_scene::{SceneSettings, ServerLoop};
 
 use crate::client::Client;
 use crate::server_connection::ServerConnection;
@@ -131,7 +131,7 @@ impl Default for LocalServer {
 
 fn scenes() -> ServerLoop {
     let stopwatch = Clock::start();
-    ServerLoop::new(move || stopwatch.now())
+    ServerLoop::new(SceneSettings::new(move || stopwatch.now()))
 }
 
 /// Runs a server until its last client is gone.

@@ -15,7 +15,7 @@ use rhumb_client::{
     BodyId, Client, ClientError, Denial, ErrorBound, Event, JoinMode, JoinOptions, LocalServer,
     Metres, Misuse, PipelineDepth, Refusals, RenderTime, StreamChoice, Tick, Tolerance,
 };
-use rhumb_scene::{Hook, Hooks, Instant, Scene, ServerLoop};
+use rhumb_scene::{Hook, Hooks, Instant, Scene, SceneSettings, ServerLoop};
 use rhumb_sims::by_name;
 
 /// Both ways to run a server.
@@ -48,6 +48,14 @@ fn digest_alone(config: SceneConfig, commands: &[Vec<Command>]) -> u64 {
         scene.step().expect("the engine is sound");
     }
     scene.digest().value()
+}
+
+/// Scenes with these hooks.
+fn scenes_with(hooks: Hooks) -> ServerLoop {
+    ServerLoop::new(SceneSettings {
+        hooks: Some(hooks),
+        ..SceneSettings::new(|| Instant::ZERO)
+    })
 }
 
 #[test]
@@ -175,11 +183,7 @@ fn a_server_that_panics_ends_its_clients_with_an_error() {
             }))
         })
     };
-    let scenes = || {
-        let mut scenes = ServerLoop::new(|| Instant::ZERO);
-        scenes.attach(hooks());
-        scenes
-    };
+    let scenes = || scenes_with(hooks());
     let spawned = LocalServer::spawn_of(scenes()).expect("a thread can start");
     for server in [LocalServer::of(scenes()), spawned] {
         let mut client = server.connect().join("hooked").expect("a new scene");
@@ -194,8 +198,7 @@ fn the_thread_ends_with_the_last_client() {
     let (held, gone) = (Arc::new(()), Arc::new(()));
     let alive = Arc::downgrade(&gone);
     drop(held);
-    let mut scenes = ServerLoop::new(|| Instant::ZERO);
-    scenes.attach(Hooks::new(move |_, _| {
+    let scenes = scenes_with(Hooks::new(move |_, _| {
         let _kept = &gone;
         None
     }));

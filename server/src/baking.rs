@@ -89,7 +89,6 @@ impl fmt::Debug for Bakers {
 }
 
 /// The solids that a server loop has made.
-#[derive(Default)]
 pub(crate) struct Bakery {
     bakers: Bakers,
     /// Jobs that have not ended, also those that are not waited for any more.
@@ -115,8 +114,11 @@ impl Drop for Running {
 }
 
 impl Bakery {
-    pub(crate) fn employ(&mut self, bakers: Bakers) {
-        self.bakers = bakers;
+    pub(crate) fn new(bakers: Bakers) -> Self {
+        Self {
+            bakers,
+            running: Arc::default(),
+        }
     }
 
     /// True if solids are being made.

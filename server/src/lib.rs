@@ -39,6 +39,7 @@
 #![cfg_attr(not(feature = "box3d"), forbid(unsafe_code))]
 #![deny(unsafe_code)]
 
+mod admission;
 mod authority_table;
 mod baking;
 mod body_placement;
@@ -47,34 +48,34 @@ mod digest;
 mod empty_scenes;
 pub mod engine;
 mod event_monitor;
-mod id_ranges;
+mod heartbeat;
 mod hook;
+mod id_ranges;
 mod journal;
 mod limits;
-mod load;
 mod member;
 mod observer;
 mod outbox;
 mod over_budget;
 mod provided;
-mod heartbeat;
 mod query_budget;
 mod record;
 mod registry;
-mod rollback;
 mod rights;
+mod rollback;
 mod scene;
 mod scene_connection;
 mod scene_runner;
-mod scene_slots;
 mod server_loop;
 mod sessions;
+mod settings;
 mod snapshot;
 mod stream_names;
 mod streams;
 mod tier_controller;
 mod times;
 
+pub use admission::{Admission, SceneSlots, ServerLoad};
 pub use authority_table::UpstreamStatistics;
 pub use baking::{BakeJob, Bakers};
 pub use command_log::{CommandLog, Frozen, RestoredScene, SceneStore};
@@ -82,13 +83,12 @@ pub use digest::Digest;
 pub use engine::{StepThreads, StepThreadsError};
 pub use event_monitor::StepEvents;
 pub use glam;
+pub use heartbeat::Heartbeat;
 pub use hook::{Hook, HookError, Hooks};
 pub use journal::{Batch, Journal};
 pub use limits::{InvalidLimit, LimitRow, Limits};
-pub use load::ServerLoad;
 pub use observer::{Incident, ObserveScenes, SceneObserver, TickFigures, Traffic, Unobserved};
 pub use provided::{ProvidedScene, ProvidedScenes, SceneScript};
-pub use heartbeat::Heartbeat;
 pub use record::{Record, SessionNumber, decode_u64};
 pub use rhumb_protocol::message::RemovalCause;
 pub use rhumb_protocol::scene::{
@@ -100,8 +100,8 @@ pub use rhumb_protocol::{Instant, Peer, Span};
 pub use rhumb_reckoning::{BodyId, BodyState, Inertia, Metres, Tick, Tolerance};
 pub use rights::{ClientName, Ownership, Permit, Quotas, decode_client_of, encode_client_of};
 pub use scene::{FrozenScene, Scene, SceneFault, Stepped};
-pub use scene_slots::SceneSlots;
 #[doc(hidden)]
 pub use server_loop::OwnedScene;
 pub use server_loop::ServerLoop;
 pub use sessions::{ResumableSession, Sessions};
+pub use settings::{SceneSettings, SharedClock};

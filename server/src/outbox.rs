@@ -24,7 +24,7 @@ const ANSWERS_WAITING_BYTES: usize = 256 << 10;
 const READS: Span = Span::from_millis(1_000);
 
 /// The sessions of all connections and their outgoing data.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(crate) struct Outbox {
     lanes: BTreeMap<Peer, PeerQueue>,
     /// Connections whose sessions may have data to send.
@@ -95,6 +95,16 @@ impl PeerQueue {
 }
 
 impl Outbox {
+    pub(crate) const fn new(limits: Limits) -> Self {
+        Self {
+            lanes: BTreeMap::new(),
+            sendable: BTreeSet::new(),
+            ready: VecDeque::new(),
+            now: Instant::ZERO,
+            limits,
+        }
+    }
+
     pub(crate) fn open(&mut self, peer: Peer, grease: Grease) {
         let lane = PeerQueue {
             session: ServerSession::new(grease),
@@ -113,10 +123,6 @@ impl Outbox {
     pub(crate) fn forget(&mut self, peer: Peer) {
         self.lanes.remove(&peer);
         self.sendable.remove(&peer);
-    }
-
-    pub(crate) const fn set_limits(&mut self, limits: Limits) {
-        self.limits = limits;
     }
 
     /// Sets the present moment.

@@ -9,7 +9,7 @@ use rhumb_protocol::Span;
 use rhumb_protocol::scene::Command;
 
 use crate::rights::Ownership;
-use crate::scene::{Author, LogEntry, History, Scene};
+use crate::scene::{Author, History, LogEntry, Scene};
 
 /// The way back of one scene.
 #[derive(Default)]

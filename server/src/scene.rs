@@ -23,7 +23,7 @@ use rhumb_protocol::scene::{
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Inertia, Metres, Tick, Twist};
 
-pub(crate) use self::history::{Author, LogEntry, History};
+pub(crate) use self::history::{Author, History, LogEntry};
 pub use self::image::FrozenScene;
 use crate::baking::BakedShapes;
 use crate::digest::Digest;

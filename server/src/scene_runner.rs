@@ -11,7 +11,6 @@ mod durability;
 mod figures;
 mod flow;
 mod owner;
-mod provision;
 mod queries;
 mod restoration;
 mod scripted;
@@ -20,6 +19,7 @@ mod subscriptions;
 mod weight;
 
 use std::collections::{BTreeMap, VecDeque};
+use std::sync::Arc;
 
 use bytes::Bytes;
 use rhumb_protocol::limits::ADVANCE_TICKS_MAX;
@@ -27,38 +27,35 @@ use rhumb_protocol::message::{
     ClientMessage, Denial, Extensions, Joined, RemovalCause, SceneEvent, ServerMessage,
     StreamChoice,
 };
-use rhumb_protocol::packet::{LargestPacket, StreamId};
+use rhumb_protocol::packet::StreamId;
 use rhumb_protocol::scene::{
-    BodyDesc, Command, CommandError, SceneConfig, Shape, ShapeId, Stepping,
+    BodyDesc, Command, CommandError, SceneConfig, SceneName, Shape, ShapeId, Stepping,
 };
 use rhumb_protocol::stream::{Activity, StreamStart};
 use rhumb_protocol::{Instant, Peer, Span};
 use rhumb_reckoning::{BodyState, Tick};
 
 use self::durability::Durability;
-pub(crate) use self::provision::Provision;
 pub(crate) use self::session::DisconnectReason;
 use self::weight::weight;
+use crate::admission::SceneLoad;
 use crate::authority_table::AuthorityTable;
 use crate::body_placement;
-use crate::engine::StepThreads;
-use crate::id_ranges::IdRanges;
 use crate::hook::Hook;
+use crate::id_ranges::IdRanges;
 use crate::member::{Member, SnapshotRequest};
-use crate::observer::Incident;
+use crate::observer::{Incident, SceneObserver};
 use crate::outbox::Outbox;
 use crate::provided::SceneScript;
-use crate::rollback::Rollback;
 use crate::rights::{Ownership, Request};
+use crate::rollback::Rollback;
 use crate::scene::Scene;
 use crate::sessions::Sessions;
+use crate::settings::SceneSettings;
 use crate::snapshot::append_snapshot;
 use crate::stream_names::StreamNames;
 use crate::streams::{Stream, Streams};
-use crate::times::{Timestamps, Times};
-
-/// Reads the server loop's clock between the stages of a tick.
-pub(crate) type Stopwatch<'a> = &'a dyn Fn() -> Instant;
+use crate::times::{Times, Timestamps};
 
 /// One scene with its members.
 pub(crate) struct SceneRunner {
@@ -91,9 +88,9 @@ pub(crate) struct SceneRunner {
     late: bool,
     /// True if a client of another protocol owns the scene: only that client steps and ends it.
     owned: bool,
-    provision: Provision,
-    /// The largest packet of its later streams.
-    largest_packet: LargestPacket,
+    settings: Arc<SceneSettings>,
+    load: SceneLoad,
+    observer: Box<dyn SceneObserver>,
     sessions: Sessions,
     /// Its command log, if it survives the process.
     durability: Option<Durability>,
@@ -103,13 +100,22 @@ pub(crate) struct SceneRunner {
 const CATCH_UP_STEPS: u64 = 5;
 
 impl SceneRunner {
-    /// `names`: names of its streams.
-    pub(crate) fn new(scene: Scene, names: StreamNames, provision: Provision) -> Self {
-        let target = scene.tick();
-        let streams = Streams::new(scene.config().publish_schedule);
+    /// `names`: names of its streams. `load`: its share of the server's time.
+    pub(crate) fn new(
+        name: &SceneName,
+        scene: Scene,
+        names: StreamNames,
+        settings: Arc<SceneSettings>,
+        load: SceneLoad,
+    ) -> Self {
+        let (target, config) = (scene.tick(), scene.config());
+        let streams = Streams::new(config.publish_schedule, settings.threads.clone());
+        let period = Span::from_nanos(config.integrator.rate.step_ns());
+        let observer = settings.observers.begin(name, period);
+        let hook = (settings.hooks.as_ref()).and_then(|hooks| hooks.of(name, config));
         Self {
             scene,
-            hook: None,
+            hook,
             script: None,
             members: BTreeMap::new(),
             streams,
@@ -130,26 +136,12 @@ impl SceneRunner {
             restored_at: VecDeque::new(),
             late: false,
             owned: false,
-            provision,
-            largest_packet: LargestPacket::DEFAULT,
+            settings,
+            load,
+            observer,
             sessions: Sessions::default(),
             durability: None,
         }
-    }
-
-    /// Attaches a hook, which acts before each step.
-    pub(crate) fn attach(&mut self, hook: Hook) {
-        self.hook = Some(hook);
-    }
-
-    /// Sets the publishing threads.
-    pub(crate) fn employ(&mut self, threads: StepThreads) {
-        self.streams.employ(threads);
-    }
-
-    /// Bounds the packets of the streams that begin from now on.
-    pub(crate) const fn set_largest_packet(&mut self, largest_packet: LargestPacket) {
-        self.largest_packet = largest_packet;
     }
 
     pub(crate) fn config(&self) -> &SceneConfig {
@@ -190,9 +182,12 @@ impl SceneRunner {
 
     fn begin_stream(&mut self, choice: StreamChoice) -> StreamId {
         let id = self.new_stream();
-        let stream = self
-            .streams
-            .begin(Stream::new(choice, id, self.largest_packet, &self.scene));
+        let stream = self.streams.begin(Stream::new(
+            choice,
+            id,
+            self.settings.largest_packet,
+            &self.scene,
+        ));
         for (id, parameters, track, motion) in body_placement::everything(&self.scene) {
             stream.place(id, &parameters, track, motion);
         }
@@ -331,7 +326,7 @@ impl SceneRunner {
         let (number, session) = (member.number_command(), member.session);
         member.charge_command(out.now());
         if let Ok(command) = &command {
-            self.provision.observer.command(peer, number, command);
+            self.observer.command(peer, number, command);
         }
         let unsent = self.unsent.len();
         let applied = command.and_then(|command| self.apply_of_member(peer, &command));
@@ -340,7 +335,7 @@ impl SceneRunner {
         }
         let refused = applied.err();
         let refused = refused.map(|error| self.restore_if_failed(out.now(), error));
-        self.provision.observer.commanded(refused.as_ref());
+        self.observer.commanded(refused.as_ref());
         self.note_command(session, refused);
         if let Some(error) = refused {
             out.send(peer, &ServerMessage::Refused { number, error });
@@ -438,7 +433,7 @@ impl SceneRunner {
 
     fn record_event(&mut self, scene_event: SceneEvent) {
         self.scene_events += 1;
-        self.provision.observer.scene_event(&scene_event);
+        self.observer.scene_event(&scene_event);
         ServerMessage::SceneEvent(scene_event).encode(&mut self.unsent);
     }
 
@@ -478,7 +473,7 @@ impl SceneRunner {
     }
 
     /// Steps if a step is due.
-    pub(crate) fn handle_timeout(&mut self, now: Instant, clock: Stopwatch<'_>, out: &mut Outbox) {
+    pub(crate) fn handle_timeout(&mut self, now: Instant, out: &mut Outbox) {
         if self.next_step().is_none_or(|due| due > now) {
             return;
         }
@@ -487,16 +482,16 @@ impl SceneRunner {
             let late_by = now.since(due).as_nanos();
             self.late = late_by > step.as_nanos();
             if self.late {
-                self.provision.observer.incident(Incident::Late);
+                self.observer.incident(Incident::Late);
             }
             let kept = late_by <= step.as_nanos() * CATCH_UP_STEPS;
             self.next_step = Some(if kept { due + step } else { now + step });
             if !kept {
-                self.provision.observer.incident(Incident::Slowed);
+                self.observer.incident(Incident::Slowed);
             }
         }
         self.last_step = now;
-        self.tick(clock, out);
+        self.tick(out);
         if self.config().stepping == Stepping::FreeRunning {
             let send = |peer, question| out.datagram(peer, question);
             self.authority_table
@@ -505,15 +500,20 @@ impl SceneRunner {
         self.act_on_waiting(out);
     }
 
+    /// The moment by the clock that measures.
+    pub(crate) fn clock_now(&self) -> Instant {
+        (self.settings.clock)()
+    }
+
     fn step(&self) -> Span {
         Span::from_nanos(self.config().integrator.rate.step_ns())
     }
 
     /// One tick: step, predict, publish.
-    fn tick(&mut self, clock: Stopwatch<'_>, out: &mut Outbox) {
-        let begun = clock();
+    fn tick(&mut self, out: &mut Outbox) {
+        let begun = self.clock_now();
         self.copy_if_due();
-        (self.provision.observer).step_began(begun, self.scene.tick());
+        self.observer.step_began(begun, self.scene.tick());
         for scene_event in self.authority_table.set_targets(&mut self.scene) {
             self.record_event(scene_event);
         }
@@ -523,7 +523,7 @@ impl SceneRunner {
         let Some(stepped) = self.step_or_restore(out) else {
             return;
         };
-        let after_step = clock();
+        let after_step = self.clock_now();
         self.rollback.note_step(after_step.since(begun));
         self.snapshot_if_due(after_step.since(begun));
         for error in refused.into_iter().flatten() {
@@ -542,7 +542,7 @@ impl SceneRunner {
         }
         self.streams
             .observe(self.scene.tick(), self.scene.observations());
-        let observed = clock();
+        let observed = self.clock_now();
         self.streams.publish(self.scene_events);
         self.commit();
         self.send_scene_events(out);
@@ -558,7 +558,7 @@ impl SceneRunner {
             begun,
             stepped: after_step,
             observed,
-            published: clock(),
+            published: self.clock_now(),
         });
     }
 

@@ -1,7 +1,7 @@
 //! A server without sockets: connects client connections to scenes.
 //!
 //! Routes each message to the scene of its connection. The real driver and the simulated network use it alike. It
-//! reads no clock but its stopwatch, which only measures.
+//! reads no clock but that of its settings, which only measures.
 
 mod creation;
 mod owned;
@@ -12,29 +12,22 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 
 use rhumb_protocol::message::{ClientMessage, Denial, Extension, Grease, ServerMessage};
-use rhumb_protocol::packet::{Datagram, LargestPacket, LossReport, PacketKind};
+use rhumb_protocol::packet::{Datagram, LossReport, PacketKind};
 use rhumb_protocol::scene::{CommandError, SceneName};
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake, WakeReason};
 use rhumb_reckoning::Tick;
 
 pub use self::owned::OwnedScene;
+use crate::admission::SceneSlot;
 use crate::authority_table::UpstreamStatistics;
-use crate::baking::{Bakers, Bakery};
-use crate::command_log::SceneStore;
+use crate::baking::Bakery;
 use crate::empty_scenes::EmptyScenes;
-use crate::engine::{Engines, StepThreads};
-use crate::hook::Hooks;
-use crate::limits::Limits;
-use crate::load::ServerLoad;
-use crate::observer::{ObserveScenes, Unobserved};
 use crate::outbox::Outbox;
-use crate::provided::ProvidedScenes;
-use crate::heartbeat::Heartbeat;
 use crate::rights::{self, Ownership, Permit, Request};
 use crate::scene_connection::SceneConnection;
 use crate::scene_runner::{DisconnectReason, SceneRunner};
-use crate::scene_slots::{SceneSlot, SceneSlots};
+use crate::settings::SceneSettings;
 
 /// Unread bytes of a connection beyond which the driver is to hold back more.
 const UNREAD_BYTES: usize = 64 << 10;
@@ -49,27 +42,18 @@ pub struct ServerLoop {
     blocked: BTreeSet<Peer>,
     retry_at: Instant,
     empty_scenes: EmptyScenes,
-    limits: Limits,
-    slots: SceneSlots,
-    load: ServerLoad,
-    observers: Arc<dyn ObserveScenes>,
+    settings: Arc<SceneSettings>,
     taken_slots: BTreeMap<SceneName, SceneSlot>,
-    heartbeat: Heartbeat,
     out: Outbox,
     scenes_begun: u32,
-    hooks: Option<Hooks>,
-    provided: Option<ProvidedScenes>,
-    engines: Engines,
-    threads: StepThreads,
-    largest_packet: LargestPacket,
-    store: Option<Arc<dyn SceneStore>>,
     bakery: Bakery,
-    stopwatch: Box<dyn Fn() -> Instant + Send>,
 }
 
 impl ServerLoop {
-    /// A server without scenes. `stopwatch` measures the stages of a tick; it need not be the clock of the driver.
-    pub fn new(stopwatch: impl Fn() -> Instant + Send + 'static) -> Self {
+    /// A server without scenes.
+    #[must_use]
+    pub fn new(settings: impl Into<Arc<SceneSettings>>) -> Self {
+        let settings = settings.into();
         Self {
             runners: BTreeMap::new(),
             connections: BTreeMap::new(),
@@ -77,62 +61,12 @@ impl ServerLoop {
             blocked: BTreeSet::new(),
             retry_at: Instant::ZERO,
             empty_scenes: EmptyScenes::default(),
-            limits: Limits {
-                empty_scene_seconds: 0,
-                ..Limits::default()
-            },
-            slots: SceneSlots::default(),
-            load: ServerLoad::default(),
-            observers: Arc::new(Unobserved),
             taken_slots: BTreeMap::new(),
-            heartbeat: Heartbeat::default(),
-            out: Outbox::default(),
+            out: Outbox::new(settings.limits),
             scenes_begun: 0,
-            hooks: None,
-            provided: None,
-            engines: Engines::default(),
-            threads: StepThreads::default(),
-            largest_packet: LargestPacket::DEFAULT,
-            store: None,
-            bakery: Bakery::default(),
-            stopwatch: Box::new(stopwatch),
+            bakery: Bakery::new(settings.bakers.clone()),
+            settings,
         }
-    }
-
-    /// Sets the hooks of later scenes.
-    pub fn attach(&mut self, hooks: Hooks) {
-        self.hooks = Some(hooks);
-    }
-
-    /// Provides scenes that clients name.
-    pub fn provide(&mut self, scenes: ProvidedScenes) {
-        self.provided = Some(scenes);
-    }
-
-    /// Sets the engines of later scenes.
-    pub fn build_with(&mut self, engines: Engines) {
-        self.engines = engines;
-    }
-
-    /// Sets the threads that step and publish later scenes.
-    pub fn employ(&mut self, threads: StepThreads) {
-        self.threads = workers;
-    }
-
-    /// Sets where the solids of large shapes are made. Without this, each is made at once.
-    pub fn bake_with(&mut self, bakers: Bakers) {
-        self.bakery.employ(bakers);
-    }
-
-    /// Bounds the packets of later scenes' streams.
-    pub const fn set_largest_packet(&mut self, largest_packet: LargestPacket) {
-        self.largest_packet = largest_packet;
-    }
-
-    /// Sets the limits of later connections and scenes. Without this, they are the defaults, and no scene expires.
-    pub const fn set_limits(&mut self, limits: Limits) {
-        self.limits = limits;
-        self.out.set_limits(limits);
     }
 
     /// Sets what a new connection may do, before its first message; without this, everything.
@@ -140,22 +74,6 @@ impl ServerLoop {
         if let Some(connection) = self.connections.get_mut(&peer) {
             connection.permit = permit;
         }
-    }
-
-    /// Shares the bounds on scenes and on their load with other loops.
-    pub fn share(&mut self, slots: SceneSlots, load: ServerLoad) {
-        self.slots = slots;
-        self.load = load;
-    }
-
-    /// Has later scenes observed.
-    pub fn observe_with(&mut self, observers: Arc<dyn ObserveScenes>) {
-        self.observers = observers;
-    }
-
-    /// Reports liveness at each message and each tick.
-    pub fn show_progress(&mut self, heartbeat: Heartbeat) {
-        self.heartbeat = heartbeat;
     }
 
     /// Bytes of a connection's control stream that were not handled yet.
@@ -206,7 +124,7 @@ impl ServerLoop {
 
     /// Ends scenes that have had no member for too long.
     fn expire(&mut self, now: Instant) {
-        let Some(empty_for) = self.limits.empty_scene() else {
+        let Some(empty_for) = self.settings.limits.empty_scene() else {
             return;
         };
         for name in self.empty_scenes.over(now, empty_for) {
@@ -344,7 +262,7 @@ impl ServerLoop {
             let denial = ServerMessage::Denied(Denial::Owned);
             return self.out.send(peer, &denial);
         }
-        if (self.store.as_ref()).is_some_and(|store| store.delete_damaged(name)) {
+        if (self.settings.store.as_ref()).is_some_and(|store| store.delete_damaged(name)) {
             return self.out.send(peer, &ServerMessage::Deleted);
         }
         if !self.runners.contains_key(name) {
@@ -493,8 +411,8 @@ impl Endpoint for ServerLoop {
             self.take_turn(now, peer);
         }
         for runner in self.runners.values_mut() {
-            self.heartbeat.beat();
-            runner.handle_timeout(now, &self.stopwatch, &mut self.out);
+            self.settings.heartbeat.beat();
+            runner.handle_timeout(now, &mut self.out);
             if runner.next_snapshot(&self.out).is_some_and(|at| at <= now) {
                 runner.answer_pending(&mut self.out);
             }
@@ -516,7 +434,8 @@ impl Endpoint for ServerLoop {
         let snapshots =
             (self.runners.values()).filter_map(|runner| runner.next_snapshot(&self.out));
         let snapshot = snapshots.min().map(|at| wake(at, WakeReason::Snapshot));
-        let expires = (self.limits.empty_scene()).and_then(|after| self.empty_scenes.next(after));
+        let expires =
+            (self.settings.limits.empty_scene()).and_then(|after| self.empty_scenes.next(after));
         let expires = expires.map(|at| wake(at, WakeReason::Deadline));
         [step, input, retry, snapshot, expires]
             .into_iter()

@@ -137,18 +137,13 @@ pub(crate) struct Streams {
 }
 
 impl Streams {
-    /// An empty set, for this publish schedule, published on the threads that are the default.
-    pub(crate) fn new(publish_schedule: PublishSchedule) -> Self {
+    /// An empty set, for this publish schedule, published on these threads.
+    pub(crate) fn new(publish_schedule: PublishSchedule, threads: StepThreads) -> Self {
         Self {
             streams: Vec::new(),
             observation_history: ObservationHistory::new(publish_schedule),
-            threads: StepThreads::default(),
+            threads,
         }
-    }
-
-    /// Sets the publishing threads.
-    pub(crate) fn employ(&mut self, threads: StepThreads) {
-        self.threads = workers;
     }
 
     pub(crate) fn get(&self, id: StreamId) -> Option<&Stream> {
@@ -325,7 +320,7 @@ mod tests {
     fn capped(bytes_per_second: u32) -> Streams {
         let budget = Budget::new(bytes_per_second, BURST).expect("within the limits");
         let tolerance = Tolerance::NORMAL;
-        let mut streams = Streams::new(PublishSchedule::EACH_TICK);
+        let mut streams = Streams::new(PublishSchedule::EACH_TICK, StepThreads::default());
         let choice = StreamChoice::Capped { tolerance, budget };
         let sender = sender(STREAM, tolerance, Some(budget));
         streams.begin(Stream::of(choice, sender));

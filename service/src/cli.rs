@@ -19,7 +19,7 @@ use clap::{Parser, Subcommand};
 use rhumb_protocol::packet::LargestPacket;
 use rhumb_protocol::scene::SceneName;
 use rhumb_scene::engine::EngineKind;
-use rhumb_scene::{Hooks, ProvidedScenes};
+use rhumb_scene::{Hooks, ProvidedScenes, SceneSettings};
 use rhumb_transport::{PageOrigin, Stop};
 use tracing::level_filters::LevelFilter;
 
@@ -351,7 +351,7 @@ impl Parts {
 
 fn run(settings: &ServerSettings, parts: Parts) -> Result<(), Box<dyn Error>> {
     let CheckedStart {
-        workers,
+        threads,
         access,
         processes,
     } = start_check::check(settings, parts.app_beyond_loopback())?;
@@ -361,10 +361,15 @@ fn run(settings: &ServerSettings, parts: Parts) -> Result<(), Box<dyn Error>> {
     let origins = settings.web_origins.iter().cloned().collect();
     let origins = settings.web.then_some(origins);
     let mut server = Server::bind_with_origins(settings.listen, &identity, access, origins)?;
-    server.build_with(settings.engine);
-    server.employ(workers);
-    server.set_largest_packet(settings.largest_packet);
-    server.set_limits(settings.limits);
+    server.set_engine(settings.engine);
+    server.scenes = SceneSettings {
+        threads,
+        largest_packet: settings.largest_packet,
+        limits: settings.limits,
+        hooks: parts.hooks,
+        provided: parts.provided,
+        ..server.scenes
+    };
     if let Some(processes) = processes {
         server.use_processes(processes);
     }
@@ -374,12 +379,6 @@ fn run(settings: &ServerSettings, parts: Parts) -> Result<(), Box<dyn Error>> {
     listen_at(&mut server, settings.socket.as_deref())?;
     if let Some(directory) = &settings.flight {
         server.record_flights(directory.clone());
-    }
-    if let Some(hooks) = parts.hooks {
-        server.attach(hooks);
-    }
-    if let Some(provided) = parts.provided {
-        server.provide(provided);
     }
     let foxglove = observe(&mut server, settings)?;
     let addresses = BoundAddresses {

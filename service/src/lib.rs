@@ -23,7 +23,7 @@
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let listen = "127.0.0.1:4433".parse()?;
 //! let mut server = Server::bind(listen, &Identity::Development, Access::OpenOnLoopback)?;
-//! server.attach(Hooks::new(|name, _config| {
+//! server.scenes.hooks = Some(Hooks::new(|name, _config| {
 //!     let windy = name.as_str().starts_with("windy/");
 //!     windy.then(|| Hook::new(blow))
 //! }));
@@ -70,16 +70,16 @@ pub use access::{KeyError, TokenKeys};
 #[doc(hidden)]
 pub use app_host::AppScenes;
 pub use durable::{Damage, DataDir, DataError};
-pub use front::Front;
+pub use front::{Front, FrontSettings};
 #[cfg(feature = "app")]
 pub use rhumb_app;
 pub use rhumb_scene::{
     Activity, BakeJob, Bakers, BodyDesc, BodyId, BodyKind, BodyState, Command, CommandError,
     Digest, Hook, HookError, Hooks, IdRange, Inertia, Instant, Invalid, InvalidLimit, Joints,
     Limits, Metres, Observation, Peer, ProvidedScene, ProvidedScenes, RemovalCause, Scene,
-    SceneConfig, SceneFault, SceneName, SceneScript, ServerLoop, Shape, ShapeId, Span, StepEvents,
-    Stepped, SubscriberStatistics, Tick, Tolerance, UpstreamStatistics, StepThreads, StepThreadsError,
-    engine, glam,
+    SceneConfig, SceneFault, SceneName, SceneScript, SceneSettings, ServerLoop, Shape, ShapeId,
+    Span, StepEvents, StepThreads, StepThreadsError, Stepped, SubscriberStatistics, Tick,
+    Tolerance, UpstreamStatistics, engine, glam,
 };
 pub use rhumb_transport::{
     BindError, CertificateError, CertificateHashes, Fingerprint, Origins, PageOrigin, ServeError,

@@ -12,9 +12,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::SystemTime;
 
-use rhumb_protocol::packet::LargestPacket;
-use rhumb_scene::engine::{EngineKind, StepThreads};
-use rhumb_scene::{Hooks, Limits, ProvidedScenes};
+use rhumb_scene::engine::{EngineKind, Engines};
+use rhumb_scene::{Limits, SceneSettings};
 #[cfg(unix)]
 use rhumb_transport::UnixServer;
 use rhumb_transport::{
@@ -25,10 +24,10 @@ use rhumb_transport::{
 pub use self::run_error::RunError;
 use crate::access::{Authenticator, TokenKeys};
 use crate::durable::DataDir;
-use crate::flight::FlightWriter;
+use crate::flight::{FlightRecorders, FlightWriter};
 #[cfg(feature = "app")]
 use crate::front::Adapter;
-use crate::front::{Front, ProcessOptions};
+use crate::front::{Front, FrontSettings, ProcessOptions};
 use crate::http::HttpListener;
 use crate::metrics::Metrics;
 #[cfg(feature = "view")]
@@ -93,14 +92,11 @@ pub enum Access {
 pub struct Server {
     transport: QuicServer,
     access: Access,
-    hooks: Option<Hooks>,
-    provided: Option<ProvidedScenes>,
+    /// Settings of its scenes.
+    pub scenes: SceneSettings,
     engine: EngineKind,
-    workers: StepThreads,
     /// `Some` if scenes run in worker processes.
     processes: Option<ProcessOptions>,
-    largest_packet: LargestPacket,
-    limits: Limits,
     metrics: Option<TcpListener>,
     #[cfg(unix)]
     socket: Option<UnixServer>,
@@ -156,16 +152,16 @@ impl Server {
             web,
         };
         let transport = QuicServer::bind(options).map_err(RunError::Bind)?;
+        let clock = Clock::start();
         Ok(Self {
             transport,
             access,
-            hooks: None,
-            provided: None,
+            scenes: SceneSettings {
+                limits: Limits::default(),
+                ..SceneSettings::new(move || clock.now())
+            },
             engine: EngineKind::default(),
-            workers: StepThreads::default(),
             processes: None,
-            largest_packet: LargestPacket::DEFAULT,
-            limits: Limits::default(),
             metrics: None,
             #[cfg(unix)]
             socket: None,
@@ -206,16 +202,6 @@ impl Server {
         self.adapter = Some(adapter);
     }
 
-    /// Sets the hooks of later scenes.
-    pub fn attach(&mut self, hooks: Hooks) {
-        self.hooks = Some(hooks);
-    }
-
-    /// Provides scenes that clients name.
-    pub fn provide(&mut self, scenes: ProvidedScenes) {
-        self.provided = Some(scenes);
-    }
-
     /// Serves a page in which scenes are seen, at a TCP address, which is returned. The page observes every scene; where
     /// no tokens are asked for, it may command them too. `scenes`: provided scenes that the page offers before they begin.
     ///
@@ -243,18 +229,9 @@ impl Server {
     }
 
     /// Sets the engine of later scenes; with a data directory it must keep images.
-    pub const fn build_with(&mut self, engine: EngineKind) {
+    pub fn set_engine(&mut self, engine: EngineKind) {
         self.engine = engine;
-    }
-
-    /// Sets the threads that step and publish later scenes.
-    pub fn employ(&mut self, workers: StepThreads) {
-        self.workers = workers;
-    }
-
-    /// Bounds the packets of all streams.
-    pub const fn set_largest_packet(&mut self, largest_packet: LargestPacket) {
-        self.largest_packet = largest_packet;
+        self.scenes.engines = Engines::of(engine);
     }
 
     /// Answers requests for figures (`/metrics`, as Prometheus reads them) and for its health (`/health`) at a TCP
@@ -286,11 +263,6 @@ impl Server {
         Ok(())
     }
 
-    /// Sets the limits.
-    pub const fn set_limits(&mut self, limits: Limits) {
-        self.limits = limits;
-    }
-
     /// Keeps scenes in a data directory, and restores those that it has.
     pub fn store_in(&mut self, data: DataDir) {
         self.data = Some(data);
@@ -316,33 +288,26 @@ impl Server {
         let mut server = self;
         #[cfg(not(any(feature = "view", feature = "record")))]
         let server = self;
-        let clock = Clock::start();
-        let waker = server.transport.waker();
-        let mut front = Front::on_threads(move || clock.now(), move || waker.wake());
-        let metrics = Metrics::default();
+        let mut settings = FrontSettings::of(server.scenes.clone());
+        let metrics = settings.recorders.metrics.clone();
         #[cfg(feature = "record")]
-        let observers = server.start_observers(&mut front)?;
+        let observers = server.start_observers(&settings.recorders.taps)?;
         #[cfg(feature = "view")]
         let showing = server.start_page(&metrics)?;
-        front.guard(authenticator(server.access));
-        front.build_with(server.engine);
-        front.employ(server.workers);
-        front.set_largest_packet(server.largest_packet);
-        if let Some(hooks) = server.hooks {
-            front.attach(hooks);
-        }
-        if let Some(provided) = server.provided {
-            front.provide(provided);
-        }
-        front.set_limits(server.limits);
-        if let Some(processes) = server.processes {
-            front.use_processes(processes);
-        }
         let flight = match server.flight {
             None => None,
-            Some(directory) => Some(start_flights(directory, &server.limits, &mut front)?),
+            Some(directory) => {
+                let (writer, flights) = start_flights(directory, &server.scenes.limits)?;
+                settings.recorders.flights = flights;
+                Some(writer)
+            }
         };
-        front.count(metrics.clone());
+        settings.authenticator = authenticator(server.access);
+        settings.engine = server.engine;
+        settings.processes = server.processes;
+        settings.data = server.data;
+        let waker = server.transport.waker();
+        let mut front = Front::on_threads(settings, move || waker.wake());
         #[cfg(feature = "app")]
         if let Some(adapter) = server.adapter {
             front.serve_also(adapter).map_err(RunError::Thread)?;
@@ -355,9 +320,7 @@ impl Server {
                 Some(started.map_err(RunError::Thread)?)
             }
         };
-        if let Some(data) = server.data {
-            front.store_in(data).map_err(RunError::Data)?;
-        }
+        front.restore().map_err(RunError::Data)?;
         #[cfg(unix)]
         let served = match server.socket {
             None => server.transport.run(&mut front, stop),
@@ -392,12 +355,9 @@ pub(crate) const fn check_images(engine: EngineKind) -> Result<(), RunError> {
 fn start_flights(
     directory: PathBuf,
     limits: &Limits,
-    front: &mut Front,
-) -> Result<FlightWriter, RunError> {
+) -> Result<(FlightWriter, FlightRecorders), RunError> {
     let started = FlightWriter::start(directory.clone(), limits, seconds_since_1970);
-    let (writer, flights) = started.map_err(|cause| RunError::Flight { directory, cause })?;
-    front.record_flights(flights);
-    Ok(writer)
+    started.map_err(|cause| RunError::Flight { directory, cause })
 }
 
 #[cfg(feature = "view")]

@@ -23,7 +23,7 @@ const NO_ACCESS: &str = "no client could join: start with --open to admit all cl
 
 /// The parts of a start that were made while it was checked.
 pub(crate) struct CheckedStart {
-    pub(crate) workers: StepThreads,
+    pub(crate) threads: StepThreads,
     pub(crate) access: Access,
     /// `Some` if scenes run in worker processes.
     pub(crate) processes: Option<ProcessOptions>,
@@ -46,7 +46,7 @@ pub(crate) fn check(
     if settings.data.is_some() {
         check_images(settings.engine)?;
     }
-    let workers = StepThreads::new(Some(settings.threads)).map_err(RunError::StepThreads)?;
+    let threads = StepThreads::new(Some(settings.threads)).map_err(RunError::StepThreads)?;
     let access = access(settings)?;
     if matches!(access, Access::OpenOnLoopback) && !settings.listen.ip().is_loopback() {
         return Err(RunError::OpenToNetwork(settings.listen).into());
@@ -66,7 +66,7 @@ pub(crate) fn check(
         identity.certificate()?;
     }
     Ok(CheckedStart {
-        workers,
+        threads,
         access,
         processes,
     })

@@ -14,7 +14,7 @@ use rhumb_protocol::scene::SceneConfig;
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_reckoning::{Tick, Tolerance};
-use rhumb_server::{Front, Hook, Hooks, Limits, ServerLoop};
+use rhumb_server::{Front, FrontSettings, Hook, Hooks, Limits, SceneSettings, ServerLoop};
 
 /// Longer than any step of these tests; reached only by a failure.
 const LONG: Duration = Duration::from_secs(30);
@@ -32,30 +32,36 @@ struct Threaded {
 impl Threaded {
     /// Scenes named `stuck` wait in their first step until the returned sender is dropped.
     fn new() -> (Self, Sender<()>) {
+        Self::with(SceneSettings::new(|| Instant::ZERO).limits)
+    }
+
+    /// The same with limits.
+    fn with(limits: Limits) -> (Self, Sender<()>) {
         let clock = Arc::new(AtomicU64::new(0));
         let (wake, woken) = channel();
         let wake = Mutex::new(wake);
         let time = Arc::clone(&clock);
-        let mut front = Front::on_threads(
-            move || Instant::from_nanos(time.load(Ordering::SeqCst)),
-            move || {
-                // After the test no one listens.
-                let _ = wake.lock().expect("no thread panics").send(());
-            },
-        );
-        let (release, authenticator) = channel::<()>();
-        let authenticator = Arc::new(Mutex::new(authenticator));
+        let (release, gate) = channel::<()>();
+        let gate = Arc::new(Mutex::new(gate));
         let (enter, entered) = channel();
-        front.attach(Hooks::new(move |name, _| {
-            let (authenticator, enter) = (Arc::clone(&authenticator), enter.clone());
+        let hooks = Hooks::new(move |name, _| {
+            let (gate, enter) = (Arc::clone(&gate), enter.clone());
             (name.as_str() == "stuck").then(|| {
                 Hook::new(move |_, _| {
                     let _ = enter.send(());
                     // Ends with an error when the test drops its end.
-                    let _ = authenticator.lock().expect("no thread panics").recv();
+                    let _ = gate.lock().expect("no thread panics").recv();
                 })
             })
-        }));
+        });
+        let mut settings =
+            FrontSettings::new(move || Instant::from_nanos(time.load(Ordering::SeqCst)));
+        settings.scenes.hooks = Some(hooks);
+        settings.scenes.limits = limits;
+        let front = Front::on_threads(settings, move || {
+            // After the test no one listens.
+            let _ = wake.lock().expect("no thread panics").send(());
+        });
         let threaded = Self {
             front,
             clock,
@@ -202,8 +208,7 @@ fn a_front_with_a_stuck_scene_ends_while_it_is_stuck() {
 
 #[test]
 fn the_thread_of_a_scene_that_expires_ends() {
-    let (mut threaded, release) = Threaded::new();
-    threaded.front.set_limits(Limits {
+    let (mut threaded, release) = Threaded::with(Limits {
         empty_scene_seconds: 1,
         ..Limits::default()
     });
@@ -228,7 +233,7 @@ fn the_thread_of_a_scene_that_expires_ends() {
 
 #[test]
 fn a_connection_that_says_no_hello_is_closed() {
-    let mut front = Front::on_one_thread(|| Instant::ZERO);
+    let mut front = Front::on_one_thread(FrontSettings::new(|| Instant::ZERO));
     front.handle_opened(Instant::ZERO, Peer(1));
     front.handle_control(Instant::ZERO, Peer(1), &[1]);
     let wake = front.poll_timeout().expect("a deadline");
@@ -259,8 +264,8 @@ fn transmits_of(endpoint: &mut dyn Endpoint) -> Vec<Transmit> {
 
 #[test]
 fn a_front_on_one_thread_changes_no_bit() {
-    let plain = transmits_of(&mut ServerLoop::new(|| Instant::ZERO));
-    let mut front = Front::on_one_thread(|| Instant::ZERO);
+    let plain = transmits_of(&mut ServerLoop::new(SceneSettings::new(|| Instant::ZERO)));
+    let mut front = Front::on_one_thread(FrontSettings::new(|| Instant::ZERO));
     assert!(plain.len() >= 4, "an answer, and three ticks");
     assert_eq!(transmits_of(&mut front), plain);
     // A worker without a scene and without a connection ends.

@@ -6,7 +6,7 @@ use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::session::{ClientSession, Replica};
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::Tolerance;
-use rhumb_scene::{ServerLoop, StepThreads};
+use rhumb_scene::{SceneSettings, ServerLoop, StepThreads};
 use rhumb_sims::by_name;
 
 /// Longer than any answer takes over a perfect link.
@@ -65,11 +65,13 @@ fn fold(digest: &mut u64, replica: &Replica) {
 pub(crate) fn displayed_digests(
     scene: &str,
     tolerances: &[Tolerance],
-    workers: StepThreads,
+    threads: StepThreads,
 ) -> Vec<u64> {
     let mut script = by_name(scene, 60, 1).expect("an existing script");
-    let mut server = ServerLoop::new(|| Instant::ZERO);
-    server.employ(workers);
+    let server = ServerLoop::new(SceneSettings {
+        threads,
+        ..SceneSettings::new(|| Instant::ZERO)
+    });
     let mut members = Members(SimNetwork::new(server, LinkConfig::PERFECT, 1));
     let name: SceneName = "golden".parse().expect("a valid scene name");
     for (member, &tolerance) in tolerances.iter().enumerate() {

@@ -13,7 +13,7 @@ use rhumb_app::{
     Logon, Message, MessageFraming, Motion, SetWorld, Surface,
 };
 use rhumb_protocol::{Instant, Peer};
-use rhumb_scene::ServerLoop;
+use rhumb_scene::{SceneSettings, ServerLoop};
 use rhumb_server::AppScenes;
 
 /// The messages of the plug-in in one session.
@@ -97,8 +97,14 @@ impl PluginServer {
     /// A server without scenes.
     #[must_use]
     pub fn new(options: AppOptions) -> Self {
+        Self::with(options, SceneSettings::new(|| Instant::ZERO))
+    }
+
+    /// A server without scenes, with these settings of scenes.
+    #[must_use]
+    pub fn with(options: AppOptions, settings: SceneSettings) -> Self {
         Self {
-            server_loop: ServerLoop::new(|| Instant::ZERO),
+            server_loop: ServerLoop::new(settings),
             clients: AppServer::new(options),
         }
     }

@@ -9,7 +9,7 @@ use rhumb_protocol::scene::{Command, SceneConfig, Stepping};
 use rhumb_protocol::session::{ClientSession, Replica};
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::Tick;
-use rhumb_scene::ServerLoop;
+use rhumb_scene::{SceneSettings, ServerLoop};
 use rhumb_sims::Script;
 
 use crate::observation_history::ObservationHistory;
@@ -64,7 +64,11 @@ impl Stage {
         seed: u64,
     ) -> Self {
         let mut stage = Self {
-            network: SimNetwork::new(ServerLoop::new(|| Instant::ZERO), links, seed),
+            network: SimNetwork::new(
+                ServerLoop::new(SceneSettings::new(|| Instant::ZERO)),
+                links,
+                seed,
+            ),
             histories: Vec::new(),
             config,
             script,

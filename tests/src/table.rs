@@ -10,7 +10,7 @@ use rhumb_protocol::scene::SceneConfig;
 use rhumb_protocol::session::{ClientSession, CloseCode};
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_scene::engine::Engines;
-use rhumb_scene::{Hooks, Limits, ProvidedScenes, ServerLoop};
+use rhumb_scene::{Hooks, Limits, ProvidedScenes, SceneSettings, ServerLoop};
 
 /// One unit of data between the server and a client.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -68,8 +68,14 @@ const HOST: Peer = Peer(0);
 
 impl Default for Table {
     fn default() -> Self {
+        Self::with(SceneSettings::new(|| Instant::ZERO))
+    }
+}
+
+impl Table {
+    fn with(settings: SceneSettings) -> Self {
         Self {
-            server: ServerLoop::new(|| Instant::ZERO),
+            server: ServerLoop::new(settings),
             now: Instant::ZERO,
             sessions: BTreeMap::new(),
             inbox: BTreeMap::new(),
@@ -81,39 +87,41 @@ impl Default for Table {
             next: 0,
         }
     }
-}
 
-impl Table {
     /// A server whose scenes have these hooks.
     #[must_use]
     pub fn with_hooks(hooks: Hooks) -> Self {
-        let mut table = Self::default();
-        table.server.attach(hooks);
-        table
+        Self::with(SceneSettings {
+            hooks: Some(hooks),
+            ..SceneSettings::new(|| Instant::ZERO)
+        })
     }
 
     /// A server that provides these scenes.
     #[must_use]
     pub fn with_provided(scenes: ProvidedScenes) -> Self {
-        let mut table = Self::default();
-        table.server.provide(scenes);
-        table
+        Self::with(SceneSettings {
+            provided: Some(scenes),
+            ..SceneSettings::new(|| Instant::ZERO)
+        })
     }
 
     /// A server whose scenes have these engines.
     #[must_use]
     pub fn with_engines(engines: Engines) -> Self {
-        let mut table = Self::default();
-        table.server.build_with(engines);
-        table
+        Self::with(SceneSettings {
+            engines,
+            ..SceneSettings::new(|| Instant::ZERO)
+        })
     }
 
     /// A server with these limits.
     #[must_use]
     pub fn with_limits(limits: Limits) -> Self {
-        let mut table = Self::default();
-        table.server.set_limits(limits);
-        table
+        Self::with(SceneSettings {
+            limits,
+            ..SceneSettings::new(|| Instant::ZERO)
+        })
     }
 
     /// Connects a new session to the server.

@@ -102,12 +102,7 @@ impl SendQueue {
         }
     }
 
-    fn close_datagram(
-        &mut self,
-        to: SocketAddr,
-        subject: Option<CoalescingKey>,
-        urgency: Urgency,
-    ) {
+    fn close_datagram(&mut self, to: SocketAddr, subject: Option<CoalescingKey>, urgency: Urgency) {
         if !self.datagram.is_empty() {
             let bytes = Bytes::copy_from_slice(&self.datagram);
             self.datagram.clear();

@@ -15,7 +15,7 @@ use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, SceneConfig, Shape, Sha
 use rhumb_protocol::session::{ClientSession, Event};
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::{BodyId, BodyState};
-use rhumb_scene::{Limits, ServerLoop};
+use rhumb_scene::{Limits, SceneSettings, ServerLoop};
 
 /// Name of every scene here.
 const SCENE: &str = "bench";
@@ -39,10 +39,13 @@ impl HandOverLoad {
     /// If the server admits fewer.
     #[must_use]
     pub fn new(members: usize) -> Self {
-        let mut scenes = ServerLoop::new(|| Instant::ZERO);
-        scenes.set_limits(Limits {
+        let limits = Limits {
             members_per_scene: members as u64,
             ..Limits::default()
+        };
+        let scenes = ServerLoop::new(SceneSettings {
+            limits,
+            ..SceneSettings::new(|| Instant::ZERO)
         });
         let mut load = Self {
             network: SimNetwork::new(scenes, LinkConfig::PERFECT, 1),

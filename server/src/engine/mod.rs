@@ -30,8 +30,8 @@ mod rapier_query;
 mod rapier_rest;
 mod rapier_solid;
 mod rapier_spin;
-mod rapier_vehicles;
 mod rapier_threads;
+mod rapier_vehicles;
 
 #[cfg(feature = "box3d")]
 pub use box3d::Box3dEngine;

@@ -43,8 +43,8 @@ use super::rapier_query as queries;
 use super::rapier_rest::RapierRest;
 use super::rapier_solid::{self as solids, Solid};
 use super::rapier_spin::{RapierSpin, SPEED_MAX};
-use super::rapier_vehicles::RapierVehicles;
 use super::rapier_threads::StepThreads;
+use super::rapier_vehicles::RapierVehicles;
 
 /// A Rapier world.
 pub struct RapierEngine {

@@ -142,7 +142,8 @@ mod tests {
         }
         let image = scene.freeze().unwrap().encode().unwrap();
         let at = (scene.tick(), scene.digest());
-        let restored = Scene::from_image(*scene.config(), &StepThreads::default(), at, &image).unwrap();
+        let restored =
+            Scene::from_image(*scene.config(), &StepThreads::default(), at, &image).unwrap();
         let mut others = [restored, scene.copy().unwrap()];
         let mut landed = false;
         for tick in 0..120 {

@@ -9,8 +9,8 @@ use rhumb_protocol::scene::{Command, CommandError, Locomotion, Shape, ShapeId};
 use rhumb_reckoning::BodyId;
 
 use super::SceneRunner;
+use crate::admission;
 use crate::engine::{BakedShape, Baker, UnusableShape};
-use crate::load;
 use crate::member::Member;
 use crate::record::Record;
 use crate::rights::{self, Ownership, Permit, Refused, Request};
@@ -87,16 +87,16 @@ impl SceneRunner {
             }
             _ => return self.scene.apply(command),
         }
-        if self.scene.body_count() as u64 >= self.provision.limits.bodies_per_scene {
+        if self.scene.body_count() as u64 >= self.settings.limits.bodies_per_scene {
             return Err(CommandError::TooManyBodies);
         }
-        if !self.provision.load.add_body() {
-            let retry_seconds = load::RETRY_SECONDS;
+        if !self.load.add_body() {
+            let retry_seconds = admission::RETRY_SECONDS;
             return Err(CommandError::Overloaded { retry_seconds });
         }
         let applied = self.scene.apply(command);
         if applied.is_err() {
-            self.provision.load.remove_body();
+            self.load.remove_body();
         }
         applied
     }
@@ -109,11 +109,11 @@ impl SceneRunner {
         locomotion: &Locomotion,
     ) -> Result<(), CommandError> {
         command.check().map_err(CommandError::Invalid)?;
-        let before = load::locomotion_steps(self.scene.locomotion(id).into_iter());
-        let others = load::locomotion_steps(self.scene.locomotions()) - before;
-        let asked = load::locomotion_steps(std::iter::once(locomotion));
-        if !self.provision.load.set_locomotion(others + asked) {
-            let retry_seconds = load::RETRY_SECONDS;
+        let before = admission::locomotion_steps(self.scene.locomotion(id).into_iter());
+        let others = admission::locomotion_steps(self.scene.locomotions()) - before;
+        let asked = admission::locomotion_steps(std::iter::once(locomotion));
+        if !self.load.set_locomotion(others + asked) {
+            let retry_seconds = admission::RETRY_SECONDS;
             return Err(CommandError::Overloaded { retry_seconds });
         }
         let applied = self.scene.apply(command);
@@ -125,14 +125,14 @@ impl SceneRunner {
 
     /// Reserves what the characters and vehicles of the scene cost now.
     pub(super) fn reserve_locomotion(&mut self) {
-        let steps = load::locomotion_steps(self.scene.locomotions());
-        let _ = self.provision.load.set_locomotion(steps);
+        let steps = admission::locomotion_steps(self.scene.locomotions());
+        let _ = self.load.set_locomotion(steps);
     }
 
     /// Forgets the owner of a body that has left the scene.
     pub(super) fn forget_body(&mut self, id: BodyId) {
         self.ownership.remove_body(id);
-        self.provision.load.remove_body();
+        self.load.remove_body();
         self.reserve_locomotion();
     }
 }

@@ -16,19 +16,19 @@ impl SceneRunner {
             bodies: self.scene.body_count(),
             awake: self.scene.awake_count(),
             waiting: self.streams.waiting(),
-            load: self.provision.load.reserved(),
+            load: self.load.reserved(),
             step: timestamps.stepped.since(timestamps.begun),
             publish: timestamps.published.since(timestamps.stepped),
         };
         let mut packets = self.streams.all_packets();
-        let observer = &mut self.provision.observer;
+        let observer = &mut self.observer;
         observer.stepped(&figures, &self.scene, &mut packets);
     }
 
     /// A body whose state was not finite is a fault of the engine.
     pub(super) fn note_removal(&mut self, cause: RemovalCause) {
         if cause == RemovalCause::NotFinite {
-            self.provision.observer.incident(Incident::NotFinite);
+            self.observer.incident(Incident::NotFinite);
         }
     }
 }

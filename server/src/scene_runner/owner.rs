@@ -8,7 +8,7 @@ use rhumb_protocol::message::Denial;
 use rhumb_protocol::scene::{Command, CommandError, IdRange};
 use rhumb_protocol::{Peer, Span};
 
-use super::{SceneRunner, Stopwatch};
+use super::SceneRunner;
 use crate::outbox::Outbox;
 use crate::scene::Scene;
 
@@ -31,18 +31,18 @@ impl SceneRunner {
         owner: Peer,
         command: &Command,
     ) -> Result<(), CommandError> {
-        self.provision.heartbeat.beat();
+        self.settings.heartbeat.beat();
         let applied = self.apply(owner, command);
         let now = self.last_step;
         applied.map_err(|error| self.restore_if_failed(now, error))
     }
 
     /// Steps once. One message may ask for many steps.
-    pub(crate) fn step_for_owner(&mut self, clock: Stopwatch<'_>, out: &mut Outbox) {
+    pub(crate) fn step_for_owner(&mut self, out: &mut Outbox) {
         if !self.faulted {
-            self.provision.heartbeat.beat();
+            self.settings.heartbeat.beat();
             self.target = self.target.next();
-            self.tick(clock, out);
+            self.tick(out);
         }
     }
 
@@ -67,7 +67,8 @@ mod tests {
 
     use super::*;
     use crate::heartbeat::Heartbeat;
-    use crate::scene_runner::Provision;
+    use crate::limits::Limits;
+    use crate::settings::SceneSettings;
     use crate::stream_names::StreamNames;
 
     #[test]
@@ -75,12 +76,14 @@ mod tests {
         let nanos = Arc::new(AtomicU64::new(0));
         let clock = Arc::clone(&nanos);
         let heartbeat = Heartbeat::new(move || Instant::from_nanos(clock.load(Ordering::Relaxed)));
-        let provision = Provision {
+        let settings = SceneSettings {
             heartbeat: heartbeat.clone(),
-            ..Provision::unbounded()
+            ..SceneSettings::new(|| Instant::ZERO)
         };
+        let load = settings.admission.load.of_scene((0, 1), u64::MAX, u64::MAX);
         let scene = Scene::new(SceneConfig::default()).unwrap();
-        let mut runner = SceneRunner::new(scene, StreamNames::of_scene(0), provision);
+        let (name, names) = ("owned".parse().unwrap(), StreamNames::of_scene(0));
+        let mut runner = SceneRunner::new(&name, scene, names, settings.into(), load);
         heartbeat.beat();
         let gravity = glam::Vec3::NEG_Y;
         let work: [&dyn Fn(&mut SceneRunner); 2] = [
@@ -88,7 +91,7 @@ mod tests {
                 let applied = runner.command_of_owner(Peer(1), &Command::SetGravity { gravity });
                 assert_eq!(applied, Ok(()));
             },
-            &|runner| runner.step_for_owner(&|| Instant::ZERO, &mut Outbox::default()),
+            &|runner| runner.step_for_owner(&mut Outbox::new(Limits::default())),
         ];
         for work in work {
             nanos.fetch_add(5_000_000_000, Ordering::Relaxed);

@@ -22,7 +22,7 @@ const PERIOD: Span = Span::from_millis(600_000);
 impl SceneRunner {
     /// Copies the scene, if that is due, before it changes.
     pub(super) fn copy_if_due(&mut self) {
-        if self.provision.limits.restorations > 0 {
+        if self.settings.limits.restorations > 0 {
             self.rollback.copy_if_due(&mut self.scene, &self.ownership);
         }
     }
@@ -66,7 +66,7 @@ impl SceneRunner {
 
     /// Puts an earlier state in the place of the failed scene; returns the authors of the commands that it lacks.
     fn restore(&mut self, now: Instant, failed_in: FailedIn) -> Result<Vec<Author>, FaultCause> {
-        (self.provision.observer).incident(Incident::EnginePanicked);
+        self.observer.incident(Incident::EnginePanicked);
         while let Some(first) = self.restored_at.front()
             && now.since(*first) >= PERIOD
         {
@@ -75,16 +75,16 @@ impl SceneRunner {
         if self.scene.history().is_none() {
             return Err(FaultCause::NoWayBack);
         }
-        if self.restored_at.len() as u64 >= self.provision.limits.restorations {
+        if self.restored_at.len() as u64 >= self.settings.limits.restorations {
             return Err(FaultCause::TooOften);
         }
-        let heartbeat = self.provision.heartbeat.clone();
+        let heartbeat = self.settings.heartbeat.clone();
         let restoration = self
             .rollback
             .restore(&self.scene, failed_in, &mut || heartbeat.beat())
             .ok_or(FaultCause::FailedAgain)?;
         self.restored_at.push_back(now);
-        self.provision.observer.incident(Incident::Restored);
+        self.observer.incident(Incident::Restored);
         tracing::error!(
             tick = self.scene.tick().value(),
             ?failed_in,
@@ -156,7 +156,7 @@ impl SceneRunner {
         for desc in placed {
             if let Some(there) = self.scene.observation_at_tick(desc.id) {
                 if before.body(desc.id).is_none() {
-                    self.provision.load.add_body();
+                    self.load.add_body();
                 }
                 self.place(desc, there.motion, there.activity);
             }
@@ -198,7 +198,7 @@ impl SceneRunner {
             self.streams.remove(*id);
             if self.scene.body(*id).is_none() {
                 self.authority_table.remove(*id);
-                self.provision.load.remove_body();
+                self.load.remove_body();
             }
             let cause = RemovalCause::Command;
             self.record_event(SceneEvent::BodyRemoved { id: *id, cause });
@@ -227,7 +227,7 @@ impl SceneRunner {
     /// Informs all members that the engine failed for good; nothing moves any more.
     pub(super) fn fault(&mut self, cause: FaultCause, out: &mut Outbox) {
         self.faulted = true;
-        self.provision.observer.incident(Incident::Faulted);
+        self.observer.incident(Incident::Faulted);
         self.next_step = None;
         let tick = self.scene.tick();
         tracing::error!(

@@ -24,7 +24,7 @@ impl SceneRunner {
         if !self.faulted && self.scene.is_sound() {
             for command in script.commands(&self.scene) {
                 // A script may add thousands of bodies at once.
-                self.provision.heartbeat.beat();
+                self.settings.heartbeat.beat();
                 if let Err(error) = self.apply_of_script(&command) {
                     tracing::warn!(%error, "a command of the scene's script is refused");
                 }

@@ -46,7 +46,7 @@ impl SceneRunner {
         self.end_replaced(now, &permit, request, out);
         let of_client = |member: &&Member| member.permit.client == permit.client;
         let members = self.members.values().filter(of_client).count();
-        let scene_members = self.provision.limits.members_per_scene;
+        let scene_members = self.settings.limits.members_per_scene;
         let join = Request::Join {
             members,
             scene_members,
@@ -71,13 +71,11 @@ impl SceneRunner {
         self.send_scene_events(out);
         let commands = session.and_then(|number| self.sessions.get(number));
         let commands = commands.map_or(0, |session| session.commands);
-        self.provision
-            .observer
-            .joined(peer, permit.client.as_deref());
+        self.observer.joined(peer, permit.client.as_deref());
         let member = Member::new(permit, (stream, choice), session, commands);
         self.members.insert(peer, member);
         let resumed = session.is_some_and(|number| number < before);
-        out.count(peer, self.provision.observer.traffic());
+        out.count(peer, self.observer.traffic());
         self.announce_session(peer, resumed, out);
         self.send_snapshot(peer, out);
         if let Some(request) = request {
@@ -100,7 +98,7 @@ impl SceneRunner {
         self.waiting.retain(|(sender, _)| *sender != peer);
         self.authority_table.end(peer);
         if let Some(member) = self.members.remove(&peer) {
-            self.provision.observer.left(peer);
+            self.observer.left(peer);
             if let Some(durability) = &mut self.durability {
                 durability.awaited.forget(peer);
             }
@@ -265,7 +263,7 @@ impl SceneRunner {
     }
 
     fn index_limits(&self) -> IndexLimits {
-        let limits = &self.provision.limits;
+        let limits = &self.settings.limits;
         let members = self.members.len() as u64;
         IndexLimits::of(limits.indices_per_scene, limits.members_per_scene, members)
     }

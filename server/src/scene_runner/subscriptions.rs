@@ -31,7 +31,7 @@ impl SceneRunner {
             }
             ResyncCause::ChecksumMismatch => {
                 tracing::warn!(peer = peer.0, %stream, "a member's checksum differs from its stream's");
-                (self.provision.observer).incident(Incident::ChecksumMismatch);
+                self.observer.incident(Incident::ChecksumMismatch);
                 if let Some(stream) = self.streams.get_mut(stream) {
                     stream.sender.count_mismatch();
                 }

@@ -1,15 +1,15 @@
 //! A scene begins to run in a server loop.
 
-use rhumb_protocol::Span;
+use std::sync::Arc;
+
 use rhumb_protocol::message::Denial;
 use rhumb_protocol::scene::{Invalid, Quantity, SceneConfig, SceneName, Stepping};
 
 use super::ServerLoop;
-use crate::load::{self, SceneLoad};
+use crate::admission::{self, SceneLoad, SceneSlot};
 use crate::rights;
 use crate::scene::Scene;
-use crate::scene_runner::{Provision, SceneRunner};
-use crate::scene_slots::SceneSlot;
+use crate::scene_runner::SceneRunner;
 use crate::stream_names::StreamNames;
 
 impl ServerLoop {
@@ -18,7 +18,12 @@ impl ServerLoop {
         if self.runners.contains_key(name) {
             return;
         }
-        let Some(provided) = self.provided.as_ref().and_then(|scenes| scenes.of(name)) else {
+        let Some(provided) = self
+            .settings
+            .provided
+            .as_ref()
+            .and_then(|scenes| scenes.of(name))
+        else {
             return;
         };
         match self.create(name, provided.config) {
@@ -38,28 +43,34 @@ impl ServerLoop {
         if self.runners.contains_key(name) {
             return Err(Denial::SceneExists);
         }
-        let limits = &self.limits;
-        let slot = self.slots.take(limits.scenes as usize);
-        let slot = slot.ok_or(Denial::TooManyScenes)?;
+        let slot = self.take_slot().ok_or(Denial::TooManyScenes)?;
         config.check().map_err(Denial::InvalidConfig)?;
         if config.stepping == Stepping::FreeRunning
-            && rights::ticks_in_second(&config) > limits.scene_ticks_per_second
+            && rights::ticks_in_second(&config) > self.settings.limits.scene_ticks_per_second
         {
             let rate = Invalid::out_of_range(Quantity::Rate);
             return Err(Denial::InvalidConfig(rate));
         }
         let load = self.load_of(&config);
         if !load.has_room() {
-            let retry_seconds = load::RETRY_SECONDS;
+            let retry_seconds = admission::RETRY_SECONDS;
             return Err(Denial::Overloaded { retry_seconds });
         }
-        let engine = self.engines.make(&config, &self.threads).map_err(|cause| {
+        let settings = &self.settings;
+        let engine = settings.engines.make(&config, &settings.threads);
+        let engine = engine.map_err(|cause| {
             tracing::warn!(scene = %name, %cause, "a scene cannot begin");
             Denial::TooManyScenes
         })?;
         let scene = Scene::with_engine(config, engine).map_err(Denial::InvalidConfig)?;
         tracing::info!(scene = %name, "scene created");
         Ok(self.run_scene(name, scene, slot, load))
+    }
+
+    /// The place of another scene; `None` if the server has as many as may be.
+    pub(super) fn take_slot(&self) -> Option<SceneSlot> {
+        let scenes = self.settings.limits.scenes as usize;
+        self.settings.admission.slots.take(scenes)
     }
 
     /// A scene's share of the server's time, none of it taken.
@@ -69,9 +80,12 @@ impl ServerLoop {
             Stepping::Lockstep => 0,
         };
         let substeps = u64::from(config.integrator.substeps.get());
-        let limits = &self.limits;
+        let limits = &self.settings.limits;
         let (scene_max, server_max) = (limits.scene_load, limits.server_load);
-        self.load.of_scene((ticks, substeps), scene_max, server_max)
+        self.settings
+            .admission
+            .load
+            .of_scene((ticks, substeps), scene_max, server_max)
     }
 
     /// Runs a scene that is new or restored.
@@ -82,25 +96,9 @@ impl ServerLoop {
         slot: SceneSlot,
         load: SceneLoad,
     ) -> &mut SceneRunner {
-        let config = *scene.config();
         let names = StreamNames::of_scene(self.scenes_begun);
-        let period = Span::from_nanos(config.integrator.rate.step_ns());
-        let provision = Provision {
-            limits: self.limits,
-            load,
-            heartbeat: self.heartbeat.clone(),
-            observer: self.observers.begin(name, period),
-        };
-        let mut runner = SceneRunner::new(scene, names, provision);
-        runner.employ(self.threads.clone());
-        runner.set_largest_packet(self.largest_packet);
-        if let Some(hook) = self
-            .hooks
-            .as_ref()
-            .and_then(|hooks| hooks.of(name, &config))
-        {
-            runner.attach(hook);
-        }
+        let settings = Arc::clone(&self.settings);
+        let runner = SceneRunner::new(name, scene, names, settings, load);
         self.scenes_begun = self.scenes_begun.wrapping_add(1);
         self.taken_slots.insert(name.clone(), slot);
         self.runners.entry(name.clone()).or_insert(runner)

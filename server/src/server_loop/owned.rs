@@ -9,13 +9,12 @@ use rhumb_protocol::{Instant, Peer, Span};
 use super::ServerLoop;
 use crate::outbox::Outbox;
 use crate::scene::Scene;
-use crate::scene_runner::{SceneRunner, Stopwatch};
+use crate::scene_runner::SceneRunner;
 
 /// A scene under the commands of its owner.
 pub struct OwnedScene<'a> {
     runner: &'a mut SceneRunner,
     owner: Peer,
-    clock: Stopwatch<'a>,
     out: &'a mut Outbox,
 }
 
@@ -49,7 +48,6 @@ impl ServerLoop {
         Some(OwnedScene {
             runner: self.runners.get_mut(name)?,
             owner,
-            clock: &self.stopwatch,
             out: &mut self.out,
         })
     }
@@ -67,7 +65,7 @@ impl OwnedScene<'_> {
 
     /// Steps once and publishes the tick.
     pub fn step(&mut self) {
-        self.runner.step_for_owner(self.clock, self.out);
+        self.runner.step_for_owner(self.out);
     }
 
     /// True if the engine failed: the scene has stopped.
@@ -79,7 +77,7 @@ impl OwnedScene<'_> {
     /// The present moment, to measure time.
     #[must_use]
     pub fn now(&self) -> Instant {
-        (self.clock)()
+        self.runner.clock_now()
     }
 
     /// Adds the time of a report to the owner: it counts as publishing.
@@ -98,13 +96,17 @@ impl OwnedScene<'_> {
 mod tests {
     use super::*;
     use crate::limits::Limits;
+    use crate::settings::SceneSettings;
 
     #[test]
     fn a_scene_whose_owner_gets_no_indices_is_not_kept() {
-        let mut server_loop = ServerLoop::new(|| Instant::ZERO);
-        server_loop.set_limits(Limits {
+        let limits = Limits {
             indices_per_scene: 4_096,
             ..Limits::default()
+        };
+        let mut server_loop = ServerLoop::new(SceneSettings {
+            limits,
+            ..SceneSettings::new(|| Instant::ZERO)
         });
         let name = "app/7".parse().unwrap();
         let begun = server_loop.begin_owned(Peer(1), &name, SceneConfig::default());

@@ -2,26 +2,23 @@
 //!
 //! Without a store, none of this does anything.
 
-use std::sync::Arc;
-
 use rhumb_protocol::Span;
 use rhumb_protocol::message::Denial;
 use rhumb_protocol::scene::{SceneConfig, SceneName};
 
 use super::ServerLoop;
-use crate::command_log::{RestoredScene, SceneStore};
-use crate::load;
+use crate::admission;
+use crate::command_log::RestoredScene;
 
 impl ServerLoop {
-    /// Keeps the scenes that clients create from now on in a store.
-    pub fn store_in(&mut self, store: Arc<dyn SceneStore>) {
-        self.store = Some(store);
-    }
-
     /// Number of scenes that exist, damaged ones too.
     #[must_use]
     pub fn scene_count(&self) -> usize {
-        let damaged = self.store.as_ref().map_or(0, |store| store.damaged());
+        let damaged = self
+            .settings
+            .store
+            .as_ref()
+            .map_or(0, |store| store.damaged());
         self.runners.len() + damaged
     }
 
@@ -33,9 +30,7 @@ impl ServerLoop {
     }
 
     fn is_damaged(&self, name: &SceneName) -> bool {
-        self.store
-            .as_ref()
-            .is_some_and(|store| store.is_damaged(name))
+        (self.settings.store.as_ref()).is_some_and(|store| store.is_damaged(name))
     }
 
     /// Reason why a scene without a runner cannot be joined.
@@ -58,7 +53,7 @@ impl ServerLoop {
         }
         self.create(name, config)?;
         self.note_empty(name);
-        let log = (self.store.as_ref()).and_then(|store| store.create(name, &config));
+        let log = (self.settings.store.as_ref()).and_then(|store| store.create(name, &config));
         if let (Some(log), Some(runner)) = (log, self.runners.get_mut(name)) {
             runner.keep_log(log, Span::ZERO);
             self.note_empty(name);
@@ -77,7 +72,7 @@ impl ServerLoop {
             log,
             took,
         } = restored;
-        let Some(slot) = self.slots.take(self.limits.scenes as usize) else {
+        let Some(slot) = self.take_slot() else {
             return tracing::error!(scene = %name, "no place for another scene");
         };
         let mut load = self.load_of(scene.config());
@@ -85,7 +80,7 @@ impl ServerLoop {
         for _ in 0..scene.body_count() {
             load.add_body();
         }
-        let _ = load.set_locomotion(load::locomotion_steps(scene.locomotions()));
+        let _ = load.set_locomotion(admission::locomotion_steps(scene.locomotions()));
         let runner = self.run_scene(&name, scene, slot, load);
         runner.restore_shapes();
         if let Some(log) = log {

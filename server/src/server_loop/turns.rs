@@ -54,7 +54,7 @@ impl ServerLoop {
                     Ok(ClientMessage::Query(_) | ClientMessage::Reserve { .. })
                 );
             left = if is_work { 0 } else { left - 1 };
-            self.heartbeat.beat();
+            self.settings.heartbeat.beat();
             self.handle_message(now, peer, message);
             self.answer_if_long(peer);
         }
@@ -138,7 +138,7 @@ impl ServerLoop {
         while !is_left_out(self)
             && let Some(message) = self.next_message(peer)
         {
-            self.heartbeat.beat();
+            self.settings.heartbeat.beat();
             match message {
                 // The client is gone and joins nothing.
                 Ok(ClientMessage::Join(_) | ClientMessage::Session(_)) => break,
@@ -193,9 +193,10 @@ impl ServerLoop {
             connection.bake = None;
             return Some(message);
         }
-        if bake.takes_longer_than(self.limits.bake(), now) {
+        if bake.takes_longer_than(self.settings.limits.bake(), now) {
             connection.bake = None;
-            let limit_ms = u32::try_from(self.limits.bake_milliseconds).unwrap_or(u32::MAX);
+            let limit_ms =
+                u32::try_from(self.settings.limits.bake_milliseconds).unwrap_or(u32::MAX);
             return Some(Err(CommandError::ShapeTooSlow { limit_ms }));
         }
         connection.held = message.ok();
@@ -231,6 +232,7 @@ mod tests {
 
     use super::*;
     use crate::rights::{Permit, Quotas};
+    use crate::settings::SceneSettings;
 
     const HASTY: Peer = Peer(1);
     const WATCHER: Peer = Peer(2);
@@ -262,7 +264,7 @@ mod tests {
 
     /// Commands of a client beyond its rate that are applied when its connection ends.
     fn applied(ending: Ending) -> u32 {
-        let mut server = ServerLoop::new(|| Instant::ZERO);
+        let mut server = ServerLoop::new(SceneSettings::new(|| Instant::ZERO));
         join(&mut server, WATCHER, Permit::OPEN);
         let quotas = Quotas {
             commands: Some(RATE),

@@ -219,8 +219,7 @@ fn a_scene_of_eighty_thousand_bodies_can_be_joined_over_a_thin_link() {
 
 #[test]
 fn scenes_without_members_end_and_make_room() {
-    let mut links = Links::new();
-    links.server.set_limits(Limits::default());
+    let mut links = Links::with_limits(Limits::default());
     links.begin(ATTACKER, Stepping::FreeRunning);
     let left = |links: &Links| links.server.scenes().count();
     links.pass(Span::from_millis(700_000));
@@ -281,8 +280,7 @@ fn bodies_that_are_left_behind_keep_no_indices_but_their_own() {
 
 #[test]
 fn a_session_without_vacant_indices_goes_on() {
-    let mut links = Links::new();
-    links.server.set_limits(Limits {
+    let mut links = Links::with_limits(Limits {
         indices_per_scene: u64::from(GRANT),
         members_per_scene: 1,
         ..Limits::default()
@@ -342,8 +340,7 @@ fn fast_scenes_are_charged_for_their_ticks() {
     }
     assert_eq!((created, links.server.scenes().count()), (79, 80));
     // A server that allows fewer ticks says which number is too great.
-    let mut links = Links::new();
-    links.server.set_limits(Limits {
+    let mut links = Links::with_limits(Limits {
         scene_ticks_per_second: 240,
         ..Limits::default()
     });

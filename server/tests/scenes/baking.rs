@@ -16,7 +16,7 @@ use rhumb_protocol::scene::{
 };
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance};
-use rhumb_scene::{BakeJob, Bakers, Scene, ServerLoop};
+use rhumb_scene::{BakeJob, Bakers, Scene, SceneSettings, ServerLoop};
 
 const OWNER: Peer = Peer(1);
 const OTHER: Peer = Peer(2);
@@ -32,12 +32,15 @@ struct Bench {
 
 impl Bench {
     fn new() -> Self {
-        let mut server = ServerLoop::new(|| Instant::ZERO);
         let jobs: Arc<Mutex<Vec<BakeJob>>> = Arc::default();
         let taken = Arc::clone(&jobs);
-        server.bake_with(Bakers::new(move |job| {
+        let bakers = Bakers::new(move |job| {
             taken.lock().expect("no test panics here").push(job);
-        }));
+        });
+        let server = ServerLoop::new(SceneSettings {
+            bakers,
+            ..SceneSettings::new(|| Instant::ZERO)
+        });
         Self {
             server,
             now: Instant::ZERO,

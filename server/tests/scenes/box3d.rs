@@ -14,7 +14,7 @@ use rhumb_protocol::session::{ClientSession, Event};
 use rhumb_protocol::{Endpoint, Instant, Peer, Transmit};
 use rhumb_reckoning::{BodyId, BodyState, Divergence, Tick, Tolerance};
 use rhumb_scene::engine::{Box3dEngine, EngineKind, Engines};
-use rhumb_scene::{Activity, Scene, ServerLoop};
+use rhumb_scene::{Activity, Scene, SceneSettings, ServerLoop};
 use rhumb_sims::{BallPit, Script};
 
 const VALID: &str = "the test makes it valid";
@@ -319,8 +319,10 @@ struct Served {
 
 impl Served {
     fn new(kind: EngineKind) -> Self {
-        let mut server = ServerLoop::new(|| Instant::ZERO);
-        server.build_with(Engines::of(kind));
+        let server = ServerLoop::new(SceneSettings {
+            engines: Engines::of(kind),
+            ..SceneSettings::new(|| Instant::ZERO)
+        });
         Self {
             server,
             sessions: Vec::new(),

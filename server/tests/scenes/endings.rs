@@ -9,9 +9,9 @@ use rhumb_protocol::scene::{
     BodyDesc, BodyKind, Command, IdRange, SceneConfig, Shape, ShapeId, Stepping,
 };
 use rhumb_protocol::session::CloseCode;
-use rhumb_protocol::{Ending, Endpoint, Peer, Span};
+use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span};
 use rhumb_reckoning::{BodyState, Tolerance};
-use rhumb_scene::{Limits, ProvidedScene, ProvidedScenes, SceneScript};
+use rhumb_scene::{Limits, ProvidedScene, ProvidedScenes, SceneScript, SceneSettings};
 
 use crate::links::{Links, create, join};
 
@@ -73,8 +73,7 @@ fn nothing_is_done_behind_a_join_of_a_connection_that_has_ended() {
 
 #[test]
 fn a_client_that_comes_back_takes_the_place_of_its_old_connection() {
-    let mut links = Links::new();
-    links.server.set_limits(Limits {
+    let mut links = Links::with_limits(Limits {
         members_per_scene: 1,
         ..Limits::default()
     });
@@ -124,20 +123,21 @@ fn a_client_that_comes_back_takes_the_stream_of_its_old_connection() {
 
 #[test]
 fn a_scene_that_is_created_and_never_joined_ends() {
-    let mut links = expiring();
+    let mut links = Links::with(expiring());
     links.connect(LEADER);
     links.send(LEADER, &[create(Stepping::FreeRunning)]);
     assert_ends(links);
 }
 
-/// A server whose scenes end after ten seconds without members.
-fn expiring() -> Links {
-    let mut links = Links::new();
-    links.server.set_limits(Limits {
-        empty_scene_seconds: 10,
-        ..Limits::default()
-    });
-    links
+/// Settings of a server whose scenes end after ten seconds without members.
+fn expiring() -> SceneSettings {
+    SceneSettings {
+        limits: Limits {
+            empty_scene_seconds: 10,
+            ..Limits::default()
+        },
+        ..SceneSettings::new(|| Instant::ZERO)
+    }
 }
 
 /// Checks that the only scene ends when its only client is gone.
@@ -150,13 +150,16 @@ fn assert_ends(mut links: Links) {
 
 #[test]
 fn a_provided_scene_that_no_client_joins_ends() {
-    let mut links = expiring();
-    links.server.provide(ProvidedScenes::new(|_| {
+    let provided = ProvidedScenes::new(|_| {
         Some(ProvidedScene {
             config: SceneConfig::default(),
             script: SceneScript::new(|_, _| {}),
         })
-    }));
+    });
+    let mut links = Links::with(SceneSettings {
+        provided: Some(provided),
+        ..expiring()
+    });
     links.connect(LEADER);
     assert_ends(links);
 }

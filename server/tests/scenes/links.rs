@@ -11,7 +11,7 @@ use rhumb_protocol::message::{
 use rhumb_protocol::scene::{CommandError, IdRange, SceneConfig, Stepping};
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_reckoning::Tolerance;
-use rhumb_scene::ServerLoop;
+use rhumb_scene::{Limits, SceneSettings, ServerLoop};
 
 /// A server loop, and the links of its connections.
 pub(crate) struct Links {
@@ -53,8 +53,19 @@ pub(crate) struct Counts {
 
 impl Links {
     pub(crate) fn new() -> Self {
+        Self::with(SceneSettings::new(|| Instant::ZERO))
+    }
+
+    pub(crate) fn with_limits(limits: Limits) -> Self {
+        Self::with(SceneSettings {
+            limits,
+            ..SceneSettings::new(|| Instant::ZERO)
+        })
+    }
+
+    pub(crate) fn with(settings: SceneSettings) -> Self {
         Self {
-            server: ServerLoop::new(|| Instant::ZERO),
+            server: ServerLoop::new(settings),
             now: Instant::ZERO,
             links: BTreeMap::new(),
         }

@@ -12,7 +12,7 @@ use rhumb_protocol::scene::{
 };
 use rhumb_protocol::{Endpoint, Instant, Peer, Transmit};
 use rhumb_reckoning::{BodyState, Tick, Tolerance};
-use rhumb_scene::ServerLoop;
+use rhumb_scene::{SceneSettings, ServerLoop};
 
 const CLIENT: Peer = Peer(1);
 
@@ -46,7 +46,7 @@ fn conversation(messages: &[ClientMessage]) -> Vec<ServerMessage> {
 
 /// Feeds bytes in one read and runs until nothing is due; returns the messages on the control stream.
 fn replies_to(bytes: &[u8]) -> Vec<ServerMessage> {
-    let mut server_loop = ServerLoop::new(|| Instant::ZERO);
+    let mut server_loop = ServerLoop::new(SceneSettings::new(|| Instant::ZERO));
     let now = Instant::ZERO;
     server_loop.handle_opened(now, CLIENT);
     server_loop.handle_control(now, CLIENT, bytes);

@@ -170,7 +170,11 @@ pub(crate) mod tests {
         let admission = authenticator.admit(Some(token.as_bytes()), &scene).unwrap();
         assert_eq!(admission.permit.role, Role::Observer);
         assert_eq!(admission.permit.client.as_deref(), Some("view"));
-        assert!(authenticator.admit(Some(signed.token().as_bytes()), &scene).is_ok());
+        assert!(
+            authenticator
+                .admit(Some(signed.token().as_bytes()), &scene)
+                .is_ok()
+        );
         let without_issuer = signed.authenticator().admit(Some(token.as_bytes()), &scene);
         assert_eq!(without_issuer, Err(TokenError::NotSigned));
         signed.seconds.fetch_add(91, Ordering::SeqCst);

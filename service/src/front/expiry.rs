@@ -43,7 +43,7 @@ mod tests {
     use rhumb_protocol::{Endpoint, Instant, Peer, Span, Transmit};
 
     use crate::access::tests::Signed;
-    use crate::front::Front;
+    use crate::front::{Front, FrontSettings};
 
     fn hello(token: &str) -> Vec<u8> {
         let mut extensions = Extensions::NONE;
@@ -70,8 +70,10 @@ mod tests {
     #[test]
     fn a_connection_ends_with_its_token() {
         let signed = Signed::new("expiry");
-        let mut front = Front::on_one_thread(|| Instant::ZERO);
-        front.guard(signed.authenticator());
+        let mut front = Front::on_one_thread(FrontSettings {
+            authenticator: signed.authenticator(),
+            ..FrontSettings::new(|| Instant::ZERO)
+        });
         let (peer, mut now) = (Peer(1), Instant::ZERO);
         front.handle_opened(now, peer);
         front.handle_control(now, peer, &hello(&signed.token()));

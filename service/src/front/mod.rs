@@ -26,14 +26,13 @@ mod watchdog;
 mod worker;
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::sync::Arc;
 
 use bytes::Bytes;
-use rhumb_protocol::packet::LargestPacket;
 use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake, WakeReason};
-use rhumb_scene::engine::{EngineKind, StepThreads};
-use rhumb_scene::{Hooks, Limits, ProvidedScenes, Heartbeat, UpstreamStatistics};
+use rhumb_scene::{Heartbeat, SharedClock, UpstreamStatistics};
 
 #[cfg(feature = "app")]
 pub(crate) use self::adapter::{Adapter, AdapterQueue};
@@ -45,18 +44,15 @@ use self::message::{
 use self::parked::{Parked, Scope};
 use self::process::Processes;
 pub(crate) use self::process::{ProcessOptions, run_worker};
-use self::settings::WorkerSettings;
-use self::threads::{SharedClock, Threads};
+pub use self::settings::FrontSettings;
+use self::threads::Threads;
 use self::worker::{InlineWorker, ThreadWorker};
-use crate::access::Authenticator;
-use crate::metrics::Metrics;
 
 /// Connections, and the workers of their scenes.
 pub struct Front {
     connections: BTreeMap<Peer, Connection>,
     /// Connections that must say hello by then.
     greeting_until: BTreeSet<(Instant, Peer)>,
-    authenticator: Authenticator,
     /// Shows that the front makes progress.
     heartbeat: Heartbeat,
     expiry: Expiry,
@@ -70,7 +66,7 @@ pub struct Front {
     /// The worker processes, if scenes have them.
     processes: Option<Processes>,
     watchdog: Parked,
-    settings: WorkerSettings,
+    settings: FrontSettings,
 }
 
 struct Worker {
@@ -106,13 +102,22 @@ const INPUTS_WAITING_MAX: u64 = 8_192;
 const ADAPTER_SCENES: &str = "app/";
 
 impl Front {
-    /// A front whose workers run on the calling thread. `stopwatch` measures the stages of ticks.
-    pub fn on_one_thread(stopwatch: impl Fn() -> Instant + Send + Sync + 'static) -> Self {
+    /// A front whose workers run on the calling thread.
+    #[must_use]
+    pub fn on_one_thread(settings: FrontSettings) -> Self {
+        let mut settings = settings;
+        settings.scenes.observers = Arc::new(settings.recorders.clone());
+        let clock = SharedClock::clone(&settings.scenes.clock);
+        let heartbeat = Heartbeat::new(move || clock());
+        settings.recorders.metrics.watch(
+            heartbeat.clone(),
+            settings.scenes.admission.load.clone(),
+            &settings.scenes.limits,
+        );
         Self {
             connections: BTreeMap::new(),
             greeting_until: BTreeSet::new(),
-            authenticator: Authenticator::Open,
-            heartbeat: Heartbeat::default(),
+            heartbeat,
             expiry: Expiry::default(),
             workers: BTreeMap::new(),
             by_scope: BTreeMap::new(),
@@ -120,74 +125,19 @@ impl Front {
             fresh: BTreeSet::new(),
             out: VecDeque::new(),
             threads: None,
-            processes: None,
+            processes: settings.processes.take().map(Processes::new),
             watchdog: Parked::default(),
-            settings: WorkerSettings::new(stopwatch),
+            settings,
         }
     }
 
-    /// A front with a thread for each scene. `clock` tells the threads the time; `wake` is called when one of them has
-    /// output, and must have the driver drain the front.
-    pub fn on_threads(
-        clock: impl Fn() -> Instant + Send + Sync + 'static,
-        wake: impl Fn() + Send + Sync + 'static,
-    ) -> Self {
-        let mut front = Self::on_one_thread(clock);
-        let clock = SharedClock::clone(&front.settings.stopwatch);
+    /// A front with a thread for each scene, by the clock of the settings. `wake` is called when one of them has output,
+    /// and must have the driver drain the front.
+    pub fn on_threads(settings: FrontSettings, wake: impl Fn() + Send + Sync + 'static) -> Self {
+        let mut front = Self::on_one_thread(settings);
+        let clock = SharedClock::clone(&front.settings.scenes.clock);
         front.threads = Some(Threads::new(clock, wake));
         front
-    }
-
-    /// Runs later scenes in worker processes, except those of an adapter.
-    pub(crate) fn use_processes(&mut self, options: ProcessOptions) {
-        self.processes = Some(Processes::new(options));
-    }
-
-    /// Decides which later connections are admitted.
-    pub(crate) fn guard(&mut self, authenticator: Authenticator) {
-        self.authenticator = authenticator;
-    }
-
-    /// Counts figures of later connections and scenes.
-    pub(crate) fn count(&mut self, metrics: Metrics) {
-        let clock = SharedClock::clone(&self.settings.stopwatch);
-        self.heartbeat = Heartbeat::new(move || clock());
-        metrics.watch(
-            self.heartbeat.clone(),
-            self.settings.load.clone(),
-            &self.settings.limits,
-        );
-        self.settings.recorders.metrics = metrics;
-    }
-
-    /// Sets the hooks of later scenes.
-    pub fn attach(&mut self, hooks: Hooks) {
-        self.settings.hooks = Some(hooks);
-    }
-
-    /// Provides scenes that clients name.
-    pub fn provide(&mut self, scenes: ProvidedScenes) {
-        self.settings.provided = Some(scenes);
-    }
-
-    /// Sets the engine of later scenes.
-    pub const fn build_with(&mut self, engine: EngineKind) {
-        self.settings.engine = engine;
-    }
-
-    /// Sets the threads that divide a step and the streams of later scenes.
-    pub fn employ(&mut self, engine_threads: StepThreads) {
-        self.settings.engine_threads = engine_threads;
-    }
-
-    /// Bounds the packets of later scenes' streams.
-    pub const fn set_largest_packet(&mut self, largest_packet: LargestPacket) {
-        self.settings.largest_packet = largest_packet;
-    }
-
-    /// Sets the limits of later connections and scenes. Without this, they are the defaults, and no scene expires.
-    pub const fn set_limits(&mut self, limits: Limits) {
-        self.settings.limits = limits;
     }
 
     /// Statistics of all bodies of a scene under a member's authority, if its worker runs on this thread.
@@ -257,7 +207,7 @@ impl Front {
         };
         self.greeting_until.remove(&(greeting.until, peer));
         let paced = greeting.paced;
-        let admission = match self.authenticator.admit(token.as_deref(), &scene) {
+        let admission = match self.settings.authenticator.admit(token.as_deref(), &scene) {
             Ok(admission) => admission,
             Err(cause) => {
                 let code = cause.code();
@@ -417,7 +367,7 @@ impl Front {
 
 impl Endpoint for Front {
     fn handle_opened(&mut self, now: Instant, peer: Peer) {
-        let until = now + self.settings.limits.hello();
+        let until = now + self.settings.scenes.limits.hello();
         self.greeting_until.insert((until, peer));
         let greeting = Connection::Greeting(Greeting::new(until));
         self.connections.insert(peer, greeting);

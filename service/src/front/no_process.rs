@@ -9,7 +9,7 @@ use rhumb_protocol::session::CloseCode;
 use rhumb_scene::Hooks;
 
 use super::message::{FromProcess, FromWorker, ProcessId, ToProcess, WorkerId};
-use super::settings::WorkerSettings;
+use super::settings::FrontSettings;
 use super::threads::Threads;
 
 /// How worker processes are started: never.
@@ -43,7 +43,7 @@ impl Processes {
         _: WorkerId,
         _: &SceneName,
         _: &Threads,
-        _: &WorkerSettings,
+        _: &FrontSettings,
     ) -> Result<ProcessId, CloseCode> {
         match self.0 {}
     }
@@ -64,7 +64,7 @@ impl Processes {
         &mut self,
         _: ProcessId,
         _: FromProcess,
-        _: &WorkerSettings,
+        _: &FrontSettings,
     ) -> Option<(WorkerId, FromWorker)> {
         match self.0 {}
     }
@@ -77,7 +77,7 @@ impl Processes {
         &mut self,
         _: Instant,
         _: (ProcessId, &str),
-        _: &WorkerSettings,
+        _: &FrontSettings,
     ) -> Option<Death> {
         match self.0 {}
     }

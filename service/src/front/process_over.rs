@@ -29,7 +29,7 @@ impl Front {
     }
 
     pub(super) fn note_process_over(&mut self, id: ProcessId, status: &str) {
-        let now = (self.settings.stopwatch)();
+        let now = (self.settings.scenes.clock)();
         let Some(processes) = &mut self.processes else {
             return;
         };

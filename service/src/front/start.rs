@@ -24,7 +24,7 @@ impl Front {
                 Ok(*id)
             };
         }
-        if self.watchdog.parked.len() as u64 >= self.settings.limits.parked_scenes {
+        if self.watchdog.parked.len() as u64 >= self.settings.scenes.limits.parked_scenes {
             return Err(CloseCode::BUSY);
         }
         self.start_worker(scope, LogTail::Kept)
@@ -38,13 +38,17 @@ impl Front {
     ) -> Result<WorkerId, CloseCode> {
         let id = WorkerId(self.next_worker);
         let place = match (&self.threads, &mut self.processes, &scope) {
-            (None, ..) => Place::Inline(Box::new(InlineWorker::new(&self.settings, Arc::new(|| {})))),
+            (None, ..) => Place::Inline(Box::new(InlineWorker::new(
+                &self.settings.scenes,
+                self.settings.data.as_ref(),
+                Arc::new(|| {}),
+            ))),
             (Some(threads), Some(processes), Scope::Scene(scene)) => {
                 Place::Process(processes.begin(id, scene, threads, &self.settings)?)
             }
             (Some(threads), ..) => {
-                let (settings, threads) = (&self.settings, &threads.workers);
-                let started = ThreadWorker::start(id, settings, None, channel(), threads);
+                let scenes = (&self.settings.scenes, self.settings.data.as_ref());
+                let started = ThreadWorker::start(id, scenes, None, channel(), &threads.workers);
                 Place::Thread(started.map_err(|cause| {
                     tracing::error!(%cause, "no thread for a scene");
                     CloseCode::BUSY
@@ -54,7 +58,7 @@ impl Front {
         let stored = self.settings.data.as_ref().and(scope.scene().cloned());
         self.add_worker(id, scope, place);
         if let Some(scene) = stored {
-            let now = (self.settings.stopwatch)();
+            let now = (self.settings.scenes.clock)();
             self.route(now, id, WorkerInput::Restore(scene, tail));
         }
         Ok(id)
@@ -90,8 +94,8 @@ impl Front {
             inputs,
             serve,
         } = adapter;
-        let (settings, threads) = (&self.settings, &threads.workers);
-        let thread = ThreadWorker::start(id, settings, Some(serve), (sender, inputs), threads)?;
+        let (scenes, queue) = ((&self.settings.scenes, None), (sender, inputs));
+        let thread = ThreadWorker::start(id, scenes, Some(serve), queue, &threads.workers)?;
         self.add_worker(id, Scope::Adapter, Place::Thread(thread));
         Ok(())
     }

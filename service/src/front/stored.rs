@@ -4,15 +4,19 @@ use super::Front;
 use crate::durable::{DataDir, DataError};
 
 impl Front {
-    /// Keeps scenes in a data directory, and begins to restore those that it has. Call it last of the settings.
+    /// Begins to restore the scenes that the data directory has.
     ///
     /// # Errors
     ///
     /// [`DataError`] if the directory cannot be read.
-    pub fn store_in(&mut self, data: DataDir) -> Result<(), DataError> {
-        let scenes = data.scenes()?;
-        self.settings.data = Some(data);
-        for (name, _) in scenes {
+    pub(crate) fn restore(&mut self) -> Result<(), DataError> {
+        let scenes = self
+            .settings
+            .data
+            .as_ref()
+            .map(DataDir::scenes)
+            .transpose()?;
+        for (name, _) in scenes.into_iter().flatten() {
             if let Err(code) = self.worker_of(self.scope_of(&name)) {
                 tracing::error!(scene = %name, %code, "cannot restore a scene");
             }

@@ -3,12 +3,9 @@
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
-use rhumb_protocol::Instant;
+use rhumb_scene::SharedClock;
 
 use super::message::{FromWorker, WorkerId, WorkerReport};
-
-/// The clock of a server's threads.
-pub(super) type SharedClock = Arc<dyn Fn() -> Instant + Send + Sync>;
 
 /// Hands a message of a worker's thread over; false if the receiver has ended.
 pub(super) type SendFromWorker = Arc<dyn Fn(WorkerId, FromWorker) -> bool + Send + Sync>;

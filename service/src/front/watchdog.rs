@@ -14,9 +14,7 @@ use rhumb_scene::Heartbeat;
 use super::message::{FromWorker, WorkerId, WorkerReport};
 use super::parked::Scope;
 use super::{ADAPTER_SCENES, Front, Place, priority};
-use crate::flight::{FlightCause, FlightRecorders};
-#[cfg(feature = "record")]
-use crate::recording::SceneTaps;
+use crate::flight::FlightCause;
 
 /// Time between two looks at the workers.
 const INTERVAL: Span = Span::from_millis(250);
@@ -30,17 +28,6 @@ const END_OF_PROCESSES: Duration = Duration::from_millis(800);
 const KILLED: Duration = Duration::from_millis(1_200);
 
 impl Front {
-    /// Records the last moments of later scenes.
-    pub(crate) fn record_flights(&mut self, flights: FlightRecorders) {
-        self.settings.recorders.flights = flights;
-    }
-
-    /// Hands the states of later scenes to their readers.
-    #[cfg(feature = "record")]
-    pub(crate) fn tap(&mut self, taps: SceneTaps) {
-        self.settings.recorders.taps = taps;
-    }
-
     /// The time of the next check of the workers; never if none has a thread.
     pub(super) fn next_watch(&self) -> Option<Instant> {
         let processes = self.processes.as_ref();
@@ -55,7 +42,7 @@ impl Front {
             return;
         }
         self.watchdog.next = now + INTERVAL;
-        let stuck_for = self.settings.limits.stuck();
+        let stuck_for = self.settings.scenes.limits.stuck();
         if let Some(processes) = &mut self.processes {
             let looks = stuck_for.as_nanos() / INTERVAL.as_nanos() + LOOKS_MORE;
             processes.look(u32::try_from(looks).unwrap_or(u32::MAX));

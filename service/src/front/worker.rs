@@ -13,13 +13,12 @@ use std::time::Duration;
 
 use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::{Endpoint, Instant, Peer, Transmit};
-use rhumb_scene::{Bakers, Heartbeat, ServerLoop};
+use rhumb_scene::{Bakers, Heartbeat, SceneSettings, ServerLoop, SharedClock};
 
 use super::message::{FromWorker, WorkerId, WorkerInput, WorkerOutput};
 use super::priority::{self, ThreadId};
-use super::settings::WorkerSettings;
-use super::threads::{SharedClock, WorkerThreads};
-use crate::durable::{LogTail, StoredScenes, Wake};
+use super::threads::WorkerThreads;
+use crate::durable::{DataDir, LogTail, StoredScenes, Wake};
 
 /// Inputs of one turn, before outputs and ticks.
 const INPUTS_PER_TURN: usize = 256;
@@ -37,8 +36,7 @@ pub(super) struct InlineWorker {
     inputs: u64,
     /// The scenes of the data directory, if there is one.
     stored: Option<Arc<StoredScenes>>,
-    clock: SharedClock,
-    heartbeat: Heartbeat,
+    settings: Arc<SceneSettings>,
     /// Serves the clients of another protocol.
     others: Option<ServeOthers>,
 }
@@ -51,23 +49,23 @@ pub(super) struct ThreadWorker {
 }
 
 impl InlineWorker {
-    /// `wake` has the worker report what has become durable.
-    pub(super) fn new(settings: &WorkerSettings, wake: Wake) -> Self {
-        let mut server_loop = settings.server_loop();
-        let stored = settings.data.clone().map(|data| {
-            let workers = settings.engine_threads.clone();
-            Arc::new(StoredScenes::new(data, workers, wake))
+    /// `data`: the directory that keeps its scenes. `wake` has the worker report what has become durable.
+    pub(super) fn new(scenes: &SceneSettings, data: Option<&DataDir>, wake: Wake) -> Self {
+        let mut settings = scenes.clone();
+        let stored = data.map(|data| {
+            let threads = settings.threads.clone();
+            Arc::new(StoredScenes::new(data.clone(), threads, wake))
         });
         if let Some(stored) = stored.clone() {
-            server_loop.store_in(stored);
+            settings.store = Some(stored);
         }
+        let settings = Arc::new(settings);
         Self {
-            server_loop,
+            server_loop: ServerLoop::new(Arc::clone(&settings)),
             unhandled: BTreeMap::new(),
             inputs: 0,
             stored,
-            clock: SharedClock::clone(&settings.stopwatch),
-            heartbeat: Heartbeat::default(),
+            settings,
             others: None,
         }
     }
@@ -93,7 +91,7 @@ impl InlineWorker {
 
     /// Restores a scene from the data directory, if it is there.
     fn restore(&mut self, scene: &SceneName, tail: LogTail) {
-        let (clock, heartbeat) = (&*self.clock, &self.heartbeat);
+        let (clock, heartbeat) = (&*self.settings.clock, &self.settings.heartbeat);
         let restored = (self.stored.as_ref())
             .and_then(|stored| stored.restore(scene, tail, clock, &mut || heartbeat.beat()));
         if let Some(restored) = restored {
@@ -139,7 +137,7 @@ impl ThreadWorker {
     /// Starts the thread of a worker, which takes its inputs from a queue.
     pub(super) fn start(
         id: WorkerId,
-        settings: &WorkerSettings,
+        (scenes, data): (&SceneSettings, Option<&DataDir>),
         others: Option<ServeOthers>,
         (sender, inputs): (Sender<WorkerInput>, Receiver<WorkerInput>),
         threads: &WorkerThreads,
@@ -155,11 +153,13 @@ impl ThreadWorker {
             let _ = wake.send(WorkerInput::Wake);
         };
         let wake: Arc<dyn Fn() + Send + Sync> = Arc::new(wake);
-        let mut worker = InlineWorker::new(settings, Arc::clone(&wake));
+        let scenes = SceneSettings {
+            bakers: bakers(Arc::clone(&wake)),
+            heartbeat: heartbeat.clone(),
+            ..scenes.clone()
+        };
+        let mut worker = InlineWorker::new(&scenes, data, wake);
         worker.others = others;
-        worker.heartbeat = heartbeat.clone();
-        worker.server_loop.show_progress(heartbeat.clone());
-        worker.server_loop.bake_with(bakers(wake));
         let send = Arc::clone(&threads.send);
         let thread_id = ThreadId::default();
         let (on_thread, own_id) = (heartbeat.clone(), thread_id.clone());

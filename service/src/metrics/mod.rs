@@ -15,7 +15,7 @@ use std::sync::{Arc, Mutex};
 
 use rhumb_protocol::Span;
 use rhumb_protocol::scene::SceneName;
-use rhumb_scene::{Limits, Heartbeat, ServerLoad};
+use rhumb_scene::{Heartbeat, Limits, ServerLoad};
 
 use self::lock::lock;
 use self::scene::SceneMeters;

@@ -4,7 +4,6 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 
 use super::{RunError, Server, seconds_since_1970};
-use crate::front::Front;
 use crate::recording::{Recorder, RecordingLimits, SceneTaps};
 
 /// The threads that read the scenes' states; dropping them ends them.
@@ -35,12 +34,12 @@ impl Server {
     }
 
     /// Starts the threads that read the states of later scenes.
-    pub(super) fn start_observers(&mut self, front: &mut Front) -> Result<Observers, RunError> {
-        let (taps, limits) = (SceneTaps::default(), RecordingLimits::of(&self.limits));
+    pub(super) fn start_observers(&mut self, taps: &SceneTaps) -> Result<Observers, RunError> {
+        let limits = RecordingLimits::of(&self.scenes.limits);
         let recorder = match self.record.take() {
             None => None,
             Some(directory) => {
-                let started = Recorder::start(directory.clone(), limits, seconds_since_1970, &taps);
+                let started = Recorder::start(directory.clone(), limits, seconds_since_1970, taps);
                 let failed = |cause| RunError::Record { directory, cause };
                 Some(started.map_err(failed)?)
             }
@@ -48,9 +47,8 @@ impl Server {
         #[cfg(feature = "foxglove")]
         let viewers = match self.foxglove.take() {
             None => None,
-            Some(bound) => Some(bound.start(limits, &taps).map_err(RunError::Thread)?),
+            Some(bound) => Some(bound.start(limits, taps).map_err(RunError::Thread)?),
         };
-        front.tap(taps);
         Ok(Observers {
             _recorder: recorder,
             #[cfg(feature = "foxglove")]

@@ -5,9 +5,12 @@
 //! that walk, fly and are resized, and every other message of the plug-in.
 
 use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use glam::Vec3;
 use rhumb_app::{AppOptions, Id, Kind, Logon, Message, Motion, States, TimeAdvanced};
+use rhumb_protocol::Instant;
+use rhumb_scene::SceneSettings;
 use rhumb_scene::engine::Engines;
 use rhumb_tests::{Dice, FailingEngine, PluginServer, PluginSession, Recording, falling, seed};
 
@@ -329,9 +332,21 @@ fn an_engine_fault_closes_the_owning_client_which_may_return() {
     let (mut logon, mut frame) = (Vec::new(), Vec::new());
     Message::Logon(Logon::new(7, "x")).encode(0, &mut logon);
     Message::AdvanceTime((7, 0.089)).encode(0, &mut frame);
-    let mut server = server();
     let failing = FailingEngine::engines_that_fail_after(Some(6));
-    server.server_loop.build_with(failing);
+    let is_first = AtomicBool::new(true);
+    // Only the first scene's engine fails.
+    let engines =
+        Engines::new(
+            move |config, threads| match is_first.swap(false, Ordering::Relaxed) {
+                true => failing.make(config, threads),
+                false => Engines::default().make(config, threads),
+            },
+        );
+    let settings = SceneSettings {
+        engines,
+        ..SceneSettings::new(|| Instant::ZERO)
+    };
+    let mut server = PluginServer::with(AppOptions::default(), settings);
     let mut first = PluginSession::begin(&mut server, 1, &logon);
     first.send(&mut server, &logon);
     first.send(&mut server, &frame);
@@ -340,7 +355,6 @@ fn an_engine_fault_closes_the_owning_client_which_may_return() {
     assert!(first.closed);
     assert_eq!(server.server_loop.scenes().count(), 0);
     // The old connection is still closing when the client comes again.
-    server.server_loop.build_with(Engines::default());
     let mut second = PluginSession::begin(&mut server, 2, &logon);
     second.send(&mut server, &logon);
     second.send(&mut server, &frame);

@@ -18,8 +18,8 @@ use crate::engine::rapier_characters::RapierCharacters;
 use crate::engine::rapier_joints::RapierJoints;
 use crate::engine::rapier_rest::RapierRest;
 use crate::engine::rapier_spin::RapierSpin;
-use crate::engine::rapier_vehicles::RapierVehicles;
 use crate::engine::rapier_threads::StepThreads;
+use crate::engine::rapier_vehicles::RapierVehicles;
 
 impl RapierEngine {
     /// A copy of the world; `None` unless a step was the last change.

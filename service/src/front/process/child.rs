@@ -14,12 +14,11 @@ use bytes::Bytes;
 use rhumb_protocol::packet::LargestPacket;
 use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::{Instant, Span};
-use rhumb_scene::engine::StepThreads;
-use rhumb_scene::{Hooks, Heartbeat, SceneSlots, ServerLoad};
+use rhumb_scene::engine::{Engines, StepThreads};
+use rhumb_scene::{Admission, Heartbeat, Hooks, SceneSettings};
 use rhumb_transport::{Clock, ParentSender, parent_stream};
 
 use super::super::message::{FromProcess, FromWorker, ToProcess, Vitals, WorkerId, WorkerInput};
-use super::super::settings::WorkerSettings;
 use super::super::threads::WorkerThreads;
 use super::super::worker::ThreadWorker;
 use super::codec::{decode_to, encode_from};
@@ -29,6 +28,7 @@ use crate::durable::DataDir;
 use crate::flight::{FlightRecorders, ForwardedFlight};
 use crate::log;
 use crate::metrics::Metrics;
+use crate::recorders::SceneRecorders;
 #[cfg(feature = "record")]
 use crate::recording::{Recorder, RecordingLimits};
 
@@ -78,7 +78,9 @@ pub(crate) fn run(hooks: Option<Hooks>, seconds: fn() -> i64) -> Result<(), Box<
 }
 
 struct WorkerProcess {
-    settings: WorkerSettings,
+    scenes: SceneSettings,
+    data: Option<DataDir>,
+    recorders: SceneRecorders,
     threads: WorkerThreads,
     workers: BTreeMap<WorkerId, ThreadWorker>,
     life: Life,
@@ -92,8 +94,7 @@ struct WorkerProcess {
 /// The contents of a sign of life; all clones are one.
 #[derive(Clone)]
 struct Life {
-    slots: SceneSlots,
-    load: ServerLoad,
+    admission: Admission,
     heartbeats: Arc<Mutex<BTreeMap<WorkerId, Heartbeat>>>,
     metrics: Metrics,
     flights: FlightRecorders,
@@ -119,19 +120,23 @@ impl WorkerProcess {
         to_front: Arc<ParentSender>,
     ) -> Result<Self, Box<dyn Error>> {
         let outlet = Outlet(to_front);
-        let mut settings = WorkerSettings::new(clock.clone());
-        settings.hooks = hooks;
-        settings.limits = setup.limits;
-        settings.engine = setup.engine;
-        settings.engine_threads = StepThreads::new(Some(setup.threads))?;
-        settings.largest_packet =
-            LargestPacket::new(setup.largest_packet).ok_or("no size of a packet")?;
-        settings.data = (setup.data.as_deref())
+        let mut recorders = SceneRecorders::default();
+        if setup.records_flights {
+            recorders.flights = forwarded_flights(outlet.clone());
+        }
+        let scenes = SceneSettings {
+            hooks,
+            limits: setup.limits,
+            engines: Engines::of(setup.engine),
+            threads: StepThreads::new(Some(setup.threads))?,
+            largest_packet: LargestPacket::new(setup.largest_packet)
+                .ok_or("no size of a packet")?,
+            observers: Arc::new(recorders.clone()),
+            ..SceneSettings::new(clock.clone())
+        };
+        let data = (setup.data.as_deref())
             .map(DataDir::of_worker)
             .transpose()?;
-        if setup.records_flights {
-            settings.recorders.flights = forwarded_flights(outlet.clone());
-        }
         let heartbeats: Arc<Mutex<BTreeMap<WorkerId, Heartbeat>>> = Arc::default();
         let (ended, over) = channel();
         let threads = WorkerThreads {
@@ -139,15 +144,16 @@ impl WorkerProcess {
             send: Arc::new(sending(outlet.clone(), Arc::clone(&heartbeats), ended)),
         };
         let life = Life {
-            slots: settings.slots.clone(),
-            load: settings.load.clone(),
+            admission: scenes.admission.clone(),
             heartbeats,
-            metrics: settings.recorders.metrics.clone(),
-            flights: settings.recorders.flights.clone(),
+            metrics: recorders.metrics.clone(),
+            flights: recorders.flights.clone(),
             outlet,
         };
         Ok(Self {
-            settings,
+            scenes,
+            data,
+            recorders,
             threads,
             workers: BTreeMap::new(),
             life,
@@ -165,7 +171,7 @@ impl WorkerProcess {
             return;
         };
         let limits = RecordingLimits::of(&setup.limits);
-        let taps = &self.settings.recorders.taps;
+        let taps = &self.recorders.taps;
         match Recorder::start(directory.clone(), limits, seconds, taps) {
             Ok(recorder) => self.recorder = Some(recorder),
             Err(cause) => {
@@ -193,14 +199,15 @@ impl WorkerProcess {
             }
             ToProcess::Elsewhere { scenes, load } => {
                 let scenes = usize::try_from(scenes).unwrap_or(usize::MAX);
-                self.settings.slots.set_elsewhere(scenes);
-                self.settings.load.set_elsewhere(load);
+                self.scenes.admission.slots.set_elsewhere(scenes);
+                self.scenes.admission.load.set_elsewhere(load);
             }
         }
     }
 
     fn begin(&mut self, id: WorkerId) {
-        match ThreadWorker::start(id, &self.settings, None, channel(), &self.threads) {
+        let scenes = (&self.scenes, self.data.as_ref());
+        match ThreadWorker::start(id, scenes, None, channel(), &self.threads) {
             Ok(worker) => {
                 lock(&self.life.heartbeats).insert(id, worker.heartbeat.clone());
                 self.workers.insert(id, worker);
@@ -271,8 +278,8 @@ impl Life {
             let figures = FromProcess::Figures(self.metrics.scene_values());
             let vitals = FromProcess::Alive(Vitals {
                 busiest: busy,
-                scenes: self.slots.here() as u64,
-                load: self.load.here(),
+                scenes: self.admission.slots.here() as u64,
+                load: self.admission.load.here(),
             });
             if !self.outlet.send(&figures) || !self.outlet.send(&vitals) {
                 return;

@@ -29,7 +29,7 @@ use self::running::{ProcessState, RunningProcess};
 use self::setup::WorkerSetup;
 use self::tenant::Tenant;
 use super::message::{FromProcess, FromWorker, ProcessId, ToProcess, Vitals, WorkerId};
-use super::settings::WorkerSettings;
+use super::settings::FrontSettings;
 use super::threads::Threads;
 use crate::flight::FlightCause;
 
@@ -82,7 +82,7 @@ impl Processes {
         worker: WorkerId,
         scene: &SceneName,
         threads: &Threads,
-        settings: &WorkerSettings,
+        settings: &FrontSettings,
     ) -> Result<ProcessId, CloseCode> {
         let tenant = Tenant::of(scene, self.options.share);
         let id = match self.by_tenant.get(&tenant) {
@@ -103,10 +103,10 @@ impl Processes {
         &mut self,
         tenant: Tenant,
         threads: &Threads,
-        settings: &WorkerSettings,
+        settings: &FrontSettings,
     ) -> Result<ProcessId, CloseCode> {
         let now = (threads.workers.clock)();
-        let limits = &settings.limits;
+        let limits = &settings.scenes.limits;
         if self.deaths.count(now, &tenant) > limits.worker_restarts {
             return Err(CloseCode::SCENE_PARKED);
         }
@@ -114,7 +114,7 @@ impl Processes {
             front: std::process::id(),
             now_ns: now.as_nanos(),
             limits: *limits,
-            largest_packet: settings.largest_packet.bytes() as u32,
+            largest_packet: settings.scenes.largest_packet.bytes() as u32,
             engine: settings.engine,
             threads: self.options.threads,
             data: (settings.data.as_ref()).map(|data| data.path().to_owned()),
@@ -169,7 +169,7 @@ impl Processes {
         &mut self,
         id: ProcessId,
         message: FromProcess,
-        settings: &WorkerSettings,
+        settings: &FrontSettings,
     ) -> Option<(WorkerId, FromWorker)> {
         let process = self.running.get_mut(&id)?;
         match message {
@@ -184,13 +184,13 @@ impl Processes {
         None
     }
 
-    fn note_alive(&mut self, id: ProcessId, vitals: Vitals, settings: &WorkerSettings) {
+    fn note_alive(&mut self, id: ProcessId, vitals: Vitals, settings: &FrontSettings) {
         let Some(process) = self.running.get_mut(&id) else {
             return;
         };
         process.silent_looks = 0;
         if let Some((worker, busy)) = vitals.busiest
-            && busy > settings.limits.stuck()
+            && busy > settings.scenes.limits.stuck()
         {
             tracing::error!(tenant = %process.tenant, worker = worker.0, "a scene does not answer, and its worker process is killed");
             process.kill(Some(worker));
@@ -203,7 +203,7 @@ impl Processes {
     }
 
     /// Gives each process, and the front, the numbers of the rest of the server.
-    fn share_out(&mut self, settings: &WorkerSettings) {
+    fn share_out(&mut self, settings: &FrontSettings) {
         let of_processes = self.running.values();
         let (scenes, load) = of_processes.fold((0_u64, 0_u64), |(scenes, load), process| {
             (
@@ -212,9 +212,12 @@ impl Processes {
             )
         });
         let scenes_here = usize::try_from(scenes).unwrap_or(usize::MAX);
-        settings.slots.set_elsewhere(scenes_here);
-        settings.load.set_elsewhere(load);
-        let here = (settings.slots.here() as u64, settings.load.here());
+        settings.scenes.admission.slots.set_elsewhere(scenes_here);
+        settings.scenes.admission.load.set_elsewhere(load);
+        let here = (
+            settings.scenes.admission.slots.here() as u64,
+            settings.scenes.admission.load.here(),
+        );
         for process in self.running.values_mut() {
             let elsewhere = (
                 scenes.saturating_add(here.0) - process.scenes,
@@ -246,7 +249,7 @@ impl Processes {
         &mut self,
         now: Instant,
         (id, status): (ProcessId, &str),
-        settings: &WorkerSettings,
+        settings: &FrontSettings,
     ) -> Option<Death> {
         let process = self.running.remove(&id)?;
         settings.recorders.metrics.set_workers(self.running.len());

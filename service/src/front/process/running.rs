@@ -10,7 +10,7 @@ use rhumb_protocol::scene::SceneName;
 use rhumb_transport::{ChildSender, FrameReceiver, child_stream};
 
 use super::super::message::{ProcessId, ToProcess, WorkerId, WorkerReport};
-use super::super::settings::WorkerSettings;
+use super::super::settings::FrontSettings;
 use super::super::threads::ReportSender;
 use super::codec::{decode_from, encode_to};
 use super::setup::WorkerSetup;
@@ -135,7 +135,7 @@ impl RunningProcess {
 
 impl RunningProcess {
     /// Shows the figures of the process's scenes.
-    pub(super) fn show(&mut self, figures: &[(SceneName, SceneValues)], settings: &WorkerSettings) {
+    pub(super) fn show(&mut self, figures: &[(SceneName, SceneValues)], settings: &FrontSettings) {
         let is_gone = |scene: &SceneName| figures.iter().all(|(name, _)| name != scene);
         let shown = self.meters.keys().cloned();
         for scene in shown.filter(is_gone).collect::<Vec<_>>() {
@@ -153,7 +153,7 @@ impl RunningProcess {
     pub(super) fn flight(
         &mut self,
         scene: &SceneName,
-        settings: &WorkerSettings,
+        settings: &FrontSettings,
     ) -> &FlightRecorder {
         let flight = self.flights.entry(scene.clone());
         flight.or_insert_with(|| settings.recorders.flights.begin(scene))

@@ -18,7 +18,7 @@ use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_reckoning::{Tick, Ticks};
-use rhumb_scene::ServerLoop as Server;
+use rhumb_scene::{SceneSettings, ServerLoop as Server};
 use rhumb_sims::{Script, by_name};
 use serde_json::Value;
 
@@ -96,7 +96,7 @@ impl Interceptor {
             raw_server,
             loss_reports: Vec::new(),
             reported: Vec::new(),
-            server: Server::new(|| Instant::ZERO),
+            server: Server::new(SceneSettings::new(|| Instant::ZERO)),
             mirror: ClientSession::new(name),
             script,
             scripted: Tick::ZERO,

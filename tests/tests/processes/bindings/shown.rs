@@ -52,7 +52,7 @@ impl TruthfulServer {
         let server = Server::bind(loopback, &Identity::Development, Access::OpenOnLoopback);
         let mut server = server.expect("a free port");
         let of_hooks = Arc::clone(&truth);
-        server.attach(Hooks::new(move |name, _| {
+        server.scenes.hooks = Some(Hooks::new(move |name, _| {
             let (truth, name) = (Arc::clone(&of_hooks), name.to_string());
             Some(Hook::new(move |scene, _| keep(&truth, &name, scene)))
         }));
