@@ -19,7 +19,7 @@ use rhumb_reckoning::BodyId;
 use rhumb_scene::engine;
 use rhumb_scene::{OwnedScene, ServerLoop};
 
-use crate::front::AdapterQueue;
+use crate::dispatcher::AdapterQueue;
 use crate::serve::Server;
 
 /// The scenes of a server loop, for APP clients.

@@ -32,7 +32,7 @@ use crate::announcement::{announce_opening, page_url};
 use crate::demo::{DemoArguments, open_browser};
 use crate::durable::{self, DataDir, DataError};
 use crate::flight;
-use crate::front;
+use crate::dispatcher;
 use crate::log;
 use crate::serve::{Server, seconds_since_1970};
 use crate::settings::{ServerSettings, WorkerKind};
@@ -213,7 +213,7 @@ pub fn main_with(arguments: Arguments, hooks: Option<Hooks>) -> ExitCode {
         Some(Task::Check { dir }) => durable::check(dir, &mut std::io::stdout()),
         Some(Task::Replay { dir, scene }) => durable::replay(dir, scene, &mut std::io::stdout()),
         Some(Task::Flight { file }) => flight::run(file, &mut std::io::stdout()),
-        Some(Task::Worker { .. }) => front::run_worker(hooks, seconds_since_1970),
+        Some(Task::Worker { .. }) => dispatcher::run_worker(hooks, seconds_since_1970),
         #[cfg(feature = "record")]
         Some(Task::Layout { scenes }) => {
             let names: Vec<_> = scenes.iter().map(SceneName::as_str).collect();

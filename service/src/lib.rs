@@ -50,7 +50,7 @@ mod command_line;
 mod demo;
 mod durable;
 mod flight;
-mod front;
+mod dispatcher;
 mod http;
 mod log;
 mod metrics;
@@ -70,7 +70,7 @@ pub use access::{KeyError, TokenKeys};
 #[doc(hidden)]
 pub use app_host::AppScenes;
 pub use durable::{Damage, DataDir, DataError};
-pub use front::{Front, FrontSettings};
+pub use dispatcher::{Dispatcher, DispatcherSettings};
 #[cfg(feature = "app")]
 pub use rhumb_app;
 pub use rhumb_scene::{

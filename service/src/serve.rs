@@ -26,8 +26,8 @@ use crate::access::{Authenticator, TokenKeys};
 use crate::durable::DataDir;
 use crate::flight::{FlightRecorders, FlightWriter};
 #[cfg(feature = "app")]
-use crate::front::Adapter;
-use crate::front::{Front, FrontSettings, ProcessOptions};
+use crate::dispatcher::Adapter;
+use crate::dispatcher::{Dispatcher, DispatcherSettings, ProcessOptions};
 use crate::http::HttpListener;
 use crate::metrics::Metrics;
 #[cfg(feature = "view")]
@@ -288,7 +288,7 @@ impl Server {
         let mut server = self;
         #[cfg(not(any(feature = "view", feature = "record")))]
         let server = self;
-        let mut settings = FrontSettings::of(server.scenes.clone());
+        let mut settings = DispatcherSettings::of(server.scenes.clone());
         let metrics = settings.recorders.metrics.clone();
         #[cfg(feature = "record")]
         let observers = server.start_observers(&settings.recorders.taps)?;
@@ -307,10 +307,10 @@ impl Server {
         settings.processes = server.processes;
         settings.data = server.data;
         let waker = server.transport.waker();
-        let mut front = Front::on_threads(settings, move || waker.wake());
+        let mut dispatcher = Dispatcher::on_threads(settings, move || waker.wake());
         #[cfg(feature = "app")]
         if let Some(adapter) = server.adapter {
-            front.serve_also(adapter).map_err(RunError::Thread)?;
+            dispatcher.serve_also(adapter).map_err(RunError::Thread)?;
         }
         let answering = match server.metrics {
             None => None,
@@ -320,19 +320,19 @@ impl Server {
                 Some(started.map_err(RunError::Thread)?)
             }
         };
-        front.restore().map_err(RunError::Data)?;
+        dispatcher.restore().map_err(RunError::Data)?;
         #[cfg(unix)]
         let served = match server.socket {
-            None => server.transport.run(&mut front, stop),
+            None => server.transport.run(&mut dispatcher, stop),
             Some(socket) => {
                 let waker = server.transport.waker();
-                let mut all = socket.serve(&mut front, waker).map_err(RunError::Thread)?;
+                let mut all = socket.serve(&mut dispatcher, waker).map_err(RunError::Thread)?;
                 server.transport.run(&mut all, stop)
             }
         };
         #[cfg(not(unix))]
-        let served = server.transport.run(&mut front, stop);
-        front.shut_down();
+        let served = server.transport.run(&mut dispatcher, stop);
+        dispatcher.shut_down();
         drop(answering);
         #[cfg(feature = "view")]
         drop(showing);

@@ -13,7 +13,7 @@ use rhumb_scene::engine::StepThreads;
 
 use crate::access::TokenKeys;
 use crate::durable::DataDir;
-use crate::front::ProcessOptions;
+use crate::dispatcher::ProcessOptions;
 use crate::serve::{Access, Identity, RunError, check_images, run_on_cores};
 use crate::settings::{ServerSettings, WorkerKind};
 

@@ -1,6 +1,6 @@
 //! Access: which clients a server admits.
 //!
-//! The front verifies a client's token once, before its first message reaches a scene; no tick waits for that. Scenes
+//! The dispatcher verifies a client's token once, before its first message reaches a scene; no tick waits for that. Scenes
 //! get the resulting permit.
 
 mod authenticator;

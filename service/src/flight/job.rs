@@ -1,4 +1,4 @@
-//! Work that a scene or the front gives to the thread of flight recorders.
+//! Work that a scene or the dispatcher gives to the thread of flight recorders.
 
 use rhumb_protocol::scene::SceneName;
 

@@ -1,6 +1,6 @@
 //! The flight recorder of a scene, and those of all scenes by name.
 //!
-//! A scene locks its own ring for one entry at a time, and not while it steps: the front can copy the ring of a scene
+//! A scene locks its own ring for one entry at a time, and not while it steps: the dispatcher can copy the ring of a scene
 //! that is stuck.
 
 use std::collections::BTreeMap;
@@ -35,14 +35,14 @@ struct Recorders {
 enum FlightOutlet {
     /// To the thread that writes files.
     Writer(SyncSender<FlightJob>),
-    /// To the front: a process that ends takes its memory along.
-    Front(ForwardFlight),
+    /// To the dispatcher: a process that ends takes its memory along.
+    Dispatcher(ForwardFlight),
 }
 
-/// Hands something to the front of a worker process.
+/// Hands something to the dispatcher of a worker process.
 pub(crate) type ForwardFlight = Arc<dyn Fn(&SceneName, ForwardedFlight) + Send + Sync>;
 
-/// Entries that a worker process hands to its front.
+/// Entries that a worker process hands to its dispatcher.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum ForwardedFlight {
     /// New entries.
@@ -71,9 +71,9 @@ impl FlightRecorders {
         Self::with(FlightOutlet::Writer(jobs), bytes_max)
     }
 
-    /// Recorders of a worker process, whose entries the front keeps. So many bytes wait for that, at most.
+    /// Recorders of a worker process, whose entries the dispatcher keeps. So many bytes wait for that, at most.
     pub(crate) fn forwarding(forward: ForwardFlight, bytes_max: usize) -> Self {
-        Self::with(FlightOutlet::Front(forward), bytes_max)
+        Self::with(FlightOutlet::Dispatcher(forward), bytes_max)
     }
 
     fn with(out: FlightOutlet, bytes_max: usize) -> Self {
@@ -90,7 +90,7 @@ impl FlightRecorders {
         self.0.is_some()
     }
 
-    /// Hands the entries of all scenes to the front.
+    /// Hands the entries of all scenes to the dispatcher.
     pub(crate) fn forward_all(&self) {
         let Some(recorders) = &self.0 else {
             return;
@@ -101,10 +101,10 @@ impl FlightRecorders {
         }
     }
 
-    /// Hands the entries of a scene to the front, if they go there.
+    /// Hands the entries of a scene to the dispatcher, if they go there.
     fn forward(&self, name: &SceneName, ring: &SharedRing) {
         if let Some(recorders) = &self.0
-            && let FlightOutlet::Front(forward) = &recorders.out
+            && let FlightOutlet::Dispatcher(forward) = &recorders.out
         {
             let entries = lock(ring).take();
             if !entries.is_empty() {
@@ -144,7 +144,7 @@ impl FlightRecorders {
         };
         let jobs = match &recorders.out {
             FlightOutlet::Writer(jobs) => jobs,
-            FlightOutlet::Front(forward) => {
+            FlightOutlet::Dispatcher(forward) => {
                 self.forward(scene, ring);
                 return forward(scene, ForwardedFlight::Write(cause));
             }
@@ -207,7 +207,7 @@ impl FlightRecorder {
     pub(crate) fn step_began(&self, at: Instant, tick: Tick) {
         let (at_ns, tick) = (at.as_nanos(), tick.value());
         self.push(&FlightEntry::StepBegan { at_ns, tick });
-        // The front keeps the entries of a process before a step that ends it.
+        // The dispatcher keeps the entries of a process before a step that ends it.
         if let Some(ring) = &self.ring {
             self.recorders.forward(&self.name, ring);
         }

@@ -17,7 +17,7 @@ impl Metrics {
             "/metrics" => HttpAnswer::ok(FIGURES, self.text()),
             "/health" if self.is_healthy() => HttpAnswer::ok(TEXT, "ok\n"),
             "/health" => {
-                HttpAnswer::refusal(StatusCode::SERVICE_UNAVAILABLE, "the front does not answer")
+                HttpAnswer::refusal(StatusCode::SERVICE_UNAVAILABLE, "the dispatcher does not answer")
             }
             _ => HttpAnswer::refusal(StatusCode::NOT_FOUND, "there are /metrics and /health"),
         }

@@ -22,8 +22,8 @@ use self::scene::SceneMeters;
 pub(crate) use self::scene::{SCENE_VALUES, SceneMeter, SceneValues};
 use self::text::{MetricKind, Text};
 
-/// A front that has worked on one piece for longer is stuck.
-const FRONT_STUCK: Span = Span::from_millis(2_000);
+/// A dispatcher that has worked on one piece for longer is stuck.
+const DISPATCHER_STUCK: Span = Span::from_millis(2_000);
 
 /// The figures of one server; all clones are one.
 #[derive(Clone, Default)]
@@ -39,12 +39,12 @@ struct Figures {
     /// Connections that the server closed, by code.
     closed: Mutex<BTreeMap<u32, u64>>,
     scenes: SceneMeters,
-    /// The figures of the front, once the server runs.
-    front: Mutex<Option<WatchedFront>>,
+    /// The figures of the dispatcher, once the server runs.
+    dispatcher: Mutex<Option<WatchedDispatcher>>,
 }
 
-/// Sign of life of the front, the load of all scenes, and the bounds on it.
-struct WatchedFront {
+/// Sign of life of the dispatcher, the load of all scenes, and the bounds on it.
+struct WatchedDispatcher {
     heartbeat: Heartbeat,
     load: ServerLoad,
     scene_load_max: u64,
@@ -54,7 +54,7 @@ struct WatchedFront {
 impl Metrics {
     /// Sets what is read of a running server.
     pub(crate) fn watch(&self, heartbeat: Heartbeat, load: ServerLoad, limits: &Limits) {
-        *lock(&self.0.front) = Some(WatchedFront {
+        *lock(&self.0.dispatcher) = Some(WatchedDispatcher {
             heartbeat,
             load,
             scene_load_max: limits.scene_load,
@@ -78,7 +78,7 @@ impl Metrics {
         *lock(&self.0.closed).entry(code).or_default() += 1;
     }
 
-    /// The figures of all scenes, for the front of a worker process.
+    /// The figures of all scenes, for the dispatcher of a worker process.
     pub(crate) fn scene_values(&self) -> Vec<(SceneName, SceneValues)> {
         self.0.scenes.values()
     }
@@ -103,12 +103,12 @@ impl Metrics {
         self.0.scenes.names()
     }
 
-    /// False if the front has not answered for two seconds. A stuck scene does not matter here.
+    /// False if the dispatcher has not answered for two seconds. A stuck scene does not matter here.
     pub(crate) fn is_healthy(&self) -> bool {
-        let front = lock(&self.0.front);
-        front
+        let dispatcher = lock(&self.0.dispatcher);
+        dispatcher
             .as_ref()
-            .is_some_and(|front| front.heartbeat.busy_for() <= FRONT_STUCK)
+            .is_some_and(|dispatcher| dispatcher.heartbeat.busy_for() <= DISPATCHER_STUCK)
     }
 
     /// All figures, as Prometheus reads them.
@@ -168,23 +168,23 @@ impl Metrics {
     }
 
     fn write_load(&self, text: &mut Text) {
-        let front = lock(&self.0.front);
-        let front = front.as_ref();
+        let dispatcher = lock(&self.0.dispatcher);
+        let dispatcher = dispatcher.as_ref();
         let rows = [
             (
                 "rhumb_load",
                 "Body steps in a second that free-running scenes have reserved.",
-                front.map(|front| front.load.reserved()),
+                dispatcher.map(|dispatcher| dispatcher.load.reserved()),
             ),
             (
                 "rhumb_load_limit",
                 "The most that all scenes together may reserve.",
-                front.map(|front| front.load_max),
+                dispatcher.map(|dispatcher| dispatcher.load_max),
             ),
             (
                 "rhumb_scene_load_limit",
                 "The most that one scene may reserve.",
-                front.map(|front| front.scene_load_max),
+                dispatcher.map(|dispatcher| dispatcher.scene_load_max),
             ),
         ];
         for (name, help, value) in rows {

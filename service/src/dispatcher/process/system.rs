@@ -34,11 +34,11 @@ impl ProcessHandle {
 ///
 /// # Errors
 ///
-/// The system's; and [`io::ErrorKind::NotConnected`] if the front has ended already.
-pub(super) fn end_with_front(front: u32) -> io::Result<()> {
+/// The system's; and [`io::ErrorKind::NotConnected`] if the dispatcher has ended already.
+pub(super) fn end_with_dispatcher(dispatcher: u32) -> io::Result<()> {
     set_parent_process_death_signal(Some(Signal::KILL))?;
     let parent = getppid().map(|parent| parent.as_raw_nonzero().get());
-    if parent.and_then(|parent| u32::try_from(parent).ok()) == Some(front) {
+    if parent.and_then(|parent| u32::try_from(parent).ok()) == Some(dispatcher) {
         Ok(())
     } else {
         Err(io::ErrorKind::NotConnected.into())

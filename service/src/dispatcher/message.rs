@@ -1,4 +1,4 @@
-//! Messages between the front and a scene worker, or a process of several.
+//! Messages between the dispatcher and a scene worker, or a process of several.
 //!
 //! Plain data: numbers, names and bytes, and nothing of the engine or of a session.
 
@@ -33,9 +33,9 @@ pub(super) enum WorkerInput {
     Ended(Peer, Ending),
     /// The worker is to restore a scene from the data directory, if it is there.
     Restore(SceneName, LogTail),
-    /// Input of an adapter waits: nothing of the front's.
+    /// Input of an adapter waits: nothing of the dispatcher's.
     Wake,
-    /// The front needs the worker no longer.
+    /// The dispatcher needs the worker no longer.
     End,
 }
 
@@ -96,7 +96,7 @@ pub(super) struct Vitals {
     pub(super) load: u64,
 }
 
-/// A message that reaches the front.
+/// A message that reaches the dispatcher.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum WorkerReport {
     Worker(WorkerId, FromWorker),

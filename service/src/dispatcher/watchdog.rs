@@ -13,21 +13,21 @@ use rhumb_scene::Heartbeat;
 
 use super::message::{FromWorker, WorkerId, WorkerReport};
 use super::parked::Scope;
-use super::{ADAPTER_SCENES, Front, Place, priority};
+use super::{ADAPTER_SCENES, Dispatcher, Place, priority};
 use crate::flight::FlightCause;
 
 /// Time between two looks at the workers.
 const INTERVAL: Span = Span::from_millis(250);
 /// Looks without a sign of life beyond the time that a thread has: a process may be late with its own.
 const LOOKS_MORE: u64 = 2;
-/// Time that threads have to end when the front ends.
+/// Time that threads have to end when the dispatcher ends.
 const END: Duration = Duration::from_millis(500);
 /// Time that processes have, whose threads have as long.
 const END_OF_PROCESSES: Duration = Duration::from_millis(800);
 /// Time after which processes that did not end by themselves are killed and gone.
 const KILLED: Duration = Duration::from_millis(1_200);
 
-impl Front {
+impl Dispatcher {
     /// The time of the next check of the workers; never if none has a thread.
     pub(super) fn next_watch(&self) -> Option<Instant> {
         let processes = self.processes.as_ref();

@@ -9,7 +9,7 @@ use rhumb_protocol::session::CloseCode;
 use rhumb_scene::Hooks;
 
 use super::message::{FromProcess, FromWorker, ProcessId, ToProcess, WorkerId};
-use super::settings::FrontSettings;
+use super::settings::DispatcherSettings;
 use super::threads::Threads;
 
 /// How worker processes are started: never.
@@ -43,7 +43,7 @@ impl Processes {
         _: WorkerId,
         _: &SceneName,
         _: &Threads,
-        _: &FrontSettings,
+        _: &DispatcherSettings,
     ) -> Result<ProcessId, CloseCode> {
         match self.0 {}
     }
@@ -64,7 +64,7 @@ impl Processes {
         &mut self,
         _: ProcessId,
         _: FromProcess,
-        _: &FrontSettings,
+        _: &DispatcherSettings,
     ) -> Option<(WorkerId, FromWorker)> {
         match self.0 {}
     }
@@ -77,7 +77,7 @@ impl Processes {
         &mut self,
         _: Instant,
         _: (ProcessId, &str),
-        _: &FrontSettings,
+        _: &DispatcherSettings,
     ) -> Option<Death> {
         match self.0 {}
     }

@@ -1,9 +1,9 @@
 //! The workers of scenes that a data directory has.
 
-use super::Front;
+use super::Dispatcher;
 use crate::durable::{DataDir, DataError};
 
-impl Front {
+impl Dispatcher {
     /// Begins to restore the scenes that the data directory has.
     ///
     /// # Errors

@@ -43,7 +43,7 @@ mod tests {
     use rhumb_protocol::{Endpoint, Instant, Peer, Span, Transmit};
 
     use crate::access::tests::Signed;
-    use crate::front::{Front, FrontSettings};
+    use crate::dispatcher::{Dispatcher, DispatcherSettings};
 
     fn hello(token: &str) -> Vec<u8> {
         let mut extensions = Extensions::NONE;
@@ -59,8 +59,8 @@ mod tests {
         bytes
     }
 
-    fn closed(front: &mut Front) -> Option<u32> {
-        let transmits = std::iter::from_fn(|| front.poll_transmit());
+    fn closed(dispatcher: &mut Dispatcher) -> Option<u32> {
+        let transmits = std::iter::from_fn(|| dispatcher.poll_transmit());
         transmits.fold(None, |closed, transmit| match transmit {
             Transmit::Close { code, .. } => Some(code),
             _ => closed,
@@ -70,25 +70,25 @@ mod tests {
     #[test]
     fn a_connection_ends_with_its_token() {
         let signed = Signed::new("expiry");
-        let mut front = Front::on_one_thread(FrontSettings {
+        let mut dispatcher = Dispatcher::on_one_thread(DispatcherSettings {
             authenticator: signed.authenticator(),
-            ..FrontSettings::new(|| Instant::ZERO)
+            ..DispatcherSettings::new(|| Instant::ZERO)
         });
         let (peer, mut now) = (Peer(1), Instant::ZERO);
-        front.handle_opened(now, peer);
-        front.handle_control(now, peer, &hello(&signed.token()));
-        assert_eq!(closed(&mut front), None);
+        dispatcher.handle_opened(now, peer);
+        dispatcher.handle_control(now, peer, &hello(&signed.token()));
+        assert_eq!(closed(&mut dispatcher), None);
         now = now + Span::from_millis(89_999);
-        front.handle_timeout(now);
-        assert_eq!(closed(&mut front), None);
+        dispatcher.handle_timeout(now);
+        assert_eq!(closed(&mut dispatcher), None);
         assert_eq!(
-            front.poll_timeout().map(|wake| wake.at),
+            dispatcher.poll_timeout().map(|wake| wake.at),
             Some(now + Span::from_millis(1))
         );
-        front.handle_timeout(now + Span::from_millis(1));
-        assert_eq!(closed(&mut front), Some(CloseCode::TOKEN_EXPIRED.0));
+        dispatcher.handle_timeout(now + Span::from_millis(1));
+        assert_eq!(closed(&mut dispatcher), Some(CloseCode::TOKEN_EXPIRED.0));
         assert_eq!(
-            front.workers.len(),
+            dispatcher.workers.len(),
             0,
             "the scene without clients is let go"
         );

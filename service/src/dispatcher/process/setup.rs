@@ -1,4 +1,4 @@
-//! The settings that the front gives to a worker process in its first frame.
+//! The settings that the dispatcher gives to a worker process in its first frame.
 
 use std::num::NonZeroU32;
 use std::path::PathBuf;
@@ -11,9 +11,9 @@ use serde::{Deserialize, Serialize};
 /// The settings of a worker process.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct WorkerSetup {
-    /// The process id of the front.
-    pub(super) front: u32,
-    /// The front's clock at the start of the process, nanoseconds.
+    /// The process id of the dispatcher.
+    pub(super) dispatcher: u32,
+    /// The dispatcher's clock at the start of the process, nanoseconds.
     pub(super) now_ns: u64,
     pub(super) limits: Limits,
     /// Bytes of the largest packet of a stream.
@@ -25,7 +25,7 @@ pub(super) struct WorkerSetup {
     pub(super) data: Option<PathBuf>,
     /// The log level, as text.
     pub(super) log: String,
-    /// True if the front keeps flight recorders.
+    /// True if the dispatcher keeps flight recorders.
     pub(super) records_flights: bool,
     /// The directory for recordings of its scenes.
     pub(super) record: Option<PathBuf>,

@@ -1,6 +1,6 @@
 //! Worker processes: one for the scenes of a tenant.
 //!
-//! A process can be killed, and what it breaks is its own memory. The front keeps the connections, looks after the
+//! A process can be killed, and what it breaks is its own memory. The dispatcher keeps the connections, looks after the
 //! processes, and starts another one in the place of one that died. Invariant: a process that may still write a scene's
 //! files is waited for before another one serves that scene.
 
@@ -29,7 +29,7 @@ use self::running::{ProcessState, RunningProcess};
 use self::setup::WorkerSetup;
 use self::tenant::Tenant;
 use super::message::{FromProcess, FromWorker, ProcessId, ToProcess, Vitals, WorkerId};
-use super::settings::FrontSettings;
+use super::settings::DispatcherSettings;
 use super::threads::Threads;
 use crate::flight::FlightCause;
 
@@ -45,7 +45,7 @@ pub(crate) struct ProcessOptions {
     pub(crate) record: Option<PathBuf>,
 }
 
-/// The worker processes of a front.
+/// The worker processes of a dispatcher.
 pub(super) struct Processes {
     options: ProcessOptions,
     running: BTreeMap<ProcessId, RunningProcess>,
@@ -54,7 +54,7 @@ pub(super) struct Processes {
     next: u32,
 }
 
-/// The end of a process that the front did not ask for.
+/// The end of a process that the dispatcher did not ask for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Death {
     /// The worker that did not answer, if it was killed for that.
@@ -82,7 +82,7 @@ impl Processes {
         worker: WorkerId,
         scene: &SceneName,
         threads: &Threads,
-        settings: &FrontSettings,
+        settings: &DispatcherSettings,
     ) -> Result<ProcessId, CloseCode> {
         let tenant = Tenant::of(scene, self.options.share);
         let id = match self.by_tenant.get(&tenant) {
@@ -103,7 +103,7 @@ impl Processes {
         &mut self,
         tenant: Tenant,
         threads: &Threads,
-        settings: &FrontSettings,
+        settings: &DispatcherSettings,
     ) -> Result<ProcessId, CloseCode> {
         let now = (threads.workers.clock)();
         let limits = &settings.scenes.limits;
@@ -111,7 +111,7 @@ impl Processes {
             return Err(CloseCode::SCENE_PARKED);
         }
         let setup = WorkerSetup {
-            front: std::process::id(),
+            dispatcher: std::process::id(),
             now_ns: now.as_nanos(),
             limits: *limits,
             largest_packet: settings.scenes.largest_packet.bytes() as u32,
@@ -169,7 +169,7 @@ impl Processes {
         &mut self,
         id: ProcessId,
         message: FromProcess,
-        settings: &FrontSettings,
+        settings: &DispatcherSettings,
     ) -> Option<(WorkerId, FromWorker)> {
         let process = self.running.get_mut(&id)?;
         match message {
@@ -184,7 +184,7 @@ impl Processes {
         None
     }
 
-    fn note_alive(&mut self, id: ProcessId, vitals: Vitals, settings: &FrontSettings) {
+    fn note_alive(&mut self, id: ProcessId, vitals: Vitals, settings: &DispatcherSettings) {
         let Some(process) = self.running.get_mut(&id) else {
             return;
         };
@@ -202,8 +202,8 @@ impl Processes {
         }
     }
 
-    /// Gives each process, and the front, the numbers of the rest of the server.
-    fn share_out(&mut self, settings: &FrontSettings) {
+    /// Gives each process, and the dispatcher, the numbers of the rest of the server.
+    fn share_out(&mut self, settings: &DispatcherSettings) {
         let of_processes = self.running.values();
         let (scenes, load) = of_processes.fold((0_u64, 0_u64), |(scenes, load), process| {
             (
@@ -244,12 +244,12 @@ impl Processes {
         }
     }
 
-    /// A process has ended; returns its death if the front did not ask for its end.
+    /// A process has ended; returns its death if the dispatcher did not ask for its end.
     pub(super) fn note_over(
         &mut self,
         now: Instant,
         (id, status): (ProcessId, &str),
-        settings: &FrontSettings,
+        settings: &DispatcherSettings,
     ) -> Option<Death> {
         let process = self.running.remove(&id)?;
         settings.recorders.metrics.set_workers(self.running.len());

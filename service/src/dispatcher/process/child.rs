@@ -1,7 +1,7 @@
-//! A worker process: the scenes of one tenant, and a stream to the front.
+//! A worker process: the scenes of one tenant, and a stream to the dispatcher.
 //!
-//! The main thread reads what the front sends. The scenes' threads write their outputs themselves. A thread of its own
-//! gives a sign of life, whatever the scenes do. The process has no sockets and no keys of tokens, and ends with the front.
+//! The main thread reads what the dispatcher sends. The scenes' threads write their outputs themselves. A thread of its own
+//! gives a sign of life, whatever the scenes do. The process has no sockets and no keys of tokens, and ends with the dispatcher.
 
 use std::collections::BTreeMap;
 use std::error::Error;
@@ -36,38 +36,38 @@ use crate::recording::{Recorder, RecordingLimits};
 const INTERVAL: Duration = Duration::from_millis(250);
 /// Time that threads have to end when the process is to end.
 const END: Duration = Duration::from_millis(500);
-/// Bytes of a scene's entries that wait to be handed to the front.
+/// Bytes of a scene's entries that wait to be handed to the dispatcher.
 const FLIGHT_BYTES_WAITING_MAX: usize = 64 << 10;
 
-/// Runs a worker process, which a front has started, until the front needs it no longer. `seconds`: the system's time
+/// Runs a worker process, which a dispatcher has started, until the dispatcher needs it no longer. `seconds`: the system's time
 /// since 1970.
 ///
 /// # Errors
 ///
-/// If no front is at the other end of standard input, and if the process cannot get what its settings name.
+/// If no dispatcher is at the other end of standard input, and if the process cannot get what its settings name.
 pub(crate) fn run(hooks: Option<Hooks>, seconds: fn() -> i64) -> Result<(), Box<dyn Error>> {
     let clock = Clock::start();
-    let (to_front, mut from_front) = parent_stream()?;
-    let setup = from_front.receive()?;
+    let (to_dispatcher, mut from_dispatcher) = parent_stream()?;
+    let setup = from_dispatcher.receive()?;
     let setup = setup.ok_or("a worker process is started by its server only")?;
     let setup: WorkerSetup = postcard::from_bytes(&setup)?;
-    system::end_with_front(setup.front)?;
+    system::end_with_dispatcher(setup.dispatcher)?;
     system::limit_memory(setup.limits.worker_memory_mib)?;
     let _last_lines = log::start(setup.log.parse()?, setup.limits.log_lines_per_second);
-    // A terminal and a service manager signal all processes: the front ends this one in order.
+    // A terminal and a service manager signal all processes: the dispatcher ends this one in order.
     ctrlc::set_handler(|| {})?;
     let begun = Span::from_nanos(setup.now_ns);
     let time = move || clock.now() + begun;
-    let mut process = WorkerProcess::new(&setup, hooks, time, Arc::new(to_front))?;
+    let mut process = WorkerProcess::new(&setup, hooks, time, Arc::new(to_dispatcher))?;
     process.record(&setup, seconds);
     let (stop, stopped) = channel();
     let life = process.life.clone();
     let living = thread::Builder::new()
         .name("rhumb-worker-life".to_owned())
         .spawn(move || life.show_until(&stopped))?;
-    while let Some(frame) = from_front.receive()? {
+    while let Some(frame) = from_dispatcher.receive()? {
         let message =
-            decode_to(&frame).map_err(|cause| format!("a frame of the front: {cause:?}"))?;
+            decode_to(&frame).map_err(|cause| format!("a frame of the dispatcher: {cause:?}"))?;
         process.handle(message);
     }
     process.end();
@@ -101,12 +101,12 @@ struct Life {
     outlet: Outlet,
 }
 
-/// The way to the front; all clones are one.
+/// The way to the dispatcher; all clones are one.
 #[derive(Clone)]
 struct Outlet(Arc<ParentSender>);
 
 impl Outlet {
-    /// Sends a message; false if the front has ended.
+    /// Sends a message; false if the dispatcher has ended.
     fn send(&self, message: &FromProcess) -> bool {
         encode_from(message, &mut |frame| self.0.send(frame).is_ok())
     }
@@ -117,9 +117,9 @@ impl WorkerProcess {
         setup: &WorkerSetup,
         hooks: Option<Hooks>,
         clock: impl Fn() -> Instant + Send + Sync + Clone + 'static,
-        to_front: Arc<ParentSender>,
+        to_dispatcher: Arc<ParentSender>,
     ) -> Result<Self, Box<dyn Error>> {
-        let outlet = Outlet(to_front);
+        let outlet = Outlet(to_dispatcher);
         let mut recorders = SceneRecorders::default();
         if setup.records_flights {
             recorders.flights = forwarded_flights(outlet.clone());
@@ -269,7 +269,7 @@ impl Life {
     /// Shows that the process lives, until the other end of the channel is gone.
     fn show_until(&self, stopped: &Receiver<()>) {
         while let Err(RecvTimeoutError::Timeout) = stopped.recv_timeout(INTERVAL) {
-            // The entries go first: a front that finds the process stuck has them.
+            // The entries go first: a dispatcher that finds the process stuck has them.
             self.flights.forward_all();
             let busy = lock(&self.heartbeats)
                 .iter()

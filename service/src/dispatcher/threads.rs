@@ -10,7 +10,7 @@ use super::message::{FromWorker, WorkerId, WorkerReport};
 /// Hands a message of a worker's thread over; false if the receiver has ended.
 pub(super) type SendFromWorker = Arc<dyn Fn(WorkerId, FromWorker) -> bool + Send + Sync>;
 
-/// Messages that wait for the front, of all workers; beyond them a worker waits.
+/// Messages that wait for the dispatcher, of all workers; beyond them a worker waits.
 const REPORTS_WAITING_MAX: usize = 1_024;
 
 /// Needs of a worker's thread.
@@ -20,14 +20,14 @@ pub(super) struct WorkerThreads {
     pub(super) send: SendFromWorker,
 }
 
-/// The way back from the workers' threads and processes to the front.
+/// The way back from the workers' threads and processes to the dispatcher.
 pub(super) struct Threads {
     pub(super) workers: WorkerThreads,
     pub(super) received: Receiver<WorkerReport>,
     pub(super) reports: ReportSender,
 }
 
-/// Hands reports to the front, and wakes it.
+/// Hands reports to the dispatcher, and wakes it.
 #[derive(Clone)]
 pub(super) struct ReportSender {
     reports: SyncSender<WorkerReport>,
@@ -35,9 +35,9 @@ pub(super) struct ReportSender {
 }
 
 impl ReportSender {
-    /// Hands a report over; false if the front has ended.
+    /// Hands a report over; false if the dispatcher has ended.
     pub(super) fn send(&self, report: WorkerReport) -> bool {
-        // A front that has ended needs no output.
+        // A dispatcher that has ended needs no output.
         let sent = self.reports.send(report).is_ok();
         (self.waker)();
         sent

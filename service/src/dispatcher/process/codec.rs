@@ -1,4 +1,4 @@
-//! Bytes of the messages between the front and a worker process.
+//! Bytes of the messages between the dispatcher and a worker process.
 //!
 //! Both ends are one program, so that there are no versions. Payloads are shared: a packet for many members is written
 //! once in a frame. Invariant: reading never panics, since a process that a scene has broken may send anything.

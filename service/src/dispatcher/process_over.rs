@@ -1,4 +1,4 @@
-//! The front handles the messages and the ends of worker processes.
+//! The dispatcher handles the messages and the ends of worker processes.
 //!
 //! The clients of a process that died are closed. Its scenes begin again from what is durable, in a new process; without
 //! a data directory they are lost, and their names are free.
@@ -7,10 +7,10 @@ use rhumb_protocol::session::CloseCode;
 
 use super::message::{FromProcess, FromWorker, ProcessId, WorkerId};
 use super::parked::Scope;
-use super::{Front, Place};
+use super::{Dispatcher, Place};
 use crate::durable::LogTail;
 
-impl Front {
+impl Dispatcher {
     pub(super) fn take_process_message(&mut self, id: ProcessId, message: FromProcess) {
         let Some(processes) = &mut self.processes else {
             return;

@@ -1,4 +1,4 @@
-//! One worker process, as the front has it.
+//! One worker process, as the dispatcher has it.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -10,7 +10,7 @@ use rhumb_protocol::scene::SceneName;
 use rhumb_transport::{ChildSender, FrameReceiver, child_stream};
 
 use super::super::message::{ProcessId, ToProcess, WorkerId, WorkerReport};
-use super::super::settings::FrontSettings;
+use super::super::settings::DispatcherSettings;
 use super::super::threads::ReportSender;
 use super::codec::{decode_from, encode_to};
 use super::setup::WorkerSetup;
@@ -135,7 +135,7 @@ impl RunningProcess {
 
 impl RunningProcess {
     /// Shows the figures of the process's scenes.
-    pub(super) fn show(&mut self, figures: &[(SceneName, SceneValues)], settings: &FrontSettings) {
+    pub(super) fn show(&mut self, figures: &[(SceneName, SceneValues)], settings: &DispatcherSettings) {
         let is_gone = |scene: &SceneName| figures.iter().all(|(name, _)| name != scene);
         let shown = self.meters.keys().cloned();
         for scene in shown.filter(is_gone).collect::<Vec<_>>() {
@@ -153,7 +153,7 @@ impl RunningProcess {
     pub(super) fn flight(
         &mut self,
         scene: &SceneName,
-        settings: &FrontSettings,
+        settings: &DispatcherSettings,
     ) -> &FlightRecorder {
         let flight = self.flights.entry(scene.clone());
         flight.or_insert_with(|| settings.recorders.flights.begin(scene))

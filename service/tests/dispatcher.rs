@@ -1,4 +1,4 @@
-//! A scene that does not answer stops neither the other scenes nor the front.
+//! A scene that does not answer stops neither the other scenes nor the dispatcher.
 //!
 //! A hook that does not return stands for a step that does not end. Threads are real, and their clock is the test's, so
 //! that a silence of two seconds takes no time. Waiting is for an output, with a time limit.
@@ -14,14 +14,14 @@ use rhumb_protocol::scene::SceneConfig;
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_reckoning::{Tick, Tolerance};
-use rhumb_server::{Front, FrontSettings, Hook, Hooks, Limits, SceneSettings, ServerLoop};
+use rhumb_server::{Dispatcher, DispatcherSettings, Hook, Hooks, Limits, SceneSettings, ServerLoop};
 
 /// Longer than any step of these tests; reached only by a failure.
 const LONG: Duration = Duration::from_secs(30);
 
-/// A front with threads, and what it transmitted.
+/// A dispatcher with threads, and what it transmitted.
 struct Threaded {
-    front: Front,
+    dispatcher: Dispatcher,
     clock: Arc<AtomicU64>,
     woken: Receiver<()>,
     /// The first step of a stuck scene has begun.
@@ -55,15 +55,15 @@ impl Threaded {
             })
         });
         let mut settings =
-            FrontSettings::new(move || Instant::from_nanos(time.load(Ordering::SeqCst)));
+            DispatcherSettings::new(move || Instant::from_nanos(time.load(Ordering::SeqCst)));
         settings.scenes.hooks = Some(hooks);
         settings.scenes.limits = limits;
-        let front = Front::on_threads(settings, move || {
+        let dispatcher = Dispatcher::on_threads(settings, move || {
             // After the test no one listens.
             let _ = wake.lock().expect("no thread panics").send(());
         });
         let threaded = Self {
-            front,
+            dispatcher,
             clock,
             woken,
             entered,
@@ -76,21 +76,21 @@ impl Threaded {
         Instant::from_nanos(self.clock.load(Ordering::SeqCst))
     }
 
-    /// Lets time pass for the front, too.
+    /// Lets time pass for the dispatcher, too.
     fn pass(&mut self, span: Span) {
         self.clock.fetch_add(span.as_nanos(), Ordering::SeqCst);
         let now = self.now();
-        self.front.handle_timeout(now);
+        self.dispatcher.handle_timeout(now);
     }
 
     fn send(&mut self, peer: Peer, messages: &[ClientMessage]) {
         let now = self.now();
-        self.front.handle_control(now, peer, &encoded(messages));
+        self.dispatcher.handle_control(now, peer, &encoded(messages));
     }
 
     fn open(&mut self, peer: Peer, scene: &str) {
         let now = self.now();
-        self.front.handle_opened(now, peer);
+        self.dispatcher.handle_opened(now, peer);
         self.send(peer, &[hello(scene)]);
     }
 
@@ -101,9 +101,9 @@ impl Threaded {
         self.entered.recv_timeout(LONG).expect("the step begins");
     }
 
-    /// Takes what the front has to transmit now.
+    /// Takes what the dispatcher has to transmit now.
     fn drain(&mut self) -> Vec<Transmit> {
-        std::iter::from_fn(|| self.front.poll_transmit()).collect()
+        std::iter::from_fn(|| self.dispatcher.poll_transmit()).collect()
     }
 
     /// Waits for a transmission of this kind.
@@ -180,7 +180,7 @@ fn a_scene_that_does_not_answer_is_parked_and_stops_no_other_scene() {
     (3..9).for_each(|_| threaded.expect(state_to(other)));
     threaded.open(late, "stuck");
     threaded.expect(close_of(late));
-    // The step ends after all: the name is free again, as soon as the front knows.
+    // The step ends after all: the name is free again, as soon as the dispatcher knows.
     drop(release);
     let mut again = (4..).map(Peer);
     let free = loop {
@@ -195,14 +195,14 @@ fn a_scene_that_does_not_answer_is_parked_and_stops_no_other_scene() {
     };
     threaded.send(free, &[ClientMessage::Delete]);
     threaded.expect(control_to(free));
-    threaded.front.shut_down();
+    threaded.dispatcher.shut_down();
 }
 
 #[test]
-fn a_front_with_a_stuck_scene_ends_while_it_is_stuck() {
+fn a_dispatcher_with_a_stuck_scene_ends_while_it_is_stuck() {
     let (mut threaded, release) = Threaded::new();
     threaded.open_stuck(Peer(1));
-    threaded.front.shut_down();
+    threaded.dispatcher.shut_down();
     drop(release);
 }
 
@@ -217,10 +217,10 @@ fn the_thread_of_a_scene_that_expires_ends() {
     threaded.send(peer, &script());
     (0..3).for_each(|_| threaded.expect(state_to(peer)));
     let now = threaded.now();
-    (threaded.front).handle_ended(now, peer, Ending::TimedOut);
-    // With no thread to watch, the front waits for nothing. The clock passes slowly: a thread that computes is not stuck.
+    (threaded.dispatcher).handle_ended(now, peer, Ending::TimedOut);
+    // With no thread to watch, the dispatcher waits for nothing. The clock passes slowly: a thread that computes is not stuck.
     let mut looks = 0;
-    while threaded.front.poll_timeout().is_some() {
+    while threaded.dispatcher.poll_timeout().is_some() {
         looks += 1;
         assert!(looks < 1_000, "the thread does not end");
         threaded.pass(Span::from_millis(50));
@@ -233,16 +233,16 @@ fn the_thread_of_a_scene_that_expires_ends() {
 
 #[test]
 fn a_connection_that_says_no_hello_is_closed() {
-    let mut front = Front::on_one_thread(FrontSettings::new(|| Instant::ZERO));
-    front.handle_opened(Instant::ZERO, Peer(1));
-    front.handle_control(Instant::ZERO, Peer(1), &[1]);
-    let wake = front.poll_timeout().expect("a deadline");
+    let mut dispatcher = Dispatcher::on_one_thread(DispatcherSettings::new(|| Instant::ZERO));
+    dispatcher.handle_opened(Instant::ZERO, Peer(1));
+    dispatcher.handle_control(Instant::ZERO, Peer(1), &[1]);
+    let wake = dispatcher.poll_timeout().expect("a deadline");
     assert!(wake.at <= Instant::ZERO + Span::from_millis(8_000));
-    front.handle_timeout(wake.at);
+    dispatcher.handle_timeout(wake.at);
     let code = CloseCode::HELLO_LATE.0;
     let to = Peer(1);
-    assert_eq!(front.poll_transmit(), Some(Transmit::Close { to, code }));
-    assert_eq!(front.poll_timeout(), None);
+    assert_eq!(dispatcher.poll_transmit(), Some(Transmit::Close { to, code }));
+    assert_eq!(dispatcher.poll_timeout(), None);
 }
 
 /// The transmissions of a script, joined by receiver and lane.
@@ -263,14 +263,14 @@ fn transmits_of(endpoint: &mut dyn Endpoint) -> Vec<Transmit> {
 }
 
 #[test]
-fn a_front_on_one_thread_changes_no_bit() {
+fn a_dispatcher_on_one_thread_changes_no_bit() {
     let plain = transmits_of(&mut ServerLoop::new(SceneSettings::new(|| Instant::ZERO)));
-    let mut front = Front::on_one_thread(FrontSettings::new(|| Instant::ZERO));
+    let mut dispatcher = Dispatcher::on_one_thread(DispatcherSettings::new(|| Instant::ZERO));
     assert!(plain.len() >= 4, "an answer, and three ticks");
-    assert_eq!(transmits_of(&mut front), plain);
+    assert_eq!(transmits_of(&mut dispatcher), plain);
     // A worker without a scene and without a connection ends.
-    front.handle_control(Instant::ZERO, Peer(1), &encoded(&[ClientMessage::Delete]));
-    front.handle_ended(Instant::ZERO, Peer(1), Ending::TimedOut);
-    while front.poll_transmit().is_some() {}
-    assert_eq!(front.poll_timeout(), None);
+    dispatcher.handle_control(Instant::ZERO, Peer(1), &encoded(&[ClientMessage::Delete]));
+    dispatcher.handle_ended(Instant::ZERO, Peer(1), Ending::TimedOut);
+    while dispatcher.poll_transmit().is_some() {}
+    assert_eq!(dispatcher.poll_timeout(), None);
 }

@@ -1,4 +1,4 @@
-//! The front: connections on one side, scene workers on the other.
+//! The dispatcher: connections on one side, scene workers on the other.
 //!
 //! Reads a connection's first message, which names its scene, and carries everything else between the connection and
 //! the worker of that scene. It steps no scene, so that no scene delays it. On one thread, as in the simulated network,
@@ -44,16 +44,16 @@ use self::message::{
 use self::parked::{Parked, Scope};
 use self::process::Processes;
 pub(crate) use self::process::{ProcessOptions, run_worker};
-pub use self::settings::FrontSettings;
+pub use self::settings::DispatcherSettings;
 use self::threads::Threads;
 use self::worker::{InlineWorker, ThreadWorker};
 
 /// Connections, and the workers of their scenes.
-pub struct Front {
+pub struct Dispatcher {
     connections: BTreeMap<Peer, Connection>,
     /// Connections that must say hello by then.
     greeting_until: BTreeSet<(Instant, Peer)>,
-    /// Shows that the front makes progress.
+    /// Shows that the dispatcher makes progress.
     heartbeat: Heartbeat,
     expiry: Expiry,
     workers: BTreeMap<WorkerId, Worker>,
@@ -66,7 +66,7 @@ pub struct Front {
     /// The worker processes, if scenes have them.
     processes: Option<Processes>,
     watchdog: Parked,
-    settings: FrontSettings,
+    settings: DispatcherSettings,
 }
 
 struct Worker {
@@ -90,7 +90,7 @@ enum Connection {
     Greeting(Greeting),
     /// Its control bytes that the worker has not handled.
     Bound(WorkerId, usize),
-    /// Closed by the front: only its end is still awaited.
+    /// Closed by the dispatcher: only its end is still awaited.
     Closed,
 }
 
@@ -101,10 +101,10 @@ const INPUTS_WAITING_MAX: u64 = 8_192;
 /// The first characters of the names of an adapter's scenes.
 const ADAPTER_SCENES: &str = "app/";
 
-impl Front {
-    /// A front whose workers run on the calling thread.
+impl Dispatcher {
+    /// A dispatcher whose workers run on the calling thread.
     #[must_use]
-    pub fn on_one_thread(settings: FrontSettings) -> Self {
+    pub fn on_one_thread(settings: DispatcherSettings) -> Self {
         let mut settings = settings;
         settings.scenes.observers = Arc::new(settings.recorders.clone());
         let clock = SharedClock::clone(&settings.scenes.clock);
@@ -131,13 +131,13 @@ impl Front {
         }
     }
 
-    /// A front with a thread for each scene, by the clock of the settings. `wake` is called when one of them has output,
-    /// and must have the driver drain the front.
-    pub fn on_threads(settings: FrontSettings, wake: impl Fn() + Send + Sync + 'static) -> Self {
-        let mut front = Self::on_one_thread(settings);
-        let clock = SharedClock::clone(&front.settings.scenes.clock);
-        front.threads = Some(Threads::new(clock, wake));
-        front
+    /// A dispatcher with a thread for each scene, by the clock of the settings. `wake` is called when one of them has output,
+    /// and must have the driver drain the dispatcher.
+    pub fn on_threads(settings: DispatcherSettings, wake: impl Fn() + Send + Sync + 'static) -> Self {
+        let mut dispatcher = Self::on_one_thread(settings);
+        let clock = SharedClock::clone(&dispatcher.settings.scenes.clock);
+        dispatcher.threads = Some(Threads::new(clock, wake));
+        dispatcher
     }
 
     /// Statistics of all bodies of a scene under a member's authority, if its worker runs on this thread.
@@ -234,7 +234,7 @@ impl Front {
         self.route(now, id, WorkerInput::Control(peer, received));
     }
 
-    /// Closes a connection of the front.
+    /// Closes a connection of the dispatcher.
     fn close(&mut self, peer: Peer, code: CloseCode) {
         if let Some(Connection::Greeting(greeting)) =
             self.connections.insert(peer, Connection::Closed)
@@ -365,7 +365,7 @@ impl Front {
     }
 }
 
-impl Endpoint for Front {
+impl Endpoint for Dispatcher {
     fn handle_opened(&mut self, now: Instant, peer: Peer) {
         let until = now + self.settings.scenes.limits.hello();
         self.greeting_until.insert((until, peer));
@@ -478,7 +478,7 @@ impl Endpoint for Front {
                 Place::Inline(inline) => inline.server_loop().poll_timeout(),
                 Place::Thread(_) | Place::Process(_) => None,
             });
-        let front = [greeting, expiry, watch].into_iter().flatten();
-        inline.chain(front).min_by_key(|wake| wake.at)
+        let dispatcher = [greeting, expiry, watch].into_iter().flatten();
+        inline.chain(dispatcher).min_by_key(|wake| wake.at)
     }
 }

@@ -1,7 +1,7 @@
 //! A scene worker: one scene's server loop, on a thread or on the caller's.
 //!
 //! Both take the same inputs and give the same outputs. A worker never waits for another one; its thread waits for the
-//! front only if many of its outputs lie unread.
+//! dispatcher only if many of its outputs lie unread.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -41,7 +41,7 @@ pub(super) struct InlineWorker {
     others: Option<ServeOthers>,
 }
 
-/// The front's handle of a worker on a thread of its own.
+/// The dispatcher's handle of a worker on a thread of its own.
 pub(super) struct ThreadWorker {
     inputs: Sender<WorkerInput>,
     pub(super) heartbeat: Heartbeat,
@@ -211,7 +211,7 @@ impl Drop for ThreadWorker {
     }
 }
 
-/// Runs a worker until the front drops it.
+/// Runs a worker until the dispatcher drops it.
 fn run(
     mut worker: InlineWorker,
     inputs: &Receiver<WorkerInput>,

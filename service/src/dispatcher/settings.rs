@@ -10,7 +10,7 @@ use crate::durable::DataDir;
 use crate::recorders::SceneRecorders;
 
 /// Settings of a dispatcher, made once.
-pub struct FrontSettings {
+pub struct DispatcherSettings {
     /// Of its scenes. Store, bakers and heartbeat are each worker's own.
     pub scenes: SceneSettings,
     /// Decides which connections are admitted.
@@ -25,7 +25,7 @@ pub struct FrontSettings {
     pub(crate) processes: Option<ProcessOptions>,
 }
 
-impl FrontSettings {
+impl DispatcherSettings {
     /// The defaults. `clock` measures the stages of ticks, and tells the threads the time.
     #[must_use]
     pub fn new(clock: impl Fn() -> Instant + Send + Sync + 'static) -> Self {

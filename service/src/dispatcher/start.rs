@@ -10,10 +10,10 @@ use super::Adapter;
 use super::message::{WorkerId, WorkerInput};
 use super::parked::Scope;
 use super::worker::{InlineWorker, ThreadWorker};
-use super::{Front, Place, Worker};
+use super::{Dispatcher, Place, Worker};
 use crate::durable::LogTail;
 
-impl Front {
+impl Dispatcher {
     /// The worker of some scenes, started if there is none.
     pub(super) fn worker_of(&mut self, scope: Scope) -> Result<WorkerId, CloseCode> {
         if let Some(id) = self.by_scope.get(&scope) {
