@@ -102,13 +102,13 @@ limits! {
     empty_scene_seconds = 600, 0 to 31536000;
     /// Seconds for a connection's first message. A client on a bad link needs a few round trips.
     hello_seconds = 8, 1 to 60;
-    /// Milliseconds that one tick or one command may take before its scene is parked.
+    /// Milliseconds that one tick or one command may take before its scene is quarantined.
     stuck_milliseconds = 2000, 100 to 60000;
     /// Milliseconds that the solid of one shape may take to be made, beside the steps of its scene. The largest mesh takes
     /// some 100; one that takes longer is refused, and one that has waited as long.
     bake_milliseconds = 1000, 1 to 60000;
-    /// Parked scenes from which on no scene begins: each may take a core until the server is restarted.
-    parked_scenes = 8, 1 to 256;
+    /// Quarantined scenes from which on no scene begins: each may take a core until the server is restarted.
+    quarantined_scenes = 8, 1 to 256;
     /// MiB of private memory of a worker process, with 8 for the stack of each scene; 0 sets no limit. A process that
     /// needs more ends, and no other one does.
     worker_memory_mib = 4096, 0 to 1048576;

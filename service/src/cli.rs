@@ -30,9 +30,9 @@ use crate::announcement::{BoundAddresses, announce};
 use crate::announcement::{announce_opening, page_url};
 #[cfg(feature = "demo")]
 use crate::demo::{DemoArguments, open_browser};
+use crate::dispatcher;
 use crate::durable::{self, DataDir, DataError};
 use crate::flight;
-use crate::dispatcher;
 use crate::log;
 use crate::serve::{Server, seconds_since_1970};
 use crate::settings::{ServerSettings, WorkerKind};

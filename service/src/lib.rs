@@ -48,9 +48,9 @@ pub mod cli;
 mod command_line;
 #[cfg(feature = "demo")]
 mod demo;
+mod dispatcher;
 mod durable;
 mod flight;
-mod dispatcher;
 mod http;
 mod log;
 mod metrics;
@@ -69,8 +69,8 @@ pub use access::{KeyError, TokenKeys};
 #[cfg(feature = "app")]
 #[doc(hidden)]
 pub use app_host::AppScenes;
-pub use durable::{Damage, DataDir, DataError};
 pub use dispatcher::{Dispatcher, DispatcherSettings};
+pub use durable::{Damage, DataDir, DataError};
 #[cfg(feature = "app")]
 pub use rhumb_app;
 pub use rhumb_scene::{

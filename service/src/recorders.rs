@@ -88,7 +88,7 @@ impl SceneObserver for SceneRecorder {
             Incident::Restored => self.meter.count_restored(),
             Incident::Faulted => self.meter.note_faulted(),
             Incident::EnginePanicked => self.flight.write(FlightCause::EnginePanicked),
-            Incident::NotFinite => self.flight.write(FlightCause::Quarantine),
+            Incident::NotFinite => self.flight.write(FlightCause::NotFinite),
             Incident::ChecksumMismatch => self.flight.write(FlightCause::ChecksumMismatch),
         }
     }

@@ -23,11 +23,11 @@ use rhumb_transport::{
 
 pub use self::run_error::RunError;
 use crate::access::{Authenticator, TokenKeys};
-use crate::durable::DataDir;
-use crate::flight::{FlightRecorders, FlightWriter};
 #[cfg(feature = "app")]
 use crate::dispatcher::Adapter;
 use crate::dispatcher::{Dispatcher, DispatcherSettings, ProcessOptions};
+use crate::durable::DataDir;
+use crate::flight::{FlightRecorders, FlightWriter};
 use crate::http::HttpListener;
 use crate::metrics::Metrics;
 #[cfg(feature = "view")]
@@ -326,7 +326,9 @@ impl Server {
             None => server.transport.run(&mut dispatcher, stop),
             Some(socket) => {
                 let waker = server.transport.waker();
-                let mut all = socket.serve(&mut dispatcher, waker).map_err(RunError::Thread)?;
+                let mut all = socket
+                    .serve(&mut dispatcher, waker)
+                    .map_err(RunError::Thread)?;
                 server.transport.run(&mut all, stop)
             }
         };

@@ -12,8 +12,8 @@ use std::path::Path;
 use rhumb_scene::engine::StepThreads;
 
 use crate::access::TokenKeys;
-use crate::durable::DataDir;
 use crate::dispatcher::ProcessOptions;
+use crate::durable::DataDir;
 use crate::serve::{Access, Identity, RunError, check_images, run_on_cores};
 use crate::settings::{ServerSettings, WorkerKind};
 

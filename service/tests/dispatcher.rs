@@ -14,7 +14,9 @@ use rhumb_protocol::scene::SceneConfig;
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_reckoning::{Tick, Tolerance};
-use rhumb_server::{Dispatcher, DispatcherSettings, Hook, Hooks, Limits, SceneSettings, ServerLoop};
+use rhumb_server::{
+    Dispatcher, DispatcherSettings, Hook, Hooks, Limits, SceneSettings, ServerLoop,
+};
 
 /// Longer than any step of these tests; reached only by a failure.
 const LONG: Duration = Duration::from_secs(30);
@@ -85,7 +87,8 @@ impl Threaded {
 
     fn send(&mut self, peer: Peer, messages: &[ClientMessage]) {
         let now = self.now();
-        self.dispatcher.handle_control(now, peer, &encoded(messages));
+        self.dispatcher
+            .handle_control(now, peer, &encoded(messages));
     }
 
     fn open(&mut self, peer: Peer, scene: &str) {
@@ -155,12 +158,12 @@ fn control_to(peer: Peer) -> impl Fn(&Transmit) -> bool {
 }
 
 fn close_of(peer: Peer) -> impl Fn(&Transmit) -> bool {
-    let code = CloseCode::SCENE_PARKED.0;
+    let code = CloseCode::SCENE_QUARANTINED.0;
     move |transmit| *transmit == Transmit::Close { to: peer, code }
 }
 
 #[test]
-fn a_scene_that_does_not_answer_is_parked_and_stops_no_other_scene() {
+fn a_scene_that_does_not_answer_is_quarantined_and_stops_no_other_scene() {
     let (mut threaded, release) = Threaded::new();
     let [stuck, other, late] = [1, 2, 3].map(Peer);
     threaded.open_stuck(stuck);
@@ -241,7 +244,10 @@ fn a_connection_that_says_no_hello_is_closed() {
     dispatcher.handle_timeout(wake.at);
     let code = CloseCode::HELLO_LATE.0;
     let to = Peer(1);
-    assert_eq!(dispatcher.poll_transmit(), Some(Transmit::Close { to, code }));
+    assert_eq!(
+        dispatcher.poll_transmit(),
+        Some(Transmit::Close { to, code })
+    );
     assert_eq!(dispatcher.poll_timeout(), None);
 }
 

@@ -42,8 +42,8 @@ impl CloseCode {
     pub const LIMIT: Self = Self(4);
     /// A critical extension is unknown.
     pub const EXTENSION: Self = Self(5);
-    /// The scene does not answer and is parked: it is lost, and its name is free again when its step has ended.
-    pub const SCENE_PARKED: Self = Self(6);
+    /// The scene does not answer and is quarantined: it is lost, and its name is free again when its step has ended.
+    pub const SCENE_QUARANTINED: Self = Self(6);
     /// The server, or a scene that a client comes back to, has no place now.
     pub const BUSY: Self = Self(7);
     /// The client sent no `Hello` in time.
@@ -79,7 +79,7 @@ impl fmt::Display for CloseCode {
             Self::VERSION => "no version in common",
             Self::LIMIT => "a limit of the protocol was exceeded",
             Self::EXTENSION => "an extension that must be known is not",
-            Self::SCENE_PARKED => "the scene does not answer and is parked",
+            Self::SCENE_QUARANTINED => "the scene does not answer and is quarantined",
             Self::BUSY => "there is no place now; a later attempt may find one",
             Self::HELLO_LATE => "no hello in time",
             Self::SCENE_RESTORING => "the scene is restored after its process ended",

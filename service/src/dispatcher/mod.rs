@@ -10,7 +10,6 @@ mod adapter;
 mod expiry;
 mod greeting;
 mod message;
-mod parked;
 mod priority;
 #[cfg(target_os = "linux")]
 mod process;
@@ -18,6 +17,7 @@ mod process;
 #[path = "no_process.rs"]
 mod process;
 mod process_over;
+mod quarantined;
 mod settings;
 mod start;
 mod stored;
@@ -41,9 +41,9 @@ use self::greeting::{Greeted, Greeting};
 use self::message::{
     FromWorker, ProcessId, ToProcess, WorkerId, WorkerInput, WorkerOutput, WorkerReport,
 };
-use self::parked::{Parked, Scope};
 use self::process::Processes;
 pub(crate) use self::process::{ProcessOptions, run_worker};
+use self::quarantined::{Quarantined, Scope};
 pub use self::settings::DispatcherSettings;
 use self::threads::Threads;
 use self::worker::{InlineWorker, ThreadWorker};
@@ -59,13 +59,13 @@ pub struct Dispatcher {
     workers: BTreeMap<WorkerId, Worker>,
     by_scope: BTreeMap<Scope, WorkerId>,
     next_worker: u32,
-    /// StepThreads on this thread that may have output.
+    /// Workers on this thread that may have output.
     fresh: BTreeSet<WorkerId>,
     out: VecDeque<Transmit>,
     threads: Option<Threads>,
     /// The worker processes, if scenes have them.
     processes: Option<Processes>,
-    watchdog: Parked,
+    watchdog: Quarantined,
     settings: DispatcherSettings,
 }
 
@@ -126,14 +126,17 @@ impl Dispatcher {
             out: VecDeque::new(),
             threads: None,
             processes: settings.processes.take().map(Processes::new),
-            watchdog: Parked::default(),
+            watchdog: Quarantined::default(),
             settings,
         }
     }
 
     /// A dispatcher with a thread for each scene, by the clock of the settings. `wake` is called when one of them has output,
     /// and must have the driver drain the dispatcher.
-    pub fn on_threads(settings: DispatcherSettings, wake: impl Fn() + Send + Sync + 'static) -> Self {
+    pub fn on_threads(
+        settings: DispatcherSettings,
+        wake: impl Fn() + Send + Sync + 'static,
+    ) -> Self {
         let mut dispatcher = Self::on_one_thread(settings);
         let clock = SharedClock::clone(&dispatcher.settings.scenes.clock);
         dispatcher.threads = Some(Threads::new(clock, wake));
@@ -303,7 +306,7 @@ impl Dispatcher {
     }
 
     fn absorb(&mut self, id: WorkerId, output: WorkerOutput) {
-        // A parked worker's late output concerns no connection.
+        // A quarantined worker's late output concerns no connection.
         let Some(worker) = self.workers.get_mut(&id) else {
             return;
         };

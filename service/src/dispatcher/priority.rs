@@ -28,7 +28,7 @@ pub(super) fn lower(id: &ThreadId) {
     // On Linux the call concerns the one thread.
     let lowered = rustix::process::setpriority_process(id.get().copied(), NICE);
     if let Err(cause) = lowered {
-        tracing::warn!(%cause, "cannot lower the priority of a parked thread");
+        tracing::warn!(%cause, "cannot lower the priority of a quarantined thread");
     }
 }
 

@@ -6,7 +6,7 @@
 use rhumb_protocol::session::CloseCode;
 
 use super::message::{FromProcess, FromWorker, ProcessId, WorkerId};
-use super::parked::Scope;
+use super::quarantined::Scope;
 use super::{Dispatcher, Place};
 use crate::durable::LogTail;
 

@@ -8,7 +8,7 @@ use rhumb_protocol::session::CloseCode;
 #[cfg(feature = "app")]
 use super::Adapter;
 use super::message::{WorkerId, WorkerInput};
-use super::parked::Scope;
+use super::quarantined::Scope;
 use super::worker::{InlineWorker, ThreadWorker};
 use super::{Dispatcher, Place, Worker};
 use crate::durable::LogTail;
@@ -17,14 +17,15 @@ impl Dispatcher {
     /// The worker of some scenes, started if there is none.
     pub(super) fn worker_of(&mut self, scope: Scope) -> Result<WorkerId, CloseCode> {
         if let Some(id) = self.by_scope.get(&scope) {
-            let parked = self.watchdog.is_parked(*id);
-            return if parked {
-                Err(CloseCode::SCENE_PARKED)
+            let quarantined = self.watchdog.is_quarantined(*id);
+            return if quarantined {
+                Err(CloseCode::SCENE_QUARANTINED)
             } else {
                 Ok(*id)
             };
         }
-        if self.watchdog.parked.len() as u64 >= self.settings.scenes.limits.parked_scenes {
+        if self.watchdog.quarantined.len() as u64 >= self.settings.scenes.limits.quarantined_scenes
+        {
             return Err(CloseCode::BUSY);
         }
         self.start_worker(scope, LogTail::Kept)

@@ -1,8 +1,8 @@
-//! StepThreads that do not answer: found, and parked.
+//! Workers that do not answer: found, and quarantined.
 //!
-//! A thread cannot be killed. A parked one is left to itself with the lowest priority; its clients are
+//! A thread cannot be killed. A quarantined one is left to itself with the lowest priority; its clients are
 //! closed, its scenes are lost, and their names are free again when it ends by itself. Invariant: at most
-//! `parked_scenes` threads are parked before new scenes are refused.
+//! `quarantined_scenes` threads are quarantined before new scenes are refused.
 
 use std::time::Duration;
 
@@ -12,7 +12,7 @@ use rhumb_protocol::{Instant, Span};
 use rhumb_scene::Heartbeat;
 
 use super::message::{FromWorker, WorkerId, WorkerReport};
-use super::parked::Scope;
+use super::quarantined::Scope;
 use super::{ADAPTER_SCENES, Dispatcher, Place, priority};
 use crate::flight::FlightCause;
 
@@ -36,7 +36,7 @@ impl Dispatcher {
         watches.then_some(self.watchdog.next)
     }
 
-    /// Parks the workers that have not answered for too long.
+    /// Quarantines the workers that have not answered for too long.
     pub(super) fn watch(&mut self, now: Instant) {
         if now < self.watchdog.next {
             return;
@@ -58,43 +58,43 @@ impl Dispatcher {
             });
         let stuck: Vec<WorkerId> = stuck.map(|(id, _)| *id).collect();
         for id in stuck {
-            self.park(id);
+            self.quarantine(id);
         }
     }
 
-    fn park(&mut self, id: WorkerId) {
-        self.close_connections_of(id, CloseCode::SCENE_PARKED);
+    fn quarantine(&mut self, id: WorkerId) {
+        self.close_connections_of(id, CloseCode::SCENE_QUARANTINED);
         let Some(worker) = self.workers.remove(&id) else {
             return;
         };
-        let is_parked = |name: &SceneName| match &worker.scope {
+        let is_quarantined = |name: &SceneName| match &worker.scope {
             Scope::Scene(scene) => name == scene,
             Scope::Adapter => name.as_str().starts_with(ADAPTER_SCENES),
         };
-        (self.settings.recorders.flights).write_where(is_parked, FlightCause::Parked);
+        (self.settings.recorders.flights).write_where(is_quarantined, FlightCause::Quarantined);
         if let Place::Thread(thread) = &worker.place {
             priority::lower(&thread.thread_id);
         }
-        self.watchdog.parked.insert(id, worker.scope.clone());
-        let parked = self.watchdog.parked.len();
-        self.settings.recorders.metrics.set_parked(parked);
-        tracing::error!(scope = ?worker.scope, worker = id.0, parked, "a scene does not answer and is parked");
+        self.watchdog.quarantined.insert(id, worker.scope.clone());
+        let quarantined = self.watchdog.quarantined.len();
+        self.settings.recorders.metrics.set_quarantined(quarantined);
+        tracing::error!(scope = ?worker.scope, worker = id.0, quarantined, "a scene does not answer and is quarantined");
     }
 
     /// The thread of a worker has ended: by itself if it is no worker any more, else by a panic.
     pub(super) fn note_over(&mut self, id: WorkerId) {
-        if let Some(scope) = self.watchdog.parked.remove(&id) {
-            tracing::warn!(?scope, worker = id.0, "a parked thread has ended");
+        if let Some(scope) = self.watchdog.quarantined.remove(&id) {
+            tracing::warn!(?scope, worker = id.0, "a quarantined thread has ended");
             self.by_scope.remove(&scope);
-            (self.settings.recorders.metrics).set_parked(self.watchdog.parked.len());
+            (self.settings.recorders.metrics).set_quarantined(self.watchdog.quarantined.len());
         }
         if self.workers.contains_key(&id) {
-            self.close_connections_of(id, CloseCode::SCENE_PARKED);
+            self.close_connections_of(id, CloseCode::SCENE_QUARANTINED);
             self.drop_worker(id);
         }
     }
 
-    /// Ends all workers; waits a little for the threads that are not parked, and for all processes.
+    /// Ends all workers; waits a little for the threads that are not quarantined, and for all processes.
     pub fn shut_down(&mut self) {
         let is_thread = |worker: &super::Worker| matches!(worker.place, Place::Thread(_));
         let of_threads = self.workers.iter();

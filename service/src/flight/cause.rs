@@ -11,10 +11,10 @@ pub(crate) enum FlightCause {
     EnginePanicked,
     /// The thread of the scene panicked.
     ThreadPanicked,
-    /// The scene did not answer the watchdog and is parked.
-    Parked,
+    /// The scene did not answer the watchdog and is quarantined.
+    Quarantined,
     /// The engine removed a body whose state was not finite.
-    Quarantine,
+    NotFinite,
     /// A checksum of a client's copy differs from that of the stream.
     ChecksumMismatch,
     /// The scene did not answer the watchdog, and its process was killed.
@@ -29,8 +29,8 @@ impl FlightCause {
         match self {
             Self::EnginePanicked => "engine-panicked",
             Self::ThreadPanicked => "thread-panicked",
-            Self::Parked => "parked",
-            Self::Quarantine => "quarantine",
+            Self::Quarantined => "quarantined",
+            Self::NotFinite => "not-finite",
             Self::ChecksumMismatch => "checksum-mismatch",
             Self::Killed => "killed",
             Self::ProcessEnded => "process-ended",
@@ -43,8 +43,8 @@ impl fmt::Display for FlightCause {
         f.write_str(match self {
             Self::EnginePanicked => "the physics engine panicked",
             Self::ThreadPanicked => "the thread of the scene panicked",
-            Self::Parked => "the scene did not answer and is parked",
-            Self::Quarantine => "a body's state was not finite",
+            Self::Quarantined => "the scene did not answer and is quarantined",
+            Self::NotFinite => "a body's state was not finite",
             Self::ChecksumMismatch => "a client's copy has another checksum than its stream",
             Self::Killed => "the scene did not answer and its process was killed",
             Self::ProcessEnded => "the process of the scene ended",

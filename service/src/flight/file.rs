@@ -83,7 +83,7 @@ mod tests {
         let head = FlightHead {
             server: "0.1.0".to_owned(),
             scene: "team/pit".to_owned(),
-            cause: FlightCause::Parked,
+            cause: FlightCause::Quarantined,
             written: 1_700_000_000,
             dropped: 3,
         };

@@ -264,7 +264,7 @@ impl Drop for FlightRecorder {
             return;
         };
         let mut rings = lock(&recorders.rings);
-        // A parked scene ends late: another one may have its name by then.
+        // A quarantined scene ends late: another one may have its name by then.
         if (rings.get(&self.name)).is_some_and(|now| Arc::ptr_eq(now, ring)) {
             rings.remove(&self.name);
         }

@@ -153,7 +153,7 @@ mod tests {
         FlightHead {
             server: String::new(),
             scene: "a/b".to_owned(),
-            cause: FlightCause::Parked,
+            cause: FlightCause::Quarantined,
             written,
             dropped: 0,
         }

@@ -16,9 +16,10 @@ impl Metrics {
         match request.path.as_str() {
             "/metrics" => HttpAnswer::ok(FIGURES, self.text()),
             "/health" if self.is_healthy() => HttpAnswer::ok(TEXT, "ok\n"),
-            "/health" => {
-                HttpAnswer::refusal(StatusCode::SERVICE_UNAVAILABLE, "the dispatcher does not answer")
-            }
+            "/health" => HttpAnswer::refusal(
+                StatusCode::SERVICE_UNAVAILABLE,
+                "the dispatcher does not answer",
+            ),
             _ => HttpAnswer::refusal(StatusCode::NOT_FOUND, "there are /metrics and /health"),
         }
     }

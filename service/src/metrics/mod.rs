@@ -33,7 +33,7 @@ pub(crate) struct Metrics(Arc<Figures>);
 struct Figures {
     connections: AtomicU64,
     opened: AtomicU64,
-    parked: AtomicU64,
+    quarantined: AtomicU64,
     workers: AtomicU64,
     worker_deaths: AtomicU64,
     /// Connections that the server closed, by code.
@@ -70,8 +70,8 @@ impl Metrics {
         self.0.connections.store(count as u64, Ordering::Relaxed);
     }
 
-    pub(crate) fn set_parked(&self, count: usize) {
-        self.0.parked.store(count as u64, Ordering::Relaxed);
+    pub(crate) fn set_quarantined(&self, count: usize) {
+        self.0.quarantined.store(count as u64, Ordering::Relaxed);
     }
 
     pub(crate) fn count_closed(&self, code: u32) {
@@ -130,10 +130,10 @@ impl Metrics {
                 read(&figures.opened),
             ),
             (
-                "rhumb_scenes_parked",
+                "rhumb_scenes_quarantined",
                 MetricKind::Gauge,
-                "Scenes that did not answer and are parked.",
-                read(&figures.parked),
+                "Scenes that did not answer and are quarantined.",
+                read(&figures.quarantined),
             ),
             (
                 "rhumb_workers",
@@ -245,12 +245,12 @@ mod tests {
     }
 
     #[test]
-    fn a_parked_scene_s_late_end_leaves_its_successor() {
+    fn a_quarantined_scene_s_late_end_leaves_its_successor() {
         let metrics = Metrics::default();
         let name = "pit".parse().unwrap();
-        let parked = metrics.begin_scene(&name);
+        let quarantined = metrics.begin_scene(&name);
         let _successor = metrics.begin_scene(&name);
-        drop(parked);
+        drop(quarantined);
         assert!(metrics.text().contains("rhumb_scenes 1\n"));
     }
 }

@@ -33,7 +33,7 @@ impl SceneMeters {
 
     fn end(&self, name: &SceneName, figures: &Arc<SceneFigures>) {
         let mut scenes = lock(&self.0);
-        // A parked scene ends late: another one may have its name by then.
+        // A quarantined scene ends late: another one may have its name by then.
         if scenes
             .get(name)
             .is_some_and(|now| Arc::ptr_eq(now, figures))

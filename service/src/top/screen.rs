@@ -178,7 +178,7 @@ mod tests {
 
     fn reading(seconds: u64, tick: u64, sent: u64) -> Reading {
         let text = format!(
-            "rhumb_connections 2\nrhumb_connections_total 5\nrhumb_scenes 2\nrhumb_scenes_parked 0\n\
+            "rhumb_connections 2\nrhumb_connections_total 5\nrhumb_scenes 2\nrhumb_scenes_quarantined 0\n\
              rhumb_load 500\nrhumb_load_limit 1000\nrhumb_scene_load_limit 800\nrhumb_closed_total{{code=\"18\"}} 3\n\
              rhumb_scene_tick{{scene=\"pit\"}} {tick}\nrhumb_scene_members{{scene=\"pit\"}} 2\n\
              rhumb_scene_bodies{{scene=\"pit\"}} 511\nrhumb_scene_bodies_awake{{scene=\"pit\"}} 40\n\

@@ -17,11 +17,11 @@ pub(super) fn summary(now: &Reading) -> String {
     let restored: f64 = sum(now, "restorations_total");
     let faulted: f64 = sum(now, "faulted");
     format!(
-        "{health}, {}, {} so far, {}, {} parked, {} faulted, {}, load {} %",
+        "{health}, {}, {} so far, {}, {} quarantined, {} faulted, {}, load {} %",
         count(now.value("rhumb_connections"), "connection"),
         number(now.value("rhumb_connections_total"), 0),
         count(now.value("rhumb_scenes"), "scene"),
-        number(now.value("rhumb_scenes_parked"), 0),
+        number(now.value("rhumb_scenes_quarantined"), 0),
         number(Some(faulted), 0),
         count(Some(restored), "restoration"),
         percent(load),

@@ -268,7 +268,7 @@ fn codes_are_the_same_in_code_and_table() {
         ("VERSION", CloseCode::VERSION),
         ("LIMIT", CloseCode::LIMIT),
         ("EXTENSION", CloseCode::EXTENSION),
-        ("SCENE_PARKED", CloseCode::SCENE_PARKED),
+        ("SCENE_QUARANTINED", CloseCode::SCENE_QUARANTINED),
         ("BUSY", CloseCode::BUSY),
         ("HELLO_LATE", CloseCode::HELLO_LATE),
         ("SCENE_RESTORING", CloseCode::SCENE_RESTORING),

@@ -85,11 +85,11 @@ fn a_step_that_does_not_end_stops_neither_other_scenes_nor_figures_nor_sigterm()
         if let Err(error) = attacker.idle(Duration::from_millis(1)) {
             break error;
         }
-        assert!(Instant::now() < until, "the scene was not parked");
+        assert!(Instant::now() < until, "the scene was not quarantined");
     };
-    let parked = Ending::Closed(CloseCode::SCENE_PARKED.0);
+    let quarantined = Ending::Closed(CloseCode::SCENE_QUARANTINED.0);
     assert!(
-        matches!(ended, ClientError::Ended(ending) if ending == parked),
+        matches!(ended, ClientError::Ended(ending) if ending == quarantined),
         "{ended}"
     );
     let mut joiner = join(&server, "another", Stepping::Lockstep);
@@ -98,7 +98,7 @@ fn a_step_that_does_not_end_stops_neither_other_scenes_nor_figures_nor_sigterm()
     assert!(requested(&metrics, "/other").starts_with("HTTP/1.1 404"));
     let figures = requested(&metrics, "/metrics");
     for line in [
-        "rhumb_scenes_parked 1",
+        "rhumb_scenes_quarantined 1",
         "rhumb_closed_total{code=\"6\"} 1",
         "rhumb_scene_tick{scene=\"another\"} 10",
         "rhumb_scene_members{scene=\"victim\"} 1",
@@ -116,7 +116,7 @@ fn a_step_that_does_not_end_stops_neither_other_scenes_nor_figures_nor_sigterm()
     assert_flight_ends_in_a_step(&flights);
 }
 
-/// The flight recorder of the parked scene names the cause, the commands, and the step that did not end.
+/// The flight recorder of the quarantined scene names the cause, the commands, and the step that did not end.
 fn assert_flight_ends_in_a_step(flights: &Path) {
     let files: Vec<PathBuf> = std::fs::read_dir(flights)
         .expect("the server made the directory")
@@ -129,7 +129,10 @@ fn assert_flight_ends_in_a_step(flights: &Path) {
     assert_eq!(printed.code, Some(0), "{}", printed.log);
     let lines: Vec<&str> = printed.out.lines().collect();
     assert_eq!(lines[0], "scene attacked");
-    assert_eq!(lines[1], "cause the scene did not answer and is parked");
+    assert_eq!(
+        lines[1],
+        "cause the scene did not answer and is quarantined"
+    );
     assert!(lines.iter().any(|line| line.contains("AddBody")));
     let last_step = lines
         .iter()

@@ -35,7 +35,7 @@ fn a_table_shows_the_scenes_of_a_running_server() {
     assert_eq!(shown.code, Some(0), "{}", shown.log);
     let lines: Vec<_> = shown.out.lines().collect();
     assert!(
-        lines[0].contains(": healthy, 1 connection, 1 so far, 1 scene, 0 parked"),
+        lines[0].contains(": healthy, 1 connection, 1 so far, 1 scene, 0 quarantined"),
         "{}",
         shown.out
     );

@@ -201,7 +201,7 @@ fn a_step_that_does_not_end_ends_its_process_and_no_other() {
     for line in [
         "rhumb_worker_deaths_total 1",
         "rhumb_workers 2",
-        "rhumb_scenes_parked 0",
+        "rhumb_scenes_quarantined 0",
         "rhumb_scene_members{scene=\"victim/1\"} 1",
         "rhumb_scene_tick{scene=\"attacker/1\"} 10",
     ] {
@@ -408,9 +408,9 @@ fn a_tenant_whose_process_dies_again_and_again_is_refused() {
     let refused = connection
         .and_then(|connection| connection.join("frail/1"))
         .err();
-    let parked = Ending::Closed(CloseCode::SCENE_PARKED.0);
+    let quarantined = Ending::Closed(CloseCode::SCENE_QUARANTINED.0);
     assert!(
-        matches!(refused, Some(OpenError::Client(ClientError::Ended(ending))) if ending == parked),
+        matches!(refused, Some(OpenError::Client(ClientError::Ended(ending))) if ending == quarantined),
         "{refused:?}"
     );
     advance(&mut join(&server, "other/1", Stepping::Lockstep), 5);

@@ -84,7 +84,7 @@ struct WorkerProcess {
     threads: WorkerThreads,
     workers: BTreeMap<WorkerId, ThreadWorker>,
     life: Life,
-    /// StepThreads whose threads have ended.
+    /// Workers whose threads have ended.
     over: Receiver<WorkerId>,
     /// Records the scenes; it ends after the workers.
     #[cfg(feature = "record")]

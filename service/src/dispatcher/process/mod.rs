@@ -108,7 +108,7 @@ impl Processes {
         let now = (threads.workers.clock)();
         let limits = &settings.scenes.limits;
         if self.deaths.count(now, &tenant) > limits.worker_restarts {
-            return Err(CloseCode::SCENE_PARKED);
+            return Err(CloseCode::SCENE_QUARANTINED);
         }
         let setup = WorkerSetup {
             dispatcher: std::process::id(),

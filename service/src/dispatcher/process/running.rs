@@ -135,7 +135,11 @@ impl RunningProcess {
 
 impl RunningProcess {
     /// Shows the figures of the process's scenes.
-    pub(super) fn show(&mut self, figures: &[(SceneName, SceneValues)], settings: &DispatcherSettings) {
+    pub(super) fn show(
+        &mut self,
+        figures: &[(SceneName, SceneValues)],
+        settings: &DispatcherSettings,
+    ) {
         let is_gone = |scene: &SceneName| figures.iter().all(|(name, _)| name != scene);
         let shown = self.meters.keys().cloned();
         for scene in shown.filter(is_gone).collect::<Vec<_>>() {

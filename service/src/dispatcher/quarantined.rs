@@ -1,4 +1,4 @@
-//! The parked workers and the names of their scenes.
+//! The quarantined workers and the names of their scenes.
 
 use std::collections::BTreeMap;
 
@@ -24,15 +24,15 @@ impl Scope {
     }
 }
 
-/// The parked workers, and the next look.
+/// The quarantined workers, and the next look.
 #[derive(Default)]
-pub(super) struct Parked {
-    pub(super) parked: BTreeMap<WorkerId, Scope>,
+pub(super) struct Quarantined {
+    pub(super) quarantined: BTreeMap<WorkerId, Scope>,
     pub(super) next: Instant,
 }
 
-impl Parked {
-    pub(super) fn is_parked(&self, id: WorkerId) -> bool {
-        self.parked.contains_key(&id)
+impl Quarantined {
+    pub(super) fn is_quarantined(&self, id: WorkerId) -> bool {
+        self.quarantined.contains_key(&id)
     }
 }
