@@ -16,7 +16,7 @@ use rhumb_link::{
     ClientTransport, Clock, HeldBack, Inbox, Received, TransportCode, WireStatistics,
 };
 use rhumb_protocol::{Ending, Endpoint, Peer, Span, Transmit};
-use rhumb_scene::{SceneSettings, ServerLoop};
+use rhumb_scene::{SceneSettings, SceneRouter};
 
 use crate::client::Client;
 use crate::server_connection::ServerConnection;
@@ -62,7 +62,7 @@ impl LocalServer {
 
     /// As [`Self::new`], with hooks, limits and threads of the engine as these scenes have them.
     #[must_use]
-    pub fn of(scenes: ServerLoop) -> Self {
+    pub fn of(scenes: SceneRouter) -> Self {
         let driver = Driver::new(scenes, Clock::start());
         Self::at(Host::Caller(Arc::new(Mutex::new(driver))))
     }
@@ -72,7 +72,7 @@ impl LocalServer {
     /// # Errors
     ///
     /// The system's, if the thread cannot start.
-    pub fn spawn_of(scenes: ServerLoop) -> io::Result<Self> {
+    pub fn spawn_of(scenes: SceneRouter) -> io::Result<Self> {
         let (sender, inputs) = channel();
         let mut driver = Driver::new(scenes, Clock::start());
         thread::Builder::new()
@@ -129,9 +129,9 @@ impl Default for LocalServer {
     }
 }
 
-fn scenes() -> ServerLoop {
+fn scenes() -> SceneRouter {
     let stopwatch = Clock::start();
-    ServerLoop::new(SceneSettings::new(move || stopwatch.now()))
+    SceneRouter::new(SceneSettings::new(move || stopwatch.now()))
 }
 
 /// Runs a server until its last client is gone.
@@ -315,7 +315,7 @@ impl LocalInput {
 
 /// A server, and the inboxes of its clients.
 struct Driver {
-    server: ServerLoop,
+    server: SceneRouter,
     clock: Clock,
     clients: BTreeMap<Peer, LocalClient>,
     held_back: HeldBack<Bytes>,
@@ -358,7 +358,7 @@ impl LocalClient {
 }
 
 impl Driver {
-    fn new(server: ServerLoop, clock: Clock) -> Self {
+    fn new(server: SceneRouter, clock: Clock) -> Self {
         Self {
             server,
             clock,

@@ -15,7 +15,7 @@ use rhumb_client::{
     BodyId, Client, ClientError, Denial, ErrorBound, Event, JoinMode, JoinOptions, LocalServer,
     Metres, Misuse, PipelineDepth, Refusals, RenderTime, StreamChoice, Tick, Tolerance,
 };
-use rhumb_scene::{Hook, Hooks, Instant, Scene, SceneSettings, ServerLoop};
+use rhumb_scene::{Hook, Hooks, Instant, Scene, SceneSettings, SceneRouter};
 use rhumb_sims::by_name;
 
 /// Both ways to run a server.
@@ -51,8 +51,8 @@ fn digest_alone(config: SceneConfig, commands: &[Vec<Command>]) -> u64 {
 }
 
 /// Scenes with these hooks.
-fn scenes_with(hooks: Hooks) -> ServerLoop {
-    ServerLoop::new(SceneSettings {
+fn scenes_with(hooks: Hooks) -> SceneRouter {
+    SceneRouter::new(SceneSettings {
         hooks: Some(hooks),
         ..SceneSettings::new(|| Instant::ZERO)
     })

@@ -17,7 +17,7 @@ use crate::engine::{BakedShape, Baker, UnusableShape};
 
 /// The predicted time from which on a solid is made beside the steps, microseconds: a sixteenth of a tick at 60 Hz.
 const HEAVY_US: u64 = 1_000;
-/// Solids of one server loop that are made at one time.
+/// Solids of one scene that are made at one time.
 const RUNNING_MAX: usize = 2;
 /// Solids of a scene that wait for their commands: those of clients that are gone give way.
 const WAITING_MAX: usize = 8;
@@ -88,7 +88,7 @@ impl fmt::Debug for Bakers {
     }
 }
 
-/// The solids that a server loop has made.
+/// The solids that a scene has made.
 pub(crate) struct Bakery {
     bakers: Bakers,
     /// Jobs that have not ended, also those that are not waited for any more.

@@ -77,8 +77,6 @@ pub trait SceneStore: Send + Sync {
 
 /// A scene that continues where its log ends.
 pub struct RestoredScene {
-    /// Its name.
-    pub name: SceneName,
     /// Its bodies.
     pub scene: Scene,
     /// Sessions of its clients.

@@ -1,8 +1,9 @@
 //! A scene: an engine behind a trait, bodies, members, streams.
 //!
-//! What an integrator embeds. [`ServerLoop`] is sans-IO: it has no sockets, threads, files or clock. A driver hands it what
-//! clients send, and moments; it says what to transmit, and when it wants to be called again ([`Endpoint`]). In one
-//! process the crate `rhumb-client` drives it, and `rhumb-server` over a network.
+//! What an integrator embeds. A [`SceneLoop`] is one scene with its clients, and a [`SceneRouter`] any number of them. They
+//! are sans-IO: they have no sockets, threads, files or clock. A driver hands them what clients send, and moments; they say
+//! what to transmit, and when to call them again ([`Endpoint`]). In one process the crate `rhumb-client` drives them, and
+//! `rhumb-server` over a network.
 //!
 //! Only `engine::rapier` uses the engine's types. Invariants: a refused command changes nothing; a state that is not finite
 //! never leaves the engine.
@@ -45,9 +46,9 @@ mod baking;
 mod body_placement;
 mod command_log;
 mod digest;
-mod empty_scenes;
 pub mod engine;
 mod event_monitor;
+mod greeting;
 mod heartbeat;
 mod hook;
 mod id_ranges;
@@ -63,10 +64,11 @@ mod record;
 mod registry;
 mod rights;
 mod rollback;
+mod router;
 mod scene;
 mod scene_connection;
+mod scene_loop;
 mod scene_runner;
-mod server_loop;
 mod sessions;
 mod settings;
 mod snapshot;
@@ -83,6 +85,7 @@ pub use digest::Digest;
 pub use engine::{StepThreads, StepThreadsError};
 pub use event_monitor::StepEvents;
 pub use glam;
+pub use greeting::{Greeted, Greeting};
 pub use heartbeat::Heartbeat;
 pub use hook::{Hook, HookError, Hooks};
 pub use journal::{Batch, Journal};
@@ -99,9 +102,10 @@ pub use rhumb_protocol::stream::{Activity, Observation, SubscriberStatistics};
 pub use rhumb_protocol::{Instant, Peer, Span};
 pub use rhumb_reckoning::{BodyId, BodyState, Inertia, Metres, Tick, Tolerance};
 pub use rights::{ClientName, Ownership, Permit, Quotas, decode_client_of, encode_client_of};
+pub use router::SceneRouter;
 pub use scene::{FrozenScene, Scene, SceneFault, Stepped};
 #[doc(hidden)]
-pub use server_loop::OwnedScene;
-pub use server_loop::ServerLoop;
+pub use scene_loop::OwnedScene;
+pub use scene_loop::SceneLoop;
 pub use sessions::{ResumableSession, Sessions};
 pub use settings::{SceneSettings, SharedClock};

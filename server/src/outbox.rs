@@ -120,6 +120,11 @@ impl Outbox {
         self.lanes.insert(peer, lane);
     }
 
+    /// True if it has no connections.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.lanes.is_empty()
+    }
+
     pub(crate) fn forget(&mut self, peer: Peer) {
         self.lanes.remove(&peer);
         self.sendable.remove(&peer);

@@ -1,17 +1,17 @@
-//! The server loop's state of one connection.
+//! The state of one connection in the loop of its scene.
 
 use std::sync::Arc;
 
 use rhumb_protocol::message::{ClientMessage, SessionRequest};
-use rhumb_protocol::scene::SceneName;
 
 use crate::baking::Bake;
 use crate::rights::Permit;
 
-/// A connection: its scene, its rights, and its membership.
+/// A connection: its rights, and its membership.
 #[derive(Debug)]
 pub(crate) struct SceneConnection {
-    pub(crate) scene: Option<SceneName>,
+    /// True once its client has said hello.
+    pub(crate) is_greeted: bool,
     /// True if its client is a member of the scene.
     pub(crate) member: bool,
     pub(crate) permit: Arc<Permit>,
@@ -27,7 +27,7 @@ impl Default for SceneConnection {
     /// A connection that may do everything.
     fn default() -> Self {
         Self {
-            scene: None,
+            is_greeted: false,
             member: false,
             permit: Arc::new(Permit::OPEN),
             held: None,

@@ -1,6 +1,6 @@
 //! One scene with its members: applies commands, steps, publishes.
 //!
-//! Neither sockets nor threads: the server loop feeds it requests and moments. Order of a tick: commands, step,
+//! Neither sockets nor threads: the loop of the scene feeds it requests and moments. Order of a tick: commands, step,
 //! observe, send.
 
 mod access;

@@ -17,13 +17,13 @@ use rhumb_protocol::stream::Observation;
 use rhumb_protocol::{Instant, Peer, Span};
 use rhumb_reckoning::BodyId;
 use rhumb_scene::engine;
-use rhumb_scene::{OwnedScene, ServerLoop};
+use rhumb_scene::{OwnedScene, SceneRouter};
 
 use crate::dispatcher::AdapterQueue;
 use crate::serve::Server;
 
-/// The scenes of a server loop, for APP clients.
-pub struct AppScenes<'a>(pub &'a mut ServerLoop);
+/// The scenes of a router, for APP clients.
+pub struct AppScenes<'a>(pub &'a mut SceneRouter);
 
 /// A scene under the commands of its owner.
 struct Owned<'a>(OwnedScene<'a>);
@@ -44,8 +44,8 @@ impl Server {
         let mut listener = AppListener::open(listen, move || waker.wake())?;
         let address = listener.address();
         let mut clients = AppServer::new(options);
-        self.serve_also(queue.into_adapter(move |server_loop| {
-            listener.serve(&mut clients, &mut AppScenes(server_loop));
+        self.serve_also(queue.into_adapter(move |router| {
+            listener.serve(&mut clients, &mut AppScenes(router));
         }));
         Ok(address)
     }

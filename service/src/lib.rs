@@ -77,7 +77,7 @@ pub use rhumb_scene::{
     Activity, BakeJob, Bakers, BodyDesc, BodyId, BodyKind, BodyState, Command, CommandError,
     Digest, Hook, HookError, Hooks, IdRange, Inertia, Instant, Invalid, InvalidLimit, Joints,
     Limits, Metres, Observation, Peer, ProvidedScene, ProvidedScenes, RemovalCause, Scene,
-    SceneConfig, SceneFault, SceneName, SceneScript, SceneSettings, ServerLoop, Shape, ShapeId,
+    SceneConfig, SceneFault, SceneName, SceneRouter, SceneScript, SceneSettings, Shape, ShapeId,
     Span, StepEvents, StepThreads, StepThreadsError, Stepped, SubscriberStatistics, Tick,
     Tolerance, UpstreamStatistics, engine, glam,
 };

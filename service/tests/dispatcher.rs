@@ -1,4 +1,4 @@
-//! A scene that does not answer stops neither the other scenes nor the dispatcher.
+//! A scene that does not answer stops neither others nor the dispatcher.
 //!
 //! A hook that does not return stands for a step that does not end. Threads are real, and their clock is the test's, so
 //! that a silence of two seconds takes no time. Waiting is for an output, with a time limit.
@@ -15,7 +15,7 @@ use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_reckoning::{Tick, Tolerance};
 use rhumb_server::{
-    Dispatcher, DispatcherSettings, Hook, Hooks, Limits, SceneSettings, ServerLoop,
+    Dispatcher, DispatcherSettings, Hook, Hooks, Limits, SceneRouter, SceneSettings,
 };
 
 /// Longer than any step of these tests; reached only by a failure.
@@ -270,7 +270,7 @@ fn transmits_of(endpoint: &mut dyn Endpoint) -> Vec<Transmit> {
 
 #[test]
 fn a_dispatcher_on_one_thread_changes_no_bit() {
-    let plain = transmits_of(&mut ServerLoop::new(SceneSettings::new(|| Instant::ZERO)));
+    let plain = transmits_of(&mut SceneRouter::new(SceneSettings::new(|| Instant::ZERO)));
     let mut dispatcher = Dispatcher::on_one_thread(DispatcherSettings::new(|| Instant::ZERO));
     assert!(plain.len() >= 4, "an answer, and three ticks");
     assert_eq!(transmits_of(&mut dispatcher), plain);

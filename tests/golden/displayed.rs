@@ -6,14 +6,14 @@ use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::session::{ClientSession, Replica};
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::Tolerance;
-use rhumb_scene::{SceneSettings, ServerLoop, StepThreads};
+use rhumb_scene::{SceneRouter, SceneSettings, StepThreads};
 use rhumb_sims::by_name;
 
 /// Longer than any answer takes over a perfect link.
 const ANSWERED: Span = Span::from_millis(10);
 
 /// The members of one scene: the first commands it, the others follow.
-struct Members(SimNetwork<ServerLoop, ClientSession>);
+struct Members(SimNetwork<SceneRouter, ClientSession>);
 
 impl Members {
     /// Makes a call of a member and waits for the answer.
@@ -68,7 +68,7 @@ pub(crate) fn displayed_digests(
     threads: StepThreads,
 ) -> Vec<u64> {
     let mut script = by_name(scene, 60, 1).expect("an existing script");
-    let server = ServerLoop::new(SceneSettings {
+    let server = SceneRouter::new(SceneSettings {
         threads,
         ..SceneSettings::new(|| Instant::ZERO)
     });

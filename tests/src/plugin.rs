@@ -1,7 +1,7 @@
 //! Recordings of OpenSimulator's plug-in, played to a server without sockets.
 //!
 //! The recordings in `data/app/` are all bytes that the unmodified plug-in wrote on TCP in a session; its one datagram
-//! is a copy of its first message. `PluginSession` plays them to a server loop and keeps the answers, message by
+//! is a copy of its first message. `PluginSession` plays them to a router of scenes and keeps the answers, message by
 //! message, after checking that none would break the plug-in.
 
 use std::collections::BTreeMap;
@@ -13,7 +13,7 @@ use rhumb_app::{
     Logon, Message, MessageFraming, Motion, SetWorld, Surface,
 };
 use rhumb_protocol::{Instant, Peer};
-use rhumb_scene::{SceneSettings, ServerLoop};
+use rhumb_scene::{SceneRouter, SceneSettings};
 use rhumb_server::AppScenes;
 
 /// The messages of the plug-in in one session.
@@ -89,7 +89,7 @@ impl Recording {
 /// A server with its APP clients, without sockets.
 pub struct PluginServer {
     /// The scenes.
-    pub server_loop: ServerLoop,
+    pub router: SceneRouter,
     clients: AppServer,
 }
 
@@ -104,7 +104,7 @@ impl PluginServer {
     #[must_use]
     pub fn with(options: AppOptions, settings: SceneSettings) -> Self {
         Self {
-            server_loop: ServerLoop::new(settings),
+            router: SceneRouter::new(settings),
             clients: AppServer::new(options),
         }
     }
@@ -159,7 +159,7 @@ impl PluginSession {
 
     /// Sends bytes, and receives the server's answers.
     pub fn send(&mut self, server: &mut PluginServer, bytes: &[u8]) {
-        let mut scenes = AppScenes(&mut server.server_loop);
+        let mut scenes = AppScenes(&mut server.router);
         (server.clients).handle_bytes(&mut scenes, self.peer, bytes, self.waiting_bytes);
         let mut others = [];
         deliver(server, self, &mut others);
@@ -167,7 +167,7 @@ impl PluginSession {
 
     /// Ends the connection.
     pub fn end(&self, server: &mut PluginServer) {
-        let mut scenes = AppScenes(&mut server.server_loop);
+        let mut scenes = AppScenes(&mut server.router);
         server.clients.handle_ended(&mut scenes, self.peer);
     }
 

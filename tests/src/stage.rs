@@ -9,7 +9,7 @@ use rhumb_protocol::scene::{Command, SceneConfig, Stepping};
 use rhumb_protocol::session::{ClientSession, Replica};
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::Tick;
-use rhumb_scene::{SceneSettings, ServerLoop};
+use rhumb_scene::{SceneRouter, SceneSettings};
 use rhumb_sims::Script;
 
 use crate::observation_history::ObservationHistory;
@@ -28,7 +28,7 @@ const ANSWER_TIME_LIMIT: Span = Span::from_millis(600_000);
 /// A scene with its members.
 pub struct Stage {
     /// The network, for operations without a method here.
-    pub network: SimNetwork<ServerLoop, ClientSession>,
+    pub network: SimNetwork<SceneRouter, ClientSession>,
     /// The history of each member.
     pub histories: Vec<ObservationHistory>,
     config: SceneConfig,
@@ -65,7 +65,7 @@ impl Stage {
     ) -> Self {
         let mut stage = Self {
             network: SimNetwork::new(
-                ServerLoop::new(SceneSettings::new(|| Instant::ZERO)),
+                SceneRouter::new(SceneSettings::new(|| Instant::ZERO)),
                 links,
                 seed,
             ),

@@ -10,7 +10,7 @@ use rhumb_protocol::scene::SceneConfig;
 use rhumb_protocol::session::{ClientSession, CloseCode};
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_scene::engine::Engines;
-use rhumb_scene::{Hooks, Limits, ProvidedScenes, SceneSettings, ServerLoop};
+use rhumb_scene::{Hooks, Limits, ProvidedScenes, SceneRouter, SceneSettings};
 
 /// One unit of data between the server and a client.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -46,7 +46,7 @@ impl LossFilter {
 
 /// A server with its clients.
 pub struct Table {
-    server: ServerLoop,
+    server: SceneRouter,
     now: Instant,
     /// Real sessions by their peer.
     sessions: BTreeMap<Peer, ClientSession>,
@@ -75,7 +75,7 @@ impl Default for Table {
 impl Table {
     fn with(settings: SceneSettings) -> Self {
         Self {
-            server: ServerLoop::new(settings),
+            server: SceneRouter::new(settings),
             now: Instant::ZERO,
             sessions: BTreeMap::new(),
             inbox: BTreeMap::new(),

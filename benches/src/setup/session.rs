@@ -15,7 +15,7 @@ use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, SceneConfig, Shape, Sha
 use rhumb_protocol::session::{ClientSession, Event};
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::{BodyId, BodyState};
-use rhumb_scene::{Limits, SceneSettings, ServerLoop};
+use rhumb_scene::{Limits, SceneRouter, SceneSettings};
 
 /// Name of every scene here.
 const SCENE: &str = "bench";
@@ -28,7 +28,7 @@ const APART: f32 = 3.0;
 
 /// A free-running scene of one ball, and members that receive its state at every tick.
 pub struct HandOverLoad {
-    network: SimNetwork<ServerLoop, ClientSession>,
+    network: SimNetwork<SceneRouter, ClientSession>,
 }
 
 impl HandOverLoad {
@@ -43,7 +43,7 @@ impl HandOverLoad {
             members_per_scene: members as u64,
             ..Limits::default()
         };
-        let scenes = ServerLoop::new(SceneSettings {
+        let scenes = SceneRouter::new(SceneSettings {
             limits,
             ..SceneSettings::new(|| Instant::ZERO)
         });

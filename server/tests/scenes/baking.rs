@@ -16,7 +16,7 @@ use rhumb_protocol::scene::{
 };
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance};
-use rhumb_scene::{BakeJob, Bakers, Scene, SceneSettings, ServerLoop};
+use rhumb_scene::{BakeJob, Bakers, Scene, SceneRouter, SceneSettings};
 
 const OWNER: Peer = Peer(1);
 const OTHER: Peer = Peer(2);
@@ -24,7 +24,7 @@ const THIRD: Peer = Peer(3);
 
 /// A server whose solids are made when the test says so.
 struct Bench {
-    server: ServerLoop,
+    server: SceneRouter,
     now: Instant,
     jobs: Arc<Mutex<Vec<BakeJob>>>,
     received: BTreeMap<Peer, (Frames, Vec<ServerMessage>)>,
@@ -37,7 +37,7 @@ impl Bench {
         let bakers = Bakers::new(move |job| {
             taken.lock().expect("no test panics here").push(job);
         });
-        let server = ServerLoop::new(SceneSettings {
+        let server = SceneRouter::new(SceneSettings {
             bakers,
             ..SceneSettings::new(|| Instant::ZERO)
         });

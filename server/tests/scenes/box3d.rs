@@ -14,7 +14,7 @@ use rhumb_protocol::session::{ClientSession, Event};
 use rhumb_protocol::{Endpoint, Instant, Peer, Transmit};
 use rhumb_reckoning::{BodyId, BodyState, Divergence, Tick, Tolerance};
 use rhumb_scene::engine::{Box3dEngine, EngineKind, Engines};
-use rhumb_scene::{Activity, Scene, SceneSettings, ServerLoop};
+use rhumb_scene::{Activity, Scene, SceneRouter, SceneSettings};
 use rhumb_sims::{BallPit, Script};
 
 const VALID: &str = "the test makes it valid";
@@ -311,7 +311,7 @@ fn queries_contacts_and_sensors_find_bodies() {
 
 /// A server, a session that commands the pit, and one that has the truth.
 struct Served {
-    server: ServerLoop,
+    server: SceneRouter,
     sessions: Vec<ClientSession>,
     /// Of all packets to the first session.
     bytes: u64,
@@ -319,7 +319,7 @@ struct Served {
 
 impl Served {
     fn new(kind: EngineKind) -> Self {
-        let server = ServerLoop::new(SceneSettings {
+        let server = SceneRouter::new(SceneSettings {
             engines: Engines::of(kind),
             ..SceneSettings::new(|| Instant::ZERO)
         });

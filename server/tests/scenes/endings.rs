@@ -1,6 +1,6 @@
 //! The scene continues, or ends, when a connection ends.
 //!
-//! Proved on a server loop without sockets. Caught: unread messages of a connection that had ended were handled without
+//! Proved on a router of scenes without sockets. Caught: unread messages of a connection that had ended were handled without
 //! any limit, thousands of joins among them; a client that came back was counted beside its own old connection
 //! and lost its session; a provided scene that no client joined never ended.
 

@@ -1,4 +1,4 @@
-//! A server loop without sockets, and the links of its clients.
+//! A router of scenes without sockets, and the links of its clients.
 //!
 //! A link takes bytes when a test says so, as a driver reports what real links take.
 
@@ -11,11 +11,11 @@ use rhumb_protocol::message::{
 use rhumb_protocol::scene::{CommandError, IdRange, SceneConfig, Stepping};
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_reckoning::Tolerance;
-use rhumb_scene::{Limits, SceneSettings, ServerLoop};
+use rhumb_scene::{Limits, SceneRouter, SceneSettings};
 
-/// A server loop, and the links of its connections.
+/// A router of scenes, and the links of its connections.
 pub(crate) struct Links {
-    pub(crate) server: ServerLoop,
+    pub(crate) server: SceneRouter,
     pub(crate) now: Instant,
     pub(crate) links: BTreeMap<Peer, Link>,
 }
@@ -65,7 +65,7 @@ impl Links {
 
     pub(crate) fn with(settings: SceneSettings) -> Self {
         Self {
-            server: ServerLoop::new(settings),
+            server: SceneRouter::new(settings),
             now: Instant::ZERO,
             links: BTreeMap::new(),
         }

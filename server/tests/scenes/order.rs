@@ -1,6 +1,6 @@
 //! Commands act in the order of sending: a command after an advance, after it.
 //!
-//! Proved on a server loop without sockets that receives all messages in one read, as from a pipelined client.
+//! Proved on a router of scenes without sockets that receives all messages in one read, as from a pipelined client.
 
 use glam::Vec3;
 use rhumb_protocol::message::{
@@ -12,7 +12,7 @@ use rhumb_protocol::scene::{
 };
 use rhumb_protocol::{Endpoint, Instant, Peer, Transmit};
 use rhumb_reckoning::{BodyState, Tick, Tolerance};
-use rhumb_scene::{SceneSettings, ServerLoop};
+use rhumb_scene::{SceneRouter, SceneSettings};
 
 const CLIENT: Peer = Peer(1);
 
@@ -46,15 +46,15 @@ fn conversation(messages: &[ClientMessage]) -> Vec<ServerMessage> {
 
 /// Feeds bytes in one read and runs until nothing is due; returns the messages on the control stream.
 fn replies_to(bytes: &[u8]) -> Vec<ServerMessage> {
-    let mut server_loop = ServerLoop::new(SceneSettings::new(|| Instant::ZERO));
+    let mut router = SceneRouter::new(SceneSettings::new(|| Instant::ZERO));
     let now = Instant::ZERO;
-    server_loop.handle_opened(now, CLIENT);
-    server_loop.handle_control(now, CLIENT, bytes);
-    while server_loop.poll_timeout().is_some() {
-        server_loop.handle_timeout(now);
+    router.handle_opened(now, CLIENT);
+    router.handle_control(now, CLIENT, bytes);
+    while router.poll_timeout().is_some() {
+        router.handle_timeout(now);
     }
     let mut frames = Frames::new();
-    while let Some(transmit) = server_loop.poll_transmit() {
+    while let Some(transmit) = router.poll_transmit() {
         if let Transmit::Control { bytes, .. } = transmit {
             frames.push(&bytes);
         }

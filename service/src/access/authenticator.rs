@@ -24,7 +24,7 @@ pub(crate) enum Authenticator {
 
 /// The admission of one connection.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Admission {
+pub(crate) struct Admitted {
     pub(crate) permit: Arc<Permit>,
     /// For how long; `None` without an end.
     pub(crate) valid_for: Option<Span>,
@@ -39,9 +39,9 @@ impl Authenticator {
         &self,
         token: Option<&[u8]>,
         scene: &SceneName,
-    ) -> Result<Admission, TokenError> {
+    ) -> Result<Admitted, TokenError> {
         let Self::Tokens { keys, clock } = self else {
-            return Ok(Admission {
+            return Ok(Admitted {
                 permit: Arc::new(Permit::OPEN),
                 valid_for: None,
             });
@@ -49,7 +49,7 @@ impl Authenticator {
         let token = token.ok_or(TokenError::Absent)?;
         let claims = keys.verify(token)?;
         let (permit, seconds) = claims.permit(&keys.audience, scene, clock())?;
-        Ok(Admission {
+        Ok(Admitted {
             permit: Arc::new(permit),
             valid_for: Some(Span::from_millis(seconds.min(SECONDS_MAX) * 1_000)),
         })

@@ -4,7 +4,7 @@
 
 use std::sync::mpsc::{Receiver, Sender, channel};
 
-use rhumb_scene::ServerLoop;
+use rhumb_scene::SceneRouter;
 
 use super::message::WorkerInput;
 use super::worker::ServeOthers;
@@ -41,7 +41,7 @@ impl AdapterQueue {
     /// The adapter whose worker calls `serve`.
     pub(crate) fn into_adapter(
         self,
-        serve: impl FnMut(&mut ServerLoop) + Send + 'static,
+        serve: impl FnMut(&mut SceneRouter) + Send + 'static,
     ) -> Adapter {
         let Self { sender, inputs } = self;
         Adapter {

@@ -1,4 +1,4 @@
-//! Messages between the dispatcher and a scene worker, or a process of several.
+//! Messages between the dispatcher and a worker, or a process of several.
 //!
 //! Plain data: numbers, names and bytes, and nothing of the engine or of a session.
 
@@ -7,7 +7,7 @@ use std::sync::Arc;
 use bytes::Bytes;
 use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Span, Transmit};
-use rhumb_scene::{Permit, ServerLoop};
+use rhumb_scene::{Permit, SceneRouter};
 
 use crate::durable::LogTail;
 use crate::flight::FlightCause;
@@ -106,12 +106,12 @@ pub(super) enum WorkerReport {
 }
 
 impl WorkerInput {
-    /// Feeds the input to the server loop of a worker, which restores scenes by itself.
-    pub(super) fn apply(self, now: Instant, to: &mut ServerLoop) {
+    /// Feeds the input to the scenes of a worker, which restores them by itself.
+    pub(super) fn apply(self, now: Instant, to: &mut SceneRouter) {
         match self {
             Self::Opened(peer, permit) => {
                 to.handle_opened(now, peer);
-                to.set_permit(peer, permit);
+                to.admit(peer, permit);
             }
             Self::Control(peer, bytes) => to.handle_control(now, peer, &bytes),
             Self::ControlTaken(peer, bytes) => to.handle_control_taken(now, peer, bytes),

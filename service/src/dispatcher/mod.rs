@@ -8,7 +8,6 @@
 #[cfg(feature = "app")]
 mod adapter;
 mod expiry;
-mod greeting;
 mod message;
 mod priority;
 #[cfg(target_os = "linux")]
@@ -32,19 +31,19 @@ use bytes::Bytes;
 use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake, WakeReason};
-use rhumb_scene::{Heartbeat, SharedClock, UpstreamStatistics};
+use rhumb_scene::{Greeted, Greeting, Heartbeat, SharedClock, UpstreamStatistics};
 
 #[cfg(feature = "app")]
 pub(crate) use self::adapter::{Adapter, AdapterQueue};
 use self::expiry::Expiry;
-use self::greeting::{Greeted, Greeting};
 use self::message::{
     FromWorker, ProcessId, ToProcess, WorkerId, WorkerInput, WorkerOutput, WorkerReport,
 };
 use self::process::Processes;
-pub(crate) use self::process::{ProcessOptions, run_worker};
+pub(crate) use self::process::run_worker;
 use self::quarantined::{Quarantined, Scope};
 pub use self::settings::DispatcherSettings;
+pub(crate) use self::settings::ProcessOptions;
 use self::threads::Threads;
 use self::worker::{InlineWorker, ThreadWorker};
 
@@ -87,7 +86,8 @@ enum Place {
 }
 
 enum Connection {
-    Greeting(Greeting),
+    /// It must say hello by then.
+    Greeting(Greeting, Instant),
     /// Its control bytes that the worker has not handled.
     Bound(WorkerId, usize),
     /// Closed by the dispatcher: only its end is still awaited.
@@ -151,7 +151,7 @@ impl Dispatcher {
             Place::Inline(inline) => Some(inline),
             Place::Thread(_) | Place::Process(_) => None,
         });
-        inline.flat_map(|inline| inline.server_loop().upstreams(scene))
+        inline.flat_map(|inline| inline.router().upstreams(scene))
     }
 
     /// The scenes of the worker that has this one.
@@ -188,7 +188,7 @@ impl Dispatcher {
     fn bound(&self, peer: Peer) -> Option<WorkerId> {
         match self.connections.get(&peer)? {
             Connection::Bound(id, _) => Some(*id),
-            Connection::Greeting(_) | Connection::Closed => None,
+            Connection::Greeting(..) | Connection::Closed => None,
         }
     }
 
@@ -200,15 +200,16 @@ impl Dispatcher {
     }
 
     fn greet(&mut self, now: Instant, peer: Peer, bytes: &[u8]) {
-        let Some(Connection::Greeting(greeting)) = self.connections.get_mut(&peer) else {
+        let Some(Connection::Greeting(greeting, until)) = self.connections.get_mut(&peer) else {
             return;
         };
+        let until = *until;
         let (scene, token, received) = match greeting.handle_control(bytes) {
             Greeted::NotYet => return,
             Greeted::Broken(code) => return self.close(peer, code),
             Greeted::Names(scene, token, received) => (scene, token, received),
         };
-        self.greeting_until.remove(&(greeting.until, peer));
+        self.greeting_until.remove(&(until, peer));
         let paced = greeting.paced;
         let admission = match self.settings.authenticator.admit(token.as_deref(), &scene) {
             Ok(admission) => admission,
@@ -239,10 +240,10 @@ impl Dispatcher {
 
     /// Closes a connection of the dispatcher.
     fn close(&mut self, peer: Peer, code: CloseCode) {
-        if let Some(Connection::Greeting(greeting)) =
+        if let Some(Connection::Greeting(_, until)) =
             self.connections.insert(peer, Connection::Closed)
         {
-            self.greeting_until.remove(&(greeting.until, peer));
+            self.greeting_until.remove(&(until, peer));
         }
         tracing::debug!(peer = peer.0, %code, "closing a connection");
         let code = code.0;
@@ -372,7 +373,7 @@ impl Endpoint for Dispatcher {
     fn handle_opened(&mut self, now: Instant, peer: Peer) {
         let until = now + self.settings.scenes.limits.hello();
         self.greeting_until.insert((until, peer));
-        let greeting = Connection::Greeting(Greeting::new(until));
+        let greeting = Connection::Greeting(Greeting::default(), until);
         self.connections.insert(peer, greeting);
         self.settings.recorders.metrics.count_opened();
         (self.settings.recorders.metrics).set_connections(self.connections.len());
@@ -381,7 +382,7 @@ impl Endpoint for Dispatcher {
     fn handle_control(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
         self.heartbeat.beat();
         match self.connections.get_mut(&from) {
-            Some(Connection::Greeting(_)) => self.greet(now, from, bytes),
+            Some(Connection::Greeting(..)) => self.greet(now, from, bytes),
             Some(Connection::Bound(id, unhandled)) => {
                 *unhandled += bytes.len();
                 let (id, bytes) = (*id, Bytes::copy_from_slice(bytes));
@@ -393,7 +394,7 @@ impl Endpoint for Dispatcher {
 
     fn handle_control_taken(&mut self, now: Instant, peer: Peer, bytes: usize) {
         match self.connections.get_mut(&peer) {
-            Some(Connection::Greeting(greeting)) => greeting.paced = true,
+            Some(Connection::Greeting(greeting, _)) => greeting.paced = true,
             Some(Connection::Bound(id, _)) => {
                 let id = *id;
                 self.route(now, id, WorkerInput::ControlTaken(peer, bytes));
@@ -424,8 +425,8 @@ impl Endpoint for Dispatcher {
 
     fn handle_ended(&mut self, now: Instant, peer: Peer, ending: Ending) {
         self.end_binding(now, peer, ending);
-        if let Some(Connection::Greeting(greeting)) = self.connections.remove(&peer) {
-            self.greeting_until.remove(&(greeting.until, peer));
+        if let Some(Connection::Greeting(_, until)) = self.connections.remove(&peer) {
+            self.greeting_until.remove(&(until, peer));
         }
         (self.settings.recorders.metrics).set_connections(self.connections.len());
     }
@@ -443,7 +444,7 @@ impl Endpoint for Dispatcher {
         for (id, worker) in &mut self.workers {
             if let Place::Inline(inline) = &mut worker.place
                 && inline
-                    .server_loop()
+                    .router()
                     .poll_timeout()
                     .is_some_and(|wake| wake.at <= now)
             {
@@ -478,7 +479,7 @@ impl Endpoint for Dispatcher {
             .workers
             .values()
             .filter_map(|worker| match &worker.place {
-                Place::Inline(inline) => inline.server_loop().poll_timeout(),
+                Place::Inline(inline) => inline.router().poll_timeout(),
                 Place::Thread(_) | Place::Process(_) => None,
             });
         let dispatcher = [greeting, expiry, watch].into_iter().flatten();

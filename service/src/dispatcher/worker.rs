@@ -1,4 +1,4 @@
-//! A scene worker: one scene's server loop, on a thread or on the caller's.
+//! A scene worker: the loop of a scene, on a thread or on the caller's.
 //!
 //! Both take the same inputs and give the same outputs. A worker never waits for another one; its thread waits for the
 //! dispatcher only if many of its outputs lie unread.
@@ -13,7 +13,7 @@ use std::time::Duration;
 
 use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::{Endpoint, Instant, Peer, Transmit};
-use rhumb_scene::{Bakers, Heartbeat, SceneSettings, ServerLoop, SharedClock};
+use rhumb_scene::{Bakers, Heartbeat, SceneRouter, SceneSettings, SharedClock};
 
 use super::message::{FromWorker, WorkerId, WorkerInput, WorkerOutput};
 use super::priority::{self, ThreadId};
@@ -26,11 +26,11 @@ const INPUTS_PER_TURN: usize = 256;
 const STACK_BYTES: usize = 8 << 20;
 
 /// Serves the clients of another protocol.
-pub(super) type ServeOthers = Box<dyn FnMut(&mut ServerLoop) + Send>;
+pub(super) type ServeOthers = Box<dyn FnMut(&mut SceneRouter) + Send>;
 
-/// A server loop, and the control bytes that it has not handled.
+/// The scenes of a worker, and the control bytes that they have not handled.
 pub(super) struct InlineWorker {
-    server_loop: ServerLoop,
+    router: SceneRouter,
     /// Control bytes received and not yet reported as handled.
     unhandled: BTreeMap<Peer, usize>,
     inputs: u64,
@@ -61,7 +61,7 @@ impl InlineWorker {
         }
         let settings = Arc::new(settings);
         Self {
-            server_loop: ServerLoop::new(Arc::clone(&settings)),
+            router: SceneRouter::new(Arc::clone(&settings)),
             unhandled: BTreeMap::new(),
             inputs: 0,
             stored,
@@ -85,7 +85,7 @@ impl InlineWorker {
         }
         match input {
             WorkerInput::Restore(scene, tail) => self.restore(&scene, tail),
-            input => input.apply(now, &mut self.server_loop),
+            input => input.apply(now, &mut self.router),
         }
     }
 
@@ -95,29 +95,29 @@ impl InlineWorker {
         let restored = (self.stored.as_ref())
             .and_then(|stored| stored.restore(scene, tail, clock, &mut || heartbeat.beat()));
         if let Some(restored) = restored {
-            self.server_loop.add_restored(restored);
+            self.router.add_restored(scene, restored);
         }
     }
 
     pub(super) fn handle_timeout(&mut self, now: Instant) {
-        self.server_loop.handle_timeout(now);
+        self.router.handle_timeout(now);
     }
 
-    pub(super) fn server_loop(&self) -> &ServerLoop {
-        &self.server_loop
+    pub(super) fn router(&self) -> &SceneRouter {
+        &self.router
     }
 
     /// Everything that there is to transmit, and what was handled.
     pub(super) fn output(&mut self) -> WorkerOutput {
-        let server_loop = &mut self.server_loop;
+        let router = &mut self.router;
         if let Some(serve_others) = &mut self.others {
-            serve_others(server_loop);
+            serve_others(router);
         }
-        server_loop.report_durable();
-        let transmits: Vec<Transmit> = std::iter::from_fn(|| server_loop.poll_transmit()).collect();
+        router.report_durable();
+        let transmits: Vec<Transmit> = std::iter::from_fn(|| router.poll_transmit()).collect();
         let mut handled = Vec::new();
         self.unhandled.retain(|peer, bytes| {
-            let unread = server_loop.unread_bytes(*peer).min(*bytes);
+            let unread = router.unread_bytes(*peer).min(*bytes);
             if unread < *bytes {
                 handled.push((*peer, *bytes - unread));
             }
@@ -128,7 +128,7 @@ impl InlineWorker {
             transmits,
             handled,
             inputs: self.inputs,
-            scenes: server_loop.scene_count(),
+            scenes: router.scene_count(),
         }
     }
 }
@@ -230,7 +230,7 @@ fn run(
         if has_news && !send(FromWorker::Output(output)) {
             return;
         }
-        let first = match worker.server_loop.poll_timeout() {
+        let first = match worker.router.poll_timeout() {
             None => inputs.recv().map_err(|_| RecvTimeoutError::Disconnected),
             Some(wake) => {
                 let until = Duration::from_nanos(wake.at.since(clock()).as_nanos());
@@ -253,7 +253,7 @@ fn run(
             }
         }
         let now = clock();
-        let wake = worker.server_loop.poll_timeout();
+        let wake = worker.router.poll_timeout();
         if wake.is_some_and(|wake| wake.at <= now) {
             worker.handle_timeout(now);
         }

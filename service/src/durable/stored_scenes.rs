@@ -54,7 +54,6 @@ impl StoredScenes {
                 report(&restored, took.as_nanos() / 1_000_000);
                 let log = self.start(files, restored.origin());
                 Some(RestoredScene {
-                    name: restored.name,
                     scene: restored.scene,
                     sessions: restored.sessions,
                     ownership: restored.ownership,

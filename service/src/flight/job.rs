@@ -1,4 +1,4 @@
-//! Work that a scene or the dispatcher gives to the thread of flight recorders.
+//! Work that is given to the thread of flight recorders.
 
 use rhumb_protocol::scene::SceneName;
 

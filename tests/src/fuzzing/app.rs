@@ -121,7 +121,7 @@ pub fn app_scene(data: &[u8]) {
             "a client that logs off is disconnected"
         );
     }
-    let left = server.server_loop.scenes().count();
+    let left = server.router.scenes().count();
     assert!(left == 0 || !session.closed, "a scene ends with its client");
 }
 

@@ -36,7 +36,7 @@ fn play(packed: &[u8]) -> (Recording, PluginSession) {
     }
     assert!(session.closed, "a client that logs off is disconnected");
     assert_eq!(
-        server.server_loop.scenes().count(),
+        server.router.scenes().count(),
         0,
         "the scene ends with its client"
     );
@@ -313,16 +313,12 @@ fn messages_of_a_rejected_peer_are_ignored() {
     assert!(second.closed);
     // Its connection is not closed yet, and it continues to send.
     second.send(&mut server, &frame);
-    assert_eq!(server.server_loop.scenes().count(), 0);
+    assert_eq!(server.router.scenes().count(), 0);
     first.send(&mut server, &frame);
     second.send(&mut server, &frame);
     second.end(&mut server);
     assert!(second.tcp_messages.is_empty() && second.datagram_messages.is_empty());
-    let scenes: Vec<String> = server
-        .server_loop
-        .scenes()
-        .map(ToString::to_string)
-        .collect();
+    let scenes: Vec<String> = server.router.scenes().map(ToString::to_string).collect();
     assert_eq!(scenes, ["app/7"]);
     assert_eq!(first.received(Kind::TimeAdvanced), 1);
 }
@@ -353,14 +349,14 @@ fn an_engine_fault_closes_the_owning_client_which_may_return() {
     assert!(!first.closed);
     first.send(&mut server, &frame);
     assert!(first.closed);
-    assert_eq!(server.server_loop.scenes().count(), 0);
+    assert_eq!(server.router.scenes().count(), 0);
     // The old connection is still closing when the client comes again.
     let mut second = PluginSession::begin(&mut server, 2, &logon);
     second.send(&mut server, &logon);
     second.send(&mut server, &frame);
     second.send(&mut server, &frame);
     assert!(!second.closed);
-    assert_eq!(server.server_loop.scenes().count(), 1);
+    assert_eq!(server.router.scenes().count(), 1);
 }
 
 #[test]
@@ -506,7 +502,7 @@ fn broken_sessions_end_without_a_panic_and_without_effect_on_others() {
         steady.send(&mut server, &frame);
         assert_eq!(steady.received(Kind::TimeAdvanced), usize::from(round) + 1);
         assert_eq!(
-            server.server_loop.scenes().count(),
+            server.router.scenes().count(),
             1,
             "a scene ends with its client"
         );

@@ -15,13 +15,10 @@ mod system;
 mod tenant;
 
 use std::collections::BTreeMap;
-use std::num::NonZeroU32;
-use std::path::PathBuf;
 
 use rhumb_protocol::Instant;
 use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::session::CloseCode;
-use tracing::level_filters::LevelFilter;
 
 pub(crate) use self::child::run as run_worker;
 use self::deaths::Deaths;
@@ -29,21 +26,9 @@ use self::running::{ProcessState, RunningProcess};
 use self::setup::WorkerSetup;
 use self::tenant::Tenant;
 use super::message::{FromProcess, FromWorker, ProcessId, ToProcess, Vitals, WorkerId};
-use super::settings::DispatcherSettings;
+use super::settings::{DispatcherSettings, ProcessOptions};
 use super::threads::Threads;
 use crate::flight::FlightCause;
-
-/// How worker processes are started.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct ProcessOptions {
-    /// True if all scenes without a tenant share a process.
-    pub(crate) share: bool,
-    pub(crate) log: LevelFilter,
-    /// Threads that step and publish, in each process.
-    pub(crate) threads: NonZeroU32,
-    /// Directory in which each process records its scenes.
-    pub(crate) record: Option<PathBuf>,
-}
 
 /// The worker processes of a dispatcher.
 pub(super) struct Processes {

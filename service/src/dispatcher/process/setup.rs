@@ -1,4 +1,4 @@
-//! The settings that the dispatcher gives to a worker process in its first frame.
+//! The settings that a worker process gets from its dispatcher.
 
 use std::num::NonZeroU32;
 use std::path::PathBuf;

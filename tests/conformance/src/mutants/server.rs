@@ -13,7 +13,7 @@ use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit, Wake};
 use rhumb_reckoning::BodyState;
-use rhumb_scene::{SceneSettings, ServerLoop};
+use rhumb_scene::{SceneRouter, SceneSettings};
 use rhumb_transport::{Certificate, Fingerprint, QuicServer, ServerOptions, Stop};
 
 use super::packets::{updates_of, without_rests, written};
@@ -91,7 +91,7 @@ impl ServerMutant {
         let thread = thread::spawn(move || {
             let mut endpoint = MutantEndpoint {
                 mutant: self,
-                inner: ServerLoop::new(SceneSettings::new(|| Instant::ZERO)),
+                inner: SceneRouter::new(SceneSettings::new(|| Instant::ZERO)),
                 connections: BTreeMap::new(),
             };
             // If the server fails, its case is inconclusive, which the test of the mutants detects.
@@ -130,7 +130,7 @@ impl Drop for MutantServer {
 /// A correct server whose received and sent data is altered.
 struct MutantEndpoint {
     mutant: ServerMutant,
-    inner: ServerLoop,
+    inner: SceneRouter,
     connections: BTreeMap<Peer, MutantConnection>,
 }
 

@@ -18,7 +18,7 @@ use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_reckoning::{Tick, Ticks};
-use rhumb_scene::{SceneSettings, ServerLoop as Server};
+use rhumb_scene::{SceneRouter as Server, SceneSettings};
 use rhumb_sims::{Script, by_name};
 use serde_json::Value;
 

@@ -1,47 +1,47 @@
 //! A connection that has not named its scene yet.
 
 use bytes::Bytes;
-use rhumb_protocol::Instant;
 use rhumb_protocol::message::{ClientMessage, Extension, Grease};
 use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::session::{CloseCode, ServerSession};
 
 /// The bytes of a connection up to its first message.
 #[derive(Debug)]
-pub(super) struct Greeting {
-    /// Reads the first message only; the worker's session reads all bytes again.
+pub struct Greeting {
+    /// Reads the first message only; the session in the scene reads all bytes again.
     session: ServerSession,
     received: Vec<u8>,
-    /// The latest time of the first message.
-    pub(super) until: Instant,
     /// True if the driver reports what the link takes.
-    pub(super) paced: bool,
+    pub paced: bool,
 }
 
 /// The result of some bytes.
 #[derive(Debug, PartialEq)]
-pub(super) enum Greeted {
+pub enum Greeted {
+    /// The first message is not whole.
     NotYet,
     /// The scene, the token if there is one, and all bytes so far.
     Names(SceneName, Option<Vec<u8>>, Bytes),
+    /// The client breaks the protocol.
     Broken(CloseCode),
 }
 
 /// Bytes before the end of a first message: unknown messages may precede it.
 const RECEIVED_BYTES_MAX: usize = 128 << 10;
 
-impl Greeting {
-    pub(super) fn new(until: Instant) -> Self {
+impl Default for Greeting {
+    fn default() -> Self {
         Self {
             session: ServerSession::new(Grease::new(0)),
             received: Vec::new(),
-            until,
             paced: false,
         }
     }
+}
 
+impl Greeting {
     /// Appends control bytes.
-    pub(super) fn handle_control(&mut self, bytes: &[u8]) -> Greeted {
+    pub fn handle_control(&mut self, bytes: &[u8]) -> Greeted {
         self.received.extend_from_slice(bytes);
         self.session.handle_control(bytes);
         match self.session.poll_message() {

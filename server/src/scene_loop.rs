@@ -1,11 +1,11 @@
-//! A server without sockets: connects client connections to scenes.
+//! One scene, and the connections of the clients that name it.
 //!
-//! Routes each message to the scene of its connection. The real driver and the simulated network use it alike. It
-//! reads no clock but that of its settings, which only measures.
+//! It has neither sockets nor threads: a driver hands it what arrives, and moments. The scene may be there or not: a
+//! client creates it, a server provides it, a store has it. It reads no clock but that of its settings, which only
+//! measures.
 
 mod creation;
 mod owned;
-mod storage;
 mod turns;
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
@@ -22,7 +22,6 @@ pub use self::owned::OwnedScene;
 use crate::admission::SceneSlot;
 use crate::authority_table::UpstreamStatistics;
 use crate::baking::Bakery;
-use crate::empty_scenes::EmptyScenes;
 use crate::outbox::Outbox;
 use crate::rights::{self, Ownership, Permit, Request};
 use crate::scene_connection::SceneConnection;
@@ -32,45 +31,52 @@ use crate::settings::SceneSettings;
 /// Unread bytes of a connection beyond which the driver is to hold back more.
 const UNREAD_BYTES: usize = 64 << 10;
 
-/// All scenes of one server process and all connections to them.
-pub struct ServerLoop {
-    runners: BTreeMap<SceneName, SceneRunner>,
+/// One scene, and the connections to it.
+pub struct SceneLoop {
+    name: SceneName,
+    running: Option<RunningScene>,
     connections: BTreeMap<Peer, SceneConnection>,
     /// Connections with unread messages, whose next turn comes at once.
     queued: VecDeque<Peer>,
     /// Connections with unread messages that wait for their link, for a step, or for slower members.
     blocked: BTreeSet<Peer>,
     retry_at: Instant,
-    empty_scenes: EmptyScenes,
     settings: Arc<SceneSettings>,
-    taken_slots: BTreeMap<SceneName, SceneSlot>,
     out: Outbox,
-    scenes_begun: u32,
+    /// How often a scene of this name has begun.
+    begun: u32,
     bakery: Bakery,
 }
 
-impl ServerLoop {
-    /// A server without scenes.
+/// The scene while it exists.
+struct RunningScene {
+    runner: SceneRunner,
+    /// Held while it exists.
+    _slot: SceneSlot,
+    /// Since when it has neither members nor an owner.
+    empty_since: Option<Instant>,
+}
+
+impl SceneLoop {
+    /// A scene that does not exist yet.
     #[must_use]
-    pub fn new(settings: impl Into<Arc<SceneSettings>>) -> Self {
-        let settings = settings.into();
+    pub fn new(name: SceneName, settings: Arc<SceneSettings>) -> Self {
         Self {
-            runners: BTreeMap::new(),
+            name,
+            running: None,
             connections: BTreeMap::new(),
             queued: VecDeque::new(),
             blocked: BTreeSet::new(),
             retry_at: Instant::ZERO,
-            empty_scenes: EmptyScenes::default(),
-            taken_slots: BTreeMap::new(),
             out: Outbox::new(settings.limits),
-            scenes_begun: 0,
+            begun: 0,
             bakery: Bakery::new(settings.bakers.clone()),
             settings,
         }
     }
 
     /// Sets what a new connection may do, before its first message; without this, everything.
-    pub fn set_permit(&mut self, peer: Peer, permit: Arc<Permit>) {
+    pub fn admit(&mut self, peer: Peer, permit: Arc<Permit>) {
         if let Some(connection) = self.connections.get_mut(&peer) {
             connection.permit = permit;
         }
@@ -82,15 +88,31 @@ impl ServerLoop {
         self.out.unread_bytes(peer)
     }
 
-    /// Names of the scenes that exist.
-    pub fn scenes(&self) -> impl Iterator<Item = &SceneName> {
-        self.runners.keys()
+    /// True if the scene exists.
+    #[must_use]
+    pub const fn exists(&self) -> bool {
+        self.running.is_some()
     }
 
-    /// Statistics of all bodies of a scene under a member's authority.
-    pub fn upstreams(&self, scene: &SceneName) -> impl Iterator<Item = UpstreamStatistics> {
-        let runner = self.runners.get(scene).into_iter();
-        runner.flat_map(SceneRunner::upstream_statistics)
+    /// True if it has neither connections nor a scene, whole or damaged.
+    #[must_use]
+    pub fn is_idle(&self) -> bool {
+        self.out.is_empty() && !self.exists() && !self.is_damaged()
+    }
+
+    /// Statistics of all bodies under a member's authority.
+    pub fn upstreams(&self) -> impl Iterator<Item = UpstreamStatistics> {
+        self.runner()
+            .into_iter()
+            .flat_map(SceneRunner::upstream_statistics)
+    }
+
+    fn runner(&self) -> Option<&SceneRunner> {
+        self.running.as_ref().map(|running| &running.runner)
+    }
+
+    fn runner_mut(&mut self) -> Option<&mut SceneRunner> {
+        self.running.as_mut().map(|running| &mut running.runner)
     }
 
     /// Ends the membership of a connection that broke the protocol.
@@ -110,34 +132,34 @@ impl ServerLoop {
         self.blocked.remove(&peer);
     }
 
-    fn scene_of(&self, peer: Peer) -> Option<&SceneRunner> {
-        self.runners
-            .get(self.connections.get(&peer)?.scene.as_ref()?)
-    }
-
-    fn answer_pending(&mut self, peer: Peer) {
-        let name = (self.connections.get(&peer)).and_then(|connection| connection.scene.as_ref());
-        if let Some(runner) = name.and_then(|name| self.runners.get_mut(name)) {
-            runner.answer_pending(&mut self.out);
+    fn answer_pending(&mut self) {
+        if let Some(running) = &mut self.running {
+            running.runner.answer_pending(&mut self.out);
         }
     }
 
-    /// Ends scenes that have had no member for too long.
+    /// Ends the scene if it has had no member for too long.
     fn expire(&mut self, now: Instant) {
-        let Some(empty_for) = self.settings.limits.empty_scene() else {
-            return;
-        };
-        for name in self.empty_scenes.over(now, empty_for) {
-            tracing::info!(scene = %name, "a scene had no members for too long");
-            self.delete_scene(&name);
+        if self.expires_at().is_some_and(|at| at <= now) {
+            tracing::info!(scene = %self.name, "a scene had no members for too long");
+            self.end_scene();
         }
     }
 
-    /// Notes whether a scene has members or an owner.
-    fn note_empty(&mut self, name: &SceneName) {
-        let runner = self.runners.get(name);
-        let is_empty = runner.is_some_and(SceneRunner::is_abandoned);
-        self.empty_scenes.note(name, is_empty, self.out.now());
+    /// When the scene ends for want of members.
+    fn expires_at(&self) -> Option<Instant> {
+        let since = self.running.as_ref()?.empty_since?;
+        Some(since + self.settings.limits.empty_scene()?)
+    }
+
+    /// Notes whether the scene has members or an owner.
+    fn note_empty(&mut self) {
+        let now = self.out.now();
+        if let Some(running) = &mut self.running {
+            let is_empty = running.runner.is_abandoned();
+            let since = running.empty_since.unwrap_or(now);
+            running.empty_since = is_empty.then_some(since);
+        }
     }
 
     fn handle_message(
@@ -149,27 +171,24 @@ impl ServerLoop {
         let Some(connection) = self.connections.get_mut(&peer) else {
             return;
         };
-        let Some(name) = connection.scene.clone() else {
-            if let Ok(ClientMessage::Hello {
-                scene, extensions, ..
-            }) = message
-            {
+        if !connection.is_greeted {
+            if let Ok(ClientMessage::Hello { extensions, .. }) = message {
+                connection.is_greeted = true;
                 let token = extensions.value(Extension::TOKEN);
                 let role = token.map(|_| connection.permit.role);
-                connection.scene = Some(scene.clone());
-                self.begin_if_provided(&scene);
-                let config = self.runners.get(&scene).map(|runner| *runner.config());
+                self.begin_if_provided();
+                let config = self.runner().map(|runner| *runner.config());
                 if let Some(session) = self.out.session(peer) {
                     session.welcome(config, role);
                 }
             }
             return;
-        };
+        }
         let permit = Arc::clone(&connection.permit);
         match message {
             Ok(ClientMessage::Create(config)) => {
                 let allowed = may(&permit, Request::Create(&config));
-                let answer = match allowed.and_then(|()| self.create_stored(&name, config)) {
+                let answer = match allowed.and_then(|()| self.create_stored(config)) {
                     Ok(()) => ServerMessage::Created,
                     Err(denial) => ServerMessage::Denied(denial),
                 };
@@ -177,27 +196,27 @@ impl ServerLoop {
             }
             Ok(ClientMessage::Join(choice)) => {
                 let session = connection.session.take();
-                let joined = match self.runners.get_mut(&name) {
-                    Some(runner) => {
+                let joined = match &mut self.running {
+                    Some(RunningScene { runner, .. }) => {
                         let choice = (choice, session);
                         runner.join(now, peer, permit, choice, &mut self.out)
                     }
-                    None => Err(self.absence(&name)),
+                    None => Err(self.absence()),
                 };
                 match joined {
                     Ok(()) => {
                         self.note_member(peer);
-                        self.note_empty(&name);
+                        self.note_empty();
                     }
                     Err(denial) => self.out.send(peer, &ServerMessage::Denied(denial)),
                 }
             }
             Ok(ClientMessage::Session(request)) => connection.session = Some(request),
             Ok(ClientMessage::Delete) => match may(&permit, Request::Delete) {
-                Ok(()) => self.delete(peer, &name),
+                Ok(()) => self.delete(peer),
                 Err(denial) => self.out.send(peer, &ServerMessage::Denied(denial)),
             },
-            message => self.handle_scene_message(now, peer, &name, message),
+            message => self.handle_scene_message(now, peer, message),
         }
     }
 
@@ -206,11 +225,10 @@ impl ServerLoop {
         &mut self,
         now: Instant,
         peer: Peer,
-        name: &SceneName,
         message: Result<ClientMessage, CommandError>,
     ) {
         let out = &mut self.out;
-        let Some(runner) = self.runners.get_mut(name) else {
+        let Some(RunningScene { runner, .. }) = &mut self.running else {
             let answer = match message {
                 Ok(ClientMessage::Ping { sent }) => ServerMessage::Pong {
                     sent,
@@ -238,7 +256,7 @@ impl ServerLoop {
                 if let Some(connection) = self.connections.get_mut(&peer) {
                     connection.member = false;
                 }
-                self.note_empty(name);
+                self.note_empty();
             }
             Ok(ClientMessage::Reserve { count }) => runner.reserve(peer, count, out),
             Ok(ClientMessage::Resync(cause)) => runner.resync(peer, cause),
@@ -257,29 +275,30 @@ impl ServerLoop {
         }
     }
 
-    fn delete(&mut self, peer: Peer, name: &SceneName) {
-        if self.runners.get(name).is_some_and(SceneRunner::is_owned) {
+    fn delete(&mut self, peer: Peer) {
+        if self.runner().is_some_and(SceneRunner::is_owned) {
             let denial = ServerMessage::Denied(Denial::Owned);
             return self.out.send(peer, &denial);
         }
-        if (self.settings.store.as_ref()).is_some_and(|store| store.delete_damaged(name)) {
+        let store = self.settings.store.as_ref();
+        if store.is_some_and(|store| store.delete_damaged(&self.name)) {
             return self.out.send(peer, &ServerMessage::Deleted);
         }
-        if !self.runners.contains_key(name) {
+        if !self.exists() {
             let denial = ServerMessage::Denied(Denial::NoSuchScene);
             return self.out.send(peer, &denial);
         }
         let connection = self.connections.get(&peer);
         let is_member_request = connection.is_some_and(|connection| connection.member);
-        self.delete_scene(name);
+        self.end_scene();
         if !is_member_request {
             self.out.send(peer, &ServerMessage::Deleted);
         }
     }
 
-    /// Removes a scene and informs its members.
-    fn delete_scene(&mut self, name: &SceneName) {
-        let Some(runner) = self.runners.remove(name) else {
+    /// Removes the scene and informs its members.
+    fn end_scene(&mut self) {
+        let Some(RunningScene { runner, .. }) = self.running.take() else {
             return;
         };
         for member in runner.members() {
@@ -288,27 +307,20 @@ impl ServerLoop {
             }
         }
         runner.end(&mut self.out);
-        self.taken_slots.remove(name);
-        self.empty_scenes.note(name, false, self.out.now());
-        tracing::info!(scene = %name, "scene deleted");
+        tracing::info!(scene = %self.name, "scene deleted");
     }
 
-    /// The scene runner of a member.
+    /// The scene, for a member of it.
     fn runner_of(&mut self, peer: Peer) -> Option<&mut SceneRunner> {
-        let connection = self.connections.get(&peer)?;
-        let name = connection.scene.as_ref().filter(|_| connection.member)?;
-        self.runners.get_mut(name)
+        self.connections.get(&peer).filter(|of| of.member)?;
+        self.runner_mut()
     }
 
     fn leave(&mut self, peer: Peer, reason: DisconnectReason) {
         let now = self.out.now();
-        let Some(runner) = self.runner_of(peer) else {
-            return;
-        };
-        runner.leave(now, peer, reason);
-        let connection = self.connections.get(&peer);
-        if let Some(name) = connection.and_then(|connection| connection.scene.clone()) {
-            self.note_empty(&name);
+        if let Some(runner) = self.runner_of(peer) {
+            runner.leave(now, peer, reason);
+            self.note_empty();
         }
     }
 }
@@ -318,7 +330,7 @@ fn may(permit: &Permit, request: Request<'_>) -> Result<(), Denial> {
     Ok(rights::check(permit, &Ownership::default(), request)?)
 }
 
-impl Endpoint for ServerLoop {
+impl Endpoint for SceneLoop {
     fn handle_opened(&mut self, now: Instant, peer: Peer) {
         self.out.at(now);
         (self.connections).insert(peer, SceneConnection::default());
@@ -341,7 +353,7 @@ impl Endpoint for ServerLoop {
         self.out.at(now);
         self.out.note_taken(peer, bytes);
         if bytes > 0 {
-            self.answer_pending(peer);
+            self.answer_pending();
             self.retry(now);
         }
     }
@@ -355,14 +367,10 @@ impl Endpoint for ServerLoop {
         let Ok(datagram) = Datagram::open(bytes) else {
             return;
         };
-        let Some(connection) = self.connections.get(&from).filter(|c| c.member) else {
+        if !self.connections.get(&from).is_some_and(|of| of.member) {
             return;
-        };
-        let runner = connection
-            .scene
-            .as_ref()
-            .and_then(|name| self.runners.get_mut(name));
-        let Some(runner) = runner else {
+        }
+        let Some(RunningScene { runner, .. }) = &mut self.running else {
             return;
         };
         let stream = datagram.head().stream;
@@ -382,11 +390,10 @@ impl Endpoint for ServerLoop {
         if self.out.close_if_stalled(peer) {
             return;
         }
-        let Some(connection) = self.connections.get(&peer).filter(|c| c.member) else {
+        if !self.connections.get(&peer).is_some_and(|of| of.member) {
             return;
-        };
-        let name = connection.scene.as_ref();
-        if let Some(runner) = name.and_then(|name| self.runners.get_mut(name)) {
+        }
+        if let Some(RunningScene { runner, .. }) = &mut self.running {
             runner.handle_link_report(now, peer, report, &mut self.out);
         }
     }
@@ -399,7 +406,7 @@ impl Endpoint for ServerLoop {
             Ending::Closed(_) | Ending::TimedOut | Ending::Broken => DisconnectReason::Disconnected,
         };
         self.handle_rest(now, peer, reason);
-        self.answer_pending(peer);
+        self.answer_pending();
         self.leave(peer, reason);
         self.forget(peer);
         self.out.forget(peer);
@@ -410,7 +417,7 @@ impl Endpoint for ServerLoop {
         for peer in std::mem::take(&mut self.queued) {
             self.take_turn(now, peer);
         }
-        for runner in self.runners.values_mut() {
+        if let Some(RunningScene { runner, .. }) = &mut self.running {
             self.settings.heartbeat.beat();
             runner.handle_timeout(now, &mut self.out);
             if runner.next_snapshot(&self.out).is_some_and(|at| at <= now) {
@@ -427,16 +434,14 @@ impl Endpoint for ServerLoop {
 
     fn poll_timeout(&self) -> Option<Wake> {
         let wake = |at, reason| Wake { at, reason };
-        let steps = self.runners.values().filter_map(SceneRunner::next_step);
-        let step = steps.min().map(|at| wake(at, WakeReason::Tick));
+        let runner = self.runner();
+        let step = runner.and_then(SceneRunner::next_step);
+        let step = step.map(|at| wake(at, WakeReason::Tick));
         let input = (!self.queued.is_empty()).then(|| wake(Instant::ZERO, WakeReason::Input));
         let retry = (!self.blocked.is_empty()).then(|| wake(self.retry_at, WakeReason::Input));
-        let snapshots =
-            (self.runners.values()).filter_map(|runner| runner.next_snapshot(&self.out));
-        let snapshot = snapshots.min().map(|at| wake(at, WakeReason::Snapshot));
-        let expires =
-            (self.settings.limits.empty_scene()).and_then(|after| self.empty_scenes.next(after));
-        let expires = expires.map(|at| wake(at, WakeReason::Deadline));
+        let snapshot = runner.and_then(|runner| runner.next_snapshot(&self.out));
+        let snapshot = snapshot.map(|at| wake(at, WakeReason::Snapshot));
+        let expires = self.expires_at().map(|at| wake(at, WakeReason::Deadline));
         [step, input, retry, snapshot, expires]
             .into_iter()
             .flatten()

@@ -1,12 +1,12 @@
 //! Scenes that clients of another protocol own: they alone step and end them.
 //!
-//! Its gateway calls the server loop, between the calls of the driver.
+//! Its gateway calls the loop of the scene, between the calls of the driver.
 
 use rhumb_protocol::message::Denial;
-use rhumb_protocol::scene::{Command, CommandError, IdRange, SceneConfig, SceneName};
+use rhumb_protocol::scene::{Command, CommandError, IdRange, SceneConfig};
 use rhumb_protocol::{Instant, Peer, Span};
 
-use super::ServerLoop;
+use super::{RunningScene, SceneLoop};
 use crate::outbox::Outbox;
 use crate::scene::Scene;
 use crate::scene_runner::SceneRunner;
@@ -18,38 +18,31 @@ pub struct OwnedScene<'a> {
     out: &'a mut Outbox,
 }
 
-impl ServerLoop {
-    /// Creates a scene that a client owns; returns the index range of its bodies.
+impl SceneLoop {
+    /// Creates the scene for a client that owns it; returns the index range of its bodies.
     ///
     /// # Errors
     ///
     /// [`Denial`] if no such scene can be created.
-    pub fn begin_owned(
-        &mut self,
-        owner: Peer,
-        name: &SceneName,
-        config: SceneConfig,
-    ) -> Result<IdRange, Denial> {
-        let own_indices = self.create(name, config)?.give_to(owner);
+    pub fn begin_owned(&mut self, owner: Peer, config: SceneConfig) -> Result<IdRange, Denial> {
+        let own_indices = self.create(config)?.give_to(owner);
         match own_indices {
-            Ok(_) => self.note_empty(name),
-            Err(_) => self.delete_scene(name),
+            Ok(_) => self.note_empty(),
+            Err(_) => self.end_scene(),
         }
         own_indices
     }
 
-    /// Ends a scene that a client owns.
-    pub fn end_owned(&mut self, name: &SceneName) {
-        self.delete_scene(name);
+    /// Ends the scene that a client owns.
+    pub fn end_owned(&mut self) {
+        self.end_scene();
     }
 
-    /// A scene that a client owns.
-    pub fn owned(&mut self, owner: Peer, name: &SceneName) -> Option<OwnedScene<'_>> {
-        Some(OwnedScene {
-            runner: self.runners.get_mut(name)?,
-            owner,
-            out: &mut self.out,
-        })
+    /// The scene that a client owns.
+    pub fn owned(&mut self, owner: Peer) -> Option<OwnedScene<'_>> {
+        let RunningScene { runner, .. } = self.running.as_mut()?;
+        let out = &mut self.out;
+        Some(OwnedScene { runner, owner, out })
     }
 }
 
@@ -104,13 +97,14 @@ mod tests {
             indices_per_scene: 4_096,
             ..Limits::default()
         };
-        let mut server_loop = ServerLoop::new(SceneSettings {
+        let settings = SceneSettings {
             limits,
             ..SceneSettings::new(|| Instant::ZERO)
-        });
+        };
         let name = "app/7".parse().unwrap();
-        let begun = server_loop.begin_owned(Peer(1), &name, SceneConfig::default());
+        let mut scene = SceneLoop::new(name, settings.into());
+        let begun = scene.begin_owned(Peer(1), SceneConfig::default());
         assert_eq!(begun, Err(Denial::NoIndicesLeft));
-        assert_eq!(server_loop.scenes().count(), 0);
+        assert!(!scene.exists());
     }
 }

@@ -4,7 +4,7 @@ use rhumb_protocol::message::ClientMessage;
 use rhumb_protocol::scene::{Command, CommandError};
 use rhumb_protocol::{Instant, Peer, Span};
 
-use super::ServerLoop;
+use super::{RunningScene, SceneLoop};
 use crate::baking::{self, Bake};
 use crate::scene_runner::DisconnectReason;
 
@@ -15,7 +15,7 @@ const EVENT_BYTES: usize = 256 << 10;
 /// The pause before a connection is tried again whose messages wait for slower members.
 const RETRY: Span = Span::from_millis(20);
 
-impl ServerLoop {
+impl SceneLoop {
     /// Handles a connection's messages, until none is left, it must wait, or others have their turn.
     pub(super) fn take_turn(&mut self, now: Instant, peer: Peer) {
         let mut left = if self.out.is_paced(peer) {
@@ -56,18 +56,16 @@ impl ServerLoop {
             left = if is_work { 0 } else { left - 1 };
             self.settings.heartbeat.beat();
             self.handle_message(now, peer, message);
-            self.answer_if_long(peer);
+            self.answer_if_long();
         }
         self.end_if_broken(peer);
-        self.answer_pending(peer);
+        self.answer_pending();
     }
 
-    /// Sends the scene events of a connection's scene if there are many.
-    fn answer_if_long(&mut self, peer: Peer) {
-        if let Some(runner) = self.scene_of(peer)
-            && runner.unsent_bytes() > EVENT_BYTES
-        {
-            self.answer_pending(peer);
+    /// Sends the scene events if there are many.
+    fn answer_if_long(&mut self) {
+        if (self.runner()).is_some_and(|runner| runner.unsent_bytes() > EVENT_BYTES) {
+            self.answer_pending();
         }
     }
 
@@ -76,9 +74,9 @@ impl ServerLoop {
         if self.out.is_behind(peer) {
             return true;
         }
-        let name = (self.connections.get(&peer)).and_then(|connection| connection.scene.as_ref());
-        let runner = name.and_then(|name| self.runners.get_mut(name));
-        runner.is_some_and(|runner| runner.holds_back(now, peer, &self.out))
+        let is_greeted = (self.connections.get(&peer)).is_some_and(|of| of.is_greeted);
+        let running = self.running.as_mut().filter(|_| is_greeted);
+        running.is_some_and(|of| of.runner.holds_back(now, peer, &self.out))
     }
 
     fn next_message(&mut self, peer: Peer) -> Option<Result<ClientMessage, CommandError>> {
@@ -131,9 +129,9 @@ impl ServerLoop {
     /// would have no reader. A client that leaves loses nothing. Of one that broke off, what is beyond its rate is left out,
     /// since its session sends it again.
     pub(super) fn handle_rest(&mut self, now: Instant, peer: Peer, reason: DisconnectReason) {
-        let is_left_out = |server: &mut Self| {
+        let is_left_out = |scene: &mut Self| {
             reason == DisconnectReason::Disconnected
-                && (server.runner_of(peer)).is_some_and(|runner| runner.is_over_rate(now, peer))
+                && (scene.runner_of(peer)).is_some_and(|runner| runner.is_over_rate(now, peer))
         };
         while !is_left_out(self)
             && let Some(message) = self.next_message(peer)
@@ -149,7 +147,7 @@ impl ServerLoop {
                 break;
             };
             self.handle_message(now, peer, message);
-            self.answer_if_long(peer);
+            self.answer_if_long();
         }
     }
 
@@ -174,9 +172,8 @@ impl ServerLoop {
         let Some(connection) = self.connections.get_mut(&peer) else {
             return Some(message);
         };
-        let name = connection.scene.as_ref().filter(|_| connection.member);
-        let runner = name.and_then(|name| self.runners.get_mut(name));
-        let Some((runner, baker)) = runner.and_then(|runner| {
+        let running = self.running.as_mut().filter(|_| connection.member);
+        let Some((runner, baker)) = running.and_then(|RunningScene { runner, .. }| {
             let baker = runner.baker_for(peer, *id, shape)?;
             Some((runner, baker))
         }) else {
@@ -241,7 +238,7 @@ mod tests {
     /// Commands that the hasty client sends at once.
     const SENT: u32 = 100;
 
-    fn send(server: &mut ServerLoop, peer: Peer, messages: &[ClientMessage]) {
+    fn send(server: &mut SceneLoop, peer: Peer, messages: &[ClientMessage]) {
         let mut bytes = Vec::new();
         for message in messages {
             message.encode(&mut bytes);
@@ -249,9 +246,9 @@ mod tests {
         server.handle_control(Instant::ZERO, peer, &bytes);
     }
 
-    fn join(server: &mut ServerLoop, peer: Peer, permit: Permit) {
+    fn join(server: &mut SceneLoop, peer: Peer, permit: Permit) {
         server.handle_opened(Instant::ZERO, peer);
-        server.set_permit(peer, Arc::new(permit));
+        server.admit(peer, Arc::new(permit));
         let hello = ClientMessage::Hello {
             versions: VERSIONS.to_vec(),
             scene: "rate".parse().unwrap(),
@@ -264,7 +261,8 @@ mod tests {
 
     /// Commands of a client beyond its rate that are applied when its connection ends.
     fn applied(ending: Ending) -> u32 {
-        let mut server = ServerLoop::new(SceneSettings::new(|| Instant::ZERO));
+        let settings = SceneSettings::new(|| Instant::ZERO).into();
+        let mut server = SceneLoop::new("rate".parse().unwrap(), settings);
         join(&mut server, WATCHER, Permit::OPEN);
         let quotas = Quotas {
             commands: Some(RATE),

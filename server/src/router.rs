@@ -1,0 +1,258 @@
+//! Scenes of one thread, and which connection belongs to which of them.
+//!
+//! Reads the first message of a connection, which names its scene, and carries everything else between the connection
+//! and the loop of that scene. The driver of one process and the simulated network use it alike.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::Arc;
+
+use rhumb_protocol::message::Denial;
+use rhumb_protocol::scene::{IdRange, SceneConfig, SceneName};
+use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake};
+
+use crate::authority_table::UpstreamStatistics;
+use crate::command_log::RestoredScene;
+use crate::greeting::{Greeted, Greeting};
+use crate::rights::Permit;
+use crate::scene_loop::{OwnedScene, SceneLoop};
+use crate::settings::SceneSettings;
+
+/// Scenes, and the connections to them.
+pub struct SceneRouter {
+    settings: Arc<SceneSettings>,
+    connections: BTreeMap<Peer, Routed>,
+    /// The scenes that exist, and those that clients have named.
+    loops: BTreeMap<SceneName, SceneLoop>,
+    /// Connections to close that named no scene.
+    closed: VecDeque<Transmit>,
+}
+
+enum Routed {
+    Greeting {
+        greeting: Greeting,
+        opened: Instant,
+        permit: Arc<Permit>,
+    },
+    Bound(SceneName),
+    /// Only its end is still awaited.
+    Closed,
+}
+
+impl SceneRouter {
+    /// No scenes.
+    #[must_use]
+    pub fn new(settings: impl Into<Arc<SceneSettings>>) -> Self {
+        Self {
+            settings: settings.into(),
+            connections: BTreeMap::new(),
+            loops: BTreeMap::new(),
+            closed: VecDeque::new(),
+        }
+    }
+
+    /// Sets what a new connection may do, before its first message; without this, everything.
+    pub fn admit(&mut self, peer: Peer, permit: Arc<Permit>) {
+        if let Some(Routed::Greeting { permit: of, .. }) = self.connections.get_mut(&peer) {
+            *of = permit;
+        }
+    }
+
+    /// Bytes of a connection's control stream that were not handled yet.
+    #[must_use]
+    pub fn unread_bytes(&self, peer: Peer) -> usize {
+        let bound = self.bound(peer);
+        bound.map_or(0, |scene| scene.unread_bytes(peer))
+    }
+
+    /// Names of the scenes that exist.
+    pub fn scenes(&self) -> impl Iterator<Item = &SceneName> {
+        let loops = self.loops.iter();
+        loops.filter_map(|(name, scene)| scene.exists().then_some(name))
+    }
+
+    /// Number of scenes that exist, damaged ones too.
+    #[must_use]
+    pub fn scene_count(&self) -> usize {
+        let damaged = self
+            .settings
+            .store
+            .as_ref()
+            .map_or(0, |store| store.damaged());
+        self.scenes().count() + damaged
+    }
+
+    /// Statistics of all bodies of a scene under a member's authority.
+    pub fn upstreams(&self, scene: &SceneName) -> impl Iterator<Item = UpstreamStatistics> {
+        let scene = self.loops.get(scene).into_iter();
+        scene.flat_map(SceneLoop::upstreams)
+    }
+
+    /// Runs a scene that was restored.
+    pub fn add_restored(&mut self, name: &SceneName, restored: RestoredScene) {
+        self.loop_of(name).add_restored(restored);
+    }
+
+    /// Tells members what has become durable.
+    pub fn report_durable(&mut self) {
+        self.loops.values_mut().for_each(SceneLoop::report_durable);
+    }
+
+    /// Something that a connection waited for is there.
+    pub fn handle_wake(&mut self, now: Instant) {
+        for scene in self.loops.values_mut() {
+            scene.handle_wake(now);
+        }
+    }
+
+    /// Creates a scene that a client of another protocol owns; returns the index range of its bodies.
+    ///
+    /// # Errors
+    ///
+    /// [`Denial`] if no such scene can be created.
+    #[doc(hidden)]
+    pub fn begin_owned(
+        &mut self,
+        owner: Peer,
+        name: &SceneName,
+        config: SceneConfig,
+    ) -> Result<IdRange, Denial> {
+        self.loop_of(name).begin_owned(owner, config)
+    }
+
+    /// Ends a scene that a client of another protocol owns.
+    #[doc(hidden)]
+    pub fn end_owned(&mut self, name: &SceneName) {
+        if let Some(scene) = self.loops.get_mut(name) {
+            scene.end_owned();
+        }
+    }
+
+    /// A scene that a client of another protocol owns.
+    #[doc(hidden)]
+    pub fn owned(&mut self, owner: Peer, name: &SceneName) -> Option<OwnedScene<'_>> {
+        self.loops.get_mut(name)?.owned(owner)
+    }
+
+    fn loop_of(&mut self, name: &SceneName) -> &mut SceneLoop {
+        let scene = self.loops.entry(name.clone());
+        scene.or_insert_with_key(|name| SceneLoop::new(name.clone(), Arc::clone(&self.settings)))
+    }
+
+    fn bound(&self, peer: Peer) -> Option<&SceneLoop> {
+        match self.connections.get(&peer)? {
+            Routed::Bound(name) => self.loops.get(name),
+            Routed::Greeting { .. } | Routed::Closed => None,
+        }
+    }
+
+    fn bound_mut(&mut self, peer: Peer) -> Option<&mut SceneLoop> {
+        match self.connections.get(&peer)? {
+            Routed::Bound(name) => self.loops.get_mut(name),
+            Routed::Greeting { .. } | Routed::Closed => None,
+        }
+    }
+
+    /// Takes bytes of a connection that has not named its scene.
+    fn greet(&mut self, now: Instant, peer: Peer, bytes: &[u8]) {
+        let Some(Routed::Greeting {
+            greeting,
+            opened,
+            permit,
+        }) = self.connections.get_mut(&peer)
+        else {
+            return;
+        };
+        match greeting.handle_control(bytes) {
+            Greeted::NotYet => {}
+            Greeted::Broken(code) => {
+                tracing::warn!(peer = peer.0, %code, "closing a connection that broke the protocol");
+                self.connections.insert(peer, Routed::Closed);
+                let (to, code) = (peer, code.0);
+                self.closed.push_back(Transmit::Close { to, code });
+            }
+            Greeted::Names(name, _, received) => {
+                let (opened, paced, permit) = (*opened, greeting.paced, Arc::clone(permit));
+                let scene = self.loop_of(&name);
+                scene.handle_opened(opened, peer);
+                scene.admit(peer, permit);
+                if paced {
+                    scene.handle_control_taken(now, peer, 0);
+                }
+                scene.handle_control(now, peer, &received);
+                self.connections.insert(peer, Routed::Bound(name));
+            }
+        }
+    }
+}
+
+impl Endpoint for SceneRouter {
+    fn handle_opened(&mut self, now: Instant, peer: Peer) {
+        let connection = Routed::Greeting {
+            greeting: Greeting::default(),
+            opened: now,
+            permit: Arc::new(Permit::OPEN),
+        };
+        self.connections.insert(peer, connection);
+    }
+
+    fn handle_control(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
+        match self.bound_mut(from) {
+            Some(scene) => scene.handle_control(now, from, bytes),
+            None => self.greet(now, from, bytes),
+        }
+    }
+
+    fn handle_control_taken(&mut self, now: Instant, peer: Peer, bytes: usize) {
+        if let Some(Routed::Greeting { greeting, .. }) = self.connections.get_mut(&peer) {
+            greeting.paced = true;
+        } else if let Some(scene) = self.bound_mut(peer) {
+            scene.handle_control_taken(now, peer, bytes);
+        }
+    }
+
+    fn wants_control(&self, from: Peer) -> bool {
+        let bound = self.bound(from);
+        bound.is_none_or(|scene| scene.wants_control(from))
+    }
+
+    fn handle_datagram(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
+        if let Some(scene) = self.bound_mut(from) {
+            scene.handle_datagram(now, from, bytes);
+        }
+    }
+
+    fn handle_link(&mut self, now: Instant, peer: Peer, report: &LinkReport) {
+        if let Some(scene) = self.bound_mut(peer) {
+            scene.handle_link(now, peer, report);
+        }
+    }
+
+    fn handle_ended(&mut self, now: Instant, peer: Peer, ending: Ending) {
+        if let Some(scene) = self.bound_mut(peer) {
+            scene.handle_ended(now, peer, ending);
+        }
+        self.connections.remove(&peer);
+    }
+
+    fn handle_timeout(&mut self, now: Instant) {
+        for scene in self.loops.values_mut() {
+            scene.handle_timeout(now);
+        }
+    }
+
+    fn poll_transmit(&mut self) -> Option<Transmit> {
+        if let Some(transmit) = self.closed.pop_front() {
+            return Some(transmit);
+        }
+        let transmit = self.loops.values_mut().find_map(SceneLoop::poll_transmit);
+        if transmit.is_none() {
+            self.loops.retain(|_, scene| !scene.is_idle());
+        }
+        transmit
+    }
+
+    fn poll_timeout(&self) -> Option<Wake> {
+        let wakes = self.loops.values().filter_map(SceneLoop::poll_timeout);
+        wakes.min_by_key(|wake| wake.at)
+    }
+}

@@ -1,0 +1,166 @@
+//! How a scene begins: provided, created by a client, or restored.
+
+use std::sync::Arc;
+
+use rhumb_protocol::Span;
+use rhumb_protocol::message::Denial;
+use rhumb_protocol::scene::{Invalid, Quantity, SceneConfig, Stepping};
+
+use super::{RunningScene, SceneLoop};
+use crate::admission::{self, SceneLoad, SceneSlot};
+use crate::command_log::RestoredScene;
+use crate::rights;
+use crate::scene::Scene;
+use crate::scene_runner::SceneRunner;
+use crate::stream_names::StreamNames;
+
+impl SceneLoop {
+    /// Begins the scene if the server provides it, unless it is there.
+    pub(super) fn begin_if_provided(&mut self) {
+        if self.exists() {
+            return;
+        }
+        let provided = self.settings.provided.as_ref();
+        let Some(provided) = provided.and_then(|scenes| scenes.of(&self.name)) else {
+            return;
+        };
+        match self.create(provided.config) {
+            Ok(runner) => {
+                runner.follow_script(provided.script);
+                self.note_empty();
+            }
+            Err(denial) => {
+                tracing::warn!(scene = %self.name, %denial, "a provided scene cannot begin");
+            }
+        }
+    }
+
+    /// Creates the scene for a client, with a log if there is a store.
+    pub(super) fn create_stored(&mut self, config: SceneConfig) -> Result<(), Denial> {
+        if self.is_damaged() {
+            return Err(Denial::SceneFaulted);
+        }
+        self.create(config)?;
+        let store = self.settings.store.as_ref();
+        let log = store.and_then(|store| store.create(&self.name, &config));
+        if let (Some(log), Some(runner)) = (log, self.runner_mut()) {
+            runner.keep_log(log, Span::ZERO);
+        }
+        self.note_empty();
+        Ok(())
+    }
+
+    /// Runs the scene that was restored.
+    pub fn add_restored(&mut self, restored: RestoredScene) {
+        let RestoredScene {
+            scene,
+            sessions,
+            ownership,
+            unnoted,
+            log,
+            took,
+        } = restored;
+        let Some(slot) = self.take_slot() else {
+            return tracing::error!(scene = %self.name, "no place for another scene");
+        };
+        let mut load = self.load_of(scene.config());
+        // The bodies were admitted before: a server with lower limits now takes no more of them.
+        for _ in 0..scene.body_count() {
+            load.add_body();
+        }
+        let _ = load.set_locomotion(admission::locomotion_steps(scene.locomotions()));
+        let runner = self.run_scene(scene, slot, load);
+        runner.restore_shapes();
+        if let Some(log) = log {
+            runner.keep_log(log, took);
+        }
+        runner.restore_members(sessions, ownership, &unnoted);
+        self.note_empty();
+    }
+
+    /// Tells members what has become durable.
+    pub fn report_durable(&mut self) {
+        if let Some(RunningScene { runner, .. }) = &mut self.running {
+            runner.report_durable(&mut self.out);
+        }
+    }
+
+    /// True if the store has a scene of this name that cannot be served.
+    #[must_use]
+    pub fn is_damaged(&self) -> bool {
+        let store = self.settings.store.as_ref();
+        store.is_some_and(|store| store.is_damaged(&self.name))
+    }
+
+    /// Reason why a scene that does not run cannot be joined.
+    pub(super) fn absence(&self) -> Denial {
+        if self.is_damaged() {
+            Denial::SceneFaulted
+        } else {
+            Denial::NoSuchScene
+        }
+    }
+
+    pub(super) fn create(&mut self, config: SceneConfig) -> Result<&mut SceneRunner, Denial> {
+        if self.exists() {
+            return Err(Denial::SceneExists);
+        }
+        let slot = self.take_slot().ok_or(Denial::TooManyScenes)?;
+        config.check().map_err(Denial::InvalidConfig)?;
+        if config.stepping == Stepping::FreeRunning
+            && rights::ticks_in_second(&config) > self.settings.limits.scene_ticks_per_second
+        {
+            let rate = Invalid::out_of_range(Quantity::Rate);
+            return Err(Denial::InvalidConfig(rate));
+        }
+        let load = self.load_of(&config);
+        if !load.has_room() {
+            let retry_seconds = admission::RETRY_SECONDS;
+            return Err(Denial::Overloaded { retry_seconds });
+        }
+        let settings = &self.settings;
+        let engine = settings.engines.make(&config, &settings.threads);
+        let engine = engine.map_err(|cause| {
+            tracing::warn!(scene = %self.name, %cause, "a scene cannot begin");
+            Denial::TooManyScenes
+        })?;
+        let scene = Scene::with_engine(config, engine).map_err(Denial::InvalidConfig)?;
+        tracing::info!(scene = %self.name, "scene created");
+        Ok(self.run_scene(scene, slot, load))
+    }
+
+    /// The place of another scene; `None` if the server has as many as may be.
+    fn take_slot(&self) -> Option<SceneSlot> {
+        let scenes = self.settings.limits.scenes as usize;
+        self.settings.admission.slots.take(scenes)
+    }
+
+    /// A scene's share of the server's time, none of it taken.
+    fn load_of(&self, config: &SceneConfig) -> SceneLoad {
+        let ticks = match config.stepping {
+            Stepping::FreeRunning => rights::ticks_in_second(config),
+            Stepping::Lockstep => 0,
+        };
+        let substeps = u64::from(config.integrator.substeps.get());
+        let limits = &self.settings.limits;
+        let (scene_max, server_max) = (limits.scene_load, limits.server_load);
+        self.settings
+            .admission
+            .load
+            .of_scene((ticks, substeps), scene_max, server_max)
+    }
+
+    /// Runs a scene that is new or restored.
+    fn run_scene(&mut self, scene: Scene, slot: SceneSlot, load: SceneLoad) -> &mut SceneRunner {
+        let names = StreamNames::of_scene(self.begun);
+        let settings = Arc::clone(&self.settings);
+        let runner = SceneRunner::new(&self.name, scene, names, settings, load);
+        self.begun = self.begun.wrapping_add(1);
+        let running = self.running.insert(RunningScene {
+            runner,
+            _slot: slot,
+            empty_since: None,
+        });
+        &mut running.runner
+    }
+}
