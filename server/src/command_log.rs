@@ -7,8 +7,7 @@ use rhumb_protocol::scene::{SceneConfig, SceneName};
 use rhumb_reckoning::Tick;
 
 use crate::digest::Digest;
-use crate::journal::Batch;
-use crate::record::Record;
+use crate::record::{Batch, Record};
 use crate::rights::Ownership;
 use crate::scene::{FrozenScene, Scene};
 use crate::sessions::Sessions;

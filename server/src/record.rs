@@ -7,6 +7,7 @@ use rhumb_protocol::message::SessionKey;
 use rhumb_protocol::scene::{Command, CommandError, IdRange};
 use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_protocol::wire::{Malformed, Wire};
+use rhumb_reckoning::Tick;
 
 use crate::rights::{ClientName, decode_client, decode_client_of, encode_client_of};
 
@@ -158,4 +159,50 @@ pub fn decode_u64(from: &mut Reader<'_>) -> Result<u64, Malformed> {
         .try_into()
         .map(u64::from_le_bytes)
         .map_err(|_| Malformed::Truncated)
+}
+
+/// Records in their order.
+#[derive(Debug, Default)]
+pub struct Journal {
+    records: Writer,
+    /// The scene's tick before the first of them.
+    tick: Option<Tick>,
+}
+
+/// Records that are written as a whole or not at all.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Batch {
+    /// The scene's tick before them.
+    pub tick: Tick,
+    /// Their bytes.
+    pub records: Vec<u8>,
+}
+
+impl Batch {
+    /// Bytes that it takes in memory.
+    #[must_use]
+    pub fn memory_bytes(&self) -> usize {
+        size_of::<Self>() + self.records.capacity()
+    }
+}
+
+impl Journal {
+    /// Adds a command that was applied.
+    pub(crate) fn applied(&mut self, tick: Tick, command: &Command) {
+        self.tick.get_or_insert(tick);
+        Record::encode_applied(command, &mut self.records);
+    }
+
+    /// Adds a record.
+    pub fn push(&mut self, tick: Tick, record: &Record) {
+        self.tick.get_or_insert(tick);
+        record.encode(&mut self.records);
+    }
+
+    /// Everything since the last call.
+    pub fn take(&mut self) -> Option<Batch> {
+        let tick = self.tick.take()?;
+        let records = std::mem::take(&mut self.records).into_bytes();
+        Some(Batch { tick, records })
+    }
 }

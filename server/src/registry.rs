@@ -3,21 +3,19 @@
 //! No engine here. Checks the rules of names and numbers; a refused change changes nothing. Invariants: each body's
 //! shape exists, each joint's bodies live; the generations of an index only grow.
 
-mod image;
-mod locomotions;
-
 use std::collections::BTreeMap;
 
 use rhumb_protocol::limits::{
-    BODIES_MAX, DAMPINGS_MAX, INDICES_MAX, JOINTS_BESIDE, JOINTS_MAX, JOINTS_PER_BODY,
-    SHAPE_BYTES_PER_SCENE_MAX, SHAPES_MAX, SWEPT_BODIES_MAX,
+    BODIES_MAX, CHARACTERS_MAX, DAMPINGS_MAX, INDICES_MAX, JOINTS_BESIDE, JOINTS_MAX,
+    JOINTS_PER_BODY, SHAPE_BYTES_PER_SCENE_MAX, SHAPES_MAX, SWEPT_BODIES_MAX, VEHICLES_MAX,
 };
 use rhumb_protocol::scene::{
-    BodyDesc, BodyKind, CommandError, Joint, JointId, Joints, Locomotion, Shape, ShapeId,
+    BodyDesc, BodyKind, CommandError, Invalid, Joint, JointId, Joints, Locomotion, Quantity, Shape,
+    ShapeId,
 };
+use rhumb_protocol::wire::bytes::{Reader, Writer};
+use rhumb_protocol::wire::{Malformed, Wire};
 use rhumb_reckoning::{BodyId, Damping};
-
-use self::locomotions::Locomotions;
 
 /// The shapes, bodies and joints of one scene.
 #[derive(Clone, Debug, Default)]
@@ -320,5 +318,183 @@ impl Registry {
             Some(last) if last.lives => None,
             Some(last) => last.desc.id.generation().checked_add(1),
         }
+    }
+}
+
+impl Wire for Registry {
+    fn encode(&self, to: &mut Writer) {
+        to.varint(self.shapes.len() as u64);
+        for (id, entry) in &self.shapes {
+            id.encode(to);
+            entry.shape.encode(to);
+        }
+        to.varint(self.bodies.iter().flatten().count() as u64);
+        for entry in self.bodies.iter().flatten() {
+            to.u8(u8::from(entry.lives));
+            entry.desc.encode(to);
+            entry.damping.encode(to);
+        }
+        to.varint(self.joints.iter().count() as u64);
+        for (id, joint) in self.joints.iter() {
+            id.encode(to);
+            joint.encode(to);
+        }
+        self.locomotions.encode(to);
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        let mut registry = Self::default();
+        for _ in 0..from.varint()? {
+            let id = ShapeId::decode(from)?;
+            let shape = Shape::decode(from)?;
+            registry.shape_bytes += shape.bytes();
+            registry.shapes.insert(id, ShapeEntry { shape, users: 0 });
+        }
+        for _ in 0..from.varint()? {
+            let lives = from.u8()? != 0;
+            let entry = BodyEntry {
+                lives,
+                desc: BodyDesc::decode(from)?,
+                damping: Damping::decode(from)?,
+            };
+            registry.restore_body(entry)?;
+        }
+        for _ in 0..from.varint()? {
+            let id = JointId::decode(from)?;
+            let before = registry.joints.insert(id, Joint::decode(from)?);
+            if before.is_some() {
+                return Err(Malformed::NotCanonical);
+            }
+        }
+        registry.locomotions = Locomotions::decode(from)?;
+        Ok(registry)
+    }
+}
+
+impl Registry {
+    fn restore_body(&mut self, entry: BodyEntry) -> Result<(), Malformed> {
+        if entry.lives {
+            if !self.shapes.contains_key(&entry.desc.shape) {
+                return Err(Malformed::OutOfRange);
+            }
+            self.count += 1;
+            self.count_properties(&entry);
+        }
+        let index = entry.desc.id.index() as usize;
+        if index >= self.bodies.len() {
+            self.bodies.resize(index + 1, None);
+        }
+        self.bodies[index] = Some(entry);
+        Ok(())
+    }
+}
+
+/// Locomotion by body; never [`Locomotion::None`].
+///
+/// Invariants: a character's body is kinematic and convex, a vehicle's is dynamic; neither kind exceeds its limit.
+#[derive(Clone, Debug, Default)]
+struct Locomotions(BTreeMap<BodyId, Locomotion>);
+
+impl Locomotions {
+    /// Replaces the locomotion of a body.
+    fn set(
+        &mut self,
+        (desc, shape): (&BodyDesc, &Shape),
+        locomotion: &Locomotion,
+    ) -> Result<(), CommandError> {
+        let (characters, vehicles) = self.counts_without(desc.id);
+        match locomotion {
+            Locomotion::None => {
+                self.0.remove(&desc.id);
+                return Ok(());
+            }
+            Locomotion::Character(_) if desc.kind != BodyKind::Kinematic => {
+                return Err(CommandError::NotKinematic(desc.id));
+            }
+            Locomotion::Character(_) if !shape.is_convex() => {
+                return Err(CommandError::NotConvex(desc.shape));
+            }
+            Locomotion::Character(_) if characters >= CHARACTERS_MAX => {
+                return Err(CommandError::TooManyCharacters);
+            }
+            Locomotion::Vehicle(_) if desc.kind != BodyKind::Dynamic => {
+                return Err(CommandError::NotPushable(desc.id));
+            }
+            Locomotion::Vehicle(_) if vehicles >= VEHICLES_MAX => {
+                return Err(CommandError::TooManyVehicles);
+            }
+            Locomotion::Character(_) | Locomotion::Vehicle(_) => {}
+        }
+        self.0.insert(desc.id, locomotion.clone());
+        Ok(())
+    }
+
+    /// Numbers of characters and vehicles beside a body.
+    fn counts_without(&self, id: BodyId) -> (usize, usize) {
+        let others = self.0.iter().filter(|(other, _)| **other != id);
+        let characters = others
+            .clone()
+            .filter(|(_, locomotion)| matches!(locomotion, Locomotion::Character(_)))
+            .count();
+        (characters, others.count() - characters)
+    }
+
+    /// Ends the locomotion of a body that is changed to one that cannot have it; returns whether it did.
+    fn end_unfit(&mut self, desc: &BodyDesc, shape: Option<&Shape>) -> bool {
+        let fits = match self.0.get(&desc.id) {
+            None => return false,
+            Some(Locomotion::Vehicle(_)) => desc.kind == BodyKind::Dynamic,
+            Some(_) => desc.kind == BodyKind::Kinematic && shape.is_some_and(Shape::is_convex),
+        };
+        if !fits {
+            self.0.remove(&desc.id);
+        }
+        !fits
+    }
+
+    fn remove(&mut self, id: BodyId) {
+        self.0.remove(&id);
+    }
+
+    fn get(&self, id: BodyId) -> Option<&Locomotion> {
+        self.0.get(&id)
+    }
+
+    /// In the order of ids.
+    fn iter(&self) -> impl Iterator<Item = &Locomotion> {
+        self.0.values()
+    }
+
+    /// Refuses inputs of wheels that a body does not have.
+    fn check_wheels(&self, id: BodyId, count: usize) -> Result<(), CommandError> {
+        match self.0.get(&id) {
+            Some(Locomotion::Vehicle(vehicle)) if vehicle.wheels.len() == count => Ok(()),
+            Some(Locomotion::Vehicle(_)) => Err(CommandError::Invalid(Invalid::out_of_range(
+                Quantity::Wheels,
+            ))),
+            _ => Err(CommandError::NotVehicle(id)),
+        }
+    }
+}
+
+impl Wire for Locomotions {
+    fn encode(&self, to: &mut Writer) {
+        to.varint(self.0.len() as u64);
+        for (id, locomotion) in &self.0 {
+            id.encode(to);
+            locomotion.encode(to);
+        }
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        let mut locomotions = Self::default();
+        for _ in 0..from.varint()? {
+            let id = BodyId::decode(from)?;
+            let before = locomotions.0.insert(id, Locomotion::decode(from)?);
+            if before.is_some() {
+                return Err(Malformed::NotCanonical);
+            }
+        }
+        Ok(locomotions)
     }
 }

@@ -3,10 +3,8 @@
 //! Members are not known here; their rights are checked before. Invariants: a refused command changes nothing;
 //! registry and engine have the same bodies; a scene whose engine failed takes no commands and no steps.
 
-mod baked;
 mod history;
 mod image;
-mod properties;
 mod walking;
 
 use core::fmt;
@@ -15,10 +13,11 @@ use std::mem;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use glam::{DVec3, Quat, Vec3};
+use rhumb_protocol::limits::MOMENT_MAX;
 use rhumb_protocol::message::{QueryError, RemovalCause};
 use rhumb_protocol::scene::{
     Answer, BodyDesc, BodyEvent, BodyKind, Command, CommandError, Contact, Invalid, Joint, JointId,
-    Joints, Locomotion, Query, SceneConfig, Shape, ShapeId,
+    Joints, Locomotion, Quantity, Query, SceneConfig, Shape, ShapeId,
 };
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Inertia, Metres, Tick, Twist};
@@ -27,10 +26,12 @@ pub(crate) use self::history::{Author, History, LogEntry};
 pub use self::image::FrozenScene;
 use crate::baking::BakedShapes;
 use crate::digest::Digest;
-use crate::engine::{Engine, EngineFault, EnginePart, Push, RapierEngine, StepThreads};
+use crate::engine::{
+    BakedShape, Baker, BodyProperties, Engine, EngineFault, EnginePart, Push, RapierEngine,
+    StepThreads, UnusableShape,
+};
 use crate::event_monitor::{EventMonitor, StepEvents};
-use crate::journal::Journal;
-use crate::record::Record;
+use crate::record::{Journal, Record};
 use crate::registry::Registry;
 
 /// Bodies under one gravity, stepped together.
@@ -597,5 +598,47 @@ impl core::error::Error for SceneFault {}
 impl From<EngineFault> for SceneFault {
     fn from(fault: EngineFault) -> Self {
         Self::Engine(fault)
+    }
+}
+
+impl Scene {
+    /// The function that makes the solid of a shape under a free id; `None` if the id is taken, and for an engine that
+    /// makes solids only by itself.
+    pub(crate) fn baker_for(&self, id: ShapeId) -> Option<Baker> {
+        self.engine.baker().filter(|_| self.shape(id).is_none())
+    }
+
+    /// Keeps a solid for the next command that adds its shape.
+    pub(crate) fn put_baked(
+        &mut self,
+        id: ShapeId,
+        shape: &Shape,
+        baked: Result<BakedShape, UnusableShape>,
+    ) {
+        self.baked.put(id, shape.clone(), baked);
+    }
+}
+
+impl Scene {
+    /// Refuses a dynamic body whose momentum the engine could not compute.
+    fn check_moment(&self, properties: &BodyProperties) -> Result<(), CommandError> {
+        let is_dynamic = properties.desc.kind == BodyKind::Dynamic;
+        match self.engine.moment(properties).filter(|_| is_dynamic) {
+            Some(moment) if !moment.is_finite() || moment > MOMENT_MAX => {
+                let moments = Invalid::out_of_range(Quantity::Moments);
+                Err(CommandError::Invalid(moments))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// A body's description with the scene's defaults filled in.
+    fn properties(&self, desc: BodyDesc) -> BodyProperties {
+        BodyProperties {
+            desc,
+            material: desc.material.unwrap_or(self.config.material),
+            damping: desc.damping.unwrap_or(self.config.damping),
+            sleep: desc.sleep.unwrap_or(self.config.sleep),
+        }
     }
 }

@@ -11,7 +11,9 @@ mod turns;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 
-use rhumb_protocol::message::{ClientMessage, Denial, Extension, Grease, ServerMessage};
+use rhumb_protocol::message::{
+    ClientMessage, Denial, Extension, Grease, ServerMessage, SessionRequest,
+};
 use rhumb_protocol::packet::{Datagram, LossReport, PacketKind};
 use rhumb_protocol::scene::{CommandError, SceneName};
 use rhumb_protocol::session::CloseCode;
@@ -21,10 +23,9 @@ use rhumb_reckoning::Tick;
 pub use self::owned::OwnedScene;
 use crate::admission::SceneSlot;
 use crate::authority_table::UpstreamStatistics;
-use crate::baking::Bakery;
+use crate::baking::{Bake, Bakery};
 use crate::outbox::Outbox;
 use crate::rights::{self, Ownership, Permit, Request};
-use crate::scene_connection::SceneConnection;
 use crate::scene_runner::{DisconnectReason, SceneRunner};
 use crate::settings::SceneSettings;
 
@@ -446,5 +447,35 @@ impl Endpoint for SceneLoop {
             .into_iter()
             .flatten()
             .min_by_key(|wake| wake.at)
+    }
+}
+
+/// A connection: its rights, and its membership.
+#[derive(Debug)]
+pub(crate) struct SceneConnection {
+    /// True once its client has said hello.
+    pub(crate) is_greeted: bool,
+    /// True if its client is a member of the scene.
+    pub(crate) member: bool,
+    pub(crate) permit: Arc<Permit>,
+    /// A join that waits until the link has taken the snapshot before it, or a shape whose solid is being made.
+    pub(crate) held: Option<ClientMessage>,
+    /// The solid of the held shape.
+    pub(crate) bake: Option<Bake>,
+    /// The session of its next join.
+    pub(crate) session: Option<SessionRequest>,
+}
+
+impl Default for SceneConnection {
+    /// A connection that may do everything.
+    fn default() -> Self {
+        Self {
+            is_greeted: false,
+            member: false,
+            permit: Arc::new(Permit::OPEN),
+            held: None,
+            bake: None,
+            session: None,
+        }
     }
 }

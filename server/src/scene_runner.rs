@@ -4,32 +4,27 @@
 //! observe, send.
 
 mod access;
-mod acknowledgements;
 mod authority;
 mod command_log;
 mod durability;
-mod figures;
-mod flow;
 mod owner;
 mod queries;
 mod restoration;
-mod scripted;
 mod session;
 mod subscriptions;
-mod weight;
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
 use bytes::Bytes;
-use rhumb_protocol::limits::ADVANCE_TICKS_MAX;
+use rhumb_protocol::limits::{ADVANCE_TICKS_MAX, PENDING_COMMANDS_MAX};
 use rhumb_protocol::message::{
-    ClientMessage, Denial, Extensions, Joined, RemovalCause, SceneEvent, ServerMessage,
+    ClientMessage, Denial, Extensions, Joined, RemovalCause, SceneEvent, ServerMessage, StageTimes,
     StreamChoice,
 };
 use rhumb_protocol::packet::StreamId;
 use rhumb_protocol::scene::{
-    BodyDesc, Command, CommandError, SceneConfig, SceneName, Shape, ShapeId, Stepping,
+    BodyDesc, Command, CommandError, Locomotion, SceneConfig, SceneName, Shape, ShapeId, Stepping,
 };
 use rhumb_protocol::stream::{Activity, StreamStart};
 use rhumb_protocol::{Instant, Peer, Span};
@@ -37,14 +32,12 @@ use rhumb_reckoning::{BodyState, Tick};
 
 use self::durability::Durability;
 pub(crate) use self::session::DisconnectReason;
-use self::weight::weight;
 use crate::admission::SceneLoad;
 use crate::authority_table::AuthorityTable;
-use crate::body_placement;
 use crate::hook::Hook;
 use crate::id_ranges::IdRanges;
 use crate::member::{Member, SnapshotRequest};
-use crate::observer::{Incident, SceneObserver};
+use crate::observer::{Incident, SceneObserver, TickFigures};
 use crate::outbox::Outbox;
 use crate::provided::SceneScript;
 use crate::rights::{Ownership, Request};
@@ -52,10 +45,7 @@ use crate::rollback::Rollback;
 use crate::scene::Scene;
 use crate::sessions::Sessions;
 use crate::settings::SceneSettings;
-use crate::snapshot::append_snapshot;
-use crate::stream_names::StreamNames;
-use crate::streams::{Stream, Streams};
-use crate::times::{Times, Timestamps};
+use crate::streams::{self, Stream, StreamNames, Streams, append_snapshot};
 
 /// One scene with its members.
 pub(crate) struct SceneRunner {
@@ -188,7 +178,7 @@ impl SceneRunner {
             self.settings.largest_packet,
             &self.scene,
         ));
-        for (id, parameters, track, motion) in body_placement::everything(&self.scene) {
+        for (id, parameters, track, motion) in streams::everything(&self.scene) {
             stream.place(id, &parameters, track, motion);
         }
         id
@@ -424,11 +414,11 @@ impl SceneRunner {
     /// Places a new or changed body in every stream: both ends predict it by its description from the newest tick on.
     fn place(&mut self, desc: BodyDesc, motion: BodyState, activity: Activity) {
         let (tick, tumbles) = (self.scene.tick(), self.scene.inertia(desc.id).is_some());
-        let track = body_placement::first_track(tick, (motion, activity), &desc, tumbles);
-        if let Some(parameters) = body_placement::parameters(&self.scene, desc.id) {
+        let track = streams::first_track(tick, (motion, activity), &desc, tumbles);
+        if let Some(parameters) = streams::parameters(&self.scene, desc.id) {
             self.streams.place(desc.id, &parameters, track, motion);
         }
-        self.record_event(body_placement::scene_event(&self.scene, desc, track, None));
+        self.record_event(streams::scene_event(&self.scene, desc, track, None));
     }
 
     fn record_event(&mut self, scene_event: SceneEvent) {
@@ -578,6 +568,201 @@ impl SceneRunner {
         for peer in self.members.keys() {
             self.authority_table.end(*peer);
             out.send(*peer, &ServerMessage::Deleted);
+        }
+    }
+}
+
+/// Weight of a waiting message beside its shape or packet.
+const MESSAGE_WEIGHT: usize = 64;
+
+/// Weight of a waiting message: about its bytes in memory.
+fn weight(message: &Result<ClientMessage, CommandError>) -> usize {
+    MESSAGE_WEIGHT
+        + match message {
+            Ok(ClientMessage::Command(Command::AddShape { shape, .. })) => shape.bytes(),
+            Ok(ClientMessage::Command(Command::SetLocomotion { locomotion, .. })) => {
+                size_of::<Locomotion>() + wheels_bytes(locomotion)
+            }
+            Ok(ClientMessage::Command(Command::SetWheels { inputs, .. })) => size_of_val(&**inputs),
+            Ok(ClientMessage::Upstream(packet)) => packet.len(),
+            Ok(ClientMessage::Query(queries)) => size_of_val(&**queries),
+            _ => 0,
+        }
+}
+
+fn wheels_bytes(locomotion: &Locomotion) -> usize {
+    match locomotion {
+        Locomotion::Vehicle(vehicle) => size_of_val(&*vehicle.wheels),
+        Locomotion::None | Locomotion::Character(_) => 0,
+    }
+}
+
+/// Weight of the messages of one member that may wait for the steps of an advance: [`PENDING_COMMANDS_MAX`] short ones.
+const PENDING_BYTES_MAX: usize = PENDING_COMMANDS_MAX * MESSAGE_WEIGHT;
+/// A member for which more than this waits is behind.
+const MEMBER_BEHIND_BYTES: usize = 2 << 20;
+
+impl SceneRunner {
+    /// True if a member's next message must stay unread: as much as may waits for the steps of an advance, its commands
+    /// exceed its quota, or what it added to the scene still waits for slower members.
+    pub(crate) fn holds_back(&mut self, now: Instant, peer: Peer, out: &Outbox) -> bool {
+        let Some(member) = self.members.get_mut(&peer) else {
+            return false;
+        };
+        if member.pending_bytes >= PENDING_BYTES_MAX {
+            return true;
+        }
+        if member.is_over_rate(now) {
+            return true;
+        }
+        if !member.adds_too_much(now) {
+            return false;
+        }
+        let is_behind = |member: &Peer| out.waiting_bytes(*member) > MEMBER_BEHIND_BYTES;
+        self.members.keys().any(is_behind)
+    }
+
+    /// True if a member has sent more commands than its rate allows.
+    pub(crate) fn is_over_rate(&self, now: Instant, peer: Peer) -> bool {
+        (self.members.get(&peer)).is_some_and(|member| member.is_over_rate(now))
+    }
+
+    /// Bytes of scene events that the members have not got yet.
+    pub(crate) const fn unsent_bytes(&self) -> usize {
+        self.unsent.len()
+    }
+
+    /// The earliest time of the next requested snapshot; `None` if none is requested, or one is under way.
+    pub(crate) fn next_snapshot(&self, out: &Outbox) -> Option<Instant> {
+        let requests = self.members.iter();
+        let requests = requests.filter(|(_, member)| member.snapshot_request.is_some());
+        requests
+            .filter_map(|(peer, _)| out.snapshot_at(*peer))
+            .min()
+    }
+}
+
+impl SceneRunner {
+    /// Attaches a script, which commands the scene before each step, and runs it once. Members get ids after
+    /// those of its bodies.
+    pub(crate) fn follow_script(&mut self, script: SceneScript) {
+        self.script = Some(script);
+        self.run_script();
+        let indices = self.scene.bodies().map(|body| body.id.index() + 1);
+        let end = indices.max().unwrap_or(0);
+        self.id_ranges.begin_after(end);
+    }
+
+    /// Applies the script's commands before the next step.
+    fn run_script(&mut self) {
+        let Some(mut script) = self.script.take() else {
+            return;
+        };
+        if !self.faulted && self.scene.is_sound() {
+            for command in script.commands(&self.scene) {
+                // A script may add thousands of bodies at once.
+                self.settings.heartbeat.beat();
+                if let Err(error) = self.apply_of_script(&command) {
+                    tracing::warn!(%error, "a command of the scene's script is refused");
+                }
+            }
+        }
+        self.script = Some(script);
+    }
+
+    fn apply_of_script(&mut self, command: &Command) -> Result<(), CommandError> {
+        self.check_not_under_authority(command)?;
+        self.apply_and_announce(command)
+    }
+}
+
+impl SceneRunner {
+    /// Adds the times of a tick to the scene's figures.
+    fn note_times(&mut self, timestamps: Timestamps) {
+        self.times.add(timestamps);
+        let figures = TickFigures {
+            tick: self.scene.tick(),
+            members: self.members.len(),
+            bodies: self.scene.body_count(),
+            awake: self.scene.awake_count(),
+            waiting: self.streams.waiting(),
+            load: self.load.reserved(),
+            step: timestamps.stepped.since(timestamps.begun),
+            publish: timestamps.published.since(timestamps.stepped),
+        };
+        let mut packets = self.streams.all_packets();
+        let observer = &mut self.observer;
+        observer.stepped(&figures, &self.scene, &mut packets);
+    }
+
+    /// A body whose state was not finite is a fault of the engine.
+    fn note_removal(&mut self, cause: RemovalCause) {
+        if cause == RemovalCause::NotFinite {
+            self.observer.incident(Incident::NotFinite);
+        }
+    }
+}
+
+/// Steps for the median and the 99th percentile.
+const RECENT: usize = 4_096;
+
+/// Time of the stages of all ticks so far.
+#[derive(Debug, Default)]
+pub(crate) struct Times {
+    step_total: u64,
+    observe_total: u64,
+    publish_total: u64,
+    /// Duration of the last steps in nanoseconds; a ring once it is full.
+    recent: Vec<u64>,
+    next: usize,
+    /// Median and 99th percentile of the recent steps, until another step is added: a scene answers more often than
+    /// it steps.
+    percentiles: Option<(u64, u64)>,
+}
+
+/// The moments between the stages of one tick.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Timestamps {
+    pub(crate) begun: Instant,
+    pub(crate) stepped: Instant,
+    pub(crate) observed: Instant,
+    pub(crate) published: Instant,
+}
+
+impl Times {
+    pub(crate) fn add(&mut self, timestamps: Timestamps) {
+        let step = timestamps.stepped.since(timestamps.begun).as_nanos();
+        self.step_total += step;
+        self.observe_total += timestamps.observed.since(timestamps.stepped).as_nanos();
+        self.publish_total += timestamps.published.since(timestamps.observed).as_nanos();
+        if self.recent.len() < RECENT {
+            self.recent.push(step);
+        } else {
+            self.recent[self.next] = step;
+        }
+        self.next = (self.next + 1) % RECENT;
+        self.percentiles = None;
+    }
+
+    /// Adds the time of a report to the scene's owner.
+    pub(crate) fn add_reporting(&mut self, took: Span) {
+        self.publish_total += took.as_nanos();
+    }
+
+    pub(crate) fn summary(&mut self) -> StageTimes {
+        let recent = &self.recent;
+        let (step_median, step_p99) = *self.percentiles.get_or_insert_with(|| {
+            let mut steps = recent.clone();
+            steps.sort_unstable();
+            let at = |share: usize| steps.get(steps.len() * share / 100).copied().unwrap_or(0);
+            (at(50), at(99))
+        });
+        StageTimes {
+            step_total: self.step_total,
+            step_median,
+            step_p99,
+            observe_total: self.observe_total,
+            publish_total: self.publish_total,
         }
     }
 }

@@ -7,17 +7,17 @@ use bytes::Bytes;
 use glam::Vec3;
 use rhumb_protocol::Peer;
 use rhumb_protocol::limits::STREAMS_PER_SCENE_MAX;
-use rhumb_protocol::message::{Denial, StreamChoice};
+use rhumb_protocol::message::{Denial, SceneEvent, ServerMessage, StreamChoice};
 use rhumb_protocol::packet::{LargestPacket, StreamId};
-use rhumb_protocol::scene::{PublishSchedule, Stepping};
+use rhumb_protocol::scene::{BodyDesc, BodyKind, PublishSchedule, Stepping};
 use rhumb_protocol::stream::{
-    Features, Observation, ObservationHistory, PredictionParameters, Publisher, StreamConfig,
-    StreamSender, WatermarkPolicy,
+    Activity, Features, Observation, ObservationHistory, OverBudget, PredictionParameters,
+    Publisher, StreamConfig, StreamSender, WatermarkPolicy,
 };
-use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance, Track};
+use rhumb_reckoning::{Anchor, BodyId, BodyState, Predictor, Tick, Tolerance, Track};
+use tracing::Level;
 
 use crate::engine::StepThreads;
-use crate::over_budget::OverBudgetLog;
 use crate::scene::Scene;
 
 /// A stream and its choice.
@@ -260,17 +260,214 @@ impl Streams {
     }
 }
 
+/// Assigns names to streams.
+///
+/// Short, and not reused soon: late datagrams of an ended stream must not be taken for those of another. Invariant: a free
+/// name is reused only after [`REST`] other streams were named, however few names are free; long names fill the gap.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct StreamNames {
+    small: u32,
+    large: u32,
+    /// Number of names assigned.
+    given: u64,
+    /// For each small name: the count of names when it was last in use; `None` if never.
+    taken: [Option<u64>; StreamId::SMALL.end as usize],
+}
+
+/// Number of other streams named before a small name is reused.
+const REST: u64 = 8;
+
+impl StreamNames {
+    /// The names of the server's scene of this number: a new scene under an old name starts elsewhere.
+    pub(crate) const fn of_scene(number: u32) -> Self {
+        Self {
+            small: number % StreamId::SMALL.end,
+            large: StreamId::SMALL.end,
+            given: 0,
+            taken: [None; StreamId::SMALL.end as usize],
+        }
+    }
+
+    /// A name for a new stream: none that is in use or was until lately.
+    pub(crate) fn next(&mut self, is_taken: impl Fn(StreamId) -> bool) -> StreamId {
+        for (name, taken) in StreamId::SMALL.zip(&mut self.taken) {
+            if is_taken(StreamId(name)) {
+                *taken = Some(self.given);
+            }
+        }
+        self.given += 1;
+        for _ in StreamId::SMALL {
+            let name = self.small;
+            self.small = (name + 1) % StreamId::SMALL.end;
+            let taken = &mut self.taken[name as usize];
+            if taken.is_none_or(|taken| self.given - taken > REST) {
+                *taken = Some(self.given);
+                return StreamId(name);
+            }
+        }
+        let name = StreamId(self.large);
+        self.large = self.large.checked_add(1).unwrap_or(StreamId::SMALL.end);
+        name
+    }
+}
+
+/// Last logged state of a stream's budget.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct OverBudgetLog {
+    /// True if bodies waited then.
+    waited: bool,
+    /// Tick of the last line; `None` before the first.
+    logged_at: Option<Tick>,
+}
+
+impl OverBudgetLog {
+    /// Logs when a budget does not suffice, with its worst body, and when it suffices again: at most one line a
+    /// second. At trace level every affected body is logged.
+    pub(crate) fn log_once_a_second(&mut self, publisher: &Publisher) {
+        let (stream, tick) = (publisher.stream(), publisher.tick());
+        let waits = |since: Tick| tick.since(since).unwrap_or_default().count();
+        if tracing::enabled!(Level::TRACE) {
+            for OverBudget { body, share, since } in publisher.over_budget() {
+                if share > 1.0 {
+                    let ticks = waits(since);
+                    tracing::trace!(
+                        %stream, %tick, %body, share, ticks, cause = "budget",
+                        "a body exceeds its tolerance"
+                    );
+                }
+            }
+        }
+        let waiting = publisher.waiting();
+        let since_logged = self.logged_at.and_then(|logged_at| tick.since(logged_at));
+        let quiet = since_logged.is_some_and(|ticks| ticks < publisher.second());
+        if quiet || (waiting == 0 && !self.waited) {
+            return;
+        }
+        *self = Self {
+            waited: waiting > 0,
+            logged_at: Some(tick),
+        };
+        let Some(worst) = publisher.worst_waiting() else {
+            let over_budget = publisher.statistics().over_budget;
+            tracing::info!(%stream, over_budget, "the budget suffices again");
+            return;
+        };
+        let OverBudget { body, share, since } = worst;
+        let ticks = waits(since);
+        tracing::info!(%stream, waiting, %body, share, ticks, cause = "budget", "bodies wait for an update");
+    }
+}
+
+/// Appends the snapshot from its changes of gravity on: bodies, joints, silent publishers, and the end (PROTOCOL 4.8). Its shapes go
+/// before, in the bytes of their events.
+pub(crate) fn append_snapshot(
+    scene: &Scene,
+    stream: &Stream,
+    silences: impl Iterator<Item = SceneEvent>,
+    bytes: &mut Vec<u8>,
+) {
+    let mut add = |scene_event| ServerMessage::SceneEvent(scene_event).encode(bytes);
+    // A track continues under the gravity of its time.
+    for (since, gravity) in stream.gravity_changes() {
+        add(SceneEvent::GravityChanged { since, gravity });
+    }
+    for (id, track) in stream.sender.tracks() {
+        if let Some(config) = scene.body(id) {
+            add(scene_event(scene, *config, track, stream.alias(id)));
+        }
+    }
+    for (id, joint) in scene.joints().iter() {
+        let joint = *joint;
+        add(SceneEvent::JointAdded { id, joint });
+    }
+    silences.for_each(add);
+    ServerMessage::SnapshotEnd.encode(bytes);
+}
+
+/// Event of a body that is in a scene, with its motion.
+pub(crate) fn scene_event(
+    scene: &Scene,
+    desc: BodyDesc,
+    track: Track,
+    alias: Option<u32>,
+) -> SceneEvent {
+    SceneEvent::BodyPlaced {
+        desc,
+        inertia: scene.inertia(desc.id),
+        track,
+        alias,
+    }
+}
+
+/// Parameters of a body's predictions.
+pub(crate) fn parameters(scene: &Scene, id: BodyId) -> Option<PredictionParameters> {
+    let desc = scene.body(id)?;
+    let shape = scene.shape(desc.shape)?;
+    let damping = scene.config().damping;
+    Some(PredictionParameters::of(
+        desc,
+        shape,
+        damping,
+        scene.inertia(id),
+    ))
+}
+
+/// The track of a body before its first update.
+pub(crate) fn first_track(
+    tick: Tick,
+    (motion, activity): (BodyState, Activity),
+    desc: &BodyDesc,
+    tumbles: bool,
+) -> Track {
+    let activity = if desc.enabled {
+        activity
+    } else {
+        Activity::Asleep
+    };
+    let predictor = match (activity, desc.kind) {
+        (Activity::Asleep, _) | (_, BodyKind::Fixed) => Predictor::Rest,
+        (Activity::Awake, BodyKind::Dynamic) if tumbles => Predictor::BallisticTorqueFree,
+        (Activity::Awake, BodyKind::Dynamic) => Predictor::Ballistic,
+        (Activity::Awake, BodyKind::Kinematic) => Predictor::Uniform,
+    };
+    let resting = predictor == Predictor::Rest;
+    Track {
+        origin: tick,
+        predictor,
+        anchor: Anchor::Exact(if resting { motion.stilled() } else { motion }),
+        parent: None,
+    }
+}
+
+/// Every body of a scene at present, in order of index.
+pub(crate) fn everything(scene: &Scene) -> Vec<(BodyId, PredictionParameters, Track, BodyState)> {
+    let mut observations = Vec::new();
+    scene.observe_all(&mut observations);
+    let first = |observation: &Observation| {
+        let id = observation.id;
+        let desc = scene.body(id)?;
+        let parameters = parameters(scene, id)?;
+        let tumbles = parameters.inertia.is_some();
+        let state = (observation.motion, observation.activity);
+        let track = first_track(scene.tick(), state, desc, tumbles);
+        Some((id, parameters, track, observation.motion))
+    };
+    observations.iter().filter_map(first).collect()
+}
+
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use std::io::{self, Write};
+    use std::num::NonZeroU32;
+    use std::sync::{Arc, Mutex};
+
     use rhumb_protocol::packet::{Head, LargestPacket, PacketKind};
     use rhumb_protocol::stream::{Activity, Budget};
     use rhumb_protocol::wire::Wire;
     use rhumb_protocol::wire::bytes::Reader;
     use rhumb_reckoning::{Integrator, Metres, Rate};
-    use std::io::{self, Write};
-    use std::num::NonZeroU32;
-    use std::sync::{Arc, Mutex};
+
+    use super::*;
 
     const BODIES: u32 = 50;
     const STREAM: StreamId = StreamId(1);
@@ -355,7 +552,7 @@ mod tests {
     }
 
     /// Publishes a stream with a small budget for some seconds; returns the log at a level, and the stream.
-    fn logged(level: tracing::Level, seconds: u64) -> (String, Streams) {
+    fn logged(level: Level, seconds: u64) -> (String, Streams) {
         let log = Log::default();
         let writer = log.clone();
         let subscriber = tracing_subscriber::fmt()
@@ -382,7 +579,7 @@ mod tests {
 
     #[test]
     fn the_worst_over_budget_body_is_logged_once_a_second() {
-        let (text, _) = logged(tracing::Level::INFO, 5);
+        let (text, _) = logged(Level::INFO, 5);
         let lines: Vec<_> = text.lines().collect();
         assert!((4..=5).contains(&lines.len()), "{text}");
         for log_line in &lines {
@@ -392,7 +589,7 @@ mod tests {
 
     #[test]
     fn every_over_budget_body_is_logged_at_trace_level() {
-        let (text, streams) = logged(tracing::Level::TRACE, 1);
+        let (text, streams) = logged(Level::TRACE, 1);
         let lines = text
             .lines()
             .filter(|log_line| log_line.contains("a body exceeds its tolerance"));
@@ -432,5 +629,42 @@ mod tests {
             bytes + 200 > most,
             "a tight budget is used: {bytes} of {most}"
         );
+    }
+
+    #[test]
+    fn a_name_is_reused_after_all_other_free_ones() {
+        let mut names = StreamNames::of_scene(18);
+        let given: Vec<u32> = (0..17)
+            .map(|_| names.next(|name| name == StreamId(4)).0)
+            .collect();
+        let expected = [3, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 0, 1, 2, 3, 5, 6];
+        assert_eq!(given, expected);
+        assert_eq!(names.next(|name| name.0 < 15), StreamId(15));
+        assert_eq!(names.next(|name| name.0 < 15), StreamId(16));
+    }
+
+    #[test]
+    fn a_freed_name_rests_even_without_other_free_small_names() {
+        let mut names = StreamNames::of_scene(0);
+        for name in 0..14 {
+            assert_eq!(names.next(|taken| taken.0 < name), StreamId(name));
+        }
+        // One member changes its tier again and again, while all others keep theirs.
+        let mut last = StreamId(13);
+        let mut given = Vec::new();
+        for _ in 0..30 {
+            let present = last;
+            last = names.next(|name| name.0 < 13 || name == present);
+            given.push(last);
+        }
+        for (place, name) in given.iter().enumerate() {
+            let until = (place + 1 + REST as usize).min(given.len());
+            let soon = &given[place + 1..until];
+            assert!(!soon.contains(name), "{name} at {place} of {given:?}");
+        }
+        let small = given
+            .iter()
+            .filter(|name| StreamId::SMALL.contains(&name.0));
+        assert!(small.count() >= 4, "they come again: {given:?}");
     }
 }

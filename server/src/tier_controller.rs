@@ -4,17 +4,10 @@
 //! after a pause, which doubles after each failed trial: a link between two tiers does not make a member flap. No link
 //! is judged while a snapshot is in transit.
 
-mod route_delay;
-mod snapshot_progress;
-
 use rhumb_protocol::message::{StreamChoice, TierPolicy};
 use rhumb_protocol::packet::{Low16, StreamId};
 use rhumb_protocol::{Instant, LinkReport, Span};
 use rhumb_reckoning::{LengthBound, Tolerance};
-
-use self::route_delay::RouteDelay;
-pub(crate) use self::snapshot_progress::Confirmation;
-use self::snapshot_progress::SnapshotProgress;
 
 /// A member's chosen stream, the state of its link, and the tier changes made for it.
 #[derive(Debug)]
@@ -215,6 +208,181 @@ fn wait(report: &LinkReport) -> Span {
     let rate = rate.max(u128::from(RATE_LEAST));
     let queue_delay = u128::from(report.waiting_bytes) * 1_000_000_000 / rate;
     Span::from_nanos(u64::try_from(queue_delay).unwrap_or(u64::MAX))
+}
+
+/// Estimate of the route's own round trip.
+///
+/// A round trip grows because data is queued on the route, or because the route has changed. A queue grows, loses packets
+/// when full, or backs up to this end; another route does none of these and soon becomes the base.
+#[derive(Clone, Copy, Debug)]
+struct RouteDelay {
+    /// The base round trip; `None` before the first report.
+    base_ns: Option<u64>,
+    second: Option<Second>,
+    /// Least round trip of the last second, if it was calm: no standing queue at this end, and no loss.
+    quiet_ns: Option<u64>,
+    /// Count of lost packets, and whether it grew in the present second.
+    lost: Low16,
+    loses: bool,
+}
+
+/// Minima of the present second.
+#[derive(Clone, Copy, Debug)]
+struct Second {
+    began: Instant,
+    round_trip_ns: u64,
+    queue_delay: Span,
+}
+
+/// Length of one observation.
+const SECOND: Span = Span::from_millis(1_000);
+/// A queue at this end whose least delay in a second exceeds this is standing.
+const STANDING: Span = Span::from_millis(80);
+/// A round trip that grows faster than this in a second is not steady.
+const STEADY_NS: u64 = 10_000_000;
+
+impl RouteDelay {
+    /// An estimate before the first report.
+    const fn new() -> Self {
+        Self {
+            base_ns: None,
+            second: None,
+            quiet_ns: None,
+            lost: Low16(0),
+            loses: false,
+        }
+    }
+
+    /// Takes the member's count of lost packets.
+    fn handle_lost_count(&mut self, lost: Low16) {
+        self.loses |= self.lost != lost;
+        self.lost = lost;
+    }
+
+    /// Delay of a round trip beyond the route's own, with this queue delay at this end.
+    fn excess_delay(&mut self, now: Instant, round_trip: Span, queue_delay: Span) -> Span {
+        let round_trip_ns = round_trip.as_nanos();
+        // The base grows slowly by itself: a changed route that is never calm does not count as a full queue for ever.
+        let usual = self.base_ns.get_or_insert(round_trip_ns);
+        *usual = round_trip_ns.min(*usual + round_trip_ns.saturating_sub(*usual) / 512);
+        let second = self.second.get_or_insert(Second {
+            began: now,
+            round_trip_ns,
+            queue_delay,
+        });
+        second.round_trip_ns = second.round_trip_ns.min(round_trip_ns);
+        second.queue_delay = second.queue_delay.min(queue_delay);
+        if let Some(over) = self
+            .second
+            .take_if(|second| now.since(second.began) >= SECOND)
+        {
+            self.scan_back(over);
+        }
+        let usual = self.base_ns.unwrap_or(round_trip_ns);
+        Span::from_nanos(round_trip_ns.saturating_sub(usual))
+    }
+
+    /// After two calm seconds, the later no slower, their round trip becomes the base.
+    fn scan_back(&mut self, over: Second) {
+        let loses = std::mem::take(&mut self.loses);
+        let quiet_ns = (over.queue_delay <= STANDING && !loses).then_some(over.round_trip_ns);
+        if let (Some(before), Some(last)) = (self.quiet_ns, quiet_ns)
+            && last <= before + STEADY_NS
+        {
+            self.base_ns = self.base_ns.max(Some(last));
+        }
+        self.quiet_ns = quiet_ns;
+    }
+}
+
+/// Messages that confirm the snapshot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Confirmation {
+    /// Any message: a joining member sends nothing before.
+    AnyMessage,
+    /// A loss report of the new stream, or the confirmation of its subscription.
+    LossReport(StreamId),
+    /// The confirmation of a subscription; loss reports of the stream may concern the former copy.
+    Subscribed(StreamId),
+}
+
+/// The progress of a member's snapshot, and of the queue behind it, through the link.
+///
+/// Invariant: a queue that does not shrink is not a snapshot in transit, whatever the member confirms.
+#[derive(Clone, Copy, Debug)]
+struct SnapshotProgress {
+    /// `None` once it was confirmed.
+    expected: Option<Confirmation>,
+    /// The time at which the link was first observed with the snapshot in transit.
+    begun: Option<Instant>,
+    /// The time at which the queue behind the snapshot has passed, too.
+    over: Option<Instant>,
+    /// Least queue since the snapshot passed, in bytes, and its time.
+    least: Option<(u64, Instant)>,
+}
+
+/// Grace after a snapshot, or as long as the snapshot took: the queue behind it must pass, too.
+const GRACE: Span = Span::from_millis(2_000);
+/// Longest grace after a snapshot.
+const GRACE_MOST: Span = Span::from_millis(10_000);
+/// No grace for a queue of this delay that does not shrink by a sixty-fourth in [`GRACE`]: an overloaded link may
+/// delay the very snapshot.
+const SNAPSHOT_STANDING: Span = Span::from_millis(250);
+/// A member without a confirmation is judged after this time: not every client sends one.
+const SNAPSHOT_MOST: Span = Span::from_millis(60_000);
+
+impl SnapshotProgress {
+    /// A snapshot that is sent now.
+    const fn awaiting(expected: Confirmation) -> Self {
+        Self {
+            expected: Some(expected),
+            begun: None,
+            over: None,
+            least: None,
+        }
+    }
+
+    /// Handles a message of the member.
+    fn confirm(&mut self, received: Confirmation) {
+        let shows = match (self.expected, received) {
+            (None, _) => false,
+            (Some(Confirmation::AnyMessage), _) => true,
+            (
+                Some(Confirmation::LossReport(of)),
+                Confirmation::LossReport(stream) | Confirmation::Subscribed(stream),
+            )
+            | (Some(Confirmation::Subscribed(of)), Confirmation::Subscribed(stream)) => {
+                of == stream
+            }
+            (Some(Confirmation::LossReport(_) | Confirmation::Subscribed(_)), _) => false,
+        };
+        if shows {
+            self.expected = None;
+        }
+    }
+
+    /// True if the link can be judged, with this queue in bytes and in delay.
+    fn is_over(&mut self, now: Instant, waiting_bytes: u64, queue_delay: Span) -> bool {
+        let took = now.since(*self.begun.get_or_insert(now));
+        if self.stands(now, waiting_bytes, queue_delay) {
+            (self.expected, self.over) = (None, Some(now));
+        }
+        if self.expected.is_some() && took < SNAPSHOT_MOST {
+            return false;
+        }
+        let passes = took.clamp(GRACE, GRACE_MOST);
+        now >= *self.over.get_or_insert(now + passes)
+    }
+
+    /// True if the queue has not shrunk for a while.
+    fn stands(&mut self, now: Instant, waiting_bytes: u64, queue_delay: Span) -> bool {
+        let (least, since) = *self.least.get_or_insert((waiting_bytes, now));
+        if queue_delay <= SNAPSHOT_STANDING || waiting_bytes < least - least / 64 {
+            self.least = Some((waiting_bytes, now));
+            return false;
+        }
+        now.since(since) >= GRACE
+    }
 }
 
 #[cfg(test)]

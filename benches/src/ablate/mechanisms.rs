@@ -295,10 +295,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         name: "tiers",
         switch: Switch::Fixed,
         feature: Some("tiers"),
-        code: &[
-            "server/src/tier_controller.rs",
-            "server/src/tier_controller/",
-        ],
+        code: &["server/src/tier_controller.rs"],
         requirements: &["PROTOCOL 4.12"],
     },
     Mechanism {

@@ -12,7 +12,7 @@ use crate::command_log::RestoredScene;
 use crate::rights;
 use crate::scene::Scene;
 use crate::scene_runner::SceneRunner;
-use crate::stream_names::StreamNames;
+use crate::streams::StreamNames;
 
 impl SceneLoop {
     /// Begins the scene if the server provides it, unless it is there.

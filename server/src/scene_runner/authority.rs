@@ -9,9 +9,9 @@ use rhumb_reckoning::BodyId;
 
 use super::SceneRunner;
 use crate::authority_table::UpstreamStatistics;
-use crate::body_placement;
 use crate::outbox::Outbox;
 use crate::rights::Request;
+use crate::streams;
 
 impl SceneRunner {
     /// A packet of a member's upstream on the control stream, where members lead: it acts before the steps of the next
@@ -97,7 +97,7 @@ impl SceneRunner {
         };
         let scene = &self.scene;
         let integrator = scene.config().integrator;
-        let parameters = |id| body_placement::parameters(scene, id);
+        let parameters = |id| streams::parameters(scene, id);
         let receiver = UpstreamReceiver::new(&authority, request, integrator, parameters);
         self.authority_table.begin(peer, receiver);
         for (id, motion) in &authority.bodies {

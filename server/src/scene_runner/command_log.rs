@@ -8,12 +8,10 @@ use rhumb_protocol::message::ServerMessage;
 use rhumb_protocol::{Peer, Span};
 
 use super::SceneRunner;
-use super::acknowledgements::SessionCommands;
-use super::durability::Durability;
+use super::durability::{Durability, SessionCommands};
 use crate::command_log::{CommandLog, Frozen};
-use crate::journal::Journal;
 use crate::outbox::Outbox;
-use crate::record::{Record, SessionNumber};
+use crate::record::{Journal, Record, SessionNumber};
 
 impl SceneRunner {
     /// Starts the command log. `replayed`: time that its restoration took.

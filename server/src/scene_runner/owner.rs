@@ -69,7 +69,7 @@ mod tests {
     use crate::heartbeat::Heartbeat;
     use crate::limits::Limits;
     use crate::settings::SceneSettings;
-    use crate::stream_names::StreamNames;
+    use crate::streams::StreamNames;
 
     #[test]
     fn each_command_and_each_step_of_an_owner_is_a_piece_of_work() {

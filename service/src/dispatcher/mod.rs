@@ -40,10 +40,9 @@ use self::message::{
     FromWorker, ProcessId, ToProcess, WorkerId, WorkerInput, WorkerOutput, WorkerReport,
 };
 use self::process::Processes;
-pub(crate) use self::process::run_worker;
+pub(crate) use self::process::{ProcessOptions, run_worker};
 use self::quarantined::{Quarantined, Scope};
 pub use self::settings::DispatcherSettings;
-pub(crate) use self::settings::ProcessOptions;
 use self::threads::Threads;
 use self::worker::{InlineWorker, ThreadWorker};
 

@@ -9,8 +9,12 @@ use rhumb_protocol::session::CloseCode;
 use rhumb_scene::Hooks;
 
 use super::message::{FromProcess, FromWorker, ProcessId, ToProcess, WorkerId};
-use super::settings::{DispatcherSettings, ProcessOptions};
+use super::settings::DispatcherSettings;
 use super::threads::Threads;
+
+/// How worker processes are started: never.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct ProcessOptions(pub(crate) Infallible);
 
 /// No worker processes.
 pub(super) struct Processes(Infallible);

@@ -1,18 +1,10 @@
 //! The settings of a dispatcher, and of the scenes behind it.
 
-#[cfg(not(target_os = "linux"))]
-use std::convert::Infallible;
-#[cfg(target_os = "linux")]
-use std::num::NonZeroU32;
-#[cfg(target_os = "linux")]
-use std::path::PathBuf;
-
 use rhumb_protocol::Instant;
 use rhumb_scene::SceneSettings;
 use rhumb_scene::engine::EngineKind;
-#[cfg(target_os = "linux")]
-use tracing::level_filters::LevelFilter;
 
+use super::process::ProcessOptions;
 use crate::access::Authenticator;
 use crate::durable::DataDir;
 use crate::recorders::SceneRecorders;
@@ -53,21 +45,3 @@ impl DispatcherSettings {
         }
     }
 }
-
-/// How worker processes are started.
-#[cfg(target_os = "linux")]
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct ProcessOptions {
-    /// True if all scenes without a tenant share a process.
-    pub(crate) share: bool,
-    pub(crate) log: LevelFilter,
-    /// Threads that step and publish, in each process.
-    pub(crate) threads: NonZeroU32,
-    /// Directory in which each process records its scenes.
-    pub(crate) record: Option<PathBuf>,
-}
-
-/// How worker processes are started: never.
-#[cfg(not(target_os = "linux"))]
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct ProcessOptions(pub(crate) Infallible);

@@ -23,10 +23,11 @@ use rhumb_protocol::session::CloseCode;
 pub(crate) use self::child::run as run_worker;
 use self::deaths::Deaths;
 use self::running::{ProcessState, RunningProcess};
+pub(crate) use self::setup::ProcessOptions;
 use self::setup::WorkerSetup;
 use self::tenant::Tenant;
 use super::message::{FromProcess, FromWorker, ProcessId, ToProcess, Vitals, WorkerId};
-use super::settings::{DispatcherSettings, ProcessOptions};
+use super::settings::DispatcherSettings;
 use super::threads::Threads;
 use crate::flight::FlightCause;
 

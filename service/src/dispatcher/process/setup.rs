@@ -5,8 +5,20 @@ use std::path::PathBuf;
 
 use rhumb_scene::Limits;
 use rhumb_scene::engine::EngineKind;
-
 use serde::{Deserialize, Serialize};
+use tracing::level_filters::LevelFilter;
+
+/// How worker processes are started.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct ProcessOptions {
+    /// True if all scenes without a tenant share a process.
+    pub(crate) share: bool,
+    pub(crate) log: LevelFilter,
+    /// Threads that step and publish, in each process.
+    pub(crate) threads: NonZeroU32,
+    /// Directory in which each process records its scenes.
+    pub(crate) record: Option<PathBuf>,
+}
 
 /// The settings of a worker process.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
