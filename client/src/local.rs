@@ -16,7 +16,7 @@ use rhumb_link::{
     ClientTransport, Clock, HeldBack, Inbox, Received, TransportCode, WireStatistics,
 };
 use rhumb_protocol::{Ending, Endpoint, Peer, Span, Transmit};
-use rhumb_scene::{SceneSettings, SceneRouter};
+use rhumb_scene::{SceneRouter, SceneSettings};
 
 use crate::client::Client;
 use crate::server_connection::ServerConnection;

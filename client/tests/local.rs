@@ -15,7 +15,7 @@ use rhumb_client::{
     BodyId, Client, ClientError, Denial, ErrorBound, Event, JoinMode, JoinOptions, LocalServer,
     Metres, Misuse, PipelineDepth, Refusals, RenderTime, StreamChoice, Tick, Tolerance,
 };
-use rhumb_scene::{Hook, Hooks, Instant, Scene, SceneSettings, SceneRouter};
+use rhumb_scene::{Hook, Hooks, Instant, Scene, SceneRouter, SceneSettings};
 use rhumb_sims::by_name;
 
 /// Both ways to run a server.

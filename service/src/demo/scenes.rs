@@ -1,13 +1,17 @@
 //! The scenes of the demo.
 
+use core::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::fmt;
+use std::process::{Command, Stdio};
 use std::str::FromStr;
 
+use clap::Args;
 use rhumb_protocol::scene::{SceneName, Stepping};
 use rhumb_scene::{ProvidedScene, ProvidedScenes};
 use rhumb_sims::{Asteroids, BallPit, Cubes, Ragdolls, Script, Spin, Tumbler};
 
 use super::reset_script::{ResetAfter, reset_script};
+use crate::settings::ServerSettings;
 use crate::view::ViewScene;
 
 /// Seconds for which a scene whose bodies lie still is shown so: that silence costs nothing is to be seen, too.
@@ -131,4 +135,89 @@ pub(super) fn view_scenes(first: DemoScene) -> Vec<ViewScene> {
             player: (scene == DemoScene::Cubes).then_some(Cubes::PLAYER.index()),
         })
         .collect()
+}
+
+/// Variables of the environment that say that a desktop is there.
+const DESKTOPS: [&str; 2] = ["DISPLAY", "WAYLAND_DISPLAY"];
+
+/// Asks the desktop to open a URL in its browser; false if there is no desktop.
+pub(crate) fn open_browser(url: &str) -> bool {
+    if !cfg!(target_os = "macos") && DESKTOPS.iter().all(|name| std::env::var_os(name).is_none()) {
+        return false;
+    }
+    let program = if cfg!(target_os = "macos") {
+        "open"
+    } else {
+        "xdg-open"
+    };
+    let mut command = Command::new(program);
+    command
+        .arg(url)
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null());
+    match command.spawn() {
+        // The program ends as soon as a browser has the URL, or with this process.
+        Ok(_) => true,
+        Err(cause) => {
+            tracing::debug!(%cause, program, "no browser opens the page");
+            false
+        }
+    }
+}
+
+/// The TCP address of the page unless another one is named.
+const DEFAULT_VIEW: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 8433);
+
+/// The scene to show first, and where.
+#[derive(Debug, Args)]
+pub(crate) struct DemoArguments {
+    /// The scene: ball-pit, ragdolls, cubes, tumbler or asteroids. The page has the others too.
+    #[arg(default_value = "ball-pit")]
+    scene: DemoScene,
+    /// TCP address of the page.
+    #[arg(long, value_name = "ADDRESS", default_value_t = DEFAULT_VIEW)]
+    view: SocketAddr,
+    /// UDP address of the server; port 0 picks a free one.
+    #[arg(long, default_value_t = SocketAddr::from(([127, 0, 0, 1], 0)))]
+    listen: SocketAddr,
+    /// Number of bodies of the scene, about.
+    #[arg(long)]
+    bodies: Option<u32>,
+    /// Seed of the scenes.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Shows the scenes live to Foxglove's viewers too, at this TCP address, or without one at 127.0.0.1:8765.
+    #[cfg(feature = "foxglove")]
+    #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = "127.0.0.1:8765")]
+    foxglove: Option<SocketAddr>,
+    /// Does not open a browser.
+    #[arg(long)]
+    no_browser: bool,
+}
+
+impl DemoArguments {
+    /// The settings of a server that shows the demo.
+    pub(crate) fn settings(&self) -> ServerSettings {
+        ServerSettings {
+            listen: self.listen,
+            view: Some(self.view),
+            open: true,
+            #[cfg(feature = "foxglove")]
+            foxglove: self.foxglove,
+            ..ServerSettings::default()
+        }
+    }
+
+    pub(crate) fn provided(&self) -> ProvidedScenes {
+        provided(self.scene, self.bodies, self.seed)
+    }
+
+    pub(crate) fn scenes(&self) -> Vec<ViewScene> {
+        view_scenes(self.scene)
+    }
+
+    pub(crate) const fn opens_browser(&self) -> bool {
+        !self.no_browser
+    }
 }

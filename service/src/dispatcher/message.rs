@@ -2,6 +2,7 @@
 //!
 //! Plain data: numbers, names and bytes, and nothing of the engine or of a session.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use bytes::Bytes;
@@ -121,5 +122,35 @@ impl WorkerInput {
             Self::Wake => to.handle_wake(now),
             Self::Restore(..) | Self::End => {}
         }
+    }
+}
+
+/// The scenes of one worker. All scenes of an adapter's clients share one.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Scope {
+    Adapter,
+    Scene(SceneName),
+}
+
+impl Scope {
+    /// The scene, if there is only one.
+    pub(super) const fn scene(&self) -> Option<&SceneName> {
+        match self {
+            Self::Adapter => None,
+            Self::Scene(scene) => Some(scene),
+        }
+    }
+}
+
+/// The quarantined workers, and the next look.
+#[derive(Default)]
+pub(super) struct Quarantined {
+    pub(super) quarantined: BTreeMap<WorkerId, Scope>,
+    pub(super) next: Instant,
+}
+
+impl Quarantined {
+    pub(super) fn is_quarantined(&self, id: WorkerId) -> bool {
+        self.quarantined.contains_key(&id)
     }
 }

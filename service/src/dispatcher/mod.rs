@@ -9,23 +9,18 @@
 mod adapter;
 mod expiry;
 mod message;
-mod priority;
 #[cfg(target_os = "linux")]
 mod process;
 #[cfg(not(target_os = "linux"))]
 #[path = "no_process.rs"]
 mod process;
-mod process_over;
-mod quarantined;
 mod settings;
-mod start;
-mod stored;
-mod threads;
 mod watchdog;
 mod worker;
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
+use std::sync::mpsc::channel;
 
 use bytes::Bytes;
 use rhumb_protocol::scene::SceneName;
@@ -37,14 +32,14 @@ use rhumb_scene::{Greeted, Greeting, Heartbeat, SharedClock, UpstreamStatistics}
 pub(crate) use self::adapter::{Adapter, AdapterQueue};
 use self::expiry::Expiry;
 use self::message::{
-    FromWorker, ProcessId, ToProcess, WorkerId, WorkerInput, WorkerOutput, WorkerReport,
+    FromProcess, FromWorker, ProcessId, Quarantined, Scope, ToProcess, WorkerId, WorkerInput,
+    WorkerOutput, WorkerReport,
 };
 use self::process::Processes;
 pub(crate) use self::process::{ProcessOptions, run_worker};
-use self::quarantined::{Quarantined, Scope};
 pub use self::settings::DispatcherSettings;
-use self::threads::Threads;
-use self::worker::{InlineWorker, ThreadWorker};
+use self::worker::{InlineWorker, ThreadWorker, Threads};
+use crate::durable::{DataDir, DataError, LogTail};
 
 /// Connections, and the workers of their scenes.
 pub struct Dispatcher {
@@ -483,5 +478,167 @@ impl Endpoint for Dispatcher {
             });
         let dispatcher = [greeting, expiry, watch].into_iter().flatten();
         inline.chain(dispatcher).min_by_key(|wake| wake.at)
+    }
+}
+
+impl Dispatcher {
+    /// The worker of some scenes, started if there is none.
+    fn worker_of(&mut self, scope: Scope) -> Result<WorkerId, CloseCode> {
+        if let Some(id) = self.by_scope.get(&scope) {
+            let quarantined = self.watchdog.is_quarantined(*id);
+            return if quarantined {
+                Err(CloseCode::SCENE_QUARANTINED)
+            } else {
+                Ok(*id)
+            };
+        }
+        if self.watchdog.quarantined.len() as u64 >= self.settings.scenes.limits.quarantined_scenes
+        {
+            return Err(CloseCode::BUSY);
+        }
+        self.start_worker(scope, LogTail::Kept)
+    }
+
+    /// Starts a worker, which restores its scene if a data directory has it.
+    fn start_worker(&mut self, scope: Scope, tail: LogTail) -> Result<WorkerId, CloseCode> {
+        let id = WorkerId(self.next_worker);
+        let place = match (&self.threads, &mut self.processes, &scope) {
+            (None, ..) => Place::Inline(Box::new(InlineWorker::new(
+                &self.settings.scenes,
+                self.settings.data.as_ref(),
+                Arc::new(|| {}),
+            ))),
+            (Some(threads), Some(processes), Scope::Scene(scene)) => {
+                Place::Process(processes.begin(id, scene, threads, &self.settings)?)
+            }
+            (Some(threads), ..) => {
+                let scenes = (&self.settings.scenes, self.settings.data.as_ref());
+                let started = ThreadWorker::start(id, scenes, None, channel(), &threads.workers);
+                Place::Thread(started.map_err(|cause| {
+                    tracing::error!(%cause, "no thread for a scene");
+                    CloseCode::BUSY
+                })?)
+            }
+        };
+        let stored = self.settings.data.as_ref().and(scope.scene().cloned());
+        self.add_worker(id, scope, place);
+        if let Some(scene) = stored {
+            let now = (self.settings.scenes.clock)();
+            self.route(now, id, WorkerInput::Restore(scene, tail));
+        }
+        Ok(id)
+    }
+
+    fn add_worker(&mut self, id: WorkerId, scope: Scope, place: Place) {
+        self.next_worker += 1;
+        self.by_scope.insert(scope.clone(), id);
+        let worker = Worker {
+            scope,
+            place,
+            connections: 0,
+            sent: 0,
+            taken: 0,
+            scenes: 0,
+        };
+        self.workers.insert(id, worker);
+    }
+
+    /// Starts the worker of an adapter; without threads there is none.
+    ///
+    /// # Errors
+    ///
+    /// The system's, if the thread cannot start.
+    #[cfg(feature = "app")]
+    pub(crate) fn serve_also(&mut self, adapter: Adapter) -> std::io::Result<()> {
+        let Some(threads) = &self.threads else {
+            return Ok(());
+        };
+        let id = WorkerId(self.next_worker);
+        let Adapter {
+            sender,
+            inputs,
+            serve,
+        } = adapter;
+        let (scenes, queue) = ((&self.settings.scenes, None), (sender, inputs));
+        let thread = ThreadWorker::start(id, scenes, Some(serve), queue, &threads.workers)?;
+        self.add_worker(id, Scope::Adapter, Place::Thread(thread));
+        Ok(())
+    }
+}
+
+impl Dispatcher {
+    /// Begins to restore the scenes that the data directory has.
+    ///
+    /// # Errors
+    ///
+    /// [`DataError`] if the directory cannot be read.
+    pub(crate) fn restore(&mut self) -> Result<(), DataError> {
+        let scenes = self
+            .settings
+            .data
+            .as_ref()
+            .map(DataDir::scenes)
+            .transpose()?;
+        for (name, _) in scenes.into_iter().flatten() {
+            if let Err(code) = self.worker_of(self.scope_of(&name)) {
+                tracing::error!(scene = %name, %code, "cannot restore a scene");
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Dispatcher {
+    fn take_process_message(&mut self, id: ProcessId, message: FromProcess) {
+        let Some(processes) = &mut self.processes else {
+            return;
+        };
+        let Some((worker, message)) = processes.take(id, message, &self.settings) else {
+            return;
+        };
+        if message == FromWorker::Over {
+            processes.note_worker_over(id);
+        }
+        // A broken process's words about another one's workers do not count.
+        let is_its = |place: &Place| matches!(place, Place::Process(of) if *of == id);
+        if (self.workers.get(&worker)).is_some_and(|worker| is_its(&worker.place)) {
+            self.take_message(worker, message);
+        }
+    }
+
+    fn note_process_over(&mut self, id: ProcessId, status: &str) {
+        let now = (self.settings.scenes.clock)();
+        let Some(processes) = &mut self.processes else {
+            return;
+        };
+        let Some(death) = processes.note_over(now, (id, status), &self.settings) else {
+            return;
+        };
+        let code = match self.settings.data {
+            Some(_) => CloseCode::SCENE_RESTORING,
+            None => CloseCode::SCENE_LOST,
+        };
+        let workers = self.workers.iter();
+        let died: Vec<(WorkerId, Scope)> = workers
+            .filter(|(_, worker)| matches!(worker.place, Place::Process(of) if of == id))
+            .map(|(id, worker)| (*id, worker.scope.clone()))
+            .collect();
+        for (worker, _) in &died {
+            self.close_connections_of(*worker, code);
+            self.drop_worker(*worker);
+        }
+        if self.settings.data.is_none() {
+            return;
+        }
+        for (worker, scope) in died {
+            let tail = if death.stuck == Some(worker) {
+                LogTail::LeftOut
+            } else {
+                LogTail::Kept
+            };
+            if let Err(code) = self.start_worker(scope.clone(), tail) {
+                tracing::error!(?scope, %code, "the scene stays in the data directory");
+            }
+        }
     }
 }

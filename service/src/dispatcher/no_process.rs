@@ -10,7 +10,7 @@ use rhumb_scene::Hooks;
 
 use super::message::{FromProcess, FromWorker, ProcessId, ToProcess, WorkerId};
 use super::settings::DispatcherSettings;
-use super::threads::Threads;
+use super::worker::Threads;
 
 /// How worker processes are started: never.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -11,9 +11,9 @@ use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Instant, Span};
 use rhumb_scene::Heartbeat;
 
-use super::message::{FromWorker, WorkerId, WorkerReport};
-use super::quarantined::Scope;
-use super::{ADAPTER_SCENES, Dispatcher, Place, priority};
+use super::message::{FromWorker, Scope, WorkerId, WorkerReport};
+use super::worker;
+use super::{ADAPTER_SCENES, Dispatcher, Place};
 use crate::flight::FlightCause;
 
 /// Time between two looks at the workers.
@@ -73,7 +73,7 @@ impl Dispatcher {
         };
         (self.settings.recorders.flights).write_where(is_quarantined, FlightCause::Quarantined);
         if let Place::Thread(thread) = &worker.place {
-            priority::lower(&thread.thread_id);
+            worker::lower(&thread.thread_id);
         }
         self.watchdog.quarantined.insert(id, worker.scope.clone());
         let quarantined = self.watchdog.quarantined.len();

@@ -4,20 +4,17 @@
 //! dispatcher only if many of its outputs lie unread.
 
 use std::collections::BTreeMap;
-use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::Arc;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
-use std::thread;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, sync_channel};
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
+use std::{io, thread};
 
 use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::{Endpoint, Instant, Peer, Transmit};
 use rhumb_scene::{Bakers, Heartbeat, SceneRouter, SceneSettings, SharedClock};
 
-use super::message::{FromWorker, WorkerId, WorkerInput, WorkerOutput};
-use super::priority::{self, ThreadId};
-use super::threads::WorkerThreads;
+use super::message::{FromWorker, WorkerId, WorkerInput, WorkerOutput, WorkerReport};
 use crate::durable::{DataDir, LogTail, StoredScenes, Wake};
 
 /// Inputs of one turn, before outputs and ticks.
@@ -167,7 +164,7 @@ impl ThreadWorker {
             .name(format!("rhumb-scene-{}", id.0))
             .stack_size(STACK_BYTES)
             .spawn(move || {
-                priority::note(&own_id);
+                note(&own_id);
                 let send = |message| send(id, message);
                 let run = || run(worker, &inputs, &send, &on_thread, &clock);
                 if catch_unwind(AssertUnwindSafe(run)).is_err() {
@@ -259,3 +256,94 @@ fn run(
         }
     }
 }
+
+/// Hands a message of a worker's thread over; false if the receiver has ended.
+pub(super) type SendFromWorker = Arc<dyn Fn(WorkerId, FromWorker) -> bool + Send + Sync>;
+
+/// Messages that wait for the dispatcher, of all workers; beyond them a worker waits.
+const REPORTS_WAITING_MAX: usize = 1_024;
+
+/// Needs of a worker's thread.
+#[derive(Clone)]
+pub(super) struct WorkerThreads {
+    pub(super) clock: SharedClock,
+    pub(super) send: SendFromWorker,
+}
+
+/// The way back from the workers' threads and processes to the dispatcher.
+pub(super) struct Threads {
+    pub(super) workers: WorkerThreads,
+    pub(super) received: Receiver<WorkerReport>,
+    pub(super) reports: ReportSender,
+}
+
+/// Hands reports to the dispatcher, and wakes it.
+#[derive(Clone)]
+pub(super) struct ReportSender {
+    reports: SyncSender<WorkerReport>,
+    waker: Arc<dyn Fn() + Send + Sync>,
+}
+
+impl ReportSender {
+    /// Hands a report over; false if the dispatcher has ended.
+    pub(super) fn send(&self, report: WorkerReport) -> bool {
+        // A dispatcher that has ended needs no output.
+        let sent = self.reports.send(report).is_ok();
+        (self.waker)();
+        sent
+    }
+}
+
+impl Threads {
+    pub(super) fn new(clock: SharedClock, waker: impl Fn() + Send + Sync + 'static) -> Self {
+        let (reports, received) = sync_channel(REPORTS_WAITING_MAX);
+        let reports = ReportSender {
+            reports,
+            waker: Arc::new(waker),
+        };
+        let of_workers = reports.clone();
+        let send = move |id, message| of_workers.send(WorkerReport::Worker(id, message));
+        Self {
+            workers: WorkerThreads {
+                clock,
+                send: Arc::new(send),
+            },
+            received,
+            reports,
+        }
+    }
+}
+
+/// The system's number of a thread, once it runs.
+#[cfg(target_os = "linux")]
+pub(super) type ThreadId = Arc<OnceLock<rustix::process::Pid>>;
+
+/// The system's number of a thread, where it is not known.
+#[cfg(not(target_os = "linux"))]
+pub(super) type ThreadId = Arc<OnceLock<()>>;
+
+/// Notes the number of the calling thread.
+#[cfg(target_os = "linux")]
+pub(super) fn note(id: &ThreadId) {
+    id.get_or_init(rustix::thread::gettid);
+}
+
+/// Notes nothing: this system's number is not used.
+#[cfg(not(target_os = "linux"))]
+pub(super) fn note(_: &ThreadId) {}
+
+/// Gives a thread the lowest priority: it gets the processor time that no other thread wants.
+#[cfg(target_os = "linux")]
+pub(super) fn lower(id: &ThreadId) {
+    /// The lowest.
+    const NICE: i32 = 19;
+    // On Linux the call concerns the one thread.
+    let lowered = rustix::process::setpriority_process(id.get().copied(), NICE);
+    if let Err(cause) = lowered {
+        tracing::warn!(%cause, "cannot lower the priority of a quarantined thread");
+    }
+}
+
+/// Does nothing: this system has no such call.
+#[cfg(not(target_os = "linux"))]
+pub(super) fn lower(_: &ThreadId) {}

@@ -8,8 +8,7 @@ use rhumb_protocol::scene::SceneName;
 use rhumb_scene::engine::StepThreads;
 
 use super::data_dir::DataDir;
-use super::log_tail::LogTail;
-use super::recovery::{ReplayStart, Restored};
+use super::recovery::{LogTail, ReplayStart, Restored};
 use super::scene_files::SceneFiles;
 
 /// Verifies every scene, one line each.

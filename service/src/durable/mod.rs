@@ -7,8 +7,6 @@ mod disk;
 mod error;
 mod examine;
 mod frame;
-mod head;
-mod log_tail;
 mod recovery;
 mod scene_files;
 #[cfg(test)]
@@ -19,9 +17,9 @@ mod stored_scenes;
 mod tests;
 mod writer;
 
+pub(crate) use self::recovery::LogTail;
 pub use data_dir::DataDir;
 pub use error::{Damage, DataError};
 pub(crate) use examine::{check, replay};
-pub(crate) use log_tail::LogTail;
 pub(crate) use stored_scenes::StoredScenes;
 pub(crate) use writer::Wake;

@@ -16,8 +16,7 @@ use ring::hmac;
 
 use super::disk::{Disk, LogFile, parent, write_whole};
 use super::error::{Damage, DataError};
-use super::frame::{LogFrame, LogFrames, Tail};
-use super::head::{DurableEnd, HeadFile};
+use super::frame::{DurableEnd, HeadFile, LogFrame, LogFrames, Tail};
 use super::snapshot_file::Snapshot;
 
 /// The directory of one scene.

@@ -10,8 +10,7 @@ use rhumb_scene::engine::StepThreads;
 use rhumb_scene::{CommandLog, RestoredScene, SceneStore};
 
 use super::data_dir::DataDir;
-use super::log_tail::LogTail;
-use super::recovery::{ReplayStart, Restored};
+use super::recovery::{LogTail, ReplayStart, Restored};
 use super::scene_files::SceneFiles;
 use super::writer::{Origin, SceneLog, Wake};
 

@@ -10,9 +10,8 @@ use rhumb_protocol::scene::Command;
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
 
-use super::entry::FlightEntry;
 use super::file::decode;
-use super::ring::entries;
+use super::ring::{FlightEntry, entries};
 
 /// Longest text of a printed command.
 const COMMAND_TEXT_MAX: usize = 240;

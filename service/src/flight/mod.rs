@@ -4,16 +4,13 @@
 //! them to a file that `rhumb-server flight FILE` prints. Invariants: a scene never waits for the disk; memory, the
 //! number of files and their rate are bounded.
 
-mod cause;
 mod command;
-mod entry;
 mod file;
-mod job;
 mod recorder;
 mod ring;
 mod writer;
 
-pub(crate) use cause::FlightCause;
+pub(crate) use self::file::FlightCause;
 pub(crate) use command::run;
 pub(crate) use recorder::{FlightRecorder, FlightRecorders, ForwardedFlight};
 pub(crate) use writer::FlightWriter;

@@ -15,10 +15,8 @@ use rhumb_protocol::{Instant, Peer};
 use rhumb_reckoning::Tick;
 use rhumb_scene::{Digest, TickFigures};
 
-use super::cause::FlightCause;
-use super::entry::{COMMAND_BYTES_KEPT, FlightEntry, HEAD_BYTES_KEPT};
-use super::job::FlightJob;
-use super::ring::FlightRing;
+use super::file::FlightCause;
+use super::ring::{COMMAND_BYTES_KEPT, FlightEntry, FlightRing, HEAD_BYTES_KEPT};
 
 /// The flight recorders of all scenes; all clones are one. The default records nothing.
 #[derive(Clone, Default)]
@@ -269,4 +267,18 @@ impl Drop for FlightRecorder {
             rings.remove(&self.name);
         }
     }
+}
+
+/// A piece of work for the thread.
+pub(super) enum FlightJob {
+    /// The entries of a scene's recorder are to be written.
+    Write {
+        scene: SceneName,
+        cause: FlightCause,
+        /// Older entries that it no longer had.
+        dropped: u64,
+        entries: Vec<u8>,
+    },
+    /// Nothing more is to be written.
+    End,
 }

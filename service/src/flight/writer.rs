@@ -13,8 +13,7 @@ use rhumb_protocol::scene::SceneName;
 use rhumb_scene::Limits;
 
 use super::file::{FlightHead, encode};
-use super::job::FlightJob;
-use super::recorder::FlightRecorders;
+use super::recorder::{FlightJob, FlightRecorders};
 
 /// Recorders that wait for the disk.
 const JOBS_WAITING_MAX: usize = 8;

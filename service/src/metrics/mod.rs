@@ -3,8 +3,6 @@
 //! A figure is an atomic number: a tick stores some ten of them and waits for nothing. [`Metrics::text`] writes them in
 //! the text format of Prometheus.
 
-mod answer;
-mod lock;
 mod process;
 mod scene;
 mod text;
@@ -13,14 +11,15 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
+use hyper::StatusCode;
 use rhumb_protocol::Span;
 use rhumb_protocol::scene::SceneName;
 use rhumb_scene::{Heartbeat, Limits, ServerLoad};
 
-use self::lock::lock;
-use self::scene::SceneMeters;
 pub(crate) use self::scene::{SCENE_VALUES, SceneMeter, SceneValues};
+use self::scene::{SceneMeters, lock};
 use self::text::{MetricKind, Text};
+use crate::http::{HttpAnswer, HttpRequest, TEXT};
 
 /// A dispatcher that has worked on one piece for longer is stuck.
 const DISPATCHER_STUCK: Span = Span::from_millis(2_000);
@@ -190,6 +189,24 @@ impl Metrics {
         for (name, help, value) in rows {
             text.describe(name, MetricKind::Gauge, help);
             text.sample(name, &[], value.unwrap_or(0));
+        }
+    }
+}
+
+/// The type of figures, as Prometheus reads them.
+const FIGURES: &str = "text/plain; version=0.0.4";
+
+impl Metrics {
+    /// The answer to a request.
+    pub(crate) fn answer(&self, request: &HttpRequest) -> HttpAnswer {
+        match request.path.as_str() {
+            "/metrics" => HttpAnswer::ok(FIGURES, self.text()),
+            "/health" if self.is_healthy() => HttpAnswer::ok(TEXT, "ok\n"),
+            "/health" => HttpAnswer::refusal(
+                StatusCode::SERVICE_UNAVAILABLE,
+                "the dispatcher does not answer",
+            ),
+            _ => HttpAnswer::refusal(StatusCode::NOT_FOUND, "there are /metrics and /health"),
         }
     }
 }

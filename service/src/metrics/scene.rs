@@ -2,17 +2,21 @@
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use rhumb_protocol::Span;
 use rhumb_protocol::scene::SceneName;
 use rhumb_scene::{TickFigures, Traffic};
 
-use super::lock::lock;
 use super::text::{MetricKind, Text};
 
 /// Upper ends of the buckets of a step's duration, microseconds.
 const BUCKETS_US: [u64; 8] = [500, 1_000, 2_000, 4_000, 8_000, 16_000, 33_000, 100_000];
+
+/// Locks; a thread that panicked while it counted leaves the figures as they are.
+pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
 
 /// The figures of all scenes that a meter has begun and not ended; all clones are one.
 #[derive(Clone, Default)]

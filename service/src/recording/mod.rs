@@ -7,8 +7,6 @@
 mod file;
 #[cfg(feature = "foxglove")]
 mod live;
-#[cfg(feature = "record")]
-mod mirror;
 #[cfg(not(feature = "record"))]
 mod no_tap;
 #[cfg(feature = "record")]

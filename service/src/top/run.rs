@@ -10,15 +10,13 @@ use std::sync::mpsc::{
 use std::thread;
 use std::time::Duration;
 
+use clap::Args;
 use ratatui::crossterm::event;
 
-use super::arguments::TopArguments;
-use super::keys::TopKey;
 use super::reading::Reading;
-use super::request::{FiguresReader, ReadError};
+use super::request::{FiguresReader, MetricsUrl, ReadError};
 use super::screen;
-use super::state::{KeyEffect, TopState};
-use super::table;
+use super::state::{KeyEffect, TopKey, TopState};
 
 /// Time between two readings.
 const INTERVAL: Duration = Duration::from_secs(1);
@@ -38,7 +36,7 @@ pub(crate) fn run(arguments: &TopArguments) -> Result<(), Box<dyn Error>> {
         let before = reader.read().map_err(failed)?;
         thread::sleep(INTERVAL);
         let now = reader.read().map_err(failed)?;
-        let text = table::plain(&url, &now, Some(&before));
+        let text = screen::plain(&url, &now, Some(&before));
         return Ok(io::stdout().lock().write_all(text.as_bytes())?);
     }
     // A signal ends it as a key does: the terminal is as it was before.
@@ -109,4 +107,15 @@ fn read_on_thread(reader: FiguresReader) -> io::Result<(SyncSender<()>, Receiver
             }
         })?;
     Ok((end, received))
+}
+
+/// The server to read, and how often.
+#[derive(Debug, Args)]
+pub(crate) struct TopArguments {
+    /// URL of the server's figures: the address that its --metrics names.
+    #[arg(default_value = "http://127.0.0.1:9464", value_name = "URL")]
+    pub(super) url: MetricsUrl,
+    /// Prints one table as plain text and ends, for scripts; no terminal is needed.
+    #[arg(long)]
+    pub(super) once: bool,
 }

@@ -2,9 +2,10 @@
 //!
 //! It draws nothing and reads nothing itself.
 
+use ratatui::crossterm::event::{Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
+
 use super::change::SceneChange;
 use super::columns::SortOrder;
-use super::keys::TopKey;
 use super::reading::Reading;
 
 /// The state of the screen.
@@ -90,6 +91,52 @@ impl TopState {
         if let Some(row) = self.selected_row(&rows) {
             let chosen = rows[place(row, rows.len() - 1)].name.to_owned();
             self.selected = Some(chosen);
+        }
+    }
+}
+
+/// A key that does something.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum TopKey {
+    Quit,
+    Sort,
+    Reverse,
+    Details,
+    Up,
+    Down,
+    First,
+    Last,
+}
+
+/// The line that explains the keys.
+pub(super) const HELP: &str = " q quit   s sort   r reverse   ↑ ↓ Home End select   Enter details ";
+
+impl TopKey {
+    /// The key of a terminal's event; `None` for all others.
+    pub(super) fn of(event: &Event) -> Option<Self> {
+        let Event::Key(KeyEvent {
+            code,
+            modifiers,
+            kind: KeyEventKind::Press | KeyEventKind::Repeat,
+            ..
+        }) = *event
+        else {
+            return None;
+        };
+        if modifiers.contains(KeyModifiers::CONTROL) {
+            // The terminal sends no signal while its keys are read.
+            return (code == KeyCode::Char('c')).then_some(Self::Quit);
+        }
+        match code {
+            KeyCode::Char('q') | KeyCode::Esc => Some(Self::Quit),
+            KeyCode::Char('s') => Some(Self::Sort),
+            KeyCode::Char('r') => Some(Self::Reverse),
+            KeyCode::Enter => Some(Self::Details),
+            KeyCode::Up | KeyCode::Char('k') => Some(Self::Up),
+            KeyCode::Down | KeyCode::Char('j') => Some(Self::Down),
+            KeyCode::Home => Some(Self::First),
+            KeyCode::End => Some(Self::Last),
+            _ => None,
         }
     }
 }

@@ -7,8 +7,7 @@ use std::sync::Arc;
 
 use rhumb_transport::conditioner::{LinkConfig, RelayError, UdpRelay};
 
-use super::answer::{Hashes, Page};
-use super::facts::ViewScene;
+use super::answer::{Hashes, Page, ViewScene};
 use crate::access::TokenIssuer;
 use crate::http::{HttpListener, HttpRequest};
 use crate::metrics::Metrics;

@@ -5,11 +5,10 @@
 //! written with recordings, needs no server.
 
 mod answer;
-mod facts;
 mod listener;
 mod static_page;
 
-pub use self::facts::ViewScene;
+pub use self::answer::ViewScene;
 pub(crate) use self::listener::PageListener;
 pub use self::listener::ViewError;
 pub(crate) use self::static_page::{PageArguments, run as write_page};

@@ -19,11 +19,11 @@ use rhumb_scene::{Admission, Heartbeat, Hooks, SceneSettings};
 use rhumb_transport::{Clock, ParentSender, parent_stream};
 
 use super::super::message::{FromProcess, FromWorker, ToProcess, Vitals, WorkerId, WorkerInput};
-use super::super::threads::WorkerThreads;
 use super::super::worker::ThreadWorker;
 use super::codec::{decode_to, encode_from};
 use super::setup::WorkerSetup;
 use super::system;
+use crate::dispatcher::worker::WorkerThreads;
 use crate::durable::DataDir;
 use crate::flight::{FlightRecorders, ForwardedFlight};
 use crate::log;

@@ -28,7 +28,7 @@ use self::setup::WorkerSetup;
 use self::tenant::Tenant;
 use super::message::{FromProcess, FromWorker, ProcessId, ToProcess, Vitals, WorkerId};
 use super::settings::DispatcherSettings;
-use super::threads::Threads;
+use crate::dispatcher::worker::Threads;
 use crate::flight::FlightCause;
 
 /// The worker processes of a dispatcher.

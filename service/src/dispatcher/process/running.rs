@@ -11,11 +11,11 @@ use rhumb_transport::{ChildSender, FrameReceiver, child_stream};
 
 use super::super::message::{ProcessId, ToProcess, WorkerId, WorkerReport};
 use super::super::settings::DispatcherSettings;
-use super::super::threads::ReportSender;
 use super::codec::{decode_from, encode_to};
 use super::setup::WorkerSetup;
 use super::system::ProcessHandle;
 use super::tenant::Tenant;
+use crate::dispatcher::worker::ReportSender;
 use crate::durable::DataDir;
 use crate::flight::FlightRecorder;
 use crate::metrics::{SceneMeter, SceneValues};

@@ -12,8 +12,7 @@ use rhumb_scene::{Batch, CommandLog, Frozen, Journal, Ownership};
 use rhumb_transport::Clock;
 
 use super::{Recorded, files, name};
-use crate::durable::log_tail::LogTail;
-use crate::durable::recovery::ReplayStart;
+use crate::durable::recovery::{LogTail, ReplayStart};
 use crate::durable::sim_disk::SimDisk;
 use crate::durable::writer::{Origin, SceneLog, WAITING_BYTES_MAX};
 
