@@ -104,7 +104,8 @@ impl Client {
     ///
     /// ```
     /// use rhumb_client::scene::{BodyDesc, Shape};
-    ///     ///
+    /// use rhumb_client::{Client, PipelineDepth};
+    ///
     /// # fn main() -> Result<(), rhumb_client::MainError> {
     /// let mut client = Client::local().join("drop")?;
     /// client.add_body(BodyDesc::fixed(Shape::cuboid(10.0, 0.5, 10.0)).at(0.0, -0.5, 0.0))?;
