@@ -139,6 +139,9 @@ fn declared(field: &CallField) -> (String, String) {
         (FieldKind::Vector, Some(_)) => "#[opt(default = Vector3::ZERO)] ",
         (FieldKind::Rotation, Some(_)) => "#[opt(default = Quaternion::default())] ",
         (FieldKind::Choice(_), Some(_)) => "#[opt(default = false)] ",
+        (FieldKind::Number, Some(default)) => {
+            &format!("#[opt(default = {})] ", literal(default[0]))
+        }
         _ => "",
     };
     let declared = format!("{default}{own}: {kind},\n");

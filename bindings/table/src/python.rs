@@ -288,6 +288,11 @@ fn reading(call: &Call, parameter: &Parameter<'_>) -> String {
         (FieldKind::Vector, Some(_)) if is_extra => format!(
             "let {name} = {name}.map(|{name}| rows({name}, ids.len(), {name:?})).transpose()?;\n"
         ),
+        (FieldKind::Vector, Some(_)) if !of_body => {
+            format!(
+                "let {name} = {name}.map_or(Ok(Vec3::ZERO), |{name}| vector({name}, {name:?}))?;\n"
+            )
+        }
         (FieldKind::Vector, Some(_)) => {
             format!("let {name} = optional_rows({name}, ids.len(), {name:?}, [0.0; 3])?;\n")
         }
@@ -301,7 +306,12 @@ fn reading(call: &Call, parameter: &Parameter<'_>) -> String {
         }
         (FieldKind::Vector, None) => format!("let {name} = vector({name}, {name:?})?;\n"),
         (FieldKind::Number, None) => format!("let {name} = real({name}, {name:?})?;\n"),
-        (FieldKind::Number, Some(_)) => format!("let {name} = optional_real({name}, {name:?})?;\n"),
+        (FieldKind::Number, Some(_)) => {
+            let default = parameter.field.default.as_deref();
+            let otherwise = default.map(|default| format!(".unwrap_or({:?})", default[0]));
+            let otherwise = otherwise.unwrap_or_default();
+            format!("let {name} = optional_real({name}, {name:?})?{otherwise};\n")
+        }
         (FieldKind::Choice(words), _) => {
             let kind = choice_name(call, parameter.field);
             let [no, yes] = [&words[0][0], &words[1][0]].map(|word| pascal(word));
