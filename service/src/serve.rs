@@ -29,6 +29,7 @@ use crate::dispatcher::{Dispatcher, DispatcherSettings, ProcessOptions};
 use crate::durable::DataDir;
 use crate::flight::{FlightRecorders, FlightWriter};
 use crate::http::HttpListener;
+#[cfg(feature = "view")]
 use crate::metrics::Metrics;
 #[cfg(feature = "view")]
 use crate::view::{PageListener, ViewScene};

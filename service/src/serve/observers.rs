@@ -1,5 +1,6 @@
 //! The server's recordings of scenes, and their viewers.
 
+#[cfg(feature = "foxglove")]
 use std::net::SocketAddr;
 use std::path::PathBuf;
 

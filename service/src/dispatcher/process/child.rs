@@ -30,7 +30,7 @@ use crate::log;
 use crate::metrics::Metrics;
 use crate::recorders::SceneRecorders;
 #[cfg(feature = "record")]
-use crate::recording::{Recorder, RecordingLimits};
+use crate::recording::{Recorder, RecordingLimits, SceneTaps};
 
 /// Time between two signs of life.
 const INTERVAL: Duration = Duration::from_millis(250);
@@ -80,7 +80,9 @@ pub(crate) fn run(hooks: Option<Hooks>, seconds: fn() -> i64) -> Result<(), Box<
 struct WorkerProcess {
     scenes: SceneSettings,
     data: Option<DataDir>,
-    recorders: SceneRecorders,
+    /// Hand the states of its scenes to the recorder.
+    #[cfg(feature = "record")]
+    taps: SceneTaps,
     threads: WorkerThreads,
     workers: BTreeMap<WorkerId, ThreadWorker>,
     life: Life,
@@ -153,7 +155,8 @@ impl WorkerProcess {
         Ok(Self {
             scenes,
             data,
-            recorders,
+            #[cfg(feature = "record")]
+            taps: recorders.taps,
             threads,
             workers: BTreeMap::new(),
             life,
@@ -171,7 +174,7 @@ impl WorkerProcess {
             return;
         };
         let limits = RecordingLimits::of(&setup.limits);
-        let taps = &self.recorders.taps;
+        let taps = &self.taps;
         match Recorder::start(directory.clone(), limits, seconds, taps) {
             Ok(recorder) => self.recorder = Some(recorder),
             Err(cause) => {
