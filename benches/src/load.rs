@@ -1,26 +1,19 @@
-//! `rhumb-bench load`: servers under load, with the figures that a service is judged by.
+//! `rhumb-bench load`: servers under load, as a service is judged.
 //!
 //! Plain, it runs many scenes and members over minutes. Its subcommands measure a frame by where the physics is, the
 //! cost of a server's settings, and what an abused scene does to its neighbour.
 
 mod frames;
 mod neighbour;
+mod rig;
 mod scenes;
 mod service;
 
-use std::path::PathBuf;
-use std::process::{Command as Program, ExitCode};
-use std::time::Duration;
+use std::process::ExitCode;
 
 use clap::{Args, Subcommand};
-use rhumb_client::Client;
-use rhumb_protocol::scene::Command;
-use rhumb_sims::{Script, by_name};
-use serde::{Deserialize, Serialize};
 
-use crate::drive::{BesideListener, ServerProcess};
-use crate::quantile;
-use crate::task::{Failure, ended};
+use crate::task::ended;
 
 pub use frames::Frames;
 pub use neighbour::Neighbour;
@@ -55,83 +48,4 @@ pub fn load(arguments: &LoadArguments) -> ExitCode {
         Some(OtherLoad::Service(arguments)) => service::run(arguments),
         Some(OtherLoad::Neighbour(arguments)) => neighbour::run(arguments),
     })
-}
-
-/// The server that is measured.
-#[derive(Clone, Debug, Args)]
-struct ServerArguments {
-    /// The server's program [default: rhumb-server beside this program].
-    #[arg(long, value_name = "FILE")]
-    server: Option<PathBuf>,
-    /// Cores that the server may use [default: all].
-    #[arg(long, value_name = "CORES", value_delimiter = ',')]
-    server_cores: Vec<usize>,
-    /// Further flags of the server, after `--`.
-    #[arg(last = true)]
-    flags: Vec<String>,
-}
-
-impl ServerArguments {
-    /// A command of the server's program, without arguments.
-    fn program(&self) -> Result<Program, Failure> {
-        Ok(Program::new(match &self.server {
-            Some(program) => program.clone(),
-            None => std::env::current_exe()?.with_file_name("rhumb-server"),
-        }))
-    }
-
-    /// Starts the server on a free port of loopback, and waits until it listens.
-    fn start(
-        &self,
-        more: &[&str],
-        awaited: Option<BesideListener>,
-    ) -> Result<ServerProcess, Failure> {
-        let mut command = self.program()?;
-        command.args(["--listen", "127.0.0.1:0"]).args(more);
-        command.args(&self.flags);
-        let cores = &self.server_cores;
-        Ok(ServerProcess::run_on(cores, &mut command, awaited)?)
-    }
-}
-
-/// The script of this name.
-fn script(name: &str, bodies: u32, seed: u64) -> Result<Box<dyn Script>, Failure> {
-    Ok(by_name(name, bodies, seed).ok_or_else(|| format!("no scene has the name {name}"))?)
-}
-
-/// Takes the ids that these commands of a script give to their bodies.
-fn take_ids(client: &mut Client, commands: &[Command]) -> Result<(), Failure> {
-    let bodies = |command: &&Command| matches!(command, Command::AddBody { .. });
-    let count = commands.iter().filter(bodies).count();
-    if count > 0 {
-        client.new_ids(u32::try_from(count)?)?;
-    }
-    Ok(())
-}
-
-/// Times of frames, microseconds.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct FrameTimes {
-    /// The median.
-    pub p50_us: f64,
-    /// The 99th percentile.
-    pub p99_us: f64,
-    /// The greatest.
-    pub max_us: f64,
-}
-
-impl FrameTimes {
-    fn of(frames: &[Duration]) -> Self {
-        let nanoseconds = |frame: &Duration| u64::try_from(frame.as_nanos()).unwrap_or(u64::MAX);
-        let mut frames: Vec<u64> = frames.iter().map(nanoseconds).collect();
-        let mut percentile = |percent| {
-            let ns = quantile::of_nanoseconds(&mut frames, percent);
-            ns.map_or(0.0, |ns| ns as f64 * 1e-3)
-        };
-        Self {
-            p50_us: percentile(50),
-            p99_us: percentile(99),
-            max_us: percentile(100),
-        }
-    }
 }

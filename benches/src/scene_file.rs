@@ -1,4 +1,4 @@
-//! `rhumb-bench dev scene`: writes a script's bodies as JSON for other engines.
+//! `rhumb-bench dev scene`: a script's bodies as JSON, for other engines.
 //!
 //! Writes bodies, their initial states and the shared config; no joints, no forces, no controller. A script that needs
 //! those is refused with the reason, since another engine would run a different scene.

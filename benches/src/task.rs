@@ -1,4 +1,4 @@
-//! The frame of every task: how it ends, where its figures come from, its file and its tables.
+//! The frame of every task: its end, its provenance, its file and tables.
 
 use std::error::Error;
 use std::io::{self, Write};

@@ -21,7 +21,7 @@ use rhumb_server::{Access, Identity, RunError, Server, Stop};
 use rhumb_sims::NAMES;
 use serde::{Deserialize, Serialize};
 
-use super::{script, take_ids};
+use super::rig::{script, take_ids};
 use crate::summary::number;
 use crate::task::{Failure, Provenance, write};
 use crate::{output, quantile};

@@ -23,7 +23,7 @@ use rhumb_sims::NAMES;
 use rhumb_transport::Fingerprint;
 use serde::{Deserialize, Serialize};
 
-use super::{FrameTimes, ServerArguments, script, take_ids};
+use super::rig::{FrameTimes, ServerArguments, script, take_ids};
 use crate::drive::ServerProcess;
 use crate::output;
 use crate::summary::{markdown, number};

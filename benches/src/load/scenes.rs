@@ -24,7 +24,7 @@ use rhumb_sims::NAMES;
 use rhumb_transport::Fingerprint;
 use serde::{Deserialize, Serialize};
 
-use super::{ServerArguments, script, take_ids};
+use super::rig::{ServerArguments, script, take_ids};
 use crate::drive::{BesideListener, ServerProcess};
 use crate::output;
 use crate::processor::{memory_bytes, worked_us};

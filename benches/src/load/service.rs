@@ -1,4 +1,4 @@
-//! `rhumb-bench load service`: what tokens, durability and worker processes cost.
+//! `rhumb-bench load service`: the cost of tokens, durability and processes.
 //!
 //! Servers that differ in one setting step one script each. At each tick each of them has its frame in turn, so that a
 //! change of the machine's speed meets all of them. The processor time is that of the server's processes together.
@@ -17,7 +17,7 @@ use rhumb_reckoning::Tick;
 use rhumb_sims::NAMES;
 use serde::{Deserialize, Serialize};
 
-use super::{FrameTimes, ServerArguments, script, take_ids};
+use super::rig::{FrameTimes, ServerArguments, script, take_ids};
 use crate::drive::ServerProcess;
 use crate::output;
 use crate::processor::worked_us;

@@ -1,4 +1,4 @@
-//! Arguments of every task on a recording: the file, and the tolerance of its copies.
+//! Arguments of tasks on a recording: the file, and the tolerance of copies.
 
 use std::io::{self, Write};
 use std::num::NonZeroU32;

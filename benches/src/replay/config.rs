@@ -1,4 +1,4 @@
-//! Settings of a replay, their arguments, and its features that can be switched off.
+//! Settings of a replay, their arguments, and features to switch off.
 //!
 //! `session` applies the settings, and the record keeps them.
 
