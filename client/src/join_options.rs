@@ -29,7 +29,12 @@ pub struct JoinOptions {
     pub lead_ticks: f64,
     /// Free running only: whether only whole ticks are shown, for a simulator with ticks of its own.
     pub whole_ticks: bool,
-    /// Free running only: whether corrections are shown as short glides.
+    /// Free running only: whether corrections are shown as short glides, of 0.1 s.
+    ///
+    /// A body that a command places elsewhere is shown at one of its places, and never on a glide between them: a push
+    /// brings a body to where the change of its velocity leads it within one tick, give or take three tolerances. What
+    /// lies beyond that was placed. A shorter way, and one together with a change of velocity that explains it, cannot be told
+    /// from a push, and glides.
     pub smooth: bool,
     /// Whether the server's refusals are errors of calls, or events alone.
     pub refusals: Refusals,

@@ -28,7 +28,7 @@ pub struct ViewOptions {
     pub delay_ticks: f64,
     /// True if only whole ticks are shown.
     pub whole_ticks: bool,
-    /// True if corrections are shown as short glides.
+    /// True if corrections are shown as short glides. A body that jumps does not glide.
     pub smooth: bool,
 }
 

@@ -4,7 +4,7 @@
 //! its two places, never on a way between them.
 
 use glam::{DQuat, DVec3};
-use rhumb_protocol::stream::Subscriber;
+use rhumb_protocol::stream::{Replacement, Subscriber};
 use rhumb_reckoning::{BodyId, Divergence, Metres, Motion, Pose, Seconds, Tick, Ticks, Twist};
 
 /// A moment of the scene between two ticks.
@@ -74,14 +74,8 @@ impl MomentMotion {
         let Some(second) = stream.predicted_motion(id, next) else {
             return Some(Self::At(first));
         };
-        let jumps = stream.continued_motion(id, at.tick).is_some_and(|before| {
-            let leap = Leap {
-                before: &before,
-                after: &second,
-                within: step,
-            };
-            leap.is_jump(stream, id, next)
-        });
+        let replaced = stream.replacement(id, next).filter(|of| of.at == next);
+        let jumps = replaced.is_some_and(|of| Leap::at(&of, step).is_jump(stream, id, next));
         Some(match jumps {
             true => Self::Before(first, second),
             false => Self::Between(first, second),
@@ -111,40 +105,59 @@ fn between(first: &Motion, second: &Motion, fraction: f64) -> Option<Motion> {
     Motion::new(pose, twist).ok()
 }
 
-/// The expected motion of a body, and its actual one.
+/// The expected motion of a body, and its actual one, at one moment.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Leap<'a> {
     /// The motion without the newer track.
     pub(crate) before: &'a Motion,
     /// The motion with it.
     pub(crate) after: &'a Motion,
-    /// Time in which the two may have parted.
+    /// Longest time for which it may have moved as the newer track has it.
     pub(crate) within: Seconds,
 }
 
-/// Tolerances within which two motions of one body are never a jump: each is off by one at most, and a correction may
-/// begin on the glide of the last one.
+/// Tolerances within which two motions of one body are never a jump: the older one was off by one before the tick, and
+/// drifted in it; the newer one is off by one.
 const TOLERANCES: f64 = 3.0;
 
-impl Leap<'_> {
-    /// True if no motion leads from one to the other: they are farther apart than the velocities of both explain.
+impl<'a> Leap<'a> {
+    /// From the older to the newer track, at the first tick of that one.
+    pub(crate) fn at(replacement: &'a Replacement, step: Seconds) -> Self {
+        Self {
+            before: &replacement.before,
+            after: &replacement.after,
+            within: Seconds::new(f64::from(replacement.open.count()) * step.seconds()),
+        }
+    }
+
+    /// True if no push leads from one to the other.
     ///
-    /// `tick`: one at which the newer track is in force.
+    /// A push changes the velocity at some moment of the time, and from then on the body moves as the newer track has it. So
+    /// it is apart by a part of the way that the change of its velocity makes in the time, in that direction. A command
+    /// that places a body leaves its velocity as it is. `tick`: one at which the newer track is in force.
     pub(crate) fn is_jump(&self, stream: &Subscriber, id: BodyId, tick: Tick) -> bool {
         let Some(radius) = stream.radius_at(id, tick) else {
             return false;
         };
         let tolerance = stream.tolerance_of(id).unwrap_or(stream.tolerance());
         let reach = tolerance.reach(radius).metres();
-        let speeds = speed(self.before, radius) + speed(self.after, radius);
-        let apart = Divergence::between(&self.before.pose(), &self.after.pose());
-        let apart = apart.surface_error(radius).metres();
-        apart > TOLERANCES * reach + speeds * self.within.seconds()
+        self.unexplained(radius) > TOLERANCES * reach
     }
-}
 
-/// Speed of the fastest point of a body at most, m/s.
-fn speed(motion: &Motion, radius: Metres) -> f64 {
-    let twist = motion.twist();
-    twist.linear.length() + twist.angular.length() * radius.metres()
+    /// How far the fastest point of the body is from where a push may have brought it, metres.
+    fn unexplained(&self, radius: Metres) -> f64 {
+        let (before, after) = (self.before, self.after);
+        let apart = after.pose().position - before.pose().position;
+        let way = (after.twist().linear - before.twist().linear) * self.within.seconds();
+        let share = match way.length_squared() {
+            0.0 => 0.0,
+            length => (apart.dot(way) / length).clamp(0.0, 1.0),
+        };
+        let moved = (apart - way * share).length();
+        let half_chord = Divergence::between(&before.pose(), &after.pose()).half_chord;
+        let turn = 2.0 * half_chord.min(1.0).asin();
+        let spin = (after.twist().angular - before.twist().angular).length();
+        let turned = (turn - spin * self.within.seconds()).max(0.0);
+        moved + turned * radius.metres()
+    }
 }

@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use glam::{DQuat, Quat, Vec3};
 use rhumb_protocol::stream::{ErrorBound, Subscriber};
-use rhumb_reckoning::{Anchor, BodyId, Correction, Motion, Pose, Seconds, Twist};
+use rhumb_reckoning::{Anchor, BodyId, Correction, Motion, Pose, Seconds, Tick, Ticks, Twist};
 
 use crate::bounds::{ShownPose, shown_bound};
 use crate::moment::{Leap, MomentMotion, RenderTime, is_orphaned};
@@ -38,6 +38,8 @@ pub struct View {
     resting: Vec<bool>,
     /// One for each body while corrections are smoothed; empty otherwise.
     corrections: Vec<Correction>,
+    /// The first ticks of the tracks that the last refresh showed; beside the corrections.
+    origins: Vec<Tick>,
     /// By body index: the body's place in the arrays, plus one.
     places: Vec<Option<NonZeroU32>>,
     changed: Vec<u32>,
@@ -244,8 +246,10 @@ impl View {
         self.changed.reserve_exact(self.ids.len() + added);
         if render_params.smooth {
             self.corrections.resize(self.ids.len(), Correction::NONE);
+            self.origins.resize(self.ids.len(), Tick::ZERO);
         } else {
             self.corrections = Vec::new();
+            self.origins = Vec::new();
         }
     }
 
@@ -294,6 +298,12 @@ impl View {
             }
             None => self.insert(id, render_params),
         }
+        if render_params.smooth
+            && let Some(place) = self.place_of(index)
+            && let Some(shown) = stream.track_at(id, render_params.at.tick)
+        {
+            self.origins[place] = shown.track.origin;
+        }
     }
 
     fn insert(&mut self, id: BodyId, render_params: &RenderParams) {
@@ -311,6 +321,7 @@ impl View {
         self.resting.push(false);
         if render_params.smooth {
             self.corrections.push(Correction::NONE);
+            self.origins.push(Tick::ZERO);
         }
     }
 
@@ -327,6 +338,7 @@ impl View {
         self.resting.swap_remove(place);
         if !self.corrections.is_empty() {
             self.corrections.swap_remove(place);
+            self.origins.swap_remove(place);
         }
         if let Some(moved) = self.ids.get(place) {
             self.places[moved.index() as usize] = NonZeroU32::new(place as u32 + 1);
@@ -359,13 +371,17 @@ impl View {
             return;
         }
         let shown = self.extrapolated(place, passed);
-        let age = (at.ticks() - known.track.origin.value() as f64).max(0.0);
-        let leap = Leap {
-            before: &shown,
-            after: &predicted,
-            within: Seconds::new((age + 1.0) * render_params.step.seconds()),
-        };
-        self.corrections[place] = match leap.is_jump(stream, id, at.tick) {
+        let jumps = new_jump(stream, id, self.origins[place], render_params);
+        let jumps = jumps.unwrap_or_else(|| {
+            let age = (at.ticks() - known.track.origin.value() as f64).max(0.0);
+            let leap = Leap {
+                before: &shown,
+                after: &predicted,
+                within: Seconds::new((age + 1.0) * render_params.step.seconds()),
+            };
+            leap.is_jump(stream, id, at.tick)
+        });
+        self.corrections[place] = match jumps {
             true => Correction::NONE,
             false => Correction::between(render_params.now, &shown, &predicted),
         };
@@ -456,6 +472,25 @@ impl View {
         };
         Motion::new(pose, twist).unwrap_or(Motion::IDENTITY)
     }
+}
+
+/// Whether a body jumped at the first tick of one of the tracks since the one that began at `origin`; `None` if they are not
+/// kept down to that one, such as those before a change of the body.
+fn new_jump(
+    stream: &Subscriber,
+    id: BodyId,
+    origin: Tick,
+    render_params: &RenderParams,
+) -> Option<bool> {
+    let mut tick = render_params.at.tick;
+    while stream.track_at(id, tick)?.track.origin != origin {
+        let replacement = stream.replacement(id, tick)?;
+        if Leap::at(&replacement, render_params.step).is_jump(stream, id, replacement.at) {
+            return Some(true);
+        }
+        tick = replacement.at.before(Ticks::new(1))?;
+    }
+    Some(false)
 }
 
 /// The predicted motion of a body at the moment of a view.

@@ -39,7 +39,7 @@ pub use publisher::{OverBudget, Publisher};
 pub use receiver::StreamReceiver;
 pub(crate) use receiver::{DISORDER, RetryTimer, SILENCE_MOST};
 pub use sender::{Recipient, StreamSender};
-pub use subscriber::{ErrorBound, ShownTrack, Subscriber, SubscriberStatistics};
+pub use subscriber::{ErrorBound, Replacement, ShownTrack, Subscriber, SubscriberStatistics};
 pub use tracks::PredictionParameters;
 
 /// The config of a stream.

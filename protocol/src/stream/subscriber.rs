@@ -27,7 +27,7 @@ use crate::interner::{grow_to, push};
 use crate::limits::INDICES_MAX;
 use crate::packet::{Datagram, Head, LargestPacket, LossReport, Low16, StreamId, Update};
 
-pub use in_force::ShownTrack;
+pub use in_force::{Replacement, ShownTrack};
 
 /// The past that a view still shows.
 #[derive(Clone, Copy, Debug)]

@@ -14,6 +14,7 @@ mod copy_queries;
 mod hostile;
 mod joints;
 mod physics;
+mod placed_bodies;
 mod provided_scenes;
 mod publish_interval;
 mod queries;

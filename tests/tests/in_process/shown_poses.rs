@@ -34,25 +34,25 @@ impl Script for Quiet {
 }
 
 /// A pose that a view has shown.
-struct Shown {
-    at: RenderTime,
-    id: BodyId,
-    position: Vec3,
+pub(crate) struct Shown {
+    pub(crate) at: RenderTime,
+    pub(crate) id: BodyId,
+    pub(crate) position: Vec3,
     rotation: Quat,
     bound: f64,
 }
 
 /// A member that looks on.
-struct Watcher {
+pub(crate) struct Watcher {
     index: usize,
     live: LiveView,
-    shown: Vec<Shown>,
+    pub(crate) shown: Vec<Shown>,
     /// The moments that were shown while their ticks were complete, and the bodies that each had.
     moments: Vec<(RenderTime, Vec<BodyId>)>,
 }
 
 impl Watcher {
-    fn enter(stage: &mut Stage, options: ViewOptions) -> Self {
+    pub(crate) fn enter(stage: &mut Stage, options: ViewOptions) -> Self {
         let name = "stage".parse().expect("a valid scene name");
         let index = stage.network.connect(ClientSession::new(name));
         let mut watcher = Self {
@@ -85,7 +85,7 @@ impl Watcher {
     }
 
     /// Shows the present, and keeps what is shown.
-    fn frame(&mut self, stage: &mut Stage) {
+    pub(crate) fn frame(&mut self, stage: &mut Stage) {
         let now = stage.network.now();
         let session = stage.network.client_mut(self.index);
         while let Some(event) = session.poll_event() {
@@ -117,10 +117,10 @@ impl Watcher {
 }
 
 /// A scene with random bodies.
-struct World {
-    stage: Stage,
-    dice: Dice,
-    ids: Vec<BodyId>,
+pub(crate) struct World {
+    pub(crate) stage: Stage,
+    pub(crate) dice: Dice,
+    pub(crate) ids: Vec<BodyId>,
     alive: Vec<BodyDesc>,
     commands: Vec<Command>,
 }
@@ -134,7 +134,7 @@ const SHAPES: [Shape; 3] = [
 ];
 
 impl World {
-    fn new(stepping: Stepping, links: &str, seed: u64) -> Self {
+    pub(crate) fn new(stepping: Stepping, links: &str, seed: u64) -> Self {
         let config = SceneConfig {
             stepping,
             ..SceneConfig::default()
@@ -175,17 +175,13 @@ impl World {
         world
     }
 
-    fn send(&mut self, commands: &[Command]) {
+    pub(crate) fn send(&mut self, commands: &[Command]) {
         self.stage.command(commands);
         self.commands.extend_from_slice(commands);
     }
 
-    fn number(&mut self, most: f32) -> f32 {
-        (self.dice.below(2_001) as f32 / 1_000.0 - 1.0) * most
-    }
-
     fn vector(&mut self, most: f32) -> Vec3 {
-        Vec3::new(self.number(most), self.number(most), self.number(most))
+        vector(&mut self.dice, most)
     }
 
     fn place(&mut self) -> Vec3 {
@@ -243,7 +239,13 @@ impl World {
     }
 }
 
-fn state(position: Vec3, linear: Vec3, angular: Vec3) -> BodyState {
+/// A vector of three random numbers.
+fn vector(dice: &mut Dice, most: f32) -> Vec3 {
+    let mut number = || (dice.below(2_001) as f32 / 1_000.0 - 1.0) * most;
+    Vec3::new(number(), number(), number())
+}
+
+pub(crate) fn state(position: Vec3, linear: Vec3, angular: Vec3) -> BodyState {
     let upright = [0.0, 0.0, 0.0, 1.0];
     BodyState::new(position.into(), upright, linear.into(), angular.into()).expect("finite")
 }
@@ -408,7 +410,7 @@ fn judge(truth: &Truth, watcher: &Watcher, what: &str) -> Counts {
     counts
 }
 
-const OPTIONS: [ViewOptions; 5] = [
+pub(crate) const OPTIONS: [ViewOptions; 5] = [
     ViewOptions {
         delay_ticks: 0.0,
         whole_ticks: false,
@@ -504,66 +506,6 @@ fn no_shown_pose_is_further_off_than_its_bound() {
 }
 
 #[test]
-fn a_body_that_is_placed_elsewhere_is_shown_at_one_of_its_places_at_any_time() {
-    for (smooth, seed) in [(true, seed(1)), (false, 2)] {
-        let mut world = World::new(Stepping::FreeRunning, "rtt=40ms", seed);
-        let kinds = [BodyKind::Dynamic, BodyKind::Kinematic];
-        let bodies =
-            kinds.map(|kind| BodyDesc::plain(world.ids.pop().expect("an id"), kind, ShapeId(0)));
-        // The dynamic one lies on the floor.
-        let place = |desc: &BodyDesc, x: f32| match desc.kind {
-            BodyKind::Dynamic => Vec3::new(x, -0.1, 0.0),
-            _ => Vec3::new(x, 9.0, 0.0),
-        };
-        let added = bodies.map(|desc| Command::AddBody {
-            desc,
-            motion: state(place(&desc, -20.0), Vec3::ZERO, Vec3::ZERO),
-        });
-        world.send(&added);
-        world.stage.run(Span::from_millis(300));
-        let options = ViewOptions {
-            smooth,
-            ..OPTIONS[0]
-        };
-        let mut watcher = Watcher::enter(&mut world.stage, options);
-        world.stage.run(Span::from_millis(500));
-        for (x, ticks) in [
-            (20.0, 30),
-            (-20.0, 30),
-            (20.0, 6),
-            (-20.0, 90),
-            (20.0, 1),
-            (-20.0, 30),
-        ] {
-            let moved = bodies.map(|desc| Command::SetPose {
-                id: desc.id,
-                position: place(&desc, x),
-                rotation: Quat::IDENTITY,
-            });
-            world.send(&moved);
-            for _ in 0..ticks * 5 {
-                world
-                    .stage
-                    .run(Span::from_nanos(TICK.as_nanos() / 5 + 1_000));
-                watcher.frame(&mut world.stage);
-            }
-        }
-        let moves = |shown: &&Shown| bodies.iter().any(|desc| desc.id == shown.id);
-        let shown: Vec<_> = watcher.shown.iter().filter(moves).collect();
-        assert!(shown.iter().any(|shown| shown.position.x > 19.0));
-        for shown in shown {
-            let off = (shown.position.x.abs() - 20.0).abs();
-            assert!(
-                off <= 0.051,
-                "smooth {smooth}: {} at {:?}",
-                shown.position,
-                shown.at
-            );
-        }
-    }
-}
-
-#[test]
 fn a_stream_is_back_within_two_seconds_of_the_return_of_a_dead_link() {
     let links = |text: &str| -> LinkConfig { text.parse().expect("a valid link configuration") };
     for seed in [seed(1), 2, 3, 4] {
@@ -643,4 +585,59 @@ fn a_bound_that_is_asked_for_is_known_in_a_scene_at_rest() {
     }
     let (_, sent) = watch_rest(0.0, true, "rtt=40ms");
     assert!(sent < 10, "no answer helps a view without a delay: {sent}");
+}
+
+#[test]
+fn a_bound_stays_honest_while_the_complete_tick_falls_behind() {
+    const BODIES: usize = 2_000;
+    let mut world = World::new(Stepping::FreeRunning, "rtt=40ms", seed(1));
+    let granted = world.ids.len() - BODIES;
+    let bodies = world.ids.split_off(granted);
+    let added: Vec<_> = (0_u16..)
+        .zip(&bodies)
+        .map(|(place, id)| {
+            let (row, column) = (f32::from(place / 50), f32::from(place % 50));
+            let at = Vec3::new(row * 3.0, 9.0, column * 3.0);
+            Command::AddBody {
+                desc: BodyDesc::plain(*id, BodyKind::Kinematic, ShapeId(0)),
+                motion: state(at, Vec3::ZERO, Vec3::ZERO),
+            }
+        })
+        .collect();
+    world.send(&added);
+    world.stage.run(Span::from_millis(1_000));
+    let mut watchers = [OPTIONS[0], OPTIONS[1], OPTIONS[3]].map(|options| {
+        let watcher = Watcher::enter(&mut world.stage, options);
+        let narrow: LinkConfig = "rtt=40ms,rate=400kbit,queue=200kB".parse().expect("valid");
+        (world.stage.network).set_config_of(watcher.index, Direction::Down, narrow);
+        watcher
+    });
+    let mut behind = 0;
+    for tick in 0..180 {
+        let moved = bodies.iter().skip(tick % 10).step_by(10);
+        let moved: Vec<_> = moved
+            .map(|id| Command::SetVelocity {
+                id: *id,
+                linear: vector(&mut world.dice, 15.0),
+                angular: Vec3::ZERO,
+            })
+            .collect();
+        world.send(&moved);
+        world.stage.run(TICK);
+        let newest = world.stage.copy(COMMANDER).stream().watermark_tick();
+        for watcher in watchers.iter_mut().filter(|_| tick % 3 == 0) {
+            watcher.frame(&mut world.stage);
+            let complete = world.stage.copy(watcher.index).stream().complete();
+            behind = behind.max(newest.value().saturating_sub(complete.value()));
+        }
+    }
+    assert!(behind > 31, "the complete tick is {behind} ticks behind");
+    let truth = Truth::of(&mut world);
+    for watcher in &watchers {
+        let counts = judge(&truth, watcher, "behind");
+        println!("{behind} ticks behind: {counts:?}");
+        assert!(counts.poses > 50_000 && counts.bounded < counts.poses);
+        // What is shown is indeed far off: a bound of a tolerance would be wrong.
+        assert!(counts.worst > 0.5, "{counts:?}");
+    }
 }

@@ -48,6 +48,19 @@ pub struct ShownTrack {
     pub is_newest: bool,
 }
 
+/// A tick at which the track of a body gave way to a newer one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Replacement {
+    /// The first tick of the newer track.
+    pub at: Tick,
+    /// The motion at this tick by the older track.
+    pub before: Motion,
+    /// The motion at this tick by the newer track.
+    pub after: Motion,
+    /// Ticks since the older track was within its tolerance for certain: one, unless some are not published or missing.
+    pub open: Ticks,
+}
+
 impl Subscriber {
     /// The body with this index at a tick, as far as it is known: one that is removed later, or that has come by then.
     #[must_use]
@@ -148,15 +161,23 @@ impl Subscriber {
         batch.predict(&mut out);
     }
 
-    /// The motion of a body at the next tick by the track in force at this one, if another one is in force then.
+    /// The newest replacement of a body's track up to a tick; `None` if the older track is not kept.
     #[must_use]
-    pub fn continued_motion(&self, id: BodyId, tick: Tick) -> Option<Motion> {
-        let (now, next) = (self.in_force(id, tick)?, tick.next());
-        let replaced = self
-            .in_force(id, next)
-            .is_none_or(|then| then.track != now.track);
-        let continued = || self.motion_by(&now, id, next);
-        replaced.then(continued).flatten()
+    pub fn replacement(&self, id: BodyId, tick: Tick) -> Option<Replacement> {
+        let newer = self.in_force(id, tick)?;
+        let at = newer.track.origin;
+        let last = Tick::new(at.value().checked_sub(1)?);
+        let older = self.in_force(id, last).filter(|_| at <= tick)?;
+        if older.track.origin > last {
+            return None;
+        }
+        let right = self.published_before(at).min(self.complete());
+        Some(Replacement {
+            at,
+            before: self.motion_by(&older, id, at)?,
+            after: self.motion_by(&newer, id, at)?,
+            open: Ticks::new(u32::try_from(at.value() - right.value()).unwrap_or(u32::MAX)),
+        })
     }
 
     fn motion_by(&self, in_force: &InForce<'_>, id: BodyId, tick: Tick) -> Option<Motion> {
@@ -259,16 +280,9 @@ impl Subscriber {
         let Some(shown) = self.shown else {
             return FOR_EVER;
         };
-        match self.history.max(shown.behind) {
-            // A view of the present needs the last track before it at most.
-            0 => FOR_EVER,
-            behind => {
-                let behind = behind + super::HISTORY_SLACK;
-                shown
-                    .from
-                    .max(Tick::new(self.newest.value().saturating_sub(behind)))
-            }
-        }
+        let behind = self.history.max(shown.behind) + super::HISTORY_SLACK;
+        let kept = Tick::new(self.newest.value().saturating_sub(behind));
+        shown.from.max(kept)
     }
 
     /// Notes the first tick of a body that a scene event has placed.

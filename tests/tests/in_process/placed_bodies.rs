@@ -1,0 +1,192 @@
+//! A body that a command places is shown at one of its places, at any time.
+//!
+//! Members with other delays look on over links of their own, some with loss: no frame shows a body on a way between its
+//! places, nor beyond them, whether it moves or stands, and whatever else of it changes at the same tick.
+
+use glam::{Quat, Vec3};
+use rhumb_protocol::Span;
+use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, ShapeId, Stepping};
+use rhumb_tests::{COMMANDER, TICK, seed};
+use rhumb_view::ViewOptions;
+
+use crate::shown_poses::{OPTIONS, Shown, Watcher, World, state};
+
+#[test]
+fn a_body_that_is_placed_elsewhere_is_shown_at_one_of_its_places_at_any_time() {
+    for (smooth, seed) in [(true, seed(1)), (false, 2)] {
+        let mut world = World::new(Stepping::FreeRunning, "rtt=40ms", seed);
+        let kinds = [BodyKind::Dynamic, BodyKind::Kinematic];
+        let bodies =
+            kinds.map(|kind| BodyDesc::plain(world.ids.pop().expect("an id"), kind, ShapeId(0)));
+        // The dynamic one lies on the floor.
+        let place = |desc: &BodyDesc, x: f32| match desc.kind {
+            BodyKind::Dynamic => Vec3::new(x, -0.1, 0.0),
+            _ => Vec3::new(x, 9.0, 0.0),
+        };
+        let added = bodies.map(|desc| Command::AddBody {
+            desc,
+            motion: state(place(&desc, -20.0), Vec3::ZERO, Vec3::ZERO),
+        });
+        world.send(&added);
+        world.stage.run(Span::from_millis(300));
+        let options = ViewOptions {
+            smooth,
+            ..OPTIONS[0]
+        };
+        let mut watcher = Watcher::enter(&mut world.stage, options);
+        world.stage.run(Span::from_millis(500));
+        for (x, ticks) in [
+            (20.0, 30),
+            (-20.0, 30),
+            (20.0, 6),
+            (-20.0, 90),
+            (20.0, 1),
+            (-20.0, 30),
+        ] {
+            let moved = bodies.map(|desc| Command::SetPose {
+                id: desc.id,
+                position: place(&desc, x),
+                rotation: Quat::IDENTITY,
+            });
+            world.send(&moved);
+            for _ in 0..ticks * 5 {
+                world
+                    .stage
+                    .run(Span::from_nanos(TICK.as_nanos() / 5 + 1_000));
+                watcher.frame(&mut world.stage);
+            }
+        }
+        let moves = |shown: &&Shown| bodies.iter().any(|desc| desc.id == shown.id);
+        let shown: Vec<_> = watcher.shown.iter().filter(moves).collect();
+        assert!(shown.iter().any(|shown| shown.position.x > 19.0));
+        for shown in shown {
+            let off = (shown.position.x.abs() - 20.0).abs();
+            assert!(
+                off <= 0.051,
+                "smooth {smooth}: {} at {:?}",
+                shown.position,
+                shown.at
+            );
+        }
+    }
+}
+
+/// A body that moves along x, and is placed aside along z.
+struct Passing {
+    desc: BodyDesc,
+    speed: f32,
+    /// Its row: the height, which it keeps.
+    y: f32,
+    z: f32,
+}
+
+/// Metres aside at which a body is placed.
+const ASIDE: f32 = 0.8;
+
+impl Passing {
+    /// The command that places it aside where it is now.
+    fn place(&mut self, world: &mut World, ahead: f64) -> Vec<Command> {
+        self.z = ASIDE - self.z;
+        let stream = world.stage.copy(COMMANDER).stream();
+        let at = stream.predicted_motion(self.desc.id, stream.watermark_tick());
+        let x = at.expect("a body").pose().position.x + f64::from(self.speed) * ahead / 60.0;
+        vec![Command::SetPose {
+            id: self.desc.id,
+            position: Vec3::new(x as f32, self.y, self.z),
+            rotation: Quat::IDENTITY,
+        }]
+    }
+
+    /// The commands after which it moves as before, at times as another kind and shape: one of another kind, and a
+    /// kinematic one, stands where it was placed.
+    fn move_on(&mut self, world: &mut World) -> Vec<Command> {
+        let mut commands = Vec::new();
+        if world.dice.below(3) == 0 {
+            self.desc.kind = [BodyKind::Dynamic, BodyKind::Kinematic][world.dice.below(2)];
+            self.desc.shape = ShapeId(world.dice.below(3) as u32);
+            commands.push(Command::ChangeBody { desc: self.desc });
+        }
+        commands.push(Command::SetVelocity {
+            id: self.desc.id,
+            linear: Vec3::X * self.speed,
+            angular: Vec3::ZERO,
+        });
+        commands
+    }
+}
+
+#[test]
+fn a_moving_body_that_is_placed_aside_is_shown_at_one_of_its_places_at_any_time() {
+    for (links, seed) in [
+        ("rtt=2ms", 2),
+        ("rtt=40ms", seed(1)),
+        ("rtt=80ms,jitter=10ms,loss=5%", 3),
+    ] {
+        let mut world = World::new(Stepping::FreeRunning, links, seed);
+        let mut bodies = Vec::new();
+        for (row, speed) in (0_u8..).zip([0.0, 3.0, 10.0, 40.0, 0.0, 3.0, 10.0, 40.0]) {
+            let kind = [BodyKind::Dynamic, BodyKind::Kinematic][usize::from(row / 4)];
+            let mut desc = BodyDesc::plain(world.ids.pop().expect("an id"), kind, ShapeId(0));
+            desc.gravity_scale = 0.0;
+            let y = 9.0 + 4.0 * f32::from(row);
+            let motion = state(Vec3::Y * y, Vec3::X * speed, Vec3::ZERO);
+            world.send(&[Command::AddBody { desc, motion }]);
+            bodies.push(Passing {
+                desc,
+                speed,
+                y,
+                z: 0.0,
+            });
+        }
+        world.stage.run(Span::from_millis(300));
+        let mut watchers: Vec<_> = OPTIONS
+            .into_iter()
+            .map(|options| Watcher::enter(&mut world.stage, options))
+            .collect();
+        world.stage.run(Span::from_millis(500));
+        for _ in 0..25 {
+            let ahead = world.dice.below(5) as f64;
+            for body in &mut bodies {
+                let commands = body.place(&mut world, ahead);
+                world.send(&commands);
+            }
+            // A kinematic body goes evenly through poses that come more often than every quarter of a second.
+            let ticks = 17 + world.dice.below(9);
+            for tick in 0..ticks {
+                if tick == 4 {
+                    for body in &mut bodies {
+                        let commands = body.move_on(&mut world);
+                        world.send(&commands);
+                    }
+                }
+                for _ in 0..3 {
+                    world
+                        .stage
+                        .run(Span::from_nanos(TICK.as_nanos() / 3 + 1_000));
+                    for watcher in &mut watchers {
+                        watcher.frame(&mut world.stage);
+                    }
+                }
+            }
+        }
+        for (watcher, options) in watchers.iter().zip(OPTIONS) {
+            let (mut between, mut shown) = (0, 0);
+            let mut beyond: f32 = 0.0;
+            for body in &bodies {
+                let of_body = |shown: &&Shown| shown.id == body.desc.id;
+                for pose in watcher.shown.iter().filter(of_body) {
+                    let z = pose.position.z;
+                    shown += 1;
+                    between += usize::from((0.06..ASIDE - 0.06).contains(&z));
+                    beyond = beyond.max(-z).max(z - ASIDE);
+                }
+            }
+            assert!(shown > 10_000);
+            let what = format!("{links}, seed {seed}, {options:?}");
+            println!("{what}: {between} of {shown} between, {beyond} m beyond");
+            assert_eq!(between, 0, "{what}");
+            // An update may take the way for that of a push, and state its velocity for a tick or two.
+            assert!(beyond < 0.4, "{what}: {beyond} m");
+        }
+    }
+}
