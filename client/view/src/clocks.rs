@@ -19,9 +19,10 @@ const SLEW: f64 = 0.05;
 const JUMP_SECONDS: f64 = 0.5;
 /// Samples whose round trip exceeds this multiple of the best one tell nothing, unless the server's clock has slipped.
 const ROUND_TRIP_SLACK: f64 = 2.0;
-/// Ticks by which a server may be late that still catches up (PROTOCOL 3.3-5), and one by which two clocks may drift
-/// apart between two samples.
-const LATE_TICKS: f64 = 6.0;
+/// Ticks by which two clocks may drift apart between two samples.
+const DRIFT_TICKS: f64 = 1.0;
+/// Ticks by which a server may be late that still catches up (PROTOCOL 3.3-5), and those of the drift.
+const LATE_TICKS: f64 = 5.0 + DRIFT_TICKS;
 
 /// Estimate of a free-running scene's clock.
 #[derive(Clone, Debug)]
@@ -79,8 +80,9 @@ impl SceneClock {
                     self.jumps = true;
                     known.clamp(origin - half(round_trip), origin + half(round_trip))
                 } else if !times(best, round_trip) {
-                    // The samples so far were those of a bad moment, such as a member that did not poll.
-                    self.jumps |= off.abs() > LATE_TICKS;
+                    // The samples so far were those of a bad moment, such as a member that did not poll. What they left
+                    // open by more than a tick is known now, and shown at once.
+                    self.jumps |= half(best) > half(round_trip) + DRIFT_TICKS;
                     origin
                 } else if times(round_trip, best) {
                     known + off * 0.25
@@ -101,8 +103,8 @@ impl SceneClock {
         Some(origin + now.as_nanos() as f64 * self.ticks_per_ns)
     }
 
-    /// Learns that the server has reached a tick. An estimate that is behind by more than a server may be late was made of
-    /// bad samples.
+    /// Learns that the server has reached a tick. An estimate that is behind by more than clocks drift apart was made of bad
+    /// samples.
     fn reach(&mut self, now: Instant, tick: f64) {
         let Some(server) = self.server(now) else {
             return;
@@ -111,7 +113,7 @@ impl SceneClock {
             && tick > server
         {
             *origin += tick - server;
-            self.jumps |= tick - server > LATE_TICKS;
+            self.jumps |= tick - server > DRIFT_TICKS;
         }
     }
 
@@ -365,6 +367,43 @@ mod tests {
         assert!((clock.server(seconds(0.7)).unwrap() - 642.0).abs() < 0.1);
         let shown = clock.show(seconds(0.7), 0.0, 0.0, 1e9).ticks();
         assert!((shown - 642.0).abs() < 0.1, "{shown}");
+    }
+
+    #[test]
+    fn a_view_whose_only_samples_were_bad_has_its_clock_right_at_the_first_good_one() {
+        for wrong in [-8, -5, -3, -1, 1, 3, 5, 8_i32] {
+            let mut clock = SceneClock::new(Rate::HZ_60);
+            // Two answers waited for up to 400 ms when the member took them.
+            for (at, round_trip) in [(0.3, 400), (0.35, 350)] {
+                let tick = Tick::new((600.0 + 60.0 * at - f64::from(wrong)) as u64);
+                clock.sample(seconds(at), tick, Span::ZERO, Span::from_millis(round_trip));
+                clock.show(seconds(at), 0.0, 0.0, 1e9);
+            }
+            let good = |clock: &mut SceneClock, at: f64| {
+                let tick = Tick::new((600.0 + 60.0 * at).round() as u64);
+                clock.sample(seconds(at), tick, Span::ZERO, Span::from_millis(30));
+                clock.show(seconds(at), 0.0, 0.0, 1e9).ticks()
+            };
+            good(&mut clock, 0.5);
+            // A view that was ahead stands still until it is not.
+            let shown = good(&mut clock, 0.7);
+            assert!((shown - 642.0).abs() < 0.1, "{wrong} ticks: {shown}");
+        }
+    }
+
+    #[test]
+    fn an_estimate_that_is_behind_an_arrived_tick_is_corrected_at_once() {
+        let mut clock = SceneClock::new(Rate::HZ_60);
+        clock.sample(
+            seconds(0.3),
+            Tick::new(600),
+            Span::ZERO,
+            Span::from_millis(600),
+        );
+        let begun = clock.show(seconds(0.6), 0.0, 0.0, 1e9).ticks();
+        assert!((begun - 618.0).abs() < 1e-6);
+        let shown = clock.show(seconds(0.7), 0.0, 628.0, 1e9).ticks();
+        assert!((shown - 628.0).abs() < 1e-6, "{shown}");
     }
 
     #[test]
