@@ -52,7 +52,7 @@ impl LengthBound {
     /// [`InvalidTolerance::Length`] outside [`Self::LEAST`] to [`Self::MOST`].
     pub const fn from_micrometres(micrometres: u32) -> Result<Self, InvalidTolerance> {
         if micrometres < Self::LEAST.micrometres || micrometres > Self::MOST.micrometres {
-            return Err(InvalidTolerance::Length);
+            return Err(InvalidTolerance::Length(micrometres as f64 / 1e6));
         }
         Ok(Self { micrometres })
     }
@@ -63,8 +63,9 @@ impl LengthBound {
     ///
     /// [`InvalidTolerance::Length`] if it is NaN or outside [`Self::LEAST`] to [`Self::MOST`].
     pub fn from_metres(length: Metres) -> Result<Self, InvalidTolerance> {
-        let micrometres = millionths(length.metres()).ok_or(InvalidTolerance::Length)?;
-        Self::from_micrometres(micrometres)
+        let wrong = InvalidTolerance::Length(length.metres());
+        let micrometres = millionths(length.metres()).ok_or(wrong)?;
+        Self::from_micrometres(micrometres).map_err(|_| wrong)
     }
 
     /// The bound in micrometres, as the wire has it.
@@ -95,7 +96,7 @@ impl TurnBound {
     /// [`InvalidTolerance::Turn`] outside [`Self::LEAST`] to [`Self::ANY`].
     pub const fn from_microradians(microradians: u32) -> Result<Self, InvalidTolerance> {
         if microradians < Self::LEAST.microradians || microradians > Self::ANY.microradians {
-            return Err(InvalidTolerance::Turn);
+            return Err(InvalidTolerance::Turn(microradians as f64 / 1e6));
         }
         Ok(Self { microradians })
     }
@@ -106,8 +107,9 @@ impl TurnBound {
     ///
     /// [`InvalidTolerance::Turn`] if it is NaN or outside [`Self::LEAST`] to [`Self::ANY`].
     pub fn from_radians(angle: Radians) -> Result<Self, InvalidTolerance> {
-        let microradians = millionths(angle.radians()).ok_or(InvalidTolerance::Turn)?;
-        Self::from_microradians(microradians)
+        let wrong = InvalidTolerance::Turn(angle.radians());
+        let microradians = millionths(angle.radians()).ok_or(wrong)?;
+        Self::from_microradians(microradians).map_err(|_| wrong)
     }
 
     /// The bound in microradians, as the wire has it.
@@ -267,11 +269,11 @@ impl FromStr for Tolerance {
 
     /// Metres for any point (`0.05`), or metres for the centre and radians for the rotation (`0.01:0.002`).
     fn from_str(text: &str) -> Result<Self, InvalidTolerance> {
-        let length = |text: &str| text.parse().map_err(|_| InvalidTolerance::Length);
+        let length = |text: &str| text.parse().map_err(|_| InvalidTolerance::Text);
         match text.split_once(':') {
             None => Self::from_metres(Metres::new(length(text)?)),
             Some((position, turn)) => {
-                let turn = turn.parse().map_err(|_| InvalidTolerance::Turn)?;
+                let turn = turn.parse().map_err(|_| InvalidTolerance::Text)?;
                 Self::parts(Metres::new(length(position)?), Radians::new(turn))
             }
         }
@@ -279,20 +281,31 @@ impl FromStr for Tolerance {
 }
 
 /// A tolerance that no stream can have.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum InvalidTolerance {
-    /// The length is NaN or outside its range.
-    Length,
-    /// The angle is NaN or outside its range.
-    Turn,
+    /// This length, metres, is NaN or outside its range.
+    Length(f64),
+    /// This angle, radians, is NaN or outside its range.
+    Turn(f64),
+    /// The text is no tolerance.
+    Text,
 }
 
 impl fmt::Display for InvalidTolerance {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Length => "tolerance is outside 0.001 m to 10 m",
-            Self::Turn => "tolerance of a turn is outside 0.0001 rad to 3.141593 rad",
-        })
+        match self {
+            Self::Length(metres) => write!(
+                f,
+                "a tolerance of {metres} m is not allowed; it must be 0.001 m to 10 m"
+            ),
+            Self::Turn(radians) => write!(
+                f,
+                "a tolerance of {radians} rad is not allowed; it must be 0.0001 rad to 3.141593 rad"
+            ),
+            Self::Text => f.write_str(
+                "a tolerance is written in metres for any point of a body, as 0.05, or in metres for its centre and radians for its rotation, as 0.01:0.002",
+            ),
+        }
     }
 }
 
@@ -359,11 +372,21 @@ mod tests {
         );
         for wrong in [0.0, -1.0, f64::NAN, f64::INFINITY, 11.0, 0.0004] {
             let refused = Tolerance::from_metres(Metres::new(wrong));
-            assert_eq!(refused, Err(InvalidTolerance::Length));
+            let text = refused.unwrap_err().to_string();
+            let value = alloc::format!("a tolerance of {wrong} m is");
+            assert!(
+                text.contains(&value) && text.contains("0.001 m to 10 m"),
+                "{text}"
+            );
         }
         for wrong in [0.0, -1.0, f64::NAN, f64::INFINITY, 3.2, 0.00009] {
             let refused = Tolerance::parts(Metres::new(0.01), Radians::new(wrong));
-            assert_eq!(refused, Err(InvalidTolerance::Turn));
+            let text = refused.unwrap_err().to_string();
+            let value = alloc::format!("a tolerance of {wrong} rad is");
+            assert!(
+                text.contains(&value) && text.contains("0.0001 rad to"),
+                "{text}"
+            );
         }
     }
 
@@ -375,11 +398,12 @@ mod tests {
             assert_eq!(text.parse(), Ok(tolerance));
         }
         for (text, wrong) in [
-            ("", InvalidTolerance::Length),
-            ("five", InvalidTolerance::Length),
-            ("0.01:", InvalidTolerance::Turn),
-            (":0.1", InvalidTolerance::Length),
-            ("0.01:4", InvalidTolerance::Turn),
+            ("", InvalidTolerance::Text),
+            ("five", InvalidTolerance::Text),
+            ("0.01:", InvalidTolerance::Text),
+            (":0.1", InvalidTolerance::Text),
+            ("50", InvalidTolerance::Length(50.0)),
+            ("0.01:4", InvalidTolerance::Turn(4.0)),
         ] {
             assert_eq!(text.parse::<Tolerance>(), Err(wrong), "{text}");
         }

@@ -14,7 +14,7 @@ use crate::status::RhumbCode;
 pub struct RhumbBodyState {
     /// The body.
     pub body: RhumbBody,
-    /// Centre of mass, in the scene's unit of length.
+    /// Centre of mass, or the origin of a hull or compound that this client added, in the scene's unit of length.
     pub position: [f32; 3],
     /// Unit quaternion x, y, z, w: body to world.
     pub rotation: [f32; 4],
@@ -32,7 +32,8 @@ pub struct RhumbBodyState {
 /// client that follows these bodies within 0.05 m sees them within 0.07 m of the publisher's if that one's is 0.02 m.
 ///
 /// It is sent at once. An event, `RHUMB_EVENT_KIND_AUTHORITY_GRANTED` or `RHUMB_EVENT_KIND_AUTHORITY_DENIED`, answers; a
-/// denial is also `RHUMB_CODE_REFUSED` of the next advance, wait or poll.
+/// denial is also `RHUMB_CODE_REFUSED` of the next advance, wait or poll. A second request before the answer is
+/// `RHUMB_CODE_INVALID`.
 ///
 /// # Safety
 ///

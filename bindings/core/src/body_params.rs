@@ -17,7 +17,7 @@ pub struct BodyParams {
     pub kind: BodyKind,
     /// Its shape, in units of length of the application.
     pub shape: Shape,
-    /// Centre of mass.
+    /// Origin of its shape, which is its centre of mass but for hulls and compounds.
     pub position: Vec3,
     /// Body → world.
     pub rotation: Quat,

@@ -25,12 +25,7 @@ pub enum BindingError {
     /// A number is not allowed.
     Invalid(Invalid),
     /// A tolerance is not allowed.
-    Tolerance {
-        /// The tolerance, metres.
-        metres: f64,
-        /// The rule that it breaks.
-        cause: InvalidTolerance,
-    },
+    Tolerance(InvalidTolerance),
     /// The server refused requests of earlier calls. The call did what it says.
     Refused {
         /// The oldest of them: at least one.
@@ -191,7 +186,7 @@ impl BindingError {
             },
             Self::Refused { .. } => ErrorKind::Refused,
             Self::Invalid(_)
-            | Self::Tolerance { .. }
+            | Self::Tolerance(_)
             | Self::NotInView(_)
             | Self::Value { .. }
             | Self::Motion(_)
@@ -228,7 +223,7 @@ impl fmt::Display for BindingError {
             Self::Client(cause) => f.write_str(&with_words(&cause.to_string())),
             Self::Query(cause) => cause.fmt(f),
             Self::Invalid(cause) => cause.fmt(f),
-            Self::Tolerance { metres, cause } => write!(f, "a tolerance of {metres} m: {cause}"),
+            Self::Tolerance(cause) => cause.fmt(f),
             Self::Refused { kept, left_out } => {
                 let Some((first, more)) = kept.split_first() else {
                     return Ok(());

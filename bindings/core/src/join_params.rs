@@ -137,7 +137,7 @@ impl JoinParams {
 /// A tolerance, or the error that names it.
 pub(crate) fn tolerance(metres: f64) -> Result<Tolerance, BindingError> {
     let checked = Tolerance::from_metres(Metres::new(metres));
-    checked.map_err(|cause| BindingError::Tolerance { metres, cause })
+    checked.map_err(BindingError::Tolerance)
 }
 
 #[cfg(test)]

@@ -78,18 +78,22 @@ impl JointParams {
     ///
     /// # Errors
     ///
-    /// [`BindingError::Value`] for a limit of an axis that cannot have one.
+    /// [`BindingError::Value`] for a limit or a motor of an axis that cannot have one.
     pub fn joint(&self) -> Result<Joint, BindingError> {
         let kind = self.kind();
         let mut both = self.limits.iter().zip(kind.limits());
         let wrong = both.position(|(given, taken)| given.is_some() && taken.is_none());
-        if let Some(axis) = wrong {
+        let of_axis = |argument, axis| {
             let needed = "of axes that the joint leaves free";
-            return Err(BindingError::value(
-                "limits",
-                format_args!("of axis {axis}"),
-                needed,
-            ));
+            BindingError::value(argument, format_args!("of axis {axis}"), needed)
+        };
+        if let Some(axis) = wrong {
+            return Err(of_axis("limits", axis));
+        }
+        let mut motors = self.motors.iter().enumerate();
+        let locked = kind.locked();
+        if let Some((axis, _)) = motors.find(|(axis, of)| of.is_some() && locked.locks(*axis)) {
+            return Err(of_axis("motors", axis));
         }
         Ok(Joint {
             kind,

@@ -8,7 +8,7 @@ use std::time::Duration;
 use glam::{Quat, Vec3};
 use rhumb_client::scene::{Answer, Command, Query};
 use rhumb_client::{
-    BodyId, BodyState, Client, ClientError, ErrorBound, PipelineDepth, RenderTime,
+    BodyId, BodyState, Client, ClientError, ErrorBound, Misuse, PipelineDepth, RenderTime,
     ServerConnection, Statistics, Tick,
 };
 
@@ -47,7 +47,7 @@ pub struct HitRecord {
 pub struct StateRecord {
     /// The body.
     pub body: BodyId,
-    /// Centre of mass.
+    /// Centre of mass, or the origin of a hull or compound that this client added.
     pub position: Vec3,
     /// Body → world.
     pub rotation: Quat,
@@ -55,6 +55,25 @@ pub struct StateRecord {
     pub linear_velocity: Vec3,
     /// rad/s about world axes.
     pub angular_velocity: Vec3,
+}
+
+impl StateRecord {
+    /// Checks each number as a command that sets it does. Metres.
+    fn check(&self) -> Result<(), BindingError> {
+        let pose = Command::SetPose {
+            id: self.body,
+            position: self.position,
+            rotation: self.rotation,
+        };
+        let velocity = Command::SetVelocity {
+            id: self.body,
+            linear: self.linear_velocity,
+            angular: self.angular_velocity,
+        };
+        let named = |cause| ClientError::Misuse(Misuse::State(self.body, cause)).into();
+        let checked = pose.check().and_then(|()| velocity.check());
+        checked.map_err(named)
+    }
 }
 
 /// A client of one scene.
@@ -170,15 +189,23 @@ impl RemoteScene {
     ///
     /// # Errors
     ///
-    /// As [`Client::publish`], and [`BindingError::Motion`] for a number that is not finite.
+    /// As [`Client::publish`].
     pub fn publish(&mut self, states: &[StateRecord]) -> Result<Option<Tick>, BindingError> {
         let coordinates = self.coordinates();
         let converted = states.iter().map(|state| {
+            let converted = StateRecord {
+                body: state.body,
+                position: coordinates.vector_in(state.position),
+                rotation: coordinates.rotation_in(state.rotation),
+                linear_velocity: coordinates.vector_in(state.linear_velocity),
+                angular_velocity: coordinates.angular_in(state.angular_velocity),
+            };
+            converted.check()?;
             let body_state = BodyState::new(
-                coordinates.vector_in(state.position).to_array(),
-                coordinates.rotation_in(state.rotation).to_array(),
-                coordinates.vector_in(state.linear_velocity).to_array(),
-                coordinates.angular_in(state.angular_velocity).to_array(),
+                converted.position.to_array(),
+                converted.rotation.to_array(),
+                converted.linear_velocity.to_array(),
+                converted.angular_velocity.to_array(),
             )?;
             let body_state = self.centres.state_in(state.body, body_state)?;
             Ok((state.body, body_state))

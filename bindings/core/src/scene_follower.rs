@@ -131,7 +131,7 @@ impl<O> SceneFollower<O> {
         self.reserved.remove(&id)
     }
 
-    /// Goes on in time, and returns whether there is a new view.
+    /// Computes the view of the present, or of the next step, and returns whether there is a new view.
     ///
     /// A free-running scene is computed for the present moment. A lockstep scene is stepped once; it waits only at depth 0,
     /// and only once for a tick that is late.

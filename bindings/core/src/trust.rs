@@ -15,9 +15,13 @@ pub fn trust(fingerprint: Option<&str>, roots: Option<&Path>) -> Result<Trust, B
     match (fingerprint, roots) {
         (Some(fingerprint), None) => Ok(Trust::Fingerprint(fingerprint.parse()?)),
         (None, Some(roots)) => Ok(Trust::Roots(roots.to_owned())),
-        (Some(_), Some(_)) | (None, None) => Err(BindingError::Argument {
+        (Some(_), Some(_)) => Err(BindingError::Argument {
             argument: "trust",
             needed: "a fingerprint or roots, and not both",
+        }),
+        (None, None) => Err(BindingError::Argument {
+            argument: "trust",
+            needed: "given: the fingerprint that the server prints when it starts, or a PEM file of roots",
         }),
     }
 }

@@ -86,6 +86,28 @@ def test_a_denied_authority_raises_too(server):
             scene.take_authority(np.arange(1, 258, dtype=np.uint64))
 
 
+def test_a_second_request_for_authority_waits_for_the_answer_to_the_first(server):
+    with server.connect().join("authority-twice") as scene:
+        lift = scene.add_body(rhumb.Shape.ball(0.5), kind="kinematic")
+        scene.advance()
+        scene.take_authority(lift)
+        with pytest.raises(rhumb.InvalidError, match="unanswered: wait for the event"):
+            scene.take_authority(lift)
+        while "authority granted" not in [event.kind for event in scene.events()]:
+            scene.idle(0.001)
+        for numbers, words in (
+            (dict(position=(0, 2e5, 0)), ("position", "200000 m", "100000 m")),
+            (dict(position=(0, float("nan"), 0)), ("position", "NaN", "100000 m")),
+            (dict(position=(0, 0, 0), rotation=(0, 0, 0, 2)), ("length 2", "unit length")),
+            (dict(position=(0, 0, 0), linear=(0, 1e6, 0)), ("velocity", "1000000 m/s")),
+        ):
+            with pytest.raises(rhumb.InvalidError) as raised:
+                scene.publish(lift, **numbers)
+            for word in (f"state of body {lift}", *words):
+                assert word in str(raised.value), str(raised.value)
+        scene.take_authority([])
+
+
 def test_a_program_that_reads_events_may_ask_for_quiet(server):
     with server.connect().join("quiet-refusals", refusals="events") as scene:
         number = scene.remove(77)
@@ -115,6 +137,9 @@ def test_a_program_that_reads_events_may_ask_for_quiet(server):
         (lambda scene: scene.add_joint(1, rhumb.Joint("rope", 1, 2, length=0)), ("length of a rope", "0 m")),
         (lambda scene: scene.add_joint(1, rhumb.Joint("fixed", 1, 1)), ("itself",)),
         (lambda scene: rhumb.Joint("revolute", 1, 2, limits={7: (0, 1)}), ("axis", "7", "0 to 5")),
+        (lambda scene: rhumb.Joint("revolute", 1, 2, limits={4: (0, 1)}), ("limits", "axis 4", "free")),
+        (lambda scene: scene.add_joint(1, rhumb.Joint("revolute", 1, 2, motors={1: (0, 1, 0, 1, None)})), ("motors", "axis 1", "free")),
+        (lambda scene: rhumb.connect("localhost"), ("trust", "fingerprint", "PEM")),
         (lambda scene: scene.set_gravity((0, -1e4, 0)), ("gravity", "-10000", "1000 m/s²")),
         (lambda scene: scene.take_authority(1, tolerance=0), ("tolerance of 0 m", "0.001 m to 10 m")),
         (lambda scene: scene.set_lead_ticks(-1), ("-1", "not negative")),

@@ -48,11 +48,12 @@ impl Failure {
 impl From<Misuse> for Failure {
     fn from(misuse: Misuse) -> Self {
         let code = match misuse {
-            Misuse::NotNow => "notNow",
+            Misuse::NotNow | Misuse::AuthorityUnanswered => "notNow",
             Misuse::Indices(_) => "noIds",
             Misuse::Invalid(_)
             | Misuse::TooManyAuthorityBodies(_)
             | Misuse::NoAuthority(_)
+            | Misuse::State(..)
             | Misuse::NoInside
             | Misuse::JoinedToItself(_)
             | Misuse::Hits(_)

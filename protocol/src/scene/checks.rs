@@ -340,6 +340,8 @@ enum Found {
     },
     /// The length of a quaternion or direction.
     Length { name: &'static str, length: f64 },
+    /// An axis of a joint that is locked: translations along x, y and z, then rotations about x, y and z.
+    LockedAxis(usize),
     /// A sentence says it.
     Sentence(&'static str),
 }
@@ -374,6 +376,15 @@ impl Invalid {
         }
     }
 
+    /// A limit or motor of an axis that the joint locks.
+    pub(super) const fn of_axis(quantity: Quantity, axis: usize) -> Self {
+        Self {
+            rule: Rule::OutOfRange,
+            quantity,
+            found: Found::LockedAxis(axis),
+        }
+    }
+
     /// Names the number more closely than its quantity does.
     pub(super) const fn of(mut self, part: &'static str, unit_of_part: &'static str) -> Self {
         match &mut self.found {
@@ -382,7 +393,7 @@ impl Invalid {
                 *unit = unit_of_part;
             }
             Found::Length { name, .. } => *name = part,
-            Found::Elsewhere | Found::Sentence(_) => {}
+            Found::Elsewhere | Found::LockedAxis(_) | Found::Sentence(_) => {}
         }
         self
     }
@@ -453,6 +464,23 @@ impl fmt::Display for Invalid {
                 "{name} has the length {}, and must be of unit length",
                 Measured(length, "")
             ),
+            Found::LockedAxis(axis) => {
+                let motion = if axis < 3 {
+                    "translation along"
+                } else {
+                    "rotation about"
+                };
+                let direction = ["x", "y", "z"][axis % 3];
+                let what = if quantity == Quantity::Motor {
+                    "motor"
+                } else {
+                    "limit"
+                };
+                write!(
+                    f,
+                    "{what} of axis {axis}, the {motion} {direction}: the joint locks this axis, and only a free one can have one"
+                )
+            }
             Found::Sentence(sentence) => write!(f, "{quantity}: {sentence}"),
             Found::Elsewhere => match (self.rule, quantity) {
                 (Rule::NotFinite, Quantity::Rotation) => {

@@ -200,8 +200,7 @@ impl JointKind {
         let limits = self.limits().into_iter().enumerate();
         for (axis, limits) in limits.filter_map(|(axis, limits)| Some((axis, limits?))) {
             if self.locked().locks(axis) {
-                let locked = "only an axis that the joint leaves free can have one";
-                return Err(Invalid::because(Quantity::JointLimit, locked));
+                return Err(Invalid::of_axis(Quantity::JointLimit, axis));
             }
             limits.check(axis)?;
         }
@@ -269,9 +268,12 @@ impl Joint {
         let limits = self.kind.limits();
         let motors = self.motors.iter().enumerate();
         for (axis, motor) in motors.filter_map(|(axis, motor)| Some((axis, motor.as_ref()?))) {
-            if distant || self.kind.locked().locks(axis) {
-                let locked = "only an axis that the joint leaves free can have one, and none of a rope or spring";
-                return Err(Invalid::because(Quantity::Motor, locked));
+            if distant {
+                let distant = "a rope or a spring has none";
+                return Err(Invalid::because(Quantity::Motor, distant));
+            }
+            if self.kind.locked().locks(axis) {
+                return Err(Invalid::of_axis(Quantity::Motor, axis));
             }
             let fast = if is_translation(axis) {
                 LINEAR_MAX
@@ -705,6 +707,39 @@ mod tests {
         value: impl Strategy<Value = T>,
     ) -> impl Strategy<Value = [Option<T>; 6]> {
         prop::array::uniform6(prop::option::of(value))
+    }
+
+    #[test]
+    fn a_limit_or_motor_of_a_locked_axis_is_refused_by_the_name_of_the_axis() {
+        use alloc::string::ToString;
+
+        let frames = [JointFrame::at(Vec3::ZERO); 2];
+        let bodies = [BodyId::new(0, 0), BodyId::new(1, 0)];
+        let mut limits = [None; 6];
+        limits[4] = Some(JointLimits {
+            least: 0.0,
+            most: 1.0,
+        });
+        let kind = JointKind::Generic(LockedAxes::ROTATIONS, limits);
+        let limited = Joint::plain(kind, bodies, frames).check();
+        let text = limited.expect_err("it is locked").to_string();
+        assert!(
+            text.starts_with("limit of axis 4, the rotation about y: "),
+            "{text}"
+        );
+        let mut driven = Joint::plain(JointKind::Revolute(None), bodies, frames);
+        driven.motors[2] = Some(Motor {
+            position: 0.0,
+            velocity: 1.0,
+            stiffness: 0.0,
+            damping: 1.0,
+            force: 9.0,
+        });
+        let text = driven.check().expect_err("it is locked").to_string();
+        assert!(
+            text.starts_with("motor of axis 2, the translation along z: "),
+            "{text}"
+        );
     }
 
     proptest! {

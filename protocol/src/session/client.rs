@@ -238,7 +238,7 @@ impl ClientSession {
     ///
     /// # Errors
     ///
-    /// As [`Self::leave`], [`Misuse::NotNow`] while an earlier request is unanswered, and
+    /// As [`Self::leave`], [`Misuse::AuthorityUnanswered`] while an earlier request is unanswered, and
     /// [`Misuse::TooManyAuthorityBodies`].
     pub fn take_authority(
         &mut self,

@@ -141,6 +141,10 @@ pub enum Misuse {
     TooManyAuthorityBodies(usize),
     /// This member neither has nor requested authority over the body.
     NoAuthority(BodyId),
+    /// The state of a body has a number that is not finite or out of range.
+    State(BodyId, Invalid),
+    /// The server has not answered an earlier request for authority.
+    AuthorityUnanswered,
     /// A dynamic body needs a shape with volume.
     NoInside,
     /// A joint cannot join a body to itself.
@@ -156,6 +160,10 @@ impl fmt::Display for Misuse {
         match self {
             Self::NotNow => f.write_str("not possible in this state of the connection"),
             Self::Invalid(invalid) => invalid.fmt(f),
+            Self::State(id, invalid) => write!(f, "state of body {id}: {invalid}"),
+            Self::AuthorityUnanswered => f.write_str(
+                "an earlier request for authority is unanswered: wait for the event that answers it, and ask then",
+            ),
             Self::Indices(count) => write!(
                 f,
                 "{count} body indices cannot be reserved at once; the range is 1 to {RESERVE_MAX}"

@@ -92,7 +92,7 @@ impl ClientUpstream {
             // The request that is under way is not the one of the application, which follows the answer.
             Some(_) if self.regained.is_some() => self.regained = Some(request),
             None => self.regained = Some(request),
-            Some(_) if self.requested.is_some() => return Err(Misuse::NotNow),
+            Some(_) if self.requested.is_some() => return Err(Misuse::AuthorityUnanswered),
             Some(outbox) => self.send(request, outbox),
         }
         Ok(())
@@ -138,7 +138,7 @@ impl ClientUpstream {
             if !self.covers(*id) {
                 return Err(Misuse::NoAuthority(*id));
             }
-            Command::check_motion(motion).map_err(Misuse::Invalid)?;
+            Command::check_motion(motion).map_err(|cause| Misuse::State(*id, cause))?;
         }
         let Some(sender) = &mut self.sender else {
             return Ok(false);
@@ -330,7 +330,7 @@ mod tests {
         let first = upstream.take(Tolerance::NORMAL, &[BODY, BODY], Some(&mut outbox));
         assert_eq!((first, requested(&upstream)), (Ok(()), Some(&[BODY][..])));
         let second = upstream.take(Tolerance::NORMAL, &[BODY], Some(&mut outbox));
-        assert_eq!(second, Err(Misuse::NotNow));
+        assert_eq!(second, Err(Misuse::AuthorityUnanswered));
     }
 
     #[test]
