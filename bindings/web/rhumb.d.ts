@@ -119,7 +119,7 @@ export interface JoinOptions {
    */
   readonly refusals?: "throw" | "events";
   /**
-   * Seconds for which the client tries to go on over another connection when one ends without its doing; commands are
+   * Seconds for which the client tries to continue over another connection when one ends without its doing; commands are
    * queued meanwhile. Default: 60 if the server keeps the scene over its own end, else 0.
    */
   readonly resumeWithin?: number;
@@ -191,7 +191,7 @@ export interface Damping {
 export class Client {
   readonly scene: string;
   readonly config: SceneConfig;
-  /** `"open"`; `"resuming"` while it tries to go on over another connection; `"ended"`. */
+  /** `"open"`; `"resuming"` while it tries to continue over another connection; `"ended"`. */
   readonly state: "open" | "resuming" | "ended";
   /** Why it ended; undefined before. */
   readonly ending?: RhumbError;
@@ -302,6 +302,11 @@ export class Client {
    * Requests authority over these kinematic bodies, in place of those that this client has authority over now. The event
    * `authorityGrant` or `authorityDenied` reports the result. An empty list ends the authority. While the session is
    * interrupted it waits; a session that continues requests its authority again by itself.
+   *
+   * One member has authority over 256 bodies at most. The server's bodies are within `tolerance` of what {@link publish}
+   * sends, and the tolerance of a stream adds to it: a member that follows these bodies within 0.05 m sees them within
+   * 0.07 m of the publisher's if that one's is 0.02 m. Throws `argument` for more bodies, and `notNow` while the event that
+   * answers an earlier request is still to come.
    */
   takeAuthority(bodies: readonly BodyId[], tolerance: Tolerance): void;
   /** The bodies under this client's authority. */
@@ -390,7 +395,7 @@ export interface View {
   readonly errorBounds: Float32Array;
   /** Tolerance of each body in this stream, metres; zero for a full stream. Computed when read. */
   readonly tolerances: Float32Array;
-  /** Place of a body; undefined if it is not in this view. A negative one would index from the end. */
+  /** Place of a body; undefined if it is not in this view: a typed array has `undefined` there. */
   place(id: BodyId): number | undefined;
 }
 
@@ -904,7 +909,7 @@ export type MemberEvent =
   | { readonly kind: "joined" }
   | { readonly kind: "joinFailed"; readonly error: { readonly code: ErrorCode; readonly message: string; readonly denial?: DenialCode } }
   | { readonly kind: "inspected"; readonly inspection: Inspection }
-  /** `mayResume`: another connection may go on with the session. */
+  /** `mayResume`: another connection may continue the session. */
   | { readonly kind: "ended"; readonly code: ErrorCode; readonly message: string; readonly closeCode?: number; readonly mayResume: boolean };
 
 /**

@@ -191,7 +191,7 @@ impl Rollback {
         None
     }
 
-    /// Goes on from an attempt that stepped.
+    /// Continues from an attempt that stepped.
     fn adopt(&mut self, attempt: Continuation) -> Option<Restoration> {
         let Continuation {
             base,

@@ -200,7 +200,7 @@ impl RhumbClient {
         self.client.get().command(command)
     }
 
-    /// Goes on in time; returns whether there is a new view.
+    /// Computes the view of the present, or of the next step; returns whether there is a new view.
     pub(crate) fn advance(&mut self, depth: PipelineDepth) -> Result<bool, ClientError> {
         self.follower.advance(self.client.get(), depth)
     }

@@ -41,7 +41,7 @@ impl Default for RhumbPlugin {
 /// Sets of the plug-in's systems, for systems that must run before or after them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, SystemSet)]
 pub enum RhumbSystems {
-    /// Goes on in time, writes messages, and spawns, moves and despawns entities: in `PreUpdate` for a free-running
+    /// Computes the next view, writes messages, and spawns, moves and despawns entities: in `PreUpdate` for a free-running
     /// scene, in `FixedUpdate` for a lockstep scene.
     Advance,
     /// Writes the transforms of a lockstep scene's bodies for the frame's moment, in `RunFixedMainLoop`.

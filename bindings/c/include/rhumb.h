@@ -245,15 +245,15 @@ enum RhumbShapeKind
   RHUMB_SHAPE_KIND_CONE,
   // A box with round edges: `half_extents` of the box inside, `radius`.
   RHUMB_SHAPE_KIND_ROUNDED_CUBOID,
-  // Everything behind a plane through the body's origin: `normal`. For fixed bodies.
+  // Everything behind a plane through the body's origin: `normal`. For fixed and kinematic bodies.
   RHUMB_SHAPE_KIND_HALF_SPACE,
   // The convex hull of `points`, which may be given from anywhere: see `rhumb_shape_centre`. It has 255 corners at most;
   // other points are left out.
   RHUMB_SHAPE_KIND_HULL,
-  // A mesh of `points` and `triangles`. For fixed bodies.
+  // A mesh of `points` and `triangles`. For fixed and kinematic bodies.
   RHUMB_SHAPE_KIND_MESH,
   // A height field: `points` holds one height for each post, `rows` rows of them. The first post is at the body's origin;
-  // the rows follow each other along x, the columns along the other axis of the ground. For fixed bodies.
+  // the rows follow each other along x, the columns along the other axis of the ground. For fixed and kinematic bodies.
   RHUMB_SHAPE_KIND_HEIGHTS,
   // Several shapes: `parts`. No part is a compound.
   RHUMB_SHAPE_KIND_COMPOUND,
@@ -492,7 +492,7 @@ typedef uint64_t RhumbBody;
 typedef struct RhumbBodyState {
   // The body.
   RhumbBody body;
-  // Centre of mass, in the scene's unit of length.
+  // Centre of mass, or the origin of a hull or compound that this client added, in the scene's unit of length.
   float position[3];
   // Unit quaternion x, y, z, w: body to world.
   float rotation[4];
@@ -595,7 +595,7 @@ typedef struct RhumbBodyDesc {
   uint32_t kind;
   // Its shape.
   struct RhumbShape shape;
-  // Centre of mass, in the scene's unit of length.
+  // Origin of its shape, which is its centre of mass but for hulls and compounds, in the scene's unit of length.
   float position[3];
   // Unit quaternion x, y, z, w: body to world.
   float rotation[4];
@@ -951,7 +951,7 @@ typedef struct RhumbJoinOptions {
   uint8_t whole_ticks;
   // A `RhumbRefusals`.
   uint32_t refusals;
-  // Seconds for which a client tries to go on over another connection.
+  // Seconds for which a client tries to continue over another connection.
   double resume_within_s;
   // A `RhumbSleep`: of the bodies of a new scene that have none of their own.
   uint32_t sleep;
@@ -1001,7 +1001,8 @@ extern "C" {
 // client that follows these bodies within 0.05 m sees them within 0.07 m of the publisher's if that one's is 0.02 m.
 //
 // It is sent at once. An event, `RHUMB_EVENT_KIND_AUTHORITY_GRANTED` or `RHUMB_EVENT_KIND_AUTHORITY_DENIED`, answers; a
-// denial is also `RHUMB_CODE_REFUSED` of the next advance, wait or poll.
+// denial is also `RHUMB_CODE_REFUSED` of the next advance, wait or poll. A second request before the answer is
+// `RHUMB_CODE_INVALID`.
 //
 // # Safety
 //

@@ -361,6 +361,12 @@ public:
         return *this;
     }
 
+    /// Sweeps it against moving bodies, so that it does not pass through them.
+    BodyDesc& swept() {
+        raw_.swept = 1;
+        return *this;
+    }
+
     /// Its axis of spin stays, though its moments of inertia differ.
     BodyDesc& without_gyroscopic_forces() {
         raw_.gyroscopic = 0;
@@ -968,7 +974,7 @@ public:
     // <<< commands of a scene
 
     /// Requests authority over kinematic bodies, 256 at most, in place of those of now; none ends it. An event answers. The
-    /// tolerance of a stream adds to this one.
+    /// tolerance of a stream adds to this one. A second request before the answer throws.
     void take_authority(const std::vector<Body>& bodies, double tolerance_m = 0.02) {
         throw_unless_ok(rhumb_scene_take_authority(raw_, bodies.data(), bodies.size(), tolerance_m));
     }

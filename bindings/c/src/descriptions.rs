@@ -75,7 +75,7 @@ pub struct RhumbBodyDesc {
     pub kind: u32,
     /// Its shape.
     pub shape: RhumbShape,
-    /// Centre of mass, in the scene's unit of length.
+    /// Origin of its shape, which is its centre of mass but for hulls and compounds, in the scene's unit of length.
     pub position: [f32; 3],
     /// Unit quaternion x, y, z, w: body to world.
     pub rotation: [f32; 4],

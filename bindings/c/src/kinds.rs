@@ -104,15 +104,15 @@ pub enum RhumbShapeKind {
     Cone,
     /// A box with round edges: `half_extents` of the box inside, `radius`.
     RoundedCuboid,
-    /// Everything behind a plane through the body's origin: `normal`. For fixed bodies.
+    /// Everything behind a plane through the body's origin: `normal`. For fixed and kinematic bodies.
     HalfSpace,
     /// The convex hull of `points`, which may be given from anywhere: see `rhumb_shape_centre`. It has 255 corners at most;
     /// other points are left out.
     Hull,
-    /// A mesh of `points` and `triangles`. For fixed bodies.
+    /// A mesh of `points` and `triangles`. For fixed and kinematic bodies.
     Mesh,
     /// A height field: `points` holds one height for each post, `rows` rows of them. The first post is at the body's origin;
-    /// the rows follow each other along x, the columns along the other axis of the ground. For fixed bodies.
+    /// the rows follow each other along x, the columns along the other axis of the ground. For fixed and kinematic bodies.
     Heights,
     /// Several shapes: `parts`. No part is a compound.
     Compound,

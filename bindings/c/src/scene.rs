@@ -61,7 +61,7 @@ pub struct RhumbJoinOptions {
     pub whole_ticks: u8,
     /// A `RhumbRefusals`.
     pub refusals: u32,
-    /// Seconds for which a client tries to go on over another connection.
+    /// Seconds for which a client tries to continue over another connection.
     pub resume_within_s: f64,
     /// A `RhumbSleep`: of the bodies of a new scene that have none of their own.
     pub sleep: u32,

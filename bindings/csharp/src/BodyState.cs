@@ -7,7 +7,7 @@ namespace Rhumb
     {
         public Body Body;
 
-        /// <summary>Centre of mass.</summary>
+        /// <summary>Centre of mass, or the origin of a hull or compound that this client added.</summary>
         public Vec3 Position;
 
         /// <summary>Body to world.</summary>

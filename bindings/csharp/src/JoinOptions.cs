@@ -145,7 +145,7 @@ namespace Rhumb
         }
 
         /// <summary>
-        /// How long the client tries to go on over another connection when its own one ends. Zero: it does not try. Null, as
+        /// How long the client tries to continue over another connection when its own one ends. Zero: it does not try. Null, as
         /// in plain options: what the scene suggests. Join refuses a negative time.
         /// </summary>
         public TimeSpan? ResumeWithin { get; set; }

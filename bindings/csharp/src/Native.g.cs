@@ -391,7 +391,8 @@ namespace Rhumb
         ///  client that follows these bodies within 0.05 m sees them within 0.07 m of the publisher's if that one's is 0.02 m.
         ///
         ///  It is sent at once. An event, `RHUMB_EVENT_KIND_AUTHORITY_GRANTED` or `RHUMB_EVENT_KIND_AUTHORITY_DENIED`, answers; a
-        ///  denial is also `RHUMB_CODE_REFUSED` of the next advance, wait or poll.
+        ///  denial is also `RHUMB_CODE_REFUSED` of the next advance, wait or poll. A second request before the answer is
+        ///  `RHUMB_CODE_INVALID`.
         ///
         ///  # Safety
         ///
@@ -612,7 +613,7 @@ namespace Rhumb
         /// </summary>
         public RhumbShape shape;
         /// <summary>
-        ///  Centre of mass, in the scene's unit of length.
+        ///  Origin of its shape, which is its centre of mass but for hulls and compounds, in the scene's unit of length.
         /// </summary>
         public fixed float position[3];
         /// <summary>
@@ -844,7 +845,7 @@ namespace Rhumb
         /// </summary>
         public uint refusals;
         /// <summary>
-        ///  Seconds for which a client tries to go on over another connection.
+        ///  Seconds for which a client tries to continue over another connection.
         /// </summary>
         public double resume_within_s;
         /// <summary>
@@ -1224,7 +1225,7 @@ namespace Rhumb
         /// </summary>
         public RhumbBody body;
         /// <summary>
-        ///  Centre of mass, in the scene's unit of length.
+        ///  Centre of mass, or the origin of a hull or compound that this client added, in the scene's unit of length.
         /// </summary>
         public fixed float position[3];
         /// <summary>
@@ -1732,7 +1733,7 @@ namespace Rhumb
         /// </summary>
         RoundedCuboid,
         /// <summary>
-        ///  Everything behind a plane through the body's origin: `normal`. For fixed bodies.
+        ///  Everything behind a plane through the body's origin: `normal`. For fixed and kinematic bodies.
         /// </summary>
         HalfSpace,
         /// <summary>
@@ -1741,12 +1742,12 @@ namespace Rhumb
         /// </summary>
         Hull,
         /// <summary>
-        ///  A mesh of `points` and `triangles`. For fixed bodies.
+        ///  A mesh of `points` and `triangles`. For fixed and kinematic bodies.
         /// </summary>
         Mesh,
         /// <summary>
         ///  A height field: `points` holds one height for each post, `rows` rows of them. The first post is at the body's origin;
-        ///  the rows follow each other along x, the columns along the other axis of the ground. For fixed bodies.
+        ///  the rows follow each other along x, the columns along the other axis of the ground. For fixed and kinematic bodies.
         /// </summary>
         Heights,
         /// <summary>

@@ -175,7 +175,8 @@ namespace Rhumb
         /// <summary>
         /// Requests authority over kinematic bodies, 256 at most, in place of those of now; none ends it. The server's bodies
         /// are within the tolerance of what Publish sends, and the tolerance of a stream adds to it. It is sent at once. An
-        /// event, AuthorityGranted or AuthorityDenied, answers; a denial is a RhumbRefusedException too.
+        /// event, AuthorityGranted or AuthorityDenied, answers; a denial is a RhumbRefusedException too. A second request
+        /// before the answer is an error of the call.
         /// </summary>
         public unsafe void TakeAuthority(Body[] bodies, double toleranceInMetres = 0.02)
         {
@@ -253,7 +254,7 @@ namespace Rhumb
             return tick;
         }
 
-        /// <summary>Goes on waiting for the tick of an Advance that timed out.</summary>
+        /// <summary>Waits again for the tick of an Advance that timed out.</summary>
         public unsafe ulong Wait(uint depth = 0)
         {
             ulong tick;

@@ -61,7 +61,7 @@ namespace Rhumb
             return Round(RhumbShapeKind.Cone, halfHeight, radius);
         }
 
-        /// <summary>Everything behind a plane, whose normal points out of it. For fixed bodies.</summary>
+        /// <summary>Everything behind a plane, whose normal points out of it. For fixed and kinematic bodies.</summary>
         public static unsafe Shape HalfSpace(Vec3 normal)
         {
             var shape = new Shape(RhumbShapeKind.HalfSpace);
@@ -84,7 +84,7 @@ namespace Rhumb
         }
 
         /// <summary>
-        /// Three places of points for each triangle. For fixed bodies. Over smooth edges bodies slide and roll as over one face.
+        /// Three places of points for each triangle. For fixed and kinematic bodies. Over smooth edges bodies slide and roll as over one face.
         /// </summary>
         public static Shape Mesh(Vec3[] points, uint[] corners, RhumbEdges? edges = null)
         {
@@ -101,7 +101,7 @@ namespace Rhumb
 
         /// <summary>
         /// Heights by row and column. The first post is at the body's origin; the rows follow each other along x, the columns
-        /// along the other axis of the ground. For fixed bodies. With smooth edges they are touched from above only.
+        /// along the other axis of the ground. For fixed and kinematic bodies. With smooth edges they are touched from above only.
         /// </summary>
         public static Shape Heights(
             float[,] heights, float rowSpacing, float columnSpacing, RhumbEdges? edges = null)

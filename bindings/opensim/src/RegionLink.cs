@@ -9,7 +9,7 @@ namespace Rhumb.Plugin
 {
     /// <summary>
     /// A scene of the server while there is one. Connecting and waiting for a slow server happen in a task beside the
-    /// region's frames, which go on without physics.
+    /// region's frames, which continue without physics.
     /// </summary>
     internal sealed class RegionLink : IDisposable
     {

@@ -491,7 +491,8 @@ impl PyScene {
     /// publish sends; the tolerance of a stream adds to it: a client that follows within 0.05 m sees a body that is
     /// published within 0.02 m within 0.07 m of the publisher's.
     ///
-    /// It is sent at once. An event, "authority granted" or "authority denied", answers; a denial raises RefusedError too.
+    /// It is sent at once. An event, "authority granted" or "authority denied", answers; a denial raises RefusedError too. A
+    /// second request before the answer raises InvalidError.
     #[pyo3(signature = (body, tolerance = 0.02))]
     fn take_authority(
         &self,

@@ -1,7 +1,7 @@
 //! A scene whose engine failed continues, or stands still with a reason.
 //!
 //! The restored scene is compared with what the members know, and they learn the difference by ordinary scene events:
-//! streams, tracks and sessions go on.
+//! streams, tracks and sessions continue.
 
 use std::collections::BTreeSet;
 
@@ -94,7 +94,7 @@ impl SceneRunner {
         Ok(self.adopt(restoration))
     }
 
-    /// Goes on with a restored scene, and informs the members.
+    /// Continues with a restored scene, and informs the members.
     fn adopt(&mut self, restoration: Restoration) -> Vec<Author> {
         let Restoration {
             scene,

@@ -1,6 +1,6 @@
 //! Solids of large shapes are made beside the steps of a scene.
 //!
-//! The jobs are held here, and run when a test wants it: ticks and other clients go on meanwhile, and the client's own
+//! The jobs are held here, and run when a test wants it: ticks and other clients continue meanwhile, and the client's own
 //! messages keep their order. Caught: large meshes stopped the steps for 40 to 98 ms each.
 
 use std::collections::BTreeMap;

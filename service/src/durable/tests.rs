@@ -215,7 +215,7 @@ impl Recorded {
         self.durable = self.scene.tick();
     }
 
-    /// Goes on in a new segment, with a snapshot of its beginning if the engine has one.
+    /// Continues in a new segment, with a snapshot of its beginning if the engine has one.
     fn snapshot(&mut self) {
         self.write();
         self.sync();
@@ -246,7 +246,7 @@ impl Recorded {
         )
     }
 
-    /// Goes on with a restored scene, in a new segment.
+    /// Continues with a restored scene, in a new segment.
     fn go_on(&mut self, restored: Restored) {
         let (number, tick) = (restored.next_segment, restored.scene.tick());
         let header = header(Some(restored.last));

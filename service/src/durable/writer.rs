@@ -303,7 +303,7 @@ impl LogWriter {
         }
     }
 
-    /// Goes on in a new segment with a snapshot of its beginning. A broken log begins anew with it, unless it was given
+    /// Continues in a new segment with a snapshot of its beginning. A broken log begins anew with it, unless it was given
     /// up since: the scene may have left that state.
     fn begin_snapshot(&mut self, frozen: Frozen, point: SnapshotPoint) {
         self.batches = point.batches;

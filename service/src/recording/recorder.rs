@@ -211,7 +211,7 @@ impl Recording {
 }
 
 impl RecordedScene {
-    /// Goes on without the file; another one is tried later.
+    /// Continues without the file; another one is tried later.
     fn give_up(&mut self, now: Instant, path: &Path, cause: &McapError) {
         let path = path.display();
         tracing::error!(%path, %cause, "a recording cannot be written; it continues in another file after ten seconds");

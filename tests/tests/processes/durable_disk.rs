@@ -98,7 +98,7 @@ impl Run {
         }
     }
 
-    /// Goes on until everything sent so far is durable.
+    /// Waits until everything sent so far is durable.
     fn until_durable(&mut self) {
         let sent = self.sent;
         let begun = Instant::now();

@@ -221,7 +221,7 @@ impl Agent {
         self.frame()
     }
 
-    /// Goes on until something holds.
+    /// Runs frames until something holds.
     pub(crate) fn run_until(
         &mut self,
         what: &str,

@@ -72,7 +72,7 @@ class Connection:
         tolerance: how far any point of a copied body may be off, 0.001 to 10 metres whatever the coordinates.
         refusals: "raise" has the next advance, wait or poll raise RefusedError for what the server refused; "events" leaves
         that to events().
-        resume_within: seconds for which the client tries to go on over another connection; None: as the scene suggests.
+        resume_within: seconds for which the client tries to continue over another connection; None: as the scene suggests.
 
         Of a new scene are: stepping, "lockstep" (advance steps it) or "free running" (the server's clock does);
         ticks_per_second, 1 to 1000; substeps of each tick, 1 to 16; publish_interval, the ticks from one that is sent to the
@@ -633,7 +633,8 @@ class Scene:
         publish sends; the tolerance of a stream adds to it: a client that follows within 0.05 m sees a body that is
         published within 0.02 m within 0.07 m of the publisher's.
 
-        It is sent at once. An event, "authority granted" or "authority denied", answers; a denial raises RefusedError too.
+        It is sent at once. An event, "authority granted" or "authority denied", answers; a denial raises RefusedError too. A
+        second request before the answer raises InvalidError.
         """
     def publish(
         self,

@@ -83,7 +83,7 @@ impl Logged {
         wait_until("the log is whole again", || !self.log.is_broken());
     }
 
-    /// Goes on until everything is durable. Then the log ends, and the machine loses each name that was not
+    /// Waits until everything is durable. Then the log ends, and the machine loses each name that was not
     /// synchronised: the files have the newest state.
     fn must_be_restored(mut self) {
         let last = self.append();
