@@ -33,8 +33,8 @@ pub struct JoinOptions {
     ///
     /// A body that a command places elsewhere is shown at one of its places, and never on a glide between them: a push
     /// brings a body to where the change of its velocity leads it within one tick, give or take three tolerances. What
-    /// lies beyond that was placed. A shorter way, and one together with a change of velocity that explains it, cannot be told
-    /// from a push, and glides.
+    /// lies beyond that was placed. A shorter way, and one together with a change of velocity that explains it, looks
+    /// like a push, and glides.
     pub smooth: bool,
     /// Whether the server's refusals are errors of calls, or events alone.
     pub refusals: Refusals,

