@@ -86,7 +86,7 @@ impl PyConnection {
     /// tolerance: how far any point of a copied body may be off, 0.001 to 10 metres whatever the coordinates.
     /// refusals: "raise" has the next advance, wait or poll raise RefusedError for what the server refused; "events" leaves
     /// that to events().
-    /// resume_within: seconds for which the client tries to go on over another connection; None: as the scene suggests.
+    /// resume_within: seconds for which the client tries to continue over another connection; None: as the scene suggests.
     ///
     /// Of a new scene are: stepping, "lockstep" (advance steps it) or "free running" (the server's clock does);
     /// ticks_per_second, 1 to 1000; substeps of each tick, 1 to 16; publish_interval, the ticks from one that is sent to the
