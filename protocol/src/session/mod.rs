@@ -160,7 +160,7 @@ impl fmt::Display for Misuse {
         match self {
             Self::NotNow => f.write_str("not possible in this state of the connection"),
             Self::Invalid(invalid) => invalid.fmt(f),
-            Self::State(id, invalid) => write!(f, "state of body {id}: {invalid}"),
+            Self::State(id, invalid) => write!(f, "state of {id}: {invalid}"),
             Self::AuthorityUnanswered => f.write_str(
                 "an earlier request for authority is unanswered: wait for the event that answers it, and ask then",
             ),
