@@ -223,8 +223,14 @@ impl RapierEngine {
         let mass = solids::mass_beside(now, solid).unwrap_or_default();
         let dt = self.world.integration_parameters.dt;
         self.stirred.push(place);
+        let kept = self.kept(place).unwrap_or(Twist::ZERO);
         let body = &mut self.world.bodies[place.handle];
         translate::set_properties(body, now, dt);
+        if !translate::has_velocities(body) {
+            let (linear, angular) = translate::narrow_twist(&kept);
+            body.set_linvel(linear, false);
+            body.set_angvel(angular, false);
+        }
         body.set_additional_mass_properties(mass, now.desc.enabled);
         body.recompute_mass_properties_from_colliders(&self.world.colliders);
         translate::take_over_spin(body);
@@ -414,6 +420,12 @@ impl RapierEngine {
         self.observe_slot(place, Activity::Asleep).ok()
     }
 
+    /// Velocities that a kinematic body kept in the last step.
+    fn kept(&self, place: BodySlot) -> Option<Twist> {
+        let target = self.kinematic_targets.get(&place.id);
+        target.and_then(KinematicTarget::kept)
+    }
+
     /// The observation of a body, or the reason to remove it.
     fn observe_slot(
         &self,
@@ -421,12 +433,14 @@ impl RapierEngine {
         activity: Activity,
     ) -> Result<Observation, RemovalCause> {
         let body = self.body(place).ok_or(RemovalCause::NotFinite)?;
-        let kept = if body.is_kinematic() && activity == Activity::Awake {
-            self.kinematic_targets
-                .get(&place.id)
-                .and_then(KinematicTarget::kept)
-        } else {
-            None
+        let kept = match activity {
+            Activity::Awake if body.is_kinematic() => self.kept(place),
+            _ => None,
+        };
+        // Rapier gives up what a joint tears apart, and leaves such velocities at the kinematic end, which stays.
+        let kept = match body.is_kinematic() && !translate::has_velocities(body) {
+            true => kept.or(Some(Twist::ZERO)),
+            false => kept,
         };
         let motion = translate::motion(body, kept).map_err(|_| RemovalCause::NotFinite)?;
         if !translate::is_within(body.translation(), COORDINATE_MAX) {

@@ -303,6 +303,11 @@ pub(super) fn is_within(position: Vec3, most: f32) -> bool {
     position.abs().max_element() <= most
 }
 
+/// True if the velocities of a body are finite.
+pub(super) fn has_velocities(body: &RigidBody) -> bool {
+    body.linvel().is_finite() && body.angvel().is_finite()
+}
+
 /// Velocities in the engine's precision.
 pub(super) fn narrow_twist(twist: &Twist) -> (Vec3, Vec3) {
     let narrow = |v: DVec3| v.as_vec3();

@@ -1,8 +1,10 @@
-//! The engine after a panic.
+//! The engine after a panic, and kinematic bodies after a breakdown.
 
+use rapier3d::prelude::RigidBodyType;
 use rhumb_protocol::scene::{Material, Sleep};
 use rhumb_reckoning::Damping;
 
+use super::test_world::TestWorld;
 use super::*;
 
 #[test]
@@ -44,4 +46,39 @@ fn after_a_panic_the_engine_is_empty_and_takes_no_steps() {
     let mut observed = Vec::new();
     engine.observe(&mut observed);
     assert_eq!((observed, lost, engine.awake_count()), (vec![], vec![], 0));
+}
+
+#[test]
+fn a_kinematic_body_outlives_what_it_is_joined_to() {
+    let mut world = TestWorld::new(Vec3::ZERO);
+    let shape = Shape::Ball { radius: 0.5 };
+    let id = world.add(BodyKind::Kinematic, shape, Vec3::ZERO, |_| {});
+    world.set_velocity(id, Vec3::new(1.0, 2.0, 3.0), Vec3::Y);
+    let engine = &mut world.engine;
+    let mut lost = Vec::new();
+    assert_eq!(engine.step(&mut lost), Ok(()));
+    let handle = engine.place(id).unwrap().handle;
+    let body = &mut engine.world.bodies[handle];
+    // The engine takes no velocities for a kinematic body.
+    body.set_body_type(RigidBodyType::Dynamic, true);
+    body.set_linvel(Vec3::splat(f32::NAN), true);
+    body.set_angvel(Vec3::splat(f32::NAN), true);
+    body.set_body_type(RigidBodyType::KinematicPositionBased, true);
+    engine.look(&mut lost);
+    assert_eq!(lost, vec![]);
+    assert_eq!(velocities(engine, id), Some([1.0, 2.0, 3.0, 0.0, 1.0, 0.0]));
+    let before = BodyDesc::plain(id, BodyKind::Kinematic, ShapeId(0));
+    let now = BodyProperties {
+        sleep: Sleep::Never,
+        desc: BodyDesc::plain(id, BodyKind::Dynamic, ShapeId(0)),
+        material: world.material,
+        damping: Damping::default(),
+    };
+    engine.change(&before, &now);
+    assert_eq!(velocities(engine, id), Some([1.0, 2.0, 3.0, 0.0, 1.0, 0.0]));
+}
+
+fn velocities(engine: &RapierEngine, id: BodyId) -> Option<[f32; 6]> {
+    let [.., x, y, z, ax, ay, az] = engine.observe_one(id)?.motion.parts();
+    Some([x, y, z, ax, ay, az])
 }
