@@ -132,7 +132,6 @@ fn check_places(watcher: &Watcher, bodies: &[Passing], most: f64, what: &str) {
         }
     }
     assert!(shown > 10_000);
-    println!("{what}: {between} of {shown} between, {beyond} m beyond");
     let share = f64::from(between) / f64::from(shown);
     assert!(share <= most, "{what}: {between} of {shown}");
     assert!(most > 0.0 || beyond < 0.4, "{what}: {beyond} m");
