@@ -464,6 +464,8 @@ fn a_member_that_is_not_called_for_100_seconds_shows_the_present_at_its_first_ca
         for _ in 0..TICKS {
             first.advance(PipelineDepth::LOCKSTEP).expect("it steps");
         }
+        // It is answered once the tick is handed to all members.
+        first.inspect().expect("an answer");
         for (mut other, call) in others {
             assert_eq!(call(&mut other), Tick::new(TICKS));
             other.poll().expect("the scene runs");

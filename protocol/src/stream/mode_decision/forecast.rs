@@ -307,7 +307,7 @@ impl Errors {
 
     /// Dot products of the position errors and of the turn errors.
     #[inline]
-    fn dot(&self, other: &Self) -> f64x2 {
+    pub(super) fn dot(&self, other: &Self) -> f64x2 {
         let ([a, b, c], [x, y, z]) = (self.0, other.0);
         a * x + b * y + c * z
     }

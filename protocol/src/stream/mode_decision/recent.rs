@@ -13,7 +13,8 @@ use super::forecast::{Errors, Units, apart, observed_pose, observed_twist};
 use crate::stream::Features;
 use crate::stream::tracks::{Slot, Tracks};
 
-/// Tolerances by which a displacement must exceed what the velocities explain to be a jump. A view has the same limit.
+/// Tolerances by which a displacement must differ from what the velocities explain to be a jump. A view has the same
+/// limit.
 const JUMP: f64 = 3.0;
 /// Greatest error of the velocities that a correction implies after a jump: over a tick, as a share of the tolerance.
 const AFTER_JUMP: f64 = 1.0;
@@ -142,28 +143,26 @@ impl<'s> RecentMotion<'s> {
 impl<'s> SinceJump<'s> {
     fn new(subject: &Subject<'s>, units: &Units) -> Self {
         let ticks = f64::from(subject.stride.count());
-        let reach = |twist: &Twist| {
-            units.share(&(Errors::of([twist.linear, twist.angular]) * units.moving)) * ticks
-        };
-        let own = reach(&subject.truth.twist());
+        let each_stride =
+            |twist: &Twist| Errors::of([twist.linear, twist.angular]) * units.moving * ticks;
+        let now = each_stride(&subject.truth.twist());
         let Some(one) = subject.past[0] else {
             return Self {
                 past: *subject.past,
-                reach: own * 2.0,
+                reach: units.share(&now) * 2.0,
                 jumped: false,
             };
         };
-        let (pose, middle) = (observed_pose(one), reach(&observed_twist(one)));
-        let is_far =
-            |moved: &Errors, reach: f64| units.share(&(*moved * units.still)) > JUMP + reach;
-        let last = apart(&subject.truth.pose(), &pose);
-        let jumps = is_far(&last, own + middle);
+        let (pose, middle) = (observed_pose(one), each_stride(&observed_twist(one)));
+        let last = apart(&subject.truth.pose(), &pose) * units.still;
+        let jumps = units.share(&unexplained(last, [middle, now])) > JUMP;
         let (mut jumped, mut is_steady) = (false, false);
         if let Some(two) = subject.past[1] {
-            let before = apart(&pose, &observed_pose(two));
-            jumped = is_far(&before, middle + reach(&observed_twist(two)));
+            let before = apart(&pose, &observed_pose(two)) * units.still;
+            let first = each_stride(&observed_twist(two));
+            jumped = units.share(&unexplained(before, [first, middle])) > JUMP;
             // A body may move steadily whose engine reports no velocities.
-            is_steady = !is_far(&(last - before), 0.0);
+            is_steady = units.share(&(last - before)) <= JUMP;
         }
         let past = match (jumps, jumped) {
             _ if is_steady => *subject.past,
@@ -173,10 +172,18 @@ impl<'s> SinceJump<'s> {
         };
         Self {
             past,
-            reach: own + middle,
+            reach: units.share(&now) + units.share(&middle),
             jumped: (jumps || jumped) && !is_steady,
         }
     }
+}
+
+/// What is left of a displacement in a stride, where the velocities lead `before` and `after` something that happened
+/// within it: a push explains a part of their difference.
+fn unexplained(moved: Errors, [before, after]: [Errors; 2]) -> Errors {
+    let (left, push) = (moved - before, after - before);
+    let part = left.dot(&push) / push.dot(&push).fast_max(f64x2::splat(f64::MIN_POSITIVE));
+    left - push * part.fast_max(f64x2::ZERO).fast_min(f64x2::ONE)
 }
 
 /// Growth from the displacements of a body in its last stride and in its last two.
