@@ -366,7 +366,7 @@ impl RemoteScene {
     /// [`BindingError::NotInView`] for a body that this client never knew.
     pub fn contacts(&mut self, body: Option<BodyId>) -> Result<Vec<ContactRecord>, BindingError> {
         self.take_events();
-        match body.filter(|body| !self.has(*body) && !self.known.has(*body)) {
+        match body.filter(|body| !self.knows(*body)) {
             Some(unknown) => Err(BindingError::NotInView(unknown)),
             None => Ok(self.contacts.of(body).collect()),
         }
@@ -403,6 +403,12 @@ impl RemoteScene {
     #[must_use]
     pub fn has(&self, body: BodyId) -> bool {
         self.client.view().place(body).is_some()
+    }
+
+    /// True if a body is in the view, is still to come, or has gone.
+    pub fn knows(&mut self, body: BodyId) -> bool {
+        self.take_events();
+        self.has(body) || self.known.has(body)
     }
 
     /// Place of a body in the arrays.

@@ -688,11 +688,14 @@ impl PyScene {
 
     /// Place of a body in the arrays: scene.positions[scene.place(body)].
     ///
-    /// Raises NotInViewError, a KeyError, for a body that is still to come, has gone, or was never there. "body in scene" asks
-    /// whether the view has it.
-    fn place(&self, py: Python<'_>, body: &Bound<'_, PyAny>) -> PyResult<usize> {
+    /// None for a body that is still to come or has gone; the arrays refuse None as a place, with an IndexError. Raises
+    /// NotInViewError, a KeyError, for a body that this client never knew. "body in scene" asks whether the view has it.
+    fn place(&self, py: Python<'_>, body: &Bound<'_, PyAny>) -> PyResult<Option<usize>> {
         let id = single(body)?;
-        self.with(py, |opened| opened.scene.place(id))
+        self.with(py, |opened| match opened.scene.place(id) {
+            Err(BindingError::NotInView(_)) if opened.scene.knows(id) => Ok(None),
+            place => place.map(Some),
+        })
     }
 
     fn __contains__(&self, py: Python<'_>, body: &Bound<'_, PyAny>) -> PyResult<bool> {

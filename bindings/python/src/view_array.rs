@@ -5,6 +5,8 @@
 
 use numpy::{Element, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
+use pyo3::types::PyTuple;
 use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
 
 /// Arrays of one kind: the newest first.
@@ -53,7 +55,7 @@ impl<T: Element + Copy> ViewArray<T> {
         };
         let array = match self.kept.iter().position(is_free) {
             Some(place) => self.kept.remove(place).into_bound(py),
-            None => PyArrayDyn::zeros(py, shape, false),
+            None => new_array(py, shape)?,
         };
         // SAFETY: the array was made here with this shape, in C order, and owns its memory; nothing else refers to it, and
         // the interpreter's lock is held.
@@ -65,6 +67,21 @@ impl<T: Element + Copy> ViewArray<T> {
         self.is_current = true;
         Ok(array)
     }
+}
+
+/// A new array in C order, of the class that refuses `None` as a place.
+fn new_array<'py, T: Element>(
+    py: Python<'py>,
+    shape: &[usize],
+) -> PyResult<Bound<'py, PyArrayDyn<T>>> {
+    static CLASS: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
+    let class = CLASS.get_or_try_init(py, || {
+        let module = py.import("rhumb.arrays")?;
+        module.getattr("BodyArray").map(Bound::unbind)
+    })?;
+    let shape = PyTuple::new(py, shape)?;
+    let array = class.bind(py).call1((shape, numpy::dtype::<T>(py)))?;
+    Ok(array.cast_into::<PyArrayDyn<T>>()?)
 }
 
 /// Vectors or quaternions as floats.

@@ -54,9 +54,10 @@ def test_a_refused_body_raises_with_its_id_and_is_nowhere(scene):
     assert raised.value.body == swept[64] and raised.value.reason == "too many swept"
     assert "64" in raised.value.text
     assert swept[64] not in scene
-    for call in (scene.place, scene.error_bound):
-        with pytest.raises(rhumb.NotInViewError, match=f"body {swept[64]} is not in the view"):
-            call(int(swept[64]))
+    with pytest.raises(IndexError, match="None is the place of no body"):
+        scene.positions[scene.place(int(swept[64]))]
+    with pytest.raises(rhumb.NotInViewError, match=f"body {swept[64]} is not in the view"):
+        scene.error_bound(int(swept[64]))
     with pytest.raises(rhumb.NotInViewError):
         scene.places(swept)
     assert len(scene.places(swept[:64])) == 64

@@ -51,7 +51,8 @@ def test_arrays_have_one_order_and_their_types(scene):
     scene.advance()
     assert len(scene) == 3 and set(scene.removed) == set(bodies[:2])
     assert bodies[0] not in scene and bodies[2] in scene
-    assert type(scene.positions) is np.ndarray and scene.positions[None, :].shape == (1, 3, 3)
+    assert scene.positions[None, :].shape == (1, 3, 3)
+    assert type(scene.positions[0]) is np.ndarray and scene.positions[0][None].shape == (1, 3)
 
 
 def test_a_body_that_is_not_in_the_view_has_no_place_that_indexes(scene):
@@ -61,9 +62,21 @@ def test_a_body_that_is_not_in_the_view_has_no_place_that_indexes(scene):
     scene.remove(gone)
     scene.advance()
     coming = scene.add_body(rhumb.Shape.ball(0.5), (0, 9, 0))
+    for body in (gone, coming):
+        assert scene.place(body) is None
+    positions = scene.positions
+    for array in (
+        *(positions, scene.rotations, scene.bodies, scene.resting, scene.error_bounds),
+        *(positions[:, 1], positions[:], positions * 2, positions - positions[0], -positions, positions.copy()),
+    ):
+        with pytest.raises(IndexError, match="None is the place of no body"):
+            array[scene.place(gone)]
+    with pytest.raises(IndexError):
+        positions[scene.place(gone), 1]
     for body in (gone, never, coming):
         assert body not in scene
-        for call in (scene.place, lambda body: scene.places([bodies[0], body]), scene.error_bound):
+        calls = (lambda body: scene.places([bodies[0], body]), scene.error_bound)
+        for call in (*calls, *([scene.place] if body == never else [])):
             with pytest.raises(rhumb.NotInViewError, match=f"^body {body} is not in the view: .*ask first") as raised:
                 call(body)
             assert isinstance(raised.value, KeyError) and isinstance(raised.value, rhumb.InvalidError)

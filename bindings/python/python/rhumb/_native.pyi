@@ -700,11 +700,11 @@ class Scene:
     @property
     def removed(self) -> npt.NDArray[np.uint64]:
         """Bodies that were removed since the last view."""
-    def place(self, body: int) -> int:
+    def place(self, body: int) -> Optional[int]:
         """Place of a body in the arrays: scene.positions[scene.place(body)].
 
-        Raises NotInViewError, a KeyError, for a body that is still to come, has gone, or was never there. "body in scene" asks
-        whether the view has it.
+        None for a body that is still to come or has gone; the arrays refuse None as a place, with an IndexError. Raises
+        NotInViewError, a KeyError, for a body that this client never knew. "body in scene" asks whether the view has it.
         """
     def places(self, body: _Bodies) -> npt.NDArray[np.uintp]:
         """Places of many bodies, which must all be in the view: scene.positions[scene.places(bodies)]."""
