@@ -3,8 +3,9 @@
 //! For display only, never normative. A correction is a function of time: it is the whole jump at its start and zero
 //! after [`Correction::SPAN`]. Its velocity is the derivative of the displayed offset.
 
-use glam::{DQuat, DVec3};
+use glam::DVec3;
 
+use crate::exact::turn_by;
 use crate::motion::{Motion, Pose, Twist};
 use crate::units::{Metres, Seconds};
 
@@ -71,7 +72,7 @@ impl Correction {
         let (pose, twist) = (predicted_motion.pose(), predicted_motion.twist());
         let shown = Pose {
             position: pose.position + self.offset * h + self.offset_velocity * (k * span),
-            rotation: (DQuat::from_scaled_axis(self.turn * h) * pose.rotation).normalize(),
+            rotation: (turn_by(self.turn * h) * pose.rotation).normalize(),
         };
         let moving = Twist {
             linear: twist.linear + self.offset * dh + self.offset_velocity * dk,
@@ -91,6 +92,7 @@ impl Correction {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::DQuat;
     use proptest::prelude::*;
 
     fn motion() -> impl Strategy<Value = Motion> {

@@ -125,7 +125,7 @@ pub(crate) const COSINE: [f64; 7] = [
 ///
 /// Range: |x| ≤ [`ANGLE_LIMIT`]. Error: below 3e-14 there. A larger angle counts as zero: the result is finite and
 /// equal on every platform. No stream within the protocol's limits comes near it.
-fn sin_cos(x: f64) -> (f64, f64) {
+pub(crate) fn sin_cos(x: f64) -> (f64, f64) {
     // Written so that NaN fails too.
     let in_range = x.abs() <= ANGLE_LIMIT;
     if !in_range {

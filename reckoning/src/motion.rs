@@ -8,8 +8,10 @@ use core::fmt;
 
 use glam::{DQuat, DVec3};
 
-use crate::exact::{add3, conjugate, cross3, length3, length4, normalised, product, sqrt, turned};
-use crate::units::{Metres, Radians};
+use crate::exact::{
+    add3, conjugate, cross3, length3, length4, normalised, product, sqrt, turn_by, turned,
+};
+use crate::units::{Metres, Radians, Seconds};
 
 /// Position of the centre of mass (m) and rotation body → world.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,6 +45,12 @@ impl Twist {
         linear: DVec3::ZERO,
         angular: DVec3::ZERO,
     };
+
+    /// The turn by the angular velocity in a time, about the world's axes.
+    #[must_use]
+    pub fn turn_over(&self, time: Seconds) -> DQuat {
+        turn_by(self.angular * time.seconds())
+    }
 }
 
 /// A checked pose and twist: finite, with a rotation of unit length.

@@ -9,6 +9,7 @@ use core::f32::consts::FRAC_1_PI;
 
 use wide::f32x4;
 
+use crate::exact;
 use crate::flow::{Integrator, TRACK_AGE_MAX};
 use crate::predictor::Conditions;
 use crate::quantiser::{Grid, OTHERS};
@@ -165,7 +166,7 @@ impl PrefilterBounds {
                     half_chord: if any {
                         2.0
                     } else {
-                        libm::sin(half) as f32 * LENGTH_SLACK
+                        exact::sin_cos(half).0 as f32 * LENGTH_SLACK
                     },
                     shared: false,
                 }

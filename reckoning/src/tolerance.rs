@@ -8,6 +8,7 @@ use core::f64::consts::FRAC_PI_2;
 use core::fmt;
 use core::str::FromStr;
 
+use crate::exact::sin_cos;
 use crate::motion::Divergence;
 use crate::units::{Metres, Radians};
 
@@ -235,7 +236,7 @@ impl Tolerance {
             Self::Surface(length) => length.metres(),
             Self::Parts { position, turn } => {
                 let half_turn = (turn.radians().radians() * 0.5).min(FRAC_PI_2);
-                let chord = 2.0 * radius.metres() * libm::sin(half_turn);
+                let chord = 2.0 * radius.metres() * sin_cos(half_turn).0;
                 Metres::new(position.metres().metres() + chord)
             }
         }

@@ -6,10 +6,9 @@
 
 use core::fmt;
 
-use glam::DQuat;
 use rhumb_protocol::session::{ClientSession, Event, Misuse};
 use rhumb_protocol::{Instant, Span};
-use rhumb_reckoning::{BodyId, BodyState, Rate, Tick};
+use rhumb_reckoning::{BodyId, BodyState, Rate, Seconds, Tick};
 
 use crate::moment::RenderTime;
 
@@ -213,7 +212,7 @@ fn extrapolate(motion: &BodyState, seconds: f64) -> BodyState {
     }
     let (pose, twist) = (motion.motion().pose(), motion.motion().twist());
     let position = pose.position + twist.linear * seconds;
-    let turn = DQuat::from_scaled_axis(twist.angular * seconds);
+    let turn = twist.turn_over(Seconds::new(seconds));
     let rotation = (turn * pose.rotation).normalize();
     let later = BodyState::new(
         position.as_vec3().to_array(),

@@ -3,7 +3,7 @@
 //! Between two ticks a motion is interpolated, but for a jump: a body that a command places elsewhere is shown at one of
 //! its two places, never on a way between them.
 
-use glam::{DQuat, DVec3};
+use glam::DVec3;
 use rhumb_protocol::stream::{Replacement, Subscriber};
 use rhumb_reckoning::{BodyId, Divergence, Metres, Motion, Pose, Seconds, Tick, Ticks, Twist};
 
@@ -94,9 +94,16 @@ impl MomentMotion {
 /// The motion between those of two ticks, interpolated linearly.
 fn between(first: &Motion, second: &Motion, fraction: f64) -> Option<Motion> {
     let (a, b) = (first.pose(), second.pose());
+    let turn = b.rotation * a.rotation.conjugate();
+    // Of the two ways round, the shorter one.
+    let turn = if turn.w < 0.0 { -turn } else { turn };
+    let way = Twist {
+        angular: turn.to_scaled_axis(),
+        ..Twist::ZERO
+    };
     let pose = Pose {
         position: DVec3::lerp(a.position, b.position, fraction),
-        rotation: DQuat::slerp(a.rotation, b.rotation, fraction),
+        rotation: way.turn_over(Seconds::new(fraction)) * a.rotation,
     };
     let twist = Twist {
         linear: DVec3::lerp(first.twist().linear, second.twist().linear, fraction),
@@ -155,9 +162,8 @@ impl<'a> Leap<'a> {
         };
         let moved = (apart - way * share).length();
         let half_chord = Divergence::between(&before.pose(), &after.pose()).half_chord;
-        let turn = 2.0 * half_chord.min(1.0).asin();
         let spin = (after.twist().angular - before.twist().angular).length();
-        let turned = (turn - spin * self.within.seconds()).max(0.0);
+        let turned = (2.0 * half_chord - spin * self.within.seconds()).max(0.0);
         moved + turned * radius.metres()
     }
 }

@@ -7,7 +7,7 @@
 use std::num::NonZeroU32;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use glam::{DQuat, Quat, Vec3};
+use glam::{Quat, Vec3};
 use rhumb_protocol::stream::{ErrorBound, Subscriber};
 use rhumb_reckoning::{Anchor, BodyId, Correction, Motion, Pose, Seconds, Tick, Ticks, Twist};
 
@@ -465,7 +465,7 @@ impl View {
             linear: self.linear[place].as_dvec3(),
             angular: self.angular[place].as_dvec3(),
         };
-        let turn = DQuat::from_scaled_axis(twist.angular * passed);
+        let turn = twist.turn_over(Seconds::new(passed));
         let pose = Pose {
             position: self.positions[place].as_dvec3() + twist.linear * passed,
             rotation: (turn * self.rotations[place].as_dquat()).normalize(),
