@@ -57,7 +57,7 @@ fn a_scene_that_cannot_be_joined_says_why() {
             server.address.as_str(),
             "",
             "x",
-            "a fingerprint or roots, and not both",
+            "trust must be given",
         ),
         (server.address.as_str(), wrong.as_str(), "x", "certificate"),
     ];
