@@ -1,4 +1,6 @@
-//! Compiles the web client for the page, or notes why there is none.
+//! Finds the web client for the page, or notes why there is none.
+//!
+//! A package has it beside this file: `pack` put it there. A checkout compiles it.
 
 use std::error::Error;
 use std::path::{Path, PathBuf};
@@ -16,35 +18,44 @@ const SOURCES: [&str; 6] = [
 ];
 /// The web client, from the root of the repository.
 const CLIENT: &str = "bindings/web";
+/// The folder of a package that has the web client, as `pack` makes it.
+const PACKED: &str = "client";
 /// The target of the web client.
 const TARGET: &str = "wasm32-unknown-unknown";
 
 fn main() -> Result<(), Box<dyn Error>> {
     println!("cargo::rerun-if-changed=build.rs");
     let out = PathBuf::from(env::var("OUT_DIR")?);
-    let root = Path::new(&env::var("CARGO_MANIFEST_DIR")?).join("..");
+    let own = PathBuf::from(env::var("CARGO_MANIFEST_DIR")?);
+    let root = own.join("..");
     for source in SOURCES.map(|source| root.join(source)) {
         if source.exists() {
             println!("cargo::rerun-if-changed={}", source.display());
         }
     }
-    let unavailable = match client(&root, &out) {
-        Ok(()) => String::new(),
+    let (client, unavailable) = match client(&own, &out) {
+        Ok(client) => (Some(client), String::new()),
         Err(reason) => {
             println!("cargo::warning=the page is left out: {reason}");
             // A file that is never there: the next build tries again, for what is missing may be installed by then.
             println!("cargo::rerun-if-changed={}", out.join("missing").display());
-            reason
+            (None, reason)
         }
     };
     println!("cargo::rustc-env=RHUMB_VIEWER_UNAVAILABLE={unavailable}");
-    let client = unavailable.is_empty().then(|| root.join(CLIENT));
-    fs::write(out.join("assets.rs"), table(&out, client.as_deref())?)?;
+    fs::write(out.join("assets.rs"), table(client.as_ref())?)?;
     Ok(())
 }
 
+/// Where the web client is.
+struct WebClient {
+    module: PathBuf,
+    /// The folder of its scripts.
+    scripts: PathBuf,
+}
+
 /// The table of assets, as Rust code: files of the page, kept libraries, and the web client.
-fn table(out: &Path, client: Option<&Path>) -> Result<String, Box<dyn Error>> {
+fn table(client: Option<&WebClient>) -> Result<String, Box<dyn Error>> {
     let mut files = Vec::new();
     let own = PathBuf::from(env::var("CARGO_MANIFEST_DIR")?);
     collect("", &own.join("page"), &mut files)?;
@@ -53,13 +64,14 @@ fn table(out: &Path, client: Option<&Path>) -> Result<String, Box<dyn Error>> {
         collect(&format!("/{library}"), &folder, &mut files)?;
     }
     if let Some(client) = client {
-        files.push(("/client/rhumb.wasm".to_owned(), out.join("rhumb.wasm")));
-        for entry in fs::read_dir(client)? {
+        files.push(("/client/rhumb.wasm".to_owned(), client.module.clone()));
+        for entry in fs::read_dir(&client.scripts)? {
             let name = entry?.file_name().into_string();
             let name = name.map_err(|_| "a name is no text")?;
             if name.ends_with(".js") {
-                println!("cargo::rerun-if-changed={}", client.join(&name).display());
-                files.push((format!("/client/{name}"), client.join(name)));
+                let script = client.scripts.join(&name);
+                println!("cargo::rerun-if-changed={}", script.display());
+                files.push((format!("/client/{name}"), script));
             }
         }
     }
@@ -112,11 +124,16 @@ fn content_type(file: &Path) -> Result<&'static str, String> {
     }
 }
 
-/// Puts the web client into the folder of outputs.
-fn client(root: &Path, out: &Path) -> Result<(), String> {
-    let folder = root.join(CLIENT);
+/// The web client: that of the package, or the checkout's, compiled into the folder of outputs.
+fn client(own: &Path, out: &Path) -> Result<WebClient, String> {
+    let folder = own.join("..").join(CLIENT);
     if !folder.join("Cargo.toml").exists() {
-        return Err("build from a checkout of the repository: bindings/web is missing".into());
+        let scripts = own.join(PACKED);
+        let module = scripts.join("rhumb.wasm");
+        return match module.exists() {
+            true => Ok(WebClient { module, scripts }),
+            false => Err(format!("{} is missing: run `viewer/pack` before `cargo package`", module.display())),
+        };
     }
     let installed = run(Command::new(variable("RUSTC")?).args([
         "--print",
@@ -148,12 +165,12 @@ fn client(root: &Path, out: &Path) -> Result<(), String> {
     }
     run(&mut cargo)?;
     let built = target.join(TARGET).join("web/rhumb_web.wasm");
-    let copied = fs::copy(&built, out.join("rhumb.wasm"));
-    copied.map_err(|cause| format!("{}: {cause}", built.display()))?;
-    match folder.join("rhumb.js").exists() {
-        true => Ok(()),
-        false => Err(format!("{CLIENT} has no rhumb.js")),
-    }
+    let module = out.join("rhumb.wasm");
+    fs::copy(&built, &module).map_err(|cause| format!("{}: {cause}", built.display()))?;
+    Ok(WebClient {
+        module,
+        scripts: folder,
+    })
 }
 
 /// The folder in which every build of this workspace, and `bindings/web/build`, compiles the web client: once for all of
