@@ -60,7 +60,7 @@ struct VacantRun {
 }
 
 impl IdRanges {
-    /// IdRanges a new member its first range: its share of the indices, or the longest run if none is so long. `None` when
+    /// Grants a new member its first range: its share of the indices, or the longest run if none is so long. `None` when
     /// that has fewer than `least`.
     pub(crate) fn admit(
         &mut self,
@@ -79,7 +79,7 @@ impl IdRanges {
         (run.count >= least).then(|| self.take(peer, run, share))?
     }
 
-    /// IdRanges a member `count` further indices. `None` when no run of that length is left, when later members would
+    /// Grants a member `count` further indices. `None` when no run of that length is left, when later members would
     /// find too few, or when the member has too many.
     pub(crate) fn reserve(
         &mut self,
@@ -152,7 +152,7 @@ impl IdRanges {
         longest
     }
 
-    /// IdRanges the first `count` indices of a run, or all of them if it has fewer.
+    /// Grants the first `count` indices of a run, or all of them if it has fewer.
     fn take(&mut self, peer: Peer, run: VacantRun, count: u32) -> Option<IdRange> {
         let count = run.count.min(count);
         let range = (count > 0).then(|| IdRange::new(run.first, count, run.generation))??;
@@ -188,7 +188,7 @@ impl IdRanges {
         owner.map(|(peer, _)| *peer)
     }
 
-    /// IdRanges from this index on, in a scene whose script has those before it.
+    /// Grants indices from this one on, in a scene whose script has those before it.
     pub(crate) fn begin_after(&mut self, end: u32) {
         self.end = self.end.max(end);
     }

@@ -43,6 +43,7 @@
 mod admission;
 mod authority_table;
 mod baking;
+mod clients;
 mod command_log;
 mod digest;
 pub mod engine;
@@ -54,7 +55,6 @@ mod id_ranges;
 mod limits;
 mod member;
 mod observer;
-mod outbox;
 mod provided;
 mod record;
 mod registry;

@@ -2,15 +2,13 @@
 //!
 //! Its streams and pending requests. Streams are known by name only; the scene runner starts and ends them.
 
-use std::sync::Arc;
-
 use rhumb_protocol::limits::QUERY_COST_MAX;
 use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::packet::StreamId;
 use rhumb_protocol::{Instant, Span};
 
 use crate::record::SessionNumber;
-use crate::rights::Permit;
+use crate::rights::Quotas;
 use crate::tier_controller::TierController;
 
 /// A client that is a member.
@@ -19,7 +17,6 @@ pub(crate) struct Member {
     subscription: StreamId,
     /// The former stream, until the member has caught up with the present one.
     previous: Option<StreamId>,
-    pub(crate) permit: Arc<Permit>,
     /// When its next command would be within its quota.
     next_command: Instant,
     /// Commands of this membership, or of its session, that were applied or refused.
@@ -66,7 +63,6 @@ impl Member {
     /// A new member that subscribes to a stream.
     /// `commands`: those of its session before.
     pub(crate) const fn new(
-        permit: Arc<Permit>,
         (stream, choice): (StreamId, StreamChoice),
         session: Option<SessionNumber>,
         commands: u64,
@@ -74,7 +70,6 @@ impl Member {
         Self {
             subscription: stream,
             previous: None,
-            permit,
             next_command: Instant::ZERO,
             commands,
             unanswered: None,
@@ -105,8 +100,8 @@ impl Member {
     }
 
     /// Charges a command to the quota of commands in a second.
-    pub(crate) fn charge_command(&mut self, now: Instant) {
-        if let Some(commands) = self.permit.quotas.commands {
+    pub(crate) fn charge_command(&mut self, quotas: &Quotas, now: Instant) {
+        if let Some(commands) = quotas.commands {
             let interval = Span::from_nanos(NANOS_PER_SECOND / u64::from(commands.max(1)));
             self.next_command = self.next_command.max(now) + interval;
         }
@@ -230,7 +225,7 @@ mod tests {
     const C: StreamId = StreamId(3);
 
     fn member() -> Member {
-        Member::new(Arc::new(Permit::OPEN), (A, StreamChoice::Full), None, 0)
+        Member::new((A, StreamChoice::Full), None, 0)
     }
 
     fn subscribed(member: &Member) -> Vec<StreamId> {

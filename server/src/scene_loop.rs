@@ -8,12 +8,9 @@ mod creation;
 mod owned;
 mod turns;
 
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 
-use rhumb_protocol::message::{
-    ClientMessage, Denial, Extension, Grease, ServerMessage, SessionRequest,
-};
+use rhumb_protocol::message::{ClientMessage, Denial, Extension, Grease, ServerMessage};
 use rhumb_protocol::packet::{Datagram, LossReport, PacketKind};
 use rhumb_protocol::scene::{CommandError, SceneName};
 use rhumb_protocol::session::CloseCode;
@@ -23,8 +20,9 @@ use rhumb_reckoning::Tick;
 pub use self::owned::OwnedScene;
 use crate::admission::SceneSlot;
 use crate::authority_table::UpstreamStatistics;
-use crate::baking::{Bake, Bakery};
-use crate::outbox::Outbox;
+use crate::baking::Bakery;
+use crate::clients::{Clients, Turn};
+use crate::member::SnapshotRequest;
 use crate::rights::{self, Ownership, Permit, Request};
 use crate::scene_runner::{DisconnectReason, SceneRunner};
 use crate::settings::SceneSettings;
@@ -36,14 +34,9 @@ const UNREAD_BYTES: usize = 64 << 10;
 pub struct SceneLoop {
     name: SceneName,
     running: Option<RunningScene>,
-    connections: BTreeMap<Peer, SceneConnection>,
-    /// Connections with unread messages, whose next turn comes at once.
-    queued: VecDeque<Peer>,
-    /// Connections with unread messages that wait for their link, for a step, or for slower members.
-    blocked: BTreeSet<Peer>,
+    clients: Clients,
     retry_at: Instant,
     settings: Arc<SceneSettings>,
-    out: Outbox,
     /// How often a scene of this name has begun.
     begun: u32,
     bakery: Bakery,
@@ -65,11 +58,8 @@ impl SceneLoop {
         Self {
             name,
             running: None,
-            connections: BTreeMap::new(),
-            queued: VecDeque::new(),
-            blocked: BTreeSet::new(),
+            clients: Clients::new(settings.limits),
             retry_at: Instant::ZERO,
-            out: Outbox::new(settings.limits),
             begun: 0,
             bakery: Bakery::new(settings.bakers.clone()),
             settings,
@@ -78,15 +68,15 @@ impl SceneLoop {
 
     /// Sets what a new connection may do, before its first message; without this, everything.
     pub fn admit(&mut self, peer: Peer, permit: Arc<Permit>) {
-        if let Some(connection) = self.connections.get_mut(&peer) {
-            connection.permit = permit;
+        if let Some(client) = self.clients.get_mut(peer) {
+            client.permit = permit;
         }
     }
 
     /// Bytes of a connection's control stream that were not handled yet.
     #[must_use]
     pub fn unread_bytes(&self, peer: Peer) -> usize {
-        self.out.unread_bytes(peer)
+        self.clients.unread_bytes(peer)
     }
 
     /// True if the scene exists.
@@ -98,7 +88,7 @@ impl SceneLoop {
     /// True if it has neither connections nor a scene, whole or damaged.
     #[must_use]
     pub fn is_idle(&self) -> bool {
-        self.out.is_empty() && !self.exists() && !self.is_damaged()
+        self.clients.is_empty() && !self.exists() && !self.is_damaged()
     }
 
     /// Statistics of all bodies under a member's authority.
@@ -118,24 +108,17 @@ impl SceneLoop {
 
     /// Ends the membership of a connection that broke the protocol.
     fn end_if_broken(&mut self, peer: Peer) {
-        let broken = (self.out.session(peer)).and_then(|session| session.poll_close());
+        let broken = (self.clients.session(peer)).and_then(|session| session.poll_close());
         if let Some(code) = broken {
             tracing::warn!(peer = peer.0, %code, "closing a connection that broke the protocol");
-            self.forget(peer);
+            self.leave(peer, DisconnectReason::Disconnected);
+            self.clients.set_turn(peer, Turn::Over);
         }
-    }
-
-    /// Ends the membership of a connection, and forgets it.
-    fn forget(&mut self, peer: Peer) {
-        self.leave(peer, DisconnectReason::Disconnected);
-        self.connections.remove(&peer);
-        self.queued.retain(|queued| *queued != peer);
-        self.blocked.remove(&peer);
     }
 
     fn answer_pending(&mut self) {
         if let Some(running) = &mut self.running {
-            running.runner.answer_pending(&mut self.out);
+            running.runner.answer_pending(&mut self.clients);
         }
     }
 
@@ -155,9 +138,9 @@ impl SceneLoop {
 
     /// Notes whether the scene has members or an owner.
     fn note_empty(&mut self) {
-        let now = self.out.now();
+        let now = self.clients.now();
         if let Some(running) = &mut self.running {
-            let is_empty = running.runner.is_abandoned();
+            let is_empty = self.clients.member_count() == 0 && !running.runner.is_kept();
             let since = running.empty_since.unwrap_or(now);
             running.empty_since = is_empty.then_some(since);
         }
@@ -169,23 +152,23 @@ impl SceneLoop {
         peer: Peer,
         message: Result<ClientMessage, CommandError>,
     ) {
-        let Some(connection) = self.connections.get_mut(&peer) else {
+        let Some(client) = self.clients.get_mut(peer) else {
             return;
         };
-        if !connection.is_greeted {
+        if !client.is_greeted {
             if let Ok(ClientMessage::Hello { extensions, .. }) = message {
-                connection.is_greeted = true;
+                client.is_greeted = true;
                 let token = extensions.value(Extension::TOKEN);
-                let role = token.map(|_| connection.permit.role);
+                let role = token.map(|_| client.permit.role);
                 self.begin_if_provided();
                 let config = self.runner().map(|runner| *runner.config());
-                if let Some(session) = self.out.session(peer) {
+                if let Some(session) = self.clients.session(peer) {
                     session.welcome(config, role);
                 }
             }
             return;
         }
-        let permit = Arc::clone(&connection.permit);
+        let permit = Arc::clone(&client.permit);
         match message {
             Ok(ClientMessage::Create(config)) => {
                 let allowed = may(&permit, Request::Create(&config));
@@ -193,29 +176,26 @@ impl SceneLoop {
                     Ok(()) => ServerMessage::Created,
                     Err(denial) => ServerMessage::Denied(denial),
                 };
-                self.out.send(peer, &answer);
+                self.clients.send(peer, &answer);
             }
             Ok(ClientMessage::Join(choice)) => {
-                let session = connection.session.take();
+                let session = client.session_request.take();
                 let joined = match &mut self.running {
                     Some(RunningScene { runner, .. }) => {
                         let choice = (choice, session);
-                        runner.join(now, peer, permit, choice, &mut self.out)
+                        runner.join(now, peer, permit, choice, &mut self.clients)
                     }
                     None => Err(self.absence()),
                 };
                 match joined {
-                    Ok(()) => {
-                        self.note_member(peer);
-                        self.note_empty();
-                    }
-                    Err(denial) => self.out.send(peer, &ServerMessage::Denied(denial)),
+                    Ok(()) => self.note_empty(),
+                    Err(denial) => self.clients.send(peer, &ServerMessage::Denied(denial)),
                 }
             }
-            Ok(ClientMessage::Session(request)) => connection.session = Some(request),
+            Ok(ClientMessage::Session(request)) => client.session_request = Some(request),
             Ok(ClientMessage::Delete) => match may(&permit, Request::Delete) {
                 Ok(()) => self.delete(peer),
-                Err(denial) => self.out.send(peer, &ServerMessage::Denied(denial)),
+                Err(denial) => self.clients.send(peer, &ServerMessage::Denied(denial)),
             },
             message => self.handle_scene_message(now, peer, message),
         }
@@ -228,7 +208,7 @@ impl SceneLoop {
         peer: Peer,
         message: Result<ClientMessage, CommandError>,
     ) {
-        let out = &mut self.out;
+        let clients = &mut self.clients;
         let Some(RunningScene { runner, .. }) = &mut self.running else {
             let answer = match message {
                 Ok(ClientMessage::Ping { sent }) => ServerMessage::Pong {
@@ -238,7 +218,7 @@ impl SceneLoop {
                 },
                 _ => ServerMessage::Denied(Denial::NoSuchScene),
             };
-            return out.send(peer, &answer);
+            return clients.send(peer, &answer);
         };
         // Answers keep the order of messages: pending commands are answered first.
         if matches!(
@@ -248,52 +228,51 @@ impl SceneLoop {
                 | ClientMessage::Ping { .. }
                 | ClientMessage::Inspect)
         ) {
-            runner.answer_pending(out);
+            runner.answer_pending(clients);
         }
         match message {
             Ok(ClientMessage::Leave) => {
-                runner.leave(now, peer, DisconnectReason::Left);
-                out.send(peer, &ServerMessage::Left);
-                if let Some(connection) = self.connections.get_mut(&peer) {
-                    connection.member = false;
-                }
+                runner.leave(peer, DisconnectReason::Left, clients);
+                clients.send(peer, &ServerMessage::Left);
                 self.note_empty();
             }
-            Ok(ClientMessage::Reserve { count }) => runner.reserve(peer, count, out),
-            Ok(ClientMessage::Resync(cause)) => runner.resync(peer, cause),
-            Ok(ClientMessage::Subscribe(choice)) => runner.subscribe(peer, choice),
-            Ok(ClientMessage::Subscribed(stream)) => runner.subscribed(peer, stream),
-            Ok(ClientMessage::TierPolicy(tier_policy)) => runner.set_tier_policy(peer, tier_policy),
-            Ok(ClientMessage::Ping { sent }) => runner.pong(now, peer, sent, out),
-            Ok(ClientMessage::Inspect) => runner.inspect(peer, out),
-            message => runner.handle_ordered(peer, message, out),
-        }
-    }
-
-    fn note_member(&mut self, peer: Peer) {
-        if let Some(connection) = self.connections.get_mut(&peer) {
-            connection.member = true;
+            Ok(ClientMessage::Reserve { count }) => runner.reserve(peer, count, clients),
+            Ok(ClientMessage::Resync(cause)) => runner.resync(peer, cause, clients),
+            // Of several in one read the last counts.
+            Ok(ClientMessage::Subscribe(choice)) => {
+                if let Some(member) = clients.member_mut(peer) {
+                    member.snapshot_request = Some(SnapshotRequest::Other(choice));
+                }
+            }
+            Ok(ClientMessage::Subscribed(stream)) => runner.subscribed(peer, stream, clients),
+            Ok(ClientMessage::TierPolicy(tier_policy)) => {
+                if let Some(member) = clients.member_mut(peer) {
+                    member.link.set_policy(tier_policy);
+                }
+            }
+            Ok(ClientMessage::Ping { sent }) => runner.pong(now, peer, sent, clients),
+            Ok(ClientMessage::Inspect) => runner.inspect(peer, clients),
+            message => runner.handle_ordered(peer, message, clients),
         }
     }
 
     fn delete(&mut self, peer: Peer) {
         if self.runner().is_some_and(SceneRunner::is_owned) {
             let denial = ServerMessage::Denied(Denial::Owned);
-            return self.out.send(peer, &denial);
+            return self.clients.send(peer, &denial);
         }
         let store = self.settings.store.as_ref();
         if store.is_some_and(|store| store.delete_damaged(&self.name)) {
-            return self.out.send(peer, &ServerMessage::Deleted);
+            return self.clients.send(peer, &ServerMessage::Deleted);
         }
         if !self.exists() {
             let denial = ServerMessage::Denied(Denial::NoSuchScene);
-            return self.out.send(peer, &denial);
+            return self.clients.send(peer, &denial);
         }
-        let connection = self.connections.get(&peer);
-        let is_member_request = connection.is_some_and(|connection| connection.member);
+        let is_member_request = self.clients.member(peer).is_some();
         self.end_scene();
         if !is_member_request {
-            self.out.send(peer, &ServerMessage::Deleted);
+            self.clients.send(peer, &ServerMessage::Deleted);
         }
     }
 
@@ -302,25 +281,15 @@ impl SceneLoop {
         let Some(RunningScene { runner, .. }) = self.running.take() else {
             return;
         };
-        for member in runner.members() {
-            if let Some(connection) = self.connections.get_mut(&member) {
-                connection.member = false;
-            }
-        }
-        runner.end(&mut self.out);
+        runner.end(&mut self.clients);
         tracing::info!(scene = %self.name, "scene deleted");
     }
 
-    /// The scene, for a member of it.
-    fn runner_of(&mut self, peer: Peer) -> Option<&mut SceneRunner> {
-        self.connections.get(&peer).filter(|of| of.member)?;
-        self.runner_mut()
-    }
-
     fn leave(&mut self, peer: Peer, reason: DisconnectReason) {
-        let now = self.out.now();
-        if let Some(runner) = self.runner_of(peer) {
-            runner.leave(now, peer, reason);
+        if let Some(running) = &mut self.running
+            && self.clients.member(peer).is_some()
+        {
+            running.runner.leave(peer, reason, &mut self.clients);
             self.note_empty();
         }
     }
@@ -333,26 +302,26 @@ fn may(permit: &Permit, request: Request<'_>) -> Result<(), Denial> {
 
 impl Endpoint for SceneLoop {
     fn handle_opened(&mut self, now: Instant, peer: Peer) {
-        self.out.at(now);
-        (self.connections).insert(peer, SceneConnection::default());
+        self.clients.at(now);
         // Any number will do that is seldom repeated.
         let seed = now.as_nanos() ^ peer.0.rotate_left(48);
-        self.out.open(peer, Grease::new(seed));
+        self.clients.open(peer, Grease::new(seed));
     }
 
     fn handle_control(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
-        self.out.receive(now, from, bytes.len());
-        if let Some(session) = self.out.session(from) {
+        self.clients.receive(now, from, bytes.len());
+        if let Some(session) = self.clients.session(from) {
             session.handle_control(bytes);
         }
-        if !self.queued.contains(&from) && !self.blocked.contains(&from) {
+        let client = self.clients.get(from);
+        if client.is_some_and(|client| client.turn == Turn::AtOnce) {
             self.take_turn(now, from);
         }
     }
 
     fn handle_control_taken(&mut self, now: Instant, peer: Peer, bytes: usize) {
-        self.out.at(now);
-        self.out.note_taken(peer, bytes);
+        self.clients.at(now);
+        self.clients.note_taken(peer, bytes);
         if bytes > 0 {
             self.answer_pending();
             self.retry(now);
@@ -360,15 +329,15 @@ impl Endpoint for SceneLoop {
     }
 
     fn wants_control(&self, from: Peer) -> bool {
-        self.out.unread_bytes(from) < UNREAD_BYTES
+        self.clients.unread_bytes(from) < UNREAD_BYTES
     }
 
     fn handle_datagram(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
-        self.out.receive(now, from, bytes.len());
+        self.clients.receive(now, from, bytes.len());
         let Ok(datagram) = Datagram::open(bytes) else {
             return;
         };
-        if !self.connections.get(&from).is_some_and(|of| of.member) {
+        if self.clients.member(from).is_none() {
             return;
         }
         let Some(RunningScene { runner, .. }) = &mut self.running else {
@@ -378,30 +347,30 @@ impl Endpoint for SceneLoop {
         match datagram.head().kind {
             PacketKind::LossReport => {
                 if let Ok(loss_report) = LossReport::decode(datagram.body()) {
-                    runner.handle_loss_report(now, from, stream, &loss_report, &mut self.out);
+                    runner.handle_loss_report(now, from, stream, &loss_report, &mut self.clients);
                 }
             }
             // All other packets come from the sender of a stream: here, of an upstream.
-            _ => runner.handle_upstream_datagram(from, &datagram, &mut self.out),
+            _ => runner.handle_upstream_datagram(from, &datagram, &mut self.clients),
         }
     }
 
     fn handle_link(&mut self, now: Instant, peer: Peer, report: &LinkReport) {
-        self.out.at(now);
-        if self.out.close_if_stalled(peer) {
+        self.clients.at(now);
+        if self.clients.close_if_stalled(peer) {
             return;
         }
-        if !self.connections.get(&peer).is_some_and(|of| of.member) {
+        if self.clients.member(peer).is_none() {
             return;
         }
         if let Some(RunningScene { runner, .. }) = &mut self.running {
-            runner.handle_link_report(now, peer, report, &mut self.out);
+            runner.handle_link_report(now, peer, report, &mut self.clients);
         }
     }
 
     fn handle_ended(&mut self, now: Instant, peer: Peer, ending: Ending) {
         tracing::debug!(peer = peer.0, ?ending, "connection ended");
-        self.out.at(now);
+        self.clients.at(now);
         let reason = match ending {
             Ending::Closed(code) if code == CloseCode::DONE.0 => DisconnectReason::Left,
             Ending::Closed(_) | Ending::TimedOut | Ending::Broken => DisconnectReason::Disconnected,
@@ -409,20 +378,19 @@ impl Endpoint for SceneLoop {
         self.handle_rest(now, peer, reason);
         self.answer_pending();
         self.leave(peer, reason);
-        self.forget(peer);
-        self.out.forget(peer);
+        self.clients.forget(peer);
     }
 
     fn handle_timeout(&mut self, now: Instant) {
-        self.out.at(now);
-        for peer in std::mem::take(&mut self.queued) {
+        self.clients.at(now);
+        for peer in self.clients.take_in_turn(Turn::Queued) {
             self.take_turn(now, peer);
         }
         if let Some(RunningScene { runner, .. }) = &mut self.running {
             self.settings.heartbeat.beat();
-            runner.handle_timeout(now, &mut self.out);
-            if runner.next_snapshot(&self.out).is_some_and(|at| at <= now) {
-                runner.answer_pending(&mut self.out);
+            runner.handle_timeout(now, &mut self.clients);
+            if self.clients.next_snapshot().is_some_and(|at| at <= now) {
+                runner.answer_pending(&mut self.clients);
             }
         }
         self.retry(now);
@@ -430,7 +398,7 @@ impl Endpoint for SceneLoop {
     }
 
     fn poll_transmit(&mut self) -> Option<Transmit> {
-        self.out.poll()
+        self.clients.poll()
     }
 
     fn poll_timeout(&self) -> Option<Wake> {
@@ -438,44 +406,15 @@ impl Endpoint for SceneLoop {
         let runner = self.runner();
         let step = runner.and_then(SceneRunner::next_step);
         let step = step.map(|at| wake(at, WakeReason::Tick));
-        let input = (!self.queued.is_empty()).then(|| wake(Instant::ZERO, WakeReason::Input));
-        let retry = (!self.blocked.is_empty()).then(|| wake(self.retry_at, WakeReason::Input));
-        let snapshot = runner.and_then(|runner| runner.next_snapshot(&self.out));
+        let has = |turn| self.clients.in_turn(turn).next().is_some();
+        let input = has(Turn::Queued).then(|| wake(Instant::ZERO, WakeReason::Input));
+        let retry = has(Turn::Blocked).then(|| wake(self.retry_at, WakeReason::Input));
+        let snapshot = runner.and_then(|_| self.clients.next_snapshot());
         let snapshot = snapshot.map(|at| wake(at, WakeReason::Snapshot));
         let expires = self.expires_at().map(|at| wake(at, WakeReason::Deadline));
         [step, input, retry, snapshot, expires]
             .into_iter()
             .flatten()
             .min_by_key(|wake| wake.at)
-    }
-}
-
-/// A connection: its rights, and its membership.
-#[derive(Debug)]
-pub(crate) struct SceneConnection {
-    /// True once its client has said hello.
-    pub(crate) is_greeted: bool,
-    /// True if its client is a member of the scene.
-    pub(crate) member: bool,
-    pub(crate) permit: Arc<Permit>,
-    /// A join that waits until the link has taken the snapshot before it, or a shape whose solid is being made.
-    pub(crate) held: Option<ClientMessage>,
-    /// The solid of the held shape.
-    pub(crate) bake: Option<Bake>,
-    /// The session of its next join.
-    pub(crate) session: Option<SessionRequest>,
-}
-
-impl Default for SceneConnection {
-    /// A connection that may do everything.
-    fn default() -> Self {
-        Self {
-            is_greeted: false,
-            member: false,
-            permit: Arc::new(Permit::OPEN),
-            held: None,
-            bake: None,
-            session: None,
-        }
     }
 }

@@ -34,11 +34,10 @@ use self::durability::Durability;
 pub(crate) use self::session::DisconnectReason;
 use crate::admission::SceneLoad;
 use crate::authority_table::AuthorityTable;
+use crate::clients::Clients;
 use crate::hook::Hook;
 use crate::id_ranges::IdRanges;
-use crate::member::{Member, SnapshotRequest};
 use crate::observer::{Incident, SceneObserver, TickFigures};
-use crate::outbox::Outbox;
 use crate::provided::SceneScript;
 use crate::rights::{Ownership, Request};
 use crate::rollback::Rollback;
@@ -52,7 +51,6 @@ pub(crate) struct SceneRunner {
     scene: Scene,
     hook: Option<Hook>,
     script: Option<SceneScript>,
-    members: BTreeMap<Peer, Member>,
     streams: Streams,
     names: StreamNames,
     id_ranges: IdRanges,
@@ -107,7 +105,6 @@ impl SceneRunner {
             scene,
             hook,
             script: None,
-            members: BTreeMap::new(),
             streams,
             names,
             id_ranges: IdRanges::default(),
@@ -143,13 +140,9 @@ impl SceneRunner {
         self.owned
     }
 
-    pub(crate) fn members(&self) -> impl Iterator<Item = Peer> {
-        self.members.keys().copied()
-    }
-
-    /// True if it has neither members, nor an owner, nor a log that keeps it.
-    pub(crate) fn is_abandoned(&self) -> bool {
-        self.members.is_empty() && !self.owned && !self.is_durable()
+    /// True if it has an owner or a log, and exists without members.
+    pub(crate) const fn is_kept(&self) -> bool {
+        self.owned || self.is_durable()
     }
 
     /// The time of the next step: at once in a scene that must advance, never in one without members.
@@ -185,15 +178,15 @@ impl SceneRunner {
     }
 
     /// Sends the start of the stream, and every shape and body.
-    fn send_snapshot(&mut self, peer: Peer, out: &mut Outbox) {
+    fn send_snapshot(&mut self, peer: Peer, clients: &mut Clients) {
         let granted = match self.id_ranges.first(peer) {
             Some(range) => range,
             None => return,
         };
-        if let Some(member) = self.members.get(&peer) {
+        if let Some(member) = clients.member(peer) {
             self.streams.begin_snapshot(member.stream(), peer);
         }
-        let Some(stream) = self.stream_of(peer) else {
+        let Some(stream) = self.stream_of(peer, clients) else {
             return;
         };
         let start = StreamStart {
@@ -221,26 +214,19 @@ impl SceneRunner {
             self.authority_table.silences(),
             &mut rest,
         );
-        out.send(peer, &ServerMessage::Joined(joined));
+        clients.send(peer, &ServerMessage::Joined(joined));
         let mut bytes = rest.len();
         for event in self.shape_events.values() {
             bytes += event.len();
-            out.send_encoded(peer, event);
+            clients.send_encoded(peer, event);
         }
-        out.send_encoded(peer, &Bytes::from(rest));
-        out.note_snapshot(peer, bytes);
+        clients.send_encoded(peer, &Bytes::from(rest));
+        clients.note_snapshot(peer, bytes);
     }
 
-    fn stream_of(&self, peer: Peer) -> Option<&Stream> {
-        let member = self.members.get(&peer)?;
+    fn stream_of(&self, peer: Peer, clients: &Clients) -> Option<&Stream> {
+        let member = clients.member(peer)?;
         self.streams.get(member.stream())
-    }
-
-    /// A member's message shows that it has the scene.
-    fn note_activity(&mut self, peer: Peer) {
-        if let Some(member) = self.members.get_mut(&peer) {
-            member.link.note_message();
-        }
     }
 
     /// Acts on a command, an advance, or a request for authority, in the order of sending: a message that follows an
@@ -249,89 +235,90 @@ impl SceneRunner {
         &mut self,
         peer: Peer,
         message: Result<ClientMessage, CommandError>,
-        out: &mut Outbox,
+        clients: &mut Clients,
     ) {
-        self.note_activity(peer);
+        note_activity(peer, clients);
         let steps_pending =
             self.config().stepping == Stepping::Lockstep && self.scene.tick() < self.target;
         if !steps_pending || self.faulted {
-            return self.act_on(peer, message, out);
+            return self.act_on(peer, message, clients);
         }
-        if let Some(member) = self.members.get_mut(&peer) {
+        if let Some(member) = clients.member_mut(peer) {
             member.pending_bytes += weight(&message);
             self.waiting.push_back((peer, message));
         }
     }
 
     /// Acts on waiting messages, up to the next advance with pending steps.
-    fn act_on_waiting(&mut self, out: &mut Outbox) {
+    fn act_on_waiting(&mut self, clients: &mut Clients) {
         while self.faulted || self.scene.tick() >= self.target {
             let Some((peer, message)) = self.waiting.pop_front() else {
                 break;
             };
-            if let Some(member) = self.members.get_mut(&peer) {
+            if let Some(member) = clients.member_mut(peer) {
                 member.pending_bytes = member.pending_bytes.saturating_sub(weight(&message));
             }
-            self.act_on(peer, message, out);
+            self.act_on(peer, message, clients);
         }
-        self.answer_pending(out);
+        self.answer_pending(clients);
     }
 
     fn act_on(
         &mut self,
         peer: Peer,
         message: Result<ClientMessage, CommandError>,
-        out: &mut Outbox,
+        clients: &mut Clients,
     ) {
-        let Some(member) = self.members.get_mut(&peer) else {
+        if clients.member(peer).is_none() {
             return;
-        };
+        }
         let command = match message {
             Ok(ClientMessage::Command(command)) => Ok(command),
             Err(error) => Err(error),
             Ok(ClientMessage::Advance { to }) => {
-                let allowed = self.check(peer, Request::Advance);
+                let allowed = self.check(clients, peer, Request::Advance);
                 let denial = match allowed {
                     Ok(()) => self.check_advance(to),
                     Err(_) => Some(Denial::AdvanceNotAllowed),
                 };
                 match denial {
-                    Some(denial) => out.send(peer, &ServerMessage::Denied(denial)),
+                    Some(denial) => clients.send(peer, &ServerMessage::Denied(denial)),
                     None => self.target = self.target.max(to),
                 }
                 return;
             }
             Ok(ClientMessage::TakeAuthority(request)) => {
-                return self.grant_authority(peer, &request, out);
+                return self.grant_authority(peer, &request, clients);
             }
             Ok(ClientMessage::Upstream(packet)) => {
-                return self.handle_upstream_message(peer, &packet, out);
+                return self.handle_upstream_message(peer, &packet, clients);
             }
             Ok(ClientMessage::Query(queries)) => {
-                return self.answer_queries(peer, &queries, out);
+                return self.answer_queries(peer, &queries, clients);
             }
             // Other messages do not depend on their place among the commands.
             Ok(_) => return,
         };
-        let (number, session) = (member.number_command(), member.session);
-        member.charge_command(out.now());
+        let Some((number, session)) = clients.begin_command(peer) else {
+            return;
+        };
         if let Ok(command) = &command {
             self.observer.command(peer, number, command);
         }
         let unsent = self.unsent.len();
-        let applied = command.and_then(|command| self.apply_of_member(peer, &command));
+        let applied = command.and_then(|command| self.apply_of_member(peer, &command, clients));
         if applied.is_ok() {
-            self.attribute(peer, number);
+            self.attribute(peer, number, clients);
         }
         let refused = applied.err();
-        let refused = refused.map(|error| self.restore_if_failed(out.now(), error));
+        let refused = refused.map(|error| self.restore_if_failed(error, clients));
         self.observer.commanded(refused.as_ref());
         self.note_command(session, refused);
         if let Some(error) = refused {
-            out.send(peer, &ServerMessage::Refused { number, error });
+            clients.send(peer, &ServerMessage::Refused { number, error });
         }
         let added = self.unsent.len().saturating_sub(unsent);
-        if let Some(member) = self.members.get_mut(&peer) {
+        if let Some(member) = clients.member_mut(peer) {
             member.added_bytes += added;
         }
     }
@@ -428,42 +415,38 @@ impl SceneRunner {
     }
 
     /// Sends new scene events to every member, encoded once.
-    fn send_scene_events(&mut self, out: &mut Outbox) {
+    fn send_scene_events(&mut self, clients: &mut Clients) {
         if self.unsent.is_empty() {
             return;
         }
         let messages = Bytes::from(std::mem::take(&mut self.unsent));
-        for peer in self.members.keys() {
-            out.send_encoded(*peer, &messages);
+        let (members, out) = clients.members_mut();
+        for (_, control) in members {
+            control.send_encoded(&messages, out);
         }
     }
 
     /// Answers the input of one read after all of it was handled.
-    pub(crate) fn answer_pending(&mut self, out: &mut Outbox) {
-        self.send_scene_events(out);
-        self.commit();
-        let pending_snapshots: Vec<(Peer, SnapshotRequest)> = self
-            .members
-            .iter_mut()
-            .filter(|(peer, _)| out.may_snapshot(**peer))
-            .filter_map(|(peer, member)| Some((*peer, member.snapshot_request.take()?)))
-            .collect();
-        for (peer, snapshot_request) in pending_snapshots {
-            match self.begin_snapshot_change(peer, snapshot_request) {
-                Ok(()) => self.send_snapshot(peer, out),
-                Err(denial) => out.send(peer, &ServerMessage::Denied(denial)),
+    pub(crate) fn answer_pending(&mut self, clients: &mut Clients) {
+        self.send_scene_events(clients);
+        self.commit(clients);
+        for (peer, snapshot_request) in clients.take_snapshot_requests() {
+            match self.begin_snapshot_change(peer, snapshot_request, clients) {
+                Ok(()) => self.send_snapshot(peer, clients),
+                Err(denial) => clients.send(peer, &ServerMessage::Denied(denial)),
             }
         }
         let tick = self.scene.tick();
-        for (peer, member) in &mut self.members {
+        let (members, out) = clients.members_mut();
+        for (member, control) in members {
             if let Some(through) = member.unanswered.take() {
-                out.send(*peer, &ServerMessage::Applied { through, tick });
+                control.send(&ServerMessage::Applied { through, tick }, out);
             }
         }
     }
 
     /// Steps if a step is due.
-    pub(crate) fn handle_timeout(&mut self, now: Instant, out: &mut Outbox) {
+    pub(crate) fn handle_timeout(&mut self, now: Instant, clients: &mut Clients) {
         if self.next_step().is_none_or(|due| due > now) {
             return;
         }
@@ -481,13 +464,13 @@ impl SceneRunner {
             }
         }
         self.last_step = now;
-        self.tick(out);
+        self.tick(clients);
         if self.config().stepping == Stepping::FreeRunning {
-            let send = |peer, question| out.datagram(peer, question);
+            let send = |peer, question| clients.send_datagram(peer, question);
             self.authority_table
                 .poll_requests(now, self.scene.tick(), send);
         }
-        self.act_on_waiting(out);
+        self.act_on_waiting(clients);
     }
 
     /// The moment by the clock that measures.
@@ -500,7 +483,7 @@ impl SceneRunner {
     }
 
     /// One tick: step, predict, publish.
-    fn tick(&mut self, out: &mut Outbox) {
+    fn tick(&mut self, clients: &mut Clients) {
         let begun = self.clock_now();
         self.copy_if_due();
         self.observer.step_began(begun, self.scene.tick());
@@ -510,12 +493,12 @@ impl SceneRunner {
         self.run_script();
         let hook = self.hook.as_mut();
         let refused = hook.map(|hook| hook.act(&mut self.scene));
-        let Some(stepped) = self.step_or_restore(out) else {
+        let Some(stepped) = self.step_or_restore(clients) else {
             return;
         };
         let after_step = self.clock_now();
         self.rollback.note_step(after_step.since(begun));
-        self.snapshot_if_due(after_step.since(begun));
+        self.snapshot_if_due(after_step.since(begun), clients);
         for error in refused.into_iter().flatten() {
             tracing::warn!(%error, "the scene continues without the command");
         }
@@ -534,41 +517,50 @@ impl SceneRunner {
             .observe(self.scene.tick(), self.scene.observations());
         let observed = self.clock_now();
         self.streams.publish(self.scene_events);
-        self.commit();
-        self.send_scene_events(out);
-        self.send_step_events(stepped.happened, out);
-        for (peer, member) in &self.members {
+        self.commit(clients);
+        self.send_scene_events(clients);
+        self.send_step_events(stepped.happened, clients);
+        let (members, out) = clients.members_mut();
+        for (member, control) in members {
             for stream in member.streams() {
-                for packet in self.streams.packets(stream, *peer) {
-                    out.datagram(*peer, packet.clone());
+                for packet in self.streams.packets(stream, control.peer()) {
+                    control.send_datagram(packet.clone(), out);
                 }
             }
         }
-        self.note_times(Timestamps {
+        let timestamps = Timestamps {
             begun,
             stepped: after_step,
             observed,
             published: self.clock_now(),
-        });
+        };
+        self.note_times(timestamps, clients.member_count());
     }
 
-    pub(crate) fn pong(&mut self, now: Instant, peer: Peer, sent: Instant, out: &mut Outbox) {
-        self.note_activity(peer);
+    pub(crate) fn pong(&mut self, now: Instant, peer: Peer, sent: Instant, clients: &mut Clients) {
+        note_activity(peer, clients);
         let pong = ServerMessage::Pong {
             sent,
             tick: self.scene.tick(),
             since_tick_ns: now.since(self.last_step).as_nanos(),
         };
-        out.send(peer, &pong);
+        clients.send(peer, &pong);
     }
 
     /// Informs the members that the scene has ended.
-    pub(crate) fn end(mut self, out: &mut Outbox) {
-        self.delete_log(out);
-        for peer in self.members.keys() {
-            self.authority_table.end(*peer);
-            out.send(*peer, &ServerMessage::Deleted);
+    pub(crate) fn end(mut self, clients: &mut Clients) {
+        self.delete_log(clients);
+        for peer in clients.take_members() {
+            self.authority_table.end(peer);
+            clients.send(peer, &ServerMessage::Deleted);
         }
+    }
+}
+
+/// A member's message shows that it has the scene.
+fn note_activity(peer: Peer, clients: &mut Clients) {
+    if let Some(member) = clients.member_mut(peer) {
+        member.link.note_message();
     }
 }
 
@@ -605,8 +597,8 @@ const MEMBER_BEHIND_BYTES: usize = 2 << 20;
 impl SceneRunner {
     /// True if a member's next message must stay unread: as much as may waits for the steps of an advance, its commands
     /// exceed its quota, or what it added to the scene still waits for slower members.
-    pub(crate) fn holds_back(&mut self, now: Instant, peer: Peer, out: &Outbox) -> bool {
-        let Some(member) = self.members.get_mut(&peer) else {
+    pub(crate) fn holds_back(now: Instant, peer: Peer, clients: &mut Clients) -> bool {
+        let Some(member) = clients.member_mut(peer) else {
             return false;
         };
         if member.pending_bytes >= PENDING_BYTES_MAX {
@@ -618,27 +610,12 @@ impl SceneRunner {
         if !member.adds_too_much(now) {
             return false;
         }
-        let is_behind = |member: &Peer| out.waiting_bytes(*member) > MEMBER_BEHIND_BYTES;
-        self.members.keys().any(is_behind)
-    }
-
-    /// True if a member has sent more commands than its rate allows.
-    pub(crate) fn is_over_rate(&self, now: Instant, peer: Peer) -> bool {
-        (self.members.get(&peer)).is_some_and(|member| member.is_over_rate(now))
+        clients.is_any_behind(MEMBER_BEHIND_BYTES)
     }
 
     /// Bytes of scene events that the members have not got yet.
     pub(crate) const fn unsent_bytes(&self) -> usize {
         self.unsent.len()
-    }
-
-    /// The earliest time of the next requested snapshot; `None` if none is requested, or one is under way.
-    pub(crate) fn next_snapshot(&self, out: &Outbox) -> Option<Instant> {
-        let requests = self.members.iter();
-        let requests = requests.filter(|(_, member)| member.snapshot_request.is_some());
-        requests
-            .filter_map(|(peer, _)| out.snapshot_at(*peer))
-            .min()
     }
 }
 
@@ -678,11 +655,11 @@ impl SceneRunner {
 
 impl SceneRunner {
     /// Adds the times of a tick to the scene's figures.
-    fn note_times(&mut self, timestamps: Timestamps) {
+    fn note_times(&mut self, timestamps: Timestamps, members: usize) {
         self.times.add(timestamps);
         let figures = TickFigures {
             tick: self.scene.tick(),
-            members: self.members.len(),
+            members,
             bodies: self.scene.body_count(),
             awake: self.scene.awake_count(),
             waiting: self.streams.waiting(),

@@ -69,19 +69,22 @@ impl SceneLoop {
             load.add_body();
         }
         let _ = load.set_locomotion(admission::locomotion_steps(scene.locomotions()));
-        let runner = self.run_scene(scene, slot, load);
+        self.run_scene(scene, slot, load);
+        let Some(RunningScene { runner, .. }) = &mut self.running else {
+            return;
+        };
         runner.restore_shapes();
         if let Some(log) = log {
             runner.keep_log(log, took);
         }
-        runner.restore_members(sessions, ownership, &unnoted);
+        runner.restore_members(sessions, ownership, &unnoted, &mut self.clients);
         self.note_empty();
     }
 
     /// Tells members what has become durable.
     pub fn report_durable(&mut self) {
         if let Some(RunningScene { runner, .. }) = &mut self.running {
-            runner.report_durable(&mut self.out);
+            runner.report_durable(&mut self.clients);
         }
     }
 

@@ -7,7 +7,7 @@ use rhumb_protocol::scene::{Command, CommandError, IdRange, SceneConfig};
 use rhumb_protocol::{Instant, Peer, Span};
 
 use super::{RunningScene, SceneLoop};
-use crate::outbox::Outbox;
+use crate::clients::Clients;
 use crate::scene::Scene;
 use crate::scene_runner::SceneRunner;
 
@@ -15,7 +15,7 @@ use crate::scene_runner::SceneRunner;
 pub struct OwnedScene<'a> {
     runner: &'a mut SceneRunner,
     owner: Peer,
-    out: &'a mut Outbox,
+    clients: &'a mut Clients,
 }
 
 impl SceneLoop {
@@ -25,7 +25,9 @@ impl SceneLoop {
     ///
     /// [`Denial`] if no such scene can be created.
     pub fn begin_owned(&mut self, owner: Peer, config: SceneConfig) -> Result<IdRange, Denial> {
-        let own_indices = self.create(config)?.give_to(owner);
+        self.create(config)?;
+        let running = self.running.as_mut().ok_or(Denial::NoSuchScene)?;
+        let own_indices = running.runner.give_to(owner, &self.clients);
         match own_indices {
             Ok(_) => self.note_empty(),
             Err(_) => self.end_scene(),
@@ -41,8 +43,12 @@ impl SceneLoop {
     /// The scene that a client owns.
     pub fn owned(&mut self, owner: Peer) -> Option<OwnedScene<'_>> {
         let RunningScene { runner, .. } = self.running.as_mut()?;
-        let out = &mut self.out;
-        Some(OwnedScene { runner, owner, out })
+        let clients = &mut self.clients;
+        Some(OwnedScene {
+            runner,
+            owner,
+            clients,
+        })
     }
 }
 
@@ -53,12 +59,13 @@ impl OwnedScene<'_> {
     ///
     /// [`CommandError`] names the reason; nothing has changed.
     pub fn command(&mut self, command: &Command) -> Result<(), CommandError> {
-        self.runner.command_of_owner(self.owner, command)
+        self.runner
+            .command_of_owner(self.owner, command, self.clients)
     }
 
     /// Steps once and publishes the tick.
     pub fn step(&mut self) {
-        self.runner.step_for_owner(self.out);
+        self.runner.step_for_owner(self.clients);
     }
 
     /// True if the engine failed: the scene has stopped.

@@ -6,7 +6,8 @@ use rhumb_protocol::{Instant, Peer, Span};
 
 use super::{RunningScene, SceneLoop};
 use crate::baking::{self, Bake};
-use crate::scene_runner::DisconnectReason;
+use crate::clients::Turn;
+use crate::scene_runner::{DisconnectReason, SceneRunner};
 
 /// Messages of one connection that are handled before others, and the ticks, get their turn.
 const MESSAGES_PER_TURN: usize = 512;
@@ -18,33 +19,33 @@ const RETRY: Span = Span::from_millis(20);
 impl SceneLoop {
     /// Handles a connection's messages, until none is left, it must wait, or others have their turn.
     pub(super) fn take_turn(&mut self, now: Instant, peer: Peer) {
-        let mut left = if self.out.is_paced(peer) {
+        let mut left = if self.clients.is_paced(peer) {
             MESSAGES_PER_TURN
         } else {
             usize::MAX
         };
         loop {
             if self.must_wait(now, peer) {
-                self.blocked.insert(peer);
+                self.clients.set_turn(peer, Turn::Blocked);
                 break;
             }
             if left == 0 {
-                self.queued.push_back(peer);
+                self.clients.set_turn(peer, Turn::Queued);
                 break;
             }
             let Some(message) = self.next_message(peer) else {
                 break;
             };
             if let Ok(message @ ClientMessage::Join(_)) = &message
-                && !self.out.may_snapshot(peer)
-                && let Some(connection) = self.connections.get_mut(&peer)
+                && !self.clients.may_snapshot(peer)
+                && let Some(client) = self.clients.get_mut(peer)
             {
-                connection.held = Some(message.clone());
-                self.blocked.insert(peer);
+                client.held = Some(message.clone());
+                self.clients.set_turn(peer, Turn::Blocked);
                 break;
             }
             let Some(message) = self.bake(now, peer, message) else {
-                self.blocked.insert(peer);
+                self.clients.set_turn(peer, Turn::Blocked);
                 break;
             };
             // A message of queries or for indices ends the turn: it is as much work as many others.
@@ -71,19 +72,20 @@ impl SceneLoop {
 
     /// True if a connection's next message must stay unread.
     fn must_wait(&mut self, now: Instant, peer: Peer) -> bool {
-        if self.out.is_behind(peer) {
+        if self.clients.is_behind(peer) {
             return true;
         }
-        let is_greeted = (self.connections.get(&peer)).is_some_and(|of| of.is_greeted);
-        let running = self.running.as_mut().filter(|_| is_greeted);
-        running.is_some_and(|of| of.runner.holds_back(now, peer, &self.out))
+        SceneRunner::holds_back(now, peer, &mut self.clients)
     }
 
     fn next_message(&mut self, peer: Peer) -> Option<Result<ClientMessage, CommandError>> {
-        let held = self.connections.get_mut(&peer)?.held.take();
-        match held {
+        let client = self.clients.get_mut(peer)?;
+        if client.turn == Turn::Over {
+            return None;
+        }
+        match client.held.take() {
             Some(message) => Some(Ok(message)),
-            None => self.out.session(peer)?.poll_message(),
+            None => self.clients.session(peer)?.poll_message(),
         }
     }
 
@@ -91,7 +93,7 @@ impl SceneLoop {
     /// all: so a place for a solid goes to the one that waits longest.
     pub(super) fn retry(&mut self, now: Instant) {
         self.retry_at = now + RETRY;
-        let mut blocked: Vec<_> = std::mem::take(&mut self.blocked).into_iter().collect();
+        let mut blocked = self.clients.take_in_turn(Turn::Blocked);
         blocked.sort_by_key(|peer| {
             let since = self.waits_to_bake_since(*peer);
             (since.is_none(), since)
@@ -103,12 +105,12 @@ impl SceneLoop {
 
     /// The moment since which a connection's solid waits for others; `None` if none does.
     fn waits_to_bake_since(&self, peer: Peer) -> Option<Instant> {
-        self.connections.get(&peer)?.bake.as_ref()?.waits_since()
+        self.clients.get(peer)?.bake.as_ref()?.waits_since()
     }
 
     /// Something that a connection waited for is there.
     pub fn handle_wake(&mut self, now: Instant) {
-        self.out.at(now);
+        self.clients.at(now);
         if self.is_baking() {
             self.retry(now);
         }
@@ -116,12 +118,8 @@ impl SceneLoop {
 
     /// True if a connection waits for a solid.
     fn is_baking(&self) -> bool {
-        let mut waiting = self.blocked.iter();
-        let bakes = |peer| {
-            self.connections
-                .get(peer)
-                .is_some_and(|of| of.bake.is_some())
-        };
+        let mut waiting = self.clients.in_turn(Turn::Blocked);
+        let bakes = |peer| (self.clients.get(peer)).is_some_and(|of| of.bake.is_some());
         self.bakery.is_busy() || waiting.any(bakes)
     }
 
@@ -131,7 +129,7 @@ impl SceneLoop {
     pub(super) fn handle_rest(&mut self, now: Instant, peer: Peer, reason: DisconnectReason) {
         let is_left_out = |scene: &mut Self| {
             reason == DisconnectReason::Disconnected
-                && (scene.runner_of(peer)).is_some_and(|runner| runner.is_over_rate(now, peer))
+                && (scene.clients.member(peer)).is_some_and(|member| member.is_over_rate(now))
         };
         while !is_left_out(self)
             && let Some(message) = self.next_message(peer)
@@ -165,38 +163,38 @@ impl SceneLoop {
         if !baking::is_heavy(shape) {
             return Some(message);
         }
-        let is_new = (self.connections.get(&peer)).is_some_and(|of| of.bake.is_none());
-        let mut blocked = self.blocked.iter();
+        let is_new = (self.clients.get(peer)).is_some_and(|of| of.bake.is_none());
         // A new one gives way to those that wait, and is tried again after them.
-        let gives_way = is_new && blocked.any(|of| self.waits_to_bake_since(*of).is_some());
-        let Some(connection) = self.connections.get_mut(&peer) else {
+        let waits = |of| self.waits_to_bake_since(of).is_some();
+        let gives_way = is_new && self.clients.in_turn(Turn::Blocked).any(waits);
+        let Some(client) = self.clients.get_mut(peer) else {
             return Some(message);
         };
-        let running = self.running.as_mut().filter(|_| connection.member);
+        let running = self.running.as_mut().filter(|_| client.member.is_some());
         let Some((runner, baker)) = running.and_then(|RunningScene { runner, .. }| {
-            let baker = runner.baker_for(peer, *id, shape)?;
+            let baker = runner.baker_for(&client.permit, *id, shape)?;
             Some((runner, baker))
         }) else {
             // The shape needs no solid any more; one that is made for it is of no other use.
-            connection.bake = None;
+            client.bake = None;
             return Some(message);
         };
-        let bake = connection.bake.get_or_insert_with(|| Bake::wanted(now));
+        let bake = client.bake.get_or_insert_with(|| Bake::wanted(now));
         if !gives_way {
             self.bakery.begin(bake, now, shape, baker);
         }
         if let Some(baked) = bake.take() {
             runner.put_baked(*id, shape, baked);
-            connection.bake = None;
+            client.bake = None;
             return Some(message);
         }
         if bake.takes_longer_than(self.settings.limits.bake(), now) {
-            connection.bake = None;
+            client.bake = None;
             let limit_ms =
                 u32::try_from(self.settings.limits.bake_milliseconds).unwrap_or(u32::MAX);
             return Some(Err(CommandError::ShapeTooSlow { limit_ms }));
         }
-        connection.held = message.ok();
+        client.held = message.ok();
         None
     }
 }

@@ -10,6 +10,7 @@ use rhumb_reckoning::BodyId;
 
 use super::SceneRunner;
 use crate::admission;
+use crate::clients::Clients;
 use crate::engine::{BakedShape, Baker, UnusableShape};
 use crate::member::Member;
 use crate::record::Record;
@@ -17,15 +18,25 @@ use crate::rights::{self, Ownership, Permit, Refused, Request};
 
 impl SceneRunner {
     /// Decides whether a member may make a request.
-    pub(super) fn check(&self, peer: Peer, request: Request<'_>) -> Result<(), Refused> {
-        let member = self.members.get(&peer).ok_or(Refused::NotAllowed)?;
-        rights::check(&member.permit, &self.ownership, request)
+    pub(super) fn check(
+        &self,
+        clients: &Clients,
+        peer: Peer,
+        request: Request<'_>,
+    ) -> Result<(), Refused> {
+        let client = clients.get(peer).filter(|client| client.member.is_some());
+        let client = client.ok_or(Refused::NotAllowed)?;
+        rights::check(&client.permit, &self.ownership, request)
     }
 
     /// Decides whether a client may subscribe to another stream.
-    pub(super) fn check_stream(&self, permit: &Permit, choice: StreamChoice) -> Result<(), Denial> {
-        let members = self.members.values();
-        let members = members.filter(|member| member.permit.client == permit.client);
+    pub(super) fn check_stream(
+        &self,
+        permit: &Permit,
+        choice: StreamChoice,
+        clients: &Clients,
+    ) -> Result<(), Denial> {
+        let members = clients.members_of(permit.client.as_ref());
         let mut streams: BTreeSet<StreamId> = members.flat_map(Member::streams).collect();
         let wanted = self.streams.of_choice(choice);
         streams.extend(wanted);
@@ -36,10 +47,11 @@ impl SceneRunner {
 
     /// The function that makes the solid of a shape that a member may add; `None` if the command is refused anyway, or if
     /// the engine makes solids only by itself.
-    pub(crate) fn baker_for(&self, peer: Peer, id: ShapeId, shape: &Shape) -> Option<Baker> {
+    pub(crate) fn baker_for(&self, permit: &Permit, id: ShapeId, shape: &Shape) -> Option<Baker> {
         let shape = shape.clone();
         let command = Command::AddShape { id, shape };
-        let allowed = self.check(peer, Request::Command(&command, self.config()));
+        let request = Request::Command(&command, self.config());
+        let allowed = rights::check(permit, &self.ownership, request);
         allowed.ok().and_then(|()| self.scene.baker_for(id))
     }
 
@@ -58,10 +70,11 @@ impl SceneRunner {
         &mut self,
         peer: Peer,
         command: &Command,
+        clients: &Clients,
     ) -> Result<(), CommandError> {
-        self.check(peer, Request::Command(command, self.config()))?;
+        self.check(clients, peer, Request::Command(command, self.config()))?;
         self.apply(peer, command)?;
-        let client = (self.members.get(&peer)).and_then(|member| member.permit.client.clone());
+        let client = clients.name(peer).cloned();
         self.ownership.note(client.as_ref(), command);
         let tick = self.scene.tick();
         if let (Some(client), Some(journal)) = (client, self.scene.journal_mut())

@@ -9,18 +9,23 @@ use rhumb_reckoning::BodyId;
 
 use super::SceneRunner;
 use crate::authority_table::UpstreamStatistics;
-use crate::outbox::Outbox;
+use crate::clients::Clients;
 use crate::rights::Request;
 use crate::streams;
 
 impl SceneRunner {
     /// A packet of a member's upstream on the control stream, where members lead: it acts before the steps of the next
     /// advance. In a free-running scene such packets come as datagrams.
-    pub(super) fn handle_upstream_message(&mut self, peer: Peer, packet: &[u8], out: &mut Outbox) {
+    pub(super) fn handle_upstream_message(
+        &mut self,
+        peer: Peer,
+        packet: &[u8],
+        clients: &mut Clients,
+    ) {
         if self.config().stepping == Stepping::Lockstep
             && let Ok(datagram) = Datagram::open(packet)
         {
-            self.handle_upstream(peer, &datagram, out);
+            self.handle_upstream(peer, &datagram, clients);
         }
     }
 
@@ -29,10 +34,10 @@ impl SceneRunner {
         &mut self,
         peer: Peer,
         datagram: &Datagram<'_>,
-        out: &mut Outbox,
+        clients: &mut Clients,
     ) {
         if self.config().stepping == Stepping::FreeRunning {
-            self.handle_upstream(peer, datagram, out);
+            self.handle_upstream(peer, datagram, clients);
         }
     }
 
@@ -40,7 +45,7 @@ impl SceneRunner {
         &mut self,
         peer: Peer,
         datagram: &Datagram<'_>,
-        out: &mut Outbox,
+        clients: &mut Clients,
     ) {
         if !self
             .authority_table
@@ -48,7 +53,7 @@ impl SceneRunner {
         {
             self.authority_table.end(peer);
             tracing::debug!(peer = peer.0, "lost sync with an upstream");
-            out.send(
+            clients.send(
                 peer,
                 &ServerMessage::AuthorityDenied(AuthorityError::LostSync),
             );
@@ -59,30 +64,31 @@ impl SceneRunner {
         &mut self,
         peer: Peer,
         request: &TakeAuthority,
-        out: &mut Outbox,
+        clients: &mut Clients,
     ) {
         // A member that learns where a body starts must know the body first.
-        self.send_scene_events(out);
-        let answer = match self.begin_authority(peer, request) {
+        self.send_scene_events(clients);
+        let answer = match self.begin_authority(peer, request, clients) {
             Ok(authority) => ServerMessage::AuthorityGrant(authority),
             Err(error) => {
                 tracing::debug!(peer = peer.0, %error, "authority refused");
                 ServerMessage::AuthorityDenied(error)
             }
         };
-        out.send(peer, &answer);
+        clients.send(peer, &answer);
     }
 
     fn begin_authority(
         &mut self,
         peer: Peer,
         request: &TakeAuthority,
+        clients: &Clients,
     ) -> Result<AuthorityGrant, AuthorityError> {
         if self.faulted {
             return Err(AuthorityError::SceneFaulted);
         }
         let mut bodies = Vec::with_capacity(request.bodies.len());
-        self.check(peer, Request::TakeAuthority(&request.bodies))?;
+        self.check(clients, peer, Request::TakeAuthority(&request.bodies))?;
         for id in &request.bodies {
             self.check_authority(peer, *id)?;
             let now = self.scene.observation(*id);

@@ -9,8 +9,8 @@ use rhumb_protocol::{Peer, Span};
 
 use super::SceneRunner;
 use super::durability::{Durability, SessionCommands};
+use crate::clients::Clients;
 use crate::command_log::{CommandLog, Frozen};
-use crate::outbox::Outbox;
 use crate::record::{Journal, Record, SessionNumber};
 
 impl SceneRunner {
@@ -47,7 +47,7 @@ impl SceneRunner {
     }
 
     /// Hands everything since the last call to the log.
-    pub(super) fn commit(&mut self) {
+    pub(super) fn commit(&mut self, clients: &mut Clients) {
         let Some(durability) = &mut self.durability else {
             return;
         };
@@ -57,9 +57,9 @@ impl SceneRunner {
         let number = durability.log.append(batch);
         let tick = self.scene.tick();
         let mut commands: BTreeMap<Peer, SessionCommands> = BTreeMap::new();
-        for (peer, member) in &mut self.members {
+        for (member, control) in clients.members_mut().0 {
             let count = member.take_undurable();
-            commands.extend(count.map(|count| (*peer, SessionCommands { count, tick })));
+            commands.extend(count.map(|count| (control.peer(), SessionCommands { count, tick })));
         }
         if !commands.is_empty() {
             durability.awaited.push(number, commands);
@@ -67,7 +67,7 @@ impl SceneRunner {
     }
 
     /// Hands a snapshot to the log if one is due. Only right after a step, whose time this is.
-    pub(super) fn snapshot_if_due(&mut self, stepped: Span) {
+    pub(super) fn snapshot_if_due(&mut self, stepped: Span, clients: &mut Clients) {
         let tick = self.scene.tick();
         let Some(durability) = &mut self.durability else {
             return;
@@ -80,7 +80,7 @@ impl SceneRunner {
         let Some(scene) = self.scene.freeze() else {
             return;
         };
-        self.commit();
+        self.commit(clients);
         let frozen = Frozen {
             tick,
             digest: self.scene.digest(),
@@ -97,21 +97,23 @@ impl SceneRunner {
 
     /// Keeps the answers to a member back until its session and its indices are durable: they then survive a failure of
     /// the server. A broken log keeps no answers back.
-    pub(super) fn answer_durably(&mut self, peer: Peer, out: &mut Outbox) {
-        self.commit();
+    pub(super) fn answer_durably(&mut self, peer: Peer, clients: &mut Clients) {
+        self.commit(clients);
         if let Some(durability) = &mut self.durability
             && !durability.log.is_broken()
         {
             let batch = durability.log.appended();
             durability.unanswered.push_back((batch, peer));
-            out.keep_back(peer);
+            clients.keep_back(peer);
         }
     }
 
     /// Tells a member when the commands of the session that it takes up are durable, though it sends no other ones.
-    pub(super) fn acknowledge_resumed(&mut self, peer: Peer) {
-        self.commit();
-        let count = self.session_of(peer).map_or(0, |session| session.commands);
+    pub(super) fn acknowledge_resumed(&mut self, peer: Peer, clients: &mut Clients) {
+        self.commit(clients);
+        let count = self
+            .session_of(peer, clients)
+            .map_or(0, |session| session.commands);
         let tick = self.scene.tick();
         if let Some(durability) = self.durability.as_mut().filter(|_| count > 0) {
             let commands = BTreeMap::from([(peer, SessionCommands { count, tick })]);
@@ -121,7 +123,7 @@ impl SceneRunner {
     }
 
     /// Tells members which of their commands are durable, and sends the answers that waited for the log.
-    pub(crate) fn report_durable(&mut self, out: &mut Outbox) {
+    pub(crate) fn report_durable(&mut self, clients: &mut Clients) {
         let Some(durability) = &mut self.durability else {
             return;
         };
@@ -136,22 +138,22 @@ impl SceneRunner {
                 .iter()
                 .any(|(_, other)| *other == peer);
             if !waits_again {
-                out.release(peer);
+                clients.release(peer);
             }
         }
         while let Some(members) = durability.awaited.pop_durable(durable) {
             for (peer, done) in members {
                 let (commands, tick) = (done.count, done.tick);
-                out.send(peer, &ServerMessage::Durable { commands, tick });
+                clients.send(peer, &ServerMessage::Durable { commands, tick });
             }
         }
     }
 
     /// Removes the files of a scene that has ended.
-    pub(super) fn delete_log(&mut self, out: &mut Outbox) {
+    pub(super) fn delete_log(&mut self, clients: &mut Clients) {
         if let Some(durability) = self.durability.take() {
             for (_, peer) in &durability.unanswered {
-                out.release(*peer);
+                clients.release(*peer);
             }
             durability.log.delete();
         }

@@ -9,13 +9,13 @@ use rhumb_protocol::scene::{Command, CommandError, IdRange};
 use rhumb_protocol::{Peer, Span};
 
 use super::SceneRunner;
-use crate::outbox::Outbox;
+use crate::clients::Clients;
 use crate::scene::Scene;
 
 impl SceneRunner {
     /// Gives the scene to a client of another protocol, with the index range of its bodies.
-    pub(crate) fn give_to(&mut self, owner: Peer) -> Result<IdRange, Denial> {
-        let own_indices = self.grant_more(owner, BODIES_MAX)?;
+    pub(crate) fn give_to(&mut self, owner: Peer, clients: &Clients) -> Result<IdRange, Denial> {
+        let own_indices = self.grant_more(owner, BODIES_MAX, clients)?;
         self.owned = true;
         Ok(own_indices)
     }
@@ -30,19 +30,19 @@ impl SceneRunner {
         &mut self,
         owner: Peer,
         command: &Command,
+        clients: &mut Clients,
     ) -> Result<(), CommandError> {
         self.settings.heartbeat.beat();
         let applied = self.apply(owner, command);
-        let now = self.last_step;
-        applied.map_err(|error| self.restore_if_failed(now, error))
+        applied.map_err(|error| self.restore_if_failed(error, clients))
     }
 
     /// Steps once. One message may ask for many steps.
-    pub(crate) fn step_for_owner(&mut self, out: &mut Outbox) {
+    pub(crate) fn step_for_owner(&mut self, clients: &mut Clients) {
         if !self.faulted {
             self.settings.heartbeat.beat();
             self.target = self.target.next();
-            self.tick(out);
+            self.tick(clients);
         }
     }
 
@@ -88,10 +88,12 @@ mod tests {
         let gravity = glam::Vec3::NEG_Y;
         let work: [&dyn Fn(&mut SceneRunner); 2] = [
             &|runner| {
-                let applied = runner.command_of_owner(Peer(1), &Command::SetGravity { gravity });
+                let mut clients = Clients::new(Limits::default());
+                let command = Command::SetGravity { gravity };
+                let applied = runner.command_of_owner(Peer(1), &command, &mut clients);
                 assert_eq!(applied, Ok(()));
             },
-            &|runner| runner.step_for_owner(&mut Outbox::new(Limits::default())),
+            &|runner| runner.step_for_owner(&mut Clients::new(Limits::default())),
         ];
         for work in work {
             nanos.fetch_add(5_000_000_000, Ordering::Relaxed);

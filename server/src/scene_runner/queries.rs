@@ -9,16 +9,16 @@ use rhumb_protocol::message::{Inspection, QueryError, QueryResult, ServerMessage
 use rhumb_protocol::scene::{Answer, Query, Stepping};
 
 use super::SceneRunner;
+use crate::clients::Clients;
 use crate::event_monitor::StepEvents;
-use crate::outbox::Outbox;
 
 impl SceneRunner {
     /// Answers a member's message of queries.
-    pub(super) fn answer_queries(&mut self, peer: Peer, queries: &[Query], out: &mut Outbox) {
+    pub(super) fn answer_queries(&mut self, peer: Peer, queries: &[Query], clients: &mut Clients) {
         // Answers keep the order of messages: pending commands are answered first.
-        self.answer_pending(out);
-        let answers = self.evaluate(peer, queries, out);
-        let Some(member) = self.members.get_mut(&peer) else {
+        self.answer_pending(clients);
+        let answers = self.evaluate(peer, queries, clients);
+        let Some(member) = clients.member_mut(peer) else {
             return;
         };
         let result = QueryResult {
@@ -26,7 +26,7 @@ impl SceneRunner {
             tick: self.scene.tick(),
             answers,
         };
-        out.send(peer, &ServerMessage::QueryResult(result));
+        clients.send(peer, &ServerMessage::QueryResult(result));
     }
 
     /// Charges the queries to the member, and evaluates them.
@@ -34,17 +34,17 @@ impl SceneRunner {
         &mut self,
         peer: Peer,
         queries: &[Query],
-        out: &Outbox,
+        clients: &mut Clients,
     ) -> Result<Vec<Answer>, QueryError> {
         if self.faulted {
             return Err(QueryError::SceneFaulted);
         }
-        let count = self.members.len();
+        let (now, count) = (clients.now(), clients.member_count());
         let cost = queries.iter().map(Query::cost).sum();
         // The members of a lockstep scene wait for one another anyway.
         if self.config().stepping == Stepping::FreeRunning
-            && let Some(member) = self.members.get_mut(&peer)
-            && (self.late || !member.query_budget.spend(out.now(), cost, count))
+            && let Some(member) = clients.member_mut(peer)
+            && (self.late || !member.query_budget.spend(now, cost, count))
         {
             return Err(QueryError::Overloaded);
         }
@@ -52,7 +52,7 @@ impl SceneRunner {
     }
 
     /// Sends the events of a step to the members, encoded once.
-    pub(super) fn send_step_events(&mut self, happened: StepEvents, out: &mut Outbox) {
+    pub(super) fn send_step_events(&mut self, happened: StepEvents, clients: &mut Clients) {
         if happened == StepEvents::default() {
             return;
         }
@@ -67,21 +67,22 @@ impl SceneRunner {
             Bytes::from(bytes)
         };
         let shared = encoded(&events);
-        for (peer, member) in &mut self.members {
-            if out.is_behind(*peer) {
+        let (members, out) = clients.members_mut();
+        for (member, control) in members {
+            if control.is_behind() {
                 member.missed_events += happened.missed + events.events.len() as u64;
             } else if member.missed_events == 0 {
-                out.send_encoded(*peer, &shared);
+                control.send_encoded(&shared, out);
             } else {
                 events.missed = happened.missed + std::mem::take(&mut member.missed_events);
-                out.send_encoded(*peer, &encoded(&events));
+                control.send_encoded(&encoded(&events), out);
             }
         }
     }
 
-    pub(crate) fn inspect(&mut self, peer: Peer, out: &mut Outbox) {
+    pub(crate) fn inspect(&mut self, peer: Peer, clients: &mut Clients) {
         let times = self.times.summary();
-        let Some(stream) = self.stream_of(peer) else {
+        let Some(stream) = self.stream_of(peer, clients) else {
             return;
         };
         let sent = stream.sender.statistics();
@@ -97,6 +98,6 @@ impl SceneRunner {
             over_budget: sent.over_budget,
             times,
         };
-        out.send(peer, &ServerMessage::Inspection(inspection));
+        clients.send(peer, &ServerMessage::Inspection(inspection));
     }
 }

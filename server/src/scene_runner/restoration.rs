@@ -7,12 +7,12 @@ use std::collections::BTreeSet;
 
 use rhumb_protocol::message::{FaultCause, RemovalCause, SceneEvent, ServerMessage};
 use rhumb_protocol::scene::{CommandError, JointId, ShapeId};
-use rhumb_protocol::{Instant, Peer, Span};
+use rhumb_protocol::{Peer, Span};
 use rhumb_reckoning::BodyId;
 
 use super::SceneRunner;
+use crate::clients::Clients;
 use crate::observer::Incident;
-use crate::outbox::Outbox;
 use crate::rollback::{FailedIn, Restoration};
 use crate::scene::{Author, Scene, Stepped};
 
@@ -28,8 +28,8 @@ impl SceneRunner {
     }
 
     /// Names a member as the author of the command that was just applied.
-    pub(super) fn attribute(&mut self, peer: Peer, number: u64) {
-        let client = (self.members.get(&peer)).and_then(|member| member.permit.client.clone());
+    pub(super) fn attribute(&mut self, peer: Peer, number: u64, clients: &Clients) {
+        let client = clients.name(peer).cloned();
         self.scene.attribute(Author {
             member: peer,
             number,
@@ -38,26 +38,30 @@ impl SceneRunner {
     }
 
     /// Steps; a scene whose engine fails is restored first. `None` if it stands still.
-    pub(super) fn step_or_restore(&mut self, out: &mut Outbox) -> Option<Stepped> {
+    pub(super) fn step_or_restore(&mut self, clients: &mut Clients) -> Option<Stepped> {
         if let Ok(stepped) = self.scene.step() {
             return Some(stepped);
         }
-        let restored = self.restore(out.now(), FailedIn::Step);
+        let restored = self.restore(FailedIn::Step, clients);
         let stepped = restored.and_then(|left_out| {
             for author in left_out {
-                self.refuse_late(&author, out);
+                Self::refuse_late(&author, clients);
             }
             self.scene.step().map_err(|_| FaultCause::FailedAgain)
         });
-        stepped.map_err(|cause| self.fault(cause, out)).ok()
+        stepped.map_err(|cause| self.fault(cause, clients)).ok()
     }
 
     /// The error of a command that was refused: one on which the engine failed is left out, and the scene continues.
-    pub(super) fn restore_if_failed(&mut self, now: Instant, error: CommandError) -> CommandError {
+    pub(super) fn restore_if_failed(
+        &mut self,
+        error: CommandError,
+        clients: &mut Clients,
+    ) -> CommandError {
         if self.faulted || self.scene.is_sound() {
             return error;
         }
-        match self.restore(now, FailedIn::Command) {
+        match self.restore(FailedIn::Command, clients) {
             Ok(_) => CommandError::EngineFailed,
             // The next step notes the fault.
             Err(_) => error,
@@ -65,7 +69,12 @@ impl SceneRunner {
     }
 
     /// Puts an earlier state in the place of the failed scene; returns the authors of the commands that it lacks.
-    fn restore(&mut self, now: Instant, failed_in: FailedIn) -> Result<Vec<Author>, FaultCause> {
+    fn restore(
+        &mut self,
+        failed_in: FailedIn,
+        clients: &mut Clients,
+    ) -> Result<Vec<Author>, FaultCause> {
+        let now = clients.now();
         self.observer.incident(Incident::EnginePanicked);
         while let Some(first) = self.restored_at.front()
             && now.since(*first) >= PERIOD
@@ -91,11 +100,11 @@ impl SceneRunner {
             left_out = restoration.left_out.len(),
             "the engine failed; the scene continues without the commands that it failed on"
         );
-        Ok(self.adopt(restoration))
+        Ok(self.adopt(restoration, clients))
     }
 
     /// Continues with a restored scene, and informs the members.
-    fn adopt(&mut self, restoration: Restoration) -> Vec<Author> {
+    fn adopt(&mut self, restoration: Restoration, clients: &mut Clients) -> Vec<Author> {
         let Restoration {
             scene,
             ownership,
@@ -106,7 +115,7 @@ impl SceneRunner {
             // Log and journal have commands that are left out: the log begins anew with the next snapshot.
             durability.log.give_up();
         }
-        self.commit();
+        self.commit(clients);
         let before = std::mem::replace(&mut self.scene, scene);
         self.ownership = ownership;
         if self.is_durable() {
@@ -214,18 +223,18 @@ impl SceneRunner {
     }
 
     /// Refuses a command that was applied before.
-    fn refuse_late(&self, author: &Author, out: &mut Outbox) {
-        if self.members.contains_key(&author.member) {
+    fn refuse_late(author: &Author, clients: &mut Clients) {
+        if clients.member(author.member).is_some() {
             let refused = ServerMessage::Refused {
                 number: author.number,
                 error: CommandError::EngineFailed,
             };
-            out.send(author.member, &refused);
+            clients.send(author.member, &refused);
         }
     }
 
     /// Informs all members that the engine failed for good; nothing moves any more.
-    pub(super) fn fault(&mut self, cause: FaultCause, out: &mut Outbox) {
+    pub(super) fn fault(&mut self, cause: FaultCause, clients: &mut Clients) {
         self.faulted = true;
         self.observer.incident(Incident::Faulted);
         self.next_step = None;
@@ -236,6 +245,6 @@ impl SceneRunner {
             "the engine failed; the scene stands still"
         );
         self.record_event(SceneEvent::SceneFaulted { tick, cause });
-        self.send_scene_events(out);
+        self.send_scene_events(clients);
     }
 }

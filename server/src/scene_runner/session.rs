@@ -11,9 +11,9 @@ use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Instant, Peer};
 
 use super::SceneRunner;
+use crate::clients::Clients;
 use crate::id_ranges::IndexLimits;
 use crate::member::Member;
-use crate::outbox::Outbox;
 use crate::record::{Record, SessionNumber};
 use crate::rights::{self, Ownership, Permit, Request};
 use crate::sessions::{ResumableSession, Sessions};
@@ -38,22 +38,21 @@ impl SceneRunner {
         peer: Peer,
         permit: Arc<Permit>,
         (choice, request): (StreamChoice, Option<SessionRequest>),
-        out: &mut Outbox,
+        clients: &mut Clients,
     ) -> Result<(), Denial> {
         if self.faulted {
             return Err(Denial::SceneFaulted);
         }
-        self.end_replaced(now, &permit, request, out);
-        let of_client = |member: &&Member| member.permit.client == permit.client;
-        let members = self.members.values().filter(of_client).count();
+        self.end_replaced(&permit, request, clients);
+        let members = clients.members_of(permit.client.as_ref()).count();
         let scene_members = self.settings.limits.members_per_scene;
         let join = Request::Join {
             members,
             scene_members,
         };
         rights::check(&permit, &self.ownership, join)?;
-        self.check_stream(&permit, choice)?;
-        if self.members.len() as u64 >= scene_members {
+        self.check_stream(&permit, choice, clients)?;
+        if clients.member_count() as u64 >= scene_members {
             return Err(Denial::TooManyMembers);
         }
         let stream = match self.streams.subscribe(choice)? {
@@ -61,30 +60,32 @@ impl SceneRunner {
             None => self.begin_stream(choice),
         };
         let before = self.sessions.next_number();
-        let session = match self.begin_session(now, (peer, &permit), request) {
+        let session = match self.begin_session(now, (peer, &permit), request, clients) {
             Ok(session) => session,
             Err(denial) => {
                 self.streams.unsubscribe(stream, peer);
                 return Err(denial);
             }
         };
-        self.send_scene_events(out);
+        self.send_scene_events(clients);
         let commands = session.and_then(|number| self.sessions.get(number));
         let commands = commands.map_or(0, |session| session.commands);
         self.observer.joined(peer, permit.client.as_deref());
-        let member = Member::new(permit, (stream, choice), session, commands);
-        self.members.insert(peer, member);
+        let member = Member::new((stream, choice), session, commands);
+        if let Some(client) = clients.get_mut(peer) {
+            client.member = Some(member);
+        }
         let resumed = session.is_some_and(|number| number < before);
-        out.count(peer, self.observer.traffic());
-        self.announce_session(peer, resumed, out);
-        self.send_snapshot(peer, out);
+        clients.count(peer, self.observer.traffic());
+        self.announce_session(peer, resumed, clients);
+        self.send_snapshot(peer, clients);
         if let Some(request) = request {
-            self.repeat_answers(peer, request.answered, out);
+            self.repeat_answers(peer, request.answered, clients);
         }
         if resumed {
-            self.acknowledge_resumed(peer);
+            self.acknowledge_resumed(peer, clients);
         } else if session.is_some() {
-            self.answer_durably(peer, out);
+            self.answer_durably(peer, clients);
         }
         if self.next_step.is_none() {
             self.last_step = now;
@@ -94,10 +95,11 @@ impl SceneRunner {
     }
 
     /// Ends a membership. The client's bodies stay; its input behind a pending advance is dropped.
-    pub(crate) fn leave(&mut self, now: Instant, peer: Peer, reason: DisconnectReason) {
+    pub(crate) fn leave(&mut self, peer: Peer, reason: DisconnectReason, clients: &mut Clients) {
         self.waiting.retain(|(sender, _)| *sender != peer);
         self.authority_table.end(peer);
-        if let Some(member) = self.members.remove(&peer) {
+        let client = clients.get_mut(peer);
+        if let Some(member) = client.and_then(|client| client.member.take()) {
             self.observer.left(peer);
             if let Some(durability) = &mut self.durability {
                 durability.awaited.forget(peer);
@@ -105,29 +107,31 @@ impl SceneRunner {
             for stream in member.streams() {
                 self.streams.unsubscribe(stream, peer);
             }
-            self.end_session(now, peer, member.session, reason);
+            self.end_session(peer, member.session, reason, clients);
         }
-        if self.members.is_empty() {
+        if clients.member_count() == 0 {
             self.next_step = None;
         }
     }
 
-    pub(crate) fn reserve(&mut self, peer: Peer, count: u32, out: &mut Outbox) {
-        let allowed = self.check(peer, Request::Reserve).map_err(Denial::from);
-        let answer = match allowed.and_then(|()| self.grant_more(peer, count)) {
+    pub(crate) fn reserve(&mut self, peer: Peer, count: u32, clients: &mut Clients) {
+        let allowed = self
+            .check(clients, peer, Request::Reserve)
+            .map_err(Denial::from);
+        let answer = match allowed.and_then(|()| self.grant_more(peer, count, clients)) {
             Ok(range) => {
-                if let Some(number) = self.members.get(&peer).and_then(|member| member.session) {
+                if let Some(number) = clients.member(peer).and_then(|member| member.session) {
                     self.note_session(&Record::Granted(number, range));
                 }
                 ServerMessage::Reserved(range)
             }
             Err(denial) => ServerMessage::Denied(denial),
         };
-        let is_durable =
-            matches!(answer, ServerMessage::Reserved(_)) && self.session_of(peer).is_some();
-        out.send(peer, &answer);
+        let is_durable = matches!(answer, ServerMessage::Reserved(_))
+            && self.session_of(peer, clients).is_some();
+        clients.send(peer, &answer);
         if is_durable {
-            self.answer_durably(peer, out);
+            self.answer_durably(peer, clients);
         }
     }
 
@@ -137,13 +141,14 @@ impl SceneRunner {
         sessions: Sessions,
         ownership: Ownership,
         unnoted: &[Record],
+        clients: &mut Clients,
     ) {
         self.ownership = ownership;
         self.sessions = sessions;
         for record in unnoted {
             self.note_session(record);
         }
-        self.commit();
+        self.commit(clients);
         let of_sessions = self
             .sessions
             .iter()
@@ -174,27 +179,27 @@ impl SceneRunner {
     /// Ends the membership of the connection whose session another one takes up, with its stream and its place.
     fn end_replaced(
         &mut self,
-        now: Instant,
         permit: &Permit,
         request: Option<SessionRequest>,
-        out: &mut Outbox,
+        clients: &mut Clients,
     ) {
         let known = self.known_session(permit, request);
         if let Some(other) = known.and_then(|number| self.sessions.member_of(number)) {
             tracing::info!(peer = other.0, "another connection takes the session up");
-            self.leave(now, other, DisconnectReason::Disconnected);
-            if let Some(session) = out.session(other) {
+            self.leave(other, DisconnectReason::Disconnected, clients);
+            if let Some(session) = clients.session(other) {
                 session.close(CloseCode::SESSION_TAKEN);
             }
         }
     }
 
-    /// IdRanges a new member its indices, or gives it back those of its session.
+    /// Grants a new member its indices, or gives it back those of its session.
     fn begin_session(
         &mut self,
         now: Instant,
         (peer, permit): (Peer, &Permit),
         request: Option<SessionRequest>,
+        clients: &Clients,
     ) -> Result<Option<SessionNumber>, Denial> {
         self.close_expired(now);
         let known = self.known_session(permit, request);
@@ -207,7 +212,7 @@ impl SceneRunner {
             self.sessions.attach(number, peer);
             return Ok(known);
         }
-        let range = self.grant_to_new_member(peer)?;
+        let range = self.grant_to_new_member(peer, clients)?;
         let Some(request) = request else {
             return Ok(None);
         };
@@ -218,11 +223,11 @@ impl SceneRunner {
         Ok(Some(number))
     }
 
-    /// IdRanges a new member its indices. Clients that are away give way to one that is here: their sessions end, one after
+    /// Grants a new member its indices. Clients that are away give way to one that is here: their sessions end, one after
     /// the other, until the indices suffice. A session whose indices all have bodies would free none, and continues.
-    fn grant_to_new_member(&mut self, peer: Peer) -> Result<IdRange, Denial> {
-        let least = (self.index_limits().share / SUFFICES).max(1);
-        let mut granted = self.grant_first(peer, least);
+    fn grant_to_new_member(&mut self, peer: Peer, clients: &Clients) -> Result<IdRange, Denial> {
+        let least = (self.index_limits(clients).share / SUFFICES).max(1);
+        let mut granted = self.grant_first(peer, least, clients);
         for number in self.sessions.absent() {
             if granted.is_some() {
                 break;
@@ -232,9 +237,9 @@ impl SceneRunner {
             }
             tracing::info!(session = number.0, "a session ends: its indices are needed");
             self.close_absent(number);
-            granted = self.grant_first(peer, least);
+            granted = self.grant_first(peer, least, clients);
         }
-        let granted = granted.or_else(|| self.grant_first(peer, 1));
+        let granted = granted.or_else(|| self.grant_first(peer, 1, clients));
         granted.ok_or(Denial::NoIndicesLeft)
     }
 
@@ -248,67 +253,73 @@ impl SceneRunner {
         indices.any(|index| self.scene.vacancy(index).is_some())
     }
 
-    /// IdRanges a new member its share of the indices, or fewer if no free run is so long, but not fewer than `least`.
-    fn grant_first(&mut self, peer: Peer, least: u32) -> Option<IdRange> {
-        let (scene, limits) = (&self.scene, self.index_limits());
+    /// Grants a new member its share of the indices, or fewer if no free run is so long, but not fewer than `least`.
+    fn grant_first(&mut self, peer: Peer, least: u32, clients: &Clients) -> Option<IdRange> {
+        let (scene, limits) = (&self.scene, self.index_limits(clients));
         let vacancy = |index| scene.vacancy(index);
         self.id_ranges.admit((peer, least), limits, &vacancy)
     }
 
-    pub(super) fn grant_more(&mut self, peer: Peer, count: u32) -> Result<IdRange, Denial> {
-        let (scene, limits) = (&self.scene, self.index_limits());
+    pub(super) fn grant_more(
+        &mut self,
+        peer: Peer,
+        count: u32,
+        clients: &Clients,
+    ) -> Result<IdRange, Denial> {
+        let (scene, limits) = (&self.scene, self.index_limits(clients));
         let vacancy = |index| scene.vacancy(index);
         let granted = self.id_ranges.reserve(peer, count, limits, &vacancy);
         granted.ok_or(Denial::NoIndicesLeft)
     }
 
-    fn index_limits(&self) -> IndexLimits {
+    fn index_limits(&self, clients: &Clients) -> IndexLimits {
         let limits = &self.settings.limits;
-        let members = self.members.len() as u64;
+        let members = clients.member_count() as u64;
         IndexLimits::of(limits.indices_per_scene, limits.members_per_scene, members)
     }
 
     /// Tells a new member where its session continues.
-    pub(super) fn announce_session(&self, peer: Peer, resumed: bool, out: &mut Outbox) {
-        if let Some(session) = self.session_of(peer) {
+    pub(super) fn announce_session(&self, peer: Peer, resumed: bool, clients: &mut Clients) {
+        if let Some(session) = self.session_of(peer, clients) {
             let state = SessionState {
                 resumed,
                 durable: self.is_durable(),
                 commands: session.commands,
                 tick: self.scene.tick(),
             };
-            out.send(peer, &ServerMessage::Session(state));
+            clients.send(peer, &ServerMessage::Session(state));
         }
     }
 
     /// Repeats the answers that a member may have missed.
-    pub(super) fn repeat_answers(&self, peer: Peer, answered: u64, out: &mut Outbox) {
-        let Some(session) = self.session_of(peer) else {
+    pub(super) fn repeat_answers(&self, peer: Peer, answered: u64, clients: &mut Clients) {
+        let Some(session) = self.session_of(peer, clients) else {
             return;
         };
         for (number, error) in session.refusals_from(answered) {
-            out.send(peer, &ServerMessage::Refused { number, error });
+            clients.send(peer, &ServerMessage::Refused { number, error });
         }
         if let Some(through) = session.commands.checked_sub(1)
             && session.commands > answered
         {
             let tick = self.scene.tick();
-            out.send(peer, &ServerMessage::Applied { through, tick });
+            clients.send(peer, &ServerMessage::Applied { through, tick });
         }
     }
 
-    pub(super) fn session_of(&self, peer: Peer) -> Option<&ResumableSession> {
-        self.sessions.get(self.members.get(&peer)?.session?)
+    pub(super) fn session_of(&self, peer: Peer, clients: &Clients) -> Option<&ResumableSession> {
+        self.sessions.get(clients.member(peer)?.session?)
     }
 
     /// Ends the session of a member that has left, or keeps it for another connection.
     pub(super) fn end_session(
         &mut self,
-        now: Instant,
         peer: Peer,
         session: Option<SessionNumber>,
         reason: DisconnectReason,
+        clients: &mut Clients,
     ) {
+        let now = clients.now();
         match (session, reason) {
             (Some(number), DisconnectReason::Left) => {
                 self.note_session(&Record::Closed(number));
@@ -321,7 +332,7 @@ impl SceneRunner {
             (None, _) => self.id_ranges.retire(peer),
         }
         self.close_expired(now);
-        self.commit();
+        self.commit(clients);
     }
 
     fn close_expired(&mut self, now: Instant) {

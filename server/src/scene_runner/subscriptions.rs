@@ -1,23 +1,21 @@
 //! Requests of a member about its streams: changes, losses, mismatches.
 
-use rhumb_protocol::message::{
-    Denial, ResyncCause, ServerMessage, StreamChoice, TierChangeCause, TierPolicy,
-};
+use rhumb_protocol::message::{Denial, ResyncCause, ServerMessage, StreamChoice, TierChangeCause};
 use rhumb_protocol::packet::{LossReport, StreamId};
 use rhumb_protocol::scene::Stepping;
 use rhumb_protocol::stream::Recipient;
 use rhumb_protocol::{Instant, LinkReport, Peer, Span};
 
 use super::SceneRunner;
+use crate::clients::{Clients, SceneClient};
 use crate::member::SnapshotRequest;
 use crate::observer::Incident;
-use crate::outbox::Outbox;
 use crate::tier_controller::{Confirmation, TierDecision};
 
 impl SceneRunner {
     /// Handles a request for a new snapshot; several requests in one read get one answer.
-    pub(crate) fn resync(&mut self, peer: Peer, cause: ResyncCause) {
-        let Some(member) = self.members.get_mut(&peer) else {
+    pub(crate) fn resync(&mut self, peer: Peer, cause: ResyncCause, clients: &mut Clients) {
+        let Some(member) = clients.member_mut(peer) else {
             return;
         };
         if member.snapshot_request.is_some() {
@@ -39,28 +37,14 @@ impl SceneRunner {
         }
     }
 
-    /// Handles a request for another stream; of several in one read the last counts.
-    pub(crate) fn subscribe(&mut self, peer: Peer, choice: StreamChoice) {
-        if let Some(member) = self.members.get_mut(&peer) {
-            member.snapshot_request = Some(SnapshotRequest::Other(choice));
-        }
-    }
-
     /// The member has caught up with the stream that it changed to.
-    pub(crate) fn subscribed(&mut self, peer: Peer, with: StreamId) {
-        let Some(member) = self.members.get_mut(&peer) else {
+    pub(crate) fn subscribed(&mut self, peer: Peer, with: StreamId, clients: &mut Clients) {
+        let Some(member) = clients.member_mut(peer) else {
             return;
         };
         member.link.caught_up(with);
         if let Some(former) = member.caught_up(with) {
             self.streams.unsubscribe(former, peer);
-        }
-    }
-
-    /// Sets a member's tier policy.
-    pub(crate) fn set_tier_policy(&mut self, peer: Peer, tier_policy: TierPolicy) {
-        if let Some(member) = self.members.get_mut(&peer) {
-            member.link.set_policy(tier_policy);
         }
     }
 
@@ -73,18 +57,17 @@ impl SceneRunner {
         now: Instant,
         peer: Peer,
         report: &LinkReport,
-        out: &mut Outbox,
+        clients: &mut Clients,
     ) {
         if self.faulted || self.config().stepping == Stepping::Lockstep {
             return;
         }
-        let Some(present) = self.stream_of(peer).map(|stream| stream.choice) else {
+        let Some(present) = self.stream_of(peer, clients).map(|stream| stream.choice) else {
             return;
         };
-        let member = self
-            .members
-            .get_mut(&peer)
-            .filter(|member| member.snapshot_request.is_none() && out.may_snapshot(peer));
+        let may_snapshot = clients.may_snapshot(peer);
+        let member = (clients.member_mut(peer))
+            .filter(|member| member.snapshot_request.is_none() && may_snapshot);
         let Some(decision) = member.and_then(|member| member.link.decide(now, report, present))
         else {
             return;
@@ -93,8 +76,8 @@ impl SceneRunner {
             TierDecision::Coarser(to) => (to, TierChangeCause::LinkCongested),
             TierDecision::Finer(to) => (to, TierChangeCause::LinkRecovered),
         };
-        self.send_scene_events(out);
-        let expected = match self.change_stream(peer, to) {
+        self.send_scene_events(clients);
+        let expected = match self.change_stream(peer, to, clients) {
             Ok(expected) => expected,
             Err(denial) => {
                 // The next report tries again.
@@ -102,22 +85,23 @@ impl SceneRunner {
                 return;
             }
         };
-        self.note_tier_change(now, peer, decision, expected);
+        self.note_tier_change(peer, decision, expected, clients);
         let tolerance = to.tolerance();
         tracing::info!(peer = peer.0, %tolerance, ?cause, "a tier changes with its link");
-        out.send(peer, &ServerMessage::TierChanged { to, cause });
-        self.send_snapshot(peer, out);
+        clients.send(peer, &ServerMessage::TierChanged { to, cause });
+        self.send_snapshot(peer, clients);
     }
 
     /// Notes a tier change. A congested link is relieved of the former stream at once.
     fn note_tier_change(
         &mut self,
-        now: Instant,
         peer: Peer,
         decision: TierDecision,
         expected: Confirmation,
+        clients: &mut Clients,
     ) {
-        let Some(member) = self.members.get_mut(&peer) else {
+        let now = clients.now();
+        let Some(member) = clients.member_mut(peer) else {
             return;
         };
         let stream = member.stream();
@@ -136,6 +120,7 @@ impl SceneRunner {
         &mut self,
         peer: Peer,
         snapshot_request: SnapshotRequest,
+        clients: &mut Clients,
     ) -> Result<(), Denial> {
         let SnapshotRequest::Other(choice) = snapshot_request else {
             return Ok(());
@@ -143,8 +128,8 @@ impl SceneRunner {
         if self.faulted {
             return Err(Denial::SceneFaulted);
         }
-        let expected = self.change_stream(peer, choice)?;
-        if let Some(member) = self.members.get_mut(&peer) {
+        let expected = self.change_stream(peer, choice, clients)?;
+        if let Some(member) = clients.member_mut(peer) {
             member.link.choose(choice, expected);
         }
         Ok(())
@@ -152,8 +137,13 @@ impl SceneRunner {
 
     /// Subscribes a member to another stream, started if it has no subscriber yet; returns the confirmation of its
     /// snapshot.
-    fn change_stream(&mut self, peer: Peer, choice: StreamChoice) -> Result<Confirmation, Denial> {
-        let Some(member) = self.members.get(&peer) else {
+    fn change_stream(
+        &mut self,
+        peer: Peer,
+        choice: StreamChoice,
+        clients: &mut Clients,
+    ) -> Result<Confirmation, Denial> {
+        let Some((permit, member)) = clients.get(peer).and_then(SceneClient::membership) else {
             return Ok(Confirmation::AnyMessage);
         };
         let (present, received) = (member.stream(), member.streams());
@@ -161,7 +151,7 @@ impl SceneRunner {
         if wanted == Some(present) {
             return Ok(Confirmation::Subscribed(present));
         }
-        self.check_stream(&member.permit, choice)?;
+        self.check_stream(permit, choice, clients)?;
         // The stream that the member is leaving counts already.
         let leaving = received
             .into_iter()
@@ -173,7 +163,7 @@ impl SceneRunner {
                 None => self.begin_stream(choice),
             },
         };
-        let member = self.members.get_mut(&peer);
+        let member = clients.member_mut(peer);
         if let Some(former) = member.and_then(|member| member.change(stream)) {
             self.streams.unsubscribe(former, peer);
         }
@@ -193,9 +183,9 @@ impl SceneRunner {
         peer: Peer,
         stream: StreamId,
         loss_report: &LossReport,
-        out: &mut Outbox,
+        clients: &mut Clients,
     ) {
-        let Some(member) = self.members.get_mut(&peer) else {
+        let Some(member) = clients.member_mut(peer) else {
             return;
         };
         if stream == member.stream() {
@@ -218,7 +208,7 @@ impl SceneRunner {
             .sender
             .handle_report(now, from, loss_report, self.scene_events, &mut answers);
         for datagram in answers {
-            out.datagram(peer, datagram);
+            clients.send_datagram(peer, datagram);
         }
     }
 }
