@@ -1,0 +1,16 @@
+//! A gateway between a scene and DIS, the protocol of distributed simulators.
+//!
+//! The parts are usable alone: the codec of PDUs, the nine models of dead reckoning, and geodesy. None of them reads a
+//! clock, opens a socket or allocates by what a sender claims. Time is a [`core::time::Duration`] since any fixed moment.
+//!
+//! | frame | axes | where |
+//! |---|---|---|
+//! | scene | as the scene has them, see [`geodesy::SceneAxes`] | bodies of Rhumb |
+//! | geocentric | WGS84: x to 0° E, y to 90° E, z to the north pole; metres | locations and velocities of PDUs |
+//! | entity | x forward, y right, z down | angular velocities of PDUs, and models 6 to 9 |
+#![forbid(unsafe_code)]
+
+pub mod dead_reckoning;
+pub mod geodesy;
+pub mod pdu;
+pub mod timestamp;

@@ -1,0 +1,1006 @@
+//! PDUs of DIS: Entity State, Entity State Update and Remove Entity, read and written.
+//!
+//! Other PDUs, and versions other than 5 to 7, pass as bytes. So do variable parameters, and whatever bits a field may
+//! hold: what is read is written again bit for bit. Reading allocates nothing and never panics. A PDU whose length is not
+//! that of its contents is refused, and so is one that is cut.
+
+use core::fmt;
+
+use glam::DVec3;
+
+use crate::timestamp::Timestamp;
+
+/// Bytes of the header of every PDU.
+pub const HEADER_BYTES: usize = 12;
+/// Bytes of an Entity State PDU without variable parameters.
+pub const ENTITY_STATE_BYTES: usize = 144;
+/// Bytes of an Entity State Update PDU without variable parameters.
+pub const UPDATE_BYTES: usize = 72;
+/// Bytes of a Remove Entity PDU.
+pub const REMOVE_BYTES: usize = 28;
+/// Bytes of a variable parameter: an articulated or attached part, or one that the standard added later.
+pub const PARAMETER_BYTES: usize = 16;
+/// Most variable parameters of a PDU: their count is one byte.
+pub const PARAMETERS_MAX: usize = 255;
+
+/// A type of PDU, by its number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct PduType(pub u8);
+
+impl PduType {
+    /// Entity State.
+    pub const ENTITY_STATE: Self = Self(1);
+    /// Remove Entity.
+    pub const REMOVE_ENTITY: Self = Self(12);
+    /// Entity State Update.
+    pub const ENTITY_STATE_UPDATE: Self = Self(67);
+}
+
+/// Why bytes are no PDU. Offsets count from the start of the datagram.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Malformed {
+    /// Fewer bytes than a header has.
+    CutHeader {
+        /// Where the PDU begins.
+        offset: usize,
+        /// Bytes from there on.
+        available: usize,
+    },
+    /// A length field below the header's own bytes.
+    ShortLength {
+        /// Where the PDU begins.
+        offset: usize,
+        /// As in its header.
+        length: u16,
+    },
+    /// A length field beyond the datagram's end.
+    Cut {
+        /// Where the PDU begins.
+        offset: usize,
+        /// As in its header.
+        length: u16,
+        /// Bytes from there on.
+        available: usize,
+    },
+    /// A length field that is not that of the PDU's contents.
+    WrongLength {
+        /// Where the PDU begins.
+        offset: usize,
+        /// Its type.
+        pdu_type: PduType,
+        /// As in its header.
+        length: u16,
+        /// Bytes of its type with its number of variable parameters.
+        expected: usize,
+    },
+    /// Bytes after the only PDU.
+    Trailing {
+        /// Where they begin.
+        offset: usize,
+        /// Their number.
+        available: usize,
+    },
+}
+
+impl fmt::Display for Malformed {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::CutHeader { offset, available } => write!(
+                f,
+                "pdu at byte {offset} is cut: {available} bytes are left, its header has {HEADER_BYTES}"
+            ),
+            Self::ShortLength { offset, length } => write!(
+                f,
+                "length {length} at byte {} is less than the {HEADER_BYTES} bytes of a header",
+                offset + LENGTH_OFFSET
+            ),
+            Self::Cut {
+                offset,
+                length,
+                available,
+            } => write!(
+                f,
+                "pdu at byte {offset} is cut: its length is {length}, {available} bytes are left"
+            ),
+            Self::Trailing { offset, available } => write!(
+                f,
+                "{available} bytes follow the only pdu, from byte {offset} on; a bundle is read as one"
+            ),
+            Self::WrongLength {
+                offset,
+                pdu_type,
+                length,
+                expected,
+            } => write!(
+                f,
+                "length {length} at byte {} is not the {expected} bytes of this pdu of type {}",
+                offset + LENGTH_OFFSET,
+                pdu_type.0
+            ),
+        }
+    }
+}
+
+impl core::error::Error for Malformed {}
+
+/// Why a PDU is not written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unwritable {
+    /// More bytes than there is room for.
+    NoRoom {
+        /// Bytes of the PDU.
+        needed: usize,
+        /// Bytes of the buffer.
+        room: usize,
+    },
+    /// More variable parameters than their count can say.
+    TooManyParameters {
+        /// Their number.
+        count: usize,
+    },
+    /// A body of bytes beyond the length field.
+    TooLong {
+        /// Bytes of the PDU.
+        bytes: usize,
+    },
+}
+
+impl fmt::Display for Unwritable {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NoRoom { needed, room } => {
+                write!(f, "pdu of {needed} bytes, with room for {room}")
+            }
+            Self::TooManyParameters { count } => {
+                write!(
+                    f,
+                    "{count} variable parameters are more than {PARAMETERS_MAX}"
+                )
+            }
+            Self::TooLong { bytes } => {
+                write!(f, "pdu of {bytes} bytes is longer than {}", u16::MAX)
+            }
+        }
+    }
+}
+
+impl core::error::Error for Unwritable {}
+
+/// What every PDU begins with, but for its type and length, which follow from its body.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Header {
+    /// 5: IEEE 1278.1-1995, 6: 1278.1A-1998, 7: 1278.1-2012.
+    pub version: u8,
+    /// Which exercise it belongs to; receivers ignore others.
+    pub exercise: u8,
+    /// Protocol family, 1 for entity information.
+    pub family: u8,
+    /// When its data are valid.
+    pub timestamp: Timestamp,
+    /// The PDU status of version 7; padding before.
+    pub status: u8,
+    /// Zero from most senders.
+    pub padding: u8,
+}
+
+impl Header {
+    /// A header of version 7 and the entity information family.
+    #[must_use]
+    pub const fn new(exercise: u8, timestamp: Timestamp) -> Self {
+        Self {
+            version: 7,
+            exercise,
+            family: 1,
+            timestamp,
+            status: 0,
+            padding: 0,
+        }
+    }
+}
+
+/// Name of an entity within an exercise.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct EntityId {
+    /// Of the place that simulates it.
+    pub site: u16,
+    /// Of the program there.
+    pub application: u16,
+    /// Of the entity there; 1 to 65,533 for single entities.
+    pub entity: u16,
+}
+
+/// What an entity is, by the enumerations of SISO-REF-010.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct EntityType {
+    /// 1 platform, 2 munition, 3 life form, 5 cultural feature.
+    pub kind: u8,
+    /// 1 land, 2 air, 3 surface, 4 subsurface, 5 space.
+    pub domain: u8,
+    /// Of its maker.
+    pub country: u16,
+    /// Within kind and domain.
+    pub category: u8,
+    /// Within the category.
+    pub subcategory: u8,
+    /// Within the subcategory.
+    pub specific: u8,
+    /// Anything further.
+    pub extra: u8,
+}
+
+/// The name that a tool shows beside an entity.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Marking {
+    /// 1: ASCII.
+    pub character_set: u8,
+    /// Padded with zeros.
+    pub text: [u8; 11],
+}
+
+impl Marking {
+    /// The first eleven characters of ASCII text; others become `?`.
+    #[must_use]
+    pub fn ascii(text: &str) -> Self {
+        let mut marking = Self {
+            character_set: 1,
+            text: [0; 11],
+        };
+        for (to, from) in marking.text.iter_mut().zip(text.chars()) {
+            *to = if from.is_ascii_graphic() || from == ' ' {
+                from as u8
+            } else {
+                b'?'
+            };
+        }
+        marking
+    }
+}
+
+/// How receivers predict an entity.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct DeadReckoning {
+    /// Its number; [`crate::dead_reckoning::Model::of`] knows 1 to 9.
+    pub model: u8,
+    /// Fifteen bytes whose use the model says; zero from most senders.
+    pub other: [u8; 15],
+    /// Metres per second squared; geocentric axes in models 1 to 5, the entity's in 6 to 9.
+    pub acceleration: [f32; 3],
+    /// Radians per second about the entity's axes.
+    pub spin: [f32; 3],
+}
+
+/// Where an entity is and how it moves, as both state PDUs have it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Kinematics {
+    /// Metres per second; geocentric axes in models 1 to 5, the entity's in 6 to 9.
+    pub velocity: [f32; 3],
+    /// Geocentric, metres.
+    pub location: DVec3,
+    /// Psi, theta, phi, radians.
+    pub orientation: [f32; 3],
+    /// Bits whose meaning depends on the type of the entity.
+    pub appearance: u32,
+}
+
+/// Bit of the appearance: the entity stands still, and is not predicted.
+pub const FROZEN: u32 = 1 << 21;
+/// Bit of the appearance: the entity has left the exercise.
+pub const DEACTIVATED: u32 = 1 << 23;
+
+/// The whole state of an entity.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EntityState<'a> {
+    /// Its name.
+    pub id: EntityId,
+    /// 0 other, 1 friendly, 2 opposing, 3 neutral.
+    pub force: u8,
+    /// What it is.
+    pub entity_type: EntityType,
+    /// What the other side takes it for.
+    pub alternative_type: EntityType,
+    /// Where it is and how it moves.
+    pub kinematics: Kinematics,
+    /// How receivers predict it.
+    pub dead_reckoning: DeadReckoning,
+    /// Its name for people.
+    pub marking: Marking,
+    /// What it can do for others.
+    pub capabilities: u32,
+    /// Articulated parts and the like, as bytes.
+    pub parameters: &'a [[u8; PARAMETER_BYTES]],
+}
+
+/// What has changed of an entity whose state is known.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EntityStateUpdate<'a> {
+    /// Its name.
+    pub id: EntityId,
+    /// Zero from most senders.
+    pub padding: u8,
+    /// Where it is and how it moves.
+    pub kinematics: Kinematics,
+    /// Articulated parts and the like, as bytes.
+    pub parameters: &'a [[u8; PARAMETER_BYTES]],
+}
+
+/// A request that an entity leaves the exercise.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RemoveEntity {
+    /// Who asks.
+    pub originating: EntityId,
+    /// Who leaves.
+    pub receiving: EntityId,
+    /// Number for the acknowledgement.
+    pub request: u32,
+}
+
+/// What follows a header.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Body<'a> {
+    /// Type 1.
+    EntityState(EntityState<'a>),
+    /// Type 67.
+    EntityStateUpdate(EntityStateUpdate<'a>),
+    /// Type 12.
+    RemoveEntity(RemoveEntity),
+    /// Any other type, or version; not understood.
+    Other {
+        /// Its type.
+        pdu_type: PduType,
+        /// All after the header.
+        bytes: &'a [u8],
+    },
+}
+
+/// A PDU.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pdu<'a> {
+    /// What every PDU begins with.
+    pub header: Header,
+    /// The rest.
+    pub body: Body<'a>,
+}
+
+/// Versions whose bodies are understood.
+const VERSIONS: core::ops::RangeInclusive<u8> = 5..=7;
+/// Where a header has the length.
+const LENGTH_OFFSET: usize = 8;
+
+impl<'a> Pdu<'a> {
+    /// Reads a PDU that stands alone in a datagram.
+    ///
+    /// # Errors
+    ///
+    /// [`Malformed`], also for bytes that follow the PDU.
+    pub fn decode(bytes: &'a [u8]) -> Result<Self, Malformed> {
+        let (frame, pdu) = Self::decode_first(bytes, 0)?;
+        if frame == bytes.len() {
+            Ok(pdu)
+        } else {
+            let available = bytes.len() - frame;
+            Err(Malformed::Trailing {
+                offset: frame,
+                available,
+            })
+        }
+    }
+
+    /// Reads the PDU at the start of `bytes`, which stand at `offset` in their datagram; returns its bytes too.
+    fn decode_first(bytes: &'a [u8], offset: usize) -> Result<(usize, Self), Malformed> {
+        let length = frame_length(bytes, offset)?;
+        let mut fields = Fields {
+            rest: &bytes[..usize::from(length)],
+        };
+        let [version, exercise, number, family] = fields.bytes();
+        let timestamp = Timestamp(fields.u32());
+        let [_, _, status, padding] = fields.bytes();
+        let header = Header {
+            version,
+            exercise,
+            family,
+            timestamp,
+            status,
+            padding,
+        };
+        let pdu_type = PduType(number);
+        let known = if VERSIONS.contains(&version) {
+            check_length(pdu_type, &bytes[..usize::from(length)], length, offset)?
+        } else {
+            false
+        };
+        let body = match pdu_type {
+            PduType::ENTITY_STATE if known => Body::EntityState(fields.entity_state()),
+            PduType::ENTITY_STATE_UPDATE if known => Body::EntityStateUpdate(fields.update()),
+            PduType::REMOVE_ENTITY if known => Body::RemoveEntity(RemoveEntity {
+                originating: fields.entity_id(),
+                receiving: fields.entity_id(),
+                request: fields.u32(),
+            }),
+            _ => Body::Other {
+                pdu_type,
+                bytes: fields.rest,
+            },
+        };
+        Ok((usize::from(length), Self { header, body }))
+    }
+
+    /// Bytes of the PDU.
+    #[must_use]
+    pub const fn encoded_len(&self) -> usize {
+        match &self.body {
+            Body::EntityState(state) => {
+                ENTITY_STATE_BYTES + PARAMETER_BYTES * state.parameters.len()
+            }
+            Body::EntityStateUpdate(update) => {
+                UPDATE_BYTES + PARAMETER_BYTES * update.parameters.len()
+            }
+            Body::RemoveEntity(_) => REMOVE_BYTES,
+            Body::Other { bytes, .. } => HEADER_BYTES + bytes.len(),
+        }
+    }
+
+    /// Writes the PDU at the start of `to`, and returns its bytes. Nothing is written on an error.
+    ///
+    /// # Errors
+    ///
+    /// [`Unwritable`] when it has no room, and for a PDU that has no length or count on the wire.
+    pub fn encode(&self, to: &mut [u8]) -> Result<usize, Unwritable> {
+        let needed = self.encoded_len();
+        let parameters = match &self.body {
+            Body::EntityState(state) => state.parameters.len(),
+            Body::EntityStateUpdate(update) => update.parameters.len(),
+            Body::RemoveEntity(_) | Body::Other { .. } => 0,
+        };
+        if parameters > PARAMETERS_MAX {
+            return Err(Unwritable::TooManyParameters { count: parameters });
+        }
+        let length = u16::try_from(needed).map_err(|_| Unwritable::TooLong { bytes: needed })?;
+        let room = to.len();
+        let to = to
+            .get_mut(..needed)
+            .ok_or(Unwritable::NoRoom { needed, room })?;
+        let mut writer = Writer { to, at: 0 };
+        let Header {
+            version,
+            exercise,
+            family,
+            timestamp,
+            status,
+            padding,
+        } = self.header;
+        writer.put(&[version, exercise, self.body.pdu_type().0, family]);
+        writer.put(&timestamp.0.to_be_bytes());
+        writer.put(&length.to_be_bytes());
+        writer.put(&[status, padding]);
+        match &self.body {
+            Body::EntityState(state) => writer.entity_state(state),
+            Body::EntityStateUpdate(update) => writer.update(update),
+            Body::RemoveEntity(remove) => {
+                writer.entity_id(remove.originating);
+                writer.entity_id(remove.receiving);
+                writer.put(&remove.request.to_be_bytes());
+            }
+            Body::Other { bytes, .. } => writer.put(bytes),
+        }
+        debug_assert_eq!(writer.at, needed, "a pdu has the length that it says");
+        Ok(needed)
+    }
+}
+
+impl Body<'_> {
+    /// Its number in the header.
+    #[must_use]
+    pub const fn pdu_type(&self) -> PduType {
+        match self {
+            Self::EntityState(_) => PduType::ENTITY_STATE,
+            Self::EntityStateUpdate(_) => PduType::ENTITY_STATE_UPDATE,
+            Self::RemoveEntity(_) => PduType::REMOVE_ENTITY,
+            Self::Other { pdu_type, .. } => *pdu_type,
+        }
+    }
+}
+
+/// The length field of the PDU at the start of `bytes`, if all of it is there.
+fn frame_length(bytes: &[u8], offset: usize) -> Result<u16, Malformed> {
+    let available = bytes.len();
+    if available < HEADER_BYTES {
+        return Err(Malformed::CutHeader { offset, available });
+    }
+    let length = u16::from_be_bytes([bytes[LENGTH_OFFSET], bytes[LENGTH_OFFSET + 1]]);
+    if usize::from(length) < HEADER_BYTES {
+        return Err(Malformed::ShortLength { offset, length });
+    }
+    if usize::from(length) > available {
+        return Err(Malformed::Cut {
+            offset,
+            length,
+            available,
+        });
+    }
+    Ok(length)
+}
+
+/// Whether this type is understood; its length must then be that of its contents.
+fn check_length(
+    pdu_type: PduType,
+    frame: &[u8],
+    length: u16,
+    offset: usize,
+) -> Result<bool, Malformed> {
+    let with_parameters = |fixed: usize, count_at: usize| {
+        let count = frame.get(count_at).copied().map_or(0, usize::from);
+        fixed + PARAMETER_BYTES * count
+    };
+    let expected = match pdu_type {
+        PduType::ENTITY_STATE => with_parameters(ENTITY_STATE_BYTES, 19),
+        PduType::ENTITY_STATE_UPDATE => with_parameters(UPDATE_BYTES, 19),
+        PduType::REMOVE_ENTITY => REMOVE_BYTES,
+        _ => return Ok(false),
+    };
+    if usize::from(length) == expected {
+        Ok(true)
+    } else {
+        Err(Malformed::WrongLength {
+            offset,
+            pdu_type,
+            length,
+            expected,
+        })
+    }
+}
+
+/// The PDUs of a datagram, which may be a bundle of several.
+///
+/// Ends after the datagram, or at the first PDU whose length cannot be trusted. One that has the wrong length for its type
+/// is an error, and the next one follows it. Up to seven bytes of zeros that fill a PDU to a multiple of eight are skipped.
+#[derive(Clone, Debug)]
+pub struct Bundle<'a> {
+    datagram: &'a [u8],
+    offset: usize,
+}
+
+impl<'a> Bundle<'a> {
+    /// The PDUs of this datagram.
+    #[must_use]
+    pub const fn new(datagram: &'a [u8]) -> Self {
+        Self {
+            datagram,
+            offset: 0,
+        }
+    }
+
+    fn skip_filling(&mut self) {
+        let next = self.offset.next_multiple_of(8).min(self.datagram.len());
+        if self.datagram[self.offset..next]
+            .iter()
+            .all(|byte| *byte == 0)
+        {
+            self.offset = next;
+        }
+    }
+}
+
+impl<'a> Iterator for Bundle<'a> {
+    /// A PDU with its own bytes, or why there is none.
+    type Item = Result<(&'a [u8], Pdu<'a>), Malformed>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let rest = &self.datagram[self.offset..];
+        if rest.is_empty() {
+            return None;
+        }
+        let read = Pdu::decode_first(rest, self.offset);
+        let frame = match &read {
+            Ok((frame, _)) => *frame,
+            Err(Malformed::WrongLength { length, .. }) => usize::from(*length),
+            Err(_) => rest.len(),
+        };
+        self.offset += frame;
+        self.skip_filling();
+        Some(read.map(|(frame, pdu)| (&rest[..frame], pdu)))
+    }
+}
+
+/// Reads fields one after the other from bytes whose number has been checked.
+struct Fields<'a> {
+    rest: &'a [u8],
+}
+
+impl<'a> Fields<'a> {
+    fn bytes<const N: usize>(&mut self) -> [u8; N] {
+        let (first, rest) = self
+            .rest
+            .split_first_chunk()
+            .expect("the length was checked");
+        self.rest = rest;
+        *first
+    }
+
+    fn u8(&mut self) -> u8 {
+        let [byte] = self.bytes();
+        byte
+    }
+
+    fn u16(&mut self) -> u16 {
+        u16::from_be_bytes(self.bytes())
+    }
+
+    fn u32(&mut self) -> u32 {
+        u32::from_be_bytes(self.bytes())
+    }
+
+    fn floats(&mut self) -> [f32; 3] {
+        [(); 3].map(|()| f32::from_be_bytes(self.bytes()))
+    }
+
+    fn location(&mut self) -> DVec3 {
+        DVec3::from([(); 3].map(|()| f64::from_be_bytes(self.bytes())))
+    }
+
+    fn entity_id(&mut self) -> EntityId {
+        EntityId {
+            site: self.u16(),
+            application: self.u16(),
+            entity: self.u16(),
+        }
+    }
+
+    fn entity_type(&mut self) -> EntityType {
+        EntityType {
+            kind: self.u8(),
+            domain: self.u8(),
+            country: self.u16(),
+            category: self.u8(),
+            subcategory: self.u8(),
+            specific: self.u8(),
+            extra: self.u8(),
+        }
+    }
+
+    fn kinematics(&mut self) -> Kinematics {
+        Kinematics {
+            velocity: self.floats(),
+            location: self.location(),
+            orientation: self.floats(),
+            appearance: self.u32(),
+        }
+    }
+
+    fn parameters(&self) -> &'a [[u8; PARAMETER_BYTES]] {
+        self.rest.as_chunks().0
+    }
+
+    fn entity_state(&mut self) -> EntityState<'a> {
+        let id = self.entity_id();
+        let [force, _] = self.bytes();
+        EntityState {
+            id,
+            force,
+            entity_type: self.entity_type(),
+            alternative_type: self.entity_type(),
+            kinematics: self.kinematics(),
+            dead_reckoning: DeadReckoning {
+                model: self.u8(),
+                other: self.bytes(),
+                acceleration: self.floats(),
+                spin: self.floats(),
+            },
+            marking: Marking {
+                character_set: self.u8(),
+                text: self.bytes(),
+            },
+            capabilities: self.u32(),
+            parameters: self.parameters(),
+        }
+    }
+
+    fn update(&mut self) -> EntityStateUpdate<'a> {
+        let id = self.entity_id();
+        let [padding, _] = self.bytes();
+        let kinematics = self.kinematics();
+        EntityStateUpdate {
+            id,
+            padding,
+            kinematics,
+            parameters: self.parameters(),
+        }
+    }
+}
+
+/// Writes fields one after the other into room whose size has been checked.
+struct Writer<'a> {
+    to: &'a mut [u8],
+    at: usize,
+}
+
+impl Writer<'_> {
+    fn put(&mut self, bytes: &[u8]) {
+        self.to[self.at..self.at + bytes.len()].copy_from_slice(bytes);
+        self.at += bytes.len();
+    }
+
+    fn floats(&mut self, floats: [f32; 3]) {
+        floats
+            .iter()
+            .for_each(|float| self.put(&float.to_be_bytes()));
+    }
+
+    fn entity_id(&mut self, id: EntityId) {
+        for number in [id.site, id.application, id.entity] {
+            self.put(&number.to_be_bytes());
+        }
+    }
+
+    fn entity_type(&mut self, is: EntityType) {
+        self.put(&[is.kind, is.domain]);
+        self.put(&is.country.to_be_bytes());
+        self.put(&[is.category, is.subcategory, is.specific, is.extra]);
+    }
+
+    fn kinematics(&mut self, kinematics: &Kinematics) {
+        self.floats(kinematics.velocity);
+        for coordinate in kinematics.location.to_array() {
+            self.put(&coordinate.to_be_bytes());
+        }
+        self.floats(kinematics.orientation);
+        self.put(&kinematics.appearance.to_be_bytes());
+    }
+
+    fn entity_state(&mut self, state: &EntityState<'_>) {
+        self.entity_id(state.id);
+        self.put(&[state.force, state.parameters.len() as u8]);
+        self.entity_type(state.entity_type);
+        self.entity_type(state.alternative_type);
+        self.kinematics(&state.kinematics);
+        let DeadReckoning {
+            model,
+            other,
+            acceleration,
+            spin,
+        } = state.dead_reckoning;
+        self.put(&[model]);
+        self.put(&other);
+        self.floats(acceleration);
+        self.floats(spin);
+        self.put(&[state.marking.character_set]);
+        self.put(&state.marking.text);
+        self.put(&state.capabilities.to_be_bytes());
+        self.put(state.parameters.as_flattened());
+    }
+
+    fn update(&mut self, update: &EntityStateUpdate<'_>) {
+        self.entity_id(update.id);
+        self.put(&[update.padding, update.parameters.len() as u8]);
+        self.kinematics(&update.kinematics);
+        self.put(update.parameters.as_flattened());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// Bytes of a PDU that is well formed, with anything in its fields.
+    fn sound() -> impl Strategy<Value = Vec<u8>> {
+        let form = prop_oneof![
+            (0..4_usize).prop_map(|count| (1, count, ENTITY_STATE_BYTES + 16 * count)),
+            (0..4_usize).prop_map(|count| (67, count, UPDATE_BYTES + 16 * count)),
+            Just((12, 0, REMOVE_BYTES)),
+            (13..60_u8, 12..80_usize).prop_map(|(pdu_type, length)| (pdu_type, 0, length)),
+        ];
+        (form, 5..8_u8).prop_flat_map(|((pdu_type, count, length), version)| {
+            prop::collection::vec(any::<u8>(), length).prop_map(move |mut bytes| {
+                bytes[0] = version;
+                bytes[2] = pdu_type;
+                bytes[8..10].copy_from_slice(&(length as u16).to_be_bytes());
+                if pdu_type == 1 || pdu_type == 67 {
+                    bytes[19] = count as u8;
+                }
+                bytes
+            })
+        })
+    }
+
+    proptest! {
+        #[test]
+        fn what_is_read_is_written_again_bit_for_bit(bytes in sound()) {
+            let pdu = Pdu::decode(&bytes).expect("it is well formed");
+            let mut written = vec![0xa5; bytes.len() + 3];
+            prop_assert_eq!(pdu.encode(&mut written), Ok(bytes.len()));
+            prop_assert_eq!(&written[..bytes.len()], &bytes[..]);
+            prop_assert_eq!(&written[bytes.len()..], &[0xa5; 3]);
+            let room = bytes.len() - 1;
+            let refused = Unwritable::NoRoom { needed: bytes.len(), room };
+            prop_assert_eq!(pdu.encode(&mut written[..room]), Err(refused));
+        }
+
+        #[test]
+        fn every_cut_is_refused(bytes in sound(), cut in any::<prop::sample::Index>()) {
+            let left = cut.index(bytes.len());
+            let length = bytes.len() as u16;
+            let expected = if left < HEADER_BYTES {
+                Malformed::CutHeader { offset: 0, available: left }
+            } else {
+                Malformed::Cut { offset: 0, length, available: left }
+            };
+            prop_assert_eq!(Pdu::decode(&bytes[..left]), Err(expected));
+        }
+
+        #[test]
+        fn any_bytes_are_read_or_refused(bytes in prop::collection::vec(any::<u8>(), 0..400)) {
+            for read in Bundle::new(&bytes) {
+                match read {
+                    Ok((frame, pdu)) => {
+                        let mut written = vec![0; frame.len()];
+                        prop_assert_eq!(pdu.encode(&mut written), Ok(frame.len()));
+                        prop_assert_eq!(&written[..], frame);
+                    }
+                    Err(error) => prop_assert!(!error.to_string().is_empty()),
+                }
+            }
+        }
+
+        #[test]
+        fn a_bundle_gives_all_of_its_pdus(all in prop::collection::vec(sound(), 0..6)) {
+            let read: Result<Vec<_>, _> = Bundle::new(&all.concat()).map(|read| Ok(read?.0.to_vec())).collect();
+            prop_assert_eq!(read, Ok::<_, Malformed>(all));
+        }
+    }
+
+    fn state() -> Vec<u8> {
+        let mut bytes = vec![0; ENTITY_STATE_BYTES];
+        (bytes[0], bytes[2], bytes[9]) = (7, 1, 144);
+        bytes
+    }
+
+    #[test]
+    fn fields_are_where_the_standard_has_them() {
+        let parameters = [[7; 16]];
+        let pdu = Pdu {
+            header: Header::new(9, Timestamp(0x0102_0305)),
+            body: Body::EntityState(EntityState {
+                id: EntityId {
+                    site: 1,
+                    application: 2,
+                    entity: 3,
+                },
+                force: 1,
+                entity_type: EntityType {
+                    kind: 1,
+                    domain: 2,
+                    country: 225,
+                    category: 4,
+                    subcategory: 5,
+                    specific: 6,
+                    extra: 7,
+                },
+                alternative_type: EntityType {
+                    extra: 8,
+                    ..EntityType::default()
+                },
+                kinematics: Kinematics {
+                    velocity: [1.0, 2.0, 3.0],
+                    location: DVec3::new(4.0, 5.0, 6.0),
+                    orientation: [0.5, 0.25, 0.125],
+                    appearance: FROZEN,
+                },
+                dead_reckoning: DeadReckoning {
+                    model: 4,
+                    other: [9; 15],
+                    acceleration: [7.0, 8.0, 9.0],
+                    spin: [10.0, 11.0, 12.0],
+                },
+                marking: Marking::ascii("RHUMB-é"),
+                capabilities: 0xdead_beef,
+                parameters: &parameters,
+            }),
+        };
+        let mut bytes = [0; 160];
+        assert_eq!(pdu.encode(&mut bytes), Ok(160));
+        assert_eq!(bytes[..12], [7, 9, 1, 1, 1, 2, 3, 5, 0, 160, 0, 0]);
+        assert_eq!(bytes[12..20], [0, 1, 0, 2, 0, 3, 1, 1]);
+        assert_eq!(bytes[20..28], [1, 2, 0, 225, 4, 5, 6, 7]);
+        assert_eq!(bytes[35], 8);
+        assert_eq!(bytes[36..40], 1.0_f32.to_be_bytes());
+        assert_eq!(bytes[48..56], 4.0_f64.to_be_bytes());
+        assert_eq!(bytes[72..76], 0.5_f32.to_be_bytes());
+        assert_eq!(bytes[84..90], [0, 0x20, 0, 0, 4, 9]);
+        assert_eq!(bytes[104..108], 7.0_f32.to_be_bytes());
+        assert_eq!(bytes[116..120], 10.0_f32.to_be_bytes());
+        assert_eq!(&bytes[128..140], b"\x01RHUMB-?\0\0\0\0");
+        assert_eq!(bytes[140..144], [0xde, 0xad, 0xbe, 0xef]);
+        assert_eq!(bytes[144..], [7; 16]);
+        assert_eq!(Pdu::decode(&bytes), Ok(pdu));
+    }
+
+    #[test]
+    fn a_wrong_length_names_its_value_its_limit_and_its_place() {
+        let mut bytes = state();
+        bytes[19] = 1;
+        let error = Pdu::decode(&bytes).expect_err("a parameter is missing");
+        let text = "length 144 at byte 8 is not the 160 bytes of this pdu of type 1";
+        assert_eq!(error.to_string(), text);
+        bytes[9] = 11;
+        let error = Pdu::decode(&bytes).expect_err("no room for a header");
+        assert_eq!(
+            error.to_string(),
+            "length 11 at byte 8 is less than the 12 bytes of a header"
+        );
+        bytes[9] = 150;
+        let error = Pdu::decode(&bytes).expect_err("six bytes are missing");
+        assert_eq!(
+            error.to_string(),
+            "pdu at byte 0 is cut: its length is 150, 144 bytes are left"
+        );
+        let more = [state(), vec![0; 4]].concat();
+        let error = Pdu::decode(&more).expect_err("four bytes follow");
+        assert_eq!(
+            error.to_string(),
+            "4 bytes follow the only pdu, from byte 144 on; a bundle is read as one"
+        );
+        let error = Pdu::decode(&bytes[..5]).expect_err("no header");
+        assert_eq!(
+            error.to_string(),
+            "pdu at byte 0 is cut: 5 bytes are left, its header has 12"
+        );
+    }
+
+    #[test]
+    fn a_bad_pdu_costs_a_bundle_only_itself() {
+        let mut bad = state();
+        bad[19] = 3;
+        let bundle = [state(), bad, state(), vec![7, 0, 1]].concat();
+        let read: Vec<_> = Bundle::new(&bundle)
+            .map(|read| read.map(|(_, pdu)| pdu.body.pdu_type()))
+            .collect();
+        assert_eq!(read[0], Ok(PduType::ENTITY_STATE));
+        assert!(matches!(
+            read[1],
+            Err(Malformed::WrongLength {
+                offset: 144,
+                expected: 192,
+                ..
+            })
+        ));
+        assert_eq!(read[2], Ok(PduType::ENTITY_STATE));
+        assert_eq!(
+            read[3],
+            Err(Malformed::CutHeader {
+                offset: 432,
+                available: 3
+            })
+        );
+        assert_eq!(read.len(), 4);
+    }
+
+    #[test]
+    fn zeros_that_fill_up_to_eight_bytes_are_no_pdu() {
+        let mut remove = vec![0; REMOVE_BYTES];
+        (remove[0], remove[2], remove[9]) = (7, 12, 28);
+        let filled = [remove.clone(), vec![0; 4], state()].concat();
+        assert_eq!(Bundle::new(&filled).filter(Result::is_ok).count(), 2);
+        assert_eq!(
+            Bundle::new(&[remove.clone(), vec![0; 4]].concat()).count(),
+            1
+        );
+        assert!(Bundle::new(&[state(), vec![0; 4]].concat()).any(|read| read.is_err()));
+        assert!(Bundle::new(&[remove, vec![0, 0, 0, 1]].concat()).any(|read| read.is_err()));
+    }
+
+    #[test]
+    fn versions_and_types_that_are_not_understood_pass_as_they_are() {
+        let mut bytes = state();
+        bytes[0] = 8;
+        bytes[19] = 200;
+        let pdu = Pdu::decode(&bytes).expect("its length is right");
+        assert!(matches!(
+            pdu.body,
+            Body::Other {
+                pdu_type: PduType::ENTITY_STATE,
+                ..
+            }
+        ));
+    }
+}
