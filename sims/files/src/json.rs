@@ -1,0 +1,786 @@
+//! Rhumb's own scene file: JSON, read and written.
+//!
+//! `docs/book/src/scene-files.md` describes it. Fields that no version has are noted. Invariant: what is written reads
+//! back as the same scene, to the bit.
+
+use std::collections::BTreeMap;
+
+use glam::{Quat, Vec3};
+use rhumb_protocol::limits::{BODIES_MAX, JOINTS_MAX};
+use rhumb_protocol::scene::{
+    BodyBuilder, BodyDesc, BodyKind, CollisionGroups, Compound, Heights, Hull, Invalid, Joint,
+    JointFrame, JointKind, JointLimits, LockedAxes, Mass, Material, Mesh, Motor, Part, SceneConfig,
+    Shape, ShapeId, Spring,
+};
+use rhumb_reckoning::{BodyId, Damping};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use crate::assemble::{LoadedBody, LoadedJoint, LoadedScene, rate};
+use crate::error::{LoadError, Place, Problem};
+use crate::model::LoadOptions;
+use crate::report::{Effect, Report};
+
+/// Newest version of the format.
+const VERSION: u32 = 1;
+
+/// A scene as JSON: metres, seconds, kilograms; rotations are quaternions x, y, z, w; y points up.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct SceneFile {
+    /// Version of the format: one.
+    pub version: u32,
+    /// Its name.
+    pub scene: String,
+    /// Seed of the script that placed its bodies.
+    pub seed: u64,
+    /// m/s².
+    pub gravity: [f32; 3],
+    /// Duration of a tick, seconds.
+    pub step_s: f64,
+    /// Steps of the engine in a tick.
+    pub substeps: u32,
+    /// Friction of bodies that have none of their own.
+    pub friction: f32,
+    /// Restitution of bodies that have none of their own.
+    pub restitution: f32,
+    /// kg/m³ of bodies that have none of their own.
+    pub density: f32,
+    /// 1/s.
+    pub linear_damping: f32,
+    /// 1/s.
+    pub angular_damping: f32,
+    /// The bodies.
+    pub bodies: Vec<SceneFileBody>,
+    /// The joints.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub joints: Vec<SceneFileJoint>,
+    /// Fields that no version has.
+    #[serde(flatten)]
+    pub other: BTreeMap<String, Value>,
+}
+
+impl Default for SceneFile {
+    fn default() -> Self {
+        let config = SceneConfig::default();
+        Self {
+            version: VERSION,
+            scene: "scene".to_owned(),
+            seed: 0,
+            gravity: config.gravity.to_array(),
+            step_s: config.integrator.rate.step().seconds(),
+            substeps: config.integrator.substeps.get(),
+            friction: config.material.friction,
+            restitution: config.material.restitution,
+            density: config.material.density,
+            linear_damping: config.damping.linear,
+            angular_damping: config.damping.angular,
+            bodies: Vec::new(),
+            joints: Vec::new(),
+            other: BTreeMap::new(),
+        }
+    }
+}
+
+/// A body and its start. Its pose is that of its centre of mass.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SceneFileBody {
+    /// Its name.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub name: String,
+    /// The body is placed before the step that follows this tick.
+    #[serde(default)]
+    pub tick: u64,
+    /// True if the engine moves it.
+    pub dynamic: bool,
+    /// True if its member moves it; neither is a fixed one.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub kinematic: bool,
+    /// Its shape.
+    pub shape: SceneFileShape,
+    /// Metres.
+    pub position: [f32; 3],
+    /// Body → world.
+    #[serde(default = "identity")]
+    pub rotation: [f32; 4],
+    /// m/s.
+    #[serde(default)]
+    pub linear: [f32; 3],
+    /// rad/s about world axes.
+    #[serde(default)]
+    pub angular: [f32; 3],
+    /// kg, in place of volume times density.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mass: Option<f32>,
+    /// kg·m² about its axes, in place of those of its shape.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub moments: Option<[f32; 3]>,
+    /// Friction, restitution and density (kg/m³), in place of the scene's.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub material: Option<[f32; 3]>,
+    /// Linear and angular damping, 1/s, in place of the scene's.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub damping: Option<[f32; 2]>,
+    /// Factor on gravity.
+    #[serde(default = "one", skip_serializing_if = "is_one")]
+    pub gravity_scale: f32,
+    /// Bits of its groups, and of those that it touches.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub groups: Option<[u32; 2]>,
+    /// Fields that no version has.
+    #[serde(flatten)]
+    pub other: BTreeMap<String, Value>,
+}
+
+fn is_false(value: &bool) -> bool {
+    !value
+}
+
+const fn identity() -> [f32; 4] {
+    [0.0, 0.0, 0.0, 1.0]
+}
+
+const fn one() -> f32 {
+    1.0
+}
+
+fn is_one(value: &f32) -> bool {
+    value.to_bits() == 1.0_f32.to_bits()
+}
+
+/// A shape, from the centre of mass of its body; long axes along y.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+#[expect(missing_docs, reason = "the fields are those of the protocol's shapes")]
+pub enum SceneFileShape {
+    /// A sphere.
+    Ball { radius: f32 },
+    /// A box.
+    Cuboid { half_extents: [f32; 3] },
+    /// A capsule along y.
+    Capsule { half_height: f32, radius: f32 },
+    /// A cylinder along y.
+    Cylinder { half_height: f32, radius: f32 },
+    /// A cone with its tip along y.
+    Cone { half_height: f32, radius: f32 },
+    /// A box with round edges.
+    RoundedCuboid { half_extents: [f32; 3], radius: f32 },
+    /// The convex hull of points.
+    Hull { points: Vec<[f32; 3]> },
+    /// Triangles, for fixed bodies.
+    Mesh {
+        points: Vec<[f32; 3]>,
+        triangles: Vec<[u32; 3]>,
+    },
+    /// Heights row by row, as many in each row, for fixed bodies.
+    Heights {
+        rows: u32,
+        row_spacing: f32,
+        column_spacing: f32,
+        heights: Vec<f32>,
+    },
+    /// Everything behind a plane, for fixed bodies.
+    HalfSpace { normal: [f32; 3] },
+    /// Several shapes as one.
+    Compound { parts: Vec<SceneFilePart> },
+}
+
+/// A part of a compound.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneFilePart {
+    /// Metres, in the body's axes.
+    pub position: [f32; 3],
+    /// Part → body.
+    #[serde(default = "identity")]
+    pub rotation: [f32; 4],
+    /// Its shape; no compound.
+    pub shape: SceneFileShape,
+}
+
+/// A joint of two bodies.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SceneFileJoint {
+    /// Its name.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub name: String,
+    /// Places of its bodies in the list, from zero.
+    pub bodies: [usize; 2],
+    /// Its free motions.
+    pub kind: SceneFileJointKind,
+    /// Position and rotation (frame → body) of its frame in each body, from the centre of mass.
+    pub frames: [SceneFileFrame; 2],
+    /// True if the bodies also collide with each other.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub collide: bool,
+    /// Motors of axes 0 to 5: translations along x, y, z, then turns about them.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub motors: BTreeMap<u8, SceneFileMotor>,
+    /// Fields that no version has.
+    #[serde(flatten)]
+    pub other: BTreeMap<String, Value>,
+}
+
+/// Frame of a joint in one of its bodies.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneFileFrame {
+    /// Metres.
+    pub position: [f32; 3],
+    /// Frame → body.
+    #[serde(default = "identity")]
+    pub rotation: [f32; 4],
+}
+
+/// Free motions of a joint: radians or metres.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+#[expect(missing_docs, reason = "the fields are those of the protocol's joints")]
+pub enum SceneFileJointKind {
+    /// None.
+    Fixed,
+    /// Every turn.
+    Spherical { limits: Option<[[f32; 2]; 3]> },
+    /// The turn about x.
+    Revolute { limits: Option<[f32; 2]> },
+    /// The displacement along x.
+    Prismatic { limits: Option<[f32; 2]> },
+    /// Everything within a distance.
+    Rope { length: f32 },
+    /// Everything against a spring.
+    Spring {
+        length: f32,
+        stiffness: f32,
+        damping: f32,
+    },
+    /// Axes that are not among the locked bits.
+    Generic {
+        locked: u8,
+        limits: [Option<[f32; 2]>; 6],
+    },
+}
+
+/// A motor of an axis.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneFileMotor {
+    /// Metres or radians.
+    pub position: f32,
+    /// m/s or rad/s.
+    pub velocity: f32,
+    /// 1/s².
+    pub stiffness: f32,
+    /// 1/s.
+    pub damping: f32,
+    /// N or N·m.
+    pub force: f32,
+}
+
+/// Reads a scene.
+pub(crate) fn read(
+    path: &str,
+    text: &str,
+    options: &LoadOptions,
+) -> Result<LoadedScene, LoadError> {
+    let file: SceneFile =
+        serde_json::from_str(text.trim_start_matches('\u{feff}')).map_err(|error| {
+            let line = u32::try_from(error.line()).ok();
+            let place = Place {
+                file: path.to_owned(),
+                line,
+            };
+            let problem = Problem::Syntax(error.to_string());
+            LoadError { place, problem }
+        })?;
+    file.load(path, options)
+}
+
+impl SceneFile {
+    fn load(&self, path: &str, options: &LoadOptions) -> Result<LoadedScene, LoadError> {
+        let place = Place::of(path);
+        let wrong = |problem| LoadError {
+            place: place.clone(),
+            problem,
+        };
+        if self.version == 0 || self.version > VERSION {
+            return Err(wrong(Problem::Unsupported(
+                "a version above 1 of the JSON scene",
+            )));
+        }
+        let counts = [
+            ("bodies", self.bodies.len(), BODIES_MAX),
+            ("joints", self.joints.len(), JOINTS_MAX),
+        ];
+        for (what, found, most) in counts {
+            let most = most as usize;
+            if found > most {
+                return Err(wrong(Problem::TooMany { what, found, most }));
+            }
+        }
+        let mut report = Report::default();
+        note(&self.other, "the scene", &place, &mut report);
+        let config = self.config().ok_or_else(|| {
+            let name = format!("step_s {} and substeps {}", self.step_s, self.substeps);
+            let rule = "a step is a whole part of a second or of some seconds, of 1 to 16 substeps";
+            wrong(Problem::Senseless { name, rule })
+        })?;
+        let refused = |name: String, invalid| wrong(Problem::Refused { name, invalid });
+        config
+            .check()
+            .map_err(|invalid| refused("the scene".to_owned(), invalid))?;
+        let mut scene = LoadedScene {
+            name: self.scene.clone(),
+            config,
+            bodies: Vec::with_capacity(self.bodies.len()),
+            joints: Vec::with_capacity(self.joints.len()),
+            report: Report::default(),
+        };
+        for (number, body) in self.bodies.iter().enumerate() {
+            let name = title("body", number, &body.name);
+            note(&body.other, &name, &place, &mut report);
+            let body = body.load(options);
+            scene
+                .bodies
+                .push(body.map_err(|invalid| refused(name, invalid))?);
+        }
+        for (number, joint) in self.joints.iter().enumerate() {
+            let name = title("joint", number, &joint.name);
+            note(&joint.other, &name, &place, &mut report);
+            if joint.bodies.iter().any(|place| *place >= self.bodies.len()) {
+                let name = format!("{:?} of {name}", joint.bodies);
+                return Err(wrong(Problem::UnknownName { what: "body", name }));
+            }
+            let joint = joint.load();
+            scene
+                .joints
+                .push(joint.map_err(|invalid| refused(name, invalid))?);
+        }
+        scene.report = report;
+        Ok(scene)
+    }
+
+    fn config(&self) -> Option<SceneConfig> {
+        let mut config = SceneConfig {
+            gravity: Vec3::from_array(self.gravity),
+            material: Material {
+                friction: self.friction,
+                restitution: self.restitution,
+                density: self.density,
+            },
+            damping: Damping {
+                linear: self.linear_damping,
+                angular: self.angular_damping,
+            },
+            ..SceneConfig::default()
+        };
+        config.integrator.rate = rate(self.step_s)?;
+        config.integrator.substeps = std::num::NonZeroU32::new(self.substeps)?;
+        Some(config)
+    }
+
+    /// A scene as a file.
+    #[must_use]
+    pub fn of(scene: &LoadedScene) -> Self {
+        let config = &scene.config;
+        Self {
+            scene: scene.name.clone(),
+            gravity: config.gravity.to_array(),
+            step_s: config.integrator.rate.step().seconds(),
+            substeps: config.integrator.substeps.get(),
+            friction: config.material.friction,
+            restitution: config.material.restitution,
+            density: config.material.density,
+            linear_damping: config.damping.linear,
+            angular_damping: config.damping.angular,
+            bodies: scene.bodies.iter().map(SceneFileBody::of).collect(),
+            joints: scene.joints.iter().map(SceneFileJoint::of).collect(),
+            ..Self::default()
+        }
+    }
+}
+
+fn title(what: &str, number: usize, name: &str) -> String {
+    match name.is_empty() {
+        true => format!("{what} {number}"),
+        false => format!("{what} {number} \"{name}\""),
+    }
+}
+
+/// Notes fields that no version has.
+fn note(other: &BTreeMap<String, Value>, of: &str, place: &Place, report: &mut Report) {
+    for (name, value) in other {
+        let why = "no version of the format has this field";
+        let value: String = value.to_string().chars().take(60).collect();
+        report.add(place, format!("{name} of {of}"), value, Effect::Left, why);
+    }
+}
+
+impl SceneFileBody {
+    fn load(&self, options: &LoadOptions) -> Result<LoadedBody, Invalid> {
+        let kind = match (self.kinematic, self.dynamic) {
+            (true, _) => BodyKind::Kinematic,
+            (false, true) => BodyKind::Dynamic,
+            (false, false) => BodyKind::Fixed,
+        };
+        let mut desc = BodyDesc::plain(BodyId::new(0, 0), kind, ShapeId(0));
+        desc.material = self
+            .material
+            .map(|[friction, restitution, density]| Material {
+                friction,
+                restitution,
+                density,
+            });
+        desc.damping = self
+            .damping
+            .map(|[linear, angular]| Damping { linear, angular });
+        desc.gravity_scale = self.gravity_scale;
+        let moments = self.moments.map(Vec3::from_array);
+        desc.mass = self.mass.map(|mass| Mass { mass, moments });
+        if let Some([members, touches]) = self.groups {
+            desc.groups = CollisionGroups { members, touches };
+        }
+        let place = |at: [f32; 3]| options.position + options.rotation * Vec3::from_array(at);
+        let turned = |at: [f32; 3]| options.rotation * Vec3::from_array(at);
+        let builder = BodyBuilder::of(desc, self.shape.load()?);
+        let rotation = match options.rotation == Quat::IDENTITY {
+            true => Quat::from_array(self.rotation),
+            false => options.rotation * Quat::from_array(self.rotation),
+        };
+        let builder = builder.position(place(self.position)).rotation(rotation);
+        let builder = builder.linear_velocity(turned(self.linear));
+        let builder = builder.angular_velocity(turned(self.angular));
+        builder.check()?;
+        Ok(LoadedBody {
+            name: self.name.clone(),
+            builder,
+            tick: self.tick,
+            frame_position: Vec3::ZERO,
+            frame_rotation: Quat::IDENTITY,
+        })
+    }
+
+    fn of(body: &LoadedBody) -> Self {
+        let desc = body.builder.desc(BodyId::new(0, 0), ShapeId(0));
+        let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = (body.builder.state())
+            .expect("a loaded body was checked")
+            .parts();
+        let groups = desc.groups;
+        Self {
+            name: body.name.clone(),
+            tick: body.tick,
+            dynamic: desc.kind == BodyKind::Dynamic,
+            kinematic: desc.kind == BodyKind::Kinematic,
+            shape: SceneFileShape::of(body.builder.shape()),
+            position: [px, py, pz],
+            rotation: [x, y, z, w],
+            linear: [vx, vy, vz],
+            angular: [wx, wy, wz],
+            mass: desc.mass.map(|mass| mass.mass),
+            moments: desc
+                .mass
+                .and_then(|mass| mass.moments)
+                .map(|at| at.to_array()),
+            material: (desc.material).map(|own| [own.friction, own.restitution, own.density]),
+            damping: desc.damping.map(|own| [own.linear, own.angular]),
+            gravity_scale: desc.gravity_scale,
+            groups: (groups != CollisionGroups::ALL).then_some([groups.members, groups.touches]),
+            other: BTreeMap::new(),
+        }
+    }
+}
+
+impl SceneFileShape {
+    fn load(&self) -> Result<Shape, Invalid> {
+        let points = |points: &[[f32; 3]]| -> Vec<_> {
+            points.iter().map(|at| Vec3::from_array(*at)).collect()
+        };
+        Ok(match *self {
+            Self::Ball { radius } => Shape::ball(radius),
+            Self::Cuboid { half_extents } => Shape::Cuboid {
+                half_extents: Vec3::from_array(half_extents),
+            },
+            Self::Capsule {
+                half_height,
+                radius,
+            } => Shape::capsule(half_height, radius),
+            Self::Cylinder {
+                half_height,
+                radius,
+            } => Shape::cylinder(half_height, radius),
+            Self::Cone {
+                half_height,
+                radius,
+            } => Shape::cone(half_height, radius),
+            Self::RoundedCuboid {
+                half_extents,
+                radius,
+            } => Shape::RoundedCuboid {
+                half_extents: Vec3::from_array(half_extents),
+                radius,
+            },
+            Self::Hull { points: ref own } => Shape::Hull(Hull::new(&points(own))?),
+            Self::Mesh {
+                points: ref own,
+                ref triangles,
+            } => Shape::Mesh(Mesh::new(&points(own), triangles)?),
+            Self::Heights {
+                rows,
+                row_spacing,
+                column_spacing,
+                ref heights,
+            } => Shape::Heights(Heights::new(rows, row_spacing, column_spacing, heights)?),
+            Self::HalfSpace { normal } => Shape::HalfSpace {
+                normal: Vec3::from_array(normal),
+            },
+            Self::Compound { ref parts } => {
+                let part = |part: &SceneFilePart| -> Result<_, Invalid> {
+                    Ok(Part {
+                        position: Vec3::from_array(part.position),
+                        rotation: Quat::from_array(part.rotation),
+                        shape: part.shape.load()?,
+                    })
+                };
+                let parts: Result<_, _> = parts.iter().map(part).collect();
+                Shape::Compound(Compound::new(parts?)?)
+            }
+        })
+    }
+
+    /// A shape as the file has it.
+    #[must_use]
+    pub fn of(shape: &Shape) -> Self {
+        match shape {
+            Shape::Ball { radius } => Self::Ball { radius: *radius },
+            Shape::Cuboid { half_extents } => Self::Cuboid {
+                half_extents: half_extents.to_array(),
+            },
+            &Shape::Capsule {
+                half_height,
+                radius,
+            } => Self::Capsule {
+                half_height,
+                radius,
+            },
+            &Shape::Cylinder {
+                half_height,
+                radius,
+            } => Self::Cylinder {
+                half_height,
+                radius,
+            },
+            &Shape::Cone {
+                half_height,
+                radius,
+            } => Self::Cone {
+                half_height,
+                radius,
+            },
+            Shape::RoundedCuboid {
+                half_extents,
+                radius,
+            } => Self::RoundedCuboid {
+                half_extents: half_extents.to_array(),
+                radius: *radius,
+            },
+            Shape::Hull(hull) => Self::Hull {
+                points: hull.points().iter().map(Vec3::to_array).collect(),
+            },
+            Shape::Mesh(mesh) => Self::Mesh {
+                points: mesh.points().iter().map(Vec3::to_array).collect(),
+                triangles: mesh.triangles().to_vec(),
+            },
+            Shape::Heights(heights) => Self::Heights {
+                rows: heights.rows(),
+                row_spacing: heights.row_spacing(),
+                column_spacing: heights.column_spacing(),
+                heights: heights.heights().to_vec(),
+            },
+            Shape::HalfSpace { normal } => Self::HalfSpace {
+                normal: normal.to_array(),
+            },
+            Shape::Compound(compound) => {
+                let part = |part: &Part| SceneFilePart {
+                    position: part.position.to_array(),
+                    rotation: part.rotation.to_array(),
+                    shape: Self::of(&part.shape),
+                };
+                let parts = compound.parts().iter().map(part).collect();
+                Self::Compound { parts }
+            }
+        }
+    }
+}
+
+const fn limits([least, most]: [f32; 2]) -> JointLimits {
+    JointLimits { least, most }
+}
+
+const fn pair(limits: JointLimits) -> [f32; 2] {
+    [limits.least, limits.most]
+}
+
+impl SceneFileJoint {
+    fn load(&self) -> Result<LoadedJoint, Invalid> {
+        let kind = match self.kind {
+            SceneFileJointKind::Fixed => JointKind::Fixed,
+            SceneFileJointKind::Spherical { limits: own } => {
+                JointKind::Spherical(own.map(|all| all.map(limits)))
+            }
+            SceneFileJointKind::Revolute { limits: own } => JointKind::Revolute(own.map(limits)),
+            SceneFileJointKind::Prismatic { limits: own } => JointKind::Prismatic(own.map(limits)),
+            SceneFileJointKind::Rope { length } => JointKind::Rope(length),
+            SceneFileJointKind::Spring {
+                length,
+                stiffness,
+                damping,
+            } => JointKind::Spring(Spring {
+                length,
+                stiffness,
+                damping,
+            }),
+            SceneFileJointKind::Generic {
+                locked,
+                limits: own,
+            } => {
+                let locked = LockedAxes::new(locked & 63).unwrap_or(LockedAxes::NONE);
+                JointKind::Generic(locked, own.map(|one| one.map(limits)))
+            }
+        };
+        let frames = (self.frames.each_ref()).map(|frame| JointFrame {
+            anchor: Vec3::from_array(frame.position),
+            rotation: Quat::from_array(frame.rotation),
+        });
+        let mut joint = Joint::plain(kind, [BodyId::new(0, 0); 2], frames);
+        joint.collide = self.collide;
+        for (axis, motor) in &self.motors {
+            let Some(place) = joint.motors.get_mut(usize::from(*axis)) else {
+                continue;
+            };
+            *place = Some(Motor {
+                position: motor.position,
+                velocity: motor.velocity,
+                stiffness: motor.stiffness,
+                damping: motor.damping,
+                force: motor.force,
+            });
+        }
+        joint.check()?;
+        Ok(LoadedJoint {
+            name: self.name.clone(),
+            bodies: self.bodies,
+            joint,
+        })
+    }
+
+    fn of(one: &LoadedJoint) -> Self {
+        let kind = match one.joint.kind {
+            JointKind::Fixed => SceneFileJointKind::Fixed,
+            JointKind::Spherical(own) => SceneFileJointKind::Spherical {
+                limits: own.map(|all| all.map(pair)),
+            },
+            JointKind::Revolute(own) => SceneFileJointKind::Revolute {
+                limits: own.map(pair),
+            },
+            JointKind::Prismatic(own) => SceneFileJointKind::Prismatic {
+                limits: own.map(pair),
+            },
+            JointKind::Rope(length) => SceneFileJointKind::Rope { length },
+            JointKind::Spring(own) => SceneFileJointKind::Spring {
+                length: own.length,
+                stiffness: own.stiffness,
+                damping: own.damping,
+            },
+            JointKind::Generic(locked, own) => SceneFileJointKind::Generic {
+                locked: locked.bits(),
+                limits: own.map(|one| one.map(pair)),
+            },
+        };
+        let motor = |(axis, motor): (usize, &Option<Motor>)| {
+            let motor = motor.as_ref()?;
+            let own = SceneFileMotor {
+                position: motor.position,
+                velocity: motor.velocity,
+                stiffness: motor.stiffness,
+                damping: motor.damping,
+                force: motor.force,
+            };
+            Some((axis as u8, own))
+        };
+        Self {
+            name: one.name.clone(),
+            bodies: one.bodies,
+            kind,
+            frames: one.joint.frames.map(|frame| SceneFileFrame {
+                position: frame.anchor.to_array(),
+                rotation: frame.rotation.to_array(),
+            }),
+            collide: one.joint.collide,
+            motors: one
+                .joint
+                .motors
+                .iter()
+                .enumerate()
+                .filter_map(motor)
+                .collect(),
+            other: BTreeMap::new(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::files::MemoryFiles;
+    use crate::load::load_text;
+
+    fn load(text: &str) -> Result<LoadedScene, LoadError> {
+        load_text(
+            &MemoryFiles::default(),
+            "scene.json",
+            text,
+            &LoadOptions::default(),
+        )
+    }
+
+    const ARM: &str = "<robot name='arm'><link name='world'/>\
+        <link name='a'><inertial><origin xyz='0.1 0 0.2' rpy='1 2 3'/><mass value='2'/><inertia ixx='.1' iyy='.2' izz='.25'/></inertial>\
+        <collision><geometry><box size='1 2 3'/></geometry></collision></link>\
+        <joint name='j' type='revolute'><parent link='world'/><child link='a'/><axis xyz='1 1 0'/>\
+        <limit lower='-5' upper='.5'/><dynamics damping='.1'/></joint></robot>";
+
+    #[test]
+    fn a_robot_written_as_json_reads_back_to_the_bit() {
+        let robot = load(ARM).expect("a robot");
+        let file = SceneFile::of(&robot);
+        let text = serde_json::to_string(&file).expect("numbers are finite");
+        let again = load(&text).expect("it was written here");
+        let ids = crate::assemble::FreeIds::default();
+        assert_eq!(again.commands(ids), robot.commands(ids));
+        assert_eq!(again.config, robot.config);
+        assert!(again.report.is_empty());
+    }
+
+    #[test]
+    fn unknown_fields_are_noted_and_wrong_ones_refused_by_name() {
+        let body = |more: &str| {
+            format!(
+                "{{\"version\": 1, \"bodies\": [{{\"dynamic\": true, \"shape\": {{\"ball\": {{\"radius\": 0.5}}}}, \"position\": [0, 1, 0]{more}}}]}}"
+            )
+        };
+        let scene = load(&body(", \"colour\": \"red\"")).expect("a ball");
+        assert_eq!(scene.report.notes()[0].subject, "colour of body 0");
+        for (text, word) in [
+            (body(", \"mass\": -1"), "body 0: mass is -1"),
+            (body(", \"mass\": 1e60"), "mass"),
+            (body(", \"mass\": \"much\""), "invalid type"),
+            (body("").replace("0.5", "0"), "radius of a ball"),
+            (body("").replace(": 1,", ": 2,"), "version above 1"),
+            (body("").replace("}]}", "}], \"step_s\": 0}"), "step_s"),
+            (body("")[..60].to_owned(), "EOF"),
+            (body("").replace("}]}", "}], \"joints\": [{\"bodies\": [0, 7], \"kind\": \"fixed\", \"frames\": [{\"position\": [0,0,0]}, {\"position\": [0,0,0]}]}]}"), "no body"),
+        ] {
+            let sentence = load(&text).expect_err("it is wrong").to_string();
+            assert!(sentence.starts_with("scene.json") && sentence.contains(word), "{text}\n{sentence}");
+        }
+    }
+}

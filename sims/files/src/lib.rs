@@ -1,0 +1,33 @@
+//! Robots and scenes from files: URDF, MJCF, meshes and Rhumb's own JSON.
+//!
+//! A file becomes a [`LoadedScene`]: shapes, bodies and joints as ordinary commands, so that the wire does not know of
+//! files. What a file says and a scene has not is listed in its [`Report`]; nothing is dropped in silence. The crate
+//! opens no file itself: it asks a [`Files`]. Invariants: no input panics; depth, sizes and numbers are bounded; an
+//! error names the file and the line.
+#![forbid(unsafe_code)]
+
+mod assemble;
+mod error;
+mod files;
+mod inertia;
+mod json;
+mod load;
+mod masses;
+mod mesh;
+mod mjcf;
+mod model;
+mod report;
+mod solid;
+mod urdf;
+mod xml;
+
+pub use assemble::{FreeIds, LoadedBody, LoadedJoint, LoadedScene};
+pub use error::{LoadError, Place, Problem};
+pub use files::{FileError, Files, Folder, MemoryFiles};
+pub use json::{
+    SceneFile, SceneFileBody, SceneFileFrame, SceneFileJoint, SceneFileJointKind, SceneFileMotor,
+    SceneFilePart, SceneFileShape,
+};
+pub use load::{load, load_text};
+pub use model::{Base, LoadOptions, OwnContacts, UpAxis};
+pub use report::{Effect, Note, Report};

@@ -1,0 +1,346 @@
+//! Triangle meshes from STL and OBJ, their mass and their hulls.
+//!
+//! Texts and bytes are read by `stl_io` and `tobj`; counts are checked before either sees a file. Invariant: every
+//! coordinate is finite, every triangle names points that exist.
+
+use std::io::Cursor;
+
+use glam::{DMat3, DVec3, Vec3};
+use rhumb_protocol::limits::HULL_POINTS_MAX;
+use rhumb_protocol::scene::{Hull, Invalid};
+
+use crate::error::Problem;
+use crate::files::Files;
+use crate::inertia::Inertia;
+
+/// Bytes of a mesh file.
+const MESH_BYTES_MAX: usize = 128 << 20;
+/// Triangles of a mesh file.
+const MESH_TRIANGLES_MAX: usize = 2_000_000;
+/// A mesh with more points is thinned out before its corners are searched.
+const SEARCHED_POINTS_MAX: usize = 5_000;
+
+/// Points and triangles, metres after scaling.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct TriangleMesh {
+    pub(crate) points: Vec<DVec3>,
+    pub(crate) triangles: Vec<[u32; 3]>,
+}
+
+/// Ending of a file's name, in small letters.
+pub(crate) fn ending(path: &str) -> String {
+    let end = path.rsplit_once('.').map_or("", |(_, end)| end);
+    end.to_ascii_lowercase()
+}
+
+/// True if a reader for such a mesh exists.
+pub(crate) fn is_read(path: &str) -> bool {
+    matches!(ending(path).as_str(), "stl" | "obj")
+}
+
+/// Reads a mesh file.
+pub(crate) fn read(files: &dyn Files, path: &str) -> Result<TriangleMesh, Problem> {
+    let bytes = files.read(path, MESH_BYTES_MAX).map_err(Problem::File)?;
+    let mesh = match ending(path).as_str() {
+        "stl" => stl(bytes)?,
+        "obj" => obj(&bytes)?,
+        _ => return Err(Problem::UnknownFormat(path.to_owned())),
+    };
+    check(mesh)
+}
+
+/// Checks what every mesh must keep.
+fn check(mesh: TriangleMesh) -> Result<TriangleMesh, Problem> {
+    let wrong = |cause: &str| Err(Problem::Mesh(cause.to_owned()));
+    if mesh.triangles.is_empty() || mesh.points.len() < 3 {
+        return wrong("it has no triangle");
+    }
+    if mesh.triangles.len() > MESH_TRIANGLES_MAX {
+        return Err(Problem::TooMany {
+            what: "triangles of a mesh",
+            found: mesh.triangles.len(),
+            most: MESH_TRIANGLES_MAX,
+        });
+    }
+    if let Some(place) = mesh.points.iter().position(|point| !point.is_finite()) {
+        return wrong(&format!("point {place} is not finite"));
+    }
+    let count = mesh.points.len() as u32;
+    match mesh
+        .triangles
+        .iter()
+        .position(|triangle| triangle.iter().any(|at| *at >= count))
+    {
+        Some(place) => wrong(&format!("triangle {place} names a point beyond the last")),
+        None => Ok(mesh),
+    }
+}
+
+fn stl(mut bytes: Vec<u8>) -> Result<TriangleMesh, Problem> {
+    let count = bytes.get(80..84).map(|four| {
+        let four = [four[0], four[1], four[2], four[3]];
+        u32::from_le_bytes(four) as usize
+    });
+    let binary = count.filter(|count| bytes.len() >= 84 && bytes.len() - 84 == count * 50);
+    if binary.is_some() {
+        // Some binary files begin with the word of the text form.
+        bytes[..5].fill(b' ');
+    } else if !bytes.trim_ascii_start().starts_with(b"solid") {
+        let said = count.unwrap_or_default();
+        let held = bytes.len().saturating_sub(84) / 50;
+        if held < said || bytes.len() < 84 {
+            return Err(Problem::Mesh(format!(
+                "it says {said} triangles and holds {held}: it is cut, or no STL file"
+            )));
+        }
+    }
+    let read = stl_io::read_stl(&mut Cursor::new(bytes));
+    let read = read.map_err(|error| Problem::Mesh(error.to_string()))?;
+    let point = |at: &stl_io::Vertex| DVec3::from_array(at.0.map(f64::from));
+    Ok(TriangleMesh {
+        points: read.vertices.iter().map(point).collect(),
+        triangles: (read.faces.iter())
+            .map(|face| {
+                face.vertices
+                    .map(|at| u32::try_from(at).unwrap_or(u32::MAX))
+            })
+            .collect(),
+    })
+}
+
+fn obj(bytes: &[u8]) -> Result<TriangleMesh, Problem> {
+    let options = tobj::LoadOptions {
+        triangulate: true,
+        ignore_points: true,
+        ignore_lines: true,
+        ..tobj::LoadOptions::default()
+    };
+    // Materials are about drawing alone.
+    let none = |_: &std::path::Path| Err(tobj::LoadError::OpenFileFailed);
+    let read = tobj::load_obj_buf(&mut Cursor::new(bytes), &options, none);
+    let (models, _) = read.map_err(|error| Problem::Mesh(error.to_string()))?;
+    let mut mesh = TriangleMesh::default();
+    for model in &models {
+        let first = mesh.points.len() as u32;
+        let (points, _) = model.mesh.positions.as_chunks::<3>();
+        mesh.points
+            .extend(points.iter().map(|at| DVec3::from_array(at.map(f64::from))));
+        let (triangles, _) = model.mesh.indices.as_chunks::<3>();
+        mesh.triangles.extend(
+            triangles
+                .iter()
+                .map(|at| at.map(|one| one.saturating_add(first))),
+        );
+    }
+    Ok(mesh)
+}
+
+impl TriangleMesh {
+    /// The mesh stretched along its axes; a mirrored one keeps its outside outside.
+    pub(crate) fn scaled(mut self, scale: DVec3) -> Self {
+        for point in &mut self.points {
+            *point *= scale;
+        }
+        if scale.element_product() < 0.0 {
+            for [_, second, third] in &mut self.triangles {
+                std::mem::swap(second, third);
+            }
+        }
+        self
+    }
+
+    /// Mass of what it encloses, at a density; `None` for one that encloses nothing.
+    pub(crate) fn inertia(&self, density: f64) -> Option<Inertia> {
+        let (least, most) = self.bounds();
+        let middle = (least + most) * 0.5;
+        let (mut volume, mut moment, mut second) = (0.0, DVec3::ZERO, DMat3::ZERO);
+        for triangle in &self.triangles {
+            let [a, b, c] = triangle.map(|at| self.points[at as usize] - middle);
+            let six = a.dot(b.cross(c));
+            let sum = a + b + c;
+            volume += six / 6.0;
+            moment += sum * (six / 24.0);
+            let squares = outer(sum) + outer(a) + outer(b) + outer(c);
+            second += squares * (six / 120.0);
+        }
+        let box_volume = (most - least).element_product();
+        if !(volume.abs() > box_volume * 1e-6 && volume.abs() > 1e-15) {
+            return None;
+        }
+        // A mesh turned inside out weighs as its mirror image.
+        let density = density * volume.signum();
+        let mass = volume * density;
+        let centre = moment / volume;
+        let trace = second.x_axis.x + second.y_axis.y + second.z_axis.z;
+        let origin = (DMat3::from_diagonal(DVec3::splat(trace)) - second) * density;
+        let squared = DMat3::from_diagonal(DVec3::splat(centre.length_squared()));
+        let tensor = origin - (squared - outer(centre)) * mass;
+        let centre = centre + middle;
+        Some(Inertia {
+            mass,
+            centre,
+            tensor,
+        })
+    }
+
+    /// The corners of the least box around it.
+    pub(crate) fn bounds(&self) -> (DVec3, DVec3) {
+        let first = self.points.first().copied().unwrap_or_default();
+        let points = self.points.iter();
+        points.fold((first, first), |(least, most), at| {
+            (least.min(*at), most.max(*at))
+        })
+    }
+}
+
+fn outer(arm: DVec3) -> DMat3 {
+    DMat3::from_cols(arm * arm.x, arm * arm.y, arm * arm.z)
+}
+
+/// A hull of points, and how far a point lies outside of it at most, metres: zero where all corners could be kept.
+pub(crate) fn hull(points: &[Vec3]) -> Result<(Hull, f32), Invalid> {
+    let mut distinct = points.to_vec();
+    distinct.sort_by(|a, b| {
+        let orders = a.to_array().into_iter().zip(b.to_array());
+        let orders = orders.map(|(a, b)| a.total_cmp(&b));
+        orders.fold(std::cmp::Ordering::Equal, std::cmp::Ordering::then)
+    });
+    distinct.dedup();
+    if distinct.len() <= SEARCHED_POINTS_MAX {
+        match Hull::new(&distinct) {
+            Ok(hull) => return Ok((hull, 0.0)),
+            Err(wrong) if distinct.len() <= HULL_POINTS_MAX => return Err(wrong),
+            Err(_) => {}
+        }
+    }
+    let kept = farthest(&distinct);
+    let hull = Hull::new(&kept)?;
+    let loss = |direction: Vec3| support(&distinct, direction) - support(&kept, direction);
+    let lost = directions(501).map(loss).fold(0.0, f32::max);
+    Ok((hull, lost))
+}
+
+/// Points that are the farthest in some direction, as many as a hull may have.
+fn farthest(points: &[Vec3]) -> Vec<Vec3> {
+    let mut places = std::collections::BTreeSet::new();
+    for count in [96, 255, 677] {
+        for direction in directions(count) {
+            let far = |a: &usize, b: &usize| {
+                points[*a]
+                    .dot(direction)
+                    .total_cmp(&points[*b].dot(direction))
+            };
+            if places.len() == HULL_POINTS_MAX {
+                break;
+            }
+            places.extend((0..points.len()).max_by(far));
+        }
+    }
+    places.into_iter().map(|place| points[place]).collect()
+}
+
+fn support(points: &[Vec3], direction: Vec3) -> f32 {
+    points
+        .iter()
+        .map(|at| at.dot(direction))
+        .fold(f32::MIN, f32::max)
+}
+
+/// So many unit vectors, spread evenly: a spiral on the sphere.
+pub(crate) fn directions(count: u32) -> impl Iterator<Item = Vec3> {
+    // The golden angle, radians.
+    const TURN: f64 = 2.399_963_229_728_653;
+    (0..count).map(move |place| {
+        let z = 1.0 - (2.0 * f64::from(place) + 1.0) / f64::from(count);
+        let radius = libm::sqrt(1.0 - z * z);
+        let angle = TURN * f64::from(place);
+        DVec3::new(radius * libm::cos(angle), radius * libm::sin(angle), z).as_vec3()
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::files::MemoryFiles;
+
+    /// A box of 1 × 2 × 3 m whose least corner is at (1, 0, 0), with faces of four corners.
+    const BOX: &str = "v 1 0 0\nv 2 0 0\nv 2 2 0\nv 1 2 0\nv 1 0 3\nv 2 0 3\nv 2 2 3\nv 1 2 3\n\
+        f 4 3 2 1\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n";
+
+    fn read_text(path: &str, bytes: &[u8]) -> Result<TriangleMesh, Problem> {
+        let mut files = MemoryFiles::default();
+        files.insert(path, bytes);
+        read(&files, path)
+    }
+
+    fn binary(mesh: &TriangleMesh, head: &[u8]) -> Vec<u8> {
+        let mut bytes = head.to_vec();
+        bytes.resize(80, 0);
+        bytes.extend((mesh.triangles.len() as u32).to_le_bytes());
+        for triangle in &mesh.triangles {
+            bytes.extend([0; 12]);
+            for at in triangle {
+                let point = mesh.points[*at as usize].as_vec3().to_array();
+                bytes.extend(point.into_iter().flat_map(f32::to_le_bytes));
+            }
+            bytes.extend([0; 2]);
+        }
+        bytes
+    }
+
+    #[test]
+    fn a_box_weighs_and_turns_as_a_box_in_either_format() {
+        let mesh = read_text("a.OBJ", BOX.as_bytes()).expect("a box");
+        let again = read_text("a.stl", &binary(&mesh, b"solid of a binary file")).expect("a box");
+        for mesh in [mesh.clone(), again, mesh.scaled(DVec3::new(-1.0, 1.0, 1.0))] {
+            let inertia = mesh.inertia(2.0).expect("it is closed");
+            assert!((inertia.mass - 12.0).abs() < 1e-6);
+            assert!((inertia.centre.abs() - DVec3::new(1.5, 1.0, 1.5)).length() < 1e-6);
+            let (moments, _) = inertia.principal();
+            assert!(
+                (moments - DVec3::new(13.0, 10.0, 5.0)).length() < 1e-5,
+                "{moments}"
+            );
+        }
+    }
+
+    #[test]
+    fn cut_and_senseless_meshes_are_refused_with_the_reason() {
+        let mesh = read_text("a.obj", BOX.as_bytes()).expect("a box");
+        let whole = binary(&mesh, b"");
+        let mut nan = whole.clone();
+        nan[96..100].copy_from_slice(&f32::NAN.to_le_bytes());
+        let mut many = whole.clone();
+        many[80..84].copy_from_slice(&u32::MAX.to_le_bytes());
+        for bytes in [
+            &whole[..whole.len() - 7],
+            &whole[..50],
+            &nan,
+            &many,
+            b"",
+            b"solid",
+        ] {
+            let refused = read_text("a.stl", bytes);
+            assert!(refused.is_err(), "{refused:?}");
+        }
+        for text in [
+            "v 1 2\nf 1 2 3",
+            "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9",
+            "v nan 0 0\n",
+            "f 1 1 1",
+        ] {
+            let refused = read_text("a.obj", text.as_bytes());
+            assert!(refused.is_err(), "{text}: {refused:?}");
+        }
+    }
+
+    #[test]
+    fn a_ball_of_many_corners_becomes_a_hull_of_few_and_says_what_is_lost() {
+        let points: Vec<_> = directions(3_000).collect();
+        let (ball, lost) = hull(&points).expect("a ball");
+        assert!(ball.points().len() <= HULL_POINTS_MAX && ball.points().len() > 200);
+        assert!((0.001..0.05).contains(&lost), "{lost}");
+        let (_, lost) = hull(&points[..200]).expect("a part of it");
+        assert_eq!(lost, 0.0);
+    }
+}

@@ -1,0 +1,720 @@
+//! URDF: a robot as a tree of links and joints.
+//!
+//! Links that fixed joints connect become one body. The inertial's rotation counts, a link without mass never becomes a
+//! body of no mass, and what the format has beyond bodies, joints and shapes is noted.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::f64::consts::FRAC_PI_2;
+
+use glam::{DMat3, DQuat, DVec3};
+use rhumb_protocol::scene::{CollisionGroups, JointKind, JointLimits, LockedAxes};
+
+use crate::error::{LoadError, Problem};
+use crate::files::Files;
+use crate::inertia::{Inertia, Pose};
+use crate::load::Meshes;
+use crate::masses;
+use crate::model::{
+    Base, Drive, LoadOptions, Model, ModelBody, ModelJoint, OwnContacts, Placed, Solid,
+};
+use crate::report::{Effect, Report};
+use crate::xml::Element;
+
+/// Links of a robot.
+const LINKS_MAX: usize = 20_000;
+
+/// A joint of the file between links of these places.
+struct Edge<'a> {
+    element: &'a Element,
+    parent: usize,
+    child: usize,
+}
+
+/// Reads a robot.
+pub(crate) fn read(
+    robot: &Element,
+    files: &dyn Files,
+    options: &LoadOptions,
+    report: &mut Report,
+) -> Result<Model, LoadError> {
+    let links: Vec<_> = robot.each("link").collect();
+    note_rest(robot, report);
+    let edges = edges(robot, &links)?;
+    let order = order(robot, &links, &edges)?;
+    let mut reader = Reader {
+        meshes: Meshes::new(files, &options.packages),
+        options,
+        report,
+        links: &links,
+        bodies: Vec::new(),
+        joints: Vec::new(),
+        of_link: vec![(0, Pose::IDENTITY); links.len()],
+    };
+    reader.root(order.root)?;
+    for edge in order.edges {
+        reader.follow(edge)?;
+    }
+    reader.settle_masses();
+    let Reader { bodies, joints, .. } = reader;
+    Ok(Model {
+        name: robot.text("name").unwrap_or("robot").to_owned(),
+        gravity: DVec3::new(0.0, 0.0, -9.81),
+        step: None,
+        bodies,
+        joints,
+    })
+}
+
+/// Notes elements of the robot that are neither links nor joints.
+fn note_rest(robot: &Element, report: &mut Report) {
+    for element in &robot.children {
+        let why = match element.name.as_str() {
+            "link" | "joint" => continue,
+            "material" => "colours are about drawing alone",
+            _ => "a scene has no such thing",
+        };
+        report.again(&element.place(), element.name.clone(), Effect::Left, why);
+    }
+}
+
+/// The joints, with the places of their links.
+fn edges<'a>(robot: &'a Element, links: &[&Element]) -> Result<Vec<Edge<'a>>, LoadError> {
+    if links.len() > LINKS_MAX {
+        return Err(robot.wrong(Problem::TooMany {
+            what: "links",
+            found: links.len(),
+            most: LINKS_MAX,
+        }));
+    }
+    let mut places = BTreeMap::new();
+    for (place, link) in links.iter().enumerate() {
+        let name = link.needs("name")?;
+        if places.insert(name, place).is_some() {
+            let (what, name) = ("a link", name.to_owned());
+            return Err(link.wrong(Problem::Twice { what, name }));
+        }
+    }
+    let (mut edges, mut names) = (Vec::new(), BTreeSet::new());
+    for element in robot.each("joint") {
+        let name = element.needs("name")?;
+        if !names.insert(name) {
+            let (what, name) = ("a joint", name.to_owned());
+            return Err(element.wrong(Problem::Twice { what, name }));
+        }
+        let end = |which| {
+            let end = element.needs_child(which)?;
+            let name = end.needs("link")?;
+            places.get(name).copied().ok_or_else(|| {
+                let (what, name) = ("link", name.to_owned());
+                end.wrong(Problem::UnknownName { what, name })
+            })
+        };
+        edges.push(Edge {
+            element,
+            parent: end("parent")?,
+            child: end("child")?,
+        });
+    }
+    Ok(edges)
+}
+
+/// The root of a tree of links, and its joints from there outward.
+struct Order<'a> {
+    root: usize,
+    edges: Vec<Edge<'a>>,
+}
+
+fn order<'a>(
+    robot: &Element,
+    links: &[&Element],
+    edges: &[Edge<'a>],
+) -> Result<Order<'a>, LoadError> {
+    let name = |link: usize| links[link].text("name").unwrap_or_default().to_owned();
+    let mut held = vec![false; links.len()];
+    let mut from: Vec<Vec<&Edge<'a>>> = links.iter().map(|_| Vec::new()).collect();
+    for edge in edges {
+        if edge.parent == edge.child {
+            return Err(edge.element.wrong(Problem::Cycle(name(edge.child))));
+        }
+        if std::mem::replace(&mut held[edge.child], true) {
+            return Err(edge.element.wrong(Problem::TwoParents(name(edge.child))));
+        }
+        from[edge.parent].push(edge);
+    }
+    let roots: Vec<_> = (0..links.len()).filter(|link| !held[*link]).collect();
+    let root = match (roots.as_slice(), links.first()) {
+        ([root], _) => *root,
+        ([], Some(first)) => return Err(first.wrong(Problem::Cycle(name(0)))),
+        _ => return Err(robot.wrong(Problem::Roots(roots.len()))),
+    };
+    let mut seen = vec![false; links.len()];
+    seen[root] = true;
+    let (mut open, mut order) = (vec![root], Vec::with_capacity(edges.len()));
+    while let Some(link) = open.pop() {
+        for Edge {
+            element,
+            parent,
+            child,
+        } in from[link].iter().rev()
+        {
+            seen[*child] = true;
+            open.push(*child);
+            order.push(Edge {
+                element,
+                parent: *parent,
+                child: *child,
+            });
+        }
+    }
+    // Every link has at most one parent: what the root does not reach hangs on itself.
+    match seen.iter().position(|seen| !seen) {
+        Some(lost) => Err(links[lost].wrong(Problem::Cycle(name(lost)))),
+        None => Ok(Order { root, edges: order }),
+    }
+}
+
+struct Reader<'a> {
+    meshes: Meshes<'a>,
+    options: &'a LoadOptions,
+    report: &'a mut Report,
+    links: &'a [&'a Element],
+    bodies: Vec<ModelBody>,
+    joints: Vec<ModelJoint>,
+    /// The body of each link, and the link's frame in the body's.
+    of_link: Vec<(usize, Pose)>,
+}
+
+impl Reader<'_> {
+    fn root(&mut self, link: usize) -> Result<(), LoadError> {
+        self.new_body(link, Pose::IDENTITY);
+        self.add_link(link)
+    }
+
+    /// A body whose frame is that of a link.
+    fn new_body(&mut self, link: usize, pose: Pose) -> usize {
+        let bit = 1 << (self.options.group & 31);
+        let groups = match self.options.own_contacts {
+            OwnContacts::AsFile => CollisionGroups {
+                members: bit,
+                touches: !bit,
+            },
+            OwnContacts::All => CollisionGroups::ALL,
+        };
+        let place = self.bodies.len();
+        self.bodies.push(ModelBody {
+            name: self.links[link].text("name").unwrap_or_default().to_owned(),
+            place: self.links[link].place(),
+            pose,
+            fixed: false,
+            inertia: Inertia::NONE,
+            solids: Vec::new(),
+            groups,
+            friction: None,
+        });
+        self.of_link[link] = (place, Pose::IDENTITY);
+        place
+    }
+
+    fn follow(&mut self, edge: Edge<'_>) -> Result<(), LoadError> {
+        let element = edge.element;
+        let (holding, frame) = self.of_link[edge.parent];
+        let origin = element.child("origin").map_or(Ok(Pose::IDENTITY), origin)?;
+        let in_body = frame.of(&origin);
+        let kind = element.needs("type")?;
+        if kind == "fixed" {
+            self.of_link[edge.child] = (holding, in_body);
+            return self.add_link(edge.child);
+        }
+        let pose = self.bodies[holding].pose.of(&in_body);
+        let held = self.new_body(edge.child, pose);
+        self.add_link(edge.child)?;
+        self.note_joint(element);
+        let along = axis(element)?;
+        let turned = along_x(along);
+        let (kind, axis) = match kind {
+            "floating" => return Ok(()),
+            "continuous" => (JointKind::Revolute(None), 3),
+            "revolute" => (JointKind::Revolute(self.limits(element)?), 3),
+            "prismatic" => (JointKind::Prismatic(self.limits(element)?), 0),
+            "spherical" | "ball" => (JointKind::Spherical(None), 3),
+            "planar" => (plane(), 3),
+            _ => return Err(element.unknown_word("type")),
+        };
+        let mut drives = [None; 6];
+        drives[axis] = element.child("dynamics").map(dynamics).transpose()?;
+        self.joints.push(ModelJoint {
+            name: element.text("name").unwrap_or_default().to_owned(),
+            place: element.place(),
+            bodies: [holding, held],
+            frame: pose.of(&Pose::new(DVec3::ZERO, turned)),
+            kind,
+            drives,
+            collide: false,
+            holds: true,
+        });
+        Ok(())
+    }
+
+    /// Notes what a joint has beyond motion, limits and passive forces.
+    fn note_joint(&mut self, element: &Element) {
+        for part in &element.children {
+            let why = match part.name.as_str() {
+                "origin" | "parent" | "child" | "axis" | "dynamics" => continue,
+                "limit" if part.text("effort").is_none() && part.text("velocity").is_none() => {
+                    continue;
+                }
+                "limit" => {
+                    let why = "effort and velocity bound actuators, and none is made: give the joint a motor";
+                    let subject = "limit effort and velocity".to_owned();
+                    self.report.again(&part.place(), subject, Effect::Left, why);
+                    continue;
+                }
+                "mimic" => "joints are not coupled: the joint moves freely",
+                _ => "a joint has no such thing",
+            };
+            let subject = format!("{} {}", element.title(), part.name);
+            let values = part
+                .attributes
+                .iter()
+                .map(|(name, value)| format!("{name} {value}"));
+            let value = values.collect::<Vec<_>>().join(", ");
+            self.report
+                .add(&part.place(), subject, value, Effect::Left, why);
+        }
+    }
+
+    /// The limits of a joint; `None` where it has none.
+    fn limits(&mut self, element: &Element) -> Result<Option<JointLimits>, LoadError> {
+        let limit = element.child("limit");
+        let least = limit.map_or(Ok(None), |limit| limit.number("lower"))?;
+        let most = limit.map_or(Ok(None), |limit| limit.number("upper"))?;
+        let (least, most) = (least.unwrap_or(0.0), most.unwrap_or(0.0));
+        if limit.is_none() || least > most {
+            let value = format!("lower {least}, upper {most}");
+            let why =
+                "without limits, or with the lower one above the upper one, a joint moves freely";
+            self.report.add(
+                &element.place(),
+                element.title(),
+                value,
+                Effect::Changed,
+                why,
+            );
+            return Ok(None);
+        }
+        let [least, most] = [least, most].map(|limit| limit as f32);
+        Ok(Some(JointLimits { least, most }))
+    }
+
+    /// Adds mass and shapes of a link to its body.
+    fn add_link(&mut self, link: usize) -> Result<(), LoadError> {
+        let element = self.links[link];
+        let (body, frame) = self.of_link[link];
+        for part in &element.children {
+            match part.name.as_str() {
+                "inertial" => {
+                    let inertia = inertial(part)?.moved(&frame);
+                    let sum = self.bodies[body].inertia.plus(&inertia);
+                    self.bodies[body].inertia = sum;
+                }
+                "collision" => self.add_collision(element, part, body, &frame)?,
+                "visual" => {
+                    let why = "only collision shapes have physics, and are drawn";
+                    self.report
+                        .again(&part.place(), "visual".to_owned(), Effect::Left, why);
+                }
+                "contact" => self.contact(part, body)?,
+                name => {
+                    let why = "a body has no such thing";
+                    self.report
+                        .again(&part.place(), format!("link {name}"), Effect::Left, why);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Bullet's element: friction is taken, the rest noted.
+    fn contact(&mut self, part: &Element, body: usize) -> Result<(), LoadError> {
+        for child in &part.children {
+            if child.name == "lateral_friction" {
+                self.bodies[body].friction = Some(child.needs_number("value")?);
+                continue;
+            }
+            let why = "a material has friction and restitution alone";
+            self.report.again(
+                &child.place(),
+                format!("contact {}", child.name),
+                Effect::Left,
+                why,
+            );
+        }
+        Ok(())
+    }
+
+    fn add_collision(
+        &mut self,
+        link: &Element,
+        part: &Element,
+        body: usize,
+        frame: &Pose,
+    ) -> Result<(), LoadError> {
+        let own = part.child("origin").map_or(Ok(Pose::IDENTITY), origin)?;
+        let geometry = part.needs_child("geometry")?;
+        let name = format!("collision of {}", link.title());
+        let Some(shape) = geometry.children.first() else {
+            return Err(geometry.wrong(Problem::Missing {
+                element: name,
+                part: "shape",
+            }));
+        };
+        if let Some(solid) = self.solid(shape, &name)? {
+            let pose = frame.of(&own);
+            self.bodies[body].solids.push(Placed { pose, solid, name });
+        }
+        Ok(())
+    }
+
+    fn solid(&mut self, shape: &Element, name: &str) -> Result<Option<Solid>, LoadError> {
+        let long = || -> Result<_, LoadError> {
+            let half = shape.needs_number("length")? * 0.5;
+            Ok((half, shape.needs_number("radius")?))
+        };
+        Ok(Some(match shape.name.as_str() {
+            "sphere" => Solid::Ball {
+                radius: shape.needs_number("radius")?,
+            },
+            "box" => {
+                shape.needs("size")?;
+                let half = shape.vector("size")?.unwrap_or_default() * 0.5;
+                Solid::Cuboid { half }
+            }
+            "cylinder" => {
+                let (half, radius) = long()?;
+                Solid::Cylinder { half, radius }
+            }
+            "capsule" => {
+                let (half, radius) = long()?;
+                Solid::Capsule { half, radius }
+            }
+            "plane" => Solid::Plane,
+            "mesh" => {
+                let file = shape.needs("filename")?;
+                let scale = match shape.numbers("scale")?.as_deref() {
+                    None => DVec3::ONE,
+                    Some([all]) => DVec3::splat(*all),
+                    Some([x, y, z]) => DVec3::new(*x, *y, *z),
+                    Some(other) => return Err(shape.count("scale", other.len(), "1 or 3")),
+                };
+                let mesh = self.meshes.get(shape, file, scale, name, self.report)?;
+                return Ok(mesh.map(Solid::Mesh));
+            }
+            other => {
+                let why = "a shape is a box, sphere, cylinder, capsule, plane or mesh";
+                let subject = format!("{name} {other}");
+                self.report
+                    .add(&shape.place(), subject, String::new(), Effect::Left, why);
+                return Ok(None);
+            }
+        }))
+    }
+
+    /// Fixes the root where it is to be, and gives every other body a mass.
+    fn settle_masses(&mut self) {
+        if let Some(root) = self.bodies.first_mut() {
+            let is_bare = root.inertia.mass <= 0.0;
+            let is_world = root.name == "world";
+            root.fixed = match self.options.base {
+                Base::AsFile => is_world || is_bare,
+                Base::Fixed => true,
+                Base::Free => false,
+            };
+            if is_bare && !is_world && self.options.base == Base::AsFile {
+                let why = "a root without mass is fixed";
+                let subject = format!("link \"{}\"", root.name);
+                let place = root.place.clone();
+                (self.report).add(&place, subject, String::new(), Effect::Changed, why);
+            }
+        }
+        let density = f64::from(self.options.density);
+        masses::settle(&mut self.bodies, &self.joints, density, self.report);
+    }
+}
+
+/// The pose of an `origin`: displacement, then turns about the fixed axes x, y, z.
+fn origin(element: &Element) -> Result<Pose, LoadError> {
+    let position = element.vector("xyz")?.unwrap_or_default();
+    let rpy = element.vector("rpy")?.unwrap_or_default();
+    let rotation = DQuat::from_rotation_z(rpy.z)
+        * DQuat::from_rotation_y(rpy.y)
+        * DQuat::from_rotation_x(rpy.x);
+    Ok(Pose::new(position, rotation.normalize()))
+}
+
+fn inertial(element: &Element) -> Result<Inertia, LoadError> {
+    let pose = element.child("origin").map_or(Ok(Pose::IDENTITY), origin)?;
+    let mass = element.needs_child("mass")?.needs_number("value")?;
+    if mass < 0.0 {
+        let name = element.title();
+        let rule = "a mass is not negative";
+        return Err(element.wrong(Problem::Senseless { name, rule }));
+    }
+    let tensor = match element.child("inertia") {
+        None => DMat3::ZERO,
+        Some(inertia) => {
+            let part = |name| inertia.number(name).map(Option::unwrap_or_default);
+            let (xy, xz, yz) = (part("ixy")?, part("ixz")?, part("iyz")?);
+            DMat3::from_cols(
+                DVec3::new(part("ixx")?, xy, xz),
+                DVec3::new(xy, part("iyy")?, yz),
+                DVec3::new(xz, yz, part("izz")?),
+            )
+        }
+    };
+    let centre = DVec3::ZERO;
+    let own = Inertia {
+        mass,
+        centre,
+        tensor,
+    };
+    Ok(own.moved(&pose))
+}
+
+/// The direction of a joint's axis: x without one, and of unit length.
+fn axis(element: &Element) -> Result<DVec3, LoadError> {
+    let Some(axis) = element.child("axis") else {
+        return Ok(DVec3::X);
+    };
+    let along = axis.vector("xyz")?.unwrap_or(DVec3::X);
+    let length = along.length();
+    if length < 1e-9 {
+        let name = format!("axis of {}", element.title());
+        let rule = "an axis of no length has no direction";
+        return Err(axis.wrong(Problem::Senseless { name, rule }));
+    }
+    Ok(along / length)
+}
+
+/// A rotation that turns x to a direction of unit length.
+pub(crate) fn along_x(along: DVec3) -> DQuat {
+    match along.x < -0.999_999 {
+        true => DQuat::from_rotation_y(2.0 * FRAC_PI_2),
+        false => DQuat::from_rotation_arc(DVec3::X, along).normalize(),
+    }
+}
+
+/// Motion in the plane whose normal is x, and the turn about it.
+fn plane() -> JointKind {
+    let [x, _, _, _, y_turn, z_turn] = LockedAxes::EACH;
+    JointKind::Generic(x | y_turn | z_turn, [None; 6])
+}
+
+fn dynamics(element: &Element) -> Result<Drive, LoadError> {
+    let part = |name| element.number(name).map(|one| one.unwrap_or(0.0).max(0.0));
+    Ok(Drive {
+        damping: part("damping")?,
+        friction: part("friction")?,
+        ..Drive::default()
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{Quat, Vec3};
+    use rhumb_protocol::scene::{BodyKind, Shape, ShapeId};
+    use rhumb_reckoning::BodyId;
+
+    use crate::assemble::LoadedScene;
+    use crate::error::LoadError;
+    use crate::files::MemoryFiles;
+    use crate::load::{load, load_text};
+    use crate::model::LoadOptions;
+
+    fn read(text: &str) -> Result<LoadedScene, LoadError> {
+        load_text(
+            &MemoryFiles::default(),
+            "robot.urdf",
+            text,
+            &LoadOptions::default(),
+        )
+    }
+
+    const MASS: &str = "<inertial><mass value='2'/><inertia ixx='1' iyy='2' izz='2.5' ixy='0' ixz='0' iyz='0'/></inertial>";
+
+    fn two_links(joint: &str) -> String {
+        format!(
+            "<robot name='r'>\n<link name='a'>{MASS}</link>\n<link name='b'>{MASS}</link>\n\
+            <joint name='j' {joint}<parent link='a'/><child link='b'/></joint></robot>"
+        )
+    }
+
+    #[test]
+    fn the_rotation_of_the_inertial_turns_the_moments() {
+        let text = "<robot name='r'><link name='a'><inertial><origin xyz='1 2 3' rpy='0 0 1.5707963267948966'/>\
+            <mass value='4'/><inertia ixx='1' iyy='2' izz='2.5'/></inertial>\
+            <collision><origin xyz='1 2 3'/><geometry><sphere radius='0.5'/></geometry></collision></link></robot>";
+        let scene = read(text).expect("a robot");
+        let [body] = scene.bodies.as_slice() else {
+            panic!("one link is one body");
+        };
+        let desc = body.builder.desc(BodyId::new(0, 0), ShapeId(0));
+        let moments = desc
+            .mass
+            .and_then(|mass| mass.moments)
+            .expect("it has moments");
+        assert!(
+            (moments - Vec3::new(2.0, 1.0, 2.5)).length() < 1e-6,
+            "{moments}"
+        );
+        let state = body.builder.state().expect("it is sound");
+        assert_eq!(state.position(), [1.0, 2.0, 3.0]);
+        assert_eq!(*body.builder.shape(), Shape::ball(0.5));
+        assert_eq!(body.frame_position, Vec3::new(-1.0, -2.0, -3.0));
+        assert!(scene.report.is_empty(), "{:?}", scene.report);
+    }
+
+    #[test]
+    fn fixed_joints_merge_links_and_add_their_masses() {
+        let scene = read(&two_links("type='fixed'><origin xyz='1 0 0'/>")).expect("a robot");
+        assert_eq!((scene.bodies.len(), scene.joints.len()), (1, 0));
+        let desc = scene.bodies[0].builder.desc(BodyId::new(0, 0), ShapeId(0));
+        let mass = desc.mass.expect("it has a mass");
+        assert_eq!(mass.mass, 4.0);
+        // Each half is half a metre from the centre: 2 · 2 kg · 0.25 m² more across.
+        let moments = mass.moments.expect("it has moments");
+        assert!(
+            (moments - Vec3::new(2.0, 5.0, 6.0)).length() < 1e-5,
+            "{moments}"
+        );
+    }
+
+    #[test]
+    fn a_joint_turns_about_its_axis_at_its_origin() {
+        let joint = "type='revolute'><origin xyz='0 0 1' rpy='0 0 1.5707963267948966'/><axis xyz='0 2 0'/>\
+            <limit lower='-4' upper='1' effort='3' velocity='1'/><dynamics friction='0.5'/>";
+        let scene = read(&two_links(joint)).expect("a robot");
+        let joint = scene.joints[0].joint;
+        let limits = joint.kind.limits()[3].expect("it has limits");
+        assert_eq!([limits.least, limits.most], [-4.0, 1.0]);
+        let state = scene.bodies[1].builder.state().expect("it is sound");
+        let [_, _, z, qx, qy, qz, w, ..] = state.parts();
+        assert_eq!(z, 1.0);
+        let turn = Quat::from_xyzw(qx, qy, qz, w);
+        // y of the joint, which a quarter about z turns to -x.
+        for (body, frame) in [Quat::IDENTITY, turn].into_iter().zip(joint.frames) {
+            let axis = body * (frame.rotation * Vec3::X);
+            assert!((axis + Vec3::X).length() < 1e-6, "{axis}");
+        }
+        let motor = joint.motors[3].expect("friction is a motor without force beyond it");
+        assert_eq!((motor.force, motor.stiffness), (0.5, 0.0));
+        assert_eq!(
+            scene.report.notes().len(),
+            1,
+            "effort and velocity: {:?}",
+            scene.report
+        );
+    }
+
+    #[test]
+    fn wrong_trees_are_refused_by_name() {
+        let link = |name: &str| format!("<link name='{name}'>{MASS}</link>");
+        let joint = |name: &str, from: &str, to: &str| {
+            format!(
+                "<joint name='{name}' type='continuous'><parent link='{from}'/><child link='{to}'/></joint>"
+            )
+        };
+        let (a, b, c) = (link("a"), link("b"), link("c"));
+        for (inside, word) in [
+            (
+                format!("{a}{b}{}{}", joint("i", "a", "b"), joint("j", "b", "a")),
+                "hangs on itself",
+            ),
+            (
+                format!("{a}{b}{c}{}{}", joint("i", "b", "c"), joint("j", "c", "b")),
+                "\"b\" hangs on itself",
+            ),
+            (
+                format!("{a}{b}{c}{}{}", joint("i", "a", "c"), joint("j", "b", "c")),
+                "two joints",
+            ),
+            (format!("{a}{b}"), "2 links hang on no joint"),
+            (format!("{a}{}", joint("i", "a", "x")), "no link \"x\""),
+            (format!("{a}{a}"), "two have the name"),
+            (format!("{a}{}", joint("i", "a", "a")), "hangs on itself"),
+            (String::new(), "0 links"),
+        ] {
+            let error =
+                read(&format!("<robot name='r'>\n{inside}</robot>")).expect_err("it is wrong");
+            let sentence = error.to_string();
+            assert!(sentence.contains(word), "{sentence}");
+            assert!(sentence.starts_with("robot.urdf:"), "{sentence}");
+        }
+    }
+
+    #[test]
+    fn wrong_numbers_are_refused_where_they_stand() {
+        for (from, to, word) in [
+            ("value='2'", "value='nan'", "must be a number"),
+            ("value='2'", "value='1e300'", "must be a number"),
+            ("value='2'", "value='-2'", "not negative"),
+            ("ixx='1'", "ixx='1 2'", "has 2 numbers, and must have 1"),
+            ("ixx='1'", "ixx='${m}'", "must be a number"),
+        ] {
+            let text = two_links("type='fixed'>").replacen(from, to, 1);
+            let sentence = read(&text).expect_err("it is wrong").to_string();
+            assert!(
+                sentence.starts_with("robot.urdf:2:") && sentence.contains(word),
+                "{sentence}"
+            );
+        }
+        let whole = two_links("type='fixed'>");
+        for cut in (0..whole.len() - 1).step_by(7) {
+            assert!(read(&whole[..cut]).is_err(), "{cut}");
+        }
+    }
+
+    #[test]
+    fn a_link_without_mass_is_fixed_as_the_root_and_light_elsewhere() {
+        let text = format!(
+            "<robot name='r'><link name='a'/><link name='b'/><link name='c'>{MASS}</link>\
+            <joint name='i' type='continuous'><parent link='a'/><child link='b'/></joint>\
+            <joint name='j' type='continuous'><parent link='b'/><child link='c'/></joint></robot>"
+        );
+        let scene = read(&text).expect("a robot");
+        assert_eq!(scene.bodies[0].builder.kind(), BodyKind::Fixed);
+        let desc = scene.bodies[1].builder.desc(BodyId::new(1, 0), ShapeId(0));
+        assert_eq!(desc.mass.map(|mass| mass.mass), Some(0.02));
+        assert_eq!(scene.report.notes().len(), 2, "{:?}", scene.report);
+    }
+
+    #[test]
+    fn meshes_of_packages_are_found_above_the_file_and_lost_ones_are_noted() {
+        let mut files = MemoryFiles::default();
+        let text = "<robot name='r'><link name='a'><collision><geometry><mesh filename='package://p/a.obj' scale='2 2 2'/>\
+            </geometry></collision><collision><geometry><mesh filename='package://p/b.stl'/></geometry></collision></link></robot>";
+        files.insert("x/p/urdf/r.urdf", text);
+        files.insert(
+            "x/p/a.obj",
+            "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n",
+        );
+        let scene = load(&files, "x/p/urdf/r.urdf", &LoadOptions::default()).expect("a robot");
+        let lost: Vec<_> = scene
+            .report
+            .notes()
+            .iter()
+            .map(|note| note.value.as_str())
+            .collect();
+        assert!(lost.contains(&"package://p/b.stl"), "{lost:?}");
+        assert!(matches!(scene.bodies[0].builder.shape(), Shape::Mesh(_)));
+        let options = LoadOptions {
+            base: crate::model::Base::Free,
+            ..LoadOptions::default()
+        };
+        let scene = load(&files, "x/p/urdf/r.urdf", &options).expect("a robot");
+        assert!(!matches!(scene.bodies[0].builder.shape(), Shape::Mesh(_)));
+        let desc = scene.bodies[0].builder.desc(BodyId::new(0, 0), ShapeId(0));
+        // A sixth of a cube of 2 m, of water.
+        let mass = desc.mass.map(|mass| mass.mass).expect("it has a mass");
+        assert!((mass - 8_000.0 / 6.0).abs() < 0.01, "{mass}");
+    }
+}

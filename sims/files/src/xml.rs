@@ -1,0 +1,290 @@
+//! An XML file as a tree of elements with places, and numbers of its attributes.
+//!
+//! Knows no format. Depth, elements and bytes are bounded; documents with a type definition are refused.
+
+use std::rc::Rc;
+use std::str::FromStr;
+
+use glam::DVec3;
+use roxmltree::{Document, Node, ParsingOptions};
+
+use crate::error::{LoadError, Place, Problem};
+use crate::files::Files;
+
+/// Bytes of a file of elements.
+pub(crate) const XML_BYTES_MAX: usize = 32 << 20;
+/// Nodes of a file.
+const NODES_MAX: u32 = 2_000_000;
+/// Elements inside each other.
+const DEPTH_MAX: usize = 200;
+/// Numbers beyond this are no lengths, masses or angles.
+const NUMBER_MAX: f64 = 1e9;
+
+/// An element with its attributes and the elements inside.
+#[derive(Clone, Debug)]
+pub(crate) struct Element {
+    pub(crate) name: String,
+    pub(crate) attributes: Vec<(String, String)>,
+    pub(crate) children: Vec<Element>,
+    file: Rc<str>,
+    line: u32,
+}
+
+/// Reads a file as a tree.
+pub(crate) fn read(files: &dyn Files, path: &str) -> Result<Element, LoadError> {
+    let bytes = files.read(path, XML_BYTES_MAX).map_err(|error| LoadError {
+        place: Place::of(path),
+        problem: Problem::File(error),
+    })?;
+    parse(path, &String::from_utf8_lossy(&bytes))
+}
+
+/// Reads a text as a tree.
+pub(crate) fn parse(path: &str, text: &str) -> Result<Element, LoadError> {
+    let options = ParsingOptions {
+        nodes_limit: NODES_MAX,
+        ..ParsingOptions::default()
+    };
+    let text = text.trim_start_matches('\u{feff}');
+    let document = Document::parse_with_options(text, options).map_err(|error| LoadError {
+        place: Place {
+            file: path.to_owned(),
+            line: Some(error.pos().row),
+        },
+        problem: Problem::Syntax(error.to_string()),
+    })?;
+    let mut lines = vec![0];
+    lines.extend(text.match_indices('\n').map(|(at, _)| at + 1));
+    let tree = Tree {
+        file: path.into(),
+        lines,
+    };
+    tree.element(document.root_element(), 0)
+}
+
+/// A file while its tree is built: where its lines begin.
+struct Tree {
+    file: Rc<str>,
+    lines: Vec<usize>,
+}
+
+impl Tree {
+    fn element(&self, node: Node<'_, '_>, depth: usize) -> Result<Element, LoadError> {
+        let line = self
+            .lines
+            .partition_point(|start| *start <= node.range().start);
+        let mut element = Element {
+            name: node.tag_name().name().to_owned(),
+            attributes: Vec::new(),
+            children: Vec::new(),
+            file: self.file.clone(),
+            line: line as u32,
+        };
+        if depth >= DEPTH_MAX {
+            return Err(element.wrong(Problem::TooMany {
+                what: "elements inside each other",
+                found: depth + 1,
+                most: DEPTH_MAX,
+            }));
+        }
+        let attributes = node.attributes();
+        element.attributes =
+            (attributes.map(|one| (one.name().to_owned(), one.value().to_owned()))).collect();
+        for child in node.children().filter(Node::is_element) {
+            element.children.push(self.element(child, depth + 1)?);
+        }
+        Ok(element)
+    }
+}
+
+impl Element {
+    /// Where it stands.
+    pub(crate) fn place(&self) -> Place {
+        Place {
+            file: self.file.to_string(),
+            line: Some(self.line),
+        }
+    }
+
+    /// An error at this element.
+    pub(crate) fn wrong(&self, problem: Problem) -> LoadError {
+        let place = self.place();
+        LoadError { place, problem }
+    }
+
+    /// The element and its name, as notes and errors say it.
+    pub(crate) fn title(&self) -> String {
+        let name = self.text("name").or_else(|| self.text("joint"));
+        match name {
+            Some(name) => format!("{} \"{name}\"", self.name),
+            None => self.name.clone(),
+        }
+    }
+
+    /// The element with other ones inside.
+    pub(crate) fn with(&self, children: Vec<Self>) -> Self {
+        Self {
+            name: self.name.clone(),
+            attributes: self.attributes.clone(),
+            children,
+            file: self.file.clone(),
+            line: self.line,
+        }
+    }
+
+    /// An element that stands in no file, for what a place needs.
+    pub(crate) fn named(name: &str, place: &Place) -> Self {
+        Self {
+            name: name.to_owned(),
+            attributes: vec![("name".to_owned(), name.to_owned())],
+            children: Vec::new(),
+            file: place.file.as_str().into(),
+            line: place.line.unwrap_or(1),
+        }
+    }
+
+    /// The element under another name.
+    pub(crate) fn renamed(&self, name: &str) -> Self {
+        let name = name.to_owned();
+        Self {
+            name,
+            ..self.with(Vec::new())
+        }
+    }
+
+    /// The first child of a name.
+    pub(crate) fn child(&self, name: &str) -> Option<&Self> {
+        self.children.iter().find(|child| child.name == name)
+    }
+
+    /// All children of a name.
+    pub(crate) fn each<'a>(&'a self, name: &'a str) -> impl Iterator<Item = &'a Self> {
+        self.children.iter().filter(move |child| child.name == name)
+    }
+
+    /// The text of an attribute.
+    pub(crate) fn text(&self, attribute: &str) -> Option<&str> {
+        let found = self.attributes.iter().find(|(name, _)| name == attribute);
+        found.map(|(_, text)| text.as_str())
+    }
+
+    /// The text of an attribute that must be there.
+    pub(crate) fn needs(&self, attribute: &'static str) -> Result<&str, LoadError> {
+        self.text(attribute).ok_or_else(|| {
+            self.wrong(Problem::Missing {
+                element: self.title(),
+                part: attribute,
+            })
+        })
+    }
+
+    /// A child that must be there.
+    pub(crate) fn needs_child(&self, name: &'static str) -> Result<&Self, LoadError> {
+        self.child(name).ok_or_else(|| {
+            self.wrong(Problem::Missing {
+                element: self.title(),
+                part: name,
+            })
+        })
+    }
+
+    /// All numbers of an attribute; `None` where it is not given.
+    pub(crate) fn numbers(&self, attribute: &str) -> Result<Option<Vec<f64>>, LoadError> {
+        let Some(text) = self.text(attribute) else {
+            return Ok(None);
+        };
+        let number = |word: &str| {
+            let number = f64::from_str(word).ok();
+            let sound = number.filter(|number| number.abs() <= NUMBER_MAX);
+            sound.ok_or_else(|| {
+                self.wrong(Problem::NotANumber {
+                    attribute: format!("{} of {}", attribute, self.title()),
+                    text: word.chars().take(40).collect(),
+                })
+            })
+        };
+        let words = text.split([' ', '\t', '\n', '\r', ',']);
+        let numbers: Result<_, _> = words.filter(|word| !word.is_empty()).map(number).collect();
+        numbers.map(Some)
+    }
+
+    /// A single number.
+    pub(crate) fn number(&self, attribute: &str) -> Result<Option<f64>, LoadError> {
+        let array = self.array::<1>(attribute, "1")?;
+        Ok(array.map(|[number]| number))
+    }
+
+    /// A number that must be there.
+    pub(crate) fn needs_number(&self, attribute: &'static str) -> Result<f64, LoadError> {
+        self.needs(attribute)?;
+        Ok(self.number(attribute)?.unwrap_or_default())
+    }
+
+    /// So many numbers.
+    pub(crate) fn array<const N: usize>(
+        &self,
+        attribute: &str,
+        expected: &'static str,
+    ) -> Result<Option<[f64; N]>, LoadError> {
+        let Some(numbers) = self.numbers(attribute)? else {
+            return Ok(None);
+        };
+        let found = numbers.len();
+        let array = <[f64; N]>::try_from(numbers);
+        array
+            .map(Some)
+            .map_err(|_| self.count(attribute, found, expected))
+    }
+
+    /// Three numbers.
+    pub(crate) fn vector(&self, attribute: &str) -> Result<Option<DVec3>, LoadError> {
+        let array = self.array::<3>(attribute, "3")?;
+        Ok(array.map(DVec3::from_array))
+    }
+
+    /// The error of a count of numbers.
+    pub(crate) fn count(&self, attribute: &str, found: usize, expected: &'static str) -> LoadError {
+        self.wrong(Problem::WrongCount {
+            attribute: format!("{} of {}", attribute, self.title()),
+            found,
+            expected,
+        })
+    }
+
+    /// The error of a word that stands for nothing.
+    pub(crate) fn unknown_word(&self, attribute: &str) -> LoadError {
+        let text = self.text(attribute).unwrap_or_default();
+        self.wrong(Problem::UnknownWord {
+            attribute: format!("{} of {}", attribute, self.title()),
+            text: text.chars().take(40).collect(),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn elements_know_their_lines_and_numbers_their_attributes() {
+        let tree = parse("a.xml", "<a>\n <b name='x' n='1 2 q'/>\n</a>").expect("it is XML");
+        let b = tree.child("b").expect("it is there");
+        assert_eq!(b.place().line, Some(2));
+        let wrong = b.numbers("n").expect_err("q is no number");
+        assert_eq!(
+            wrong.to_string(),
+            "a.xml:2: n of b \"x\" is \"q\", and must be a number between -1e9 and 1e9"
+        );
+    }
+
+    #[test]
+    fn deep_cut_and_expanding_documents_are_refused() {
+        let deep = format!("{}{}", "<a>".repeat(300), "</a>".repeat(300));
+        let cut = "<a><b></a>".to_owned();
+        let bomb = "<!DOCTYPE a [<!ENTITY b 'x'>]><a>&b;</a>".to_owned();
+        for text in [deep, cut, bomb, String::new()] {
+            let error = parse("a.xml", &text).expect_err("it is not read");
+            assert!(error.to_string().starts_with("a.xml"), "{error}");
+        }
+    }
+}
