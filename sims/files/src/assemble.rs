@@ -1,4 +1,4 @@
-//! A model as the bodies and joints of a scene, and the commands that make them.
+//! A model as bodies and joints of a scene, and the commands that make them.
 //!
 //! A body's origin becomes its centre of mass and its axes the principal ones, so that its moments lie along them;
 //! shapes and joints move along. Numbers outside the protocol's limits are brought inside and noted.
@@ -7,8 +7,8 @@ use std::f32::consts::{PI, TAU};
 
 use glam::{DQuat, DVec3, Quat, Vec3};
 use rhumb_protocol::limits::{
-    BODIES_MAX, FORCE_MAX, FRICTION_MAX, GYRATION_MAX, GYRATION_MIN, JOINTS_MAX, MASS_MAX,
-    MASS_MIN, PARTS_MAX, RATE_MAX, SHAPES_MAX, STIFFNESS_MAX,
+    BODIES_MAX, EXTENT_MAX, FORCE_MAX, FRICTION_MAX, GYRATION_MAX, GYRATION_MIN, JOINTS_MAX,
+    MASS_MAX, MASS_MIN, PARTS_MAX, RATE_MAX, SHAPES_MAX, STIFFNESS_MAX,
 };
 use rhumb_protocol::scene::{
     BodyBuilder, BodyDesc, Command, Compound, Invalid, Joint, JointFrame, JointId, JointKind,
@@ -135,7 +135,7 @@ fn refused(place: &Place, name: &str, invalid: Invalid) -> LoadError {
         place: place.clone(),
         problem: Problem::Refused {
             name: name.to_owned(),
-            invalid,
+            invalid: Box::new(invalid),
         },
     }
 }
@@ -501,12 +501,25 @@ fn bounded(joint: &ModelJoint, report: &mut Report) -> JointKind {
     };
     match joint.kind {
         JointKind::Revolute(limits) => JointKind::Revolute(limits.and_then(&mut limits_of)),
+        JointKind::Prismatic(limits) => JointKind::Prismatic(limits.and_then(within_extents)),
         JointKind::Generic(locked, mut limits) => {
-            for limits in &mut limits[3..] {
-                *limits = limits.take().and_then(&mut limits_of);
+            for (axis, limits) in limits.iter_mut().enumerate() {
+                *limits = match axis < 3 {
+                    true => limits.take().and_then(within_extents),
+                    false => limits.take().and_then(&mut limits_of),
+                };
             }
             JointKind::Generic(locked, limits)
         }
         kind => kind,
     }
+}
+
+/// Limits of a displacement, within the greatest extent; `None` for those that both lie beyond.
+fn within_extents(limits: JointLimits) -> Option<JointLimits> {
+    let is_bound = limits.least > -EXTENT_MAX || limits.most < EXTENT_MAX;
+    is_bound.then(|| JointLimits {
+        least: limits.least.clamp(-EXTENT_MAX, EXTENT_MAX),
+        most: limits.most.clamp(-EXTENT_MAX, EXTENT_MAX),
+    })
 }

@@ -59,7 +59,7 @@ pub enum Problem {
         /// What it lacks.
         part: &'static str,
     },
-    /// A text is not a number, or not a finite one of at most a thousand million.
+    /// A text is not a number, or not a finite one of at most 1e20.
     NotANumber {
         /// The attribute.
         attribute: String,
@@ -122,7 +122,7 @@ pub enum Problem {
         /// Its name.
         name: String,
         /// The rule.
-        invalid: Invalid,
+        invalid: Box<Invalid>,
     },
     /// A number that makes no sense for the named thing.
     Senseless {
@@ -145,7 +145,7 @@ impl fmt::Display for Problem {
             Self::Missing { element, part } => write!(f, "{element} has no {part}"),
             Self::NotANumber { attribute, text } => write!(
                 f,
-                "{attribute} is \"{text}\", and must be a number between -1e9 and 1e9"
+                "{attribute} is \"{text}\", and must be a number between -1e20 and 1e20"
             ),
             Self::WrongCount {
                 attribute,

@@ -48,6 +48,14 @@ impl Pose {
     }
 }
 
+/// A rotation that turns x to a direction of unit length.
+pub(crate) fn along_x(along: DVec3) -> DQuat {
+    match along.x < -0.999_999 {
+        true => DQuat::from_rotation_y(std::f64::consts::PI),
+        false => DQuat::from_rotation_arc(DVec3::X, along).normalize(),
+    }
+}
+
 /// Mass, its centre, and the tensor about the centre.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Inertia {

@@ -1,6 +1,6 @@
 //! Rhumb's own scene file: JSON, read and written.
 //!
-//! `docs/book/src/scene-files.md` describes it. Fields that no version has are noted. Invariant: what is written reads
+//! `docs/book/src/how-to/scene-files.md` describes it. Fields that no version has are noted. Invariant: what is written reads
 //! back as the same scene, to the bit.
 
 use std::collections::BTreeMap;
@@ -324,7 +324,10 @@ impl SceneFile {
             let rule = "a step is a whole part of a second or of some seconds, of 1 to 16 substeps";
             wrong(Problem::Senseless { name, rule })
         })?;
-        let refused = |name: String, invalid| wrong(Problem::Refused { name, invalid });
+        let refused = |name: String, invalid| {
+            let invalid = Box::new(invalid);
+            wrong(Problem::Refused { name, invalid })
+        };
         config
             .check()
             .map_err(|invalid| refused("the scene".to_owned(), invalid))?;

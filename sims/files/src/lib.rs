@@ -14,9 +14,11 @@ mod json;
 mod load;
 mod masses;
 mod mesh;
+mod mesh_files;
 mod mjcf;
 mod model;
 mod report;
+mod script;
 mod solid;
 mod urdf;
 mod xml;
@@ -31,3 +33,4 @@ pub use json::{
 pub use load::{load, load_text};
 pub use model::{Base, LoadOptions, OwnContacts, UpAxis};
 pub use report::{Effect, Note, Report};
+pub use script::FileScript;

@@ -1,10 +1,10 @@
-//! Masses for bodies whose file gives none, and moments for those that have none.
+//! Masses and moments for bodies whose file gives none.
 //!
 //! An engine cannot carry a force through a body of no mass. What is given here is noted.
 
 use glam::{DMat3, DVec3};
 
-use crate::inertia::Inertia;
+use crate::inertia::{Inertia, Pose};
 use crate::model::{ModelBody, ModelJoint};
 use crate::report::{Effect, Report};
 
@@ -79,4 +79,22 @@ fn give_mass(body: &mut ModelBody, held: &Inertia, density: f64, report: &mut Re
     body.inertia = inertia;
     let subject = format!("body \"{}\"", body.name);
     report.add(&body.place, subject, value, Effect::Changed, why);
+}
+
+/// Raises masses and moments to their least ones, kg and kg·m², and scales all to a whole mass, kg, where one is given.
+pub(crate) fn bound(bodies: &mut [ModelBody], [mass, moment]: [f64; 2], total: Option<f64>) {
+    for body in bodies.iter_mut().filter(|body| !body.fixed) {
+        body.inertia.mass = body.inertia.mass.max(mass);
+        if moment > 0.0 {
+            let (moments, axes) = body.inertia.principal();
+            let own = Inertia::diagonal(1.0, moments.max(DVec3::splat(moment)));
+            body.inertia.tensor = own.moved(&Pose::new(DVec3::ZERO, axes)).tensor;
+        }
+    }
+    if let Some(total) = total {
+        let sum: f64 = bodies.iter().map(|body| body.inertia.mass).sum();
+        for body in bodies {
+            body.inertia = body.inertia.times(total / sum.max(1e-12));
+        }
+    }
 }

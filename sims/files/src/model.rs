@@ -1,4 +1,4 @@
-//! What readers make of a file before it becomes commands: links, masses, joints in f64.
+//! What readers make of a file before it becomes commands.
 //!
 //! Frames are those of the file. Invariant: a body's index is above that of the body that holds it.
 

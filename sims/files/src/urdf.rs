@@ -4,16 +4,15 @@
 //! body of no mass, and what the format has beyond bodies, joints and shapes is noted.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::f64::consts::FRAC_PI_2;
 
 use glam::{DMat3, DQuat, DVec3};
 use rhumb_protocol::scene::{CollisionGroups, JointKind, JointLimits, LockedAxes};
 
 use crate::error::{LoadError, Problem};
 use crate::files::Files;
-use crate::inertia::{Inertia, Pose};
-use crate::load::Meshes;
+use crate::inertia::{Inertia, Pose, along_x};
 use crate::masses;
+use crate::mesh_files::Meshes;
 use crate::model::{
     Base, Drive, LoadOptions, Model, ModelBody, ModelJoint, OwnContacts, Placed, Solid,
 };
@@ -493,14 +492,6 @@ fn axis(element: &Element) -> Result<DVec3, LoadError> {
         return Err(axis.wrong(Problem::Senseless { name, rule }));
     }
     Ok(along / length)
-}
-
-/// A rotation that turns x to a direction of unit length.
-pub(crate) fn along_x(along: DVec3) -> DQuat {
-    match along.x < -0.999_999 {
-        true => DQuat::from_rotation_y(2.0 * FRAC_PI_2),
-        false => DQuat::from_rotation_arc(DVec3::X, along).normalize(),
-    }
 }
 
 /// Motion in the plane whose normal is x, and the turn about it.

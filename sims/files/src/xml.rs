@@ -1,4 +1,4 @@
-//! An XML file as a tree of elements with places, and numbers of its attributes.
+//! An XML file as elements with places, and numbers of attributes.
 //!
 //! Knows no format. Depth, elements and bytes are bounded; documents with a type definition are refused.
 
@@ -18,7 +18,7 @@ const NODES_MAX: u32 = 2_000_000;
 /// Elements inside each other.
 const DEPTH_MAX: usize = 200;
 /// Numbers beyond this are no lengths, masses or angles.
-const NUMBER_MAX: f64 = 1e9;
+const NUMBER_MAX: f64 = 1e20;
 
 /// An element with its attributes and the elements inside.
 #[derive(Clone, Debug)]
@@ -45,11 +45,14 @@ pub(crate) fn parse(path: &str, text: &str) -> Result<Element, LoadError> {
         nodes_limit: NODES_MAX,
         ..ParsingOptions::default()
     };
-    let text = text.trim_start_matches('\u{feff}');
+    // Some files begin with empty lines, which no declaration may follow.
+    let whole = text.trim_start_matches('\u{feff}');
+    let text = whole.trim_start();
+    let before = whole[..whole.len() - text.len()].matches('\n').count();
     let document = Document::parse_with_options(text, options).map_err(|error| LoadError {
         place: Place {
             file: path.to_owned(),
-            line: Some(error.pos().row),
+            line: Some(error.pos().row + before as u32),
         },
         problem: Problem::Syntax(error.to_string()),
     })?;
@@ -58,6 +61,7 @@ pub(crate) fn parse(path: &str, text: &str) -> Result<Element, LoadError> {
     let tree = Tree {
         file: path.into(),
         lines,
+        before,
     };
     tree.element(document.root_element(), 0)
 }
@@ -66,6 +70,8 @@ pub(crate) fn parse(path: &str, text: &str) -> Result<Element, LoadError> {
 struct Tree {
     file: Rc<str>,
     lines: Vec<usize>,
+    /// Empty lines before the text.
+    before: usize,
 }
 
 impl Tree {
@@ -78,7 +84,7 @@ impl Tree {
             attributes: Vec::new(),
             children: Vec::new(),
             file: self.file.clone(),
-            line: line as u32,
+            line: (line + self.before) as u32,
         };
         if depth >= DEPTH_MAX {
             return Err(element.wrong(Problem::TooMany {
@@ -273,7 +279,7 @@ mod tests {
         let wrong = b.numbers("n").expect_err("q is no number");
         assert_eq!(
             wrong.to_string(),
-            "a.xml:2: n of b \"x\" is \"q\", and must be a number between -1e9 and 1e9"
+            "a.xml:2: n of b \"x\" is \"q\", and must be a number between -1e20 and 1e20"
         );
     }
 

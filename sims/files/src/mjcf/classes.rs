@@ -1,4 +1,4 @@
-//! The text of MJCF made plain: includes, default classes, settings, orientations.
+//! MJCF made plain: includes, default classes, settings, orientations.
 //!
 //! Knows elements and attributes, no bodies. Invariant: after [`expand`] no include is left, and none includes itself.
 

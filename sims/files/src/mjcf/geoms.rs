@@ -11,8 +11,8 @@ use super::classes::{Classes, Compiler, along_z};
 use crate::error::{LoadError, Place, Problem};
 use crate::files::{Files, folder_of, join};
 use crate::inertia::Pose;
-use crate::load::Meshes;
 use crate::mesh::TriangleMesh;
+use crate::mesh_files::Meshes;
 use crate::model::{LoadOptions, Solid};
 use crate::report::{Effect, Report};
 use crate::xml::Element;
@@ -111,16 +111,8 @@ impl Assets {
         let mut pose = compiler.pose(element)?;
         let kind = element.text("type").unwrap_or("sphere");
         let mut sizes = element.numbers("size")?.unwrap_or_default();
-        if let Some([a, b, c, d, e, f]) = element.array("fromto", "6")? {
-            let (from, to) = (DVec3::new(a, b, c), DVec3::new(d, e, f));
-            let along = from - to;
-            let Some(direction) = along.try_normalize() else {
-                let name = element.title();
-                let rule = "fromto has two different points";
-                return Err(element.wrong(Problem::Senseless { name, rule }));
-            };
-            pose = Pose::new((from + to) * 0.5, along_z(direction));
-            let half = along.length() * 0.5;
+        if let Some((along, half)) = from_to(element)? {
+            pose = along;
             let first = sizes.first().copied().unwrap_or(0.0);
             sizes = match kind {
                 "capsule" | "cylinder" => vec![first, half],
@@ -193,6 +185,22 @@ fn reference(element: &Element) -> Result<Option<Pose>, LoadError> {
     Ok(Some(
         Pose::new(position.unwrap_or_default(), rotation).inverse(),
     ))
+}
+
+/// The pose between two points with z along them, and half their distance, metres; `None` without them.
+fn from_to(element: &Element) -> Result<Option<(Pose, f64)>, LoadError> {
+    let Some([a, b, c, d, e, f]) = element.array("fromto", "6")? else {
+        return Ok(None);
+    };
+    let (from, to) = (DVec3::new(a, b, c), DVec3::new(d, e, f));
+    let along = from - to;
+    let Some(direction) = along.try_normalize() else {
+        let name = element.title();
+        let rule = "fromto has two different points";
+        return Err(element.wrong(Problem::Senseless { name, rule }));
+    };
+    let pose = Pose::new((from + to) * 0.5, along_z(direction));
+    Ok(Some((pose, along.length() * 0.5)))
 }
 
 /// Notes settings of a geom that a shape has not.

@@ -8,10 +8,9 @@ use rhumb_protocol::scene::{CollisionGroups, JointKind, JointLimits, LockedAxes}
 
 use super::classes::{Compiler, truth};
 use crate::error::LoadError;
-use crate::inertia::Pose;
+use crate::inertia::{Pose, along_x};
 use crate::model::{Drive, Model, ModelBody, ModelJoint};
 use crate::report::{Effect, Report};
-use crate::urdf::along_x;
 use crate::xml::Element;
 
 /// A hinge or slide as the file has it, or a ball.
@@ -73,29 +72,7 @@ impl Hinge {
             damping: first("damping")?,
             friction: first("frictionloss")?,
         };
-        let known = [
-            "name",
-            "class",
-            "type",
-            "pos",
-            "axis",
-            "range",
-            "limited",
-            "ref",
-            "springref",
-            "stiffness",
-            "damping",
-            "frictionloss",
-            "group",
-            "user",
-        ];
-        for (name, value) in &element.attributes {
-            if !known.contains(&name.as_str()) && !(name == "armature" && value == "0") {
-                let why = "a joint has no such setting";
-                let subject = format!("joint {name}");
-                report.again(&element.place(), subject, Effect::Left, why);
-            }
-        }
+        note_settings(&element, report);
         Ok(Self {
             kind,
             anchor: body.point(element.vector("pos")?.unwrap_or_default()),
@@ -115,6 +92,35 @@ impl Hinge {
 
     fn name(&self) -> String {
         self.element.text("name").unwrap_or("joint").to_owned()
+    }
+}
+
+/// Settings that a joint takes from the file, or that say nothing of physics.
+const KNOWN: [&str; 14] = [
+    "name",
+    "class",
+    "type",
+    "pos",
+    "axis",
+    "range",
+    "limited",
+    "ref",
+    "springref",
+    "stiffness",
+    "damping",
+    "frictionloss",
+    "group",
+    "user",
+];
+
+/// Notes settings that a joint has not.
+fn note_settings(element: &Element, report: &mut Report) {
+    for (name, value) in &element.attributes {
+        let is_nothing = name == "armature" && value == "0";
+        if !is_nothing && !KNOWN.contains(&name.as_str()) {
+            let why = "a joint has no such setting";
+            report.again(&element.place(), format!("joint {name}"), Effect::Left, why);
+        }
     }
 }
 

@@ -1,4 +1,4 @@
-//! MJCF: worlds of bodies inside each other, with geoms, joints and default classes.
+//! MJCF: bodies inside each other, with geoms, joints, default classes.
 //!
 //! Bodies without joints become part of the one that holds them, or of the world. Geoms of the world are fixed bodies.
 //! What the format has beyond bodies, joints, shapes and their contacts is noted.
@@ -79,7 +79,11 @@ pub(crate) fn read(
         f64::from(options.density),
         reader.report,
     );
-    reader.bound_masses();
+    masses::bound(
+        &mut reader.model.bodies,
+        reader.compiler.bounds,
+        reader.compiler.total_mass,
+    );
     let excluded = reader.excluded(&root)?;
     reader.equalities(&root)?;
     if options.own_contacts == OwnContacts::AsFile {
@@ -484,26 +488,6 @@ impl Reader<'_> {
         let pose = own.pose.inverse().of(&pose);
         own.solids.push(Placed { pose, solid, name });
         Ok(())
-    }
-
-    /// Least masses and moments, and the mass of all bodies together, where the compiler is told so.
-    fn bound_masses(&mut self) {
-        let [mass, moment] = self.compiler.bounds;
-        let moving = |body: &&mut ModelBody| !body.fixed;
-        for body in self.model.bodies.iter_mut().filter(moving) {
-            body.inertia.mass = body.inertia.mass.max(mass);
-            if moment > 0.0 {
-                let (moments, axes) = body.inertia.principal();
-                let own = Inertia::diagonal(1.0, moments.max(DVec3::splat(moment)));
-                body.inertia.tensor = own.moved(&Pose::new(DVec3::ZERO, axes)).tensor;
-            }
-        }
-        if let Some(total) = self.compiler.total_mass {
-            let sum: f64 = self.model.bodies.iter().map(|body| body.inertia.mass).sum();
-            for body in &mut self.model.bodies {
-                body.inertia = body.inertia.times(total / sum.max(1e-12));
-            }
-        }
     }
 
     fn named(&self, element: &Element, attribute: &'static str) -> Result<Held, LoadError> {
