@@ -332,8 +332,9 @@ impl<E: Endpoint> WithUnixPeers<'_, E> {
             }
             Transmit::State { bytes, .. } => {
                 let bytes_len = bytes.len();
-                if !peer.outgoing.send_state(bytes) {
-                    tracing::debug!(peer = to.0, bytes_len, "state datagram not sent");
+                let dropped = peer.outgoing.send_state(bytes);
+                if dropped > 0 {
+                    tracing::debug!(peer = to.0, bytes_len, dropped, "state datagrams not sent");
                 }
             }
             Transmit::Close { code, .. } => {

@@ -4,7 +4,7 @@
 //! bytes are interpreted here. A server has the same frames.
 
 use std::collections::VecDeque;
-use std::io::{Read, Write};
+use std::io::Read;
 use std::net::Shutdown;
 use std::os::unix::net::UnixStream;
 use std::path::Path;
@@ -109,8 +109,9 @@ impl ClientTransport for UnixClient {
     fn send_state(&self, bytes: Bytes) {
         let bytes_len = bytes.len();
         self.count_sent(bytes_len);
-        if !self.outgoing.send_state(bytes) {
-            tracing::debug!(bytes_len, "state datagram not sent");
+        let dropped = self.outgoing.send_state(bytes);
+        if dropped > 0 {
+            tracing::debug!(bytes_len, dropped, "state datagrams not sent");
         }
     }
 
@@ -248,14 +249,19 @@ impl FrameReader {
     }
 }
 
-/// Waiting bytes beyond which datagrams are dropped.
+/// Waiting bytes of datagrams, beyond which the oldest ones are dropped: new state supersedes old.
 const STATE_WAITING_MAX: usize = 1 << 20;
-/// Waiting bytes beyond which a connection ends.
-const WAITING_MAX: usize = 12 << 20;
-/// Time without progress after which a peer counts as gone.
-const WRITE_TIMEOUT: Duration = Duration::from_secs(10);
+/// Waiting control bytes beyond which a connection ends.
+const CONTROL_WAITING_MAX: usize = 12 << 20;
+/// Control bytes that count as taken while they wait. A peer that does not read for minutes stays, as one of the network
+/// does, whose thread reads for it.
+const TAKEN_BYTES_MAX: u64 = 1 << 20;
+/// Time without progress after which the rest of a closed connection is given up.
+const CLOSE_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// The frames of one end that its socket has not taken.
+///
+/// A peer may be away for any time: its datagrams are superseded meanwhile, and its control bytes wait.
 pub struct Outgoing {
     socket: UnixStream,
     waiting: Mutex<Waiting>,
@@ -266,14 +272,26 @@ pub struct Outgoing {
 
 #[derive(Default)]
 struct Waiting {
-    frames: VecDeque<WaitingFrame>,
-    bytes: usize,
-    /// True while the thread writes frames that it has taken.
+    /// The rest of a frame of which the socket has taken a part: it goes first, and is never dropped.
+    begun: Option<WaitingFrame>,
+    control: FrameQueue,
+    state: FrameQueue,
+    /// The number of the next frame.
+    next: u64,
+    /// True while the thread writes a frame that it has taken.
     writing: bool,
     /// True once nothing more may be sent.
     closed: bool,
-    /// Control bytes that the socket has taken.
-    taken: u64,
+    /// Control bytes that were sent, and those that the socket has taken.
+    sent: u64,
+    written: u64,
+}
+
+/// The frames of one lane, each with its number among those of both.
+#[derive(Default)]
+struct FrameQueue {
+    frames: VecDeque<(u64, WaitingFrame)>,
+    bytes: usize,
 }
 
 struct WaitingFrame {
@@ -286,13 +304,70 @@ struct WaitingFrame {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Overflow;
 
+/// The socket takes no more: its peer is gone, or the connection is given up.
+struct Gone;
+
+impl FrameQueue {
+    fn push(&mut self, number: u64, frame: WaitingFrame) {
+        self.bytes += frame.bytes.len();
+        self.frames.push_back((number, frame));
+    }
+
+    fn pop(&mut self) -> Option<WaitingFrame> {
+        let (_, frame) = self.frames.pop_front()?;
+        self.bytes -= frame.bytes.len();
+        Some(frame)
+    }
+
+    fn first(&self) -> u64 {
+        self.frames.front().map_or(u64::MAX, |(number, _)| *number)
+    }
+}
+
+impl Waiting {
+    /// True if the socket may take a frame at once.
+    fn is_idle(&self) -> bool {
+        let queued = self.control.bytes + self.state.bytes;
+        queued == 0 && self.begun.is_none() && !self.writing
+    }
+
+    fn take_number(&mut self) -> u64 {
+        self.next += 1;
+        self.next
+    }
+
+    fn push(&mut self, frame: WaitingFrame) {
+        let number = self.take_number();
+        match frame.control {
+            0 => self.state.push(number, frame),
+            _ => self.control.push(number, frame),
+        }
+    }
+
+    /// The next frame to write: the oldest one of both lanes.
+    fn pop(&mut self) -> Option<WaitingFrame> {
+        let first = self.begun.take();
+        first.or_else(|| match self.state.first() < self.control.first() {
+            true => self.state.pop(),
+            false => self.control.pop(),
+        })
+    }
+
+    /// Ends the stream; what waits is lost.
+    fn give_up(&mut self) {
+        self.closed = true;
+        self.begun = None;
+        self.control = FrameQueue::default();
+        self.state = FrameQueue::default();
+    }
+}
+
 impl Outgoing {
     /// Starts the thread of a socket.
     pub fn start(
         socket: UnixStream,
         note_written: impl Fn() + Send + Sync + 'static,
     ) -> io::Result<Arc<Self>> {
-        socket.set_write_timeout(Some(WRITE_TIMEOUT))?;
         let outgoing = Arc::new(Self {
             socket,
             waiting: Mutex::default(),
@@ -309,24 +384,31 @@ impl Outgoing {
     /// Sends control bytes, in as many frames as they need.
     pub fn send_control(&self, mut bytes: Bytes) -> Result<(), Overflow> {
         let mut waiting = self.lock();
+        if waiting.control.bytes + bytes.len() > CONTROL_WAITING_MAX {
+            return Err(Overflow);
+        }
         while !bytes.is_empty() {
             let piece = bytes.split_to(bytes.len().min(FRAME_BYTES_MAX));
             let control = piece.len();
             let bytes = StreamFrame::Control(piece).encode();
-            self.send(&mut waiting, WaitingFrame { bytes, control })?;
+            self.send(&mut waiting, WaitingFrame { bytes, control });
         }
         Ok(())
     }
 
-    /// Sends a datagram, unless too much waits. Returns whether it was sent.
-    pub fn send_state(&self, bytes: Bytes) -> bool {
-        let mut waiting = self.lock();
-        if waiting.bytes > STATE_WAITING_MAX || bytes.len() > FRAME_BYTES_MAX {
-            return false;
+    /// Sends a datagram. If too many bytes wait, the oldest ones are dropped; returns the number of dropped datagrams.
+    pub fn send_state(&self, bytes: Bytes) -> u64 {
+        if bytes.len() > FRAME_BYTES_MAX {
+            return 1;
         }
+        let mut waiting = self.lock();
         let bytes = StreamFrame::State(bytes).encode();
-        self.send(&mut waiting, WaitingFrame { bytes, control: 0 })
-            .is_ok()
+        self.send(&mut waiting, WaitingFrame { bytes, control: 0 });
+        let mut dropped = 0;
+        while waiting.state.bytes > STATE_WAITING_MAX && waiting.state.pop().is_some() {
+            dropped += 1;
+        }
+        dropped
     }
 
     /// Ends the stream with a code, after all that waits.
@@ -334,7 +416,10 @@ impl Outgoing {
         let mut waiting = self.lock();
         if !waiting.closed {
             let bytes = StreamFrame::End(code).encode();
-            waiting.frames.push_back(WaitingFrame { bytes, control: 0 });
+            let number = waiting.take_number();
+            waiting
+                .control
+                .push(number, WaitingFrame { bytes, control: 0 });
             waiting.closed = true;
         }
         self.changed.notify_all();
@@ -342,57 +427,81 @@ impl Outgoing {
 
     /// Ends the stream at once.
     pub fn abort(&self) {
-        let mut waiting = self.lock();
-        waiting.frames.clear();
-        waiting.closed = true;
+        self.lock().give_up();
         self.changed.notify_all();
         // A socket that is not connected is ended already.
         let _ = self.socket.shutdown(Shutdown::Both);
     }
 
-    /// Control bytes that the socket has taken so far.
+    /// Control bytes that count as taken so far: those that the socket has, and some that wait.
     pub fn taken(&self) -> u64 {
-        self.lock().taken
+        let waiting = self.lock();
+        waiting.sent.min(waiting.written + TAKEN_BYTES_MAX)
     }
 
-    fn send(&self, waiting: &mut Waiting, mut frame: WaitingFrame) -> Result<(), Overflow> {
+    fn send(&self, waiting: &mut Waiting, mut frame: WaitingFrame) {
         if waiting.closed {
-            return Ok(());
+            return;
         }
-        if waiting.frames.is_empty() && !waiting.writing {
-            match send(
-                &self.socket,
-                &frame.bytes,
-                SendFlags::DONTWAIT | SendFlags::NOSIGNAL,
-            ) {
-                Ok(sent) if sent == frame.bytes.len() => {
-                    waiting.taken += frame.control as u64;
-                    return Ok(());
+        waiting.sent += frame.control as u64;
+        if waiting.is_idle() {
+            match self.try_write(&mut frame) {
+                Ok(true) => {
+                    waiting.written += frame.control as u64;
+                    return;
                 }
-                Ok(sent) => frame.bytes = frame.bytes.slice(sent..),
-                Err(Errno::AGAIN | Errno::INTR) => {}
+                Ok(false) => {}
                 // The reader learns that the connection has ended.
-                Err(_) => {
-                    waiting.closed = true;
-                    return Ok(());
+                Err(Gone) => {
+                    waiting.give_up();
+                    return;
                 }
             }
+            waiting.begun = Some(frame);
+        } else {
+            waiting.push(frame);
         }
-        if waiting.bytes + frame.bytes.len() > WAITING_MAX {
-            return Err(Overflow);
-        }
-        waiting.bytes += frame.bytes.len();
-        waiting.frames.push_back(frame);
         self.changed.notify_all();
+    }
+
+    /// Writes what the socket takes of a frame at once; `true` if that is all of it.
+    fn try_write(&self, frame: &mut WaitingFrame) -> Result<bool, Gone> {
+        while !frame.bytes.is_empty() {
+            let at_once = SendFlags::DONTWAIT | SendFlags::NOSIGNAL;
+            match send(&self.socket, &frame.bytes, at_once) {
+                Ok(sent) => frame.bytes.advance(sent),
+                Err(Errno::INTR) => {}
+                Err(Errno::AGAIN) => return Ok(false),
+                Err(_) => return Err(Gone),
+            }
+        }
+        Ok(true)
+    }
+
+    /// Writes a frame, however long the peer does not read, unless this end has closed.
+    fn write(&self, frame: &mut WaitingFrame) -> Result<(), Gone> {
+        let slice = Timespec {
+            tv_sec: i64::try_from(CLOSE_TIMEOUT.as_secs()).unwrap_or(i64::MAX),
+            tv_nsec: 0,
+        };
+        while !self.try_write(frame)? {
+            let was_closed = self.lock().closed;
+            let mut writable = [PollFd::new(&self.socket, PollFlags::OUT)];
+            match poll(&mut writable, Some(&slice)) {
+                Ok(0) if was_closed => return Err(Gone),
+                Ok(_) | Err(Errno::INTR) => {}
+                Err(_) => return Err(Gone),
+            }
+        }
         Ok(())
     }
 
     /// Writes the waiting frames until the stream has ended.
     fn write_waiting(&self) {
         let mut waiting = self.lock();
+        let mut unreported = 0;
         loop {
-            let frames = std::mem::take(&mut waiting.frames);
-            if frames.is_empty() {
+            let Some(mut frame) = waiting.pop() else {
                 if waiting.closed {
                     // As in `abort`.
                     let _ = self.socket.shutdown(Shutdown::Both);
@@ -400,25 +509,22 @@ impl Outgoing {
                 }
                 waiting = self.changed.wait(waiting).expect(LOCK);
                 continue;
-            }
+            };
             waiting.writing = true;
             drop(waiting);
-            let mut socket = &self.socket;
-            let (mut written, mut control, mut failed) = (0, 0, false);
-            for frame in &frames {
-                written += frame.bytes.len();
-                control += frame.control as u64;
-                failed = failed || socket.write_all(&frame.bytes).is_err();
-            }
+            let written = self.write(&mut frame);
             waiting = self.lock();
             waiting.writing = false;
-            waiting.bytes = waiting.bytes.saturating_sub(written);
-            waiting.taken += control;
-            if failed {
-                waiting.frames.clear();
-                waiting.closed = true;
+            match written {
+                Ok(()) => waiting.written += frame.control as u64,
+                Err(Gone) => waiting.give_up(),
             }
-            (self.note_written)();
+            unreported += frame.control;
+            let is_last = waiting.control.frames.is_empty();
+            if unreported > 0 && (is_last || unreported >= FRAME_BYTES_MAX) {
+                unreported = 0;
+                (self.note_written)();
+            }
         }
     }
 
@@ -453,6 +559,71 @@ mod tests {
             }
             assert_eq!(read, frames);
         }
+    }
+
+    /// The frames that a peer gets when it reads all at last.
+    fn read_all(mut socket: UnixStream) -> Vec<StreamFrame> {
+        let mut bytes = Vec::new();
+        socket.read_to_end(&mut bytes).expect("the stream ends");
+        let mut reader = FrameReader::default();
+        reader.put(&bytes);
+        let next = || reader.next_frame().expect("valid frames");
+        std::iter::from_fn(next).collect()
+    }
+
+    #[test]
+    fn a_peer_that_was_away_gets_all_control_bytes_and_the_newest_state() {
+        const SENT: u32 = 6_000;
+        let (near, far) = UnixStream::pair().expect("the system has sockets");
+        let outgoing = Outgoing::start(near, || {}).expect("a thread can start");
+        let mut dropped = 0;
+        for number in 0..SENT {
+            let mut state = vec![0; 1_000];
+            state[..4].copy_from_slice(&number.to_le_bytes());
+            dropped += outgoing.send_state(state.into());
+            if number % 100 == 0 {
+                let control = Bytes::copy_from_slice(&number.to_le_bytes());
+                assert_eq!(outgoing.send_control(control), Ok(()));
+            }
+        }
+        // No time is too long for it.
+        assert_eq!(outgoing.socket.write_timeout().ok(), Some(None));
+        outgoing.close(7);
+        let frames = read_all(far);
+        let (mut state, mut control) = (Vec::new(), Vec::new());
+        for frame in &frames {
+            match frame {
+                StreamFrame::State(bytes) => state.push(bytes.clone().get_u32_le()),
+                StreamFrame::Control(bytes) => control.push(bytes.clone().get_u32_le()),
+                StreamFrame::End(code) => assert_eq!(*code, 7),
+            }
+        }
+        assert_eq!(frames.last(), Some(&StreamFrame::End(7)));
+        let each: Vec<u32> = (0..SENT).step_by(100).collect();
+        assert_eq!(control, each);
+        assert!(state.is_sorted());
+        assert_eq!(state.len() as u64 + dropped, u64::from(SENT));
+        let kept = (STATE_WAITING_MAX / (1_000 + HEAD_BYTES)) as u32;
+        let newest: Vec<u32> = (SENT - kept..SENT).collect();
+        assert!(state.ends_with(&newest), "{state:?}");
+    }
+
+    #[test]
+    fn some_control_bytes_count_as_taken_while_a_peer_is_away() {
+        let (near, far) = UnixStream::pair().expect("the system has sockets");
+        let outgoing = Outgoing::start(near, || {}).expect("a thread can start");
+        let half = Bytes::from(vec![0; 512 << 10]);
+        for _ in 0..2 {
+            assert_eq!(outgoing.send_control(half.clone()), Ok(()));
+        }
+        assert_eq!(outgoing.taken(), 1 << 20);
+        for _ in 0..8 {
+            assert_eq!(outgoing.send_control(half.clone()), Ok(()));
+        }
+        assert!(outgoing.taken() < 5 << 20);
+        outgoing.close(0);
+        assert_eq!(read_all(far).len(), 10 * 8 + 1);
+        assert_eq!(outgoing.taken(), 5 << 20);
     }
 
     #[test]
