@@ -104,9 +104,11 @@ impl KinematicTarget {
         self.twist = Twist::ZERO;
     }
 
-    /// Keeps velocities from the next step on, or from the target on if one is set: it is there after the next step.
+    /// Keeps velocities from the next step on, or from the target on if one is set: it is there after the next step. A pose
+    /// that follows is the first of a motion, however soon it comes: the caller says how the body moves.
     pub(super) const fn keep(&mut self, twist: Twist) {
         self.twist = twist;
+        self.since = u32::MAX;
         if let Some(target) = &mut self.target {
             target.steps = 1;
             target.is_timed = true;
@@ -472,6 +474,26 @@ mod tests {
             );
             for _ in 0..16 {
                 assert_eq!(kinematic_target.advance(INTEGRATOR).pose(), at(x));
+            }
+        }
+    }
+
+    #[test]
+    fn a_pose_after_a_velocity_is_reached_in_the_next_step() {
+        // Commands that were on their way for unequal times: some come together, and none in a rhythm.
+        for (kept_after, next_after) in [(0, 1), (0, 8), (4, 4), (4, 9), (9, 9)] {
+            let mut kinematic_target = KinematicTarget::at(Pose::IDENTITY);
+            for x in [0.8, 0.0, 0.8, 0.0] {
+                kinematic_target.go_to(at(x), INTEGRATOR);
+                for step in 0..next_after {
+                    if step == kept_after {
+                        kinematic_target.keep(Twist::ZERO);
+                    }
+                    assert_eq!(kinematic_target.advance(INTEGRATOR).pose(), at(x));
+                }
+                if kept_after == next_after {
+                    kinematic_target.keep(Twist::ZERO);
+                }
             }
         }
     }

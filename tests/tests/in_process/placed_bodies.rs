@@ -118,8 +118,8 @@ impl Passing {
     }
 }
 
-/// Checks that a watcher saw bodies between their places in this share of its poses at most.
-fn check_places(watcher: &Watcher, bodies: &[Passing], most: f64, what: &str) {
+/// Checks that a watcher saw no body between its places, and none farther beyond them than `most` metres.
+fn check_places(watcher: &Watcher, bodies: &[Passing], most: f32, what: &str) {
     let (mut between, mut shown) = (0_u32, 0_u32);
     let mut beyond: f32 = 0.0;
     for body in bodies {
@@ -132,9 +132,8 @@ fn check_places(watcher: &Watcher, bodies: &[Passing], most: f64, what: &str) {
         }
     }
     assert!(shown > 10_000);
-    let share = f64::from(between) / f64::from(shown);
-    assert!(share <= most, "{what}: {between} of {shown}");
-    assert!(most > 0.0 || beyond < 0.05, "{what}: {beyond} m");
+    assert_eq!(between, 0, "{what}: of {shown}");
+    assert!(beyond < most, "{what}: {beyond} m beyond");
 }
 
 #[test]
@@ -172,7 +171,7 @@ fn a_moving_body_that_is_placed_aside_is_shown_at_one_of_its_places_at_any_time(
                 let commands = body.place(&mut world, ahead);
                 world.send(&commands);
             }
-            // A kinematic body goes evenly through poses that come more often than every quarter of a second.
+            // Commands that a loss has delayed come close together, but never without a velocity between two poses.
             let ticks = 17 + world.dice.below(9);
             for tick in 0..ticks {
                 if tick == 4 {
@@ -193,8 +192,9 @@ fn a_moving_body_that_is_placed_aside_is_shown_at_one_of_its_places_at_any_time(
         }
         for (watcher, options) in watchers.iter().zip(OPTIONS) {
             let what = format!("{links}, seed {seed}, {options:?}");
-            // Commands that a loss has delayed come close together: a kinematic body then goes evenly through its poses.
-            let most = if links.contains("loss") { 0.02 } else { 0.0 };
+            // Without a delay, a body is led on by an update whose successor is lost or not here yet.
+            let leads = links.contains("loss") && options.delay_ticks == 0.0;
+            let most = if leads { 0.25 } else { 0.05 };
             check_places(watcher, &bodies, most, &what);
         }
     }
