@@ -6,17 +6,15 @@
 
 use std::collections::BTreeMap;
 
-use rhumb_protocol::Peer;
 use rhumb_protocol::limits::{GRANT, GRANTED_MAX, RANGES_PER_MEMBER_MAX, RESERVE_MAX};
 use rhumb_protocol::scene::IdRange;
 use rhumb_reckoning::BodyId;
 
-/// Granted indices of one scene.
+/// The indices of one scene that nobody has. Members and sessions hold their ranges.
 #[derive(Debug, Default)]
 pub(crate) struct IdRanges {
     /// No index from here on was ever granted.
     end: u32,
-    granted: BTreeMap<Peer, Vec<IdRange>>,
     /// Runs of indices below `end` that no member has: the first one, and their number. No two runs touch.
     free: BTreeMap<u32, u32>,
 }
@@ -47,6 +45,11 @@ impl IndexLimits {
     }
 }
 
+/// True if an id is in one of these ranges.
+pub(crate) fn has(ranges: &[IdRange], id: BodyId) -> bool {
+    ranges.iter().any(|range| range.contains(id))
+}
+
 /// Vacancy of an index: `None` while a body lives there, or if its generations are used up; otherwise the least unused
 /// generation.
 pub(crate) type Vacancy<'a> = dyn Fn(u32) -> Option<u16> + 'a;
@@ -64,7 +67,7 @@ impl IdRanges {
     /// that has fewer than `least`.
     pub(crate) fn admit(
         &mut self,
-        (peer, least): (Peer, u32),
+        least: u32,
         limits: IndexLimits,
         vacancy: &Vacancy<'_>,
     ) -> Option<IdRange> {
@@ -76,19 +79,18 @@ impl IdRanges {
             run if run.count >= fresh.count => run,
             _ => fresh,
         };
-        (run.count >= least).then(|| self.take(peer, run, share))?
+        (run.count >= least).then(|| self.take(run, share))?
     }
 
-    /// Grants a member `count` further indices. `None` when no run of that length is left, when later members would
+    /// Grants a member `count` further indices, beside those that it has. `None` when no run of that length is left, when later members would
     /// find too few, or when the member has too many.
     pub(crate) fn reserve(
         &mut self,
-        peer: Peer,
+        granted: &[IdRange],
         count: u32,
         limits: IndexLimits,
         vacancy: &Vacancy<'_>,
     ) -> Option<IdRange> {
-        let granted = self.granted.get(&peer).map_or(&[][..], Vec::as_slice);
         let indices: u32 = granted.iter().map(IdRange::count).sum();
         let fresh = self.fresh(limits);
         if granted.len() >= RANGES_PER_MEMBER_MAX
@@ -103,7 +105,7 @@ impl IdRanges {
         }
         let again = self.reuse(count, vacancy);
         let run = if again.count < count { fresh } else { again };
-        (run.count >= count).then(|| self.take(peer, run, count))?
+        (run.count >= count).then(|| self.take(run, count))?
     }
 
     /// The indices that were never granted.
@@ -153,7 +155,7 @@ impl IdRanges {
     }
 
     /// Grants the first `count` indices of a run, or all of them if it has fewer.
-    fn take(&mut self, peer: Peer, run: VacantRun, count: u32) -> Option<IdRange> {
+    fn take(&mut self, run: VacantRun, count: u32) -> Option<IdRange> {
         let count = run.count.min(count);
         let range = (count > 0).then(|| IdRange::new(run.first, count, run.generation))??;
         let after = run.first + count;
@@ -165,7 +167,6 @@ impl IdRanges {
             self.insert_free(first, run.first);
             self.insert_free(after, end);
         }
-        self.granted.entry(peer).or_default().push(range);
         Some(range)
     }
 
@@ -173,19 +174,6 @@ impl IdRanges {
         if first < end {
             self.free.insert(first, end - first);
         }
-    }
-
-    /// True if a member may use an id.
-    pub(crate) fn allows(&self, peer: Peer, id: BodyId) -> bool {
-        let ranges = self.granted.get(&peer);
-        ranges.is_some_and(|ranges| ranges.iter().any(|range| range.contains(id)))
-    }
-
-    /// The member whose range contains an id.
-    pub(crate) fn owner(&self, id: BodyId) -> Option<Peer> {
-        let mut granted = self.granted.iter();
-        let owner = granted.find(|(_, ranges)| ranges.iter().any(|range| range.contains(id)));
-        owner.map(|(peer, _)| *peer)
     }
 
     /// Grants indices from this one on, in a scene whose script has those before it.
@@ -207,17 +195,7 @@ impl IdRanges {
         self.end = next.max(end);
     }
 
-    /// Gives a member the ranges of its session.
-    pub(crate) fn give_back(&mut self, peer: Peer, ranges: Vec<IdRange>) {
-        self.granted.insert(peer, ranges);
-    }
-
-    /// Takes a member's ranges, which its session keeps.
-    pub(crate) fn withdraw(&mut self, peer: Peer) {
-        self.granted.remove(&peer);
-    }
-
-    /// Frees the ranges of a session that is over.
+    /// Frees the ranges of a member that left, or of a session that is over.
     pub(crate) fn free(&mut self, ranges: Vec<IdRange>) {
         for range in ranges {
             let (mut first, mut end) = (range.first(), range.first() + range.count());
@@ -231,17 +209,6 @@ impl IdRanges {
             }
             self.insert_free(first, end);
         }
-    }
-
-    /// The first range of a member.
-    pub(crate) fn first(&self, peer: Peer) -> Option<IdRange> {
-        self.granted.get(&peer)?.first().copied()
-    }
-
-    /// Frees the ranges of a member that left.
-    pub(crate) fn retire(&mut self, peer: Peer) {
-        let ranges = self.granted.remove(&peer);
-        self.free(ranges.unwrap_or_default());
     }
 }
 
@@ -266,31 +233,32 @@ mod tests {
     #[test]
     fn indices_without_bodies_are_granted_again() {
         let mut grants = IdRanges::default();
-        let (first, second) = (Peer(1), Peer(2));
-        let range = grants.admit((first, 1), LIMITS, &nothing_lives).unwrap();
+        let range = grants.admit(1, LIMITS, &nothing_lives).unwrap();
         assert_eq!(
             (range.first(), range.count(), range.generation()),
             (0, GRANT, 0)
         );
-        assert!(grants.allows(first, BodyId::new(GRANT - 1, 0)));
-        assert!(!grants.allows(first, BodyId::new(GRANT, 0)));
-        assert!(!grants.allows(second, BodyId::new(0, 0)));
-        assert_eq!(grants.owner(BodyId::new(9, 4)), Some(first));
-        grants.retire(first);
-        assert_eq!(grants.owner(BodyId::new(9, 4)), None);
-        assert!(!grants.allows(first, BodyId::new(0, 0)));
+        assert!(has(&[range], BodyId::new(GRANT - 1, 0)));
+        assert!(!has(&[range], BodyId::new(GRANT, 0)));
+        grants.free(vec![range]);
+        let mut second = Vec::new();
+        let mut reserve = |count, vacancy: &Vacancy<'_>| {
+            let range = grants.reserve(&second, count, LIMITS, vacancy).unwrap();
+            second.push(range);
+            range
+        };
         // One body lives: the indices around it are free.
         let vacancy = |index| (index != 9).then_some(3);
-        let again = grants.reserve(second, 5, LIMITS, &vacancy).unwrap();
+        let again = reserve(5, &vacancy);
         assert_eq!(
             (again.first(), again.count(), again.generation()),
             (0, 5, 3)
         );
-        let again = grants.reserve(second, 5, LIMITS, &vacancy).unwrap();
+        let again = reserve(5, &vacancy);
         assert_eq!((again.first(), again.count()), (10, 5));
-        let again = grants.reserve(second, 4, LIMITS, &vacancy).unwrap();
+        let again = reserve(4, &vacancy);
         assert_eq!((again.first(), again.count()), (5, 4));
-        let fresh = grants.reserve(second, GRANT, LIMITS, &vacancy).unwrap();
+        let fresh = reserve(GRANT, &vacancy);
         assert_eq!((fresh.first(), fresh.generation()), (GRANT, 0));
     }
 
@@ -301,13 +269,13 @@ mod tests {
             indices: GRANT + 7,
             ..LIMITS
         };
-        assert!(grants.admit((Peer(1), 1), limits, &nothing_lives).is_some());
-        let rest = grants.admit((Peer(2), 1), limits, &nothing_lives).unwrap();
+        let first = grants.admit(1, limits, &nothing_lives).unwrap();
+        let rest = grants.admit(1, limits, &nothing_lives).unwrap();
         assert_eq!((rest.first(), rest.count()), (GRANT, 7));
-        assert_eq!(grants.admit((Peer(3), 1), limits, &nothing_lives), None);
-        grants.retire(Peer(1));
+        assert_eq!(grants.admit(1, limits, &nothing_lives), None);
+        grants.free(vec![first]);
         let vacancy = |index| (index % 100 != 50).then_some(0);
-        let longest = grants.admit((Peer(3), 1), limits, &vacancy).unwrap();
+        let longest = grants.admit(1, limits, &vacancy).unwrap();
         assert_eq!((longest.first(), longest.count()), (51, 99));
     }
 
@@ -319,10 +287,12 @@ mod tests {
             members: 3,
             share: GRANT,
         };
-        let mut reserve = |peer, count| {
-            grants
-                .reserve(Peer(peer), count, limits, &nothing_lives)
-                .is_some()
+        let mut members = [const { Vec::new() }; 5];
+        let mut reserve = |member: usize, count| {
+            let of: &mut Vec<_> = &mut members[member];
+            let granted = grants.reserve(of, count, limits, &nothing_lives);
+            of.extend(granted);
+            granted.is_some()
         };
         assert!(reserve(1, RESERVE_MAX) && reserve(1, GRANT));
         assert!(!reserve(1, 1), "one member");
@@ -331,11 +301,11 @@ mod tests {
         let left = 3 * GRANTED_MAX - 2 * RESERVE_MAX - GRANT;
         assert!(reserve(3, left - 3 * GRANT));
         assert!(!reserve(4, 1));
-        for peer in 5..8 {
-            let granted = grants.admit((Peer(peer), 1), limits, &nothing_lives);
+        for _ in 5..8 {
+            let granted = grants.admit(1, limits, &nothing_lives);
             assert_eq!(granted.map(|range| range.count()), Some(GRANT));
         }
-        assert_eq!(grants.admit((Peer(8), 1), limits, &nothing_lives), None);
+        assert_eq!(grants.admit(1, limits, &nothing_lives), None);
     }
 
     #[test]
@@ -351,14 +321,14 @@ mod tests {
             for members in 0..members_max {
                 let limits = IndexLimits::of(indices, members_max, members);
                 let share = limits.share;
-                let granted = grants.admit((Peer(members), share), limits, &nothing_lives);
+                let granted = grants.admit(share, limits, &nothing_lives);
                 assert!(granted.is_some(), "{members} of {members_max}: {share}");
             }
         }
         let default = IndexLimits::of(393_216, 64, 0);
         assert_eq!(default.share, GRANT);
         let mut grants = IdRanges::default();
-        let largest = grants.reserve(Peer(1), RESERVE_MAX, default, &nothing_lives);
+        let largest = grants.reserve(&[], RESERVE_MAX, default, &nothing_lives);
         assert!(largest.is_some(), "beside the shares of all");
     }
 
@@ -378,27 +348,27 @@ mod tests {
         /// Members come, reserve, leave some bodies behind and go, in any order.
         #[test]
         fn no_index_is_in_two_ranges_or_granted_while_its_body_lives(
-            script in prop::collection::vec((0_u32..5, 0_u64..6, 1_u32..6_000), 1..80)
+            script in prop::collection::vec((0_u32..5, 0_usize..6, 1_u32..6_000), 1..80)
         ) {
             let mut grants = IdRanges::default();
+            let mut members = [const { Vec::<IdRange>::new() }; 6];
             let mut living = BTreeSet::new();
             let limits = IndexLimits { indices: 30_000, ..LIMITS };
-            for (what, peer, number) in script {
-                let peer = Peer(peer);
+            for (what, member, number) in script {
+                let ranges = &mut members[member];
                 let vacancy = |index: u32| (!living.contains(&index)).then_some(0);
                 match what {
-                    0 if grants.first(peer).is_none() => drop(grants.admit((peer, 1), limits, &vacancy)),
-                    1 => drop(grants.reserve(peer, number, limits, &vacancy)),
-                    2 => grants.retire(peer),
+                    0 if ranges.is_empty() => ranges.extend(grants.admit(1, limits, &vacancy)),
+                    1 => ranges.extend(grants.reserve(ranges, number, limits, &vacancy)),
+                    2 => grants.free(std::mem::take(ranges)),
                     3 => drop(living.pop_first()),
                     _ => {
-                        let ranges = grants.granted.get(&peer).cloned().unwrap_or_default();
                         let of = |range: &IdRange| range.first() + number % range.count();
                         living.extend(ranges.iter().map(of));
                     }
                 }
                 let mut runs: Vec<_> = grants.free.iter().map(|(a, n)| (*a, *n)).collect();
-                let granted = grants.granted.values().flatten();
+                let granted = members.iter().flatten();
                 runs.extend(granted.map(|range| (range.first(), range.count())));
                 runs.sort_unstable();
                 let mut next = 0;

@@ -5,6 +5,7 @@
 use rhumb_protocol::limits::QUERY_COST_MAX;
 use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::packet::StreamId;
+use rhumb_protocol::scene::IdRange;
 use rhumb_protocol::{Instant, Span};
 
 use crate::record::SessionNumber;
@@ -32,6 +33,8 @@ pub(crate) struct Member {
     /// Bytes of the scene events that its commands caused, less [`ADDED_PER_SECOND`] since.
     pub(crate) added_bytes: usize,
     added_at: Instant,
+    /// Its body indices, never none.
+    pub(crate) ids: Vec<IdRange>,
     /// Its session, if it has one.
     pub(crate) session: Option<SessionNumber>,
     /// True if commands are numbered that the log has not got yet.
@@ -62,9 +65,9 @@ pub(crate) enum SnapshotRequest {
 impl Member {
     /// A new member that subscribes to a stream.
     /// `commands`: those of its session before.
-    pub(crate) const fn new(
+    pub(crate) fn new(
         (stream, choice): (StreamId, StreamChoice),
-        session: Option<SessionNumber>,
+        (session, ids): (Option<SessionNumber>, Vec<IdRange>),
         commands: u64,
     ) -> Self {
         Self {
@@ -78,6 +81,7 @@ impl Member {
             pending_bytes: 0,
             added_bytes: 0,
             added_at: Instant::ZERO,
+            ids,
             session,
             undurable: false,
             queries: 0,
@@ -225,7 +229,7 @@ mod tests {
     const C: StreamId = StreamId(3);
 
     fn member() -> Member {
-        Member::new((A, StreamChoice::Full), None, 0)
+        Member::new((A, StreamChoice::Full), (None, Vec::new()), 0)
     }
 
     fn subscribed(member: &Member) -> Vec<StreamId> {

@@ -24,7 +24,8 @@ use rhumb_protocol::message::{
 };
 use rhumb_protocol::packet::StreamId;
 use rhumb_protocol::scene::{
-    BodyDesc, Command, CommandError, Locomotion, SceneConfig, SceneName, Shape, ShapeId, Stepping,
+    BodyDesc, Command, CommandError, IdRange, Locomotion, SceneConfig, SceneName, Shape, ShapeId,
+    Stepping,
 };
 use rhumb_protocol::stream::{Activity, StreamStart};
 use rhumb_protocol::{Instant, Peer, Span};
@@ -36,7 +37,7 @@ use crate::admission::SceneLoad;
 use crate::authority_table::AuthorityTable;
 use crate::clients::Clients;
 use crate::hook::Hook;
-use crate::id_ranges::IdRanges;
+use crate::id_ranges::{self, IdRanges};
 use crate::observer::{Incident, SceneObserver, TickFigures};
 use crate::provided::SceneScript;
 use crate::rights::{Ownership, Request};
@@ -74,8 +75,9 @@ pub(crate) struct SceneRunner {
     restored_at: VecDeque<Instant>,
     /// True if the last step of the free-running scene was more than a step late.
     late: bool,
-    /// True if a client of another protocol owns the scene: only that client steps and ends it.
-    owned: bool,
+    /// The client of another protocol that owns the scene, if one does, with its indices: only that client steps and
+    /// ends the scene.
+    owner: Option<(Peer, Vec<IdRange>)>,
     settings: Arc<SceneSettings>,
     load: SceneLoad,
     observer: Box<dyn SceneObserver>,
@@ -122,7 +124,7 @@ impl SceneRunner {
             rollback: Rollback::default(),
             restored_at: VecDeque::new(),
             late: false,
-            owned: false,
+            owner: None,
             settings,
             load,
             observer,
@@ -137,12 +139,12 @@ impl SceneRunner {
 
     /// True if a client of another protocol owns the scene.
     pub(crate) const fn is_owned(&self) -> bool {
-        self.owned
+        self.owner.is_some()
     }
 
     /// True if it has an owner or a log, and exists without members.
     pub(crate) const fn is_kept(&self) -> bool {
-        self.owned || self.is_durable()
+        self.is_owned() || self.is_durable()
     }
 
     /// The time of the next step: at once in a scene that must advance, never in one without members.
@@ -179,14 +181,14 @@ impl SceneRunner {
 
     /// Sends the start of the stream, and every shape and body.
     fn send_snapshot(&mut self, peer: Peer, clients: &mut Clients) {
-        let granted = match self.id_ranges.first(peer) {
-            Some(range) => range,
-            None => return,
+        let Some(member) = clients.member(peer) else {
+            return;
         };
-        if let Some(member) = clients.member(peer) {
-            self.streams.begin_snapshot(member.stream(), peer);
-        }
-        let Some(stream) = self.stream_of(peer, clients) else {
+        let Some(granted) = member.ids.first().copied() else {
+            return;
+        };
+        self.streams.begin_snapshot(member.stream(), peer);
+        let Some(stream) = self.streams.get(member.stream()) else {
             return;
         };
         let start = StreamStart {
@@ -327,19 +329,32 @@ impl SceneRunner {
         let too_far = to.value() > self.scene.tick().value() + ADVANCE_TICKS_MAX;
         match self.config().stepping {
             Stepping::FreeRunning => Some(Denial::NotLockstep),
-            Stepping::Lockstep if self.owned => Some(Denial::Owned),
+            Stepping::Lockstep if self.is_owned() => Some(Denial::Owned),
             Stepping::Lockstep if self.faulted => Some(Denial::SceneFaulted),
             Stepping::Lockstep if too_far => Some(Denial::TooFarAhead),
             Stepping::Lockstep => None,
         }
     }
 
-    fn apply(&mut self, peer: Peer, command: &Command) -> Result<(), CommandError> {
+    /// The indices of a member, or of the client that owns the scene.
+    fn ids_of<'a>(&'a self, peer: Peer, clients: &'a Clients) -> &'a [IdRange] {
+        match &self.owner {
+            Some((owner, ids)) if *owner == peer => ids,
+            _ => clients.member(peer).map_or(&[], |member| &member.ids),
+        }
+    }
+
+    fn apply(
+        &mut self,
+        peer: Peer,
+        command: &Command,
+        clients: &Clients,
+    ) -> Result<(), CommandError> {
         if self.faulted {
             return Err(CommandError::SceneFaulted);
         }
         if let Command::AddBody { desc, .. } = command
-            && !self.id_ranges.allows(peer, desc.id)
+            && !id_ranges::has(self.ids_of(peer, clients), desc.id)
         {
             return Err(CommandError::NotGranted(desc.id));
         }

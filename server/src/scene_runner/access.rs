@@ -73,7 +73,7 @@ impl SceneRunner {
         clients: &Clients,
     ) -> Result<(), CommandError> {
         self.check(clients, peer, Request::Command(command, self.config()))?;
-        self.apply(peer, command)?;
+        self.apply(peer, command, clients)?;
         let client = clients.name(peer).cloned();
         self.ownership.note(client.as_ref(), command);
         let tick = self.scene.tick();

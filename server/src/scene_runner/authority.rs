@@ -10,6 +10,7 @@ use rhumb_reckoning::BodyId;
 use super::SceneRunner;
 use crate::authority_table::UpstreamStatistics;
 use crate::clients::Clients;
+use crate::id_ranges;
 use crate::rights::Request;
 use crate::streams;
 
@@ -90,7 +91,7 @@ impl SceneRunner {
         let mut bodies = Vec::with_capacity(request.bodies.len());
         self.check(clients, peer, Request::TakeAuthority(&request.bodies))?;
         for id in &request.bodies {
-            self.check_authority(peer, *id)?;
+            self.check_authority(peer, *id, clients)?;
             let now = self.scene.observation(*id);
             let motion = now.ok_or(AuthorityError::UnknownBody(*id))?.motion;
             bodies.push((*id, motion));
@@ -121,12 +122,20 @@ impl SceneRunner {
         Ok(authority)
     }
 
-    fn check_authority(&self, peer: Peer, id: BodyId) -> Result<(), AuthorityError> {
+    fn check_authority(
+        &self,
+        peer: Peer,
+        id: BodyId,
+        clients: &Clients,
+    ) -> Result<(), AuthorityError> {
         let config = self.scene.body(id).ok_or(AuthorityError::UnknownBody(id))?;
         if config.kind != BodyKind::Kinematic {
             return Err(AuthorityError::NotKinematic(id));
         }
-        if self.id_ranges.owner(id).is_some_and(|owner| owner != peer) {
+        let others = clients.members().filter(|(other, ..)| *other != peer);
+        let of_others = others.map(|(.., member)| &member.ids);
+        let of_owner = self.owner.as_ref().map(|(_, ids)| ids);
+        if of_others.chain(of_owner).any(|ids| id_ranges::has(ids, id)) {
             return Err(AuthorityError::NotYours(id));
         }
         if self

@@ -15,8 +15,8 @@ use crate::scene::Scene;
 impl SceneRunner {
     /// Gives the scene to a client of another protocol, with the index range of its bodies.
     pub(crate) fn give_to(&mut self, owner: Peer, clients: &Clients) -> Result<IdRange, Denial> {
-        let own_indices = self.grant_more(owner, BODIES_MAX, clients)?;
-        self.owned = true;
+        let own_indices = self.grant_more(&[], BODIES_MAX, clients)?;
+        self.owner = Some((owner, vec![own_indices]));
         Ok(own_indices)
     }
 
@@ -33,7 +33,7 @@ impl SceneRunner {
         clients: &mut Clients,
     ) -> Result<(), CommandError> {
         self.settings.heartbeat.beat();
-        let applied = self.apply(owner, command);
+        let applied = self.apply(owner, command, clients);
         applied.map_err(|error| self.restore_if_failed(error, clients))
     }
 

@@ -60,8 +60,8 @@ impl SceneRunner {
             None => self.begin_stream(choice),
         };
         let before = self.sessions.next_number();
-        let session = match self.begin_session(now, (peer, &permit), request, clients) {
-            Ok(session) => session,
+        let (session, ids) = match self.begin_session(now, (peer, &permit), request, clients) {
+            Ok(begun) => begun,
             Err(denial) => {
                 self.streams.unsubscribe(stream, peer);
                 return Err(denial);
@@ -71,7 +71,7 @@ impl SceneRunner {
         let commands = session.and_then(|number| self.sessions.get(number));
         let commands = commands.map_or(0, |session| session.commands);
         self.observer.joined(peer, permit.client.as_deref());
-        let member = Member::new((stream, choice), session, commands);
+        let member = Member::new((stream, choice), (session, ids), commands);
         if let Some(client) = clients.get_mut(peer) {
             client.member = Some(member);
         }
@@ -107,7 +107,7 @@ impl SceneRunner {
             for stream in member.streams() {
                 self.streams.unsubscribe(stream, peer);
             }
-            self.end_session(peer, member.session, reason, clients);
+            self.end_session(member, reason, clients);
         }
         if clients.member_count() == 0 {
             self.next_step = None;
@@ -118,10 +118,14 @@ impl SceneRunner {
         let allowed = self
             .check(clients, peer, Request::Reserve)
             .map_err(Denial::from);
-        let answer = match allowed.and_then(|()| self.grant_more(peer, count, clients)) {
+        let ids = clients.member(peer).map_or(&[][..], |member| &member.ids);
+        let answer = match allowed.and_then(|()| self.grant_more(ids, count, clients)) {
             Ok(range) => {
-                if let Some(number) = clients.member(peer).and_then(|member| member.session) {
-                    self.note_session(&Record::Granted(number, range));
+                if let Some(member) = clients.member_mut(peer) {
+                    member.ids.push(range);
+                    if let Some(number) = member.session {
+                        self.note_session(&Record::Granted(number, range));
+                    }
                 }
                 ServerMessage::Reserved(range)
             }
@@ -200,7 +204,7 @@ impl SceneRunner {
         (peer, permit): (Peer, &Permit),
         request: Option<SessionRequest>,
         clients: &Clients,
-    ) -> Result<Option<SessionNumber>, Denial> {
+    ) -> Result<(Option<SessionNumber>, Vec<IdRange>), Denial> {
         self.close_expired(now);
         let known = self.known_session(permit, request);
         if let Some(number) = known {
@@ -208,26 +212,25 @@ impl SceneRunner {
                 .sessions
                 .get(number)
                 .map(|session| session.ranges.clone());
-            self.id_ranges.give_back(peer, ranges.unwrap_or_default());
             self.sessions.attach(number, peer);
-            return Ok(known);
+            return Ok((known, ranges.unwrap_or_default()));
         }
-        let range = self.grant_to_new_member(peer, clients)?;
+        let range = self.grant_to_new_member(clients)?;
         let Some(request) = request else {
-            return Ok(None);
+            return Ok((None, vec![range]));
         };
         let number = self.sessions.next_number();
         self.note_session(&Record::Opened(number, request.key, permit.client.clone()));
         self.note_session(&Record::Granted(number, range));
         self.sessions.attach(number, peer);
-        Ok(Some(number))
+        Ok((Some(number), vec![range]))
     }
 
     /// Grants a new member its indices. Clients that are away give way to one that is here: their sessions end, one after
     /// the other, until the indices suffice. A session whose indices all have bodies would free none, and continues.
-    fn grant_to_new_member(&mut self, peer: Peer, clients: &Clients) -> Result<IdRange, Denial> {
+    fn grant_to_new_member(&mut self, clients: &Clients) -> Result<IdRange, Denial> {
         let least = (self.index_limits(clients).share / SUFFICES).max(1);
-        let mut granted = self.grant_first(peer, least, clients);
+        let mut granted = self.grant_first(least, clients);
         for number in self.sessions.absent() {
             if granted.is_some() {
                 break;
@@ -237,9 +240,9 @@ impl SceneRunner {
             }
             tracing::info!(session = number.0, "a session ends: its indices are needed");
             self.close_absent(number);
-            granted = self.grant_first(peer, least, clients);
+            granted = self.grant_first(least, clients);
         }
-        let granted = granted.or_else(|| self.grant_first(peer, 1, clients));
+        let granted = granted.or_else(|| self.grant_first(1, clients));
         granted.ok_or(Denial::NoIndicesLeft)
     }
 
@@ -254,21 +257,21 @@ impl SceneRunner {
     }
 
     /// Grants a new member its share of the indices, or fewer if no free run is so long, but not fewer than `least`.
-    fn grant_first(&mut self, peer: Peer, least: u32, clients: &Clients) -> Option<IdRange> {
+    fn grant_first(&mut self, least: u32, clients: &Clients) -> Option<IdRange> {
         let (scene, limits) = (&self.scene, self.index_limits(clients));
         let vacancy = |index| scene.vacancy(index);
-        self.id_ranges.admit((peer, least), limits, &vacancy)
+        self.id_ranges.admit(least, limits, &vacancy)
     }
 
     pub(super) fn grant_more(
         &mut self,
-        peer: Peer,
+        ids: &[IdRange],
         count: u32,
         clients: &Clients,
     ) -> Result<IdRange, Denial> {
         let (scene, limits) = (&self.scene, self.index_limits(clients));
         let vacancy = |index| scene.vacancy(index);
-        let granted = self.id_ranges.reserve(peer, count, limits, &vacancy);
+        let granted = self.id_ranges.reserve(ids, count, limits, &vacancy);
         granted.ok_or(Denial::NoIndicesLeft)
     }
 
@@ -314,8 +317,7 @@ impl SceneRunner {
     /// Ends the session of a member that has left, or keeps it for another connection.
     pub(super) fn end_session(
         &mut self,
-        peer: Peer,
-        session: Option<SessionNumber>,
+        Member { session, ids, .. }: Member,
         reason: DisconnectReason,
         clients: &mut Clients,
     ) {
@@ -323,13 +325,11 @@ impl SceneRunner {
         match (session, reason) {
             (Some(number), DisconnectReason::Left) => {
                 self.note_session(&Record::Closed(number));
-                self.id_ranges.retire(peer);
+                self.id_ranges.free(ids);
             }
-            (Some(number), DisconnectReason::Disconnected) => {
-                self.sessions.detach(number, now);
-                self.id_ranges.withdraw(peer);
-            }
-            (None, _) => self.id_ranges.retire(peer),
+            // The session keeps the indices.
+            (Some(number), DisconnectReason::Disconnected) => self.sessions.detach(number, now),
+            (None, _) => self.id_ranges.free(ids),
         }
         self.close_expired(now);
         self.commit(clients);
