@@ -77,8 +77,8 @@ pub(crate) struct ControlStream {
     snapshot_after: Instant,
     /// The last time at which the link took bytes, or had none to take.
     taken_at: Instant,
-    /// True while its control bytes wait for the disk.
-    kept_back: bool,
+    /// The batch of the log that must be durable before its control bytes go out.
+    kept_back: Option<u64>,
     /// The counters of the scene that its client is a member of.
     traffic: Option<Traffic>,
 }
@@ -122,7 +122,7 @@ impl ControlStream {
             snapshot_end: 0,
             snapshot_after: Instant::ZERO,
             taken_at: now,
-            kept_back: false,
+            kept_back: None,
             traffic: None,
         }
     }
@@ -225,7 +225,7 @@ impl ControlStream {
         self.taken?;
         let waits = self.in_driver() > 0 || self.queued() > 0;
         let unread_for = out.now.since(self.taken_at);
-        let stalled = !self.kept_back && waits && unread_for >= out.limits.stall();
+        let stalled = self.kept_back.is_none() && waits && unread_for >= out.limits.stall();
         (stalled || self.waiting() > out.limits.waiting_bytes())
             .then_some(CloseCode(TransportCode::CONTROL_OVERFLOW.0))
     }
@@ -238,7 +238,7 @@ impl ControlStream {
             session.close(code);
         }
         if self.has_room()
-            && !self.kept_back
+            && self.kept_back.is_none()
             && let Some(bytes) = self.next_piece()
         {
             return Some(Transmit::Control { to, bytes });
@@ -457,19 +457,21 @@ impl Clients {
         }
     }
 
-    /// Keeps all control bytes of a client back until [`Self::release`].
-    pub(crate) fn keep_back(&mut self, peer: Peer) {
+    /// Keeps all control bytes of a client back until a batch of the log is durable.
+    pub(crate) fn keep_back(&mut self, peer: Peer, batch: u64) {
         if let Some(client) = self.clients.get_mut(&peer) {
-            client.control.kept_back = true;
+            client.control.kept_back = Some(batch);
         }
     }
 
-    /// Sends what was kept back.
-    pub(crate) fn release(&mut self, peer: Peer) {
-        if let Some(client) = self.clients.get_mut(&peer) {
+    /// Sends what was kept back for these batches.
+    pub(crate) fn release(&mut self, is_due: impl Fn(u64) -> bool) {
+        for (peer, client) in &mut self.clients {
             let control = &mut client.control;
-            (control.kept_back, control.taken_at) = (false, self.out.now);
-            self.out.sendable.insert(peer);
+            if control.kept_back.is_some_and(&is_due) {
+                (control.kept_back, control.taken_at) = (None, self.out.now);
+                self.out.sendable.insert(*peer);
+            }
         }
     }
 

@@ -2,11 +2,14 @@
 //!
 //! Its streams and pending requests. Streams are known by name only; the scene runner starts and ends them.
 
+use std::collections::VecDeque;
+
 use rhumb_protocol::limits::QUERY_COST_MAX;
 use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::packet::StreamId;
 use rhumb_protocol::scene::IdRange;
 use rhumb_protocol::{Instant, Span};
+use rhumb_reckoning::Tick;
 
 use crate::record::SessionNumber;
 use crate::rights::Quotas;
@@ -39,6 +42,8 @@ pub(crate) struct Member {
     pub(crate) session: Option<SessionNumber>,
     /// True if commands are numbered that the log has not got yet.
     undurable: bool,
+    /// Its commands that the log has and that are not durable.
+    pub(crate) awaited: Acknowledgements,
     /// Messages of queries of this membership that were answered.
     queries: u64,
     pub(crate) query_budget: QueryBudget,
@@ -84,6 +89,7 @@ impl Member {
             ids,
             session,
             undurable: false,
+            awaited: Acknowledgements::default(),
             queries: 0,
             query_budget: QueryBudget::new(),
             missed_events: 0,
@@ -125,9 +131,12 @@ impl Member {
         number
     }
 
-    /// Its commands so far, if there are more than at the last call.
-    pub(crate) fn take_undurable(&mut self) -> Option<u64> {
-        std::mem::take(&mut self.undurable).then_some(self.commands)
+    /// The log got all commands so far with this batch.
+    pub(crate) fn note_logged(&mut self, batch: u64, tick: Tick) {
+        if std::mem::take(&mut self.undurable) {
+            let count = self.commands;
+            self.awaited.push(batch, SessionCommands { count, tick });
+        }
     }
 
     /// The number of the message of queries that is answered now.
@@ -176,6 +185,42 @@ impl Member {
     /// True if it gets the datagrams of a stream.
     pub(crate) fn receives(&self, stream: StreamId) -> bool {
         self.streams().any(|subscribed| subscribed == stream)
+    }
+}
+
+/// Commands of a member's session that are done and not yet reported as durable, by the batches of the log.
+///
+/// Bounded, however long the disk takes. Invariants: no command is acknowledged before its batch is durable, and none is put
+/// off for ever by those that follow it.
+#[derive(Debug, Default)]
+pub(crate) struct Acknowledgements(VecDeque<(u64, SessionCommands)>);
+
+/// Commands of a member's session that are done.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct SessionCommands {
+    /// Their number, from the first one of the session on.
+    pub(crate) count: u64,
+    /// The tick before the step in which the last of them acts, or a later one.
+    pub(crate) tick: Tick,
+}
+
+/// Batches at most. The newest one stands for those beyond it: their commands are acknowledged with the last of them.
+const BATCHES_MAX: usize = 256;
+
+impl Acknowledgements {
+    /// Adds commands that wait for a batch, the newest one.
+    pub(crate) fn push(&mut self, batch: u64, commands: SessionCommands) {
+        if self.0.len() >= BATCHES_MAX {
+            self.0.pop_back();
+        }
+        self.0.push_back((batch, commands));
+    }
+
+    /// The commands of the oldest batch, if batches are durable up to it.
+    pub(crate) fn pop_durable(&mut self, durable: u64) -> Option<SessionCommands> {
+        let (batch, commands) = *self.0.front()?;
+        (batch <= durable).then(|| self.0.pop_front())?;
+        Some(commands)
     }
 }
 
@@ -276,6 +321,56 @@ mod tests {
             }
             let most = 10 * COST_PER_SECOND + members as u64 * BURST;
             assert!((most - 10_000..=most).contains(&answered), "{answered}");
+        }
+    }
+
+    fn commands(count: u64) -> SessionCommands {
+        let tick = Tick::new(count / 2);
+        SessionCommands { count, tick }
+    }
+
+    /// The counts that a member learns when batches are durable up to a number.
+    fn learned(waiting: &mut Acknowledgements, durable: u64) -> Vec<u64> {
+        let commands = std::iter::from_fn(|| waiting.pop_durable(durable));
+        commands.map(|commands| commands.count).collect()
+    }
+
+    #[test]
+    fn commands_are_acknowledged_with_their_batch_and_not_before() {
+        let mut waiting = Acknowledgements::default();
+        waiting.push(3, commands(7));
+        waiting.push(5, commands(9));
+        assert_eq!(waiting.pop_durable(2), None);
+        assert_eq!(waiting.pop_durable(4), Some(commands(7)));
+        assert_eq!(waiting.pop_durable(4), None);
+        assert_eq!(waiting.pop_durable(5), Some(commands(9)));
+        assert_eq!(waiting.pop_durable(9), None);
+    }
+
+    #[test]
+    fn what_waits_is_bounded_and_every_command_is_acknowledged() {
+        let mut waiting = Acknowledgements::default();
+        for number in 1..=10_000 {
+            waiting.push(number, commands(number));
+        }
+        assert_eq!(waiting.0.len(), BATCHES_MAX);
+        let learned_early = learned(&mut waiting, 9_999);
+        assert_eq!(learned_early.last(), Some(&(BATCHES_MAX as u64 - 1)));
+        assert_eq!(waiting.pop_durable(10_000), Some(commands(10_000)));
+    }
+
+    #[test]
+    fn commands_that_follow_put_no_acknowledgement_off_for_ever() {
+        const BEHIND: u64 = 1_000;
+        let mut waiting = Acknowledgements::default();
+        let mut acknowledged = 0;
+        for number in 1..=20_000_u64 {
+            waiting.push(number, commands(number));
+            let durable = number.saturating_sub(BEHIND);
+            let counts = learned(&mut waiting, durable);
+            acknowledged = counts.last().copied().unwrap_or(acknowledged);
+            assert!(acknowledged <= durable, "batch {number}");
+            assert!(durable - acknowledged <= 2 * BEHIND, "batch {number}");
         }
     }
 }

@@ -6,7 +6,6 @@
 mod access;
 mod authority;
 mod command_log;
-mod durability;
 mod owner;
 mod queries;
 mod restoration;
@@ -31,7 +30,7 @@ use rhumb_protocol::stream::{Activity, StreamStart};
 use rhumb_protocol::{Instant, Peer, Span};
 use rhumb_reckoning::{BodyState, Tick};
 
-use self::durability::Durability;
+use self::command_log::Durability;
 pub(crate) use self::session::DisconnectReason;
 use crate::admission::SceneLoad;
 use crate::authority_table::AuthorityTable;

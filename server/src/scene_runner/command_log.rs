@@ -1,17 +1,52 @@
 //! A scene hands records to its command log, and reports what is durable.
 //!
-//! Never waits for the disk.
-
-use std::collections::BTreeMap;
+//! Never waits for the disk. Snapshots are due by the time that steps have taken, so that their replay takes no longer.
 
 use rhumb_protocol::message::ServerMessage;
 use rhumb_protocol::{Peer, Span};
+use rhumb_reckoning::Tick;
 
 use super::SceneRunner;
-use super::durability::{Durability, SessionCommands};
 use crate::clients::Clients;
 use crate::command_log::{CommandLog, Frozen};
+use crate::member::SessionCommands;
 use crate::record::{Journal, Record, SessionNumber};
+
+/// Time of steps after which a snapshot is due: a third of the time for a restart.
+const SNAPSHOT_AFTER: Span = Span::from_millis(1_000);
+/// Bytes of the log after which a snapshot is due.
+const SNAPSHOT_BYTES: usize = 4 << 20;
+/// Steps after which a snapshot is tried that makes a broken log whole.
+const REPAIR_STEPS: u64 = 60;
+
+/// The log of a scene, and the work since its last snapshot.
+pub(super) struct Durability {
+    pub(super) log: Box<dyn CommandLog>,
+    /// Time of the steps since the last snapshot.
+    stepped: Span,
+    snapshot_tick: Tick,
+}
+
+impl Durability {
+    /// `stepped`: time that the replay of the log took.
+    fn new(log: Box<dyn CommandLog>, stepped: Span, tick: Tick) -> Self {
+        Self {
+            log,
+            stepped,
+            snapshot_tick: tick,
+        }
+    }
+
+    fn is_snapshot_due(&self, tick: Tick) -> bool {
+        let steps = tick.value().saturating_sub(self.snapshot_tick.value());
+        let due = if self.log.is_broken() {
+            steps >= REPAIR_STEPS
+        } else {
+            self.stepped >= SNAPSHOT_AFTER || self.log.bytes() >= SNAPSHOT_BYTES
+        };
+        due && self.log.may_snapshot()
+    }
+}
 
 impl SceneRunner {
     /// Starts the command log. `replayed`: time that its restoration took.
@@ -56,13 +91,8 @@ impl SceneRunner {
         };
         let number = durability.log.append(batch);
         let tick = self.scene.tick();
-        let mut commands: BTreeMap<Peer, SessionCommands> = BTreeMap::new();
-        for (member, control) in clients.members_mut().0 {
-            let count = member.take_undurable();
-            commands.extend(count.map(|count| (control.peer(), SessionCommands { count, tick })));
-        }
-        if !commands.is_empty() {
-            durability.awaited.push(number, commands);
+        for (member, _) in clients.members_mut().0 {
+            member.note_logged(number, tick);
         }
     }
 
@@ -99,52 +129,40 @@ impl SceneRunner {
     /// the server. A broken log keeps no answers back.
     pub(super) fn answer_durably(&mut self, peer: Peer, clients: &mut Clients) {
         self.commit(clients);
-        if let Some(durability) = &mut self.durability
+        if let Some(durability) = &self.durability
             && !durability.log.is_broken()
         {
-            let batch = durability.log.appended();
-            durability.unanswered.push_back((batch, peer));
-            clients.keep_back(peer);
+            clients.keep_back(peer, durability.log.appended());
         }
     }
 
     /// Tells a member when the commands of the session that it takes up are durable, though it sends no other ones.
     pub(super) fn acknowledge_resumed(&mut self, peer: Peer, clients: &mut Clients) {
         self.commit(clients);
-        let count = self
-            .session_of(peer, clients)
-            .map_or(0, |session| session.commands);
+        let count = (self.session_of(peer, clients)).map_or(0, |session| session.commands);
         let tick = self.scene.tick();
-        if let Some(durability) = self.durability.as_mut().filter(|_| count > 0) {
-            let commands = BTreeMap::from([(peer, SessionCommands { count, tick })]);
+        if count > 0
+            && let Some(durability) = &self.durability
+            && let Some(member) = clients.member_mut(peer)
+        {
             let newest = durability.log.appended();
-            durability.awaited.push(newest, commands);
+            member.awaited.push(newest, SessionCommands { count, tick });
         }
     }
 
     /// Tells members which of their commands are durable, and sends the answers that waited for the log.
     pub(crate) fn report_durable(&mut self, clients: &mut Clients) {
-        let Some(durability) = &mut self.durability else {
+        let Some(durability) = &self.durability else {
             return;
         };
         let durable = durability.log.durable();
         let is_broken = durability.log.is_broken();
-        while let Some((batch, peer)) = durability.unanswered.front().copied()
-            && (batch <= durable || is_broken)
-        {
-            durability.unanswered.pop_front();
-            let waits_again = durability
-                .unanswered
-                .iter()
-                .any(|(_, other)| *other == peer);
-            if !waits_again {
-                clients.release(peer);
-            }
-        }
-        while let Some(members) = durability.awaited.pop_durable(durable) {
-            for (peer, done) in members {
-                let (commands, tick) = (done.count, done.tick);
-                clients.send(peer, &ServerMessage::Durable { commands, tick });
+        clients.release(|batch| batch <= durable || is_broken);
+        let (members, out) = clients.members_mut();
+        for (member, control) in members {
+            while let Some(SessionCommands { count, tick }) = member.awaited.pop_durable(durable) {
+                let commands = count;
+                control.send(&ServerMessage::Durable { commands, tick }, out);
             }
         }
     }
@@ -152,9 +170,7 @@ impl SceneRunner {
     /// Removes the files of a scene that has ended.
     pub(super) fn delete_log(&mut self, clients: &mut Clients) {
         if let Some(durability) = self.durability.take() {
-            for (_, peer) in &durability.unanswered {
-                clients.release(*peer);
-            }
+            clients.release(|_| true);
             durability.log.delete();
         }
     }

@@ -101,9 +101,6 @@ impl SceneRunner {
         let client = clients.get_mut(peer);
         if let Some(member) = client.and_then(|client| client.member.take()) {
             self.observer.left(peer);
-            if let Some(durability) = &mut self.durability {
-                durability.awaited.forget(peer);
-            }
             for stream in member.streams() {
                 self.streams.unsubscribe(stream, peer);
             }
