@@ -10,7 +10,7 @@ use rhumb_protocol::limits::{GRANT, GRANTED_MAX, RANGES_PER_MEMBER_MAX, RESERVE_
 use rhumb_protocol::scene::IdRange;
 use rhumb_reckoning::BodyId;
 
-/// The indices of one scene that nobody has. Members and sessions hold their ranges.
+/// The free indices of one scene. Members and sessions hold their own ranges.
 #[derive(Debug, Default)]
 pub(crate) struct IdRanges {
     /// No index from here on was ever granted.

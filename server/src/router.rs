@@ -6,13 +6,14 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
-use rhumb_protocol::message::Denial;
+use bytes::Bytes;
+use rhumb_protocol::message::{ClientMessage, Denial, Extension, Grease};
 use rhumb_protocol::scene::{IdRange, SceneConfig, SceneName};
+use rhumb_protocol::session::{CloseCode, ServerSession};
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake};
 
 use crate::authority_table::UpstreamStatistics;
 use crate::command_log::RestoredScene;
-use crate::greeting::{Greeted, Greeting};
 use crate::rights::Permit;
 use crate::scene_loop::{OwnedScene, SceneLoop};
 use crate::settings::SceneSettings;
@@ -254,5 +255,63 @@ impl Endpoint for SceneRouter {
     fn poll_timeout(&self) -> Option<Wake> {
         let wakes = self.loops.values().filter_map(SceneLoop::poll_timeout);
         wakes.min_by_key(|wake| wake.at)
+    }
+}
+
+/// The bytes of a connection up to its first message.
+#[derive(Debug)]
+pub struct Greeting {
+    /// Reads the first message only; the session in the scene reads all bytes again.
+    session: ServerSession,
+    received: Vec<u8>,
+    /// True if the driver reports what the link takes.
+    pub paced: bool,
+}
+
+/// The result of some bytes.
+#[derive(Debug, PartialEq)]
+pub enum Greeted {
+    /// The first message is not whole.
+    NotYet,
+    /// The scene, the token if there is one, and all bytes so far.
+    Names(SceneName, Option<Vec<u8>>, Bytes),
+    /// The client breaks the protocol.
+    Broken(CloseCode),
+}
+
+/// Bytes before the end of a first message: unknown messages may precede it.
+const RECEIVED_BYTES_MAX: usize = 128 << 10;
+
+impl Default for Greeting {
+    fn default() -> Self {
+        Self {
+            session: ServerSession::new(Grease::new(0)),
+            received: Vec::new(),
+            paced: false,
+        }
+    }
+}
+
+impl Greeting {
+    /// Appends control bytes.
+    pub fn handle_control(&mut self, bytes: &[u8]) -> Greeted {
+        self.received.extend_from_slice(bytes);
+        self.session.handle_control(bytes);
+        match self.session.poll_message() {
+            Some(Ok(ClientMessage::Hello {
+                scene, extensions, ..
+            })) => {
+                let token = extensions.value(Extension::TOKEN).map(<[u8]>::to_vec);
+                let received = Bytes::from(std::mem::take(&mut self.received));
+                Greeted::Names(scene, token, received)
+            }
+            _ => match self.session.poll_close() {
+                Some(code) => Greeted::Broken(code),
+                None if self.received.len() > RECEIVED_BYTES_MAX => {
+                    Greeted::Broken(CloseCode::LIMIT)
+                }
+                None => Greeted::NotYet,
+            },
+        }
     }
 }

@@ -30,19 +30,19 @@ use rhumb_protocol::stream::{Activity, StreamStart};
 use rhumb_protocol::{Instant, Peer, Span};
 use rhumb_reckoning::{BodyState, Tick};
 
-use self::command_log::Durability;
 pub(crate) use self::session::DisconnectReason;
 use crate::admission::SceneLoad;
 use crate::authority_table::AuthorityTable;
 use crate::clients::Clients;
+use crate::command_log::Durability;
 use crate::hook::Hook;
 use crate::id_ranges::{self, IdRanges};
 use crate::observer::{Incident, SceneObserver, TickFigures};
-use crate::provided::SceneScript;
 use crate::rights::{Ownership, Request};
 use crate::rollback::Rollback;
 use crate::scene::Scene;
 use crate::sessions::Sessions;
+use crate::settings::SceneScript;
 use crate::settings::SceneSettings;
 use crate::streams::{self, Stream, StreamNames, Streams, append_snapshot};
 

@@ -2,19 +2,20 @@
 
 use core::fmt;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
-use rhumb_protocol::Instant;
 use rhumb_protocol::packet::LargestPacket;
+use rhumb_protocol::scene::{Command, SceneConfig, SceneName};
+use rhumb_protocol::{Instant, Span};
 
 use crate::admission::Admission;
 use crate::baking::Bakers;
 use crate::command_log::SceneStore;
 use crate::engine::{Engines, StepThreads};
-use crate::heartbeat::Heartbeat;
 use crate::hook::Hooks;
 use crate::limits::Limits;
 use crate::observer::{ObserveScenes, Unobserved};
-use crate::provided::ProvidedScenes;
+use crate::scene::Scene;
 
 /// A clock that threads share.
 pub type SharedClock = Arc<dyn Fn() -> Instant + Send + Sync>;
@@ -77,5 +78,119 @@ impl fmt::Debug for SceneSettings {
         f.debug_struct("SceneSettings")
             .field("limits", &self.limits)
             .finish_non_exhaustive()
+    }
+}
+
+/// The sign of life of one thread; all clones are one.
+#[derive(Clone, Default)]
+pub struct Heartbeat(Option<Arc<Beats>>);
+
+struct Beats {
+    clock: Box<dyn Fn() -> Instant + Send + Sync>,
+    /// Nanoseconds of the clock at the begin of the present work; [`RESTING`] while it waits.
+    busy_since: AtomicU64,
+}
+
+const RESTING: u64 = u64::MAX;
+
+impl Heartbeat {
+    /// A heartbeat that is read against this clock. The default one is never read and costs nothing.
+    pub fn new(clock: impl Fn() -> Instant + Send + Sync + 'static) -> Self {
+        Self(Some(Arc::new(Beats {
+            clock: Box::new(clock),
+            busy_since: AtomicU64::new(RESTING),
+        })))
+    }
+
+    /// The thread begins a piece of work.
+    pub fn beat(&self) {
+        if let Some(beats) = &self.0 {
+            let now = (beats.clock)().as_nanos();
+            beats.busy_since.store(now, Ordering::Relaxed);
+        }
+    }
+
+    /// The thread waits.
+    pub fn rest(&self) {
+        if let Some(beats) = &self.0 {
+            beats.busy_since.store(RESTING, Ordering::Relaxed);
+        }
+    }
+
+    /// The duration of the present piece of work so far; zero while the thread waits.
+    #[must_use]
+    pub fn busy_for(&self) -> Span {
+        let Some(beats) = &self.0 else {
+            return Span::ZERO;
+        };
+        let since = beats.busy_since.load(Ordering::Relaxed);
+        // A thread that waits is busy since the end of time.
+        (beats.clock)().since(Instant::from_nanos(since))
+    }
+}
+
+/// Commands a scene before each step, and once before its first member joins.
+pub struct SceneScript(Box<dyn Commanding>);
+
+/// The function type of a script.
+trait Commanding: FnMut(&Scene, &mut Vec<Command>) + Send {}
+
+impl<F: FnMut(&Scene, &mut Vec<Command>) + Send> Commanding for F {}
+
+impl SceneScript {
+    /// A script that adds commands of any kind. It assigns the ids of its bodies, and of its shapes and joints, from zero
+    /// upward, and the first time it runs it adds the body with the greatest index that it will ever use.
+    pub fn new(act: impl FnMut(&Scene, &mut Vec<Command>) + Send + 'static) -> Self {
+        Self(Box::new(act))
+    }
+
+    /// The commands before the next step.
+    pub fn commands(&mut self, scene: &Scene) -> Vec<Command> {
+        let mut commands = Vec::new();
+        (self.0)(scene, &mut commands);
+        commands
+    }
+}
+
+impl fmt::Debug for SceneScript {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("SceneScript")
+    }
+}
+
+/// A scene to begin.
+#[derive(Debug)]
+pub struct ProvidedScene {
+    /// Its config.
+    pub config: SceneConfig,
+    /// Its script.
+    pub script: SceneScript,
+}
+
+/// Provides scenes by their names; all clones are one.
+#[derive(Clone)]
+pub struct ProvidedScenes(Arc<dyn Provide>);
+
+/// The function type of [`ProvidedScenes`].
+trait Provide: Fn(&SceneName) -> Option<ProvidedScene> + Send + Sync {}
+
+impl<F: Fn(&SceneName) -> Option<ProvidedScene> + Send + Sync> Provide for F {}
+
+impl ProvidedScenes {
+    /// `provide` is called whenever a client names a scene that does not exist.
+    pub fn new(
+        provide: impl Fn(&SceneName) -> Option<ProvidedScene> + Send + Sync + 'static,
+    ) -> Self {
+        Self(Arc::new(provide))
+    }
+
+    pub(crate) fn of(&self, name: &SceneName) -> Option<ProvidedScene> {
+        (self.0)(name)
+    }
+}
+
+impl fmt::Debug for ProvidedScenes {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("ProvidedScenes")
     }
 }

@@ -4,49 +4,12 @@
 
 use rhumb_protocol::message::ServerMessage;
 use rhumb_protocol::{Peer, Span};
-use rhumb_reckoning::Tick;
 
 use super::SceneRunner;
 use crate::clients::Clients;
-use crate::command_log::{CommandLog, Frozen};
+use crate::command_log::{CommandLog, Durability, Frozen};
 use crate::member::SessionCommands;
 use crate::record::{Journal, Record, SessionNumber};
-
-/// Time of steps after which a snapshot is due: a third of the time for a restart.
-const SNAPSHOT_AFTER: Span = Span::from_millis(1_000);
-/// Bytes of the log after which a snapshot is due.
-const SNAPSHOT_BYTES: usize = 4 << 20;
-/// Steps after which a snapshot is tried that makes a broken log whole.
-const REPAIR_STEPS: u64 = 60;
-
-/// The log of a scene, and the work since its last snapshot.
-pub(super) struct Durability {
-    pub(super) log: Box<dyn CommandLog>,
-    /// Time of the steps since the last snapshot.
-    stepped: Span,
-    snapshot_tick: Tick,
-}
-
-impl Durability {
-    /// `stepped`: time that the replay of the log took.
-    fn new(log: Box<dyn CommandLog>, stepped: Span, tick: Tick) -> Self {
-        Self {
-            log,
-            stepped,
-            snapshot_tick: tick,
-        }
-    }
-
-    fn is_snapshot_due(&self, tick: Tick) -> bool {
-        let steps = tick.value().saturating_sub(self.snapshot_tick.value());
-        let due = if self.log.is_broken() {
-            steps >= REPAIR_STEPS
-        } else {
-            self.stepped >= SNAPSHOT_AFTER || self.log.bytes() >= SNAPSHOT_BYTES
-        };
-        due && self.log.may_snapshot()
-    }
-}
 
 impl SceneRunner {
     /// Starts the command log. `replayed`: time that its restoration took.

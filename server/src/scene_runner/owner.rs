@@ -66,8 +66,8 @@ mod tests {
     use rhumb_protocol::scene::SceneConfig;
 
     use super::*;
-    use crate::heartbeat::Heartbeat;
     use crate::limits::Limits;
+    use crate::settings::Heartbeat;
     use crate::settings::SceneSettings;
     use crate::streams::StreamNames;
 
