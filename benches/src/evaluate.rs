@@ -20,13 +20,13 @@ use crate::limit::set_beside_limits;
 use crate::record::{Experiment, Load, Mode, Run};
 use crate::recording::Recording;
 use crate::task::{Failure, ended};
-use crate::{machine, output};
+use crate::{machine, output, scripts};
 
 /// Arguments: which modes to run, and where to write.
 #[derive(Clone, Debug, Args)]
 pub struct Evaluate {
-    /// Name of the script.
-    #[arg(long, default_value = "ball-pit", value_parser = clap::builder::PossibleValuesParser::new(rhumb_sims::NAMES))]
+    /// Name of the script, or a file: URDF, MJCF, or a JSON scene.
+    #[arg(long, value_name = "NAME|FILE", default_value = "ball-pit", value_parser = scripts::parse)]
     scene: String,
     /// Number of bodies; several loads run one after the other. Default: as fits the scene.
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=100_000))]
@@ -147,7 +147,8 @@ fn run(arguments: &Evaluate) -> Result<(), Failure> {
         machine,
         loads: Vec::new(),
     };
-    for bodies in bodies(arguments) {
+    let bodies = bodies(arguments);
+    for bodies in &bodies {
         let mut loads = run_load(arguments, *bodies, cores)?;
         if !arguments.no_limit {
             for load in &mut loads {
@@ -159,18 +160,18 @@ fn run(arguments: &Evaluate) -> Result<(), Failure> {
         output::write_figures(&arguments.out, &experiment)?;
     }
     // Drawing takes most of a trace, and one load is enough to look at.
-    let least = bodies(arguments).iter().copied().min().unwrap_or(0);
+    let least = bodies.iter().copied().min().unwrap_or(0);
     let drawn = (!arguments.no_trace).then_some(least);
     output::write_all(&arguments.out, &experiment, drawn)?;
     check_truth(&experiment)
 }
 
 /// The requested loads, or those that fit the scene.
-fn bodies(arguments: &Evaluate) -> &[u32] {
+fn bodies(arguments: &Evaluate) -> Vec<u32> {
     if arguments.bodies.is_empty() {
-        rhumb_sims::default_bodies(&arguments.scene).unwrap_or_default()
+        scripts::default_bodies(&arguments.scene)
     } else {
-        &arguments.bodies
+        arguments.bodies.clone()
     }
 }
 
@@ -190,7 +191,7 @@ fn choose_cores(arguments: &Evaluate) -> Result<Cores, Failure> {
 }
 
 fn script(arguments: &Evaluate, bodies: u32) -> Result<Box<dyn Script>, DriveError> {
-    let script = rhumb_sims::by_name(&arguments.scene, bodies, arguments.seed);
+    let script = scripts::by_name(&arguments.scene, bodies, arguments.seed);
     script.ok_or_else(|| DriveError::NoSuchScene {
         name: arguments.scene.clone(),
     })

@@ -20,6 +20,7 @@ pub mod recording;
 pub mod replay;
 pub mod report;
 pub mod scene_file;
+pub mod scripts;
 pub mod setup;
 pub mod summary;
 pub mod task;

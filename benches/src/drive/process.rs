@@ -16,6 +16,8 @@ use rhumb_server::{RunError, run_on_cores};
 use rhumb_sims::{Controller, Script};
 use rhumb_transport::Fingerprint;
 
+use crate::scripts;
+
 /// A running server; ended in order on drop, and killed if it does not end.
 #[derive(Debug)]
 pub struct ServerProcess {
@@ -294,7 +296,7 @@ impl ScriptChoice {
     /// Builds the script; `None` if the name is unknown.
     #[must_use]
     pub fn script(&self) -> Option<Box<dyn Script>> {
-        rhumb_sims::by_name(&self.scene, self.bodies, self.seed)
+        scripts::by_name(&self.scene, self.bodies, self.seed)
     }
 }
 
