@@ -132,7 +132,10 @@ fn client(own: &Path, out: &Path) -> Result<WebClient, String> {
         let module = scripts.join("rhumb.wasm");
         return match module.exists() {
             true => Ok(WebClient { module, scripts }),
-            false => Err(format!("{} is missing: run `viewer/pack` before `cargo package`", module.display())),
+            false => Err(format!(
+                "{} is missing: run `viewer/pack` before `cargo package`",
+                module.display()
+            )),
         };
     }
     let installed = run(Command::new(variable("RUSTC")?).args([

@@ -3,6 +3,7 @@
 //! Wraps its `PhysicsWorld`; no type of Rapier leaves this file and its helpers. Invariants: the world takes no step
 //! after a panic, since any part may be broken. Bodies that Rapier quarantined are removed when the step returns.
 
+mod crossing;
 mod image;
 #[cfg(test)]
 mod motor_tests;
@@ -75,6 +76,8 @@ pub struct RapierEngine {
     observed: Vec<Observation>,
     /// Swept bodies.
     swept: BTreeSet<BodyId>,
+    /// Sensors that may move.
+    moving_sensors: BTreeSet<BodyId>,
     /// Sensors that bodies went through within the last step, with the bodies.
     crossed: BTreeSet<(BodyId, BodyId)>,
     /// True if the world has changed since its last step. Rapier's image of a world lacks some changes that are not
@@ -127,6 +130,7 @@ impl RapierEngine {
             awake_before: Vec::new(),
             observed: Vec::new(),
             swept: BTreeSet::new(),
+            moving_sensors: BTreeSet::new(),
             crossed: BTreeSet::new(),
             has_changed: false,
         }
@@ -153,6 +157,7 @@ impl RapierEngine {
             self.awake.clear();
             self.observed.clear();
             self.swept.clear();
+            self.moving_sensors.clear();
             self.crossed.clear();
         }
     }
@@ -201,7 +206,7 @@ impl RapierEngine {
         let place = BodySlot { id, handle };
         self.places[index] = Some(place);
         self.stirred.push(place);
-        self.note_swept(&new.desc);
+        self.note_motion(&new.desc);
         if new.desc.kind == BodyKind::Kinematic && new.desc.enabled {
             self.keep(place, motion.motion().twist());
         }
@@ -212,7 +217,7 @@ impl RapierEngine {
             return;
         };
         if self.solids.contains_key(&now.desc.shape) {
-            self.note_swept(&now.desc);
+            self.note_motion(&now.desc);
         }
         let Some(solid) = self.solids.get(&now.desc.shape) else {
             return;
@@ -244,18 +249,26 @@ impl RapierEngine {
             self.places[id.index() as usize] = None;
             self.kinematic_targets.remove(&id);
             self.swept.remove(&id);
+            self.moving_sensors.remove(&id);
             self.characters.remove(id);
             self.vehicles.remove(&mut self.world, id);
             self.world.remove_body(place.handle);
         }
     }
 
-    fn note_swept(&mut self, desc: &BodyDesc) {
-        if desc.swept && desc.kind == BodyKind::Dynamic && desc.enabled {
-            self.swept.insert(desc.id);
-        } else {
-            self.swept.remove(&desc.id);
-        }
+    /// Notes whether a body is swept, and whether it is a sensor that may move.
+    fn note_motion(&mut self, desc: &BodyDesc) {
+        let note = |bodies: &mut BTreeSet<BodyId>, is_one: bool| {
+            if is_one && desc.enabled {
+                bodies.insert(desc.id);
+            } else {
+                bodies.remove(&desc.id);
+            }
+        };
+        let is_swept = desc.swept && desc.kind == BodyKind::Dynamic;
+        note(&mut self.swept, is_swept);
+        let is_moving_sensor = desc.sensor && desc.kind != BodyKind::Fixed;
+        note(&mut self.moving_sensors, is_moving_sensor);
     }
 
     fn relocate(&mut self, id: BodyId, position: Vec3, rotation: Quat) {

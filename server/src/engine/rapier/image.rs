@@ -5,7 +5,7 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use rapier3d::prelude::{PhysicsWorld, RigidBodyHandle};
+use rapier3d::prelude::{Collider, PhysicsWorld, RigidBody, RigidBodyHandle};
 use rhumb_protocol::scene::{SceneConfig, Shape, ShapeId};
 use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_protocol::wire::{Malformed, Wire};
@@ -64,6 +64,7 @@ impl RapierEngine {
             awake_before: self.awake_before.clone(),
             observed: self.observed.clone(),
             swept: self.swept.clone(),
+            moving_sensors: self.moving_sensors.clone(),
             crossed: self.crossed.clone(),
             has_changed: false,
         })
@@ -96,6 +97,19 @@ impl RapierEngine {
         let swept = engine.world.bodies.iter();
         let swept = swept.filter(|(_, body)| body.is_ccd_enabled() && body.is_enabled());
         engine.swept = swept.map(|(_, body)| super::translate::id(body)).collect();
+        let is_sensor = |body: &RigidBody| {
+            let first = body.colliders().first();
+            first
+                .and_then(|solid| engine.world.colliders.get(*solid))
+                .is_some_and(Collider::is_sensor)
+        };
+        let sensors = engine.world.bodies.iter();
+        let sensors =
+            sensors.filter(|(_, body)| !body.is_fixed() && body.is_enabled() && is_sensor(body));
+        let sensors = sensors
+            .map(|(_, body)| super::translate::id(body))
+            .collect();
+        engine.moving_sensors = sensors;
         Ok(engine)
     }
 

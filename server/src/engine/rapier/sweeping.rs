@@ -5,21 +5,18 @@
 //! with their contact. Without such a meeting a step is one step of Rapier.
 
 use std::collections::BTreeSet;
-use std::sync::Mutex;
 
 use glam::Vec3;
-use rapier3d::geometry::{CollisionEvent, CollisionEventFlags, ContactPair};
 use rapier3d::math::Pose as RapierPose;
 use rapier3d::parry::bounding_volume::{Aabb, BoundingVolume};
 use rapier3d::parry::query::ShapeCastOptions;
 use rapier3d::parry::query::sweep_toi::{Sweep, SweepToiStatus, ToiProxy, sweep_time_of_impact};
-use rapier3d::prelude::{
-    Collider, ColliderHandle, ColliderSet, EventHandler, PhysicsWorld, QueryFilter, RigidBody,
-    RigidBodyHandle, RigidBodySet, SoftBodySet,
-};
+use rapier3d::parry::shape::Shape;
+use rapier3d::prelude::{Collider, QueryFilter, RigidBody, RigidBodyHandle};
 use rhumb_protocol::message::RemovalCause;
 use rhumb_reckoning::BodyId;
 
+use super::crossing::Crossings;
 use super::{RapierEngine, translate};
 
 /// Most parts of a step; the last one is what remains.
@@ -55,6 +52,7 @@ impl RapierEngine {
         let whole = self.world.integration_parameters.dt;
         let mut left = whole;
         let ways = self.kinematic_ways();
+        let starts = self.sensor_starts();
         for number in 1..=PARTS_MAX {
             self.lead(&ways, 1.0);
             let plan = self.plan(left);
@@ -74,6 +72,7 @@ impl RapierEngine {
         self.sweep_others(&BTreeSet::new());
         self.world.integration_parameters.dt = whole;
         self.crossed = crossings.pairs(&self.world);
+        self.note_crossed_on_the_way(&starts);
     }
 
     /// Leaves all swept bodies but these to Rapier's own sweep.
@@ -248,130 +247,77 @@ impl RapierEngine {
 
 /// As [`RapierEngine::meeting`], of one solid of each body.
 fn meeting_of_solids(pair: [(&Mover<'_>, &Collider); 2], most: f32, in_reach: f32) -> Option<f32> {
-    let poses = pair.map(|(mover, collider)| {
-        let within = collider.position_wrt_parent().copied().unwrap_or_default();
-        (mover.body.position() * within, mover.end * within)
-    });
-    let centres = pair.map(|(mover, collider)| {
-        let within = collider.position_wrt_parent().copied().unwrap_or_default();
-        within.inverse_transform_point(mover.body.local_center_of_mass())
-    });
-    let [one, other] = pair.map(|(_, collider)| collider.shape());
-    let [(start, end), (other_start, other_end)] = poses;
-    let distance = rapier3d::parry::query::distance(&start, one, &other_start, other);
+    let [one, other] = pair
+        .map(|(mover, solid)| SolidWay::new(mover.body, solid, mover.body.position(), &mover.end));
+    let distance =
+        rapier3d::parry::query::distance(&one.start, one.shape, &other.start, other.shape);
     if distance.is_ok_and(|apart| apart.distance <= in_reach) {
         // They touch in the next part by themselves.
         return None;
     }
-    if let (Some(proxy), Some(other_proxy)) =
-        (ToiProxy::from_shape(one), ToiProxy::from_shape(other))
-    {
-        let sweep = Sweep::from_poses(&start, &end, centres[0]);
-        let other_sweep = Sweep::from_poses(&other_start, &other_end, centres[1]);
-        let slop = in_reach * 0.25;
-        let met = sweep_time_of_impact(&proxy, &sweep, &other_proxy, &other_sweep, most, slop);
-        if !matches!(met.status, SweepToiStatus::Hit | SweepToiStatus::Failed) {
-            return None;
+    one.meets(&other, most, in_reach)
+        .filter(|share| *share > 0.0)
+}
+
+/// A solid on its way through a step.
+pub(super) struct SolidWay<'a> {
+    pub(super) start: RapierPose,
+    pub(super) end: RapierPose,
+    pub(super) shape: &'a dyn Shape,
+    /// The body's centre of mass, from the solid: its turn is about it.
+    centre: Vec3,
+}
+
+impl<'a> SolidWay<'a> {
+    /// The way of a solid whose body is at `start` first and at `end` last.
+    pub(super) fn new(
+        body: &RigidBody,
+        solid: &'a Collider,
+        start: &RapierPose,
+        end: &RapierPose,
+    ) -> Self {
+        let within = solid.position_wrt_parent().copied().unwrap_or_default();
+        Self {
+            start: start * within,
+            end: end * within,
+            shape: solid.shape(),
+            centre: within.inverse_transform_point(body.local_center_of_mass()),
         }
-        // That is when they overlap by the slop; the contact begins while they are still apart.
-        let way = (sweep.c2 - sweep.c1) - (other_sweep.c2 - other_sweep.c1);
-        let share = met.fraction - (slop + in_reach * 0.5) / way.length();
-        return (share > 0.0).then_some(share);
     }
-    let options = ShapeCastOptions {
-        max_time_of_impact: most,
-        target_distance: in_reach * 0.5,
-        stop_at_penetration: false,
-        compute_impact_geometry_on_penetration: false,
-    };
-    let ways = poses.map(|(start, end)| end.translation - start.translation);
-    let met = rapier3d::parry::query::cast_shapes(
-        &start,
-        ways[0],
-        one,
-        &other_start,
-        ways[1],
-        other,
-        options,
-    );
-    let share = met.ok().flatten()?.time_of_impact;
-    (share > 0.0).then_some(share)
-}
 
-/// Sensors that were entered and left within one step.
-#[derive(Default)]
-struct Crossings {
-    seen: Mutex<Vec<(ColliderHandle, ColliderHandle, Change)>>,
-}
-
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Change {
-    Entered,
-    Left,
-}
-
-impl Crossings {
-    /// Each sensor that was entered and left, with the body that did.
-    fn pairs(self, world: &PhysicsWorld) -> BTreeSet<(BodyId, BodyId)> {
-        let seen = self.seen.into_inner().unwrap_or_default();
-        let mut pairs = BTreeSet::new();
-        for (place, (one, other, change)) in seen.iter().enumerate() {
-            let left = (*one, *other, Change::Left);
-            if *change != Change::Entered || !seen[place..].contains(&left) {
-                continue;
+    /// The share of the way after which two solids are within half of `in_reach`; `None` if they are not before `most`.
+    /// It may be negative for two that begin there.
+    pub(super) fn meets(&self, other: &SolidWay<'_>, most: f32, in_reach: f32) -> Option<f32> {
+        if let (Some(proxy), Some(other_proxy)) = (
+            ToiProxy::from_shape(self.shape),
+            ToiProxy::from_shape(other.shape),
+        ) {
+            let sweep = Sweep::from_poses(&self.start, &self.end, self.centre);
+            let other_sweep = Sweep::from_poses(&other.start, &other.end, other.centre);
+            let slop = in_reach * 0.25;
+            let met = sweep_time_of_impact(&proxy, &sweep, &other_proxy, &other_sweep, most, slop);
+            if !matches!(met.status, SweepToiStatus::Hit | SweepToiStatus::Failed) {
+                return None;
             }
-            let solids = [*one, *other].map(|handle| world.colliders.get(handle));
-            let [Some(one), Some(other)] = solids else {
-                continue;
-            };
-            let owner = |solid: &Collider| world.bodies.get(solid.parent()?).map(translate::id);
-            let (Some(first), Some(second)) = (owner(one), owner(other)) else {
-                continue;
-            };
-            if one.is_sensor() {
-                pairs.insert((first, second));
-            }
-            if other.is_sensor() {
-                pairs.insert((second, first));
-            }
+            // That is when they overlap by the slop; the contact begins while they are still apart.
+            let way = (sweep.c2 - sweep.c1) - (other_sweep.c2 - other_sweep.c1);
+            return Some(met.fraction - (slop + in_reach * 0.5) / way.length());
         }
-        pairs
-    }
-}
-
-impl EventHandler for Crossings {
-    fn handle_collision_event(
-        &self,
-        _: &RigidBodySet,
-        _: &ColliderSet,
-        event: CollisionEvent,
-        _: Option<&ContactPair>,
-    ) {
-        let (one, other, flags, change) = match event {
-            CollisionEvent::Started(one, other, flags) => (one, other, flags, Change::Entered),
-            CollisionEvent::Stopped(one, other, flags) => (one, other, flags, Change::Left),
+        let options = ShapeCastOptions {
+            max_time_of_impact: most,
+            target_distance: in_reach * 0.5,
+            stop_at_penetration: false,
+            compute_impact_geometry_on_penetration: false,
         };
-        if flags.contains(CollisionEventFlags::SENSOR)
-            && let Ok(mut seen) = self.seen.lock()
-        {
-            seen.push((one, other, change));
-        }
-    }
-
-    fn handle_contact_force_event(
-        &self,
-        _: f32,
-        _: &RigidBodySet,
-        _: &ColliderSet,
-        _: &ContactPair,
-        _: f32,
-    ) {
-    }
-
-    fn handle_soft_body_tear_event(
-        &self,
-        _: &SoftBodySet,
-        _: &rapier3d::dynamics::SoftBodyTearEvent,
-    ) {
+        let met = rapier3d::parry::query::cast_shapes(
+            &self.start,
+            self.end.translation - self.start.translation,
+            self.shape,
+            &other.start,
+            other.end.translation - other.start.translation,
+            other.shape,
+            options,
+        );
+        Some(met.ok().flatten()?.time_of_impact)
     }
 }

@@ -233,6 +233,64 @@ fn a_thin_sensor_sees_a_fast_body_as_an_integrated_rapier_does() {
     }
 }
 
+/// How often a ball is in a sensor's events, of a plate and of a ball that move by these metres a second.
+fn crossings(kind: BodyKind, thickness: f32, speeds: [f32; 2], offset: f32) -> usize {
+    let mut world = TestWorld::new(Vec3::ZERO);
+    let gate = Shape::cuboid(thickness * 0.5, 2.0, 2.0);
+    let gate = world.add(kind, gate, Vec3::ZERO, |desc| desc.sensor = true);
+    let ball = world.add(
+        BodyKind::Dynamic,
+        Shape::ball(0.05),
+        Vec3::X * offset,
+        |_| (),
+    );
+    for (body, speed) in [(gate, speeds[0]), (ball, speeds[1])] {
+        if speed != 0.0 {
+            world.set_velocity(body, Vec3::X * speed, Vec3::ZERO);
+        }
+    }
+    let (mut entered, mut was_inside) = (0, false);
+    for _ in 0..60 {
+        world.step();
+        let mut pairs = Vec::new();
+        world.engine.sensed(gate, &mut pairs);
+        let is_inside = pairs.contains(&(gate, ball));
+        entered += usize::from(is_inside && !was_inside);
+        was_inside = is_inside;
+    }
+    assert!(!was_inside, "it has left");
+    entered
+}
+
+#[test]
+fn a_sensor_that_may_move_sees_what_passes_it() {
+    for kind in [BodyKind::Kinematic, BodyKind::Dynamic] {
+        for speed in [2.0, 30.0, 100.0, 300.0, 900.0_f32] {
+            for thickness in [0.002, 0.01, 0.1] {
+                for phase in 0..6 {
+                    let offset = speed * 0.5 + phase as f32 * 0.17 * speed / 60.0;
+                    let about = format!("{kind:?}, {speed} m/s, {thickness} m, phase {phase}");
+                    let passes = [
+                        ([0.0, speed], -offset),
+                        ([speed, 0.0], offset),
+                        ([-speed, speed], -2.0 * offset),
+                    ];
+                    for (speeds, offset) in passes {
+                        let seen = crossings(kind, thickness, speeds, offset);
+                        assert_eq!(seen, 1, "{about}, {speeds:?}");
+                    }
+                    // One that moves beside the sensor, or before it, is never in it.
+                    assert_eq!(
+                        crossings(kind, thickness, [speed, speed], 0.5),
+                        0,
+                        "{about}"
+                    );
+                }
+            }
+        }
+    }
+}
+
 /// Where a box ends that rides on a platform for two seconds at one metre a second, and the least speed of the platform.
 fn ride(commands: impl Fn(u32) -> bool) -> (f32, f32) {
     let mut world = TestWorld::new(Vec3::new(0.0, -9.81, 0.0));

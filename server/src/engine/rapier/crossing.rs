@@ -1,0 +1,239 @@
+//! Sensors that bodies go through within a step.
+//!
+//! Rapier tells by events which fast bodies went through a fixed sensor. Of a sensor that moves it tells only what is inside
+//! where the step ends: here, its way is swept against those of the others.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Mutex;
+
+use rapier3d::geometry::{CollisionEvent, CollisionEventFlags, ContactPair};
+use rapier3d::math::Pose as RapierPose;
+use rapier3d::parry::bounding_volume::{Aabb, BoundingVolume};
+use rapier3d::parry::query::intersection_test;
+use rapier3d::prelude::{
+    Collider, ColliderHandle, ColliderSet, EventHandler, PhysicsWorld, QueryFilter, RigidBody,
+    RigidBodyHandle, RigidBodySet, SoftBodySet,
+};
+use rhumb_reckoning::BodyId;
+
+use super::sweeping::SolidWay;
+use super::{RapierEngine, translate};
+
+/// Reach of the sweep of a sensor, metres: an overlap of a quarter of it is found.
+const REACH: f32 = 4e-4;
+
+/// Where bodies begin a step, if they may move in it.
+pub(super) type Starts = BTreeMap<BodyId, (RigidBodyHandle, RapierPose)>;
+
+/// A body that has gone its way through a step.
+struct Passed<'a> {
+    body: &'a RigidBody,
+    start: RapierPose,
+    /// Around its solids where the step began and where it ended.
+    around: Aabb,
+}
+
+impl RapierEngine {
+    /// Where the bodies begin a step; none where no sensor can move.
+    pub(super) fn sensor_starts(&self) -> Starts {
+        if self.moving_sensors.is_empty() {
+            return Starts::new();
+        }
+        let active = self.world.active_bodies();
+        let starts = active.map(|(handle, body)| (translate::id(body), (handle, *body.position())));
+        starts.collect()
+    }
+
+    /// Adds what went through a sensor that can move, and neither began nor ended inside it.
+    pub(super) fn note_crossed_on_the_way(&mut self, starts: &Starts) {
+        if starts.is_empty() {
+            return;
+        }
+        let mut crossed = BTreeSet::new();
+        let movers: BTreeMap<BodyId, Passed<'_>> = starts
+            .iter()
+            .filter_map(|(id, (handle, start))| Some((*id, self.passed(*handle, *start)?)))
+            .filter(|(_, passed)| passed.start != *passed.body.position())
+            .collect();
+        for id in &self.moving_sensors {
+            let Some(slot) = self.place(*id) else {
+                continue;
+            };
+            let moves = movers.get(id);
+            let still = match moves {
+                Some(_) => None,
+                None => self.standing(slot.handle),
+            };
+            let Some(sensor) = moves.or(still.as_ref()) else {
+                continue;
+            };
+            let near = movers
+                .iter()
+                .filter(|(other, passed)| *other != id && passed.around.intersects(&sensor.around));
+            let through = near.filter(|(_, passed)| self.goes_through(sensor, passed));
+            crossed.extend(through.map(|(other, _)| (*id, *other)));
+            if moves.is_some() {
+                let near = self.standing_near(sensor, &movers);
+                let through = near
+                    .iter()
+                    .filter(|(_, passed)| self.goes_through(sensor, passed));
+                crossed.extend(through.map(|(other, _)| (*id, *other)));
+            }
+        }
+        self.crossed.extend(crossed);
+    }
+
+    /// The bodies on the way of a sensor that did not move in the step; they may sleep, or be fixed.
+    fn standing_near<'a>(
+        &'a self,
+        sensor: &Passed<'_>,
+        movers: &BTreeMap<BodyId, Passed<'_>>,
+    ) -> BTreeMap<BodyId, Passed<'a>> {
+        let queries = self
+            .world
+            .query_pipeline_with_filter(QueryFilter::default());
+        let near = queries.intersect_aabb_conservative(sensor.around);
+        let standing = near.filter_map(|(_, solid)| {
+            let handle = solid.parent()?;
+            let passed = self.standing(handle)?;
+            let id = translate::id(passed.body);
+            (!movers.contains_key(&id)).then_some((id, passed))
+        });
+        standing.collect()
+    }
+
+    fn standing(&self, handle: RigidBodyHandle) -> Option<Passed<'_>> {
+        let body = self.world.bodies.get(handle)?;
+        self.passed(handle, *body.position())
+    }
+
+    fn passed(&self, handle: RigidBodyHandle, start: RapierPose) -> Option<Passed<'_>> {
+        let body = self.world.bodies.get(handle)?;
+        let mut around = None::<Aabb>;
+        for solid in body.colliders() {
+            let solid = self.world.colliders.get(*solid)?;
+            let within = solid.position_wrt_parent().copied().unwrap_or_default();
+            let ways =
+                [start, *body.position()].map(|pose| solid.shape().compute_aabb(&(pose * within)));
+            let both = ways[0].merged(&ways[1]);
+            around = Some(around.map_or(both, |around| around.merged(&both)));
+        }
+        Some(Passed {
+            body,
+            start,
+            around: around?,
+        })
+    }
+
+    /// True if a body went through a sensor on their ways, and touched it at neither end.
+    fn goes_through(&self, sensor: &Passed<'_>, other: &Passed<'_>) -> bool {
+        let mut is_met = false;
+        for zone in self
+            .solids_of(sensor.body)
+            .filter(|solid| solid.is_sensor())
+        {
+            let zone_way = SolidWay::new(sensor.body, zone, &sensor.start, sensor.body.position());
+            for solid in self.solids_of(other.body) {
+                if !zone.collision_groups().test(solid.collision_groups()) {
+                    continue;
+                }
+                let way = SolidWay::new(other.body, solid, &other.start, other.body.position());
+                let ends = [(&zone_way.start, &way.start), (&zone_way.end, &way.end)];
+                let touches = |(one, other)| {
+                    let met = intersection_test(one, zone.shape(), other, solid.shape());
+                    met.is_ok_and(|met| met.intersecting)
+                };
+                if ends.into_iter().any(touches) {
+                    return false;
+                }
+                is_met = is_met || zone_way.meets(&way, 1.0, REACH).is_some();
+            }
+        }
+        is_met
+    }
+
+    fn solids_of<'a>(&'a self, body: &'a RigidBody) -> impl Iterator<Item = &'a Collider> {
+        let solids = body.colliders().iter();
+        solids
+            .filter_map(|handle| self.world.colliders.get(*handle))
+            .filter(|solid| solid.is_enabled())
+    }
+}
+
+/// Sensors that were entered and left within one step.
+#[derive(Default)]
+pub(super) struct Crossings {
+    seen: Mutex<Vec<(ColliderHandle, ColliderHandle, Change)>>,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Change {
+    Entered,
+    Left,
+}
+
+impl Crossings {
+    /// Each sensor that was entered and left, with the body that did.
+    pub(super) fn pairs(self, world: &PhysicsWorld) -> BTreeSet<(BodyId, BodyId)> {
+        let seen = self.seen.into_inner().unwrap_or_default();
+        let mut pairs = BTreeSet::new();
+        for (place, (one, other, change)) in seen.iter().enumerate() {
+            let left = (*one, *other, Change::Left);
+            if *change != Change::Entered || !seen[place..].contains(&left) {
+                continue;
+            }
+            let solids = [*one, *other].map(|handle| world.colliders.get(handle));
+            let [Some(one), Some(other)] = solids else {
+                continue;
+            };
+            let owner = |solid: &Collider| world.bodies.get(solid.parent()?).map(translate::id);
+            let (Some(first), Some(second)) = (owner(one), owner(other)) else {
+                continue;
+            };
+            if one.is_sensor() {
+                pairs.insert((first, second));
+            }
+            if other.is_sensor() {
+                pairs.insert((second, first));
+            }
+        }
+        pairs
+    }
+}
+
+impl EventHandler for Crossings {
+    fn handle_collision_event(
+        &self,
+        _: &RigidBodySet,
+        _: &ColliderSet,
+        event: CollisionEvent,
+        _: Option<&ContactPair>,
+    ) {
+        let (one, other, flags, change) = match event {
+            CollisionEvent::Started(one, other, flags) => (one, other, flags, Change::Entered),
+            CollisionEvent::Stopped(one, other, flags) => (one, other, flags, Change::Left),
+        };
+        if flags.contains(CollisionEventFlags::SENSOR)
+            && let Ok(mut seen) = self.seen.lock()
+        {
+            seen.push((one, other, change));
+        }
+    }
+
+    fn handle_contact_force_event(
+        &self,
+        _: f32,
+        _: &RigidBodySet,
+        _: &ColliderSet,
+        _: &ContactPair,
+        _: f32,
+    ) {
+    }
+
+    fn handle_soft_body_tear_event(
+        &self,
+        _: &SoftBodySet,
+        _: &rapier3d::dynamics::SoftBodyTearEvent,
+    ) {
+    }
+}
