@@ -7,6 +7,7 @@ mod crossing;
 mod image;
 #[cfg(test)]
 mod motor_tests;
+mod solid_way;
 mod sweeping;
 #[cfg(test)]
 mod sweeping_tests;

@@ -16,7 +16,7 @@ use rapier3d::prelude::{
 };
 use rhumb_reckoning::BodyId;
 
-use super::sweeping::SolidWay;
+use super::solid_way::SolidWay;
 use super::{RapierEngine, translate};
 
 /// Reach of the sweep of a sensor, metres: an overlap of a quarter of it is found.
