@@ -3,7 +3,7 @@
 //! Reports losses, open or recovered by repair symbols, and overdue watermarks. Sans-IO. Used by a client for its
 //! scene, by a server for an upstream, and by replays; each sets how long silence may last. Call order:
 //! `subscriber_mut().handle`, `update_timers`, then `due` and `report`. Every missing packet has a timer of its own with
-//! growing pauses; only missing packets take memory.
+//! pauses that grow while nothing is answered; only missing packets take memory.
 
 use alloc::vec::Vec;
 
@@ -172,6 +172,8 @@ struct NackScheduler {
     open: Vec<(u64, RetryTimer)>,
     /// The earliest time of the next report, because the last one had no place for more packets.
     paused_until: Instant,
+    /// Parts of refreshes that had come at the last update.
+    refreshes: u64,
 }
 
 impl NackScheduler {
@@ -180,6 +182,7 @@ impl NackScheduler {
         Self {
             open: Vec::new(),
             paused_until: Instant::ZERO,
+            refreshes: 0,
         }
     }
 
@@ -187,21 +190,44 @@ impl NackScheduler {
     fn update(&mut self, now: Instant, stream: &Subscriber) {
         let in_order = stream.statistics().disordered == 0;
         let allowed = if in_order { Span::ZERO } else { DISORDER };
-        self.wait_for(now, allowed, stream.missing_packets());
+        let filled = self.wait_for(now, allowed, stream.missing_packets());
+        let refreshes = stream.statistics().refreshes;
+        if filled || refreshes != self.refreshes {
+            self.begin_anew(now);
+        }
+        self.refreshes = refreshes;
     }
 
-    /// Sets the missing packets, in rising order of number.
-    fn wait_for(&mut self, now: Instant, allowed: Span, missing: impl Iterator<Item = u64>) {
-        let mut before = core::mem::take(&mut self.open).into_iter().peekable();
+    /// Sets the missing packets, in rising order of number. Returns whether one is no longer missing.
+    fn wait_for(
+        &mut self,
+        now: Instant,
+        allowed: Span,
+        missing: impl Iterator<Item = u64>,
+    ) -> bool {
+        let before = core::mem::take(&mut self.open);
+        let (count, mut kept) = (before.len(), 0);
+        let mut before = before.into_iter().peekable();
         self.open.extend(missing.map(|number| {
             while before.next_if(|(other, _)| *other < number).is_some() {}
             let mut timer = match before.next_if(|(other, _)| *other == number) {
-                Some((_, timer)) => timer,
+                Some((_, timer)) => {
+                    kept += 1;
+                    timer
+                }
                 None => RetryTimer::new(allowed, WAIT_MOST),
             };
             timer.begin(now);
             (number, timer)
         }));
+        kept < count
+    }
+
+    /// Begins the longest pauses anew: what arrived tells that the link carries answers (PROTOCOL 6.7-1).
+    fn begin_anew(&mut self, now: Instant) {
+        for (_, timer) in &mut self.open {
+            timer.begin_anew(now);
+        }
     }
 
     /// The time of the next report.
@@ -235,6 +261,8 @@ pub(crate) struct RetryTimer {
     span: Span,
     least: Span,
     most: Span,
+    /// When the message was due last, and the shortest pause after that.
+    fired: Option<(Instant, Span)>,
 }
 
 impl RetryTimer {
@@ -245,6 +273,7 @@ impl RetryTimer {
             span: least,
             least,
             most,
+            fired: None,
         }
     }
 
@@ -275,6 +304,19 @@ impl RetryTimer {
     pub(crate) fn end(&mut self) {
         self.due = None;
         self.span = self.least;
+        self.fired = None;
+    }
+
+    /// Begins pauses that have grown to the longest one anew: the message is due again after the shortest one, and is then the
+    /// first. Shorter ones grow on, so that answers on a full link do not make more of them.
+    fn begin_anew(&mut self, now: Instant) {
+        if self.span < self.most {
+            return;
+        }
+        if let (Some(due), Some((at, pause))) = (self.due, self.fired) {
+            self.due = Some(due.min(now.max(at + pause)));
+            self.span = self.least;
+        }
     }
 
     /// True if the message is due; the next pause is then twice as long, and at least `round_trip`.
@@ -285,6 +327,7 @@ impl RetryTimer {
         let doubled = Span::from_nanos(self.span.as_nanos() * 2);
         self.span = doubled.max(round_trip).min(self.most);
         self.due = Some(now + self.span);
+        self.fired = Some((now, round_trip.min(self.most)));
         true
     }
 }
@@ -431,6 +474,50 @@ mod tests {
             scheduler.wait_for(at(160), Span::ZERO, [12].into_iter());
             assert_eq!(scheduler.poll(at(160), min_delay), [12]);
         }
+
+        /// The times in milliseconds at which a packet is reported; another one arrives at these times.
+        fn reports_of_one(answers: &[u64]) -> Vec<u64> {
+            let mut scheduler = NackScheduler::new();
+            let mut reports = Vec::new();
+            for ms in 0..=2_000 {
+                // Each answer fills a gap behind the packet.
+                let others = answers.iter().filter(|answer| **answer > ms);
+                let missing = [3].into_iter().chain(others.map(|answer| 10 + answer));
+                if scheduler.wait_for(at(ms), Span::ZERO, missing) {
+                    scheduler.begin_anew(at(ms));
+                }
+                let due = scheduler.due();
+                let reported = scheduler.poll(at(ms), Span::from_millis(100));
+                assert_eq!(due.is_some_and(|due| due <= at(ms)), !reported.is_empty());
+                reports.extend(reported.contains(&3).then_some(ms));
+            }
+            reports
+        }
+
+        #[test]
+        fn an_answer_begins_the_longest_pauses_of_all_missing_packets_anew() {
+            let unanswered = [0, 100, 300, 700, 1_200, 1_700];
+            assert_eq!(reports_of_one(&[]), unanswered);
+            // A pause that has not grown to the longest one grows on.
+            assert_eq!(reports_of_one(&[320]), unanswered);
+            // A round trip after the last report, then in pauses that double again.
+            let anew = [0, 100, 300, 700, 800, 900, 1_100, 1_500, 2_000];
+            assert_eq!(reports_of_one(&[720]), anew);
+            // After a longer pause than that, at once.
+            let at_once = [0, 100, 300, 700, 1_000, 1_100, 1_300, 1_700];
+            assert_eq!(reports_of_one(&[1_000]), at_once);
+        }
+
+        #[test]
+        fn no_number_of_answers_ends_the_pauses() {
+            // One at each millisecond.
+            let answers: Vec<u64> = (1..=2_000).collect();
+            let expected = [
+                0, 100, 300, 700, 800, 900, 1_100, 1_500, 1_600, 1_700, 1_900,
+            ];
+            assert_eq!(reports_of_one(&answers), expected);
+        }
+
         #[test]
         fn many_lost_packets_are_reported_at_once_in_several_reports() {
             let mut scheduler = NackScheduler::new();

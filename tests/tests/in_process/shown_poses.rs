@@ -505,30 +505,37 @@ fn no_shown_pose_is_further_off_than_its_bound() {
     }
 }
 
+/// The time after which a stream is whole again once a link that was dead for a while is back.
+fn time_until_back(seed: u64, dead: Span) -> Span {
+    let links = |text: &str| -> LinkConfig { text.parse().expect("a valid link configuration") };
+    // A scene without events meanwhile: those wait for the control stream, whose pauses between repetitions double.
+    let script = by_name("ball-pit", 200, 1).expect("an existing script");
+    let lossy = links("rtt=100ms,loss=5%");
+    let choice = StreamChoice::Within(Tolerance::EXACT);
+    let whole = links("rtt=100ms");
+    let mut stage = Stage::new(script, Stepping::FreeRunning, choice, whole, seed);
+    stage.run_script(Span::from_millis(500));
+    stage.network.set_config(lossy);
+    stage.run(Span::from_millis(500));
+    let before = stage.copy(COMMANDER).stream().watermark_tick();
+    stage.network.set_config(links("rtt=100ms,loss=100%"));
+    stage.run(dead);
+    stage.network.set_config(lossy);
+    let returned = stage.network.now();
+    let ticks = dead.as_nanos() * 60 / 1_000_000_000 - 5;
+    let is_back = |stage: &Stage| {
+        let stream = stage.copy(COMMANDER).stream();
+        stream.is_converged() && stream.complete().value() > before.value() + ticks
+    };
+    stage.run_until_or(Span::from_millis(10_000), is_back);
+    stage.network.now().since(returned)
+}
+
 #[test]
 fn a_stream_is_back_within_two_seconds_of_the_return_of_a_dead_link() {
-    let links = |text: &str| -> LinkConfig { text.parse().expect("a valid link configuration") };
-    for seed in [seed(1), 2, 3, 4] {
-        // A scene without events meanwhile: those wait for the control stream, whose pauses between repetitions double.
-        let script = by_name("ball-pit", 200, 1).expect("an existing script");
-        let lossy = links("rtt=100ms,loss=5%");
-        let choice = StreamChoice::Within(Tolerance::EXACT);
-        let whole = links("rtt=100ms");
-        let mut stage = Stage::new(script, Stepping::FreeRunning, choice, whole, seed);
-        stage.run_script(Span::from_millis(500));
-        stage.network.set_config(lossy);
-        stage.run(Span::from_millis(500));
-        let before = stage.copy(COMMANDER).stream().watermark_tick();
-        stage.network.set_config(links("rtt=100ms,loss=100%"));
-        stage.run(Span::from_millis(4_000));
-        stage.network.set_config(lossy);
-        let returned = stage.network.now();
-        let is_back = |stage: &Stage| {
-            let stream = stage.copy(COMMANDER).stream();
-            stream.is_converged() && stream.complete().value() > before.value() + 235
-        };
-        stage.run_until_or(Span::from_millis(10_000), is_back);
-        let after = stage.network.now().since(returned);
+    // In the later runs the same packet or its answer is lost several times.
+    for seed in [seed(1), 2, 3, 4, 23, 27, 44, 47, 68, 114, 181] {
+        let after = time_until_back(seed, Span::from_millis(4_000));
         assert!(
             after <= Span::from_millis(2_000),
             "seed {seed}: back after {after}"
