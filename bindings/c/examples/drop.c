@@ -1,6 +1,7 @@
 // Drops a ball on a floor, and prints its position and its error bound.
 //
-// Start `rhumb-server --open` first; it prints the address and the fingerprint, which are the arguments.
+// Without arguments, the physics is in this process. With the address and the fingerprint that `rhumb-server --open` prints,
+// it is on that server.
 
 #include <stdio.h>
 
@@ -12,14 +13,17 @@ static int failed(const char *what) {
 }
 
 int main(int count, char **arguments) {
-    if (count != 3) {
-        fprintf(stderr, "the server's host:port and its fingerprint are missing\n");
-        return 1;
-    }
-    RhumbConnectOptions server = {.address = arguments[1], .fingerprint = arguments[2]};
     RhumbConnection connection;
     RhumbScene scene;
-    if (rhumb_connect(&server, &connection) != RHUMB_CODE_OK) return failed("connect");
+    if (count == 1) {
+        if (rhumb_local(&connection) != RHUMB_CODE_OK) return failed("local");
+    } else if (count == 3) {
+        RhumbConnectOptions server = {.address = arguments[1], .fingerprint = arguments[2]};
+        if (rhumb_connect(&server, &connection) != RHUMB_CODE_OK) return failed("connect");
+    } else {
+        fprintf(stderr, "the server's host:port and its fingerprint, or neither\n");
+        return 1;
+    }
     if (rhumb_join(connection, "drop", NULL, &scene) != RHUMB_CODE_OK) return failed("join");
 
     RhumbBodyDesc descs[2];

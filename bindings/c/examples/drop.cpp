@@ -1,6 +1,7 @@
 // Drops a ball on a floor, and prints its position and its error bound.
 //
-// Start `rhumb-server --open` first; it prints the address and the fingerprint, which are the arguments.
+// Without arguments, the physics is in this process. With the address and the fingerprint that `rhumb-server --open` prints,
+// it is on that server.
 
 #include <cstdio>
 #include <exception>
@@ -8,12 +9,13 @@
 #include "rhumb.hpp"
 
 int main(int count, char** arguments) try {
-    if (count != 3) {
-        std::fprintf(stderr, "the server's host:port and its fingerprint are missing\n");
+    if (count != 1 && count != 3) {
+        std::fprintf(stderr, "the server's host:port and its fingerprint, or neither\n");
         return 1;
     }
-    auto trust = rhumb::Trust::fingerprint(arguments[2]);
-    auto scene = rhumb::Connection::connect(arguments[1], trust).join("drop");
+    auto connection = count == 1 ? rhumb::Connection::local()
+                                 : rhumb::Connection::connect(arguments[1], rhumb::Trust::fingerprint(arguments[2]));
+    auto scene = connection.join("drop");
     scene.add_body(rhumb::BodyDesc::fixed(rhumb::Shape::cuboid(10, 0.5, 10)).at(0, -0.5, 0));
     auto ball = scene.add_body(rhumb::BodyDesc::dynamic(rhumb::Shape::ball(0.5)).at(0, 10, 0));
     for (int i = 0; i < 180; ++i) {

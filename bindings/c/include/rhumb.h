@@ -807,6 +807,12 @@ typedef struct RhumbJointDesc {
   float break_torque;
 } RhumbJointDesc;
 
+// A physics server in this process. All zeros is none.
+typedef struct RhumbLocalServer {
+  // Its number.
+  uint64_t id;
+} RhumbLocalServer;
+
 // The arrays of a view. They have one order, which changes from view to view.
 //
 // The pointers are valid until the next call with this scene that computes a view (advance, wait, poll) or closes it.
@@ -1163,6 +1169,37 @@ RhumbCode rhumb_scene_change_joint(struct RhumbScene scene,
 //
 // `last` is null or points to memory for a number.
 RhumbCode rhumb_scene_remove_joint(struct RhumbScene scene, uint32_t joint, uint64_t *last);
+
+// Connects to a server of the connection's own, in this process and without sockets. It steps within the calls of its
+// client, and ends with it. Join a scene with the connection, or close it.
+//
+// # Safety
+//
+// `connection` points to what its type says.
+RhumbCode rhumb_local(struct RhumbConnection *connection);
+
+// Makes a server in this process for any number of connections.
+//
+// `own_thread`: 0 has it step within the calls of its clients. Clients on several threads take turns then: each waits while
+// another one's call steps. 1 has it step on a thread of its own, so that a free-running scene moves on between calls.
+//
+// # Safety
+//
+// `server` points to what its type says.
+RhumbCode rhumb_local_server_open(uint8_t own_thread,
+                                  struct RhumbLocalServer *server);
+
+// Connects one more client. `timeout_s` is as that of RhumbConnectOptions.
+//
+// # Safety
+//
+// `connection` points to what its type says.
+RhumbCode rhumb_local_server_connect(struct RhumbLocalServer server,
+                                     double timeout_s,
+                                     struct RhumbConnection *connection);
+
+// Closes the handle of a server. The server itself ends with the last of its connections and scenes.
+RhumbCode rhumb_local_server_close(struct RhumbLocalServer server);
 
 // Makes a plain character in a scene of these `RhumbCoordinates`: of 80 kg, that climbs slopes of up to 45 degrees, slides
 // down steeper ones, climbs no steps, and follows the ground down by 0.2 m.

@@ -1156,6 +1156,13 @@ public:
         return Connection(raw);
     }
 
+    /// To a server of its own, in this process and without sockets: it steps within the calls of the scene that is joined.
+    static Connection local() {
+        RhumbConnection raw = {0};
+        throw_unless_ok(rhumb_local(&raw));
+        return Connection(raw);
+    }
+
     Connection(Connection&& other) noexcept : raw_(std::exchange(other.raw_, RhumbConnection{0})) {}
 
     Connection& operator=(Connection&& other) noexcept {
@@ -1185,9 +1192,56 @@ public:
     }
 
 private:
+    friend class LocalServer;
     explicit Connection(RhumbConnection raw) noexcept : raw_(raw) {}
 
     RhumbConnection raw_;
+};
+
+/// Where a server in this process steps.
+enum class LocalThread : std::uint8_t {
+    /// Within the calls of its clients, which take turns if they are on several threads.
+    Callers = 0,
+    /// On a thread of its own, so that a free-running scene moves on between calls.
+    Own = 1,
+};
+
+/// A server in this process for several clients. It ends with the last of its connections and scenes.
+class LocalServer {
+public:
+    explicit LocalServer(LocalThread thread = LocalThread::Callers) : raw_{0} {
+        throw_unless_ok(rhumb_local_server_open(static_cast<std::uint8_t>(thread), &raw_));
+    }
+
+    LocalServer(LocalServer&& other) noexcept : raw_(std::exchange(other.raw_, RhumbLocalServer{0})) {}
+
+    LocalServer& operator=(LocalServer&& other) noexcept {
+        if (this != &other) {
+            close();
+            raw_ = std::exchange(other.raw_, RhumbLocalServer{0});
+        }
+        return *this;
+    }
+
+    LocalServer(const LocalServer&) = delete;
+    LocalServer& operator=(const LocalServer&) = delete;
+    ~LocalServer() { close(); }
+
+    /// Connects one more client. The time limit holds for every later call that waits.
+    Connection connect(double timeout_s = 5.0) const {
+        RhumbConnection raw = {0};
+        throw_unless_ok(rhumb_local_server_connect(raw_, timeout_s, &raw));
+        return Connection(raw);
+    }
+
+    /// Its connections and scenes stay. A second time does nothing.
+    void close() noexcept {
+        // Only a handle that is closed already can fail here.
+        static_cast<void>(rhumb_local_server_close(std::exchange(raw_, RhumbLocalServer{0})));
+    }
+
+private:
+    RhumbLocalServer raw_;
 };
 
 }  // namespace rhumb

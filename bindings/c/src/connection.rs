@@ -58,18 +58,14 @@ pub unsafe extern "C" fn rhumb_connect(
                 text(options.address, "options.address")?,
                 trust(options)?,
                 optional_text(options.token, "options.token")?,
-                seconds(options.timeout_s, "options.timeout_s")?,
+                time_limit(options.timeout_s, "options.timeout_s")?,
             )
-        };
-        let timeout = match timeout.is_zero() {
-            true => DEFAULT_TIMEOUT,
-            false => timeout,
         };
         let mut opened = Client::connect_within(address, trust, timeout)?;
         if let Some(token) = token {
             opened = opened.token(token);
         }
-        let id = CONNECTIONS.insert(opened);
+        let id = insert(opened);
         // SAFETY: the caller promises the memory.
         unsafe { write(connection, RhumbConnection { id }, "connection") }
     })
@@ -79,6 +75,11 @@ pub unsafe extern "C" fn rhumb_connect(
 #[unsafe(no_mangle)]
 pub extern "C" fn rhumb_connection_close(connection: RhumbConnection) -> RhumbCode {
     guard(|| CONNECTIONS.take(connection.id, |_| Ok(())).map(drop))
+}
+
+/// Gives out the handle of a connection.
+pub(crate) fn insert(opened: ServerConnection) -> u64 {
+    CONNECTIONS.insert(opened)
 }
 
 /// The connection of a handle, which is closed from now on. A wrong name of the scene or a wrong token leaves it open.
@@ -107,6 +108,15 @@ unsafe fn trust(options: &RhumbConnectOptions) -> Result<Trust, BindingError> {
         )
     };
     rhumb_bindings::trust(fingerprint, roots.map(Path::new))
+}
+
+/// A time limit that a caller gives in seconds; zero for the default.
+pub(crate) fn time_limit(limit: f64, argument: &'static str) -> Result<Duration, BindingError> {
+    let limit = seconds(limit, argument)?;
+    Ok(match limit.is_zero() {
+        true => DEFAULT_TIMEOUT,
+        false => limit,
+    })
 }
 
 /// A time that a caller gives in seconds.

@@ -1,6 +1,7 @@
 // Drops a ball on a floor, and prints its position and its error bound.
 //
-// Start `rhumb-server --open` first; it prints the address and the fingerprint, which are the arguments.
+// Without arguments, the physics is in this process. With the address and the fingerprint that `rhumb-server --open` prints,
+// it is on that server.
 
 using System;
 using System.Globalization;
@@ -11,12 +12,14 @@ internal static class Drop
     private static int Main(string[] arguments)
     {
         CultureInfo.CurrentCulture = CultureInfo.InvariantCulture;
-        if (arguments.Length != 2)
+        if (arguments.Length != 0 && arguments.Length != 2)
         {
-            Console.Error.WriteLine("the server's host:port and its fingerprint are missing");
+            Console.Error.WriteLine("the server's host:port and its fingerprint, or neither");
             return 1;
         }
-        using (Connection connection = Connection.Open(arguments[0], Trust.Fingerprint(arguments[1])))
+        using (Connection connection = arguments.Length == 0
+            ? Connection.Local()
+            : Connection.Open(arguments[0], Trust.Fingerprint(arguments[1])))
         using (Scene scene = connection.Join("drop"))
         {
             scene.Add(BodyDesc.Fixed(Shape.Cuboid(10, 0.5f, 10)).At(0, -0.5f, 0));

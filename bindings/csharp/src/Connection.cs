@@ -34,7 +34,7 @@ namespace Rhumb
     {
         private readonly ConnectionHandle handle;
 
-        private Connection(ulong id)
+        internal Connection(ulong id)
         {
             handle = new ConnectionHandle(id);
         }
@@ -65,6 +65,17 @@ namespace Rhumb
                 };
                 RhumbException.Check(Native.rhumb_connect(&options, &connection));
             }
+            return new Connection(connection.id);
+        }
+
+        /// <summary>
+        /// Connects to a server of the connection's own, in this process and without sockets. It steps within the calls of
+        /// the scene that is joined, and ends with it.
+        /// </summary>
+        public static unsafe Connection Local()
+        {
+            RhumbConnection connection;
+            RhumbException.Check(Native.rhumb_local(&connection));
             return new Connection(connection.id);
         }
 

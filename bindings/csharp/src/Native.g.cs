@@ -95,6 +95,46 @@ namespace Rhumb
         public static extern RhumbCode rhumb_connection_close(RhumbConnection connection);
 
         /// <summary>
+        ///  Connects to a server of the connection's own, in this process and without sockets. It steps within the calls of its
+        ///  client, and ends with it. Join a scene with the connection, or close it.
+        ///
+        ///  # Safety
+        ///
+        ///  `connection` points to what its type says.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_local", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_local(RhumbConnection* connection);
+
+        /// <summary>
+        ///  Makes a server in this process for any number of connections.
+        ///
+        ///  `own_thread`: 0 has it step within the calls of its clients. Clients on several threads take turns then: each waits while
+        ///  another one's call steps. 1 has it step on a thread of its own, so that a free-running scene moves on between calls.
+        ///
+        ///  # Safety
+        ///
+        ///  `server` points to what its type says.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_local_server_open", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_local_server_open(byte own_thread, RhumbLocalServer* server);
+
+        /// <summary>
+        ///  Connects one more client. `timeout_s` is as that of RhumbConnectOptions.
+        ///
+        ///  # Safety
+        ///
+        ///  `connection` points to what its type says.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_local_server_connect", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_local_server_connect(RhumbLocalServer server, double timeout_s, RhumbConnection* connection);
+
+        /// <summary>
+        ///  Closes the handle of a server. The server itself ends with the last of its connections and scenes.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_local_server_close", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_local_server_close(RhumbLocalServer server);
+
+        /// <summary>
         ///  Makes plain options: the scene is created unless it exists, with 60 ticks a second in lockstep, under the earth's
         ///  gravity; copies are within 5 cm; coordinates are Rhumb's.
         ///
@@ -761,6 +801,18 @@ namespace Rhumb
         ///  Time limit of every call that waits for the server, seconds; zero for five.
         /// </summary>
         public double timeout_s;
+    }
+
+    /// <summary>
+    ///  A physics server in this process. All zeros is none.
+    /// </summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public unsafe partial struct RhumbLocalServer
+    {
+        /// <summary>
+        ///  Its number.
+        /// </summary>
+        public ulong id;
     }
 
     /// <summary>

@@ -30,6 +30,7 @@ internal static class Surface
         fingerprint = arguments[1];
         EveryFunctionAndFieldIsUsed();
         EveryKindHasAMember();
+        AServerInTheProcess();
         TheVersion();
         PlainOptionsAreThoseOfC();
         OptionsArriveInC();
@@ -70,6 +71,41 @@ internal static class Surface
             return;
         }
         Expect(false, what + " is an error");
+    }
+
+    private static void AServerInTheProcess()
+    {
+        foreach (bool ownThread in new[] { false, true })
+        {
+            var server = new LocalServer(ownThread);
+            using (Scene one = server.Connect().Join("shared"))
+            using (Scene other = server.Connect(30).Join("shared"))
+            {
+                Body ball = one.Add(BodyDesc.Dynamic(Shape.Ball(0.5f)).At(0, 10, 0));
+                server.Dispose();
+                server.Dispose();
+                one.Advance();
+                for (int i = 0; i < 10 && other.Place(ball) < 0; i++)
+                {
+                    other.Advance();
+                }
+                Expect(other.Place(ball) >= 0, "the other member sees the ball");
+            }
+            try
+            {
+                server.Connect();
+                Expect(false, "a closed server refuses");
+            }
+            catch (RhumbException error)
+            {
+                Expect(error.Code == RhumbCode.Closed, error.Message);
+            }
+        }
+        using (Connection connection = Connection.Local())
+        using (Scene scene = connection.Join("drop"))
+        {
+            Expect(scene.Advance() == 1, "a scene on a server of its own");
+        }
     }
 
     private static Connection Connected()

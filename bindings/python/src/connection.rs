@@ -33,12 +33,13 @@ const STEPPINGS: [(&str, Stepping); 2] = [
 
 const REFUSALS: [(&str, Refusals); 2] = [("raise", Refusals::Errors), ("events", Refusals::Events)];
 
-/// A connection to a server that has joined no scene; connect makes it.
+/// A connection to a server that has joined no scene; connect makes it, and LocalServer.connect.
 ///
 /// It closes at the end of a with block, unless join has used it up.
 #[pyclass(frozen, name = "Connection", module = "rhumb")]
 pub(crate) struct PyConnection {
-    address: String,
+    /// The server, in words.
+    server: String,
     /// `None` once it has joined or is closed.
     connection: Mutex<Option<ServerConnection>>,
 }
@@ -65,10 +66,7 @@ pub(crate) fn connect(
     if let Some(token) = token {
         opened = opened.token(token);
     }
-    Ok(PyConnection {
-        address: address.to_owned(),
-        connection: Mutex::new(Some(opened)),
-    })
+    Ok(PyConnection::new(format!("{address:?}"), opened))
 }
 
 /// Seconds, or none.
@@ -165,7 +163,7 @@ impl PyConnection {
 
     fn __repr__(&self) -> String {
         let closed = if self.closed() { ", closed" } else { "" };
-        format!("<rhumb.Connection to {:?}{closed}>", self.address)
+        format!("<rhumb.Connection to {}{closed}>", self.server)
     }
 
     const fn __enter__(this: PyRef<'_, Self>) -> PyRef<'_, Self> {
@@ -179,6 +177,14 @@ impl PyConnection {
 }
 
 impl PyConnection {
+    /// An open connection to a server that these words name.
+    pub(crate) const fn new(server: String, opened: ServerConnection) -> Self {
+        Self {
+            server,
+            connection: Mutex::new(Some(opened)),
+        }
+    }
+
     /// The connection, which is closed for Python from now on. A wrong name or token leaves it open.
     fn take_for(&self, scene: &str) -> Result<ServerConnection, BindingError> {
         let mut opened = self.lock();

@@ -14,6 +14,7 @@ mod errors;
 mod event;
 mod generated;
 mod joint;
+mod local;
 mod number;
 mod open_scene;
 mod query;
@@ -28,6 +29,7 @@ use pyo3::prelude::*;
 fn native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add_class::<connection::PyConnection>()?;
+    module.add_class::<local::PyLocalServer>()?;
     module.add_class::<scene::PyScene>()?;
     module.add_class::<shape::PyShape>()?;
     module.add_class::<joint::PyJoint>()?;
@@ -38,5 +40,6 @@ fn native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<event::PyContact>()?;
     module.add_class::<query::PyQuery>()?;
     module.add_class::<query::PyHit>()?;
-    module.add_function(wrap_pyfunction!(connection::connect, module)?)
+    module.add_function(wrap_pyfunction!(connection::connect, module)?)?;
+    module.add_function(wrap_pyfunction!(local::local, module)?)
 }

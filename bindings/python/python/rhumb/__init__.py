@@ -1,13 +1,15 @@
 """Remote rigid-body physics: copies of bodies within a chosen tolerance.
 
-Connect to a server, join a scene, add bodies, and step it; the poses of all bodies are NumPy arrays:
+Make a scene in this process, add bodies, and step it; the poses of all bodies are NumPy arrays:
 
-    with rhumb.connect(address, fingerprint=fingerprint).join("drop") as scene:
+    with rhumb.local() as scene:
         scene.add_body(rhumb.Shape.cuboid(10, 0.5, 10), (0, -0.5, 0), "fixed")
         ball = scene.add_body(rhumb.Shape.ball(0.5), (0, 10, 0))
         for _ in range(180):
             tick = scene.advance()
             print(tick, scene.positions[scene.place(ball)], scene.error_bound(ball))
+
+The scene of a server elsewhere is rhumb.connect(address, fingerprint=fingerprint).join("drop"), with the same calls.
 
 Units are kilograms, seconds, radians, and the unit of length of the scene's coordinates. Quaternions are x, y, z, w.
 """
@@ -20,6 +22,7 @@ from ._native import (
     Event,
     Hit,
     Joint,
+    LocalServer,
     Query,
     Scene,
     Shape,
@@ -27,6 +30,7 @@ from ._native import (
     WheelInput,
     __version__,
     connect,
+    local,
 )
 from .errors import (
     BusyError,
@@ -59,6 +63,7 @@ __all__ = [
     "Hit",
     "InvalidError",
     "Joint",
+    "LocalServer",
     "NotInViewError",
     "Query",
     "Refusal",
@@ -72,4 +77,5 @@ __all__ = [
     "__version__",
     "connect",
     "errors",
+    "local",
 ]

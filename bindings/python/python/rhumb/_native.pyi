@@ -37,9 +37,47 @@ def connect(
     admits the client to a server that is not open. The time limit, in seconds, holds for every later call that waits.
     """
 
+def local(
+    scene: str = "main",
+    *,
+    coordinates: Literal["rhumb", "unity", "unreal", "z-up"] = "rhumb",
+    condition: Literal["create or join", "create", "join"] = "create or join",
+    tolerance: float = 0.05,
+    stepping: Literal["lockstep", "free running"] = "lockstep",
+    ticks_per_second: int = 60,
+    substeps: int = 4,
+    publish_interval: int = 1,
+    gravity: Optional[_Vector] = None,
+    sleep: Optional[_Sleep] = None,
+    delay_ticks: float = 0.0,
+    lead_ticks: float = 0.0,
+    whole_ticks: bool = False,
+    smooth: bool = True,
+    refusals: Literal["raise", "events"] = "raise",
+    resume_within: Optional[float] = None,
+) -> Scene:
+    """A scene in this process, on a server of its own: no program to start, no sockets, no fingerprint.
+
+    The options are those of Connection.join. The server ends with the scene. It steps within the scene's calls, so that a
+    free-running scene moves on only while it is polled. LocalServer has several clients of one scene, and a thread.
+    """
+
+@final
+class LocalServer:
+    """A physics server in this process, without sockets. It ends with the last of its clients and of the references to it.
+
+    own_thread: whether it steps on a thread of its own, so that a free-running scene moves on between calls; without it, it
+    steps within the calls of its clients. Clients on several threads take turns then: each waits while another one's call
+    steps, and other threads of the interpreter run meanwhile.
+    """
+
+    def __init__(self, *, own_thread: bool = False) -> None: ...
+    def connect(self, *, timeout: float = 5.0) -> Connection:
+        """A connection of one more client, which joins a scene. The time limit, in seconds, holds for every later call that waits."""
+
 @final
 class Connection:
-    """A connection to a server that has joined no scene; connect makes it.
+    """A connection to a server that has joined no scene; connect makes it, and LocalServer.connect.
 
     It closes at the end of a with block, unless join has used it up.
     """

@@ -9,11 +9,12 @@ pub(crate) const HEADER: &str = "c/include/rhumb.h";
 pub(crate) const IMPORTS: &str = "csharp/src/Native.g.cs";
 
 /// Sources with functions or types that cross the border.
-const SOURCES: [&str; 14] = [
+const SOURCES: [&str; 15] = [
     "status",
     "kinds",
     "descriptions",
     "connection",
+    "local",
     "scene",
     "generated",
     "commands",

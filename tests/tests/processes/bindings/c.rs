@@ -104,6 +104,7 @@ fn the_examples_in_c_and_cpp_drop_a_ball_on_the_floor() {
         };
         let server = SERVER.serve("127.0.0.1:0");
         let out = program.run_with(&server);
+        assert_eq!(program.run_on(&[]), out, "in the process as on a server");
         let lines: Vec<_> = out.lines().collect();
         assert_eq!(lines.len(), 180, "{out}");
         assert!(
@@ -121,6 +122,19 @@ fn the_examples_in_c_and_cpp_drop_a_ball_on_the_floor() {
             "{source}: {}",
             lines[179]
         );
+    }
+}
+
+#[test]
+fn members_of_a_server_in_the_process_take_turns_and_see_each_other_in_c_and_in_cpp() {
+    let tests = [
+        ("tests/local.c", "the members took turns\n"),
+        ("tests/local.cpp", "the members saw the ball\n"),
+    ];
+    for (source, expected) in tests {
+        if let Some(program) = Compiled::new(source, Linked::Shared) {
+            assert_eq!(program.run_on(&[]), expected, "{source}");
+        }
     }
 }
 

@@ -73,6 +73,7 @@ fn the_example_in_csharp_drops_a_ball_on_the_floor() {
     if let Some(program) = Assembly::new("examples/Drop.cs") {
         let server = SERVER.serve_without_log("127.0.0.1:0");
         let out = program.run_with(&server, &[]);
+        assert_eq!(program.run_on(&[]), out, "in the process as on a server");
         assert_eq!(out.lines().count(), 180, "{out}");
         assert!(out.contains("\ntick 180: 0.000 0.5"), "{out}");
     }

@@ -1,0 +1,90 @@
+// A server in the process, in C.
+//
+// Several members of it, on threads of their own, and each misuse of its handle.
+
+#include <pthread.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "rhumb.h"
+
+#define TICKS 100
+
+// The call returns this code, and an error leaves a sentence.
+#define EXPECT(code, call) expect((code), (call), #call, __LINE__)
+
+static void expect(RhumbCode code, RhumbCode got, const char *call, int line) {
+    bool said = code == RHUMB_CODE_OK || strlen(rhumb_last_error()) > 0;
+    if (got != code || !said) {
+        fprintf(stderr, "line %d: %s is %u instead of %u: %s\n", line, call, (unsigned)got, (unsigned)code, rhumb_last_error());
+        exit(1);
+    }
+}
+
+static RhumbScene joined(RhumbLocalServer server) {
+    RhumbConnection connection;
+    RhumbScene scene;
+    EXPECT(RHUMB_CODE_OK, rhumb_local_server_connect(server, 30, &connection));
+    EXPECT(RHUMB_CODE_OK, rhumb_join(connection, "shared", NULL, &scene));
+    return scene;
+}
+
+static void *run(void *member) {
+    RhumbScene scene = *(RhumbScene *)member;
+    RhumbBodyDesc desc;
+    RhumbBody body;
+    uint64_t tick = 0;
+    EXPECT(RHUMB_CODE_OK, rhumb_body_desc_init(&desc));
+    EXPECT(RHUMB_CODE_OK, rhumb_scene_add_bodies(scene, &desc, 1, &body));
+    for (int i = 0; i < TICKS; i++) {
+        uint64_t before = tick;
+        EXPECT(RHUMB_CODE_OK, rhumb_scene_advance(scene, 0, &tick));
+        if (tick < before) exit(1);
+    }
+    if (tick != TICKS) exit(1);
+    return NULL;
+}
+
+static void members_take_turns(uint8_t own_thread) {
+    RhumbLocalServer server;
+    EXPECT(RHUMB_CODE_OK, rhumb_local_server_open(own_thread, &server));
+    RhumbScene members[2] = {joined(server), joined(server)};
+    EXPECT(RHUMB_CODE_OK, rhumb_local_server_close(server));
+    pthread_t threads[2];
+    for (int i = 0; i < 2; i++) {
+        if (pthread_create(&threads[i], NULL, run, &members[i]) != 0) exit(1);
+    }
+    for (int i = 0; i < 2; i++) {
+        if (pthread_join(threads[i], NULL) != 0) exit(1);
+        EXPECT(RHUMB_CODE_OK, rhumb_scene_close(members[i]));
+    }
+}
+
+static void misuse(void) {
+    RhumbLocalServer none = {0}, server;
+    RhumbConnection connection;
+    EXPECT(RHUMB_CODE_NULL, rhumb_local(NULL));
+    EXPECT(RHUMB_CODE_NULL, rhumb_local_server_open(0, NULL));
+    EXPECT(RHUMB_CODE_INVALID, rhumb_local_server_open(2, &server));
+    EXPECT(RHUMB_CODE_CLOSED, rhumb_local_server_connect(none, 0, &connection));
+    EXPECT(RHUMB_CODE_OK, rhumb_local_server_open(0, &server));
+    EXPECT(RHUMB_CODE_NULL, rhumb_local_server_connect(server, 0, NULL));
+    EXPECT(RHUMB_CODE_INVALID, rhumb_local_server_connect(server, -1, &connection));
+    EXPECT(RHUMB_CODE_OK, rhumb_local_server_connect(server, 0, &connection));
+    EXPECT(RHUMB_CODE_OK, rhumb_local_server_close(server));
+    EXPECT(RHUMB_CODE_CLOSED, rhumb_local_server_close(server));
+    EXPECT(RHUMB_CODE_CLOSED, rhumb_local_server_connect(server, 0, &connection));
+    EXPECT(RHUMB_CODE_OK, rhumb_connection_close(connection));
+    EXPECT(RHUMB_CODE_OK, rhumb_local(&connection));
+    EXPECT(RHUMB_CODE_OK, rhumb_connection_close(connection));
+}
+
+int main(void) {
+    members_take_turns(0);
+    members_take_turns(1);
+    misuse();
+    printf("the members took turns\n");
+    return 0;
+}
