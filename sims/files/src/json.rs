@@ -353,10 +353,7 @@ impl SceneFile {
                 let name = format!("{:?} of {name}", joint.bodies);
                 return Err(wrong(Problem::UnknownName { what: "body", name }));
             }
-            let joint = joint.load();
-            scene
-                .joints
-                .push(joint.map_err(|invalid| refused(name, invalid))?);
+            scene.joints.push(joint.load(&name).map_err(&wrong)?);
         }
         scene.report = report;
         Ok(scene)
@@ -623,7 +620,8 @@ const fn pair(limits: JointLimits) -> [f32; 2] {
 }
 
 impl SceneFileJoint {
-    fn load(&self) -> Result<LoadedJoint, Invalid> {
+    fn load(&self, name: &str) -> Result<LoadedJoint, Problem> {
+        let senseless = |rule| Problem::Senseless { name: name.to_owned(), rule };
         let kind = match self.kind {
             SceneFileJointKind::Fixed => JointKind::Fixed,
             SceneFileJointKind::Spherical { limits: own } => {
@@ -645,7 +643,8 @@ impl SceneFileJoint {
                 locked,
                 limits: own,
             } => {
-                let locked = LockedAxes::new(locked & 63).unwrap_or(LockedAxes::NONE);
+                let rule = "the locked axes of a generic joint are bits 0 to 5: 63 at most";
+                let locked = LockedAxes::new(locked).ok_or_else(|| senseless(rule))?;
                 JointKind::Generic(locked, own.map(|one| one.map(limits)))
             }
         };
@@ -657,7 +656,7 @@ impl SceneFileJoint {
         joint.collide = self.collide;
         for (axis, motor) in &self.motors {
             let Some(place) = joint.motors.get_mut(usize::from(*axis)) else {
-                continue;
+                return Err(senseless("the axis of a motor is 0 to 5"));
             };
             *place = Some(Motor {
                 position: motor.position,
@@ -667,7 +666,10 @@ impl SceneFileJoint {
                 force: motor.force,
             });
         }
-        joint.check()?;
+        joint.check().map_err(|invalid| Problem::Refused {
+            name: name.to_owned(),
+            invalid: Box::new(invalid),
+        })?;
         Ok(LoadedJoint {
             name: self.name.clone(),
             bodies: self.bodies,
@@ -781,6 +783,8 @@ mod tests {
             (body("").replace("}]}", "}], \"step_s\": 0}"), "step_s"),
             (body("")[..60].to_owned(), "EOF"),
             (body("").replace("}]}", "}], \"joints\": [{\"bodies\": [0, 7], \"kind\": \"fixed\", \"frames\": [{\"position\": [0,0,0]}, {\"position\": [0,0,0]}]}]}"), "no body"),
+            (body("").replace("}]}", "}], \"joints\": [{\"bodies\": [0, 0], \"kind\": {\"generic\": {\"locked\": 64}}, \"frames\": [{\"position\": [0,0,0]}, {\"position\": [0,0,0]}]}]}"), "bits 0 to 5"),
+            (body("").replace("}]}", "}], \"joints\": [{\"bodies\": [0, 0], \"kind\": \"fixed\", \"motors\": {\"6\": {\"position\": 0, \"velocity\": 0, \"stiffness\": 1, \"damping\": 1, \"force\": 1}}, \"frames\": [{\"position\": [0,0,0]}, {\"position\": [0,0,0]}]}]}"), "axis of a motor is 0 to 5"),
         ] {
             let sentence = load(&text).expect_err("it is wrong").to_string();
             assert!(sentence.starts_with("scene.json") && sentence.contains(word), "{text}\n{sentence}");
