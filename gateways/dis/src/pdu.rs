@@ -1,4 +1,4 @@
-//! PDUs of DIS: Entity State, Entity State Update and Remove Entity, read and written.
+//! PDUs of DIS, read and written: Entity State, its Update, Remove Entity.
 //!
 //! Other PDUs, and versions other than 5 to 7, pass as bytes. So do variable parameters, and whatever bits a field may
 //! hold: what is read is written again bit for bit. Reading allocates nothing and never panics. A PDU whose length is not

@@ -32,6 +32,13 @@ fn apart(a: DQuat, b: DQuat) -> f64 {
     (a - b).length().min((a + b).length())
 }
 
+fn within(what: &str, off: f64, limit: f64) -> Result<(), String> {
+    if off <= limit {
+        return Ok(());
+    }
+    Err(format!("{what} is off by {off:e}, {limit:e} at most"))
+}
+
 fn check(case: &Value) -> Result<(), String> {
     let [psi, theta, phi] = numbers(&case["euler0"]);
     let orientation = Euler { psi, theta, phi }.to_quaternion();
@@ -47,13 +54,6 @@ fn check(case: &Value) -> Result<(), String> {
     };
     let found = reckon(model, &motion, case["dt"].as_f64().ok_or("no time")?);
     let expect = &case["expect"];
-    let within = |what: &str, off: f64, limit: f64| {
-        if off <= limit {
-            Ok(())
-        } else {
-            Err(format!("{what} is off by {off:e}, {limit:e} at most"))
-        }
-    };
     within(
         "the first rotation",
         apart(orientation, quaternion(&case["quat0"])),
@@ -93,10 +93,14 @@ fn check(case: &Value) -> Result<(), String> {
             .fold(0.0, |most, x| x.abs().max(most)),
         1e-12,
     )?;
-    let angles = Euler::from_quaternion(found.orientation);
+    check_angles(found.orientation, expect)
+}
+
+fn check_angles(orientation: DQuat, expect: &Value) -> Result<(), String> {
+    let angles = Euler::from_quaternion(orientation);
     within(
         "the rotation of the angles",
-        apart(angles.to_quaternion(), found.orientation),
+        apart(angles.to_quaternion(), orientation),
         1e-13,
     )?;
     if expect["euler_well_conditioned"].as_bool() == Some(true) {

@@ -621,7 +621,10 @@ const fn pair(limits: JointLimits) -> [f32; 2] {
 
 impl SceneFileJoint {
     fn load(&self, name: &str) -> Result<LoadedJoint, Problem> {
-        let senseless = |rule| Problem::Senseless { name: name.to_owned(), rule };
+        let senseless = |rule| Problem::Senseless {
+            name: name.to_owned(),
+            rule,
+        };
         let kind = match self.kind {
             SceneFileJointKind::Fixed => JointKind::Fixed,
             SceneFileJointKind::Spherical { limits: own } => {
@@ -783,7 +786,7 @@ mod tests {
             (body("").replace("}]}", "}], \"step_s\": 0}"), "step_s"),
             (body("")[..60].to_owned(), "EOF"),
             (body("").replace("}]}", "}], \"joints\": [{\"bodies\": [0, 7], \"kind\": \"fixed\", \"frames\": [{\"position\": [0,0,0]}, {\"position\": [0,0,0]}]}]}"), "no body"),
-            (body("").replace("}]}", "}], \"joints\": [{\"bodies\": [0, 0], \"kind\": {\"generic\": {\"locked\": 64}}, \"frames\": [{\"position\": [0,0,0]}, {\"position\": [0,0,0]}]}]}"), "bits 0 to 5"),
+            (body("").replace("}]}", "}], \"joints\": [{\"bodies\": [0, 0], \"kind\": {\"generic\": {\"locked\": 64, \"limits\": [null, null, null, null, null, null]}}, \"frames\": [{\"position\": [0,0,0]}, {\"position\": [0,0,0]}]}]}"), "bits 0 to 5"),
             (body("").replace("}]}", "}], \"joints\": [{\"bodies\": [0, 0], \"kind\": \"fixed\", \"motors\": {\"6\": {\"position\": 0, \"velocity\": 0, \"stiffness\": 1, \"damping\": 1, \"force\": 1}}, \"frames\": [{\"position\": [0,0,0]}, {\"position\": [0,0,0]}]}]}"), "axis of a motor is 0 to 5"),
         ] {
             let sentence = load(&text).expect_err("it is wrong").to_string();
