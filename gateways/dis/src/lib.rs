@@ -1,6 +1,7 @@
 //! A gateway between a scene and DIS, the protocol of distributed simulators.
 //!
-//! The parts are usable alone: the codec of PDUs, the nine models of dead reckoning, and geodesy. None of them reads a
+//! [`published`] turns bodies into PDUs, [`foreign`] turns PDUs into bodies. Their parts are usable alone: the codec of
+//! PDUs, the nine models of dead reckoning, and geodesy. None of them reads a
 //! clock, opens a socket or allocates by what a sender claims. Time is a [`core::time::Duration`] since any fixed moment.
 //!
 //! | frame | axes | where |
@@ -10,7 +11,11 @@
 //! | entity | x forward, y right, z down | angular velocities of PDUs, and models 6 to 9 |
 #![forbid(unsafe_code)]
 
+pub use glam;
+
 pub mod dead_reckoning;
+pub mod foreign;
 pub mod geodesy;
 pub mod pdu;
+pub mod published;
 pub mod timestamp;

@@ -1,6 +1,6 @@
-//! PDUs of DIS, read and written: Entity State, its Update, Remove Entity.
+//! PDUs of DIS, read and written.
 //!
-//! Other PDUs, and versions other than 5 to 7, pass as bytes. So do variable parameters, and whatever bits a field may
+//! Entity State, Entity State Update and Remove Entity are understood. Other PDUs, and versions other than 5 to 7, pass as bytes. So do variable parameters, and whatever bits a field may
 //! hold: what is read is written again bit for bit. Reading allocates nothing and never panics. A PDU whose length is not
 //! that of its contents is refused, and so is one that is cut.
 

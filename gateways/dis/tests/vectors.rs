@@ -4,6 +4,7 @@
 //! this crate's. Displacements are compared, since a geocentric position has steps of a nanometre.
 
 use std::collections::BTreeMap;
+use std::f64::consts::{PI, TAU};
 
 use glam::{DMat3, DQuat, DVec3};
 use rhumb_dis::dead_reckoning::{Euler, Model, Motion, reckon};
@@ -34,9 +35,10 @@ fn apart(a: DQuat, b: DQuat) -> f64 {
 
 fn within(what: &str, off: f64, limit: f64) -> Result<(), String> {
     if off <= limit {
-        return Ok(());
+        Ok(())
+    } else {
+        Err(format!("{what} is off by {off:e}, {limit:e} at most"))
     }
-    Err(format!("{what} is off by {off:e}, {limit:e} at most"))
 }
 
 fn check(case: &Value) -> Result<(), String> {
@@ -54,67 +56,39 @@ fn check(case: &Value) -> Result<(), String> {
     };
     let found = reckon(model, &motion, case["dt"].as_f64().ok_or("no time")?);
     let expect = &case["expect"];
-    within(
-        "the first rotation",
-        apart(orientation, quaternion(&case["quat0"])),
-        1e-13,
-    )?;
+    let start = apart(orientation, quaternion(&case["quat0"]));
+    within("the first rotation", start, 1e-13)?;
     let displacement = vector(&expect["dp"]);
     let limit = 1e-11 * (1.0 + displacement.length());
-    within(
-        "the displacement",
-        (found.displacement - displacement).length(),
-        limit,
-    )?;
+    let off = (found.displacement - displacement).length();
+    within("the displacement", off, limit)?;
     let position = vector(&case["p0"]) + found.displacement;
     let expected = vector(&expect["p"]);
     let ulps = 2.0 * f64::EPSILON * expected.length();
     within("the position", (position - expected).length(), limit + ulps)?;
-    within(
-        "the rotation",
-        apart(found.orientation, quaternion(&expect["quat"])),
-        1e-13,
-    )?;
     let velocity = vector(&expect["v"]);
-    within(
-        "the velocity",
-        (found.velocity - velocity).length(),
-        1e-12 * (1.0 + velocity.length()),
-    )?;
+    let limit = 1e-12 * (1.0 + velocity.length());
+    within("the velocity", (found.velocity - velocity).length(), limit)?;
+    check_rotation(found.orientation, expect)
+}
+
+fn check_rotation(found: DQuat, expect: &Value) -> Result<(), String> {
+    let off = apart(found, quaternion(&expect["quat"]));
+    within("the rotation", off, 1e-13)?;
     let rows = expect["R_w2b"].as_array().ok_or("no matrix")?;
     let [a, b, c] = [0, 1, 2].map(|row| vector(&rows[row]));
     // Rows of world → entity are columns of entity → world.
-    let matrix = DMat3::from_quat(found.orientation) - DMat3::from_cols(a, b, c);
-    within(
-        "the matrix",
-        matrix
-            .to_cols_array()
-            .iter()
-            .fold(0.0, |most, x| x.abs().max(most)),
-        1e-12,
-    )?;
-    check_angles(found.orientation, expect)
-}
-
-fn check_angles(orientation: DQuat, expect: &Value) -> Result<(), String> {
-    let angles = Euler::from_quaternion(orientation);
-    within(
-        "the rotation of the angles",
-        apart(angles.to_quaternion(), orientation),
-        1e-13,
-    )?;
+    let matrix = DMat3::from_quat(found) - DMat3::from_cols(a, b, c);
+    let off = matrix.to_cols_array().map(f64::abs);
+    within("the matrix", off.into_iter().fold(0.0, f64::max), 1e-12)?;
+    let angles = Euler::from_quaternion(found);
+    let off = apart(angles.to_quaternion(), found);
+    within("the rotation of the angles", off, 1e-13)?;
     if expect["euler_well_conditioned"].as_bool() == Some(true) {
-        let [psi, theta, phi] = numbers::<3>(&expect["euler"]);
-        let turn = |a: f64, b: f64| {
-            (a - b + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU) - std::f64::consts::PI
-        };
-        for (name, a, b) in [
-            ("psi", angles.psi, psi),
-            ("theta", angles.theta, theta),
-            ("phi", angles.phi, phi),
-        ] {
-            within(name, turn(a, b).abs(), 1e-9)?;
-        }
+        let found = [angles.psi, angles.theta, angles.phi];
+        let pairs = found.into_iter().zip(numbers::<3>(&expect["euler"]));
+        let turns = pairs.map(|(a, b)| ((a - b + PI).rem_euclid(TAU) - PI).abs());
+        within("an angle", turns.fold(0.0, f64::max), 1e-9)?;
     }
     Ok(())
 }
