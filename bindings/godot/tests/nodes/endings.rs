@@ -53,12 +53,7 @@ fn a_scene_that_cannot_be_joined_says_why() {
             "no port here",
         ),
         (server.address.as_str(), "ab", "x", "fingerprint"),
-        (
-            server.address.as_str(),
-            "",
-            "x",
-            "trust must be given",
-        ),
+        (server.address.as_str(), "", "x", "trust must be given"),
         (server.address.as_str(), wrong.as_str(), "x", "certificate"),
     ];
     for (address, fingerprint, scene, needle) in cases {
