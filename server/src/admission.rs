@@ -8,7 +8,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 
-use rhumb_protocol::scene::Locomotion;
+use rhumb_protocol::scene::{Locomotion, SceneConfig};
 
 /// What all scenes of a server share; all clones are one.
 #[derive(Clone, Debug, Default)]
@@ -116,6 +116,19 @@ pub(crate) fn locomotion_steps<'a>(locomotions: impl Iterator<Item = &'a Locomot
         Locomotion::Vehicle(vehicle) => STEPS_OF_WHEEL * vehicle.wheels.len() as u64,
     });
     steps.sum()
+}
+
+/// Steps of one body in a second, substeps counted.
+pub(crate) fn body_steps(config: &SceneConfig) -> u64 {
+    let integrator = &config.integrator;
+    let ticks = u64::from(integrator.rate.ticks());
+    (ticks * u64::from(integrator.substeps.get())).div_ceil(u64::from(integrator.rate.seconds()))
+}
+
+/// Ticks in a second, rounded up.
+pub(crate) fn ticks_in_second(config: &SceneConfig) -> u64 {
+    let rate = config.integrator.rate;
+    u64::from(rate.ticks().div_ceil(rate.seconds()))
 }
 
 impl ServerLoad {

@@ -16,8 +16,8 @@ use crate::baking::Bake;
 use crate::limits::Limits;
 use crate::member::{Member, SnapshotRequest};
 use crate::observer::Traffic;
+use crate::permit::{ClientName, Permit};
 use crate::record::SessionNumber;
-use crate::rights::{ClientName, Permit};
 
 /// Control bytes handed to the driver beyond those that the link has taken.
 const WINDOW_BYTES: usize = 256 << 10;
@@ -353,13 +353,6 @@ impl Clients {
             Some((member.as_mut()?, control))
         });
         (members, &mut self.out)
-    }
-
-    /// The memberships of one client.
-    pub(crate) fn members_of(&self, name: Option<&ClientName>) -> impl Iterator<Item = &Member> {
-        let members = self.members();
-        let members = members.filter(move |(_, client, _)| client.permit.client.as_ref() == name);
-        members.map(|(.., member)| member)
     }
 
     /// The name of a member in its token.

@@ -7,8 +7,8 @@ use rhumb_protocol::scene::{SceneConfig, SceneName};
 use rhumb_reckoning::Tick;
 
 use crate::digest::Digest;
+use crate::permit::Ownership;
 use crate::record::{Batch, Record};
-use crate::rights::Ownership;
 use crate::scene::{FrozenScene, Scene};
 use crate::sessions::Sessions;
 

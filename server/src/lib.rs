@@ -53,6 +53,7 @@ mod id_ranges;
 mod limits;
 mod member;
 mod observer;
+mod permit;
 mod record;
 mod registry;
 mod rights;
@@ -77,6 +78,7 @@ pub use glam;
 pub use hook::{Hook, HookError, Hooks};
 pub use limits::{InvalidLimit, LimitRow, Limits};
 pub use observer::{Incident, ObserveScenes, SceneObserver, TickFigures, Traffic, Unobserved};
+pub use permit::{ClientName, Ownership, Permit, Quotas, decode_client_of, encode_client_of};
 pub use record::{Batch, Journal, Record, SessionNumber, decode_u64};
 pub use rhumb_protocol::message::RemovalCause;
 pub use rhumb_protocol::scene::{
@@ -86,7 +88,6 @@ pub use rhumb_protocol::scene::{
 pub use rhumb_protocol::stream::{Activity, Observation, SubscriberStatistics};
 pub use rhumb_protocol::{Instant, Peer, Span};
 pub use rhumb_reckoning::{BodyId, BodyState, Inertia, Metres, Tick, Tolerance};
-pub use rights::{ClientName, Ownership, Permit, Quotas, decode_client_of, encode_client_of};
 pub use router::SceneRouter;
 pub use router::{Greeted, Greeting};
 pub use scene::{FrozenScene, Scene, SceneFault, Stepped};

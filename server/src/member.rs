@@ -11,8 +11,8 @@ use rhumb_protocol::scene::IdRange;
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::Tick;
 
+use crate::permit::Quotas;
 use crate::record::SessionNumber;
-use crate::rights::Quotas;
 use crate::tier_controller::TierController;
 
 /// A client that is a member.

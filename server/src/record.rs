@@ -9,7 +9,7 @@ use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_protocol::wire::{Malformed, Wire};
 use rhumb_reckoning::Tick;
 
-use crate::rights::{ClientName, decode_client, decode_client_of, encode_client_of};
+use crate::permit::{ClientName, decode_client, decode_client_of, encode_client_of};
 
 /// Number of a session in the log of its scene; not used again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]

@@ -1,26 +1,274 @@
-//! The one place that decides which request a client may make.
+//! The one place that decides what a client may do.
 //!
-//! Roles decide what kind of request; ownership, which bodies, shapes and joints; quotas, how much. All else that may
-//! be wrong with a request is checked where it is carried out.
+//! Roles decide what kind of request; ownership, which bodies, shapes and joints; quotas, how much; then come the state of
+//! the scene and the limits of the server. A client learns the first reason that holds, in the order of this file.
+//! Whether the numbers of a request make sense is checked where it is carried out, and `member` bounds how fast
+//! requests may come. Invariant: a refused request reserves nothing.
 
-use std::collections::{BTreeMap, BTreeSet};
-use std::sync::Arc;
+use std::collections::BTreeSet;
 
-use rhumb_protocol::limits::{DAMPINGS_MAX, STREAMS_PER_SCENE_MAX};
+use rhumb_protocol::Peer;
+use rhumb_protocol::limits::{ADVANCE_TICKS_MAX, DAMPINGS_MAX, STREAMS_PER_SCENE_MAX};
 use rhumb_protocol::message::{AuthorityError, Denial, Role};
-use rhumb_protocol::scene::{BodyDesc, Command, CommandError, JointId, SceneConfig, ShapeId};
-use rhumb_protocol::wire::bytes::{Reader, Writer};
-use rhumb_protocol::wire::{Malformed, Wire};
-use rhumb_reckoning::BodyId;
+use rhumb_protocol::packet::StreamId;
+use rhumb_protocol::scene::{
+    BodyDesc, BodyKind, Command, CommandError, IdRange, Invalid, Quantity, SceneConfig, Stepping,
+};
+use rhumb_reckoning::{BodyId, Tick};
+
+use crate::admission::{self, SceneLoad, SceneSlot};
+use crate::authority_table::AuthorityTable;
+use crate::clients::Clients;
+use crate::id_ranges;
+use crate::limits::Limits;
+use crate::member::Member;
+use crate::permit::{Ownership, Permit};
+use crate::scene::Scene;
+use crate::settings::SceneSettings;
+
+/// Decides whether a client may create a scene.
+pub(crate) fn create(permit: &Permit, config: &SceneConfig) -> Result<(), Denial> {
+    Ok(check(
+        permit,
+        &Ownership::default(),
+        Request::Create(config),
+    )?)
+}
+
+/// Decides whether a client may delete a scene.
+pub(crate) fn delete(permit: &Permit) -> Result<(), Denial> {
+    Ok(check(permit, &Ownership::default(), Request::Delete)?)
+}
+
+/// Reserves a place and processor time for a scene, if the server admits it.
+pub(crate) fn admit_scene(
+    config: &SceneConfig,
+    settings: &SceneSettings,
+) -> Result<(SceneSlot, SceneLoad), Denial> {
+    let slot = settings.take_slot().ok_or(Denial::TooManyScenes)?;
+    config.check().map_err(Denial::InvalidConfig)?;
+    let ticks = admission::ticks_in_second(config);
+    if config.stepping == Stepping::FreeRunning && ticks > settings.limits.scene_ticks_per_second {
+        let rate = Invalid::out_of_range(Quantity::Rate);
+        return Err(Denial::InvalidConfig(rate));
+    }
+    let load = settings.load_of(config);
+    if !load.has_room() {
+        let retry_seconds = admission::RETRY_SECONDS;
+        return Err(Denial::Overloaded { retry_seconds });
+    }
+    Ok((slot, load))
+}
+
+/// A client of a scene, and the state of the scene that decides what the client may do.
+pub(crate) struct Rights<'a> {
+    pub(crate) peer: Peer,
+    pub(crate) permit: &'a Permit,
+    pub(crate) scene: &'a Scene,
+    pub(crate) is_faulted: bool,
+    /// The client of another protocol that owns the scene, with its indices.
+    pub(crate) owner: Option<&'a (Peer, Vec<IdRange>)>,
+    pub(crate) ownership: &'a Ownership,
+    pub(crate) authority_table: &'a AuthorityTable,
+    pub(crate) clients: &'a Clients,
+    pub(crate) limits: &'a Limits,
+}
+
+impl Rights<'_> {
+    /// Decides whether the client may become a member. `wanted`: the stream of its choice, `None` if that has yet to begin.
+    /// `replaced`: the member whose session it takes up.
+    pub(crate) fn join(
+        &self,
+        wanted: Option<StreamId>,
+        replaced: Option<Peer>,
+    ) -> Result<(), Denial> {
+        if self.is_faulted {
+            return Err(Denial::SceneFaulted);
+        }
+        let scene_members = self.limits.members_per_scene;
+        self.check(Request::Join {
+            members: self.members_of_client(replaced).count(),
+            scene_members,
+        })?;
+        self.check_streams(wanted, replaced)?;
+        let members = self.clients.members();
+        let members = members.filter(|(peer, ..)| Some(*peer) != replaced);
+        if members.count() as u64 >= scene_members {
+            return Err(Denial::TooManyMembers);
+        }
+        Ok(())
+    }
+
+    /// Decides whether a member may subscribe to another stream; `None` for one that has yet to begin.
+    pub(crate) fn subscribe(&self, wanted: Option<StreamId>) -> Result<(), Denial> {
+        if self.is_faulted {
+            return Err(Denial::SceneFaulted);
+        }
+        self.check_streams(wanted, None)
+    }
+
+    /// Decides whether a member may ask for more body indices. `id_ranges` decides how many there are for it.
+    pub(crate) fn reserve(&self) -> Result<(), Denial> {
+        Ok(self.check(Request::Reserve)?)
+    }
+
+    /// Decides whether a member may have the scene step up to a tick.
+    pub(crate) fn advance(&self, to: Tick) -> Result<(), Denial> {
+        let allowed = self.check(Request::Advance);
+        allowed.map_err(|_| Denial::AdvanceNotAllowed)?;
+        let too_far = to.value() > self.scene.tick().value() + ADVANCE_TICKS_MAX;
+        match self.scene.config().stepping {
+            Stepping::FreeRunning => Err(Denial::NotLockstep),
+            Stepping::Lockstep if self.owner.is_some() => Err(Denial::Owned),
+            Stepping::Lockstep if self.is_faulted => Err(Denial::SceneFaulted),
+            Stepping::Lockstep if too_far => Err(Denial::TooFarAhead),
+            Stepping::Lockstep => Ok(()),
+        }
+    }
+
+    /// Decides whether the client may give a command. [`admit`] decides whether the scene takes it.
+    pub(crate) fn command(&self, command: &Command) -> Result<(), CommandError> {
+        self.check(Request::Command(command, self.scene.config()))?;
+        if self.is_faulted {
+            return Err(CommandError::SceneFaulted);
+        }
+        match command {
+            Command::AddBody { desc, .. } if !id_ranges::has(self.ids(), desc.id) => {
+                Err(CommandError::NotGranted(desc.id))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Decides whether a member may take authority over bodies.
+    pub(crate) fn take_authority(&self, bodies: &[BodyId]) -> Result<(), AuthorityError> {
+        if self.is_faulted {
+            return Err(AuthorityError::SceneFaulted);
+        }
+        self.check(Request::TakeAuthority(bodies))?;
+        for id in bodies {
+            self.check_authority(*id)?;
+        }
+        Ok(())
+    }
+
+    fn check_authority(&self, id: BodyId) -> Result<(), AuthorityError> {
+        let desc = self.scene.body(id).ok_or(AuthorityError::UnknownBody(id))?;
+        if desc.kind != BodyKind::Kinematic {
+            return Err(AuthorityError::NotKinematic(id));
+        }
+        let members = self.clients.members();
+        let others = members.filter(|(peer, ..)| *peer != self.peer);
+        let of_others = others.map(|(.., member)| &member.ids);
+        let of_owner = self.owner.map(|(_, ids)| ids);
+        if of_others.chain(of_owner).any(|ids| id_ranges::has(ids, id)) {
+            return Err(AuthorityError::NotYours(id));
+        }
+        let authority = self.authority_table.authority_of(id);
+        if authority.is_some_and(|peer| peer != self.peer) {
+            return Err(AuthorityError::HeldByAnother(id));
+        }
+        Ok(())
+    }
+
+    fn check_streams(
+        &self,
+        wanted: Option<StreamId>,
+        replaced: Option<Peer>,
+    ) -> Result<(), Denial> {
+        let members = self.members_of_client(replaced);
+        let mut streams: BTreeSet<StreamId> = members.flat_map(Member::streams).collect();
+        streams.extend(wanted);
+        let streams = streams.len() + usize::from(wanted.is_none());
+        let allowed = self.check(Request::Subscribe { streams });
+        allowed.map_err(|_| Denial::TooManyStreams)
+    }
+
+    fn check(&self, request: Request<'_>) -> Result<(), Refused> {
+        check(self.permit, self.ownership, request)
+    }
+
+    /// The memberships of the client, but for one.
+    fn members_of_client(&self, but: Option<Peer>) -> impl Iterator<Item = &Member> {
+        let members = self.clients.members();
+        let members = members.filter(move |(peer, client, _)| {
+            Some(*peer) != but && client.permit.client == self.permit.client
+        });
+        members.map(|(.., member)| member)
+    }
+
+    /// The body indices of the client.
+    fn ids(&self) -> &[IdRange] {
+        match self.owner {
+            Some((owner, ids)) if *owner == self.peer => ids,
+            _ => (self.clients.member(self.peer)).map_or(&[], |member| &member.ids),
+        }
+    }
+}
+
+/// Decides whether a scene takes a command, from a client or its own script, and reserves what the command costs.
+pub(crate) fn admit(
+    command: &Command,
+    scene: &Scene,
+    authority_table: &AuthorityTable,
+    limits: &Limits,
+    load: &mut SceneLoad,
+) -> Result<(), CommandError> {
+    match *command {
+        // Only the member with authority over a body moves it.
+        Command::SetPose { id, .. }
+        | Command::SetVelocity { id, .. }
+        | Command::SetLocomotion { id, .. }
+        | Command::Jump { id, .. }
+        | Command::ChangeBody {
+            desc: BodyDesc { id, .. },
+        } if authority_table.authority_of(id).is_some() => {
+            return Err(CommandError::UnderAuthority(id));
+        }
+        _ => {}
+    }
+    let is_admitted = match command {
+        Command::AddBody { .. } => {
+            // Its numbers come before what the server admits.
+            command.check().map_err(CommandError::Invalid)?;
+            if scene.body_count() as u64 >= limits.bodies_per_scene {
+                return Err(CommandError::TooManyBodies);
+            }
+            load.add_body()
+        }
+        Command::SetLocomotion { id, locomotion } => {
+            command.check().map_err(CommandError::Invalid)?;
+            let before = admission::locomotion_steps(scene.locomotion(*id).into_iter());
+            let others = admission::locomotion_steps(scene.locomotions()) - before;
+            let asked = admission::locomotion_steps(std::iter::once(&**locomotion));
+            load.set_locomotion(others + asked)
+        }
+        _ => true,
+    };
+    let retry_seconds = admission::RETRY_SECONDS;
+    is_admitted
+        .then_some(())
+        .ok_or(CommandError::Overloaded { retry_seconds })
+}
+
+/// True if the role, the ownership and the quotas of a client include a command.
+pub(crate) fn includes(
+    permit: &Permit,
+    ownership: &Ownership,
+    command: &Command,
+    config: &SceneConfig,
+) -> bool {
+    check(permit, ownership, Request::Command(command, config)).is_ok()
+}
 
 /// Streams of one client in a scene: half of all.
 const STREAMS_OF_CLIENT_MAX: usize = STREAMS_PER_SCENE_MAX / 2;
 /// Different dampings that the bodies of one client ever had: a quarter of all, since a scene keeps them.
 const DAMPINGS_OF_CLIENT_MAX: usize = DAMPINGS_MAX / 4;
 
-/// A request to decide about.
+/// A request, as far as the permit of a client decides about it.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Request<'a> {
+enum Request<'a> {
     Create(&'a SceneConfig),
     Delete,
     Join {
@@ -39,19 +287,15 @@ pub(crate) enum Request<'a> {
     TakeAuthority(&'a [BodyId]),
 }
 
-/// Reason of a refused request.
+/// Reason of a permit to refuse a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Refused {
+enum Refused {
     NotAllowed,
     OverQuota,
 }
 
-/// Decides whether a client may make a request.
-pub(crate) fn check(
-    permit: &Permit,
-    ownership: &Ownership,
-    request: Request<'_>,
-) -> Result<(), Refused> {
+/// Decides by role, ownership and quotas.
+fn check(permit: &Permit, ownership: &Ownership, request: Request<'_>) -> Result<(), Refused> {
     let has_role = permit.role >= role_for(request);
     if !has_role || !owns_subjects(permit, ownership, request) {
         return Err(Refused::NotAllowed);
@@ -142,7 +386,7 @@ fn is_within_quotas(permit: &Permit, ownership: &Ownership, request: Request<'_>
         dampings <= DAMPINGS_OF_CLIENT_MAX
     };
     match request {
-        Request::Create(config) => fits(quotas.load, body_steps(config)),
+        Request::Create(config) => fits(quotas.load, admission::body_steps(config)),
         Request::Join {
             members,
             scene_members,
@@ -157,24 +401,14 @@ fn is_within_quotas(permit: &Permit, ownership: &Ownership, request: Request<'_>
             let bodies = u64::from(bodies) + 1;
             damping_fits(desc)
                 && fits(quotas.bodies.map(u64::from), bodies)
-                && fits(quotas.load, body_steps(config).saturating_mul(bodies))
+                && fits(
+                    quotas.load,
+                    admission::body_steps(config).saturating_mul(bodies),
+                )
         }
         Request::Command(Command::ChangeBody { desc }, _) => damping_fits(desc),
         _ => true,
     }
-}
-
-/// Steps of one body in a second, substeps counted.
-pub(crate) fn body_steps(config: &SceneConfig) -> u64 {
-    let integrator = &config.integrator;
-    let ticks = u64::from(integrator.rate.ticks());
-    (ticks * u64::from(integrator.substeps.get())).div_ceil(u64::from(integrator.rate.seconds()))
-}
-
-/// Ticks in a second, rounded up.
-pub(crate) fn ticks_in_second(config: &SceneConfig) -> u64 {
-    let rate = config.integrator.rate;
-    u64::from(rate.ticks().div_ceil(rate.seconds()))
 }
 
 impl From<Refused> for Denial {
@@ -201,248 +435,18 @@ impl From<Refused> for AuthorityError {
     }
 }
 
-/// The name of a client in its tokens. It owns what it adds to a scene, over all its connections.
-pub type ClientName = Arc<str>;
-
-/// The rights of one connection.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Permit {
-    /// `None` without a token: then nothing in a scene belongs to the client.
-    pub client: Option<ClientName>,
-    /// What kind of requests it may make.
-    pub role: Role,
-    /// How much of the scene it may take.
-    pub quotas: Quotas,
-}
-
-/// Limits of one client in one scene; `None` leaves the server's own limits.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Quotas {
-    /// Bodies at one time.
-    pub bodies: Option<u32>,
-    /// Commands in a second, on average over a second. A faster client waits.
-    pub commands: Option<u32>,
-    /// Body steps in a second: ticks times substeps times the client's bodies.
-    pub load: Option<u64>,
-    /// Members at one time.
-    pub members: Option<u32>,
-}
-
-impl Permit {
-    /// The rights of every client of an open server.
-    pub const OPEN: Self = Self {
-        client: None,
-        role: Role::Owner,
-        quotas: Quotas {
-            bodies: None,
-            commands: None,
-            load: None,
-            members: None,
-        },
-    };
-}
-
-/// Owners in one scene.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Ownership {
-    bodies: BTreeMap<BodyId, ClientName>,
-    shapes: BTreeMap<ShapeId, ClientName>,
-    joints: BTreeMap<JointId, ClientName>,
-    counts: BTreeMap<ClientName, u32>,
-    /// Bits of the dampings that each client's bodies ever had: a scene keeps a table for each.
-    dampings: BTreeMap<ClientName, BTreeSet<[u32; 2]>>,
-}
-
-impl Ownership {
-    /// Notes the effect of a command that was applied.
-    pub fn note(&mut self, client: Option<&ClientName>, command: &Command) {
-        match (command, client) {
-            (Command::AddBody { desc, .. }, Some(client)) => {
-                self.bodies.insert(desc.id, client.clone());
-                *self.counts.entry(client.clone()).or_default() += 1;
-                self.note_damping(client, desc);
-            }
-            (Command::ChangeBody { desc }, Some(client)) => self.note_damping(client, desc),
-            (Command::AddShape { id, .. }, Some(client)) => {
-                self.shapes.insert(*id, client.clone());
-            }
-            (Command::AddJoint { id, .. }, Some(client)) => {
-                self.joints.insert(*id, client.clone());
-            }
-            (Command::RemoveShape { id }, _) => {
-                self.shapes.remove(id);
-            }
-            (Command::RemoveJoint { id }, _) => self.remove_joint(*id),
-            _ => {}
-        }
-    }
-
-    fn note_damping(&mut self, client: &ClientName, desc: &BodyDesc) {
-        if let Some(damping) = damping_of(desc) {
-            let dampings = self.dampings.entry(client.clone()).or_default();
-            dampings.insert(damping);
-        }
-    }
-
-    /// True if a command adds something that belongs to a client.
-    pub(crate) const fn concerns(command: &Command) -> bool {
-        matches!(
-            command,
-            Command::AddBody { .. } | Command::AddShape { .. } | Command::AddJoint { .. }
-        )
-    }
-
-    /// Forgets a body that has left the scene.
-    pub fn remove_body(&mut self, id: BodyId) {
-        let Some(client) = self.bodies.remove(&id) else {
-            return;
-        };
-        if let Some(count) = self.counts.get_mut(&client) {
-            *count -= 1;
-            if *count == 0 {
-                self.counts.remove(&client);
-            }
-        }
-    }
-
-    /// Forgets a joint that has left the scene.
-    pub fn remove_joint(&mut self, id: JointId) {
-        self.joints.remove(&id);
-    }
-
-    /// Bodies of a client.
-    fn bodies_of(&self, client: &ClientName) -> u32 {
-        self.counts.get(client).copied().unwrap_or(0)
-    }
-
-    /// Number of a client's dampings if it adds a body.
-    fn dampings_with(&self, client: &ClientName, desc: &BodyDesc) -> usize {
-        let dampings = self.dampings.get(client);
-        let known = dampings.map_or(0, BTreeSet::len);
-        let is_new = damping_of(desc)
-            .is_some_and(|damping| !dampings.is_some_and(|known| known.contains(&damping)));
-        known + usize::from(is_new)
-    }
-
-    fn owns_body(&self, client: Option<&ClientName>, id: BodyId) -> bool {
-        owns(&self.bodies, client, id)
-    }
-
-    fn owns_shape(&self, client: Option<&ClientName>, id: ShapeId) -> bool {
-        owns(&self.shapes, client, id)
-    }
-
-    fn owns_joint(&self, client: Option<&ClientName>, id: JointId) -> bool {
-        owns(&self.joints, client, id)
-    }
-}
-
-/// The bits of a body's own damping.
-fn damping_of(desc: &BodyDesc) -> Option<[u32; 2]> {
-    let damping = desc.damping?;
-    Some([damping.linear.to_bits(), damping.angular.to_bits()])
-}
-
-impl Wire for Ownership {
-    fn encode(&self, to: &mut Writer) {
-        encode_owners(&self.bodies, to);
-        encode_owners(&self.shapes, to);
-        encode_owners(&self.joints, to);
-        to.varint(self.dampings.len() as u64);
-        for (client, dampings) in &self.dampings {
-            to.sized(client.as_bytes());
-            to.varint(dampings.len() as u64);
-            let bits = dampings.iter().flatten();
-            bits.for_each(|bits| to.raw(&bits.to_le_bytes()));
-        }
-    }
-
-    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
-        let mut ownership = Self {
-            bodies: decode_owners(from)?,
-            shapes: decode_owners(from)?,
-            joints: decode_owners(from)?,
-            ..Self::default()
-        };
-        for client in ownership.bodies.values() {
-            *ownership.counts.entry(client.clone()).or_default() += 1;
-        }
-        for _ in 0..from.varint()? {
-            let dampings = ownership.dampings.entry(decode_client(from)?).or_default();
-            for _ in 0..from.varint()? {
-                dampings.insert([decode_bits(from)?, decode_bits(from)?]);
-            }
-        }
-        Ok(ownership)
-    }
-}
-
-fn decode_bits(from: &mut Reader<'_>) -> Result<u32, Malformed> {
-    let bytes = from.raw(4)?;
-    let bytes = bytes.try_into().map_err(|_| Malformed::Truncated)?;
-    Ok(u32::from_le_bytes(bytes))
-}
-
-fn encode_owners<Id: Wire>(owners: &BTreeMap<Id, ClientName>, to: &mut Writer) {
-    to.varint(owners.len() as u64);
-    for (id, client) in owners {
-        id.encode(to);
-        to.sized(client.as_bytes());
-    }
-}
-
-fn decode_owners<Id: Wire + Ord>(
-    from: &mut Reader<'_>,
-) -> Result<BTreeMap<Id, ClientName>, Malformed> {
-    let mut owners = BTreeMap::new();
-    for _ in 0..from.varint()? {
-        let id = Id::decode(from)?;
-        owners.insert(id, decode_client(from)?);
-    }
-    Ok(owners)
-}
-
-/// A client's name, as its length and text.
-pub(crate) fn decode_client(from: &mut Reader<'_>) -> Result<ClientName, Malformed> {
-    let bytes = from.sized(from.rest().len())?;
-    let text = std::str::from_utf8(bytes).map_err(|_| Malformed::Text)?;
-    Ok(text.into())
-}
-
-/// A client's name, or none.
-pub fn encode_client_of(client: Option<&ClientName>, to: &mut Writer) {
-    to.u8(u8::from(client.is_some()));
-    if let Some(client) = client {
-        to.sized(client.as_bytes());
-    }
-}
-
-/// A client's name, or none.
-///
-/// # Errors
-///
-/// [`Malformed`] for bytes that are neither.
-pub fn decode_client_of(from: &mut Reader<'_>) -> Result<Option<ClientName>, Malformed> {
-    match from.u8()? {
-        0 => Ok(None),
-        1 => decode_client(from).map(Some),
-        _ => Err(Malformed::UnknownCode),
-    }
-}
-
-fn owns<Id: Ord>(owners: &BTreeMap<Id, ClientName>, client: Option<&ClientName>, id: Id) -> bool {
-    client.is_some_and(|client| owners.get(&id) == Some(client))
-}
-
 #[cfg(test)]
 mod tests {
     use std::sync::Arc;
 
     use glam::Vec3;
-    use rhumb_protocol::scene::{BodyKind, Joint, JointFrame, JointId, JointKind, Shape, ShapeId};
+    use rhumb_protocol::Instant;
+    use rhumb_protocol::message::{Grease, StreamChoice};
+    use rhumb_protocol::scene::{Joint, JointFrame, JointId, JointKind, Material, Shape, ShapeId};
     use rhumb_reckoning::Damping;
 
     use super::*;
+    use crate::permit::Quotas;
 
     fn permit(client: &str, role: Role) -> Permit {
         Permit {
@@ -552,7 +556,7 @@ mod tests {
         scene.remove_body(BodyId::new(0, 0));
         assert_eq!(decide(&anna, &scene, &add_body(2)), Ok(()));
         // One body at 60 ticks a second: the second body would exceed the load.
-        let steps = body_steps(&SceneConfig::default());
+        let steps = admission::body_steps(&SceneConfig::default());
         anna.quotas.load = Some(2 * steps - 1);
         assert_eq!(decide(&anna, &scene, &add_body(2)), Err(Refused::OverQuota));
         anna.quotas.members = Some(1);
@@ -560,6 +564,191 @@ mod tests {
             let join = check(&anna, &scene, join(members));
             assert_eq!(join.is_ok(), allowed);
         }
+    }
+
+    const ANNA: Peer = Peer(1);
+
+    /// A scene, its owners and its only member.
+    struct Setup {
+        scene: Scene,
+        ownership: Ownership,
+        authority_table: AuthorityTable,
+        clients: Clients,
+        limits: Limits,
+        load: SceneLoad,
+    }
+
+    impl Setup {
+        fn new(config: SceneConfig, limits: Limits) -> Self {
+            let settings = SceneSettings {
+                limits,
+                ..SceneSettings::new(|| Instant::ZERO)
+            };
+            let mut clients = Clients::new(limits);
+            clients.open(ANNA, Grease::new(0));
+            let ids = IdRange::new(0, 8, 0).into_iter().collect();
+            let stream = (StreamId(0), StreamChoice::Full);
+            if let Some(client) = clients.get_mut(ANNA) {
+                client.member = Some(Member::new(stream, (None, ids), 0));
+            }
+            Self {
+                scene: Scene::new(config).unwrap(),
+                ownership: Ownership::default(),
+                authority_table: AuthorityTable::default(),
+                clients,
+                limits,
+                load: settings.load_of(&config),
+            }
+        }
+
+        fn rights<'a>(&'a self, permit: &'a Permit, is_faulted: bool) -> Rights<'a> {
+            Rights {
+                peer: ANNA,
+                permit,
+                scene: &self.scene,
+                is_faulted,
+                owner: None,
+                ownership: &self.ownership,
+                authority_table: &self.authority_table,
+                clients: &self.clients,
+                limits: &self.limits,
+            }
+        }
+    }
+
+    impl Setup {
+        /// Decides about a command; one that is refused reserves nothing.
+        fn decide(
+            mut self,
+            permit: &Permit,
+            is_faulted: bool,
+            command: &Command,
+        ) -> Result<(), CommandError> {
+            let reserved = self.load.reserved();
+            self.rights(permit, is_faulted).command(command)?;
+            let (scene, table) = (&self.scene, &self.authority_table);
+            let admitted = admit(command, scene, table, &self.limits, &mut self.load);
+            assert!(admitted.is_ok() || self.load.reserved() == reserved);
+            admitted
+        }
+    }
+
+    #[test]
+    fn a_command_is_refused_for_the_first_of_its_reasons() {
+        let limits = |bodies_per_scene, scene_load| Limits {
+            bodies_per_scene,
+            scene_load,
+            ..Limits::default()
+        };
+        let config = SceneConfig {
+            stepping: Stepping::FreeRunning,
+            ..SceneConfig::default()
+        };
+        let Command::AddBody { mut desc, motion } = add_body(9) else {
+            panic!("no body");
+        };
+        desc.material = Some(Material {
+            friction: -1.0,
+            ..config.material
+        });
+        let foreign = Command::AddBody { desc, motion };
+        desc.id = BodyId::new(1, 0);
+        let wrong = Command::AddBody { desc, motion };
+        let right = add_body(1);
+        let full = limits(0, 0);
+        let observer = permit("anna", Role::Observer);
+        let controller = permit("anna", Role::Controller);
+        let mut poor = controller.clone();
+        poor.quotas.bodies = Some(0);
+        let overloaded = CommandError::Overloaded {
+            retry_seconds: admission::RETRY_SECONDS,
+        };
+        let reasons = [
+            (&observer, true, &foreign, full, CommandError::NotAllowed),
+            (&poor, true, &foreign, full, CommandError::OverQuota),
+            (
+                &controller,
+                true,
+                &foreign,
+                full,
+                CommandError::SceneFaulted,
+            ),
+            (
+                &controller,
+                false,
+                &foreign,
+                full,
+                CommandError::NotGranted(BodyId::new(9, 0)),
+            ),
+            (
+                &controller,
+                false,
+                &wrong,
+                full,
+                CommandError::Invalid(wrong.check().unwrap_err()),
+            ),
+            (
+                &controller,
+                false,
+                &right,
+                full,
+                CommandError::TooManyBodies,
+            ),
+            (&controller, false, &right, limits(1, 0), overloaded),
+        ];
+        for (permit, is_faulted, command, limits, reason) in reasons {
+            let setup = Setup::new(config, limits);
+            assert_eq!(setup.decide(permit, is_faulted, command), Err(reason));
+        }
+    }
+
+    #[test]
+    fn an_advance_is_refused_for_the_first_of_its_reasons() {
+        let config = |stepping| SceneConfig {
+            stepping,
+            ..SceneConfig::default()
+        };
+        let lockstep = Setup::new(config(Stepping::Lockstep), Limits::default());
+        let free = Setup::new(config(Stepping::FreeRunning), Limits::default());
+        let observer = permit("anna", Role::Observer);
+        let (far, near) = (
+            Tick::new(ADVANCE_TICKS_MAX + 1),
+            Tick::new(ADVANCE_TICKS_MAX),
+        );
+        for (setup, permit, is_faulted, to, decided) in [
+            (&free, &observer, true, far, Err(Denial::AdvanceNotAllowed)),
+            (&free, &Permit::OPEN, true, far, Err(Denial::NotLockstep)),
+            (
+                &lockstep,
+                &Permit::OPEN,
+                true,
+                far,
+                Err(Denial::SceneFaulted),
+            ),
+            (
+                &lockstep,
+                &Permit::OPEN,
+                false,
+                far,
+                Err(Denial::TooFarAhead),
+            ),
+            (&lockstep, &Permit::OPEN, false, near, Ok(())),
+        ] {
+            assert_eq!(setup.rights(permit, is_faulted).advance(to), decided);
+        }
+    }
+
+    #[test]
+    fn a_client_that_takes_its_session_up_needs_no_second_place() {
+        let limits = Limits {
+            members_per_scene: 1,
+            ..Limits::default()
+        };
+        let setup = Setup::new(SceneConfig::default(), limits);
+        let again = Permit::OPEN;
+        let rights = setup.rights(&again, false);
+        assert_eq!(rights.join(None, Some(ANNA)), Ok(()));
+        assert_eq!(rights.join(None, None), Err(Denial::TooManyMembers));
     }
 
     #[test]

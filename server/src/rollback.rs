@@ -8,7 +8,7 @@
 use rhumb_protocol::Span;
 use rhumb_protocol::scene::Command;
 
-use crate::rights::Ownership;
+use crate::permit::Ownership;
 use crate::scene::{Author, History, LogEntry, Scene};
 
 /// The way back of one scene.

@@ -14,7 +14,7 @@ use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake
 
 use crate::authority_table::UpstreamStatistics;
 use crate::command_log::RestoredScene;
-use crate::rights::Permit;
+use crate::permit::Permit;
 use crate::scene_loop::{OwnedScene, SceneLoop};
 use crate::settings::SceneSettings;
 

@@ -23,7 +23,8 @@ use crate::authority_table::UpstreamStatistics;
 use crate::baking::Bakery;
 use crate::clients::{Clients, Turn};
 use crate::member::SnapshotRequest;
-use crate::rights::{self, Ownership, Permit, Request};
+use crate::permit::Permit;
+use crate::rights;
 use crate::scene_runner::{DisconnectReason, SceneRunner};
 use crate::settings::SceneSettings;
 
@@ -171,7 +172,7 @@ impl SceneLoop {
         let permit = Arc::clone(&client.permit);
         match message {
             Ok(ClientMessage::Create(config)) => {
-                let allowed = may(&permit, Request::Create(&config));
+                let allowed = rights::create(&permit, &config);
                 let answer = match allowed.and_then(|()| self.create_stored(config)) {
                     Ok(()) => ServerMessage::Created,
                     Err(denial) => ServerMessage::Denied(denial),
@@ -193,7 +194,7 @@ impl SceneLoop {
                 }
             }
             Ok(ClientMessage::Session(request)) => client.session_request = Some(request),
-            Ok(ClientMessage::Delete) => match may(&permit, Request::Delete) {
+            Ok(ClientMessage::Delete) => match rights::delete(&permit) {
                 Ok(()) => self.delete(peer),
                 Err(denial) => self.clients.send(peer, &ServerMessage::Denied(denial)),
             },
@@ -293,11 +294,6 @@ impl SceneLoop {
             self.note_empty();
         }
     }
-}
-
-/// Decides about a request that concerns nothing within a scene.
-fn may(permit: &Permit, request: Request<'_>) -> Result<(), Denial> {
-    Ok(rights::check(permit, &Ownership::default(), request)?)
 }
 
 impl Endpoint for SceneLoop {

@@ -3,9 +3,9 @@
 //! Neither sockets nor threads: the loop of the scene feeds it requests and moments. Order of a tick: commands, step,
 //! observe, send.
 
-mod access;
 mod authority;
 mod command_log;
+mod commands;
 mod owner;
 mod queries;
 mod restoration;
@@ -16,19 +16,18 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
 use bytes::Bytes;
-use rhumb_protocol::limits::{ADVANCE_TICKS_MAX, PENDING_COMMANDS_MAX};
+use rhumb_protocol::limits::PENDING_COMMANDS_MAX;
 use rhumb_protocol::message::{
     ClientMessage, Denial, Extensions, Joined, RemovalCause, SceneEvent, ServerMessage, StageTimes,
     StreamChoice,
 };
 use rhumb_protocol::packet::StreamId;
 use rhumb_protocol::scene::{
-    BodyDesc, Command, CommandError, IdRange, Locomotion, SceneConfig, SceneName, Shape, ShapeId,
-    Stepping,
+    Command, CommandError, IdRange, Locomotion, SceneConfig, SceneName, ShapeId, Stepping,
 };
-use rhumb_protocol::stream::{Activity, StreamStart};
+use rhumb_protocol::stream::StreamStart;
 use rhumb_protocol::{Instant, Peer, Span};
-use rhumb_reckoning::{BodyState, Tick};
+use rhumb_reckoning::Tick;
 
 pub(crate) use self::session::DisconnectReason;
 use crate::admission::SceneLoad;
@@ -36,9 +35,9 @@ use crate::authority_table::AuthorityTable;
 use crate::clients::Clients;
 use crate::command_log::Durability;
 use crate::hook::Hook;
-use crate::id_ranges::{self, IdRanges};
+use crate::id_ranges::IdRanges;
 use crate::observer::{Incident, SceneObserver, TickFigures};
-use crate::rights::{Ownership, Request};
+use crate::permit::Ownership;
 use crate::rollback::Rollback;
 use crate::scene::Scene;
 use crate::sessions::Sessions;
@@ -277,14 +276,10 @@ impl SceneRunner {
             Ok(ClientMessage::Command(command)) => Ok(command),
             Err(error) => Err(error),
             Ok(ClientMessage::Advance { to }) => {
-                let allowed = self.check(clients, peer, Request::Advance);
-                let denial = match allowed {
-                    Ok(()) => self.check_advance(to),
-                    Err(_) => Some(Denial::AdvanceNotAllowed),
-                };
-                match denial {
-                    Some(denial) => clients.send(peer, &ServerMessage::Denied(denial)),
-                    None => self.target = self.target.max(to),
+                let rights = self.rights_of(peer, clients).ok_or(Denial::NotAllowed);
+                match rights.and_then(|rights| rights.advance(to)) {
+                    Ok(()) => self.target = self.target.max(to),
+                    Err(denial) => clients.send(peer, &ServerMessage::Denied(denial)),
                 }
                 return;
             }
@@ -322,104 +317,6 @@ impl SceneRunner {
         if let Some(member) = clients.member_mut(peer) {
             member.added_bytes += added;
         }
-    }
-
-    fn check_advance(&self, to: Tick) -> Option<Denial> {
-        let too_far = to.value() > self.scene.tick().value() + ADVANCE_TICKS_MAX;
-        match self.config().stepping {
-            Stepping::FreeRunning => Some(Denial::NotLockstep),
-            Stepping::Lockstep if self.is_owned() => Some(Denial::Owned),
-            Stepping::Lockstep if self.faulted => Some(Denial::SceneFaulted),
-            Stepping::Lockstep if too_far => Some(Denial::TooFarAhead),
-            Stepping::Lockstep => None,
-        }
-    }
-
-    /// The indices of a member, or of the client that owns the scene.
-    fn ids_of<'a>(&'a self, peer: Peer, clients: &'a Clients) -> &'a [IdRange] {
-        match &self.owner {
-            Some((owner, ids)) if *owner == peer => ids,
-            _ => clients.member(peer).map_or(&[], |member| &member.ids),
-        }
-    }
-
-    fn apply(
-        &mut self,
-        peer: Peer,
-        command: &Command,
-        clients: &Clients,
-    ) -> Result<(), CommandError> {
-        if self.faulted {
-            return Err(CommandError::SceneFaulted);
-        }
-        if let Command::AddBody { desc, .. } = command
-            && !id_ranges::has(self.ids_of(peer, clients), desc.id)
-        {
-            return Err(CommandError::NotGranted(desc.id));
-        }
-        self.check_not_under_authority(command)?;
-        self.apply_and_announce(command)
-    }
-
-    /// Applies a command, and records what it changed for the streams and the members.
-    fn apply_and_announce(&mut self, command: &Command) -> Result<(), CommandError> {
-        self.copy_if_due();
-        self.apply_within_load(command)?;
-        let tick = self.scene.tick();
-        match *command {
-            Command::AddShape { id, ref shape } => self.announce_shape(id, shape.clone()),
-            Command::RemoveShape { id } => self.forget_shape(id),
-            Command::AddBody { desc, motion } => self.place(desc, motion, Activity::Awake),
-            Command::ChangeBody { desc } => {
-                if let Some(there) = self.scene.observation_at_tick(desc.id) {
-                    self.place(desc, there.motion, there.activity);
-                }
-            }
-            Command::RemoveBody { id } => {
-                self.streams.remove(id);
-                self.authority_table.remove(id);
-                self.forget_body(id);
-                let cause = RemovalCause::Command;
-                self.record_event(SceneEvent::BodyRemoved { id, cause });
-            }
-            Command::AddJoint { id, ref joint } | Command::ChangeJoint { id, ref joint } => {
-                self.record_event(SceneEvent::JointAdded { id, joint: **joint });
-            }
-            Command::RemoveJoint { id } => self.record_event(SceneEvent::JointRemoved { id }),
-            Command::SetGravity { gravity } => {
-                self.streams.change_gravity(tick, gravity);
-                self.record_event(SceneEvent::GravityChanged {
-                    since: tick,
-                    gravity,
-                });
-            }
-            _ => {}
-        }
-        Ok(())
-    }
-
-    /// Records that there is a shape, also for later members.
-    fn announce_shape(&mut self, id: ShapeId, shape: Shape) {
-        let from = self.unsent.len();
-        self.record_event(SceneEvent::ShapeAdded { id, shape });
-        let event = Bytes::copy_from_slice(&self.unsent[from..]);
-        self.shape_events.insert(id, event);
-    }
-
-    /// Records that a shape is gone.
-    fn forget_shape(&mut self, id: ShapeId) {
-        self.shape_events.remove(&id);
-        self.record_event(SceneEvent::ShapeRemoved { id });
-    }
-
-    /// Places a new or changed body in every stream: both ends predict it by its description from the newest tick on.
-    fn place(&mut self, desc: BodyDesc, motion: BodyState, activity: Activity) {
-        let (tick, tumbles) = (self.scene.tick(), self.scene.inertia(desc.id).is_some());
-        let track = streams::first_track(tick, (motion, activity), &desc, tumbles);
-        if let Some(parameters) = streams::parameters(&self.scene, desc.id) {
-            self.streams.place(desc.id, &parameters, track, motion);
-        }
-        self.record_event(streams::scene_event(&self.scene, desc, track, None));
     }
 
     fn record_event(&mut self, scene_event: SceneEvent) {
@@ -653,17 +550,12 @@ impl SceneRunner {
             for command in script.commands(&self.scene) {
                 // A script may add thousands of bodies at once.
                 self.settings.heartbeat.beat();
-                if let Err(error) = self.apply_of_script(&command) {
+                if let Err(error) = self.apply_and_announce(&command) {
                     tracing::warn!(%error, "a command of the scene's script is refused");
                 }
             }
         }
         self.script = Some(script);
-    }
-
-    fn apply_of_script(&mut self, command: &Command) -> Result<(), CommandError> {
-        self.check_not_under_authority(command)?;
-        self.apply_and_announce(command)
     }
 }
 

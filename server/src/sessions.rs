@@ -12,8 +12,8 @@ use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_protocol::wire::{Malformed, Wire};
 use rhumb_protocol::{Instant, Peer, Span};
 
+use crate::permit::{ClientName, decode_client_of, encode_client_of};
 use crate::record::{Record, SessionNumber};
-use crate::rights::{ClientName, decode_client_of, encode_client_of};
 
 /// Refusals that a session keeps, for a client that has not seen them.
 const REFUSALS_KEPT: usize = 256;

@@ -5,10 +5,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use rhumb_protocol::packet::LargestPacket;
-use rhumb_protocol::scene::{Command, SceneConfig, SceneName};
+use rhumb_protocol::scene::{Command, SceneConfig, SceneName, Stepping};
 use rhumb_protocol::{Instant, Span};
 
-use crate::admission::Admission;
+use crate::admission::{self, Admission, SceneLoad, SceneSlot};
 use crate::baking::Bakers;
 use crate::command_log::SceneStore;
 use crate::engine::{Engines, StepThreads};
@@ -70,6 +70,24 @@ impl SceneSettings {
             heartbeat: Heartbeat::default(),
             clock: Arc::new(clock),
         }
+    }
+
+    /// The place of another scene; `None` if the server has as many as may be.
+    pub(crate) fn take_slot(&self) -> Option<SceneSlot> {
+        let scenes = self.limits.scenes as usize;
+        self.admission.slots.take(scenes)
+    }
+
+    /// A scene's share of the server's time, none of it taken.
+    pub(crate) fn load_of(&self, config: &SceneConfig) -> SceneLoad {
+        let ticks = match config.stepping {
+            Stepping::FreeRunning => admission::ticks_in_second(config),
+            Stepping::Lockstep => 0,
+        };
+        let substeps = u64::from(config.integrator.substeps.get());
+        let (scene_max, server_max) = (self.limits.scene_load, self.limits.server_load);
+        let load = &self.admission.load;
+        load.of_scene((ticks, substeps), scene_max, server_max)
     }
 }
 

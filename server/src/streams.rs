@@ -161,13 +161,13 @@ impl Streams {
         stream.flat_map(move |stream| stream.sender.datagrams(peer.0))
     }
 
-    /// The datagrams of the last tick of all streams, without repair symbols.
     /// Bodies whose updates wait for a budget, in all streams.
     pub(crate) fn waiting(&self) -> usize {
         let publishers = self.streams.iter().filter_map(|s| s.sender.publisher());
         publishers.map(Publisher::waiting).sum()
     }
 
+    /// The datagrams of the last tick of all streams, without repair symbols.
     pub(crate) fn all_packets(&self) -> impl Iterator<Item = &Bytes> {
         self.streams
             .iter()

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use rhumb_protocol::Peer;
 use rhumb_protocol::scene::{Command, ShapeId};
 
-use crate::rights::ClientName;
+use crate::permit::ClientName;
 
 /// One change of a scene.
 #[derive(Clone, Debug, PartialEq)]

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use rhumb_protocol::Span;
 use rhumb_protocol::message::Denial;
-use rhumb_protocol::scene::{Invalid, Quantity, SceneConfig, Stepping};
+use rhumb_protocol::scene::SceneConfig;
 
 use super::{RunningScene, SceneLoop};
 use crate::admission::{self, SceneLoad, SceneSlot};
@@ -60,10 +60,10 @@ impl SceneLoop {
             log,
             took,
         } = restored;
-        let Some(slot) = self.take_slot() else {
+        let Some(slot) = self.settings.take_slot() else {
             return tracing::error!(scene = %self.name, "no place for another scene");
         };
-        let mut load = self.load_of(scene.config());
+        let mut load = self.settings.load_of(scene.config());
         // The bodies were admitted before: a server with lower limits now takes no more of them.
         for _ in 0..scene.body_count() {
             load.add_body();
@@ -108,19 +108,7 @@ impl SceneLoop {
         if self.exists() {
             return Err(Denial::SceneExists);
         }
-        let slot = self.take_slot().ok_or(Denial::TooManyScenes)?;
-        config.check().map_err(Denial::InvalidConfig)?;
-        if config.stepping == Stepping::FreeRunning
-            && rights::ticks_in_second(&config) > self.settings.limits.scene_ticks_per_second
-        {
-            let rate = Invalid::out_of_range(Quantity::Rate);
-            return Err(Denial::InvalidConfig(rate));
-        }
-        let load = self.load_of(&config);
-        if !load.has_room() {
-            let retry_seconds = admission::RETRY_SECONDS;
-            return Err(Denial::Overloaded { retry_seconds });
-        }
+        let (slot, load) = rights::admit_scene(&config, &self.settings)?;
         let settings = &self.settings;
         let engine = settings.engines.make(&config, &settings.threads);
         let engine = engine.map_err(|cause| {
@@ -130,27 +118,6 @@ impl SceneLoop {
         let scene = Scene::with_engine(config, engine).map_err(Denial::InvalidConfig)?;
         tracing::info!(scene = %self.name, "scene created");
         Ok(self.run_scene(scene, slot, load))
-    }
-
-    /// The place of another scene; `None` if the server has as many as may be.
-    fn take_slot(&self) -> Option<SceneSlot> {
-        let scenes = self.settings.limits.scenes as usize;
-        self.settings.admission.slots.take(scenes)
-    }
-
-    /// A scene's share of the server's time, none of it taken.
-    fn load_of(&self, config: &SceneConfig) -> SceneLoad {
-        let ticks = match config.stepping {
-            Stepping::FreeRunning => rights::ticks_in_second(config),
-            Stepping::Lockstep => 0,
-        };
-        let substeps = u64::from(config.integrator.substeps.get());
-        let limits = &self.settings.limits;
-        let (scene_max, server_max) = (limits.scene_load, limits.server_load);
-        self.settings
-            .admission
-            .load
-            .of_scene((ticks, substeps), scene_max, server_max)
     }
 
     /// Runs a scene that is new or restored.

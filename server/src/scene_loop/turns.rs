@@ -226,7 +226,7 @@ mod tests {
     use rhumb_protocol::{Ending, Endpoint as _, Transmit};
 
     use super::*;
-    use crate::rights::{Permit, Quotas};
+    use crate::permit::{Permit, Quotas};
     use crate::settings::SceneSettings;
 
     const HASTY: Peer = Peer(1);

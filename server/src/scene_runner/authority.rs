@@ -3,15 +3,12 @@
 use rhumb_protocol::Peer;
 use rhumb_protocol::message::{AuthorityError, AuthorityGrant, ServerMessage, TakeAuthority};
 use rhumb_protocol::packet::Datagram;
-use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, CommandError, Stepping};
+use rhumb_protocol::scene::{Command, Stepping};
 use rhumb_protocol::session::UpstreamReceiver;
-use rhumb_reckoning::BodyId;
 
 use super::SceneRunner;
 use crate::authority_table::UpstreamStatistics;
 use crate::clients::Clients;
-use crate::id_ranges;
-use crate::rights::Request;
 use crate::streams;
 
 impl SceneRunner {
@@ -85,13 +82,11 @@ impl SceneRunner {
         request: &TakeAuthority,
         clients: &Clients,
     ) -> Result<AuthorityGrant, AuthorityError> {
-        if self.faulted {
-            return Err(AuthorityError::SceneFaulted);
-        }
+        let rights = self.rights_of(peer, clients);
+        let rights = rights.ok_or(AuthorityError::NotAllowed)?;
+        rights.take_authority(&request.bodies)?;
         let mut bodies = Vec::with_capacity(request.bodies.len());
-        self.check(clients, peer, Request::TakeAuthority(&request.bodies))?;
         for id in &request.bodies {
-            self.check_authority(peer, *id, clients)?;
             let now = self.scene.observation(*id);
             let motion = now.ok_or(AuthorityError::UnknownBody(*id))?.motion;
             bodies.push((*id, motion));
@@ -120,48 +115,6 @@ impl SceneRunner {
         let bodies = authority.bodies.len();
         tracing::debug!(peer = peer.0, bodies, stream = %stream, "authority granted");
         Ok(authority)
-    }
-
-    fn check_authority(
-        &self,
-        peer: Peer,
-        id: BodyId,
-        clients: &Clients,
-    ) -> Result<(), AuthorityError> {
-        let config = self.scene.body(id).ok_or(AuthorityError::UnknownBody(id))?;
-        if config.kind != BodyKind::Kinematic {
-            return Err(AuthorityError::NotKinematic(id));
-        }
-        let others = clients.members().filter(|(other, ..)| *other != peer);
-        let of_others = others.map(|(.., member)| &member.ids);
-        let of_owner = self.owner.as_ref().map(|(_, ids)| ids);
-        if of_others.chain(of_owner).any(|ids| id_ranges::has(ids, id)) {
-            return Err(AuthorityError::NotYours(id));
-        }
-        if self
-            .authority_table
-            .authority_of(id)
-            .is_some_and(|authority| authority != peer)
-        {
-            return Err(AuthorityError::HeldByAnother(id));
-        }
-        Ok(())
-    }
-
-    /// Only the member with authority over a body moves it.
-    pub(super) fn check_not_under_authority(&self, command: &Command) -> Result<(), CommandError> {
-        match *command {
-            Command::SetPose { id, .. }
-            | Command::SetVelocity { id, .. }
-            | Command::SetLocomotion { id, .. }
-            | Command::Jump { id, .. }
-            | Command::ChangeBody {
-                desc: BodyDesc { id, .. },
-            } if self.authority_table.authority_of(id).is_some() => {
-                Err(CommandError::UnderAuthority(id))
-            }
-            _ => Ok(()),
-        }
     }
 
     pub(crate) fn upstream_statistics(&self) -> impl Iterator<Item = UpstreamStatistics> {

@@ -10,6 +10,7 @@ use rhumb_protocol::{Peer, Span};
 
 use super::SceneRunner;
 use crate::clients::Clients;
+use crate::permit::Permit;
 use crate::scene::Scene;
 
 impl SceneRunner {
@@ -33,7 +34,9 @@ impl SceneRunner {
         clients: &mut Clients,
     ) -> Result<(), CommandError> {
         self.settings.heartbeat.beat();
-        let applied = self.apply(owner, command, clients);
+        let permit = Permit::OPEN;
+        let allowed = self.rights(owner, &permit, clients).command(command);
+        let applied = allowed.and_then(|()| self.apply_and_announce(command));
         applied.map_err(|error| self.restore_if_failed(error, clients))
     }
 

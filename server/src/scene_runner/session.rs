@@ -14,8 +14,9 @@ use super::SceneRunner;
 use crate::clients::Clients;
 use crate::id_ranges::IndexLimits;
 use crate::member::Member;
+use crate::permit::{Ownership, Permit};
 use crate::record::{Record, SessionNumber};
-use crate::rights::{self, Ownership, Permit, Request};
+
 use crate::sessions::{ResumableSession, Sessions};
 
 /// End of a membership.
@@ -40,20 +41,12 @@ impl SceneRunner {
         (choice, request): (StreamChoice, Option<SessionRequest>),
         clients: &mut Clients,
     ) -> Result<(), Denial> {
-        if self.faulted {
-            return Err(Denial::SceneFaulted);
-        }
-        self.end_replaced(&permit, request, clients);
-        let members = clients.members_of(permit.client.as_ref()).count();
-        let scene_members = self.settings.limits.members_per_scene;
-        let join = Request::Join {
-            members,
-            scene_members,
-        };
-        rights::check(&permit, &self.ownership, join)?;
-        self.check_stream(&permit, choice, clients)?;
-        if clients.member_count() as u64 >= scene_members {
-            return Err(Denial::TooManyMembers);
+        let known = self.known_session(&permit, request);
+        let replaced = known.and_then(|number| self.sessions.member_of(number));
+        let wanted = self.streams.of_choice(choice);
+        self.rights(peer, &permit, clients).join(wanted, replaced)?;
+        if let Some(replaced) = replaced {
+            self.end_replaced(replaced, clients);
         }
         let stream = match self.streams.subscribe(choice)? {
             Some(stream) => stream,
@@ -112,9 +105,8 @@ impl SceneRunner {
     }
 
     pub(crate) fn reserve(&mut self, peer: Peer, count: u32, clients: &mut Clients) {
-        let allowed = self
-            .check(clients, peer, Request::Reserve)
-            .map_err(Denial::from);
+        let rights = self.rights_of(peer, clients).ok_or(Denial::NotAllowed);
+        let allowed = rights.and_then(|rights| rights.reserve());
         let ids = clients.member(peer).map_or(&[][..], |member| &member.ids);
         let answer = match allowed.and_then(|()| self.grant_more(ids, count, clients)) {
             Ok(range) => {
@@ -177,20 +169,12 @@ impl SceneRunner {
         self.sessions.of_key(request?.key, permit.client.as_ref())
     }
 
-    /// Ends the membership of the connection whose session another one takes up, with its stream and its place.
-    fn end_replaced(
-        &mut self,
-        permit: &Permit,
-        request: Option<SessionRequest>,
-        clients: &mut Clients,
-    ) {
-        let known = self.known_session(permit, request);
-        if let Some(other) = known.and_then(|number| self.sessions.member_of(number)) {
-            tracing::info!(peer = other.0, "another connection takes the session up");
-            self.leave(other, DisconnectReason::Disconnected, clients);
-            if let Some(session) = clients.session(other) {
-                session.close(CloseCode::SESSION_TAKEN);
-            }
+    /// Ends the membership of a connection whose session another one takes up, with its stream and its place.
+    fn end_replaced(&mut self, replaced: Peer, clients: &mut Clients) {
+        tracing::info!(peer = replaced.0, "another connection takes the session up");
+        self.leave(replaced, DisconnectReason::Disconnected, clients);
+        if let Some(session) = clients.session(replaced) {
+            session.close(CloseCode::SESSION_TAKEN);
         }
     }
 

@@ -7,7 +7,7 @@ use rhumb_protocol::stream::Recipient;
 use rhumb_protocol::{Instant, LinkReport, Peer, Span};
 
 use super::SceneRunner;
-use crate::clients::{Clients, SceneClient};
+use crate::clients::Clients;
 use crate::member::SnapshotRequest;
 use crate::observer::Incident;
 use crate::tier_controller::{Confirmation, TierDecision};
@@ -125,9 +125,6 @@ impl SceneRunner {
         let SnapshotRequest::Other(choice) = snapshot_request else {
             return Ok(());
         };
-        if self.faulted {
-            return Err(Denial::SceneFaulted);
-        }
         let expected = self.change_stream(peer, choice, clients)?;
         if let Some(member) = clients.member_mut(peer) {
             member.link.choose(choice, expected);
@@ -143,15 +140,16 @@ impl SceneRunner {
         choice: StreamChoice,
         clients: &mut Clients,
     ) -> Result<Confirmation, Denial> {
-        let Some((permit, member)) = clients.get(peer).and_then(SceneClient::membership) else {
+        let (Some(rights), Some(member)) = (self.rights_of(peer, clients), clients.member(peer))
+        else {
             return Ok(Confirmation::AnyMessage);
         };
         let (present, received) = (member.stream(), member.streams());
         let wanted = self.streams.of_choice(choice);
+        rights.subscribe(wanted)?;
         if wanted == Some(present) {
             return Ok(Confirmation::Subscribed(present));
         }
-        self.check_stream(permit, choice, clients)?;
         // The stream that the member is leaving counts already.
         let leaving = received
             .into_iter()
