@@ -47,7 +47,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Where the web client is.
+/// Files of the web client.
 struct WebClient {
     module: PathBuf,
     /// The folder of its scripts.

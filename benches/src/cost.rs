@@ -55,7 +55,7 @@ pub struct CostArguments {
 /// Content of `cost.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Costs {
-    /// Where the figures come from.
+    /// Source of the figures.
     #[serde(flatten)]
     pub provenance: Provenance,
     /// Publishing of awake bodies, as one stream and as four.

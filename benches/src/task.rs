@@ -26,7 +26,7 @@ pub(crate) fn ended(result: Result<(), Failure>) -> ExitCode {
     }
 }
 
-/// Where figures come from.
+/// Source of figures.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Provenance {
     /// The command line, as typed.

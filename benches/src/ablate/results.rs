@@ -11,7 +11,7 @@ use crate::task::Provenance;
 /// Content of `ablation.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Ablation {
-    /// Where the figures come from.
+    /// Source of the figures.
     #[serde(flatten)]
     pub provenance: Provenance,
     /// The link with delay and loss.

@@ -49,7 +49,7 @@ pub(super) struct FramesArguments {
 /// Content of `frames.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Frames {
-    /// Where the figures come from.
+    /// Source of the figures.
     #[serde(flatten)]
     pub provenance: Provenance,
     /// Each number of bodies, in the order of the command line.

@@ -57,7 +57,7 @@ pub(super) struct NeighbourArguments {
 /// Content of `neighbour.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Neighbour {
-    /// Where the figures come from.
+    /// Source of the figures.
     #[serde(flatten)]
     pub provenance: Provenance,
     /// Each abuse.

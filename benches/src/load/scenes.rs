@@ -68,7 +68,7 @@ pub(super) struct ScenesArguments {
 /// Content of `load.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Load {
-    /// Where the figures come from.
+    /// Source of the figures.
     #[serde(flatten)]
     pub provenance: Provenance,
     /// Members that lost their connection or were refused, of all of them.
@@ -264,7 +264,7 @@ struct Member(JoinHandle<MemberEnd>);
 /// The end of a member.
 #[derive(Debug)]
 struct MemberEnd {
-    /// Why it ended, unless the load ended it.
+    /// Cause of its end, unless the load ended it.
     error: Option<String>,
     /// UDP payload received.
     received_bytes: u64,

@@ -49,7 +49,7 @@ pub(super) struct ServiceArguments {
 /// Content of `service.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ServiceCosts {
-    /// Where the figures come from.
+    /// Source of the figures.
     #[serde(flatten)]
     pub provenance: Provenance,
     /// Bodies of the script.

@@ -118,7 +118,7 @@ fn read_plain(name: &str, bytes: &[u8]) -> Result<Recording, RecordingError> {
     Ok(recording)
 }
 
-/// Whether a body is present, and how often it was added.
+/// Presence of a body, and the number of times that it was added.
 #[derive(Clone, Copy, Debug, Default)]
 struct Stay {
     is_there: bool,

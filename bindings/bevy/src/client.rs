@@ -22,7 +22,7 @@ use crate::axes::{AXES, angular_in, rotation_in, torque_in, vector_in};
 #[derive(Resource)]
 pub struct RhumbClient {
     client: SyncCell<Client>,
-    /// Which entity stands for which body.
+    /// The entity of each body.
     follower: SceneFollower<Entity>,
     /// Bodies of unanswered commands for which entities of the application stand, by the number of the command.
     additions: BTreeMap<u64, BodyId>,
@@ -205,7 +205,7 @@ impl RhumbClient {
         self.follower.advance(self.client.get(), depth)
     }
 
-    /// What the server refused, once.
+    /// Refusals of the server, each once.
     pub(crate) fn take_refused(&mut self) -> Option<RefusedRequests> {
         self.follower.take_refused()
     }

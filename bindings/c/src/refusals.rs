@@ -1,4 +1,4 @@
-//! What the server refused, as flat structs of C.
+//! Refusals of the server, as flat structs of C.
 
 use std::ffi::c_char;
 

@@ -157,7 +157,7 @@ impl<O> SceneFollower<O> {
         }
     }
 
-    /// What the server refused, once.
+    /// Refusals of the server, each once.
     pub fn take_refused(&mut self) -> Option<RefusedRequests> {
         self.refused.take()
     }

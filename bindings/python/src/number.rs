@@ -10,7 +10,7 @@ use crate::errors::wrong_value;
 /// Characters of a value that an error shows.
 const SHOWN: usize = 40;
 
-/// What a number of 32 bits with a fraction can be.
+/// Range of a 32-bit float.
 pub(crate) const REAL: &str = "finite, and from -3.4e38 to 3.4e38";
 
 /// The value of an argument, read by Python's rules. One that is beyond its type is wrong; `needed` says what it can be.

@@ -150,7 +150,7 @@ pub fn generated(table: &Table) -> String {
     )
 }
 
-/// What a call does, and what each of its fields means, under the name that a language has for it.
+/// The effect of a call and the meaning of each field, under the name that a language has for it.
 pub(crate) fn sentence(call: &Call, name: impl Fn(&CallField) -> String) -> String {
     let of = |field: &&CallField| {
         let name = name(field);
@@ -322,7 +322,7 @@ fn record(record: &ValueRecord) -> String {
     )
 }
 
-/// What the members of a record are in its struct, and in the conversions to Rust's type and from it.
+/// The members of a record, written as its struct and as the conversions to Rust's type and from it.
 #[derive(Default)]
 struct StructParts {
     /// Bytes that say whether something is there, before all others.

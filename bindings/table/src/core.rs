@@ -1,4 +1,4 @@
-//! What all bindings share: conversions of commands, and the kinds of events.
+//! Code that all bindings share: conversions of commands, and the kinds of events.
 
 use crate::events::EVENTS;
 use crate::table::{Call, CallField, FieldKind, RecordMember, Table, ValueRecord};

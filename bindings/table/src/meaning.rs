@@ -1,4 +1,4 @@
-//! What a field means, in a sentence with its unit and its bounds.
+//! The meaning of a field: a sentence with its unit and its bounds.
 
 use crate::table::{CallField, FieldKind};
 use crate::text::number;
@@ -12,7 +12,7 @@ pub enum Lengths {
     OfScene,
 }
 
-/// What a field means, with its unit and its bounds, without a full stop.
+/// The meaning of a field, with its unit and its bounds, without a full stop.
 #[must_use]
 pub fn meaning(field: &CallField, lengths: Lengths) -> String {
     let mut meaning = field.doc.clone();

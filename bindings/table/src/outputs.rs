@@ -9,7 +9,7 @@ use crate::{c, core, cpp, csharp, godot, python, web};
 pub struct Output {
     /// Its path below the folder of bindings.
     pub path: &'static str,
-    /// What is made.
+    /// The generated text.
     pub parts: Vec<MadePart>,
 }
 

@@ -654,7 +654,7 @@ fn class_signature(record: &ValueRecord) -> String {
     parts.join(", ")
 }
 
-/// What the members of a record are in the parts of a class.
+/// The members of a record, written as the parts of a class.
 #[derive(Default)]
 struct ClassParts {
     fields: String,

@@ -30,7 +30,7 @@ pub struct Table {
     pub records: Vec<ValueRecord>,
 }
 
-/// What has a call.
+/// The object that has a call.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Owner {
     /// A body.
@@ -48,11 +48,11 @@ pub struct Call {
     pub code: u64,
     /// The alternative that it is of the command, if that has several.
     pub alternative: Option<String>,
-    /// What interfaces call it, in small letters with `_`.
+    /// Its name in interfaces, in small letters with `_`.
     pub call: String,
-    /// What has it.
+    /// The object that has it.
     pub of: Owner,
-    /// What it does: sentences.
+    /// Its effect: sentences.
     pub doc: String,
     /// Its fields, without the body.
     pub fields: Vec<CallField>,
@@ -80,7 +80,7 @@ impl Call {
     }
 }
 
-/// What a field is.
+/// The type of a field.
 #[derive(Clone, Debug, PartialEq)]
 pub enum FieldKind {
     /// Three numbers.
@@ -109,11 +109,11 @@ pub enum FieldKind {
 pub struct CallField {
     /// Its name in words.
     pub name: String,
-    /// What it is.
+    /// Its type.
     pub kind: FieldKind,
     /// Its unit, as the table writes it.
     pub unit: Option<String>,
-    /// What it means, without its unit and bounds; empty for a record.
+    /// Its meaning, without its unit and bounds; empty for a record.
     pub doc: String,
     /// The numbers that it has where it is left out.
     pub default: Option<Vec<f64>>,
@@ -165,7 +165,7 @@ impl RecordMember {
 pub struct ValueRecord {
     /// Its name in words.
     pub name: String,
-    /// What it is: a sentence.
+    /// Its meaning: a sentence.
     pub doc: String,
     /// Its parts.
     pub members: Vec<RecordMember>,

@@ -109,7 +109,7 @@ fn camel_of(call: &Call) -> String {
     name[..1].to_lowercase() + &name[1..]
 }
 
-/// How the value of a field is read.
+/// Code that reads the value of a field.
 fn value(call: &Call, field: &CallField) -> String {
     let name = camel(&field.name);
     let default = field.default.as_deref();
@@ -222,7 +222,7 @@ fn record(record: &ValueRecord) -> String {
     )
 }
 
-/// How a member is read that is no number with a default.
+/// Code that reads a member which is no number with a default.
 fn member_of(record: &str, member: &RecordMember) -> String {
     match member {
         RecordMember::Plain(field) => {

@@ -14,7 +14,7 @@ const FOUND_CHARACTERS: usize = 40;
 
 /// A part of a JSON value, and its place.
 ///
-/// What reads a field by its name is not inlined: each place where it were makes the module larger.
+/// Functions that read a field by its name are not inlined: each inlined copy would make the module larger.
 #[derive(Clone, Debug)]
 pub(crate) struct Argument<'a> {
     value: &'a Value,

@@ -210,7 +210,7 @@ fn sleep(script: &mut Script<'_>) -> Sleep {
     }
 }
 
-/// How edges are touched.
+/// A mode of contact at edges.
 fn edges(script: &mut Script<'_>) -> Edges {
     script.one_of(&[Edges::Plain, Edges::Smooth])
 }

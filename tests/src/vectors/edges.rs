@@ -19,7 +19,7 @@ fn case((rule, name, body): Edge, kind: u8, head: &[u8], of: &str) -> MessageCas
     }
 }
 
-/// What a client sends.
+/// Messages that a client sends.
 pub(super) fn client() -> Vec<MessageCase> {
     let of = |edges: Vec<Edge>, kind: u8, head: &[u8], of: &str| -> Vec<MessageCase> {
         let cases = edges.into_iter().map(|edge| case(edge, kind, head, of));
@@ -38,7 +38,7 @@ pub(super) fn client() -> Vec<MessageCase> {
     .concat()
 }
 
-/// What a server sends.
+/// Messages that a server sends.
 pub(super) fn server() -> Vec<MessageCase> {
     let of = |edges: Vec<Edge>, head: &[u8], of: &str| -> Vec<MessageCase> {
         // No answer says which of several faults is the first.

@@ -11,7 +11,7 @@ use tempfile::TempDir;
 use super::{has, libraries, root, run_well};
 use crate::SERVER;
 
-/// Which library a program is linked with.
+/// The library that a program is linked with.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Linked {
     Shared,
