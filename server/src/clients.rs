@@ -12,6 +12,7 @@ use rhumb_protocol::message::{ClientMessage, Grease, ServerMessage, SessionReque
 use rhumb_protocol::session::{CloseCode, ServerSession, TransportCode};
 use rhumb_protocol::{Instant, Peer, Span, Transmit};
 
+use crate::authority_group::AuthorityGroup;
 use crate::baking::Bake;
 use crate::limits::Limits;
 use crate::member::{Member, SnapshotRequest};
@@ -369,10 +370,16 @@ impl Clients {
         Some((member.number_command(), member.session))
     }
 
-    /// Ends all memberships; returns whose they were.
-    pub(crate) fn take_members(&mut self) -> Vec<Peer> {
+    /// The bodies under the authority of members, with the members.
+    pub(crate) fn authorities(&self) -> impl Iterator<Item = (Peer, &AuthorityGroup)> {
+        let members = self.members();
+        members.filter_map(|(peer, _, member)| Some((peer, member.authority.as_ref()?)))
+    }
+
+    /// Ends all memberships; returns them.
+    pub(crate) fn take_members(&mut self) -> Vec<(Peer, Member)> {
         let clients = self.clients.iter_mut();
-        let taken = clients.filter_map(|(peer, client)| client.member.take().map(|_| *peer));
+        let taken = clients.filter_map(|(peer, client)| Some((*peer, client.member.take()?)));
         taken.collect()
     }
 

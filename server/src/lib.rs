@@ -41,6 +41,7 @@
 #![deny(unsafe_code)]
 
 mod admission;
+mod authority_group;
 mod authority_table;
 mod baking;
 mod clients;
@@ -68,7 +69,7 @@ mod streams;
 mod tier_controller;
 
 pub use admission::{Admission, SceneSlots, ServerLoad};
-pub use authority_table::UpstreamStatistics;
+pub use authority_group::UpstreamStatistics;
 pub use baking::{BakeJob, Bakers};
 pub use command_log::{CommandLog, Frozen, RestoredScene, SceneStore};
 pub use digest::Digest;

@@ -11,6 +11,7 @@ use rhumb_protocol::scene::IdRange;
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::Tick;
 
+use crate::authority_group::AuthorityGroup;
 use crate::permit::Quotas;
 use crate::record::SessionNumber;
 use crate::tier_controller::TierController;
@@ -38,6 +39,8 @@ pub(crate) struct Member {
     added_at: Instant,
     /// Its body indices, never none.
     pub(crate) ids: Vec<IdRange>,
+    /// The bodies under its authority, if there are any.
+    pub(crate) authority: Option<AuthorityGroup>,
     /// Its session, if it has one.
     pub(crate) session: Option<SessionNumber>,
     /// True if commands are numbered that the log has not got yet.
@@ -87,6 +90,7 @@ impl Member {
             added_bytes: 0,
             added_at: Instant::ZERO,
             ids,
+            authority: None,
             session,
             undurable: false,
             awaited: Acknowledgements::default(),

@@ -12,7 +12,7 @@ use rhumb_protocol::scene::{IdRange, SceneConfig, SceneName};
 use rhumb_protocol::session::{CloseCode, ServerSession};
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake};
 
-use crate::authority_table::UpstreamStatistics;
+use crate::authority_group::UpstreamStatistics;
 use crate::command_log::RestoredScene;
 use crate::permit::Permit;
 use crate::scene_loop::{OwnedScene, SceneLoop};

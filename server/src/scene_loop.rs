@@ -19,7 +19,7 @@ use rhumb_reckoning::Tick;
 
 pub use self::owned::OwnedScene;
 use crate::admission::SceneSlot;
-use crate::authority_table::UpstreamStatistics;
+use crate::authority_group::UpstreamStatistics;
 use crate::baking::Bakery;
 use crate::clients::{Clients, Turn};
 use crate::member::SnapshotRequest;
@@ -94,9 +94,7 @@ impl SceneLoop {
 
     /// Statistics of all bodies under a member's authority.
     pub fn upstreams(&self) -> impl Iterator<Item = UpstreamStatistics> {
-        self.runner()
-            .into_iter()
-            .flat_map(SceneRunner::upstream_statistics)
+        (self.runner().into_iter()).flat_map(|runner| runner.upstream_statistics(&self.clients))
     }
 
     fn runner(&self) -> Option<&SceneRunner> {

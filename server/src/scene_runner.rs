@@ -31,7 +31,7 @@ use rhumb_reckoning::Tick;
 
 pub(crate) use self::session::DisconnectReason;
 use crate::admission::SceneLoad;
-use crate::authority_table::AuthorityTable;
+use crate::authority_table::{self, AuthorityTable};
 use crate::clients::Clients;
 use crate::command_log::Durability;
 use crate::hook::Hook;
@@ -157,14 +157,19 @@ impl SceneRunner {
     }
 
     /// A name for a new stream.
-    fn new_stream(&mut self) -> StreamId {
-        let (streams, authority_table) = (&self.streams, &self.authority_table);
+    fn new_stream(&mut self, clients: &Clients) -> StreamId {
+        let streams = &self.streams;
+        let is_upstream = |name| {
+            clients
+                .authorities()
+                .any(|(_, group)| group.stream() == name)
+        };
         self.names
-            .next(|name| streams.get(name).is_some() || authority_table.has(name))
+            .next(|name| streams.get(name).is_some() || is_upstream(name))
     }
 
-    fn begin_stream(&mut self, choice: StreamChoice) -> StreamId {
-        let id = self.new_stream();
+    fn begin_stream(&mut self, choice: StreamChoice, clients: &Clients) -> StreamId {
+        let id = self.new_stream(clients);
         let stream = self.streams.begin(Stream::new(
             choice,
             id,
@@ -211,7 +216,7 @@ impl SceneRunner {
         append_snapshot(
             &self.scene,
             stream,
-            self.authority_table.silences(),
+            (clients.authorities()).filter_map(|(_, group)| group.silence()),
             &mut rest,
         );
         clients.send(peer, &ServerMessage::Joined(joined));
@@ -377,9 +382,7 @@ impl SceneRunner {
         self.last_step = now;
         self.tick(clients);
         if self.config().stepping == Stepping::FreeRunning {
-            let send = |peer, question| clients.send_datagram(peer, question);
-            self.authority_table
-                .poll_requests(now, self.scene.tick(), send);
+            authority_table::send_reports(now, self.scene.tick(), clients);
         }
         self.act_on_waiting(clients);
     }
@@ -398,10 +401,11 @@ impl SceneRunner {
         let begun = self.clock_now();
         self.copy_if_due();
         self.observer.step_began(begun, self.scene.tick());
-        for scene_event in self.authority_table.set_targets(&mut self.scene) {
+        let table = &mut self.authority_table;
+        for scene_event in table.set_targets(&mut self.scene, clients) {
             self.record_event(scene_event);
         }
-        self.run_script();
+        self.run_script(clients);
         let hook = self.hook.as_mut();
         let refused = hook.map(|hook| hook.act(&mut self.scene));
         let Some(stepped) = self.step_or_restore(clients) else {
@@ -415,10 +419,7 @@ impl SceneRunner {
         }
         for (id, cause) in stepped.removed {
             self.note_removal(cause);
-            self.streams.remove(id);
-            self.authority_table.remove(id);
-            self.forget_body(id);
-            self.record_event(SceneEvent::BodyRemoved { id, cause });
+            self.remove_body(id, cause, clients);
         }
         for id in stepped.broken {
             self.ownership.remove_joint(id);
@@ -461,8 +462,10 @@ impl SceneRunner {
     /// Informs the members that the scene has ended.
     pub(crate) fn end(mut self, clients: &mut Clients) {
         self.delete_log(clients);
-        for peer in clients.take_members() {
-            self.authority_table.end(peer);
+        for (peer, member) in clients.take_members() {
+            if let Some(group) = member.authority {
+                group.log_end(peer);
+            }
             clients.send(peer, &ServerMessage::Deleted);
         }
     }
@@ -533,16 +536,16 @@ impl SceneRunner {
 impl SceneRunner {
     /// Attaches a script, which commands the scene before each step, and runs it once. Members get ids after
     /// those of its bodies.
-    pub(crate) fn follow_script(&mut self, script: SceneScript) {
+    pub(crate) fn follow_script(&mut self, script: SceneScript, clients: &mut Clients) {
         self.script = Some(script);
-        self.run_script();
+        self.run_script(clients);
         let indices = self.scene.bodies().map(|body| body.id.index() + 1);
         let end = indices.max().unwrap_or(0);
         self.id_ranges.begin_after(end);
     }
 
     /// Applies the script's commands before the next step.
-    fn run_script(&mut self) {
+    fn run_script(&mut self, clients: &mut Clients) {
         let Some(mut script) = self.script.take() else {
             return;
         };
@@ -550,7 +553,7 @@ impl SceneRunner {
             for command in script.commands(&self.scene) {
                 // A script may add thousands of bodies at once.
                 self.settings.heartbeat.beat();
-                if let Err(error) = self.apply_and_announce(&command) {
+                if let Err(error) = self.apply_and_announce(&command, clients) {
                     tracing::warn!(%error, "a command of the scene's script is refused");
                 }
             }

@@ -25,8 +25,10 @@ impl SceneLoop {
             return;
         };
         match self.create(provided.config) {
-            Ok(runner) => {
-                runner.follow_script(provided.script);
+            Ok(()) => {
+                if let Some(RunningScene { runner, .. }) = &mut self.running {
+                    runner.follow_script(provided.script, &mut self.clients);
+                }
                 self.note_empty();
             }
             Err(denial) => {
@@ -104,7 +106,7 @@ impl SceneLoop {
         }
     }
 
-    pub(super) fn create(&mut self, config: SceneConfig) -> Result<&mut SceneRunner, Denial> {
+    pub(super) fn create(&mut self, config: SceneConfig) -> Result<(), Denial> {
         if self.exists() {
             return Err(Denial::SceneExists);
         }
@@ -117,20 +119,20 @@ impl SceneLoop {
         })?;
         let scene = Scene::with_engine(config, engine).map_err(Denial::InvalidConfig)?;
         tracing::info!(scene = %self.name, "scene created");
-        Ok(self.run_scene(scene, slot, load))
+        self.run_scene(scene, slot, load);
+        Ok(())
     }
 
     /// Runs a scene that is new or restored.
-    fn run_scene(&mut self, scene: Scene, slot: SceneSlot, load: SceneLoad) -> &mut SceneRunner {
+    fn run_scene(&mut self, scene: Scene, slot: SceneSlot, load: SceneLoad) {
         let names = StreamNames::of_scene(self.begun);
         let settings = Arc::clone(&self.settings);
         let runner = SceneRunner::new(&self.name, scene, names, settings, load);
         self.begun = self.begun.wrapping_add(1);
-        let running = self.running.insert(RunningScene {
+        self.running = Some(RunningScene {
             runner,
             _slot: slot,
             empty_since: None,
         });
-        &mut running.runner
     }
 }

@@ -7,7 +7,7 @@ use rhumb_protocol::scene::{Command, Stepping};
 use rhumb_protocol::session::UpstreamReceiver;
 
 use super::SceneRunner;
-use crate::authority_table::UpstreamStatistics;
+use crate::authority_group::UpstreamStatistics;
 use crate::clients::Clients;
 use crate::streams;
 
@@ -45,11 +45,12 @@ impl SceneRunner {
         datagram: &Datagram<'_>,
         clients: &mut Clients,
     ) {
-        if !self
-            .authority_table
-            .handle_datagram(peer, datagram, self.scene.tick())
-        {
-            self.authority_table.end(peer);
+        let tick = self.scene.tick();
+        let group = clients
+            .member_mut(peer)
+            .and_then(|member| member.authority.as_mut());
+        if group.is_some_and(|group| !group.handle_datagram(datagram, tick)) {
+            self.authority_table.end(peer, clients);
             tracing::debug!(peer = peer.0, "lost sync with an upstream");
             clients.send(
                 peer,
@@ -80,7 +81,7 @@ impl SceneRunner {
         &mut self,
         peer: Peer,
         request: &TakeAuthority,
-        clients: &Clients,
+        clients: &mut Clients,
     ) -> Result<AuthorityGrant, AuthorityError> {
         let rights = self.rights_of(peer, clients);
         let rights = rights.ok_or(AuthorityError::NotAllowed)?;
@@ -91,7 +92,7 @@ impl SceneRunner {
             let motion = now.ok_or(AuthorityError::UnknownBody(*id))?.motion;
             bodies.push((*id, motion));
         }
-        let stream = self.new_stream();
+        let stream = self.new_stream(clients);
         let authority = AuthorityGrant {
             stream,
             tick: self.scene.tick(),
@@ -101,7 +102,7 @@ impl SceneRunner {
         let integrator = scene.config().integrator;
         let parameters = |id| streams::parameters(scene, id);
         let receiver = UpstreamReceiver::new(&authority, request, integrator, parameters);
-        self.authority_table.begin(peer, receiver);
+        self.authority_table.begin(peer, receiver, clients);
         for (id, motion) in &authority.bodies {
             // Earlier commands to the body that are not carried out yet are void.
             let pose = motion.motion().pose();
@@ -117,7 +118,13 @@ impl SceneRunner {
         Ok(authority)
     }
 
-    pub(crate) fn upstream_statistics(&self) -> impl Iterator<Item = UpstreamStatistics> {
-        self.authority_table.statistics(self.scene.tick())
+    pub(crate) fn upstream_statistics(
+        &self,
+        clients: &Clients,
+    ) -> impl Iterator<Item = UpstreamStatistics> {
+        let tick = self.scene.tick();
+        clients
+            .authorities()
+            .map(move |(peer, group)| group.statistics(peer, tick))
     }
 }

@@ -67,11 +67,11 @@ impl SceneRunner {
         &mut self,
         peer: Peer,
         command: &Command,
-        clients: &Clients,
+        clients: &mut Clients,
     ) -> Result<(), CommandError> {
         let rights = self.rights_of(peer, clients);
         rights.ok_or(CommandError::NotAllowed)?.command(command)?;
-        self.apply_and_announce(command)?;
+        self.apply_and_announce(command, clients)?;
         let client = clients.name(peer).cloned();
         self.ownership.note(client.as_ref(), command);
         let tick = self.scene.tick();
@@ -84,7 +84,11 @@ impl SceneRunner {
     }
 
     /// Applies a command of a member or of the script, and records what it changed for the streams and the members.
-    pub(super) fn apply_and_announce(&mut self, command: &Command) -> Result<(), CommandError> {
+    pub(super) fn apply_and_announce(
+        &mut self,
+        command: &Command,
+        clients: &mut Clients,
+    ) -> Result<(), CommandError> {
         self.copy_if_due();
         self.carry_out(command)?;
         let tick = self.scene.tick();
@@ -98,11 +102,7 @@ impl SceneRunner {
                 }
             }
             Command::RemoveBody { id } => {
-                self.streams.remove(id);
-                self.authority_table.remove(id);
-                self.forget_body(id);
-                let cause = RemovalCause::Command;
-                self.record_event(SceneEvent::BodyRemoved { id, cause });
+                self.remove_body(id, RemovalCause::Command, clients);
             }
             Command::AddJoint { id, ref joint } | Command::ChangeJoint { id, ref joint } => {
                 self.record_event(SceneEvent::JointAdded { id, joint: **joint });
@@ -165,10 +165,13 @@ impl SceneRunner {
         let _ = self.load.set_locomotion(steps);
     }
 
-    /// Forgets the owner of a body that has left the scene.
-    pub(super) fn forget_body(&mut self, id: BodyId) {
+    /// Removes what the scene keeps of a body that has left it.
+    pub(super) fn remove_body(&mut self, id: BodyId, cause: RemovalCause, clients: &mut Clients) {
+        self.streams.remove(id);
+        self.authority_table.remove(id, clients);
         self.ownership.remove_body(id);
         self.load.remove_body();
         self.reserve_locomotion();
+        self.record_event(SceneEvent::BodyRemoved { id, cause });
     }
 }

@@ -36,7 +36,7 @@ impl SceneRunner {
         self.settings.heartbeat.beat();
         let permit = Permit::OPEN;
         let allowed = self.rights(owner, &permit, clients).command(command);
-        let applied = allowed.and_then(|()| self.apply_and_announce(command));
+        let applied = allowed.and_then(|()| self.apply_and_announce(command, clients));
         applied.map_err(|error| self.restore_if_failed(error, clients))
     }
 

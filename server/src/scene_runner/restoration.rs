@@ -122,7 +122,7 @@ impl SceneRunner {
             self.scene.keep_journal();
         }
         if !left_out.is_empty() {
-            self.tell_difference(&before, differs);
+            self.tell_difference(&before, differs, clients);
         }
         self.reserve_locomotion();
         let tick = self.scene.tick();
@@ -137,8 +137,8 @@ impl SceneRunner {
     }
 
     /// Records the scene events that lead from one state of the scene to the present one.
-    fn tell_difference(&mut self, before: &Scene, differs: bool) {
-        let removed = self.remove_differing(before);
+    fn tell_difference(&mut self, before: &Scene, differs: bool, clients: &mut Clients) {
+        let removed = self.remove_differing(before, clients);
         let reshaped = self.differing_shapes(before);
         for id in &reshaped {
             if before.shape(*id).is_some() {
@@ -185,7 +185,7 @@ impl SceneRunner {
     }
 
     /// Removes what is there no more, and bodies whose shape changes under them; returns those bodies.
-    fn remove_differing(&mut self, before: &Scene) -> BTreeSet<BodyId> {
+    fn remove_differing(&mut self, before: &Scene, clients: &mut Clients) -> BTreeSet<BodyId> {
         let reshaped = self.differing_shapes(before);
         let is_gone =
             |id: BodyId, shape: ShapeId| self.scene.body(id).is_none() || reshaped.contains(&shape);
@@ -206,7 +206,7 @@ impl SceneRunner {
         for id in &removed {
             self.streams.remove(*id);
             if self.scene.body(*id).is_none() {
-                self.authority_table.remove(*id);
+                self.authority_table.remove(*id, clients);
                 self.load.remove_body();
             }
             let cause = RemovalCause::Command;

@@ -50,7 +50,7 @@ impl SceneRunner {
         }
         let stream = match self.streams.subscribe(choice)? {
             Some(stream) => stream,
-            None => self.begin_stream(choice),
+            None => self.begin_stream(choice, clients),
         };
         let before = self.sessions.next_number();
         let (session, ids) = match self.begin_session(now, (peer, &permit), request, clients) {
@@ -90,7 +90,7 @@ impl SceneRunner {
     /// Ends a membership. The client's bodies stay; its input behind a pending advance is dropped.
     pub(crate) fn leave(&mut self, peer: Peer, reason: DisconnectReason, clients: &mut Clients) {
         self.waiting.retain(|(sender, _)| *sender != peer);
-        self.authority_table.end(peer);
+        self.authority_table.end(peer, clients);
         let client = clients.get_mut(peer);
         if let Some(member) = client.and_then(|client| client.member.take()) {
             self.observer.left(peer);

@@ -158,7 +158,7 @@ impl SceneRunner {
             Some(leaving) => leaving,
             None => match self.streams.subscribe(choice)? {
                 Some(stream) => stream,
-                None => self.begin_stream(choice),
+                None => self.begin_stream(choice, clients),
             },
         };
         let member = clients.member_mut(peer);
