@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 
 use rhumb_protocol::scene::{Locomotion, SceneConfig};
 
-/// What all scenes of a server share; all clones are one.
+/// The bounds that all scenes of a server share; all clones are one.
 #[derive(Clone, Debug, Default)]
 pub struct Admission {
     /// Their number.

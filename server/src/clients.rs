@@ -84,7 +84,7 @@ pub(crate) struct ControlStream {
     traffic: Option<Traffic>,
 }
 
-/// What goes out next.
+/// Bytes and datagrams that go out next.
 #[derive(Debug)]
 pub(crate) struct Outbox {
     /// Clients whose control streams may have data to send.

@@ -1,6 +1,6 @@
 //! A scene: an engine behind a trait, bodies, members, streams.
 //!
-//! What an integrator embeds. A [`SceneLoop`] is one scene with its clients, and a [`SceneRouter`] any number of them. They
+//! The part that an integrator embeds. A [`SceneLoop`] is one scene with its clients, and a [`SceneRouter`] any number of them. They
 //! are sans-IO: they have no sockets, threads, files or clock. A driver hands them what clients send, and moments; they say
 //! what to transmit, and when to call them again ([`Endpoint`]). In one process the crate `rhumb-client` drives them, and
 //! `rhumb-server` over a network.
@@ -78,7 +78,7 @@ pub use event_monitor::StepEvents;
 pub use glam;
 pub use hook::{Hook, HookError, Hooks};
 pub use limits::{InvalidLimit, LimitRow, Limits};
-pub use observer::{Incident, ObserveScenes, SceneObserver, TickFigures, Traffic, Unobserved};
+pub use observer::{Incident, ObserveScenes, SceneObserver, TickMetrics, Traffic, Unobserved};
 pub use permit::{ClientName, Ownership, Permit, Quotas, decode_client_of, encode_client_of};
 pub use record::{Batch, Journal, Record, SessionNumber, decode_u64};
 pub use rhumb_protocol::message::RemovalCause;

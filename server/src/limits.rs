@@ -19,7 +19,7 @@ pub struct LimitRow {
     pub default: u64,
     least: u64,
     most: u64,
-    /// Why there is such a limit.
+    /// The reason for the limit.
     pub reason: &'static str,
 }
 

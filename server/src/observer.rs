@@ -1,4 +1,4 @@
-//! What a scene tells its observer: for metrics, recordings, fault reports.
+//! Reports of a scene to its observer: for metrics, recordings, fault reports.
 //!
 //! A scene calls its observer while it works, so that an observer must not wait. Invariant: nothing that an observer does
 //! changes the scene.
@@ -43,7 +43,7 @@ pub trait SceneObserver: Send {
     /// A step and its publication have ended. `packets`: of all streams.
     fn stepped(
         &mut self,
-        _figures: &TickFigures,
+        _metrics: &TickMetrics,
         _scene: &Scene,
         _packets: &mut dyn Iterator<Item = &Bytes>,
     ) {
@@ -70,9 +70,9 @@ impl ObserveScenes for Unobserved {
     }
 }
 
-/// The figures of a tick.
+/// The metrics of a tick.
 #[derive(Clone, Copy, Debug)]
-pub struct TickFigures {
+pub struct TickMetrics {
     /// The tick.
     pub tick: Tick,
     /// Members of the scene.

@@ -1,4 +1,4 @@
-//! What the token of a client permits, and what each client added to a scene.
+//! The permit of a client, from its token, and the owners in a scene.
 //!
 //! Values, and their codec for snapshots and logs. Whether a request is allowed is decided in `rights`.
 
@@ -19,9 +19,9 @@ pub type ClientName = Arc<str>;
 pub struct Permit {
     /// `None` without a token: then nothing in a scene belongs to the client.
     pub client: Option<ClientName>,
-    /// What kind of requests it may make.
+    /// The kind of requests that it may make.
     pub role: Role,
-    /// How much of the scene it may take.
+    /// Its part of the scene.
     pub quotas: Quotas,
 }
 

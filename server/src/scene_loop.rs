@@ -38,7 +38,7 @@ pub struct SceneLoop {
     clients: Clients,
     retry_at: Instant,
     settings: Arc<SceneSettings>,
-    /// How often a scene of this name has begun.
+    /// Number of scenes of this name that have begun.
     begun: u32,
     bakery: Bakery,
 }

@@ -36,7 +36,7 @@ use crate::clients::Clients;
 use crate::command_log::Durability;
 use crate::hook::Hook;
 use crate::id_ranges::IdRanges;
-use crate::observer::{Incident, SceneObserver, TickFigures};
+use crate::observer::{Incident, SceneObserver, TickMetrics};
 use crate::permit::Ownership;
 use crate::rollback::Rollback;
 use crate::scene::Scene;
@@ -177,7 +177,7 @@ impl SceneRunner {
             &self.scene,
         ));
         for (id, parameters, track, motion) in streams::everything(&self.scene) {
-            stream.place(id, &parameters, track, motion);
+            stream.insert(id, &parameters, track, motion);
         }
         id
     }
@@ -563,10 +563,10 @@ impl SceneRunner {
 }
 
 impl SceneRunner {
-    /// Adds the times of a tick to the scene's figures.
+    /// Adds the times of a tick to the scene's metrics.
     fn note_times(&mut self, timestamps: Timestamps, members: usize) {
         self.times.add(timestamps);
-        let figures = TickFigures {
+        let metrics = TickMetrics {
             tick: self.scene.tick(),
             members,
             bodies: self.scene.body_count(),
@@ -578,7 +578,7 @@ impl SceneRunner {
         };
         let mut packets = self.streams.all_packets();
         let observer = &mut self.observer;
-        observer.stepped(&figures, &self.scene, &mut packets);
+        observer.stepped(&metrics, &self.scene, &mut packets);
     }
 
     /// A body whose state was not finite is a fault of the engine.

@@ -35,7 +35,7 @@ pub struct SceneSettings {
     pub hooks: Option<Hooks>,
     /// Scenes that begin when a client names them.
     pub provided: Option<ProvidedScenes>,
-    /// Where the solids of large shapes are made; by default each is made at once.
+    /// The threads that make solids of large shapes; by default each is made at once.
     pub bakers: Bakers,
     /// Shares the bounds on scenes and on their load with others.
     pub admission: Admission,

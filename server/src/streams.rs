@@ -101,7 +101,7 @@ impl Stream {
         }
     }
 
-    pub(crate) fn place(
+    pub(crate) fn insert(
         &mut self,
         id: BodyId,
         parameters: &PredictionParameters,
@@ -221,7 +221,7 @@ impl Streams {
         self.streams.retain(|stream| stream.sender.receivers() > 0);
     }
 
-    pub(crate) fn place(
+    pub(crate) fn insert(
         &mut self,
         id: BodyId,
         parameters: &PredictionParameters,
@@ -229,7 +229,7 @@ impl Streams {
         motion: BodyState,
     ) {
         for stream in &mut self.streams {
-            stream.place(id, parameters, track, motion);
+            stream.insert(id, parameters, track, motion);
         }
     }
 
@@ -509,7 +509,7 @@ mod tests {
             let parameters = PredictionParameters::plain(Metres::new(0.5));
             let initial = motion(body, 0);
             let track = Track::resting(Tick::ZERO, initial);
-            streams.place(BodyId::new(body, 0), &parameters, track, initial);
+            streams.insert(BodyId::new(body, 0), &parameters, track, initial);
         }
     }
 

@@ -85,7 +85,7 @@ pub struct Arguments {
     /// Path of a Unix socket for clients of this machine, beside the address; only this user can connect.
     #[arg(long, value_name = "PATH")]
     socket: Option<PathBuf>,
-    /// TCP address for figures (/metrics) and health (/health).
+    /// TCP address for metrics (/metrics) and health (/health).
     #[arg(long, value_name = "ADDRESS")]
     metrics: Option<SocketAddr>,
     /// Serves a page in which scenes are seen, at this TCP address, or without one at 127.0.0.1:8433. With tokens, the page
@@ -116,7 +116,7 @@ pub struct Arguments {
     /// Number of threads to step and publish on, shared by all scenes; more than one needs the feature `parallel` [default: 1].
     #[arg(long)]
     threads: Option<NonZeroU32>,
-    /// Where scenes run: on threads of the server, or in processes, one for each tenant [default: threads].
+    /// Runs scenes on threads of the server, or in processes, one for each tenant [default: threads].
     #[arg(long, value_name = "KIND")]
     workers: Option<WorkerKind>,
     /// All scenes without a tenant share one worker process.
@@ -183,7 +183,7 @@ enum Task {
         #[arg(value_parser = NonEmptyStringValueParser::new())]
         tenant: String,
     },
-    /// Shows a running server's figures in this terminal: scenes, clients, bytes, times of ticks.
+    /// Shows a running server's metrics in this terminal: scenes, clients, bytes, times of ticks.
     #[cfg(feature = "top")]
     Top(TopArguments),
     /// Prints a configuration file with every setting at its default, and the reason of each limit.

@@ -1,4 +1,4 @@
-//! How the command lines of this project's binaries are read.
+//! Command lines of this project's binaries.
 
 use clap::{Arg, Command, Parser};
 

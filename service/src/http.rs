@@ -1,6 +1,6 @@
 //! Answers HTTP requests on a thread of its own.
 //!
-//! For figures, health and the page. Peers cannot hold it up: connections, heads, bodies and times are bounded. It shares
+//! For metrics, health and the page. Peers cannot hold it up: connections, heads, bodies and times are bounded. It shares
 //! nothing with a scene but what the answering function reads.
 
 use std::convert::Infallible;

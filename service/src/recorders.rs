@@ -5,7 +5,7 @@ use rhumb_protocol::message::SceneEvent;
 use rhumb_protocol::scene::{Command, CommandError, SceneName};
 use rhumb_protocol::{Instant, Peer, Span};
 use rhumb_reckoning::Tick;
-use rhumb_scene::{Incident, ObserveScenes, Scene, SceneObserver, TickFigures, Traffic};
+use rhumb_scene::{Incident, ObserveScenes, Scene, SceneObserver, TickMetrics, Traffic};
 
 use crate::flight::{FlightCause, FlightRecorder, FlightRecorders};
 use crate::metrics::{Metrics, SceneMeter};
@@ -14,7 +14,7 @@ use crate::recording::{SceneTap, SceneTaps};
 /// The recorders of all scenes; all clones are one. The default counts, and records nothing.
 #[derive(Clone, Default)]
 pub(crate) struct SceneRecorders {
-    /// Figures for operators.
+    /// Metrics for operators.
     pub(crate) metrics: Metrics,
     /// The last moments, written after a fault.
     pub(crate) flights: FlightRecorders,
@@ -71,13 +71,13 @@ impl SceneObserver for SceneRecorder {
 
     fn stepped(
         &mut self,
-        figures: &TickFigures,
+        metrics: &TickMetrics,
         scene: &Scene,
         packets: &mut dyn Iterator<Item = &Bytes>,
     ) {
-        self.meter.note_tick(figures);
+        self.meter.note_tick(metrics);
         self.flight.packets(packets);
-        self.flight.stepped(figures, scene.digest());
+        self.flight.stepped(metrics, scene.digest());
         self.tap.record(scene);
     }
 

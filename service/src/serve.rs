@@ -235,7 +235,7 @@ impl Server {
         self.scenes.engines = Engines::of(engine);
     }
 
-    /// Answers requests for figures (`/metrics`, as Prometheus reads them) and for its health (`/health`) at a TCP
+    /// Answers requests for metrics (`/metrics`, as Prometheus reads them) and for its health (`/health`) at a TCP
     /// address, which is returned. Bind it where only operators reach it.
     ///
     /// # Errors

@@ -23,7 +23,7 @@ use tracing::level_filters::LevelFilter;
 
 use crate::access::DEFAULT_AUDIENCE;
 
-/// Where scenes run.
+/// The place of scenes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum WorkerKind {

@@ -87,7 +87,7 @@ pub(crate) fn run(arguments: &TokenArguments, now: i64) -> Result<(), Box<dyn Er
     Ok(())
 }
 
-/// What a token says, if a server would accept it.
+/// The claims of a token, if a server would accept it.
 fn checked(
     keys: &TokenKeys,
     token: &str,

@@ -60,7 +60,7 @@ const JUMP_SPEED: f64 = 100.0;
 const JUMP_TURN: f64 = core::f64::consts::FRAC_1_SQRT_2;
 
 impl KinematicStep {
-    /// Where it ends.
+    /// The end.
     pub(super) const fn pose(self) -> Pose {
         match self {
             Self::Move(pose) | Self::Jump(pose) => pose,
@@ -394,7 +394,7 @@ mod tests {
         }
     }
 
-    /// Where it is after each of 60 steps, if it is sent along x at one metre a second before these steps.
+    /// Its places after each of 60 steps, if it is sent along x at one metre a second before these steps.
     fn ways(commands: impl Fn(u32) -> bool) -> Vec<f64> {
         let mut kinematic_target = KinematicTarget::at(Pose::IDENTITY);
         let mut ways = Vec::new();

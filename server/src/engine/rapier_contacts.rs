@@ -103,7 +103,7 @@ pub(super) fn is_supported(world: &PhysicsWorld, of: RigidBodyHandle, body: &Rig
     })
 }
 
-/// What a joint's motor drives a body to.
+/// The motion to which a joint's motor drives a body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Drive {
     /// A place.

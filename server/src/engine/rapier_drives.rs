@@ -71,7 +71,7 @@ impl DrivenMotion {
         if rest == way {
             return;
         }
-        // What makes its way in the step end there.
+        // The velocity that makes its way in the step end there.
         let one = Motor {
             velocity: 0.0,
             ..self.motor
@@ -93,7 +93,7 @@ impl DrivenMotion {
 /// A smaller share of a motor in a drive counts for none.
 const SHARE_MIN: f64 = 0.01;
 
-/// How far past its limit a motor along its own axis aims in a step, metres or radians, so that it carries a load there.
+/// Distance past its limit at which a motor along its own axis aims in a step, metres or radians, so that it carries a load there.
 const PAST: f64 = 0.02;
 
 /// The drives of a joint's motors, one for each.
@@ -234,7 +234,7 @@ fn eigen(mut matrix: [[f64; 3]; 3], count: usize) -> ([f64; 3], [[f64; 3]; 3]) {
             for q in p + 1..count {
                 let off = (matrix[p][q] + matrix[q][p]) * 0.5;
                 let size = matrix[p][p] * matrix[q][q];
-                // What rounding leaves does not turn axes that are equal.
+                // The rest of a rounding does not turn axes that are equal.
                 if off * off <= size * 1e-6 {
                     continue;
                 }
@@ -328,7 +328,7 @@ fn bound_torques(
     if own.iter().all(|drive| drive.motor.force >= FORCE_MAX) {
         return;
     }
-    // What the law asks for, about the axes of the motors.
+    // The torque that the law asks for, about the axes of the motors.
     let asked = laid
         .iter()
         .zip(axes)
@@ -350,7 +350,7 @@ fn bound_torques(
             .zip(&given)
             .map(|(share, given)| share * given)
             .sum();
-        // What the motors that it is part of have left, each for all drives that it is part of.
+        // The rest of the motors that it is part of, each for all drives that it is part of.
         let spare = own
             .iter()
             .zip(&given)

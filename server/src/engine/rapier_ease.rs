@@ -1,4 +1,4 @@
-//! How easily bodies of a Rapier world are moved, alone or held together.
+//! Inverse masses of bodies of a Rapier world, alone or held together.
 //!
 //! Reads the world only. Bodies that joints or motors hold together count as one rigid body.
 
@@ -32,7 +32,7 @@ impl Six {
     }
 }
 
-/// How easily a body, or several that are held together, is moved.
+/// The ease with which a body, or several that are held together, is moved: inverse mass.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Ease {
     pub(super) centre: DVec3,
@@ -91,7 +91,7 @@ pub(super) fn side(
 ) -> Option<Vec<RigidBodyHandle>> {
     let (mut found, mut next) = (vec![first], VecDeque::from([first]));
     while let Some(body) = next.pop_front() {
-        // What does not move holds all that is held by it; nothing behind it counts.
+        // A body that does not move holds all that is held by it; nothing behind it counts.
         if !world.bodies.get(body).is_some_and(RigidBody::is_dynamic) {
             continue;
         }

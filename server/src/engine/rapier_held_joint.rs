@@ -151,7 +151,7 @@ impl HeldJoint {
         freed(&basis, motor)
     }
 
-    /// What the position of a motor lacks, metres or radians. A turn without limits is driven the short way round.
+    /// The distance from a motor to its position, metres or radians. A turn without limits is driven the short way round.
     pub(super) fn lack(&self, axis: usize, motor: &Motor) -> f64 {
         let target = f64::from(motor.position);
         let lack = target - self.place[axis];

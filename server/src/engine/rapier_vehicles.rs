@@ -158,7 +158,7 @@ fn push(
 /// Sideways shift of a wheel's ray that would pass between two triangles, metres.
 const RAY_SHIFT: f32 = 1e-4;
 
-/// How much farther Rapier may find the ground, as a share of the ray.
+/// Distance by which Rapier may find the ground too far away, as a share of the ray.
 const SHARE_SLACK: f32 = 1e-2;
 
 /// Shifts the rays of wheels that Rapier would let pass between two triangles of the ground; returns where the wheels are

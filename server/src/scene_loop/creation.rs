@@ -1,4 +1,4 @@
-//! How a scene begins: provided, created by a client, or restored.
+//! The begin of a scene: provided, created by a client, or restored.
 
 use std::sync::Arc;
 

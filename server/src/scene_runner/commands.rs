@@ -17,7 +17,7 @@ use crate::rights::{self, Rights};
 use crate::streams;
 
 impl SceneRunner {
-    /// What decides about the requests of a client.
+    /// The rights of a client.
     pub(super) fn rights<'a>(
         &'a self,
         peer: Peer,
@@ -139,7 +139,7 @@ impl SceneRunner {
         let (tick, tumbles) = (self.scene.tick(), self.scene.inertia(desc.id).is_some());
         let track = streams::first_track(tick, (motion, activity), &desc, tumbles);
         if let Some(parameters) = streams::parameters(&self.scene, desc.id) {
-            self.streams.place(desc.id, &parameters, track, motion);
+            self.streams.insert(desc.id, &parameters, track, motion);
         }
         self.record_event(streams::scene_event(&self.scene, desc, track, None));
     }

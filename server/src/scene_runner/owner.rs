@@ -16,7 +16,7 @@ use crate::scene::Scene;
 impl SceneRunner {
     /// Gives the scene to a client of another protocol, with the index range of its bodies.
     pub(crate) fn give_to(&mut self, owner: Peer, clients: &Clients) -> Result<IdRange, Denial> {
-        let own_indices = self.grant_more(&[], BODIES_MAX, clients)?;
+        let own_indices = self.reserve_more(&[], BODIES_MAX, clients)?;
         self.owner = Some((owner, vec![own_indices]));
         Ok(own_indices)
     }

@@ -108,7 +108,7 @@ impl SceneRunner {
         let rights = self.rights_of(peer, clients).ok_or(Denial::NotAllowed);
         let allowed = rights.and_then(|rights| rights.reserve());
         let ids = clients.member(peer).map_or(&[][..], |member| &member.ids);
-        let answer = match allowed.and_then(|()| self.grant_more(ids, count, clients)) {
+        let answer = match allowed.and_then(|()| self.reserve_more(ids, count, clients)) {
             Ok(range) => {
                 if let Some(member) = clients.member_mut(peer) {
                     member.ids.push(range);
@@ -196,7 +196,7 @@ impl SceneRunner {
             self.sessions.attach(number, peer);
             return Ok((known, ranges.unwrap_or_default()));
         }
-        let range = self.grant_to_new_member(clients)?;
+        let range = self.reserve_for_new_member(clients)?;
         let Some(request) = request else {
             return Ok((None, vec![range]));
         };
@@ -209,9 +209,9 @@ impl SceneRunner {
 
     /// Grants a new member its indices. Clients that are away give way to one that is here: their sessions end, one after
     /// the other, until the indices suffice. A session whose indices all have bodies would free none, and continues.
-    fn grant_to_new_member(&mut self, clients: &Clients) -> Result<IdRange, Denial> {
+    fn reserve_for_new_member(&mut self, clients: &Clients) -> Result<IdRange, Denial> {
         let least = (self.index_limits(clients).share / SUFFICES).max(1);
-        let mut granted = self.grant_first(least, clients);
+        let mut granted = self.reserve_first(least, clients);
         for number in self.sessions.absent() {
             if granted.is_some() {
                 break;
@@ -221,9 +221,9 @@ impl SceneRunner {
             }
             tracing::info!(session = number.0, "a session ends: its indices are needed");
             self.close_absent(number);
-            granted = self.grant_first(least, clients);
+            granted = self.reserve_first(least, clients);
         }
-        let granted = granted.or_else(|| self.grant_first(1, clients));
+        let granted = granted.or_else(|| self.reserve_first(1, clients));
         granted.ok_or(Denial::NoIndicesLeft)
     }
 
@@ -238,13 +238,13 @@ impl SceneRunner {
     }
 
     /// Grants a new member its share of the indices, or fewer if no free run is so long, but not fewer than `least`.
-    fn grant_first(&mut self, least: u32, clients: &Clients) -> Option<IdRange> {
+    fn reserve_first(&mut self, least: u32, clients: &Clients) -> Option<IdRange> {
         let (scene, limits) = (&self.scene, self.index_limits(clients));
         let vacancy = |index| scene.vacancy(index);
         self.id_ranges.admit(least, limits, &vacancy)
     }
 
-    pub(super) fn grant_more(
+    pub(super) fn reserve_more(
         &mut self,
         ids: &[IdRange],
         count: u32,

@@ -58,7 +58,7 @@ pub(crate) enum TokenError {
     Malformed {
         /// The claim.
         claim: &'static str,
-        /// What its value must be.
+        /// The rule for its value.
         expected: &'static str,
         /// Its value, as JSON.
         found: String,
@@ -164,9 +164,9 @@ fn required<T: DeserializeOwned>(
     optional(claims, claim, expected)?.ok_or(TokenError::Missing(claim))
 }
 
-/// What moments must be.
+/// The rule for moments.
 const MOMENT: &str = "a moment as RFC 3339 writes it, such as \"2026-12-31T00:00:00Z\"";
-/// What quotas must be.
+/// The rule for quotas.
 const COUNT: &str = "a whole number from 0";
 
 impl Claims {

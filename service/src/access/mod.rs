@@ -3,15 +3,219 @@
 //! The dispatcher verifies a client's token once, before its first message reaches a scene; no tick waits for that. Scenes
 //! get the resulting permit.
 
-mod authenticator;
 mod claims;
 mod keys;
 
-pub(crate) use self::authenticator::Authenticator;
-#[cfg(test)]
-pub(crate) use self::authenticator::tests;
+use std::fmt;
+use std::sync::Arc;
+
+use rhumb_protocol::Span;
+use rhumb_protocol::scene::SceneName;
+use rhumb_scene::Permit;
+
+use self::claims::TokenError;
+
 pub(crate) use self::claims::{Claims, DEFAULT_AUDIENCE, role_of};
 #[cfg(feature = "view")]
 pub(crate) use self::keys::TokenIssuer;
 pub use self::keys::{KeyError, TokenKeys};
 pub(crate) use self::keys::{make_keys, sign};
+
+/// Seconds since 1970, by the system's clock.
+type WallClock = Arc<dyn Fn() -> i64 + Send + Sync>;
+
+/// Decides which connections are admitted.
+#[derive(Clone)]
+pub(crate) enum Authenticator {
+    /// Every client may do everything.
+    Open,
+    /// A client may do what its token says.
+    Tokens { keys: TokenKeys, clock: WallClock },
+}
+
+/// The admission of one connection.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Admitted {
+    pub(crate) permit: Arc<Permit>,
+    /// For how long; `None` without an end.
+    pub(crate) valid_for: Option<Span>,
+}
+
+/// Longest validity that a timer holds: a hundred years.
+const SECONDS_MAX: u64 = 100 * 366 * 86_400;
+
+impl Authenticator {
+    /// Admits a connection to a scene, or names the reason not to.
+    pub(crate) fn admit(
+        &self,
+        token: Option<&[u8]>,
+        scene: &SceneName,
+    ) -> Result<Admitted, TokenError> {
+        let Self::Tokens { keys, clock } = self else {
+            return Ok(Admitted {
+                permit: Arc::new(Permit::OPEN),
+                valid_for: None,
+            });
+        };
+        let token = token.ok_or(TokenError::Absent)?;
+        let claims = keys.verify(token)?;
+        let (permit, seconds) = claims.permit(&keys.audience, scene, clock())?;
+        Ok(Admitted {
+            permit: Arc::new(permit),
+            valid_for: Some(Span::from_millis(seconds.min(SECONDS_MAX) * 1_000)),
+        })
+    }
+}
+
+impl fmt::Debug for Authenticator {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Open => "Authenticator::Open",
+            Self::Tokens { .. } => "Authenticator::Tokens",
+        })
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use std::fs;
+    use std::path::PathBuf;
+    use std::sync::atomic::{AtomicI64, Ordering};
+
+    use rhumb_protocol::message::Role;
+
+    use super::*;
+    use crate::access::{Claims, make_keys, sign};
+
+    /// A authenticator with a key of its own, and a clock that the test sets.
+    pub(crate) struct Signed {
+        folder: PathBuf,
+        pub(crate) seconds: Arc<AtomicI64>,
+    }
+
+    impl Signed {
+        pub(crate) fn new(name: &str) -> Self {
+            let folder = format!("rhumb-{name}-{}", std::process::id());
+            let folder = std::env::temp_dir().join(folder);
+            fs::create_dir_all(&folder).unwrap();
+            make_keys(&folder.join("key")).unwrap();
+            Self {
+                folder,
+                seconds: Arc::new(AtomicI64::new(1_767_225_600)),
+            }
+        }
+
+        pub(crate) fn keys(&self) -> TokenKeys {
+            TokenKeys::read(&[self.folder.join("key.pub")], "rhumb").unwrap()
+        }
+
+        pub(crate) fn authenticator(&self) -> Authenticator {
+            let seconds = Arc::clone(&self.seconds);
+            Authenticator::Tokens {
+                keys: self.keys(),
+                clock: Arc::new(move || seconds.load(Ordering::SeqCst)),
+            }
+        }
+
+        /// A token for all scenes that expires in a minute.
+        pub(crate) fn token(&self) -> String {
+            let claims = Claims {
+                aud: "rhumb".into(),
+                sub: "anna".into(),
+                exp: Claims::moment(self.seconds.load(Ordering::SeqCst) + 60).unwrap(),
+                nbf: None,
+                scenes: vec!["*".into()],
+                role: "observer".into(),
+                bodies: None,
+                commands: None,
+                load: None,
+                members: None,
+            };
+            sign(&self.folder.join("key"), &claims).unwrap()
+        }
+    }
+
+    impl Drop for Signed {
+        fn drop(&mut self) {
+            // The rest of it lies in a folder of temporary files.
+            let _ = fs::remove_dir_all(&self.folder);
+        }
+    }
+
+    #[test]
+    fn only_a_whole_token_of_the_key_is_admitted() {
+        let signed = Signed::new("authenticator");
+        let (authenticator, token) = (signed.authenticator(), signed.token());
+        let scene = "pit".parse().unwrap();
+        let admission = authenticator.admit(Some(token.as_bytes()), &scene).unwrap();
+        assert_eq!(admission.permit.client.as_deref(), Some("anna"));
+        assert_eq!(admission.valid_for, Some(Span::from_millis(90_000)));
+        assert!(token.len() <= rhumb_protocol::limits::EXTENSION_BYTES_MAX);
+        assert_eq!(authenticator.admit(None, &scene), Err(TokenError::Absent));
+        for place in 0..token.len() {
+            let mut changed = token.clone().into_bytes();
+            changed[place] ^= 1;
+            for bytes in [&changed[..], &token.as_bytes()[..place]] {
+                let refused = authenticator.admit(Some(bytes), &scene);
+                assert_eq!(refused, Err(TokenError::NotSigned), "{place}");
+            }
+        }
+        let other = Signed::new("authenticator-other").token();
+        let refused = authenticator.admit(Some(other.as_bytes()), &scene);
+        assert_eq!(refused, Err(TokenError::NotSigned));
+    }
+
+    #[test]
+    fn a_token_of_this_process_admits_an_observer_until_it_expires() {
+        let signed = Signed::new("authenticator-issuer");
+        let mut keys = signed.keys();
+        let issuer = keys.issuer().unwrap();
+        let now = signed.seconds.load(Ordering::SeqCst);
+        let token = issuer.observer("view", now, 60).unwrap();
+        let scene = "pit".parse().unwrap();
+        let seconds = Arc::clone(&signed.seconds);
+        let authenticator = Authenticator::Tokens {
+            keys,
+            clock: Arc::new(move || seconds.load(Ordering::SeqCst)),
+        };
+        let admission = authenticator.admit(Some(token.as_bytes()), &scene).unwrap();
+        assert_eq!(admission.permit.role, Role::Observer);
+        assert_eq!(admission.permit.client.as_deref(), Some("view"));
+        assert!(
+            authenticator
+                .admit(Some(signed.token().as_bytes()), &scene)
+                .is_ok()
+        );
+        let without_issuer = signed.authenticator().admit(Some(token.as_bytes()), &scene);
+        assert_eq!(without_issuer, Err(TokenError::NotSigned));
+        signed.seconds.fetch_add(91, Ordering::SeqCst);
+        let refused = authenticator.admit(Some(token.as_bytes()), &scene);
+        assert!(
+            matches!(refused, Err(TokenError::Expired(_))),
+            "{refused:?}"
+        );
+    }
+
+    #[test]
+    fn key_files_hold_the_key_and_nothing_else() {
+        let signed = Signed::new("authenticator-files");
+        for (name, begins) in [("key", "k4.secret."), ("key.pub", "k4.public.")] {
+            let text = fs::read_to_string(signed.folder.join(name)).unwrap();
+            assert!(text.starts_with(begins) && text.trim() == text, "{name}");
+        }
+        // An editor may add a line break.
+        let public = signed.folder.join("key.pub");
+        let text = fs::read_to_string(&public).unwrap();
+        fs::write(&public, format!("{text}\n")).unwrap();
+        assert!(TokenKeys::read(&[public], "rhumb").is_ok());
+    }
+
+    #[test]
+    fn a_secret_key_is_no_public_one_and_is_not_written_over() {
+        let signed = Signed::new("authenticator-keys");
+        let key = signed.folder.join("key");
+        let refused = TokenKeys::read(std::slice::from_ref(&key), "rhumb");
+        assert!(refused.unwrap_err().to_string().contains("k4.public."));
+        assert!(make_keys(&key).is_err());
+    }
+}

@@ -44,7 +44,7 @@ pub(super) fn reset_script(mut script: Box<dyn Script>, after: ResetAfter) -> Sc
     })
 }
 
-/// Where the script's bodies began.
+/// The places of the script's bodies at its begin.
 struct Resets {
     began: BTreeMap<BodyId, (BodyKind, BodyState)>,
     /// Ticks from one reset to the next.

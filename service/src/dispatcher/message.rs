@@ -79,8 +79,8 @@ pub(super) enum FromProcess {
     Worker(WorkerId, FromWorker),
     /// A sign of life, four times a second.
     Alive(Vitals),
-    /// The figures of all scenes of the process.
-    Figures(Vec<(SceneName, SceneValues)>),
+    /// The metrics of all scenes of the process.
+    Metrics(Vec<(SceneName, SceneValues)>),
     /// New entries of a scene's flight recorder.
     Flight(SceneName, Bytes),
     /// A scene has its flight recorder written.

@@ -103,7 +103,7 @@ impl Dispatcher {
         settings.scenes.observers = Arc::new(settings.recorders.clone());
         let clock = SharedClock::clone(&settings.scenes.clock);
         let heartbeat = Heartbeat::new(move || clock());
-        settings.recorders.metrics.watch(
+        settings.recorders.metrics.set_dispatcher(
             heartbeat.clone(),
             settings.scenes.admission.load.clone(),
             &settings.scenes.limits,

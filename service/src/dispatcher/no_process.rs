@@ -12,7 +12,7 @@ use super::message::{FromProcess, FromWorker, ProcessId, ToProcess, WorkerId};
 use super::settings::DispatcherSettings;
 use super::worker::Threads;
 
-/// How worker processes are started: never.
+/// The start of worker processes: there is none.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct ProcessOptions(pub(crate) Infallible);
 

@@ -12,14 +12,158 @@ mod scene_files;
 #[cfg(test)]
 mod sim_disk;
 mod snapshot_file;
-mod stored_scenes;
 #[cfg(test)]
 mod tests;
 mod writer;
+
+use std::collections::BTreeMap;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use rhumb_protocol::Instant;
+use rhumb_protocol::scene::{SceneConfig, SceneName};
+use rhumb_reckoning::Tick;
+use rhumb_scene::engine::StepThreads;
+use rhumb_scene::{CommandLog, RestoredScene, SceneStore};
+
+use self::recovery::{ReplayStart, Restored};
+use self::scene_files::SceneFiles;
+use self::writer::{Origin, SceneLog};
 
 pub(crate) use self::recovery::LogTail;
 pub use data_dir::DataDir;
 pub use error::{Damage, DataError};
 pub(crate) use examine::{check, replay};
-pub(crate) use stored_scenes::StoredScenes;
 pub(crate) use writer::Wake;
+
+/// The data directory, and the scenes in it that cannot be served.
+pub(crate) struct StoredScenes {
+    data: DataDir,
+    workers: StepThreads,
+    wake: Wake,
+    damaged: Mutex<BTreeMap<SceneName, SceneFiles>>,
+}
+
+impl StoredScenes {
+    /// `workers`: threads that step a scene. `wake` is called when a log has more that is durable.
+    pub(crate) fn new(data: DataDir, workers: StepThreads, wake: Wake) -> Self {
+        let damaged = Mutex::default();
+        Self {
+            data,
+            workers,
+            wake,
+            damaged,
+        }
+    }
+
+    /// Restores a scene from its files, if it has any. `beat` is called before each step.
+    pub(crate) fn restore(
+        &self,
+        name: &SceneName,
+        tail: LogTail,
+        clock: &dyn Fn() -> Instant,
+        beat: &mut dyn FnMut(),
+    ) -> Option<RestoredScene> {
+        let scenes = self.data.scenes().inspect_err(
+            |error| tracing::error!(scene = %name, %error, "a scene cannot be restored"),
+        );
+        let (_, files) = (scenes.ok()?.into_iter()).find(|(scene, _)| scene == name)?;
+        let begun = clock();
+        match files.restore(&self.workers, (ReplayStart::Newest, tail), beat) {
+            Ok(Some(restored)) => {
+                let took = clock().since(begun);
+                report(&restored, took.as_nanos() / 1_000_000);
+                let log = self.start(files, restored.origin());
+                Some(RestoredScene {
+                    scene: restored.scene,
+                    sessions: restored.sessions,
+                    ownership: restored.ownership,
+                    unnoted: restored.unnoted,
+                    log,
+                    took,
+                })
+            }
+            Ok(None) => {
+                if let Err(error) = files.delete() {
+                    tracing::warn!(scene = %name, %error, "the rest of a scene stays");
+                }
+                None
+            }
+            Err(error) => {
+                tracing::error!(scene = %name, %error, "the scene cannot be restored and is not served");
+                self.lock().insert(name.clone(), files);
+                None
+            }
+        }
+    }
+
+    fn start(&self, files: SceneFiles, origin: Origin) -> Option<Box<dyn CommandLog>> {
+        let scene = origin.name.clone();
+        match SceneLog::start(files, origin, Wake::clone(&self.wake)) {
+            Ok(log) => Some(Box::new(log)),
+            Err(cause) => {
+                tracing::error!(%scene, %cause, "no thread for a command log; nothing is durable");
+                None
+            }
+        }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, BTreeMap<SceneName, SceneFiles>> {
+        // An entry is added or removed in one piece.
+        self.damaged.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl SceneStore for StoredScenes {
+    fn create(&self, scene: &SceneName, config: &SceneConfig) -> Option<Box<dyn CommandLog>> {
+        let origin = Origin {
+            name: scene.clone(),
+            config: *config,
+            tick: Tick::ZERO,
+            segment: 0,
+            previous: None,
+        };
+        self.start(self.data.create(scene), origin)
+    }
+
+    fn is_damaged(&self, scene: &SceneName) -> bool {
+        self.lock().contains_key(scene)
+    }
+
+    fn delete_damaged(&self, scene: &SceneName) -> bool {
+        let mut damaged = self.lock();
+        let Some(files) = damaged.get(scene) else {
+            return false;
+        };
+        if let Err(error) = files.delete() {
+            tracing::error!(%scene, %error, "a damaged scene stays");
+            return false;
+        }
+        damaged.remove(scene);
+        true
+    }
+
+    fn damaged(&self) -> usize {
+        self.lock().len()
+    }
+}
+
+/// Logs what a restoration found. `ms`: the time that it took.
+fn report(restored: &Restored, ms: u64) {
+    let (scene, found) = (&restored.scene, &restored.report);
+    for refused in &found.refused {
+        tracing::warn!(scene = %restored.name, "a snapshot is not used: {refused}");
+    }
+    if let Some((path, bytes)) = &found.torn {
+        let path = path.display();
+        tracing::warn!(%path, bytes, "the end of the log was cut off before it was durable");
+    }
+    tracing::info!(
+        scene = %restored.name,
+        tick = scene.tick().value(),
+        digest = %scene.digest(),
+        snapshot = found.from.value(),
+        steps = found.steps,
+        ms,
+        "scene restored"
+    );
+}

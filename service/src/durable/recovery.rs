@@ -32,7 +32,7 @@ pub(crate) struct Restored {
     pub(crate) report: Report,
 }
 
-/// Where a replay begins.
+/// The state at which a replay begins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum ReplayStart {
     /// At the newest good snapshot.
@@ -57,7 +57,7 @@ pub(crate) struct Report {
 }
 
 impl Restored {
-    /// Where its log continues.
+    /// The place at which its log continues.
     pub(crate) fn origin(&self) -> Origin {
         Origin {
             name: self.name.clone(),

@@ -2,7 +2,6 @@
 //!
 //! Each run is recorded with the digest of every tick. Whatever is restored must equal the recorded run at its tick.
 
-mod chance;
 mod scene_log;
 
 use std::path::PathBuf;
@@ -20,7 +19,6 @@ use rhumb_scene::engine::StepThreads;
 use rhumb_scene::{Ownership, Record, Scene, SessionNumber, Sessions};
 use ring::hmac;
 
-use self::chance::Chance;
 use super::disk::Disk;
 use super::error::DataError;
 use super::recovery::{LogTail, ReplayStart, Restored};
@@ -511,4 +509,25 @@ fn a_restoration_begins_with_the_newest_snapshot_and_passes_over_a_bad_one() {
     assert_eq!(restored.report.from, snapshots[0]);
     assert_eq!(restored.scene.tick(), recorded.scene.tick());
     assert_eq!(restored.report.refused.len(), 1);
+}
+
+/// Numbers from a seed.
+pub(super) struct Chance(pub(super) u64);
+
+impl Chance {
+    pub(super) fn below(&mut self, n: usize) -> usize {
+        self.0 = self
+            .0
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1);
+        ((self.0 >> 33) as usize) % n.max(1)
+    }
+
+    pub(super) fn between(&mut self, from: f32, to: f32) -> f32 {
+        from + (to - from) * self.below(1_000) as f32 / 1_000.0
+    }
+
+    pub(super) fn vector(&mut self, most: f32) -> Vec3 {
+        Vec3::from_array(std::array::from_fn(|_| self.between(-most, most)))
+    }
 }

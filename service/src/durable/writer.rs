@@ -31,11 +31,11 @@ pub(crate) struct SceneLog {
     batches: u64,
     /// Bytes of records since the last snapshot.
     bytes: usize,
-    /// How often the log had been given up at the last snapshot: batches are lost while it is another number.
+    /// Number of times that the log had been given up at the last snapshot: batches are lost while it is another number.
     given_up: u64,
 }
 
-/// Where the log of a scene begins or continues.
+/// The place at which the log of a scene begins or continues.
 pub(crate) struct Origin {
     pub(crate) name: SceneName,
     pub(crate) config: SceneConfig,
@@ -52,7 +52,7 @@ struct Shared {
     waiting_bytes: AtomicUsize,
     /// True if a snapshot is under way.
     snapshot: AtomicBool,
-    /// How often the log was given up, by the scene or because the disk refused.
+    /// Number of times that the log was given up, by the scene or because the disk refused.
     given_up: AtomicU64,
     /// The value of `given_up` up to which a snapshot has made the log whole: it is broken while they differ.
     made_whole: AtomicU64,
@@ -77,7 +77,7 @@ impl Shared {
 struct SnapshotPoint {
     /// Batches before it, with those that were lost.
     batches: u64,
-    /// How often the log had been given up.
+    /// Number of times that the log had been given up.
     given_up: u64,
 }
 

@@ -13,7 +13,7 @@ use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Writer;
 use rhumb_protocol::{Instant, Peer};
 use rhumb_reckoning::Tick;
-use rhumb_scene::{Digest, TickFigures};
+use rhumb_scene::{Digest, TickMetrics};
 
 use super::file::FlightCause;
 use super::ring::{COMMAND_BYTES_KEPT, FlightEntry, FlightRing, HEAD_BYTES_KEPT};
@@ -29,7 +29,7 @@ struct Recorders {
     bytes_max: usize,
 }
 
-/// Where entries go that are to be kept or written.
+/// The way of entries that are to be kept or written.
 enum FlightOutlet {
     /// To the thread that writes files.
     Writer(SyncSender<FlightJob>),
@@ -218,15 +218,15 @@ impl FlightRecorder {
         }
     }
 
-    pub(crate) fn stepped(&self, figures: &TickFigures, digest: Digest) {
+    pub(crate) fn stepped(&self, metrics: &TickMetrics, digest: Digest) {
         let count = |count: usize| u32::try_from(count).unwrap_or(u32::MAX);
         self.push(&FlightEntry::Stepped {
-            tick: figures.tick.value(),
-            step_ns: figures.step.as_nanos(),
-            publish_ns: figures.publish.as_nanos(),
-            members: count(figures.members),
-            bodies: count(figures.bodies),
-            awake: count(figures.awake),
+            tick: metrics.tick.value(),
+            step_ns: metrics.step.as_nanos(),
+            publish_ns: metrics.publish.as_nanos(),
+            members: count(metrics.members),
+            bodies: count(metrics.bodies),
+            awake: count(metrics.awake),
             digest: digest.value(),
         });
     }

@@ -1,11 +1,10 @@
-//! Figures for operators.
+//! Metrics for operators.
 //!
-//! A figure is an atomic number: a tick stores some ten of them and waits for nothing. [`Metrics::text`] writes them in
+//! A metric is an atomic number: a tick stores some ten of them and waits for nothing. [`Metrics::text`] writes them in
 //! the text format of Prometheus.
 
 mod process;
 mod scene;
-mod text;
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -16,20 +15,20 @@ use rhumb_protocol::Span;
 use rhumb_protocol::scene::SceneName;
 use rhumb_scene::{Heartbeat, Limits, ServerLoad};
 
+use self::scene::{MetricKind, Text};
 pub(crate) use self::scene::{SCENE_VALUES, SceneMeter, SceneValues};
 use self::scene::{SceneMeters, lock};
-use self::text::{MetricKind, Text};
 use crate::http::{HttpAnswer, HttpRequest, TEXT};
 
 /// A dispatcher that has worked on one piece for longer is stuck.
 const DISPATCHER_STUCK: Span = Span::from_millis(2_000);
 
-/// The figures of one server; all clones are one.
+/// The metrics of one server; all clones are one.
 #[derive(Clone, Default)]
-pub(crate) struct Metrics(Arc<Figures>);
+pub(crate) struct Metrics(Arc<MetricValues>);
 
 #[derive(Default)]
-struct Figures {
+struct MetricValues {
     connections: AtomicU64,
     opened: AtomicU64,
     quarantined: AtomicU64,
@@ -38,7 +37,7 @@ struct Figures {
     /// Connections that the server closed, by code.
     closed: Mutex<BTreeMap<u32, u64>>,
     scenes: SceneMeters,
-    /// The figures of the dispatcher, once the server runs.
+    /// The metrics of the dispatcher, once the server runs.
     dispatcher: Mutex<Option<WatchedDispatcher>>,
 }
 
@@ -52,7 +51,7 @@ struct WatchedDispatcher {
 
 impl Metrics {
     /// Sets what is read of a running server.
-    pub(crate) fn watch(&self, heartbeat: Heartbeat, load: ServerLoad, limits: &Limits) {
+    pub(crate) fn set_dispatcher(&self, heartbeat: Heartbeat, load: ServerLoad, limits: &Limits) {
         *lock(&self.0.dispatcher) = Some(WatchedDispatcher {
             heartbeat,
             load,
@@ -77,7 +76,7 @@ impl Metrics {
         *lock(&self.0.closed).entry(code).or_default() += 1;
     }
 
-    /// The figures of all scenes, for the dispatcher of a worker process.
+    /// The metrics of all scenes, for the dispatcher of a worker process.
     pub(crate) fn scene_values(&self) -> Vec<(SceneName, SceneValues)> {
         self.0.scenes.values()
     }
@@ -91,7 +90,7 @@ impl Metrics {
         self.0.worker_deaths.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// The meter of a new scene, whose figures are shown until it is dropped.
+    /// The meter of a new scene, whose metrics are shown until it is dropped.
     pub(crate) fn begin_scene(&self, name: &SceneName) -> SceneMeter {
         self.0.scenes.begin(name)
     }
@@ -110,41 +109,41 @@ impl Metrics {
             .is_some_and(|dispatcher| dispatcher.heartbeat.busy_for() <= DISPATCHER_STUCK)
     }
 
-    /// All figures, as Prometheus reads them.
+    /// All metrics, as Prometheus reads them.
     pub(crate) fn text(&self) -> String {
-        let figures = &self.0;
-        let read = |figure: &AtomicU64| figure.load(Ordering::Relaxed);
+        let metrics = &self.0;
+        let read = |metric: &AtomicU64| metric.load(Ordering::Relaxed);
         let mut text = Text::default();
         let plain = [
             (
                 "rhumb_connections",
                 MetricKind::Gauge,
                 "Connections now.",
-                read(&figures.connections),
+                read(&metrics.connections),
             ),
             (
                 "rhumb_connections_total",
                 MetricKind::Counter,
                 "Connections so far.",
-                read(&figures.opened),
+                read(&metrics.opened),
             ),
             (
                 "rhumb_scenes_quarantined",
                 MetricKind::Gauge,
                 "Scenes that did not answer and are quarantined.",
-                read(&figures.quarantined),
+                read(&metrics.quarantined),
             ),
             (
                 "rhumb_workers",
                 MetricKind::Gauge,
                 "Worker processes now.",
-                read(&figures.workers),
+                read(&metrics.workers),
             ),
             (
                 "rhumb_worker_deaths_total",
                 MetricKind::Counter,
                 "Worker processes that ended by themselves, or did not answer and were killed.",
-                read(&figures.worker_deaths),
+                read(&metrics.worker_deaths),
             ),
         ];
         for (name, kind, help, value) in plain {
@@ -158,10 +157,10 @@ impl Metrics {
             MetricKind::Counter,
             "Connections that the server closed, by code (PROTOCOL 3.4).",
         );
-        for (code, count) in lock(&figures.closed).iter() {
+        for (code, count) in lock(&metrics.closed).iter() {
             text.sample(name, &[("code", &code.to_string())], *count);
         }
-        figures.scenes.write(&mut text);
+        metrics.scenes.write(&mut text);
         process::write(&mut text);
         text.into_string()
     }
@@ -193,7 +192,7 @@ impl Metrics {
     }
 }
 
-/// The type of figures, as Prometheus reads them.
+/// The type of metrics, as Prometheus reads them.
 const FIGURES: &str = "text/plain; version=0.0.4";
 
 impl Metrics {
@@ -213,7 +212,7 @@ impl Metrics {
 
 #[cfg(test)]
 mod tests {
-    use rhumb_scene::TickFigures;
+    use rhumb_scene::TickMetrics;
 
     use super::*;
 
@@ -223,7 +222,7 @@ mod tests {
         metrics.count_opened();
         metrics.count_closed(18);
         let meter = metrics.begin_scene(&"team/pit".parse().unwrap());
-        meter.note_tick(&TickFigures {
+        meter.note_tick(&TickMetrics {
             tick: rhumb_reckoning::Tick::new(7),
             members: 2,
             bodies: 30,

@@ -1,9 +1,9 @@
-//! Figures of the program and its process, by the names Prometheus gives them.
+//! Metrics of the program and its process, by the names Prometheus gives them.
 //!
 //! They are those of the process that answers: worker processes have their own. A system without `/proc` has none but the
 //! program's.
 
-use super::text::{MetricKind, Text};
+use super::scene::{MetricKind, Text};
 
 /// Writes the version, and what the system says of the process.
 pub(super) fn write(text: &mut Text) {
@@ -21,8 +21,8 @@ pub(super) fn write(text: &mut Text) {
     let labels = [("version", env!("CARGO_PKG_VERSION")), ("profile", profile)];
     text.sample(name, &labels, 1);
     #[cfg(target_os = "linux")]
-    if let Some(figures) = system::ProcessFigures::read() {
-        figures.write(text);
+    if let Some(metrics) = system::ProcessMetrics::read() {
+        metrics.write(text);
     }
 }
 
@@ -30,14 +30,14 @@ pub(super) fn write(text: &mut Text) {
 mod system {
     use std::fs;
 
-    use super::super::text::{MetricKind, Text};
+    use super::super::scene::{MetricKind, Text};
 
     /// Units of processor time in a second, which Linux has fixed for programs.
     const TICKS_PER_SECOND: f64 = 100.0;
 
-    /// What `/proc` says of this process.
+    /// The entries of `/proc` about this process.
     #[derive(Clone, Copy, Debug, PartialEq)]
-    pub(super) struct ProcessFigures {
+    pub(super) struct ProcessMetrics {
         cpu_s: f64,
         start_s: f64,
         resident_bytes: u64,
@@ -46,16 +46,16 @@ mod system {
         files_max: Option<u64>,
     }
 
-    impl ProcessFigures {
+    impl ProcessMetrics {
         pub(super) fn read() -> Option<Self> {
             let read = |name: &str| fs::read_to_string(format!("/proc/{name}")).ok();
             let open_files = fs::read_dir("/proc/self/fd").ok()?.count() as u64;
             let (stat, status) = (read("self/stat")?, read("self/status")?);
             let (system, limits) = (read("stat")?, read("self/limits")?);
-            Self::of(&stat, &status, &system, &limits).map(|figures| Self {
+            Self::of(&stat, &status, &system, &limits).map(|metrics| Self {
                 // The folder that is read is one of them.
                 open_files: open_files.saturating_sub(1),
-                ..figures
+                ..metrics
             })
         }
 
@@ -139,29 +139,29 @@ mod system {
         use super::*;
 
         #[test]
-        fn figures_are_those_of_the_fields_whatever_the_program_is_called() {
+        fn metrics_are_those_of_the_fields_whatever_the_program_is_called() {
             let stat =
                 "7 (a) b (c) S 1 7 7 0 -1 4194304 100 0 0 0 250 150 0 0 20 0 9 0 1234 4096000 25";
             let status = "Name:\ta) b (c\nVmSize:\t    4000 kB\nVmRSS:\t     100 kB\n";
             let system = "cpu  1 2 3\nbtime 1700000000\nprocesses 5\n";
             let limits = "Limit  Soft Limit  Hard Limit  Units\nMax open files            1024    4096    files\n";
-            let figures = ProcessFigures::of(stat, status, system, limits).unwrap();
-            assert_eq!((figures.cpu_s, figures.start_s), (4.0, 1_700_000_012.34));
+            let metrics = ProcessMetrics::of(stat, status, system, limits).unwrap();
+            assert_eq!((metrics.cpu_s, metrics.start_s), (4.0, 1_700_000_012.34));
             assert_eq!(
-                (figures.virtual_bytes, figures.resident_bytes),
+                (metrics.virtual_bytes, metrics.resident_bytes),
                 (4_096_000, 102_400)
             );
-            assert_eq!(figures.files_max, Some(1_024));
+            assert_eq!(metrics.files_max, Some(1_024));
             assert_eq!(
-                ProcessFigures::of("7 (a) S 1", status, system, limits),
+                ProcessMetrics::of("7 (a) S 1", status, system, limits),
                 None
             );
         }
 
         #[test]
-        fn this_process_has_figures() {
-            let figures = ProcessFigures::read().unwrap();
-            assert!(figures.resident_bytes > 0 && figures.open_files > 0 && figures.start_s > 1e9);
+        fn this_process_has_metrics() {
+            let metrics = ProcessMetrics::read().unwrap();
+            assert!(metrics.resident_bytes > 0 && metrics.open_files > 0 && metrics.start_s > 1e9);
         }
     }
 }

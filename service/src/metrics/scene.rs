@@ -1,46 +1,45 @@
-//! The figures of one scene.
+//! The metrics of one scene, and the text format of Prometheus, version 0.0.4.
 
 use std::collections::BTreeMap;
+use std::fmt::{Display, Write};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use rhumb_protocol::Span;
 use rhumb_protocol::scene::SceneName;
-use rhumb_scene::{TickFigures, Traffic};
-
-use super::text::{MetricKind, Text};
+use rhumb_scene::{TickMetrics, Traffic};
 
 /// Upper ends of the buckets of a step's duration, microseconds.
 const BUCKETS_US: [u64; 8] = [500, 1_000, 2_000, 4_000, 8_000, 16_000, 33_000, 100_000];
 
-/// Locks; a thread that panicked while it counted leaves the figures as they are.
+/// Locks; a thread that panicked while it counted leaves the metrics as they are.
 pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The figures of all scenes that a meter has begun and not ended; all clones are one.
+/// The metrics of all scenes that a meter has begun and not ended; all clones are one.
 #[derive(Clone, Default)]
 pub(super) struct SceneMeters(Arc<Mutex<SceneTable>>);
 
-type SceneTable = BTreeMap<SceneName, Arc<SceneFigures>>;
+type SceneTable = BTreeMap<SceneName, Arc<SceneMetrics>>;
 
 impl SceneMeters {
     pub(super) fn begin(&self, name: &SceneName) -> SceneMeter {
-        let figures = Arc::new(SceneFigures::default());
-        lock(&self.0).insert(name.clone(), Arc::clone(&figures));
+        let metrics = Arc::new(SceneMetrics::default());
+        lock(&self.0).insert(name.clone(), Arc::clone(&metrics));
         SceneMeter {
             name: name.clone(),
-            figures,
+            metrics,
             meters: self.clone(),
         }
     }
 
-    fn end(&self, name: &SceneName, figures: &Arc<SceneFigures>) {
+    fn end(&self, name: &SceneName, metrics: &Arc<SceneMetrics>) {
         let mut scenes = lock(&self.0);
         // A quarantined scene ends late: another one may have its name by then.
         if scenes
             .get(name)
-            .is_some_and(|now| Arc::ptr_eq(now, figures))
+            .is_some_and(|now| Arc::ptr_eq(now, metrics))
         {
             scenes.remove(name);
         }
@@ -51,13 +50,13 @@ impl SceneMeters {
         lock(&self.0).keys().cloned().collect()
     }
 
-    /// The figures of all scenes.
+    /// The metrics of all scenes.
     pub(super) fn values(&self) -> Vec<(SceneName, SceneValues)> {
         let scenes = lock(&self.0);
-        let values = scenes.iter().map(|(name, figures)| {
+        let values = scenes.iter().map(|(name, metrics)| {
             let mut values = SceneValues::default();
-            for (value, figure) in values.0.iter_mut().zip(figures.each()) {
-                *value = figure.load(Ordering::Relaxed);
+            for (value, metric) in values.0.iter_mut().zip(metrics.each()) {
+                *value = metric.load(Ordering::Relaxed);
             }
             (name.clone(), values)
         });
@@ -72,9 +71,9 @@ impl SceneMeters {
     }
 }
 
-/// Figures of a scene; other threads read them.
+/// Metrics of a scene; other threads read them.
 #[derive(Debug, Default)]
-struct SceneFigures {
+struct SceneMetrics {
     tick: AtomicU64,
     members: AtomicU64,
     bodies: AtomicU64,
@@ -97,15 +96,15 @@ struct SceneFigures {
     buckets: [AtomicU64; BUCKETS_US.len()],
 }
 
-/// The figures of a scene, as a worker process hands them over.
+/// The metrics of a scene, as a worker process hands them over.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct SceneValues(pub(crate) [u64; SCENE_VALUES]);
 
-/// Number of figures of a scene.
+/// Number of metrics of a scene.
 pub(crate) const SCENE_VALUES: usize = 18 + BUCKETS_US.len();
 
-impl SceneFigures {
-    /// All figures, always in the same order.
+impl SceneMetrics {
+    /// All metrics, always in the same order.
     fn each(&self) -> impl Iterator<Item = &AtomicU64> {
         let plain = [
             &self.tick,
@@ -131,90 +130,90 @@ impl SceneFigures {
     }
 }
 
-/// Writes the figures of a scene; dropping it ends them.
+/// Writes the metrics of a scene; dropping it ends them.
 pub(crate) struct SceneMeter {
     name: SceneName,
-    figures: Arc<SceneFigures>,
+    metrics: Arc<SceneMetrics>,
     meters: SceneMeters,
 }
 
 impl SceneMeter {
     /// Notes the simulated time of a step.
     pub(crate) fn note_step_period(&self, period: Span) {
-        let figure = &self.figures.step_period_ns;
-        figure.store(period.as_nanos(), Ordering::Relaxed);
+        let metric = &self.metrics.step_period_ns;
+        metric.store(period.as_nanos(), Ordering::Relaxed);
     }
 
     /// The bytes of the scene's members.
     pub(crate) fn traffic(&self) -> Traffic {
-        self.figures.traffic.clone()
+        self.metrics.traffic.clone()
     }
 
-    pub(crate) fn note_tick(&self, tick: &TickFigures) {
-        let figures = &*self.figures;
-        let set = |figure: &AtomicU64, value| figure.store(value, Ordering::Relaxed);
-        set(&figures.tick, tick.tick.value());
-        set(&figures.members, tick.members as u64);
-        set(&figures.bodies, tick.bodies as u64);
-        set(&figures.awake, tick.awake as u64);
-        set(&figures.waiting, tick.waiting as u64);
-        set(&figures.load, tick.load);
-        add(&figures.steps, 1);
-        add(&figures.step_ns, tick.step.as_nanos());
-        add(&figures.publish_ns, tick.publish.as_nanos());
+    pub(crate) fn note_tick(&self, tick: &TickMetrics) {
+        let metrics = &*self.metrics;
+        let set = |metric: &AtomicU64, value| metric.store(value, Ordering::Relaxed);
+        set(&metrics.tick, tick.tick.value());
+        set(&metrics.members, tick.members as u64);
+        set(&metrics.bodies, tick.bodies as u64);
+        set(&metrics.awake, tick.awake as u64);
+        set(&metrics.waiting, tick.waiting as u64);
+        set(&metrics.load, tick.load);
+        add(&metrics.steps, 1);
+        add(&metrics.step_ns, tick.step.as_nanos());
+        add(&metrics.publish_ns, tick.publish.as_nanos());
         let fits = |end: &u64| tick.step.as_nanos() <= end * 1_000;
         if let Some(bucket) = BUCKETS_US.iter().position(fits) {
-            add(&figures.buckets[bucket], 1);
+            add(&metrics.buckets[bucket], 1);
         }
     }
 
-    /// Takes over the figures of a scene in another process.
+    /// Takes over the metrics of a scene in another process.
     pub(crate) fn show(&self, values: &SceneValues) {
-        for (figure, value) in self.figures.each().zip(values.0) {
-            figure.store(value, Ordering::Relaxed);
+        for (metric, value) in self.metrics.each().zip(values.0) {
+            metric.store(value, Ordering::Relaxed);
         }
     }
 
     /// A step began more than a step after it was due.
     pub(crate) fn count_late(&self) {
-        add(&self.figures.late, 1);
+        add(&self.metrics.late, 1);
     }
 
     /// The engine failed, and the scene went back to an earlier tick.
     pub(crate) fn count_restored(&self) {
-        add(&self.figures.restorations, 1);
+        add(&self.metrics.restorations, 1);
     }
 
     /// The engine failed, and the scene stands still.
     pub(crate) fn note_faulted(&self) {
-        self.figures.faulted.store(1, Ordering::Relaxed);
+        self.metrics.faulted.store(1, Ordering::Relaxed);
     }
 
     /// The scene slows its clock: it is too late to catch up.
     pub(crate) fn count_slowed(&self) {
-        add(&self.figures.slowed, 1);
+        add(&self.metrics.slowed, 1);
     }
 
     pub(crate) fn count_command(&self, refused: bool) {
-        add(&self.figures.commands, 1);
-        add(&self.figures.refused, u64::from(refused));
+        add(&self.metrics.commands, 1);
+        add(&self.metrics.refused, u64::from(refused));
     }
 }
 
 impl Drop for SceneMeter {
     fn drop(&mut self) {
-        self.meters.end(&self.name, &self.figures);
+        self.meters.end(&self.name, &self.metrics);
     }
 }
 
-fn add(figure: &AtomicU64, value: u64) {
-    figure.fetch_add(value, Ordering::Relaxed);
+fn add(metric: &AtomicU64, value: u64) {
+    metric.fetch_add(value, Ordering::Relaxed);
 }
 
-/// Reads one figure of a scene.
-type Read = fn(&SceneFigures) -> &AtomicU64;
+/// Reads one metric of a scene.
+type Read = fn(&SceneMetrics) -> &AtomicU64;
 
-/// The plain figures of a scene.
+/// The plain metrics of a scene.
 const PLAIN: [(&str, MetricKind, &str, Read); 14] = [
     (
         "rhumb_scene_tick",
@@ -296,7 +295,7 @@ const PLAIN: [(&str, MetricKind, &str, Read); 14] = [
     ),
 ];
 
-/// The figures of a scene that count nanoseconds, shown in seconds.
+/// The metrics of a scene that count nanoseconds, shown in seconds.
 const TIMES: [(&str, MetricKind, &str, Read); 2] = [
     (
         "rhumb_scene_publish_seconds_total",
@@ -313,17 +312,17 @@ const TIMES: [(&str, MetricKind, &str, Read); 2] = [
 ];
 
 fn write(scenes: &SceneTable, text: &mut Text) {
-    let value = |figure: &AtomicU64| figure.load(Ordering::Relaxed);
+    let value = |metric: &AtomicU64| metric.load(Ordering::Relaxed);
     for (name, kind, help, read) in PLAIN {
         text.describe(name, kind, help);
-        for (scene, figures) in scenes {
-            text.sample(name, &[("scene", scene.as_str())], value(read(figures)));
+        for (scene, metrics) in scenes {
+            text.sample(name, &[("scene", scene.as_str())], value(read(metrics)));
         }
     }
     for (name, kind, help, read) in TIMES {
         text.describe(name, kind, help);
-        for (scene, figures) in scenes {
-            let seconds = seconds(value(read(figures)));
+        for (scene, metrics) in scenes {
+            let seconds = seconds(value(read(metrics)));
             text.sample(name, &[("scene", scene.as_str())], seconds);
         }
     }
@@ -332,10 +331,10 @@ fn write(scenes: &SceneTable, text: &mut Text) {
         MetricKind::Histogram,
         "Duration of the engine's steps.",
     );
-    for (scene, figures) in scenes {
+    for (scene, metrics) in scenes {
         let scene = ("scene", scene.as_str());
         let mut within = 0;
-        for (end, bucket) in BUCKETS_US.iter().zip(&figures.buckets) {
+        for (end, bucket) in BUCKETS_US.iter().zip(&metrics.buckets) {
             within += value(bucket);
             let end = seconds(end * 1_000).to_string();
             text.sample(
@@ -344,13 +343,13 @@ fn write(scenes: &SceneTable, text: &mut Text) {
                 within,
             );
         }
-        let steps = value(&figures.steps);
+        let steps = value(&metrics.steps);
         text.sample(
             "rhumb_scene_step_seconds_bucket",
             &[scene, ("le", "+Inf")],
             steps,
         );
-        let sum = seconds(value(&figures.step_ns));
+        let sum = seconds(value(&metrics.step_ns));
         text.sample("rhumb_scene_step_seconds_sum", &[scene], sum);
         text.sample("rhumb_scene_step_seconds_count", &[scene], steps);
     }
@@ -358,4 +357,51 @@ fn write(scenes: &SceneTable, text: &mut Text) {
 
 fn seconds(nanos: u64) -> f64 {
     nanos as f64 / 1e9
+}
+
+/// Metrics as text, in order.
+#[derive(Debug, Default)]
+pub(super) struct Text(String);
+
+/// The kind of a metric.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum MetricKind {
+    Counter,
+    Gauge,
+    Histogram,
+}
+
+impl Text {
+    /// Begins a metric.
+    pub(super) fn describe(&mut self, name: &str, kind: MetricKind, help: &str) {
+        let kind = match kind {
+            MetricKind::Counter => "counter",
+            MetricKind::Gauge => "gauge",
+            MetricKind::Histogram => "histogram",
+        };
+        self.line(format_args!("# HELP {name} {help}"));
+        self.line(format_args!("# TYPE {name} {kind}"));
+    }
+
+    /// Writes one value of the metric. Values of labels must need no escape, as names of scenes and numbers.
+    pub(super) fn sample(&mut self, name: &str, labels: &[(&str, &str)], value: impl Display) {
+        let labels: Vec<String> = labels
+            .iter()
+            .map(|(label, value)| format!("{label}=\"{value}\""))
+            .collect();
+        if labels.is_empty() {
+            self.line(format_args!("{name} {value}"));
+        } else {
+            self.line(format_args!("{name}{{{}}} {value}", labels.join(",")));
+        }
+    }
+
+    pub(super) fn into_string(self) -> String {
+        self.0
+    }
+
+    fn line(&mut self, line: std::fmt::Arguments<'_>) {
+        // Writing to a text does not fail.
+        let _ = writeln!(self.0, "{line}");
+    }
 }

@@ -20,7 +20,7 @@ const LIBRARY: &str = concat!("rhumb-server/", env!("CARGO_PKG_VERSION"));
 #[derive(Clone, Copy, Debug)]
 pub(super) struct FileHead<'a> {
     pub(super) scene: &'a SceneName,
-    /// What predictions need of its engine.
+    /// The numbers of its engine for predictions.
     pub(super) facts: &'a SceneFacts,
     /// Its first tick.
     pub(super) tick: u64,

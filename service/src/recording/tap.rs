@@ -20,7 +20,7 @@ pub(crate) struct TickRecord {
     pub(crate) scene: SceneName,
     /// Distinguishes the scene from others of the same name.
     pub(crate) number: u64,
-    /// What predictions need of the engine, with the gravity of this tick.
+    /// The numbers of the engine for predictions, with the gravity of this tick.
     pub(crate) facts: SceneFacts,
     pub(crate) tick: Tick,
     /// True if it holds every body as placed.

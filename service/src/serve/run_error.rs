@@ -22,7 +22,7 @@ pub enum RunError {
     Certificate(CertificateError),
     /// Listening at the address failed.
     Bind(BindError),
-    /// Listening for requests of figures failed.
+    /// Listening for requests of metrics failed.
     Metrics {
         /// The TCP address.
         address: SocketAddr,
@@ -89,7 +89,7 @@ impl fmt::Display for RunError {
             Self::Metrics { address, cause } => {
                 write!(
                     f,
-                    "cannot answer requests for figures at {address}: {cause}"
+                    "cannot answer requests for metrics at {address}: {cause}"
                 )
             }
             Self::Socket { path, cause } => {

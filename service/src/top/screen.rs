@@ -6,7 +6,7 @@ use ratatui::style::{Color, Style, Stylize};
 use ratatui::text::Line;
 use ratatui::widgets::{Block, Cell, Paragraph, Row, Table, TableState, Wrap};
 
-use super::change::SceneChange;
+use super::columns::SceneChange;
 use super::columns::{
     COLUMNS, NAME_TITLE, NAME_WIDTH, SortOrder, count, fitting, milliseconds, number, percent,
 };
@@ -102,7 +102,7 @@ fn draw_table(
 }
 
 fn detail_lines<'a>(state: &'a TopState, scene: &SceneChange<'a>) -> Paragraph<'a> {
-    let value = |figure| scene.value(figure);
+    let value = |metric| scene.value(metric);
     let rate = value("step_period_seconds").map(|period| 1.0 / period);
     let limit = (state.now.as_ref()).and_then(|now: &Reading| now.value("rhumb_scene_load_limit"));
     let load = value("load").zip(limit).map(|(load, most)| load / most);
@@ -189,9 +189,9 @@ pub(super) fn summary(now: &Reading) -> String {
     )
 }
 
-fn sum(now: &Reading, figure: &str) -> f64 {
+fn sum(now: &Reading, metric: &str) -> f64 {
     let scenes = now.scenes.values();
-    let sum: f64 = scenes.filter_map(|scene| scene.value(figure)).sum();
+    let sum: f64 = scenes.filter_map(|scene| scene.value(metric)).sum();
     // The sum of nothing is -0.
     sum + 0.0
 }
@@ -347,7 +347,7 @@ mod tests {
     }
 
     #[test]
-    fn a_server_that_is_gone_is_named_and_its_last_figures_stay() {
+    fn a_server_that_is_gone_is_named_and_its_last_metrics_stay() {
         let mut state = state();
         state.take(Err("cannot connect: refused".to_owned()));
         let lines = drawn(&state, 120, 12);

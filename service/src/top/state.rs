@@ -4,7 +4,7 @@
 
 use ratatui::crossterm::event::{Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 
-use super::change::SceneChange;
+use super::columns::SceneChange;
 use super::columns::SortOrder;
 use super::reading::Reading;
 
@@ -196,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn a_failure_keeps_the_figures_and_the_next_reading_begins_anew() {
+    fn a_failure_keeps_the_metrics_and_the_next_reading_begins_anew() {
         let mut state = TopState::new(String::new());
         state.take(Ok(reading(0, &[("a", 1)])));
         state.take(Err("gone".to_owned()));

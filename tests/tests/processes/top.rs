@@ -10,13 +10,13 @@ use crate::SERVER;
 
 const ANYWHERE: &str = "127.0.0.1:0";
 
-/// The URL of a server's figures.
-fn figures(server: &ServerProcess) -> &str {
+/// The URL of a server's metrics.
+fn metrics(server: &ServerProcess) -> &str {
     let line = server
         .lines
         .iter()
         .find_map(|line| line.strip_prefix("metrics at "));
-    line.expect("a line names the figures")
+    line.expect("a line names the metrics")
 }
 
 #[test]
@@ -31,7 +31,7 @@ fn a_table_shows_the_scenes_of_a_running_server() {
     for _ in 0..5 {
         client.advance(PipelineDepth::LOCKSTEP).expect("it steps");
     }
-    let shown = SERVER.run(&["top", figures(&server), "--once"]);
+    let shown = SERVER.run(&["top", metrics(&server), "--once"]);
     assert_eq!(shown.code, Some(0), "{}", shown.log);
     let lines: Vec<_> = shown.out.lines().collect();
     assert!(
@@ -63,7 +63,7 @@ fn a_table_shows_the_scenes_of_a_running_server() {
 #[test]
 fn a_server_that_does_not_answer_is_named_with_what_to_do() {
     let server = SERVER.serve_with(ANYWHERE, &["--metrics", ANYWHERE]);
-    let url = figures(&server).to_owned();
+    let url = metrics(&server).to_owned();
     drop(server);
     let shown = SERVER.run(&["top", &url, "--once"]);
     assert_eq!(shown.code, Some(1), "{}", shown.out);

@@ -22,7 +22,7 @@ use super::{RapierEngine, translate};
 /// Reach of the sweep of a sensor, metres: an overlap of a quarter of it is found.
 const REACH: f32 = 4e-4;
 
-/// Where bodies begin a step, if they may move in it.
+/// Places of bodies at the begin of a step, if they may move in it.
 pub(super) type Starts = BTreeMap<BodyId, (RigidBodyHandle, RapierPose)>;
 
 /// A body that has gone its way through a step.
@@ -34,7 +34,7 @@ struct Passed<'a> {
 }
 
 impl RapierEngine {
-    /// Where the bodies begin a step; none where no sensor can move.
+    /// Places of the bodies at the begin of a step; none where no sensor can move.
     pub(super) fn sensor_starts(&self) -> Starts {
         if self.moving_sensors.is_empty() {
             return Starts::new();

@@ -233,7 +233,7 @@ fn a_thin_sensor_sees_a_fast_body_as_an_integrated_rapier_does() {
     }
 }
 
-/// How often a ball is in a sensor's events, of a plate and of a ball that move by these metres a second.
+/// Number of times that a ball is in a sensor's events, of a plate and of a ball that move by these metres a second.
 fn crossings(kind: BodyKind, thickness: f32, speeds: [f32; 2], offset: f32) -> usize {
     let mut world = TestWorld::new(Vec3::ZERO);
     let gate = Shape::cuboid(thickness * 0.5, 2.0, 2.0);
@@ -291,7 +291,7 @@ fn a_sensor_that_may_move_sees_what_passes_it() {
     }
 }
 
-/// Where a box ends that rides on a platform for two seconds at one metre a second, and the least speed of the platform.
+/// The end of a box that rides on a platform for two seconds at one metre a second, and the least speed of the platform.
 fn ride(commands: impl Fn(u32) -> bool) -> (f32, f32) {
     let mut world = TestWorld::new(Vec3::new(0.0, -9.81, 0.0));
     world.material.friction = 0.5;

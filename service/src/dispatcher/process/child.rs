@@ -20,8 +20,8 @@ use rhumb_transport::{Clock, ParentSender, parent_stream};
 
 use super::super::message::{FromProcess, FromWorker, ToProcess, Vitals, WorkerId, WorkerInput};
 use super::super::worker::ThreadWorker;
+use super::codec::WorkerSetup;
 use super::codec::{decode_to, encode_from};
-use super::setup::WorkerSetup;
 use super::system;
 use crate::dispatcher::worker::WorkerThreads;
 use crate::durable::DataDir;
@@ -278,13 +278,13 @@ impl Life {
                 .iter()
                 .map(|(id, heartbeat)| (*id, heartbeat.busy_for()))
                 .max_by_key(|(_, busy)| *busy);
-            let figures = FromProcess::Figures(self.metrics.scene_values());
+            let metrics = FromProcess::Metrics(self.metrics.scene_values());
             let vitals = FromProcess::Alive(Vitals {
                 busiest: busy,
                 scenes: self.admission.slots.here() as u64,
                 load: self.admission.load.here(),
             });
-            if !self.outlet.send(&figures) || !self.outlet.send(&vitals) {
+            if !self.outlet.send(&metrics) || !self.outlet.send(&vitals) {
                 return;
             }
         }

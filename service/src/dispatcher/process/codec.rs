@@ -1,9 +1,11 @@
-//! Bytes of the messages between the dispatcher and a worker process.
+//! Settings of a worker process, and bytes of its messages.
 //!
 //! Both ends are one program, so that there are no versions. Payloads are shared: a packet for many members is written
 //! once in a frame. Invariant: reading never panics, since a process that a scene has broken may send anything.
 
 use std::collections::BTreeMap;
+use std::num::NonZeroU32;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use bytes::Bytes;
@@ -12,7 +14,10 @@ use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_protocol::wire::{Malformed, Wire};
 use rhumb_protocol::{Ending, LinkReport, Peer, Span, Transmit};
-use rhumb_scene::{Permit, Quotas, decode_client_of, encode_client_of};
+use rhumb_scene::engine::EngineKind;
+use rhumb_scene::{Limits, Permit, Quotas, decode_client_of, encode_client_of};
+use serde::{Deserialize, Serialize};
+use tracing::level_filters::LevelFilter;
 
 use super::super::message::{
     FromProcess, FromWorker, ToProcess, Vitals, WorkerId, WorkerInput, WorkerOutput,
@@ -250,7 +255,7 @@ pub(super) fn encode_from(message: &FromProcess, send: &mut dyn FnMut(&[u8]) -> 
                 to.varint(busy.as_nanos());
             }
         }
-        FromProcess::Figures(scenes) => {
+        FromProcess::Metrics(scenes) => {
             to.u8(from::FIGURES);
             to.varint(scenes.len() as u64);
             for (name, values) in scenes {
@@ -372,7 +377,7 @@ pub(super) fn decode_from(frame: &Bytes) -> Result<FromProcess, Malformed> {
                 }
                 scenes.push((name, SceneValues(values)));
             }
-            FromProcess::Figures(scenes)
+            FromProcess::Metrics(scenes)
         }
         from::FLIGHT => FromProcess::Flight(SceneName::decode(from)?, payload(frame, from)?),
         from::WRITE_FLIGHT => {
@@ -438,4 +443,39 @@ fn size(from: &mut Reader<'_>) -> Result<usize, Malformed> {
 fn payload(frame: &Bytes, from: &mut Reader<'_>) -> Result<Bytes, Malformed> {
     let bytes = from.sized(frame.len())?;
     Ok(frame.slice_ref(bytes))
+}
+
+/// The start of worker processes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct ProcessOptions {
+    /// True if all scenes without a tenant share a process.
+    pub(crate) share: bool,
+    pub(crate) log: LevelFilter,
+    /// Threads that step and publish, in each process.
+    pub(crate) threads: NonZeroU32,
+    /// Directory in which each process records its scenes.
+    pub(crate) record: Option<PathBuf>,
+}
+
+/// The settings of a worker process.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) struct WorkerSetup {
+    /// The process id of the dispatcher.
+    pub(super) dispatcher: u32,
+    /// The dispatcher's clock at the start of the process, nanoseconds.
+    pub(super) now_ns: u64,
+    pub(super) limits: Limits,
+    /// Bytes of the largest packet of a stream.
+    pub(super) largest_packet: u32,
+    pub(super) engine: EngineKind,
+    /// Threads that step and publish.
+    pub(super) threads: NonZeroU32,
+    /// The data directory, whose lock the process has inherited.
+    pub(super) data: Option<PathBuf>,
+    /// The log level, as text.
+    pub(super) log: String,
+    /// True if the dispatcher keeps flight recorders.
+    pub(super) records_flights: bool,
+    /// The directory for recordings of its scenes.
+    pub(super) record: Option<PathBuf>,
 }

@@ -117,7 +117,7 @@ fn from_process() -> impl Strategy<Value = FromProcess> {
             load,
         })
     });
-    let figures = (name(), any::<[u64; SCENE_VALUES]>())
+    let metrics = (name(), any::<[u64; SCENE_VALUES]>())
         .prop_map(|(name, values)| (name, SceneValues(values)));
     prop_oneof![
         (any::<u32>(), output()).prop_map(|(id, output)| {
@@ -125,7 +125,7 @@ fn from_process() -> impl Strategy<Value = FromProcess> {
         }),
         any::<u32>().prop_map(|id| FromProcess::Worker(WorkerId(id), FromWorker::Over)),
         vitals,
-        proptest::collection::vec(figures, 0..3).prop_map(FromProcess::Figures),
+        proptest::collection::vec(metrics, 0..3).prop_map(FromProcess::Metrics),
         (name(), bytes()).prop_map(|(name, entries)| FromProcess::Flight(name, entries)),
         name().prop_map(|name| FromProcess::WriteFlight(name, FlightCause::EnginePanicked)),
     ]

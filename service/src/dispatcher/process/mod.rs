@@ -8,9 +8,7 @@ mod child;
 mod codec;
 #[cfg(test)]
 mod codec_tests;
-mod deaths;
 mod running;
-mod setup;
 mod system;
 mod tenant;
 
@@ -21,10 +19,10 @@ use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::session::CloseCode;
 
 pub(crate) use self::child::run as run_worker;
-use self::deaths::Deaths;
+pub(crate) use self::codec::ProcessOptions;
+use self::codec::WorkerSetup;
 use self::running::{ProcessState, RunningProcess};
-pub(crate) use self::setup::ProcessOptions;
-use self::setup::WorkerSetup;
+use self::tenant::Deaths;
 use self::tenant::Tenant;
 use super::message::{FromProcess, FromWorker, ProcessId, ToProcess, Vitals, WorkerId};
 use super::settings::DispatcherSettings;
@@ -161,7 +159,7 @@ impl Processes {
         match message {
             FromProcess::Worker(worker, message) => return Some((worker, message)),
             FromProcess::Alive(vitals) => self.note_alive(id, vitals, settings),
-            FromProcess::Figures(figures) => process.show(&figures, settings),
+            FromProcess::Metrics(metrics) => process.show(&metrics, settings),
             FromProcess::Flight(scene, entries) => {
                 process.flight(&scene, settings).append(&entries);
             }

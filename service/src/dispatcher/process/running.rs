@@ -11,8 +11,8 @@ use rhumb_transport::{ChildSender, FrameReceiver, child_stream};
 
 use super::super::message::{ProcessId, ToProcess, WorkerId, WorkerReport};
 use super::super::settings::DispatcherSettings;
+use super::codec::WorkerSetup;
 use super::codec::{decode_from, encode_to};
-use super::setup::WorkerSetup;
 use super::system::ProcessHandle;
 use super::tenant::Tenant;
 use crate::dispatcher::worker::ReportSender;
@@ -134,19 +134,19 @@ impl RunningProcess {
 }
 
 impl RunningProcess {
-    /// Shows the figures of the process's scenes.
+    /// Shows the metrics of the process's scenes.
     pub(super) fn show(
         &mut self,
-        figures: &[(SceneName, SceneValues)],
+        metrics: &[(SceneName, SceneValues)],
         settings: &DispatcherSettings,
     ) {
-        let is_gone = |scene: &SceneName| figures.iter().all(|(name, _)| name != scene);
+        let is_gone = |scene: &SceneName| metrics.iter().all(|(name, _)| name != scene);
         let shown = self.meters.keys().cloned();
         for scene in shown.filter(is_gone).collect::<Vec<_>>() {
             self.meters.remove(&scene);
             self.flights.remove(&scene);
         }
-        for (scene, values) in figures {
+        for (scene, values) in metrics {
             let meter = self.meters.entry(scene.clone());
             let meter = meter.or_insert_with(|| settings.recorders.metrics.begin_scene(scene));
             meter.show(values);
