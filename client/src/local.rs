@@ -86,7 +86,20 @@ impl LocalServer {
     #[must_use]
     pub fn connect(&self) -> ServerConnection {
         let peer = Peer(self.next_peer.fetch_add(1, Ordering::Relaxed));
-        ServerConnection::over(LocalConnection::open(self.host.clone(), peer))
+        ServerConnection::over(LocalConnection::open(self.host.clone(), peer, None))
+    }
+
+    /// A connection that the caller carries for another program, such as a browser: what it sends arrives as from a client
+    /// of its own. `arrived` is called whenever something may be received, on the thread that steps the server.
+    #[must_use]
+    pub fn open(&self, arrived: impl Fn() + Send + Sync + 'static) -> Box<dyn ClientTransport> {
+        let peer = Peer(self.next_peer.fetch_add(1, Ordering::Relaxed));
+        let arrived = Arrived(Box::new(arrived));
+        Box::new(LocalConnection::open(
+            self.host.clone(),
+            peer,
+            Some(arrived),
+        ))
     }
 
     fn at(host: Host) -> Self {
@@ -177,7 +190,7 @@ struct LocalTraffic {
 }
 
 impl LocalConnection {
-    fn open(host: Host, peer: Peer) -> Self {
+    fn open(host: Host, peer: Peer, arrived: Option<Arrived>) -> Self {
         let connection = Self {
             host,
             peer,
@@ -186,7 +199,8 @@ impl LocalConnection {
             sent: LocalTraffic::default(),
             received: LocalTraffic::default(),
         };
-        connection.send(LocalInput::Opened(Arc::clone(&connection.inbox)));
+        let inbox = Arc::clone(&connection.inbox);
+        connection.send(LocalInput::Opened(LocalClient::new(inbox, arrived)));
         connection
     }
 
@@ -287,10 +301,12 @@ impl LocalTraffic {
     }
 }
 
+/// Told that something may be received.
+struct Arrived(Box<dyn Fn() + Send + Sync>);
+
 /// One input of a client.
-#[derive(Debug)]
 enum LocalInput {
-    Opened(Arc<Inbox>),
+    Opened(LocalClient),
     Control(Bytes),
     /// The client has taken this number of control bytes out of its inbox.
     Taken(usize),
@@ -327,6 +343,8 @@ struct Driver {
 /// The inbox of a client, and its control bytes.
 struct LocalClient {
     inbox: Arc<Inbox>,
+    /// Of a client that another program carries.
+    arrived: Option<Arrived>,
     /// Bytes that wait in the inbox.
     waiting: usize,
     /// Taken bytes that the server does not know of yet.
@@ -338,9 +356,30 @@ struct LocalClient {
 const TAKEN_BYTES_MAX: usize = 1 << 20;
 
 impl LocalClient {
+    const fn new(inbox: Arc<Inbox>, arrived: Option<Arrived>) -> Self {
+        Self {
+            inbox,
+            arrived,
+            waiting: 0,
+            unreported: 0,
+        }
+    }
+
+    fn end(&self, ending: Ending) {
+        self.inbox.put_end(ending);
+        self.tell();
+    }
+
+    fn tell(&self) {
+        if let Some(arrived) = &self.arrived {
+            (arrived.0)();
+        }
+    }
+
     /// Puts control bytes into the inbox; returns how many count as taken.
     fn put(&mut self, bytes: &Bytes) -> usize {
         self.inbox.put_bounded_control(bytes);
+        self.tell();
         self.waiting += bytes.len();
         if self.waiting > TAKEN_BYTES_MAX {
             self.unreported += bytes.len();
@@ -372,9 +411,9 @@ impl Driver {
     /// Hands an input to the server. What it transmits waits for [`Self::run`].
     fn handle(&mut self, from: Peer, input: LocalInput) {
         if self.broken
-            && let LocalInput::Opened(inbox) = &input
+            && let LocalInput::Opened(client) = &input
         {
-            inbox.put_end(Ending::Broken);
+            client.end(Ending::Broken);
         }
         self.guard(|driver| driver.take(from, input));
     }
@@ -402,12 +441,7 @@ impl Driver {
     fn take(&mut self, from: Peer, input: LocalInput) {
         let now = self.clock.now();
         match input {
-            LocalInput::Opened(inbox) => {
-                let client = LocalClient {
-                    inbox,
-                    waiting: 0,
-                    unreported: 0,
-                };
+            LocalInput::Opened(client) => {
                 self.clients.insert(from, client);
                 self.server.handle_opened(now, from);
                 self.server.handle_control_taken(now, from, 0);
@@ -425,7 +459,7 @@ impl Driver {
             LocalInput::Closed(code) => {
                 if let Some(client) = self.clients.remove(&from) {
                     (self.held_back).deliver_rest(now, &mut self.server, from);
-                    client.inbox.put_end(Ending::Closed(code));
+                    client.end(Ending::Closed(code));
                     self.server.handle_ended(now, from, Ending::Closed(code));
                 }
             }
@@ -451,7 +485,7 @@ impl Driver {
 
     fn end(&mut self) {
         for client in std::mem::take(&mut self.clients).into_values() {
-            client.inbox.put_end(Ending::Broken);
+            client.end(Ending::Broken);
         }
     }
 
@@ -468,13 +502,14 @@ impl Driver {
                 Transmit::State { to, bytes } => {
                     if let Some(client) = self.clients.get(&to) {
                         client.inbox.put_state(&bytes);
+                        client.tell();
                     }
                 }
                 Transmit::Close { to, code } => {
                     let now = self.clock.now();
                     if let Some(client) = self.clients.remove(&to) {
                         self.held_back.forget(to);
-                        client.inbox.put_end(Ending::Closed(code));
+                        client.end(Ending::Closed(code));
                         self.server.handle_ended(now, to, Ending::Closed(code));
                     }
                 }
@@ -575,11 +610,7 @@ mod tests {
 
     #[test]
     fn bytes_for_a_client_that_does_not_poll_count_as_taken_up_to_a_bound() {
-        let mut client = LocalClient {
-            inbox: Arc::default(),
-            waiting: 0,
-            unreported: 0,
-        };
+        let mut client = LocalClient::new(Arc::default(), None);
         let half = Bytes::from(vec![0; TAKEN_BYTES_MAX / 2]);
         let puts = [client.put(&half), client.put(&half), client.put(&half)];
         assert_eq!(puts, [half.len(), half.len(), 0]);

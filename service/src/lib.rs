@@ -54,6 +54,8 @@ mod flight;
 mod http;
 mod log;
 mod metrics;
+#[cfg(feature = "view")]
+mod page_beside;
 mod recorders;
 mod recording;
 mod serve;
@@ -73,6 +75,8 @@ pub use dispatcher::{Dispatcher, DispatcherSettings};
 pub use durable::{Damage, DataDir, DataError};
 #[cfg(feature = "app")]
 pub use rhumb_app;
+#[cfg(feature = "view")]
+pub use page_beside::PageBeside;
 pub use rhumb_scene::{
     Activity, BakeJob, Bakers, BodyDesc, BodyId, BodyKind, BodyState, Command, CommandError,
     Digest, Hook, HookError, Hooks, IdRange, Inertia, Instant, Invalid, InvalidLimit, Joints,
@@ -83,7 +87,7 @@ pub use rhumb_scene::{
 };
 pub use rhumb_transport::{
     BindError, CertificateError, CertificateHashes, Fingerprint, Origins, PageOrigin, ServeError,
-    ServerStatistics, Stop,
+    ServerStatistics, Stop, Waker,
 };
 pub use serve::{Access, Identity, RunError, Server, run_on_cores, usable_cores};
 #[cfg(feature = "view")]

@@ -68,7 +68,7 @@ impl Identity {
     }
 
     /// The certificate for browsers, which accept one for development only if it is short-lived.
-    fn web(&self) -> WebIdentity {
+    pub(crate) fn web(&self) -> WebIdentity {
         match self {
             Self::Files { .. } => WebIdentity::Own,
             Self::Development | Self::DevelopmentFiles { .. } => {

@@ -19,7 +19,8 @@ pub struct RhumbConnection {
     pub id: u64,
 }
 
-/// How to reach a server, and which one to trust: by `fingerprint` or by `roots`, one of the two.
+/// How to reach a server, and which one to trust: by `fingerprint` or by `roots`, one of the two. The address may end with
+/// `#` and the fingerprint.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct RhumbConnectOptions {
@@ -52,11 +53,10 @@ pub unsafe extern "C" fn rhumb_connect(
     guard(|| {
         check_out(connection, "connection")?;
         // SAFETY: the caller promises what the pointers point to.
-        let (address, trust, token, timeout) = unsafe {
+        let ((address, trust), token, timeout) = unsafe {
             let options = value(options, "options")?;
             (
-                text(options.address, "options.address")?,
-                trust(options)?,
+                server_of(options)?,
                 optional_text(options.token, "options.token")?,
                 time_limit(options.timeout_s, "options.timeout_s")?,
             )
@@ -99,15 +99,16 @@ const DEFAULT_TIMEOUT: Duration = Duration::from_secs(5);
 /// # Safety
 ///
 /// The texts of `options` end with a zero byte.
-unsafe fn trust(options: &RhumbConnectOptions) -> Result<Trust, BindingError> {
+unsafe fn server_of(options: &RhumbConnectOptions) -> Result<(&str, Trust), BindingError> {
     // SAFETY: the caller promises the texts.
-    let (fingerprint, roots) = unsafe {
+    let (address, fingerprint, roots) = unsafe {
         (
+            text(options.address, "options.address")?,
             optional_text(options.fingerprint, "options.fingerprint")?,
             optional_text(options.roots, "options.roots")?,
         )
     };
-    rhumb_bindings::trust(fingerprint, roots.map(Path::new))
+    rhumb_bindings::server_of(address, fingerprint, roots.map(Path::new))
 }
 
 /// A time limit that a caller gives in seconds; zero for the default.

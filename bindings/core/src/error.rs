@@ -57,6 +57,16 @@ pub enum BindingError {
         /// The rule that it breaks: the rest of "it must be".
         needed: String,
     },
+    /// A file cannot be loaded.
+    #[cfg(feature = "files")]
+    File(Box<rhumb_scene_files::LoadError>),
+    /// A server in this process did not start.
+    #[cfg(feature = "serve")]
+    Serve(Box<rhumb_server::RunError>),
+    /// This build has no page; the text says what to do.
+    NoPage(&'static str),
+    /// The scene's server is elsewhere, so that its page is not known here.
+    PageElsewhere,
     /// An argument that must not be null is null.
     Null(&'static str),
     /// A caller's buffer is too small.
@@ -193,6 +203,11 @@ impl BindingError {
             | Self::Fingerprint(_)
             | Self::Body(_)
             | Self::Argument { .. } => ErrorKind::Invalid,
+            #[cfg(feature = "files")]
+            Self::File(_) => ErrorKind::Invalid,
+            #[cfg(feature = "serve")]
+            Self::Serve(_) => ErrorKind::Connect,
+            Self::NoPage(_) | Self::PageElsewhere => ErrorKind::Denied,
             Self::Null(_) => ErrorKind::Null,
             Self::TooSmall { .. } => ErrorKind::TooSmall,
             Self::Closed => ErrorKind::Closed,
@@ -248,6 +263,14 @@ impl fmt::Display for BindingError {
             Self::Fingerprint(cause) => cause.fmt(f),
             Self::Body(cause) => cause.fmt(f),
             Self::Argument { argument, needed } => write!(f, "{argument} must be {needed}"),
+            #[cfg(feature = "files")]
+            Self::File(cause) => cause.fmt(f),
+            #[cfg(feature = "serve")]
+            Self::Serve(cause) => cause.fmt(f),
+            Self::NoPage(reason) => write!(f, "this build has no page: {reason}"),
+            Self::PageElsewhere => f.write_str(
+                "the scene's server is in another process: its page is the one that it printed, with --view ADDRESS",
+            ),
             Self::Null(argument) => write!(f, "{argument} must not be null"),
             Self::TooSmall { capacity, needed } => {
                 write!(f, "the buffer has {capacity} elements and needs {needed}")
@@ -266,6 +289,20 @@ impl std::error::Error for BindingError {}
 impl From<OpenError> for BindingError {
     fn from(error: OpenError) -> Self {
         Self::Open(error)
+    }
+}
+
+#[cfg(feature = "files")]
+impl From<Box<rhumb_scene_files::LoadError>> for BindingError {
+    fn from(error: Box<rhumb_scene_files::LoadError>) -> Self {
+        Self::File(error)
+    }
+}
+
+#[cfg(feature = "serve")]
+impl From<rhumb_server::RunError> for BindingError {
+    fn from(error: rhumb_server::RunError) -> Self {
+        Self::Serve(Box::new(error))
     }
 }
 

@@ -12,12 +12,18 @@ mod body_word;
 mod contacts;
 mod converted_view;
 mod coordinates;
+#[cfg(feature = "serve")]
+mod door;
 mod error;
 mod event_record;
+#[cfg(feature = "files")]
+mod files;
 mod generated;
 mod join_params;
 mod joint_params;
 mod known_bodies;
+#[cfg(feature = "serve")]
+mod origin;
 mod refusal_record;
 mod remote_scene;
 mod scene_follower;
@@ -29,11 +35,15 @@ pub use contacts::ContactRecord;
 pub use coordinates::Coordinates;
 pub use error::{BindingError, ErrorKind};
 pub use event_record::EventRecord;
+#[cfg(feature = "files")]
+pub use files::{Base, FileSettings, LoadParams, LoadedFile, NamedBody, NamedJoint, OwnContacts};
 pub use generated::EventKind;
 pub use join_params::{JoinCondition, JoinParams};
 pub use joint_params::{JointFreedom, JointParams};
+#[cfg(feature = "serve")]
+pub use origin::{Origin, Reach, ServedScenes};
 pub use refusal_record::RefusalRecord;
 pub use remote_scene::{HitRecord, RemoteScene, StateRecord};
 pub use rhumb_client;
 pub use scene_follower::{ObjectChange, SceneFollower};
-pub use trust::trust;
+pub use trust::{address_with, server_of};

@@ -20,8 +20,12 @@ use crate::converted_view::ConvertedView;
 use crate::coordinates::Coordinates;
 use crate::error::BindingError;
 use crate::event_record::EventRecord;
+#[cfg(feature = "files")]
+use crate::files::{self, LoadParams, LoadedFile, NamedBody, NamedJoint};
 use crate::join_params::{JoinParams, tolerance};
 use crate::known_bodies::KnownBodies;
+#[cfg(feature = "serve")]
+use crate::origin::{Origin, SceneOrigin};
 use crate::refusal_record::RefusalRecord;
 
 /// Limit of unread events, the client's own. Beyond it, the oldest are dropped.
@@ -89,6 +93,12 @@ pub struct RemoteScene {
     /// Of the last [`Self::error_bounds`].
     error_bounds: Vec<f32>,
     centres: BodyCentres,
+    /// Numbers of joints that this client has given out and not taken back.
+    #[cfg(feature = "files")]
+    joints: std::collections::BTreeSet<rhumb_client::scene::JointId>,
+    /// Goes after the client.
+    #[cfg(feature = "serve")]
+    origin: Option<SceneOrigin>,
 }
 
 impl RemoteScene {
@@ -113,7 +123,37 @@ impl RemoteScene {
             refusals: VecDeque::new(),
             error_bounds: Vec::new(),
             centres: BodyCentres::default(),
+            #[cfg(feature = "files")]
+            joints: std::collections::BTreeSet::new(),
+            #[cfg(feature = "serve")]
+            origin: None,
         })
+    }
+
+    /// Keeps the scene's server, which is in this process: it ends no earlier than this client.
+    #[cfg(feature = "serve")]
+    #[must_use]
+    pub fn of(mut self, origin: Origin, scene: &str) -> Self {
+        self.origin = Some(SceneOrigin::new(origin, scene));
+        self
+    }
+
+    /// The one text by which other processes connect to the scene's server, if that is in this process and has sockets.
+    #[cfg(feature = "serve")]
+    #[must_use]
+    pub fn address(&self) -> Option<String> {
+        self.origin.as_ref().and_then(SceneOrigin::address)
+    }
+
+    /// The address of the page that shows the scene to browsers of this machine, until the scene is closed.
+    ///
+    /// # Errors
+    ///
+    /// [`BindingError`] if the server is elsewhere, this build has no page, or the system refuses sockets or threads.
+    #[cfg(feature = "serve")]
+    pub fn page(&mut self) -> Result<String, BindingError> {
+        let origin = self.origin.as_mut();
+        origin.ok_or(BindingError::PageElsewhere)?.page()
     }
 
     /// The coordinates that it was joined with.
@@ -157,6 +197,14 @@ impl RemoteScene {
             command.check_ids().map_err(ClientError::Id)?;
         }
         let mut last = None;
+        #[cfg(feature = "files")]
+        for command in &converted {
+            match command {
+                Command::AddJoint { id, .. } => drop(self.joints.insert(*id)),
+                Command::RemoveJoint { id } => drop(self.joints.remove(id)),
+                _ => {}
+            }
+        }
         for command in converted {
             let silenced = match &command {
                 Command::SetEvents { id, events } if !events.contacts => Some(*id),
@@ -169,6 +217,70 @@ impl RemoteScene {
             }
         }
         Ok(last)
+    }
+
+    /// Queues the addition of a robot or a scene from a file: bodies, then joints.
+    ///
+    /// The file gives neither gravity nor the duration of a tick: those are of the scene. Where they differ, the result says
+    /// so.
+    ///
+    /// # Errors
+    ///
+    /// [`BindingError::File`] for a file that cannot be loaded, with its line; else as [`Self::add_bodies`]. Then nothing is
+    /// queued.
+    #[cfg(feature = "files")]
+    pub fn load(&mut self, path: &str, params: &LoadParams) -> Result<LoadedFile, BindingError> {
+        let coordinates = self.coordinates();
+        let scene = files::read(path, coordinates, params)?;
+        let mut taken = self.joints.clone();
+        let replica = self.client.replica();
+        taken.extend(
+            replica
+                .into_iter()
+                .flat_map(|replica| replica.joints().iter().map(|(id, _)| id)),
+        );
+        let gravity = replica.map_or(scene.config.gravity, rhumb_client::Replica::gravity);
+        let mut left_out: Vec<_> = scene
+            .report
+            .notes()
+            .iter()
+            .map(ToString::to_string)
+            .collect();
+        left_out.extend(files::differences(
+            &scene,
+            self.client.config(),
+            gravity,
+            coordinates,
+        ));
+        let numbers = files::numbers(scene.joints.len(), params.first_joint, &taken)?;
+        let builders = scene.bodies.iter().map(|body| body.builder.clone());
+        let ids = self.client.add_bodies(builders)?;
+        ids.iter().for_each(|id| self.known.add(*id));
+        for (id, joint) in numbers.iter().zip(&scene.joints) {
+            self.client.command(files::joint(*id, joint, &ids))?;
+            self.joints.insert(*id);
+        }
+        let names = files::distinct(scene.bodies.iter().map(|body| body.name.as_str()), "body");
+        let bodies = names.into_iter().zip(&scene.bodies).zip(ids);
+        let joint_names = files::distinct(
+            scene.joints.iter().map(|joint| joint.name.as_str()),
+            "joint",
+        );
+        Ok(LoadedFile {
+            name: scene.name.clone(),
+            bodies: bodies
+                .map(|((name, body), id)| NamedBody {
+                    name,
+                    id,
+                    frame_position: coordinates.vector_out(body.frame_position),
+                    frame_rotation: coordinates.rotation_out(body.frame_rotation),
+                })
+                .collect(),
+            joints: (joint_names.into_iter().zip(numbers))
+                .map(|(name, id)| NamedJoint { name, id })
+                .collect(),
+            left_out,
+        })
     }
 
     /// Requests authority over kinematic bodies in place of the present ones; `tolerance_m` is in metres.

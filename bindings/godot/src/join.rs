@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::thread::{self, JoinHandle};
 
-use rhumb_bindings::{BindingError, JoinParams, trust};
+use rhumb_bindings::{BindingError, JoinParams, server_of};
 use rhumb_client::Client;
 
 /// A server, its scene, and how to join it.
@@ -47,8 +47,9 @@ impl PendingJoin {
 fn join(request: &JoinRequest) -> Result<Client, BindingError> {
     let given = |text: &str| (!text.is_empty()).then(|| text.to_owned());
     let (fingerprint, roots) = (given(&request.fingerprint), given(&request.roots));
-    let trust = trust(fingerprint.as_deref(), roots.as_deref().map(Path::new))?;
-    let mut connection = Client::connect(&request.address, trust)?;
+    let roots = roots.as_deref().map(Path::new);
+    let (address, trust) = server_of(&request.address, fingerprint.as_deref(), roots)?;
+    let mut connection = Client::connect(address, trust)?;
     if let Some(token) = given(&request.token) {
         connection = connection.token(&token);
     }

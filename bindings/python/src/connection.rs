@@ -6,14 +6,16 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use pyo3::prelude::*;
 use rhumb_bindings::rhumb_client::scene::Stepping;
 use rhumb_bindings::rhumb_client::{Client, Refusals, ServerConnection};
-use rhumb_bindings::{BindingError, Coordinates, JoinCondition, JoinParams, RemoteScene};
+use rhumb_bindings::{
+    BindingError, Coordinates, JoinCondition, JoinParams, Origin, RemoteScene, server_of,
+};
 
 use crate::arguments::{one_of, seconds, sleep as sleep_rule, vector};
 use crate::errors::exception;
 use crate::number;
 use crate::scene::PyScene;
 
-const COORDINATES: [(&str, Coordinates); 4] = [
+pub(crate) const COORDINATES: [(&str, Coordinates); 4] = [
     ("rhumb", Coordinates::Rhumb),
     ("unity", Coordinates::Unity),
     ("unreal", Coordinates::Unreal),
@@ -42,6 +44,8 @@ pub(crate) struct PyConnection {
     server: String,
     /// `None` once it has joined or is closed.
     connection: Mutex<Option<ServerConnection>>,
+    /// `None` for a server in another process.
+    origin: Option<Origin>,
 }
 
 /// Connects to the server at host:port.
@@ -58,15 +62,15 @@ pub(crate) fn connect(
     token: Option<&str>,
     #[pyo3(from_py_with = number::double::timeout)] timeout: f64,
 ) -> PyResult<PyConnection> {
-    let trust = rhumb_bindings::trust(fingerprint, roots.as_deref());
-    let trust = trust.map_err(|error| exception(py, &error))?;
+    let server = server_of(address, fingerprint, roots.as_deref());
+    let (address, trust) = server.map_err(|error| exception(py, &error))?;
     let timeout = seconds(py, timeout, "timeout")?;
     let opened = py.detach(|| Client::connect_within(address, trust, timeout));
     let mut opened = opened.map_err(|error| exception(py, &error.into()))?;
     if let Some(token) = token {
         opened = opened.token(token);
     }
-    Ok(PyConnection::new(format!("{address:?}"), opened))
+    Ok(PyConnection::new(format!("{address:?}"), opened, None))
 }
 
 /// Seconds, or none.
@@ -145,7 +149,10 @@ impl PyConnection {
         let connection = self.take_for(scene);
         let connection = connection.map_err(|error| exception(py, &error))?;
         let joined = py.detach(|| RemoteScene::join(connection, scene, &params));
-        let joined = joined.map_err(|error| exception(py, &error))?;
+        let mut joined = joined.map_err(|error| exception(py, &error))?;
+        if let Some(origin) = &self.origin {
+            joined = joined.of(origin.clone(), scene);
+        }
         Ok(PyScene::new(scene.to_owned(), joined))
     }
 
@@ -178,10 +185,15 @@ impl PyConnection {
 
 impl PyConnection {
     /// An open connection to a server that these words name.
-    pub(crate) const fn new(server: String, opened: ServerConnection) -> Self {
+    pub(crate) const fn new(
+        server: String,
+        opened: ServerConnection,
+        origin: Option<Origin>,
+    ) -> Self {
         Self {
             server,
             connection: Mutex::new(Some(opened)),
+            origin,
         }
     }
 

@@ -12,6 +12,7 @@ mod body;
 mod connection;
 mod errors;
 mod event;
+mod file;
 mod generated;
 mod joint;
 mod local;
@@ -38,8 +39,11 @@ fn native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<generated::PyWheelInput>()?;
     module.add_class::<event::PyEvent>()?;
     module.add_class::<event::PyContact>()?;
+    module.add_class::<file::PyLoaded>()?;
     module.add_class::<query::PyQuery>()?;
     module.add_class::<query::PyHit>()?;
     module.add_function(wrap_pyfunction!(connection::connect, module)?)?;
-    module.add_function(wrap_pyfunction!(local::local, module)?)
+    module.add_function(wrap_pyfunction!(file::file_settings, module)?)?;
+    module.add_function(wrap_pyfunction!(local::local, module)?)?;
+    module.add_function(wrap_pyfunction!(local::serve, module)?)
 }

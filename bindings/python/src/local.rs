@@ -1,11 +1,16 @@
-//! Servers in the interpreter's own process.
+//! Servers in the interpreter's own process, with sockets and without.
+
+use std::sync::Arc;
+use std::time::Duration;
 
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rhumb_bindings::rhumb_client::LocalServer;
+use rhumb_bindings::{Origin, Reach, ServedScenes};
 
 use crate::arguments::seconds;
 use crate::connection::PyConnection;
+use crate::errors::exception;
 use crate::number;
 
 /// A physics server in this process, without sockets. It ends with the last of its clients and of the references to it.
@@ -42,7 +47,12 @@ impl PyLocalServer {
         // Another client's call may be inside the server.
         let opened = py.detach(|| self.server.connect());
         let opened = opened.timeout(timeout);
-        Ok(PyConnection::new("this process".to_owned(), opened))
+        let origin = Origin::Local(self.server.clone());
+        Ok(PyConnection::new(
+            "this process".to_owned(),
+            opened,
+            Some(origin),
+        ))
     }
 
     fn __repr__(&self) -> String {
@@ -74,7 +84,57 @@ pub(crate) fn local<'py>(
     scene: &str,
     options: Option<&Bound<'py, PyDict>>,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let opened = LocalServer::new().connect();
-    let connection = PyConnection::new("this process".to_owned(), opened);
+    let server = LocalServer::new();
+    let opened = server.connect();
+    let origin = Some(Origin::Local(server));
+    let connection = PyConnection::new("this process".to_owned(), opened, origin);
     Bound::new(py, connection)?.call_method("join", (scene,), options)
+}
+
+/// Longest wait for a server of this process.
+const TIMEOUT: Duration = Duration::from_secs(5);
+
+/// A scene in this process that others join, on a server of its own: no program to start, no fingerprint to copy.
+///
+/// Scene.address is the one text by which other processes connect: rhumb.connect(scene.address).join("main"). It is printed
+/// too, unless quiet. rhumb.view(scene) shows the scene in a browser.
+///
+/// listen: IP address and port of the server; port 0 is a free one. open_to_network: whether the address may be one that
+/// other machines reach. There are no tokens: whoever connects may do everything. The rest is as of Connection.join. The
+/// server has threads of its own and ends with the scene: every member is told then.
+#[pyfunction]
+#[pyo3(
+    signature = (scene = "main", *, listen = "127.0.0.1:0", open_to_network = false, quiet = false, **options),
+    text_signature = "(scene='main', *, listen='127.0.0.1:0', open_to_network=False, quiet=False, coordinates='rhumb', \
+        condition='create or join', tolerance=0.05, \
+        stepping='lockstep', ticks_per_second=60, substeps=4, publish_interval=1, gravity=None, sleep=None, \
+        delay_ticks=0.0, lead_ticks=0.0, whole_ticks=False, smooth=True, refusals='raise', resume_within=None)"
+)]
+pub(crate) fn serve<'py>(
+    py: Python<'py>,
+    scene: &str,
+    listen: &str,
+    open_to_network: bool,
+    quiet: bool,
+    options: Option<&Bound<'py, PyDict>>,
+) -> PyResult<Bound<'py, PyAny>> {
+    let reach = match open_to_network {
+        true => Reach::Network,
+        false => Reach::ThisMachine,
+    };
+    let started = py.detach(|| {
+        let served = ServedScenes::start(listen, reach)?;
+        let opened = served.connect(TIMEOUT)?;
+        Ok((served, opened))
+    });
+    let (served, opened) = started.map_err(|error| exception(py, &error))?;
+    let address = served.address();
+    let origin = Some(Origin::Served(Arc::new(served)));
+    let connection = PyConnection::new(format!("{address:?}"), opened, origin);
+    let joined = Bound::new(py, connection)?.call_method("join", (scene,), options)?;
+    if !quiet {
+        let said = format!("rhumb.connect(\"{address}\").join(\"{scene}\") joins this scene");
+        py.import("builtins")?.call_method1("print", (said,))?;
+    }
+    Ok(joined)
 }

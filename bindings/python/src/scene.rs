@@ -2,6 +2,7 @@
 
 mod calls;
 
+use std::path::PathBuf;
 use std::sync::{Mutex, TryLockError};
 
 use numpy::{IntoPyArray, PyArray1, PyArrayDyn};
@@ -17,6 +18,7 @@ use crate::arguments::{bodies, optional_rows, rows, seconds, single, vector};
 use crate::body::{bodies_at, plain_body, states};
 use crate::errors::{exception, wrong_value};
 use crate::event::{PyContact, PyEvent};
+use crate::file::{PyLoaded, params};
 use crate::generated::{PyCharacter, PyWheel, PyWheelInput};
 use crate::joint::PyJoint;
 use crate::number::{self, optional_real, real};
@@ -804,6 +806,49 @@ impl PyScene {
     /// Deletes the scene for all of its clients.
     fn delete(&self, py: Python<'_>) -> PyResult<()> {
         self.waiting(py, |opened| opened.scene.delete())
+    }
+
+    /// Adds a robot or a scene from a file: URDF, MJCF with their meshes, or a JSON scene of Rhumb.
+    ///
+    /// What the file says and a scene has not is listed in Loaded.left_out, with file and line. A file that cannot be read
+    /// raises InvalidError, and nothing is added. Gravity and ticks are the scene's: rhumb.load makes a scene with the file's.
+    ///
+    /// position, rotation: where the file's world, or a robot's root, begins; what is up in the file is up in the scene.
+    /// base: whether the root of a robot moves: "fixed", "free", or as the file has it. own_contacts: whether parts of a
+    /// robot touch each other: "all" that no joint connects, or as other programs read the file. packages: folders that are
+    /// searched for package:// names, before those above the file. density: kg/m³ of bodies with shapes and no mass.
+    /// group: the collision group, below 32, of a robot's parts. first_joint: number of the first joint; None: the least
+    /// that are free.
+    #[pyo3(
+        signature = (file, position = None, **keywords),
+        text_signature = "($self, file, position=None, *, rotation=None, base='file', own_contacts='file', packages=(), \
+            density=1000.0, group=1, first_joint=None)"
+    )]
+    fn load(
+        &self,
+        py: Python<'_>,
+        file: PathBuf,
+        position: Option<&Bound<'_, PyAny>>,
+        keywords: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<PyLoaded> {
+        let params = params(py, position, keywords)?;
+        let path = file.to_string_lossy();
+        let loaded = self.waiting(py, |opened| opened.scene.load(&path, &params));
+        loaded.map(PyLoaded)
+    }
+
+    /// Address and fingerprint of the server, by which other processes connect; None unless serve made the scene.
+    #[getter]
+    fn address(&self, py: Python<'_>) -> PyResult<Option<String>> {
+        self.with(py, |opened| Ok(opened.scene.address()))
+    }
+
+    /// The address of the page that shows this scene to browsers of this machine, until the scene is closed.
+    ///
+    /// The server must be in this process: serve, local or LocalServer. While a browser shows a scene of local, the scene's
+    /// server is looked at between calls too, so that one that runs free moves on.
+    fn page(&self, py: Python<'_>) -> PyResult<String> {
+        self.waiting(py, |opened| opened.scene.page())
     }
 
     /// Leaves the scene. A second time does nothing.

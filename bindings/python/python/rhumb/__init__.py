@@ -9,7 +9,9 @@ Make a scene in this process, add bodies, and step it; the poses of all bodies a
             tick = scene.advance()
             print(tick, scene.positions[scene.place(ball)], scene.error_bound(ball))
 
-The scene of a server elsewhere is rhumb.connect(address, fingerprint=fingerprint).join("drop"), with the same calls.
+rhumb.view(scene) shows it in a browser. scene.load("robot.urdf") adds what a file has: URDF, MJCF or a scene in JSON; rhumb.load
+makes a scene of a file. rhumb.serve() makes a scene that other processes join, by the address that it prints. The scene of a
+server elsewhere is rhumb.connect(address, fingerprint=fingerprint).join("drop"), with the same calls.
 
 Units are kilograms, seconds, radians, and the unit of length of the scene's coordinates. Quaternions are x, y, z, w.
 """
@@ -22,6 +24,7 @@ from ._native import (
     Event,
     Hit,
     Joint,
+    Loaded,
     LocalServer,
     Query,
     Scene,
@@ -31,6 +34,7 @@ from ._native import (
     __version__,
     connect,
     local,
+    serve,
 )
 from .errors import (
     BusyError,
@@ -47,6 +51,8 @@ from .errors import (
     SceneGoneError,
     Timeout,
 )
+from .files import load
+from .page import view
 
 __all__ = [
     "BusyError",
@@ -63,6 +69,7 @@ __all__ = [
     "Hit",
     "InvalidError",
     "Joint",
+    "Loaded",
     "LocalServer",
     "NotInViewError",
     "Query",
@@ -77,5 +84,8 @@ __all__ = [
     "__version__",
     "connect",
     "errors",
+    "load",
     "local",
+    "serve",
+    "view",
 ]

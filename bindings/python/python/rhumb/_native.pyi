@@ -5,7 +5,7 @@ Every array that is returned is read-only or the caller's own, and never changes
 
 import os
 from types import TracebackType
-from typing import Literal, Mapping, Optional, Sequence, Tuple, Type, TypedDict, Union, final
+from typing import Dict, List, Literal, Mapping, Optional, Sequence, Tuple, Type, TypedDict, Union, final
 
 import numpy as np
 import numpy.typing as npt
@@ -60,6 +60,38 @@ def local(
 
     The options are those of Connection.join. The server ends with the scene. It steps within the scene's calls, so that a
     free-running scene moves on only while it is polled. LocalServer has several clients of one scene, and a thread.
+    """
+
+def serve(
+    scene: str = "main",
+    *,
+    listen: str = "127.0.0.1:0",
+    open_to_network: bool = False,
+    quiet: bool = False,
+    coordinates: Literal["rhumb", "unity", "unreal", "z-up"] = "rhumb",
+    condition: Literal["create or join", "create", "join"] = "create or join",
+    tolerance: float = 0.05,
+    stepping: Literal["lockstep", "free running"] = "lockstep",
+    ticks_per_second: int = 60,
+    substeps: int = 4,
+    publish_interval: int = 1,
+    gravity: Optional[_Vector] = None,
+    sleep: Optional[_Sleep] = None,
+    delay_ticks: float = 0.0,
+    lead_ticks: float = 0.0,
+    whole_ticks: bool = False,
+    smooth: bool = True,
+    refusals: Literal["raise", "events"] = "raise",
+    resume_within: Optional[float] = None,
+) -> Scene:
+    """A scene in this process that others join, on a server of its own: no program to start, no fingerprint to copy.
+
+    Scene.address is the one text by which other processes connect: rhumb.connect(scene.address).join("main"). It is printed
+    too, unless quiet. rhumb.view(scene) shows the scene in a browser.
+
+    listen: IP address and port of the server; port 0 is a free one. open_to_network: whether the address may be one that
+    other machines reach. There are no tokens: whoever connects may do everything. The rest is as of Connection.join. The
+    server has threads of its own and ends with the scene: every member is told then.
     """
 
 @final
@@ -324,6 +356,34 @@ class WheelInput:
     def __init__(self, steering: float = 0.0, force: float = 0.0, brake: float = 0.0) -> None: ...
 
 # <<< records
+
+@final
+class Loaded:
+    """What a file became in a scene; Scene.load makes it.
+
+    A name that the file has twice, or not at all, has a number here.
+    """
+
+    @property
+    def name(self) -> str:
+        """The file's own name of its robot or scene."""
+    @property
+    def bodies(self) -> Dict[str, int]:
+        """The id of each body by its name in the file; those that others hold come after them."""
+    @property
+    def joints(self) -> Dict[str, int]:
+        """The number of each joint by its name in the file."""
+    @property
+    def frames(self) -> Dict[str, Tuple[Tuple[float, float, float], Tuple[float, float, float, float]]]:
+        """By the name of a body: position and rotation of the file's frame of it, from its centre of mass and in its axes."""
+    @property
+    def left_out(self) -> List[str]:
+        """A sentence for each thing that the file says and the scene has not, or has by something near to it."""
+
+def file_settings(
+    file: Union[str, os.PathLike[str]], coordinates: str = "rhumb", **keywords: object
+) -> Tuple[Tuple[float, float, float], Optional[int], int]:
+    """Gravity, ticks per second (None: no whole number) and substeps that a file asks of a new scene."""
 
 @final
 class Query:
@@ -769,6 +829,40 @@ class Scene:
         None before it is known), and updates, packets and bytes of the upstream since authority was granted."""
     def delete(self) -> None:
         """Deletes the scene for all of its clients."""
+    def load(
+        self,
+        file: Union[str, os.PathLike[str]],
+        position: Optional[_Vector] = None,
+        *,
+        rotation: Optional[_Vector] = None,
+        base: Literal["file", "fixed", "free"] = "file",
+        own_contacts: Literal["file", "all"] = "file",
+        packages: Sequence[Union[str, os.PathLike[str]]] = (),
+        density: float = 1000.0,
+        group: int = 1,
+        first_joint: Optional[int] = None,
+    ) -> Loaded:
+        """Adds a robot or a scene from a file: URDF, MJCF with their meshes, or a JSON scene of Rhumb.
+
+        What the file says and a scene has not is listed in Loaded.left_out, with file and line. A file that cannot be read
+        raises InvalidError, and nothing is added. Gravity and ticks are the scene's: rhumb.load makes a scene with the file's.
+
+        position, rotation: where the file's world, or a robot's root, begins; what is up in the file is up in the scene.
+        base: whether the root of a robot moves: "fixed", "free", or as the file has it. own_contacts: whether parts of a
+        robot touch each other: "all" that no joint connects, or as other programs read the file. packages: folders that are
+        searched for package:// names, before those above the file. density: kg/m³ of bodies with shapes and no mass.
+        group: the collision group, below 32, of a robot's parts. first_joint: number of the first joint; None: the least
+        that are free.
+        """
+    @property
+    def address(self) -> Optional[str]:
+        """Address and fingerprint of the server, by which other processes connect; None unless serve made the scene."""
+    def page(self) -> str:
+        """The address of the page that shows this scene to browsers of this machine, until the scene is closed.
+
+        The server must be in this process: serve, local or LocalServer. While a browser shows a scene of local, the scene's
+        server is looked at between calls too, so that one that runs free moves on.
+        """
     def close(self) -> None:
         """Leaves the scene. A second time does nothing."""
     @property

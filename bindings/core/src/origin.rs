@@ -1,0 +1,201 @@
+//! Servers in the process of the application, and the page of their scenes.
+//!
+//! Compiled by the feature `serve`. [`ServedScenes`] has sockets, so that other processes join; a [`LocalServer`] has none,
+//! and its page has some of its own.
+
+use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr};
+use std::sync::Arc;
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+use rhumb_client::{Client, Fingerprint, LocalServer, ServerConnection, Trust};
+use rhumb_server::{Access, Identity, PageBeside, RunError, Server, Stop, ViewScene};
+
+use crate::door::Door;
+use crate::error::BindingError;
+use crate::trust::address_with;
+
+/// The machines that may reach a server.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reach {
+    /// This one.
+    ThisMachine,
+    /// All that the address reaches. There are no tokens: whoever connects may do everything.
+    Network,
+}
+
+/// A server on threads of this process, which other processes join. It ends when this is dropped.
+#[derive(Debug)]
+pub struct ServedScenes {
+    listens: SocketAddr,
+    fingerprint: Fingerprint,
+    /// The page, or the reason why there is none.
+    page: Result<String, &'static str>,
+    stop: Stop,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl ServedScenes {
+    /// Listens at an address, port 0 for a free one, and begins to serve.
+    ///
+    /// # Errors
+    ///
+    /// [`BindingError`] for an address that cannot be used, and for one that other machines reach unless that is meant.
+    pub fn start(listen: &str, reach: Reach) -> Result<Self, BindingError> {
+        let needed = "an address with a port, such as 127.0.0.1:0";
+        let listen: SocketAddr = listen
+            .parse()
+            .map_err(|_| BindingError::value("listen", format_args!("{listen:?}"), needed))?;
+        let access = match reach {
+            Reach::ThisMachine if !listen.ip().is_loopback() => {
+                let needed = "an address of this machine alone, unless it is meant to be open to the network: no token is asked for";
+                return Err(BindingError::value("listen", listen, needed));
+            }
+            Reach::ThisMachine => Access::OpenOnLoopback,
+            Reach::Network => Access::OpenToNetwork,
+        };
+        let mut server = Server::bind(listen, &Identity::Development, access)?;
+        let page = match server.show_page(SocketAddr::from((Ipv4Addr::LOCALHOST, 0)), Vec::new()) {
+            Ok(page) => Ok(format!("http://{page}/")),
+            Err(RunError::View(rhumb_server::ViewError::Unavailable(reason))) => Err(reason),
+            Err(error) => return Err(error.into()),
+        };
+        let (listens, fingerprint) = (server.address(), server.fingerprint());
+        let stop = Stop::new();
+        let thread = thread::Builder::new().name("rhumb-serve".to_owned());
+        let thread = thread.spawn({
+            let stop = stop.clone();
+            // Its end is seen by the clients, each of which has its own error.
+            move || drop(server.run(&stop))
+        });
+        Ok(Self {
+            listens,
+            fingerprint,
+            page,
+            stop,
+            thread: Some(thread.map_err(RunError::Thread)?),
+        })
+    }
+
+    /// The address with the fingerprint: the one text by which other processes connect.
+    #[must_use]
+    pub fn address(&self) -> String {
+        address_with(self.listens, self.fingerprint)
+    }
+
+    /// A connection from this process.
+    ///
+    /// # Errors
+    ///
+    /// As [`Client::connect_within`].
+    pub fn connect(&self, timeout: Duration) -> Result<ServerConnection, BindingError> {
+        let trust = Trust::Fingerprint(self.fingerprint);
+        let address = self.reached().to_string();
+        Ok(Client::connect_within(&address, trust, timeout)?)
+    }
+
+    /// The address by which this machine reaches it.
+    fn reached(&self) -> SocketAddr {
+        let mut address = self.listens;
+        match address {
+            SocketAddr::V4(_) if address.ip().is_unspecified() => {
+                address.set_ip(Ipv4Addr::LOCALHOST.into());
+            }
+            SocketAddr::V6(_) if address.ip().is_unspecified() => {
+                address.set_ip(Ipv6Addr::LOCALHOST.into());
+            }
+            _ => {}
+        }
+        address
+    }
+}
+
+impl Drop for ServedScenes {
+    fn drop(&mut self) {
+        self.stop.stop();
+        if let Some(thread) = self.thread.take() {
+            // A panic of the thread ended its clients, which have seen that.
+            let _ = thread.join();
+        }
+    }
+}
+
+/// The server of a scene, where it is in this process.
+#[derive(Clone)]
+pub enum Origin {
+    /// Without sockets.
+    Local(LocalServer),
+    /// With sockets.
+    Served(Arc<ServedScenes>),
+}
+
+/// The server of a joined scene, and the page that shows it.
+pub(crate) struct SceneOrigin {
+    origin: Origin,
+    scene: String,
+    /// Of a local server, once it was asked for.
+    page: Option<PageBeside>,
+}
+
+impl SceneOrigin {
+    pub(crate) fn new(origin: Origin, scene: &str) -> Self {
+        Self {
+            origin,
+            scene: scene.to_owned(),
+            page: None,
+        }
+    }
+
+    /// The one text by which other processes connect.
+    pub(crate) fn address(&self) -> Option<String> {
+        match &self.origin {
+            Origin::Local(_) => None,
+            Origin::Served(served) => Some(served.address()),
+        }
+    }
+
+    /// The address of the page that shows the scene; it answers until the scene is closed.
+    pub(crate) fn page(&mut self) -> Result<String, BindingError> {
+        let page = match &self.origin {
+            Origin::Served(served) => served.page.clone().map_err(BindingError::NoPage)?,
+            Origin::Local(server) => match &self.page {
+                Some(page) => page.url(),
+                None => {
+                    let shown = ViewScene {
+                        name: self.scene.clone(),
+                        player: None,
+                    };
+                    let server = server.clone();
+                    let started = PageBeside::start(vec![shown], |waker| {
+                        Door::new(move || {
+                            let waker = waker.clone();
+                            server.open(move || waker.wake())
+                        })
+                    });
+                    let started = match started {
+                        Err(RunError::View(rhumb_server::ViewError::Unavailable(reason))) => {
+                            return Err(BindingError::NoPage(reason));
+                        }
+                        started => started?,
+                    };
+                    self.page.insert(started).url()
+                }
+            },
+        };
+        Ok(format!("{page}?scene={}", escaped(&self.scene)))
+    }
+}
+
+/// A text as a value in an address.
+fn escaped(text: &str) -> String {
+    let mut escaped = String::new();
+    for byte in text.bytes() {
+        match byte {
+            b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'-' | b'.' | b'_' | b'~' | b'/' => {
+                escaped.push(char::from(byte));
+            }
+            _ => escaped += &format!("%{byte:02X}"),
+        }
+    }
+    escaped
+}

@@ -1,0 +1,155 @@
+"""Scenes of this process that others join and see: one call, one text, no other program."""
+
+import inspect
+import json
+import subprocess
+import sys
+import textwrap
+import urllib.error
+import urllib.request
+import webbrowser
+
+import numpy as np
+import pytest
+
+import rhumb
+
+
+def read(url):
+    with urllib.request.urlopen(url, timeout=30) as answer:
+        return answer.read()
+
+
+def python(program, *arguments):
+    command = [sys.executable, "-c", textwrap.dedent(program), *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60)
+
+
+@pytest.fixture
+def served():
+    with rhumb.serve("shared", quiet=True) as scene:
+        yield scene
+
+
+def test_another_process_joins_by_the_address_alone(served):
+    program = """
+        import sys, rhumb
+        with rhumb.connect(sys.argv[1]).join("shared", condition="join") as scene:
+            scene.add_body(rhumb.Shape.ball(0.5), (0, 10, 0))
+            print(scene.advance())
+    """
+    ended = python(program, served.address)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (0, "1\n", "")
+    served.advance()
+    assert len(served) == 1 and served.error_bound(served.bodies[0]) <= np.float32(0.05)
+
+
+def test_what_it_prints_is_what_another_process_runs(capsys):
+    with rhumb.serve("printed") as scene:
+        line = capsys.readouterr().out
+        call, words = line.strip().split(" ", 1)
+        assert words == "joins this scene" and scene.address in call
+        with eval(call, {"rhumb": rhumb}) as other:
+            assert other.address is None
+    with rhumb.serve(quiet=True):
+        assert capsys.readouterr().out == ""
+
+
+def test_the_options_are_those_of_join_and_wrong_ones_are_errors():
+    joined = inspect.signature(rhumb.Connection.join).parameters
+    own = inspect.signature(rhumb.serve).parameters
+    rest = [(each.name, each.kind, each.default) for each in joined.values() if each.name not in ("self", "scene")]
+    mine = ("scene", "listen", "open_to_network", "quiet")
+    assert [(each.name, each.kind, each.default) for each in own.values() if each.name not in mine] == rest
+    for listen in ("nowhere", "127.0.0.1", "0.0.0.0:0"):
+        with pytest.raises(rhumb.InvalidError, match="listen is"):
+            rhumb.serve(listen=listen)
+    with pytest.raises(rhumb.InvalidError, match="stepping"):
+        rhumb.serve(stepping="slow")
+    with pytest.raises(TypeError, match="tolerence"):
+        rhumb.serve(tolerence=0.01)
+
+
+def test_an_address_that_is_in_use_is_named(served):
+    address, fingerprint = served.address.split("#")
+    assert len(fingerprint) == 64
+    with pytest.raises(rhumb.ConnectError, match=address):
+        rhumb.serve(listen=address)
+
+
+def test_the_server_ends_with_its_scene_and_its_members_are_told():
+    scene = rhumb.serve("ends", quiet=True)
+    other = rhumb.connect(scene.address).join("ends", resume_within=0)
+    address = scene.page()
+    assert read(address)
+    scene.close()
+    with pytest.raises(rhumb.EndedError):
+        other.advance()
+    with pytest.raises(urllib.error.URLError):
+        read(address)
+    with pytest.raises(rhumb.ClosedError):
+        scene.page()
+
+
+def test_a_fingerprint_of_another_server_is_refused(served):
+    address, fingerprint = served.address.split("#")
+    with rhumb.connect(address, fingerprint=fingerprint), rhumb.connect(served.address, fingerprint=fingerprint):
+        pass
+    with pytest.raises(rhumb.ConnectError):
+        rhumb.connect(f"{address}#{'0' * 64}")
+    with pytest.raises(rhumb.InvalidError, match="differ"):
+        rhumb.connect(served.address, fingerprint="0" * 64)
+    with pytest.raises(rhumb.InvalidError, match="64 hexadecimal"):
+        rhumb.connect(f"{address}#12")
+
+
+def local():
+    return rhumb.local("shown/here")
+
+
+def served_here():
+    return rhumb.serve("shown/here", quiet=True)
+
+
+def of_a_server():
+    return rhumb.LocalServer(own_thread=True).connect().join("shown/here")
+
+
+@pytest.mark.parametrize("made", [local, served_here, of_a_server])
+def test_the_page_of_a_scene_opens_names_it_and_ends_with_it(made, monkeypatch):
+    opened = []
+    monkeypatch.setattr(webbrowser, "open", opened.append)
+    with made() as scene:
+        try:
+            address = rhumb.view(scene)
+        except rhumb.DeniedError as missing:
+            pytest.skip(str(missing))
+        assert opened == [address] and address == scene.page() == rhumb.view(scene, browser=False)
+        page, query = address.split("?")
+        assert query == "scene=shown/here" and page.startswith("http://127.0.0.1:")
+        assert b"<script" in read(address)
+        scenes = json.loads(read(page + "connect.json"))["scenes"]
+        assert scenes == [{"name": "shown/here"}]
+    with pytest.raises(urllib.error.URLError):
+        read(address)
+
+
+def test_the_page_of_a_server_elsewhere_is_not_known_here(served):
+    with rhumb.connect(served.address).join("shared") as other, pytest.raises(rhumb.DeniedError, match="--view"):
+        rhumb.view(other)
+
+
+def test_an_interpreter_that_leaves_a_served_scene_and_its_page_open_ends():
+    program = """
+        import rhumb
+        kept = [rhumb.serve(quiet=True), rhumb.local()]
+        for scene in kept:
+            scene.advance()
+            try:
+                scene.page()
+            except rhumb.DeniedError:
+                pass
+        print("left")
+    """
+    ended = python(program)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (0, "left\n", "")

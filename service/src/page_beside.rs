@@ -1,0 +1,93 @@
+//! The page of scenes that run elsewhere in this process, without a server of the network.
+//!
+//! Only this machine reaches it. Browsers connect to a socket of its own, whose endpoint carries them to the scenes.
+
+use std::net::{Ipv4Addr, SocketAddr};
+use std::thread::{self, JoinHandle};
+
+use rhumb_protocol::Endpoint;
+use rhumb_transport::{Origins, QuicServer, ServerOptions, Stop, Waker, WebOptions};
+
+use crate::announcement::page_url;
+use crate::http::HttpListener;
+use crate::metrics::Metrics;
+use crate::serve::{Identity, RunError, seconds_since_1970};
+use crate::view::{PageListener, ViewScene};
+
+/// A page of this machine that shows scenes of this process. It ends when this is dropped.
+#[derive(Debug)]
+pub struct PageBeside {
+    address: SocketAddr,
+    stop: Stop,
+    thread: Option<JoinHandle<()>>,
+    _page: HttpListener,
+}
+
+/// Any free port of this machine.
+const LISTEN: SocketAddr = SocketAddr::new(std::net::IpAddr::V4(Ipv4Addr::LOCALHOST), 0);
+
+impl PageBeside {
+    /// Shows these scenes. `endpoint` makes what carries browsers to them; it gets what wakes its thread.
+    ///
+    /// # Errors
+    ///
+    /// [`RunError`] if the system refuses sockets or threads, or this build has no page.
+    pub fn start<E: Endpoint + Send + 'static>(
+        scenes: Vec<ViewScene>,
+        endpoint: impl FnOnce(Waker) -> E,
+    ) -> Result<Self, RunError> {
+        let identity = Identity::Development;
+        let options = ServerOptions {
+            listen: LISTEN,
+            certificate: identity.certificate()?,
+            web: Some(WebOptions {
+                origins: Origins::loopback(),
+                certificate: identity.web(),
+            }),
+        };
+        let transport = QuicServer::bind(options).map_err(RunError::Bind)?;
+        let page = PageListener::bind(LISTEN, transport.local_addr()).map_err(RunError::View)?;
+        let address = page.address();
+        let hashes = transport.certificate_hashes();
+        let texts = move || hashes.current().iter().map(ToString::to_string).collect();
+        let shown = (scenes, Metrics::default());
+        let page = page.start(Box::new(texts), shown, None, seconds_since_1970);
+        let page = page.map_err(RunError::Thread)?;
+        let stop = Stop::new();
+        let mut endpoint = endpoint(transport.waker());
+        let thread = thread::Builder::new()
+            .name("rhumb-page".to_owned())
+            .spawn({
+                let stop = stop.clone();
+                move || {
+                    if let Err(cause) = transport.run(&mut endpoint, &stop) {
+                        tracing::error!(%cause, "the page's connections ended");
+                    }
+                }
+            })
+            .map_err(RunError::Thread)?;
+        Ok(Self {
+            address,
+            stop,
+            thread: Some(thread),
+            _page: page,
+        })
+    }
+
+    /// The page's address.
+    #[must_use]
+    pub fn url(&self) -> String {
+        page_url(self.address)
+    }
+}
+
+impl Drop for PageBeside {
+    fn drop(&mut self) {
+        self.stop.stop();
+        if let Some(thread) = self.thread.take()
+            && thread.join().is_err()
+        {
+            tracing::error!("the thread of the page's connections panicked");
+        }
+    }
+}
