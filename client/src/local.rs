@@ -301,7 +301,7 @@ impl LocalTraffic {
     }
 }
 
-/// Told that something may be received.
+/// Called when something may be received.
 struct Arrived(Box<dyn Fn() + Send + Sync>);
 
 /// One input of a client.

@@ -1,8 +1,8 @@
-//! The page of scenes that run elsewhere in this process, without a server of the network.
+//! The page of scenes that another part of this process runs.
 //!
 //! Only this machine reaches it. Browsers connect to a socket of its own, whose endpoint carries them to the scenes.
 
-use std::net::{Ipv4Addr, SocketAddr};
+use core::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::thread::{self, JoinHandle};
 
 use rhumb_protocol::Endpoint;
@@ -24,7 +24,7 @@ pub struct PageBeside {
 }
 
 /// Any free port of this machine.
-const LISTEN: SocketAddr = SocketAddr::new(std::net::IpAddr::V4(Ipv4Addr::LOCALHOST), 0);
+const LISTEN: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 0);
 
 impl PageBeside {
     /// Shows these scenes. `endpoint` makes what carries browsers to them; it gets what wakes its thread.

@@ -12,7 +12,7 @@ use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit, Wake, Wake
 
 /// Control bytes that a link may have still to take.
 const WINDOW_BYTES: usize = 256 << 10;
-/// Time between two looks at a server that nobody else steps: a page of a scene that its program does not touch moves on.
+/// Time between two looks at a server that steps within calls: a page moves on while the program makes none.
 const LOOK: Span = Span::from_millis(5);
 
 /// Carries connections of the network to a server in this process.
@@ -120,7 +120,7 @@ impl Endpoint for Door {
 
 #[cfg(test)]
 mod tests {
-    use std::net::SocketAddr;
+    use core::net::SocketAddr;
     use std::thread;
 
     use rhumb_client::scene::{BodyDesc, Shape};
@@ -150,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn a_slow_reader_is_given_a_window_and_holds_up_nobody_else() {
+    fn a_slow_reader_is_given_a_window_and_does_not_hold_up_others() {
         let mut door = Door::new(|| Box::new(Endless));
         let (slow, other) = (Peer(1), Peer(2));
         let drain = |door: &mut Door, peer: Peer| {

@@ -23,7 +23,7 @@ mod join_params;
 mod joint_params;
 mod known_bodies;
 #[cfg(feature = "serve")]
-mod origin;
+mod own_server;
 mod refusal_record;
 mod remote_scene;
 mod scene_follower;
@@ -41,7 +41,7 @@ pub use generated::EventKind;
 pub use join_params::{JoinCondition, JoinParams};
 pub use joint_params::{JointFreedom, JointParams};
 #[cfg(feature = "serve")]
-pub use origin::{Origin, Reach, ServedScenes};
+pub use own_server::{OwnServer, Reach, ServedScenes};
 pub use refusal_record::RefusalRecord;
 pub use remote_scene::{HitRecord, RemoteScene, StateRecord};
 pub use rhumb_client;

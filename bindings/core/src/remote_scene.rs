@@ -25,7 +25,7 @@ use crate::files::{self, LoadParams, LoadedFile, NamedBody, NamedJoint};
 use crate::join_params::{JoinParams, tolerance};
 use crate::known_bodies::KnownBodies;
 #[cfg(feature = "serve")]
-use crate::origin::{Origin, SceneOrigin};
+use crate::own_server::{OwnServer, SceneServer};
 use crate::refusal_record::RefusalRecord;
 
 /// Limit of unread events, the client's own. Beyond it, the oldest are dropped.
@@ -98,7 +98,7 @@ pub struct RemoteScene {
     joints: std::collections::BTreeSet<rhumb_client::scene::JointId>,
     /// Goes after the client.
     #[cfg(feature = "serve")]
-    origin: Option<SceneOrigin>,
+    origin: Option<SceneServer>,
 }
 
 impl RemoteScene {
@@ -133,8 +133,8 @@ impl RemoteScene {
     /// Keeps the scene's server, which is in this process: it ends no earlier than this client.
     #[cfg(feature = "serve")]
     #[must_use]
-    pub fn of(mut self, origin: Origin, scene: &str) -> Self {
-        self.origin = Some(SceneOrigin::new(origin, scene));
+    pub fn of(mut self, origin: OwnServer, scene: &str) -> Self {
+        self.origin = Some(SceneServer::new(origin, scene));
         self
     }
 
@@ -142,7 +142,7 @@ impl RemoteScene {
     #[cfg(feature = "serve")]
     #[must_use]
     pub fn address(&self) -> Option<String> {
-        self.origin.as_ref().and_then(SceneOrigin::address)
+        self.origin.as_ref().and_then(SceneServer::address)
     }
 
     /// The address of the page that shows the scene to browsers of this machine, until the scene is closed.

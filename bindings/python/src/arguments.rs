@@ -7,10 +7,18 @@ use pyo3::prelude::*;
 use rhumb_bindings::rhumb_client::BodyId;
 use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
 use rhumb_bindings::rhumb_client::scene::{Sleep, SleepThresholds};
-use rhumb_bindings::{BindingError, parse_body_word};
+use rhumb_bindings::{BindingError, Coordinates, parse_body_word};
 
 use crate::errors::{exception, wrong, wrong_value};
 use crate::number::{REAL, within, written};
+
+/// Words for the coordinates of a scene.
+pub(crate) const COORDINATES: [(&str, Coordinates); 4] = [
+    ("rhumb", Coordinates::Rhumb),
+    ("unity", Coordinates::Unity),
+    ("unreal", Coordinates::Unreal),
+    ("z-up", Coordinates::ZUp),
+];
 
 /// Numbers of an argument, with the shape of their array. The shape of one number alone is empty.
 struct Numbers<T> {

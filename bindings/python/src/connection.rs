@@ -6,21 +6,12 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use pyo3::prelude::*;
 use rhumb_bindings::rhumb_client::scene::Stepping;
 use rhumb_bindings::rhumb_client::{Client, Refusals, ServerConnection};
-use rhumb_bindings::{
-    BindingError, Coordinates, JoinCondition, JoinParams, Origin, RemoteScene, server_of,
-};
+use rhumb_bindings::{BindingError, JoinCondition, JoinParams, OwnServer, RemoteScene, server_of};
 
-use crate::arguments::{one_of, seconds, sleep as sleep_rule, vector};
+use crate::arguments::{COORDINATES, one_of, seconds, sleep as sleep_rule, vector};
 use crate::errors::exception;
 use crate::number;
 use crate::scene::PyScene;
-
-pub(crate) const COORDINATES: [(&str, Coordinates); 4] = [
-    ("rhumb", Coordinates::Rhumb),
-    ("unity", Coordinates::Unity),
-    ("unreal", Coordinates::Unreal),
-    ("z-up", Coordinates::ZUp),
-];
 
 const CONDITIONS: [(&str, JoinCondition); 3] = [
     ("create or join", JoinCondition::CreateOrJoin),
@@ -45,7 +36,7 @@ pub(crate) struct PyConnection {
     /// `None` once it has joined or is closed.
     connection: Mutex<Option<ServerConnection>>,
     /// `None` for a server in another process.
-    origin: Option<Origin>,
+    origin: Option<OwnServer>,
 }
 
 /// Connects to the server at host:port.
@@ -188,7 +179,7 @@ impl PyConnection {
     pub(crate) const fn new(
         server: String,
         opened: ServerConnection,
-        origin: Option<Origin>,
+        origin: Option<OwnServer>,
     ) -> Self {
         Self {
             server,

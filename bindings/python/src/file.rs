@@ -7,8 +7,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rhumb_bindings::{Base, FileSettings, LoadParams, LoadedFile, OwnContacts, body_word};
 
-use crate::arguments::{one_of, rotation, vector};
-use crate::connection::COORDINATES;
+use crate::arguments::{COORDINATES, one_of, rotation, vector};
 use crate::errors::exception;
 use crate::number::{real, within};
 

@@ -6,7 +6,7 @@ use std::time::Duration;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rhumb_bindings::rhumb_client::LocalServer;
-use rhumb_bindings::{Origin, Reach, ServedScenes};
+use rhumb_bindings::{OwnServer, Reach, ServedScenes};
 
 use crate::arguments::seconds;
 use crate::connection::PyConnection;
@@ -47,7 +47,7 @@ impl PyLocalServer {
         // Another client's call may be inside the server.
         let opened = py.detach(|| self.server.connect());
         let opened = opened.timeout(timeout);
-        let origin = Origin::Local(self.server.clone());
+        let origin = OwnServer::Local(self.server.clone());
         Ok(PyConnection::new(
             "this process".to_owned(),
             opened,
@@ -86,7 +86,7 @@ pub(crate) fn local<'py>(
 ) -> PyResult<Bound<'py, PyAny>> {
     let server = LocalServer::new();
     let opened = server.connect();
-    let origin = Some(Origin::Local(server));
+    let origin = Some(OwnServer::Local(server));
     let connection = PyConnection::new("this process".to_owned(), opened, origin);
     Bound::new(py, connection)?.call_method("join", (scene,), options)
 }
@@ -100,8 +100,8 @@ const TIMEOUT: Duration = Duration::from_secs(5);
 /// too, unless quiet. rhumb.view(scene) shows the scene in a browser.
 ///
 /// listen: IP address and port of the server; port 0 is a free one. open_to_network: whether the address may be one that
-/// other machines reach. There are no tokens: whoever connects may do everything. The rest is as of Connection.join. The
-/// server has threads of its own and ends with the scene: every member is told then.
+/// other machines reach. There are no tokens: each client may do everything. The rest is as of Connection.join. The
+/// server has threads of its own and ends with the scene, for every member.
 #[pyfunction]
 #[pyo3(
     signature = (scene = "main", *, listen = "127.0.0.1:0", open_to_network = false, quiet = false, **options),
@@ -129,7 +129,7 @@ pub(crate) fn serve<'py>(
     });
     let (served, opened) = started.map_err(|error| exception(py, &error))?;
     let address = served.address();
-    let origin = Some(Origin::Served(Arc::new(served)));
+    let origin = Some(OwnServer::Served(Arc::new(served)));
     let connection = PyConnection::new(format!("{address:?}"), opened, origin);
     let joined = Bound::new(py, connection)?.call_method("join", (scene,), options)?;
     if !quiet {

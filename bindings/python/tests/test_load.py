@@ -1,4 +1,4 @@
-"""Robots and scenes from files: names of bodies and joints, and what the file says that a scene has not."""
+"""Robots and scenes from files: names, places, and what is left out."""
 
 import json
 import pathlib
@@ -90,7 +90,7 @@ def test_a_robot_is_placed_turned_and_loaded_twice_with_numbers_of_its_own(arm):
         assert len(scene) == 9 and not set(one.bodies.values()) & set(other.bodies.values())
 
 
-def test_the_base_moves_as_it_is_told(arm):
+def test_the_base_moves_or_stays_as_the_caller_says(arm):
     for base, falls in (("fixed", False), ("free", True)):
         with rhumb.local(coordinates="z-up") as scene:
             robot = scene.load(arm, (0, 0, 5), base=base)

@@ -1,4 +1,4 @@
-"""Scenes of this process that others join and see: one call, one text, no other program."""
+"""Scenes of this process that other processes join and browsers show."""
 
 import inspect
 import json
@@ -77,7 +77,7 @@ def test_an_address_that_is_in_use_is_named(served):
         rhumb.serve(listen=address)
 
 
-def test_the_server_ends_with_its_scene_and_its_members_are_told():
+def test_the_server_ends_with_its_scene_and_so_do_its_members():
     scene = rhumb.serve("ends", quiet=True)
     other = rhumb.connect(scene.address).join("ends", resume_within=0)
     address = scene.page()

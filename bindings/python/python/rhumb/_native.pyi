@@ -90,8 +90,8 @@ def serve(
     too, unless quiet. rhumb.view(scene) shows the scene in a browser.
 
     listen: IP address and port of the server; port 0 is a free one. open_to_network: whether the address may be one that
-    other machines reach. There are no tokens: whoever connects may do everything. The rest is as of Connection.join. The
-    server has threads of its own and ends with the scene: every member is told then.
+    other machines reach. There are no tokens: each client may do everything. The rest is as of Connection.join. The
+    server has threads of its own and ends with the scene, for every member.
     """
 
 @final

@@ -3,7 +3,7 @@
 //! Compiled by the feature `serve`. [`ServedScenes`] has sockets, so that other processes join; a [`LocalServer`] has none,
 //! and its page has some of its own.
 
-use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr};
+use core::net::{Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::sync::Arc;
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
@@ -20,7 +20,7 @@ use crate::trust::address_with;
 pub enum Reach {
     /// This one.
     ThisMachine,
-    /// All that the address reaches. There are no tokens: whoever connects may do everything.
+    /// All that the address reaches. There are no tokens: each client may do everything.
     Network,
 }
 
@@ -122,7 +122,7 @@ impl Drop for ServedScenes {
 
 /// The server of a scene, where it is in this process.
 #[derive(Clone)]
-pub enum Origin {
+pub enum OwnServer {
     /// Without sockets.
     Local(LocalServer),
     /// With sockets.
@@ -130,15 +130,15 @@ pub enum Origin {
 }
 
 /// The server of a joined scene, and the page that shows it.
-pub(crate) struct SceneOrigin {
-    origin: Origin,
+pub(crate) struct SceneServer {
+    origin: OwnServer,
     scene: String,
     /// Of a local server, once it was asked for.
     page: Option<PageBeside>,
 }
 
-impl SceneOrigin {
-    pub(crate) fn new(origin: Origin, scene: &str) -> Self {
+impl SceneServer {
+    pub(crate) fn new(origin: OwnServer, scene: &str) -> Self {
         Self {
             origin,
             scene: scene.to_owned(),
@@ -149,16 +149,16 @@ impl SceneOrigin {
     /// The one text by which other processes connect.
     pub(crate) fn address(&self) -> Option<String> {
         match &self.origin {
-            Origin::Local(_) => None,
-            Origin::Served(served) => Some(served.address()),
+            OwnServer::Local(_) => None,
+            OwnServer::Served(served) => Some(served.address()),
         }
     }
 
     /// The address of the page that shows the scene; it answers until the scene is closed.
     pub(crate) fn page(&mut self) -> Result<String, BindingError> {
         let page = match &self.origin {
-            Origin::Served(served) => served.page.clone().map_err(BindingError::NoPage)?,
-            Origin::Local(server) => match &self.page {
+            OwnServer::Served(served) => served.page.clone().map_err(BindingError::NoPage)?,
+            OwnServer::Local(server) => match &self.page {
                 Some(page) => page.url(),
                 None => {
                     let shown = ViewScene {
