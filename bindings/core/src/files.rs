@@ -160,7 +160,7 @@ pub(crate) fn numbers(
     taken: &BTreeSet<JointId>,
 ) -> Result<Vec<JointId>, BindingError> {
     let free = |id: &JointId| first.is_some() || !taken.contains(id);
-    let all = (first.unwrap_or(0)..).map(JointId).filter(free);
+    let all = (first.unwrap_or(0)..=u32::MAX).map(JointId).filter(free);
     let numbers: Vec<_> = all.take(count).collect();
     let is_number = |id: &JointId| Command::RemoveJoint { id: *id }.check_ids().is_ok();
     match numbers.len() == count && numbers.iter().all(is_number) {

@@ -29,7 +29,7 @@ def test_the_stubs_name_every_class_and_method():
         own |= {member for member in ("__len__", "__contains__", "__enter__", "__exit__") if member in vars(value)}
         assert classes[name] == own, name
     functions = {node.name for node in stubs().body if isinstance(node, ast.FunctionDef)}
-    assert functions == {"connect", "local"}
+    assert functions == {"connect", "file_settings", "local", "serve"}
 
 
 def test_the_stubs_have_the_parameters_of_every_method():
