@@ -73,10 +73,10 @@ pub use access::{KeyError, TokenKeys};
 pub use app_host::AppScenes;
 pub use dispatcher::{Dispatcher, DispatcherSettings};
 pub use durable::{Damage, DataDir, DataError};
-#[cfg(feature = "app")]
-pub use rhumb_app;
 #[cfg(feature = "view")]
 pub use page_beside::PageBeside;
+#[cfg(feature = "app")]
+pub use rhumb_app;
 pub use rhumb_scene::{
     Activity, BakeJob, Bakers, BodyDesc, BodyId, BodyKind, BodyState, Command, CommandError,
     Digest, Hook, HookError, Hooks, IdRange, Inertia, Instant, Invalid, InvalidLimit, Joints,
