@@ -53,7 +53,9 @@ impl Model {
         Self::ALL.into_iter().find(|model| *model as u8 == number)
     }
 
-    const fn turns(self) -> bool {
+    /// True if it predicts a turn.
+    #[must_use]
+    pub const fn turns(self) -> bool {
         matches!(self as u8, 3 | 4 | 7 | 8)
     }
 
@@ -61,7 +63,9 @@ impl Model {
         matches!(self as u8, 4 | 5 | 8 | 9)
     }
 
-    const fn is_along_body(self) -> bool {
+    /// True if its velocity is along the entity's axes.
+    #[must_use]
+    pub const fn is_along_body(self) -> bool {
         self as u8 >= 6
     }
 }

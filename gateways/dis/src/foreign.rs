@@ -10,10 +10,8 @@ use std::collections::{BTreeMap, VecDeque};
 use glam::{DQuat, DVec3};
 
 use crate::geodesy::{SceneAxes, TangentFrame};
-use crate::pdu::{
-    Body, Bundle, DEACTIVATED, EntityId, EntityState, EntityType, Kinematics, Malformed, Marking,
-    Pdu,
-};
+use crate::entity::{DEACTIVATED, EntityId, EntityState, EntityType, Kinematics, Marking};
+use crate::pdu::{Body, Bundle, Malformed, Pdu};
 use crate::published::predicted;
 use crate::timestamp::{TimeBase, Timestamp};
 
@@ -84,6 +82,12 @@ pub struct ForeignPose {
     pub position: DVec3,
     /// Unit quaternion, body → scene.
     pub rotation: DQuat,
+    /// Metres per second, scene frame.
+    pub velocity: DVec3,
+    /// Radians per second about the scene's axes.
+    pub spin: DVec3,
+    /// What it is.
+    pub entity_type: EntityType,
 }
 
 /// Counts since the start.
@@ -194,11 +198,14 @@ impl ForeignEntities {
         let to_body = self.config.axes.entity_in_body().conjugate();
         self.entities.iter().map(move |(id, entity)| {
             let age = now.as_secs_f64() - entity.at.as_secs_f64();
-            let (location, orientation) = predicted(&entity.state, age);
+            let predicted = predicted(&entity.state, age);
             ForeignPose {
                 id: *id,
-                position: frame.point_to_scene(location),
-                rotation: (to_scene * orientation * to_body).normalize(),
+                position: frame.point_to_scene(predicted.location),
+                rotation: (to_scene * predicted.orientation * to_body).normalize(),
+                velocity: frame.vector_to_scene(predicted.velocity),
+                spin: frame.vector_to_scene(predicted.spin),
+                entity_type: entity.state.entity_type,
             }
         })
     }
@@ -331,7 +338,8 @@ fn is_finite(state: &EntityState<'_>) -> bool {
 mod tests {
     use super::*;
     use crate::geodesy::Geodetic;
-    use crate::pdu::{Header, RemoveEntity};
+    use crate::entity::RemoveEntity;
+    use crate::pdu::Header;
     use crate::published::{Kind, Observed, Publisher, PublisherConfig};
 
     fn frame() -> TangentFrame {
@@ -410,6 +418,8 @@ mod tests {
         let pose = foreign.poses(now).next().expect("it is there");
         let there = body().position + body().velocity * 2.0;
         assert!((pose.position - there).length() < 1e-5, "{}", pose.position);
+        assert!((pose.velocity - body().velocity).length() < 1e-6);
+        assert!((pose.spin - body().spin).length() < 1e-6);
         let turn = DQuat::from_rotation_y(1.0);
         assert!(
             pose.rotation.dot(turn).abs() > 1.0 - 1e-12,

@@ -1,13 +1,14 @@
 //! PDUs of DIS, read and written.
 //!
-//! Entity State, Entity State Update and Remove Entity are understood. Other PDUs, and versions other than 5 to 7, pass as bytes. So do variable parameters, and whatever bits a field may
-//! hold: what is read is written again bit for bit. Reading allocates nothing and never panics. A PDU whose length is not
-//! that of its contents is refused, and so is one that is cut.
+//! Entity State, Entity State Update and Remove Entity are understood. Other PDUs, and versions other than 5 to 7, pass as
+//! bytes. So do variable parameters, and whatever bits a field may hold: what is read is written again bit for bit. Reading
+//! allocates nothing and never panics. A PDU whose length is not that of its contents is refused, and so is one that is
+//! cut.
 
 use core::fmt;
 
-use glam::DVec3;
-
+use crate::entity::{EntityState, EntityStateUpdate, PARAMETER_BYTES, RemoveEntity};
+use crate::fields::{Fields, Writer};
 use crate::timestamp::Timestamp;
 
 /// Bytes of the header of every PDU.
@@ -18,8 +19,6 @@ pub const ENTITY_STATE_BYTES: usize = 144;
 pub const UPDATE_BYTES: usize = 72;
 /// Bytes of a Remove Entity PDU.
 pub const REMOVE_BYTES: usize = 28;
-/// Bytes of a variable parameter: an articulated or attached part, or one that the standard added later.
-pub const PARAMETER_BYTES: usize = 16;
 /// Most variable parameters of a PDU: their count is one byte.
 pub const PARAMETERS_MAX: usize = 255;
 
@@ -198,142 +197,6 @@ impl Header {
     }
 }
 
-/// Name of an entity within an exercise.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct EntityId {
-    /// Of the place that simulates it.
-    pub site: u16,
-    /// Of the program there.
-    pub application: u16,
-    /// Of the entity there; 1 to 65,533 for single entities.
-    pub entity: u16,
-}
-
-/// What an entity is, by the enumerations of SISO-REF-010.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub struct EntityType {
-    /// 1 platform, 2 munition, 3 life form, 5 cultural feature.
-    pub kind: u8,
-    /// 1 land, 2 air, 3 surface, 4 subsurface, 5 space.
-    pub domain: u8,
-    /// Of its maker.
-    pub country: u16,
-    /// Within kind and domain.
-    pub category: u8,
-    /// Within the category.
-    pub subcategory: u8,
-    /// Within the subcategory.
-    pub specific: u8,
-    /// Anything further.
-    pub extra: u8,
-}
-
-/// The name that a tool shows beside an entity.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub struct Marking {
-    /// 1: ASCII.
-    pub character_set: u8,
-    /// Padded with zeros.
-    pub text: [u8; 11],
-}
-
-impl Marking {
-    /// The first eleven characters of ASCII text; others become `?`.
-    #[must_use]
-    pub fn ascii(text: &str) -> Self {
-        let mut marking = Self {
-            character_set: 1,
-            text: [0; 11],
-        };
-        for (to, from) in marking.text.iter_mut().zip(text.chars()) {
-            *to = if from.is_ascii_graphic() || from == ' ' {
-                from as u8
-            } else {
-                b'?'
-            };
-        }
-        marking
-    }
-}
-
-/// How receivers predict an entity.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct DeadReckoning {
-    /// Its number; [`crate::dead_reckoning::Model::of`] knows 1 to 9.
-    pub model: u8,
-    /// Fifteen bytes whose use the model says; zero from most senders.
-    pub other: [u8; 15],
-    /// Metres per second squared; geocentric axes in models 1 to 5, the entity's in 6 to 9.
-    pub acceleration: [f32; 3],
-    /// Radians per second about the entity's axes.
-    pub spin: [f32; 3],
-}
-
-/// Where an entity is and how it moves, as both state PDUs have it.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Kinematics {
-    /// Metres per second; geocentric axes in models 1 to 5, the entity's in 6 to 9.
-    pub velocity: [f32; 3],
-    /// Geocentric, metres.
-    pub location: DVec3,
-    /// Psi, theta, phi, radians.
-    pub orientation: [f32; 3],
-    /// Bits whose meaning depends on the type of the entity.
-    pub appearance: u32,
-}
-
-/// Bit of the appearance: the entity stands still, and is not predicted.
-pub const FROZEN: u32 = 1 << 21;
-/// Bit of the appearance: the entity has left the exercise.
-pub const DEACTIVATED: u32 = 1 << 23;
-
-/// The whole state of an entity.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct EntityState<'a> {
-    /// Its name.
-    pub id: EntityId,
-    /// 0 other, 1 friendly, 2 opposing, 3 neutral.
-    pub force: u8,
-    /// What it is.
-    pub entity_type: EntityType,
-    /// What the other side takes it for.
-    pub alternative_type: EntityType,
-    /// Where it is and how it moves.
-    pub kinematics: Kinematics,
-    /// How receivers predict it.
-    pub dead_reckoning: DeadReckoning,
-    /// Its name for people.
-    pub marking: Marking,
-    /// What it can do for others.
-    pub capabilities: u32,
-    /// Articulated parts and the like, as bytes.
-    pub parameters: &'a [[u8; PARAMETER_BYTES]],
-}
-
-/// What has changed of an entity whose state is known.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct EntityStateUpdate<'a> {
-    /// Its name.
-    pub id: EntityId,
-    /// Zero from most senders.
-    pub padding: u8,
-    /// Where it is and how it moves.
-    pub kinematics: Kinematics,
-    /// Articulated parts and the like, as bytes.
-    pub parameters: &'a [[u8; PARAMETER_BYTES]],
-}
-
-/// A request that an entity leaves the exercise.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct RemoveEntity {
-    /// Who asks.
-    pub originating: EntityId,
-    /// Who leaves.
-    pub receiving: EntityId,
-    /// Number for the acknowledgement.
-    pub request: u32,
-}
-
 /// What follows a header.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Body<'a> {
@@ -388,9 +251,7 @@ impl<'a> Pdu<'a> {
     /// Reads the PDU at the start of `bytes`, which stand at `offset` in their datagram; returns its bytes too.
     fn decode_first(bytes: &'a [u8], offset: usize) -> Result<(usize, Self), Malformed> {
         let length = frame_length(bytes, offset)?;
-        let mut fields = Fields {
-            rest: &bytes[..usize::from(length)],
-        };
+        let mut fields = Fields::new(&bytes[..usize::from(length)]);
         let [version, exercise, number, family] = fields.bytes();
         let timestamp = Timestamp(fields.u32());
         let [_, _, status, padding] = fields.bytes();
@@ -418,7 +279,7 @@ impl<'a> Pdu<'a> {
             }),
             _ => Body::Other {
                 pdu_type,
-                bytes: fields.rest,
+                bytes: fields.rest(),
             },
         };
         Ok((usize::from(length), Self { header, body }))
@@ -459,7 +320,7 @@ impl<'a> Pdu<'a> {
         let to = to
             .get_mut(..needed)
             .ok_or(Unwritable::NoRoom { needed, room })?;
-        let mut writer = Writer { to, at: 0 };
+        let mut writer = Writer::new(to);
         let Header {
             version,
             exercise,
@@ -482,7 +343,7 @@ impl<'a> Pdu<'a> {
             }
             Body::Other { bytes, .. } => writer.put(bytes),
         }
-        debug_assert_eq!(writer.at, needed, "a pdu has the length that it says");
+        debug_assert_eq!(writer.written(), needed, "a pdu has the length that it says");
         Ok(needed)
     }
 }
@@ -601,186 +462,13 @@ impl<'a> Iterator for Bundle<'a> {
     }
 }
 
-/// Reads fields one after the other from bytes whose number has been checked.
-struct Fields<'a> {
-    rest: &'a [u8],
-}
-
-impl<'a> Fields<'a> {
-    fn bytes<const N: usize>(&mut self) -> [u8; N] {
-        let (first, rest) = self
-            .rest
-            .split_first_chunk()
-            .expect("the length was checked");
-        self.rest = rest;
-        *first
-    }
-
-    fn u8(&mut self) -> u8 {
-        let [byte] = self.bytes();
-        byte
-    }
-
-    fn u16(&mut self) -> u16 {
-        u16::from_be_bytes(self.bytes())
-    }
-
-    fn u32(&mut self) -> u32 {
-        u32::from_be_bytes(self.bytes())
-    }
-
-    fn floats(&mut self) -> [f32; 3] {
-        [(); 3].map(|()| f32::from_be_bytes(self.bytes()))
-    }
-
-    fn location(&mut self) -> DVec3 {
-        DVec3::from([(); 3].map(|()| f64::from_be_bytes(self.bytes())))
-    }
-
-    fn entity_id(&mut self) -> EntityId {
-        EntityId {
-            site: self.u16(),
-            application: self.u16(),
-            entity: self.u16(),
-        }
-    }
-
-    fn entity_type(&mut self) -> EntityType {
-        EntityType {
-            kind: self.u8(),
-            domain: self.u8(),
-            country: self.u16(),
-            category: self.u8(),
-            subcategory: self.u8(),
-            specific: self.u8(),
-            extra: self.u8(),
-        }
-    }
-
-    fn kinematics(&mut self) -> Kinematics {
-        Kinematics {
-            velocity: self.floats(),
-            location: self.location(),
-            orientation: self.floats(),
-            appearance: self.u32(),
-        }
-    }
-
-    fn parameters(&self) -> &'a [[u8; PARAMETER_BYTES]] {
-        self.rest.as_chunks().0
-    }
-
-    fn entity_state(&mut self) -> EntityState<'a> {
-        let id = self.entity_id();
-        let [force, _] = self.bytes();
-        EntityState {
-            id,
-            force,
-            entity_type: self.entity_type(),
-            alternative_type: self.entity_type(),
-            kinematics: self.kinematics(),
-            dead_reckoning: DeadReckoning {
-                model: self.u8(),
-                other: self.bytes(),
-                acceleration: self.floats(),
-                spin: self.floats(),
-            },
-            marking: Marking {
-                character_set: self.u8(),
-                text: self.bytes(),
-            },
-            capabilities: self.u32(),
-            parameters: self.parameters(),
-        }
-    }
-
-    fn update(&mut self) -> EntityStateUpdate<'a> {
-        let id = self.entity_id();
-        let [padding, _] = self.bytes();
-        let kinematics = self.kinematics();
-        EntityStateUpdate {
-            id,
-            padding,
-            kinematics,
-            parameters: self.parameters(),
-        }
-    }
-}
-
-/// Writes fields one after the other into room whose size has been checked.
-struct Writer<'a> {
-    to: &'a mut [u8],
-    at: usize,
-}
-
-impl Writer<'_> {
-    fn put(&mut self, bytes: &[u8]) {
-        self.to[self.at..self.at + bytes.len()].copy_from_slice(bytes);
-        self.at += bytes.len();
-    }
-
-    fn floats(&mut self, floats: [f32; 3]) {
-        floats
-            .iter()
-            .for_each(|float| self.put(&float.to_be_bytes()));
-    }
-
-    fn entity_id(&mut self, id: EntityId) {
-        for number in [id.site, id.application, id.entity] {
-            self.put(&number.to_be_bytes());
-        }
-    }
-
-    fn entity_type(&mut self, is: EntityType) {
-        self.put(&[is.kind, is.domain]);
-        self.put(&is.country.to_be_bytes());
-        self.put(&[is.category, is.subcategory, is.specific, is.extra]);
-    }
-
-    fn kinematics(&mut self, kinematics: &Kinematics) {
-        self.floats(kinematics.velocity);
-        for coordinate in kinematics.location.to_array() {
-            self.put(&coordinate.to_be_bytes());
-        }
-        self.floats(kinematics.orientation);
-        self.put(&kinematics.appearance.to_be_bytes());
-    }
-
-    fn entity_state(&mut self, state: &EntityState<'_>) {
-        self.entity_id(state.id);
-        self.put(&[state.force, state.parameters.len() as u8]);
-        self.entity_type(state.entity_type);
-        self.entity_type(state.alternative_type);
-        self.kinematics(&state.kinematics);
-        let DeadReckoning {
-            model,
-            other,
-            acceleration,
-            spin,
-        } = state.dead_reckoning;
-        self.put(&[model]);
-        self.put(&other);
-        self.floats(acceleration);
-        self.floats(spin);
-        self.put(&[state.marking.character_set]);
-        self.put(&state.marking.text);
-        self.put(&state.capabilities.to_be_bytes());
-        self.put(state.parameters.as_flattened());
-    }
-
-    fn update(&mut self, update: &EntityStateUpdate<'_>) {
-        self.entity_id(update.id);
-        self.put(&[update.padding, update.parameters.len() as u8]);
-        self.kinematics(&update.kinematics);
-        self.put(update.parameters.as_flattened());
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use glam::DVec3;
     use proptest::prelude::*;
 
     use super::*;
+    use crate::entity::{DeadReckoning, EntityId, EntityType, FROZEN, Kinematics, Marking};
 
     /// Bytes of a PDU that is well formed, with anything in its fields.
     fn sound() -> impl Strategy<Value = Vec<u8>> {

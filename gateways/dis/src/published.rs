@@ -10,11 +10,11 @@ use std::collections::{BTreeMap, VecDeque};
 use glam::{DQuat, DVec3};
 
 use crate::dead_reckoning::{Euler, Model, Motion, reckon};
-use crate::geodesy::{SceneAxes, TangentFrame};
-use crate::pdu::{
-    Body, DEACTIVATED, DeadReckoning, ENTITY_STATE_BYTES, EntityId, EntityState, EntityType,
-    Header, Kinematics, Marking, Pdu,
+use crate::entity::{
+    DEACTIVATED, DeadReckoning, EntityId, EntityState, EntityType, FROZEN, Kinematics, Marking,
 };
+use crate::geodesy::{SceneAxes, TangentFrame};
+use crate::pdu::{Body, ENTITY_STATE_BYTES, Header, Pdu};
 use crate::timestamp::{TimeBase, Timestamp};
 
 /// What bodies of one kind are in DIS, and when their states are sent.
@@ -230,10 +230,10 @@ impl Publisher {
             return Some(f64::INFINITY);
         };
         let age = now.saturating_sub(sent.at);
-        let (location, orientation) = predicted(&sent.state, age.as_secs_f64());
+        let receivers = predicted(&sent.state, age.as_secs_f64());
         let (true_location, true_orientation) = self.placed(body);
-        let metres = (location - true_location).length() / body.kind.metres;
-        let cosine = orientation.dot(true_orientation).abs().min(1.0);
+        let metres = (receivers.location - true_location).length() / body.kind.metres;
+        let cosine = receivers.orientation.dot(true_orientation).abs().min(1.0);
         let radians = 2.0 * cosine.acos() / body.kind.radians;
         let error = metres.max(radians);
         let rests = body.velocity == DVec3::ZERO && body.spin == DVec3::ZERO;
@@ -338,9 +338,22 @@ fn model_of(body: &Observed) -> Model {
     }
 }
 
-/// Location and orientation that a receiver predicts from a state, `seconds` after it.
+/// What a receiver predicts from a state.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Predicted {
+    /// Geocentric, metres.
+    pub location: DVec3,
+    /// Unit quaternion, entity → geocentric.
+    pub orientation: DQuat,
+    /// Geocentric axes, metres per second.
+    pub velocity: DVec3,
+    /// Geocentric axes, radians per second.
+    pub spin: DVec3,
+}
+
+/// What a receiver predicts from a state, `seconds` after it.
 #[must_use]
-pub fn predicted(state: &EntityState<'_>, seconds: f64) -> (DVec3, DQuat) {
+pub fn predicted(state: &EntityState<'_>, seconds: f64) -> Predicted {
     let wide = |three: [f32; 3]| DVec3::from(three.map(f64::from));
     let kinematics = &state.kinematics;
     let [psi, theta, phi] = kinematics.orientation.map(f64::from);
@@ -350,13 +363,27 @@ pub fn predicted(state: &EntityState<'_>, seconds: f64) -> (DVec3, DQuat) {
         orientation: Euler { psi, theta, phi }.to_quaternion(),
         spin: wide(state.dead_reckoning.spin),
     };
-    let frozen = kinematics.appearance & crate::pdu::FROZEN != 0;
+    let frozen = kinematics.appearance & FROZEN != 0;
     let model = Model::of(state.dead_reckoning.model).filter(|_| !frozen);
-    let reckoned = reckon(model.unwrap_or(Model::Static), &motion, seconds);
-    (
-        kinematics.location + reckoned.displacement,
-        reckoned.orientation,
-    )
+    let model = model.unwrap_or(Model::Static);
+    let reckoned = reckon(model, &motion, seconds);
+    let orientation = reckoned.orientation;
+    let velocity = match model {
+        Model::Static => DVec3::ZERO,
+        _ if model.is_along_body() => orientation * reckoned.velocity,
+        _ => reckoned.velocity,
+    };
+    let spin = if model.turns() {
+        orientation * motion.spin
+    } else {
+        DVec3::ZERO
+    };
+    Predicted {
+        location: kinematics.location + reckoned.displacement,
+        orientation,
+        velocity,
+        spin,
+    }
 }
 
 /// Numbers of entities, each used by one body at a time; the one that was free longest comes first.
@@ -476,7 +503,7 @@ mod tests {
                 count += 1;
             }
             let (state, at) = known.as_ref().expect("the first state is sent at once");
-            let (location, orientation) = predicted(state, t - at);
+            let Predicted { location, orientation, .. } = predicted(state, t - at);
             let (true_location, true_orientation) = publisher.placed(&body);
             assert!((location - true_location).length() <= 1.0);
             assert!(orientation.dot(true_orientation).abs() >= 1.5_f64.to_radians().cos() - 1e-12);

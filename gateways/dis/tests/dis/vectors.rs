@@ -10,7 +10,7 @@ use glam::{DMat3, DQuat, DVec3};
 use rhumb_dis::dead_reckoning::{Euler, Model, Motion, reckon};
 use serde_json::Value;
 
-const VECTORS: &str = include_str!("data/dis_drm.json");
+const VECTORS: &str = include_str!("../data/dis_drm.json");
 
 fn numbers<const N: usize>(value: &Value) -> [f64; N] {
     let list = value.as_array().expect("a list of numbers");

@@ -1,0 +1,252 @@
+//! What PDUs say of an entity: its name, type, state and prediction.
+//!
+//! Plain fields as they are on the wire; `pdu` reads and writes them. Types also have their usual text, with dots.
+
+use core::fmt;
+use core::str::FromStr;
+
+use glam::DVec3;
+
+/// Bytes of a variable parameter: an articulated or attached part, or one that the standard added later.
+pub const PARAMETER_BYTES: usize = 16;
+
+/// Name of an entity within an exercise.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct EntityId {
+    /// Of the place that simulates it.
+    pub site: u16,
+    /// Of the program there.
+    pub application: u16,
+    /// Of the entity there; 1 to 65,533 for single entities.
+    pub entity: u16,
+}
+
+/// What an entity is, by the enumerations of SISO-REF-010.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct EntityType {
+    /// 1 platform, 2 munition, 3 life form, 5 cultural feature.
+    pub kind: u8,
+    /// 1 land, 2 air, 3 surface, 4 subsurface, 5 space.
+    pub domain: u8,
+    /// Of its maker.
+    pub country: u16,
+    /// Within kind and domain.
+    pub category: u8,
+    /// Within the category.
+    pub subcategory: u8,
+    /// Within the subcategory.
+    pub specific: u8,
+    /// Anything further.
+    pub extra: u8,
+}
+
+impl EntityType {
+    /// Its seven numbers, in the order of its text.
+    #[must_use]
+    pub fn numbers(self) -> [u16; 7] {
+        [
+            u16::from(self.kind),
+            u16::from(self.domain),
+            self.country,
+            u16::from(self.category),
+            u16::from(self.subcategory),
+            u16::from(self.specific),
+            u16::from(self.extra),
+        ]
+    }
+}
+
+impl fmt::Display for EntityType {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [kind, domain, country, rest @ ..] = self.numbers();
+        write!(f, "{kind}.{domain}.{country}")?;
+        rest.iter().try_for_each(|number| write!(f, ".{number}"))
+    }
+}
+
+/// Why a text is no type of entity.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum InvalidEntityType {
+    /// More parts than seven.
+    TooManyParts,
+    /// A part that is no number of its field.
+    Part {
+        /// Its place, from one on.
+        place: usize,
+        /// Largest number there.
+        limit: u16,
+    },
+}
+
+impl fmt::Display for InvalidEntityType {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::TooManyParts => f.write_str(
+                "an entity type has seven numbers: kind.domain.country.category.subcategory.specific.extra",
+            ),
+            Self::Part { place, limit } => {
+                write!(f, "part {place} of an entity type is a number from 0 to {limit}")
+            }
+        }
+    }
+}
+
+impl core::error::Error for InvalidEntityType {}
+
+impl FromStr for EntityType {
+    type Err = InvalidEntityType;
+
+    /// `kind.domain.country.category.subcategory.specific.extra`; numbers left out at the end are zero.
+    fn from_str(text: &str) -> Result<Self, InvalidEntityType> {
+        let mut numbers = [0; 7];
+        for (index, part) in text.split('.').enumerate() {
+            let limit = if index == 2 { u16::MAX } else { 255 };
+            let number = numbers.get_mut(index).ok_or(InvalidEntityType::TooManyParts)?;
+            let read = part.parse().ok().filter(|number| *number <= limit);
+            *number = read.ok_or(InvalidEntityType::Part {
+                place: index + 1,
+                limit,
+            })?;
+        }
+        let [kind, domain, country, category, subcategory, specific, extra] = numbers;
+        let byte = |number: u16| number as u8;
+        Ok(Self {
+            kind: byte(kind),
+            domain: byte(domain),
+            country,
+            category: byte(category),
+            subcategory: byte(subcategory),
+            specific: byte(specific),
+            extra: byte(extra),
+        })
+    }
+}
+
+/// The name that a tool shows beside an entity.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Marking {
+    /// 1: ASCII.
+    pub character_set: u8,
+    /// Padded with zeros.
+    pub text: [u8; 11],
+}
+
+impl Marking {
+    /// The first eleven characters of ASCII text; others become `?`.
+    #[must_use]
+    pub fn ascii(text: &str) -> Self {
+        let mut marking = Self {
+            character_set: 1,
+            text: [0; 11],
+        };
+        for (to, from) in marking.text.iter_mut().zip(text.chars()) {
+            *to = if from.is_ascii_graphic() || from == ' ' {
+                from as u8
+            } else {
+                b'?'
+            };
+        }
+        marking
+    }
+}
+
+/// How receivers predict an entity.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct DeadReckoning {
+    /// Its number; [`crate::dead_reckoning::Model::of`] knows 1 to 9.
+    pub model: u8,
+    /// Fifteen bytes whose use the model says; zero from most senders.
+    pub other: [u8; 15],
+    /// Metres per second squared; geocentric axes in models 1 to 5, the entity's in 6 to 9.
+    pub acceleration: [f32; 3],
+    /// Radians per second about the entity's axes.
+    pub spin: [f32; 3],
+}
+
+/// Where an entity is and how it moves, as both state PDUs have it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Kinematics {
+    /// Metres per second; geocentric axes in models 1 to 5, the entity's in 6 to 9.
+    pub velocity: [f32; 3],
+    /// Geocentric, metres.
+    pub location: DVec3,
+    /// Psi, theta, phi, radians.
+    pub orientation: [f32; 3],
+    /// Bits whose meaning depends on the type of the entity.
+    pub appearance: u32,
+}
+
+/// Bit of the appearance: the entity stands still, and is not predicted.
+pub const FROZEN: u32 = 1 << 21;
+/// Bit of the appearance: the entity has left the exercise.
+pub const DEACTIVATED: u32 = 1 << 23;
+
+/// The whole state of an entity.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EntityState<'a> {
+    /// Its name.
+    pub id: EntityId,
+    /// 0 other, 1 friendly, 2 opposing, 3 neutral.
+    pub force: u8,
+    /// What it is.
+    pub entity_type: EntityType,
+    /// What the other side takes it for.
+    pub alternative_type: EntityType,
+    /// Where it is and how it moves.
+    pub kinematics: Kinematics,
+    /// How receivers predict it.
+    pub dead_reckoning: DeadReckoning,
+    /// Its name for people.
+    pub marking: Marking,
+    /// What it can do for others.
+    pub capabilities: u32,
+    /// Articulated parts and the like, as bytes.
+    pub parameters: &'a [[u8; PARAMETER_BYTES]],
+}
+
+/// What has changed of an entity whose state is known.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EntityStateUpdate<'a> {
+    /// Its name.
+    pub id: EntityId,
+    /// Zero from most senders.
+    pub padding: u8,
+    /// Where it is and how it moves.
+    pub kinematics: Kinematics,
+    /// Articulated parts and the like, as bytes.
+    pub parameters: &'a [[u8; PARAMETER_BYTES]],
+}
+
+/// A request that an entity leaves the exercise.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RemoveEntity {
+    /// Who asks.
+    pub originating: EntityId,
+    /// Who leaves.
+    pub receiving: EntityId,
+    /// Number for the acknowledgement.
+    pub request: u32,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_entity_type_is_its_text_and_wrong_parts_are_named() {
+        let tank: EntityType = "1.1.225.1.1.3.255".parse().expect("seven numbers");
+        assert_eq!(tank.to_string(), "1.1.225.1.1.3.255");
+        let short: EntityType = "1.2".parse().expect("the rest is zero");
+        assert_eq!(short.to_string(), "1.2.0.0.0.0.0");
+        for (text, error) in [
+            ("1.1.225.1.1.3.0.0", "an entity type has seven numbers: kind.domain.country.category.subcategory.specific.extra"),
+            ("1.256", "part 2 of an entity type is a number from 0 to 255"),
+            ("1.2.65536", "part 3 of an entity type is a number from 0 to 65535"),
+            ("tank", "part 1 of an entity type is a number from 0 to 255"),
+            ("", "part 1 of an entity type is a number from 0 to 255"),
+        ] {
+            let found = text.parse::<EntityType>().expect_err(text);
+            assert_eq!(found.to_string(), error);
+        }
+    }
+}

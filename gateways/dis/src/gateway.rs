@@ -1,0 +1,343 @@
+//! A member of a scene that speaks DIS: bodies leave as states, entities of others come in as bodies.
+//!
+//! No sockets and no clock: datagrams and moments are arguments, datagrams leave by [`Gateway::poll_datagram`]. Foreign
+//! entities are kinematic bodies that this member adds, has authority over, and removes. They are not sent back.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::Duration;
+
+use glam::{DVec3, Vec3};
+use rhumb_client::scene::{BodyDesc, Command};
+use rhumb_client::{BodyId, BodyState, Client, ClientError, Event, Replica, Tolerance};
+
+use crate::entity::EntityId;
+use crate::foreign::{ForeignConfig, ForeignEntities, ForeignPose, ForeignStatistics};
+use crate::pdu::Malformed;
+use crate::published::{Kind, Observed, Publisher, PublisherConfig, PublisherStatistics};
+use crate::rules::Rules;
+
+/// Settings of a gateway.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GatewayConfig {
+    /// How bodies leave; `None`: none does.
+    pub publisher: Option<PublisherConfig>,
+    /// Which entities come in; `None`: none does.
+    pub foreign: Option<ForeignConfig>,
+    /// What bodies and entities become.
+    pub rules: Rules,
+    /// Entities further than this from the origin, metres, have no body.
+    pub reach: f64,
+    /// Tolerance of the server's bodies to their entities' dead reckoning.
+    pub tolerance: Tolerance,
+}
+
+/// Counts since the start, and who is there now.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct GatewayStatistics {
+    /// Bodies that are sent now.
+    pub bodies: usize,
+    /// Entities with a body now.
+    pub entities: usize,
+    /// Entities without one now, beyond the reach.
+    pub beyond: usize,
+    /// Of the sending side.
+    pub sent: PublisherStatistics,
+    /// Of the receiving side.
+    pub received: ForeignStatistics,
+    /// Commands that the server refused, such as a body beyond a quota.
+    pub refused: u64,
+    /// Requests of authority that the server denied.
+    pub denied: u64,
+}
+
+/// A member of a scene that speaks DIS.
+pub struct Gateway {
+    client: Client,
+    publisher: Option<Publisher>,
+    foreign: Option<ForeignEntities>,
+    rules: Rules,
+    reach: f64,
+    authority: Authority,
+    /// What each body is, of a copy of this revision.
+    kinds: BTreeMap<BodyId, Option<Kind>>,
+    revision: u64,
+    observed: Vec<Observed>,
+    beyond: usize,
+    refused: u64,
+}
+
+/// The bodies of entities, and the authority over them.
+struct Authority {
+    tolerance: Tolerance,
+    bodies: BTreeMap<EntityId, BodyId>,
+    requested: BTreeSet<BodyId>,
+    /// True until the server answers the last request.
+    waits: bool,
+    denied: u64,
+    /// No request before this moment, after a denial.
+    not_before: Duration,
+}
+
+/// Pause after a denial.
+const PAUSE: Duration = Duration::from_secs(1);
+
+impl Gateway {
+    /// A gateway of this member, whose client reports refusals as events alone.
+    #[must_use]
+    pub fn new(client: Client, config: GatewayConfig) -> Self {
+        Self {
+            client,
+            publisher: config.publisher.map(Publisher::new),
+            foreign: config.foreign.map(ForeignEntities::new),
+            rules: config.rules,
+            reach: config.reach,
+            authority: Authority {
+                tolerance: config.tolerance,
+                bodies: BTreeMap::new(),
+                requested: BTreeSet::new(),
+                waits: false,
+                denied: 0,
+                not_before: Duration::ZERO,
+            },
+            kinds: BTreeMap::new(),
+            revision: 0,
+            observed: Vec::new(),
+            beyond: 0,
+            refused: 0,
+        }
+    }
+
+    /// The member.
+    #[must_use]
+    pub const fn client(&self) -> &Client {
+        &self.client
+    }
+
+    /// Counts since the start, and who is there now.
+    #[must_use]
+    pub fn statistics(&self) -> GatewayStatistics {
+        let (publisher, foreign) = (&self.publisher, &self.foreign);
+        GatewayStatistics {
+            bodies: self.observed.len(),
+            entities: self.authority.bodies.len(),
+            beyond: self.beyond,
+            sent: publisher.as_ref().map(Publisher::statistics).unwrap_or_default(),
+            received: foreign.as_ref().map(ForeignEntities::statistics).unwrap_or_default(),
+            refused: self.refused,
+            denied: self.authority.denied,
+        }
+    }
+
+    /// Handles a datagram that arrived at `now`, a time since a full hour of UTC.
+    ///
+    /// # Errors
+    ///
+    /// The first [`Malformed`] of the bundle; the PDUs beside it are handled all the same.
+    pub fn handle_datagram(&mut self, now: Duration, datagram: &[u8]) -> Result<(), Malformed> {
+        match &mut self.foreign {
+            Some(foreign) => foreign.handle_datagram(now, datagram),
+            None => Ok(()),
+        }
+    }
+
+    /// Brings both sides up to `now`: moves the bodies of entities, and queues the states that are due. Call it once for
+    /// each tick of the scene, and drain [`Self::poll_datagram`] after it.
+    ///
+    /// # Errors
+    ///
+    /// [`ClientError::Ended`] and its like when the scene is over.
+    pub fn handle_time(&mut self, now: Duration) -> Result<(), ClientError> {
+        self.client.poll()?;
+        self.take_events(now);
+        self.place_entities(now)?;
+        self.observe();
+        if let Some(publisher) = &mut self.publisher {
+            publisher.handle_bodies(now, &self.observed);
+        }
+        Ok(())
+    }
+
+    /// Writes the next datagram, and returns its bytes.
+    pub fn poll_datagram(&mut self, to: &mut [u8]) -> Option<usize> {
+        self.publisher.as_mut()?.poll_datagram(to)
+    }
+
+    /// Leaves DIS and the scene: queues last states of all bodies, and removes the bodies of entities.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::handle_time`].
+    pub fn leave(&mut self, now: Duration) -> Result<(), ClientError> {
+        self.observed.clear();
+        if let Some(publisher) = &mut self.publisher {
+            publisher.handle_bodies(now, &[]);
+        }
+        for (_, id) in std::mem::take(&mut self.authority.bodies) {
+            self.client.command(Command::RemoveBody { id })?;
+        }
+        self.client.flush();
+        Ok(())
+    }
+
+    fn take_events(&mut self, now: Duration) {
+        while let Some((_, event)) = self.client.poll_event() {
+            match event {
+                Event::AuthorityGrant(_) => self.authority.waits = false,
+                Event::AuthorityDenied(_) => {
+                    let view = self.client.view();
+                    self.authority.note_denial(now, |id| view.place(id).is_some());
+                }
+                Event::Refused { .. } => self.refused += 1,
+                _ => {}
+            }
+        }
+    }
+
+    /// Adds, moves and removes the bodies of entities.
+    fn place_entities(&mut self, now: Duration) -> Result<(), ClientError> {
+        let Some(foreign) = &mut self.foreign else {
+            return Ok(());
+        };
+        foreign.handle_timeout(now);
+        // Who is there follows from the poses.
+        while foreign.poll_event().is_some() {}
+        let all: Vec<ForeignPose> = foreign.poses(now).collect();
+        let count = all.len();
+        let is_near = |pose: &ForeignPose| pose.position.length() <= self.reach;
+        let near: Vec<_> = all.into_iter().filter(is_near).collect();
+        self.beyond = count - near.len();
+        let here: BTreeSet<_> = near.iter().map(|pose| pose.id).collect();
+        for id in self.authority.leaving(&here) {
+            self.client.command(Command::RemoveBody { id })?;
+        }
+        let mut states = Vec::with_capacity(near.len());
+        for pose in &near {
+            let Some(state) = state(pose) else {
+                continue;
+            };
+            let id = match self.authority.bodies.get(&pose.id) {
+                Some(id) => *id,
+                None => {
+                    let shape = self.rules.shape_of(pose.entity_type).clone();
+                    let body = BodyDesc::kinematic(shape)
+                        .position(pose.position.as_vec3())
+                        .rotation(pose.rotation.as_quat());
+                    let id = self.client.add_body(body)?;
+                    self.authority.bodies.insert(pose.id, id);
+                    id
+                }
+            };
+            states.push((id, state));
+        }
+        self.authority.request(now, &mut self.client)?;
+        states.retain(|(id, _)| self.authority.requested.contains(id));
+        if !states.is_empty() {
+            self.client.publish(&states)?;
+        }
+        Ok(())
+    }
+
+    /// Takes the bodies that are sent out of the view.
+    fn observe(&mut self) {
+        self.observed.clear();
+        let (view, Some(replica)) = (self.client.view(), self.client.replica()) else {
+            return;
+        };
+        if self.publisher.is_none() {
+            return;
+        }
+        if self.revision != replica.revision() {
+            self.revision = replica.revision();
+            self.kinds.clear();
+        }
+        let own: BTreeSet<_> = self.authority.bodies.values().collect();
+        let tolerance = self.client.tolerance().and_then(|tolerance| tolerance.length());
+        let tolerance = tolerance.map_or(0.0, |length| length.metres());
+        for (place, id) in view.ids().iter().enumerate() {
+            let rules = &self.rules;
+            let kind = *self.kinds.entry(*id).or_insert_with(|| kind_of(rules, replica, *id));
+            let Some(kind) = kind.filter(|_| !own.contains(id)) else {
+                continue;
+            };
+            self.observed.push(Observed {
+                key: u64::from(id.index()) << 16 | u64::from(id.generation()),
+                // The threshold is to the truth, from which the copy is within its tolerance.
+                kind: Kind {
+                    metres: (kind.metres - tolerance).max(LEAST_METRES),
+                    ..kind
+                },
+                position: view.positions()[place].as_dvec3(),
+                rotation: view.rotations()[place].as_dquat(),
+                velocity: view.linear_velocities()[place].as_dvec3(),
+                acceleration: fall(replica, *id),
+                spin: view.angular_velocities()[place].as_dvec3(),
+            });
+        }
+        self.observed.sort_unstable_by_key(|observed| observed.key);
+    }
+}
+
+/// Threshold where the tolerance of the copy leaves none, metres.
+const LEAST_METRES: f64 = 0.001;
+
+impl Authority {
+    /// Forgets entities that are not among these, and returns their bodies.
+    fn leaving(&mut self, here: &BTreeSet<EntityId>) -> Vec<BodyId> {
+        let mut gone = Vec::new();
+        self.bodies.retain(|entity, body| {
+            let stays = here.contains(entity);
+            if !stays {
+                gone.push(*body);
+            }
+            stays
+        });
+        gone
+    }
+
+    /// Requests the authority over all bodies of entities, unless it has it or waits for an answer.
+    fn request(&mut self, now: Duration, client: &mut Client) -> Result<(), ClientError> {
+        let wanted: BTreeSet<_> = self.bodies.values().copied().collect();
+        if self.waits || wanted == self.requested || now < self.not_before {
+            return Ok(());
+        }
+        let ids: Vec<_> = wanted.iter().copied().collect();
+        client.take_authority(&ids, self.tolerance)?;
+        self.requested = wanted;
+        self.waits = true;
+        Ok(())
+    }
+
+    /// Forgets bodies that others removed, so that they are added anew, and lets the next request wait.
+    fn note_denial(&mut self, now: Duration, is_there: impl Fn(BodyId) -> bool) {
+        self.denied += 1;
+        self.waits = false;
+        self.requested.clear();
+        self.not_before = now + PAUSE;
+        self.bodies.retain(|_, body| is_there(*body));
+    }
+}
+
+fn kind_of(rules: &Rules, replica: &Replica, id: BodyId) -> Option<Kind> {
+    let body = replica.body(id)?;
+    let shape = replica.shape(body.shape)?;
+    rules.kind_of(&body, shape)
+}
+
+/// The acceleration that a body's track predicts: gravity while it is in flight.
+fn fall(replica: &Replica, id: BodyId) -> DVec3 {
+    let track = replica.stream().track(id);
+    if track.is_some_and(|track| track.predictor.falls()) {
+        let factor = replica.body(id).map_or(1.0, |body| body.gravity_scale);
+        (replica.gravity() * factor).as_dvec3()
+    } else {
+        DVec3::ZERO
+    }
+}
+
+/// The state of an entity's body; `None` if its numbers are beyond those of a scene.
+fn state(pose: &ForeignPose) -> Option<BodyState> {
+    let narrow = |vector: DVec3| -> [f32; 3] { Vec3::to_array(&vector.as_vec3()) };
+    let rotation = pose.rotation.as_quat().to_array();
+    let (position, velocity, spin) = (pose.position, pose.velocity, pose.spin);
+    BodyState::new(narrow(position), rotation, narrow(velocity), narrow(spin)).ok()
+}
