@@ -9,25 +9,20 @@ mod checkout;
 mod mechanisms;
 mod results;
 
-use std::num::NonZeroU32;
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::str::FromStr;
 
 use checkout::Checkout;
 use clap::Args;
 use indicatif::ProgressBar;
 use mechanisms::{MECHANISMS, Mechanism, Switch};
 use rhumb_netsim::LinkConfig;
-use rhumb_protocol::packet::LargestPacket;
-use rhumb_protocol::scene::PublishSchedule;
-use rhumb_reckoning::{Metres, Radians, Ticks, Tolerance};
+use rhumb_reckoning::Ticks;
 
-use crate::drive::{Cores, Defects, Plan, run_side_by_side};
 use crate::output;
-use crate::record::Mode;
-use crate::recording::{self, ReadOptions, Recording, print_notes};
+use crate::recording::Recording;
 use crate::replay::{EnabledFeatures, Feature, ReplayConfig, run};
+use crate::standard_load::{LoadChoice, NAMES};
 use crate::summary::aligned;
 use crate::task::{Failure, Provenance, ended};
 
@@ -93,7 +88,7 @@ fn ablate_all(arguments: &Ablate) -> Result<(), Failure> {
         stage.compare_all(choice.name(), &mut rows);
         faults += stage.faults;
         bar.finish_and_clear();
-        loads.push(choice.described(&recording));
+        loads.push(described(choice, &recording));
     }
     let ablation = Ablation {
         provenance: Provenance::here(),
@@ -213,170 +208,19 @@ impl LoadStage<'_> {
     }
 }
 
-/// Names of the standard loads, in the order of the table.
-const NAMES: [&str; 5] = ["cubes", "pit", "asteroids", "ragdolls", "tumbler"];
-
-/// Settings of a standard load.
-#[derive(Clone, Copy, Debug)]
-struct StandardLoad {
-    scene: &'static str,
-    seconds: f64,
-    tolerance_m: f64,
-    /// Tolerance of the rotation, where it has one of its own.
-    turn_rad: Option<f64>,
-    publish_interval: NonZeroU32,
-}
-
-const EVERY_TICK: NonZeroU32 = NonZeroU32::MIN;
-const EVERY_SECOND_TICK: NonZeroU32 = EVERY_TICK.saturating_add(1);
-
-/// The standard loads, in the order of [`NAMES`].
-const LOADS: [StandardLoad; 5] = [
-    within("cubes", 20.0, 0.01),
-    within("ball-pit", 30.0, 0.05),
-    StandardLoad {
-        turn_rad: Some(0.002),
-        publish_interval: EVERY_SECOND_TICK,
-        ..within("asteroids", 120.0, 0.01)
-    },
-    within("ragdolls", 20.0, 0.05),
-    within("tumbler", 20.0, 0.05),
-];
-
-const fn within(scene: &'static str, seconds: f64, tolerance_m: f64) -> StandardLoad {
-    StandardLoad {
-        scene,
-        seconds,
-        tolerance_m,
-        turn_rad: None,
-        publish_interval: EVERY_TICK,
-    }
-}
-
-/// A load on the command line: `NAME`, or `NAME=FILE` for a recording.
-#[derive(Clone, Debug)]
-struct LoadChoice {
-    name: &'static str,
-    of: StandardLoad,
-    file: Option<PathBuf>,
-}
-
-impl FromStr for LoadChoice {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let (name, file) = match text.split_once('=') {
-            Some((name, file)) => (name, Some(PathBuf::from(file))),
-            None => (text, None),
-        };
-        let mut known = NAMES.into_iter().zip(LOADS);
-        let (name, of) = known
-            .find(|(known, _)| *known == name)
-            .ok_or_else(|| format!("{name} is none of {}", NAMES.join(", ")))?;
-        Ok(Self { name, of, file })
-    }
-}
-
-impl LoadChoice {
-    const fn name(&self) -> &'static str {
-        self.name
-    }
-
-    fn tolerance(&self) -> Result<Tolerance, Failure> {
-        let metres = Metres::new(self.of.tolerance_m);
-        let tolerance = match self.of.turn_rad {
-            Some(turn) => Tolerance::parts(metres, Radians::new(turn)),
-            None => Tolerance::from_metres(metres),
-        };
-        Ok(tolerance?)
-    }
-
-    /// Everything on, over a perfect link.
-    fn config(&self) -> Result<ReplayConfig, Failure> {
-        Ok(ReplayConfig {
-            tolerance: self.tolerance()?,
-            largest_packet: LargestPacket::DEFAULT,
-            link: LinkConfig::PERFECT,
-            publish_interval: self.of.publish_interval,
-            seed: 1,
-            lookahead: Ticks::ZERO,
-            features: EnabledFeatures::ALL,
-            budget: None,
-        })
-    }
-
-    /// Reads the recording, or steps the scene in this thread.
-    fn recording(&self, seed: u64) -> Result<Recording, Failure> {
-        if let Some(file) = &self.file {
-            let recording = recording::read(file, &ReadOptions::default())?;
-            print_notes(&recording);
-            return Ok(recording);
-        }
-        let bodies = rhumb_sims::default_bodies(self.of.scene).and_then(|all| all.first());
-        let bodies = *bodies.ok_or("a scene of a load is unknown")?;
-        let script = rhumb_sims::by_name(self.of.scene, bodies, seed);
-        let mut script = script.ok_or("a scene of a load is unknown")?;
-        let step_s = script.config().integrator.rate.step().seconds();
-        let ticks = (self.of.seconds / step_s).round() as u32;
-        let plan = Plan {
-            scene: self.of.scene.to_owned(),
-            bodies,
-            seed,
-            ticks,
-            tolerance: self.tolerance()?,
-            budget: None,
-            link: LinkConfig::PERFECT,
-            modes: vec![Mode::Integrated],
-            defects: Defects::SOUND,
-            publish_schedule: PublishSchedule {
-                publish_interval: EVERY_TICK,
-                lookahead: Ticks::ZERO,
-            },
-            delay: Ticks::ZERO,
-            cores: Cores::default(),
-        };
-        let bar = output::progress_bar(u64::from(ticks), format!("{}, scene", self.name));
-        let load = run_side_by_side(&plan, &mut |_| bar.inc(1))?;
-        bar.finish_and_clear();
-        Ok(Recording::of_play(&mut *script, load.truth))
-    }
-
-    fn described(&self, recording: &Recording) -> AblationLoad {
-        let file = self.file.as_ref().and_then(|file| file.file_name());
-        AblationLoad {
-            name: self.name.to_owned(),
-            source: match file {
-                Some(file) => file.to_string_lossy().into_owned(),
-                None => format!("scene {}", self.of.scene),
-            },
-            bodies: recording.bodies(),
-            ticks: recording.ticks(),
-            tolerance_m: self.of.tolerance_m,
-            turn_rad: self.of.turn_rad,
-            publish_interval: self.of.publish_interval.get(),
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_load_is_a_known_name_with_or_without_a_file() {
-        let plain: LoadChoice = "pit".parse().unwrap();
-        assert_eq!((plain.name(), plain.file), ("pit", None));
-        let recorded: LoadChoice = "cubes=a/b.rhtrace.zst".parse().unwrap();
-        assert_eq!(recorded.file, Some(PathBuf::from("a/b.rhtrace.zst")));
-        assert!("pits".parse::<LoadChoice>().is_err());
-    }
-
-    #[test]
-    fn every_standard_load_is_a_scene_with_a_valid_tolerance() {
-        for name in NAMES {
-            let load: LoadChoice = name.parse().unwrap();
-            assert!(load.config().is_ok(), "{name}");
-            assert!(rhumb_sims::NAMES.contains(&load.of.scene), "{name}");
-        }
+/// What the table says of a load.
+fn described(choice: &LoadChoice, recording: &Recording) -> AblationLoad {
+    let file = choice.file.as_ref().and_then(|file| file.file_name());
+    AblationLoad {
+        name: choice.name().to_owned(),
+        source: match file {
+            Some(file) => file.to_string_lossy().into_owned(),
+            None => format!("scene {}", choice.of.scene),
+        },
+        bodies: recording.bodies(),
+        ticks: recording.ticks(),
+        tolerance_m: choice.of.tolerance_m,
+        turn_rad: choice.of.turn_rad,
+        publish_interval: choice.of.publish_interval.get(),
     }
 }

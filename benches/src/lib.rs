@@ -6,6 +6,7 @@
 
 pub mod ablate;
 pub mod cost;
+pub mod dis;
 pub mod drive;
 pub mod evaluate;
 pub mod fit;
@@ -22,6 +23,7 @@ pub mod report;
 pub mod scene_file;
 pub mod scripts;
 pub mod setup;
+mod standard_load;
 pub mod summary;
 pub mod task;
 pub mod trace;

@@ -5,6 +5,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use rhumb_bench::ablate::{Ablate, ablate};
 use rhumb_bench::cost::{CostArguments, cost};
+use rhumb_bench::dis::{DisArguments, dis};
 use rhumb_bench::drive::{Serve, serve};
 use rhumb_bench::evaluate::{Evaluate, evaluate};
 use rhumb_bench::fit::{FitArguments, fit};
@@ -32,6 +33,8 @@ enum Task {
     Ablate(Ablate),
     /// Measure the processor time of publishing, decoding and one more member.
     Cost(CostArguments),
+    /// Compare bytes and errors with those of DIS, on the same scenes.
+    Dis(DisArguments),
     /// Run a server with many scenes and members over minutes; or measure frames, settings, neighbours.
     Load(LoadArguments),
     /// Tasks for developers of Rhumb.
@@ -58,6 +61,7 @@ fn main() -> ExitCode {
         Task::Replay(arguments) => replay(&arguments),
         Task::Ablate(arguments) => ablate(&arguments),
         Task::Cost(arguments) => cost(&arguments),
+        Task::Dis(arguments) => dis(&arguments),
         Task::Load(arguments) => load(&arguments),
         Task::Dev(Dev::Limit(arguments)) => limit(&arguments),
         Task::Dev(Dev::Fit(arguments)) => fit(&arguments),

@@ -101,14 +101,24 @@ impl FromStr for EntityType {
         let mut numbers = [0; 7];
         for (index, part) in text.split('.').enumerate() {
             let limit = if index == 2 { u16::MAX } else { 255 };
-            let number = numbers.get_mut(index).ok_or(InvalidEntityType::TooManyParts)?;
+            let number = numbers
+                .get_mut(index)
+                .ok_or(InvalidEntityType::TooManyParts)?;
             let read = part.parse().ok().filter(|number| *number <= limit);
             *number = read.ok_or(InvalidEntityType::Part {
                 place: index + 1,
                 limit,
             })?;
         }
-        let [kind, domain, country, category, subcategory, specific, extra] = numbers;
+        let [
+            kind,
+            domain,
+            country,
+            category,
+            subcategory,
+            specific,
+            extra,
+        ] = numbers;
         let byte = |number: u16| number as u8;
         Ok(Self {
             kind: byte(kind),
@@ -239,9 +249,18 @@ mod tests {
         let short: EntityType = "1.2".parse().expect("the rest is zero");
         assert_eq!(short.to_string(), "1.2.0.0.0.0.0");
         for (text, error) in [
-            ("1.1.225.1.1.3.0.0", "an entity type has seven numbers: kind.domain.country.category.subcategory.specific.extra"),
-            ("1.256", "part 2 of an entity type is a number from 0 to 255"),
-            ("1.2.65536", "part 3 of an entity type is a number from 0 to 65535"),
+            (
+                "1.1.225.1.1.3.0.0",
+                "an entity type has seven numbers: kind.domain.country.category.subcategory.specific.extra",
+            ),
+            (
+                "1.256",
+                "part 2 of an entity type is a number from 0 to 255",
+            ),
+            (
+                "1.2.65536",
+                "part 3 of an entity type is a number from 0 to 65535",
+            ),
             ("tank", "part 1 of an entity type is a number from 0 to 255"),
             ("", "part 1 of an entity type is a number from 0 to 255"),
         ] {

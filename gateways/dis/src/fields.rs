@@ -5,7 +5,8 @@
 use glam::DVec3;
 
 use crate::entity::{
-    DeadReckoning, EntityId, EntityState, EntityStateUpdate, EntityType, Kinematics, Marking, PARAMETER_BYTES,
+    DeadReckoning, EntityId, EntityState, EntityStateUpdate, EntityType, Kinematics, Marking,
+    PARAMETER_BYTES,
 };
 
 /// Reads fields one after the other from bytes whose number has been checked.

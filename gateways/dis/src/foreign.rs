@@ -9,8 +9,8 @@ use std::collections::{BTreeMap, VecDeque};
 
 use glam::{DQuat, DVec3};
 
-use crate::geodesy::{SceneAxes, TangentFrame};
 use crate::entity::{DEACTIVATED, EntityId, EntityState, EntityType, Kinematics, Marking};
+use crate::geodesy::{SceneAxes, TangentFrame};
 use crate::pdu::{Body, Bundle, Malformed, Pdu};
 use crate::published::predicted;
 use crate::timestamp::{TimeBase, Timestamp};
@@ -337,8 +337,8 @@ fn is_finite(state: &EntityState<'_>) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geodesy::Geodetic;
     use crate::entity::RemoveEntity;
+    use crate::geodesy::Geodetic;
     use crate::pdu::Header;
     use crate::published::{Kind, Observed, Publisher, PublisherConfig};
 

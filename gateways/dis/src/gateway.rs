@@ -121,8 +121,14 @@ impl Gateway {
             bodies: self.observed.len(),
             entities: self.authority.bodies.len(),
             beyond: self.beyond,
-            sent: publisher.as_ref().map(Publisher::statistics).unwrap_or_default(),
-            received: foreign.as_ref().map(ForeignEntities::statistics).unwrap_or_default(),
+            sent: publisher
+                .as_ref()
+                .map(Publisher::statistics)
+                .unwrap_or_default(),
+            received: foreign
+                .as_ref()
+                .map(ForeignEntities::statistics)
+                .unwrap_or_default(),
             refused: self.refused,
             denied: self.authority.denied,
         }
@@ -185,7 +191,8 @@ impl Gateway {
                 Event::AuthorityGrant(_) => self.authority.waits = false,
                 Event::AuthorityDenied(_) => {
                     let view = self.client.view();
-                    self.authority.note_denial(now, |id| view.place(id).is_some());
+                    self.authority
+                        .note_denial(now, |id| view.place(id).is_some());
                 }
                 Event::Refused { .. } => self.refused += 1,
                 _ => {}
@@ -251,11 +258,17 @@ impl Gateway {
             self.kinds.clear();
         }
         let own: BTreeSet<_> = self.authority.bodies.values().collect();
-        let tolerance = self.client.tolerance().and_then(|tolerance| tolerance.length());
+        let tolerance = self
+            .client
+            .tolerance()
+            .and_then(|tolerance| tolerance.length());
         let tolerance = tolerance.map_or(0.0, |length| length.metres());
         for (place, id) in view.ids().iter().enumerate() {
             let rules = &self.rules;
-            let kind = *self.kinds.entry(*id).or_insert_with(|| kind_of(rules, replica, *id));
+            let kind = *self
+                .kinds
+                .entry(*id)
+                .or_insert_with(|| kind_of(rules, replica, *id));
             let Some(kind) = kind.filter(|_| !own.contains(id)) else {
                 continue;
             };

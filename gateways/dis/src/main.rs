@@ -213,7 +213,9 @@ impl Arguments {
         if let Some(path) = &self.rules {
             let name = path.display();
             let text = std::fs::read_to_string(path).map_err(|cause| format!("{name}: {cause}"))?;
-            rules.add(&text).map_err(|error| format!("{name}: {error}"))?;
+            rules
+                .add(&text)
+                .map_err(|error| format!("{name}: {error}"))?;
         }
         let (least, tolerance) = (rules.least_metres(), self.tolerance);
         if least <= tolerance {
@@ -370,7 +372,9 @@ fn run(arguments: &Arguments) -> Result<(), String> {
     let mut buffer = vec![0; 65_536];
     let mut next = clock.now();
     while !stopped.load(Ordering::Relaxed) {
-        gateway.handle_time(clock.now()).map_err(|error| error.to_string())?;
+        gateway
+            .handle_time(clock.now())
+            .map_err(|error| error.to_string())?;
         send_all(&mut gateway, &socket, &mut buffer, &mut report);
         next = (next + period).max(clock.now());
         loop {
@@ -391,7 +395,9 @@ fn run(arguments: &Arguments) -> Result<(), String> {
             say(&line);
         }
     }
-    gateway.leave(clock.now()).map_err(|error| error.to_string())?;
+    gateway
+        .leave(clock.now())
+        .map_err(|error| error.to_string())?;
     send_all(&mut gateway, &socket, &mut buffer, &mut report);
     Ok(())
 }

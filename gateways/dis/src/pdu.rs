@@ -343,7 +343,11 @@ impl<'a> Pdu<'a> {
             }
             Body::Other { bytes, .. } => writer.put(bytes),
         }
-        debug_assert_eq!(writer.written(), needed, "a pdu has the length that it says");
+        debug_assert_eq!(
+            writer.written(),
+            needed,
+            "a pdu has the length that it says"
+        );
         Ok(needed)
     }
 }

@@ -503,7 +503,11 @@ mod tests {
                 count += 1;
             }
             let (state, at) = known.as_ref().expect("the first state is sent at once");
-            let Predicted { location, orientation, .. } = predicted(state, t - at);
+            let Predicted {
+                location,
+                orientation,
+                ..
+            } = predicted(state, t - at);
             let (true_location, true_orientation) = publisher.placed(&body);
             assert!((location - true_location).length() <= 1.0);
             assert!(orientation.dot(true_orientation).abs() >= 1.5_f64.to_radians().cos() - 1e-12);

@@ -77,7 +77,8 @@ impl Report {
         let seconds = passed.as_secs_f64();
         let rate = |count: u64| count as f64 / seconds;
         let kilobytes = |bytes: usize| bytes as f64 / 1000.0 / seconds;
-        let states = new.sent.updates + new.sent.heartbeats - old.sent.updates - old.sent.heartbeats;
+        let states =
+            new.sent.updates + new.sent.heartbeats - old.sent.updates - old.sent.heartbeats;
         let mut line = format!(
             "{} bodies out, {:.1} states/s, {:.2} kB/s; {} entities in, {:.1} PDUs/s, {:.2} kB/s",
             new.bodies,
@@ -95,7 +96,10 @@ impl Report {
             ("malformed", new.received.malformed - old.received.malformed),
             ("stale", new.received.stale - old.received.stale),
             ("too many", new.received.too_many - old.received.too_many),
-            ("without place", new.received.no_place - old.received.no_place),
+            (
+                "without place",
+                new.received.no_place - old.received.no_place,
+            ),
             ("beyond reach", new.beyond as u64),
             ("refused", new.refused - old.refused),
             ("denied", new.denied - old.denied),
@@ -142,7 +146,8 @@ mod tests {
             available: 5,
         });
         let line = report.line(at(120), &statistics).expect("it is due");
-        let end = ", 2 malformed (received: pdu at byte 0 is cut: 5 bytes are left, its header has 12)";
+        let end =
+            ", 2 malformed (received: pdu at byte 0 is cut: 5 bytes are left, its header has 12)";
         assert!(line.ends_with(end), "{line}");
     }
 }

@@ -180,7 +180,8 @@ impl Rules {
                 needed,
             };
             self.entities.push(EntityRule {
-                pattern: pattern(&text.entity_type).map_err(|needed| wrong("entity-type", needed))?,
+                pattern: pattern(&text.entity_type)
+                    .map_err(|needed| wrong("entity-type", needed))?,
                 shape: shape(&text.shape).map_err(|needed| wrong("shape", needed))?,
             });
         }
@@ -218,7 +219,9 @@ impl Rules {
     #[must_use]
     pub fn least_metres(&self) -> f64 {
         let kinds = self.bodies.iter().filter_map(|rule| rule.kind);
-        kinds.fold(self.default_kind.metres, |least, kind| least.min(kind.metres))
+        kinds.fold(self.default_kind.metres, |least, kind| {
+            least.min(kind.metres)
+        })
     }
 }
 
@@ -231,8 +234,12 @@ impl BodyRule {
         };
         let index = body.id.index();
         self.motion.is_none_or(|wanted| wanted == motion)
-            && self.shape.is_none_or(|wanted| wanted == kind_of_shape(shape))
-            && self.indices.is_none_or(|[first, last]| (first..=last).contains(&index))
+            && self
+                .shape
+                .is_none_or(|wanted| wanted == kind_of_shape(shape))
+            && self
+                .indices
+                .is_none_or(|[first, last]| (first..=last).contains(&index))
     }
 }
 
@@ -261,15 +268,19 @@ fn body_rule(text: BodyText, default: Kind, place: usize) -> Result<BodyRule, Ru
     let number = |key, value: Option<f64>, default: f64, most: f64| match value {
         None => Ok(default),
         Some(value) if value > 0.0 && value <= most => Ok(value),
-        Some(value) => Err(wrong(key, format!("{value} is not above 0 and at most {most}"))),
+        Some(value) => Err(wrong(
+            key,
+            format!("{value} is not above 0 and at most {most}"),
+        )),
     };
     if let Some([first, last]) = text.indices.filter(|[first, last]| first > last) {
         return Err(wrong("indices", format!("{first} is above {last}")));
     }
     let entity_type = match &text.entity_type {
         None => default.entity_type,
-        Some(text) => (text.parse::<EntityType>())
-            .map_err(|error| wrong("entity-type", error.to_string()))?,
+        Some(text) => {
+            (text.parse::<EntityType>()).map_err(|error| wrong("entity-type", error.to_string()))?
+        }
     };
     let beat = |key, value, default: Duration| {
         number(key, value, default.as_secs_f64(), HEARTBEAT_MAX).map(Duration::from_secs_f64)
@@ -304,9 +315,13 @@ fn pattern(text: &str) -> Result<[Option<u16>; 7], String> {
             *place = (!any).then_some(0);
         }
     }
-    let read: EntityType = numbers.join(".").parse().map_err(
-        |error: crate::entity::InvalidEntityType| format!("{error}; `*` stands for any number"),
-    )?;
+    let read: EntityType =
+        numbers
+            .join(".")
+            .parse()
+            .map_err(|error: crate::entity::InvalidEntityType| {
+                format!("{error}; `*` stands for any number")
+            })?;
     for (wanted, number) in pattern.iter_mut().zip(read.numbers()) {
         *wanted = wanted.map(|_| number);
     }
@@ -383,11 +398,17 @@ mod tests {
         assert_eq!((tank.force, &tank.marking.text), (1, b"TANK 12\0\0\0\0"));
         assert_eq!(tank.heartbeat, Duration::from_secs(2));
         assert_eq!(tank.stationary, Duration::from_secs(60));
-        assert!((tank.metres - 0.5).abs() < 1e-12 && (tank.radians - 1.5_f64.to_radians()).abs() < 1e-12);
+        assert!(
+            (tank.metres - 0.5).abs() < 1e-12
+                && (tank.radians - 1.5_f64.to_radians()).abs() < 1e-12
+        );
         let ball = Shape::ball(1.0);
         assert_eq!(rules.kind_of(&body(12, BodyKind::Dynamic), &ball), None);
         assert_eq!(rules.kind_of(&body(9, BodyKind::Fixed), &ball), None);
-        assert_eq!(rules.kind_of(&body(9, BodyKind::Kinematic), &ball), Some(Kind::default()));
+        assert_eq!(
+            rules.kind_of(&body(9, BodyKind::Kinematic), &ball),
+            Some(Kind::default())
+        );
         let plane = "1.2.71.4.9".parse().expect("a type");
         assert_eq!(rules.shape_of(plane), &Shape::cuboid(5.0, 1.0, 6.0));
         let other = "1.2.71.5".parse().expect("a type");
@@ -398,14 +419,32 @@ mod tests {
     #[test]
     fn a_wrong_rule_is_named() {
         for (text, part) in [
-            ("[[body]]\nmetres = 0", "[[body]] number 1: metres: 0 is not above 0 and at most 10000"),
-            ("[[body]]\n[[body]]\ndegrees = 181", "[[body]] number 2: degrees: 181"),
+            (
+                "[[body]]\nmetres = 0",
+                "[[body]] number 1: metres: 0 is not above 0 and at most 10000",
+            ),
+            (
+                "[[body]]\n[[body]]\ndegrees = 181",
+                "[[body]] number 2: degrees: 181",
+            ),
             ("[[body]]\nheartbeat = nan", "heartbeat: NaN is not above 0"),
             ("[[body]]\nindices = [3, 2]", "indices: 3 is above 2"),
-            ("[[body]]\nentity-type = \"1.x\"", "entity-type: part 2 of an entity type"),
-            ("[[entity]]\nentity-type = \"1.*.1.1.1.1.1.1\"\nshape = \"ball:1\"", "seven numbers"),
-            ("[[entity]]\nentity-type = \"1\"\nshape = \"ball:-1\"", "[[entity]] number 1: shape:"),
-            ("[[entity]]\nentity-type = \"1\"\nshape = \"egg\"", "must be ball:R"),
+            (
+                "[[body]]\nentity-type = \"1.x\"",
+                "entity-type: part 2 of an entity type",
+            ),
+            (
+                "[[entity]]\nentity-type = \"1.*.1.1.1.1.1.1\"\nshape = \"ball:1\"",
+                "seven numbers",
+            ),
+            (
+                "[[entity]]\nentity-type = \"1\"\nshape = \"ball:-1\"",
+                "[[entity]] number 1: shape:",
+            ),
+            (
+                "[[entity]]\nentity-type = \"1\"\nshape = \"egg\"",
+                "must be ball:R",
+            ),
             ("[[body]]\ncolour = 1", "line 2, column 1"),
             ("[[body]\n", "line 1"),
         ] {

@@ -77,7 +77,10 @@ impl fmt::Display for SocketError {
                 "group {group} by interface {interface}: {cause}; --interface takes the address of one that has multicast"
             ),
             Self::NoGroup(address) => {
-                write!(f, "{address} is no group: groups are 224.0.0.0 to 239.255.255.255")
+                write!(
+                    f,
+                    "{address} is no group: groups are 224.0.0.0 to 239.255.255.255"
+                )
             }
         }
     }
@@ -281,6 +284,9 @@ mod tests {
         let mut wrong = options(loopback);
         wrong.groups.push(Ipv4Addr::LOCALHOST);
         let error = DisSocket::open(&wrong).expect_err("no group");
-        assert!(error.to_string().starts_with("127.0.0.1 is no group"), "{error}");
+        assert!(
+            error.to_string().starts_with("127.0.0.1 is no group"),
+            "{error}"
+        );
     }
 }

@@ -1,9 +1,12 @@
-"""Compares what other software reads from the datagrams of the example `states`.
+"""Compares what other software reads from the datagrams of the example `states`, and prints a table.
 
-Usage: readers.py STATES, with the example's output. Asks tshark, PyPI opendis 1.0 and npm open-dis 1.3.6 (in the present
-folder's node_modules), as far as they are installed. Fields are compared with the bytes; the exit code is 1 if one differs.
+Usage: readers.py STATES, with the example's output. Asks tshark, PyPI opendis 1.0, npm open-dis 1.3.6 (in the present
+folder's node_modules) and Maven edu.nps.moves:open-dis 5.9 (with what it needs in the folder jars), as far as they are installed.
+Fields are compared with the bytes; the exit code is 1 if one differs. The other columns say what a reader makes of a
+bundle, of a PDU that lacks its last four bytes, and of a length that is not that of the PDU.
 """
 
+import glob
 import io
 import json
 import shutil
@@ -101,41 +104,125 @@ TSHARK = [
 ]
 
 
-def by_tshark(pdus):
+def tshark(datagrams, *arguments):
     with tempfile.NamedTemporaryFile(suffix=".pcap") as file:
-        file.write(capture(pdus))
+        file.write(capture(datagrams))
         file.flush()
-        ask = ["tshark", "-r", file.name]
-        bad = subprocess.run([*ask, "-Y", "_ws.malformed"], capture_output=True, text=True, check=True).stdout
-        print(f"tshark: {len(bad.splitlines())} malformed of {len(pdus)}")
-        names = [part for name in TSHARK for part in ("-e", name)]
-        done = subprocess.run([*ask, "-T", "fields", *names], capture_output=True, text=True, check=True)
-    return [[float(x) for x in line.split("\t")] for line in done.stdout.splitlines()]
+        done = subprocess.run(["tshark", "-r", file.name, *arguments], capture_output=True, text=True, check=True)
+    return done.stdout.splitlines()
 
 
-def compare(name, read, pdus):
-    """Prints a row: how many fields are equal, to six digits, as tshark prints f32."""
+def by_tshark(pdus):
+    names = [part for name in TSHARK for part in ("-e", name)]
+    read = tshark(pdus, "-T", "fields", *names)
+    return [[float(x) for x in line.split("\t")] for line in read]
+
+
+JAVA = """
+import edu.nps.moves.dis7.*;
+import java.io.*;
+import java.util.*;
+
+class Reader {
+  public static void main(String[] mode) throws Exception {
+    var factory = new PduFactory();
+    var lines = new BufferedReader(new InputStreamReader(System.in));
+    for (String hex; (hex = lines.readLine()) != null; ) {
+      byte[] bytes = HexFormat.of().parseHex(hex);
+      if (mode[0].equals("bundle")) {
+        System.out.println(factory.getPdusFromBundle(bytes).size());
+        continue;
+      }
+      var p = (EntityStatePdu) factory.createPdu(bytes);
+      var id = p.getEntityID();
+      var v = p.getEntityLinearVelocity();
+      var l = p.getEntityLocation();
+      var o = p.getEntityOrientation();
+      var a = p.getDeadReckoningParameters().getEntityLinearAcceleration();
+      var w = p.getDeadReckoningParameters().getEntityAngularVelocity();
+      var is = new Object[] {id.getSiteID(), id.getApplicationID(), id.getEntityID(), v.getX(), v.getY(), v.getZ(),
+          l.getX(), l.getY(), l.getZ(), o.getPsi(), o.getTheta(), o.getPhi(), p.getEntityAppearance(),
+          a.getX(), a.getY(), a.getZ(), w.getX(), w.getY(), w.getZ()};
+      System.out.println(Arrays.toString(is));
+    }
+  }
+}
+"""
+
+
+def java(datagrams, mode):
+    text = "\n".join(data.hex() for data in datagrams)
+    with tempfile.TemporaryDirectory() as folder:
+        source = f"{folder}/Reader.java"
+        with open(source, "w", encoding="ascii") as file:
+            file.write(JAVA)
+        command = ["java", "-cp", "jars/*", source, mode]
+        done = subprocess.run(command, input=text, capture_output=True, text=True, check=True)
+    return [json.loads(line) for line in done.stdout.splitlines()]
+
+
+def outcome(read):
+    """What a reader makes of one datagram: the number of PDUs, or that it refuses."""
+    try:
+        count = read()
+    except Exception:  # Whatever it throws, it has noticed.
+        return "refused"
+    return f"{count} read" if count else "refused"
+
+
+def readers():
+    """Name, fields of lone PDUs, and PDUs found in a datagram."""
+    if shutil.which("tshark"):
+        version = subprocess.run(["tshark", "-v"], capture_output=True, text=True, check=True).stdout.split()[2]
+
+        def found(datagram):
+            if tshark([datagram], "-Y", "_ws.malformed"):
+                return 0
+            return len(tshark([datagram], "-T", "fields", "-e", "dis.entity_id_entity")[0].split(","))
+
+        yield f"tshark {version.rstrip('.')}", by_tshark, found
+    try:
+        from opendis.PduFactory import createPdu
+
+        yield "PyPI opendis 1.0", by_opendis, lambda datagram: int(createPdu(datagram) is not None)
+    except ImportError:
+        pass
+    if shutil.which("node") and glob.glob("node_modules/open-dis"):
+        yield "npm open-dis 1.3.6", by_node, lambda datagram: len(by_node([datagram]))
+    if shutil.which("java") and glob.glob("jars/open-dis-*.jar"):
+        yield (
+            "Maven open-dis 5.9",
+            lambda pdus: java(pdus, "fields"),
+            lambda datagram: java([datagram], "bundle")[0],
+        )
+
+
+def compare(read, pdus):
+    """How many fields are equal, to six digits, as tshark prints f32."""
     equal = total = 0
     for found, pdu in zip(read, pdus, strict=True):
         for a, b in zip(found, fields(pdu)):
             total += 1
             equal += abs(a - b) <= 1e-5 * max(1e-3, abs(b))
-    print(f"{name}: {len(pdus)} PDUs, {equal} of {total} fields equal")
-    return equal == total
+    return equal, total
 
 
 def main():
     with open(sys.argv[1], encoding="ascii") as file:
-        pdus = list(states(file.read().split()))
+        datagrams = file.read().split()
+    pdus = list(states(datagrams))
+    bundle = max((bytes.fromhex(data) for data in datagrams), key=len)
+    cut, long = pdus[0][:-4], bytearray(pdus[0])
+    struct.pack_into(">H", long, 8, 160)
     fine = True
-    if shutil.which("tshark"):
-        fine &= compare("tshark", by_tshark(pdus), pdus)
-    try:
-        fine &= compare("opendis", list(by_opendis(pdus)), pdus)
-    except ImportError:
-        print("opendis is not installed")
-    if shutil.which("node"):
-        fine &= compare("open-dis", by_node(pdus), pdus)
+    print("| reader | equal fields | PDUs of a bundle | cut by 4 bytes | length 160 of 144 |")
+    print("|---|---:|---:|---|---|")
+    for name, read, found in readers():
+        equal, total = compare(read(pdus), pdus)
+        fine &= equal == total
+        inside = f"{found(bundle)} of {len(list(states([bundle.hex()])))}"
+        ends = [outcome(lambda data=data: found(bytes(data))) for data in (cut, long)]
+        print(f"| {name} | {equal} of {total} | {inside} | {ends[0]} | {ends[1]} |")
     sys.exit(not fine)
 
 

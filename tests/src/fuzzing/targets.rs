@@ -4,6 +4,7 @@ use super::app::{app_messages, app_scene};
 use super::client_session::client_session;
 use super::control_messages::{client_messages, server_messages};
 use super::control_script::control_script;
+use super::dis::dis_datagrams;
 use super::link::link;
 use super::packets::{side_packets, state_packets};
 use super::reckoning::{prefilter, quantiser};
@@ -28,6 +29,6 @@ macro_rules! targets {
 }
 
 targets! {
-    app_messages app_scene client_messages client_session control_script upstream prefilter quantiser
-    link repair_symbols recordings scene_commands server_messages side_packets state_packets subscriber
+    app_messages app_scene client_messages client_session control_script dis_datagrams upstream prefilter
+    quantiser link repair_symbols recordings scene_commands server_messages side_packets state_packets subscriber
 }

@@ -74,7 +74,9 @@ fn socket(to: Option<u16>) -> (DisSocket, u16) {
         port: PortUse::Own,
     };
     let socket = DisSocket::open(&options).expect("loopback has a free port");
-    let port = socket.local_addr().map(|address: SocketAddr| address.port());
+    let port = socket
+        .local_addr()
+        .map(|address: SocketAddr| address.port());
     (socket, port.expect("it has one"))
 }
 
@@ -162,14 +164,22 @@ fn receivers_of_a_scenes_states_are_within_the_thresholds_of_its_bodies() {
                 };
                 assert_eq!(state.id.entity, 1, "the floor is not sent");
                 let parameters = &[];
-                known = Some((EntityState { parameters, ..state }, now));
+                known = Some((
+                    EntityState {
+                        parameters,
+                        ..state
+                    },
+                    now,
+                ));
                 count += 1;
             }
         }
         let (state, at) = known.as_ref().expect("the first state leaves at once");
         let receivers = predicted(state, (now - *at).as_secs_f64());
         let (position, rotation) = pose(&leader, thrown);
-        let off = frame().point_to_scene(receivers.location).distance(position);
+        let off = frame()
+            .point_to_scene(receivers.location)
+            .distance(position);
         assert!(off <= 1.0, "{off} m off at step {step}");
         let there = frame().rotation() * rotation * AXES.entity_in_body();
         let cosine = receivers.orientation.dot(there).abs().min(1.0);
@@ -246,9 +256,16 @@ fn an_entity_is_a_body_that_pushes_others_until_it_leaves() {
     let (pushed, _) = pose(&leader, crate_body);
     assert!(pushed.x > 3.0, "the vehicle pushed the crate to {pushed}");
     let guest = guest.expect("it had a body");
-    assert_eq!(leader.view().place(guest), None, "the body left with its entity");
+    assert_eq!(
+        leader.view().place(guest),
+        None,
+        "the body left with its entity"
+    );
     let statistics = gateway.statistics();
-    assert_eq!((statistics.entities, statistics.denied, statistics.refused), (0, 0, 0));
+    assert_eq!(
+        (statistics.entities, statistics.denied, statistics.refused),
+        (0, 0, 0)
+    );
     // The crate alone is sent: an entity that came in does not leave again.
     assert_eq!(statistics.bodies, 1);
 }
@@ -261,7 +278,9 @@ fn two_scenes_are_joined_by_two_gateways() {
     let (mouth, _) = socket(Some(port));
     let bodies = [-4.0, 0.0, 4.0].map(|x| {
         let ball = BodyDesc::dynamic(Shape::ball(0.3)).at(x, 8.0, 0.0);
-        leader.add_body(ball.linear_velocity(Vec3::new(0.0, 5.0, x))).expect("a ball")
+        leader
+            .add_body(ball.linear_velocity(Vec3::new(0.0, 5.0, x)))
+            .expect("a ball")
     });
     let (mut near, mut far) = (gateway(member, 1), gateway(far_member, 2));
     for step in 0..90 {
@@ -303,8 +322,13 @@ fn an_entity_beyond_reach_has_no_body() {
     let bytes = other.poll_datagram(&mut buffer).expect("a state");
     assert_eq!(gateway.handle_datagram(START, &buffer[..bytes]), Ok(()));
     for step in 0..3 {
-        gateway.handle_time(moment(step)).expect("the scene is there");
+        gateway
+            .handle_time(moment(step))
+            .expect("the scene is there");
         leader.advance(PipelineDepth::LOCKSTEP).expect("a tick");
     }
-    assert_eq!((gateway.statistics().beyond, leader.view().ids().len()), (1, 0));
+    assert_eq!(
+        (gateway.statistics().beyond, leader.view().ids().len()),
+        (1, 0)
+    );
 }

@@ -3,7 +3,9 @@
 //! It is no golden master: it writes other bytes than it has read. Only fields are compared.
 
 use bytes::BytesMut;
-use dis_rs::model::{EntityId as TheirId, Location, Pdu as TheirPdu, PduBody, Timestamp as Stamp, VectorF32};
+use dis_rs::model::{
+    EntityId as TheirId, Location, Pdu as TheirPdu, PduBody, Timestamp as Stamp, VectorF32,
+};
 use glam::DVec3;
 use proptest::prelude::*;
 use rhumb_dis::entity::{
@@ -95,7 +97,10 @@ fn check(ours: &Pdu<'_>, read: &TheirPdu) -> Result<(), TestCaseError> {
     match (&ours.body, &read.body) {
         (Body::EntityState(ours), PduBody::EntityState(read)) => {
             prop_assert_eq!(read.entity_id, theirs(ours.id));
-            prop_assert_eq!(read.entity_linear_velocity, vector(ours.kinematics.velocity));
+            prop_assert_eq!(
+                read.entity_linear_velocity,
+                vector(ours.kinematics.velocity)
+            );
             prop_assert_eq!(read.entity_location, place(ours.kinematics.location));
             let angles = read.entity_orientation;
             let angles = [angles.psi, angles.theta, angles.phi];
@@ -106,14 +111,23 @@ fn check(ours: &Pdu<'_>, read: &TheirPdu) -> Result<(), TestCaseError> {
                 [ours.dead_reckoning.acceleration, ours.dead_reckoning.spin].map(vector);
             prop_assert_eq!(reckoning.linear_acceleration, acceleration);
             prop_assert_eq!(reckoning.angular_velocity, spin);
-            prop_assert_eq!(read.entity_marking.marking_string.as_bytes(), ours.marking.text);
+            prop_assert_eq!(
+                read.entity_marking.marking_string.as_bytes(),
+                ours.marking.text
+            );
             prop_assert_eq!(u8::from(read.entity_type.kind), ours.entity_type.kind);
-            prop_assert_eq!(u16::from(read.entity_type.country), ours.entity_type.country);
+            prop_assert_eq!(
+                u16::from(read.entity_type.country),
+                ours.entity_type.country
+            );
             prop_assert_eq!(read.entity_type.extra, ours.entity_type.extra);
         }
         (Body::EntityStateUpdate(ours), PduBody::EntityStateUpdate(read)) => {
             prop_assert_eq!(read.entity_id, theirs(ours.id));
-            prop_assert_eq!(read.entity_linear_velocity, vector(ours.kinematics.velocity));
+            prop_assert_eq!(
+                read.entity_linear_velocity,
+                vector(ours.kinematics.velocity)
+            );
             prop_assert_eq!(read.entity_location, place(ours.kinematics.location));
         }
         (Body::RemoveEntity(ours), PduBody::RemoveEntity(read)) => {
