@@ -1,11 +1,11 @@
-//! `rhumb-bench dis`: bytes and errors of DIS beside those of Rhumb, on the same recorded scenes.
+//! `rhumb-bench dis`: bytes and errors of DIS beside those of Rhumb.
 //!
 //! Both publish the truth of one run over a perfect link. DIS sends Entity States by the publisher of `rhumb-dis`, with
 //! gravity as the acceleration of a body in flight, full bundles and heartbeats of 5 s; its receivers predict by the
 //! models of the standard. Errors are those of bodies that the recording lists as moving, at every tick: how far any point
 //! of the body is from its true place.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
@@ -18,8 +18,8 @@ use rhumb_dis::geodesy::{Geodetic, SceneAxes, TangentFrame};
 use rhumb_dis::published::{Kind, Observed, Publisher, PublisherConfig};
 use rhumb_dis::timestamp::TimeBase;
 use rhumb_protocol::scene::BodyKind;
-use rhumb_protocol::stream::Activity;
-use rhumb_reckoning::{BodyId, BodyState, Metres, Radians, Tolerance};
+use rhumb_protocol::stream::{Activity, Observation};
+use rhumb_reckoning::{BodyId, BodyState, Metres, Radians, Tick, Tolerance};
 use serde::{Deserialize, Serialize};
 
 use crate::drive::compare::divergence;
@@ -192,6 +192,13 @@ struct Moving {
     activity: Activity,
 }
 
+/// How many of the truth's placements and removals are done.
+#[derive(Default)]
+struct TruthPlace {
+    placed: usize,
+    removed: usize,
+}
+
 /// One run over DIS.
 struct SentByDis {
     publisher: Publisher,
@@ -239,53 +246,65 @@ impl SentByDis {
             bytes: 0,
         };
         let step = recording.integrator.rate.step().seconds();
-        let (mut placed, mut removed) = (0, 0);
+        let mut place = TruthPlace::default();
         for tick in 0..=u64::from(recording.ticks()) {
-            let truth = &recording.truth;
-            while let Some(one) = truth
-                .placed
-                .get(placed)
-                .filter(|one| one.tick.value() <= tick)
-            {
-                placed += 1;
-                if one.desc.kind != BodyKind::Fixed {
-                    let radius = one.shape.bounding_radius();
-                    sent.bodies.insert(
-                        key(one.desc.id),
-                        Moving {
-                            kind: kind(key(one.desc.id), radius, thresholds),
-                            radius,
-                            motion: one.observation.motion,
-                            acceleration: DVec3::ZERO,
-                            activity: one.observation.activity,
-                        },
-                    );
-                }
-            }
-            while let Some((_, id)) = truth
-                .removed
-                .get(removed)
-                .filter(|(when, _)| when.value() <= tick)
-            {
-                removed += 1;
-                sent.bodies.remove(&key(*id));
-            }
-            let row = (tick as usize)
-                .checked_sub(1)
-                .map_or(&[][..], |row| &truth.ticks[row]);
-            for observation in row {
-                if let Some(body) = sent.bodies.get_mut(&key(observation.id)) {
-                    body.acceleration =
-                        fall(body.motion, observation.motion, step, recording.gravity);
-                    (body.motion, body.activity) = (observation.motion, observation.activity);
-                }
-            }
+            let row = sent.step(recording, tick, &mut place, thresholds);
             // The scene begins at a full hour.
-            sent.publish(Duration::from_secs_f64(tick as f64 * step));
-            let seen = row.iter().map(|observation| key(observation.id));
-            sent.compare(Duration::from_secs_f64(tick as f64 * step), seen);
+            let now = Duration::from_secs_f64(tick as f64 * step);
+            sent.publish(now);
+            sent.compare(now, row.iter().map(|observation| key(observation.id)));
         }
         sent
+    }
+
+    /// Takes the truth of a tick, and returns what is observed in it.
+    fn step<'a>(
+        &mut self,
+        recording: &'a Recording,
+        tick: u64,
+        place: &mut TruthPlace,
+        thresholds: Thresholds,
+    ) -> &'a [Observation] {
+        let truth = &recording.truth;
+        let is_due = |when: Tick| when.value() <= tick;
+        while let Some(one) = truth
+            .placed
+            .get(place.placed)
+            .filter(|one| is_due(one.tick))
+        {
+            place.placed += 1;
+            if one.desc.kind != BodyKind::Fixed {
+                let radius = one.shape.bounding_radius();
+                let body = Moving {
+                    kind: kind(key(one.desc.id), radius, thresholds),
+                    radius,
+                    motion: one.observation.motion,
+                    acceleration: DVec3::ZERO,
+                    activity: one.observation.activity,
+                };
+                self.bodies.insert(key(one.desc.id), body);
+            }
+        }
+        while let Some((_, id)) = truth
+            .removed
+            .get(place.removed)
+            .filter(|(when, _)| is_due(*when))
+        {
+            place.removed += 1;
+            self.bodies.remove(&key(*id));
+        }
+        let row = (tick as usize)
+            .checked_sub(1)
+            .map_or(&[][..], |row| &truth.ticks[row]);
+        let step = recording.integrator.rate.step().seconds();
+        for observation in row {
+            if let Some(body) = self.bodies.get_mut(&key(observation.id)) {
+                let (before, after) = (body.motion, observation.motion);
+                body.acceleration = fall(before, after, step, recording.gravity);
+                (body.motion, body.activity) = (after, observation.activity);
+            }
+        }
+        row
     }
 
     fn publish(&mut self, now: Duration) {
@@ -317,7 +336,7 @@ impl SentByDis {
 
     /// Adds the errors of these bodies.
     fn compare(&mut self, now: Duration, seen: impl Iterator<Item = u64>) {
-        let seen: std::collections::BTreeSet<u64> = seen.collect();
+        let seen: BTreeSet<u64> = seen.collect();
         let mut errors = Vec::with_capacity(seen.len());
         for pose in self.receiver.poses(now) {
             let name = self.names.get(&pose.id).filter(|key| seen.contains(key));

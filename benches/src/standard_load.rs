@@ -1,4 +1,4 @@
-//! The standard loads: scenes of `rhumb-sims`, or recordings in their place, with their settings.
+//! The standard loads: scenes or recordings with their settings.
 
 use std::num::NonZeroU32;
 use std::path::PathBuf;

@@ -1,14 +1,15 @@
-//! A member of a scene that speaks DIS: bodies leave as states, entities of others come in as bodies.
+//! A member of a scene that speaks DIS, without sockets and clocks.
 //!
-//! No sockets and no clock: datagrams and moments are arguments, datagrams leave by [`Gateway::poll_datagram`]. Foreign
-//! entities are kinematic bodies that this member adds, has authority over, and removes. They are not sent back.
+//! Bodies leave as states, entities of others come in as bodies. Datagrams and moments are arguments, datagrams leave by
+//! [`Gateway::poll_datagram`]. Foreign entities are kinematic bodies that this member adds, has authority over, and removes.
+//! They are not sent back.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 use glam::{DVec3, Vec3};
 use rhumb_client::scene::{BodyDesc, Command};
-use rhumb_client::{BodyId, BodyState, Client, ClientError, Event, Replica, Tolerance};
+use rhumb_client::{BodyId, BodyState, Client, ClientError, Event, Metres, Replica, Tolerance};
 
 use crate::entity::EntityId;
 use crate::foreign::{ForeignConfig, ForeignEntities, ForeignPose, ForeignStatistics};
@@ -262,7 +263,7 @@ impl Gateway {
             .client
             .tolerance()
             .and_then(|tolerance| tolerance.length());
-        let tolerance = tolerance.map_or(0.0, |length| length.metres());
+        let tolerance = tolerance.map_or(0.0, Metres::metres);
         for (place, id) in view.ids().iter().enumerate() {
             let rules = &self.rules;
             let kind = *self

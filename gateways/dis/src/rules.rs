@@ -1,7 +1,7 @@
-//! Which body is what in DIS, and which entity has what shape: a file of rules.
+//! Rules: which body is what in DIS, which entity has what shape.
 //!
 //! The first rule that fits decides. Without a fitting rule, a body that can move is of the default kind, a fixed body is
-//! not sent, and an entity is a ball. The text is TOML.
+//! not sent, and an entity has the default shape. The text is TOML.
 
 use std::fmt;
 use std::time::Duration;

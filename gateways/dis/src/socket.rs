@@ -1,6 +1,6 @@
-//! The UDP socket of a gateway: unicast, broadcast and multicast; and the clock of its timestamps.
+//! A gateway's UDP socket, and the clock of its timestamps.
 //!
-//! IPv4 alone: DIS is broadcast, which IPv6 does not have.
+//! Unicast, broadcast and multicast over IPv4 alone: DIS is broadcast, which IPv6 does not have.
 
 use std::fmt;
 use std::io;

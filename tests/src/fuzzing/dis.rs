@@ -1,4 +1,4 @@
-//! Fuzzes the codec of DIS, and the entities that a gateway makes of datagrams.
+//! Fuzzes the codec of DIS, and the entities made of datagrams.
 //!
 //! Promises: what is read is written again bit for bit; an error is in words; entities stay within their number, and
 //! their poses are finite or theirs to refuse; whatever arrives, later sound states are taken in.

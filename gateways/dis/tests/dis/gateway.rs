@@ -241,8 +241,8 @@ fn an_entity_is_a_body_that_pushes_others_until_it_leaves() {
         }
         gateway.handle_time(now).expect("the scene is there");
         leader.advance(PipelineDepth::LOCKSTEP).expect("a tick");
-        let ids = leader.view().ids().iter().copied();
-        let new = ids.filter(|id| ![floor, crate_body].contains(id)).next();
+        let mut ids = leader.view().ids().iter().copied();
+        let new = ids.find(|id| ![floor, crate_body].contains(id));
         guest = guest.or(new);
         let shape = guest.and_then(|id| leader.replica()?.body(id));
         let shape = shape.and_then(|body| leader.replica()?.shape(body.shape).cloned());

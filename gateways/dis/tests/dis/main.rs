@@ -1,4 +1,6 @@
-//! Tests of DIS beyond one file: vectors of the models, another codec, a scene's member over sockets.
+//! Tests of DIS beyond one file.
+//!
+//! Vectors of the models, another codec, and a member of a scene over sockets.
 
 mod gateway;
 mod oracle;
