@@ -718,9 +718,10 @@ export type Query = (
   | { readonly kind: "shapeCast"; readonly shape: Shape; readonly position: Vec3; readonly rotation?: Quat; readonly translation: Vec3 }
   | { readonly kind: "projection"; readonly point: Vec3; readonly distance: number }
   | { readonly kind: "overlap"; readonly shape: Shape; readonly position: Vec3; readonly rotation?: Quat }
+  | { readonly kind: "contacts"; readonly body: BodyId }
 ) & {
   readonly filter?: QueryFilter;
-  /** Most bodies in its answer, 1 to 64. Default: 1. */
+  /** Most bodies in its answer, 1 to 64. Default: 1; of contacts 64. */
   readonly hits?: number;
 };
 
@@ -771,8 +772,9 @@ export interface Contact {
 
 export interface QueryHit {
   readonly body: BodyId;
-  /** Metres: along the way, or from the point to the surface. Undefined for an overlap. */
+  /** Metres: along the way, from the point to the surface, or of contacts between the surfaces. Undefined for an overlap. */
   readonly distance?: number;
+  /** On the body's surface, of a contact on that of the body that is asked about. */
   readonly point?: Vec3;
   readonly normal?: Vec3;
 }

@@ -16,8 +16,9 @@ use glam::{DVec3, Quat, Vec3};
 use rhumb_protocol::limits::MOMENT_MAX;
 use rhumb_protocol::message::{QueryError, RemovalCause};
 use rhumb_protocol::scene::{
-    Answer, BodyDesc, BodyEvent, BodyKind, Command, CommandError, Contact, Invalid, Joint, JointId,
-    Joints, Locomotion, Quantity, Query, SceneConfig, Shape, ShapeId,
+    Answer, BodyDesc, BodyEvent, BodyKind, Command, CommandError, Contact, Hit, Invalid, Joint,
+    JointId, Joints, Locomotion, Quantity, Query, QueryCandidate, QueryKind, SceneConfig, Shape,
+    ShapeId,
 };
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Inertia, Metres, Tick, Twist};
@@ -557,10 +558,30 @@ impl Scene {
         if !self.is_sound() {
             return Err(QueryError::SceneFaulted);
         }
-        let answers = queries.iter().map(|query| self.engine.query(query));
+        let answers = queries.iter().map(|query| match query.kind {
+            QueryKind::Contacts { body } => Ok(self.touching(body, query)),
+            _ => self.engine.query(query),
+        });
         answers
             .collect::<Result<_, _>>()
             .map_err(|_| QueryError::Unanswerable)
+    }
+
+    /// The bodies that touch a body and that a query considers, as the engine found them in the last step.
+    fn touching(&self, body: BodyId, query: &Query) -> Answer {
+        let mut contacts = Vec::new();
+        self.contacts(body, &mut contacts);
+        let counts = |contact: &Contact| {
+            let other = self.body(contact.with);
+            other.is_some_and(|desc| query.filter.takes(&QueryCandidate::of(desc)))
+        };
+        let hits = contacts.into_iter().filter(counts).map(|contact| Hit {
+            body: contact.with,
+            distance: contact.separation,
+            point: contact.point,
+            normal: contact.normal,
+        });
+        Answer::Hits(rhumb_solids::deepest(hits.collect(), query.hits))
     }
 
     /// The least generation that no body of an index has had.

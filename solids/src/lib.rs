@@ -11,5 +11,5 @@ mod rays;
 
 pub use grounds::{Dispatcher, Grounds};
 pub use parts::{SolidPart, UnitMass, add_parts, parts, pose, simple_part};
-pub use queries::{PlacedBodies, SearchedBodies, answer, nearest_hit};
+pub use queries::{PlacedBodies, SearchedBodies, answer, deepest, nearest_hit};
 pub use rays::cast_ray;

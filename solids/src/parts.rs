@@ -4,7 +4,7 @@
 //! inertia are those at density one, around the body's origin, which the protocol places at the centre of mass.
 //! Invariant: all numbers are normal.
 
-use std::panic::catch_unwind;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use glam::{Quat, Vec3};
 use parry3d::mass_properties::MassProperties;
@@ -142,6 +142,8 @@ fn triangles(mesh: &Mesh) -> Option<SharedShape> {
 /// Mass and moments of a solid of one kilogram per cubic metre.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UnitMass {
+    /// Centre of mass, metres, in the solid's coordinates.
+    pub centre: Vec3,
     /// Kilograms: its volume.
     pub mass: f32,
     /// About its principal axes, kg·m².
@@ -151,6 +153,15 @@ pub struct UnitMass {
 }
 
 impl UnitMass {
+    /// The mass of a shape, of a mesh that of the enclosed volume; `None` for a shape without a solid or without volume.
+    #[must_use]
+    pub fn of_shape(shape: &Shape) -> Option<Self> {
+        let parts = parts(shape)?;
+        // The library has asserts of its own.
+        let made = catch_unwind(AssertUnwindSafe(|| Self::of(&parts)));
+        made.ok().flatten()
+    }
+
     /// The mass of all parts together; `None` for parts without volume, and where a number is too small or too large
     /// for f32.
     #[must_use]
@@ -160,7 +171,9 @@ impl UnitMass {
         let (mass, moments) = (total.mass(), total.principal_inertia());
         let sound = |value: f32| value.is_normal() && value > 0.0;
         let is_sound = sound(mass) && sound(moments.min_element()) && moments.is_finite();
+        let is_sound = is_sound && total.local_com.is_finite();
         is_sound.then_some(Self {
+            centre: total.local_com,
             mass,
             moments,
             frame: total.principal_inertia_local_frame,

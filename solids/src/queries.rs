@@ -65,6 +65,7 @@ pub fn answer(bodies: &dyn SearchedBodies, query: &Query) -> Answer {
             ids.sort_unstable();
             Answer::Bodies(ids)
         }
+        QueryKind::Contacts { body } => search.touching(body),
     }
 }
 
@@ -199,6 +200,19 @@ fn projection(parts: &Parts<'_>, point: Vec3, most: f32) -> Option<(u32, Hit)> {
     (distance <= most).then(|| (nearest, found(distance, surface.point, outward)))
 }
 
+/// The deepest contact of each body, the deepest first, as many as a query finds.
+#[must_use]
+pub fn deepest(mut hits: Vec<Hit>, most: u8) -> Vec<Hit> {
+    let finite =
+        |hit: &Hit| hit.distance.is_finite() && hit.point.is_finite() && hit.normal.is_finite();
+    hits.retain(finite);
+    hits.sort_by(|a, b| (a.body.cmp(&b.body)).then(a.distance.total_cmp(&b.distance)));
+    hits.dedup_by_key(|hit| hit.body);
+    hits.sort_by(|a, b| (a.distance.total_cmp(&b.distance)).then(a.body.cmp(&b.body)));
+    hits.truncate(usize::from(most));
+    hits
+}
+
 /// One query over a set of bodies.
 struct Search<'a> {
     bodies: &'a dyn SearchedBodies,
@@ -223,6 +237,45 @@ impl Search<'_> {
             }
         }
         Answer::Hits(hits)
+    }
+
+    /// The bodies whose parts overlap those of a body, each at its deepest contact, the deepest first.
+    fn touching(&self, body: BodyId) -> Answer {
+        let mut own: Vec<SolidPart> = Vec::new();
+        self.bodies.search(&QueryFilter::ALL, &[], &mut |parts| {
+            for part in parts.bvh().leaves(|_| true) {
+                if self.bodies.body_of(part) == Some(body) {
+                    parts.map_part_at(part, &mut |at, shape, _| {
+                        let (at, shape) = (at.copied().unwrap_or_default(), shape.clone_dyn());
+                        let shape = SharedShape(shape.into());
+                        own.push(SolidPart { at, shape });
+                    });
+                }
+            }
+        });
+        let mut hits: Vec<Hit> = Vec::new();
+        let filter = &self.query.filter;
+        (self.bodies).search(filter, &[body], &mut |parts| {
+            for SolidPart { at, shape } in &own {
+                let around = shape.compute_aabb(at);
+                let near = parts
+                    .bvh()
+                    .leaves(|node| node.aabb().intersects(&around))
+                    .collect::<Vec<_>>();
+                for part in near {
+                    parts.map_part_at(part, &mut |other_at, other, _| {
+                        let other_at = other_at.copied().unwrap_or_default();
+                        let contact = query::contact(at, &*shape.0, &other_at, other, 0.0);
+                        let body = self.bodies.body_of(part);
+                        if let (Ok(Some(contact)), Some(body)) = (contact, body) {
+                            let hit = found(contact.dist, contact.point1, contact.normal2);
+                            hits.push(Hit { body, ..hit });
+                        }
+                    });
+                }
+            }
+        });
+        Answer::Hits(deepest(hits, self.query.hits))
     }
 
     /// Bodies that a shape overlaps, each once.

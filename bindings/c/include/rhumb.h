@@ -388,6 +388,8 @@ enum RhumbQueryKind
   RHUMB_QUERY_KIND_PROJECTION,
   // The bodies that `shape` overlaps at `position` and `rotation`.
   RHUMB_QUERY_KIND_OVERLAP,
+  // The bodies that touch `body` after the last step, the deepest contact first; their points lie on `body`.
+  RHUMB_QUERY_KIND_CONTACTS,
 };
 #ifndef __cplusplus
 #if __STDC_VERSION__ >= 202311L
@@ -525,7 +527,8 @@ typedef struct RhumbCommand {
   uint32_t choice;
 } RhumbCommand;
 
-// How to reach a server, and which one to trust: by `fingerprint` or by `roots`, one of the two.
+// How to reach a server, and which one to trust: by `fingerprint` or by `roots`, one of the two. The address may end with
+// `#` and the fingerprint.
 typedef struct RhumbConnectOptions {
   // Host and port.
   const char *address;
@@ -892,6 +895,8 @@ typedef struct RhumbQuery {
   uint32_t groups;
   // A body that does not count; zero for none.
   RhumbBody except;
+  // The body whose contacts are asked for.
+  RhumbBody body;
 } RhumbQuery;
 
 // A body that a query found.
@@ -900,9 +905,10 @@ typedef struct RhumbHit {
   RhumbBody body;
   // Place of the query in the call.
   uint32_t query;
-  // Units of length along the way, or from the point to the surface, negative inside; zero for an overlap.
+  // Units of length along the way, from the point to the surface, or from surface to surface, negative inside; zero for an
+  // overlap.
   float distance;
-  // On the body's surface; zero for an overlap.
+  // On the body's surface, of a contact on that of the body that is asked about; zero for an overlap.
   float point[3];
   // Outward from the surface, unit; zero where there is none.
   float normal[3];

@@ -807,6 +807,14 @@ inline RhumbQuery overlap(const Shape& shape, Vec3 position, std::uint32_t hits 
     return query;
 }
 
+/// The bodies that touch a body after the last step, the deepest contact first; their points lie on the body.
+inline RhumbQuery contacts(Body body, std::uint32_t hits = 64) {
+    RhumbQuery query = make(RHUMB_QUERY_KIND_CONTACTS, {});
+    query.body = body;
+    query.hits = hits;
+    return query;
+}
+
 }  // namespace query
 
 /// The arrays of a view, valid until the scene computes the next one or closes. See RhumbPoses.

@@ -151,6 +151,8 @@ pub enum RhumbQueryKind {
     Projection,
     /// The bodies that `shape` overlaps at `position` and `rotation`.
     Overlap,
+    /// The bodies that touch `body` after the last step, the deepest contact first; their points lie on `body`.
+    Contacts,
 }
 
 /// The coordinates in the order of their numbers.
@@ -204,8 +206,13 @@ impl RhumbShapeKind {
 
 impl RhumbQueryKind {
     /// In the order of their numbers.
-    pub(crate) const EACH: [Self; 4] =
-        [Self::Ray, Self::ShapeCast, Self::Projection, Self::Overlap];
+    pub(crate) const EACH: [Self; 5] = [
+        Self::Ray,
+        Self::ShapeCast,
+        Self::Projection,
+        Self::Overlap,
+        Self::Contacts,
+    ];
 }
 
 #[cfg(test)]

@@ -40,6 +40,8 @@ pub struct RhumbQuery {
     pub groups: u32,
     /// A body that does not count; zero for none.
     pub except: RhumbBody,
+    /// The body whose contacts are asked for.
+    pub body: RhumbBody,
 }
 
 /// A body that a query found.
@@ -50,9 +52,10 @@ pub struct RhumbHit {
     pub body: RhumbBody,
     /// Place of the query in the call.
     pub query: u32,
-    /// Units of length along the way, or from the point to the surface, negative inside; zero for an overlap.
+    /// Units of length along the way, from the point to the surface, or from surface to surface, negative inside; zero for an
+    /// overlap.
     pub distance: f32,
-    /// On the body's surface; zero for an overlap.
+    /// On the body's surface, of a contact on that of the body that is asked about; zero for an overlap.
     pub point: [f32; 3],
     /// Outward from the surface, unit; zero where there is none.
     pub normal: [f32; 3],
@@ -127,6 +130,7 @@ impl RhumbQuery {
         with_sensors: 0,
         groups: u32::MAX,
         except: RhumbBody(0),
+        body: RhumbBody(0),
     };
 
     /// # Safety
@@ -164,6 +168,9 @@ impl RhumbQuery {
                 shape: shape()?,
                 position,
                 rotation,
+            },
+            RhumbQueryKind::Contacts => QueryKind::Contacts {
+                body: parse_body_word(self.body.0)?,
             },
         };
         let except = match self.except {
@@ -234,7 +241,7 @@ mod tests {
     fn wrong_queries_are_errors_that_name_the_field() {
         let error = |wrong| query(wrong).expect_err("the query is wrong").to_string();
         let plain = RhumbQuery::PLAIN;
-        assert!(error(RhumbQuery { kind: 4, ..plain }).starts_with("query.kind"));
+        assert!(error(RhumbQuery { kind: 5, ..plain }).starts_with("query.kind"));
         assert!(error(RhumbQuery { hits: 256, ..plain }).starts_with("query.hits"));
         let except = RhumbBody(1 << 33);
         assert!(error(RhumbQuery { except, ..plain }).contains("id of no body"));

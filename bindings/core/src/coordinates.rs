@@ -409,6 +409,7 @@ impl Coordinates {
                 position: self.vector_in(position),
                 rotation: self.rotation_in(rotation),
             },
+            QueryKind::Contacts { body } => QueryKind::Contacts { body },
         };
         Ok(Query { kind, ..query })
     }

@@ -776,7 +776,8 @@ namespace Rhumb
     }
 
     /// <summary>
-    ///  How to reach a server, and which one to trust: by `fingerprint` or by `roots`, one of the two.
+    ///  How to reach a server, and which one to trust: by `fingerprint` or by `roots`, one of the two. The address may end with
+    ///  `#` and the fingerprint.
     /// </summary>
     [StructLayout(LayoutKind.Sequential)]
     public unsafe partial struct RhumbConnectOptions
@@ -1503,6 +1504,10 @@ namespace Rhumb
         ///  A body that does not count; zero for none.
         /// </summary>
         public RhumbBody except;
+        /// <summary>
+        ///  The body whose contacts are asked for.
+        /// </summary>
+        public RhumbBody body;
     }
 
     /// <summary>
@@ -1520,11 +1525,12 @@ namespace Rhumb
         /// </summary>
         public uint query;
         /// <summary>
-        ///  Units of length along the way, or from the point to the surface, negative inside; zero for an overlap.
+        ///  Units of length along the way, from the point to the surface, or from surface to surface, negative inside; zero for an
+        ///  overlap.
         /// </summary>
         public float distance;
         /// <summary>
-        ///  On the body's surface; zero for an overlap.
+        ///  On the body's surface, of a contact on that of the body that is asked about; zero for an overlap.
         /// </summary>
         public fixed float point[3];
         /// <summary>
@@ -1865,6 +1871,10 @@ namespace Rhumb
         ///  The bodies that `shape` overlaps at `position` and `rotation`.
         /// </summary>
         Overlap,
+        /// <summary>
+        ///  The bodies that touch `body` after the last step, the deepest contact first; their points lie on `body`.
+        /// </summary>
+        Contacts,
     }
 
     /// <summary>

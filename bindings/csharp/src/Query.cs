@@ -33,6 +33,17 @@ namespace Rhumb
             return Make(RhumbQueryKind.Overlap, position, default(Vec3), hits).With(shape);
         }
 
+        /// <summary>
+        /// The bodies that touch a body after the last step, the deepest contact first: the points of its hits lie on the body
+        /// that is asked about.
+        /// </summary>
+        public static Query Contacts(Body body, uint hits = 64)
+        {
+            Query query = Make(RhumbQueryKind.Contacts, default(Vec3), default(Vec3), hits);
+            query.Raw.body.Item1 = body.Word;
+            return query;
+        }
+
         /// <summary>The same question about other bodies.</summary>
         public Query Among(bool fixedBodies = true, bool dynamic = true, bool kinematic = true, bool sensors = false)
         {
@@ -109,11 +120,12 @@ namespace Rhumb
         public Body Body;
 
         /// <summary>
-        /// Units of length along the way, or from the point to the surface, negative inside; zero for an overlap.
+        /// Units of length along the way, from the point to the surface, or from surface to surface, negative inside; zero
+        /// for an overlap.
         /// </summary>
         public float Distance;
 
-        /// <summary>On the body's surface, in world axes; zero for an overlap.</summary>
+        /// <summary>On the body's surface, of a contact on that of the body that is asked about, in world axes; zero for an overlap.</summary>
         public Vec3 Point;
 
         /// <summary>Outward from the surface, in world axes, unit; zero where there is none.</summary>

@@ -11,7 +11,8 @@ use crate::errors::{check_in_any, wrong, wrong_value};
 use crate::number;
 use crate::shape::{PyShape, written};
 
-/// A question about where the bodies are, for Scene.query: Query.ray, shape_cast, projection or overlap.
+/// A question about where the bodies are, for Scene.query: Query.ray, shape_cast, projection, overlap or
+/// contacts.
 ///
 /// hits is the most bodies that it finds, 1 to 64. among changes which bodies count.
 #[pyclass(frozen, name = "Query", module = "rhumb")]
@@ -101,6 +102,18 @@ impl PyQuery {
         Self::checked(py, query, hits)
     }
 
+    /// The bodies that touch a body after the last step, the deepest contact first: the points of its hits lie on the body
+    /// that is asked about.
+    #[staticmethod]
+    #[pyo3(signature = (body, *, hits = 64))]
+    fn contacts(
+        py: Python<'_>,
+        body: &Bound<'_, PyAny>,
+        #[pyo3(from_py_with = number::whole::hits)] hits: u32,
+    ) -> PyResult<Self> {
+        Self::checked(py, scene::Query::contacts(single(body)?), hits)
+    }
+
     /// The same question about some bodies: of these kinds, of a group in the bits of groups, but not the one excluded.
     #[pyo3(signature = (*, fixed = true, dynamic = true, kinematic = true, sensors = false, groups = 4_294_967_295, excluding = None))]
     fn among(
@@ -158,6 +171,9 @@ impl PyQuery {
                 written(shape),
                 way(*position)
             ),
+            QueryKind::Contacts { body } => {
+                format!("Query.contacts({}, hits={hits})", body_word(*body))
+            }
         };
         if self.query.filter != scene::QueryFilter::DEFAULT {
             text += ".among(...)";

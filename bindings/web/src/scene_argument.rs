@@ -387,6 +387,12 @@ pub(crate) fn query(from: &Argument<'_>) -> Result<Query, Failure> {
                 rotation,
             }
         }
+        "contacts" => {
+            query.hits = HITS_MAX;
+            QueryKind::Contacts {
+                body: from.field("body")?.body()?,
+            }
+        }
         _ => return Err(kind.wrong("a kind of query")),
     };
     if let Some(from) = from.optional("hits") {

@@ -64,6 +64,11 @@ pub enum QueryKind {
         /// Its orientation.
         rotation: Quat,
     },
+    /// Finds the bodies that touch a body after the last step, the deepest contact first.
+    Contacts {
+        /// The body; one that the scene does not have touches nothing.
+        body: BodyId,
+    },
 }
 
 /// Selection of the bodies that a question considers.
@@ -92,6 +97,12 @@ impl QueryFilter {
         with_sensors: false,
         except: None,
         groups: u32::MAX,
+    };
+
+    /// All bodies.
+    pub const ALL: Self = Self {
+        with_sensors: true,
+        ..Self::DEFAULT
     };
 
     /// True if a body counts.
@@ -182,6 +193,14 @@ impl Query {
         query
     }
 
+    /// The bodies that touch a body, at most [`HITS_MAX`].
+    #[must_use]
+    pub const fn contacts(body: BodyId) -> Self {
+        let mut query = Self::new(QueryKind::Contacts { body });
+        query.hits = HITS_MAX;
+        query
+    }
+
     const fn new(kind: QueryKind) -> Self {
         Self {
             kind,
@@ -222,7 +241,10 @@ impl Query {
     pub const fn cost(&self) -> u32 {
         let each = match self.kind {
             QueryKind::ShapeCast { .. } => SHAPE_CAST_COST,
-            QueryKind::Ray { .. } | QueryKind::Projection { .. } | QueryKind::Overlap { .. } => 1,
+            QueryKind::Ray { .. }
+            | QueryKind::Projection { .. }
+            | QueryKind::Overlap { .. }
+            | QueryKind::Contacts { .. } => 1,
         };
         self.hits as u32 * each
     }
@@ -286,6 +308,7 @@ impl Query {
                 place(position)?;
                 rotation(turned)
             }
+            QueryKind::Contacts { .. } => Ok(()),
         }
     }
 
@@ -293,8 +316,12 @@ impl Query {
     ///
     /// # Errors
     ///
-    /// [`IdOutOfRange`] for a body that does not count and that no scene can have.
+    /// [`IdOutOfRange`] for a body that no scene can have: the one whose contacts are asked for, or the one that does not
+    /// count.
     pub fn check_ids(&self) -> Result<(), IdOutOfRange> {
+        if let QueryKind::Contacts { body } = self.kind {
+            IdOutOfRange::check_body(body)?;
+        }
         self.filter.except.map_or(Ok(()), IdOutOfRange::check_body)
     }
 }
@@ -305,9 +332,10 @@ pub struct Hit {
     /// The body.
     pub body: BodyId,
     /// Metres: along the way, or from the point to the surface. It is 0 for a ray or a shape that begins inside the
-    /// body, and negative for a point inside the body.
+    /// body, and negative for a point inside the body. Of a contact: from surface to surface, negative where they overlap.
     pub distance: f32,
-    /// Metres: on the body's surface; where a ray begins inside the body, its beginning.
+    /// Metres: on the body's surface; where a ray begins inside the body, its beginning. Of a contact: on the surface of the
+    /// body whose contacts were asked for.
     pub point: Vec3,
     /// Outward from the surface, of unit length; zero where there is none, as for a ray that begins inside.
     pub normal: Vec3,
@@ -316,7 +344,7 @@ pub struct Hit {
 /// The answer to one question.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Answer {
-    /// The nearest bodies, nearest first: of a ray, a shape cast or a projection.
+    /// The nearest bodies, nearest first: of a ray, a shape cast, a projection or contacts.
     Hits(Vec<Hit>),
     /// The overlapped bodies in the order of ids. There may be more if there are as many as were asked for.
     Bodies(Vec<BodyId>),
@@ -328,6 +356,7 @@ mod code {
     pub(super) const SHAPE_CAST: u8 = 1;
     pub(super) const PROJECTION: u8 = 2;
     pub(super) const OVERLAP: u8 = 3;
+    pub(super) const CONTACTS: u8 = 4;
 }
 
 /// Bits of a filter's first byte.
@@ -391,6 +420,10 @@ impl Wire for Query {
                 to.f32s(&position.to_array());
                 to.f32s(&rotation.to_array());
             }
+            QueryKind::Contacts { body } => {
+                to.u8(code::CONTACTS);
+                body.encode(to);
+            }
         }
         self.filter.encode(to);
         to.u8(self.hits);
@@ -416,6 +449,9 @@ impl Wire for Query {
                 shape: simple_shape(from)?,
                 position: vec3(from)?,
                 rotation: Quat::from_array(from.f32s()?),
+            },
+            code::CONTACTS => QueryKind::Contacts {
+                body: BodyId::decode(from)?,
             },
             _ => return Err(Malformed::UnknownCode),
         };

@@ -111,10 +111,11 @@ fn ask(scene: &Scene, script: &mut Script<'_>, bodies: &[BodyId]) {
         Shape::capsule(size, 0.3),
         Shape::cylinder(size, 0.3),
     ]);
-    let query = match script.below(4) {
+    let query = match script.below(5) {
         0 => Query::ray(at, way),
         1 => Query::shape_cast(shape, at, rotation, way),
         2 => Query::projection(at, way.x),
+        3 => Query::contacts(script.one_of(bodies)),
         _ => Query::overlap(shape, at, rotation),
     };
     let filter = QueryFilter {

@@ -146,7 +146,9 @@ fn queries(cases: &mut CaseList) {
     let projection = [vec![2], f(&[1.0, 2.0, 3.0, 0.5])].concat();
     cases.add(17, "Query, a projection", &[&one(projection, &[0], 1)]);
     cases.add(17, "Query, nothing", &[&[0]]);
-    cases.add(17, "Query, no such kind", &[&one(vec![4], &[0], 1)]);
+    let contacts = [&[4][..], &id(300, 2)].concat();
+    cases.add(17, "Query, contacts", &[&one(contacts, &[0], 64)]);
+    cases.add(17, "Query, no such kind", &[&one(vec![5], &[0], 1)]);
     for (word, count) in [("the greatest cost", 64), ("one more", 65)] {
         let rays = [ray(), vec![0, 64]].concat().repeat(count);
         let name = format!("Query, {word}");

@@ -182,6 +182,36 @@ fn a_shape_cast_finds_what_the_shape_touches() {
 }
 
 #[test]
+fn contacts_are_those_of_the_step_from_the_side_of_the_body() {
+    let mut table = Table::default();
+    let peer = member(&mut table, Stepping::Lockstep);
+    let no_fixed = QueryFilter {
+        with_fixed: false,
+        ..QueryFilter::DEFAULT
+    };
+    let asked = vec![
+        Query::contacts(BALL),
+        Query::contacts(FLOOR),
+        Query::contacts(LIFT),
+        Query::contacts(BALL).among(no_fixed),
+    ];
+    let found = answers(&mut table, peer, asked);
+    let [of_ball, of_floor, of_lift, among] = &found[..] else {
+        panic!("an answer for each query, not {found:?}");
+    };
+    let [on_floor] = hits(of_ball) else {
+        panic!("the ball touches the floor alone, not {of_ball:?}");
+    };
+    assert_eq!(on_floor.body, FLOOR);
+    assert!(on_floor.normal.distance(Vec3::Y) < SLACK, "{on_floor:?}");
+    assert!(on_floor.point.length() < 0.02, "{on_floor:?}");
+    let of_the_ball = hits(of_floor).iter().find(|hit| hit.body == BALL);
+    let normal = of_the_ball.expect("the floor touches the ball").normal;
+    assert!(normal.distance(Vec3::NEG_Y) < SLACK, "{normal}");
+    assert!(hits(of_lift).is_empty() && hits(among).is_empty());
+}
+
+#[test]
 fn a_projection_finds_the_nearest_surface() {
     let mut table = Table::default();
     let peer = member(&mut table, Stepping::Lockstep);

@@ -387,7 +387,8 @@ def file_settings(
 
 @final
 class Query:
-    """A question about where the bodies are, for Scene.query: Query.ray, shape_cast, projection or overlap.
+    """A question about where the bodies are, for Scene.query: Query.ray, shape_cast, projection, overlap or
+    contacts.
 
     hits is the most bodies that it finds, 1 to 64. among changes which bodies count.
     """
@@ -406,6 +407,10 @@ class Query:
     @staticmethod
     def overlap(shape: Shape, position: _Vector, *, rotation: Optional[_Rotation] = None, hits: int = 64) -> Query:
         """The bodies that a shape overlaps: a ball, cuboid, rounded cuboid, capsule, cylinder or cone."""
+    @staticmethod
+    def contacts(body: int, *, hits: int = 64) -> Query:
+        """The bodies that touch a body after the last step, the deepest contact first: the points of its hits lie on the body
+        that is asked about."""
     def among(
         self,
         *,

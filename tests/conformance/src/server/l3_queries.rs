@@ -8,7 +8,7 @@ use rhumb_protocol::message::{
     ClientMessage, QueryError, QueryResult, ServerMessage, StreamChoice, TickEvents,
 };
 use rhumb_protocol::scene::{
-    ActiveEvents, Answer, BodyEvent, Command, CommandError, Invalid, Quantity, Query,
+    ActiveEvents, Answer, BodyEvent, Command, CommandError, Hit, Invalid, Quantity, Query,
 };
 use rhumb_protocol::session::CloseCode;
 use rhumb_reckoning::{BodyId, Tick};
@@ -64,6 +64,12 @@ const CASES: &[CaseRow] = &[
         "events of a body that does not exist are refused",
         "PROTOCOL 4.15-1",
         refuses_an_unknown_body,
+    ),
+    (
+        8,
+        "contacts of a body are those of the step, from its own side",
+        "PROTOCOL 4.14-1, 4.14-7, 4.14-9",
+        finds_contacts,
     ),
 ];
 
@@ -147,6 +153,40 @@ fn finds_along_a_ray(trial: &mut Trial<'_>) -> CaseResult {
     ensure(
         nearest.len() == 1 && nearest[0].body == lying.ball,
         format!("the ball alone is nearest, not {nearest:?}"),
+    )
+}
+
+fn finds_contacts(trial: &mut Trial<'_>) -> CaseResult {
+    let mut lying = Lying::begin(trial)?;
+    let gone = BodyId::new(lying.ball.index(), lying.ball.generation() + 1);
+    lying.advance(1);
+    let asked = [lying.ball, lying.floor, gone];
+    let result = lying.ask(asked.map(Query::contacts).to_vec())?;
+    let answers = result.answers.unwrap_or_default();
+    let [
+        Answer::Hits(of_ball),
+        Answer::Hits(of_floor),
+        Answer::Hits(of_gone),
+    ] = &answers[..]
+    else {
+        return Stop::fail(format!("three answers with hits, not {answers:?}"));
+    };
+    ensure(
+        of_gone.is_empty(),
+        format!("a body that is not there touches nothing, not {of_gone:?}"),
+    )?;
+    let from = |hits: &[Hit], other, normal: Vec3| match hits {
+        [hit] => {
+            hit.body == other
+                && hit.distance.abs() < 0.02
+                && hit.point.length() < 0.02
+                && hit.normal.distance(normal) < 0.02
+        }
+        _ => false,
+    };
+    ensure(
+        from(of_ball, lying.floor, Vec3::Y) && from(of_floor, lying.ball, Vec3::NEG_Y),
+        format!("one contact at the origin, seen from both sides: {of_ball:?}, {of_floor:?}"),
     )
 }
 
