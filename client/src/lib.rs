@@ -71,7 +71,7 @@ pub use error::{ClientError, MainError, OpenError, RefusedRequests};
 pub use glam;
 pub use join_options::{JoinOptions, Refusals};
 #[cfg(feature = "local")]
-pub use local::LocalServer;
+pub use local::{LocalPeers, LocalServer, WithLocalPeers, is_local_peer};
 #[cfg(feature = "quic")]
 pub use rhumb_link::{CertificateError, ConnectError, Fingerprint, FingerprintError, Trust};
 pub use rhumb_link::{ClientTransport, Received, TransportCode, WireStatistics};

@@ -1,7 +1,8 @@
 //! A server in this process, and its clients' connections, without sockets.
 //!
 //! A call of a client steps the server, or a thread of its own does. The server side neither waits nor sleeps. A panic of
-//! the server ends its connections, and never reaches a caller. A client's inputs arrive by a call or a queue.
+//! the server ends its connections, and never reaches a caller. A client's inputs arrive by a call or a queue. A server
+//! with a driver of its own, such as one with sockets, has such clients beside its others.
 
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -15,7 +16,7 @@ use bytes::Bytes;
 use rhumb_link::{
     ClientTransport, Clock, HeldBack, Inbox, Received, TransportCode, WireStatistics,
 };
-use rhumb_protocol::{Ending, Endpoint, Peer, Span, Transmit};
+use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Span, Transmit, Wake};
 use rhumb_scene::{SceneRouter, SceneSettings};
 
 use crate::client::Client;
@@ -102,11 +103,141 @@ impl LocalServer {
         ))
     }
 
+    /// The clients of a server with a driver of its own: [`LocalPeers::serve`] joins them to the driver's. `wake` has the
+    /// driver poll the server; it is called after each input.
+    #[must_use]
+    pub fn beside(wake: impl Fn() + Send + Sync + 'static) -> (Self, LocalPeers) {
+        let (sender, inputs) = channel();
+        let wake: Arc<dyn Fn() + Send + Sync> = Arc::new(wake);
+        let mut queue = InputQueue::new(sender);
+        queue.wake = Some(Arc::clone(&wake));
+        let server = Self {
+            host: Host::Thread(queue),
+            next_peer: Arc::new(AtomicU64::new(FIRST_PEER)),
+        };
+        (server, LocalPeers { inputs, wake })
+    }
+
     fn at(host: Host) -> Self {
         Self {
             host,
             next_peer: Arc::default(),
         }
+    }
+}
+
+/// The first number of peers of this process beside those of another driver: between those of the network and those of a
+/// Unix socket.
+const FIRST_PEER: u64 = 1 << 62;
+
+/// True for a peer of [`LocalServer::beside`].
+#[must_use]
+pub fn is_local_peer(peer: Peer) -> bool {
+    peer.0 & !(FIRST_PEER - 1) == FIRST_PEER
+}
+
+/// What the clients of [`LocalServer::beside`] send.
+pub struct LocalPeers {
+    inputs: Receiver<QueuedInput>,
+    wake: Arc<dyn Fn() + Send + Sync>,
+}
+
+/// An endpoint, and its peers of this process beside those of the driver that calls it.
+pub struct WithLocalPeers<'a, E> {
+    driver: Driver<&'a mut E>,
+    peers: LocalPeers,
+}
+
+impl LocalPeers {
+    /// The endpoint with these peers.
+    pub fn serve<E: Endpoint>(self, endpoint: &mut E) -> WithLocalPeers<'_, E> {
+        WithLocalPeers {
+            driver: Driver::new(endpoint, Clock::start()),
+            peers: self,
+        }
+    }
+}
+
+impl<E: Endpoint> WithLocalPeers<'_, E> {
+    fn handle_inputs(&mut self) {
+        for _ in 0..INPUTS_PER_TURN {
+            match self.peers.inputs.try_recv() {
+                Ok(input) => {
+                    input
+                        .waiting
+                        .fetch_sub(cost(&input.input), Ordering::Relaxed);
+                    self.driver.take(input.from, input.input);
+                }
+                Err(_) => return,
+            }
+        }
+        (self.peers.wake)();
+    }
+}
+
+impl<E> Drop for WithLocalPeers<'_, E> {
+    /// Closes every connection.
+    fn drop(&mut self) {
+        self.driver.end(Ending::Closed(TransportCode::GOING_AWAY.0));
+    }
+}
+
+impl<E: Endpoint> Endpoint for WithLocalPeers<'_, E> {
+    fn handle_opened(&mut self, now: Instant, peer: Peer) {
+        self.driver.server.handle_opened(now, peer);
+    }
+
+    fn handle_control(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
+        self.driver.server.handle_control(now, from, bytes);
+    }
+
+    fn handle_control_taken(&mut self, now: Instant, peer: Peer, bytes: usize) {
+        self.driver.server.handle_control_taken(now, peer, bytes);
+    }
+
+    fn wants_control(&self, from: Peer) -> bool {
+        self.driver.server.wants_control(from)
+    }
+
+    fn handle_datagram(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
+        self.driver.server.handle_datagram(now, from, bytes);
+    }
+
+    fn handle_link(&mut self, now: Instant, peer: Peer, report: &LinkReport) {
+        self.driver.server.handle_link(now, peer, report);
+    }
+
+    fn handle_ended(&mut self, now: Instant, peer: Peer, ending: Ending) {
+        self.driver.server.handle_ended(now, peer, ending);
+    }
+
+    fn handle_timeout(&mut self, now: Instant) {
+        self.driver.server.handle_timeout(now);
+    }
+
+    /// The next transmission of the driver that calls; those of this process's peers leave on the way.
+    fn poll_transmit(&mut self) -> Option<Transmit> {
+        self.handle_inputs();
+        loop {
+            while let Some(transmit) = self.driver.server.poll_transmit() {
+                let (Transmit::Control { to, .. }
+                | Transmit::State { to, .. }
+                | Transmit::Close { to, .. }) = &transmit;
+                if !is_local_peer(*to) {
+                    return Some(transmit);
+                }
+                self.driver.send(transmit);
+            }
+            let now = self.driver.clock.now();
+            let driver = &mut self.driver;
+            if !driver.held_back.deliver(now, &mut driver.server) {
+                return None;
+            }
+        }
+    }
+
+    fn poll_timeout(&self) -> Option<Wake> {
+        self.driver.server.poll_timeout()
     }
 }
 
@@ -149,7 +280,7 @@ fn scenes() -> SceneRouter {
 }
 
 /// Runs a server until its last client is gone.
-fn run(driver: &mut Driver, inputs: &Receiver<QueuedInput>) {
+fn run(driver: &mut Driver<SceneRouter>, inputs: &Receiver<QueuedInput>) {
     loop {
         let first = match driver.run() {
             None => inputs.recv().map_err(|_| RecvTimeoutError::Disconnected),
@@ -331,8 +462,8 @@ impl LocalInput {
 }
 
 /// A server, and the inboxes of its clients.
-struct Driver {
-    server: SceneRouter,
+struct Driver<E> {
+    server: E,
     clock: Clock,
     clients: BTreeMap<Peer, LocalClient>,
     held_back: HeldBack<Bytes>,
@@ -397,8 +528,8 @@ impl LocalClient {
     }
 }
 
-impl Driver {
-    fn new(server: SceneRouter, clock: Clock) -> Self {
+impl<E> Driver<E> {
+    fn new(server: E, clock: Clock) -> Self {
         Self {
             server,
             clock,
@@ -408,6 +539,15 @@ impl Driver {
         }
     }
 
+    /// Ends every connection.
+    fn end(&mut self, ending: Ending) {
+        for client in std::mem::take(&mut self.clients).into_values() {
+            client.end(ending);
+        }
+    }
+}
+
+impl Driver<SceneRouter> {
     /// Hands an input to the server. What it transmits waits for [`Self::run`].
     fn handle(&mut self, from: Peer, input: LocalInput) {
         if self.broken
@@ -433,11 +573,30 @@ impl Driver {
         if called.is_err() {
             tracing::error!("the server in this process panicked");
             self.broken = true;
-            self.end();
+            self.end(Ending::Broken);
         }
         called.ok()
     }
 
+    fn turn(&mut self) -> Option<Duration> {
+        let now = self.clock.now();
+        if self
+            .server
+            .poll_timeout()
+            .is_some_and(|wake| wake.at <= now)
+        {
+            self.server.handle_timeout(now);
+        }
+        self.transmit();
+        while self.held_back.deliver(now, &mut self.server) {
+            self.transmit();
+        }
+        let wake = self.server.poll_timeout()?;
+        Some(self.clock.until(wake.at))
+    }
+}
+
+impl<E: Endpoint> Driver<E> {
     fn take(&mut self, from: Peer, input: LocalInput) {
         let now = self.clock.now();
         match input {
@@ -466,52 +625,35 @@ impl Driver {
         }
     }
 
-    fn turn(&mut self) -> Option<Duration> {
-        let now = self.clock.now();
-        if self
-            .server
-            .poll_timeout()
-            .is_some_and(|wake| wake.at <= now)
-        {
-            self.server.handle_timeout(now);
-        }
-        self.transmit();
-        while self.held_back.deliver(now, &mut self.server) {
-            self.transmit();
-        }
-        let wake = self.server.poll_timeout()?;
-        Some(self.clock.until(wake.at))
-    }
-
-    fn end(&mut self) {
-        for client in std::mem::take(&mut self.clients).into_values() {
-            client.end(Ending::Broken);
-        }
-    }
-
     fn transmit(&mut self) {
         while let Some(transmit) = self.server.poll_transmit() {
-            match transmit {
-                Transmit::Control { to, bytes } => {
-                    let taken = self.clients.get_mut(&to).map(|client| client.put(&bytes));
-                    if let Some(taken) = taken.filter(|taken| *taken > 0) {
-                        let now = self.clock.now();
-                        self.server.handle_control_taken(now, to, taken);
-                    }
-                }
-                Transmit::State { to, bytes } => {
-                    if let Some(client) = self.clients.get(&to) {
-                        client.inbox.put_state(&bytes);
-                        client.tell();
-                    }
-                }
-                Transmit::Close { to, code } => {
+            self.send(transmit);
+        }
+    }
+
+    /// Puts a transmission into the inbox of its client.
+    fn send(&mut self, transmit: Transmit) {
+        match transmit {
+            Transmit::Control { to, bytes } => {
+                let taken = self.clients.get_mut(&to).map(|client| client.put(&bytes));
+                if let Some(taken) = taken.filter(|taken| *taken > 0) {
                     let now = self.clock.now();
-                    if let Some(client) = self.clients.remove(&to) {
-                        self.held_back.forget(to);
-                        client.end(Ending::Closed(code));
-                        self.server.handle_ended(now, to, Ending::Closed(code));
-                    }
+                    self.server.handle_control_taken(now, to, taken);
+                }
+            }
+            Transmit::State { to, bytes } => {
+                if let Some(client) = self.clients.get(&to) {
+                    client.inbox.put_state(&bytes);
+                    client.tell();
+                }
+            }
+            Transmit::Close { to, code } => {
+                let now = self.clock.now();
+                if let Some(client) = self.clients.remove(&to) {
+                    self.held_back.forget(to);
+                    let ending = Ending::Closed(code);
+                    client.end(ending);
+                    self.server.handle_ended(now, to, ending);
                 }
             }
         }
@@ -527,7 +669,7 @@ const INPUT_COST_BYTES: usize = 64;
 #[derive(Clone)]
 enum Host {
     /// The thread of each client's call.
-    Caller(Arc<Mutex<Driver>>),
+    Caller(Arc<Mutex<Driver<SceneRouter>>>),
     /// One of its own.
     Thread(InputQueue),
 }
@@ -537,6 +679,8 @@ enum Host {
 struct InputQueue {
     sender: Sender<QueuedInput>,
     waiting: Arc<AtomicUsize>,
+    /// Called after each input, where no thread waits for them.
+    wake: Option<Arc<dyn Fn() + Send + Sync>>,
 }
 
 /// One waiting input.
@@ -573,6 +717,7 @@ impl InputQueue {
         Self {
             sender,
             waiting: Arc::default(),
+            wake: None,
         }
     }
 
@@ -588,13 +733,17 @@ impl InputQueue {
             input,
             waiting,
         };
-        self.sender.send(message).map_err(|_| Lost::Server)
+        self.sender.send(message).map_err(|_| Lost::Server)?;
+        if let Some(wake) = &self.wake {
+            wake();
+        }
+        Ok(())
     }
 }
 
 impl QueuedInput {
     /// Handles the input in the server.
-    fn handle(self, driver: &mut Driver) {
+    fn handle(self, driver: &mut Driver<SceneRouter>) {
         self.waiting.fetch_sub(cost(&self.input), Ordering::Relaxed);
         driver.handle(self.from, self.input);
     }

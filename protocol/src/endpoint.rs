@@ -122,6 +122,48 @@ pub trait Endpoint {
     fn poll_timeout(&self) -> Option<Wake>;
 }
 
+impl<E: Endpoint + ?Sized> Endpoint for &mut E {
+    fn handle_opened(&mut self, now: Instant, peer: Peer) {
+        (**self).handle_opened(now, peer);
+    }
+
+    fn handle_control(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
+        (**self).handle_control(now, from, bytes);
+    }
+
+    fn handle_datagram(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
+        (**self).handle_datagram(now, from, bytes);
+    }
+
+    fn handle_ended(&mut self, now: Instant, peer: Peer, ending: Ending) {
+        (**self).handle_ended(now, peer, ending);
+    }
+
+    fn handle_timeout(&mut self, now: Instant) {
+        (**self).handle_timeout(now);
+    }
+
+    fn handle_link(&mut self, now: Instant, peer: Peer, report: &LinkReport) {
+        (**self).handle_link(now, peer, report);
+    }
+
+    fn handle_control_taken(&mut self, now: Instant, peer: Peer, bytes: usize) {
+        (**self).handle_control_taken(now, peer, bytes);
+    }
+
+    fn wants_control(&self, from: Peer) -> bool {
+        (**self).wants_control(from)
+    }
+
+    fn poll_transmit(&mut self) -> Option<Transmit> {
+        (**self).poll_transmit()
+    }
+
+    fn poll_timeout(&self) -> Option<Wake> {
+        (**self).poll_timeout()
+    }
+}
+
 /// State of a link since the last report.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LinkReport {
