@@ -93,7 +93,6 @@ pub use router::SceneRouter;
 pub use router::{Greeted, Greeting};
 pub use scene::{FrozenScene, Scene, SceneFault, Stepped};
 #[doc(hidden)]
-pub use scene_loop::OwnedScene;
 pub use scene_loop::SceneLoop;
 pub use sessions::{ResumableSession, Sessions};
 pub use settings::Heartbeat;

@@ -23,6 +23,9 @@ pub struct Permit {
     pub role: Role,
     /// Its part of the scene.
     pub quotas: Quotas,
+    /// True if the scenes that it creates are its own: it alone steps and deletes them, they end when it leaves, and no
+    /// store keeps them. Such clients are gateways of other protocols.
+    pub owns: bool,
 }
 
 /// Limits of one client in one scene; `None` leaves the server's own limits.
@@ -49,6 +52,13 @@ impl Permit {
             load: None,
             members: None,
         },
+        owns: false,
+    };
+
+    /// The rights of a gateway, which owns the scenes that it creates.
+    pub const GATEWAY: Self = Self {
+        owns: true,
+        ..Self::OPEN
     };
 }
 

@@ -35,9 +35,13 @@ pub(crate) fn create(permit: &Permit, config: &SceneConfig) -> Result<(), Denial
     )?)
 }
 
-/// Decides whether a client may delete a scene.
-pub(crate) fn delete(permit: &Permit) -> Result<(), Denial> {
-    Ok(check(permit, &Ownership::default(), Request::Delete)?)
+/// Decides whether a client may delete a scene, which a client may own.
+pub(crate) fn delete(peer: Peer, permit: &Permit, owner: Option<Peer>) -> Result<(), Denial> {
+    check(permit, &Ownership::default(), Request::Delete)?;
+    match owner {
+        Some(owner) if owner != peer => Err(Denial::Owned),
+        _ => Ok(()),
+    }
 }
 
 /// Reserves a place and processor time for a scene, if the server admits it.
@@ -66,8 +70,8 @@ pub(crate) struct Rights<'a> {
     pub(crate) permit: &'a Permit,
     pub(crate) scene: &'a Scene,
     pub(crate) is_faulted: bool,
-    /// The client of another protocol that owns the scene, with its indices.
-    pub(crate) owner: Option<&'a (Peer, Vec<IdRange>)>,
+    /// The client that owns the scene, if one does.
+    pub(crate) owner: Option<Peer>,
     pub(crate) ownership: &'a Ownership,
     pub(crate) authority_table: &'a AuthorityTable,
     pub(crate) clients: &'a Clients,
@@ -119,7 +123,9 @@ impl Rights<'_> {
         let too_far = to.value() > self.scene.tick().value() + ADVANCE_TICKS_MAX;
         match self.scene.config().stepping {
             Stepping::FreeRunning => Err(Denial::NotLockstep),
-            Stepping::Lockstep if self.owner.is_some() => Err(Denial::Owned),
+            Stepping::Lockstep if self.owner.is_some_and(|owner| owner != self.peer) => {
+                Err(Denial::Owned)
+            }
             Stepping::Lockstep if self.is_faulted => Err(Denial::SceneFaulted),
             Stepping::Lockstep if too_far => Err(Denial::TooFarAhead),
             Stepping::Lockstep => Ok(()),
@@ -159,9 +165,8 @@ impl Rights<'_> {
         }
         let members = self.clients.members();
         let others = members.filter(|(peer, ..)| *peer != self.peer);
-        let of_others = others.map(|(.., member)| &member.ids);
-        let of_owner = self.owner.map(|(_, ids)| ids);
-        if of_others.chain(of_owner).any(|ids| id_ranges::has(ids, id)) {
+        let mut of_others = others.map(|(.., member)| &member.ids);
+        if of_others.any(|ids| id_ranges::has(ids, id)) {
             return Err(AuthorityError::NotYours(id));
         }
         let authority = self.authority_table.authority_of(id);
@@ -199,10 +204,8 @@ impl Rights<'_> {
 
     /// The body indices of the client.
     fn ids(&self) -> &[IdRange] {
-        match self.owner {
-            Some((owner, ids)) if *owner == self.peer => ids,
-            _ => (self.clients.member(self.peer)).map_or(&[], |member| &member.ids),
-        }
+        let member = self.clients.member(self.peer);
+        member.map_or(&[], |member| &member.ids)
     }
 }
 
@@ -453,6 +456,7 @@ mod tests {
             client: Some(Arc::from(client)),
             role,
             quotas: Quotas::default(),
+            owns: false,
         }
     }
 

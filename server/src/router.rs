@@ -7,20 +7,22 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
 use bytes::Bytes;
-use rhumb_protocol::message::{ClientMessage, Denial, Extension, Grease};
-use rhumb_protocol::scene::{IdRange, SceneConfig, SceneName};
+use rhumb_protocol::message::{ClientMessage, Extension, Grease};
+use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::session::{CloseCode, ServerSession};
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake};
 
 use crate::authority_group::UpstreamStatistics;
 use crate::command_log::RestoredScene;
 use crate::permit::Permit;
-use crate::scene_loop::{OwnedScene, SceneLoop};
+use crate::scene_loop::SceneLoop;
 use crate::settings::SceneSettings;
 
 /// Scenes, and the connections to them.
 pub struct SceneRouter {
     settings: Arc<SceneSettings>,
+    /// The rights of a new connection.
+    permit: Arc<Permit>,
     connections: BTreeMap<Peer, Routed>,
     /// The scenes that exist, and those that clients have named.
     loops: BTreeMap<SceneName, SceneLoop>,
@@ -45,10 +47,18 @@ impl SceneRouter {
     pub fn new(settings: impl Into<Arc<SceneSettings>>) -> Self {
         Self {
             settings: settings.into(),
+            permit: Arc::new(Permit::OPEN),
             connections: BTreeMap::new(),
             loops: BTreeMap::new(),
             closed: VecDeque::new(),
         }
+    }
+
+    /// With this permit for each new connection, unless [`Self::admit`] says otherwise.
+    #[must_use]
+    pub fn admitting(mut self, permit: Permit) -> Self {
+        self.permit = Arc::new(permit);
+        self
     }
 
     /// Sets what a new connection may do, before its first message; without this, everything.
@@ -103,35 +113,6 @@ impl SceneRouter {
         for scene in self.loops.values_mut() {
             scene.handle_wake(now);
         }
-    }
-
-    /// Creates a scene that a client of another protocol owns; returns the index range of its bodies.
-    ///
-    /// # Errors
-    ///
-    /// [`Denial`] if no such scene can be created.
-    #[doc(hidden)]
-    pub fn begin_owned(
-        &mut self,
-        owner: Peer,
-        name: &SceneName,
-        config: SceneConfig,
-    ) -> Result<IdRange, Denial> {
-        self.loop_of(name).begin_owned(owner, config)
-    }
-
-    /// Ends a scene that a client of another protocol owns.
-    #[doc(hidden)]
-    pub fn end_owned(&mut self, name: &SceneName) {
-        if let Some(scene) = self.loops.get_mut(name) {
-            scene.end_owned();
-        }
-    }
-
-    /// A scene that a client of another protocol owns.
-    #[doc(hidden)]
-    pub fn owned(&mut self, owner: Peer, name: &SceneName) -> Option<OwnedScene<'_>> {
-        self.loops.get_mut(name)?.owned(owner)
     }
 
     fn loop_of(&mut self, name: &SceneName) -> &mut SceneLoop {
@@ -191,7 +172,7 @@ impl Endpoint for SceneRouter {
         let connection = Routed::Greeting {
             greeting: Greeting::default(),
             opened: now,
-            permit: Arc::new(Permit::OPEN),
+            permit: Arc::clone(&self.permit),
         };
         self.connections.insert(peer, connection);
     }

@@ -5,7 +5,6 @@
 //! measures.
 
 mod creation;
-mod owned;
 mod turns;
 
 use std::sync::Arc;
@@ -17,7 +16,6 @@ use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake, WakeReason};
 use rhumb_reckoning::Tick;
 
-pub use self::owned::OwnedScene;
 use crate::admission::SceneSlot;
 use crate::authority_group::UpstreamStatistics;
 use crate::baking::Bakery;
@@ -48,7 +46,7 @@ struct RunningScene {
     runner: SceneRunner,
     /// Held while it exists.
     _slot: SceneSlot,
-    /// Since when it has neither members nor an owner.
+    /// Since when it has no members.
     empty_since: Option<Instant>,
 }
 
@@ -135,11 +133,11 @@ impl SceneLoop {
         Some(since + self.settings.limits.empty_scene()?)
     }
 
-    /// Notes whether the scene has members or an owner.
+    /// Notes whether the scene has members.
     fn note_empty(&mut self) {
         let now = self.clients.now();
         if let Some(running) = &mut self.running {
-            let is_empty = self.clients.member_count() == 0 && !running.runner.is_kept();
+            let is_empty = self.clients.member_count() == 0 && !running.runner.is_durable();
             let since = running.empty_since.unwrap_or(now);
             running.empty_since = is_empty.then_some(since);
         }
@@ -171,7 +169,8 @@ impl SceneLoop {
         match message {
             Ok(ClientMessage::Create(config)) => {
                 let allowed = rights::create(&permit, &config);
-                let answer = match allowed.and_then(|()| self.create_stored(config)) {
+                let owner = permit.owns.then_some(peer);
+                let answer = match allowed.and_then(|()| self.create_for(owner, config)) {
                     Ok(()) => ServerMessage::Created,
                     Err(denial) => ServerMessage::Denied(denial),
                 };
@@ -192,10 +191,13 @@ impl SceneLoop {
                 }
             }
             Ok(ClientMessage::Session(request)) => client.session_request = Some(request),
-            Ok(ClientMessage::Delete) => match rights::delete(&permit) {
-                Ok(()) => self.delete(peer),
-                Err(denial) => self.clients.send(peer, &ServerMessage::Denied(denial)),
-            },
+            Ok(ClientMessage::Delete) => {
+                let owner = self.runner().and_then(SceneRunner::owner);
+                match rights::delete(peer, &permit, owner) {
+                    Ok(()) => self.delete(peer),
+                    Err(denial) => self.clients.send(peer, &ServerMessage::Denied(denial)),
+                }
+            }
             message => self.handle_scene_message(now, peer, message),
         }
     }
@@ -234,6 +236,7 @@ impl SceneLoop {
                 runner.leave(peer, DisconnectReason::Left, clients);
                 clients.send(peer, &ServerMessage::Left);
                 self.note_empty();
+                self.end_if_owned_by(peer);
             }
             Ok(ClientMessage::Reserve { count }) => runner.reserve(peer, count, clients),
             Ok(ClientMessage::Resync(cause)) => runner.resync(peer, cause, clients),
@@ -256,10 +259,6 @@ impl SceneLoop {
     }
 
     fn delete(&mut self, peer: Peer) {
-        if self.runner().is_some_and(SceneRunner::is_owned) {
-            let denial = ServerMessage::Denied(Denial::Owned);
-            return self.clients.send(peer, &denial);
-        }
         let store = self.settings.store.as_ref();
         if store.is_some_and(|store| store.delete_damaged(&self.name)) {
             return self.clients.send(peer, &ServerMessage::Deleted);
@@ -290,6 +289,14 @@ impl SceneLoop {
         {
             running.runner.leave(peer, reason, &mut self.clients);
             self.note_empty();
+        }
+        self.end_if_owned_by(peer);
+    }
+
+    /// Ends the scene of a client that leaves it.
+    fn end_if_owned_by(&mut self, peer: Peer) {
+        if self.runner().and_then(SceneRunner::owner) == Some(peer) {
+            self.end_scene();
         }
     }
 }

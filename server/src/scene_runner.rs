@@ -6,7 +6,6 @@
 mod authority;
 mod command_log;
 mod commands;
-mod owner;
 mod queries;
 mod restoration;
 mod session;
@@ -23,7 +22,7 @@ use rhumb_protocol::message::{
 };
 use rhumb_protocol::packet::StreamId;
 use rhumb_protocol::scene::{
-    Command, CommandError, IdRange, Locomotion, SceneConfig, SceneName, ShapeId, Stepping,
+    Command, CommandError, Locomotion, SceneConfig, SceneName, ShapeId, Stepping,
 };
 use rhumb_protocol::stream::StreamStart;
 use rhumb_protocol::{Instant, Peer, Span};
@@ -73,9 +72,8 @@ pub(crate) struct SceneRunner {
     restored_at: VecDeque<Instant>,
     /// True if the last step of the free-running scene was more than a step late.
     late: bool,
-    /// The client of another protocol that owns the scene, if one does, with its indices: only that client steps and
-    /// ends the scene.
-    owner: Option<(Peer, Vec<IdRange>)>,
+    /// The client that owns the scene, if one does: it alone steps and deletes the scene, which ends with it.
+    owner: Option<Peer>,
     settings: Arc<SceneSettings>,
     load: SceneLoad,
     observer: Box<dyn SceneObserver>,
@@ -135,14 +133,14 @@ impl SceneRunner {
         self.scene.config()
     }
 
-    /// True if a client of another protocol owns the scene.
-    pub(crate) const fn is_owned(&self) -> bool {
-        self.owner.is_some()
+    /// Gives the scene to a client.
+    pub(crate) const fn give_to(&mut self, owner: Peer) {
+        self.owner = Some(owner);
     }
 
-    /// True if it has an owner or a log, and exists without members.
-    pub(crate) const fn is_kept(&self) -> bool {
-        self.is_owned() || self.is_durable()
+    /// The client that owns the scene, if one does.
+    pub(crate) const fn owner(&self) -> Option<Peer> {
+        self.owner
     }
 
     /// The time of the next step: at once in a scene that must advance, never in one without members.
@@ -628,11 +626,6 @@ impl Times {
         }
         self.next = (self.next + 1) % RECENT;
         self.percentiles = None;
-    }
-
-    /// Adds the time of a report to the scene's owner.
-    pub(crate) fn add_reporting(&mut self, took: Span) {
-        self.publish_total += took.as_nanos();
     }
 
     pub(crate) fn summary(&mut self) -> StageTimes {

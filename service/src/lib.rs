@@ -42,8 +42,6 @@ mod access;
 mod announcement;
 #[cfg(feature = "app")]
 mod app_arguments;
-#[cfg(feature = "app")]
-mod app_host;
 pub mod cli;
 mod command_line;
 #[cfg(feature = "demo")]
@@ -68,9 +66,6 @@ mod top;
 mod view;
 
 pub use access::{KeyError, TokenKeys};
-#[cfg(feature = "app")]
-#[doc(hidden)]
-pub use app_host::AppScenes;
 pub use dispatcher::{Dispatcher, DispatcherSettings};
 pub use durable::{Damage, DataDir, DataError};
 #[cfg(feature = "view")]

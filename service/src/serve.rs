@@ -12,6 +12,11 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::SystemTime;
 
+#[cfg(feature = "app")]
+use rhumb_app::{AppBindError, AppListen, AppListener, AppOptions, Gateway};
+#[cfg(feature = "app")]
+use rhumb_client::{LocalPeers, LocalServer};
+use rhumb_protocol::Endpoint;
 use rhumb_scene::engine::{EngineKind, Engines};
 use rhumb_scene::{Limits, SceneSettings};
 #[cfg(unix)]
@@ -23,8 +28,6 @@ use rhumb_transport::{
 
 pub use self::run_error::RunError;
 use crate::access::{Authenticator, TokenKeys};
-#[cfg(feature = "app")]
-use crate::dispatcher::Adapter;
 use crate::dispatcher::{Dispatcher, DispatcherSettings, ProcessOptions};
 use crate::durable::DataDir;
 use crate::flight::{FlightRecorders, FlightWriter};
@@ -110,9 +113,9 @@ pub struct Server {
     /// The page, and the provided scenes that it names.
     #[cfg(feature = "view")]
     view: Option<(PageListener, Vec<ViewScene>)>,
-    /// Serves the clients of another protocol.
+    /// Serves APP clients.
     #[cfg(feature = "app")]
-    adapter: Option<Adapter>,
+    app: Option<(AppListener, LocalPeers)>,
 }
 
 impl Server {
@@ -175,7 +178,7 @@ impl Server {
             #[cfg(feature = "view")]
             view: None,
             #[cfg(feature = "app")]
-            adapter: None,
+            app: None,
         })
     }
 
@@ -197,10 +200,25 @@ impl Server {
         self.transport.certificate_hashes()
     }
 
-    /// Serves the clients of another protocol too, on a thread with their scenes.
+    /// Listens for APP clients too, and returns the address. Each of them is a client of this server, with a thread of
+    /// its own.
+    ///
+    /// # Errors
+    ///
+    /// [`AppBindError`] for an address that cannot be used.
     #[cfg(feature = "app")]
-    pub(crate) fn serve_also(&mut self, adapter: Adapter) {
-        self.adapter = Some(adapter);
+    pub fn listen_app(
+        &mut self,
+        listen: AppListen,
+        options: AppOptions,
+    ) -> Result<SocketAddr, AppBindError> {
+        let waker = self.transport.waker();
+        let (server, peers) = LocalServer::beside(move || waker.wake());
+        let gateway = Gateway::new(options, move || Ok(server.connect()));
+        let listener = AppListener::open(listen, gateway)?;
+        let address = listener.address();
+        self.app = Some((listener, peers));
+        Ok(address)
     }
 
     /// Serves a page in which scenes are seen, at a TCP address, which is returned. The page observes every scene; where
@@ -309,10 +327,6 @@ impl Server {
         settings.data = server.data;
         let waker = server.transport.waker();
         let mut dispatcher = Dispatcher::on_threads(settings, move || waker.wake());
-        #[cfg(feature = "app")]
-        if let Some(adapter) = server.adapter {
-            dispatcher.serve_also(adapter).map_err(RunError::Thread)?;
-        }
         let answering = match server.metrics {
             None => None,
             Some(listener) => {
@@ -323,18 +337,20 @@ impl Server {
         };
         dispatcher.restore().map_err(RunError::Data)?;
         #[cfg(unix)]
-        let served = match server.socket {
-            None => server.transport.run(&mut dispatcher, stop),
-            Some(socket) => {
-                let waker = server.transport.waker();
-                let mut all = socket
-                    .serve(&mut dispatcher, waker)
-                    .map_err(RunError::Thread)?;
-                server.transport.run(&mut all, stop)
+        let listeners = (server.transport, server.socket);
+        #[cfg(not(unix))]
+        let listeners = server.transport;
+        #[cfg(feature = "app")]
+        let served = match server.app {
+            None => drive(listeners, &mut dispatcher, stop),
+            Some((listener, peers)) => {
+                let served = drive(listeners, &mut peers.serve(&mut dispatcher), stop);
+                drop(listener);
+                served
             }
         };
-        #[cfg(not(unix))]
-        let served = server.transport.run(&mut dispatcher, stop);
+        #[cfg(not(feature = "app"))]
+        let served = drive(listeners, &mut dispatcher, stop);
         dispatcher.shut_down();
         drop(answering);
         #[cfg(feature = "view")]
@@ -342,8 +358,36 @@ impl Server {
         drop(flight);
         #[cfg(feature = "record")]
         drop(observers);
-        served.map_err(RunError::Serve)
+        served
     }
+}
+
+/// Runs an endpoint behind the sockets.
+#[cfg(unix)]
+fn drive<E: Endpoint>(
+    (transport, socket): (QuicServer, Option<UnixServer>),
+    endpoint: &mut E,
+    stop: &Stop,
+) -> Result<ServerStatistics, RunError> {
+    let served = match socket {
+        None => transport.run(endpoint, stop),
+        Some(socket) => {
+            let started = socket.serve(endpoint, transport.waker());
+            let mut all = started.map_err(RunError::Thread)?;
+            transport.run(&mut all, stop)
+        }
+    };
+    served.map_err(RunError::Serve)
+}
+
+/// Runs an endpoint behind the socket.
+#[cfg(not(unix))]
+fn drive<E: Endpoint>(
+    transport: QuicServer,
+    endpoint: &mut E,
+    stop: &Stop,
+) -> Result<ServerStatistics, RunError> {
+    transport.run(endpoint, stop).map_err(RunError::Serve)
 }
 
 /// Refuses an engine without images, whose scenes no data directory can keep.

@@ -24,7 +24,7 @@ pub use altered_script::AlteredScript;
 pub use avatar::Avatars;
 pub use failing_engine::{FailingEngine, Fails, failing_body};
 pub use observation_history::{Claim, ObservationHistory, assert_same_copy};
-pub use plugin::{PluginServer, PluginSession, Recording, deliver, falling, plugin_world};
+pub use plugin::{PluginServer, PluginSession, Recording, falling, falling_apart, plugin_world};
 pub use process::{Ended, Programme, ServerProcess};
 pub use raw_peer::RawPeer;
 pub use rhumb_conformance::seed::{Dice, seed};

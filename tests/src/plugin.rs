@@ -1,20 +1,22 @@
-//! Recordings of OpenSimulator's plug-in, played to a server without sockets.
+//! Recordings of OpenSimulator's plug-in, played to a gateway without sockets.
 //!
 //! The recordings in `data/app/` are all bytes that the unmodified plug-in wrote on TCP in a session; its one datagram
-//! is a copy of its first message. `PluginSession` plays them to a router of scenes and keeps the answers, message by
-//! message, after checking that none would break the plug-in.
+//! is a copy of its first message. `PluginSession` plays them to a gateway beside a server in this process, which steps
+//! on this thread, and keeps the answers, message by message, after checking that none would break the plug-in.
 
 use std::collections::BTreeMap;
 use std::net::SocketAddr;
+use std::sync::Arc;
 
 use glam::{Quat, Vec3};
 use rhumb_app::{
-    AppDatagram, AppOptions, AppServer, AppTransmit, AttachShape, CreateDynamicActor, Id, Kind,
-    Logon, Message, MessageFraming, Motion, SetWorld, Surface,
+    AppClient, AppDatagram, AppOptions, AppTransmit, AttachShape, CreateDynamicActor, Gateway, Id,
+    Kind, Logon, Message, MessageFraming, Motion, SetWorld, Surface,
 };
-use rhumb_protocol::{Instant, Peer};
-use rhumb_scene::{SceneRouter, SceneSettings};
-use rhumb_server::AppScenes;
+use rhumb_client::{Client, JoinMode, JoinOptions, LocalServer, OpenError};
+use rhumb_protocol::Instant;
+use rhumb_protocol::message::Denial;
+use rhumb_scene::{Permit, SceneRouter, SceneSettings};
 
 /// The messages of the plug-in in one session.
 #[derive(Clone, Debug)]
@@ -86,11 +88,10 @@ impl Recording {
     }
 }
 
-/// A server with its APP clients, without sockets.
+/// A server in this process, and a gateway of APP clients to it, without sockets.
 pub struct PluginServer {
-    /// The scenes.
-    pub router: SceneRouter,
-    clients: AppServer,
+    server: LocalServer,
+    gateway: Arc<Gateway>,
 }
 
 impl PluginServer {
@@ -103,18 +104,49 @@ impl PluginServer {
     /// A server without scenes, with these settings of scenes.
     #[must_use]
     pub fn with(options: AppOptions, settings: SceneSettings) -> Self {
-        Self {
-            router: SceneRouter::new(settings),
-            clients: AppServer::new(options),
+        let router = SceneRouter::new(settings).admitting(Permit::GATEWAY);
+        let server = LocalServer::of(router);
+        let connections = server.clone();
+        let gateway = Gateway::new(options, move || Ok(connections.connect()));
+        Self { server, gateway }
+    }
+
+    /// Joins the scene of a simulation as another client does.
+    ///
+    /// # Errors
+    ///
+    /// [`OpenError`] if there is no such scene.
+    pub fn join(&self, simulation: u32) -> Result<Client, OpenError> {
+        let options = JoinOptions {
+            mode: JoinMode::Join,
+            ..JoinOptions::default()
+        };
+        let connection = self.server.connect();
+        connection.join_with(&format!("app/{simulation}"), options)
+    }
+
+    /// True if a simulation has a scene.
+    ///
+    /// # Panics
+    ///
+    /// When its scene cannot be joined.
+    #[must_use]
+    pub fn has_scene(&self, simulation: u32) -> bool {
+        match self.join(simulation) {
+            Ok(_) => true,
+            Err(OpenError::Denied {
+                denial: Denial::NoSuchScene,
+                ..
+            }) => false,
+            Err(other) => panic!("{other}"),
         }
     }
 }
 
 /// A session with a server.
-#[derive(Debug)]
 pub struct PluginSession {
-    peer: Peer,
-    from: SocketAddr,
+    client: Option<AppClient>,
+    udp: SocketAddr,
     /// Messages received on TCP.
     pub tcp_messages: Vec<Message>,
     /// Messages received by datagram.
@@ -127,6 +159,8 @@ pub struct PluginSession {
     pub stream_bytes: usize,
     /// True if the server closed the connection.
     pub closed: bool,
+    /// 64-bit FNV-1a of all received bytes in order, those of TCP and of datagrams.
+    pub digest: u64,
     /// Number of finished frames, plus one.
     frame: usize,
     frames: MessageFraming,
@@ -140,35 +174,48 @@ impl PluginSession {
     pub fn begin(server: &mut PluginServer, number: u16, logon: &[u8]) -> Self {
         let from = SocketAddr::from(([127, 0, 0, 1], 40_000 + number));
         let udp = SocketAddr::from(([127, 0, 0, 1], 50_000 + number));
-        let peer = Peer(1 << 63 | u64::from(number));
-        server.clients.handle_datagram(udp, logon);
-        server.clients.handle_opened(peer, from);
+        server.gateway.handle_datagram(udp, logon);
         Self {
-            peer,
-            from: udp,
+            client: Some(AppClient::new(&server.gateway, u64::from(number), from)),
+            udp,
             tcp_messages: Vec::new(),
             datagram_messages: Vec::new(),
             states: Vec::new(),
             waiting_bytes: 0,
             stream_bytes: 0,
+            digest: 0xcbf2_9ce4_8422_2325,
             frame: 1,
             closed: false,
             frames: MessageFraming::default(),
         }
     }
 
-    /// Sends bytes, and receives the server's answers.
-    pub fn send(&mut self, server: &mut PluginServer, bytes: &[u8]) {
-        let mut scenes = AppScenes(&mut server.router);
-        (server.clients).handle_bytes(&mut scenes, self.peer, bytes, self.waiting_bytes);
-        let mut others = [];
-        deliver(server, self, &mut others);
+    /// Sends bytes, and receives the answers.
+    pub fn send(&mut self, _: &mut PluginServer, bytes: &[u8]) {
+        let Some(client) = &mut self.client else {
+            return;
+        };
+        client.handle_bytes(bytes, self.waiting_bytes);
+        self.receive();
+    }
+
+    /// Passes time without sending, and receives what comes.
+    pub fn wait(&mut self) {
+        if let Some(client) = &mut self.client {
+            client.handle_silence();
+        }
+        self.receive();
+    }
+
+    fn receive(&mut self) {
+        while let Some(transmit) = self.client.as_mut().and_then(AppClient::poll_transmit) {
+            self.take(&transmit);
+        }
     }
 
     /// Ends the connection.
-    pub fn end(&self, server: &mut PluginServer) {
-        let mut scenes = AppScenes(&mut server.router);
-        server.clients.handle_ended(&mut scenes, self.peer);
+    pub fn end(&mut self, _: &mut PluginServer) {
+        self.client = None;
     }
 
     /// The last state of each actor, from either transport.
@@ -196,8 +243,15 @@ impl PluginSession {
     }
 
     fn take(&mut self, transmit: &AppTransmit) {
+        if let AppTransmit::Bytes(bytes) | AppTransmit::Datagram(AppDatagram { bytes, .. }) =
+            transmit
+        {
+            for byte in bytes {
+                self.digest = (self.digest ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3);
+            }
+        }
         match transmit {
-            AppTransmit::Bytes { bytes, .. } => {
+            AppTransmit::Bytes(bytes) => {
                 assert!(
                     bytes.len() <= PIECE_BYTES_MAX,
                     "a longer write would be split by the plug-in's read"
@@ -211,7 +265,8 @@ impl PluginSession {
                 let whole = self.frames.next_message();
                 assert_eq!(whole, Ok(None));
             }
-            AppTransmit::Datagram(AppDatagram { bytes, .. }) => {
+            AppTransmit::Datagram(AppDatagram { to, bytes, .. }) => {
+                assert_eq!(*to, self.udp, "a datagram for another client");
                 let message = Message::from_datagram(bytes).expect("a valid message");
                 let mut again = Vec::new();
                 let index = u32::from_be_bytes(bytes[4..8].try_into().expect("four bytes"));
@@ -220,7 +275,7 @@ impl PluginSession {
                 self.note(&message);
                 self.datagram_messages.push(message);
             }
-            AppTransmit::Close { .. } => self.closed = true,
+            AppTransmit::Close => self.closed = true,
         }
     }
 
@@ -230,32 +285,6 @@ impl PluginSession {
             Message::TimeAdvanced(_) => self.frame += 1,
             _ => {}
         }
-    }
-}
-
-/// Delivers the server's transmits to the sessions that they are addressed to.
-///
-/// # Panics
-///
-/// When a transmit is addressed to another peer.
-pub fn deliver(
-    server: &mut PluginServer,
-    first: &mut PluginSession,
-    others: &mut [&mut PluginSession],
-) {
-    while let Some(transmit) = server.clients.poll_transmit() {
-        let concerns = |session: &PluginSession| match &transmit {
-            AppTransmit::Bytes { to, .. } | AppTransmit::Close { to } => *to == session.peer,
-            AppTransmit::Datagram(datagram) => datagram.to == session.from,
-        };
-        if concerns(first) {
-            first.take(&transmit);
-            continue;
-        }
-        let other = others.iter_mut().find(|session| concerns(session));
-        other
-            .unwrap_or_else(|| panic!("{transmit:?} has no receiver"))
-            .take(&transmit);
     }
 }
 
@@ -280,6 +309,12 @@ pub fn plugin_world(simulation: u32, height: f32) -> Message {
 /// The messages of a client whose balls fall forever without contacts, before its first frame.
 #[must_use]
 pub fn falling(simulation: u32, balls: u32) -> Vec<u8> {
+    falling_apart(simulation, balls, 3.0)
+}
+
+/// The same with a distance between the balls, m; at 0 all are in one place.
+#[must_use]
+pub fn falling_apart(simulation: u32, balls: u32, distance: f32) -> Vec<u8> {
     let id = |object| Id { simulation, object };
     let mut bytes = Vec::new();
     let mut send = |message: &Message| message.encode(0, &mut bytes);
@@ -292,7 +327,7 @@ pub fn falling(simulation: u32, balls: u32) -> Vec<u8> {
         let place = Vec3::new((ball % 32) as f32, (ball / 32) as f32, 0.0);
         let motion = Motion {
             actor,
-            position: place * 3.0,
+            position: place * distance,
             rotation: Quat::IDENTITY,
             gravity_modifier: 1.0,
             linear: Vec3::ZERO,

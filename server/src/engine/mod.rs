@@ -46,7 +46,6 @@ pub use interface::{
 };
 pub use rapier::RapierEngine;
 #[doc(hidden)]
-pub use rapier_solid::{ShapeVolume, shape_volume};
 pub use rapier_threads::{StepThreads, StepThreadsError};
 
 /// An engine by its name. A build without the feature of an engine does not know it.

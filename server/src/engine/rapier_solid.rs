@@ -204,28 +204,3 @@ pub(super) fn mass_beside(properties: &BodyProperties, solid: &Solid) -> Option<
         Weighing::Nothing => Some(nothing),
     }
 }
-
-/// Mass properties of a shape with volume, at density one.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ShapeVolume {
-    /// Centre of mass in the shape's coordinates, metres.
-    pub centre: Vec3,
-    /// Volume, m³.
-    pub volume: f32,
-}
-
-/// Mass properties of a shape with volume; for a mesh, of the enclosed volume.
-///
-/// # Errors
-///
-/// [`UnusableShape`] when no solid can be made, or one without mass.
-pub fn shape_volume(shape: &Shape) -> Result<ShapeVolume, UnusableShape> {
-    let parts = rhumb_solids::parts(shape).ok_or(UnusableShape)?;
-    let properties = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| total(&parts)))
-        .map_err(|_| UnusableShape)?;
-    check(&properties)?;
-    Ok(ShapeVolume {
-        centre: properties.local_com,
-        volume: properties.mass(),
-    })
-}

@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
-use rhumb_protocol::Span;
 use rhumb_protocol::message::Denial;
 use rhumb_protocol::scene::SceneConfig;
+use rhumb_protocol::{Peer, Span};
 
 use super::{RunningScene, SceneLoop};
 use crate::admission::{self, SceneLoad, SceneSlot};
@@ -37,13 +37,20 @@ impl SceneLoop {
         }
     }
 
-    /// Creates the scene for a client, with a log if there is a store.
-    pub(super) fn create_stored(&mut self, config: SceneConfig) -> Result<(), Denial> {
+    /// Creates the scene for a client: for one that owns it, or with a log if there is a store.
+    pub(super) fn create_for(
+        &mut self,
+        owner: Option<Peer>,
+        config: SceneConfig,
+    ) -> Result<(), Denial> {
         if self.is_damaged() {
             return Err(Denial::SceneFaulted);
         }
         self.create(config)?;
-        let store = self.settings.store.as_ref();
+        if let (Some(owner), Some(runner)) = (owner, self.runner_mut()) {
+            runner.give_to(owner);
+        }
+        let store = self.settings.store.as_ref().filter(|_| owner.is_none());
         let log = store.and_then(|store| store.create(&self.name, &config));
         if let (Some(log), Some(runner)) = (log, self.runner_mut()) {
             runner.keep_log(log, Span::ZERO);

@@ -29,7 +29,7 @@ impl SceneRunner {
             permit,
             scene: &self.scene,
             is_faulted: self.faulted,
-            owner: self.owner.as_ref(),
+            owner: self.owner,
             ownership: &self.ownership,
             authority_table: &self.authority_table,
             clients,

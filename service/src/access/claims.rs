@@ -255,6 +255,7 @@ impl Claims {
                 load: self.load,
                 members: self.members,
             },
+            owns: false,
         };
         Ok((permit, left))
     }

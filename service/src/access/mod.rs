@@ -13,9 +13,7 @@ use rhumb_protocol::Span;
 use rhumb_protocol::scene::SceneName;
 use rhumb_scene::Permit;
 
-use self::claims::TokenError;
-
-pub(crate) use self::claims::{Claims, DEFAULT_AUDIENCE, role_of};
+pub(crate) use self::claims::{Claims, DEFAULT_AUDIENCE, TokenError, role_of};
 #[cfg(feature = "view")]
 pub(crate) use self::keys::TokenIssuer;
 pub use self::keys::{KeyError, TokenKeys};
@@ -39,6 +37,17 @@ pub(crate) struct Admitted {
     pub(crate) permit: Arc<Permit>,
     /// For how long; `None` without an end.
     pub(crate) valid_for: Option<Span>,
+}
+
+#[cfg(feature = "app")]
+impl Admitted {
+    /// That of a gateway in this process.
+    pub(crate) fn gateway() -> Self {
+        Self {
+            permit: Arc::new(Permit::GATEWAY),
+            valid_for: None,
+        }
+    }
 }
 
 /// Longest validity that a timer holds: a hundred years.

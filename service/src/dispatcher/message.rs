@@ -34,7 +34,7 @@ pub(super) enum WorkerInput {
     Ended(Peer, Ending),
     /// The worker is to restore a scene from the data directory, if it is there.
     Restore(SceneName, LogTail),
-    /// Input of an adapter waits: nothing of the dispatcher's.
+    /// Something that the worker waits for is there: nothing of the dispatcher's.
     Wake,
     /// The dispatcher needs the worker no longer.
     End,
@@ -125,27 +125,10 @@ impl WorkerInput {
     }
 }
 
-/// The scenes of one worker. All scenes of an adapter's clients share one.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum Scope {
-    Adapter,
-    Scene(SceneName),
-}
-
-impl Scope {
-    /// The scene, if there is only one.
-    pub(super) const fn scene(&self) -> Option<&SceneName> {
-        match self {
-            Self::Adapter => None,
-            Self::Scene(scene) => Some(scene),
-        }
-    }
-}
-
 /// The quarantined workers, and the next look.
 #[derive(Default)]
 pub(super) struct Quarantined {
-    pub(super) quarantined: BTreeMap<WorkerId, Scope>,
+    pub(super) quarantined: BTreeMap<WorkerId, SceneName>,
     pub(super) next: Instant,
 }
 

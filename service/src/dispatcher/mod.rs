@@ -5,8 +5,6 @@
 //! workers run inside its calls, in the order of their numbers. Invariants: it never waits for a worker; a worker's
 //! transmission reaches only connections of that worker; what waits for a worker is bounded for each connection.
 
-#[cfg(feature = "app")]
-mod adapter;
 mod expiry;
 mod message;
 #[cfg(target_os = "linux")]
@@ -20,7 +18,6 @@ mod worker;
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
-use std::sync::mpsc::channel;
 
 use bytes::Bytes;
 use rhumb_protocol::scene::SceneName;
@@ -28,17 +25,16 @@ use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake, WakeReason};
 use rhumb_scene::{Greeted, Greeting, Heartbeat, SharedClock, UpstreamStatistics};
 
-#[cfg(feature = "app")]
-pub(crate) use self::adapter::{Adapter, AdapterQueue};
 use self::expiry::Expiry;
 use self::message::{
-    FromProcess, FromWorker, ProcessId, Quarantined, Scope, ToProcess, WorkerId, WorkerInput,
+    FromProcess, FromWorker, ProcessId, Quarantined, ToProcess, WorkerId, WorkerInput,
     WorkerOutput, WorkerReport,
 };
 use self::process::Processes;
 pub(crate) use self::process::{ProcessOptions, run_worker};
 pub use self::settings::DispatcherSettings;
 use self::worker::{InlineWorker, ThreadWorker, Threads};
+use crate::access::{Admitted, TokenError};
 use crate::durable::{DataDir, DataError, LogTail};
 
 /// Connections, and the workers of their scenes.
@@ -50,7 +46,7 @@ pub struct Dispatcher {
     heartbeat: Heartbeat,
     expiry: Expiry,
     workers: BTreeMap<WorkerId, Worker>,
-    by_scope: BTreeMap<Scope, WorkerId>,
+    by_scene: BTreeMap<SceneName, WorkerId>,
     next_worker: u32,
     /// Workers on this thread that may have output.
     fresh: BTreeSet<WorkerId>,
@@ -63,7 +59,7 @@ pub struct Dispatcher {
 }
 
 struct Worker {
-    scope: Scope,
+    scene: SceneName,
     place: Place,
     connections: usize,
     /// Inputs sent to it, and those that it has taken.
@@ -92,8 +88,6 @@ enum Connection {
 const UNHANDLED_BYTES_MAX: usize = 128 << 10;
 /// Inputs that a worker may have unhandled before datagrams and link reports to it are dropped.
 const INPUTS_WAITING_MAX: u64 = 8_192;
-/// The first characters of the names of an adapter's scenes.
-const ADAPTER_SCENES: &str = "app/";
 
 impl Dispatcher {
     /// A dispatcher whose workers run on the calling thread.
@@ -114,7 +108,7 @@ impl Dispatcher {
             heartbeat,
             expiry: Expiry::default(),
             workers: BTreeMap::new(),
-            by_scope: BTreeMap::new(),
+            by_scene: BTreeMap::new(),
             next_worker: 0,
             fresh: BTreeSet::new(),
             out: VecDeque::new(),
@@ -139,23 +133,13 @@ impl Dispatcher {
 
     /// Statistics of all bodies of a scene under a member's authority, if its worker runs on this thread.
     pub fn upstreams(&self, scene: &SceneName) -> impl Iterator<Item = UpstreamStatistics> {
-        let id = self.by_scope.get(&self.scope_of(scene));
+        let id = self.by_scene.get(scene);
         let worker = id.and_then(|id| self.workers.get(id)).into_iter();
         let inline = worker.filter_map(|worker| match &worker.place {
             Place::Inline(inline) => Some(inline),
             Place::Thread(_) | Place::Process(_) => None,
         });
         inline.flat_map(|inline| inline.router().upstreams(scene))
-    }
-
-    /// The scenes of the worker that has this one.
-    fn scope_of(&self, scene: &SceneName) -> Scope {
-        let is_adapter = scene.as_str().starts_with(ADAPTER_SCENES);
-        if is_adapter && self.by_scope.contains_key(&Scope::Adapter) {
-            Scope::Adapter
-        } else {
-            Scope::Scene(scene.clone())
-        }
     }
 
     /// Gives an input to a worker.
@@ -205,7 +189,7 @@ impl Dispatcher {
         };
         self.greeting_until.remove(&(until, peer));
         let paced = greeting.paced;
-        let admission = match self.settings.authenticator.admit(token.as_deref(), &scene) {
+        let admission = match self.admit(peer, token.as_deref(), &scene) {
             Ok(admission) => admission,
             Err(cause) => {
                 let code = cause.code();
@@ -213,7 +197,7 @@ impl Dispatcher {
                 return self.close(peer, code);
             }
         };
-        let id = match self.worker_of(self.scope_of(&scene)) {
+        let id = match self.worker_of(scene) {
             Ok(id) => id,
             Err(code) => return self.close(peer, code),
         };
@@ -230,6 +214,21 @@ impl Dispatcher {
             self.route(now, id, WorkerInput::ControlTaken(peer, 0));
         }
         self.route(now, id, WorkerInput::Control(peer, received));
+    }
+
+    /// What a connection may do in a scene. Gateways are in this process, and show no token.
+    fn admit(
+        &self,
+        peer: Peer,
+        token: Option<&[u8]>,
+        scene: &SceneName,
+    ) -> Result<Admitted, TokenError> {
+        #[cfg(feature = "app")]
+        if rhumb_client::is_local_peer(peer) {
+            return Ok(Admitted::gateway());
+        }
+        let _ = peer;
+        self.settings.authenticator.admit(token, scene)
     }
 
     /// Closes a connection of the dispatcher.
@@ -329,10 +328,7 @@ impl Dispatcher {
     /// Ends a worker that has neither a connection nor a scene.
     fn retire_if_idle(&mut self, id: WorkerId) {
         let is_idle = |worker: &Worker| {
-            worker.scope != Scope::Adapter
-                && worker.connections == 0
-                && worker.scenes == 0
-                && worker.sent == worker.taken
+            worker.connections == 0 && worker.scenes == 0 && worker.sent == worker.taken
         };
         if self.workers.get(&id).is_some_and(is_idle) {
             self.drop_worker(id);
@@ -342,7 +338,7 @@ impl Dispatcher {
     /// Forgets a worker; its thread ends as soon as it can.
     fn drop_worker(&mut self, id: WorkerId) {
         if let Some(worker) = self.workers.remove(&id) {
-            self.by_scope.remove(&worker.scope);
+            self.by_scene.remove(&worker.scene);
             if let (Place::Process(process), Some(processes)) = (worker.place, &mut self.processes)
             {
                 processes.send(process, &ToProcess::Input(id, WorkerInput::End));
@@ -482,9 +478,9 @@ impl Endpoint for Dispatcher {
 }
 
 impl Dispatcher {
-    /// The worker of some scenes, started if there is none.
-    fn worker_of(&mut self, scope: Scope) -> Result<WorkerId, CloseCode> {
-        if let Some(id) = self.by_scope.get(&scope) {
+    /// The worker of a scene, started if there is none.
+    fn worker_of(&mut self, scene: SceneName) -> Result<WorkerId, CloseCode> {
+        if let Some(id) = self.by_scene.get(&scene) {
             let quarantined = self.watchdog.is_quarantined(*id);
             return if quarantined {
                 Err(CloseCode::SCENE_QUARANTINED)
@@ -496,44 +492,43 @@ impl Dispatcher {
         {
             return Err(CloseCode::BUSY);
         }
-        self.start_worker(scope, LogTail::Kept)
+        self.start_worker(scene, LogTail::Kept)
     }
 
     /// Starts a worker, which restores its scene if a data directory has it.
-    fn start_worker(&mut self, scope: Scope, tail: LogTail) -> Result<WorkerId, CloseCode> {
+    fn start_worker(&mut self, scene: SceneName, tail: LogTail) -> Result<WorkerId, CloseCode> {
         let id = WorkerId(self.next_worker);
-        let place = match (&self.threads, &mut self.processes, &scope) {
-            (None, ..) => Place::Inline(Box::new(InlineWorker::new(
+        let place = match (&self.threads, &mut self.processes) {
+            (None, _) => Place::Inline(Box::new(InlineWorker::new(
                 &self.settings.scenes,
                 self.settings.data.as_ref(),
                 Arc::new(|| {}),
             ))),
-            (Some(threads), Some(processes), Scope::Scene(scene)) => {
-                Place::Process(processes.begin(id, scene, threads, &self.settings)?)
+            (Some(threads), Some(processes)) => {
+                Place::Process(processes.begin(id, &scene, threads, &self.settings)?)
             }
-            (Some(threads), ..) => {
+            (Some(threads), None) => {
                 let scenes = (&self.settings.scenes, self.settings.data.as_ref());
-                let started = ThreadWorker::start(id, scenes, None, channel(), &threads.workers);
+                let started = ThreadWorker::start(id, scenes, &threads.workers);
                 Place::Thread(started.map_err(|cause| {
                     tracing::error!(%cause, "no thread for a scene");
                     CloseCode::BUSY
                 })?)
             }
         };
-        let stored = self.settings.data.as_ref().and(scope.scene().cloned());
-        self.add_worker(id, scope, place);
-        if let Some(scene) = stored {
+        self.add_worker(id, scene.clone(), place);
+        if self.settings.data.is_some() {
             let now = (self.settings.scenes.clock)();
             self.route(now, id, WorkerInput::Restore(scene, tail));
         }
         Ok(id)
     }
 
-    fn add_worker(&mut self, id: WorkerId, scope: Scope, place: Place) {
+    fn add_worker(&mut self, id: WorkerId, scene: SceneName, place: Place) {
         self.next_worker += 1;
-        self.by_scope.insert(scope.clone(), id);
+        self.by_scene.insert(scene.clone(), id);
         let worker = Worker {
-            scope,
+            scene,
             place,
             connections: 0,
             sent: 0,
@@ -541,28 +536,6 @@ impl Dispatcher {
             scenes: 0,
         };
         self.workers.insert(id, worker);
-    }
-
-    /// Starts the worker of an adapter; without threads there is none.
-    ///
-    /// # Errors
-    ///
-    /// The system's, if the thread cannot start.
-    #[cfg(feature = "app")]
-    pub(crate) fn serve_also(&mut self, adapter: Adapter) -> std::io::Result<()> {
-        let Some(threads) = &self.threads else {
-            return Ok(());
-        };
-        let id = WorkerId(self.next_worker);
-        let Adapter {
-            sender,
-            inputs,
-            serve,
-        } = adapter;
-        let (scenes, queue) = ((&self.settings.scenes, None), (sender, inputs));
-        let thread = ThreadWorker::start(id, scenes, Some(serve), queue, &threads.workers)?;
-        self.add_worker(id, Scope::Adapter, Place::Thread(thread));
-        Ok(())
     }
 }
 
@@ -580,7 +553,7 @@ impl Dispatcher {
             .map(DataDir::scenes)
             .transpose()?;
         for (name, _) in scenes.into_iter().flatten() {
-            if let Err(code) = self.worker_of(self.scope_of(&name)) {
+            if let Err(code) = self.worker_of(name.clone()) {
                 tracing::error!(scene = %name, %code, "cannot restore a scene");
             }
         }
@@ -619,9 +592,9 @@ impl Dispatcher {
             None => CloseCode::SCENE_LOST,
         };
         let workers = self.workers.iter();
-        let died: Vec<(WorkerId, Scope)> = workers
+        let died: Vec<(WorkerId, SceneName)> = workers
             .filter(|(_, worker)| matches!(worker.place, Place::Process(of) if of == id))
-            .map(|(id, worker)| (*id, worker.scope.clone()))
+            .map(|(id, worker)| (*id, worker.scene.clone()))
             .collect();
         for (worker, _) in &died {
             self.close_connections_of(*worker, code);
@@ -630,14 +603,14 @@ impl Dispatcher {
         if self.settings.data.is_none() {
             return;
         }
-        for (worker, scope) in died {
+        for (worker, scene) in died {
             let tail = if death.stuck == Some(worker) {
                 LogTail::LeftOut
             } else {
                 LogTail::Kept
             };
-            if let Err(code) = self.start_worker(scope.clone(), tail) {
-                tracing::error!(?scope, %code, "the scene stays in the data directory");
+            if let Err(code) = self.start_worker(scene.clone(), tail) {
+                tracing::error!(%scene, %code, "the scene stays in the data directory");
             }
         }
     }

@@ -21,7 +21,7 @@ pub struct DispatcherSettings {
     pub(crate) recorders: SceneRecorders,
     /// The directory that keeps scenes.
     pub(crate) data: Option<DataDir>,
-    /// `Some` if scenes run in worker processes, except those of an adapter.
+    /// `Some` if scenes run in worker processes.
     pub(crate) processes: Option<ProcessOptions>,
 }
 

@@ -11,9 +11,9 @@ use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Instant, Span};
 use rhumb_scene::Heartbeat;
 
-use super::message::{FromWorker, Scope, WorkerId, WorkerReport};
+use super::message::{FromWorker, WorkerId, WorkerReport};
 use super::worker;
-use super::{ADAPTER_SCENES, Dispatcher, Place};
+use super::{Dispatcher, Place};
 use crate::flight::FlightCause;
 
 /// Time between two looks at the workers.
@@ -67,25 +67,23 @@ impl Dispatcher {
         let Some(worker) = self.workers.remove(&id) else {
             return;
         };
-        let is_quarantined = |name: &SceneName| match &worker.scope {
-            Scope::Scene(scene) => name == scene,
-            Scope::Adapter => name.as_str().starts_with(ADAPTER_SCENES),
-        };
+        let scene = worker.scene;
+        let is_quarantined = |name: &SceneName| *name == scene;
         (self.settings.recorders.flights).write_where(is_quarantined, FlightCause::Quarantined);
         if let Place::Thread(thread) = &worker.place {
             worker::lower(&thread.thread_id);
         }
-        self.watchdog.quarantined.insert(id, worker.scope.clone());
+        self.watchdog.quarantined.insert(id, scene.clone());
         let quarantined = self.watchdog.quarantined.len();
         self.settings.recorders.metrics.set_quarantined(quarantined);
-        tracing::error!(scope = ?worker.scope, worker = id.0, quarantined, "a scene does not answer and is quarantined");
+        tracing::error!(%scene, worker = id.0, quarantined, "a scene does not answer and is quarantined");
     }
 
     /// The thread of a worker has ended: by itself if it is no worker any more, else by a panic.
     pub(super) fn note_over(&mut self, id: WorkerId) {
-        if let Some(scope) = self.watchdog.quarantined.remove(&id) {
-            tracing::warn!(?scope, worker = id.0, "a quarantined thread has ended");
-            self.by_scope.remove(&scope);
+        if let Some(scene) = self.watchdog.quarantined.remove(&id) {
+            tracing::warn!(%scene, worker = id.0, "a quarantined thread has ended");
+            self.by_scene.remove(&scene);
             (self.settings.recorders.metrics).set_quarantined(self.watchdog.quarantined.len());
         }
         if self.workers.contains_key(&id) {

@@ -5,7 +5,7 @@
 
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, sync_channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, channel, sync_channel};
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 use std::{io, thread};
@@ -22,9 +22,6 @@ const INPUTS_PER_TURN: usize = 256;
 /// Stack of a worker's thread: what a main thread has.
 const STACK_BYTES: usize = 8 << 20;
 
-/// Serves the clients of another protocol.
-pub(super) type ServeOthers = Box<dyn FnMut(&mut SceneRouter) + Send>;
-
 /// The scenes of a worker, and the control bytes that they have not handled.
 pub(super) struct InlineWorker {
     router: SceneRouter,
@@ -34,8 +31,6 @@ pub(super) struct InlineWorker {
     /// The scenes of the data directory, if there is one.
     stored: Option<Arc<StoredScenes>>,
     settings: Arc<SceneSettings>,
-    /// Serves the clients of another protocol.
-    others: Option<ServeOthers>,
 }
 
 /// The dispatcher's handle of a worker on a thread of its own.
@@ -63,7 +58,6 @@ impl InlineWorker {
             inputs: 0,
             stored,
             settings,
-            others: None,
         }
     }
 
@@ -107,9 +101,6 @@ impl InlineWorker {
     /// Everything that there is to transmit, and what was handled.
     pub(super) fn output(&mut self) -> WorkerOutput {
         let router = &mut self.router;
-        if let Some(serve_others) = &mut self.others {
-            serve_others(router);
-        }
         router.report_durable();
         let transmits: Vec<Transmit> = std::iter::from_fn(|| router.poll_transmit()).collect();
         let mut handled = Vec::new();
@@ -135,10 +126,9 @@ impl ThreadWorker {
     pub(super) fn start(
         id: WorkerId,
         (scenes, data): (&SceneSettings, Option<&DataDir>),
-        others: Option<ServeOthers>,
-        (sender, inputs): (Sender<WorkerInput>, Receiver<WorkerInput>),
         threads: &WorkerThreads,
     ) -> io::Result<Self> {
+        let (sender, inputs) = channel();
         let clock = SharedClock::clone(&threads.clock);
         let heartbeat = {
             let clock = SharedClock::clone(&clock);
@@ -155,8 +145,7 @@ impl ThreadWorker {
             heartbeat: heartbeat.clone(),
             ..scenes.clone()
         };
-        let mut worker = InlineWorker::new(&scenes, data, wake);
-        worker.others = others;
+        let worker = InlineWorker::new(&scenes, data, wake);
         let send = Arc::clone(&threads.send);
         let thread_id = ThreadId::default();
         let (on_thread, own_id) = (heartbeat.clone(), thread_id.clone());

@@ -470,6 +470,6 @@ fn any_message_leaves_the_scene_running_with_finite_states() {
             assert!(finite && state.rotation.is_normalized(), "{state:?}");
         }
         send(&mut server, &mut session, &Message::Logoff(7));
-        assert!(session.closed && server.router.scenes().count() == 0);
+        assert!(session.closed && !server.has_scene(7));
     }
 }

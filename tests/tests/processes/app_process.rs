@@ -12,7 +12,7 @@ use glam::Vec3;
 use rhumb_app::{Kind, Logon, Message, MessageFraming};
 use rhumb_client::scene::Shape;
 use rhumb_client::{Client, ClientError, JoinMode, JoinOptions, PipelineDepth, Tick, Trust};
-use rhumb_tests::{Recording, ServerProcess, falling};
+use rhumb_tests::{Recording, ServerProcess, falling, falling_apart};
 
 use crate::SERVER;
 use crate::hostile_load::{free_address, requested};
@@ -126,6 +126,26 @@ fn send_in_frames(
     }
 }
 
+/// The metrics of the scene of simulation 7 count the plug-in as a member.
+fn assert_scene_is_counted(metrics: &str) {
+    let figures = requested(metrics, "/metrics");
+    let value = |metric: &str| {
+        let name = format!("rhumb_scene_{metric}{{scene=\"app/7\"}} ");
+        let mut values = figures.lines().filter_map(|line| line.strip_prefix(&*name));
+        let value = values.next().and_then(|value| value.parse::<f64>().ok());
+        value.unwrap_or_else(|| panic!("{name} in\n{figures}"))
+    };
+    for metric in [
+        "members",
+        "tick",
+        "commands_total",
+        "received_bytes_total",
+        "sent_bytes_total",
+    ] {
+        assert!(value(metric) > 0.0, "{metric}");
+    }
+}
+
 #[test]
 fn a_native_client_watches_a_scene_of_the_plug_in() {
     let metrics = free_address();
@@ -159,10 +179,7 @@ fn a_native_client_watches_a_scene_of_the_plug_in() {
     };
     let connection = Client::connect(&server.address.to_string(), trust).unwrap();
     let mut client = connection.join_with("app/7", options).unwrap();
-    let figures = requested(&metrics, "/metrics");
-    let tick = "rhumb_scene_tick{scene=\"app/7\"} ";
-    let mut lines = figures.lines();
-    assert!(lines.any(|line| line.starts_with(tick)), "{figures}");
+    assert_scene_is_counted(&metrics);
     let copy = client.replica().expect("it has joined");
     let shapes: Vec<Shape> = copy
         .bodies()
@@ -248,6 +265,43 @@ fn frame(simulation: u32) -> Vec<u8> {
     let mut bytes = Vec::new();
     Message::AdvanceTime((simulation, 0.089)).encode(0, &mut bytes);
     bytes
+}
+
+#[test]
+fn a_client_that_overloads_its_scene_is_closed_and_stops_no_other() {
+    let metrics = free_address();
+    let server = SERVER.serve_app(ANYWHERE, &["--metrics", &metrics]);
+    let mut second = Plugin::connect_with(&server, b"no logon");
+    second.send(&falling(8, 10));
+    let mut heap = Plugin::connect_with(&server, b"no logon");
+    heap.send(&falling_apart(7, 5_000, 0.0));
+    heap.send(&frame(7));
+    let over = |received: &[Message]| {
+        let over = received.iter().filter(|m| m.kind() == Kind::TimeAdvanced);
+        over.count()
+    };
+    for _ in 0..50 {
+        second.send(&frame(8));
+        assert_eq!(over(&second.receive(Some(1))), 1, "it was closed");
+    }
+    assert_eq!(over(&heap.receive(None)), 0, "its first frame ends");
+    second.send(&frame(8));
+    assert_eq!(over(&second.receive(Some(1))), 1, "it was closed");
+    let figures = requested(&metrics, "/metrics");
+    for line in [
+        "rhumb_scenes_quarantined 1",
+        "rhumb_closed_total{code=\"6\"} 1",
+        "rhumb_scene_members{scene=\"app/8\"} 1",
+    ] {
+        assert!(
+            figures.lines().any(|have| have == line),
+            "{line} in\n{figures}"
+        );
+    }
+    server.signal("TERM");
+    let ended = server.wait();
+    assert_eq!(ended.code, Some(0), "{}", ended.log);
+    assert!(ended.log.contains("its scene has ended"), "{}", ended.log);
 }
 
 #[test]

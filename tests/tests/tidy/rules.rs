@@ -192,7 +192,7 @@ fn sockets_and_clocks_are_used_only_in_the_crates_that_own_them() {
         file.is_in(&[
             "transport/",
             "benches/",
-            "app/src/sockets/",
+            "gateways/app/src/sockets/",
             "gateways/dis/src/main.rs",
             "gateways/dis/src/socket.rs",
             "service/src/serve.rs",
@@ -241,7 +241,7 @@ fn no_library_prints() {
         "protocol/src/",
         "transport/link/src/",
         "transport/src/",
-        "app/src/",
+        "gateways/app/src/",
         "server/src/",
         "service/src/",
         "client/src/",

@@ -159,7 +159,7 @@ fn a_type_name_has_one_definition_in_the_product() {
         "server/src/",
         "service/src/",
         "client/",
-        "app/src/",
+        "gateways/app/src/",
         "bindings/",
     ];
     let mut places: BTreeMap<String, Vec<String>> = BTreeMap::new();

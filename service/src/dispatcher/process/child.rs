@@ -210,7 +210,7 @@ impl WorkerProcess {
 
     fn begin(&mut self, id: WorkerId) {
         let scenes = (&self.scenes, self.data.as_ref());
-        match ThreadWorker::start(id, scenes, None, channel(), &self.threads) {
+        match ThreadWorker::start(id, scenes, &self.threads) {
             Ok(worker) => {
                 lock(&self.life.heartbeats).insert(id, worker.heartbeat.clone());
                 self.workers.insert(id, worker);

@@ -198,6 +198,7 @@ fn encode_permit(permit: &Permit, to: &mut Writer) {
         encode_quota(quota.map(u64::from), to);
     }
     encode_quota(load, to);
+    to.u8(u8::from(permit.owns));
 }
 
 fn encode_quota(quota: Option<u64>, to: &mut Writer) {
@@ -219,10 +220,16 @@ fn decode_permit(from: &mut Reader<'_>) -> Result<Permit, Malformed> {
         members,
         load: decode_quota(from)?,
     };
+    let owns = match from.u8()? {
+        0 => false,
+        1 => true,
+        _ => return Err(Malformed::UnknownCode),
+    };
     Ok(Permit {
         client,
         role,
         quotas,
+        owns,
     })
 }
 

@@ -28,7 +28,7 @@ fn permit() -> impl Strategy<Value = Permit> {
         Just(Role::Owner)
     ];
     let quotas = any::<(Option<u32>, Option<u32>, Option<u64>, Option<u32>)>();
-    (client, role, quotas).prop_map(|(client, role, (bodies, commands, load, members))| Permit {
+    let permit = |(client, role, (bodies, commands, load, members), owns)| Permit {
         client,
         role,
         quotas: Quotas {
@@ -37,7 +37,9 @@ fn permit() -> impl Strategy<Value = Permit> {
             load,
             members,
         },
-    })
+        owns,
+    };
+    (client, role, quotas, any::<bool>()).prop_map(permit)
 }
 
 fn input() -> impl Strategy<Value = WorkerInput> {

@@ -11,11 +11,12 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use glam::{Quat, Vec3};
-use rhumb_protocol::scene::{BodyKind, Contact};
+use rhumb_protocol::scene::{BodyKind, Hit};
 use rhumb_protocol::stream::{Activity, Observation};
 
 use super::actor::Actor;
-use super::host::{AppScene, States};
+use super::options::States;
+use super::scene::OwnScene;
 use super::world_mirror::WorldMirror;
 use crate::wire::{ActorsCollided, Id, Message, Motion};
 
@@ -28,10 +29,9 @@ pub(super) struct StateReporter {
     /// Pairs that touched in the last frame.
     touching: BTreeSet<(u32, u32)>,
     /// Pairs that touched in this frame, at their deepest contact.
-    touches: BTreeMap<(u32, u32), Contact>,
+    touches: BTreeMap<(u32, u32), Hit>,
     /// Actors whose contacts were read in this frame.
     looked: BTreeSet<u32>,
-    contacts: Vec<Contact>,
     /// Actors whose states exceeded the capacity.
     left_out: BTreeSet<u32>,
     /// The actor at which states were last cut off.
@@ -83,28 +83,25 @@ const RESEND_AFTER_FRAMES: u64 = 3;
 
 impl StateReporter {
     /// Reads the contacts after a step.
-    pub(super) fn note_contacts(&mut self, mirror: &WorldMirror, scene: &dyn AppScene) {
+    pub(super) fn note_contacts(&mut self, mirror: &WorldMirror, scene: &OwnScene) {
         if !mirror.reports {
             return;
         }
-        let mut contacts = std::mem::take(&mut self.contacts);
         for observation in scene.observations() {
             let Some((name, actor)) = mirror.actor_of(observation.id) else {
                 continue;
             };
             self.looked.insert(name);
-            scene.contacts(observation.id, &mut contacts);
-            for contact in contacts.drain(..) {
-                if let Some((other, others)) = mirror.actor_of(contact.with) {
-                    self.note((name, actor), (other, others), contact);
+            for contact in scene.contacts(observation.id) {
+                if let Some((other, others)) = mirror.actor_of(contact.body) {
+                    self.note((name, actor), (other, others), *contact);
                 }
             }
         }
-        self.contacts = contacts;
     }
 
     /// Notes a contact of two actors: it belongs to the actor that asks for reports, and of two such to the avatar.
-    fn note(&mut self, first: (u32, &Actor), second: (u32, &Actor), contact: Contact) {
+    fn note(&mut self, first: (u32, &Actor), second: (u32, &Actor), contact: Hit) {
         let rank = |actor: &Actor| (actor.reports, actor.upright);
         if !first.1.reports && !second.1.reports {
             return;
@@ -114,10 +111,10 @@ impl StateReporter {
             ((first.0, second.0), contact)
         } else {
             let normal = -contact.normal;
-            ((second.0, first.0), Contact { normal, ..contact })
+            ((second.0, first.0), Hit { normal, ..contact })
         };
         let known = self.touches.entry(pair).or_insert(contact);
-        if contact.separation < known.separation {
+        if contact.distance < known.distance {
             *known = contact;
         }
     }
@@ -128,7 +125,7 @@ impl StateReporter {
         simulation: u32,
         options: &ReportOptions,
         mirror: &WorldMirror,
-        scene: &dyn AppScene,
+        scene: &OwnScene,
         output: &mut FrameOutput,
     ) {
         self.frame += 1;
@@ -179,7 +176,7 @@ impl StateReporter {
         &self,
         simulation: u32,
         mirror: &WorldMirror,
-        scene: &dyn AppScene,
+        scene: &OwnScene,
         states: &mut Vec<Motion>,
     ) {
         for observation in scene.observations() {
@@ -201,7 +198,7 @@ impl StateReporter {
         &mut self,
         simulation: u32,
         mirror: &WorldMirror,
-        scene: &dyn AppScene,
+        scene: &OwnScene,
         states: &mut Vec<Motion>,
     ) {
         let mut left_out = std::mem::take(&mut self.left_out);
@@ -253,7 +250,7 @@ impl StateReporter {
         simulation: u32,
         capacity: usize,
         mirror: &WorldMirror,
-        scene: &dyn AppScene,
+        scene: &OwnScene,
         output: &mut FrameOutput,
     ) {
         let frame = self.frame;
@@ -293,7 +290,7 @@ impl StateReporter {
                 collided: id(pair.1),
                 point: contact.point,
                 normal: contact.normal,
-                separation: contact.separation,
+                separation: contact.distance,
             }));
         }
         // A sleeping pair still touches: an actor that wakes beside it has not started to touch.
@@ -313,7 +310,7 @@ impl ReportedPose {
 }
 
 /// The state of an actor that moves; `None` for one that left the world.
-fn state(id: Id, actor: &Actor, scene: &dyn AppScene) -> Option<Motion> {
+fn state(id: Id, actor: &Actor, scene: &OwnScene) -> Option<Motion> {
     let body = actor.body?;
     let observation = scene.observation(body.id)?;
     state_of(id, actor, &observation)

@@ -11,16 +11,17 @@
 use glam::{DQuat, DVec3, Quat, Vec3};
 use rhumb_protocol::limits::JOINTS_MAX;
 use rhumb_protocol::scene::{
-    BodyDesc, BodyKind, Command, Compound, Heights, JointId, LockedAxes, Shape,
+    BodyDesc, BodyKind, Command, CommandError, Compound, Heights, JointId, LockedAxes, Shape,
 };
 use rhumb_protocol::stream::Observation;
 use rhumb_reckoning::{BodyId, BodyState};
 
 use super::actor::{
-    Actor, ActorBody, ActorProperties, BodyIds, Frame, TargetMotion, body_properties,
+    Actor, ActorBody, ActorProperties, Frame, TargetMotion, again, body_properties,
 };
-use super::host::{AppScene, Refusal, RefusedMessage};
 use super::joint;
+use super::options::{Refusal, RefusedMessage};
+use super::scene::{CommandSubject, OwnScene, Sent};
 use super::world_mirror::{JointRecord, MATERIAL, WorldMirror};
 use crate::wire::AddJoint;
 
@@ -44,7 +45,7 @@ struct BodyMotion {
 
 impl WorldMirror {
     /// Applies all messages since the last frame.
-    pub(super) fn apply(&mut self, scene: &mut dyn AppScene) -> FrameResult {
+    pub(super) fn apply(&mut self, scene: &mut OwnScene) -> FrameResult {
         let mut result = FrameResult::default();
         for name in std::mem::take(&mut self.removed_joints) {
             // A joint is removed with its body: it may be gone already.
@@ -52,7 +53,6 @@ impl WorldMirror {
         }
         for body in std::mem::take(&mut self.removed_bodies) {
             self.take_out(&body, scene);
-            self.body_ids.give_back(body.id);
         }
         let mut grounds = Vec::new();
         for (name, index) in self.take_touched() {
@@ -60,6 +60,7 @@ impl WorldMirror {
                 continue;
             };
             let before = actor.body.map(|body| body.id);
+            scene.about = Some((name, index));
             if let Err(refusal) = self.apply_actor(name, &mut actor, scene, &mut result) {
                 let refused = RefusedMessage::at_frame(index, name, refusal);
                 result.refused.push(refused);
@@ -69,6 +70,7 @@ impl WorldMirror {
             grounds.extend(ground.filter(|_| is_new));
             self.actors.insert(name, actor);
         }
+        scene.about = None;
         for ground in grounds {
             depenetrate(self, ground, scene);
         }
@@ -76,13 +78,15 @@ impl WorldMirror {
         result
     }
 
-    fn take_out(&mut self, body: &ActorBody, scene: &mut dyn AppScene) {
+    fn take_out(&mut self, body: &ActorBody, scene: &mut OwnScene) {
         self.forget_body(body.id);
         // A body that left the world is gone already.
-        let _ = scene.command(&Command::RemoveBody { id: body.id });
+        if scene.body(body.id).is_some() {
+            let _ = scene.command(&Command::RemoveBody { id: body.id });
+        }
         self.shape_cache.give_back(body.shape, scene);
         for record in self.joints.values_mut() {
-            let is_absent = |id: JointId| scene.joints().get(id).is_none();
+            let is_absent = |id: JointId| !scene.has_joint(id);
             record.name = record.name.filter(|id| !is_absent(*id));
         }
     }
@@ -91,7 +95,7 @@ impl WorldMirror {
         &mut self,
         name: u32,
         actor: &mut Actor,
-        scene: &mut dyn AppScene,
+        scene: &mut OwnScene,
         result: &mut FrameResult,
     ) -> Result<(), Refusal> {
         let properties = body_properties(actor.kind, &actor.parts, MATERIAL);
@@ -136,16 +140,20 @@ impl WorldMirror {
         name: u32,
         actor: &mut Actor,
         properties: ActorProperties,
-        scene: &mut dyn AppScene,
+        scene: &mut OwnScene,
     ) -> Result<(), Refusal> {
         let before = actor.body.take();
+        // The client's library takes the index of a body that left the world for other bodies.
+        let is_there = before.is_some_and(|before| scene.body(before.id).is_some());
         if let Some(before) = &before {
             self.take_out(before, scene);
         }
-        let again = before.and_then(|before| BodyIds::again(before.id));
+        let again = before
+            .filter(|_| is_there)
+            .and_then(|before| again(before.id));
         let id = match again {
             Some(id) => id,
-            None => self.body_ids.take().ok_or(Refusal::TooMany)?,
+            None => scene.new_id().map_err(|_| Refusal::TooMany)?,
         };
         let taken = self.shape_cache.take(&properties.shape, scene);
         let shape = match taken {
@@ -175,7 +183,7 @@ impl WorldMirror {
         .map_err(|_| Refusal::Number)?;
         if let Err(error) = scene.command(&Command::AddBody { desc, motion }) {
             self.shape_cache.give_back(shape, scene);
-            self.body_ids.give_back(id);
+            scene.take_back(id);
             return Err(error.into());
         }
         self.note_body(id, name);
@@ -190,7 +198,7 @@ impl WorldMirror {
         Ok(())
     }
 
-    fn apply_joints(&mut self, scene: &mut dyn AppScene, result: &mut FrameResult) {
+    fn apply_joints(&mut self, scene: &mut OwnScene, result: &mut FrameResult) {
         let waiting: Vec<u32> = self
             .joints
             .iter()
@@ -227,16 +235,78 @@ impl WorldMirror {
         }
     }
 
+    /// Takes back what the scene refused, and adds what its client learns to the result.
+    pub(super) fn take_back(&mut self, scene: &mut OwnScene, result: &mut FrameResult) {
+        for (Sent { subject, about }, error) in scene.take_refused() {
+            let (name, index) = match subject {
+                CommandSubject::Shape(id) => {
+                    tracing::warn!(?about, %error, "an actor has no shape in its scene");
+                    self.shape_cache.refuse(id);
+                    continue;
+                }
+                CommandSubject::Body(id) => {
+                    match about.filter(|_| self.take_back_body(id, error, scene)) {
+                        Some(of) => of,
+                        None => continue,
+                    }
+                }
+                CommandSubject::Joint(id) => match self.take_back_joint(id) {
+                    Some(of) => of,
+                    None => continue,
+                },
+                CommandSubject::Motion => match about {
+                    Some(of) => of,
+                    None => continue,
+                },
+                // What is removed may be gone, and a static actor is not pushed.
+                CommandSubject::Other => {
+                    tracing::debug!(?about, %error, "a command of an app client was refused");
+                    continue;
+                }
+            };
+            let refused = RefusedMessage::at_frame(index, name, error.into());
+            result.refused.push(refused);
+        }
+    }
+
+    /// Forgets a body that was refused; true if its client learns of it. An actor whose shape was refused gets a body without
+    /// shape at the next frame.
+    fn take_back_body(&mut self, id: BodyId, error: CommandError, scene: &mut OwnScene) -> bool {
+        let Some((name, _)) = self.actor_of(id) else {
+            return false;
+        };
+        self.forget_body(id);
+        let actor = self.actors.get_mut(&name);
+        if let Some(body) = actor.and_then(|actor| actor.body.take()) {
+            self.shape_cache.give_back(body.shape, scene);
+        }
+        scene.take_back(id);
+        let lacks_shape = matches!(error, CommandError::UnknownShape(_));
+        if lacks_shape {
+            self.touch(name);
+        }
+        !lacks_shape
+    }
+
+    /// Forgets a joint that was refused; returns its first actor and its message.
+    fn take_back_joint(&mut self, id: JointId) -> Option<(u32, u32)> {
+        let mut joints = self.joints.iter();
+        let (name, _) = joints.find(|(_, record)| record.name == Some(id))?;
+        let name = *name;
+        let record = self.joints.remove(&name)?;
+        Some((record.message.first.actor.object, record.index))
+    }
+
     /// A joint number that the scene does not use, after the last one.
-    fn free_joint(&self, scene: &dyn AppScene) -> Result<JointId, Refusal> {
+    fn free_joint(&self, scene: &OwnScene) -> Result<JointId, Refusal> {
         let from = (self.last_joint + 1) % JOINTS_MAX;
         let mut numbers = (from..JOINTS_MAX).chain(0..from).map(JointId);
-        let free = numbers.find(|id| scene.joints().get(*id).is_none());
+        let free = numbers.find(|id| !scene.has_joint(*id));
         free.ok_or(Refusal::TooMany)
     }
 
     /// Adds a body that represents the world, for joints to it; `index`: of the joint's message.
-    fn add_world(&mut self, index: u32, scene: &mut dyn AppScene, result: &mut FrameResult) {
+    fn add_world(&mut self, index: u32, scene: &mut OwnScene, result: &mut FrameResult) {
         let stands = Actor::new(BodyKind::Fixed, Vec3::ZERO, Quat::IDENTITY);
         let mut world = self.actors.remove(&WORLD).unwrap_or(stands);
         if world.body.is_none()
@@ -249,12 +319,7 @@ impl WorldMirror {
         self.actors.insert(WORLD, world);
     }
 
-    fn hold(
-        &self,
-        message: &AddJoint,
-        id: JointId,
-        scene: &mut dyn AppScene,
-    ) -> Result<(), Refusal> {
+    fn hold(&self, message: &AddJoint, id: JointId, scene: &mut OwnScene) -> Result<(), Refusal> {
         let body = |name: u32| -> Result<(BodyId, Frame), Refusal> {
             let body = self.actors.get(&name).and_then(|actor| actor.body);
             body.map(|body| (body.id, body.frame))
@@ -294,12 +359,7 @@ fn actor_motion(frame: &Frame, observation: &Observation) -> BodyMotion {
 }
 
 /// True if a body still matches its actor.
-fn is_as(
-    body: &ActorBody,
-    properties: &ActorProperties,
-    actor: &Actor,
-    scene: &dyn AppScene,
-) -> bool {
+fn is_as(body: &ActorBody, properties: &ActorProperties, actor: &Actor, scene: &OwnScene) -> bool {
     body.frame == properties.frame
         && body.material == properties.material
         && body.gravity == actor.gravity
@@ -313,7 +373,7 @@ fn steer(
     body: &ActorBody,
     target_motion: TargetMotion,
     now: BodyMotion,
-    scene: &mut dyn AppScene,
+    scene: &mut OwnScene,
 ) -> Result<(), Refusal> {
     let elsewhere = (actor.position, actor.rotation) != (now.position, now.rotation);
     if elsewhere {
@@ -337,8 +397,8 @@ fn steer(
 }
 
 /// Raises the bodies below a body's height field.
-fn depenetrate(mirror: &WorldMirror, ground: BodyId, scene: &mut dyn AppScene) {
-    let shape_of = |scene: &dyn AppScene, id| scene.shape(scene.body(id)?.shape).cloned();
+fn depenetrate(mirror: &WorldMirror, ground: BodyId, scene: &mut OwnScene) {
+    let shape_of = |scene: &OwnScene, id| scene.shape(scene.body(id)?.shape).cloned();
     let (Some(Shape::Heights(field)), Some(at)) =
         (shape_of(scene, ground), scene.observation(ground))
     else {

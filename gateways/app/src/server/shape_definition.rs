@@ -4,7 +4,7 @@
 //! object; a scene allows a few thousand, and sends each to every member.
 
 use core::f32::consts::FRAC_1_SQRT_2;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::limits::{EXTENT_MIN, HULL_POINTS_MAX, POSTS_MAX, SHAPES_MAX};
@@ -13,9 +13,29 @@ use rhumb_protocol::scene::{
 };
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Writer;
+use rhumb_solids::UnitMass;
 
-use super::host::{AppScene, Bulk, Geometry, Refusal};
+use super::options::Refusal;
+use super::scene::OwnScene;
 use crate::wire::{ConvexMesh, HeightGrid, TriangleMesh};
+
+/// Mass properties of a shape with volume, at density one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Bulk {
+    /// Centre of mass in the shape's coordinates, metres.
+    pub(super) centre: Vec3,
+    /// Volume, m³.
+    pub(super) volume: f32,
+}
+
+impl Bulk {
+    /// As the server computes it; `None` for a shape of which it cannot make a solid.
+    fn of(shape: &Shape) -> Option<Self> {
+        let UnitMass { centre, mass, .. } = UnitMass::of_shape(shape)?;
+        let volume = mass;
+        Some(Self { centre, volume })
+    }
+}
 
 /// A shape, and its pose in the axes of the client's definition.
 #[derive(Clone, Debug, PartialEq)]
@@ -34,9 +54,9 @@ pub(super) struct ShapeDefinition {
 const Y_TO_X: Quat = Quat::from_xyzw(0.0, 0.0, -FRAC_1_SQRT_2, FRAC_1_SQRT_2);
 
 impl ShapeDefinition {
-    fn of(shape: Shape, geometry: &dyn Geometry) -> Result<Self, Refusal> {
+    fn of(shape: Shape) -> Result<Self, Refusal> {
         shape.check()?;
-        let bulk = geometry.bulk(&shape).ok_or(Refusal::UnusableShape)?;
+        let bulk = Bulk::of(&shape).ok_or(Refusal::UnusableShape)?;
         Ok(Self {
             shape,
             position: Vec3::ZERO,
@@ -46,15 +66,11 @@ impl ShapeDefinition {
         })
     }
 
-    pub(super) fn ball(
-        origin: Vec3,
-        radius: f32,
-        geometry: &dyn Geometry,
-    ) -> Result<Self, Refusal> {
+    pub(super) fn ball(origin: Vec3, radius: f32) -> Result<Self, Refusal> {
         if !origin.is_finite() {
             return Err(Refusal::Number);
         }
-        let ball = Self::of(Shape::Ball { radius }, geometry)?;
+        let ball = Self::of(Shape::Ball { radius })?;
         Ok(Self {
             position: origin,
             ..ball
@@ -62,17 +78,13 @@ impl ShapeDefinition {
     }
 
     /// `edges`: whole edge lengths, metres.
-    pub(super) fn cuboid(edges: Vec3, geometry: &dyn Geometry) -> Result<Self, Refusal> {
+    pub(super) fn cuboid(edges: Vec3) -> Result<Self, Refusal> {
         let half_extents = edges * 0.5;
-        Self::of(Shape::Cuboid { half_extents }, geometry)
+        Self::of(Shape::Cuboid { half_extents })
     }
 
     /// `height`: from cap to cap, so that an avatar has its intended height; at least that of the caps.
-    pub(super) fn capsule(
-        radius: f32,
-        height: f32,
-        geometry: &dyn Geometry,
-    ) -> Result<Self, Refusal> {
+    pub(super) fn capsule(radius: f32, height: f32) -> Result<Self, Refusal> {
         let half_height = (height * 0.5 - radius).max(EXTENT_MIN);
         let capsule = Shape::Capsule {
             half_height,
@@ -80,22 +92,22 @@ impl ShapeDefinition {
         };
         Ok(Self {
             rotation: Y_TO_X,
-            ..Self::of(capsule, geometry)?
+            ..Self::of(capsule)?
         })
     }
 
-    pub(super) fn hull(message: &ConvexMesh, geometry: &dyn Geometry) -> Result<Self, Refusal> {
+    pub(super) fn hull(message: &ConvexMesh) -> Result<Self, Refusal> {
         let hull = hull_of(&message.points)?;
-        Self::of(Shape::Hull(hull), geometry)
+        Self::of(Shape::Hull(hull))
     }
 
     /// A shape without volume has the mass of its hull, if it has one.
-    pub(super) fn mesh(message: &TriangleMesh, geometry: &dyn Geometry) -> Result<Self, Refusal> {
+    pub(super) fn mesh(message: &TriangleMesh) -> Result<Self, Refusal> {
         let mesh = Mesh::new(&message.points, &message.triangles)?;
         let hull = hull_of(&message.points).ok();
         let bulk = hull
             .as_ref()
-            .and_then(|hull| geometry.bulk(&Shape::Hull(hull.clone())));
+            .and_then(|hull| Bulk::of(&Shape::Hull(hull.clone())));
         Ok(Self {
             bulk: bulk.unwrap_or(NO_BULK),
             hull: hull.filter(|_| bulk.is_some()),
@@ -193,6 +205,9 @@ fn directions(count: usize) -> impl Iterator<Item = Vec3> {
     })
 }
 
+/// Refused shapes that are remembered.
+const REFUSED_MAX: usize = 64;
+
 /// Shapes in the scene, by their bytes.
 #[derive(Debug, Default)]
 pub(super) struct ShapeCache {
@@ -201,6 +216,8 @@ pub(super) struct ShapeCache {
     users: BTreeMap<ShapeId, (usize, Vec<u8>)>,
     /// The last assigned number.
     last: u32,
+    /// Bytes of shapes that the scene refused, until it has room again.
+    refused: BTreeSet<Vec<u8>>,
 }
 
 impl ShapeCache {
@@ -208,7 +225,7 @@ impl ShapeCache {
     pub(super) fn take(
         &mut self,
         shape: &Shape,
-        scene: &mut dyn AppScene,
+        scene: &mut OwnScene,
     ) -> Result<ShapeId, CommandError> {
         let mut writer = Writer::new();
         shape.encode(&mut writer);
@@ -218,6 +235,9 @@ impl ShapeCache {
                 *users += 1;
             }
             return Ok(*id);
+        }
+        if self.refused.contains(&bytes) {
+            return Err(CommandError::ShapeUnfit(ShapeId(self.last)));
         }
         if self.users.len() >= SHAPES_MAX as usize {
             return Err(CommandError::UnknownShape(ShapeId(SHAPES_MAX)));
@@ -232,7 +252,7 @@ impl ShapeCache {
     }
 
     /// Releases a shape for one body.
-    pub(super) fn give_back(&mut self, id: ShapeId, scene: &mut dyn AppScene) {
+    pub(super) fn give_back(&mut self, id: ShapeId, scene: &mut OwnScene) {
         let Some((users, bytes)) = self.users.get_mut(&id) else {
             return;
         };
@@ -242,14 +262,27 @@ impl ShapeCache {
         }
         self.known.remove(bytes);
         self.users.remove(&id);
+        // Another shape may fit now.
+        self.refused.clear();
         if let Err(error) = scene.command(&Command::RemoveShape { id }) {
-            // Another member's body has this shape.
             tracing::debug!(%error, "a shape stays in its scene");
         }
     }
 
+    /// Forgets a shape that the scene refused.
+    pub(super) fn refuse(&mut self, id: ShapeId) {
+        let Some((_, bytes)) = self.users.remove(&id) else {
+            return;
+        };
+        self.known.remove(&bytes);
+        if self.refused.len() >= REFUSED_MAX {
+            self.refused.clear();
+        }
+        self.refused.insert(bytes);
+    }
+
     /// A number without a shape in the scene: members may have taken any. Beyond the limit if all are taken.
-    fn free(&self, scene: &dyn AppScene) -> ShapeId {
+    fn free(&self, scene: &OwnScene) -> ShapeId {
         let from = (self.last + 1) % SHAPES_MAX;
         let numbers = (from..SHAPES_MAX).chain(0..from).map(ShapeId);
         let free = |id: &ShapeId| scene.shape(*id).is_none();

@@ -1,32 +1,32 @@
-//! The APP listener of a server: bound here, served by the server's thread.
+//! The APP listener: an I/O thread, and a thread for each client.
 //!
-//! Its I/O thread accepts connections and carries bytes. It interprets nothing. Input for the server thread is bounded
-//! per connection; the listener closes connections beyond the limit.
+//! The I/O thread accepts connections and carries bytes. It interprets nothing. Input for the thread of a client is
+//! bounded; a client that waits for its scene is not read, and delays no other. The listener closes connections beyond
+//! the limit.
 //!
 //! The published client reads TCP every 30 ms, 64 KiB at most, and loses a message that a read cuts. Sending in spans
 //! keeps within that, with one limiter for each connection.
 
 use core::fmt;
+use core::future::pending;
 use core::net::SocketAddr;
-use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 use std::{io, thread};
 
 use bytes::Bytes;
 use rhumb_link::{ByteCredit, PIECE_COST_BYTES, Piece, bind_udp, io_runtime};
-use rhumb_protocol::Peer;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::tcp::{OwnedReadHalf, OwnedWriteHalf};
 use tokio::net::{TcpListener, TcpStream, UdpSocket};
-use tokio::sync::{Semaphore, mpsc, oneshot};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc, oneshot};
 use tokio::time::{Instant, sleep, sleep_until, timeout};
 
 use super::datagram_sender::DatagramSender;
-use crate::server::{AppHost, AppServer, AppTransmit};
+use crate::server::{AppClient, AppTransmit, Gateway};
 
 /// Address and rate of the APP listener.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,34 +51,23 @@ pub enum AppBindError {
     Thread(io::Error),
 }
 
-/// The server thread's end of the listener. Its clients wait until it is served.
+/// A listener that serves its clients. Dropping it ends their connections.
 #[derive(Debug)]
 pub struct AppListener {
     address: SocketAddr,
-    inputs: Receiver<AppInput>,
-    connections: BTreeMap<Peer, AppConnection>,
-    datagram_sender: Arc<DatagramSender>,
     end: Option<oneshot::Sender<()>>,
     thread: Option<JoinHandle<()>>,
 }
 
 /// Ports to try when any port will do that is free for both TCP and UDP.
 const PORTS_TRIED: usize = 16;
-/// Inputs handled before the host gets its turn: more than the wakes that its loop takes in a turn, so that no input is
-/// left without one.
-const INPUTS_PER_TURN: usize = 512;
-
 impl AppListener {
-    /// Binds the address for TCP and UDP and starts the I/O thread. `wake` makes the serving thread call
-    /// [`Self::serve`] soon.
+    /// Binds the address for TCP and UDP, and serves the clients that connect.
     ///
     /// # Errors
     ///
     /// [`AppBindError`] names the address or the thread that failed.
-    pub fn open(
-        listen: AppListen,
-        wake: impl Fn() + Send + Sync + 'static,
-    ) -> Result<Self, AppBindError> {
+    pub fn open(listen: AppListen, gateway: Arc<Gateway>) -> Result<Self, AppBindError> {
         let address = listen.address;
         let wrong = |cause| AppBindError::Address { address, cause };
         let runtime = io_runtime().map_err(AppBindError::Thread)?;
@@ -89,25 +78,18 @@ impl AppListener {
         let address = tcp.local_addr().map_err(wrong)?;
         let datagram_sender = Arc::new(DatagramSender::new(listen.datagrams_per_ms));
         let (end, ended) = oneshot::channel();
-        let (sender, inputs) = channel();
-        let sender = AppInputSender {
-            inputs: sender,
-            wake: Arc::new(wake),
-        };
         let sockets = Sockets {
             tcp,
             udp,
-            datagram_sender: Arc::clone(&datagram_sender),
+            datagram_sender,
+            gateway,
         };
         let thread = thread::Builder::new()
             .name("rhumb-app-io".into())
-            .spawn(move || runtime.block_on(carry(sockets, sender, ended)))
+            .spawn(move || runtime.block_on(carry(sockets, ended)))
             .map_err(AppBindError::Thread)?;
         Ok(Self {
             address,
-            inputs,
-            connections: BTreeMap::new(),
-            datagram_sender,
             end: Some(end),
             thread: Some(thread),
         })
@@ -118,63 +100,10 @@ impl AppListener {
     pub const fn address(&self) -> SocketAddr {
         self.address
     }
-
-    /// Passes the waiting inputs to the server, and queues its transmissions. To be called after each wake.
-    pub fn serve(&mut self, server: &mut AppServer, host: &mut dyn AppHost) {
-        for _ in 0..INPUTS_PER_TURN {
-            match self.inputs.try_recv() {
-                Ok(input) => self.handle(input, server, host),
-                // The I/O thread has ended: no further input comes.
-                Err(_) => break,
-            }
-        }
-        while let Some(transmit) = server.poll_transmit() {
-            self.send(transmit);
-        }
-    }
-
-    fn handle(&mut self, input: AppInput, server: &mut AppServer, host: &mut dyn AppHost) {
-        match input {
-            AppInput::Opened {
-                peer,
-                from,
-                connection,
-            } => {
-                self.connections.insert(peer, connection);
-                server.handle_opened(peer, from);
-            }
-            AppInput::Bytes { peer, piece } => {
-                if let Some(connection) = self.connections.get(&peer) {
-                    server.handle_bytes(host, peer, &piece.bytes, connection.waiting_bytes());
-                }
-            }
-            AppInput::Datagram { from, piece } => server.handle_datagram(from, &piece.bytes),
-            AppInput::Ended { peer } => {
-                self.connections.remove(&peer);
-                server.handle_ended(host, peer);
-            }
-        }
-    }
-
-    /// Queues a transmission of the endpoint. A connection that is closed or too slow is no longer read.
-    fn send(&mut self, transmit: AppTransmit) {
-        match transmit {
-            AppTransmit::Bytes { to, bytes } => {
-                let connection = self.connections.get(&to);
-                if connection.is_some_and(|connection| connection.send(bytes).is_err()) {
-                    tracing::warn!(peer = to.0, "an app client reads too slowly, closing");
-                    self.connections.remove(&to);
-                }
-            }
-            AppTransmit::Datagram(datagram) => self.datagram_sender.send(datagram),
-            AppTransmit::Close { to } => drop(self.connections.remove(&to)),
-        }
-    }
 }
 
 impl Drop for AppListener {
     fn drop(&mut self) {
-        self.connections.clear();
         if let Some(end) = self.end.take() {
             // An error means that the thread has ended already.
             let _ = end.send(());
@@ -236,37 +165,42 @@ const IDLE: Duration = Duration::from_secs(60);
 const WRITE: Duration = Duration::from_secs(30);
 /// Time for the last bytes to leave when a connection is closed.
 const FLUSH: Duration = Duration::from_millis(500);
-/// Bytes between the sockets and the server thread, per connection; beyond them the connection is not read.
+/// Bytes between a socket and the thread of its client; beyond them the connection is not read.
 const IN_FLIGHT_BYTES: usize = 256 << 10;
-/// Bytes of datagrams between the sockets and the server thread; beyond them datagrams are dropped.
-const DATAGRAMS_IN_FLIGHT_BYTES: usize = 64 << 10;
 const READ_BYTES_MAX: usize = 64 << 10;
 /// Longest datagram that is read; a logon has 76 bytes.
 const DATAGRAM_BYTES_MAX: usize = 512;
-/// Bit of the peer numbers of this listener.
-const BY_APP: u64 = 1 << 63;
+/// A client that has sent nothing for this time is asked whether its scene is still there.
+const SILENCE: Duration = Duration::from_millis(500);
+/// Stack of a client's thread: what a main thread has.
+const STACK_BYTES: usize = 8 << 20;
 
-/// Sockets and queue of the listener.
+/// Sockets of the listener, and the gateway of its clients.
 struct Sockets {
     tcp: TcpListener,
     udp: UdpSocket,
     /// Outgoing datagrams.
-    pub(super) datagram_sender: Arc<DatagramSender>,
+    datagram_sender: Arc<DatagramSender>,
+    gateway: Arc<Gateway>,
 }
 
 /// Carries bytes until its end is requested.
-async fn carry(sockets: Sockets, inputs: AppInputSender, mut ended: oneshot::Receiver<()>) {
-    let udp = Arc::new(sockets.udp);
-    let datagram_writer = tokio::spawn(datagram_write_loop(
-        Arc::clone(&udp),
-        sockets.datagram_sender,
-    ));
-    let listen = tokio::spawn(datagram_read_loop(udp, inputs.clone()));
+async fn carry(sockets: Sockets, mut ended: oneshot::Receiver<()>) {
+    let Sockets {
+        tcp,
+        udp,
+        datagram_sender,
+        gateway,
+    } = sockets;
+    let udp = Arc::new(udp);
+    let queue = Arc::clone(&datagram_sender);
+    let datagram_writer = tokio::spawn(datagram_write_loop(Arc::clone(&udp), queue));
+    let listen = tokio::spawn(datagram_read_loop(udp, Arc::clone(&gateway)));
     let free_places = Arc::new(Semaphore::new(CONNECTIONS_MAX));
-    let mut peers = BY_APP;
+    let mut number = 0;
     loop {
         let accepted = tokio::select! {
-            accepted = sockets.tcp.accept() => accepted,
+            accepted = tcp.accept() => accepted,
             _ = &mut ended => break,
         };
         let (stream, from) = match accepted {
@@ -279,15 +213,13 @@ async fn carry(sockets: Sockets, inputs: AppInputSender, mut ended: oneshot::Rec
             }
         };
         let Ok(place) = Arc::clone(&free_places).try_acquire_owned() else {
-            tracing::warn!(%from, "an app connection was refused: the server is full");
+            tracing::warn!(%from, "an app connection was refused: the gateway is full");
             continue;
         };
-        let (peer, inputs) = (Peer(peers), inputs.clone());
-        peers += 1;
-        tokio::spawn(async move {
-            serve(stream, from, peer, inputs).await;
-            drop(place);
-        });
+        number += 1;
+        let client = AppClient::new(&gateway, number, from);
+        let thread = ClientThread::start(client, Arc::clone(&datagram_sender), place);
+        tokio::spawn(serve(stream, from, number, thread));
     }
     datagram_writer.abort();
     listen.abort();
@@ -295,33 +227,85 @@ async fn carry(sockets: Sockets, inputs: AppInputSender, mut ended: oneshot::Rec
     sleep(LAST_TURN).await;
 }
 
+/// The thread of a client, from the side of its sockets.
+struct ClientThread {
+    inputs: Sender<Piece>,
+    /// The bytes that it sends.
+    outputs: AppConnectionReader,
+}
+
+impl ClientThread {
+    /// Starts the thread of a client, which holds its place until it ends.
+    fn start(
+        client: AppClient,
+        datagrams: Arc<DatagramSender>,
+        place: OwnedSemaphorePermit,
+    ) -> io::Result<Self> {
+        let (sender, inputs) = channel();
+        let (connection, outputs) = connection_queue();
+        thread::Builder::new()
+            .name("rhumb-app-client".to_owned())
+            .stack_size(STACK_BYTES)
+            .spawn(move || {
+                run(client, &inputs, &connection, &datagrams);
+                drop(place);
+            })?;
+        Ok(Self {
+            inputs: sender,
+            outputs,
+        })
+    }
+}
+
+/// Serves a client until its connection ends or is to be closed.
+fn run(
+    mut client: AppClient,
+    inputs: &Receiver<Piece>,
+    connection: &AppConnection,
+    datagrams: &DatagramSender,
+) {
+    loop {
+        match inputs.recv_timeout(SILENCE) {
+            Ok(piece) => client.handle_bytes(&piece.bytes, connection.waiting_bytes()),
+            Err(RecvTimeoutError::Timeout) => client.handle_silence(),
+            Err(RecvTimeoutError::Disconnected) => return,
+        }
+        while let Some(transmit) = client.poll_transmit() {
+            match transmit {
+                AppTransmit::Bytes(bytes) => {
+                    if connection.send(bytes).is_err() {
+                        return tracing::warn!("an app client reads too slowly, closing");
+                    }
+                }
+                AppTransmit::Datagram(datagram) => datagrams.send(datagram),
+                AppTransmit::Close => return,
+            }
+        }
+    }
+}
+
 /// Carries one connection from start to end.
-async fn serve(stream: TcpStream, from: SocketAddr, peer: Peer, inputs: AppInputSender) {
+async fn serve(stream: TcpStream, from: SocketAddr, peer: u64, thread: io::Result<ClientThread>) {
+    let ClientThread { inputs, outputs } = match thread {
+        Ok(thread) => thread,
+        Err(cause) => return tracing::error!(peer, %from, %cause, "no thread for an app client"),
+    };
     if let Err(cause) = stream.set_nodelay(true) {
         tracing::debug!(%cause, "an app connection ended at once");
         return;
     }
-    let (near, far) = connection_queue();
-    let opened = AppInput::Opened {
-        peer,
-        from,
-        connection: near,
-    };
-    // If the server thread has ended, this thread ends soon too.
-    let _ = inputs.send(opened);
     let (read, write) = stream.into_split();
     tokio::select! {
-        why = read_loop(read, peer, &inputs) => tracing::info!(peer = peer.0, %from, %why, "an app connection ended"),
-        why = write_loop(write, far) => tracing::info!(peer = peer.0, %from, %why, "an app connection was ended"),
+        why = read_loop(read, &inputs) => tracing::info!(peer, %from, %why, "an app connection ended"),
+        why = write_loop(write, outputs) => tracing::info!(peer, %from, %why, "an app connection was ended"),
     }
-    let _ = inputs.send(AppInput::Ended { peer });
 }
 
 /// Reason for the end of a connection, for the log.
 type EndReason = &'static str;
 
-/// Reads no further than the server thread keeps up.
-async fn read_loop(mut read: OwnedReadHalf, peer: Peer, inputs: &AppInputSender) -> EndReason {
+/// Reads no further than the client's thread keeps up.
+async fn read_loop(mut read: OwnedReadHalf, inputs: &Sender<Piece>) -> EndReason {
     let credit = ByteCredit::new(IN_FLIGHT_BYTES);
     let mut buffer = vec![0; READ_BYTES_MAX];
     let mut time_limit = FIRST_BYTES;
@@ -334,8 +318,9 @@ async fn read_loop(mut read: OwnedReadHalf, peer: Peer, inputs: &AppInputSender)
         };
         time_limit = IDLE;
         let piece = credit.admit(&buffer[..count]).await;
-        if inputs.send(AppInput::Bytes { peer, piece }).is_err() {
-            return "the server is stopping";
+        if inputs.send(piece).is_err() {
+            // What the thread has sent is still written.
+            pending::<()>().await;
         }
     }
 }
@@ -351,7 +336,7 @@ async fn write_loop(mut write: OwnedWriteHalf, mut queue: AppConnectionReader) -
             Err(_) => return "the client does not read",
         }
     }
-    // The server thread has dropped its end.
+    // The client's thread has ended.
     let _ = timeout(FLUSH, write.shutdown()).await;
     "the server closed the connection"
 }
@@ -365,25 +350,17 @@ async fn datagram_write_loop(udp: Arc<UdpSocket>, datagram_sender: Arc<DatagramS
     }
 }
 
-async fn datagram_read_loop(udp: Arc<UdpSocket>, inputs: AppInputSender) {
-    let credit = ByteCredit::new(DATAGRAMS_IN_FLIGHT_BYTES);
+async fn datagram_read_loop(udp: Arc<UdpSocket>, gateway: Arc<Gateway>) {
     let mut buffer = [0; DATAGRAM_BYTES_MAX];
     loop {
-        let (count, from) = match udp.recv_from(&mut buffer).await {
-            Ok(received) => received,
+        match udp.recv_from(&mut buffer).await {
+            Ok((count, from)) => gateway.handle_datagram(from, &buffer[..count]),
             // An earlier datagram was refused by its destination; datagrams carry no promise.
-            Err(cause) if cause.kind() == io::ErrorKind::ConnectionRefused => continue,
+            Err(cause) if cause.kind() == io::ErrorKind::ConnectionRefused => {}
             Err(cause) => {
                 tracing::warn!(%cause, "a datagram was not received");
                 sleep(PAUSE).await;
-                continue;
             }
-        };
-        let Some(piece) = credit.try_admit(&buffer[..count]) else {
-            continue;
-        };
-        if inputs.send(AppInput::Datagram { from, piece }).is_err() {
-            return;
         }
     }
 }
@@ -392,39 +369,6 @@ async fn datagram_read_loop(udp: Arc<UdpSocket>, inputs: AppInputSender) {
 const PAUSE: Duration = Duration::from_millis(50);
 /// Long enough for a turn of each task, short enough not to delay a stop.
 const LAST_TURN: Duration = Duration::from_millis(2);
-
-/// One input for the server thread.
-#[derive(Debug)]
-enum AppInput {
-    Opened {
-        peer: Peer,
-        from: SocketAddr,
-        connection: AppConnection,
-    },
-    Bytes {
-        peer: Peer,
-        piece: Piece,
-    },
-    Datagram {
-        from: SocketAddr,
-        piece: Piece,
-    },
-    Ended {
-        peer: Peer,
-    },
-}
-
-/// The I/O thread's end of the inputs.
-#[derive(Clone)]
-struct AppInputSender {
-    inputs: Sender<AppInput>,
-    /// Wakes the thread that takes the inputs.
-    wake: Arc<dyn Fn() + Send + Sync>,
-}
-
-/// Error: the server thread has ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct ServerEnded;
 
 /// The sending end of a connection's outgoing bytes. Dropping it ends the connection, after the queued bytes.
 #[derive(Debug)]
@@ -447,15 +391,6 @@ struct AppQueueOverflow;
 /// Queued bytes per client, at most: minutes of a busy region's updates over TCP.
 const WAITING_BYTES_MAX: usize = 4 << 20;
 
-impl AppInputSender {
-    /// Passes an input to the server thread.
-    pub(super) fn send(&self, input: AppInput) -> Result<(), ServerEnded> {
-        self.inputs.send(input).map_err(|_| ServerEnded)?;
-        (self.wake)();
-        Ok(())
-    }
-}
-
 fn connection_queue() -> (AppConnection, AppConnectionReader) {
     let (sender, receiver) = mpsc::unbounded_channel();
     let waiting_bytes = Arc::new(AtomicUsize::new(0));
@@ -472,7 +407,7 @@ fn connection_queue() -> (AppConnection, AppConnectionReader) {
 
 impl AppConnection {
     /// Appends bytes without waiting.
-    pub(super) fn send(&self, bytes: Bytes) -> Result<(), AppQueueOverflow> {
+    fn send(&self, bytes: Bytes) -> Result<(), AppQueueOverflow> {
         let cost = bytes.len() + PIECE_COST_BYTES;
         let waiting = self.waiting_bytes.fetch_add(cost, Ordering::Relaxed);
         if waiting + cost > WAITING_BYTES_MAX {
@@ -484,14 +419,14 @@ impl AppConnection {
     }
 
     /// Cost of the queued bytes, with the fixed cost of each piece.
-    pub(super) fn waiting_bytes(&self) -> usize {
+    fn waiting_bytes(&self) -> usize {
         self.waiting_bytes.load(Ordering::Relaxed)
     }
 }
 
 impl AppConnectionReader {
     /// Returns the cost of written bytes.
-    pub(super) fn left(&self, bytes: usize) {
+    fn left(&self, bytes: usize) {
         let cost = bytes + PIECE_COST_BYTES;
         self.waiting_bytes.fetch_sub(cost, Ordering::Relaxed);
     }

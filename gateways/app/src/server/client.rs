@@ -1,4 +1,4 @@
-//! One APP client, and the scene that it owns.
+//! One APP client, and the scene that it has.
 //!
 //! Handles its messages, applies them at its frames, and reports the results. Its scene is named `app/` with the
 //! number of its simulation; it begins with the first frame and ends with the client.
@@ -7,69 +7,99 @@
 //! as few ticks as keep each at a sixtieth of a second or less. Later frames of another length yield whole ticks; the
 //! remainder is carried over.
 
+use core::fmt;
 use core::net::{IpAddr, SocketAddr};
 use core::num::NonZeroU32;
+use std::sync::Arc;
 
 use glam::Vec3;
-use rhumb_protocol::Peer;
-use rhumb_protocol::scene::{Command, PublishSchedule, SceneConfig, SceneName, Sleep, Stepping};
+use rhumb_client::{ClientError, OpenError};
+use rhumb_protocol::scene::{
+    BodyKind, Command, PublishSchedule, SceneConfig, SceneName, Sleep, Stepping,
+};
 use rhumb_reckoning::{Damping, Integrator, Rate};
 
-use super::actor::BodyIds;
-use super::host::{AppHost, AppOptions, AppScene, Geometry, Refusal, RefusedMessage, TimeAdvanced};
-use super::send_queue::SendQueue;
+use super::gateway::Gateway;
+use super::options::{Refusal, RefusedMessage, TimeAdvanced};
+use super::scene::OwnScene;
+use super::send_queue::{AppTransmit, SendQueue};
 use super::state_reporter::{FrameOutput, ReportOptions, StateReporter, Transport};
 use super::world_mirror::{ActorPush, MATERIAL, Reply, WorldMirror};
-use crate::wire::{ErrorReport, FramedMessage, HEADER_BYTES, Id, Message, Session};
+use crate::wire::{ErrorReport, FramedMessage, HEADER_BYTES, Id, Message, Session, SessionError};
 
-/// An APP client.
-#[derive(Debug)]
-pub(super) struct AppClient {
-    pub(super) session: Session,
-    pub(super) address: IpAddr,
-    pub(super) state: LogonState,
-    /// Destination of its states; TCP while it is unknown.
-    pub(super) states_to: Option<SocketAddr>,
+/// An APP client. Dropping it ends its scene.
+pub struct AppClient {
+    gateway: Arc<Gateway>,
+    /// Its name in the log.
+    number: u64,
+    session: Session,
+    address: IpAddr,
+    state: LogonState,
     /// Its scene, from its first frame on.
-    pub(super) scene: Option<ClientScene>,
+    scene: Option<ClientScene>,
     mirror: WorldMirror,
     reporter: StateReporter,
-    pub(super) send_queue: SendQueue,
+    send_queue: SendQueue,
     /// Refusals reported since the last frame.
     refusals: u32,
 }
 
 /// Progress of a client's session.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum LogonState {
+enum LogonState {
     /// Not logged on.
     Connected,
     /// Logged on with this simulation, which no other client has.
     LoggedOn(u32),
-    /// Closed or logged off: its bytes are ignored, and it has no scene.
+    /// Closed or logged off: its bytes are ignored, and it has no scene. The connection is to be closed.
+    Closing,
+    /// The connection was closed.
     Closed,
 }
 
 /// A client's scene.
-#[derive(Debug)]
-pub(super) struct ClientScene {
-    pub(super) name: SceneName,
-    /// The client's simulation.
-    simulation: u32,
+struct ClientScene {
+    scene: OwnScene,
     frame_clock: FrameClock,
 }
 
-/// Request of a client's message to the server.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum ClientRequest {
-    Nothing,
-    /// Log the client on with this simulation.
-    Logon(u32),
-    /// Advance time by this number of seconds.
-    Frame(f32),
-    Logoff,
+/// Reason for which the gateway closes a connection.
+#[derive(Debug)]
+enum CloseCause {
+    Broken(SessionError),
+    /// Another connection has this simulation.
+    Taken,
+    /// The scene has ended: its server or its engine failed, or it was quarantined.
+    Ended(ClientError),
+    NoScene(OpenError),
 }
 
+impl fmt::Display for CloseCause {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Broken(cause) => cause.fmt(f),
+            Self::Taken => f.write_str("another connection owns this simulation"),
+            Self::Ended(cause) => write!(f, "its scene has ended: {cause}"),
+            Self::NoScene(cause) => write!(f, "no scene is available: {cause}"),
+        }
+    }
+}
+
+/// Reason of a frame that was not run.
+enum FrameError {
+    Refused(Refusal),
+    Ended(ClientError),
+}
+
+impl From<ClientError> for FrameError {
+    fn from(cause: ClientError) -> Self {
+        Self::Ended(cause)
+    }
+}
+
+/// Ticks that one read of a client may advance: two seconds of its time. Its plug-in sends eleven frames of six ticks
+/// each second.
+const TICKS_AT_ONCE: u32 = 135;
 /// Refusals that are reported and logged between two frames; more would not help.
 const REFUSALS_MAX: u32 = 16;
 /// Bytes of a state.
@@ -82,12 +112,15 @@ const DAMPING: Damping = Damping {
 const SUBSTEPS: NonZeroU32 = NonZeroU32::new(4).expect("four is not zero");
 
 impl AppClient {
-    pub(super) fn new(address: IpAddr) -> Self {
+    /// A client that has connected from an address. `number` names it in the log.
+    #[must_use]
+    pub fn new(gateway: &Arc<Gateway>, number: u64, from: SocketAddr) -> Self {
         Self {
+            gateway: Arc::clone(gateway),
+            number,
             session: Session::default(),
-            address,
+            address: from.ip(),
             state: LogonState::Connected,
-            states_to: None,
             scene: None,
             mirror: WorldMirror::default(),
             reporter: StateReporter::default(),
@@ -96,19 +129,96 @@ impl AppClient {
         }
     }
 
-    /// Handles a message.
-    pub(super) fn handle_message(
-        &mut self,
-        framed: &FramedMessage,
-        geometry: &dyn Geometry,
-    ) -> ClientRequest {
-        match framed.message {
-            Message::Logon(logon) => return ClientRequest::Logon(logon.simulation),
-            Message::Logoff(_) => return ClientRequest::Logoff,
-            Message::AdvanceTime((_, seconds)) => return ClientRequest::Frame(seconds),
-            _ => {}
+    /// The next bytes of its connection, cut at any place. `waiting`: cost of the bytes that are queued to it, so that a
+    /// slow client is not sent updates that newer ones supersede.
+    pub fn handle_bytes(&mut self, bytes: &[u8], waiting: usize) {
+        self.send_queue.note_connection_bytes(waiting);
+        // Bytes may still arrive before the connection is closed.
+        if self.is_over() {
+            return;
         }
-        match self.mirror.handle_message(framed, geometry) {
+        self.session.handle_bytes(bytes);
+        if let Err(cause) = self.handle_messages() {
+            self.close(&cause);
+        }
+    }
+
+    /// Some time has passed without bytes: a scene that has ended is noticed.
+    pub fn handle_silence(&mut self) {
+        if let Some(ClientScene { scene, .. }) = &mut self.scene
+            && let Err(cause) = scene.poll()
+        {
+            self.close(&CloseCause::Ended(cause));
+        }
+    }
+
+    /// The next transmission.
+    pub fn poll_transmit(&mut self) -> Option<AppTransmit> {
+        if let Some(datagram) = self.send_queue.poll_datagram() {
+            return Some(AppTransmit::Datagram(datagram));
+        }
+        if let Some(bytes) = self.send_queue.poll_bytes() {
+            return Some(AppTransmit::Bytes(bytes));
+        }
+        (self.state == LogonState::Closing).then(|| {
+            self.state = LogonState::Closed;
+            AppTransmit::Close
+        })
+    }
+
+    const fn is_over(&self) -> bool {
+        matches!(self.state, LogonState::Closing | LogonState::Closed)
+    }
+
+    fn close(&mut self, cause: &CloseCause) {
+        let peer = self.number;
+        tracing::warn!(peer, %cause, "closing the connection of an app client");
+        self.dismiss();
+    }
+
+    /// Ends the client's scene, and has its connection closed.
+    fn dismiss(&mut self) {
+        if let Some(ClientScene { scene, .. }) = self.scene.take() {
+            scene.end();
+        }
+        if let Some(simulation) = self.simulation() {
+            self.gateway.free(simulation);
+        }
+        self.state = LogonState::Closing;
+    }
+
+    /// Handles every whole message.
+    fn handle_messages(&mut self) -> Result<(), CloseCause> {
+        let mut ticks_left = TICKS_AT_ONCE;
+        while let Some(framed) = self.session.poll_message().map_err(CloseCause::Broken)? {
+            match framed.message {
+                Message::Logon(logon) => self.log_on(logon.simulation)?,
+                Message::Logoff(_) => {
+                    tracing::info!(peer = self.number, "an app client logged off");
+                    self.dismiss();
+                    return Ok(());
+                }
+                Message::AdvanceTime((_, seconds)) => {
+                    self.begin_frame(framed.index, seconds, &mut ticks_left)?;
+                }
+                _ => self.handle_message(&framed),
+            }
+        }
+        Ok(())
+    }
+
+    fn log_on(&mut self, simulation: u32) -> Result<(), CloseCause> {
+        let taken = self.gateway.take(simulation, self.address);
+        taken.map_err(|_| CloseCause::Taken)?;
+        self.state = LogonState::LoggedOn(simulation);
+        self.send_queue.lasting(&Message::LogonReady(simulation));
+        tracing::info!(peer = self.number, simulation, "an app client logged on");
+        Ok(())
+    }
+
+    /// Handles a message about its world.
+    fn handle_message(&mut self, framed: &FramedMessage) {
+        match self.mirror.handle_message(framed) {
             Ok(Reply::Nothing) => {}
             Ok(Reply::Mass(mass)) => {
                 if let Message::GetMass(id) = framed.message {
@@ -117,14 +227,13 @@ impl AppClient {
             }
             Err(refusal) => self.refuse(RefusedMessage::at_once(framed.index, refusal)),
         }
-        ClientRequest::Nothing
     }
 
     /// The simulation of a logged-on client.
-    pub(super) const fn simulation(&self) -> Option<u32> {
+    const fn simulation(&self) -> Option<u32> {
         match self.state {
             LogonState::LoggedOn(simulation) => Some(simulation),
-            LogonState::Connected | LogonState::Closed => None,
+            LogonState::Connected | LogonState::Closing | LogonState::Closed => None,
         }
     }
 
@@ -138,7 +247,7 @@ impl AppClient {
     }
 
     /// Reports a refused message to the log and to its sender; the published plug-in ignores the report.
-    pub(super) fn refuse(&mut self, refused: RefusedMessage) {
+    fn refuse(&mut self, refused: RefusedMessage) {
         self.refusals += 1;
         if self.refusals > REFUSALS_MAX {
             return;
@@ -155,30 +264,43 @@ impl AppClient {
             .lasting(&Message::Error(ErrorReport { index, text }));
     }
 
-    /// Begins the scene of a logged-on client whose first frame has this length.
-    pub(super) fn begin_scene(
+    /// Runs a frame; the first one begins the scene.
+    fn begin_frame(
         &mut self,
-        host: &mut dyn AppHost,
-        owner: Peer,
+        index: u32,
         seconds: f32,
-    ) -> Result<(), Refusal> {
+        ticks_left: &mut u32,
+    ) -> Result<(), CloseCause> {
         // Only a logged-on client has frames.
         let Some(simulation) = self.simulation() else {
             return Ok(());
         };
-        let frame_clock = FrameClock::of_frame(seconds).ok_or(Refusal::Time)?;
+        if self.scene.is_none() {
+            let Some(frame_clock) = FrameClock::of_frame(seconds) else {
+                // The next frame may have another length.
+                self.refuse(RefusedMessage::at_once(index, Refusal::Time));
+                return Ok(());
+            };
+            self.begin_scene(simulation, frame_clock)
+                .map_err(CloseCause::NoScene)?;
+        }
+        match self.run_frame(simulation, seconds, ticks_left) {
+            Ok(()) => {}
+            Err(FrameError::Refused(refusal)) => {
+                self.refuse(RefusedMessage::at_once(index, refusal));
+            }
+            Err(FrameError::Ended(cause)) => return Err(CloseCause::Ended(cause)),
+        }
+        Ok(())
+    }
+
+    fn begin_scene(&mut self, simulation: u32, frame_clock: FrameClock) -> Result<(), OpenError> {
         let name: SceneName = format!("app/{simulation}")
             .parse()
             .expect("a number names a scene");
-        let range = host
-            .begin_scene(owner, &name, self.config(&frame_clock))
-            .map_err(Refusal::NoScene)?;
-        self.mirror.body_ids = BodyIds::of_range(range);
-        self.scene = Some(ClientScene {
-            name,
-            simulation,
-            frame_clock,
-        });
+        let config = self.config(&frame_clock);
+        let scene = OwnScene::begin(self.gateway.connect()?, &name, config)?;
+        self.scene = Some(ClientScene { scene, frame_clock });
         Ok(())
     }
 
@@ -198,17 +320,18 @@ impl AppClient {
     }
 
     /// Runs a frame: applies the messages since the last one, advances time, and reports the results. `ticks_left`: how
-    /// many ticks may pass before other clients get their turn.
-    pub(super) fn run_frame(
+    /// many ticks may pass before the next bytes are read.
+    fn run_frame(
         &mut self,
+        simulation: u32,
         seconds: f32,
-        scene: &mut dyn AppScene,
         ticks_left: &mut u32,
-        options: &AppOptions,
-    ) -> Result<(), Refusal> {
-        let own = self.scene.as_mut().ok_or(Refusal::Time)?;
-        let ticks_due = own.frame_clock.ticks(seconds).ok_or(Refusal::Time)?;
-        let simulation = own.simulation;
+    ) -> Result<(), FrameError> {
+        let refused = FrameError::Refused;
+        let Some(ClientScene { scene, frame_clock }) = &mut self.scene else {
+            return Ok(());
+        };
+        let ticks_due = frame_clock.ticks(seconds).ok_or(refused(Refusal::Time))?;
         // A client that requests more time than allowed gets a slower clock.
         let ticks = ticks_due.min(*ticks_left);
         *ticks_left -= ticks;
@@ -216,34 +339,41 @@ impl AppClient {
         if let Some(gravity) = self.mirror.gravity
             && scene.gravity() != gravity
         {
-            scene.command(&Command::SetGravity { gravity })?;
+            let changed = scene.command(&Command::SetGravity { gravity });
+            changed.map_err(|error| refused(error.into()))?;
         }
-        let result = self.mirror.apply(scene);
+        let mut result = self.mirror.apply(scene);
         for _ in 0..ticks {
             self.mirror.push_all(scene);
-            scene.step();
+            scene.tick(self.mirror.reports)?;
             self.reporter.note_contacts(&self.mirror, scene);
         }
         if ticks > 0 {
             self.mirror.pushes.clear();
+        } else {
+            scene.poll()?;
         }
+        self.mirror.take_back(scene, &mut result);
         for (actor, mass) in result.masses {
             self.send_mass(actor, mass);
         }
         for refused in result.refused {
             self.refuse(refused);
         }
-        let begun = scene.now();
-        self.report(simulation, scene, options);
-        scene.note_reporting(scene.now().since(begun));
+        self.report(simulation);
         Ok(())
     }
 
     /// Sends states, contacts, and the end of the frame.
-    fn report(&mut self, simulation: u32, scene: &dyn AppScene, options: &AppOptions) {
+    fn report(&mut self, simulation: u32) {
+        let Some(ClientScene { scene, .. }) = &self.scene else {
+            return;
+        };
+        let options = &self.gateway.options;
+        let states_to: Option<SocketAddr> = self.gateway.states_to(simulation);
         let report = ReportOptions {
             states: options.states,
-            transport: match self.states_to {
+            transport: match states_to {
                 Some(_) => Transport::Datagrams,
                 None => Transport::Stream,
             },
@@ -255,7 +385,7 @@ impl AppClient {
         let over = Message::TimeAdvanced(simulation);
         for message in &output.passing {
             self.send_queue
-                .passing(message, self.states_to, options.datagrams);
+                .passing(message, states_to, options.datagrams);
         }
         for message in &output.lasting {
             self.send_queue.lasting(message);
@@ -263,23 +393,29 @@ impl AppClient {
         match (options.time_advanced, report.transport) {
             (TimeAdvanced::Never, _) => {}
             (TimeAdvanced::Udp, Transport::Datagrams) => {
-                self.send_queue
-                    .passing(&over, self.states_to, options.datagrams);
+                self.send_queue.passing(&over, states_to, options.datagrams);
             }
             // If states use all capacity, only this message shows that time advances.
             (TimeAdvanced::Tcp, _) | (TimeAdvanced::Udp, Transport::Stream) => {
                 self.send_queue.lasting(&over);
             }
         }
-        self.send_queue.flush(self.states_to);
+        self.send_queue.flush(states_to);
+    }
+}
+
+impl Drop for AppClient {
+    fn drop(&mut self) {
+        self.dismiss();
     }
 }
 
 impl WorldMirror {
     /// Applies all forces of this frame once more for the next tick.
-    fn push_all(&self, scene: &mut dyn AppScene) {
+    fn push_all(&self, scene: &mut OwnScene) {
         for (name, push) in &self.pushes {
-            let actor = self.actors.get(name);
+            // A static actor is not pushed, whatever its client requests.
+            let actor = (self.actors.get(name)).filter(|actor| actor.kind == BodyKind::Dynamic);
             let Some(id) = actor.and_then(|actor| actor.body).map(|body| body.id) else {
                 continue;
             };
@@ -287,7 +423,6 @@ impl WorldMirror {
                 ActorPush::Force(force) => Command::Force { id, force },
                 ActorPush::Torque(torque) => Command::Torque { id, torque },
             };
-            // A static actor is not pushed, whatever its client requests.
             if let Err(error) = scene.command(&command) {
                 tracing::debug!(actor = name, %error, "an actor was not pushed");
             }

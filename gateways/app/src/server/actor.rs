@@ -1,22 +1,15 @@
 //! An actor of an APP client, and its body in the scene.
 //!
-//! Indices of bodies are assigned from the lowest up, and reused with the next generation once all were used. The
-//! index returned last is reused last, so that subscribers see few bodies under one index.
-//!
 //! A body of a scene has its origin in its centre of mass, one shape, one density and one surface. An actor has its
 //! origin anywhere, and several shapes, each with density and surface. The body's density gives it the actor's mass;
 //! its surface is that of the first attached part.
 
-use std::collections::VecDeque;
-
 use glam::{Quat, Vec3};
 use rhumb_protocol::limits::{DENSITY_MAX, DENSITY_MIN, FRICTION_MAX};
-use rhumb_protocol::scene::{
-    BodyKind, Compound, IdRange, Material, Part as ScenePart, Shape, ShapeId,
-};
+use rhumb_protocol::scene::{BodyKind, Compound, Material, Part as ScenePart, Shape, ShapeId};
 use rhumb_reckoning::BodyId;
 
-use super::host::Refusal;
+use super::options::Refusal;
 use super::shape_definition::ShapeDefinition;
 use crate::wire::Surface;
 
@@ -106,46 +99,10 @@ impl Actor {
     }
 }
 
-/// Used and free indices of one range.
-#[derive(Debug, Default)]
-pub(super) struct BodyIds {
-    /// `None` until the client's scene begins.
-    range: Option<IdRange>,
-    /// Every index below it was used.
-    next: u32,
-    free: VecDeque<BodyId>,
-}
-
-impl BodyIds {
-    /// Ids of this range.
-    pub(super) fn of_range(range: IdRange) -> Self {
-        Self {
-            range: Some(range),
-            ..Self::default()
-        }
-    }
-
-    /// An id that no body had. `None` when the range is used up.
-    pub(super) fn take(&mut self) -> Option<BodyId> {
-        let range = self.range?;
-        if self.next < range.count() {
-            let id = BodyId::new(range.first() + self.next, range.generation());
-            self.next += 1;
-            return Some(id);
-        }
-        self.free.pop_front()
-    }
-
-    /// Returns an id; an index whose generations are used up is not assigned again.
-    pub(super) fn give_back(&mut self, id: BodyId) {
-        self.free.extend(Self::again(id));
-    }
-
-    /// The next id of the same index.
-    pub(super) fn again(id: BodyId) -> Option<BodyId> {
-        let generation = id.generation().checked_add(1)?;
-        Some(BodyId::new(id.index(), generation))
-    }
+/// The next id of the same index; `None` for one whose generations are used up.
+pub(super) fn again(id: BodyId) -> Option<BodyId> {
+    let generation = id.generation().checked_add(1)?;
+    Some(BodyId::new(id.index(), generation))
 }
 
 /// A shape on an actor.
@@ -372,32 +329,7 @@ fn several(kind: BodyKind, placed: &[(ShapeDefinition, &ActorPart)], mass: f32) 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::server::host::{Bulk, Geometry};
     use crate::wire::{ConvexMesh, Id};
-
-    /// Geometry without an engine: balls are exact, and a hull is taken for its bounding box.
-    struct Boxes;
-
-    impl Geometry for Boxes {
-        fn bulk(&self, shape: &Shape) -> Option<Bulk> {
-            let (centre, volume) = match shape {
-                Shape::Ball { radius } => (
-                    Vec3::ZERO,
-                    radius.powi(3) * core::f32::consts::PI * 4.0 / 3.0,
-                ),
-                Shape::Cuboid { half_extents } => {
-                    (Vec3::ZERO, half_extents.element_product() * 8.0)
-                }
-                Shape::Hull(hull) => {
-                    let least = hull.points().iter().copied().reduce(Vec3::min)?;
-                    let most = hull.points().iter().copied().reduce(Vec3::max)?;
-                    ((least + most) * 0.5, (most - least).element_product())
-                }
-                _ => (Vec3::ZERO, 1.0),
-            };
-            Some(Bulk { centre, volume })
-        }
-    }
 
     const STONE: Material = Material {
         friction: 0.2,
@@ -417,7 +349,7 @@ mod tests {
 
     #[test]
     fn a_plain_ball_keeps_its_pose_to_the_bit_and_its_scenes_material() {
-        let ball = ShapeDefinition::ball(Vec3::ZERO, 0.5, &Boxes).unwrap();
+        let ball = ShapeDefinition::ball(Vec3::ZERO, 0.5).unwrap();
         let properties =
             body_properties(BodyKind::Dynamic, &[part(ball, Vec3::ZERO, 1_000.0)], STONE);
         assert_eq!(properties.shape, Shape::Ball { radius: 0.5 });
@@ -435,7 +367,7 @@ mod tests {
 
     #[test]
     fn two_linked_boxes_weigh_and_balance_as_two() {
-        let cube = ShapeDefinition::cuboid(Vec3::ONE, &Boxes).unwrap();
+        let cube = ShapeDefinition::cuboid(Vec3::ONE).unwrap();
         let parts = [
             part(cube.clone(), Vec3::ZERO, 1_000.0),
             part(cube, Vec3::new(2.0, 0.0, 0.0), 3_000.0),
@@ -476,13 +408,10 @@ mod tests {
             simulation: 0,
             object: 1,
         };
-        let hull = ShapeDefinition::hull(
-            &ConvexMesh {
-                shape,
-                points: corners,
-            },
-            &Boxes,
-        )
+        let hull = ShapeDefinition::hull(&ConvexMesh {
+            shape,
+            points: corners,
+        })
         .unwrap();
         let properties =
             body_properties(BodyKind::Dynamic, &[part(hull, Vec3::ZERO, 1_000.0)], STONE);
@@ -499,7 +428,7 @@ mod tests {
 
     #[test]
     fn an_avatars_capsule_is_upright_and_has_its_height() {
-        let capsule = ShapeDefinition::capsule(0.3, 1.9, &Boxes).unwrap();
+        let capsule = ShapeDefinition::capsule(0.3, 1.9).unwrap();
         let mut upright = part(capsule, Vec3::ZERO, 1_062.0);
         upright.rotation = Y;
         let properties = body_properties(BodyKind::Dynamic, &[upright], STONE);

@@ -9,7 +9,7 @@ use rhumb_protocol::scene::{Joint, JointFrame, JointKind, JointLimits};
 use rhumb_reckoning::BodyId;
 
 use super::actor::{Frame, unit};
-use super::host::Refusal;
+use super::options::Refusal;
 use crate::wire::{AddJoint, Grip};
 
 /// Freedom of one motion.

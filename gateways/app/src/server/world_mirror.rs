@@ -14,8 +14,8 @@ use rhumb_protocol::limits::{
 use rhumb_protocol::scene::{BodyKind, JointId, Material};
 use rhumb_reckoning::BodyId;
 
-use super::actor::{Actor, ActorPart, BodyIds, mass, material, unit};
-use super::host::{Geometry, Refusal};
+use super::actor::{Actor, ActorPart, mass, material, unit};
+use super::options::Refusal;
 use super::shape_definition::{ShapeCache, ShapeDefinition};
 use crate::wire::{AddJoint, AttachShape, FramedMessage, Message, Motion, SetWorld, Surface};
 
@@ -39,7 +39,6 @@ pub(super) struct WorldMirror {
     pub(super) removed_bodies: Vec<super::actor::ActorBody>,
     pub(super) removed_joints: Vec<JointId>,
     pub(super) pushes: Vec<(u32, ActorPush)>,
-    pub(super) body_ids: BodyIds,
     pub(super) shape_cache: ShapeCache,
     /// The actor of each body, by body index.
     by_body: Vec<Option<(BodyId, u32)>>,
@@ -94,14 +93,10 @@ impl WorldMirror {
     /// # Errors
     ///
     /// [`Refusal`] names the reason; the message had no effect. Messages about absent objects are ignored.
-    pub(super) fn handle_message(
-        &mut self,
-        framed: &FramedMessage,
-        geometry: &dyn Geometry,
-    ) -> Result<Reply, Refusal> {
+    pub(super) fn handle_message(&mut self, framed: &FramedMessage) -> Result<Reply, Refusal> {
         self.message_index = framed.index;
         match &framed.message {
-            Message::SetWorld(world) => self.set_world(world, geometry)?,
+            Message::SetWorld(world) => self.set_world(world)?,
             Message::CreateStaticActor(message) => {
                 let actor = Actor::new(BodyKind::Fixed, message.position, message.rotation);
                 self.create(message.actor.object, actor, message.flags)?;
@@ -114,31 +109,19 @@ impl WorldMirror {
             Message::RemoveActor(id) => self.remove(id.object),
             Message::GetMass(id) => return Ok(self.mass(id.object)),
             Message::AddSphere((id, origin, radius)) => {
-                self.define(
-                    id.object,
-                    ShapeDefinition::ball(*origin, *radius, geometry)?,
-                )?;
+                self.define(id.object, ShapeDefinition::ball(*origin, *radius)?)?;
             }
             Message::AddCapsule((id, radius, height)) => {
-                self.define(
-                    id.object,
-                    ShapeDefinition::capsule(*radius, *height, geometry)?,
-                )?;
+                self.define(id.object, ShapeDefinition::capsule(*radius, *height)?)?;
             }
             Message::AddBox((id, edges)) => {
-                self.define(id.object, ShapeDefinition::cuboid(*edges, geometry)?)?;
+                self.define(id.object, ShapeDefinition::cuboid(*edges)?)?;
             }
             Message::AddConvexMesh(message) => {
-                self.define(
-                    message.shape.object,
-                    ShapeDefinition::hull(message, geometry)?,
-                )?;
+                self.define(message.shape.object, ShapeDefinition::hull(message)?)?;
             }
             Message::AddTriangleMesh(message) => {
-                self.define(
-                    message.shape.object,
-                    ShapeDefinition::mesh(message, geometry)?,
-                )?;
+                self.define(message.shape.object, ShapeDefinition::mesh(message)?)?;
             }
             Message::AddHeightField(message) => {
                 self.define(message.shape.object, ShapeDefinition::heights(message)?)?;
@@ -208,7 +191,7 @@ impl WorldMirror {
         Ok(())
     }
 
-    fn set_world(&mut self, world: &SetWorld, geometry: &dyn Geometry) -> Result<(), Refusal> {
+    fn set_world(&mut self, world: &SetWorld) -> Result<(), Refusal> {
         let gravity = within(world.gravity, GRAVITY_MAX)?;
         let normal = world.normal.try_normalize().ok_or(Refusal::Number)?;
         if !world.height.is_finite() {
@@ -220,7 +203,7 @@ impl WorldMirror {
         if world.height <= -COORDINATE_MAX {
             return Ok(());
         }
-        let slab = ShapeDefinition::cuboid(Vec3::new(SLAB, SLAB, SLAB_THICK), geometry)?;
+        let slab = ShapeDefinition::cuboid(Vec3::new(SLAB, SLAB, SLAB_THICK))?;
         let middle = normal * (world.height - SLAB_THICK * 0.5);
         let rotation = unit(Quat::from_rotation_arc(Vec3::Z, normal))?;
         let mut actor = Actor::new(BodyKind::Fixed, middle, rotation);
@@ -292,7 +275,7 @@ impl WorldMirror {
         }
     }
 
-    fn touch(&mut self, name: u32) {
+    pub(super) fn touch(&mut self, name: u32) {
         if self.changed_by.insert(name, self.message_index).is_none() {
             self.changed.push(name);
         }

@@ -8,9 +8,8 @@ use core::net::SocketAddr;
 use std::collections::VecDeque;
 
 use bytes::Bytes;
-use rhumb_protocol::Peer;
 
-use super::host::Datagrams;
+use super::options::Datagrams;
 use crate::wire::Message;
 
 /// Queued messages of one client.
@@ -155,20 +154,12 @@ pub struct AppDatagram {
 /// A transmission to an APP client.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum AppTransmit {
-    /// Bytes for a connection, written at once: whole messages, so that no read cuts one.
-    Bytes {
-        /// The connection.
-        to: Peer,
-        /// Whole messages.
-        bytes: Bytes,
-    },
+    /// Whole messages for its connection, written at once, so that no read cuts one.
+    Bytes(Bytes),
     /// A datagram.
     Datagram(AppDatagram),
     /// Sends the queued bytes, then ends the connection.
-    Close {
-        /// The connection.
-        to: Peer,
-    },
+    Close,
 }
 
 /// The subject of a datagram.
