@@ -10,6 +10,7 @@ pub mod dis;
 pub mod drive;
 pub mod evaluate;
 pub mod fit;
+pub mod import;
 pub mod limit;
 pub mod load;
 pub mod machine;

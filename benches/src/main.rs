@@ -9,6 +9,7 @@ use rhumb_bench::dis::{DisArguments, dis};
 use rhumb_bench::drive::{Serve, serve};
 use rhumb_bench::evaluate::{Evaluate, evaluate};
 use rhumb_bench::fit::{FitArguments, fit};
+use rhumb_bench::import::{Import, import};
 use rhumb_bench::limit::{LimitArguments, limit};
 use rhumb_bench::load::{LoadArguments, load};
 use rhumb_bench::replay::{Replay, replay};
@@ -33,6 +34,8 @@ enum Task {
     Ablate(Ablate),
     /// Measure the processor time of publishing, decoding and one more member.
     Cost(CostArguments),
+    /// Read a recording of another program and write it as .rhtrace.
+    Import(Import),
     /// Compare bytes and errors with those of DIS, on the same scenes.
     Dis(DisArguments),
     /// Run a server with many scenes and members over minutes; or measure frames, settings, neighbours.
@@ -61,6 +64,7 @@ fn main() -> ExitCode {
         Task::Replay(arguments) => replay(&arguments),
         Task::Ablate(arguments) => ablate(&arguments),
         Task::Cost(arguments) => cost(&arguments),
+        Task::Import(arguments) => import(&arguments),
         Task::Dis(arguments) => dis(&arguments),
         Task::Load(arguments) => load(&arguments),
         Task::Dev(Dev::Limit(arguments)) => limit(&arguments),

@@ -3,21 +3,27 @@
 //! ```text
 //!   trace.mcap, a server's recording ──▶ states of a load ───────────────────┐
 //!   .rhtrace.zst ──▶ records by frame ────────────────────────────────────────┼─▶ Recording
-//!   MCAP of others, CSV ──▶ poses by time ──▶ frames of a constant rate ──────┘
+//!   MCAP of others, CSV, NumPy ──▶ poses by time ──▶ frames of a constant rate ┘
 //! ```
 //! A recording is checked when it is read, so a replay can rely on it. A fact that the file lacks is a note.
 //!
 //! The file's content tells its form.
 
 mod arguments;
+mod arrays;
+mod bytes;
+mod cdr;
 mod csv;
 mod error;
 mod foxglove;
 pub mod mcap;
+mod npy;
 mod options;
 mod poses;
 mod recorded;
 pub mod rhtrace;
+mod rhtrace2;
+mod ros2;
 mod velocity;
 
 use std::path::Path;
@@ -28,10 +34,13 @@ use options::rate_of_hertz;
 
 pub(crate) use arguments::{DEFAULT_TOLERANCE, print_notes};
 pub use arguments::{RecordingSource, ToleranceOptions};
+pub use cdr::CdrError;
 pub use error::{Place, RecordingError, RowDefect};
-pub use options::{MissingPoses, ReadOptions, ShapeChoice};
+pub use npy::NpyError;
+pub use options::{MissingPoses, QuaternionOrder, ReadOptions, ShapeChoice};
 pub(crate) use recorded::first_track;
 pub use recorded::{Recording, ScriptOrigin};
+pub use rhtrace2::write as write_rhtrace;
 
 /// The first bytes of what zstd packs.
 const ZSTD: &[u8] = &[0x28, 0xb5, 0x2f, 0xfd];
@@ -59,7 +68,12 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Recording, RecordingEr
     })
 }
 
-fn read_bytes(
+/// Reads the bytes of a file, whose first ones tell its form.
+///
+/// # Errors
+///
+/// [`RecordingError`] names the defect and its place.
+pub fn read_bytes(
     name: &str,
     bytes: &[u8],
     options: &ReadOptions,
@@ -67,8 +81,14 @@ fn read_bytes(
     if bytes.starts_with(MCAP) {
         return mcap::read(name, bytes, options);
     }
-    if bytes.starts_with(ZSTD) || bytes.starts_with(&rhtrace::MAGIC) {
+    if bytes.starts_with(ZSTD) || rhtrace::is_plain(bytes) {
         return rhtrace::read(name, bytes);
+    }
+    if bytes.starts_with(npy::ZIP) {
+        return arrays::read_archive(name, bytes, options);
+    }
+    if bytes.starts_with(npy::MAGIC) {
+        return arrays::read_array(name, bytes, options);
     }
     match std::str::from_utf8(bytes) {
         Ok(text) if !text.trim().is_empty() => csv::read(name, text, options),

@@ -8,14 +8,16 @@ use clap::Args;
 use glam::Vec3;
 use rhumb_reckoning::{Damping, Metres, Radians, Rate, Tolerance};
 
-use super::{MissingPoses, ReadOptions, Recording, RecordingError, ShapeChoice, hertz, read};
+use super::{
+    MissingPoses, QuaternionOrder, ReadOptions, Recording, RecordingError, ShapeChoice, hertz, read,
+};
 use crate::output;
 use crate::task::Failure;
 
 /// The recording and the parameters of its engine.
 #[derive(Clone, Debug, Args)]
 pub struct RecordingSource {
-    /// The recording: a trace.mcap, a recording of a server, poses of bodies in MCAP or CSV, or an .rhtrace.zst.
+    /// The recording: a trace.mcap, a recording of a server, poses of bodies in MCAP, CSV, .npz or .npy, or an .rhtrace.zst.
     trace: PathBuf,
     /// The load of a trace such as n500, the scene of a recording, or transforms, poses or scene of another program's
     /// file [default: the file's first].
@@ -34,6 +36,9 @@ pub struct RecordingSource {
     /// Poses: what it means that a body has none in a frame.
     #[arg(long, value_enum, default_value = "gone")]
     missing: MissingPoses,
+    /// Arrays and rows without names: where a quaternion has its w [default: of rows last; arrays have to say it].
+    #[arg(long, value_enum, value_name = "ORDER")]
+    quaternion: Option<QuaternionOrder>,
     /// Linear and angular damping of the recorded bodies, 1/s, if they differ from the recording's scene.
     #[arg(long, value_parser = damping)]
     damping: Option<Damping>,
@@ -64,6 +69,7 @@ impl RecordingSource {
             gravity: self.gravity,
             shapes: self.shape.clone(),
             missing: self.missing,
+            quaternion: self.quaternion,
         };
         let mut recording = read(&self.trace, &options)?;
         print_notes(&recording);

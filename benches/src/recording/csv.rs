@@ -8,7 +8,7 @@ use std::str::SplitWhitespace;
 use glam::{DQuat, DVec3};
 
 use super::error::{Place, RecordingError, RowDefect};
-use super::options::ReadOptions;
+use super::options::{QuaternionOrder, ReadOptions};
 use super::poses::{TimedPose, TimedPoses};
 use super::recorded::Recording;
 
@@ -27,21 +27,31 @@ pub(super) fn read(
     text: &str,
     options: &ReadOptions,
 ) -> Result<Recording, RecordingError> {
-    let mut lines = (1..).zip(text.lines()).filter(|(_, line)| {
+    // The header of some files is a comment: EuRoC's begins with `#timestamp`.
+    let is_names = |line: &str| {
+        let names = line.trim_start_matches('#').trim();
+        line.starts_with('#')
+            && Layout::of_header(1, &Separator::of(names).split(names).collect::<Vec<_>>()).is_ok()
+    };
+    let mut lines = (1..).zip(text.lines()).filter(|(number, line)| {
         let line = line.trim();
-        !line.is_empty() && !line.starts_with('#')
+        !line.is_empty() && (!line.starts_with('#') || (*number == 1 && is_names(line)))
     });
     let mut poses = TimedPoses::default();
     let Some((number, first)) = lines.next() else {
         return Err(RecordingError::NoTruth);
     };
+    let first = first.trim_start_matches('#').trim();
     let separator = Separator::of(first);
     let fields: Vec<&str> = separator.split(first).collect();
     let layout = match Layout::of_header(number, &fields) {
         Ok(layout) => layout,
         Err(error) => {
             // A first row of numbers needs no header.
-            let layout = Layout::of_numbers(&fields).ok_or(error)?;
+            let mut layout = Layout::of_numbers(&fields).ok_or(error)?;
+            if options.quaternion == Some(QuaternionOrder::Wxyz) {
+                layout.put_w_first();
+            }
             layout.take(number, &fields, &mut poses)?;
             layout
         }
@@ -101,6 +111,8 @@ struct Layout {
     body: Option<usize>,
     velocities: Option<[(&'static str, usize); 6]>,
     count: usize,
+    /// True if times are whole nanoseconds: the header says it, or they have sixteen digits.
+    is_ns: bool,
 }
 
 impl Layout {
@@ -108,8 +120,12 @@ impl Layout {
     fn of_header(line: u32, fields: &[&str]) -> Result<Self, RecordingError> {
         let names: Vec<String> = fields
             .iter()
-            .map(|field| field.trim_matches('"').to_ascii_lowercase())
+            .map(|field| column(field.trim_matches('"')))
             .collect();
+        let is_ns = fields.iter().any(|field| {
+            let field = field.to_ascii_lowercase();
+            field.contains("time") && field.contains("[ns]")
+        });
         let place = |column: &str| names.iter().position(|name| name == column);
         let time = place("time")
             .or_else(|| place("timestamp"))
@@ -143,7 +159,16 @@ impl Layout {
                 .or_else(|| place("id")),
             velocities,
             count: fields.len(),
+            is_ns,
         })
+    }
+
+    /// Exchanges the places of x, y, z, w for those of w, x, y, z.
+    fn put_w_first(&mut self) {
+        let places = [4, 5, 6, 7].map(|column: usize| self.numbers[column].1);
+        for (column, place) in [(7, 0), (4, 1), (5, 2), (6, 3)] {
+            self.numbers[column].1 = places[place];
+        }
     }
 
     /// The columns of a file without a header, by its first row.
@@ -165,6 +190,7 @@ impl Layout {
             body,
             velocities: None,
             count: fields.len(),
+            is_ns: false,
         })
     }
 
@@ -190,7 +216,11 @@ impl Layout {
             };
             text.parse::<f64>().map_err(not_one)
         };
-        let time_s = number(self.numbers[0])?;
+        let stated = number(self.numbers[0])?;
+        let text = fields[self.numbers[0].1];
+        let is_ns =
+            self.is_ns || (text.len() >= 16 && text.bytes().all(|byte| byte.is_ascii_digit()));
+        let time_s = if is_ns { stated / 1e9 } else { stated };
         // NaN is none.
         let is_time = time_s.abs() <= SECONDS_MAX;
         if !is_time {
@@ -211,9 +241,15 @@ impl Layout {
         let name = self
             .body
             .map_or(ONLY_BODY, |place| fields[place].trim_matches('"'));
-        let body = to.body(name, None);
+        let body = to
+            .body(name, None)
+            .map_err(|many| many.at(Place::Line(line)))?;
         to.poses.push(TimedPose {
-            at_ns: nanoseconds(fields[self.numbers[0].1], time_s),
+            at_ns: if is_ns {
+                text.parse().unwrap_or((time_s * 1e9) as i64)
+            } else {
+                nanoseconds(text, time_s)
+            },
             body,
             position: DVec3::new(x, y, z),
             rotation: DQuat::from_xyzw(qx, qy, qz, qw),
@@ -222,6 +258,43 @@ impl Layout {
         });
         Ok(())
     }
+}
+
+/// The usual name of a column: without its unit, and without the prefixes of EuRoC's and others' files.
+fn column(name: &str) -> String {
+    let name = name.to_ascii_lowercase();
+    let name = name.split(['[', '(']).next().unwrap_or_default().trim();
+    let ends = |prefixes: &[&str], axes: &[&str]| {
+        let all = prefixes
+            .iter()
+            .flat_map(|prefix| axes.iter().map(move |axis| (*prefix, *axis)));
+        let mut all = all.filter(|(prefix, axis)| name.strip_prefix(prefix) == Some(axis));
+        all.next().map(|(_, axis)| axis.to_owned())
+    };
+    let position = ends(
+        &["p_rs_r_", "position_", "position.", "pos_", "p_", "t"],
+        &["x", "y", "z"],
+    );
+    let rotation = ends(
+        &[
+            "q_rs_",
+            "quaternion_",
+            "orientation_",
+            "orientation.",
+            "rotation_",
+            "quat_",
+            "q_",
+        ],
+        &["x", "y", "z", "w"],
+    );
+    let linear = ends(&["v_rs_r_", "linear_", "vel_"], &["x", "y", "z"]);
+    let angular = ends(&["angular_", "omega_"], &["x", "y", "z"]);
+    let with = |letter: &str, axis: Option<String>| axis.map(|axis| format!("{letter}{axis}"));
+    position
+        .or_else(|| with("q", rotation))
+        .or_else(|| with("v", linear))
+        .or_else(|| with("w", angular))
+        .unwrap_or_else(|| name.to_owned())
 }
 
 /// Nanoseconds of a time in seconds. Decimals are taken from the text: a number of 64 bits knows a time since 1970 to a
@@ -253,4 +326,39 @@ fn nanoseconds(text: &str, seconds: f64) -> i64 {
             .map(|ns| sign * ns)
     };
     exact().unwrap_or_else(|| (seconds * 1e9).round() as i64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_ground_truth_of_euroc_is_read_by_its_names_and_nanoseconds() {
+        let mut text = "#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z [], \
+                        v_RS_R_x [m s^-1], v_RS_R_y [m s^-1], v_RS_R_z [m s^-1]\n"
+            .to_owned();
+        for frame in 0..10_i64 {
+            let at_ns = 1_403_715_524_912_142_000 + frame * 5_000_000;
+            text += &format!("{at_ns},{}.5,0,0,1,0,0,0,1,0,0\n", frame);
+        }
+        let recording = read("v1", &text, &ReadOptions::default()).expect("sound");
+        assert_eq!(recording.integrator.rate.ticks(), 200);
+        let motion = recording.truth.placed[0].observation.motion;
+        assert_eq!(
+            (motion.position()[0], motion.rotation()),
+            (0.5, [0.0, 0.0, 0.0, 1.0])
+        );
+    }
+
+    #[test]
+    fn rows_without_names_have_w_where_the_caller_says() {
+        let text = "0 1 2 3 1 0 0 0\n0.1 1 2 4 1 0 0 0\n0.2 1 2 5 1 0 0 0\n";
+        let options = ReadOptions {
+            quaternion: Some(QuaternionOrder::Wxyz),
+            ..ReadOptions::default()
+        };
+        let recording = read("rows", text, &options).expect("sound");
+        let motion = recording.truth.placed[0].observation.motion;
+        assert_eq!(motion.rotation(), [0.0, 0.0, 0.0, 1.0]);
+    }
 }

@@ -4,14 +4,19 @@ use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use rhumb_protocol::limits::BODIES_MAX;
 use rhumb_protocol::scene::Invalid;
 use rhumb_reckoning::Tick;
 use rhumb_trace::ContentsError;
 
+use super::cdr::CdrError;
+use super::npy::NpyError;
+
 /// The forms that are read, as an error states them.
-const FORMS: &str = "read are MCAP files (traces, recordings of a server, and foxglove.FrameTransforms, FrameTransform, \
-                     PoseInFrame, PosesInFrame or SceneUpdate in protobuf), CSV files of time, body, x, y, z, qx, qy, \
-                     qz, qw, and .rhtrace files, packed by zstd or not";
+const FORMS: &str = "read are MCAP files (traces, recordings of a server, foxglove.FrameTransforms, FrameTransform, \
+                     PoseInFrame, PosesInFrame or SceneUpdate in protobuf, and tf2_msgs/msg/TFMessage, \
+                     geometry_msgs/msg/PoseStamped or nav_msgs/msg/Odometry in cdr), CSV files of time, body, x, y, z, qx, qy, \
+                     qz, qw, NumPy arrays in .npz or .npy, and .rhtrace files, packed by zstd or not";
 
 /// The error of a recording that was not read.
 #[derive(Debug)]
@@ -123,6 +128,49 @@ pub enum RecordingError {
         /// The defect.
         cause: prost::DecodeError,
     },
+    /// A message of ROS 2 is not what its topic holds.
+    Cdr {
+        /// The message.
+        place: Place,
+        /// The defect.
+        cause: CdrError,
+    },
+    /// The file has more bodies than a scene.
+    TooManyBodies {
+        /// Where one too many appears.
+        place: Place,
+    },
+    /// The file claims more bodies than a scene has.
+    Bodies {
+        /// The claim.
+        bodies: u64,
+    },
+    /// An array of NumPy is not read.
+    Npy(NpyError),
+    /// An array has another shape or type than needed.
+    Array {
+        /// Its name.
+        array: String,
+        /// What it has to be.
+        needed: &'static str,
+    },
+    /// An array does not fit another.
+    OtherShape {
+        /// Its name.
+        array: String,
+        /// The other's.
+        beside: String,
+    },
+    /// Arrays are missing.
+    Arrays {
+        /// Those that are there.
+        found: Vec<String>,
+    },
+    /// Nothing says in which order the numbers of quaternions are.
+    QuaternionOrder {
+        /// Their array.
+        array: String,
+    },
     /// The MCAP file has no bodies that are read.
     NoPoses {
         /// Encoding and schema of each of its topics.
@@ -154,8 +202,26 @@ pub enum RecordingError {
 /// The place of a row or message in its file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Place {
+    /// The file as a whole.
+    Whole,
     /// A line, counted from one.
     Line(u32),
+    /// A body in a frame of an array, both counted from zero.
+    Element {
+        /// The array.
+        array: String,
+        /// The frame.
+        frame: u64,
+        /// The body.
+        body: u64,
+    },
+    /// A record of an `.rhtrace`.
+    Record {
+        /// Its frame.
+        frame: u64,
+        /// Its body.
+        body: u64,
+    },
     /// A message.
     Message {
         /// Its topic.
@@ -218,7 +284,12 @@ impl RecordingError {
 impl fmt::Display for Place {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
+            Self::Whole => f.write_str("the file"),
             Self::Line(line) => write!(f, "line {line}"),
+            Self::Element { array, frame, body } => {
+                write!(f, "body {body} of frame {frame} in {array}")
+            }
+            Self::Record { frame, body } => write!(f, "body {body} of frame {frame}"),
             Self::Message { topic, log_ns } => {
                 write!(f, "the message of {topic} at {} s", *log_ns as f64 / 1e9)
             }
@@ -316,6 +387,42 @@ impl RecordingError {
                 f,
                 "{tick} of {load} occurs twice: recordings of two runs were merged"
             ),
+            other => other.fmt_arrays(f),
+        }
+    }
+
+    /// Writes errors about arrays and numbers of bodies.
+    fn fmt_arrays(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Cdr { place, cause } => write!(f, "{place}: {cause}"),
+            Self::TooManyBodies { place } => write!(
+                f,
+                "{place}: this is body {}, and a scene has {BODIES_MAX} at most",
+                u64::from(BODIES_MAX) + 1
+            ),
+            Self::Bodies { bodies } => {
+                write!(
+                    f,
+                    "the file claims {bodies} bodies, and a scene has {BODIES_MAX} at most"
+                )
+            }
+            Self::Npy(cause) => write!(f, "{cause}"),
+            Self::Array { array, needed } => write!(f, "array {array} has to be {needed}"),
+            Self::OtherShape { array, beside } => {
+                write!(
+                    f,
+                    "array {array} has not as many frames and bodies as {beside}"
+                )
+            }
+            Self::Arrays { found } => write!(
+                f,
+                "of the arrays {} none are poses: time (or timestep) and qpos, or time, position (or xpos) and quat_xyzw, quat_wxyz or xquat",
+                found.join(", ")
+            ),
+            Self::QuaternionOrder { array } => write!(
+                f,
+                "array {array} does not say whether w is first or last: --quaternion wxyz or xyzw, or name it quat_wxyz or quat_xyzw"
+            ),
             other => other.fmt_messages(f),
         }
     }
@@ -363,6 +470,14 @@ impl RecordingError {
             | Self::File { .. }
             | Self::UnknownForm
             | Self::Unpack(_)
+            | Self::Cdr { .. }
+            | Self::TooManyBodies { .. }
+            | Self::Bodies { .. }
+            | Self::Npy(_)
+            | Self::Array { .. }
+            | Self::OtherShape { .. }
+            | Self::Arrays { .. }
+            | Self::QuaternionOrder { .. }
             | Self::NotARecording
             | Self::Short { .. }
             | Self::Long { .. }
@@ -379,6 +494,12 @@ impl RecordingError {
 }
 
 impl std::error::Error for RecordingError {}
+
+impl From<NpyError> for RecordingError {
+    fn from(cause: NpyError) -> Self {
+        Self::Npy(cause)
+    }
+}
 
 impl From<ContentsError> for RecordingError {
     fn from(cause: ContentsError) -> Self {

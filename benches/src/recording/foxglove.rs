@@ -1,4 +1,4 @@
-//! Poses of bodies in Foxglove's messages, in an MCAP file of another program.
+//! Poses of bodies in an MCAP file of another program: Foxglove's messages and ROS 2's.
 
 use foxglove::messages::{
     FrameTransform, FrameTransforms, Pose, PoseInFrame, PosesInFrame, Quaternion, SceneEntity,
@@ -13,16 +13,59 @@ use super::error::{Place, RecordingError, RowDefect};
 use super::options::ReadOptions;
 use super::poses::{TimedPose, TimedPoses};
 use super::recorded::Recording;
+use super::ros2;
+use super::ros2::{Refusal, Statics};
 
 /// Kinds of poses, by the schemas of their messages. A file with several kinds has the first of them read.
-const KINDS: [(&str, &[&str]); 3] = [
-    (
-        "transforms",
-        &["foxglove.FrameTransforms", "foxglove.FrameTransform"],
-    ),
-    ("poses", &["foxglove.PosesInFrame", "foxglove.PoseInFrame"]),
-    ("scene", &["foxglove.SceneUpdate"]),
+const KINDS: [Kind; 6] = [
+    Kind {
+        name: "transforms",
+        encoding: PROTOBUF,
+        schemas: &["foxglove.FrameTransforms", "foxglove.FrameTransform"],
+    },
+    Kind {
+        name: "poses",
+        encoding: PROTOBUF,
+        schemas: &["foxglove.PosesInFrame", "foxglove.PoseInFrame"],
+    },
+    Kind {
+        name: "scene",
+        encoding: PROTOBUF,
+        schemas: &["foxglove.SceneUpdate"],
+    },
+    Kind {
+        name: "tf",
+        encoding: CDR,
+        schemas: &[ros2::TRANSFORMS],
+    },
+    Kind {
+        name: "odometry",
+        encoding: CDR,
+        schemas: &[ros2::ODOMETRY],
+    },
+    Kind {
+        name: "stamped",
+        encoding: CDR,
+        schemas: &[ros2::POSE],
+    },
 ];
+
+/// A kind of poses.
+struct Kind {
+    /// Its name as a load.
+    name: &'static str,
+    encoding: &'static str,
+    schemas: &'static [&'static str],
+}
+
+const PROTOBUF: &str = "protobuf";
+const CDR: &str = "cdr";
+
+impl Kind {
+    fn has(&self, channel: &StoredChannel) -> bool {
+        channel.encoding == self.encoding && self.schemas.contains(&channel.schema.as_str())
+    }
+}
 
 /// Reads the poses of a file.
 pub(super) fn read(
@@ -31,17 +74,9 @@ pub(super) fn read(
     outline: &FileContents,
     options: &ReadOptions,
 ) -> Result<Recording, RecordingError> {
-    let is_of = |schemas: &[&str], channel: &StoredChannel| {
-        channel.encoding == "protobuf" && schemas.contains(&channel.schema.as_str())
-    };
-    let has = |(_, schemas): &&(&str, &[&str])| {
-        outline
-            .channels
-            .values()
-            .any(|channel| is_of(schemas, channel))
-    };
-    let kinds: Vec<_> = KINDS.iter().filter(has).collect();
-    let names: Vec<String> = kinds.iter().map(|(kind, _)| (*kind).to_owned()).collect();
+    let is_there = |kind: &&Kind| outline.channels.values().any(|channel| kind.has(channel));
+    let kinds: Vec<&Kind> = KINDS.iter().filter(is_there).collect();
+    let names: Vec<String> = kinds.iter().map(|kind| kind.name.to_owned()).collect();
     if names.is_empty() {
         let found = outline.channels.values().map(|channel| {
             let StoredChannel {
@@ -56,12 +91,11 @@ pub(super) fn read(
         });
     }
     let chosen = options.choose(&names)?;
-    let schemas = kinds
-        .iter()
-        .find(|(kind, _)| *kind == chosen)
-        .map_or(&[][..], |(_, schemas)| schemas);
-    let contents = FileContents::read(bytes, &|channel| is_of(schemas, channel))?;
+    let kind = kinds.iter().find(|kind| kind.name == chosen);
+    let contents =
+        FileContents::read(bytes, &|channel| kind.is_some_and(|kind| kind.has(channel)))?;
     let mut poses = TimedPoses::default();
+    let mut statics = Statics::default();
     for message in &contents.messages {
         let Some(channel) = contents.channels.get(&message.channel) else {
             continue;
@@ -71,6 +105,10 @@ pub(super) fn read(
             topic: &channel.topic,
             message,
         };
+        if channel.encoding == CDR {
+            source.take_cdr(&channel.schema, &mut statics)?;
+            continue;
+        }
         let taken = source.take(&channel.schema);
         taken.map_err(|cause| RecordingError::Message {
             topic: channel.topic.clone(),
@@ -78,6 +116,8 @@ pub(super) fn read(
             cause,
         })??;
     }
+    let hung = statics.add_to(&mut poses);
+    hung.map_err(|refusal| refused(refusal, Place::Whole))?;
     let mut recording = poses.recording(name, options)?;
     if names.len() > 1 && options.load.is_none() {
         let all = names.join(", ");
@@ -95,7 +135,28 @@ struct Source<'a> {
     message: &'a StoredMessage,
 }
 
+fn refused(refusal: Refusal, place: Place) -> RecordingError {
+    match refusal {
+        Refusal::Cdr(cause) => RecordingError::Cdr { place, cause },
+        Refusal::Row(defect) => RecordingError::Row { place, defect },
+        Refusal::Bodies(many) => many.at(place),
+    }
+}
+
 impl Source<'_> {
+    fn take_cdr(&mut self, schema: &str, statics: &mut Statics) -> Result<(), RecordingError> {
+        let place = self.place();
+        let bytes = &self.message.bytes;
+        let taken = ros2::take(schema, bytes, &place, self.topic, (self.poses, statics));
+        taken.map_err(|refusal| refused(refusal, place))
+    }
+
+    /// The number of a body, which is added if it is new.
+    fn body(&mut self, name: &str, parent: Option<&str>) -> Result<usize, RecordingError> {
+        let place = self.place();
+        self.poses.body(name, parent).map_err(|many| many.at(place))
+    }
+
     fn take(&mut self, schema: &str) -> Result<Result<(), RecordingError>, prost::DecodeError> {
         let bytes = &*self.message.bytes;
         Ok(match schema {
@@ -109,23 +170,22 @@ impl Source<'_> {
             "foxglove.PoseInFrame" => {
                 let message = PoseInFrame::decode(bytes)?;
                 let at_ns = self.moment(message.timestamp);
-                let body = self.poses.body(self.topic, None);
-                self.pose(at_ns, body, message.pose.unwrap_or_default());
-                Ok(())
+                self.body(self.topic, None).map(|body| {
+                    self.pose(at_ns, body, message.pose.unwrap_or_default());
+                })
             }
             "foxglove.PosesInFrame" => {
                 let message = PosesInFrame::decode(bytes)?;
                 let at_ns = self.moment(message.timestamp);
-                for (number, pose) in message.poses.into_iter().enumerate() {
-                    let body = self.poses.body(&format!("{}/{number}", self.topic), None);
+                let topic = self.topic;
+                let mut poses = message.poses.into_iter().enumerate();
+                poses.try_for_each(|(number, pose)| {
+                    let body = self.body(&format!("{topic}/{number}"), None)?;
                     self.pose(at_ns, body, pose);
-                }
-                Ok(())
+                    Ok(())
+                })
             }
-            _ => {
-                self.scene(SceneUpdate::decode(bytes)?);
-                Ok(())
-            }
+            _ => self.scene(SceneUpdate::decode(bytes)?),
         })
     }
 
@@ -145,7 +205,7 @@ impl Source<'_> {
     fn transform(&mut self, transform: &FrameTransform) -> Result<(), RecordingError> {
         let at_ns = self.moment(transform.timestamp);
         let (child, parent) = (&transform.child_frame_id, &transform.parent_frame_id);
-        let body = self.poses.body(child, Some(parent));
+        let body = self.body(child, Some(parent))?;
         if self.poses.bodies[body].parent.as_ref() != Some(parent) {
             return Err(RecordingError::Row {
                 place: self.place(),
@@ -177,7 +237,7 @@ impl Source<'_> {
     }
 
     /// The first primitive of an entity is its body; each further one is a body of its own.
-    fn scene(&mut self, update: SceneUpdate) {
+    fn scene(&mut self, update: SceneUpdate) -> Result<(), RecordingError> {
         self.poses.persist = true;
         for deletion in update.deletions {
             let at_ns = self.moment(deletion.timestamp);
@@ -198,11 +258,12 @@ impl Source<'_> {
                 } else {
                     format!("{}#{number}", entity.id)
                 };
-                let body = self.poses.body(&name, None);
+                let body = self.body(&name, None)?;
                 self.poses.bodies[body].shape.get_or_insert(shape);
                 self.pose(at_ns, body, pose);
             }
         }
+        Ok(())
     }
 }
 

@@ -23,6 +23,17 @@ pub struct ReadOptions {
     pub shapes: Vec<ShapeChoice>,
     /// A body without a pose in a frame.
     pub missing: MissingPoses,
+    /// The order of quaternions where the file does not say it.
+    pub quaternion: Option<QuaternionOrder>,
+}
+
+/// The order of a quaternion's numbers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum QuaternionOrder {
+    /// The scalar part last: ROS, PyBullet, glTF, this project.
+    Xyzw,
+    /// The scalar part first: MuJoCo, Jolt's scripts, EuRoC.
+    Wxyz,
 }
 
 /// The meaning of a frame without a pose of a body.

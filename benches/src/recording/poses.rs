@@ -6,9 +6,10 @@
 use std::collections::BTreeMap;
 
 use glam::{DQuat, DVec3, Vec3};
+use rhumb_protocol::limits::BODIES_MAX;
 use rhumb_protocol::scene::{BodyDesc, BodyKind, Shape, ShapeId};
 use rhumb_protocol::stream::{Activity, Observation};
-use rhumb_reckoning::{BodyId, BodyState, Damping, Integrator, Rate, Tick};
+use rhumb_reckoning::{BodyId, BodyState, Damping, Inertia, Integrator, Rate, Tick};
 
 use super::error::{Place, RecordingError, RowDefect};
 use super::options::{MissingPoses, ReadOptions, rate_of_step};
@@ -50,6 +51,26 @@ pub(super) struct RecordedBody {
     pub(super) parent: Option<String>,
     /// Its shape, if the file has one.
     pub(super) shape: Option<Shape>,
+    /// Its moments of inertia, if the file has them.
+    pub(super) inertia: Option<Inertia>,
+}
+
+/// A file has more bodies than a scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct TooManyBodies;
+
+impl TooManyBodies {
+    pub(super) const fn at(self, place: Place) -> RecordingError {
+        RecordingError::TooManyBodies { place }
+    }
+}
+
+impl From<TooManyBodies> for RecordingError {
+    fn from(TooManyBodies: TooManyBodies) -> Self {
+        Self::Bodies {
+            bodies: u64::from(BODIES_MAX) + 1,
+        }
+    }
 }
 
 /// A pose of a body at a moment.
@@ -71,7 +92,7 @@ pub(super) struct TimedPose {
 /// A body's poses by frame.
 type Path = BTreeMap<u64, FramedPose>;
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 struct FramedPose {
     position: DVec3,
     rotation: DQuat,
@@ -89,18 +110,26 @@ struct Framed {
 
 impl TimedPoses {
     /// The number of a body of this name, which is added if it is new.
-    pub(super) fn body(&mut self, name: &str, parent: Option<&str>) -> usize {
+    pub(super) fn body(
+        &mut self,
+        name: &str,
+        parent: Option<&str>,
+    ) -> Result<usize, TooManyBodies> {
         if let Some(number) = self.numbers.get(name) {
-            return *number;
+            return Ok(*number);
         }
         let number = self.bodies.len();
+        if number >= BODIES_MAX as usize {
+            return Err(TooManyBodies);
+        }
         self.numbers.insert(name.to_owned(), number);
         self.bodies.push(RecordedBody {
             name: name.to_owned(),
             parent: parent.map(str::to_owned),
             shape: None,
+            inertia: None,
         });
-        number
+        Ok(number)
     }
 
     /// The recording of these poses.
@@ -244,6 +273,15 @@ impl TimedPoses {
             }
             let frame = exact.round() as u64;
             last = last.max(frame);
+            let framed = FramedPose {
+                position: pose.position,
+                rotation: pose.rotation,
+                velocity: pose.velocity,
+            };
+            // Writers repeat what they have said.
+            if paths[pose.body].get(&frame) == Some(&framed) {
+                continue;
+            }
             if let Some(other) = places.insert((pose.body, frame), &pose.place) {
                 return Err(RecordingError::Row {
                     place: pose.place.clone(),
@@ -253,14 +291,7 @@ impl TimedPoses {
                     },
                 });
             }
-            paths[pose.body].insert(
-                frame,
-                FramedPose {
-                    position: pose.position,
-                    rotation: pose.rotation,
-                    velocity: pose.velocity,
-                },
-            );
+            paths[pose.body].insert(frame, framed);
         }
         if let Some((share, place)) = worst.filter(|(share, _)| *share > JITTER_MAX) {
             return Err(RecordingError::NoRate {
@@ -342,7 +373,7 @@ impl TimedPoses {
             let lives = lives(path, frames, stays, &removed);
             for (generation, life) in lives.into_iter().enumerate() {
                 let id = BodyId::new(number as u32, u16::try_from(generation).unwrap_or(u16::MAX));
-                add(&mut truth, id, &shape, life)?;
+                add(&mut truth, id, (&shape, body.inertia), life)?;
             }
         }
         truth
@@ -484,7 +515,12 @@ fn filled(
 }
 
 /// Adds one stay of a body.
-fn add(truth: &mut Truth, id: BodyId, shape: &Shape, life: Life) -> Result<(), RecordingError> {
+fn add(
+    truth: &mut Truth,
+    id: BodyId,
+    (shape, inertia): (&Shape, Option<Inertia>),
+    life: Life,
+) -> Result<(), RecordingError> {
     let mut last = None;
     for (frame, pose) in life.path {
         let tick = Tick::new(frame);
@@ -513,7 +549,7 @@ fn add(truth: &mut Truth, id: BodyId, shape: &Shape, life: Life) -> Result<(), R
                     desc: BodyDesc::plain(id, kind, ShapeId(index)),
                     shape: shape.clone(),
                     observation,
-                    inertia: None,
+                    inertia: inertia.filter(|inertia| !inertia.is_isotropic()),
                 });
             }
             // A body that has not changed has no record.

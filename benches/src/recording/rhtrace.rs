@@ -1,6 +1,6 @@
-//! Foreign recordings of boxes: `.rhtrace`, packed by zstd or not.
+//! Foreign recordings: `.rhtrace` 1, of boxes; packed by zstd or not.
 //!
-//! The book has the layout (Your own recording). A body without a record in a
+//! `spec/RHTRACE.md` has the layout. A body without a record in a
 //! frame has not changed, so it sleeps whatever its last flag. Damping is not stored and taken as zero, with one
 //! substep.
 
@@ -8,13 +8,16 @@ use std::collections::BTreeMap;
 use std::num::NonZeroU32;
 
 use glam::Vec3;
+use rhumb_protocol::limits::BODIES_MAX;
 use rhumb_protocol::scene::{BodyDesc, BodyKind, Shape, ShapeId};
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Damping, Integrator, Tick};
 
+use super::bytes::ByteReader;
 use super::error::RecordingError;
 use super::options::rate_of_step;
 use super::recorded::Recording;
+use super::rhtrace2;
 use super::velocity;
 use super::velocity::{activity_from_records, set_digest};
 use crate::record::{Placed, Truth};
@@ -35,13 +38,18 @@ const AWAKE: u8 = 1;
 /// The body is gone after this frame.
 const GONE: u8 = 2;
 
+/// True for bytes that begin as an `.rhtrace` of either version.
+pub(super) fn is_plain(bytes: &[u8]) -> bool {
+    bytes.starts_with(&MAGIC) || bytes.starts_with(&rhtrace2::MAGIC)
+}
+
 /// Reads a recording.
 ///
 /// # Errors
 ///
 /// [`RecordingError`] if the bytes are no recording.
 pub fn read(name: &str, bytes: &[u8]) -> Result<Recording, RecordingError> {
-    if bytes.starts_with(&MAGIC) {
+    if is_plain(bytes) {
         return read_plain(name, bytes);
     }
     use std::io::Read as _;
@@ -55,16 +63,22 @@ pub fn read(name: &str, bytes: &[u8]) -> Result<Recording, RecordingError> {
 }
 
 fn read_plain(name: &str, bytes: &[u8]) -> Result<Recording, RecordingError> {
-    let mut reader = ByteReader {
-        rest: bytes,
-        frame: None,
-    };
-    if reader.take()? != MAGIC {
+    let mut reader = ByteReader::new(bytes);
+    let magic: [u8; 8] = reader.take()?;
+    if magic == rhtrace2::MAGIC {
+        return rhtrace2::read(name, &bytes[magic.len()..]);
+    }
+    if magic != MAGIC {
         return Err(RecordingError::NotARecording);
     }
     let (bodies, frames) = (reader.u32()?, reader.u32()?);
     if frames < 2 {
         return Err(RecordingError::NoTruth);
+    }
+    if bodies > BODIES_MAX {
+        return Err(RecordingError::Bodies {
+            bodies: u64::from(bodies),
+        });
     }
     if frames > FRAMES_MAX {
         return Err(RecordingError::Frames { frames });
@@ -79,17 +93,14 @@ fn read_plain(name: &str, bytes: &[u8]) -> Result<Recording, RecordingError> {
     let mut truth = Truth::default();
     let mut there = vec![Stay::default(); shapes.len()];
     for frame in 0..u64::from(frames) {
-        reader.frame = Some(frame);
+        reader.begin(frame);
         let tick = Tick::new(frame);
         let row = row(&mut reader, tick, &shapes, (&mut there, &mut truth))?;
         if frame > 0 {
             truth.ticks.push(row);
         }
     }
-    if !reader.rest.is_empty() {
-        let bytes = reader.rest.len();
-        return Err(RecordingError::Long { bytes });
-    }
+    reader.end()?;
     activity_from_records(&mut truth);
     set_digest(&mut truth);
     let is_still = |observation: &Observation| observation.motion == observation.motion.stilled();
@@ -186,43 +197,4 @@ fn row(
         }
     }
     Ok(row)
-}
-
-/// Reader over the remaining bytes.
-struct ByteReader<'a> {
-    rest: &'a [u8],
-    /// The frame that is being read; none in the head of the file.
-    frame: Option<u64>,
-}
-
-impl ByteReader<'_> {
-    fn take<const COUNT: usize>(&mut self) -> Result<[u8; COUNT], RecordingError> {
-        let short = || RecordingError::Short {
-            within: (self.frame)
-                .map_or_else(|| "its head".to_owned(), |frame| format!("frame {frame}")),
-        };
-        let (taken, rest) = self.rest.split_first_chunk().ok_or_else(short)?;
-        self.rest = rest;
-        Ok(*taken)
-    }
-
-    fn u16(&mut self) -> Result<u16, RecordingError> {
-        self.take().map(u16::from_le_bytes)
-    }
-
-    fn u32(&mut self) -> Result<u32, RecordingError> {
-        self.take().map(u32::from_le_bytes)
-    }
-
-    fn f32(&mut self) -> Result<f32, RecordingError> {
-        self.take().map(f32::from_le_bytes)
-    }
-
-    fn f32s<const COUNT: usize>(&mut self) -> Result<[f32; COUNT], RecordingError> {
-        let mut all = [0.0; COUNT];
-        for one in &mut all {
-            *one = self.f32()?;
-        }
-        Ok(all)
-    }
 }

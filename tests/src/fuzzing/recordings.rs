@@ -5,15 +5,24 @@
 
 use std::collections::BTreeMap;
 
-use rhumb_bench::recording::{ReadOptions, Recording, mcap, rhtrace};
+use rhumb_bench::recording::{
+    ReadOptions, Recording, RecordingError, mcap, read_bytes, rhtrace, write_rhtrace,
+};
 
 use super::script::Script;
 
-/// The first byte selects the form of the rest: packed foreign recording, unpacked foreign recording, or trace.
+/// The first byte selects the form of the rest: a file of any form, a message of ROS 2, a second version of a foreign
+/// recording, packed foreign recording, unpacked foreign recording, or trace.
 pub fn recordings(data: &[u8]) {
     let Some((form, bytes)) = data.split_first() else {
         return;
     };
+    match form {
+        200 => return any(bytes),
+        201 => return any(&ros2(bytes)),
+        202 => return any(&[b"RHTRACE2", bytes].concat()),
+        _ => {}
+    }
     match form % 4 {
         0 => drop(reported(rhtrace::read("fuzz", bytes))),
         1 => foreign(bytes),
@@ -28,6 +37,45 @@ fn reported<E: std::error::Error>(read: Result<Recording, E>) -> Option<Recordin
         assert!(!error.to_string().is_empty());
     }
     read.ok()
+}
+
+/// A file of any form; what is read is written, and read again as the same.
+fn any(bytes: &[u8]) {
+    let options = ReadOptions::default();
+    let read: Result<Recording, RecordingError> = read_bytes("fuzz", bytes, &options);
+    if let Some(recording) = reported(read) {
+        let written = write_rhtrace(&recording);
+        let again = read_bytes("fuzz", &written, &options).expect("what is written is read");
+        assert_eq!(again.truth.digest, recording.truth.digest);
+    }
+}
+
+/// An MCAP file with one message, whose first byte chooses its schema.
+fn ros2(bytes: &[u8]) -> Vec<u8> {
+    const SCHEMAS: [&str; 3] = [
+        "tf2_msgs/msg/TFMessage",
+        "nav_msgs/msg/Odometry",
+        "geometry_msgs/msg/PoseStamped",
+    ];
+    let (choice, message) = bytes.split_first().unwrap_or((&0, &[]));
+    let schema = SCHEMAS[usize::from(*choice) % SCHEMAS.len()];
+    let options = ::mcap::WriteOptions::new().compression(None);
+    let mut writer = options
+        .create(std::io::Cursor::new(Vec::new()))
+        .expect("memory");
+    let schema = writer.add_schema(schema, "ros2msg", b"-").expect("memory");
+    let channel = writer.add_channel(schema, "/t", "cdr", &BTreeMap::new());
+    let header = ::mcap::records::MessageHeader {
+        channel_id: channel.expect("memory"),
+        sequence: 0,
+        log_time: 0,
+        publish_time: 0,
+    };
+    writer
+        .write_to_known_channel(&header, message)
+        .expect("memory");
+    writer.finish().expect("memory");
+    writer.into_inner().into_inner()
 }
 
 /// A foreign recording before compression.

@@ -1,0 +1,553 @@
+//! Poses of bodies as arrays of NumPy: trajectories of MuJoCo, and arrays of positions and rotations.
+//!
+//! The first index is the frame. A frame whose pose has a NaN is a gap. What an archive says of gravity, shapes and inertia
+//! is taken; the order of quaternions is in their array's name, or the caller states it.
+
+use std::collections::BTreeMap;
+
+use glam::{DQuat, DVec3, Vec3};
+use rhumb_protocol::scene::Shape;
+use rhumb_reckoning::Inertia;
+
+use super::error::{Place, RecordingError, RowDefect};
+use super::npy::{self, Array};
+use super::options::{QuaternionOrder, ReadOptions};
+use super::poses::{TimedPose, TimedPoses};
+use super::recorded::Recording;
+
+/// Names of the times, seconds.
+const TIMES: [&str; 3] = ["time", "t", "timestamp"];
+/// Names of one step, seconds.
+const STEPS: [&str; 3] = ["timestep", "dt", "step"];
+/// Longest time, seconds: nanoseconds fit a whole number.
+const SECONDS_MAX: f64 = 9e9;
+/// Time from which single precision has steps of a millisecond, seconds.
+const SINGLE_MAX: f64 = 8_192.0;
+
+/// Reads an archive.
+pub(super) fn read_archive(
+    name: &str,
+    bytes: &[u8],
+    options: &ReadOptions,
+) -> Result<Recording, RecordingError> {
+    Arrays(npy::read_archive(bytes)?).recording(name, options)
+}
+
+/// Reads one array: rows of time, position and rotation, of one body; velocities may follow.
+pub(super) fn read_array(
+    name: &str,
+    bytes: &[u8],
+    options: &ReadOptions,
+) -> Result<Recording, RecordingError> {
+    let array = npy::read(name, bytes)?;
+    let columns = match array.shape.as_slice() {
+        [_, columns @ (8 | 14)] => *columns,
+        _ => {
+            return Err(RecordingError::Array {
+                array: name.to_owned(),
+                needed: "rows of time, x, y, z and four numbers of a quaternion, and of six velocities if it has them",
+            });
+        }
+    };
+    let order = options.quaternion.ok_or(RecordingError::QuaternionOrder {
+        array: name.to_owned(),
+    })?;
+    let part = |from: usize, to: usize| Array {
+        shape: vec![array.shape[0], to - from],
+        values: array
+            .values
+            .chunks_exact(columns)
+            .flat_map(|row| row[from..to].to_vec())
+            .collect(),
+        is_single: array.is_single,
+    };
+    let rotation = match order {
+        QuaternionOrder::Xyzw => "quat_xyzw",
+        QuaternionOrder::Wxyz => "quat_wxyz",
+    };
+    let time = Array {
+        shape: vec![array.shape[0]],
+        ..part(0, 1)
+    };
+    let mut all = BTreeMap::from([
+        ("time".to_owned(), time),
+        ("position".to_owned(), part(1, 4)),
+        (rotation.to_owned(), part(4, 8)),
+    ]);
+    if columns == 14 {
+        all.insert("linear".to_owned(), part(8, 11));
+        all.insert("angular".to_owned(), part(11, 14));
+    }
+    Arrays(all).recording(name, options)
+}
+
+/// The arrays of an archive, by name.
+struct Arrays(BTreeMap<String, Array>);
+
+/// The arrays that hold the poses.
+struct Columns<'a> {
+    position: (&'a str, &'a Array),
+    rotation: (&'a str, &'a Array),
+    order: QuaternionOrder,
+    /// Linear and angular velocity; true if the angular one is along the body's axes.
+    velocities: Option<(&'a Array, &'a Array, bool)>,
+    /// Where a body's numbers begin in a row of each, and the numbers of a body in a row.
+    strides: Strides,
+    bodies: usize,
+    frames: usize,
+}
+
+/// Numbers of a body in a row: all of them in one array, or each kind in its own.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Strides {
+    /// `qpos` and `qvel`.
+    Joints,
+    Apart,
+}
+
+impl Arrays {
+    fn first(&self, names: &[&'static str]) -> Option<(&'static str, &Array)> {
+        names
+            .iter()
+            .find_map(|name| Some((*name, self.0.get(*name)?)))
+    }
+
+    fn recording(&self, name: &str, options: &ReadOptions) -> Result<Recording, RecordingError> {
+        let columns = self.columns(options)?;
+        let times = self.times(columns.frames)?;
+        let mut poses = TimedPoses::default();
+        for body in 0..columns.bodies {
+            let number = poses.body(&body.to_string(), None)?;
+            let known = &mut poses.bodies[number];
+            known.shape = self.shape(body);
+            known.inertia = self.inertia(body)?;
+        }
+        for (frame, at_ns) in times.into_iter().enumerate() {
+            for body in 0..columns.bodies {
+                poses.poses.extend(columns.pose(frame, body, at_ns));
+            }
+        }
+        let gravity = self.0.get("gravity").map(|array| array.values.as_slice());
+        let gravity = match gravity {
+            Some(&[x, y, z]) => Some(DVec3::new(x, y, z).as_vec3()),
+            _ => None,
+        };
+        let options = ReadOptions {
+            gravity: options.gravity.or(gravity),
+            ..options.clone()
+        };
+        let mut recording = poses.recording(name, &options)?;
+        self.engine(&mut recording);
+        Ok(recording)
+    }
+
+    /// Takes substeps and damping, as far as they are stated.
+    fn engine(&self, recording: &mut Recording) {
+        let scalar = |name: &str| self.0.get(name)?.values.first().copied();
+        let substeps =
+            scalar("substeps").and_then(|number| std::num::NonZeroU32::new(number as u32));
+        recording.integrator.substeps = substeps.unwrap_or(recording.integrator.substeps);
+        let damping = |name, default| {
+            let stated = scalar(name).filter(|number| (0.0..=1_000.0).contains(number));
+            stated.map_or(default, |number| number as f32)
+        };
+        recording.damping.linear = damping("linear_damping", recording.damping.linear);
+        recording.damping.angular = damping("angular_damping", recording.damping.angular);
+    }
+
+    fn columns(&self, options: &ReadOptions) -> Result<Columns<'_>, RecordingError> {
+        if let Some((name, array)) = self.first(&["qpos"]) {
+            return self.joints((name, array));
+        }
+        let needed = || RecordingError::Arrays {
+            found: self.0.keys().cloned().collect(),
+        };
+        let names = ["position", "positions", "pos", "xpos"];
+        let position = self.first(&names).ok_or_else(needed)?;
+        let ordered = [
+            ("quat_xyzw", QuaternionOrder::Xyzw),
+            ("quat_wxyz", QuaternionOrder::Wxyz),
+            ("xquat", QuaternionOrder::Wxyz),
+        ];
+        let mut ordered = ordered.iter();
+        let found = ordered.find_map(|(name, order)| Some((*name, self.0.get(*name)?, *order)));
+        let (rotation, order) = match found {
+            Some((name, array, order)) => ((name, array), order),
+            None => {
+                let names = ["rotation", "rotations", "quaternion", "orientation", "quat"];
+                let rotation = self.first(&names).ok_or_else(needed)?;
+                let order = options.quaternion.ok_or(RecordingError::QuaternionOrder {
+                    array: rotation.0.to_owned(),
+                })?;
+                (rotation, order)
+            }
+        };
+        let (frames, bodies) = shape_of(position, 3)?;
+        if shape_of(rotation, 4)? != (frames, bodies) {
+            return Err(other_shape(rotation.0, position.0));
+        }
+        let linear = self.first(&["linear", "linear_velocity", "velocity"]);
+        let angular = self.first(&["angular", "angular_velocity"]);
+        let velocities = match linear.zip(angular) {
+            None => None,
+            Some((linear, angular)) => {
+                for array in [linear, angular] {
+                    if shape_of(array, 3)? != (frames, bodies) {
+                        return Err(other_shape(array.0, position.0));
+                    }
+                }
+                Some((linear.1, angular.1, false))
+            }
+        };
+        Ok(Columns {
+            position,
+            rotation,
+            order,
+            velocities,
+            strides: Strides::Apart,
+            bodies,
+            frames,
+        })
+    }
+
+    /// Free bodies of MuJoCo: seven numbers of `qpos` and six of `qvel` each.
+    fn joints<'a>(&'a self, qpos: (&'a str, &'a Array)) -> Result<Columns<'a>, RecordingError> {
+        let wrong = |array: &str, needed| RecordingError::Array {
+            array: array.to_owned(),
+            needed,
+        };
+        let (frames, bodies) = match qpos.1.shape.as_slice() {
+            [frames, numbers] if numbers % 7 == 0 && *numbers > 0 => (*frames, numbers / 7),
+            _ => {
+                let needed = "frames of seven numbers for each body: for bodies with other joints record xpos and xquat";
+                return Err(wrong("qpos", needed));
+            }
+        };
+        let velocities = match self.0.get("qvel") {
+            None => None,
+            Some(qvel) if qvel.shape == [frames, 6 * bodies] => Some((qvel, qvel, true)),
+            Some(_) => {
+                return Err(wrong(
+                    "qvel",
+                    "as many frames as qpos, of six numbers for each body",
+                ));
+            }
+        };
+        Ok(Columns {
+            position: qpos,
+            rotation: qpos,
+            order: QuaternionOrder::Wxyz,
+            velocities,
+            strides: Strides::Joints,
+            bodies,
+            frames,
+        })
+    }
+
+    /// The moment of each frame, nanoseconds since the first.
+    fn times(&self, frames: usize) -> Result<Vec<i64>, RecordingError> {
+        let Some((name, array)) = self.first(&TIMES) else {
+            let step = self
+                .first(&STEPS)
+                .and_then(|(_, array)| array.values.first());
+            let step = step.filter(|step| step.is_finite() && **step > 0.0);
+            let step = *step.ok_or(RecordingError::Arrays {
+                found: self.0.keys().cloned().collect(),
+            })?;
+            let moment = |frame: usize| (frame as f64 * step * 1e9).round() as i64;
+            return Ok((0..frames).map(moment).collect());
+        };
+        if array.values.len() != frames {
+            return Err(other_shape(name, "the poses"));
+        }
+        let first = array.values.first().copied().unwrap_or_default();
+        if array.is_single && array.values.iter().any(|time| time.abs() > SINGLE_MAX) {
+            return Err(RecordingError::Array {
+                array: name.to_owned(),
+                needed: "64-bit numbers: those of 32 bits have steps of a millisecond and more at such times",
+            });
+        }
+        let mut times = Vec::with_capacity(frames);
+        for (frame, time) in array.values.iter().enumerate() {
+            // NaN is none.
+            let is_time = time.abs() <= SECONDS_MAX;
+            if !is_time {
+                return Err(RecordingError::Row {
+                    place: place(name, frame, 0),
+                    defect: RowDefect::OutOfRange { of: "time" },
+                });
+            }
+            times.push(((time - first) * 1e9).round() as i64);
+        }
+        Ok(times)
+    }
+
+    fn shape(&self, body: usize) -> Option<Shape> {
+        let numbers = |name: &str, count: usize| {
+            let values = &self.0.get(name)?.values;
+            values.get(count * body..count * (body + 1))
+        };
+        let cuboid = numbers("half_extents", 3).map(|half| Shape::Cuboid {
+            half_extents: Vec3::new(half[0] as f32, half[1] as f32, half[2] as f32),
+        });
+        let ball = || {
+            let radius = numbers("radius", 1)?[0] as f32;
+            Some(Shape::Ball { radius })
+        };
+        cuboid.or_else(ball).filter(|shape| shape.check().is_ok())
+    }
+
+    /// Moments about the axes of the body.
+    fn inertia(&self, body: usize) -> Result<Option<Inertia>, RecordingError> {
+        let Some(array) = self.0.get("inertia") else {
+            return Ok(None);
+        };
+        let moments = array.values.get(3 * body..3 * (body + 1));
+        let moments = moments.map(|moments| [0, 1, 2].map(|axis| moments[axis] as f32));
+        let inertia = moments.and_then(|moments| Inertia::new(moments, Inertia::OWN_AXES).ok());
+        inertia.map(Some).ok_or_else(|| RecordingError::Row {
+            place: place("inertia", 0, body),
+            defect: RowDefect::OutOfRange {
+                of: "moment of inertia",
+            },
+        })
+    }
+}
+
+impl Columns<'_> {
+    /// The pose of a body in a frame; `None` for a gap.
+    fn pose(&self, frame: usize, body: usize, at_ns: i64) -> Option<TimedPose> {
+        let row = frame * self.bodies + body;
+        let (position, rotation) = match self.strides {
+            Strides::Joints => (
+                &self.position.1.values[7 * row..7 * row + 3],
+                &self.rotation.1.values[7 * row + 3..7 * row + 7],
+            ),
+            Strides::Apart => (
+                &self.position.1.values[3 * row..3 * row + 3],
+                &self.rotation.1.values[4 * row..4 * row + 4],
+            ),
+        };
+        if position
+            .iter()
+            .chain(rotation)
+            .any(|number| number.is_nan())
+        {
+            return None;
+        }
+        let rotation = match (self.order, rotation) {
+            (QuaternionOrder::Xyzw, [x, y, z, w]) | (QuaternionOrder::Wxyz, [w, x, y, z]) => {
+                DQuat::from_xyzw(*x, *y, *z, *w)
+            }
+            _ => return None,
+        };
+        let velocity = self.velocities.map(|(linear, angular, is_along_body)| {
+            let (linear, angular) = match self.strides {
+                Strides::Joints => (
+                    &linear.values[6 * row..6 * row + 3],
+                    &angular.values[6 * row + 3..6 * row + 6],
+                ),
+                Strides::Apart => (
+                    &linear.values[3 * row..3 * row + 3],
+                    &angular.values[3 * row..3 * row + 3],
+                ),
+            };
+            let (linear, angular) = (DVec3::from_slice(linear), DVec3::from_slice(angular));
+            let turn = if is_along_body {
+                rotation.normalize()
+            } else {
+                DQuat::IDENTITY
+            };
+            [linear, turn * angular]
+        });
+        Some(TimedPose {
+            at_ns,
+            body,
+            position: DVec3::from_slice(position),
+            rotation,
+            velocity,
+            place: place(self.position.0, frame, body),
+        })
+    }
+}
+
+fn place(array: &str, frame: usize, body: usize) -> Place {
+    Place::Element {
+        array: array.to_owned(),
+        frame: frame as u64,
+        body: body as u64,
+    }
+}
+
+/// Frames and bodies of an array with this many numbers for each; without a second index it is of one body.
+fn shape_of(
+    (name, array): (&str, &Array),
+    numbers: usize,
+) -> Result<(usize, usize), RecordingError> {
+    match array.shape.as_slice() {
+        [frames, last] if *last == numbers => Ok((*frames, 1)),
+        [frames, bodies, last] if *last == numbers => Ok((*frames, *bodies)),
+        _ => Err(RecordingError::Array {
+            array: name.to_owned(),
+            needed: if numbers == 3 {
+                "shape (frames, bodies, 3), or (frames, 3) for one body"
+            } else {
+                "shape (frames, bodies, 4), or (frames, 4) for one body"
+            },
+        }),
+    }
+}
+
+fn other_shape(array: &str, beside: &str) -> RecordingError {
+    RecordingError::OtherShape {
+        array: array.to_owned(),
+        beside: beside.to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Write as _;
+
+    use super::*;
+    use crate::recording::npy::tests::written;
+    use crate::recording::read_bytes;
+
+    /// An archive without packing, as `numpy.savez` writes it.
+    fn archive(members: &[(&str, Vec<u8>)]) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        let mut archive = rawzip::ZipArchiveWriter::new(&mut bytes);
+        for (name, member) in members {
+            let path = format!("{name}.npy");
+            let file = archive.new_file(&path);
+            let (mut entry, config) = file.start().expect("memory");
+            let mut writer = config.wrap(&mut entry);
+            writer.write_all(member).expect("memory");
+            let (_, descriptor) = writer.finish().expect("memory");
+            entry.finish(descriptor).expect("memory");
+        }
+        archive.finish().expect("memory");
+        bytes
+    }
+
+    fn read(
+        members: &[(&str, Vec<u8>)],
+        options: &ReadOptions,
+    ) -> Result<Recording, RecordingError> {
+        read_bytes("a", &archive(members), options)
+    }
+
+    fn frames(count: usize, of: impl Fn(f64) -> Vec<f64>) -> Vec<f64> {
+        (0..count).flat_map(|frame| of(frame as f64)).collect()
+    }
+
+    #[test]
+    fn a_trajectory_of_free_bodies_has_mujocos_order_and_axes() {
+        let half = std::f64::consts::FRAC_1_SQRT_2;
+        // A quarter of a turn about z, w first; the spin is along the body's x, the world's y.
+        let qpos = frames(10, |frame| {
+            vec![0.01 * frame, 0.0, 1.0, half, 0.0, 0.0, half]
+        });
+        let qvel = frames(10, |_| vec![1.0, 0.0, 0.0, 2.0, 0.0, 0.0]);
+        let members = [
+            ("qpos", written("(10, 7)", &qpos)),
+            ("qvel", written("(10, 6)", &qvel)),
+            ("timestep", written("()", &[0.01])),
+            ("gravity", written("(3,)", &[0.0, 0.0, -9.81])),
+            ("half_extents", written("(1, 3)", &[0.1, 0.2, 0.3])),
+            ("inertia", written("(1, 3)", &[1.0, 2.0, 2.5])),
+        ];
+        let recording = read(&members, &ReadOptions::default()).expect("sound");
+        assert_eq!(recording.integrator.rate.ticks(), 100);
+        let placed = &recording.truth.placed[0];
+        let motion = placed.observation.motion.motion();
+        assert!((motion.twist().angular - DVec3::Y * 2.0).length() < 1e-6);
+        assert!((motion.pose().rotation.z - half).abs() < 1e-6);
+        assert_eq!(placed.shape, Shape::cuboid(0.1, 0.2, 0.3));
+        assert!(placed.inertia.is_some());
+        assert!((recording.gravity.z + 9.81).abs() < 1e-5);
+    }
+
+    #[test]
+    fn an_unsaid_order_a_gap_and_wrong_shapes_are_handled_by_name() {
+        let mut position = frames(12, |frame| vec![frame, 0.0, 0.0, 0.0, frame, 0.0]);
+        position[6 * 5] = f64::NAN;
+        let rotation = frames(12, |_| vec![0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]);
+        let time = frames(12, |frame| vec![100.0 + 0.05 * frame]);
+        let members = [
+            ("time", written("(12,)", &time)),
+            ("position", written("(12, 2, 3)", &position)),
+            ("rotation", written("(12, 2, 4)", &rotation)),
+        ];
+        let error = read(&members, &ReadOptions::default())
+            .expect_err("no order")
+            .to_string();
+        assert!(error.contains("--quaternion wxyz or xyzw"), "{error}");
+        let options = ReadOptions {
+            quaternion: Some(QuaternionOrder::Xyzw),
+            ..ReadOptions::default()
+        };
+        let recording = read(&members, &options).expect("sound");
+        // The gap of one frame is filled.
+        assert_eq!((recording.ticks(), recording.truth.placed.len()), (11, 2));
+        let rate = recording.integrator.rate;
+        assert_eq!((rate.ticks(), rate.seconds()), (20, 1));
+        for (place, member, part) in [
+            (
+                1,
+                written("(12, 6)", &position),
+                "array position has to be shape (frames, bodies, 3)",
+            ),
+            (
+                2,
+                written("(12, 1, 4)", &rotation[..48]),
+                "array rotation has not as many frames and bodies as position",
+            ),
+            (
+                0,
+                written("(11,)", &time[..11]),
+                "array time has not as many",
+            ),
+            (
+                0,
+                written("(12,)", &[f64::NAN; 12]),
+                "body 0 of frame 0 in time: the time",
+            ),
+        ] {
+            let mut members = members.clone();
+            members[place].1 = member;
+            let error = read(&members, &options).expect_err(part).to_string();
+            assert!(error.contains(part), "{error}");
+        }
+        let error = read(&members[..1], &options)
+            .expect_err("no poses")
+            .to_string();
+        assert!(
+            error.starts_with("of the arrays time none are poses"),
+            "{error}"
+        );
+    }
+
+    #[test]
+    fn rows_of_one_body_are_read_from_a_lone_array() {
+        let rows = frames(5, |frame| {
+            vec![frame * 0.1, frame, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
+        });
+        let options = ReadOptions {
+            quaternion: Some(QuaternionOrder::Wxyz),
+            ..ReadOptions::default()
+        };
+        let recording = read_bytes("a", &written("(5, 8)", &rows), &options).expect("sound");
+        assert_eq!(
+            recording.truth.placed[0].observation.motion.rotation(),
+            [0.0, 0.0, 0.0, 1.0]
+        );
+        let wrong = read_bytes("a", &written("(5, 7)", &rows[..35]), &options);
+        assert!(
+            wrong
+                .expect_err("a column is missing")
+                .to_string()
+                .contains("array a has to be rows")
+        );
+    }
+}

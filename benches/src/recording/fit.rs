@@ -1,0 +1,377 @@
+//! What poses tell of the engine that recorded them: gravity, centre of mass, inertia, damping, substeps.
+//!
+//! A body is taken as free where its centre accelerates evenly. A fit of least squares to each body's second differences
+//! finds its acceleration and the place that moves so; poses that fit badly are left out, and the fit is repeated. Then the
+//! momentum of free bodies tells their moments, and the change of velocities damping and substeps.
+
+use std::collections::BTreeMap;
+
+use glam::{DMat3, DQuat, DVec3};
+use rhumb_protocol::scene::BodyKind;
+use rhumb_reckoning::{BodyId, BodyState};
+
+use super::linear::{least_eigenvector, principal_axes, solve};
+use super::recorded::Recording;
+
+/// One body in every frame of its stay.
+pub(crate) struct BodyPath {
+    pub(crate) id: BodyId,
+    pub(crate) states: Vec<BodyState>,
+    /// Bounding radius, metres.
+    pub(crate) radius: f64,
+}
+
+/// The states of all bodies that can move, frame by frame.
+pub(crate) fn paths(recording: &Recording) -> Vec<BodyPath> {
+    let truth = &recording.truth;
+    let mut open: BTreeMap<BodyId, BodyPath> = BTreeMap::new();
+    let mut done = Vec::new();
+    let (mut placed, mut removed) = (0, 0);
+    for frame in 0..=truth.ticks.len() {
+        for path in open.values_mut() {
+            path.states.extend(path.states.last().copied());
+        }
+        let row = frame
+            .checked_sub(1)
+            .map_or(&[][..], |row| &truth.ticks[row]);
+        for observation in row {
+            if let Some(last) = open
+                .get_mut(&observation.id)
+                .and_then(|path| path.states.last_mut())
+            {
+                *last = observation.motion;
+            }
+        }
+        while let Some(one) = truth
+            .placed
+            .get(placed)
+            .filter(|one| one.tick.value() <= frame as u64)
+        {
+            placed += 1;
+            if one.desc.kind != BodyKind::Fixed {
+                let path = BodyPath {
+                    id: one.desc.id,
+                    states: vec![one.observation.motion],
+                    radius: one.shape.bounding_radius().metres(),
+                };
+                open.insert(one.desc.id, path);
+            }
+        }
+        while let Some((_, id)) = truth
+            .removed
+            .get(removed)
+            .filter(|(tick, _)| tick.value() <= frame as u64)
+        {
+            removed += 1;
+            done.extend(open.remove(id));
+        }
+    }
+    done.extend(open.into_values());
+    done
+}
+
+/// What was found.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Found {
+    /// m/s², the median over bodies.
+    pub(crate) gravity: Option<DVec3>,
+    /// Centres of mass from the recorded places, body axes, metres; those that matter.
+    pub(crate) centres: BTreeMap<BodyId, DVec3>,
+    /// Principal moments, of which only ratios matter, and their axes; of bodies whose spin wanders.
+    pub(crate) inertias: BTreeMap<BodyId, ([f64; 3], DQuat)>,
+    /// Bodies that spin freely at a constant spin, whatever their shape.
+    pub(crate) constant_spins: usize,
+    /// Share of the linear velocity, and of the angular momentum, that stays after a second.
+    pub(crate) kept: Option<[f64; 2]>,
+    /// (n + 1) / 2n of n substeps: 1 for one, 0.5 for exact parabolas, 0 where the old velocity moves a body.
+    pub(crate) fall: Option<f64>,
+    /// Frames in which a body was free, of all in which it moved.
+    pub(crate) free: [usize; 2],
+}
+
+/// Least number of free frames of a body that says something.
+const FREE_MIN: usize = 8;
+/// Rounds of a fit, each without what fitted worst before.
+const ROUNDS: usize = 8;
+/// Distance of a centre from the origin that matters, as a share of the radius.
+const CENTRE_SHARE: f64 = 0.02;
+
+fn position(state: &BodyState) -> DVec3 {
+    state.motion().pose().position
+}
+
+fn rotation(state: &BodyState) -> DQuat {
+    state.motion().pose().rotation
+}
+
+/// A body's evenly accelerated part.
+struct Flight {
+    acceleration: DVec3,
+    centre: DVec3,
+    /// Frames in the middle of three that fit.
+    free: Vec<usize>,
+}
+
+/// Fits the free part of a path.
+fn flight(path: &BodyPath, step_s: f64) -> Option<Flight> {
+    let states = &path.states;
+    let moves = |frame: &usize| {
+        (frame - 1..frame + 1).all(|frame| position(&states[frame]) != position(&states[frame + 1]))
+    };
+    let mut frames: Vec<usize> = (1..states.len().saturating_sub(1)).filter(moves).collect();
+    let all = frames.len();
+    let mut fitted = None;
+    for round in 0..ROUNDS {
+        if frames.len() < FREE_MIN {
+            return None;
+        }
+        let (acceleration, centre) = fit_flight(path, &frames, step_s)?;
+        let misfit = |frame: usize| {
+            let (second, turn) = second_differences(states, frame);
+            (second - turn * centre - acceleration * (step_s * step_s)).length()
+        };
+        let mut rated: Vec<(f64, usize)> = (1..states.len() - 1)
+            .filter(moves)
+            .map(|frame| (misfit(frame), frame))
+            .collect();
+        rated.sort_by(|a, b| a.0.total_cmp(&b.0));
+        // Half of the frames decide; the last round takes all that fit like those.
+        let half = rated[rated.len() / 2].0.max(1e-7);
+        let limit = if round + 1 == ROUNDS {
+            4.0 * half
+        } else {
+            half
+        };
+        frames = rated
+            .into_iter()
+            .filter(|(off, _)| *off <= limit)
+            .map(|(_, frame)| frame)
+            .collect();
+        frames.sort_unstable();
+        fitted = Some((acceleration, centre, half));
+    }
+    let (acceleration, centre, off) = fitted?;
+    // A body among contacts fits nothing.
+    let is_even = off <= 2e-3 * path.radius.max(0.01) && frames.len() * 4 > all;
+    is_even.then_some(Flight {
+        acceleration,
+        centre,
+        free: frames,
+    })
+}
+
+/// Second differences of the position, and of the rotation as a matrix.
+fn second_differences(states: &[BodyState], frame: usize) -> (DVec3, DMat3) {
+    let [before, here, after] = [frame - 1, frame, frame + 1].map(|frame| &states[frame]);
+    let turn = |state: &BodyState| DMat3::from_quat(rotation(state));
+    (
+        position(after) - 2.0 * position(here) + position(before),
+        turn(after) - turn(here) * 2.0 + turn(before),
+    )
+}
+
+/// Acceleration and centre by least squares over frames.
+fn fit_flight(path: &BodyPath, frames: &[usize], step_s: f64) -> Option<(DVec3, DVec3)> {
+    let (mut matrix, mut right) = ([[0.0; 6]; 6], [0.0; 6]);
+    let square = step_s * step_s;
+    for frame in frames {
+        let (second, turn) = second_differences(&path.states, *frame);
+        for axis in 0..3 {
+            let mut row = [0.0; 6];
+            row[axis] = square;
+            row[3..].copy_from_slice(&turn.row(axis).to_array());
+            for (a, line) in matrix.iter_mut().enumerate() {
+                right[a] += row[a] * second[axis];
+                for (b, cell) in line.iter_mut().enumerate() {
+                    *cell += row[a] * row[b];
+                }
+            }
+        }
+    }
+    // Without a turn the centre is unknown, and taken as the origin: a weak pull there, of a millionth of what a turn of a
+    // tenth of a radian in a frame would say.
+    for axis in 3..6 {
+        matrix[axis][axis] += 1e-10 * frames.len() as f64;
+    }
+    let x = solve(matrix, right)?;
+    Some((DVec3::new(x[0], x[1], x[2]), DVec3::new(x[3], x[4], x[5])))
+}
+
+/// Finds what the poses and velocities of free bodies say.
+pub(crate) fn find(recording: &Recording, paths: &[BodyPath]) -> Found {
+    let step_s = recording.integrator.rate.step().seconds();
+    let mut found = Found::default();
+    let mut accelerations = Vec::new();
+    let (mut falls, mut linear, mut angular) = (Vec::new(), Vec::new(), Vec::new());
+    for path in paths {
+        found.free[1] += path
+            .states
+            .windows(2)
+            .filter(|pair| pair[0] != pair[1])
+            .count();
+        let Some(flight) = flight(path, step_s) else {
+            continue;
+        };
+        found.free[0] += flight.free.len();
+        accelerations.push(flight.acceleration);
+        if flight.centre.length() > CENTRE_SHARE * path.radius {
+            found.centres.insert(path.id, flight.centre);
+        }
+        let pairs = pairs(&flight.free);
+        match moments(path, &pairs) {
+            Some(Moments::Unequal(moments, axes)) => {
+                found.inertias.insert(path.id, (moments, axes));
+            }
+            Some(Moments::Equal) => found.constant_spins += 1,
+            None => {}
+        }
+        let tensor = found.inertias.get(&path.id).copied();
+        angular.extend(
+            pairs
+                .iter()
+                .filter_map(|frame| kept_momentum(path, *frame, tensor)),
+        );
+        linear.extend(
+            pairs
+                .iter()
+                .filter_map(|frame| kept_speed(path, *frame, flight.acceleration)),
+        );
+        falls.extend(
+            pairs
+                .iter()
+                .filter_map(|frame| fall_share(path, *frame, flight.acceleration, step_s)),
+        );
+    }
+    let axis = |axis: usize| median(accelerations.iter().map(|a| a[axis]).collect());
+    found.gravity = axis(0)
+        .zip(axis(1))
+        .zip(axis(2))
+        .map(|((x, y), z)| DVec3::new(x, y, z));
+    let second = |kept: f64| kept.powf(1.0 / step_s);
+    found.kept = match (median(linear), median(angular)) {
+        (None, None) => None,
+        (linear, angular) => Some([linear, angular].map(|kept| kept.map_or(1.0, second))),
+    };
+    found.fall = median(falls);
+    found
+}
+
+/// Frames that are free together with the next one.
+fn pairs(free: &[usize]) -> Vec<usize> {
+    free.windows(2)
+        .filter(|pair| pair[1] == pair[0] + 1)
+        .map(|pair| pair[0])
+        .collect()
+}
+
+fn median(mut values: Vec<f64>) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied()
+}
+
+enum Moments {
+    Equal,
+    Unequal([f64; 3], DQuat),
+}
+
+/// Moments that differ by less than this share count as equal.
+const EQUAL_SHARE: f64 = 0.01;
+
+/// The moments of inertia with which a body's angular momentum stays.
+fn moments(path: &BodyPath, pairs: &[usize]) -> Option<Moments> {
+    let mut matrix = [[0.0; 6]; 6];
+    let mut spins = 0.0;
+    for frame in pairs {
+        let [a, b] = [*frame, frame + 1].map(|frame| momentum_rows(&path.states[frame]));
+        for axis in 0..3 {
+            let row: [f64; 6] = std::array::from_fn(|part| b[part][axis] - a[part][axis]);
+            for (i, line) in matrix.iter_mut().enumerate() {
+                for (j, cell) in line.iter_mut().enumerate() {
+                    *cell += row[i] * row[j];
+                }
+            }
+        }
+        let spin = path.states[*frame].motion().twist().angular;
+        spins += spin.length_squared();
+    }
+    if pairs.len() < FREE_MIN || spins / (pairs.len() as f64) < 1e-4 {
+        return None;
+    }
+    // What the spin does not tell is taken as equal.
+    let pull = 1e-6 * spins;
+    for (i, line) in matrix.iter_mut().enumerate() {
+        for (j, cell) in line.iter_mut().enumerate() {
+            let same = f64::from(u8::from(i == j));
+            let mean = if i < 3 && j < 3 { 1.0 / 3.0 } else { 0.0 };
+            *cell += pull * (same - mean);
+        }
+    }
+    let [xx, yy, zz, xy, xz, yz] = least_eigenvector(matrix);
+    let trace = xx + yy + zz;
+    if trace.abs() < 1e-9 {
+        return None;
+    }
+    let tensor = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]].map(|row| row.map(|part| part / trace));
+    let (moments, axes) = principal_axes(tensor);
+    let greatest = moments.into_iter().fold(f64::MIN, f64::max);
+    let least = moments.into_iter().fold(f64::MAX, f64::min);
+    if greatest - least <= EQUAL_SHARE * greatest {
+        return Some(Moments::Equal);
+    }
+    // No body has a moment beyond the sum of the others.
+    (least > 0.0 && 2.0 * greatest <= 1.02).then_some(Moments::Unequal(moments, axes))
+}
+
+/// Angular momentum in the world for each part of a tensor: xx, yy, zz, xy, xz, yz.
+fn momentum_rows(state: &BodyState) -> [DVec3; 6] {
+    let turn = rotation(state);
+    let w = turn.conjugate() * state.motion().twist().angular;
+    let parts = [
+        DVec3::new(w.x, 0.0, 0.0),
+        DVec3::new(0.0, w.y, 0.0),
+        DVec3::new(0.0, 0.0, w.z),
+        DVec3::new(w.y, w.x, 0.0),
+        DVec3::new(w.z, 0.0, w.x),
+        DVec3::new(0.0, w.z, w.y),
+    ];
+    parts.map(|part| turn * part)
+}
+
+/// The share of its angular momentum that a body keeps in a frame.
+fn kept_momentum(path: &BodyPath, frame: usize, tensor: Option<([f64; 3], DQuat)>) -> Option<f64> {
+    let momentum = |frame: usize| {
+        let state = &path.states[frame];
+        let (moments, axes) = tensor.unwrap_or(([1.0; 3], DQuat::IDENTITY));
+        let turn = rotation(state) * axes;
+        let spin = turn.conjugate() * state.motion().twist().angular;
+        (spin * DVec3::from_array(moments)).length()
+    };
+    let before = momentum(frame);
+    (before > 1e-3).then(|| momentum(frame + 1) / before)
+}
+
+/// The share of its velocity across gravity that a body keeps in a frame.
+fn kept_speed(path: &BodyPath, frame: usize, gravity: DVec3) -> Option<f64> {
+    let across = |frame: usize| {
+        let velocity = path.states[frame].motion().twist().linear;
+        if gravity.length() < 0.1 {
+            velocity
+        } else {
+            velocity.reject_from(gravity)
+        }
+    };
+    let before = across(frame);
+    (before.length() > 0.05).then(|| across(frame + 1).dot(before) / before.length_squared())
+}
+
+/// How far a body falls in a frame beside its velocity, as a share of g·t².
+fn fall_share(path: &BodyPath, frame: usize, gravity: DVec3, step_s: f64) -> Option<f64> {
+    let strength = gravity.length();
+    if strength < 0.1 {
+        return None;
+    }
+    let velocity = path.states[frame].motion().twist().linear;
+    let moved = position(&path.states[frame + 1]) - position(&path.states[frame]);
+    let beside = moved - velocity * step_s;
+    Some(beside.dot(gravity / strength) / (strength * step_s * step_s))
+}

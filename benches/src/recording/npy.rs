@@ -1,0 +1,343 @@
+//! Arrays of NumPy: one `.npy` file, or the members of an `.npz`.
+//!
+//! Numbers become 64 bits wide. A claimed size never makes memory grow beyond the bytes that are there. The header is read
+//! here: the library that would read it multiplies a claimed shape unchecked, and brings two dozen crates.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::io::Read;
+
+use flate2::bufread::DeflateDecoder;
+use rawzip::{CompressionMethod, ZipArchive};
+
+/// First bytes of an array.
+pub(super) const MAGIC: &[u8] = b"\x93NUMPY";
+/// First bytes of an archive.
+pub(super) const ZIP: &[u8] = b"PK\x03\x04";
+
+/// Most bytes of all members of an archive.
+const BYTES_MAX: u64 = 2 << 30;
+
+/// The reason why an array is not read.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum NpyError {
+    /// The archive is damaged.
+    Archive(String),
+    /// The members have more bytes than are read.
+    TooLarge,
+    /// The header is none of NumPy's, or is cut.
+    Header {
+        /// The array.
+        array: String,
+        /// What is wrong.
+        defect: &'static str,
+    },
+    /// Its elements are of another type.
+    Type {
+        /// The array.
+        array: String,
+        /// As NumPy writes it.
+        descr: String,
+    },
+    /// It has another number of bytes than its shape needs.
+    Length {
+        /// The array.
+        array: String,
+        /// Its shape.
+        shape: Vec<u64>,
+        /// Bytes that are there.
+        bytes: usize,
+    },
+}
+
+impl fmt::Display for NpyError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Archive(cause) => write!(f, "the .npz is damaged: {cause}"),
+            Self::TooLarge => write!(f, "the .npz has more than {BYTES_MAX} bytes"),
+            Self::Header { array, defect } => write!(f, "array {array}: {defect}"),
+            Self::Type { array, descr } => write!(
+                f,
+                "array {array} has elements of type {descr}; read are f4, f8, and whole numbers"
+            ),
+            Self::Length {
+                array,
+                shape,
+                bytes,
+            } => write!(
+                f,
+                "array {array} of shape {shape:?} has {bytes} bytes, which are not as many as its shape needs"
+            ),
+        }
+    }
+}
+
+impl std::error::Error for NpyError {}
+
+/// An array in the order of C.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Array {
+    pub(super) shape: Vec<usize>,
+    pub(super) values: Vec<f64>,
+    /// True for elements of 32 bits with a point.
+    pub(super) is_single: bool,
+}
+
+/// The arrays of an archive, by name; others than of numbers are left out.
+pub(super) fn read_archive(bytes: &[u8]) -> Result<BTreeMap<String, Array>, NpyError> {
+    let damaged = |cause: &dyn fmt::Display| NpyError::Archive(cause.to_string());
+    let archive = ZipArchive::from_slice(bytes).map_err(|cause| damaged(&cause))?;
+    let mut entries = archive.entries();
+    let mut arrays = BTreeMap::new();
+    let mut left = BYTES_MAX;
+    while let Some(entry) = entries.next_entry().map_err(|cause| damaged(&cause))? {
+        let path = entry.file_path();
+        let name = String::from_utf8_lossy(path.as_ref());
+        let name = name.trim_end_matches(".npy").to_owned();
+        let local = archive
+            .get_entry(entry.wayfinder())
+            .map_err(|cause| damaged(&cause))?;
+        let packed = local.data();
+        let reader: Box<dyn Read> = match entry.compression_method() {
+            CompressionMethod::STORE => Box::new(packed),
+            CompressionMethod::DEFLATE => Box::new(DeflateDecoder::new(packed)),
+            _ => {
+                return Err(damaged(&format!(
+                    "{name} is packed neither by deflate nor not at all"
+                )));
+            }
+        };
+        let mut member = Vec::new();
+        let mut limited = local.verifying_reader(reader).take(left + 1);
+        limited
+            .read_to_end(&mut member)
+            .map_err(|cause| damaged(&format!("{name}: {cause}")))?;
+        left = left
+            .checked_sub(member.len() as u64)
+            .ok_or(NpyError::TooLarge)?;
+        match read(&name, &member) {
+            Ok(array) => {
+                arrays.insert(name, array);
+            }
+            // Names of bodies, say.
+            Err(NpyError::Type { .. }) => {}
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(arrays)
+}
+
+/// Reads an array.
+pub(super) fn read(name: &str, bytes: &[u8]) -> Result<Array, NpyError> {
+    let wrong = |defect| NpyError::Header {
+        array: name.to_owned(),
+        defect,
+    };
+    let behind = bytes
+        .strip_prefix(MAGIC)
+        .ok_or_else(|| wrong("it does not begin as an array"))?;
+    let cut = || wrong("it ends within its header");
+    let ([major, _], behind) = behind.split_first_chunk().ok_or_else(cut)?;
+    let (length, behind) = match major {
+        1 => {
+            let (length, behind) = behind.split_first_chunk().ok_or_else(cut)?;
+            (usize::from(u16::from_le_bytes(*length)), behind)
+        }
+        _ => {
+            let (length, behind) = behind.split_first_chunk().ok_or_else(cut)?;
+            (u32::from_le_bytes(*length) as usize, behind)
+        }
+    };
+    let (header, data) = behind.split_at_checked(length).ok_or_else(cut)?;
+    let header = std::str::from_utf8(header).map_err(|_| wrong("its header is not UTF-8"))?;
+    let value = |key: &str| {
+        let (_, behind) = header.split_once(key)?;
+        behind.trim_start().strip_prefix(':').map(str::trim_start)
+    };
+    let shape = value("'shape'")
+        .and_then(shape)
+        .ok_or_else(|| wrong("its header has no shape"))?;
+    let is_fortran = value("'fortran_order'").is_some_and(|value| value.starts_with("True"));
+    let descr = value("'descr'").unwrap_or_default();
+    let descr = descr
+        .strip_prefix('\'')
+        .and_then(|descr| descr.split_once('\''));
+    let descr = descr.map_or_else(|| "a structure".to_owned(), |(descr, _)| descr.to_owned());
+    let Some(element) = Element::of(&descr) else {
+        let array = name.to_owned();
+        return Err(NpyError::Type { array, descr });
+    };
+    let mut needed = Some(element.bytes as u64);
+    for length in &shape {
+        needed = needed.and_then(|needed| needed.checked_mul(*length));
+    }
+    if needed != Some(data.len() as u64) {
+        return Err(NpyError::Length {
+            array: name.to_owned(),
+            shape,
+            bytes: data.len(),
+        });
+    }
+    let shape: Vec<usize> = shape.into_iter().map(|length| length as usize).collect();
+    let values: Vec<f64> = data
+        .chunks_exact(element.bytes)
+        .map(|one| element.value(one))
+        .collect();
+    let values = if is_fortran {
+        transposed(&values, &shape)
+    } else {
+        values
+    };
+    let is_single = element.kind == b'f' && element.bytes == 4;
+    Ok(Array {
+        shape,
+        values,
+        is_single,
+    })
+}
+
+/// The numbers of `(3, 4)`.
+fn shape(text: &str) -> Option<Vec<u64>> {
+    let (inside, _) = text.strip_prefix('(')?.split_once(')')?;
+    let parts = inside
+        .split(',')
+        .map(str::trim)
+        .filter(|part| !part.is_empty());
+    parts
+        .map(|part| part.trim_end_matches('L').parse().ok())
+        .collect()
+}
+
+/// The type of an element.
+#[derive(Clone, Copy)]
+struct Element {
+    kind: u8,
+    bytes: usize,
+    is_big: bool,
+}
+
+impl Element {
+    fn of(descr: &str) -> Option<Self> {
+        let (order, kind, size) = match descr.as_bytes() {
+            [order @ (b'<' | b'>' | b'|' | b'='), kind, size] => (*order, *kind, *size),
+            _ => return None,
+        };
+        let bytes = match (kind, size) {
+            (b'f', b'4') => 4,
+            (b'f', b'8') => 8,
+            (b'i' | b'u', b'1' | b'2' | b'4' | b'8') => usize::from(size - b'0'),
+            _ => return None,
+        };
+        Some(Self {
+            kind,
+            bytes,
+            is_big: order == b'>',
+        })
+    }
+
+    fn value(self, bytes: &[u8]) -> f64 {
+        let mut wide = [0; 8];
+        wide[..bytes.len()].copy_from_slice(bytes);
+        if self.is_big {
+            wide[..bytes.len()].reverse();
+        }
+        let whole = u64::from_le_bytes(wide);
+        // Moves the sign of a narrow number to the top and back.
+        let spare = 64 - 8 * bytes.len() as u32;
+        match (self.kind, bytes.len()) {
+            (b'f', 4) => f64::from(f32::from_bits(whole as u32)),
+            (b'f', _) => f64::from_bits(whole),
+            (b'u', _) => whole as f64,
+            _ => ((whole << spare).cast_signed() >> spare) as f64,
+        }
+    }
+}
+
+/// Values in the order of C, of those in the order of Fortran.
+fn transposed(values: &[f64], shape: &[usize]) -> Vec<f64> {
+    let mut place = vec![0; shape.len()];
+    let mut to = Vec::with_capacity(values.len());
+    for _ in 0..values.len() {
+        let mut stride = 1;
+        let mut at = 0;
+        for (length, index) in shape.iter().zip(&place) {
+            at += index * stride;
+            stride *= length;
+        }
+        to.push(values[at]);
+        for (length, index) in shape.iter().zip(&mut place).rev() {
+            *index += 1;
+            if *index < *length {
+                break;
+            }
+            *index = 0;
+        }
+    }
+    to
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    /// An array of 64-bit numbers, as NumPy writes it.
+    pub(in crate::recording) fn written(shape: &str, values: &[f64]) -> Vec<u8> {
+        let header = format!("{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}, }}\n");
+        let mut bytes = [MAGIC, &[1, 0], &(header.len() as u16).to_le_bytes()].concat();
+        bytes.extend(header.as_bytes());
+        bytes.extend(values.iter().flat_map(|value| value.to_le_bytes()));
+        bytes
+    }
+
+    #[test]
+    fn numbers_of_both_orders_are_read() {
+        let array = read("a", &written("(2, 3)", &[1.0, 2.0, 3.0, 4.0, 5.0, 6.0])).expect("sound");
+        assert_eq!((array.shape, array.values[5]), (vec![2, 3], 6.0));
+        let bytes = written("(2, 3)", &[1.0, 4.0, 2.0, 5.0, 3.0, 6.0]);
+        let text = String::from_utf8_lossy(&bytes).replace("False", "True ");
+        assert!(text.contains("True "));
+        let mut fortran = bytes.clone();
+        let at = bytes
+            .windows(5)
+            .position(|window| window == b"False")
+            .expect("it is there");
+        fortran[at..at + 5].copy_from_slice(b"True ");
+        let array = read("a", &fortran).expect("sound");
+        assert_eq!(array.values, [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
+        assert_eq!(
+            Element::of(">i2").expect("known").value(&[0xff, 0xfe]),
+            -2.0
+        );
+    }
+
+    #[test]
+    fn wrong_headers_and_lengths_are_named() {
+        let whole = written("(2,)", &[1.0, 2.0]);
+        for cut in 0..whole.len() {
+            assert!(read("a", &whole[..cut]).is_err(), "{cut}");
+        }
+        let huge = written("(99999999999, 99999999999)", &[1.0]);
+        let error = read("a", &huge)
+            .expect_err("it claims too much")
+            .to_string();
+        assert!(
+            error.contains("[99999999999, 99999999999] has 8 bytes"),
+            "{error}"
+        );
+        let mut text = whole;
+        let at = text
+            .windows(3)
+            .position(|window| window == b"<f8")
+            .expect("it is there");
+        text[at..at + 3].copy_from_slice(b"<U8");
+        let error = read("names", &text).expect_err("no numbers").to_string();
+        assert!(
+            error.starts_with("array names has elements of type <U8"),
+            "{error}"
+        );
+        assert!(matches!(
+            read_archive(b"PK\x03\x04rubbish"),
+            Err(NpyError::Archive(_))
+        ));
+    }
+}

@@ -1,0 +1,541 @@
+//! `.rhtrace` 2: recordings with the rate, inertia, centre, damping and shapes of their bodies.
+//!
+//! `spec/RHTRACE.md` has the layout. What is read has poses of centres of mass, and damping by this project's formula.
+
+use std::collections::BTreeMap;
+use std::num::NonZeroU32;
+
+use glam::{Quat, Vec3};
+use rhumb_protocol::limits::BODIES_MAX;
+use rhumb_protocol::scene::{BodyDesc, BodyKind, Shape, ShapeId};
+use rhumb_protocol::stream::{Activity, Observation};
+use rhumb_reckoning::{BodyId, BodyState, Damping, Inertia, Integrator, Rate, Tick};
+
+use super::bytes::ByteReader;
+use super::error::{Place, RecordingError, RowDefect};
+use super::recorded::Recording;
+use super::velocity;
+use super::velocity::{activity_from_records, set_digest};
+use crate::record::{Placed, Truth};
+
+/// Magic number at the start of the file.
+pub(super) const MAGIC: [u8; 8] = *b"RHTRACE2";
+
+/// Limit of the frame count, as of version 1.
+const FRAMES_MAX: u32 = 10_368_000;
+/// Largest damping, 1/s.
+const DAMPING_MAX: f64 = 1_000.0;
+/// Largest distance of the centre of mass from the origin, metres.
+const CENTRE_MAX: f32 = 1_000.0;
+
+/// The body is awake.
+const AWAKE: u8 = 1;
+/// The body is gone after this frame.
+const GONE: u8 = 2;
+
+/// The axis of a body's spin wanders as its moments say.
+const GYROSCOPIC: u8 = 1;
+/// Moments of inertia follow.
+const MOMENTS: u8 = 2;
+
+/// How damping takes velocity in a tick of this many seconds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum DampingFormula {
+    /// v / (1 + d·t): Rapier, and this project.
+    Implicit,
+    /// v·exp(−d·t).
+    Exponential,
+    /// v·(1 − d·t): Jolt, Bullet's older ones.
+    Explicit,
+    /// v·(1 − d)^t: PyBullet, cannon-es.
+    Share,
+}
+
+impl DampingFormula {
+    fn of(number: u8) -> Option<Self> {
+        let all = [
+            Self::Implicit,
+            Self::Exponential,
+            Self::Explicit,
+            Self::Share,
+        ];
+        all.get(usize::from(number)).copied()
+    }
+
+    /// The damping of our formula that takes as much in a tick.
+    fn ours(self, damping: f32, step_s: f64) -> Option<f32> {
+        let d = f64::from(damping);
+        let kept = match self {
+            Self::Implicit => return (0.0..=DAMPING_MAX).contains(&d).then_some(damping),
+            Self::Exponential => (-d * step_s).exp(),
+            Self::Explicit => 1.0 - d * step_s,
+            Self::Share => (1.0 - d).max(0.0).powf(step_s),
+        };
+        let ours = (1.0 / kept - 1.0) / step_s;
+        (0.0..=DAMPING_MAX).contains(&ours).then_some(ours as f32)
+    }
+}
+
+/// What the velocities of a file are of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum VelocityPoint {
+    Centre,
+    Origin,
+    None,
+}
+
+/// A body's constants.
+struct Body {
+    desc: BodyDesc,
+    shape: Shape,
+    inertia: Option<Inertia>,
+    /// From the origin, body axes.
+    centre: Vec3,
+    is_there: bool,
+    generation: u16,
+}
+
+/// Reads the bytes behind the magic number.
+pub(super) fn read(name: &str, bytes: &[u8]) -> Result<Recording, RecordingError> {
+    let mut reader = ByteReader::new(bytes);
+    let (bodies, frames) = (reader.u32()?, reader.u32()?);
+    if frames < 2 {
+        return Err(RecordingError::NoTruth);
+    }
+    if frames > FRAMES_MAX {
+        return Err(RecordingError::Frames { frames });
+    }
+    if bodies > BODIES_MAX {
+        return Err(RecordingError::Bodies {
+            bodies: u64::from(bodies),
+        });
+    }
+    let (ticks, seconds) = (reader.u32()?, reader.u32()?);
+    let step_s = f64::from(seconds) / f64::from(ticks);
+    let rate = Rate::new(ticks, seconds).filter(|_| (0.001..=1.0).contains(&step_s));
+    let rate = rate.ok_or(RecordingError::Step { step_s })?;
+    let substeps = NonZeroU32::new(reader.u32()?).unwrap_or(NonZeroU32::MIN);
+    let gravity = Vec3::from_array(reader.f32s()?);
+    let head = |of| RecordingError::Row {
+        place: Place::Whole,
+        defect: RowDefect::OutOfRange { of },
+    };
+    if !gravity.is_finite() {
+        return Err(head("gravity"));
+    }
+    let [formula, point] = reader.take()?;
+    let formula = DampingFormula::of(formula).ok_or_else(|| head("damping formula"))?;
+    let point = match point {
+        0 => VelocityPoint::Centre,
+        1 => VelocityPoint::Origin,
+        2 => VelocityPoint::None,
+        _ => return Err(head("point of the velocities")),
+    };
+    let mut all = Vec::new();
+    for index in 0..bodies {
+        all.push(body(&mut reader, index, (formula, step_s))?);
+    }
+    let mut truth = Truth::default();
+    for frame in 0..u64::from(frames) {
+        reader.begin(frame);
+        let row = row(&mut reader, frame, &mut all, (point, &mut truth))?;
+        if frame > 0 {
+            truth.ticks.push(row);
+        }
+    }
+    reader.end()?;
+    activity_from_records(&mut truth);
+    let mut recording = Recording {
+        name: name.to_owned(),
+        played: None,
+        truth,
+        integrator: Integrator { rate, substeps },
+        gravity,
+        damping: Damping::default(),
+        inertias: BTreeMap::new(),
+        notes: Vec::new(),
+    };
+    if point == VelocityPoint::None {
+        let note = "the file has no velocities, so they are fitted to the poses";
+        recording.notes.push(note.to_owned());
+        velocity::derive(&mut recording)?;
+    }
+    set_digest(&mut recording.truth);
+    Ok(recording)
+}
+
+fn body(
+    reader: &mut ByteReader<'_>,
+    index: u32,
+    (formula, step_s): (DampingFormula, f64),
+) -> Result<Body, RecordingError> {
+    let wrong = |of| RecordingError::Row {
+        place: Place::Record {
+            frame: 0,
+            body: u64::from(index),
+        },
+        defect: RowDefect::OutOfRange { of },
+    };
+    let [kind, flags] = reader.take()?;
+    let kind = match kind {
+        0 => BodyKind::Fixed,
+        1 => BodyKind::Dynamic,
+        2 => BodyKind::Kinematic,
+        _ => return Err(wrong("kind")),
+    };
+    let [linear, angular, gravity_scale] = reader.f32s()?;
+    let ours = |damping| {
+        formula
+            .ours(damping, step_s)
+            .ok_or_else(|| wrong("damping"))
+    };
+    let damping = Damping {
+        linear: ours(linear)?,
+        angular: ours(angular)?,
+    };
+    let centre = Vec3::from_array(reader.f32s()?);
+    // NaN is none.
+    let is_near = centre.abs().max_element() <= CENTRE_MAX;
+    if !is_near || !centre.is_finite() {
+        return Err(wrong("centre of mass"));
+    }
+    let mut inertia = None;
+    if flags & MOMENTS != 0 {
+        let (moments, frame) = (reader.f32s()?, reader.f32s()?);
+        let read = Inertia::new(moments, frame);
+        inertia = Some(read.map_err(|_| wrong("moments of inertia"))?);
+    }
+    let shape = shape(reader)?;
+    let shape = shape.filter(|shape| shape.check().is_ok());
+    let shape = shape.ok_or_else(|| wrong("shape"))?;
+    let shape = if centre == Vec3::ZERO {
+        shape
+    } else {
+        // Only the bounding radius matters, which is that about the centre.
+        let radius = shape.bounding_radius().metres() as f32 + centre.length();
+        Shape::Ball { radius }
+    };
+    let desc = BodyDesc {
+        damping: Some(damping),
+        gravity_scale,
+        gyroscopic: flags & GYROSCOPIC != 0,
+        ..BodyDesc::plain(BodyId::new(index, 0), kind, ShapeId(index))
+    };
+    desc.check().map_err(|_| wrong("gravity factor"))?;
+    Ok(Body {
+        desc,
+        shape,
+        inertia: inertia.filter(|inertia| !inertia.is_isotropic()),
+        centre,
+        is_there: false,
+        generation: 0,
+    })
+}
+
+/// A shape; `None` for an unknown one.
+fn shape(reader: &mut ByteReader<'_>) -> Result<Option<Shape>, RecordingError> {
+    let [number] = reader.take()?;
+    Ok(Some(match number {
+        // Any shape within this distance of the origin.
+        0 | 1 => Shape::Ball {
+            radius: reader.f32()?,
+        },
+        2 => Shape::Cuboid {
+            half_extents: Vec3::from_array(reader.f32s()?),
+        },
+        3 | 4 | 5 => {
+            let [half_height, radius] = reader.f32s()?;
+            match number {
+                3 => Shape::Capsule {
+                    half_height,
+                    radius,
+                },
+                4 => Shape::Cylinder {
+                    half_height,
+                    radius,
+                },
+                _ => Shape::Cone {
+                    half_height,
+                    radius,
+                },
+            }
+        }
+        6 => Shape::RoundedCuboid {
+            half_extents: Vec3::from_array(reader.f32s()?),
+            radius: reader.f32()?,
+        },
+        _ => return Ok(None),
+    }))
+}
+
+/// The records of a frame. A body's first record places it.
+fn row(
+    reader: &mut ByteReader<'_>,
+    frame: u64,
+    bodies: &mut [Body],
+    (point, truth): (VelocityPoint, &mut Truth),
+) -> Result<Vec<Observation>, RecordingError> {
+    let tick = Tick::new(frame);
+    let mut row = Vec::new();
+    let mut last = None;
+    for _ in 0..reader.u32()? {
+        let index = reader.u32()?;
+        let (position, rotation) = (reader.f32s()?, reader.f32s()?);
+        let (linear, angular) = (reader.f32s()?, reader.f32s()?);
+        let [flags] = reader.take()?;
+        let in_order = last.is_none_or(|last| last < index);
+        let (Some(body), true) = (bodies.get_mut(index as usize), in_order) else {
+            return Err(RecordingError::Record { tick, index });
+        };
+        last = Some(index);
+        let turn = Quat::from_array(rotation);
+        let arm = turn * body.centre;
+        let position = Vec3::from_array(position) + arm;
+        let angular = Vec3::from_array(angular);
+        let linear = match point {
+            VelocityPoint::Centre => Vec3::from_array(linear),
+            VelocityPoint::Origin => Vec3::from_array(linear) + angular.cross(arm),
+            VelocityPoint::None => Vec3::ZERO,
+        };
+        let spin = if point == VelocityPoint::None {
+            Vec3::ZERO
+        } else {
+            angular
+        };
+        let motion = BodyState::new(
+            position.to_array(),
+            rotation,
+            linear.to_array(),
+            spin.to_array(),
+        );
+        let id = BodyId::new(index, body.generation);
+        let observation = Observation {
+            id,
+            motion: motion.map_err(|_| RecordingError::Number { tick, index })?,
+            activity: if flags & AWAKE == 0 {
+                Activity::Asleep
+            } else {
+                Activity::Awake
+            },
+        };
+        if body.is_there {
+            row.push(observation);
+        } else {
+            body.is_there = true;
+            truth.placed.push(Placed {
+                tick,
+                desc: BodyDesc { id, ..body.desc },
+                shape: body.shape.clone(),
+                observation,
+                inertia: body.inertia.filter(|_| body.desc.gyroscopic),
+            });
+        }
+        if flags & GONE != 0 {
+            truth.removed.push((tick, id));
+            body.is_there = false;
+            body.generation = body.generation.wrapping_add(1);
+        }
+    }
+    Ok(row)
+}
+
+/// The bytes of a recording, whose bodies have the indices 0, 1, 2 and so on.
+#[must_use]
+pub fn write(recording: &Recording) -> Vec<u8> {
+    let truth = &recording.truth;
+    let mut placed: BTreeMap<u32, &Placed> = BTreeMap::new();
+    for one in &truth.placed {
+        placed.entry(one.desc.id.index()).or_insert(one);
+    }
+    let indices: BTreeMap<u32, u32> = placed.keys().copied().zip(0..).collect();
+    let mut to = MAGIC.to_vec();
+    let Integrator { rate, substeps } = recording.integrator;
+    let frames = truth.ticks.len() as u32 + 1;
+    for number in [
+        placed.len() as u32,
+        frames,
+        rate.ticks(),
+        rate.seconds(),
+        substeps.get(),
+    ] {
+        to.extend(number.to_le_bytes());
+    }
+    put(&mut to, &recording.gravity.to_array());
+    to.extend([0, 0]);
+    for one in placed.values() {
+        put_body(&mut to, recording, one);
+    }
+    let mut starts = truth.placed.iter().peekable();
+    let removed: std::collections::BTreeSet<(u64, BodyId)> = truth
+        .removed
+        .iter()
+        .map(|(tick, id)| (tick.value(), *id))
+        .collect();
+    for frame in 0..u64::from(frames) {
+        let mut row: BTreeMap<u32, Observation> = BTreeMap::new();
+        let observed = frame
+            .checked_sub(1)
+            .map(|before| &truth.ticks[before as usize]);
+        for observation in observed.into_iter().flatten() {
+            row.insert(observation.id.index(), *observation);
+        }
+        while let Some(one) = starts.next_if(|one| one.tick.value() <= frame) {
+            row.insert(one.desc.id.index(), one.observation);
+        }
+        to.extend((row.len() as u32).to_le_bytes());
+        for (index, observation) in row {
+            to.extend(indices[&index].to_le_bytes());
+            put(&mut to, &observation.motion.parts());
+            let gone = removed.contains(&(frame, observation.id));
+            let awake = observation.activity == Activity::Awake;
+            to.push(u8::from(awake) * AWAKE | u8::from(gone) * GONE);
+        }
+    }
+    to
+}
+
+fn put_body(to: &mut Vec<u8>, recording: &Recording, placed: &Placed) {
+    let desc = &placed.desc;
+    let inertia = placed
+        .inertia
+        .or_else(|| recording.inertias.get(&desc.id).copied());
+    to.push(match desc.kind {
+        BodyKind::Fixed => 0,
+        BodyKind::Dynamic => 1,
+        BodyKind::Kinematic => 2,
+    });
+    to.push(u8::from(desc.gyroscopic) * GYROSCOPIC | u8::from(inertia.is_some()) * MOMENTS);
+    let damping = desc.damping.unwrap_or(recording.damping);
+    put(to, &[damping.linear, damping.angular, desc.gravity_scale]);
+    put(to, &[0.0; 3]);
+    if let Some(inertia) = inertia {
+        put(to, &inertia.moments());
+        put(to, &inertia.frame());
+    }
+    let (number, numbers): (u8, Vec<f32>) = match &placed.shape {
+        Shape::Ball { radius } => (1, vec![*radius]),
+        Shape::Cuboid { half_extents } => (2, half_extents.to_array().to_vec()),
+        Shape::Capsule {
+            half_height,
+            radius,
+        } => (3, vec![*half_height, *radius]),
+        Shape::Cylinder {
+            half_height,
+            radius,
+        } => (4, vec![*half_height, *radius]),
+        Shape::Cone {
+            half_height,
+            radius,
+        } => (5, vec![*half_height, *radius]),
+        Shape::RoundedCuboid {
+            half_extents: Vec3 { x, y, z },
+            radius,
+        } => (6, vec![*x, *y, *z, *radius]),
+        other => (0, vec![other.bounding_radius().metres() as f32]),
+    };
+    to.push(number);
+    put(to, &numbers);
+}
+
+fn put(to: &mut Vec<u8>, numbers: &[f32]) {
+    to.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::recording::{ReadOptions, read_bytes};
+
+    fn recording() -> Recording {
+        let text = "time,body,x,y,z,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz\n\
+                    0,a,0,0,0,0,0,0,1,1,0,0,0,0,2\n0,b,5,0,0,0,0,0,1,0,0,0,0,0,0\n\
+                    0.02,a,0.02,0,0,0,0,0.02,0.9998,1,0,0,0,0,2\n0.04,a,0.04,0,0,0,0,0.04,0.9992,1,0,0,0,0,2\n";
+        let options = ReadOptions {
+            shapes: vec!["cuboid:1,2,3".parse().expect("a shape")],
+            gravity: Some(Vec3::new(0.0, -1.5, 0.0)),
+            ..ReadOptions::default()
+        };
+        let mut recording = read_bytes("r", text.as_bytes(), &options).expect("sound");
+        let inertia = Inertia::new([1.0, 2.0, 2.5], Inertia::OWN_AXES).expect("sound");
+        recording.truth.placed[0].inertia = Some(inertia);
+        recording.damping.linear = 0.5;
+        recording
+    }
+
+    #[test]
+    fn what_is_written_is_read_as_it_was() {
+        let recording = recording();
+        let bytes = write(&recording);
+        let again = read_bytes("r", &bytes, &ReadOptions::default()).expect("sound");
+        assert_eq!(again.truth.digest, recording.truth.digest);
+        assert_eq!(again.truth.removed, recording.truth.removed);
+        assert_eq!(again.integrator, recording.integrator);
+        assert_eq!(again.gravity, recording.gravity);
+        let placed = &again.truth.placed[0];
+        assert_eq!(placed.inertia, recording.truth.placed[0].inertia);
+        assert_eq!(placed.shape, recording.truth.placed[0].shape);
+        assert_eq!(placed.desc.damping.map(|damping| damping.linear), Some(0.5));
+        assert_eq!(again.truth.placed[1].desc.kind, BodyKind::Fixed);
+        assert_eq!(write(&again), bytes);
+    }
+
+    #[test]
+    fn every_cut_and_claim_is_refused_with_its_place() {
+        let bytes = write(&recording());
+        for cut in 0..bytes.len() {
+            let read = read_bytes("r", &bytes[..cut], &ReadOptions::default());
+            assert!(read.is_err(), "{cut}");
+        }
+        let error = |at: usize, with: &[u8]| {
+            let mut bytes = bytes.clone();
+            bytes[at..at + with.len()].copy_from_slice(with);
+            let read = read_bytes("r", &bytes, &ReadOptions::default());
+            read.expect_err("it is wrong").to_string()
+        };
+        let many = error(8, &10_000_000_u32.to_le_bytes());
+        assert_eq!(
+            many,
+            "the file claims 10000000 bodies, and a scene has 131072 at most"
+        );
+        let nan = f32::NAN.to_le_bytes();
+        assert!(error(28, &nan).contains("the gravity"));
+        assert!(error(40, &[9]).contains("damping formula"));
+        // The first body's gravity factor and centre.
+        assert!(error(52, &nan).contains("body 0 of frame 0: the gravity factor"));
+        assert!(error(56, &nan).contains("body 0 of frame 0: the centre of mass"));
+    }
+
+    #[test]
+    fn poses_of_an_origin_become_those_of_the_centre() {
+        let mut bytes = write(&recording());
+        bytes[41] = 1;
+        // A metre along the body's x.
+        bytes[56..60].copy_from_slice(&1.0_f32.to_le_bytes());
+        let read = read_bytes("r", &bytes, &ReadOptions::default()).expect("sound");
+        let motion = read.truth.placed[0].observation.motion;
+        assert_eq!(motion.position(), [1.0, 0.0, 0.0]);
+        let velocity = motion.motion().twist().linear;
+        // The spin of 2 rad/s about z moves it.
+        assert!(
+            (velocity - glam::DVec3::new(1.0, 2.0, 0.0)).length() < 1e-6,
+            "{velocity}"
+        );
+    }
+
+    #[test]
+    fn each_damping_formula_takes_as_much_in_a_tick_as_ours() {
+        let step = 0.01;
+        for (number, d, kept) in [
+            (0, 0.5_f32, 1.0 / 1.005),
+            (1, 0.5, (-0.005_f64).exp()),
+            (2, 0.5, 0.995),
+            (3, 0.5, 0.5_f64.powf(0.01)),
+        ] {
+            let ours = DampingFormula::of(number).and_then(|formula| formula.ours(d, step));
+            let ours = f64::from(ours.expect("in range"));
+            assert!((1.0 / (1.0 + ours * step) - kept).abs() < 1e-8, "{number}");
+        }
+        assert_eq!(DampingFormula::Share.ours(1.0, step), None);
+        assert_eq!(DampingFormula::Implicit.ours(f32::NAN, step), None);
+    }
+}

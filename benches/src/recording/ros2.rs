@@ -1,0 +1,360 @@
+//! Poses of bodies in messages of ROS 2: transforms, poses with a stamp, odometry.
+//!
+//! Time is that of the header, not that of the log. A static transform is no motion: it hangs a frame on another one for the
+//! whole recording. The twist of odometry is in the frame of its child, and is turned into that of the pose.
+
+use std::collections::BTreeMap;
+
+use glam::{DQuat, DVec3};
+
+use super::cdr::{Cdr, CdrError};
+use super::error::{Place, RowDefect};
+use super::poses::{TimedPose, TimedPoses, TooManyBodies};
+
+/// The schema of transforms.
+pub(super) const TRANSFORMS: &str = "tf2_msgs/msg/TFMessage";
+/// The schema of odometry.
+pub(super) const ODOMETRY: &str = "nav_msgs/msg/Odometry";
+/// The schema of a pose with a stamp.
+pub(super) const POSE: &str = "geometry_msgs/msg/PoseStamped";
+
+/// Least bytes of a transform: its header, two empty texts, seven numbers.
+const TRANSFORM_BYTES: usize = 72;
+
+/// A reason why a message is not taken.
+pub(super) enum Refusal {
+    Cdr(CdrError),
+    Row(RowDefect),
+    Bodies(TooManyBodies),
+}
+
+impl From<CdrError> for Refusal {
+    fn from(cause: CdrError) -> Self {
+        Self::Cdr(cause)
+    }
+}
+
+impl From<TooManyBodies> for Refusal {
+    fn from(cause: TooManyBodies) -> Self {
+        Self::Bodies(cause)
+    }
+}
+
+/// Static transforms, by the frames that they place: the frames above, and the last pose.
+#[derive(Default)]
+pub(super) struct Statics(BTreeMap<String, (String, Stamped, Place)>);
+
+impl Statics {
+    /// Adds their poses at the beginning of the others.
+    pub(super) fn add_to(self, poses: &mut TimedPoses) -> Result<(), Refusal> {
+        let first = poses.poses.iter().map(|pose| pose.at_ns).min();
+        for (child, (parent, stamped, place)) in self.0 {
+            let body = of_parent(poses, &child, &parent)?;
+            poses.poses.push(TimedPose {
+                at_ns: first.unwrap_or_default(),
+                body,
+                position: stamped.position,
+                rotation: stamped.rotation,
+                velocity: None,
+                place,
+            });
+        }
+        Ok(())
+    }
+}
+
+/// A pose and its moment.
+struct Stamped {
+    at_ns: i64,
+    position: DVec3,
+    rotation: DQuat,
+}
+
+/// Takes the poses of a message.
+pub(super) fn take(
+    schema: &str,
+    bytes: &[u8],
+    place: &Place,
+    topic: &str,
+    (poses, statics): (&mut TimedPoses, &mut Statics),
+) -> Result<(), Refusal> {
+    let mut cdr = Cdr::new(bytes)?;
+    match schema {
+        TRANSFORMS => {
+            for _ in 0..cdr.count(TRANSFORM_BYTES)? {
+                let (at_ns, parent) = header(&mut cdr)?;
+                let child = cdr.text()?;
+                let stamped = pose(&mut cdr, at_ns)?;
+                if topic.ends_with("tf_static") || at_ns == 0 {
+                    let known = (parent.to_owned(), stamped, place.clone());
+                    statics.0.insert(child.to_owned(), known);
+                    continue;
+                }
+                let body = of_parent(poses, child, parent)?;
+                push(poses, body, stamped, None, place);
+            }
+        }
+        POSE => {
+            let (at_ns, _) = header(&mut cdr)?;
+            let body = poses.body(topic, None)?;
+            let stamped = pose(&mut cdr, at_ns)?;
+            push(poses, body, stamped, None, place);
+        }
+        _ => {
+            let (at_ns, _) = header(&mut cdr)?;
+            let child = cdr.text()?;
+            let stamped = pose(&mut cdr, at_ns)?;
+            cdr.f64s::<36>()?;
+            let (linear, angular) = (cdr.f64s::<3>()?, cdr.f64s::<3>()?);
+            let name = if child.is_empty() { topic } else { child };
+            let body = poses.body(name, None)?;
+            let turn = stamped.rotation;
+            let velocity = [linear, angular].map(|vector| turn * DVec3::from_array(vector));
+            push(poses, body, stamped, Some(velocity), place);
+        }
+    }
+    Ok(())
+}
+
+/// The moment, nanoseconds, and the frame of a header.
+fn header<'a>(cdr: &mut Cdr<'a>) -> Result<(i64, &'a str), CdrError> {
+    let (seconds, nanoseconds) = (cdr.i32()?, cdr.u32()?);
+    let at_ns = i64::from(seconds) * 1_000_000_000 + i64::from(nanoseconds);
+    Ok((at_ns, cdr.text()?))
+}
+
+fn pose(cdr: &mut Cdr<'_>, at_ns: i64) -> Result<Stamped, CdrError> {
+    let position = DVec3::from_array(cdr.f64s()?);
+    let rotation = DQuat::from_array(cdr.f64s()?);
+    Ok(Stamped {
+        at_ns,
+        position,
+        rotation,
+    })
+}
+
+/// The number of a frame, which hangs on the same one as before.
+fn of_parent(poses: &mut TimedPoses, child: &str, parent: &str) -> Result<usize, Refusal> {
+    let body = poses.body(child, Some(parent))?;
+    if poses.bodies[body].parent.as_deref() == Some(parent) {
+        Ok(body)
+    } else {
+        let frame = child.to_owned();
+        Err(Refusal::Row(RowDefect::Parent { frame }))
+    }
+}
+
+fn push(
+    poses: &mut TimedPoses,
+    body: usize,
+    stamped: Stamped,
+    velocity: Option<[DVec3; 2]>,
+    place: &Place,
+) {
+    poses.poses.push(TimedPose {
+        at_ns: stamped.at_ns,
+        body,
+        position: stamped.position,
+        rotation: stamped.rotation,
+        velocity,
+        place: place.clone(),
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+    use std::io::Cursor;
+
+    use mcap::WriteOptions;
+    use mcap::records::MessageHeader;
+
+    use super::*;
+    use crate::recording::{ReadOptions, Recording, RecordingError, read_bytes};
+
+    /// Writes fields of XCDR1 in little-endian order.
+    struct Writer(Vec<u8>);
+
+    impl Writer {
+        fn new() -> Self {
+            Self(vec![0, 1, 0, 0])
+        }
+
+        fn put(mut self, align: usize, bytes: &[u8]) -> Self {
+            while (self.0.len() - 4) % align > 0 {
+                self.0.push(0);
+            }
+            self.0.extend_from_slice(bytes);
+            self
+        }
+
+        fn u32(self, number: u32) -> Self {
+            self.put(4, &number.to_le_bytes())
+        }
+
+        fn f64s(self, numbers: &[f64]) -> Self {
+            numbers
+                .iter()
+                .fold(self, |to, number| to.put(8, &number.to_le_bytes()))
+        }
+
+        fn text(self, text: &str) -> Self {
+            let bytes = [text.as_bytes(), &[0]].concat();
+            self.u32(bytes.len() as u32).put(1, &bytes)
+        }
+
+        fn header(self, at_ms: u32, frame: &str) -> Self {
+            self.u32(at_ms / 1_000)
+                .u32(at_ms % 1_000 * 1_000_000)
+                .text(frame)
+        }
+
+        fn transform(self, at_ms: u32, parent: &str, child: &str, numbers: [f64; 7]) -> Self {
+            self.header(at_ms, parent).text(child).f64s(&numbers)
+        }
+    }
+
+    /// A file of messages: topic, schema, log time in milliseconds, bytes.
+    fn file(messages: &[(&str, &str, u64, Vec<u8>)]) -> Vec<u8> {
+        let options = WriteOptions::new().compression(None);
+        let mut writer = options.create(Cursor::new(Vec::new())).expect("memory");
+        for (sequence, (topic, schema, log_ms, data)) in (0..).zip(messages) {
+            let schema = writer.add_schema(schema, "ros2msg", b"-").expect("memory");
+            let channel = writer.add_channel(schema, topic, "cdr", &BTreeMap::new());
+            let header = MessageHeader {
+                channel_id: channel.expect("memory"),
+                sequence,
+                log_time: log_ms * 1_000_000,
+                publish_time: log_ms * 1_000_000,
+            };
+            writer
+                .write_to_known_channel(&header, data)
+                .expect("memory");
+        }
+        writer.finish().expect("memory");
+        writer.into_inner().into_inner()
+    }
+
+    fn read(messages: &[(&str, &str, u64, Vec<u8>)]) -> Result<Recording, RecordingError> {
+        read_bytes("ros", &file(messages), &ReadOptions::default())
+    }
+
+    /// A moment of the clock at which recordings are made, milliseconds.
+    const NOW: u32 = 1_700_000_000;
+
+    #[test]
+    fn transforms_hang_on_moving_and_on_static_frames_by_the_time_of_their_headers() {
+        let unturned = [0.0, 0.0, 0.0, 1.0];
+        let at = |x: f64, z: f64| {
+            [
+                x,
+                0.0,
+                z,
+                unturned[0],
+                unturned[1],
+                unturned[2],
+                unturned[3],
+            ]
+        };
+        let mut messages = vec![(
+            "/tf_static",
+            TRANSFORMS,
+            5,
+            Writer::new()
+                .u32(1)
+                .transform(0, "base", "lidar", at(0.0, 0.5))
+                .0,
+        )];
+        for frame in 0..20 {
+            let bytes = Writer::new().u32(1).transform(
+                NOW + 40 * frame,
+                "odom",
+                "base",
+                at(0.1 * f64::from(frame), 0.0),
+            );
+            // Log times jitter by more than a frame.
+            let log_ms = u64::from(NOW + 40 * frame + frame * 37 % 50);
+            messages.push(("/tf", TRANSFORMS, log_ms, bytes.0));
+        }
+        let recording = read(&messages).expect("it is sound");
+        assert_eq!(recording.integrator.rate.ticks(), 25);
+        assert_eq!((recording.ticks(), recording.bodies()), (19, 2));
+        let last = &recording.truth.ticks[18];
+        let places: Vec<_> = last
+            .iter()
+            .map(|observed| observed.motion.position())
+            .collect();
+        assert_eq!(places.len(), 2);
+        assert!(
+            places.iter().all(|place| (place[0] - 1.9).abs() < 1e-6),
+            "{places:?}"
+        );
+        assert!(
+            places.iter().any(|place| (place[2] - 0.5).abs() < 1e-6),
+            "{places:?}"
+        );
+    }
+
+    #[test]
+    fn the_twist_of_odometry_is_turned_into_the_frame_of_its_pose() {
+        let half = std::f64::consts::FRAC_1_SQRT_2;
+        let messages: Vec<_> = (0..10)
+            .map(|frame| {
+                let y = 0.02 * f64::from(frame);
+                // Heading along y, driving at 1 m/s ahead.
+                let writer = Writer::new().header(NOW + 20 * frame, "odom").text("base");
+                let writer = writer
+                    .f64s(&[0.0, y, 0.0, 0.0, 0.0, half, half])
+                    .f64s(&[0.0; 36]);
+                let writer = writer
+                    .f64s(&[1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+                    .f64s(&[0.0; 36]);
+                ("/odom", ODOMETRY, u64::from(NOW + 20 * frame), writer.0)
+            })
+            .collect();
+        let recording = read(&messages).expect("it is sound");
+        let velocity = recording.truth.placed[0]
+            .observation
+            .motion
+            .motion()
+            .twist()
+            .linear;
+        assert!((velocity - DVec3::Y).length() < 1e-6, "{velocity}");
+        assert!(recording.notes.iter().all(|note| !note.contains("fitted")));
+    }
+
+    #[test]
+    fn wrong_messages_are_refused_with_topic_and_time() {
+        let pose = |numbers: [f64; 7]| Writer::new().header(NOW, "map").f64s(&numbers).0;
+        let good = pose([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]);
+        let cut = good[..good.len() - 9].to_vec();
+        let mut old = good.clone();
+        old[1] = 3;
+        for (bytes, part) in [
+            (
+                pose([0.0; 7]),
+                "the message of /goal at 2 s: the quaternion has length 0",
+            ),
+            (
+                pose([f64::NAN, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]),
+                "the position is not finite",
+            ),
+            (cut, "/goal at 2 s: byte"),
+            (old, "/goal at 2 s: encoding 3 of CDR is not read"),
+            (vec![0, 1], "/goal at 2 s: byte 0"),
+        ] {
+            let error = read(&[("/goal", POSE, 2_000, bytes)])
+                .expect_err(part)
+                .to_string();
+            assert!(error.contains(part), "{error}");
+        }
+        let many = Writer::new().u32(u32::MAX).0;
+        let error = read(&[("/tf", TRANSFORMS, 0, many)])
+            .expect_err("a claim")
+            .to_string();
+        assert!(
+            error.contains("a sequence of 4294967295 elements"),
+            "{error}"
+        );
+    }
+}
