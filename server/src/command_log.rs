@@ -8,7 +8,7 @@ use rhumb_reckoning::Tick;
 
 use crate::digest::Digest;
 use crate::permit::Ownership;
-use crate::record::{Batch, Record};
+use crate::record::{Batch, LogEntry};
 use crate::scene::{FrozenScene, Scene};
 use crate::sessions::Sessions;
 
@@ -24,7 +24,7 @@ pub trait CommandLog: Send {
     /// Number of batches that are durable.
     fn durable(&self) -> u64;
 
-    /// Bytes of records since the last snapshot.
+    /// Bytes of entries since the last snapshot.
     fn bytes(&self) -> usize;
 
     /// True if another snapshot may begin.
@@ -82,8 +82,8 @@ pub struct RestoredScene {
     pub sessions: Sessions,
     /// Owners of its bodies, shapes and joints.
     pub ownership: Ownership,
-    /// Records of sessions that the log lacks.
-    pub unnoted: Vec<Record>,
+    /// Entries of sessions that the log lacks.
+    pub unnoted: Vec<LogEntry>,
     /// The log, which continues; `None` if it cannot be kept any longer.
     pub log: Option<Box<dyn CommandLog>>,
     /// Time that the restoration took.

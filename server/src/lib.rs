@@ -78,9 +78,12 @@ pub use event_monitor::StepEvents;
 pub use glam;
 pub use hook::{Hook, HookError, Hooks};
 pub use limits::{InvalidLimit, LimitRow, Limits};
-pub use observer::{Incident, ObserveScenes, SceneObserver, TickMetrics, Traffic, Unobserved};
+pub use observer::{Incident, ObserveScenes, SceneObserver, Traffic, Unobserved};
 pub use permit::{ClientName, Ownership, Permit, Quotas, decode_client_of, encode_client_of};
-pub use record::{Batch, Journal, Record, SessionNumber, decode_u64};
+pub use record::{
+    AppliedCommand, Author, Batch, COMMAND_BYTES_KEPT, LogEntry, OpenedSession, PacketHead,
+    ReceivedCommand, RunRecord, SessionNumber, TickMetrics, decode_u64,
+};
 pub use rhumb_protocol::message::RemovalCause;
 pub use rhumb_protocol::scene::{
     BodyDesc, BodyKind, Command, CommandError, IdRange, Invalid, Joints, SceneConfig, SceneName,
@@ -89,6 +92,7 @@ pub use rhumb_protocol::scene::{
 pub use rhumb_protocol::stream::{Activity, Observation, SubscriberStatistics};
 pub use rhumb_protocol::{Instant, Peer, Span};
 pub use rhumb_reckoning::{BodyId, BodyState, Inertia, Metres, Tick, Tolerance};
+pub use rollback::replay;
 pub use router::SceneRouter;
 pub use router::{Greeted, Greeting};
 pub use scene::{FrozenScene, Scene, SceneFault, Stepped};

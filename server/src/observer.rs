@@ -12,6 +12,7 @@ use rhumb_protocol::scene::{Command, CommandError, SceneName};
 use rhumb_protocol::{Instant, Peer, Span};
 use rhumb_reckoning::Tick;
 
+use crate::record::TickMetrics;
 use crate::scene::Scene;
 
 /// Gives each scene its observer when it begins.
@@ -68,27 +69,6 @@ impl ObserveScenes for Unobserved {
     fn begin(&self, _scene: &SceneName, _period: Span) -> Box<dyn SceneObserver> {
         Box::new(Self)
     }
-}
-
-/// The metrics of a tick.
-#[derive(Clone, Copy, Debug)]
-pub struct TickMetrics {
-    /// The tick.
-    pub tick: Tick,
-    /// Members of the scene.
-    pub members: usize,
-    /// Bodies in the scene.
-    pub bodies: usize,
-    /// Bodies awake after the step.
-    pub awake: usize,
-    /// Bodies whose updates wait for the budget of a stream.
-    pub waiting: usize,
-    /// Body steps in a second that the scene has reserved.
-    pub load: u64,
-    /// Duration of the step.
-    pub step: Span,
-    /// Duration of everything after the step.
-    pub publish: Span,
 }
 
 /// Something that happened to a scene.

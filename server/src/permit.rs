@@ -104,11 +104,19 @@ impl Ownership {
         }
     }
 
-    /// True if a command adds something that belongs to a client.
+    /// True if [`Self::note`] notes something of a command for its client.
     pub(crate) const fn concerns(command: &Command) -> bool {
         matches!(
             command,
-            Command::AddBody { .. } | Command::AddShape { .. } | Command::AddJoint { .. }
+            Command::AddBody { .. }
+                | Command::AddShape { .. }
+                | Command::AddJoint { .. }
+                | Command::ChangeBody {
+                    desc: BodyDesc {
+                        damping: Some(_),
+                        ..
+                    }
+                }
         )
     }
 

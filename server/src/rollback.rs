@@ -9,7 +9,8 @@ use rhumb_protocol::Span;
 use rhumb_protocol::scene::Command;
 
 use crate::permit::Ownership;
-use crate::scene::{Author, History, LogEntry, Scene};
+use crate::record::{Author, LogEntry};
+use crate::scene::Scene;
 
 /// The way back of one scene.
 #[derive(Default)]
@@ -30,7 +31,7 @@ pub(crate) struct Restoration {
     pub(crate) scene: Scene,
     pub(crate) ownership: Ownership,
     /// The authors of the commands that were left out, in the order of the commands.
-    pub(crate) left_out: Vec<Option<Box<Author>>>,
+    pub(crate) left_out: Vec<Option<Author>>,
     /// True if a command was left out that acted in an earlier step: every body may be elsewhere.
     pub(crate) differs: bool,
 }
@@ -38,7 +39,7 @@ pub(crate) struct Restoration {
 /// The call in which an engine failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum FailedIn {
-    /// In a command, which the history lacks.
+    /// In a command, which the record lacks.
     Command,
     /// In a step.
     Step,
@@ -51,8 +52,8 @@ const COPY_AFTER: Span = Span::from_millis(500);
 const COPY_AFTER_MAX: Span = Span::from_millis(1_000);
 /// Bodies from which on a scene is large.
 const LARGE: usize = 20_000;
-/// Bytes of history after which a copy is due.
-const HISTORY_BYTES_MAX: usize = 1 << 20;
+/// Bytes of entries after which a copy is due.
+const ENTRY_BYTES_MAX: usize = 1 << 20;
 /// Commands of one tick that are left out by themselves, before all of them are.
 const CULPRITS_MAX: usize = 3;
 /// Attempts with ever more commands left out, before all since the copy are.
@@ -72,8 +73,8 @@ impl Rollback {
         } else {
             COPY_AFTER_MAX
         };
-        let history = scene.history();
-        let is_due = history.is_none_or(|history| history.bytes() >= HISTORY_BYTES_MAX);
+        let bytes = scene.record().bytes_since_base();
+        let is_due = bytes.is_none_or(|bytes| bytes >= ENTRY_BYTES_MAX);
         if !is_due && self.stepped < after {
             return;
         }
@@ -83,7 +84,7 @@ impl Rollback {
                 scene: copy,
                 ownership,
             });
-            scene.keep_history(History::default());
+            scene.record_mut().begin_base();
         }
     }
 
@@ -100,8 +101,9 @@ impl Rollback {
         failed_in: FailedIn,
         beat: &mut dyn FnMut(),
     ) -> Option<Restoration> {
-        let done = &failed.history()?.done;
-        let newest = done.iter().rposition(|change| *change == LogEntry::Stepped);
+        let done: Vec<LogEntry> = failed.record().since_base()?.cloned().collect();
+        let is_step = |change: &LogEntry| matches!(change, LogEntry::Stepped(_));
+        let newest = done.iter().rposition(is_step);
         let (earlier, pending) = done.split_at(newest.map_or(0, |place| place + 1));
         let attempt = self.leave_out_of_pending(earlier, pending, failed_in, beat);
         let attempt = attempt.or_else(|| self.leave_out_of_all(earlier, pending, beat))?;
@@ -149,7 +151,7 @@ impl Rollback {
         pending: &[LogEntry],
         beat: &mut dyn FnMut(),
     ) -> Option<Continuation> {
-        let is_command = |change: &&LogEntry| **change != LogEntry::Stepped;
+        let is_command = |change: &&LogEntry| matches!(change, LogEntry::Applied(_));
         let commands = earlier.iter().filter(is_command).count();
         let mut count = 1;
         for attempts in 1.. {
@@ -163,12 +165,12 @@ impl Rollback {
             let (mut kept, mut left_out) = (Vec::new(), Vec::new());
             for change in earlier {
                 match change {
-                    LogEntry::Applied(_, author) if left == 0 => left_out.push(author.clone()),
-                    LogEntry::Applied(..) => {
+                    LogEntry::Applied(applied) if left == 0 => left_out.push(applied.author),
+                    LogEntry::Applied(_) => {
                         left -= 1;
                         kept.push(change.clone());
                     }
-                    LogEntry::Stepped => kept.push(LogEntry::Stepped),
+                    _ => kept.push(change.clone()),
                 }
             }
             left_out.extend(pending.iter().filter_map(author_of));
@@ -201,15 +203,16 @@ impl Rollback {
         } = attempt;
         let mut scene = base.scene.copy()?;
         let mut ownership = base.ownership.clone();
-        let mut done = Vec::new();
+        scene.record_mut().begin_base();
         for change in kept {
-            if apply(&mut scene, &mut ownership, &change) {
-                done.push(change);
-            } else {
+            if !replay(&change, &mut scene, &mut ownership) {
                 left_out.extend(author_of(&change));
+            } else if let LogEntry::Applied(applied) = change
+                && let Some(author) = applied.author
+            {
+                scene.record_mut().attribute(author, applied.client);
             }
         }
-        scene.keep_history(History::of(done));
         self.begin(base);
         Some(Restoration {
             scene,
@@ -224,7 +227,7 @@ impl Rollback {
 struct Continuation {
     base: Base,
     kept: Vec<LogEntry>,
-    left_out: Vec<Option<Box<Author>>>,
+    left_out: Vec<Option<Author>>,
     differs: bool,
 }
 
@@ -236,8 +239,8 @@ impl Continuation {
         };
         for change in &self.kept[..count] {
             // A command that depends on one that was left out is refused, and left out too.
-            if let LogEntry::Applied(command, _) = change {
-                let _ = scene.apply(command);
+            if let LogEntry::Applied(applied) = change {
+                let _ = scene.apply(&applied.command);
             }
         }
         scene.step().is_ok()
@@ -273,12 +276,10 @@ impl Base {
         let mut scene = self.scene.copy()?;
         let mut ownership = self.ownership.clone();
         for change in done {
-            if *change == LogEntry::Stepped {
+            if matches!(change, LogEntry::Stepped(_)) {
                 beat();
-                let stepped = scene.step().ok()?;
-                (stepped.removed.iter()).for_each(|(id, _)| ownership.remove_body(*id));
-                (stepped.broken.iter()).for_each(|id| ownership.remove_joint(*id));
-            } else if !apply(&mut scene, &mut ownership, change) {
+            }
+            if !replay(change, &mut scene, &mut ownership) {
                 return None;
             }
         }
@@ -286,24 +287,33 @@ impl Base {
     }
 }
 
-fn apply(scene: &mut Scene, ownership: &mut Ownership, change: &LogEntry) -> bool {
-    let LogEntry::Applied(command, author) = change else {
-        return true;
-    };
-    if scene.apply(command).is_err() {
-        return false;
+/// Does an entry again; `false` if the scene refuses or fails.
+pub fn replay(entry: &LogEntry, scene: &mut Scene, ownership: &mut Ownership) -> bool {
+    match entry {
+        LogEntry::Applied(applied) => {
+            if scene.apply(&applied.command).is_err() {
+                return false;
+            }
+            if let Command::RemoveBody { id } = applied.command {
+                ownership.remove_body(id);
+            }
+            ownership.note(applied.client.as_ref(), &applied.command);
+        }
+        LogEntry::Stepped(_) => {
+            let Ok(stepped) = scene.step() else {
+                return false;
+            };
+            (stepped.removed.iter()).for_each(|(id, _)| ownership.remove_body(*id));
+            (stepped.broken.iter()).for_each(|id| ownership.remove_joint(*id));
+        }
+        _ => {}
     }
-    if let Command::RemoveBody { id } = **command {
-        ownership.remove_body(id);
-    }
-    let client = author.as_ref().and_then(|author| author.client.as_ref());
-    ownership.note(client, command);
     true
 }
 
-fn author_of(change: &LogEntry) -> Option<Option<Box<Author>>> {
+fn author_of(change: &LogEntry) -> Option<Option<Author>> {
     match change {
-        LogEntry::Applied(_, author) => Some(author.clone()),
-        LogEntry::Stepped => None,
+        LogEntry::Applied(applied) => Some(applied.author),
+        _ => None,
     }
 }

@@ -3,7 +3,6 @@
 //! Members are not known here; their rights are checked before. Invariants: a refused command changes nothing;
 //! registry and engine have the same bodies; a scene whose engine failed takes no commands and no steps.
 
-mod history;
 mod image;
 mod walking;
 
@@ -23,7 +22,6 @@ use rhumb_protocol::scene::{
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Inertia, Metres, Tick, Twist};
 
-pub(crate) use self::history::{Author, History, LogEntry};
 pub use self::image::FrozenScene;
 use crate::baking::BakedShapes;
 use crate::digest::Digest;
@@ -32,7 +30,7 @@ use crate::engine::{
     StepThreads, UnusableShape,
 };
 use crate::event_monitor::{EventMonitor, StepEvents};
-use crate::record::{Journal, Record};
+use crate::record::{AppliedCommand, LogEntry, RunRecord};
 use crate::registry::Registry;
 
 /// Bodies under one gravity, stepped together.
@@ -48,10 +46,7 @@ pub struct Scene {
     displaced: BTreeMap<BodyId, Observation>,
     digest: Digest,
     event_monitor: EventMonitor,
-    /// Changes of the scene, for its command log; `None` for a scene without one.
-    journal: Option<Journal>,
-    /// The commands and steps since its copy, if there is one.
-    history: Option<History>,
+    record: RunRecord,
     /// Solids that were made beside the steps, for commands that are to come.
     baked: BakedShapes,
     /// True after a panic outside the engine.
@@ -109,8 +104,7 @@ impl Scene {
             displaced: BTreeMap::new(),
             digest: Digest::START,
             event_monitor: EventMonitor::default(),
-            journal: None,
-            history: None,
+            record: RunRecord::default(),
             baked: BakedShapes::default(),
             broken: false,
         })
@@ -129,10 +123,14 @@ impl Scene {
         self.broken = applied.is_err();
         applied.map_err(|_| CommandError::SceneFaulted)??;
         self.sound()?;
-        if let Some(journal) = &mut self.journal {
-            journal.applied(self.tick, command);
-        }
-        self.remember(|| LogEntry::Applied(Box::new(command.clone()), None));
+        self.record.push(self.tick, || {
+            let applied = AppliedCommand {
+                command: command.clone(),
+                client: None,
+                author: None,
+            };
+            LogEntry::Applied(applied.into())
+        });
         Ok(())
     }
 
@@ -216,17 +214,9 @@ impl Scene {
         let stepped = catch_unwind(AssertUnwindSafe(|| self.step_unguarded()));
         self.broken = stepped.is_err();
         let stepped = stepped.map_err(|_| EngineFault::Panicked)??;
-        if let Some(journal) = &mut self.journal {
-            journal.push(before, &Record::Stepped(self.digest.value()));
-        }
-        self.remember(|| LogEntry::Stepped);
+        let digest = self.digest.value();
+        self.record.push(before, || LogEntry::Stepped(digest));
         Ok(stepped)
-    }
-
-    /// Adds a change to the history, if one is kept.
-    fn remember(&mut self, change: impl FnOnce() -> LogEntry) {
-        let kept = self.history.take();
-        self.history = kept.and_then(|history| history.with(change()));
     }
 
     fn step_unguarded(&mut self) -> Result<Stepped, SceneFault> {
@@ -265,31 +255,15 @@ impl Scene {
         })
     }
 
-    /// Starts to note all changes of the scene for its command log.
-    pub fn keep_journal(&mut self) {
-        self.journal = Some(Journal::default());
+    /// The record of its run.
+    #[must_use]
+    pub const fn record(&self) -> &RunRecord {
+        &self.record
     }
 
-    /// Starts to add all changes to a history.
-    pub(crate) fn keep_history(&mut self, history: History) {
-        self.history = Some(history);
-    }
-
-    /// The history, if one is kept.
-    pub(crate) const fn history(&self) -> Option<&History> {
-        self.history.as_ref()
-    }
-
-    /// Names the author of the last command in the history.
-    pub(crate) fn attribute(&mut self, author: Author) {
-        if let Some(history) = &mut self.history {
-            history.attribute(author);
-        }
-    }
-
-    /// The journal, if one is kept.
-    pub const fn journal_mut(&mut self) -> Option<&mut Journal> {
-        self.journal.as_mut()
+    /// The record of its run.
+    pub const fn record_mut(&mut self) -> &mut RunRecord {
+        &mut self.record
     }
 
     fn add_shape(&mut self, id: ShapeId, shape: &Shape) -> Result<(), CommandError> {

@@ -35,8 +35,9 @@ use crate::clients::Clients;
 use crate::command_log::Durability;
 use crate::hook::Hook;
 use crate::id_ranges::IdRanges;
-use crate::observer::{Incident, SceneObserver, TickMetrics};
+use crate::observer::{Incident, SceneObserver};
 use crate::permit::Ownership;
+use crate::record::TickMetrics;
 use crate::rollback::Rollback;
 use crate::scene::Scene;
 use crate::sessions::Sessions;
@@ -305,10 +306,8 @@ impl SceneRunner {
             self.observer.command(peer, number, command);
         }
         let unsent = self.unsent.len();
-        let applied = command.and_then(|command| self.apply_of_member(peer, &command, clients));
-        if applied.is_ok() {
-            self.attribute(peer, number, clients);
-        }
+        let applied =
+            command.and_then(|command| self.apply_of_member((peer, number), &command, clients));
         let refused = applied.err();
         let refused = refused.map(|error| self.restore_if_failed(error, clients));
         self.observer.commanded(refused.as_ref());

@@ -13,7 +13,7 @@ use rhumb_protocol::wire::{Malformed, Wire};
 use rhumb_protocol::{Instant, Peer, Span};
 
 use crate::permit::{ClientName, decode_client_of, encode_client_of};
-use crate::record::{Record, SessionNumber};
+use crate::record::{LogEntry, SessionNumber};
 
 /// Refusals that a session keeps, for a client that has not seen them.
 const REFUSALS_KEPT: usize = 256;
@@ -147,33 +147,33 @@ impl Sessions {
             .map(|(number, session)| (*number, session))
     }
 
-    /// Does what a record says. Records that concern the scene alone change nothing here.
-    pub fn replay(&mut self, record: &Record) {
-        match record {
-            Record::Opened(number, key, client) => {
-                self.next = number.0 + 1;
+    /// Does what an entry says. Those that do not concern a session change nothing here.
+    pub fn replay(&mut self, entry: &LogEntry) {
+        match entry {
+            LogEntry::Opened(opened) => {
+                self.next = opened.number.0 + 1;
                 let session = ResumableSession {
-                    key: *key,
-                    client: client.clone(),
+                    key: opened.key,
+                    client: opened.client.clone(),
                     commands: 0,
                     ranges: Vec::new(),
                     refusals: VecDeque::new(),
                     presence: Presence::Absent(None),
                 };
-                self.sessions.insert(*number, session);
+                self.sessions.insert(opened.number, session);
             }
-            Record::Granted(number, range) => {
+            LogEntry::Granted(number, range) => {
                 if let Some(session) = self.sessions.get_mut(number) {
                     session.ranges.push(*range);
                 }
             }
-            Record::Counted(number, refused) => {
+            LogEntry::Counted(number, refused) => {
                 if let Some(session) = self.sessions.get_mut(number) {
                     session.count(*refused);
                 }
             }
-            Record::Closed(number) => drop(self.sessions.remove(number)),
-            Record::Applied(_) | Record::Owned(_) | Record::Stepped(_) => {}
+            LogEntry::Closed(number) => drop(self.sessions.remove(number)),
+            _ => {}
         }
     }
 }
@@ -260,10 +260,10 @@ mod tests {
         let mut sessions = Sessions::default();
         let range = IdRange::new(8, 16, 1).unwrap();
         for record in [
-            Record::Opened(NUMBER, KEY, client("anna")),
-            Record::Granted(NUMBER, range),
-            Record::Counted(NUMBER, None),
-            Record::Counted(NUMBER, Some(CommandError::UnknownCommand)),
+            LogEntry::opened(NUMBER, KEY, client("anna")),
+            LogEntry::Granted(NUMBER, range),
+            LogEntry::Counted(NUMBER, None),
+            LogEntry::Counted(NUMBER, Some(CommandError::UnknownCommand)),
         ] {
             sessions.replay(&record);
         }
@@ -302,7 +302,7 @@ mod tests {
         sessions.detach(NUMBER, Instant::ZERO);
         assert_eq!(sessions.expired(Instant::ZERO), []);
         assert_eq!(sessions.expired(late), [NUMBER]);
-        sessions.replay(&Record::Closed(NUMBER));
+        sessions.replay(&LogEntry::Closed(NUMBER));
         assert_eq!(sessions.of_key(KEY, client("anna").as_ref()), None);
     }
 
@@ -312,7 +312,7 @@ mod tests {
         sessions.detach(NUMBER, Instant::ZERO);
         let of_bert = |place: usize| SessionNumber(10 + place as u32);
         for place in 0..=SESSIONS_MAX {
-            let record = Record::Opened(of_bert(place), SessionKey([6; 16]), client("bert"));
+            let record = LogEntry::opened(of_bert(place), SessionKey([6; 16]), client("bert"));
             sessions.replay(&record);
             let later = Instant::ZERO + Span::from_millis(1 + place as u64);
             sessions.detach(of_bert(place), later);

@@ -29,6 +29,17 @@ impl Writer {
         }
     }
 
+    /// Empties it; its memory stays for other values.
+    pub fn clear(&mut self) {
+        self.buffer.clear();
+    }
+
+    /// The bytes written so far.
+    #[must_use]
+    pub fn as_bytes(&self) -> &[u8] {
+        &self.buffer
+    }
+
     /// The written bytes.
     #[must_use]
     pub fn into_bytes(self) -> Vec<u8> {

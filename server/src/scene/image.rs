@@ -16,6 +16,7 @@ use crate::baking::BakedShapes;
 use crate::digest::Digest;
 use crate::engine::{FrozenEngine, RapierEngine, StepThreads};
 use crate::event_monitor::EventMonitor;
+use crate::record::RunRecord;
 use crate::registry::Registry;
 
 /// A copy of a scene, to be encoded on another thread.
@@ -54,7 +55,7 @@ impl Scene {
         })
     }
 
-    /// A copy of the scene, without journal and history, that runs to the same bits. `None` unless a step was the last
+    /// A copy of the scene, without its record, that runs to the same bits. `None` unless a step was the last
     /// change, and for an engine that cannot be copied.
     pub(crate) fn copy(&self) -> Option<Self> {
         Some(Self {
@@ -68,8 +69,7 @@ impl Scene {
             displaced: BTreeMap::new(),
             digest: self.digest,
             event_monitor: self.event_monitor.clone(),
-            journal: None,
-            history: None,
+            record: RunRecord::default(),
             baked: BakedShapes::default(),
             broken: false,
         })

@@ -86,7 +86,7 @@ impl SceneLoop {
         if let Some(log) = log {
             runner.keep_log(log, took);
         }
-        runner.restore_members(sessions, ownership, &unnoted, &mut self.clients);
+        runner.restore_members(sessions, ownership, unnoted, &mut self.clients);
         self.note_empty();
     }
 

@@ -1,4 +1,4 @@
-//! A scene hands records to its command log, and reports what is durable.
+//! A scene hands its record to its command log, and reports what is durable.
 //!
 //! Never waits for the disk. Snapshots are due by the time that steps have taken, so that their replay takes no longer.
 
@@ -9,12 +9,12 @@ use super::SceneRunner;
 use crate::clients::Clients;
 use crate::command_log::{CommandLog, Durability, Frozen};
 use crate::member::SessionCommands;
-use crate::record::{Journal, Record, SessionNumber};
+use crate::record::{LogEntry, SessionNumber};
 
 impl SceneRunner {
     /// Starts the command log. `replayed`: time that its restoration took.
     pub(crate) fn keep_log(&mut self, log: Box<dyn CommandLog>, replayed: Span) {
-        self.scene.keep_journal();
+        self.scene.record_mut().begin_log();
         let tick = self.scene.tick();
         self.durability = Some(Durability::new(log, replayed, tick));
     }
@@ -25,12 +25,10 @@ impl SceneRunner {
     }
 
     /// Notes what concerns a session, here and for the log.
-    pub(super) fn note_session(&mut self, record: &Record) {
-        self.sessions.replay(record);
+    pub(super) fn note_session(&mut self, entry: LogEntry) {
+        self.sessions.replay(&entry);
         let tick = self.scene.tick();
-        if let Some(journal) = self.scene.journal_mut() {
-            journal.push(tick, record);
-        }
+        self.scene.record_mut().note(tick, entry);
     }
 
     /// Notes that a command of a member is done.
@@ -40,7 +38,7 @@ impl SceneRunner {
         refused: Option<rhumb_protocol::scene::CommandError>,
     ) {
         if let Some(session) = session {
-            self.note_session(&Record::Counted(session, refused));
+            self.note_session(LogEntry::Counted(session, refused));
         }
     }
 
@@ -49,7 +47,7 @@ impl SceneRunner {
         let Some(durability) = &mut self.durability else {
             return;
         };
-        let Some(batch) = self.scene.journal_mut().and_then(Journal::take) else {
+        let Some(batch) = self.scene.record_mut().take_batch() else {
             return;
         };
         let number = durability.log.append(batch);

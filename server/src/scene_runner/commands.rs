@@ -11,8 +11,8 @@ use super::SceneRunner;
 use crate::admission;
 use crate::clients::{Clients, SceneClient};
 use crate::engine::{BakedShape, Baker, UnusableShape};
-use crate::permit::{Ownership, Permit};
-use crate::record::Record;
+use crate::permit::Permit;
+use crate::record::Author;
 use crate::rights::{self, Rights};
 use crate::streams;
 
@@ -65,7 +65,7 @@ impl SceneRunner {
     /// Carries out a command of a member, and notes what now belongs to its client.
     pub(super) fn apply_of_member(
         &mut self,
-        peer: Peer,
+        (peer, number): (Peer, u64),
         command: &Command,
         clients: &mut Clients,
     ) -> Result<(), CommandError> {
@@ -74,12 +74,10 @@ impl SceneRunner {
         self.apply_and_announce(command, clients)?;
         let client = clients.name(peer).cloned();
         self.ownership.note(client.as_ref(), command);
-        let tick = self.scene.tick();
-        if let (Some(client), Some(journal)) = (client, self.scene.journal_mut())
-            && Ownership::concerns(command)
-        {
-            journal.push(tick, &Record::Owned(client));
-        }
+        let member = peer;
+        self.scene
+            .record_mut()
+            .attribute(Author { member, number }, client);
         Ok(())
     }
 

@@ -5,16 +5,17 @@
 
 use std::collections::BTreeSet;
 
+use rhumb_protocol::Span;
 use rhumb_protocol::message::{FaultCause, RemovalCause, SceneEvent, ServerMessage};
 use rhumb_protocol::scene::{CommandError, JointId, ShapeId};
-use rhumb_protocol::{Peer, Span};
 use rhumb_reckoning::BodyId;
 
 use super::SceneRunner;
 use crate::clients::Clients;
 use crate::observer::Incident;
+use crate::record::Author;
 use crate::rollback::{FailedIn, Restoration};
-use crate::scene::{Author, Scene, Stepped};
+use crate::scene::{Scene, Stepped};
 
 /// The time in which a scene may be restored [`crate::Limits::restorations`] times.
 const PERIOD: Span = Span::from_millis(600_000);
@@ -25,16 +26,6 @@ impl SceneRunner {
         if self.settings.limits.restorations > 0 {
             self.rollback.copy_if_due(&mut self.scene, &self.ownership);
         }
-    }
-
-    /// Names a member as the author of the command that was just applied.
-    pub(super) fn attribute(&mut self, peer: Peer, number: u64, clients: &Clients) {
-        let client = clients.name(peer).cloned();
-        self.scene.attribute(Author {
-            member: peer,
-            number,
-            client,
-        });
     }
 
     /// Steps; a scene whose engine fails is restored first. `None` if it stands still.
@@ -81,7 +72,7 @@ impl SceneRunner {
         {
             self.restored_at.pop_front();
         }
-        if self.scene.history().is_none() {
+        if self.scene.record().bytes_since_base().is_none() {
             return Err(FaultCause::NoWayBack);
         }
         if self.restored_at.len() as u64 >= self.settings.limits.restorations {
@@ -112,14 +103,14 @@ impl SceneRunner {
             differs,
         } = restoration;
         if let Some(durability) = &mut self.durability {
-            // Log and journal have commands that are left out: the log begins anew with the next snapshot.
+            // The log has commands that are left out: the log begins anew with the next snapshot.
             durability.log.give_up();
         }
         self.commit(clients);
         let before = std::mem::replace(&mut self.scene, scene);
         self.ownership = ownership;
         if self.is_durable() {
-            self.scene.keep_journal();
+            self.scene.record_mut().begin_log();
         }
         if !left_out.is_empty() {
             self.tell_difference(&before, differs, clients);
@@ -129,11 +120,7 @@ impl SceneRunner {
         self.record_event(SceneEvent::SceneRestored { tick });
         // The failed engine's world may be large, or broken.
         drop(before);
-        left_out
-            .into_iter()
-            .flatten()
-            .map(|author| *author)
-            .collect()
+        left_out.into_iter().flatten().collect()
     }
 
     /// Records the scene events that lead from one state of the scene to the present one.

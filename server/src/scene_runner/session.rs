@@ -15,7 +15,7 @@ use crate::clients::Clients;
 use crate::id_ranges::IndexLimits;
 use crate::member::Member;
 use crate::permit::{Ownership, Permit};
-use crate::record::{Record, SessionNumber};
+use crate::record::{LogEntry, SessionNumber};
 
 use crate::sessions::{ResumableSession, Sessions};
 
@@ -113,7 +113,7 @@ impl SceneRunner {
                 if let Some(member) = clients.member_mut(peer) {
                     member.ids.push(range);
                     if let Some(number) = member.session {
-                        self.note_session(&Record::Granted(number, range));
+                        self.note_session(LogEntry::Granted(number, range));
                     }
                 }
                 ServerMessage::Reserved(range)
@@ -133,13 +133,13 @@ impl SceneRunner {
         &mut self,
         sessions: Sessions,
         ownership: Ownership,
-        unnoted: &[Record],
+        unnoted: Vec<LogEntry>,
         clients: &mut Clients,
     ) {
         self.ownership = ownership;
         self.sessions = sessions;
-        for record in unnoted {
-            self.note_session(record);
+        for entry in unnoted {
+            self.note_session(entry);
         }
         self.commit(clients);
         let of_sessions = self
@@ -201,8 +201,9 @@ impl SceneRunner {
             return Ok((None, vec![range]));
         };
         let number = self.sessions.next_number();
-        self.note_session(&Record::Opened(number, request.key, permit.client.clone()));
-        self.note_session(&Record::Granted(number, range));
+        let client = permit.client.clone();
+        self.note_session(LogEntry::opened(number, request.key, client));
+        self.note_session(LogEntry::Granted(number, range));
         self.sessions.attach(number, peer);
         Ok((Some(number), vec![range]))
     }
@@ -305,7 +306,7 @@ impl SceneRunner {
         let now = clients.now();
         match (session, reason) {
             (Some(number), DisconnectReason::Left) => {
-                self.note_session(&Record::Closed(number));
+                self.note_session(LogEntry::Closed(number));
                 self.id_ranges.free(ids);
             }
             // The session keeps the indices.
@@ -327,6 +328,6 @@ impl SceneRunner {
         let session = self.sessions.get(number);
         let ranges = session.map(|session| session.ranges.clone());
         self.id_ranges.free(ranges.unwrap_or_default());
-        self.note_session(&Record::Closed(number));
+        self.note_session(LogEntry::Closed(number));
     }
 }

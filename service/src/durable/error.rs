@@ -76,7 +76,7 @@ pub enum Damage {
     },
     /// A snapshot is not authentic: it is damaged, or of another data directory.
     NotAuthentic,
-    /// A snapshot of another version of the engine or of this program.
+    /// A log or a snapshot of another version of the engine or of this program.
     Version {
         /// The version in the file.
         found: String,

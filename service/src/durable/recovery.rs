@@ -6,10 +6,10 @@
 
 use std::path::PathBuf;
 
-use rhumb_protocol::scene::{Command, CommandError, SceneConfig, SceneName};
+use rhumb_protocol::scene::{CommandError, SceneConfig, SceneName};
 use rhumb_reckoning::Tick;
 use rhumb_scene::engine::StepThreads;
-use rhumb_scene::{Ownership, Record, Scene, Sessions};
+use rhumb_scene::{LogEntry, Ownership, Scene, Sessions};
 
 use super::error::{Damage, DataError};
 use super::frame::{DurableEnd, LogFrames, OVERHEAD, Tail};
@@ -27,8 +27,8 @@ pub(crate) struct Restored {
     pub(super) next_segment: u32,
     /// Number and bytes of the last segment.
     pub(super) last: (u32, u64),
-    /// Records of sessions that are to be noted: they follow the end of the log.
-    pub(crate) unnoted: Vec<Record>,
+    /// Entries of sessions that are to be noted: they follow the end of the log.
+    pub(crate) unnoted: Vec<LogEntry>,
     pub(crate) report: Report,
 }
 
@@ -125,8 +125,8 @@ impl SceneFiles {
         }))
     }
 
-    /// Leaves out what follows the last step; returns the records of sessions in it.
-    fn leave_out_tail(&self, chain: &mut [ChainLink]) -> Result<Vec<Record>, DataError> {
+    /// Leaves out what follows the last step; returns the entries of sessions in it.
+    fn leave_out_tail(&self, chain: &mut [ChainLink]) -> Result<Vec<LogEntry>, DataError> {
         let Some(link) = chain.last_mut() else {
             return Ok(Vec::new());
         };
@@ -285,7 +285,6 @@ impl SceneFiles {
                 scene,
                 sessions: Sessions::default(),
                 ownership: Ownership::default(),
-                last: None,
             });
         };
         let path = self.snapshot_path(snapshot.segment);
@@ -296,7 +295,6 @@ impl SceneFiles {
             scene,
             sessions: snapshot.sessions,
             ownership: snapshot.ownership,
-            last: None,
         })
     }
 
@@ -316,12 +314,12 @@ impl SceneFiles {
                 return Err(diverged(frame.tick));
             }
             let unreadable = Damage::Unreadable { after: frame.tick };
-            let records = Record::decode_all(frame.payload)
+            let entries = LogEntry::decode_all(frame.payload)
                 .map_err(|_| DataError::damaged(&path, unreadable))?;
-            for record in records {
+            for entry in entries {
                 let next = run.scene.tick().next();
                 beat();
-                if !run.replay(&record, report) {
+                if !run.replay(&entry, report) {
                     return Err(diverged(next));
                 }
             }
@@ -335,47 +333,24 @@ struct Run {
     scene: Scene,
     sessions: Sessions,
     ownership: Ownership,
-    /// The last command.
-    last: Option<Command>,
 }
 
 impl Run {
-    /// Does what a record says; `false` if the outcome is another one.
-    fn replay(&mut self, record: &Record, report: &mut Report) -> bool {
-        match record {
-            Record::Applied(command) => {
-                report.commands += 1;
-                if let Command::RemoveBody { id } = command {
-                    self.ownership.remove_body(*id);
-                }
-                self.ownership.note(None, command);
-                self.last = Some(command.clone());
-                self.scene.apply(command).is_ok()
-            }
-            Record::Owned(client) => {
-                if let Some(command) = &self.last {
-                    self.ownership.note(Some(client), command);
-                }
-                true
-            }
-            Record::Stepped(digest) => {
-                report.steps += 1;
-                let Ok(stepped) = self.scene.step() else {
-                    return false;
-                };
-                for (id, _) in stepped.removed {
-                    self.ownership.remove_body(id);
-                }
-                for id in stepped.broken {
-                    self.ownership.remove_joint(id);
-                }
-                self.scene.digest().value() == *digest
-            }
-            session => {
-                self.sessions.replay(session);
-                true
-            }
+    /// Does what an entry says; `false` if the outcome is another one.
+    fn replay(&mut self, entry: &LogEntry, report: &mut Report) -> bool {
+        self.sessions.replay(entry);
+        if !rhumb_scene::replay(entry, &mut self.scene, &mut self.ownership) {
+            return false;
         }
+        match entry {
+            LogEntry::Applied(_) => report.commands += 1,
+            LogEntry::Stepped(digest) => {
+                report.steps += 1;
+                return self.scene.digest().value() == *digest;
+            }
+            _ => {}
+        }
+        true
     }
 }
 
@@ -388,37 +363,39 @@ pub(crate) enum LogTail {
     LeftOut,
 }
 
-/// The part of a segment that stays, and the records of sessions behind it.
+/// The part of a segment that stays, and the entries of sessions behind it.
 pub(super) struct CutTail {
     /// Bytes of the segment up to the end of its last step, or else of its header.
     pub(super) length: usize,
-    /// Records of sessions behind that, in which no command was applied.
-    pub(super) sessions: Vec<Record>,
+    /// Entries of sessions behind that, in which no command was applied.
+    pub(super) sessions: Vec<LogEntry>,
 }
 
 /// Cuts a segment behind its last step.
 pub(super) fn cut(frames: &LogFrames<'_>) -> Option<CutTail> {
-    let records = |payload| Record::decode_all(payload).ok();
+    let entries = |payload| LogEntry::decode_all(payload).ok();
     let (mut length, mut kept) = (0, (0, 0));
     for (place, frame) in frames.frames.iter().enumerate() {
         length += OVERHEAD + frame.payload.len();
-        let is_step = |record: &Record| matches!(record, Record::Stepped(_));
+        let is_step = |entry: &LogEntry| matches!(entry, LogEntry::Stepped(_));
         // The first frame holds the header.
-        if place == 0 || records(frame.payload)?.iter().any(is_step) {
+        if place == 0 || entries(frame.payload)?.iter().any(is_step) {
             kept = (place + 1, length);
         }
     }
     let (count, length) = kept;
     let mut sessions = Vec::new();
     for frame in &frames.frames[count..] {
-        for record in records(frame.payload)? {
-            match record {
-                Record::Applied(_) | Record::Owned(_) | Record::Stepped(_) => {}
-                Record::Counted(number, refused) => {
+        for entry in entries(frame.payload)? {
+            match entry {
+                LogEntry::Counted(number, refused) => {
                     let error = refused.unwrap_or(CommandError::EngineFailed);
-                    sessions.push(Record::Counted(number, Some(error)));
+                    sessions.push(LogEntry::Counted(number, Some(error)));
                 }
-                record => sessions.push(record),
+                LogEntry::Opened(_) | LogEntry::Granted(..) | LogEntry::Closed(_) => {
+                    sessions.push(entry);
+                }
+                _ => {}
             }
         }
     }

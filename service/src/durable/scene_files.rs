@@ -53,8 +53,8 @@ pub(super) struct Segment {
 
 /// Ends the name of a directory whose scene was deleted.
 pub(super) const DELETED: &str = "deleted";
-/// Version of the format of headers and records.
-const FORMAT: u8 = 3;
+/// Version of the format of headers and entries.
+const FORMAT: u8 = 4;
 
 impl SceneFiles {
     pub(super) fn segment_path(&self, number: u32) -> PathBuf {
@@ -218,8 +218,15 @@ impl SceneFiles {
             from.finish()?;
             Ok(header)
         });
-        let unreadable = Damage::Unreadable { after: first.tick };
-        let header = header.map_err(|_| DataError::damaged(&path, unreadable))?;
+        let header = header.map_err(|_| {
+            let damage = match first.payload.first() {
+                Some(format) if *format != FORMAT => Damage::Version {
+                    found: format!("with logs of format {format}"),
+                },
+                _ => Damage::Unreadable { after: first.tick },
+            };
+            DataError::damaged(&path, damage)
+        })?;
         Ok(Some(header))
     }
 }

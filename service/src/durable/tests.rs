@@ -16,11 +16,12 @@ use rhumb_protocol::scene::{
 };
 use rhumb_reckoning::{BodyId, BodyState, Tick};
 use rhumb_scene::engine::StepThreads;
-use rhumb_scene::{Ownership, Record, Scene, SessionNumber, Sessions};
+use rhumb_scene::{LogEntry, Ownership, Scene, SessionNumber, Sessions};
 use ring::hmac;
 
 use super::disk::Disk;
 use super::error::DataError;
+use super::frame::{LogFrame, LogFrames};
 use super::recovery::{LogTail, ReplayStart, Restored};
 use super::scene_files::{LogHeader, SceneFiles, Segment};
 use super::sim_disk::SimDisk;
@@ -69,7 +70,7 @@ impl Recorded {
         let disk = SimDisk::default();
         let files = files(&disk);
         let mut scene = Scene::new(SceneConfig::default()).unwrap();
-        scene.keep_journal();
+        scene.record_mut().begin_log();
         let header = header(None);
         let segment = files.begin_segment(0, Tick::ZERO, &header).unwrap();
         let mut recorded = Self {
@@ -83,7 +84,7 @@ impl Recorded {
             bodies: 0,
             chance: Chance(seed),
         };
-        recorded.note(&Record::Opened(
+        recorded.note(LogEntry::opened(
             SESSION,
             SessionKey([1; 16]),
             Some("anna".into()),
@@ -120,16 +121,16 @@ impl Recorded {
         recorded
     }
 
-    fn note(&mut self, record: &Record) {
+    fn note(&mut self, entry: LogEntry) {
         let tick = self.scene.tick();
-        self.sessions.replay(record);
-        self.scene.journal_mut().unwrap().push(tick, record);
+        self.sessions.replay(&entry);
+        self.scene.record_mut().note(tick, entry);
     }
 
     /// A numbered command of the session, whatever becomes of it.
     fn command(&mut self, command: &Command) {
         let refused = self.scene.apply(command).err();
-        self.note(&Record::Counted(SESSION, refused));
+        self.note(LogEntry::Counted(SESSION, refused));
     }
 
     fn add(&mut self, kind: BodyKind, shape: ShapeId, position: Vec3) {
@@ -203,7 +204,7 @@ impl Recorded {
     }
 
     fn write(&mut self) {
-        if let Some(batch) = self.scene.journal_mut().unwrap().take() {
+        if let Some(batch) = self.scene.record_mut().take_batch() {
             self.segment.as_mut().unwrap().append(&[batch]).unwrap();
         }
     }
@@ -251,10 +252,10 @@ impl Recorded {
         self.segment = Some(self.files.begin_segment(number, tick, &header).unwrap());
         self.scene = restored.scene;
         self.sessions = restored.sessions;
-        self.scene.keep_journal();
+        self.scene.record_mut().begin_log();
         self.durable = tick;
-        for record in &restored.unnoted {
-            self.note(record);
+        for entry in restored.unnoted {
+            self.note(entry);
         }
     }
 
@@ -465,6 +466,33 @@ fn a_log_cut_at_any_byte_is_never_taken_for_a_shorter_run() {
     recorded.disk.damage(&path, |now| *now = bytes.clone());
     let restored = recorded.restore().unwrap().unwrap();
     assert_eq!(restored.scene.tick(), Tick::new(3));
+}
+
+#[test]
+fn a_log_of_another_format_is_refused_by_its_name() {
+    let mut recorded = Recorded::new(13);
+    recorded.tick();
+    recorded.write();
+    recorded.sync();
+    let path = recorded.files.segment_path(0);
+    recorded.disk.damage(&path, |bytes| {
+        let mut older = Vec::new();
+        for (place, frame) in LogFrames::read(bytes).frames.iter().enumerate() {
+            let mut payload = frame.payload.to_vec();
+            if place == 0 {
+                payload[0] = 3;
+            }
+            let payload = &payload;
+            LogFrame { payload, ..*frame }.encode(&mut older);
+        }
+        *bytes = older;
+    });
+    let refused = recorded.restore().err().map(|error| error.to_string());
+    let expected = format!(
+        "{}: written by another version, with logs of format 3",
+        path.display()
+    );
+    assert_eq!(refused, Some(expected));
 }
 
 #[test]

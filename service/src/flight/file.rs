@@ -8,16 +8,18 @@ use std::io::Write;
 use std::path::Path;
 use std::{fmt, fs};
 
+use rhumb_protocol::Span;
 use rhumb_protocol::packet::Datagram;
 use rhumb_protocol::scene::Command;
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
+use rhumb_scene::LogEntry;
 use serde::{Deserialize, Serialize};
 
-use super::ring::{FlightEntry, entries};
+use super::ring::entries;
 
 /// Names the format and its version.
-const MAGIC: &[u8; 8] = b"RHFLGHT1";
+const MAGIC: &[u8; 8] = b"RHFLGHT2";
 const CRC_BYTES: usize = 4;
 
 /// The head of a file: its scene, cause and moment.
@@ -156,42 +158,38 @@ pub(crate) fn run(path: &Path, out: &mut dyn Write) -> Result<(), Box<dyn Error>
     Ok(())
 }
 
-fn text(entry: &FlightEntry<'_>) -> String {
-    let ms = |ns: u64| ns as f64 / 1e6;
+fn text(entry: &LogEntry) -> String {
+    let ms = |span: Span| span.as_nanos() as f64 / 1e6;
     match entry {
-        FlightEntry::Joined { peer, client } => {
-            let client = client.unwrap_or("without a token");
-            format!("client {peer} joins: {client}")
+        LogEntry::Joined(peer, client) => {
+            let client = client.as_deref().unwrap_or("without a token");
+            format!("client {} joins: {client}", peer.0)
         }
-        FlightEntry::Left { peer } => format!("client {peer} leaves"),
-        FlightEntry::Command {
-            peer,
-            number,
-            length,
-            bytes,
-        } => {
-            let shown = command(bytes, *length as usize);
-            format!("client {peer} command {number}: {shown}")
+        LogEntry::Left(peer) => format!("client {} leaves", peer.0),
+        LogEntry::Received(received) => {
+            let shown = command(&received.bytes, received.length as usize);
+            format!(
+                "client {} command {}: {shown}",
+                received.member.0, received.number
+            )
         }
-        FlightEntry::Refused { error } => format!("  refused: {error}"),
-        FlightEntry::StepBegan { at_ns, tick } => {
-            format!("{:.6} s: step from tick {tick}", *at_ns as f64 / 1e9)
+        LogEntry::Refused(error) => format!("  refused: {error}"),
+        LogEntry::StepBegan(at, tick) => {
+            let seconds = at.as_nanos() as f64 / 1e9;
+            format!("{seconds:.6} s: step from tick {}", tick.value())
         }
-        FlightEntry::Stepped {
-            tick,
-            step_ns,
-            publish_ns,
-            members,
-            bodies,
-            awake,
-            digest,
-        } => format!(
-            "  tick {tick}: step {:.3} ms, publish {:.3} ms, {members} members, {bodies} bodies, {awake} awake, \
-             digest {digest:016x}",
-            ms(*step_ns),
-            ms(*publish_ns),
+        LogEntry::Stepped(digest) => format!("  digest {digest:016x}"),
+        LogEntry::Measured(metrics) => format!(
+            "  tick {}: step {:.3} ms, publish {:.3} ms, {} members, {} bodies, {} awake",
+            metrics.tick.value(),
+            ms(metrics.step),
+            ms(metrics.publish),
+            metrics.members,
+            metrics.bodies,
+            metrics.awake,
         ),
-        FlightEntry::Packet { length, head } => format!("  {}, {length} bytes", packet(head)),
+        LogEntry::Packet(head) => format!("  {}, {} bytes", packet(head.bytes()), head.length),
+        changes => format!("  {changes:?}"),
     }
 }
 

@@ -13,10 +13,10 @@ use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Writer;
 use rhumb_protocol::{Instant, Peer};
 use rhumb_reckoning::Tick;
-use rhumb_scene::{Digest, TickMetrics};
+use rhumb_scene::{COMMAND_BYTES_KEPT, Digest, LogEntry, PacketHead, ReceivedCommand, TickMetrics};
 
 use super::file::FlightCause;
-use super::ring::{COMMAND_BYTES_KEPT, FlightEntry, FlightRing, HEAD_BYTES_KEPT};
+use super::ring::FlightRing;
 
 /// The flight recorders of all scenes; all clones are one. The default records nothing.
 #[derive(Clone, Default)]
@@ -161,21 +161,18 @@ impl FlightRecorders {
 }
 
 impl FlightRecorder {
-    fn push(&self, entry: &FlightEntry<'_>) {
+    fn push(&self, entry: &LogEntry) {
         if let Some(ring) = &self.ring {
             lock(ring).push(entry);
         }
     }
 
     pub(crate) fn joined(&self, peer: Peer, client: Option<&str>) {
-        self.push(&FlightEntry::Joined {
-            peer: peer.0,
-            client,
-        });
+        self.push(&LogEntry::Joined(peer, client.map(Into::into)));
     }
 
     pub(crate) fn left(&self, peer: Peer) {
-        self.push(&FlightEntry::Left { peer: peer.0 });
+        self.push(&LogEntry::Left(peer));
     }
 
     /// A command is about to be checked and applied.
@@ -185,26 +182,25 @@ impl FlightRecorder {
         }
         let mut bytes = Writer::new();
         command.encode(&mut bytes);
-        let bytes = bytes.into_bytes();
-        self.push(&FlightEntry::Command {
-            peer: peer.0,
+        let mut bytes = bytes.into_bytes();
+        let length = u32::try_from(bytes.len()).unwrap_or(u32::MAX);
+        bytes.truncate(COMMAND_BYTES_KEPT);
+        let received = ReceivedCommand {
+            member: peer,
             number,
-            length: u32::try_from(bytes.len()).unwrap_or(u32::MAX),
-            bytes: &bytes[..bytes.len().min(COMMAND_BYTES_KEPT)],
-        });
+            length,
+            bytes,
+        };
+        self.push(&LogEntry::Received(received.into()));
     }
 
     /// The last command was refused.
     pub(crate) fn refused(&self, error: &CommandError) {
-        if self.ring.is_some() {
-            let error = error.to_string();
-            self.push(&FlightEntry::Refused { error: &error });
-        }
+        self.push(&LogEntry::Refused(*error));
     }
 
     pub(crate) fn step_began(&self, at: Instant, tick: Tick) {
-        let (at_ns, tick) = (at.as_nanos(), tick.value());
-        self.push(&FlightEntry::StepBegan { at_ns, tick });
+        self.push(&LogEntry::StepBegan(at, tick));
         // The dispatcher keeps the entries of a process before a step that ends it.
         if let Some(ring) = &self.ring {
             self.recorders.forward(&self.name, ring);
@@ -219,16 +215,8 @@ impl FlightRecorder {
     }
 
     pub(crate) fn stepped(&self, metrics: &TickMetrics, digest: Digest) {
-        let count = |count: usize| u32::try_from(count).unwrap_or(u32::MAX);
-        self.push(&FlightEntry::Stepped {
-            tick: metrics.tick.value(),
-            step_ns: metrics.step.as_nanos(),
-            publish_ns: metrics.publish.as_nanos(),
-            members: count(metrics.members),
-            bodies: count(metrics.bodies),
-            awake: count(metrics.awake),
-            digest: digest.value(),
-        });
+        self.push(&LogEntry::Stepped(digest.value()));
+        self.push(&LogEntry::Measured((*metrics).into()));
     }
 
     /// The packets of a tick.
@@ -238,10 +226,7 @@ impl FlightRecorder {
         };
         let mut ring = lock(ring);
         for packet in packets {
-            ring.push(&FlightEntry::Packet {
-                length: u32::try_from(packet.len()).unwrap_or(u32::MAX),
-                head: &packet[..packet.len().min(HEAD_BYTES_KEPT)],
-            });
+            ring.push(&LogEntry::Packet(PacketHead::of(packet)));
         }
     }
 

@@ -1,10 +1,13 @@
 //! A bounded queue of encoded entries that drops its oldest.
 //!
-//! Each entry is its length, two bytes little-endian, and its postcard form. Invariant: it holds whole entries only.
+//! Each entry of the record of a run is its length, two bytes little-endian, and its bytes. Invariant: it holds whole
+//! entries only.
 
 use std::collections::VecDeque;
 
-use serde::{Deserialize, Serialize};
+use rhumb_protocol::wire::Wire;
+use rhumb_protocol::wire::bytes::{Reader, Writer};
+use rhumb_scene::LogEntry;
 
 /// Longest encoded entry.
 const ENTRY_BYTES_MAX: usize = 1_024;
@@ -15,25 +18,32 @@ const LENGTH_BYTES: usize = 2;
 pub(super) struct FlightRing {
     bytes: VecDeque<u8>,
     bytes_max: usize,
+    /// The bytes of one entry, while it is encoded.
+    encoded: Writer,
     /// Entries that were dropped for newer ones, or that were too long.
     dropped: u64,
 }
 
 impl FlightRing {
-    pub(super) const fn new(bytes_max: usize) -> Self {
+    pub(super) fn new(bytes_max: usize) -> Self {
         Self {
             bytes: VecDeque::new(),
             bytes_max,
+            encoded: Writer::new(),
             dropped: 0,
         }
     }
 
-    pub(super) fn push(&mut self, entry: &FlightEntry<'_>) {
-        let mut buffer = [0; ENTRY_BYTES_MAX];
-        match postcard::to_slice(entry, &mut buffer) {
-            Ok(encoded) => self.push_encoded(encoded),
-            Err(_) => self.dropped += 1,
+    pub(super) fn push(&mut self, entry: &LogEntry) {
+        let mut encoded = std::mem::take(&mut self.encoded);
+        encoded.clear();
+        entry.encode(&mut encoded);
+        if encoded.len() <= ENTRY_BYTES_MAX {
+            self.push_encoded(encoded.as_bytes());
+        } else {
+            self.dropped += 1;
         }
+        self.encoded = encoded;
     }
 
     /// Adds entries that another ring gave away; bytes that are none end them.
@@ -79,14 +89,16 @@ impl FlightRing {
 }
 
 /// The entries in these bytes, in order; `None` stands for one that cannot be read, and ends them.
-pub(super) fn entries(mut bytes: &[u8]) -> impl Iterator<Item = Option<FlightEntry<'_>>> {
+pub(super) fn entries(mut bytes: &[u8]) -> impl Iterator<Item = Option<LogEntry>> {
     std::iter::from_fn(move || {
         if bytes.is_empty() {
             return None;
         }
         let entry = split_entry(bytes).and_then(|(entry, rest)| {
             bytes = rest;
-            postcard::from_bytes(entry).ok()
+            let mut from = Reader::new(entry);
+            let entry = LogEntry::decode(&mut from).ok()?;
+            from.finish().ok().map(|()| entry)
         });
         if entry.is_none() {
             bytes = &[];
@@ -102,68 +114,40 @@ fn split_entry(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
     (length <= ENTRY_BYTES_MAX).then(|| rest.split_at_checked(length))?
 }
 
-/// Bytes that are kept of one command; of longer ones, such as meshes, only the beginning.
-pub(super) const COMMAND_BYTES_KEPT: usize = 256;
-/// Bytes that are kept of a packet: its head.
-pub(super) const HEAD_BYTES_KEPT: usize = 8;
-
-/// One event of a scene. Moments are nanoseconds since the server's start.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) enum FlightEntry<'a> {
-    /// A client became a member; its name, if it showed a token.
-    Joined { peer: u64, client: Option<&'a str> },
-    /// A member left, or its connection ended.
-    Left { peer: u64 },
-    /// A command that is about to be checked and applied, as it is on the wire.
-    Command {
-        peer: u64,
-        number: u64,
-        /// The length of the whole command, bytes.
-        length: u32,
-        bytes: &'a [u8],
-    },
-    /// The last command was refused.
-    Refused { error: &'a str },
-    /// A step begins: the last entry of a scene whose step never ends.
-    StepBegan { at_ns: u64, tick: u64 },
-    /// A step and its publication have ended.
-    Stepped {
-        tick: u64,
-        step_ns: u64,
-        publish_ns: u64,
-        members: u32,
-        bodies: u32,
-        awake: u32,
-        /// Digest of all observations so far.
-        digest: u64,
-    },
-    /// A packet of the tick, for all members of its stream.
-    Packet { length: u32, head: &'a [u8] },
-}
-
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
+    use rhumb_protocol::Peer;
+    use rhumb_scene::{COMMAND_BYTES_KEPT, ReceivedCommand};
 
     use super::*;
+
+    fn received(number: u64, bytes: &[u8]) -> LogEntry {
+        let received = ReceivedCommand {
+            member: Peer(1),
+            number,
+            length: 0,
+            bytes: bytes.to_vec(),
+        };
+        LogEntry::Received(received.into())
+    }
 
     proptest! {
         #[test]
         fn the_newest_entries_are_kept_whole_within_the_bound(
-            lengths in proptest::collection::vec(0_usize..1_100, 1..200),
+            lengths in proptest::collection::vec(0_usize..=COMMAND_BYTES_KEPT, 1..200),
             bytes_max in 0_usize..4_096,
         ) {
             let mut ring = FlightRing::new(bytes_max);
-            let content = vec![7; 1_100];
+            let content = [7; COMMAND_BYTES_KEPT];
             for (number, length) in lengths.iter().enumerate() {
-                let (number, bytes) = (number as u64, &content[..*length]);
-                ring.push(&FlightEntry::Command { peer: 1, number, length: 0, bytes });
+                ring.push(&received(number as u64, &content[..*length]));
             }
             let (bytes, dropped) = ring.copy();
             prop_assert!(bytes.len() <= bytes_max);
             let kept: Vec<u64> = entries(&bytes)
                 .map(|entry| match entry {
-                    Some(FlightEntry::Command { number, .. }) => number,
+                    Some(LogEntry::Received(received)) => received.number,
                     other => panic!("{other:?}"),
                 })
                 .collect();
@@ -173,14 +157,13 @@ mod tests {
 
         #[test]
         fn entries_that_are_given_away_arrive_whole(
-            lengths in proptest::collection::vec(0_usize..900, 1..50),
+            lengths in proptest::collection::vec(0_usize..=COMMAND_BYTES_KEPT, 1..50),
             cut in 0_usize..2_000,
         ) {
             let (mut from, mut to) = (FlightRing::new(1 << 20), FlightRing::new(1 << 20));
-            let content = vec![7; 900];
+            let content = [7; COMMAND_BYTES_KEPT];
             for (number, length) in lengths.iter().enumerate() {
-                let (number, bytes) = (number as u64, &content[..*length]);
-                from.push(&FlightEntry::Command { peer: 1, number, length: 0, bytes });
+                from.push(&received(number as u64, &content[..*length]));
             }
             let before = from.copy();
             let given = from.take();

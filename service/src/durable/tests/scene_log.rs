@@ -8,7 +8,7 @@ use rhumb_protocol::scene::SceneConfig;
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::Tick;
 use rhumb_scene::engine::StepThreads;
-use rhumb_scene::{Batch, CommandLog, Frozen, Journal, Ownership};
+use rhumb_scene::{Batch, CommandLog, Frozen, Ownership};
 use rhumb_transport::Clock;
 
 use super::{Recorded, files, name};
@@ -60,8 +60,7 @@ impl Logged {
     /// Steps, and hands the records over.
     fn append(&mut self) -> u64 {
         self.recorded.tick();
-        let journal = self.recorded.scene.journal_mut();
-        let batch = journal.and_then(Journal::take);
+        let batch = self.recorded.scene.record_mut().take_batch();
         self.log.append(batch.expect("a step is recorded"))
     }
 
