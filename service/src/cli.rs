@@ -79,7 +79,8 @@ pub struct Arguments {
     /// Admits every client of this machine without a token, for development.
     #[arg(long)]
     open: bool,
-    /// Lets clients without a token come from other machines too: those of --open and of --app-listen.
+    /// Lets clients without a token come from other machines too: those of --open, --view, --foxglove,
+    /// --metrics and --app-listen.
     #[arg(long)]
     open_to_network: bool,
     /// Path of a Unix socket for clients of this machine, beside the address; only this user can connect.
@@ -456,7 +457,8 @@ fn observe(
     }
     #[cfg(feature = "foxglove")]
     if let Some(address) = settings.foxglove {
-        return Ok(Some(server.show_in_foxglove(address)?));
+        let pages = settings.web_origins.iter().cloned().collect();
+        return Ok(Some(server.show_in_foxglove(address, pages)?));
     }
     let _ = (server, settings);
     Ok(None)

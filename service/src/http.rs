@@ -1,13 +1,13 @@
 //! Answers HTTP requests on a thread of its own.
 //!
-//! For metrics, health and the page. Peers cannot hold it up: connections, heads, bodies and times are bounded. It shares
-//! nothing with a scene but what the answering function reads.
+//! For metrics, health and the page. Peers cannot hold it up: heads, bodies and times are bounded, and connections by
+//! [`TcpService`]. It shares nothing with a scene but what the answering function reads.
 
 use std::convert::Infallible;
 use std::io;
-use std::net::{SocketAddr, TcpListener};
+use std::net::{IpAddr, SocketAddr, TcpListener};
+use std::pin::Pin;
 use std::sync::Arc;
-use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use bytes::Bytes;
@@ -18,23 +18,19 @@ use hyper::server::conn::http1;
 use hyper::service::service_fn;
 use hyper::{Method, Response, StatusCode};
 use hyper_util::rt::{TokioIo, TokioTimer};
-use rhumb_transport::io_runtime;
 use tokio::net::TcpStream;
-use tokio::sync::{Semaphore, oneshot};
 use tokio::time::timeout;
 
-/// Time for the head of a request.
-const HEAD_TIMEOUT: Duration = Duration::from_secs(5);
+use crate::tcp::TcpService;
+
+/// Time for the head of a request, and again for its body.
+const PART_TIMEOUT: Duration = Duration::from_secs(5);
 /// Time for a connection in all.
 const CONNECTION_TIMEOUT: Duration = Duration::from_secs(60);
-/// Connections at one time: several browsers and scrapers. Others wait.
-const CONNECTIONS_MAX: usize = 64;
 /// Longest head of a request.
 const HEAD_BYTES_MAX: usize = 16 << 10;
 /// Longest body of a request.
 const BODY_BYTES_MAX: usize = 4 << 10;
-/// Pause after the system refused a connection, for lack of descriptors.
-const REFUSED_PAUSE: Duration = Duration::from_millis(50);
 
 /// A request, as far as an answer depends on it.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -46,6 +42,35 @@ pub(crate) struct HttpRequest {
     /// The page that requests, if the browser names one.
     pub(crate) origin: Option<String>,
     pub(crate) body: Bytes,
+}
+
+impl HttpRequest {
+    /// The host part of the address by which the server was reached: [`reached_host`].
+    pub(crate) fn host(&self, named: bool) -> Option<&str> {
+        reached_host(self.host.as_deref()?, named)
+    }
+
+    /// The page that requests, if it is not one of this server.
+    pub(crate) fn foreign_origin(&self) -> Option<&str> {
+        let origin = self.origin.as_deref()?;
+        let (_, place) = origin.split_once("://").unwrap_or_default();
+        (self.host.as_deref() != Some(place)).then_some(origin)
+    }
+}
+
+/// The host that a request names, without its port. `None` for a name, which could have been pointed at this machine by
+/// someone else, unless the server is `named`: bound where other machines reach it.
+pub(crate) fn reached_host(host: &str, named: bool) -> Option<&str> {
+    let name = match host.rsplit_once(':') {
+        Some((name, port)) if port.bytes().all(|digit| digit.is_ascii_digit()) => name,
+        _ => host,
+    };
+    let bare = name.trim_start_matches('[').trim_end_matches(']');
+    let is_address = bare.parse::<IpAddr>().is_ok() || bare == "localhost";
+    let is_name = bare
+        .bytes()
+        .all(|byte| byte.is_ascii_alphanumeric() || b"-._".contains(&byte));
+    (is_address || named && is_name).then_some(name)
 }
 
 /// An answer.
@@ -85,90 +110,36 @@ impl HttpAnswer {
 /// Answers requests.
 pub(crate) type Answering = Arc<dyn Fn(&HttpRequest) -> HttpAnswer + Send + Sync>;
 
-/// The thread that answers; it ends when this is dropped.
-#[derive(Debug)]
-pub(crate) struct HttpListener {
-    end: Option<oneshot::Sender<()>>,
-    thread: Option<JoinHandle<()>>,
-}
-
-impl HttpListener {
-    /// Answers requests at a bound socket.
-    pub(crate) fn start(
-        listener: TcpListener,
-        name: &str,
-        answering: Answering,
-    ) -> io::Result<Self> {
-        listener.set_nonblocking(true)?;
-        let runtime = io_runtime()?;
-        let listener = {
-            let _inside = runtime.enter();
-            tokio::net::TcpListener::from_std(listener)?
-        };
-        let (end, ended) = oneshot::channel();
-        let thread = thread::Builder::new()
-            .name(name.into())
-            .spawn(move || runtime.block_on(accept(listener, answering, ended)))?;
-        Ok(Self {
-            end: Some(end),
-            thread: Some(thread),
-        })
-    }
-}
-
-impl Drop for HttpListener {
-    fn drop(&mut self) {
-        if let Some(end) = self.end.take() {
-            // An error means that the thread has ended already.
-            let _ = end.send(());
-        }
-        if let Some(thread) = self.thread.take() {
-            // A panic of the thread was logged.
-            let _ = thread.join();
-        }
-    }
-}
-
-async fn accept(
-    listener: tokio::net::TcpListener,
+/// Answers requests at a bound socket.
+pub(crate) fn start(
+    listener: TcpListener,
+    name: &str,
     answering: Answering,
-    mut ended: oneshot::Receiver<()>,
-) {
-    let places = Arc::new(Semaphore::new(CONNECTIONS_MAX));
-    loop {
-        // The semaphore is never closed.
-        let Ok(place) = Arc::clone(&places).acquire_owned().await else {
-            return;
-        };
-        let accepted = tokio::select! {
-            _ = &mut ended => return,
-            accepted = listener.accept() => accepted,
-        };
-        match accepted {
-            Ok((stream, peer)) => {
-                let answering = Arc::clone(&answering);
-                tokio::spawn(async move {
-                    serve(stream, peer, answering).await;
-                    drop(place);
-                });
-            }
-            Err(cause) => {
-                tracing::debug!(%cause, "a connection for http was not accepted");
-                tokio::time::sleep(REFUSED_PAUSE).await;
-            }
-        }
-    }
+) -> io::Result<TcpService> {
+    start_within(listener, name, answering, PART_TIMEOUT)
 }
 
-async fn serve(stream: TcpStream, peer: SocketAddr, answering: Answering) {
-    let service = service_fn(move |request| {
-        let answering = Arc::clone(&answering);
-        async move { Ok::<_, Infallible>(respond(request, &answering).await) }
+/// Like [`start`], with another time for the head of a request, and for its body.
+fn start_within(
+    listener: TcpListener,
+    name: &str,
+    answering: Answering,
+    part: Duration,
+) -> io::Result<TcpService> {
+    let serving = move |stream, peer| -> Pin<Box<dyn Future<Output = ()> + Send>> {
+        Box::pin(serve(stream, peer, Arc::clone(&answering), part))
+    };
+    TcpService::start(listener, name, Arc::new(serving))
+}
+
+async fn serve(stream: TcpStream, peer: SocketAddr, answering: Answering, part: Duration) {
+    let service = service_fn(|request| async {
+        Ok::<_, Infallible>(respond(request, &answering, part).await)
     });
     let connection = http1::Builder::new()
         .timer(TokioTimer::new())
         .keep_alive(false)
-        .header_read_timeout(HEAD_TIMEOUT)
+        .header_read_timeout(part)
         .max_buf_size(HEAD_BYTES_MAX)
         .serve_connection(TokioIo::new(stream), service);
     // A connection that takes too long ends here.
@@ -180,22 +151,11 @@ async fn serve(stream: TcpStream, peer: SocketAddr, answering: Answering) {
 async fn respond(
     request: hyper::Request<Incoming>,
     answering: &Answering,
+    part: Duration,
 ) -> Response<Full<Bytes>> {
-    let (head, body) = request.into_parts();
-    let text = |name| head.headers.get(name)?.to_str().ok().map(str::to_owned);
-    let (host, origin) = (text(HOST), text(ORIGIN));
-    let answer = match Limited::new(body, BODY_BYTES_MAX).collect().await {
-        Ok(body) => answering(&HttpRequest {
-            method: head.method,
-            path: head.uri.path().to_owned(),
-            host,
-            origin,
-            body: body.to_bytes(),
-        }),
-        Err(_) => HttpAnswer::refusal(
-            StatusCode::PAYLOAD_TOO_LARGE,
-            format!("a request has {BODY_BYTES_MAX} bytes at most"),
-        ),
+    let answer = match read(request, part).await {
+        Ok(request) => answering(&request),
+        Err(refusal) => refusal,
     };
     let mut response = Response::new(Full::new(answer.body));
     *response.status_mut() = answer.status;
@@ -210,6 +170,44 @@ async fn respond(
     response
 }
 
+/// The request, with its whole body, or the refusal of one that cannot be answered.
+async fn read(
+    request: hyper::Request<Incoming>,
+    part: Duration,
+) -> Result<HttpRequest, HttpAnswer> {
+    let (head, body) = request.into_parts();
+    let refusal = |status, reason: String| Err(HttpAnswer::refusal(status, reason));
+    // Two readers of one request could take two different hosts from it.
+    for name in [HOST, ORIGIN] {
+        if head.headers.get_all(&name).iter().count() > 1 {
+            return refusal(
+                StatusCode::BAD_REQUEST,
+                format!("a request has one line {name}"),
+            );
+        }
+    }
+    let text = |name| head.headers.get(name)?.to_str().ok().map(str::to_owned);
+    let (host, origin) = (text(HOST), text(ORIGIN));
+    let body = timeout(part, Limited::new(body, BODY_BYTES_MAX).collect()).await;
+    match body {
+        Ok(Ok(body)) => Ok(HttpRequest {
+            method: head.method,
+            path: head.uri.path().to_owned(),
+            host,
+            origin,
+            body: body.to_bytes(),
+        }),
+        Ok(Err(_)) => refusal(
+            StatusCode::PAYLOAD_TOO_LARGE,
+            format!("a request has {BODY_BYTES_MAX} bytes at most"),
+        ),
+        Err(_) => refusal(
+            StatusCode::REQUEST_TIMEOUT,
+            format!("a request's body comes within {} s", part.as_secs_f32()),
+        ),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use std::io::{Read, Write};
@@ -217,12 +215,17 @@ mod tests {
     use std::sync::Mutex;
 
     use super::*;
+    use crate::tcp::PEER_CONNECTIONS_MAX;
 
     /// Longer than any answer takes; reached only by a failure.
     const LONG: Duration = Duration::from_secs(30);
 
     /// A listener that answers by the path, and the requests that it got.
-    fn listening() -> (HttpListener, SocketAddr, Arc<Mutex<Vec<HttpRequest>>>) {
+    fn listening() -> (TcpService, SocketAddr, Arc<Mutex<Vec<HttpRequest>>>) {
+        listening_within(LONG)
+    }
+
+    fn listening_within(part: Duration) -> (TcpService, SocketAddr, Arc<Mutex<Vec<HttpRequest>>>) {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let address = listener.local_addr().unwrap();
         let requests = Arc::new(Mutex::new(Vec::new()));
@@ -231,7 +234,7 @@ mod tests {
             noted.lock().unwrap().push(request.clone());
             HttpAnswer::ok(TEXT, request.path.clone())
         });
-        let listener = HttpListener::start(listener, "rhumb-test-http", answering).unwrap();
+        let listener = start_within(listener, "rhumb-test-http", answering, part).unwrap();
         (listener, address, requests)
     }
 
@@ -288,6 +291,56 @@ mod tests {
         let refused = answer(connect(address), b"no request\r\n\r\n");
         assert!(refused.starts_with("HTTP/1.1 400"), "{refused}");
         assert!(requests.lock().unwrap().is_empty());
+    }
+
+    #[test]
+    fn a_body_that_never_comes_holds_its_place_for_no_longer_than_a_head() {
+        let (_listener, address, requests) = listening_within(Duration::from_millis(50));
+        let refused = answer(
+            connect(address),
+            b"POST / HTTP/1.1\r\nHost: x\r\nContent-Length: 2\r\n\r\n",
+        );
+        assert!(refused.starts_with("HTTP/1.1 408"), "{refused}");
+        assert!(requests.lock().unwrap().is_empty());
+    }
+
+    #[test]
+    fn a_request_with_two_hosts_or_origins_is_refused() {
+        let (_listener, address, requests) = listening();
+        for twice in [
+            "Host: a\r\nHost: b",
+            "Host: a\r\nOrigin: http://a\r\nOrigin: http://b",
+        ] {
+            let request = format!("GET / HTTP/1.1\r\n{twice}\r\n\r\n");
+            let refused = answer(connect(address), request.as_bytes());
+            assert!(refused.starts_with("HTTP/1.1 400"), "{refused}");
+        }
+        assert!(requests.lock().unwrap().is_empty());
+    }
+
+    #[test]
+    fn an_address_has_its_share_of_places_and_gets_them_back() {
+        let (_listener, address, _) = listening();
+        let mut silent: Vec<_> = (0..PEER_CONNECTIONS_MAX)
+            .map(|_| connect(address))
+            .collect();
+        let mut rest = String::new();
+        let one_more = connect(address).read_to_string(&mut rest);
+        assert!(
+            !matches!(one_more, Ok(1..)),
+            "an answer beyond the share: {rest}"
+        );
+        let last = silent.pop().unwrap();
+        let given = answer(last, b"GET / HTTP/1.1\r\nHost: x\r\n\r\n");
+        assert!(given.starts_with("HTTP/1.1 200"), "{given}");
+        // The place is free once the server has seen that the connection is over.
+        let served = (0..1_000).any(|_| {
+            let mut stream = connect(address);
+            let mut given = String::new();
+            let sent = stream.write_all(b"GET / HTTP/1.1\r\nHost: x\r\n\r\n");
+            sent.is_ok() && stream.read_to_string(&mut given).is_ok() && given.contains("200 OK")
+        });
+        assert!(served);
     }
 
     #[test]

@@ -59,6 +59,7 @@ mod recording;
 mod serve;
 mod settings;
 mod start_check;
+mod tcp;
 mod token_command;
 #[cfg(feature = "top")]
 mod top;
@@ -70,6 +71,8 @@ pub use dispatcher::{Dispatcher, DispatcherSettings};
 pub use durable::{Damage, DataDir, DataError};
 #[cfg(feature = "view")]
 pub use page_beside::PageBeside;
+#[cfg(feature = "foxglove")]
+pub use recording::ViewersError;
 #[cfg(feature = "app")]
 pub use rhumb_app;
 pub use rhumb_scene::{

@@ -31,9 +31,11 @@ use crate::access::{Authenticator, TokenKeys};
 use crate::dispatcher::{Dispatcher, DispatcherSettings, ProcessOptions};
 use crate::durable::DataDir;
 use crate::flight::{FlightRecorders, FlightWriter};
-use crate::http::HttpListener;
+use crate::http;
 #[cfg(feature = "view")]
 use crate::metrics::Metrics;
+#[cfg(feature = "view")]
+use crate::tcp::TcpService;
 #[cfg(feature = "view")]
 use crate::view::{PageListener, ViewScene};
 
@@ -143,7 +145,10 @@ impl Server {
         origins: Option<Origins>,
     ) -> Result<Self, RunError> {
         if matches!(access, Access::OpenOnLoopback) && !listen.ip().is_loopback() {
-            return Err(RunError::OpenToNetwork(listen));
+            return Err(RunError::OpenToNetwork {
+                address: listen,
+                flag: "--listen",
+            });
         }
         let certificate = identity.certificate()?;
         let web = origins.map(|origins| WebOptions {
@@ -234,7 +239,10 @@ impl Server {
         scenes: Vec<ViewScene>,
     ) -> Result<SocketAddr, RunError> {
         if matches!(self.access, Access::OpenOnLoopback) && !address.ip().is_loopback() {
-            return Err(RunError::OpenToNetwork(address));
+            return Err(RunError::OpenToNetwork {
+                address,
+                flag: "--view",
+            });
         }
         let page = PageListener::bind(address, self.address()).map_err(RunError::View)?;
         let local = page.address();
@@ -330,8 +338,10 @@ impl Server {
         let answering = match server.metrics {
             None => None,
             Some(listener) => {
-                let answer = Arc::new(move |request: &_| metrics.answer(request));
-                let started = HttpListener::start(listener, "rhumb-server-metrics", answer);
+                let local = listener.local_addr().map_err(RunError::Thread)?;
+                let named = !local.ip().is_loopback();
+                let answer = Arc::new(move |request: &_| metrics.answer(request, named));
+                let started = http::start(listener, "rhumb-server-metrics", answer);
                 Some(started.map_err(RunError::Thread)?)
             }
         };
@@ -410,7 +420,7 @@ fn start_flights(
 #[cfg(feature = "view")]
 impl Server {
     /// Begins to answer the page's requests, if there is a page.
-    fn start_page(&mut self, metrics: &Metrics) -> Result<Option<HttpListener>, RunError> {
+    fn start_page(&mut self, metrics: &Metrics) -> Result<Option<TcpService>, RunError> {
         let Some((page, scenes)) = self.view.take() else {
             return Ok(None);
         };

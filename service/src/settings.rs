@@ -132,7 +132,7 @@ const ROWS: [(&str, &str, &str); 23] = [
     (
         "open_to_network",
         "false",
-        "Lets clients without a token come from other machines too.",
+        "Lets clients without a token come from other machines too, and viewers and readers of figures.",
     ),
     (
         "socket",

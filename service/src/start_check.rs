@@ -49,7 +49,11 @@ pub(crate) fn check(
     let threads = StepThreads::new(Some(settings.threads)).map_err(RunError::StepThreads)?;
     let access = access(settings)?;
     if matches!(access, Access::OpenOnLoopback) && !settings.listen.ip().is_loopback() {
-        return Err(RunError::OpenToNetwork(settings.listen).into());
+        return Err(RunError::OpenToNetwork {
+            address: settings.listen,
+            flag: "--listen",
+        }
+        .into());
     }
     check_open(settings, app)?;
     check_page(settings, &access)?;
@@ -108,10 +112,18 @@ fn access(settings: &ServerSettings) -> Result<Access, Box<dyn Error>> {
 
 /// Refuses what would let other machines in without a token, unless the operator says so.
 fn check_open(settings: &ServerSettings, app: Option<SocketAddr>) -> Result<(), RunError> {
-    let view = settings.view.filter(|view| !view.ip().is_loopback());
-    let foxglove = (settings.foxglove).filter(|at| !at.ip().is_loopback());
-    match app.or(view).or(foxglove) {
-        Some(address) if !settings.open_to_network => Err(RunError::OpenToNetwork(address)),
+    let listeners = [
+        ("--app-listen", app),
+        ("--view", settings.view),
+        ("--foxglove", settings.foxglove),
+        ("--metrics", settings.metrics),
+    ];
+    let open = listeners.into_iter().find_map(|(flag, address)| {
+        let address = address.filter(|address| !address.ip().is_loopback())?;
+        Some(RunError::OpenToNetwork { address, flag })
+    });
+    match open {
+        Some(refusal) if !settings.open_to_network => Err(refusal),
         _ => Ok(()),
     }
 }

@@ -24,12 +24,14 @@ const BACKLOG: usize = 256;
 /// Viewers at an address.
 pub struct LiveScenes {
     context: Arc<Context>,
+    address: SocketAddr,
+    name: String,
     handle: WebSocketServerHandle,
     channels: BTreeMap<String, Arc<RawChannel>>,
     subscriptions: Arc<Subscriptions>,
     buffer: Vec<u8>,
     /// Runs the connections; dropped last.
-    _runtime: Runtime,
+    runtime: Runtime,
 }
 
 /// Reason why scenes cannot be shown live.
@@ -112,7 +114,8 @@ impl ServerListener for Subscriptions {
 }
 
 impl LiveScenes {
-    /// Listens at a TCP address; `name` is shown to viewers.
+    /// Listens at a TCP address; `name` is shown to viewers. It asks nobody for a token or an origin: any program that
+    /// reaches the address sees the scenes, and any web page that a browser of this machine shows.
     ///
     /// # Errors
     ///
@@ -125,30 +128,40 @@ impl LiveScenes {
             .build()
             .map_err(LiveError::Thread)?;
         let (context, subscriptions) = (Context::new(), Arc::new(Subscriptions::default()));
-        let server = WebSocketServer::new()
-            .name(name)
-            .bind(address.ip().to_string(), address.port())
-            .context(&context)
-            .message_backlog_size(BACKLOG)
-            .listener(Arc::<Subscriptions>::clone(&subscriptions))
-            .tokio_runtime(runtime.handle());
-        let handle = runtime
-            .block_on(server.start())
-            .map_err(|cause| LiveError::Listen { address, cause })?;
+        let handle = serve(address, name, &context, &subscriptions, &runtime)?;
         Ok(Self {
             context,
+            address,
+            name: name.to_owned(),
             handle,
             channels: BTreeMap::new(),
             subscriptions,
             buffer: Vec::new(),
-            _runtime: runtime,
+            runtime,
         })
     }
 
-    /// The port that it listens at.
+    /// Listens again with the same topics. The library stops accepting, without a word, when the system has no descriptors
+    /// for a connection. A port that was chosen by the system is another one then.
+    ///
+    /// # Errors
+    ///
+    /// [`LiveError`] for an address that cannot be used; then nothing has changed.
+    pub fn listen_again(&mut self) -> Result<(), LiveError> {
+        self.handle = serve(
+            self.address,
+            &self.name,
+            &self.context,
+            &self.subscriptions,
+            &self.runtime,
+        )?;
+        Ok(())
+    }
+
+    /// The address that it listens at.
     #[must_use]
-    pub fn port(&self) -> u16 {
-        self.handle.port()
+    pub fn address(&self) -> SocketAddr {
+        SocketAddr::new(self.address.ip(), self.handle.port())
     }
 
     /// Admits the viewers that have subscribed since the last call. True if there are any: then every topic is to be
@@ -183,6 +196,24 @@ impl LiveScenes {
             .insert(topic.name.clone(), Arc::clone(&channel));
         Ok(channel)
     }
+}
+
+fn serve(
+    address: SocketAddr,
+    name: &str,
+    context: &Arc<Context>,
+    subscriptions: &Arc<Subscriptions>,
+    runtime: &Runtime,
+) -> Result<WebSocketServerHandle, LiveError> {
+    let server = WebSocketServer::new()
+        .name(name)
+        .bind(address.ip().to_string(), address.port())
+        .context(context)
+        .message_backlog_size(BACKLOG)
+        .listener(Arc::<Subscriptions>::clone(subscriptions))
+        .tokio_runtime(runtime.handle());
+    let started = runtime.block_on(server.start());
+    started.map_err(|cause| LiveError::Listen { address, cause })
 }
 
 impl TraceSink for LiveScenes {

@@ -42,7 +42,8 @@ impl Origins {
     }
 
     /// True if a page of this origin may connect; `None` is a client that is no browser.
-    pub(crate) fn allows(&self, origin: Option<&str>) -> bool {
+    #[must_use]
+    pub fn allows(&self, origin: Option<&str>) -> bool {
         let Some(origin) = origin else {
             return true;
         };

@@ -196,8 +196,21 @@ impl Metrics {
 const FIGURES: &str = "text/plain; version=0.0.4";
 
 impl Metrics {
-    /// The answer to a request.
-    pub(crate) fn answer(&self, request: &HttpRequest) -> HttpAnswer {
+    /// The answer to a request. `named`: names of hosts are answered to, and not only addresses of this machine; a page
+    /// whose name was pointed at this machine shall read no names of scenes.
+    pub(crate) fn answer(&self, request: &HttpRequest, named: bool) -> HttpAnswer {
+        if request.host.is_some() && request.host(named).is_none() {
+            return HttpAnswer::refusal(
+                StatusCode::FORBIDDEN,
+                "ask by the address that the server printed, not by another name",
+            );
+        }
+        if let Some(origin) = request.foreign_origin() {
+            return HttpAnswer::refusal(
+                StatusCode::FORBIDDEN,
+                format!("a page of {origin} may not read these figures"),
+            );
+        }
         match request.path.as_str() {
             "/metrics" => HttpAnswer::ok(FIGURES, self.text()),
             "/health" if self.is_healthy() => HttpAnswer::ok(TEXT, "ok\n"),
@@ -258,6 +271,29 @@ mod tests {
         }
         drop(meter);
         assert!(!metrics.text().contains("team/pit"));
+    }
+
+    #[test]
+    fn pages_of_others_read_no_figures() {
+        let metrics = Metrics::default();
+        let status = |host: Option<&str>, origin: Option<&str>, named| {
+            let request = HttpRequest {
+                method: hyper::Method::GET,
+                path: "/metrics".into(),
+                host: host.map(str::to_owned),
+                origin: origin.map(str::to_owned),
+                body: bytes::Bytes::new(),
+            };
+            metrics.answer(&request, named).status.as_u16()
+        };
+        assert_eq!(status(Some("127.0.0.1:9464"), None, false), 200);
+        assert_eq!(status(Some("localhost:9464"), None, false), 200);
+        assert_eq!(status(None, None, false), 200);
+        assert_eq!(status(Some("scenes.example:9464"), None, false), 403);
+        assert_eq!(status(Some("scenes.example:9464"), None, true), 200);
+        let other = Some("http://other.example");
+        assert_eq!(status(Some("127.0.0.1:9464"), other, false), 403);
+        assert_eq!(status(Some("scenes.example:9464"), other, true), 403);
     }
 
     #[test]

@@ -1,42 +1,97 @@
 //! The thread that shows scenes to Foxglove's viewers.
 
 use std::collections::BTreeMap;
+use std::fmt;
 use std::io;
-use std::net::SocketAddr;
+use std::net::{SocketAddr, TcpListener};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use rhumb_protocol::scene::SceneName;
 use rhumb_trace::{LiveError, LiveScenes};
+use rhumb_transport::{Origins, PageOrigin};
 
+use super::door::{Door, Inner, hidden_address};
 use super::recorder::RecordingLimits;
 use super::tap::{QueuedBytes, SceneTaps, TapMessage, TapQueue};
 use super::writer::SceneWriter;
+use crate::tcp::TcpService;
 
 /// Longest time until a new viewer of a scene that stands still sees it.
 const LOOK: Duration = Duration::from_millis(200);
 /// The name of the server in a viewer.
 const NAME: &str = concat!("rhumb-server ", env!("CARGO_PKG_VERSION"));
 
-/// The socket and the thread; dropping this ends both.
+/// The page of Foxglove's viewer in a browser.
+const FOXGLOVE_PAGE: &str = "https://app.foxglove.dev";
+
+/// The sockets and the threads; dropping this ends them.
 pub(crate) struct LiveViewers {
+    _door: TcpService,
     messages: Sender<TapMessage>,
     thread: Option<JoinHandle<()>>,
 }
 
+/// Reason why viewers cannot be served.
+#[derive(Debug)]
+pub enum ViewersError {
+    /// Listening at the address failed.
+    Listen {
+        /// The TCP address.
+        address: SocketAddr,
+        /// The system's error.
+        cause: io::Error,
+    },
+    /// The endpoint behind the address cannot start.
+    Endpoint(LiveError),
+}
+
+impl fmt::Display for ViewersError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Listen { address, cause } => write!(
+                f,
+                "cannot serve Foxglove at tcp {address}: {cause}; choose another address by --foxglove ADDRESS"
+            ),
+            Self::Endpoint(cause) => cause.fmt(f),
+        }
+    }
+}
+
+impl std::error::Error for ViewersError {}
+
 /// Viewers at an address, not served yet.
-pub(crate) struct BoundViewers(LiveScenes);
+pub(crate) struct BoundViewers {
+    listener: TcpListener,
+    address: SocketAddr,
+    pages: Origins,
+    live: LiveScenes,
+}
 
 impl BoundViewers {
-    /// Listens at a TCP address.
-    pub(crate) fn bind(address: SocketAddr) -> Result<Self, LiveError> {
-        LiveScenes::listen(address, NAME).map(Self)
+    /// Listens at a TCP address. Web pages of others than `pages`, of this machine and of Foxglove do not pass.
+    pub(crate) fn bind(address: SocketAddr, mut pages: Origins) -> Result<Self, ViewersError> {
+        let failed = |cause| ViewersError::Listen { address, cause };
+        let listener = TcpListener::bind(address).map_err(failed)?;
+        let local = listener.local_addr().map_err(failed)?;
+        pages.allow(
+            FOXGLOVE_PAGE
+                .parse::<PageOrigin>()
+                .expect("it is an origin"),
+        );
+        let hidden = hidden_address().map_err(failed)?;
+        Ok(Self {
+            listener,
+            address: local,
+            pages,
+            live: LiveScenes::listen(hidden, NAME).map_err(ViewersError::Endpoint)?,
+        })
     }
 
-    /// The port that it listens at.
-    pub(crate) fn port(&self) -> u16 {
-        self.0.port()
+    /// Where it listens.
+    pub(crate) const fn address(&self) -> SocketAddr {
+        self.address
     }
 
     /// Shows the scenes that begin from now on.
@@ -52,14 +107,19 @@ impl BoundViewers {
             waiting: waiting.clone(),
             bytes_max: limits.waiting_bytes(),
         });
+        let inner = Inner::default();
+        inner.set(self.live.address());
+        let door = Door::new(self.pages, self.address, inner.clone()).open(self.listener)?;
         let showing = Showing {
-            live: self.0,
+            live: self.live,
+            inner,
             scenes: BTreeMap::new(),
         };
         let thread = thread::Builder::new()
             .name("rhumb-foxglove".to_owned())
             .spawn(move || showing.run(&received, &waiting))?;
         Ok(LiveViewers {
+            _door: door,
             messages,
             thread: Some(thread),
         })
@@ -80,12 +140,17 @@ impl Drop for LiveViewers {
 /// The scenes that are shown.
 struct Showing {
     live: LiveScenes,
+    /// Where the door finds `live`.
+    inner: Inner,
     scenes: BTreeMap<SceneName, (u64, SceneWriter)>,
 }
 
 impl Showing {
     fn run(mut self, messages: &Receiver<TapMessage>, waiting: &QueuedBytes) {
         loop {
+            if self.inner.is_gone() {
+                self.listen_again();
+            }
             if self.live.admit_viewers() {
                 self.show_all();
             }
@@ -110,6 +175,17 @@ impl Showing {
                 Ok(TapMessage::End) | Err(RecvTimeoutError::Disconnected) => return,
                 Err(RecvTimeoutError::Timeout) => {}
             }
+        }
+    }
+
+    /// Puts the endpoint back, which ended when the system had no descriptors.
+    fn listen_again(&mut self) {
+        match self.live.listen_again() {
+            Ok(()) => {
+                tracing::warn!("the endpoint for viewers had ended, and is back");
+                self.inner.set(self.live.address());
+            }
+            Err(cause) => tracing::debug!(%cause, "the endpoint for viewers is not back yet"),
         }
     }
 

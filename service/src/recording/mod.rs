@@ -3,6 +3,8 @@
 //! A scene copies the states of a tick into a bounded queue, and never waits: a queue that is full costs ticks of the
 //! recording, which continues with a whole scene. Threads of their own write. Without readers a scene copies nothing.
 
+#[cfg(feature = "foxglove")]
+mod door;
 #[cfg(feature = "record")]
 mod file;
 #[cfg(feature = "foxglove")]
@@ -16,6 +18,8 @@ mod tap;
 #[cfg(feature = "record")]
 mod writer;
 
+#[cfg(feature = "foxglove")]
+pub use self::live::ViewersError;
 #[cfg(feature = "foxglove")]
 pub(crate) use self::live::{BoundViewers, LiveViewers};
 #[cfg(not(feature = "record"))]

@@ -4,6 +4,9 @@
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
+#[cfg(feature = "foxglove")]
+use rhumb_transport::Origins;
+
 use super::{RunError, Server, seconds_since_1970};
 use crate::recording::{Recorder, RecordingLimits, SceneTaps};
 
@@ -21,15 +24,21 @@ impl Server {
     }
 
     /// Shows every scene to Foxglove's viewers, over WebSockets at a TCP address, which is returned. It has no tokens:
-    /// bind it where only those reach it who may see all scenes.
+    /// bind it where only those reach it who may see all scenes. Web pages pass if they are of this machine, of Foxglove,
+    /// or among `pages`.
     ///
     /// # Errors
     ///
     /// [`RunError::Foxglove`] for an address that cannot be used.
     #[cfg(feature = "foxglove")]
-    pub fn show_in_foxglove(&mut self, address: SocketAddr) -> Result<SocketAddr, RunError> {
-        let viewers = crate::recording::BoundViewers::bind(address).map_err(RunError::Foxglove)?;
-        let local = SocketAddr::new(address.ip(), viewers.port());
+    pub fn show_in_foxglove(
+        &mut self,
+        address: SocketAddr,
+        pages: Origins,
+    ) -> Result<SocketAddr, RunError> {
+        let bound = crate::recording::BoundViewers::bind(address, pages);
+        let viewers = bound.map_err(RunError::Foxglove)?;
+        let local = viewers.address();
         self.foxglove = Some(viewers);
         Ok(local)
     }

@@ -59,9 +59,14 @@ pub enum RunError {
     },
     /// Foxglove's viewers cannot be served.
     #[cfg(feature = "foxglove")]
-    Foxglove(rhumb_trace::LiveError),
-    /// An open server may not listen at an address that other machines reach.
-    OpenToNetwork(SocketAddr),
+    Foxglove(crate::recording::ViewersError),
+    /// A listener that asks for no token may not be bound where other machines reach it.
+    OpenToNetwork {
+        /// The address.
+        address: SocketAddr,
+        /// The flag that asked for the listener.
+        flag: &'static str,
+    },
     /// Binding the threads to cores failed.
     Cores {
         /// The cores.
@@ -109,10 +114,18 @@ impl fmt::Display for RunError {
             }
             #[cfg(feature = "foxglove")]
             Self::Foxglove(cause) => cause.fmt(f),
-            Self::OpenToNetwork(address) => write!(
+            Self::OpenToNetwork {
+                address,
+                flag: "--listen",
+            } => write!(
                 f,
                 "a server that needs no token would be open to the network at {address}: \
                  give it --token-key, or --open-to-network if that is meant"
+            ),
+            Self::OpenToNetwork { address, flag } => write!(
+                f,
+                "{flag} asks for no token, and would be open to the network at {address}: \
+                 choose an address of this machine, or give --open-to-network if that is meant"
             ),
             Self::Cores { cores, cause } => {
                 let cores: Vec<_> = cores.iter().map(usize::to_string).collect();

@@ -61,7 +61,7 @@ impl Page {
 
     /// The page's rights: it connects to this server, and after a restart to the server's new ports.
     fn policy(&self, request: &HttpRequest) -> HeaderValue {
-        let sources = self.host(request).map(|host| {
+        let sources = request.host(self.named).map(|host| {
             let listens = [self.listens, self.relay.local_addr()];
             listens.map(|listens| source(listens, host)).join(" ")
         });
@@ -70,13 +70,13 @@ impl Page {
     }
 
     fn answer_to(&self, request: &HttpRequest) -> HttpAnswer {
-        let Some(host) = self.host(request) else {
+        let Some(host) = request.host(self.named) else {
             return HttpAnswer::refusal(
                 StatusCode::FORBIDDEN,
                 "open this page by the address that the server printed, not by another name",
             );
         };
-        if let Some(origin) = foreign(request) {
+        if let Some(origin) = request.foreign_origin() {
             return HttpAnswer::refusal(
                 StatusCode::FORBIDDEN,
                 format!(
@@ -98,22 +98,6 @@ impl Page {
                 "GET, and POST for /link, are what there is",
             ),
         }
-    }
-
-    /// The host part of the address by which the page was reached, without its port. `None` for a name, which could
-    /// have been pointed at this machine by someone else, unless names are allowed.
-    fn host<'a>(&self, request: &'a HttpRequest) -> Option<&'a str> {
-        let host = request.host.as_deref()?;
-        let name = match host.rsplit_once(':') {
-            Some((name, port)) if port.bytes().all(|digit| digit.is_ascii_digit()) => name,
-            _ => host,
-        };
-        let bare = name.trim_start_matches('[').trim_end_matches(']');
-        let is_address = bare.parse::<IpAddr>().is_ok() || bare == "localhost";
-        let is_name = bare
-            .bytes()
-            .all(|byte| byte.is_ascii_alphanumeric() || b"-._".contains(&byte));
-        (is_address || self.named && is_name).then_some(name)
     }
 
     fn facts(&self, host: &str) -> HttpAnswer {
@@ -174,17 +158,6 @@ impl Page {
         };
         serde_json::json!({ "up": of(Direction::Up), "down": of(Direction::Down) }).to_string()
     }
-}
-
-/// The origin of a page that is not this one.
-fn foreign(request: &HttpRequest) -> Option<&str> {
-    let origin = request.origin.as_deref()?;
-    let own = request.host.as_deref().is_some_and(|host| {
-        origin
-            .split_once("://")
-            .is_some_and(|(_, place)| place == host)
-    });
-    (!own).then_some(origin)
 }
 
 fn json(facts: &Facts) -> HttpAnswer {

@@ -15,8 +15,9 @@ use rhumb_transport::conditioner::{LinkConfig, RelayError, UdpRelay};
 
 use self::answer::{Hashes, Page};
 use crate::access::TokenIssuer;
-use crate::http::{HttpListener, HttpRequest};
+use crate::http::{self, HttpRequest};
 use crate::metrics::Metrics;
+use crate::tcp::TcpService;
 
 pub use self::answer::ViewScene;
 pub(crate) use self::static_page::{PageArguments, run as write_page};
@@ -82,7 +83,7 @@ impl PageListener {
         (scenes, metrics): (Vec<ViewScene>, Metrics),
         issuer: Option<TokenIssuer>,
         now: fn() -> i64,
-    ) -> io::Result<HttpListener> {
+    ) -> io::Result<TcpService> {
         let page = Page {
             listens: self.listens,
             relay: self.relay,
@@ -94,7 +95,7 @@ impl PageListener {
             named: !self.address.ip().is_loopback(),
         };
         let answer = Arc::new(move |request: &HttpRequest| page.answer(request));
-        HttpListener::start(self.listener, "rhumb-server-view", answer)
+        http::start(self.listener, "rhumb-server-view", answer)
     }
 }
 

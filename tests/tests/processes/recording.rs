@@ -525,6 +525,7 @@ fn a_configuration_is_checked_as_a_start_checks_it() {
         ),
         (&["--open", "--view", "0.0.0.0:0"], "--open-to-network"),
         (&["--open", "--foxglove", "0.0.0.0:0"], "--open-to-network"),
+        (&["--open", "--metrics", "0.0.0.0:0"], "--open-to-network"),
         (
             &["--open", "--app-listen", "0.0.0.0:0"],
             "--open-to-network",

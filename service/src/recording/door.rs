@@ -1,0 +1,271 @@
+//! The door before Foxglove's endpoint, whose library asks nobody where they come from.
+//!
+//! The library listens at an address that nobody can guess; the door reads the head of each request, refuses web pages of
+//! others, and passes the rest on. The library stops accepting when the system has no descriptors; the door says so.
+
+use std::io;
+use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener};
+use std::pin::Pin;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use hyper::StatusCode;
+use rhumb_transport::Origins;
+use ring::rand::{SecureRandom, SystemRandom};
+use tokio::io::{AsyncReadExt, AsyncWriteExt, copy_bidirectional};
+use tokio::net::{TcpSocket, TcpStream};
+use tokio::time::timeout;
+
+use crate::http::reached_host;
+use crate::tcp::TcpService;
+
+/// Time for the head of a request, and to reach the library.
+const HEAD_TIMEOUT: Duration = Duration::from_secs(5);
+/// Longest head of a request.
+const HEAD_BYTES_MAX: usize = 16 << 10;
+/// Most lines in a head.
+const LINES_MAX: usize = 64;
+/// Buffer of the socket towards the library, bytes: a slow viewer misses messages soon, and does not see them late.
+const BUFFER_BYTES: u32 = 64 << 10;
+
+/// Who passes, and where to.
+pub(super) struct Door {
+    pages: Origins,
+    /// True if other machines reach the door: then it answers to names.
+    named: bool,
+    inner: Inner,
+}
+
+/// Where the library listens.
+#[derive(Clone, Default)]
+pub(super) struct Inner(Arc<InnerState>);
+
+#[derive(Default)]
+struct InnerState {
+    address: Mutex<Option<SocketAddr>>,
+    is_gone: AtomicBool,
+}
+
+impl Inner {
+    /// Sets where the library listens now.
+    pub(super) fn set(&self, address: SocketAddr) {
+        *self
+            .0
+            .address
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner) = Some(address);
+        self.0.is_gone.store(false, Ordering::Release);
+    }
+
+    /// True if the library has stopped listening since [`Self::set`].
+    pub(super) fn is_gone(&self) -> bool {
+        self.0.is_gone.load(Ordering::Acquire)
+    }
+
+    async fn connect(&self) -> io::Result<TcpStream> {
+        let address = *self
+            .0
+            .address
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
+        let address = address.ok_or(io::ErrorKind::NotConnected)?;
+        let socket = TcpSocket::new_v4()?;
+        socket.set_recv_buffer_size(BUFFER_BYTES)?;
+        let connected = socket.connect(address).await;
+        if let Err(cause) = &connected
+            && cause.kind() == io::ErrorKind::ConnectionRefused
+        {
+            self.0.is_gone.store(true, Ordering::Release);
+        }
+        connected
+    }
+}
+
+/// An address for the library: of this machine, and not to be found by trying. A web page can try all ports of 127.0.0.1,
+/// and nothing but the door would ask for its origin.
+pub(super) fn hidden_address() -> io::Result<SocketAddr> {
+    let mut bytes = [0; 3];
+    if cfg!(target_os = "linux") {
+        let filled = SystemRandom::new().fill(&mut bytes);
+        filled.map_err(|_| io::Error::other("the system has no random bytes"))?;
+    }
+    let ip = match bytes {
+        // The network's own address, and its broadcast.
+        [0, 0, 0] | [255, 255, 255] => Ipv4Addr::LOCALHOST,
+        [b, c, d] => Ipv4Addr::new(127, b, c, d),
+    };
+    Ok(SocketAddr::new(IpAddr::V4(ip), 0))
+}
+
+/// A refusal: its status, and the reason.
+type Refusal = (StatusCode, String);
+
+impl Door {
+    /// A door for these pages at an address.
+    pub(super) fn new(pages: Origins, address: SocketAddr, inner: Inner) -> Self {
+        Self {
+            pages,
+            named: !address.ip().is_loopback(),
+            inner,
+        }
+    }
+
+    /// Opens it.
+    pub(super) fn open(self, listener: TcpListener) -> io::Result<TcpService> {
+        let door = Arc::new(self);
+        let serving = move |stream, peer| -> Pin<Box<dyn Future<Output = ()> + Send>> {
+            let door = Arc::clone(&door);
+            Box::pin(async move {
+                if let Err(cause) = door.serve(stream).await {
+                    tracing::debug!(%peer, %cause, "a viewer's connection failed");
+                }
+            })
+        };
+        TcpService::start(listener, "rhumb-foxglove-door", Arc::new(serving))
+    }
+
+    async fn serve(&self, mut viewer: TcpStream) -> io::Result<()> {
+        let head = timeout(HEAD_TIMEOUT, read_head(&mut viewer)).await?;
+        let admitted = head?.and_then(|head| self.check(&head).map(|()| head));
+        let head = match admitted {
+            Ok(head) => head,
+            Err(refusal) => return refuse(&mut viewer, refusal).await,
+        };
+        let library = timeout(HEAD_TIMEOUT, self.inner.connect()).await;
+        let mut library = match library.unwrap_or_else(|elapsed| Err(elapsed.into())) {
+            Ok(library) => library,
+            Err(cause) => {
+                let reason =
+                    format!("the endpoint does not answer: {cause}; try again in a second");
+                return refuse(&mut viewer, (StatusCode::SERVICE_UNAVAILABLE, reason)).await;
+            }
+        };
+        viewer.set_nodelay(true)?;
+        library.set_nodelay(true)?;
+        library.write_all(&head).await?;
+        copy_bidirectional(&mut viewer, &mut library).await?;
+        Ok(())
+    }
+
+    /// Lets programs pass, and web pages that may.
+    fn check(&self, head: &[u8]) -> Result<(), Refusal> {
+        let mut lines = [httparse::EMPTY_HEADER; LINES_MAX];
+        let mut request = httparse::Request::new(&mut lines);
+        let parsed = request.parse(head);
+        parsed.map_err(|cause| (StatusCode::BAD_REQUEST, cause.to_string()))?;
+        let only = |name: &str| {
+            let mut values = (request.headers.iter())
+                .filter(|line| line.name.eq_ignore_ascii_case(name))
+                .map(|line| str::from_utf8(line.value));
+            match (values.next(), values.next()) {
+                (None, _) => Ok(None),
+                (Some(Ok(value)), None) => Ok(Some(value)),
+                _ => Err((
+                    StatusCode::BAD_REQUEST,
+                    format!("a request has one line {name}, of text"),
+                )),
+            }
+        };
+        let forbidden = |reason: String| Err((StatusCode::FORBIDDEN, reason));
+        let host = only("host")?.and_then(|host| reached_host(host, self.named));
+        if host.is_none() {
+            return forbidden(
+                "connect by the address that the server printed, not by another name".into(),
+            );
+        }
+        match only("origin")? {
+            // Pages in a program's own folder; a browser writes `null` for pages of a disk.
+            Some("file://") => Ok(()),
+            origin if self.pages.allows(origin) => Ok(()),
+            origin => forbidden(format!(
+                "a page of {} may not see these scenes: allow it by --web-origin",
+                origin.unwrap_or_default()
+            )),
+        }
+    }
+}
+
+/// The first bytes of a connection, up to the end of the head at least.
+async fn read_head(viewer: &mut TcpStream) -> io::Result<Result<Vec<u8>, Refusal>> {
+    let mut head = Vec::new();
+    while !head.windows(4).any(|end| end == b"\r\n\r\n") {
+        if head.len() >= HEAD_BYTES_MAX {
+            let reason = format!("a request's head has {HEAD_BYTES_MAX} bytes at most");
+            return Ok(Err((StatusCode::REQUEST_HEADER_FIELDS_TOO_LARGE, reason)));
+        }
+        let mut more = [0; 2_048];
+        match viewer.read(&mut more).await? {
+            0 => return Err(io::ErrorKind::UnexpectedEof.into()),
+            read => head.extend_from_slice(&more[..read]),
+        }
+    }
+    Ok(Ok(head))
+}
+
+async fn refuse(viewer: &mut TcpStream, (status, reason): Refusal) -> io::Result<()> {
+    let answer = format!(
+        "HTTP/1.1 {status}\r\nContent-Type: text/plain; charset=utf-8\r\nContent-Length: {}\r\nConnection: close\r\n\r\n{reason}\n",
+        reason.len() + 1
+    );
+    viewer.write_all(answer.as_bytes()).await?;
+    viewer.shutdown().await
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The status with which a door at an address answers a head; `None` if it lets it pass.
+    fn status(address: &str, lines: &str) -> Option<u16> {
+        let pages = ["https://app.example".parse().unwrap()];
+        let door = Door::new(
+            pages.into_iter().collect(),
+            address.parse().unwrap(),
+            Inner::default(),
+        );
+        let head = format!("GET / HTTP/1.1\r\n{lines}\r\n\r\n");
+        let checked = door.check(head.as_bytes());
+        checked.err().map(|(status, _)| status.as_u16())
+    }
+
+    #[test]
+    fn programs_and_pages_of_this_machine_pass_and_other_pages_do_not() {
+        let here = "127.0.0.1:8765";
+        for passes in [
+            "Host: 127.0.0.1:8765",
+            "host: [::1]:8765",
+            "Host: localhost:8765\r\nOrigin: http://localhost:8080",
+            "Host: localhost:8765\r\nOrigin: http://127.0.0.1:5173",
+            "Host: localhost:8765\r\nOrigin: https://app.example",
+            "Host: localhost:8765\r\nOrigin: file://",
+        ] {
+            assert_eq!(status(here, passes), None, "{passes}");
+        }
+        for refused in [
+            "Accept: */*",
+            "Host: rebound.example:8765",
+            "Host: localhost:8765\r\nOrigin: null",
+            "Host: localhost:8765\r\nOrigin: https://other.example",
+            "Host: localhost:8765\r\nOrigin: http://localhost.other.example",
+            "Host: localhost:8765\r\nOrigin: https://app.example.other",
+        ] {
+            assert_eq!(status(here, refused), Some(403), "{refused}");
+        }
+        for wrong in [
+            "Host: localhost\r\nHost: other.example",
+            "Host: localhost\r\nOrigin: http://localhost\r\norigin: http://other.example",
+            "Host localhost",
+        ] {
+            assert_eq!(status(here, wrong), Some(400), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn a_door_that_other_machines_reach_answers_to_names() {
+        let there = "0.0.0.0:8765";
+        assert_eq!(status(there, "Host: scenes.example:8765"), None);
+        let page = "Host: scenes.example:8765\r\nOrigin: http://scenes.example";
+        assert_eq!(status(there, page), Some(403));
+    }
+}
