@@ -18,7 +18,8 @@ use rhumb_trace::{SceneUpdate, TickStates, read_states};
 use serde_json::Value;
 use tungstenite::client::IntoClientRequest;
 use tungstenite::http::HeaderValue;
-use tungstenite::{Message, WebSocket};
+use tungstenite::http::header::ORIGIN;
+use tungstenite::{HandshakeError, Message, WebSocket};
 
 use crate::SERVER;
 
@@ -262,6 +263,11 @@ struct Viewer(WebSocket<TcpStream>);
 
 impl Viewer {
     fn connect(server: &ServerProcess) -> Self {
+        Self::connect_from(server, None).expect("it is greeted")
+    }
+
+    /// The viewer of a web page, or the status with which it is refused.
+    fn connect_from(server: &ServerProcess, page: Option<&'static str>) -> Result<Self, u16> {
         let line = server
             .lines
             .iter()
@@ -271,10 +277,19 @@ impl Viewer {
         let stream = TcpStream::connect(address).expect("it listens");
         stream.set_read_timeout(Some(LONG)).expect("a time limit");
         let mut request = url.into_client_request().expect("it is a URL");
-        let protocol = HeaderValue::from_static("foxglove.sdk.v1");
-        (request.headers_mut()).insert("Sec-WebSocket-Protocol", protocol);
-        let (socket, _) = tungstenite::client(request, stream).expect("it is greeted");
-        Self(socket)
+        let headers = request.headers_mut();
+        headers.insert(
+            "Sec-WebSocket-Protocol",
+            HeaderValue::from_static("foxglove.sdk.v1"),
+        );
+        headers.extend(page.map(|page| (ORIGIN, HeaderValue::from_static(page))));
+        match tungstenite::client(request, stream) {
+            Ok((socket, _)) => Ok(Self(socket)),
+            Err(HandshakeError::Failure(tungstenite::Error::Http(answer))) => {
+                Err(answer.status().as_u16())
+            }
+            Err(cause) => panic!("neither greeted nor refused: {cause}"),
+        }
     }
 
     /// The next message in JSON.
@@ -506,6 +521,29 @@ fn a_viewer_is_offered_the_topics_and_schemas_of_a_recording() {
     let recorded = described(file);
     for (topic, (_, description)) in &offered {
         assert_eq!(recorded.get(topic), Some(description), "{topic}");
+    }
+}
+
+#[test]
+fn a_web_page_of_others_sees_no_scene() {
+    let allowed = [
+        "--foxglove",
+        ANYWHERE,
+        "--web-origin",
+        "https://views.example",
+    ];
+    let server = SERVER.serve_with(ANYWHERE, &allowed);
+    for page in [
+        "http://localhost:8080",
+        "https://app.foxglove.dev",
+        "https://views.example",
+    ] {
+        let mut viewer = Viewer::connect_from(&server, Some(page)).expect("the page may see them");
+        assert_eq!(viewer.json()["op"], "serverInfo", "{page}");
+    }
+    for page in ["https://other.example", "null"] {
+        let refused = Viewer::connect_from(&server, Some(page)).err();
+        assert_eq!(refused, Some(403), "{page}");
     }
 }
 
