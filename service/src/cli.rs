@@ -25,6 +25,7 @@ use tracing::level_filters::LevelFilter;
 
 pub use crate::command_line::parse;
 
+use crate::access::{KeyFile, TokenKeys};
 use crate::announcement::{BoundAddresses, announce};
 #[cfg(feature = "demo")]
 use crate::announcement::{announce_opening, page_url};
@@ -34,8 +35,9 @@ use crate::dispatcher;
 use crate::durable::{self, DataDir, DataError};
 use crate::flight;
 use crate::log;
-use crate::serve::{Server, seconds_since_1970};
+use crate::serve::{Access, Server, seconds_since_1970};
 use crate::settings::{ServerSettings, WorkerKind};
+use crate::signals::{self, Signal};
 use crate::start_check::{self, CheckedStart};
 use crate::token_command::{self, TokenArguments};
 #[cfg(feature = "top")]
@@ -70,9 +72,10 @@ pub struct Arguments {
     /// PEM file with the certificate's private key.
     #[arg(long, requires = "cert")]
     key: Option<PathBuf>,
-    /// File with a public key of tokens; may be repeated. `rhumb-server token --new-key FILE` makes keys.
-    #[arg(long, value_name = "FILE", conflicts_with = "open")]
-    token_key: Vec<PathBuf>,
+    /// File with a public key of tokens, for all scenes, or as FILE=team/*,lobby for these; may be repeated. SIGHUP has the
+    /// files read again. `rhumb-server token --new-key FILE` makes keys.
+    #[arg(long, value_name = "FILE[=SCENES]", conflicts_with = "open")]
+    token_key: Vec<KeyFile>,
     /// Name that a token must give as its audience [default: rhumb].
     #[arg(long, value_parser = NonEmptyStringValueParser::new())]
     audience: Option<String>,
@@ -361,6 +364,10 @@ fn run(settings: &ServerSettings, parts: Parts) -> Result<(), Box<dyn Error>> {
     let stop = Stop::new();
     let origins = settings.web_origins.iter().cloned().collect();
     let origins = settings.web.then_some(origins);
+    let keys = match &access {
+        Access::Tokens(keys) => Some(keys.clone()),
+        Access::OpenOnLoopback | Access::OpenToNetwork => None,
+    };
     let mut server = Server::bind_with_origins(settings.listen, &identity, access, origins)?;
     server.set_engine(settings.engine);
     server.scenes = SceneSettings {
@@ -408,7 +415,7 @@ fn run(settings: &ServerSettings, parts: Parts) -> Result<(), Box<dyn Error>> {
     if let Some(page) = addresses.view.map(page_url).filter(|_| parts.opens_browser) {
         announce_opening(&page, open_browser(&page));
     }
-    let running = stop_on_signals(&stop);
+    let running = obey_signals(&stop, keys);
     let outcome = server.run(&stop);
     running.store(false, Ordering::Relaxed);
     let statistics = outcome?;
@@ -427,11 +434,19 @@ fn open_data(path: &Path) -> Result<DataDir, DataError> {
     }
 }
 
-/// Stops at SIGINT and SIGTERM. The result is to be set to false when the server has stopped.
-fn stop_on_signals(stop: &Stop) -> Arc<AtomicBool> {
+/// Stops at SIGINT and SIGTERM. At SIGHUP it reads the keys of tokens again, or stops if there are none. The result is to
+/// be set to false when the server has stopped.
+fn obey_signals(stop: &Stop, keys: Option<TokenKeys>) -> Arc<AtomicBool> {
     let running = Arc::new(AtomicBool::new(true));
     let (requested, still_running) = (stop.clone(), Arc::clone(&running));
-    let on_signal = move || {
+    let on_signal = move |signal| {
+        if let (Signal::Reload, Some(keys)) = (signal, &keys) {
+            match keys.read_again() {
+                Ok(()) => tracing::info!("the keys of tokens are read again"),
+                Err(cause) => tracing::error!(%cause, "the keys of tokens stay as they were"),
+            }
+            return;
+        }
         requested.stop();
         thread::sleep(STOP_WITHIN);
         if still_running.load(Ordering::Relaxed) {
@@ -439,9 +454,8 @@ fn stop_on_signals(stop: &Stop) -> Arc<AtomicBool> {
             std::process::exit(EXIT_NOT_STOPPED);
         }
     };
-    // Fails only when a handler is installed already: its owner decides when to stop.
-    if let Err(cause) = ctrlc::set_handler(on_signal) {
-        tracing::warn!("signals do not stop this server: {cause}");
+    if let Err(cause) = signals::watch(on_signal) {
+        tracing::warn!(%cause, "signals do not stop this server");
     }
     running
 }

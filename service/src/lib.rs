@@ -58,6 +58,7 @@ mod recorders;
 mod recording;
 mod serve;
 mod settings;
+mod signals;
 mod start_check;
 mod tcp;
 mod token_command;
@@ -66,7 +67,7 @@ mod top;
 #[cfg(feature = "view")]
 mod view;
 
-pub use access::{KeyError, TokenKeys};
+pub use access::{InvalidKeyFile, KeyError, KeyFile, TokenKeys};
 pub use dispatcher::{Dispatcher, DispatcherSettings};
 pub use durable::{Damage, DataDir, DataError};
 #[cfg(feature = "view")]

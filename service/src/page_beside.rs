@@ -9,9 +9,9 @@ use rhumb_protocol::Endpoint;
 use rhumb_transport::{Origins, QuicServer, ServerOptions, Stop, Waker, WebOptions};
 
 use crate::announcement::page_url;
-use crate::http::HttpListener;
 use crate::metrics::Metrics;
 use crate::serve::{Identity, RunError, seconds_since_1970};
+use crate::tcp::TcpService;
 use crate::view::{PageListener, ViewScene};
 
 /// A page of this machine that shows scenes of this process. It ends when this is dropped.
@@ -20,7 +20,7 @@ pub struct PageBeside {
     address: SocketAddr,
     stop: Stop,
     thread: Option<JoinHandle<()>>,
-    _page: HttpListener,
+    _page: TcpService,
 }
 
 /// Any free port of this machine.

@@ -21,7 +21,7 @@ use serde::{Deserialize, Deserializer};
 use toml::{Table, Value};
 use tracing::level_filters::LevelFilter;
 
-use crate::access::DEFAULT_AUDIENCE;
+use crate::access::{DEFAULT_AUDIENCE, KeyFile};
 
 /// The place of scenes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, ValueEnum)]
@@ -41,7 +41,8 @@ pub(crate) struct ServerSettings {
     pub(crate) listen: SocketAddr,
     pub(crate) cert: Option<PathBuf>,
     pub(crate) key: Option<PathBuf>,
-    pub(crate) token_keys: Vec<PathBuf>,
+    #[serde(deserialize_with = "parsed_list")]
+    pub(crate) token_keys: Vec<KeyFile>,
     pub(crate) audience: String,
     pub(crate) open: bool,
     pub(crate) open_to_network: bool,
@@ -118,7 +119,11 @@ const ROWS: [(&str, &str, &str); 23] = [
         "\"key.pem\"",
         "PEM file with the certificate's private key.",
     ),
-    ("token_keys", "[]", "Files with public keys of tokens."),
+    (
+        "token_keys",
+        "[]",
+        "Files with public keys of tokens; a key signs for all scenes, or as \"FILE=team/*,lobby\" for these. SIGHUP has them read again.",
+    ),
     (
         "audience",
         "\"rhumb\"",

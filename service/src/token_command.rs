@@ -8,7 +8,7 @@ use clap::Args;
 use clap::builder::NonEmptyStringValueParser;
 use rhumb_protocol::message::Token;
 
-use crate::access::{Claims, DEFAULT_AUDIENCE, TokenKeys, make_keys, role_of, sign};
+use crate::access::{Claims, DEFAULT_AUDIENCE, KeyFile, TokenKeys, make_keys, role_of, sign};
 
 /// The token to make, or the key.
 #[derive(Debug, Args)]
@@ -63,7 +63,7 @@ pub(crate) fn run(arguments: &TokenArguments, now: i64) -> Result<(), Box<dyn Er
     }
     let key = arguments.key.clone().unwrap_or_default();
     if let Some(token) = &arguments.check {
-        let keys = TokenKeys::read(&[key], &arguments.audience)?;
+        let keys = TokenKeys::read(&[KeyFile::for_all_scenes(key)], &arguments.audience)?;
         write!(out, "{}", checked(&keys, token, arguments, now)?)?;
         return Ok(());
     }
@@ -80,6 +80,15 @@ pub(crate) fn run(arguments: &TokenArguments, now: i64) -> Result<(), Box<dyn Er
         load: arguments.load,
         members: arguments.members,
     };
+    for pattern in arguments
+        .scene
+        .iter()
+        .filter(|pattern| crosses_tenants(pattern))
+    {
+        eprintln!(
+            "warning: {pattern} also names scenes of other tenants that begin so; a pattern of one tenant ends in /*"
+        );
+    }
     let token = sign(&key, &claims)?;
     // A client could not show a longer one.
     let token: Token = token.parse()?;
@@ -94,7 +103,7 @@ fn checked(
     arguments: &TokenArguments,
     now: i64,
 ) -> Result<String, Box<dyn Error>> {
-    let claims = keys.verify(token.trim().as_bytes())?;
+    let claims = keys.verify(token.trim().as_bytes())?.claims;
     let left = claims.seconds_left(&arguments.audience, now)?;
     for scene in &arguments.scene {
         claims.permit(&arguments.audience, &scene.parse()?, now)?;
@@ -119,6 +128,12 @@ fn checked(
     );
     lines.push("valid".to_owned());
     Ok(lines.join("\n") + "\n")
+}
+
+/// True for the beginning of a tenant's name: other tenants' names may begin so, too.
+fn crosses_tenants(pattern: &str) -> bool {
+    let beginning = pattern.strip_suffix('*');
+    beginning.is_some_and(|beginning| !beginning.is_empty() && !beginning.contains('/'))
 }
 
 fn pattern(text: &str) -> Result<String, &'static str> {

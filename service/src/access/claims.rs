@@ -76,6 +76,8 @@ pub(crate) enum TokenError {
     Expired(String),
     /// The claim `scenes` does not name the scene.
     OtherScene(SceneName),
+    /// The key that signed the token may not sign for the scene.
+    OtherKey(SceneName),
 }
 
 impl TokenError {
@@ -84,7 +86,7 @@ impl TokenError {
         match self {
             Self::Absent => CloseCode::TOKEN_MISSING,
             Self::Expired(_) => CloseCode::TOKEN_EXPIRED,
-            Self::OtherScene(_) => CloseCode::TOKEN_SCENE,
+            Self::OtherScene(_) | Self::OtherKey(_) => CloseCode::TOKEN_SCENE,
             _ => CloseCode::TOKEN_INVALID,
         }
     }
@@ -117,6 +119,10 @@ impl fmt::Display for TokenError {
                     "the token's claim scenes does not name the scene {scene}"
                 )
             }
+            Self::OtherKey(scene) => write!(
+                f,
+                "the key that signed the token may not sign for the scene {scene}"
+            ),
         }
     }
 }
@@ -291,7 +297,8 @@ fn seconds(moment: &str) -> Option<i64> {
     moment.map(OffsetDateTime::unix_timestamp).ok()
 }
 
-fn names(pattern: &str, scene: &SceneName) -> bool {
+/// True if a pattern, a name or the beginning of names and a `*`, stands for the scene.
+pub(super) fn names(pattern: &str, scene: &SceneName) -> bool {
     match pattern.strip_suffix('*') {
         Some(prefix) => scene.as_str().starts_with(prefix),
         None => scene.as_str() == pattern,

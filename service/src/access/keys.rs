@@ -8,6 +8,8 @@ use std::fmt;
 use std::fs::{self, OpenOptions};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
+use std::sync::{Arc, PoisonError, RwLock};
 
 use pasetors::keys::{AsymmetricKeyPair, AsymmetricPublicKey, AsymmetricSecretKey, Generate};
 use pasetors::paserk::FormatAsPaserk;
@@ -15,14 +17,110 @@ use pasetors::token::UntrustedToken;
 use pasetors::version4::{PublicToken, V4};
 use pasetors::{Public, errors};
 
-use super::claims::{Claims, TokenError};
+use rhumb_protocol::scene::SceneName;
 
-/// The keys whose tokens a server accepts, and the audience that a token must name.
+use super::claims::{Claims, TokenError, names};
+
+/// The keys whose tokens a server accepts, and the audience that a token must name. All clones have the same keys.
 #[derive(Clone, Debug)]
 pub struct TokenKeys {
-    keys: Vec<AsymmetricPublicKey<V4>>,
+    files: Arc<[KeyFile]>,
+    /// Keys of the files, as they were read last.
+    read: Arc<RwLock<Vec<ScopedKey>>>,
+    /// Keys of this process.
+    own: Vec<ScopedKey>,
     pub(super) audience: String,
 }
+
+/// A file with a public key, and the scenes for which the key may sign.
+///
+/// Its text is the file's path, then for some scenes only `=` and their names, separated by commas. A name that ends in `*`
+/// stands for all names that begin so: `team.pub=team/*,lobby`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct KeyFile {
+    path: PathBuf,
+    scenes: Scenes,
+}
+
+/// The scenes for which a key signs.
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum Scenes {
+    All,
+    /// Those of these patterns.
+    Some(Arc<[String]>),
+}
+
+/// A text that is no [`KeyFile`].
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct InvalidKeyFile {
+    pattern: String,
+}
+
+#[derive(Clone, Debug)]
+struct ScopedKey {
+    key: AsymmetricPublicKey<V4>,
+    scenes: Scenes,
+}
+
+/// The claims of a token, and the scenes for which its key signs.
+pub(crate) struct Verified {
+    pub(crate) claims: Claims,
+    scenes: Scenes,
+}
+
+impl Verified {
+    /// False if the key may not sign for the scene, whatever the claims say.
+    pub(crate) fn key_admits(&self, scene: &SceneName) -> bool {
+        match &self.scenes {
+            Scenes::All => true,
+            Scenes::Some(patterns) => patterns.iter().any(|pattern| names(pattern, scene)),
+        }
+    }
+}
+
+impl KeyFile {
+    /// A file whose key signs for all scenes.
+    #[must_use]
+    pub const fn for_all_scenes(path: PathBuf) -> Self {
+        Self {
+            path,
+            scenes: Scenes::All,
+        }
+    }
+}
+
+impl FromStr for KeyFile {
+    type Err = InvalidKeyFile;
+
+    fn from_str(text: &str) -> Result<Self, InvalidKeyFile> {
+        let Some((path, patterns)) = text.split_once('=') else {
+            return Ok(Self::for_all_scenes(text.into()));
+        };
+        let patterns: Arc<[String]> = patterns.split(',').map(str::to_owned).collect();
+        match patterns.iter().find(|pattern| !Claims::is_pattern(pattern)) {
+            Some(pattern) => Err(InvalidKeyFile {
+                pattern: pattern.clone(),
+            }),
+            None => Ok(Self {
+                path: path.into(),
+                scenes: Scenes::Some(patterns),
+            }),
+        }
+    }
+}
+
+impl fmt::Display for InvalidKeyFile {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "a key's file may be followed by = and names of scenes, separated by commas, such as team.pub=team/*; {:?} is no \
+             such name, which has letters, digits, - _ . /, and may end in *",
+            self.pattern
+        )
+    }
+}
+
+impl std::error::Error for InvalidKeyFile {}
 
 /// Signs tokens with a key of this process, which is written nowhere.
 #[cfg(feature = "view")]
@@ -86,31 +184,40 @@ impl From<errors::Error> for KeyError {
 }
 
 impl TokenKeys {
-    /// Reads public keys from files. A token of any of them is accepted if it names the audience.
+    /// Reads public keys from files. A token of any of them is accepted if it names the audience, for scenes for which its
+    /// key may sign. Clients of one name are one client, whichever key signed: keys that share scenes belong to one issuer.
     ///
     /// # Errors
     ///
     /// [`KeyError`] for a file that cannot be read or holds no public key.
-    pub fn read(paths: &[PathBuf], audience: &str) -> Result<Self, KeyError> {
-        let key = |path: &PathBuf| {
-            let text = read(path)?;
-            AsymmetricPublicKey::try_from(text.trim()).map_err(|_| KeyError::NotAKey {
-                path: path.clone(),
-                begins: "k4.public.",
-            })
-        };
-        let keys = paths.iter().map(key).collect::<Result<_, _>>()?;
+    pub fn read(files: &[KeyFile], audience: &str) -> Result<Self, KeyError> {
         Ok(Self {
-            keys,
+            read: Arc::new(RwLock::new(read_all(files)?)),
+            files: files.into(),
+            own: Vec::new(),
             audience: audience.to_owned(),
         })
+    }
+
+    /// Reads the files again, for later tokens. Connections that are admitted stay until their tokens expire.
+    ///
+    /// # Errors
+    ///
+    /// [`KeyError`] for a file that cannot be read or holds no public key; then nothing has changed.
+    pub fn read_again(&self) -> Result<(), KeyError> {
+        let keys = read_all(&self.files)?;
+        *self.read.write().unwrap_or_else(PoisonError::into_inner) = keys;
+        Ok(())
     }
 
     /// Makes a key pair of this process, whose tokens are accepted too.
     #[cfg(feature = "view")]
     pub(crate) fn issuer(&mut self) -> Result<TokenIssuer, KeyError> {
         let pair = AsymmetricKeyPair::<V4>::generate()?;
-        self.keys.push(pair.public);
+        self.own.push(ScopedKey {
+            key: pair.public,
+            scenes: Scenes::All,
+        });
         Ok(TokenIssuer {
             key: pair.secret,
             audience: self.audience.clone(),
@@ -118,18 +225,39 @@ impl TokenKeys {
     }
 
     /// The claims of a token that one of the keys has signed.
-    pub(crate) fn verify(&self, token: &[u8]) -> Result<Claims, TokenError> {
-        let payload = self.payload(token).ok_or(TokenError::NotSigned)?;
-        Claims::parse(&payload)
+    pub(crate) fn verify(&self, token: &[u8]) -> Result<Verified, TokenError> {
+        let (payload, scenes) = self.payload(token).ok_or(TokenError::NotSigned)?;
+        Ok(Verified {
+            claims: Claims::parse(&payload)?,
+            scenes,
+        })
     }
 
-    fn payload(&self, token: &[u8]) -> Option<String> {
+    fn payload(&self, token: &[u8]) -> Option<(String, Scenes)> {
         let text = std::str::from_utf8(token).ok()?;
         let token = UntrustedToken::<Public, V4>::try_from(text).ok()?;
-        let verify = |key| PublicToken::verify(key, &token, None, None).ok();
-        let trusted = self.keys.iter().find_map(verify)?;
-        Some(trusted.payload().to_owned())
+        let verify = |scoped: &ScopedKey| {
+            let trusted = PublicToken::verify(&scoped.key, &token, None, None).ok()?;
+            Some((trusted.payload().to_owned(), scoped.scenes.clone()))
+        };
+        let read = self.read.read().unwrap_or_else(PoisonError::into_inner);
+        read.iter().chain(&self.own).find_map(verify)
     }
+}
+
+fn read_all(files: &[KeyFile]) -> Result<Vec<ScopedKey>, KeyError> {
+    let key = |file: &KeyFile| {
+        let text = read(&file.path)?;
+        let key = AsymmetricPublicKey::try_from(text.trim());
+        Ok(ScopedKey {
+            key: key.map_err(|_| KeyError::NotAKey {
+                path: file.path.clone(),
+                begins: "k4.public.",
+            })?,
+            scenes: file.scenes.clone(),
+        })
+    };
+    files.iter().map(key).collect()
 }
 
 #[cfg(feature = "view")]

@@ -16,7 +16,7 @@ use rhumb_scene::Permit;
 pub(crate) use self::claims::{Claims, DEFAULT_AUDIENCE, TokenError, role_of};
 #[cfg(feature = "view")]
 pub(crate) use self::keys::TokenIssuer;
-pub use self::keys::{KeyError, TokenKeys};
+pub use self::keys::{InvalidKeyFile, KeyError, KeyFile, TokenKeys};
 pub(crate) use self::keys::{make_keys, sign};
 
 /// Seconds since 1970, by the system's clock.
@@ -67,8 +67,11 @@ impl Authenticator {
             });
         };
         let token = token.ok_or(TokenError::Absent)?;
-        let claims = keys.verify(token)?;
-        let (permit, seconds) = claims.permit(&keys.audience, scene, clock())?;
+        let verified = keys.verify(token)?;
+        let (permit, seconds) = verified.claims.permit(&keys.audience, scene, clock())?;
+        if !verified.key_admits(scene) {
+            return Err(TokenError::OtherKey(scene.clone()));
+        }
         Ok(Admitted {
             permit: Arc::new(permit),
             valid_for: Some(Span::from_millis(seconds.min(SECONDS_MAX) * 1_000)),
@@ -115,7 +118,11 @@ pub(crate) mod tests {
         }
 
         pub(crate) fn keys(&self) -> TokenKeys {
-            TokenKeys::read(&[self.folder.join("key.pub")], "rhumb").unwrap()
+            TokenKeys::read(
+                &[KeyFile::for_all_scenes(self.folder.join("key.pub"))],
+                "rhumb",
+            )
+            .unwrap()
         }
 
         pub(crate) fn authenticator(&self) -> Authenticator {
@@ -206,6 +213,63 @@ pub(crate) mod tests {
     }
 
     #[test]
+    fn a_key_signs_for_its_scenes_alone_whatever_its_tokens_claim() {
+        let signed = Signed::new("authenticator-scope");
+        let public = signed.folder.join("key.pub");
+        let file = format!("{}=team/*,lobby", public.display());
+        let keys = TokenKeys::read(&[file.parse().unwrap()], "rhumb").unwrap();
+        let seconds = Arc::clone(&signed.seconds);
+        let authenticator = Authenticator::Tokens {
+            keys,
+            clock: Arc::new(move || seconds.load(Ordering::SeqCst)),
+        };
+        let token = signed.token();
+        for (scene, admitted) in [
+            ("team/7", true),
+            ("lobby", true),
+            ("team", false),
+            ("teams/7", false),
+            ("lobby2", false),
+        ] {
+            let scene: SceneName = scene.parse().unwrap();
+            let outcome = authenticator.admit(Some(token.as_bytes()), &scene);
+            match outcome {
+                Ok(_) => assert!(admitted, "{scene}"),
+                Err(cause) => {
+                    assert!(!admitted, "{scene}");
+                    assert_eq!(cause, TokenError::OtherKey(scene));
+                }
+            }
+        }
+        for wrong in ["k.pub=", "k.pub=a b", "k.pub=team/*,", "k.pub=*a"] {
+            assert!(wrong.parse::<KeyFile>().is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn keys_are_read_again_all_or_none() {
+        let (signed, next) = (
+            Signed::new("authenticator-again"),
+            Signed::new("authenticator-next"),
+        );
+        let authenticator = signed.authenticator();
+        let Authenticator::Tokens { keys, .. } = &authenticator else {
+            panic!("it asks for tokens");
+        };
+        let scene = "pit".parse().unwrap();
+        let admits = |token: &str| authenticator.admit(Some(token.as_bytes()), &scene).is_ok();
+        let (old, new) = (signed.token(), next.token());
+        assert!(admits(&old) && !admits(&new));
+        let file = signed.folder.join("key.pub");
+        fs::copy(next.folder.join("key.pub"), &file).unwrap();
+        keys.read_again().unwrap();
+        assert!(!admits(&old) && admits(&new));
+        fs::write(&file, "no key").unwrap();
+        assert!(keys.read_again().is_err());
+        assert!(!admits(&old) && admits(&new), "the keys stay as they were");
+    }
+
+    #[test]
     fn key_files_hold_the_key_and_nothing_else() {
         let signed = Signed::new("authenticator-files");
         for (name, begins) in [("key", "k4.secret."), ("key.pub", "k4.public.")] {
@@ -216,14 +280,14 @@ pub(crate) mod tests {
         let public = signed.folder.join("key.pub");
         let text = fs::read_to_string(&public).unwrap();
         fs::write(&public, format!("{text}\n")).unwrap();
-        assert!(TokenKeys::read(&[public], "rhumb").is_ok());
+        assert!(TokenKeys::read(&[KeyFile::for_all_scenes(public)], "rhumb").is_ok());
     }
 
     #[test]
     fn a_secret_key_is_no_public_one_and_is_not_written_over() {
         let signed = Signed::new("authenticator-keys");
         let key = signed.folder.join("key");
-        let refused = TokenKeys::read(std::slice::from_ref(&key), "rhumb");
+        let refused = TokenKeys::read(&[KeyFile::for_all_scenes(key.clone())], "rhumb");
         assert!(refused.unwrap_err().to_string().contains("k4.public."));
         assert!(make_keys(&key).is_err());
     }

@@ -11,8 +11,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use hyper::StatusCode;
-use rhumb_transport::Origins;
-use ring::rand::{SecureRandom, SystemRandom};
+use rhumb_transport::{Origins, random_bytes};
 use tokio::io::{AsyncReadExt, AsyncWriteExt, copy_bidirectional};
 use tokio::net::{TcpSocket, TcpStream};
 use tokio::time::timeout;
@@ -85,11 +84,11 @@ impl Inner {
 /// An address for the library: of this machine, and not to be found by trying. A web page can try all ports of 127.0.0.1,
 /// and nothing but the door would ask for its origin.
 pub(super) fn hidden_address() -> io::Result<SocketAddr> {
-    let mut bytes = [0; 3];
-    if cfg!(target_os = "linux") {
-        let filled = SystemRandom::new().fill(&mut bytes);
-        filled.map_err(|_| io::Error::other("the system has no random bytes"))?;
-    }
+    // Other systems have 127.0.0.1 alone.
+    let bytes = match cfg!(target_os = "linux") {
+        true => random_bytes()?,
+        false => [0; 3],
+    };
     let ip = match bytes {
         // The network's own address, and its broadcast.
         [0, 0, 0] | [255, 255, 255] => Ipv4Addr::LOCALHOST,

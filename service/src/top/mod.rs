@@ -23,6 +23,7 @@ use ratatui::crossterm::event;
 
 use self::reading::{MetricsReader, MetricsUrl, ReadError, Reading};
 use self::state::{KeyEffect, TopKey, TopState};
+use crate::signals;
 
 /// Time between two readings.
 const INTERVAL: Duration = Duration::from_secs(1);
@@ -48,7 +49,7 @@ pub(crate) fn run(arguments: &TopArguments) -> Result<(), Box<dyn Error>> {
     // A signal ends it as a key does: the terminal is as it was before.
     let stopped = Arc::new(AtomicBool::new(false));
     let stop = Arc::clone(&stopped);
-    ctrlc::set_handler(move || stop.store(true, Ordering::Relaxed))?;
+    signals::watch(move |_| stop.store(true, Ordering::Relaxed))?;
     let mut terminal = ratatui::try_init().map_err(|cause| {
         format!("cannot use this terminal: {cause}; --once prints a table without one")
     })?;

@@ -31,6 +31,7 @@ use crate::metrics::Metrics;
 use crate::recorders::SceneRecorders;
 #[cfg(feature = "record")]
 use crate::recording::{Recorder, RecordingLimits, SceneTaps};
+use crate::signals;
 
 /// Time between two signs of life.
 const INTERVAL: Duration = Duration::from_millis(250);
@@ -55,7 +56,7 @@ pub(crate) fn run(hooks: Option<Hooks>, seconds: fn() -> i64) -> Result<(), Box<
     system::limit_memory(setup.limits.worker_memory_mib)?;
     let _last_lines = log::start(setup.log.parse()?, setup.limits.log_lines_per_second);
     // A terminal and a service manager signal all processes: the dispatcher ends this one in order.
-    ctrlc::set_handler(|| {})?;
+    signals::watch(|_| ())?;
     let begun = Span::from_nanos(setup.now_ns);
     let time = move || clock.now() + begun;
     let mut process = WorkerProcess::new(&setup, hooks, time, Arc::new(to_dispatcher))?;
