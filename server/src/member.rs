@@ -1,6 +1,6 @@
 //! State of one member of a scene.
 //!
-//! Its streams and pending requests. Streams are known by name only; the scene runner starts and ends them.
+//! Its streams and pending requests. Streams are known by name only; the running scene starts and ends them.
 
 use std::collections::VecDeque;
 

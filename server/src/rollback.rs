@@ -2,7 +2,7 @@
 //!
 //! Holds a copy of the scene as it was after an earlier step, and does again what was done since, without the commands
 //! on which the engine fails. A scene that runs the same commands runs to the same bits, so that members notice only
-//! what was left out. Reads no clock: the scene runner adds the time of steps. Invariants: a restored scene is at the
+//! what was left out. Reads no clock: the running scene adds the time of steps. Invariants: a restored scene is at the
 //! tick of the failed one, and a copy of it has taken the next step.
 
 use rhumb_protocol::Span;

@@ -16,14 +16,13 @@ use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake, WakeReason};
 use rhumb_reckoning::Tick;
 
-use crate::admission::SceneSlot;
 use crate::authority_group::UpstreamStatistics;
 use crate::baking::Bakery;
 use crate::clients::{Clients, Turn};
 use crate::member::SnapshotRequest;
 use crate::permit::Permit;
 use crate::rights;
-use crate::scene_runner::{DisconnectReason, SceneRunner};
+use crate::running_scene::{DisconnectReason, RunningScene};
 use crate::settings::SceneSettings;
 
 /// Unread bytes of a connection beyond which the driver is to hold back more.
@@ -39,15 +38,6 @@ pub struct SceneLoop {
     /// Number of scenes of this name that have begun.
     begun: u32,
     bakery: Bakery,
-}
-
-/// The scene while it exists.
-struct RunningScene {
-    runner: SceneRunner,
-    /// Held while it exists.
-    _slot: SceneSlot,
-    /// Since when it has no members.
-    empty_since: Option<Instant>,
 }
 
 impl SceneLoop {
@@ -92,15 +82,8 @@ impl SceneLoop {
 
     /// Statistics of all bodies under a member's authority.
     pub fn upstreams(&self) -> impl Iterator<Item = UpstreamStatistics> {
-        (self.runner().into_iter()).flat_map(|runner| runner.upstream_statistics(&self.clients))
-    }
-
-    fn runner(&self) -> Option<&SceneRunner> {
-        self.running.as_ref().map(|running| &running.runner)
-    }
-
-    fn runner_mut(&mut self) -> Option<&mut SceneRunner> {
-        self.running.as_mut().map(|running| &mut running.runner)
+        (self.running.as_ref().into_iter())
+            .flat_map(|running| running.upstream_statistics(&self.clients))
     }
 
     /// Ends the membership of a connection that broke the protocol.
@@ -115,7 +98,7 @@ impl SceneLoop {
 
     fn answer_pending(&mut self) {
         if let Some(running) = &mut self.running {
-            running.runner.answer_pending(&mut self.clients);
+            running.answer_pending(&mut self.clients);
         }
     }
 
@@ -137,7 +120,7 @@ impl SceneLoop {
     fn note_empty(&mut self) {
         let now = self.clients.now();
         if let Some(running) = &mut self.running {
-            let is_empty = self.clients.member_count() == 0 && !running.runner.is_durable();
+            let is_empty = self.clients.member_count() == 0 && !running.is_durable();
             let since = running.empty_since.unwrap_or(now);
             running.empty_since = is_empty.then_some(since);
         }
@@ -158,7 +141,7 @@ impl SceneLoop {
                 let token = extensions.value(Extension::TOKEN);
                 let role = token.map(|_| client.permit.role);
                 self.begin_if_provided();
-                let config = self.runner().map(|runner| *runner.config());
+                let config = self.running.as_ref().map(|running| *running.config());
                 if let Some(session) = self.clients.session(peer) {
                     session.welcome(config, role);
                 }
@@ -179,9 +162,9 @@ impl SceneLoop {
             Ok(ClientMessage::Join(choice)) => {
                 let session = client.session_request.take();
                 let joined = match &mut self.running {
-                    Some(RunningScene { runner, .. }) => {
+                    Some(running) => {
                         let choice = (choice, session);
-                        runner.join(now, peer, permit, choice, &mut self.clients)
+                        running.join(now, peer, permit, choice, &mut self.clients)
                     }
                     None => Err(self.absence()),
                 };
@@ -192,7 +175,7 @@ impl SceneLoop {
             }
             Ok(ClientMessage::Session(request)) => client.session_request = Some(request),
             Ok(ClientMessage::Delete) => {
-                let owner = self.runner().and_then(SceneRunner::owner);
+                let owner = self.running.as_ref().and_then(RunningScene::owner);
                 match rights::delete(peer, &permit, owner) {
                     Ok(()) => self.delete(peer),
                     Err(denial) => self.clients.send(peer, &ServerMessage::Denied(denial)),
@@ -210,7 +193,7 @@ impl SceneLoop {
         message: Result<ClientMessage, CommandError>,
     ) {
         let clients = &mut self.clients;
-        let Some(RunningScene { runner, .. }) = &mut self.running else {
+        let Some(running) = &mut self.running else {
             let answer = match message {
                 Ok(ClientMessage::Ping { sent }) => ServerMessage::Pong {
                     sent,
@@ -229,32 +212,32 @@ impl SceneLoop {
                 | ClientMessage::Ping { .. }
                 | ClientMessage::Inspect)
         ) {
-            runner.answer_pending(clients);
+            running.answer_pending(clients);
         }
         match message {
             Ok(ClientMessage::Leave) => {
-                runner.leave(peer, DisconnectReason::Left, clients);
+                running.leave(peer, DisconnectReason::Left, clients);
                 clients.send(peer, &ServerMessage::Left);
                 self.note_empty();
                 self.end_if_owned_by(peer);
             }
-            Ok(ClientMessage::Reserve { count }) => runner.reserve(peer, count, clients),
-            Ok(ClientMessage::Resync(cause)) => runner.resync(peer, cause, clients),
+            Ok(ClientMessage::Reserve { count }) => running.reserve(peer, count, clients),
+            Ok(ClientMessage::Resync(cause)) => running.resync(peer, cause, clients),
             // Of several in one read the last counts.
             Ok(ClientMessage::Subscribe(choice)) => {
                 if let Some(member) = clients.member_mut(peer) {
                     member.snapshot_request = Some(SnapshotRequest::Other(choice));
                 }
             }
-            Ok(ClientMessage::Subscribed(stream)) => runner.subscribed(peer, stream, clients),
+            Ok(ClientMessage::Subscribed(stream)) => running.subscribed(peer, stream, clients),
             Ok(ClientMessage::TierPolicy(tier_policy)) => {
                 if let Some(member) = clients.member_mut(peer) {
                     member.link.set_policy(tier_policy);
                 }
             }
-            Ok(ClientMessage::Ping { sent }) => runner.pong(now, peer, sent, clients),
-            Ok(ClientMessage::Inspect) => runner.inspect(peer, clients),
-            message => runner.handle_ordered(peer, message, clients),
+            Ok(ClientMessage::Ping { sent }) => running.pong(now, peer, sent, clients),
+            Ok(ClientMessage::Inspect) => running.inspect(peer, clients),
+            message => running.handle_ordered(peer, message, clients),
         }
     }
 
@@ -276,10 +259,10 @@ impl SceneLoop {
 
     /// Removes the scene and informs its members.
     fn end_scene(&mut self) {
-        let Some(RunningScene { runner, .. }) = self.running.take() else {
+        let Some(running) = self.running.take() else {
             return;
         };
-        runner.end(&mut self.clients);
+        running.end(&mut self.clients);
         tracing::info!(scene = %self.name, "scene deleted");
     }
 
@@ -287,7 +270,7 @@ impl SceneLoop {
         if let Some(running) = &mut self.running
             && self.clients.member(peer).is_some()
         {
-            running.runner.leave(peer, reason, &mut self.clients);
+            running.leave(peer, reason, &mut self.clients);
             self.note_empty();
         }
         self.end_if_owned_by(peer);
@@ -295,7 +278,7 @@ impl SceneLoop {
 
     /// Ends the scene of a client that leaves it.
     fn end_if_owned_by(&mut self, peer: Peer) {
-        if self.runner().and_then(SceneRunner::owner) == Some(peer) {
+        if self.running.as_ref().and_then(RunningScene::owner) == Some(peer) {
             self.end_scene();
         }
     }
@@ -341,18 +324,18 @@ impl Endpoint for SceneLoop {
         if self.clients.member(from).is_none() {
             return;
         }
-        let Some(RunningScene { runner, .. }) = &mut self.running else {
+        let Some(running) = &mut self.running else {
             return;
         };
         let stream = datagram.head().stream;
         match datagram.head().kind {
             PacketKind::LossReport => {
                 if let Ok(loss_report) = LossReport::decode(datagram.body()) {
-                    runner.handle_loss_report(now, from, stream, &loss_report, &mut self.clients);
+                    running.handle_loss_report(now, from, stream, &loss_report, &mut self.clients);
                 }
             }
             // All other packets come from the sender of a stream: here, of an upstream.
-            _ => runner.handle_upstream_datagram(from, &datagram, &mut self.clients),
+            _ => running.handle_upstream_datagram(from, &datagram, &mut self.clients),
         }
     }
 
@@ -364,8 +347,8 @@ impl Endpoint for SceneLoop {
         if self.clients.member(peer).is_none() {
             return;
         }
-        if let Some(RunningScene { runner, .. }) = &mut self.running {
-            runner.handle_link_report(now, peer, report, &mut self.clients);
+        if let Some(running) = &mut self.running {
+            running.handle_link_report(now, peer, report, &mut self.clients);
         }
     }
 
@@ -387,11 +370,11 @@ impl Endpoint for SceneLoop {
         for peer in self.clients.take_in_turn(Turn::Queued) {
             self.take_turn(now, peer);
         }
-        if let Some(RunningScene { runner, .. }) = &mut self.running {
+        if let Some(running) = &mut self.running {
             self.settings.heartbeat.beat();
-            runner.handle_timeout(now, &mut self.clients);
+            running.handle_timeout(now, &mut self.clients);
             if self.clients.next_snapshot().is_some_and(|at| at <= now) {
-                runner.answer_pending(&mut self.clients);
+                running.answer_pending(&mut self.clients);
             }
         }
         self.retry(now);
@@ -404,13 +387,13 @@ impl Endpoint for SceneLoop {
 
     fn poll_timeout(&self) -> Option<Wake> {
         let wake = |at, reason| Wake { at, reason };
-        let runner = self.runner();
-        let step = runner.and_then(SceneRunner::next_step);
+        let running = self.running.as_ref();
+        let step = running.and_then(RunningScene::next_step);
         let step = step.map(|at| wake(at, WakeReason::Tick));
         let has = |turn| self.clients.in_turn(turn).next().is_some();
         let input = has(Turn::Queued).then(|| wake(Instant::ZERO, WakeReason::Input));
         let retry = has(Turn::Blocked).then(|| wake(self.retry_at, WakeReason::Input));
-        let snapshot = runner.and_then(|_| self.clients.next_snapshot());
+        let snapshot = running.and_then(|_| self.clients.next_snapshot());
         let snapshot = snapshot.map(|at| wake(at, WakeReason::Snapshot));
         let expires = self.expires_at().map(|at| wake(at, WakeReason::Deadline));
         [step, input, retry, snapshot, expires]

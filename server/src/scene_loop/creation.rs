@@ -6,12 +6,12 @@ use rhumb_protocol::message::Denial;
 use rhumb_protocol::scene::SceneConfig;
 use rhumb_protocol::{Peer, Span};
 
-use super::{RunningScene, SceneLoop};
+use super::SceneLoop;
 use crate::admission::{self, SceneLoad, SceneSlot};
 use crate::command_log::RestoredScene;
 use crate::rights;
+use crate::running_scene::RunningScene;
 use crate::scene::Scene;
-use crate::scene_runner::SceneRunner;
 use crate::streams::StreamNames;
 
 impl SceneLoop {
@@ -26,8 +26,8 @@ impl SceneLoop {
         };
         match self.create(provided.config) {
             Ok(()) => {
-                if let Some(RunningScene { runner, .. }) = &mut self.running {
-                    runner.follow_script(provided.script, &mut self.clients);
+                if let Some(running) = &mut self.running {
+                    running.follow_script(provided.script, &mut self.clients);
                 }
                 self.note_empty();
             }
@@ -47,13 +47,13 @@ impl SceneLoop {
             return Err(Denial::SceneFaulted);
         }
         self.create(config)?;
-        if let (Some(owner), Some(runner)) = (owner, self.runner_mut()) {
-            runner.give_to(owner);
+        if let (Some(owner), Some(running)) = (owner, self.running.as_mut()) {
+            running.give_to(owner);
         }
         let store = self.settings.store.as_ref().filter(|_| owner.is_none());
         let log = store.and_then(|store| store.create(&self.name, &config));
-        if let (Some(log), Some(runner)) = (log, self.runner_mut()) {
-            runner.keep_log(log, Span::ZERO);
+        if let (Some(log), Some(running)) = (log, self.running.as_mut()) {
+            running.keep_log(log, Span::ZERO);
         }
         self.note_empty();
         Ok(())
@@ -79,21 +79,21 @@ impl SceneLoop {
         }
         let _ = load.set_locomotion(admission::locomotion_steps(scene.locomotions()));
         self.run_scene(scene, slot, load);
-        let Some(RunningScene { runner, .. }) = &mut self.running else {
+        let Some(running) = &mut self.running else {
             return;
         };
-        runner.restore_shapes();
+        running.restore_shapes();
         if let Some(log) = log {
-            runner.keep_log(log, took);
+            running.keep_log(log, took);
         }
-        runner.restore_members(sessions, ownership, unnoted, &mut self.clients);
+        running.restore_members(sessions, ownership, unnoted, &mut self.clients);
         self.note_empty();
     }
 
     /// Tells members what has become durable.
     pub fn report_durable(&mut self) {
-        if let Some(RunningScene { runner, .. }) = &mut self.running {
-            runner.report_durable(&mut self.clients);
+        if let Some(running) = &mut self.running {
+            running.report_durable(&mut self.clients);
         }
     }
 
@@ -134,12 +134,9 @@ impl SceneLoop {
     fn run_scene(&mut self, scene: Scene, slot: SceneSlot, load: SceneLoad) {
         let names = StreamNames::of_scene(self.begun);
         let settings = Arc::clone(&self.settings);
-        let runner = SceneRunner::new(&self.name, scene, names, settings, load);
+        let share = (slot, load);
+        let running = RunningScene::new(&self.name, scene, names, settings, share);
         self.begun = self.begun.wrapping_add(1);
-        self.running = Some(RunningScene {
-            runner,
-            _slot: slot,
-            empty_since: None,
-        });
+        self.running = Some(running);
     }
 }

@@ -4,10 +4,10 @@ use rhumb_protocol::message::ClientMessage;
 use rhumb_protocol::scene::{Command, CommandError};
 use rhumb_protocol::{Instant, Peer, Span};
 
-use super::{RunningScene, SceneLoop};
+use super::SceneLoop;
 use crate::baking::{self, Bake};
 use crate::clients::Turn;
-use crate::scene_runner::{DisconnectReason, SceneRunner};
+use crate::running_scene::{DisconnectReason, RunningScene};
 
 /// Messages of one connection that are handled before others, and the ticks, get their turn.
 const MESSAGES_PER_TURN: usize = 512;
@@ -65,7 +65,11 @@ impl SceneLoop {
 
     /// Sends the scene events if there are many.
     fn answer_if_long(&mut self) {
-        if (self.runner()).is_some_and(|runner| runner.unsent_bytes() > EVENT_BYTES) {
+        if self
+            .running
+            .as_ref()
+            .is_some_and(|running| running.unsent_bytes() > EVENT_BYTES)
+        {
             self.answer_pending();
         }
     }
@@ -75,7 +79,7 @@ impl SceneLoop {
         if self.clients.is_behind(peer) {
             return true;
         }
-        SceneRunner::holds_back(now, peer, &mut self.clients)
+        RunningScene::holds_back(now, peer, &mut self.clients)
     }
 
     fn next_message(&mut self, peer: Peer) -> Option<Result<ClientMessage, CommandError>> {
@@ -171,9 +175,9 @@ impl SceneLoop {
             return Some(message);
         };
         let running = self.running.as_mut().filter(|_| client.member.is_some());
-        let Some((runner, baker)) = running.and_then(|RunningScene { runner, .. }| {
-            let baker = runner.baker_for(&client.permit, *id, shape)?;
-            Some((runner, baker))
+        let Some((running, baker)) = running.and_then(|running| {
+            let baker = running.baker_for(&client.permit, *id, shape)?;
+            Some((running, baker))
         }) else {
             // The shape needs no solid any more; one that is made for it is of no other use.
             client.bake = None;
@@ -184,7 +188,7 @@ impl SceneLoop {
             self.bakery.begin(bake, now, shape, baker);
         }
         if let Some(baked) = bake.take() {
-            runner.put_baked(*id, shape, baked);
+            running.put_baked(*id, shape, baked);
             client.bake = None;
             return Some(message);
         }

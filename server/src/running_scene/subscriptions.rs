@@ -6,13 +6,13 @@ use rhumb_protocol::scene::Stepping;
 use rhumb_protocol::stream::Recipient;
 use rhumb_protocol::{Instant, LinkReport, Peer, Span};
 
-use super::SceneRunner;
+use super::RunningScene;
 use crate::clients::Clients;
 use crate::member::SnapshotRequest;
 use crate::observer::Incident;
 use crate::tier_controller::{Confirmation, TierDecision};
 
-impl SceneRunner {
+impl RunningScene {
     /// Handles a request for a new snapshot; several requests in one read get one answer.
     pub(crate) fn resync(&mut self, peer: Peer, cause: ResyncCause, clients: &mut Clients) {
         let Some(member) = clients.member_mut(peer) else {

@@ -6,12 +6,12 @@ use rhumb_protocol::packet::Datagram;
 use rhumb_protocol::scene::{Command, Stepping};
 use rhumb_protocol::session::UpstreamReceiver;
 
-use super::SceneRunner;
+use super::RunningScene;
 use crate::authority_group::UpstreamStatistics;
 use crate::clients::Clients;
 use crate::streams;
 
-impl SceneRunner {
+impl RunningScene {
     /// A packet of a member's upstream on the control stream, where members lead: it acts before the steps of the next
     /// advance. In a free-running scene such packets come as datagrams.
     pub(super) fn handle_upstream_message(

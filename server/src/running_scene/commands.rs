@@ -7,7 +7,7 @@ use rhumb_protocol::scene::{BodyDesc, Command, CommandError, Shape, ShapeId};
 use rhumb_protocol::stream::Activity;
 use rhumb_reckoning::{BodyId, BodyState};
 
-use super::SceneRunner;
+use super::RunningScene;
 use crate::admission;
 use crate::clients::{Clients, SceneClient};
 use crate::engine::{BakedShape, Baker, UnusableShape};
@@ -16,7 +16,7 @@ use crate::record::Author;
 use crate::rights::{self, Rights};
 use crate::streams;
 
-impl SceneRunner {
+impl RunningScene {
     /// The rights of a client.
     pub(super) fn rights<'a>(
         &'a self,

@@ -5,13 +5,13 @@
 use rhumb_protocol::message::ServerMessage;
 use rhumb_protocol::{Peer, Span};
 
-use super::SceneRunner;
+use super::RunningScene;
 use crate::clients::Clients;
 use crate::command_log::{CommandLog, Durability, Frozen};
 use crate::member::SessionCommands;
 use crate::record::{LogEntry, SessionNumber};
 
-impl SceneRunner {
+impl RunningScene {
     /// Starts the command log. `replayed`: time that its restoration took.
     pub(crate) fn keep_log(&mut self, log: Box<dyn CommandLog>, replayed: Span) {
         self.scene.record_mut().begin_log();

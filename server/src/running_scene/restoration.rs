@@ -10,7 +10,7 @@ use rhumb_protocol::message::{FaultCause, RemovalCause, SceneEvent, ServerMessag
 use rhumb_protocol::scene::{CommandError, JointId, ShapeId};
 use rhumb_reckoning::BodyId;
 
-use super::SceneRunner;
+use super::RunningScene;
 use crate::clients::Clients;
 use crate::observer::Incident;
 use crate::record::Author;
@@ -20,7 +20,7 @@ use crate::scene::{Scene, Stepped};
 /// The time in which a scene may be restored [`crate::Limits::restorations`] times.
 const PERIOD: Span = Span::from_millis(600_000);
 
-impl SceneRunner {
+impl RunningScene {
     /// Copies the scene, if that is due, before it changes.
     pub(super) fn copy_if_due(&mut self) {
         if self.settings.limits.restorations > 0 {

@@ -1,4 +1,4 @@
-//! One scene with its members: applies commands, steps, publishes.
+//! A scene while it exists, with its members: applies commands, steps, publishes.
 //!
 //! Neither sockets nor threads: the loop of the scene feeds it requests and moments. Order of a tick: commands, step,
 //! observe, send.
@@ -29,7 +29,7 @@ use rhumb_protocol::{Instant, Peer, Span};
 use rhumb_reckoning::Tick;
 
 pub(crate) use self::session::DisconnectReason;
-use crate::admission::SceneLoad;
+use crate::admission::{SceneLoad, SceneSlot};
 use crate::authority_table::{self, AuthorityTable};
 use crate::clients::Clients;
 use crate::command_log::Durability;
@@ -41,12 +41,11 @@ use crate::record::TickMetrics;
 use crate::rollback::Rollback;
 use crate::scene::Scene;
 use crate::sessions::Sessions;
-use crate::settings::SceneScript;
-use crate::settings::SceneSettings;
+use crate::settings::{SceneScript, SceneSettings};
 use crate::streams::{self, Stream, StreamNames, Streams, append_snapshot};
 
-/// One scene with its members.
-pub(crate) struct SceneRunner {
+/// A scene while it exists.
+pub(crate) struct RunningScene {
     scene: Scene,
     hook: Option<Hook>,
     script: Option<SceneScript>,
@@ -77,6 +76,10 @@ pub(crate) struct SceneRunner {
     owner: Option<Peer>,
     settings: Arc<SceneSettings>,
     load: SceneLoad,
+    /// Held while it exists.
+    _slot: SceneSlot,
+    /// Since when it has no members; `None` for one that is kept without them.
+    pub(crate) empty_since: Option<Instant>,
     observer: Box<dyn SceneObserver>,
     sessions: Sessions,
     /// Its command log, if it survives the process.
@@ -86,14 +89,14 @@ pub(crate) struct SceneRunner {
 /// A free-running scene that is later than so many steps slows down instead of catching up.
 const CATCH_UP_STEPS: u64 = 5;
 
-impl SceneRunner {
-    /// `names`: names of its streams. `load`: its share of the server's time.
+impl RunningScene {
+    /// `names`: names of its streams. `slot`, `load`: its place, and its share of the server's time.
     pub(crate) fn new(
         name: &SceneName,
         scene: Scene,
         names: StreamNames,
         settings: Arc<SceneSettings>,
-        load: SceneLoad,
+        (slot, load): (SceneSlot, SceneLoad),
     ) -> Self {
         let (target, config) = (scene.tick(), scene.config());
         let streams = Streams::new(config.publish_schedule, settings.threads.clone());
@@ -124,6 +127,8 @@ impl SceneRunner {
             owner: None,
             settings,
             load,
+            _slot: slot,
+            empty_since: None,
             observer,
             sessions: Sessions::default(),
             durability: None,
@@ -505,7 +510,7 @@ const PENDING_BYTES_MAX: usize = PENDING_COMMANDS_MAX * MESSAGE_WEIGHT;
 /// A member for which more than this waits is behind.
 const MEMBER_BEHIND_BYTES: usize = 2 << 20;
 
-impl SceneRunner {
+impl RunningScene {
     /// True if a member's next message must stay unread: as much as may waits for the steps of an advance, its commands
     /// exceed its quota, or what it added to the scene still waits for slower members.
     pub(crate) fn holds_back(now: Instant, peer: Peer, clients: &mut Clients) -> bool {
@@ -530,7 +535,7 @@ impl SceneRunner {
     }
 }
 
-impl SceneRunner {
+impl RunningScene {
     /// Attaches a script, which commands the scene before each step, and runs it once. Members get ids after
     /// those of its bodies.
     pub(crate) fn follow_script(&mut self, script: SceneScript, clients: &mut Clients) {
@@ -559,7 +564,7 @@ impl SceneRunner {
     }
 }
 
-impl SceneRunner {
+impl RunningScene {
     /// Adds the times of a tick to the scene's metrics.
     fn note_times(&mut self, timestamps: Timestamps, members: usize) {
         self.times.add(timestamps);

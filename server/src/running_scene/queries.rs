@@ -8,11 +8,11 @@ use rhumb_protocol::Peer;
 use rhumb_protocol::message::{Inspection, QueryError, QueryResult, ServerMessage, TickEvents};
 use rhumb_protocol::scene::{Answer, Query, Stepping};
 
-use super::SceneRunner;
+use super::RunningScene;
 use crate::clients::Clients;
 use crate::event_monitor::StepEvents;
 
-impl SceneRunner {
+impl RunningScene {
     /// Answers a member's message of queries.
     pub(super) fn answer_queries(&mut self, peer: Peer, queries: &[Query], clients: &mut Clients) {
         // Answers keep the order of messages: pending commands are answered first.

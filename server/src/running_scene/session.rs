@@ -10,7 +10,7 @@ use rhumb_protocol::scene::IdRange;
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Instant, Peer};
 
-use super::SceneRunner;
+use super::RunningScene;
 use crate::clients::Clients;
 use crate::id_ranges::IndexLimits;
 use crate::member::Member;
@@ -31,7 +31,7 @@ pub(crate) enum DisconnectReason {
 /// With this part of its share for a new member, no session of another has to end.
 const SUFFICES: u32 = 4;
 
-impl SceneRunner {
+impl RunningScene {
     /// Makes a client a member; it gets the whole scene, then the stream.
     pub(crate) fn join(
         &mut self,
