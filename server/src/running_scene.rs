@@ -1,4 +1,4 @@
-//! A scene while it exists, with its members: applies commands, steps, publishes.
+//! A running scene and its members: applies commands, steps, publishes.
 //!
 //! Neither sockets nor threads: the loop of the scene feeds it requests and moments. Order of a tick: commands, step,
 //! observe, send.
