@@ -4,6 +4,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 use rhumb_bench::ablate::{Ablate, ablate};
+use rhumb_bench::check::{Check, check};
 use rhumb_bench::cost::{CostArguments, cost};
 use rhumb_bench::dis::{DisArguments, dis};
 use rhumb_bench::drive::{Serve, serve};
@@ -34,6 +35,8 @@ enum Task {
     Ablate(Ablate),
     /// Measure the processor time of publishing, decoding and one more member.
     Cost(CostArguments),
+    /// Say what a recording's poses and velocities tell of its engine, and warn of what does not fit.
+    Check(Check),
     /// Read a recording of another program and write it as .rhtrace.
     Import(Import),
     /// Compare bytes and errors with those of DIS, on the same scenes.
@@ -64,6 +67,7 @@ fn main() -> ExitCode {
         Task::Replay(arguments) => replay(&arguments),
         Task::Ablate(arguments) => ablate(&arguments),
         Task::Cost(arguments) => cost(&arguments),
+        Task::Check(arguments) => check(&arguments),
         Task::Import(arguments) => import(&arguments),
         Task::Dis(arguments) => dis(&arguments),
         Task::Load(arguments) => load(&arguments),

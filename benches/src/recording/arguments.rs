@@ -8,6 +8,7 @@ use clap::Args;
 use glam::Vec3;
 use rhumb_reckoning::{Damping, Metres, Radians, Rate, Tolerance};
 
+use super::fit;
 use super::{
     MissingPoses, QuaternionOrder, ReadOptions, Recording, RecordingError, ShapeChoice, hertz, read,
 };
@@ -26,6 +27,9 @@ pub struct RecordingSource {
     /// Poses: their rate in hertz, such as 29.97 [default: found from the times].
     #[arg(long, value_name = "HZ", value_parser = hertz)]
     rate: Option<Rate>,
+    /// Poses: interpolate all of them at this rate, for files whose bodies have rates of their own, or none.
+    #[arg(long, value_name = "HZ", value_parser = hertz, conflicts_with = "rate")]
+    resample: Option<Rate>,
     /// Poses: gravity in their frame, m/s² [default: none].
     #[arg(long, value_name = "X,Y,Z", value_parser = gravity, allow_hyphen_values = true)]
     gravity: Option<Vec3>,
@@ -39,6 +43,9 @@ pub struct RecordingSource {
     /// Arrays and rows without names: where a quaternion has its w [default: of rows last; arrays have to say it].
     #[arg(long, value_enum, value_name = "ORDER")]
     quaternion: Option<QuaternionOrder>,
+    /// Take gravity, substeps, damping, inertia and centres of mass as its poses and velocities say: see `check`.
+    #[arg(long)]
+    fit: bool,
     /// Linear and angular damping of the recorded bodies, 1/s, if they differ from the recording's scene.
     #[arg(long, value_parser = damping)]
     damping: Option<Damping>,
@@ -66,6 +73,7 @@ impl RecordingSource {
         let options = ReadOptions {
             load: self.load.clone(),
             rate: self.rate,
+            resample: self.resample,
             gravity: self.gravity,
             shapes: self.shape.clone(),
             missing: self.missing,
@@ -73,6 +81,10 @@ impl RecordingSource {
         };
         let mut recording = read(&self.trace, &options)?;
         print_notes(&recording);
+        if self.fit {
+            let found = fit::find(&recording, &fit::paths(&recording));
+            fit::apply(&mut recording, &found);
+        }
         recording.damping = self.damping.unwrap_or(recording.damping);
         recording.integrator.substeps = self.substeps.unwrap_or(recording.integrator.substeps);
         Ok(recording)

@@ -314,7 +314,7 @@ impl fmt::Display for RowDefect {
             Self::Twice { body, other } => {
                 write!(
                     f,
-                    "body {body} has a pose of this moment already, by {other}"
+                    "body {body} has a pose of this frame already, by {other}; --resample HZ interpolates poses without one rate"
                 )
             }
             Self::Parent { frame } => {
@@ -365,7 +365,7 @@ impl RecordingError {
             } => write!(
                 f,
                 "the times keep no constant rate: {place} lies {:.0} % of a step beside the frames of {step_s} s; \
-                 --rate HZ states another rate",
+                 --rate HZ states another rate, --resample HZ interpolates them",
                 share * 100.0
             ),
             Self::Number { tick, index } => {

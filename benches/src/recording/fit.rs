@@ -4,14 +4,16 @@
 //! finds its acceleration and the place that moves so; poses that fit badly are left out, and the fit is repeated. Then the
 //! momentum of free bodies tells their moments, and the change of velocities damping and substeps.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use glam::{DMat3, DQuat, DVec3};
 use rhumb_protocol::scene::BodyKind;
-use rhumb_reckoning::{BodyId, BodyState};
+use rhumb_protocol::stream::Observation;
+use rhumb_reckoning::{BodyId, BodyState, Inertia};
 
 use super::linear::{least_eigenvector, principal_axes, solve};
 use super::recorded::Recording;
+use super::velocity::set_digest;
 
 /// One body in every frame of its stay.
 pub(crate) struct BodyPath {
@@ -80,7 +82,7 @@ pub(crate) struct Found {
     /// Principal moments, of which only ratios matter, and their axes; of bodies whose spin wanders.
     pub(crate) inertias: BTreeMap<BodyId, ([f64; 3], DQuat)>,
     /// Bodies that spin freely at a constant spin, whatever their shape.
-    pub(crate) constant_spins: usize,
+    pub(crate) constant: BTreeSet<BodyId>,
     /// Share of the linear velocity, and of the angular momentum, that stays after a second.
     pub(crate) kept: Option<[f64; 2]>,
     /// (n + 1) / 2n of n substeps: 1 for one, 0.5 for exact parabolas, 0 where the old velocity moves a body.
@@ -95,6 +97,83 @@ const FREE_MIN: usize = 8;
 const ROUNDS: usize = 8;
 /// Distance of a centre from the origin that matters, as a share of the radius.
 const CENTRE_SHARE: f64 = 0.02;
+
+/// Most substeps that are told apart.
+const SUBSTEPS_MAX: u32 = 8;
+
+/// The number of substeps with which a body falls so far beside its velocity.
+pub(crate) fn substeps(fall: f64) -> Option<u32> {
+    let of = |count: u32| f64::from(count + 1) / f64::from(2 * count);
+    let mut all = 1..=SUBSTEPS_MAX;
+    let nearest = all
+        .by_ref()
+        .min_by(|a, b| (of(*a) - fall).abs().total_cmp(&(of(*b) - fall).abs()));
+    nearest.filter(|count| (of(*count) - fall).abs() < 0.03)
+}
+
+/// Makes a recording one of an engine with what was found. A number that is out of range is left as it is.
+pub(crate) fn apply(recording: &mut Recording, found: &Found) {
+    let step_s = recording.integrator.rate.step().seconds();
+    if let Some(gravity) = found.gravity {
+        // An even acceleration below what the fit can tell is none.
+        let gravity = if gravity.length() < 0.02 {
+            DVec3::ZERO
+        } else {
+            gravity
+        };
+        recording.gravity = gravity.as_vec3();
+    }
+    let count = found
+        .fall
+        .and_then(substeps)
+        .and_then(std::num::NonZeroU32::new);
+    recording.integrator.substeps = count.unwrap_or(recording.integrator.substeps);
+    if let Some(kept) = found.kept {
+        let [linear, angular] = kept.map(|kept| {
+            let tick = kept.powf(step_s).min(1.0);
+            let damping = (1.0 / tick - 1.0) / step_s;
+            // Below a thousandth a second it is noise.
+            if damping < 1e-3 { 0.0 } else { damping as f32 }
+        });
+        recording.damping.linear = linear;
+        recording.damping.angular = angular;
+        for placed in &mut recording.truth.placed {
+            placed.desc.damping = None;
+        }
+    }
+    for placed in &mut recording.truth.placed {
+        if found.constant.contains(&placed.desc.id) {
+            placed.inertia = None;
+        } else if let Some((moments, axes)) = found.inertias.get(&placed.desc.id) {
+            let moments = moments.map(|moment| moment as f32);
+            if let Ok(inertia) = Inertia::new(moments, axes.as_quat().to_array()) {
+                placed.inertia = None;
+                recording.inertias.insert(placed.desc.id, inertia);
+            }
+        }
+    }
+    let centred = |observation: &mut Observation| {
+        if let Some(centre) = found.centres.get(&observation.id) {
+            let motion = observation.motion.motion();
+            let at = motion.pose().position + motion.pose().rotation * *centre;
+            let [_, _, _, x, y, z, w, vx, vy, vz, wx, wy, wz] = observation.motion.parts();
+            let moved = BodyState::new(
+                at.as_vec3().to_array(),
+                [x, y, z, w],
+                [vx, vy, vz],
+                [wx, wy, wz],
+            );
+            observation.motion = moved.unwrap_or(observation.motion);
+        }
+    };
+    recording
+        .truth
+        .placed
+        .iter_mut()
+        .for_each(|placed| centred(&mut placed.observation));
+    recording.truth.ticks.iter_mut().flatten().for_each(centred);
+    set_digest(&mut recording.truth);
+}
 
 fn position(state: &BodyState) -> DVec3 {
     state.motion().pose().position
@@ -155,7 +234,8 @@ fn flight(path: &BodyPath, step_s: f64) -> Option<Flight> {
     let is_even = off <= 2e-3 * path.radius.max(0.01) && frames.len() * 4 > all;
     is_even.then_some(Flight {
         acceleration,
-        centre,
+        // The recorded place is the centre less its arm.
+        centre: -centre,
         free: frames,
     })
 }
@@ -222,7 +302,9 @@ pub(crate) fn find(recording: &Recording, paths: &[BodyPath]) -> Found {
             Some(Moments::Unequal(moments, axes)) => {
                 found.inertias.insert(path.id, (moments, axes));
             }
-            Some(Moments::Equal) => found.constant_spins += 1,
+            Some(Moments::Equal) => {
+                found.constant.insert(path.id);
+            }
             None => {}
         }
         let tensor = found.inertias.get(&path.id).copied();
@@ -298,7 +380,7 @@ fn moments(path: &BodyPath, pairs: &[usize]) -> Option<Moments> {
         return None;
     }
     // What the spin does not tell is taken as equal.
-    let pull = 1e-6 * spins;
+    let pull = 1e-9 * spins;
     for (i, line) in matrix.iter_mut().enumerate() {
         for (j, cell) in line.iter_mut().enumerate() {
             let same = f64::from(u8::from(i == j));

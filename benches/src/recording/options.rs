@@ -23,6 +23,8 @@ pub struct ReadOptions {
     pub shapes: Vec<ShapeChoice>,
     /// A body without a pose in a frame.
     pub missing: MissingPoses,
+    /// A rate at which all poses are interpolated.
+    pub resample: Option<Rate>,
     /// The order of quaternions where the file does not say it.
     pub quaternion: Option<QuaternionOrder>,
 }
@@ -142,8 +144,11 @@ pub(super) fn rate_of_step(step_s: f64, share: f64) -> Option<Rate> {
         let mut all = decimals.iter();
         all.find_map(|(ticks, seconds)| rate(ticks.round(), *seconds))
     };
+    // Some clocks count whole microseconds: 36 ms are 250/9 Hz.
+    let microseconds = || rate(1_000_000.0, (step_s * 1e6).round() as u32);
     let finest = || rate((hertz * f64::from(SECONDS_MAX)).round(), SECONDS_MAX);
-    let found = whole.or_else(television).or_else(decimal).or_else(finest)?;
+    let simple = whole.or_else(television).or_else(decimal);
+    let found = simple.or_else(microseconds).or_else(finest)?;
     reduced(found)
 }
 
@@ -209,6 +214,7 @@ mod tests {
             (22.5, 45, 2),
             (11.33, 1_133, 100),
             (59.94, 2_997, 50),
+            (1.0 / 0.036, 250, 9),
         ] {
             let step_s = f64::from((1.0 / hertz) as f32);
             let rate = rate_of_step(step_s, 1e-7).unwrap();

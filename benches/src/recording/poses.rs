@@ -140,9 +140,13 @@ impl TimedPoses {
     ) -> Result<Recording, RecordingError> {
         self.check()?;
         let w_first_note = self.w_first_note();
-        let rate = match options.rate {
-            Some(rate) => rate,
-            None => self.find_rate()?,
+        let rate = match (options.resample, options.rate) {
+            (Some(rate), _) => {
+                self.resample(rate);
+                rate
+            }
+            (None, Some(rate)) => rate,
+            (None, None) => self.find_rate()?,
         };
         let framed = self.frame(rate)?;
         let has_velocities = self.poses.iter().all(|pose| pose.velocity.is_some());
@@ -213,6 +217,50 @@ impl TimedPoses {
             "every body begins half a turn about x: if the file has w first, name its columns qw, qx, qy, qz"
                 .to_owned()
         })
+    }
+
+    /// Puts poses at the frames of a rate in place of the recorded ones: on lines and shortest arcs between neighbours. A
+    /// body's gaps beyond three of its own periods stay gaps; one with a single pose keeps it.
+    fn resample(&mut self, rate: Rate) {
+        let Some(begun_ns) = self.poses.iter().map(|pose| pose.at_ns).min() else {
+            return;
+        };
+        let step_ns = rate.step().seconds() * 1e9;
+        let mut by_body: BTreeMap<usize, Vec<TimedPose>> = BTreeMap::new();
+        for pose in self.poses.drain(..) {
+            by_body.entry(pose.body).or_default().push(pose);
+        }
+        for mut of_body in by_body.into_values() {
+            of_body.sort_by_key(|pose| pose.at_ns);
+            let mut gaps: Vec<u64> = of_body
+                .windows(2)
+                .map(|pair| pair[1].at_ns.abs_diff(pair[0].at_ns))
+                .collect();
+            gaps.sort_unstable();
+            let period = gaps.get(gaps.len() / 2).copied().unwrap_or_default();
+            let longest = (period * (FILLED_MAX + 1)).max(step_ns as u64);
+            if of_body.len() == 1 {
+                let frame = (of_body[0].at_ns.abs_diff(begun_ns) as f64 / step_ns).round();
+                of_body[0].at_ns = begun_ns + (frame * step_ns).round() as i64;
+                self.poses.extend(of_body);
+                continue;
+            }
+            for pair in of_body.windows(2) {
+                let [a, b] = [&pair[0], &pair[1]];
+                let since = |at_ns: i64| at_ns.abs_diff(begun_ns) as f64 / step_ns;
+                let (from, to) = (since(a.at_ns), since(b.at_ns));
+                if b.at_ns.abs_diff(a.at_ns) > longest || to <= from {
+                    continue;
+                }
+                let mut frame = from.ceil();
+                while frame < to {
+                    self.poses.push(between(a, b, (frame - from) / (to - from)));
+                    let place = self.poses.len() - 1;
+                    self.poses[place].at_ns = begun_ns + (frame * step_ns).round() as i64;
+                    frame += 1.0;
+                }
+            }
+        }
     }
 
     /// The simplest constant rate that the times keep.
@@ -391,6 +439,9 @@ impl TimedPoses {
             (hertz * 1e6).round() / 1e6
         )];
         let mut taken = Vec::new();
+        if options.resample.is_some() {
+            taken.push("poses between those of the file");
+        }
         if self.bodies.iter().any(|body| body.shape.is_none()) && options.shapes.is_empty() {
             taken.push("a ball of 0.1 m for each body (--shape)");
         }
@@ -407,6 +458,20 @@ impl TimedPoses {
             ));
         }
         notes
+    }
+}
+
+/// A pose on the way from one to another.
+fn between(a: &TimedPose, b: &TimedPose, share: f64) -> TimedPose {
+    let velocity = a
+        .velocity
+        .zip(b.velocity)
+        .map(|([v, w], [x, y])| [v.lerp(x, share), w.lerp(y, share)]);
+    TimedPose {
+        position: a.position.lerp(b.position, share),
+        rotation: a.rotation.slerp(b.rotation, share),
+        velocity,
+        ..a.clone()
     }
 }
 

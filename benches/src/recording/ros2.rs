@@ -296,6 +296,37 @@ mod tests {
     }
 
     #[test]
+    fn frames_of_rates_of_their_own_are_interpolated_where_that_is_asked_for() {
+        let mut messages = Vec::new();
+        for (step_ms, child, speed) in [(40, "base", 1.0), (50, "arm", 0.5)] {
+            for frame in 0..30 {
+                let x = f64::from(step_ms * frame) * 1e-3 * speed;
+                let numbers = [x, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0];
+                let bytes = Writer::new().u32(1);
+                let bytes = bytes
+                    .transform(NOW + step_ms * frame, "odom", child, numbers)
+                    .0;
+                messages.push(("/tf", TRANSFORMS, u64::from(NOW + step_ms * frame), bytes));
+            }
+        }
+        let error = read(&messages).expect_err("two rates").to_string();
+        assert!(error.contains("--resample HZ interpolates"), "{error}");
+        let options = ReadOptions {
+            resample: rhumb_reckoning::Rate::new(20, 1),
+            ..ReadOptions::default()
+        };
+        let recording = read_bytes("ros", &file(&messages), &options).expect("sound");
+        let seventh: Vec<f32> = recording.truth.ticks[6]
+            .iter()
+            .map(|observed| observed.motion.position()[0])
+            .collect();
+        assert!(
+            (seventh[0] - 0.35).abs() < 1e-6 && (seventh[1] - 0.175).abs() < 1e-6,
+            "{seventh:?}"
+        );
+    }
+
+    #[test]
     fn the_twist_of_odometry_is_turned_into_the_frame_of_its_pose() {
         let half = std::f64::consts::FRAC_1_SQRT_2;
         let messages: Vec<_> = (0..10)

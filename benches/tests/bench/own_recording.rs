@@ -225,7 +225,7 @@ fn a_wrong_row_is_named_by_its_line_and_column() {
         ),
         (
             line(8, "0.0333,box_0,0,0,0,0,0,0,1"),
-            "has a pose of this moment already, by line",
+            "has a pose of this frame already, by line",
         ),
         (
             line(9, "0.0575,box_1,0,0,0,0,0,0,1"),
