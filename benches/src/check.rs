@@ -1,4 +1,4 @@
-//! `rhumb-bench check`: what a recording's poses and velocities say of the engine that made it.
+//! `rhumb-bench check`: what a recording says of its engine.
 //!
 //! Poses are compared with velocities under several readings: exchanged, along the body's axes, in degrees, of rotations with
 //! w first. What the velocities are not is a warning: such a recording would pass, and cost two to three times the bytes.
@@ -104,6 +104,16 @@ fn engine(
             rates[0], rates[1], shares[0], shares[1]
         ));
     }
+    spins(recording, found, lines, warnings);
+}
+
+/// Inertia and centres.
+fn spins(
+    recording: &Recording,
+    found: &Found,
+    lines: &mut Vec<String>,
+    warnings: &mut Vec<String>,
+) {
     lines.push(format!(
         "spin: {} bodies wander as their unequal moments say, {} keep their spin",
         found.inertias.len(),
@@ -220,6 +230,53 @@ fn off(samples: &[Sample], pair: impl Fn(&Sample) -> (DVec3, DVec3)) -> f64 {
 /// A reading agrees if it is off by less than this.
 const AGREES: f64 = 0.1;
 
+/// Readings of the linear velocities, and how far each is off; the first is right.
+fn linear_readings(samples: &[Sample]) -> Vec<(&'static str, f64)> {
+    vec![
+        ("world axes", off(samples, |s| (s.linear, s.moved))),
+        (
+            "the body's axes",
+            off(samples, |s| (s.rotation * s.linear, s.moved)),
+        ),
+        (
+            "exchanged with the angular ones",
+            off(samples, |s| (s.angular, s.moved)),
+        ),
+        (
+            "of the opposite sign",
+            off(samples, |s| (-s.linear, s.moved)),
+        ),
+    ]
+}
+
+/// Readings of the angular velocities, and how far each is off; the first is right.
+fn angular_readings(samples: &[Sample]) -> Vec<(&'static str, f64)> {
+    let degree = std::f64::consts::PI / 180.0;
+    vec![
+        ("world axes", off(samples, |s| (s.angular, s.turned))),
+        (
+            "the body's axes",
+            off(samples, |s| (s.rotation * s.angular, s.turned)),
+        ),
+        (
+            "exchanged with the linear ones",
+            off(samples, |s| (s.linear, s.turned)),
+        ),
+        (
+            "in degrees",
+            off(samples, |s| (s.angular * degree, s.turned)),
+        ),
+        (
+            "of the opposite sign",
+            off(samples, |s| (-s.angular, s.turned)),
+        ),
+        (
+            "right if rotations have w first",
+            off(samples, |s| (s.angular, s.turned_w_first)),
+        ),
+    ]
+}
+
 /// Compares velocities with poses.
 fn velocities(
     recording: &Recording,
@@ -235,52 +292,10 @@ fn velocities(
     if samples.is_empty() {
         return;
     }
-    let degree = std::f64::consts::PI / 180.0;
-    let linear = [
-        ("world axes", off(&samples, |s| (s.linear, s.moved))),
-        (
-            "the body's axes",
-            off(&samples, |s| (s.rotation * s.linear, s.moved)),
-        ),
-        (
-            "exchanged with the angular ones",
-            off(&samples, |s| (s.angular, s.moved)),
-        ),
-        (
-            "of the opposite sign",
-            off(&samples, |s| (-s.linear, s.moved)),
-        ),
-        (
-            "zero",
-            off(&samples, |s| (s.linear, DVec3::ZERO)).min(f64::MAX),
-        ),
-    ];
-    let angular = [
-        ("world axes", off(&samples, |s| (s.angular, s.turned))),
-        (
-            "the body's axes",
-            off(&samples, |s| (s.rotation * s.angular, s.turned)),
-        ),
-        (
-            "exchanged with the linear ones",
-            off(&samples, |s| (s.linear, s.turned)),
-        ),
-        (
-            "in degrees",
-            off(&samples, |s| (s.angular * degree, s.turned)),
-        ),
-        (
-            "of the opposite sign",
-            off(&samples, |s| (-s.angular, s.turned)),
-        ),
-        (
-            "right if rotations have w first",
-            off(&samples, |s| (s.angular, s.turned_w_first)),
-        ),
-    ];
+    let (linear, angular) = (linear_readings(&samples), angular_readings(&samples));
     let is_zero = |of: fn(&Sample) -> DVec3| samples.iter().all(|sample| of(sample) == DVec3::ZERO);
     for (name, readings, zero) in [
-        ("linear", &linear[..4], is_zero(|s| s.linear)),
+        ("linear", &linear[..], is_zero(|s| s.linear)),
         ("angular", &angular[..], is_zero(|s| s.angular)),
     ] {
         let moves = samples

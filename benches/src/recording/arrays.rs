@@ -1,4 +1,4 @@
-//! Poses of bodies as arrays of NumPy: trajectories of MuJoCo, and arrays of positions and rotations.
+//! Poses of bodies as arrays of NumPy, and trajectories of MuJoCo.
 //!
 //! The first index is the frame. A frame whose pose has a NaN is a gap. What an archive says of gravity, shapes and inertia
 //! is taken; the order of quaternions is in their array's name, or the caller states it.

@@ -1,4 +1,4 @@
-//! CDR, the encoding of ROS 2's messages: numbers, texts, and counts of sequences.
+//! CDR, the encoding of ROS 2's messages.
 //!
 //! XCDR1 and XCDR2, in either byte order. Bytes behind a message are ignored, as writers pad them. Memory stays within the
 //! bytes that are there, whatever a count claims.

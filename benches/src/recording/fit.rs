@@ -1,4 +1,6 @@
-//! What poses tell of the engine that recorded them: gravity, centre of mass, inertia, damping, substeps.
+//! What poses tell of the engine that recorded them.
+//!
+//! Gravity, centre of mass, inertia, damping, substeps.
 //!
 //! A body is taken as free where its centre accelerates evenly. A fit of least squares to each body's second differences
 //! finds its acceleration and the place that moves so; poses that fit badly are left out, and the fit is repeated. Then the
@@ -186,6 +188,8 @@ fn rotation(state: &BodyState) -> DQuat {
 /// A body's evenly accelerated part.
 struct Flight {
     acceleration: DVec3,
+    /// Of the linear velocity, 1/s.
+    damping: f64,
     centre: DVec3,
     /// Frames in the middle of three that fit.
     free: Vec<usize>,
@@ -204,10 +208,11 @@ fn flight(path: &BodyPath, step_s: f64) -> Option<Flight> {
         if frames.len() < FREE_MIN {
             return None;
         }
-        let (acceleration, centre) = fit_flight(path, &frames, step_s)?;
+        let (acceleration, centre, damping) = fit_flight(path, &frames, step_s)?;
         let misfit = |frame: usize| {
             let (second, turn) = second_differences(states, frame);
-            (second - turn * centre - acceleration * (step_s * step_s)).length()
+            let lost = moved(states, frame) * (damping * step_s);
+            (second - turn * centre - acceleration * (step_s * step_s) + lost).length()
         };
         let mut rated: Vec<(f64, usize)> = (1..states.len() - 1)
             .filter(moves)
@@ -227,17 +232,23 @@ fn flight(path: &BodyPath, step_s: f64) -> Option<Flight> {
             .map(|(_, frame)| frame)
             .collect();
         frames.sort_unstable();
-        fitted = Some((acceleration, centre, half));
+        fitted = Some((acceleration, centre, damping, half));
     }
-    let (acceleration, centre, off) = fitted?;
+    let (acceleration, centre, damping, off) = fitted?;
     // A body among contacts fits nothing.
     let is_even = off <= 2e-3 * path.radius.max(0.01) && frames.len() * 4 > all;
     is_even.then_some(Flight {
         acceleration,
+        damping,
         // The recorded place is the centre less its arm.
         centre: -centre,
         free: frames,
     })
+}
+
+/// The way of a frame, the mean of those before and after it.
+fn moved(states: &[BodyState], frame: usize) -> DVec3 {
+    (position(&states[frame + 1]) - position(&states[frame - 1])) / 2.0
 }
 
 /// Second differences of the position, and of the rotation as a matrix.
@@ -250,16 +261,18 @@ fn second_differences(states: &[BodyState], frame: usize) -> (DVec3, DMat3) {
     )
 }
 
-/// Acceleration and centre by least squares over frames.
-fn fit_flight(path: &BodyPath, frames: &[usize], step_s: f64) -> Option<(DVec3, DVec3)> {
-    let (mut matrix, mut right) = ([[0.0; 6]; 6], [0.0; 6]);
+/// Acceleration, centre and damping by least squares over frames.
+fn fit_flight(path: &BodyPath, frames: &[usize], step_s: f64) -> Option<(DVec3, DVec3, f64)> {
+    let (mut matrix, mut right) = ([[0.0; 7]; 7], [0.0; 7]);
     let square = step_s * step_s;
     for frame in frames {
         let (second, turn) = second_differences(&path.states, *frame);
+        let way = moved(&path.states, *frame);
         for axis in 0..3 {
-            let mut row = [0.0; 6];
+            let mut row = [0.0; 7];
             row[axis] = square;
-            row[3..].copy_from_slice(&turn.row(axis).to_array());
+            row[6] = -way[axis] * step_s;
+            row[3..6].copy_from_slice(&turn.row(axis).to_array());
             for (a, line) in matrix.iter_mut().enumerate() {
                 right[a] += row[a] * second[axis];
                 for (b, cell) in line.iter_mut().enumerate() {
@@ -270,11 +283,14 @@ fn fit_flight(path: &BodyPath, frames: &[usize], step_s: f64) -> Option<(DVec3, 
     }
     // Without a turn the centre is unknown, and taken as the origin: a weak pull there, of a millionth of what a turn of a
     // tenth of a radian in a frame would say.
-    for axis in 3..6 {
-        matrix[axis][axis] += 1e-10 * frames.len() as f64;
+    for (axis, line) in matrix.iter_mut().enumerate().skip(3).take(3) {
+        line[axis] += 1e-10 * frames.len() as f64;
     }
+    // Without a change of speed damping is unknown, and taken as none.
+    matrix[6][6] += 1e-12 * frames.len() as f64;
     let x = solve(matrix, right)?;
-    Some((DVec3::new(x[0], x[1], x[2]), DVec3::new(x[3], x[4], x[5])))
+    let (acceleration, centre) = (DVec3::new(x[0], x[1], x[2]), DVec3::new(x[3], x[4], x[5]));
+    Some((acceleration, centre, x[6]))
 }
 
 /// Finds what the poses and velocities of free bodies say.
@@ -293,11 +309,16 @@ pub(crate) fn find(recording: &Recording, paths: &[BodyPath]) -> Found {
             continue;
         };
         found.free[0] += flight.free.len();
-        accelerations.push(flight.acceleration);
         if flight.centre.length() > CENTRE_SHARE * path.radius {
             found.centres.insert(path.id, flight.centre);
         }
         let pairs = pairs(&flight.free);
+        accelerations.extend(pairs.iter().map(|frame| {
+            let [before, after] =
+                [0, 1].map(|next| path.states[frame + next].motion().twist().linear);
+            (after - before) / step_s + flight.damping * after
+        }));
+        linear.push((-flight.damping * step_s).exp());
         match moments(path, &pairs) {
             Some(Moments::Unequal(moments, axes)) => {
                 found.inertias.insert(path.id, (moments, axes));
@@ -312,11 +333,6 @@ pub(crate) fn find(recording: &Recording, paths: &[BodyPath]) -> Found {
             pairs
                 .iter()
                 .filter_map(|frame| kept_momentum(path, *frame, tensor)),
-        );
-        linear.extend(
-            pairs
-                .iter()
-                .filter_map(|frame| kept_speed(path, *frame, flight.acceleration)),
         );
         falls.extend(
             pairs
@@ -430,20 +446,6 @@ fn kept_momentum(path: &BodyPath, frame: usize, tensor: Option<([f64; 3], DQuat)
     };
     let before = momentum(frame);
     (before > 1e-3).then(|| momentum(frame + 1) / before)
-}
-
-/// The share of its velocity across gravity that a body keeps in a frame.
-fn kept_speed(path: &BodyPath, frame: usize, gravity: DVec3) -> Option<f64> {
-    let across = |frame: usize| {
-        let velocity = path.states[frame].motion().twist().linear;
-        if gravity.length() < 0.1 {
-            velocity
-        } else {
-            velocity.reject_from(gravity)
-        }
-    };
-    let before = across(frame);
-    (before.length() > 0.05).then(|| across(frame + 1).dot(before) / before.length_squared())
 }
 
 /// How far a body falls in a frame beside its velocity, as a share of g·t².

@@ -1,4 +1,4 @@
-//! Poses of bodies in an MCAP file of another program: Foxglove's messages and ROS 2's.
+//! Poses of bodies in MCAP files of Foxglove and ROS 2.
 
 use foxglove::messages::{
     FrameTransform, FrameTransforms, Pose, PoseInFrame, PosesInFrame, Quaternion, SceneEntity,

@@ -1,4 +1,4 @@
-//! Small linear algebra of fits: equations, least eigenvectors, principal axes.
+//! Small linear algebra: equations, least eigenvectors, principal axes.
 
 use glam::{DMat3, DQuat, DVec3};
 
@@ -59,10 +59,9 @@ fn eigen<const N: usize>(mut a: [[f64; N]; N]) -> ([f64; N], [[f64; N]; N]) {
                 for row in &mut a {
                     (row[p], row[q]) = (cos * row[p] - sin * row[q], sin * row[p] + cos * row[q]);
                 }
-                for column in 0..N {
-                    let (x, y) = (a[p][column], a[q][column]);
-                    (a[p][column], a[q][column]) = (cos * x - sin * y, sin * x + cos * y);
-                }
+                let (x, y) = (a[p], a[q]);
+                a[p] = std::array::from_fn(|column| cos * x[column] - sin * y[column]);
+                a[q] = std::array::from_fn(|column| sin * x[column] + cos * y[column]);
                 for row in &mut vectors {
                     (row[p], row[q]) = (cos * row[p] - sin * row[q], sin * row[p] + cos * row[q]);
                 }

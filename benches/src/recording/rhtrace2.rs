@@ -1,4 +1,4 @@
-//! `.rhtrace` 2: recordings with the rate, inertia, centre, damping and shapes of their bodies.
+//! `.rhtrace` 2: recordings with what predictions need.
 //!
 //! `spec/RHTRACE.md` has the layout. What is read has poses of centres of mass, and damping by this project's formula.
 
@@ -243,7 +243,7 @@ fn shape(reader: &mut ByteReader<'_>) -> Result<Option<Shape>, RecordingError> {
         2 => Shape::Cuboid {
             half_extents: Vec3::from_array(reader.f32s()?),
         },
-        3 | 4 | 5 => {
+        3..=5 => {
             let [half_height, radius] = reader.f32s()?;
             match number {
                 3 => Shape::Capsule {
@@ -388,7 +388,7 @@ pub fn write(recording: &Recording) -> Vec<u8> {
             put(&mut to, &observation.motion.parts());
             let gone = removed.contains(&(frame, observation.id));
             let awake = observation.activity == Activity::Awake;
-            to.push(u8::from(awake) * AWAKE | u8::from(gone) * GONE);
+            to.push((u8::from(awake) * AWAKE) | (u8::from(gone) * GONE));
         }
     }
     to
@@ -404,7 +404,7 @@ fn put_body(to: &mut Vec<u8>, recording: &Recording, placed: &Placed) {
         BodyKind::Dynamic => 1,
         BodyKind::Kinematic => 2,
     });
-    to.push(u8::from(desc.gyroscopic) * GYROSCOPIC | u8::from(inertia.is_some()) * MOMENTS);
+    to.push((u8::from(desc.gyroscopic) * GYROSCOPIC) | (u8::from(inertia.is_some()) * MOMENTS));
     let damping = desc.damping.unwrap_or(recording.damping);
     put(to, &[damping.linear, damping.angular, desc.gravity_scale]);
     put(to, &[0.0; 3]);

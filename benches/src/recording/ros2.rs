@@ -1,4 +1,4 @@
-//! Poses of bodies in messages of ROS 2: transforms, poses with a stamp, odometry.
+//! Poses of bodies in messages of ROS 2.
 //!
 //! Time is that of the header, not that of the log. A static transform is no motion: it hangs a frame on another one for the
 //! whole recording. The twist of odometry is in the frame of its child, and is turned into that of the pose.
