@@ -415,7 +415,8 @@ fn joint(
     let limits = kind.limits();
     for (axis, drive) in joint.drives.iter().enumerate() {
         if let Some(drive) = drive.filter(|drive| *drive != Drive::default()) {
-            let motor = motor(&drive, effective.of(axis), joint, report);
+            let reach = reach(limits[axis], &drive, axis < 3);
+            let motor = motor(&drive, reach, effective.of(axis), joint, report);
             let reach = match (axis < 3, limits[axis].is_some()) {
                 (true, _) => f32::MAX,
                 (false, true) => TAU,
@@ -434,13 +435,32 @@ fn joint(
     })
 }
 
-/// Springs, damping and friction of an axis as a motor.
-fn motor(drive: &Drive, inertia: f64, joint: &ModelJoint, report: &mut Report) -> Motor {
+/// Speed up to which damping grows, m/s or rad/s.
+const DAMPED_SPEED: f64 = 10.0;
+
+/// How far an axis can be from where its spring rests: metres or radians.
+fn reach(limits: Option<JointLimits>, drive: &Drive, is_way: bool) -> f64 {
+    let free = if is_way { 1.0 } else { f64::from(PI) };
+    limits.map_or(free, |limits| {
+        let ends = [limits.least, limits.most].map(|end| (f64::from(end) - drive.rest).abs());
+        ends[0].max(ends[1])
+    })
+}
+
+/// Springs, damping and friction of an axis as a motor. It pushes no more than they can: a motor that may push without bound
+/// drives a chain of light bodies apart.
+fn motor(
+    drive: &Drive,
+    reach: f64,
+    inertia: f64,
+    joint: &ModelJoint,
+    report: &mut Report,
+) -> Motor {
     let subject = || format!("joint \"{}\"", joint.name);
     let most = f64::from(STIFFNESS_MAX);
     if drive.damping > 0.0 || drive.stiffness > 0.0 {
         let why = "damping and stiffness of joints are forces there and accelerations here: \
-            they are right for the pose of the start and a holding body that stands still";
+            they are right for the pose of the start and a holding body that stands still, and grow up to 10 rad/s or m/s";
         report.again(
             &joint.place,
             "damping of joints".to_owned(),
@@ -466,7 +486,10 @@ fn motor(drive: &Drive, inertia: f64, joint: &ModelJoint, report: &mut Report) -
         let why = "stiffness and damping for the mass that they move are at most 1,000,000";
         report.add(&joint.place, subject(), value, Effect::Changed, why);
     }
-    Motor::at_position(drive.rest as f32, stiffness, damping)
+    let most = drive.stiffness * reach + drive.damping * DAMPED_SPEED;
+    let force = most.min(f64::from(FORCE_MAX)) as f32;
+    let sprung = Motor::at_position(drive.rest as f32, stiffness, damping);
+    Motor { force, ..sprung }
 }
 
 /// How fast dry friction stops an axis, 1/s: within a substep or two.

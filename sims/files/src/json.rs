@@ -8,16 +8,16 @@ use std::collections::BTreeMap;
 use glam::{Quat, Vec3};
 use rhumb_protocol::limits::{BODIES_MAX, JOINTS_MAX};
 use rhumb_protocol::scene::{
-    BodyBuilder, BodyDesc, BodyKind, CollisionGroups, Compound, Heights, Hull, Invalid, Joint,
-    JointFrame, JointKind, JointLimits, LockedAxes, Mass, Material, Mesh, Motor, Part, SceneConfig,
-    Shape, ShapeId, Spring,
+    BodyBuilder, BodyDesc, BodyKind, CollisionGroups, Compound, Edges, Heights, Hull, Invalid,
+    LockedAxes, Mass, Material, Mesh, Part, SceneConfig, Shape, ShapeId, Sleep, SleepThresholds,
 };
-use rhumb_reckoning::{BodyId, Damping};
+use rhumb_reckoning::{BodyId, Damping, ToleranceScale};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::assemble::{LoadedBody, LoadedJoint, LoadedScene, rate};
+use crate::assemble::{LoadedBody, LoadedScene, rate};
 use crate::error::{LoadError, Place, Problem};
+use crate::json_joints::{SceneFileJoint, identity, is_false};
 use crate::model::LoadOptions;
 use crate::report::{Effect, Report};
 
@@ -50,6 +50,9 @@ pub struct SceneFile {
     pub linear_damping: f32,
     /// 1/s.
     pub angular_damping: f32,
+    /// Of bodies that have none of their own.
+    #[serde(skip_serializing_if = "is_default")]
+    pub sleep: SceneFileSleep,
     /// The bodies.
     pub bodies: Vec<SceneFileBody>,
     /// The joints.
@@ -75,6 +78,7 @@ impl Default for SceneFile {
             density: config.material.density,
             linear_damping: config.damping.linear,
             angular_damping: config.damping.angular,
+            sleep: SceneFileSleep::default(),
             bodies: Vec::new(),
             joints: Vec::new(),
             other: BTreeMap::new(),
@@ -127,17 +131,80 @@ pub struct SceneFileBody {
     /// Bits of its groups, and of those that it touches.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub groups: Option<[u32; 2]>,
+    /// Bits of world axes along (1, 2, 4) or about (8, 16, 32) which it does not move.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub locked_axes: u8,
+    /// Power of two on the tolerance of its copies, -3 to 3.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub tolerance_exponent: i8,
+    /// Of two touching bodies the one of lower dominance gives way.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub dominance: i8,
+    /// True if bodies pass through it.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub sensor: bool,
+    /// True if it is swept against moving bodies.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub swept: bool,
+    /// True if its axis of spin wanders.
+    #[serde(default = "yes", skip_serializing_if = "is_yes")]
+    pub gyroscopic: bool,
+    /// False if it does not take part in the scene.
+    #[serde(default = "yes", skip_serializing_if = "is_yes")]
+    pub enabled: bool,
+    /// When it falls asleep, in place of the scene's conditions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sleep: Option<SceneFileSleep>,
     /// Fields that no version has.
     #[serde(flatten)]
     pub other: BTreeMap<String, Value>,
 }
 
-fn is_false(value: &bool) -> bool {
-    !value
+/// Conditions under which a body falls asleep.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum SceneFileSleep {
+    /// Once it has settled.
+    #[default]
+    Settled,
+    /// Never by itself.
+    Never,
+    /// Once it is slow: m/s of its fastest point, rad/s, seconds.
+    Below([f32; 3]),
 }
 
-const fn identity() -> [f32; 4] {
-    [0.0, 0.0, 0.0, 1.0]
+impl SceneFileSleep {
+    const fn load(self) -> Sleep {
+        match self {
+            Self::Settled => Sleep::Settled,
+            Self::Never => Sleep::Never,
+            Self::Below([speed, angular_speed, seconds]) => Sleep::Below(SleepThresholds {
+                speed,
+                angular_speed,
+                seconds,
+            }),
+        }
+    }
+
+    const fn of(sleep: Sleep) -> Self {
+        match sleep {
+            Sleep::Settled => Self::Settled,
+            Sleep::Never => Self::Never,
+            Sleep::Below(own) => Self::Below([own.speed, own.angular_speed, own.seconds]),
+        }
+    }
+}
+
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
+}
+
+const fn yes() -> bool {
+    true
+}
+
+fn is_yes(value: &bool) -> bool {
+    *value
 }
 
 const fn one() -> f32 {
@@ -171,6 +238,8 @@ pub enum SceneFileShape {
     Mesh {
         points: Vec<[f32; 3]>,
         triangles: Vec<[u32; 3]>,
+        #[serde(default, skip_serializing_if = "is_false")]
+        plain_edges: bool,
     },
     /// Heights row by row, as many in each row, for fixed bodies.
     Heights {
@@ -178,6 +247,8 @@ pub enum SceneFileShape {
         row_spacing: f32,
         column_spacing: f32,
         heights: Vec<f32>,
+        #[serde(default, skip_serializing_if = "is_false")]
+        plain_edges: bool,
     },
     /// Everything behind a plane, for fixed bodies.
     HalfSpace { normal: [f32; 3] },
@@ -196,84 +267,6 @@ pub struct SceneFilePart {
     pub rotation: [f32; 4],
     /// Its shape; no compound.
     pub shape: SceneFileShape,
-}
-
-/// A joint of two bodies.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct SceneFileJoint {
-    /// Its name.
-    #[serde(default, skip_serializing_if = "String::is_empty")]
-    pub name: String,
-    /// Places of its bodies in the list, from zero.
-    pub bodies: [usize; 2],
-    /// Its free motions.
-    pub kind: SceneFileJointKind,
-    /// Position and rotation (frame → body) of its frame in each body, from the centre of mass.
-    pub frames: [SceneFileFrame; 2],
-    /// True if the bodies also collide with each other.
-    #[serde(default, skip_serializing_if = "is_false")]
-    pub collide: bool,
-    /// Motors of axes 0 to 5: translations along x, y, z, then turns about them.
-    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
-    pub motors: BTreeMap<u8, SceneFileMotor>,
-    /// Fields that no version has.
-    #[serde(flatten)]
-    pub other: BTreeMap<String, Value>,
-}
-
-/// Frame of a joint in one of its bodies.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct SceneFileFrame {
-    /// Metres.
-    pub position: [f32; 3],
-    /// Frame → body.
-    #[serde(default = "identity")]
-    pub rotation: [f32; 4],
-}
-
-/// Free motions of a joint: radians or metres.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case", deny_unknown_fields)]
-#[expect(missing_docs, reason = "the fields are those of the protocol's joints")]
-pub enum SceneFileJointKind {
-    /// None.
-    Fixed,
-    /// Every turn.
-    Spherical { limits: Option<[[f32; 2]; 3]> },
-    /// The turn about x.
-    Revolute { limits: Option<[f32; 2]> },
-    /// The displacement along x.
-    Prismatic { limits: Option<[f32; 2]> },
-    /// Everything within a distance.
-    Rope { length: f32 },
-    /// Everything against a spring.
-    Spring {
-        length: f32,
-        stiffness: f32,
-        damping: f32,
-    },
-    /// Axes that are not among the locked bits.
-    Generic {
-        locked: u8,
-        limits: [Option<[f32; 2]>; 6],
-    },
-}
-
-/// A motor of an axis.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct SceneFileMotor {
-    /// Metres or radians.
-    pub position: f32,
-    /// m/s or rad/s.
-    pub velocity: f32,
-    /// 1/s².
-    pub stiffness: f32,
-    /// 1/s.
-    pub damping: f32,
-    /// N or N·m.
-    pub force: f32,
 }
 
 /// Reads a scene.
@@ -341,10 +334,8 @@ impl SceneFile {
         for (number, body) in self.bodies.iter().enumerate() {
             let name = title("body", number, &body.name);
             note(&body.other, &name, &place, &mut report);
-            let body = body.load(options);
-            scene
-                .bodies
-                .push(body.map_err(|invalid| refused(name, invalid))?);
+            let body = body.load(&name, options).map_err(&wrong)?;
+            scene.bodies.push(body);
         }
         for (number, joint) in self.joints.iter().enumerate() {
             let name = title("joint", number, &joint.name);
@@ -371,6 +362,7 @@ impl SceneFile {
                 linear: self.linear_damping,
                 angular: self.angular_damping,
             },
+            sleep: self.sleep.load(),
             ..SceneConfig::default()
         };
         config.integrator.rate = rate(self.step_s)?;
@@ -392,6 +384,7 @@ impl SceneFile {
             density: config.material.density,
             linear_damping: config.damping.linear,
             angular_damping: config.damping.angular,
+            sleep: SceneFileSleep::of(config.sleep),
             bodies: scene.bodies.iter().map(SceneFileBody::of).collect(),
             joints: scene.joints.iter().map(SceneFileJoint::of).collect(),
             ..Self::default()
@@ -416,7 +409,15 @@ fn note(other: &BTreeMap<String, Value>, of: &str, place: &Place, report: &mut R
 }
 
 impl SceneFileBody {
-    fn load(&self, options: &LoadOptions) -> Result<LoadedBody, Invalid> {
+    fn load(&self, name: &str, options: &LoadOptions) -> Result<LoadedBody, Problem> {
+        let refused = |invalid| Problem::Refused {
+            name: name.to_owned(),
+            invalid: Box::new(invalid),
+        };
+        let senseless = |rule| Problem::Senseless {
+            name: name.to_owned(),
+            rule,
+        };
         let kind = match (self.kinematic, self.dynamic) {
             (true, _) => BodyKind::Kinematic,
             (false, true) => BodyKind::Dynamic,
@@ -439,9 +440,17 @@ impl SceneFileBody {
         if let Some([members, touches]) = self.groups {
             desc.groups = CollisionGroups { members, touches };
         }
+        desc.locked = LockedAxes::new(self.locked_axes)
+            .ok_or_else(|| senseless("locked_axes are bits 0 to 5: 63 at most"))?;
+        desc.tolerance_scale = ToleranceScale::new(self.tolerance_exponent)
+            .ok_or_else(|| senseless("tolerance_exponent is -3 to 3"))?;
+        desc.dominance = self.dominance;
+        (desc.sensor, desc.swept) = (self.sensor, self.swept);
+        (desc.gyroscopic, desc.enabled) = (self.gyroscopic, self.enabled);
+        desc.sleep = self.sleep.map(SceneFileSleep::load);
         let place = |at: [f32; 3]| options.position + options.rotation * Vec3::from_array(at);
         let turned = |at: [f32; 3]| options.rotation * Vec3::from_array(at);
-        let builder = BodyBuilder::of(desc, self.shape.load()?);
+        let builder = BodyBuilder::of(desc, self.shape.load().map_err(refused)?);
         let rotation = match options.rotation == Quat::IDENTITY {
             true => Quat::from_array(self.rotation),
             false => options.rotation * Quat::from_array(self.rotation),
@@ -449,7 +458,7 @@ impl SceneFileBody {
         let builder = builder.position(place(self.position)).rotation(rotation);
         let builder = builder.linear_velocity(turned(self.linear));
         let builder = builder.angular_velocity(turned(self.angular));
-        builder.check()?;
+        builder.check().map_err(refused)?;
         Ok(LoadedBody {
             name: self.name.clone(),
             builder,
@@ -484,6 +493,14 @@ impl SceneFileBody {
             damping: desc.damping.map(|own| [own.linear, own.angular]),
             gravity_scale: desc.gravity_scale,
             groups: (groups != CollisionGroups::ALL).then_some([groups.members, groups.touches]),
+            locked_axes: desc.locked.bits(),
+            tolerance_exponent: desc.tolerance_scale.exponent(),
+            dominance: desc.dominance,
+            sensor: desc.sensor,
+            swept: desc.swept,
+            gyroscopic: desc.gyroscopic,
+            enabled: desc.enabled,
+            sleep: desc.sleep.map(SceneFileSleep::of),
             other: BTreeMap::new(),
         }
     }
@@ -522,13 +539,18 @@ impl SceneFileShape {
             Self::Mesh {
                 points: ref own,
                 ref triangles,
-            } => Shape::Mesh(Mesh::new(&points(own), triangles)?),
+                plain_edges,
+            } => Shape::Mesh(Mesh::new(&points(own), triangles)?.with_edges(edges(plain_edges))),
             Self::Heights {
                 rows,
                 row_spacing,
                 column_spacing,
                 ref heights,
-            } => Shape::Heights(Heights::new(rows, row_spacing, column_spacing, heights)?),
+                plain_edges,
+            } => {
+                let heights = Heights::new(rows, row_spacing, column_spacing, heights)?;
+                Shape::Heights(heights.with_edges(edges(plain_edges)))
+            }
             Self::HalfSpace { normal } => Shape::HalfSpace {
                 normal: Vec3::from_array(normal),
             },
@@ -588,12 +610,14 @@ impl SceneFileShape {
             Shape::Mesh(mesh) => Self::Mesh {
                 points: mesh.points().iter().map(Vec3::to_array).collect(),
                 triangles: mesh.triangles().to_vec(),
+                plain_edges: mesh.edges() == Edges::Plain,
             },
             Shape::Heights(heights) => Self::Heights {
                 rows: heights.rows(),
                 row_spacing: heights.row_spacing(),
                 column_spacing: heights.column_spacing(),
                 heights: heights.heights().to_vec(),
+                plain_edges: heights.edges() == Edges::Plain,
             },
             Shape::HalfSpace { normal } => Self::HalfSpace {
                 normal: normal.to_array(),
@@ -611,127 +635,10 @@ impl SceneFileShape {
     }
 }
 
-const fn limits([least, most]: [f32; 2]) -> JointLimits {
-    JointLimits { least, most }
-}
-
-const fn pair(limits: JointLimits) -> [f32; 2] {
-    [limits.least, limits.most]
-}
-
-impl SceneFileJoint {
-    fn load(&self, name: &str) -> Result<LoadedJoint, Problem> {
-        let senseless = |rule| Problem::Senseless {
-            name: name.to_owned(),
-            rule,
-        };
-        let kind = match self.kind {
-            SceneFileJointKind::Fixed => JointKind::Fixed,
-            SceneFileJointKind::Spherical { limits: own } => {
-                JointKind::Spherical(own.map(|all| all.map(limits)))
-            }
-            SceneFileJointKind::Revolute { limits: own } => JointKind::Revolute(own.map(limits)),
-            SceneFileJointKind::Prismatic { limits: own } => JointKind::Prismatic(own.map(limits)),
-            SceneFileJointKind::Rope { length } => JointKind::Rope(length),
-            SceneFileJointKind::Spring {
-                length,
-                stiffness,
-                damping,
-            } => JointKind::Spring(Spring {
-                length,
-                stiffness,
-                damping,
-            }),
-            SceneFileJointKind::Generic {
-                locked,
-                limits: own,
-            } => {
-                let rule = "the locked axes of a generic joint are bits 0 to 5: 63 at most";
-                let locked = LockedAxes::new(locked).ok_or_else(|| senseless(rule))?;
-                JointKind::Generic(locked, own.map(|one| one.map(limits)))
-            }
-        };
-        let frames = (self.frames.each_ref()).map(|frame| JointFrame {
-            anchor: Vec3::from_array(frame.position),
-            rotation: Quat::from_array(frame.rotation),
-        });
-        let mut joint = Joint::plain(kind, [BodyId::new(0, 0); 2], frames);
-        joint.collide = self.collide;
-        for (axis, motor) in &self.motors {
-            let Some(place) = joint.motors.get_mut(usize::from(*axis)) else {
-                return Err(senseless("the axis of a motor is 0 to 5"));
-            };
-            *place = Some(Motor {
-                position: motor.position,
-                velocity: motor.velocity,
-                stiffness: motor.stiffness,
-                damping: motor.damping,
-                force: motor.force,
-            });
-        }
-        joint.check().map_err(|invalid| Problem::Refused {
-            name: name.to_owned(),
-            invalid: Box::new(invalid),
-        })?;
-        Ok(LoadedJoint {
-            name: self.name.clone(),
-            bodies: self.bodies,
-            joint,
-        })
-    }
-
-    fn of(one: &LoadedJoint) -> Self {
-        let kind = match one.joint.kind {
-            JointKind::Fixed => SceneFileJointKind::Fixed,
-            JointKind::Spherical(own) => SceneFileJointKind::Spherical {
-                limits: own.map(|all| all.map(pair)),
-            },
-            JointKind::Revolute(own) => SceneFileJointKind::Revolute {
-                limits: own.map(pair),
-            },
-            JointKind::Prismatic(own) => SceneFileJointKind::Prismatic {
-                limits: own.map(pair),
-            },
-            JointKind::Rope(length) => SceneFileJointKind::Rope { length },
-            JointKind::Spring(own) => SceneFileJointKind::Spring {
-                length: own.length,
-                stiffness: own.stiffness,
-                damping: own.damping,
-            },
-            JointKind::Generic(locked, own) => SceneFileJointKind::Generic {
-                locked: locked.bits(),
-                limits: own.map(|one| one.map(pair)),
-            },
-        };
-        let motor = |(axis, motor): (usize, &Option<Motor>)| {
-            let motor = motor.as_ref()?;
-            let own = SceneFileMotor {
-                position: motor.position,
-                velocity: motor.velocity,
-                stiffness: motor.stiffness,
-                damping: motor.damping,
-                force: motor.force,
-            };
-            Some((axis as u8, own))
-        };
-        Self {
-            name: one.name.clone(),
-            bodies: one.bodies,
-            kind,
-            frames: one.joint.frames.map(|frame| SceneFileFrame {
-                position: frame.anchor.to_array(),
-                rotation: frame.rotation.to_array(),
-            }),
-            collide: one.joint.collide,
-            motors: one
-                .joint
-                .motors
-                .iter()
-                .enumerate()
-                .filter_map(motor)
-                .collect(),
-            other: BTreeMap::new(),
-        }
+const fn edges(plain: bool) -> Edges {
+    match plain {
+        true => Edges::Plain,
+        false => Edges::Smooth,
     }
 }
 

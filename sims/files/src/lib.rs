@@ -11,6 +11,7 @@ mod error;
 mod files;
 mod inertia;
 mod json;
+mod json_joints;
 mod load;
 mod masses;
 mod mesh;
@@ -26,11 +27,9 @@ mod xml;
 pub use assemble::{FreeIds, LoadedBody, LoadedJoint, LoadedScene};
 pub use error::{LoadError, Place, Problem};
 pub use files::{FileError, Files, Folder, MemoryFiles};
-pub use json::{
-    SceneFile, SceneFileBody, SceneFileFrame, SceneFileJoint, SceneFileJointKind, SceneFileMotor,
-    SceneFilePart, SceneFileShape,
-};
+pub use json::{SceneFile, SceneFileBody, SceneFilePart, SceneFileShape, SceneFileSleep};
+pub use json_joints::{SceneFileFrame, SceneFileJoint, SceneFileJointKind, SceneFileMotor};
 pub use load::{load, load_text};
 pub use model::{Base, LoadOptions, OwnContacts, UpAxis};
 pub use report::{Effect, Note, Report};
-pub use script::FileScript;
+pub use script::{FileScript, NotAFile};

@@ -1,13 +1,19 @@
 //! A loaded file as a script: its commands before each tick.
 //!
-//! Has no controller. A joint comes with the later of its bodies.
+//! Has no controller. A joint comes with the later of its bodies. A script that only adds is such a scene too.
 
-use rhumb_protocol::scene::{Command, SceneConfig};
-use rhumb_reckoning::Tick;
+use std::collections::BTreeMap;
+use std::error::Error;
+use std::fmt;
+
+use glam::{Quat, Vec3};
+use rhumb_protocol::scene::{BodyBuilder, BodyDesc, Command, SceneConfig, Shape};
+use rhumb_reckoning::{BodyState, Tick};
 use rhumb_sims::Script;
 
-use crate::assemble::{FreeIds, LoadedScene};
+use crate::assemble::{FreeIds, LoadedBody, LoadedJoint, LoadedScene};
 use crate::error::LoadError;
+use crate::report::Report;
 
 /// A loaded file as a script.
 #[derive(Clone, Debug, PartialEq)]
@@ -44,6 +50,93 @@ impl FileScript {
             commands,
             next: 0,
         })
+    }
+}
+
+/// The reason why a script is more than a file can say.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum NotAFile {
+    /// It acts on the scene after each tick.
+    Controller,
+    /// It sends a command that adds nothing.
+    OtherCommands,
+}
+
+impl fmt::Display for NotAFile {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Controller => "it has a controller",
+            Self::OtherCommands => "it has commands that do more than add bodies and joints",
+        })
+    }
+}
+
+impl Error for NotAFile {}
+
+impl LoadedScene {
+    /// The scene that a script makes in its first ticks, the last one among them.
+    ///
+    /// # Errors
+    ///
+    /// [`NotAFile`] for a script that does more than add shapes, bodies and joints.
+    pub fn of_script(script: &mut dyn Script, name: &str, ticks: u64) -> Result<Self, NotAFile> {
+        if script.controller().is_some() {
+            return Err(NotAFile::Controller);
+        }
+        let mut scene = Self {
+            name: name.to_owned(),
+            config: script.config(),
+            bodies: Vec::new(),
+            joints: Vec::new(),
+            report: Report::default(),
+        };
+        let (mut shapes, mut places) = (BTreeMap::new(), BTreeMap::new());
+        let mut commands = Vec::new();
+        for tick in 0..=ticks {
+            commands.clear();
+            script.commands(Tick::new(tick), &mut commands);
+            for command in commands.drain(..) {
+                match command {
+                    Command::AddShape { id, shape } => drop(shapes.insert(id, shape)),
+                    Command::AddBody { desc, motion } => {
+                        let shape = shapes.get(&desc.shape).cloned();
+                        let shape = shape.ok_or(NotAFile::OtherCommands)?;
+                        places.insert(desc.id, scene.bodies.len());
+                        scene.bodies.push(body(desc, shape, &motion, tick));
+                    }
+                    Command::AddJoint { joint, .. } => {
+                        let place = |body| places.get(&body).copied();
+                        let [first, second] = joint.bodies.map(place);
+                        let bodies =
+                            [first, second].map(|place| place.ok_or(NotAFile::OtherCommands));
+                        let [first, second] = bodies;
+                        scene.joints.push(LoadedJoint {
+                            name: String::new(),
+                            bodies: [first?, second?],
+                            joint: *joint,
+                        });
+                    }
+                    _ => return Err(NotAFile::OtherCommands),
+                }
+            }
+        }
+        Ok(scene)
+    }
+}
+
+fn body(desc: BodyDesc, shape: Shape, motion: &BodyState, tick: u64) -> LoadedBody {
+    let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = motion.parts();
+    let builder = BodyBuilder::of(desc, shape)
+        .at(px, py, pz)
+        .rotation(Quat::from_xyzw(x, y, z, w))
+        .linear_velocity(Vec3::new(vx, vy, vz))
+        .angular_velocity(Vec3::new(wx, wy, wz));
+    LoadedBody {
+        name: String::new(),
+        builder,
+        tick,
+        frame_position: Vec3::ZERO,
+        frame_rotation: Quat::IDENTITY,
     }
 }
 

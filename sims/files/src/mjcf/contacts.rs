@@ -36,19 +36,22 @@ pub(crate) fn groups(
         (bodies[body], alone.contains(&body).then_some(body))
     });
     if let Some(classes) = &with {
-        return from_classes(bodies, classes, excluded);
+        let apart = |a: usize, b: usize| excluded.contains(&(a.min(b), a.max(b)));
+        return from_classes(bodies, classes, apart);
     }
-    let why = "there are 32 groups: parts that the file keeps apart may touch";
+    let why = "there are 32 groups: of the parts in such pairs, none touches another";
     let subject = "excluded contacts".to_owned();
     report.add(
         place,
         subject,
         format!("{} pairs", excluded.len()),
-        Effect::Left,
+        Effect::Approximated,
         why,
     );
-    match classes(&all, |body| bodies[body]) {
-        Some(classes) => from_classes(bodies, &classes, &BTreeSet::new()),
+    // Parts that lie in each other would be driven apart if they touched.
+    let is_alone = |body: usize| alone.contains(&body);
+    match classes(&all, |body| (bodies[body], is_alone(body))) {
+        Some(classes) => from_classes(bodies, &classes, |a, b| is_alone(a) && is_alone(b)),
         None => vec![CollisionGroups::ALL; bodies.len()],
     }
 }
@@ -67,7 +70,7 @@ fn classes<K: Ord>(bodies: &[usize], key: impl Fn(usize) -> K) -> Option<Vec<usi
 fn from_classes(
     bodies: &[Bits],
     classes: &[usize],
-    excluded: &BTreeSet<(usize, usize)>,
+    apart: impl Fn(usize, usize) -> bool,
 ) -> Vec<CollisionGroups> {
     let count = classes.iter().max().map_or(0, |most| most + 1);
     let mut first = vec![0; count];
@@ -77,9 +80,7 @@ fn from_classes(
     let row = |class: usize| {
         let (mine, mut touches) = (first[class], u32::MAX);
         for other in 0..count {
-            let (a, b) = (mine.min(first[other]), mine.max(first[other]));
-            let is_excluded = excluded.contains(&(a, b));
-            if is_excluded || !bodies[mine].touches(bodies[first[other]]) {
+            if apart(mine, first[other]) || !bodies[mine].touches(bodies[first[other]]) {
                 touches &= !(1 << other);
             }
         }
@@ -124,6 +125,12 @@ mod tests {
             }
         }
         let other = CollisionGroups::ALL;
+        let many: Vec<_> = (0..40).map(|_| bits(1, 1)).collect();
+        let excluded = (0..38).map(|body| (body, body + 1)).collect();
+        let few = super::groups(&many, &excluded, &Place::of("a"), &mut report);
+        let touch = |a: usize, b: usize| few[a].members & few[b].touches != 0;
+        assert!((0..38).all(|a| !touch(a, a + 1) && touch(a, 39) && touch(39, a)));
+        assert_eq!(report.notes()[0].subject, "excluded contacts");
         assert!(
             groups
                 .iter()

@@ -53,6 +53,8 @@ pub(crate) fn read(
             bodies: Vec::new(),
             joints: Vec::new(),
         },
+        without_contacts: false,
+        without_gravity: false,
         bits: Vec::new(),
         names: BTreeMap::new(),
         anchor: None,
@@ -61,6 +63,9 @@ pub(crate) fn read(
         depth: 0,
     };
     reader.sections(&root)?;
+    if reader.without_gravity {
+        reader.model.gravity = DVec3::ZERO;
+    }
     let rules = Rules {
         classes: &reader.classes,
         compiler: &reader.compiler,
@@ -110,6 +115,9 @@ struct Reader<'a> {
     assets: Assets,
     report: &'a mut Report,
     model: Model,
+    /// True if a flag of the options says so.
+    without_contacts: bool,
+    without_gravity: bool,
     /// Of each body of the model.
     bits: Vec<Bits>,
     /// Body of each name, and its frame in the file's world.
@@ -157,6 +165,19 @@ impl Reader<'_> {
             self.model.gravity = gravity;
         }
         self.model.step = element.number("timestep")?.or(self.model.step);
+        for flag in element.each("flag") {
+            for (name, value) in &flag.attributes {
+                match (name.as_str(), value.as_str()) {
+                    ("contact", value) => self.without_contacts = value == "disable",
+                    ("gravity", value) => self.without_gravity = value == "disable",
+                    _ => {
+                        let why = "the scene's engine has settings of its own";
+                        let subject = format!("flag {name}");
+                        self.report.again(&flag.place(), subject, Effect::Left, why);
+                    }
+                }
+            }
+        }
         for (name, _) in &element.attributes {
             if !matches!(name.as_str(), "gravity" | "timestep") {
                 let why = "the scene's engine has settings of its own";
@@ -445,9 +466,12 @@ impl Reader<'_> {
         let bit = |name| -> Result<u32, LoadError> {
             Ok(element.number(name)?.unwrap_or(1.0) as i64 as u32)
         };
-        let bits = Bits {
-            contype: bit("contype")?,
-            conaffinity: bit("conaffinity")?,
+        let bits = match self.without_contacts {
+            true => Bits::default(),
+            false => Bits {
+                contype: bit("contype")?,
+                conaffinity: bit("conaffinity")?,
+            },
         };
         if bits == Bits::default() {
             let why = "a geom that touches nothing is about drawing alone, but for its mass";
@@ -648,6 +672,62 @@ mod tests {
         assert_eq!([x, y, z, qx, qy], [0.0, 0.0, 2.0, 0.0, 0.0]);
         assert!((qz - 0.5_f32.sqrt()).abs() < 1e-6);
         assert!(scene.report.is_empty(), "{:?}", scene.report);
+    }
+
+    #[test]
+    fn flags_of_the_options_hold() {
+        let world = "<worldbody><geom size='1 1 1' type='box'/><body name='b'><freejoint/><geom size='1'/></body></worldbody>";
+        let off = "<option><flag contact='disable' gravity='disable' energy='enable'/></option>";
+        let scene = read(&format!("{world}{off}")).expect("a world");
+        assert_eq!(scene.config.gravity, Vec3::ZERO);
+        let solids = |shape: &Shape| match shape {
+            Shape::Compound(compound) => compound.parts().len(),
+            _ => 1,
+        };
+        let left = scene.bodies.iter();
+        assert_eq!(left.map(|body| solids(body.builder.shape())).max(), Some(0));
+        assert!(mass(&scene, scene.bodies.len() - 1) > 4_000.0);
+        let subjects: Vec<_> = scene
+            .report
+            .notes()
+            .iter()
+            .map(|note| note.subject.as_str())
+            .collect();
+        assert_eq!(subjects, ["flag energy", "geom"]);
+        let on =
+            read(&format!("<option><flag contact='enable'/></option>{world}")).expect("a world");
+        assert!(on.report.is_empty() && on.config.gravity.z < -9.0 && on.bodies.len() == 2);
+    }
+
+    #[test]
+    fn a_passive_joint_pushes_no_more_than_its_spring_and_its_damping_can() {
+        let body =
+            |joint: &str| format!("<worldbody><body>{joint}<geom size='0.1'/></body></worldbody>");
+        for (joint, most) in [
+            (
+                "<joint stiffness='3' damping='0.5' range='-90 60'/>",
+                3.0 * std::f32::consts::FRAC_PI_2 + 5.0,
+            ),
+            (
+                "<joint stiffness='3' springref='45' range='-90 60'/>",
+                3.0 * std::f32::consts::FRAC_PI_4 * 3.0,
+            ),
+            ("<joint damping='0.5'/>", 5.0),
+            ("<joint type='slide' stiffness='20' range='-0.5 2'/>", 40.0),
+        ] {
+            let scene = read(&body(joint)).expect("a world");
+            let motors = scene.joints[0].joint.motors;
+            let force = motors
+                .iter()
+                .flatten()
+                .map(|motor| motor.force)
+                .next()
+                .expect("a motor");
+            assert!(
+                (force - most).abs() < 1e-3 * most,
+                "{joint}: {force} N or N m, not {most}"
+            );
+        }
     }
 
     #[test]
