@@ -24,6 +24,12 @@
 // Bytes of the text of an event, with the zero byte that ends it.
 #define RHUMB_EVENT_TEXT_BYTES 192
 
+// Bytes of a name, with the zero byte that ends it.
+#define RHUMB_NAME_BYTES 128
+
+// Bytes of a note, with the zero byte that ends it.
+#define RHUMB_NOTE_BYTES 512
+
 // Bit of `events`: its contacts begin and end.
 #define RHUMB_EVENTS_CONTACTS 1
 
@@ -36,6 +42,9 @@
 
 // Bit of `events`: it falls asleep and wakes.
 #define RHUMB_EVENTS_SLEEP 8
+
+// Bytes of an address, with the zero byte that ends it.
+#define RHUMB_ADDRESS_BYTES 320
 
 // Bytes of the reason of a refusal, with the zero byte that ends it.
 #define RHUMB_REASON_BYTES 32
@@ -681,6 +690,70 @@ typedef struct RhumbEvent {
   char text[192];
 } RhumbEvent;
 
+// How a file is read, and where its bodies are added. Begin with `rhumb_load_options_init`.
+typedef struct RhumbLoadOptions {
+  // Where the root or the world of the file begins.
+  float position[3];
+  // The file's axes, its up upward, to the world.
+  float rotation[4];
+  // Root of a robot: 0 as in the file, 1 fixed, 2 free.
+  uint32_t base;
+  // Contacts between parts of one robot: 0 as other programs read the file, 1 all that no joint connects.
+  uint32_t own_contacts;
+  // Folders that are searched for package:// names, with a semicolon between them; or null.
+  const char *packages;
+  // Of bodies whose file gives shapes but no mass, kg/m³.
+  float density;
+  // Number of the collision group, below 32, that the parts of a robot share.
+  uint32_t group;
+  // Not zero: `first_joint` is the number of the first joint. Zero: the least that are free.
+  uint8_t has_first_joint;
+  // Number of the first joint.
+  uint32_t first_joint;
+} RhumbLoadOptions;
+
+// What a file became in a scene. All zeros is none.
+typedef struct RhumbLoaded {
+  // Its number.
+  uint64_t id;
+} RhumbLoaded;
+
+// How much a file became.
+typedef struct RhumbLoadedCounts {
+  // Bodies.
+  size_t bodies;
+  // Joints.
+  size_t joints;
+  // Notes on what the file says and the scene has not.
+  size_t left_out;
+} RhumbLoadedCounts;
+
+// A body of a file.
+typedef struct RhumbLoadedBody {
+  // The body.
+  RhumbBody body;
+  // Where the file's frame of it is, from its centre of mass and in its axes.
+  float frame_position[3];
+  // The file's frame of it to the body.
+  float frame_rotation[4];
+  // Its name in the file, in UTF-8; a longer one is cut.
+  char name[128];
+} RhumbLoadedBody;
+
+// A joint of a file.
+typedef struct RhumbLoadedJoint {
+  // Its number.
+  uint32_t joint;
+  // Its name in the file, in UTF-8; a longer one is cut.
+  char name[128];
+} RhumbLoadedJoint;
+
+// A sentence about what a file says and a scene has not, or has by something near to it.
+typedef struct RhumbNote {
+  // UTF-8 that ends with a zero byte; a longer one is cut.
+  char text[512];
+} RhumbNote;
+
 // A character: a kinematic body that walks by its velocity, as far as the world lets it, and falls. Begin with
 // `rhumb_character_init`.
 typedef struct RhumbCharacter {
@@ -815,6 +888,12 @@ typedef struct RhumbLocalServer {
   // Its number.
   uint64_t id;
 } RhumbLocalServer;
+
+// An address as text: of a server, or of a page.
+typedef struct RhumbAddress {
+  // UTF-8 that ends with a zero byte; empty where there is none.
+  char text[320];
+} RhumbAddress;
 
 // The arrays of a view. They have one order, which changes from view to view.
 //
@@ -1091,6 +1170,57 @@ RhumbCode rhumb_shape_centre(const struct RhumbShape *shape,
 // `event` points to memory for a `RhumbEvent`.
 RhumbCode rhumb_scene_poll_event(struct RhumbScene scene, struct RhumbEvent *event);
 
+// Makes plain options: at the origin, all as in the file.
+//
+// # Safety
+//
+// `options` points to memory for a `RhumbLoadOptions`.
+RhumbCode rhumb_load_options_init(struct RhumbLoadOptions *options);
+
+// Adds a robot or a scene from a file: URDF, MJCF with their meshes, or a JSON scene of Rhumb.
+//
+// What the file says and a scene has not is listed in the result. A file that cannot be read is `RHUMB_CODE_INVALID`, with
+// file and line in `rhumb_last_error`, and nothing is added. Gravity and ticks are the scene's. `options` may be null.
+//
+// # Safety
+//
+// `path` and the texts of `options` end with a zero byte; `options` and `loaded` point to what their types say.
+RhumbCode rhumb_scene_load(struct RhumbScene scene,
+                           const char *path,
+                           const struct RhumbLoadOptions *options,
+                           struct RhumbLoaded *loaded);
+
+// The numbers of bodies, joints and notes.
+//
+// # Safety
+//
+// `counts` points to what its type says.
+RhumbCode rhumb_loaded_counts(struct RhumbLoaded loaded, struct RhumbLoadedCounts *counts);
+
+// A body by its place; those that others hold come after them.
+//
+// # Safety
+//
+// `body` points to what its type says.
+RhumbCode rhumb_loaded_body(struct RhumbLoaded loaded, size_t place, struct RhumbLoadedBody *body);
+
+// A joint by its place.
+//
+// # Safety
+//
+// `joint` points to what its type says.
+RhumbCode rhumb_loaded_joint(struct RhumbLoaded loaded, size_t place, struct RhumbLoadedJoint *joint);
+
+// A note by its place.
+//
+// # Safety
+//
+// `note` points to what its type says.
+RhumbCode rhumb_loaded_note(struct RhumbLoaded loaded, size_t place, struct RhumbNote *note);
+
+// Closes the handle of a file. Its bodies stay in the scene.
+RhumbCode rhumb_loaded_close(struct RhumbLoaded loaded);
+
 // Queues a command: makes a character or a vehicle an ordinary body again.
 //
 // `last` may be null; otherwise it receives the number of the command, which events name.
@@ -1194,6 +1324,37 @@ RhumbCode rhumb_local(struct RhumbConnection *connection);
 // `server` points to what its type says.
 RhumbCode rhumb_local_server_open(uint8_t own_thread,
                                   struct RhumbLocalServer *server);
+
+// Makes a server in this process that other processes join too. It has threads of its own; a scene that is joined here goes
+// over a socket of this machine.
+//
+// `listen`: IP address and port; port 0 is a free one; null for a free port of this machine. `open_to_network`: 1 for an
+// address that other machines reach. There are no tokens: each client may do everything.
+//
+// # Safety
+//
+// `listen` is null or a text that ends with a zero byte; `server` points to what its type says.
+RhumbCode rhumb_serve(const char *listen,
+                      uint8_t open_to_network,
+                      struct RhumbLocalServer *server);
+
+// The one text by which other processes connect: address and fingerprint, for `RhumbConnectOptions`. It is empty for a server
+// without sockets.
+//
+// # Safety
+//
+// `address` points to what its type says.
+RhumbCode rhumb_local_server_address(struct RhumbLocalServer server,
+                                     struct RhumbAddress *address);
+
+// The address of the page that shows the scene to browsers of this machine, until the scene is closed. Its server must be in
+// this process.
+//
+// # Safety
+//
+// `address` points to what its type says.
+RhumbCode rhumb_scene_page(struct RhumbScene scene,
+                           struct RhumbAddress *address);
 
 // Connects one more client. `timeout_s` is as that of RhumbConnectOptions.
 //

@@ -8,8 +8,10 @@
 #ifndef RHUMB_HPP
 #define RHUMB_HPP
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <map>
 #include <memory>
 #include <optional>
 #include <stdexcept>
@@ -872,6 +874,41 @@ struct JoinOptions : RhumbJoinOptions {
 };
 
 /// A client of one scene. Closes when it is destroyed. One thread at a time.
+/// How a file is read, and where its bodies are added.
+struct LoadOptions {
+    /// Where the root or the world of the file begins.
+    Vec3 position{0, 0, 0};
+    /// The file's axes, its up upward, to the world.
+    Quat rotation{0, 0, 0, 1};
+    /// Root of a robot: as in the file, fixed, free.
+    enum class Base : std::uint32_t { File, Fixed, Free } base = Base::File;
+    /// Contacts between parts of one robot: as other programs read the file, or all that no joint connects.
+    enum class OwnContacts : std::uint32_t { File, All } own_contacts = OwnContacts::File;
+    /// Folders that are searched for package:// names.
+    std::vector<std::string> packages;
+    /// Of bodies whose file gives shapes but no mass, kg/m³.
+    float density = 1000;
+    /// Number of the collision group, below 32, that the parts of a robot share.
+    std::uint32_t group = 1;
+    /// Number of the first joint; none: the least that are free.
+    std::optional<std::uint32_t> first_joint;
+};
+
+/// Where the file's frame of a body is, from its centre of mass and in its axes.
+struct LoadedFrame {
+    Vec3 position;
+    Quat rotation;
+};
+
+/// What a file became. A name that the file has twice, or not at all, has a number.
+struct Loaded {
+    std::map<std::string, Body> bodies;
+    std::map<std::string, LoadedFrame> frames;
+    std::map<std::string, std::uint32_t> joints;
+    /// A sentence for each thing that the file says and the scene has not, or has by something near to it.
+    std::vector<std::string> left_out;
+};
+
 class Scene {
 public:
     explicit Scene(RhumbScene raw) noexcept : raw_(raw) {}
@@ -1100,6 +1137,40 @@ public:
     /// Deletes the scene for all of its clients.
     void delete_scene() { throw_unless_ok(rhumb_scene_delete(raw_)); }
 
+    /// Adds a robot or a scene from a file: URDF, MJCF with their meshes, or a JSON scene of Rhumb. Gravity and ticks are the
+    /// scene's.
+    Loaded load(const std::string& path, const LoadOptions& options = LoadOptions()) {
+        RhumbLoadOptions raw = {};
+        throw_unless_ok(rhumb_load_options_init(&raw));
+        const float position[3] = {options.position.x, options.position.y, options.position.z};
+        const float rotation[4] = {options.rotation.x, options.rotation.y, options.rotation.z, options.rotation.w};
+        std::copy(position, position + 3, raw.position);
+        std::copy(rotation, rotation + 4, raw.rotation);
+        raw.base = static_cast<std::uint32_t>(options.base);
+        raw.own_contacts = static_cast<std::uint32_t>(options.own_contacts);
+        std::string packages;
+        for (const std::string& folder : options.packages) {
+            packages += folder + ";";
+        }
+        raw.packages = packages.c_str();
+        raw.density = options.density;
+        raw.group = options.group;
+        raw.has_first_joint = options.first_joint.has_value() ? 1 : 0;
+        raw.first_joint = options.first_joint.value_or(0);
+        RhumbLoaded handle = {0};
+        throw_unless_ok(rhumb_scene_load(raw_, path.c_str(), &raw, &handle));
+        const auto close = [](const RhumbLoaded* one) { static_cast<void>(rhumb_loaded_close(*one)); };
+        const std::unique_ptr<RhumbLoaded, decltype(close)> closed(&handle, close);
+        return read(handle);
+    }
+
+    /// The address of the page that shows the scene to browsers of this machine. The server must be in this process.
+    std::string page() {
+        RhumbAddress address = {};
+        throw_unless_ok(rhumb_scene_page(raw_, &address));
+        return address.text;
+    }
+
     /// Leaves the scene. A second time does nothing.
     void close() noexcept {
         // Only a handle that is closed already can fail here.
@@ -1110,6 +1181,31 @@ public:
     RhumbScene raw() const noexcept { return raw_; }
 
 private:
+    static Loaded read(RhumbLoaded handle) {
+        RhumbLoadedCounts counts = {};
+        throw_unless_ok(rhumb_loaded_counts(handle, &counts));
+        Loaded loaded;
+        for (std::size_t place = 0; place < counts.bodies; ++place) {
+            RhumbLoadedBody body = {};
+            throw_unless_ok(rhumb_loaded_body(handle, place, &body));
+            loaded.bodies[body.name] = body.body;
+            const float* at = body.frame_position;
+            const float* turned = body.frame_rotation;
+            loaded.frames[body.name] = {{at[0], at[1], at[2]}, {turned[0], turned[1], turned[2], turned[3]}};
+        }
+        for (std::size_t place = 0; place < counts.joints; ++place) {
+            RhumbLoadedJoint joint = {};
+            throw_unless_ok(rhumb_loaded_joint(handle, place, &joint));
+            loaded.joints[joint.name] = joint.joint;
+        }
+        for (std::size_t place = 0; place < counts.left_out; ++place) {
+            RhumbNote note = {};
+            throw_unless_ok(rhumb_loaded_note(handle, place, &note));
+            loaded.left_out.emplace_back(note.text);
+        }
+        return loaded;
+    }
+
     /// Throws RefusedError with what the server refused, and Error for anything else that is not right.
     void throw_unless_done(RhumbCode code) {
         if (code != RHUMB_CODE_REFUSED) {
@@ -1138,6 +1234,9 @@ public:
 
     /// A server whose certificate one of the roots in this PEM file signed.
     static Trust roots(std::string path) { return Trust(std::string(), std::move(path)); }
+
+    /// The server whose fingerprint the address ends with, behind a #.
+    static Trust by_address() { return Trust(std::string(), std::string()); }
 
 private:
     friend class Connection;
@@ -1235,6 +1334,21 @@ public:
     LocalServer& operator=(const LocalServer&) = delete;
     ~LocalServer() { close(); }
 
+    /// A server that other processes join too, by address(). It has threads of its own. `listen`: IP address and port; port 0
+    /// is a free one. There are no tokens: an address that other machines reach must be meant to be open.
+    static LocalServer serve(const std::string& listen = "127.0.0.1:0", bool open_to_network = false) {
+        RhumbLocalServer raw = {0};
+        throw_unless_ok(rhumb_serve(listen.c_str(), open_to_network ? 1 : 0, &raw));
+        return LocalServer(raw);
+    }
+
+    /// The one text by which other processes connect, with Trust::by_address(). Empty for a server without sockets.
+    std::string address() const {
+        RhumbAddress address = {};
+        throw_unless_ok(rhumb_local_server_address(raw_, &address));
+        return address.text;
+    }
+
     /// Connects one more client. The time limit holds for every later call that waits.
     Connection connect(double timeout_s = 5.0) const {
         RhumbConnection raw = {0};
@@ -1249,6 +1363,8 @@ public:
     }
 
 private:
+    explicit LocalServer(RhumbLocalServer raw) noexcept : raw_(raw) {}
+
     RhumbLocalServer raw_;
 };
 

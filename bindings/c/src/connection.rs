@@ -4,8 +4,8 @@ use std::ffi::c_char;
 use std::path::Path;
 use std::time::Duration;
 
-use rhumb_bindings::BindingError;
 use rhumb_bindings::rhumb_client::{Client, ServerConnection, Trust};
+use rhumb_bindings::{BindingError, OwnServer};
 
 use crate::border::{check_out, guard, optional_text, text, value, write};
 use crate::handles::HandleTable;
@@ -36,7 +36,13 @@ pub struct RhumbConnectOptions {
     pub timeout_s: f64,
 }
 
-static CONNECTIONS: HandleTable<ServerConnection> = HandleTable::new();
+static CONNECTIONS: HandleTable<OpenConnection> = HandleTable::new();
+
+/// A connection, and its server if that is in this process.
+pub(crate) struct OpenConnection {
+    pub(crate) connection: ServerConnection,
+    pub(crate) server: Option<OwnServer>,
+}
 
 /// Connects to a server. Join a scene with the connection, or close it.
 ///
@@ -65,7 +71,7 @@ pub unsafe extern "C" fn rhumb_connect(
         if let Some(token) = token {
             opened = opened.token(token);
         }
-        let id = insert(opened);
+        let id = insert(opened, None);
         // SAFETY: the caller promises the memory.
         unsafe { write(connection, RhumbConnection { id }, "connection") }
     })
@@ -78,19 +84,18 @@ pub extern "C" fn rhumb_connection_close(connection: RhumbConnection) -> RhumbCo
 }
 
 /// Gives out the handle of a connection.
-pub(crate) fn insert(opened: ServerConnection) -> u64 {
-    CONNECTIONS.insert(opened)
+pub(crate) fn insert(connection: ServerConnection, server: Option<OwnServer>) -> u64 {
+    CONNECTIONS.insert(OpenConnection { connection, server })
 }
 
 /// The connection of a handle, which is closed from now on. A wrong name of the scene or a wrong token leaves it open.
 pub(crate) fn take_for(
     connection: RhumbConnection,
     scene: &str,
-) -> Result<ServerConnection, BindingError> {
-    CONNECTIONS.take(
-        connection.id,
-        |connection| Ok(connection.check_join(scene)?),
-    )
+) -> Result<OpenConnection, BindingError> {
+    CONNECTIONS.take(connection.id, |opened| {
+        Ok(opened.connection.check_join(scene)?)
+    })
 }
 
 /// The same as [`Client::connect`]'s.

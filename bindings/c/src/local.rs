@@ -1,11 +1,15 @@
 //! Servers in the process of the caller.
 
-use rhumb_bindings::BindingError;
-use rhumb_bindings::rhumb_client::{Client, LocalServer};
+use std::ffi::c_char;
+use std::sync::Arc;
 
-use crate::border::{check_out, guard, write};
+use rhumb_bindings::rhumb_client::LocalServer;
+use rhumb_bindings::{BindingError, OwnServer, Reach, ServedScenes};
+
+use crate::border::{check_out, copy_text, guard, optional_text, write};
 use crate::connection::{RhumbConnection, insert, time_limit};
 use crate::handles::HandleTable;
+use crate::scene::{RhumbScene, with};
 use crate::status::RhumbCode;
 
 /// A physics server in this process. All zeros is none.
@@ -16,7 +20,18 @@ pub struct RhumbLocalServer {
     pub id: u64,
 }
 
-static SERVERS: HandleTable<LocalServer> = HandleTable::new();
+/// Bytes of an address, with the zero byte that ends it.
+pub const RHUMB_ADDRESS_BYTES: usize = 320;
+
+/// An address as text: of a server, or of a page.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct RhumbAddress {
+    /// UTF-8 that ends with a zero byte; empty where there is none.
+    pub text: [c_char; 320],
+}
+
+static SERVERS: HandleTable<OwnServer> = HandleTable::new();
 
 /// Connects to a server of the connection's own, in this process and without sockets. It steps within the calls of its
 /// client, and ends with it. Join a scene with the connection, or close it.
@@ -28,7 +43,8 @@ static SERVERS: HandleTable<LocalServer> = HandleTable::new();
 pub unsafe extern "C" fn rhumb_local(connection: *mut RhumbConnection) -> RhumbCode {
     guard(|| {
         check_out(connection, "connection")?;
-        let id = insert(Client::local());
+        let server = LocalServer::new();
+        let id = insert(server.connect(), Some(OwnServer::Local(server)));
         // SAFETY: the caller promises the memory.
         unsafe { write(connection, RhumbConnection { id }, "connection") }
     })
@@ -56,9 +72,79 @@ pub unsafe extern "C" fn rhumb_local_server_open(
             })?,
             other => return Err(BindingError::value("own_thread", other, "0 or 1")),
         };
-        let id = SERVERS.insert(made);
+        let id = SERVERS.insert(OwnServer::Local(made));
         // SAFETY: the caller promises the memory.
         unsafe { write(server, RhumbLocalServer { id }, "server") }
+    })
+}
+
+/// Makes a server in this process that other processes join too. It has threads of its own; a scene that is joined here goes
+/// over a socket of this machine.
+///
+/// `listen`: IP address and port; port 0 is a free one; null for a free port of this machine. `open_to_network`: 1 for an
+/// address that other machines reach. There are no tokens: each client may do everything.
+///
+/// # Safety
+///
+/// `listen` is null or a text that ends with a zero byte; `server` points to what its type says.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn rhumb_serve(
+    listen: *const c_char,
+    open_to_network: u8,
+    server: *mut RhumbLocalServer,
+) -> RhumbCode {
+    guard(|| {
+        check_out(server, "server")?;
+        // SAFETY: the caller promises the text.
+        let listen = unsafe { optional_text(listen, "listen") }?;
+        let reach = match open_to_network {
+            0 => Reach::ThisMachine,
+            1 => Reach::Network,
+            other => return Err(BindingError::value("open_to_network", other, "0 or 1")),
+        };
+        let served = ServedScenes::start(listen.unwrap_or("127.0.0.1:0"), reach)?;
+        let id = SERVERS.insert(OwnServer::Served(Arc::new(served)));
+        // SAFETY: the caller promises the memory.
+        unsafe { write(server, RhumbLocalServer { id }, "server") }
+    })
+}
+
+/// The one text by which other processes connect: address and fingerprint, for `RhumbConnectOptions`. It is empty for a server
+/// without sockets.
+///
+/// # Safety
+///
+/// `address` points to what its type says.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn rhumb_local_server_address(
+    server: RhumbLocalServer,
+    address: *mut RhumbAddress,
+) -> RhumbCode {
+    guard(|| {
+        check_out(address, "address")?;
+        let text = SERVERS.with(server.id, |server| Ok(server.address()))?;
+        let text = copy_text(&text.unwrap_or_default());
+        // SAFETY: the caller promises the memory.
+        unsafe { write(address, RhumbAddress { text }, "address") }
+    })
+}
+
+/// The address of the page that shows the scene to browsers of this machine, until the scene is closed. Its server must be in
+/// this process.
+///
+/// # Safety
+///
+/// `address` points to what its type says.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn rhumb_scene_page(
+    scene: RhumbScene,
+    address: *mut RhumbAddress,
+) -> RhumbCode {
+    guard(|| {
+        check_out(address, "address")?;
+        let text = copy_text(&with(scene, |scene| scene.page())?);
+        // SAFETY: the caller promises the memory.
+        unsafe { write(address, RhumbAddress { text }, "address") }
     })
 }
 
@@ -76,8 +162,8 @@ pub unsafe extern "C" fn rhumb_local_server_connect(
     guard(|| {
         check_out(connection, "connection")?;
         let timeout = time_limit(timeout_s, "timeout_s")?;
-        let opened = SERVERS.with(server.id, |server| Ok(server.connect()))?;
-        let id = insert(opened.timeout(timeout));
+        let server = SERVERS.with(server.id, |server| Ok(server.clone()))?;
+        let id = insert(server.connect(timeout)?, Some(server));
         // SAFETY: the caller promises the memory.
         unsafe { write(connection, RhumbConnection { id }, "connection") }
     })

@@ -81,10 +81,41 @@ static void misuse(void) {
     EXPECT(RHUMB_CODE_OK, rhumb_connection_close(connection));
 }
 
+static void misuse_of_files_and_sockets(void) {
+    RhumbLocalServer server;
+    RhumbConnection connection;
+    RhumbScene scene;
+    RhumbAddress address;
+    RhumbLoaded none = {0}, loaded;
+    RhumbLoadedCounts counts;
+    RhumbLoadOptions options;
+    EXPECT(RHUMB_CODE_NULL, rhumb_serve(NULL, 0, NULL));
+    EXPECT(RHUMB_CODE_INVALID, rhumb_serve("nowhere", 0, &server));
+    EXPECT(RHUMB_CODE_INVALID, rhumb_serve(NULL, 2, &server));
+    EXPECT(RHUMB_CODE_OK, rhumb_serve(NULL, 0, &server));
+    EXPECT(RHUMB_CODE_NULL, rhumb_local_server_address(server, NULL));
+    EXPECT(RHUMB_CODE_OK, rhumb_local_server_address(server, &address));
+    RhumbConnectOptions how = {.address = address.text};
+    EXPECT(RHUMB_CODE_OK, rhumb_connect(&how, &connection));
+    EXPECT(RHUMB_CODE_OK, rhumb_join(connection, "files", NULL, &scene));
+    EXPECT(RHUMB_CODE_OK, rhumb_load_options_init(&options));
+    EXPECT(RHUMB_CODE_NULL, rhumb_scene_load(scene, NULL, &options, &loaded));
+    EXPECT(RHUMB_CODE_NULL, rhumb_scene_load(scene, "a.urdf", &options, NULL));
+    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_load(scene, "a.urdf", &options, &loaded));
+    options.base = 3;
+    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_load(scene, "a.urdf", &options, &loaded));
+    EXPECT(RHUMB_CODE_CLOSED, rhumb_loaded_counts(none, &counts));
+    EXPECT(RHUMB_CODE_CLOSED, rhumb_loaded_close(none));
+    EXPECT(RHUMB_CODE_DENIED, rhumb_scene_page(scene, &address));
+    EXPECT(RHUMB_CODE_OK, rhumb_scene_close(scene));
+    EXPECT(RHUMB_CODE_OK, rhumb_local_server_close(server));
+}
+
 int main(void) {
     members_take_turns(0);
     members_take_turns(1);
     misuse();
+    misuse_of_files_and_sockets();
     printf("the members took turns\n");
     return 0;
 }

@@ -3,6 +3,8 @@
 // Its members see each other's bodies, and stay when its handle is gone.
 
 #include <cstdio>
+#include <filesystem>
+#include <fstream>
 #include <cstdlib>
 #include <utility>
 
@@ -12,6 +14,53 @@ static void expect(bool holds, const char* what) {
     if (!holds) {
         std::fprintf(stderr, "does not hold: %s\n", what);
         std::exit(1);
+    }
+}
+
+static void others_join() {
+    auto server = rhumb::LocalServer::serve();
+    auto own = server.connect().join("shared");
+    auto other = rhumb::Connection::connect(server.address(), rhumb::Trust::by_address()).join("shared");
+    auto ball = own.add_body(rhumb::BodyDesc::dynamic(rhumb::Shape::ball(0.5)).at(0, 10, 0));
+    own.advance();
+    for (int i = 0; i < 10 && !other.place(ball); ++i) other.advance();
+    expect(other.place(ball).has_value(), "a client of the network sees the ball");
+    expect(rhumb::LocalServer().address().empty(), "a server without sockets has no address");
+    try {
+        rhumb::LocalServer::serve("0.0.0.0:0");
+        expect(false, "an address of other machines is refused");
+    } catch (const rhumb::Error& error) {
+        expect(error.code() == RHUMB_CODE_INVALID, error.what());
+    }
+    try {
+        other.page();
+        expect(false, "the page of a server elsewhere is not known");
+    } catch (const rhumb::Error& error) {
+        expect(error.code() == RHUMB_CODE_DENIED, error.what());
+    }
+}
+
+static void a_robot_is_loaded() {
+    const auto path = std::filesystem::temp_directory_path() / ("rhumb-" + std::to_string(std::rand()) + ".urdf");
+    std::ofstream(path) << "<robot name='arm'><link name='world'/><link name='arm'><inertial><mass value='2'/>"
+                           "<inertia ixx='1' iyy='1' izz='1' ixy='0' ixz='0' iyz='0'/></inertial></link>"
+                           "<joint name='hinge' type='continuous'><parent link='world'/><child link='arm'/>"
+                           "<mimic joint='other'/></joint></robot>";
+    auto scene = rhumb::Connection::local().join("robots");
+    rhumb::LoadOptions options;
+    options.position = {0, 3, 0};
+    options.first_joint = 7;
+    auto robot = scene.load(path.string(), options);
+    std::filesystem::remove(path);
+    scene.advance();
+    expect(robot.bodies.count("arm") == 1 && robot.joints.at("hinge") == 7, "names are those of the file");
+    expect(robot.frames.at("arm").rotation.w > 0.99f && !robot.left_out.empty(), "frames and notes");
+    expect(scene.poses().positions()[scene.place(robot.bodies.at("arm")).value()].y > 2.9f, "the place of the file");
+    try {
+        scene.load("nothing.urdf");
+        expect(false, "a missing file is refused");
+    } catch (const rhumb::Error& error) {
+        expect(error.code() == RHUMB_CODE_INVALID, error.what());
     }
 }
 
@@ -34,6 +83,8 @@ int main() {
             expect(error.code() == RHUMB_CODE_CLOSED, error.what());
         }
     }
+    others_join();
+    a_robot_is_loaded();
     auto connection = rhumb::Connection::local();
     expect(connection.join("drop").advance() == 1, "a scene on a server of its own");
     std::printf("the members saw the ball\n");

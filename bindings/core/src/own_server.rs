@@ -129,6 +129,29 @@ pub enum OwnServer {
     Served(Arc<ServedScenes>),
 }
 
+impl OwnServer {
+    /// A connection of one more client. `timeout` holds for every later call that waits.
+    ///
+    /// # Errors
+    ///
+    /// As [`ServedScenes::connect`]; a server without sockets has none.
+    pub fn connect(&self, timeout: Duration) -> Result<ServerConnection, BindingError> {
+        match self {
+            Self::Local(server) => Ok(server.connect().timeout(timeout)),
+            Self::Served(served) => served.connect(timeout),
+        }
+    }
+
+    /// The one text by which other processes connect; `None` without sockets.
+    #[must_use]
+    pub fn address(&self) -> Option<String> {
+        match self {
+            Self::Local(_) => None,
+            Self::Served(served) => Some(served.address()),
+        }
+    }
+}
+
 /// The server of a joined scene, and the page that shows it.
 pub(crate) struct SceneServer {
     origin: OwnServer,
@@ -148,10 +171,7 @@ impl SceneServer {
 
     /// The one text by which other processes connect.
     pub(crate) fn address(&self) -> Option<String> {
-        match &self.origin {
-            OwnServer::Local(_) => None,
-            OwnServer::Served(served) => Some(served.address()),
-        }
+        self.origin.address()
     }
 
     /// The address of the page that shows the scene; it answers until the scene is closed.

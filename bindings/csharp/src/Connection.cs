@@ -22,6 +22,9 @@ namespace Rhumb
             return new Trust { Sha256 = fingerprint };
         }
 
+        /// <summary>The server whose fingerprint the address ends with, behind a #.</summary>
+        public static readonly Trust ByAddress = new Trust();
+
         /// <summary>A server whose certificate one of the roots in this PEM file signed.</summary>
         public static Trust Roots(string path)
         {

@@ -21,6 +21,39 @@ namespace Rhumb
             handle = new ServerHandle(server.id);
         }
 
+        private LocalServer(RhumbLocalServer server)
+        {
+            handle = new ServerHandle(server.id);
+        }
+
+        /// <summary>
+        /// A server that other processes join too, by Address. It has threads of its own. listen: IP address and port; port 0
+        /// is a free one, and null a free port of this machine. There are no tokens: an address that other machines reach must
+        /// be meant to be open.
+        /// </summary>
+        public static unsafe LocalServer Serve(string listen = null, bool openToNetwork = false)
+        {
+            RhumbLocalServer server;
+            fixed (byte* at = Utf8.Bytes(listen))
+            {
+                RhumbException.Check(Native.rhumb_serve(at, (byte)(openToNetwork ? 1 : 0), &server));
+            }
+            return new LocalServer(server);
+        }
+
+        /// <summary>
+        /// The one text by which other processes connect, with Trust.ByAddress. Empty for a server without sockets.
+        /// </summary>
+        public unsafe string Address
+        {
+            get
+            {
+                RhumbAddress address;
+                RhumbException.Check(Native.rhumb_local_server_address(handle.Server, &address));
+                return Utf8.Read((byte*)address.text);
+            }
+        }
+
         /// <summary>Connects one more client. The time limit in seconds holds for every later call that waits.</summary>
         public unsafe Connection Connect(double timeout = 5.0)
         {

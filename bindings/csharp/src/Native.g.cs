@@ -119,6 +119,42 @@ namespace Rhumb
         public static extern RhumbCode rhumb_local_server_open(byte own_thread, RhumbLocalServer* server);
 
         /// <summary>
+        ///  Makes a server in this process that other processes join too. It has threads of its own; a scene that is joined here goes
+        ///  over a socket of this machine.
+        ///
+        ///  `listen`: IP address and port; port 0 is a free one; null for a free port of this machine. `open_to_network`: 1 for an
+        ///  address that other machines reach. There are no tokens: each client may do everything.
+        ///
+        ///  # Safety
+        ///
+        ///  `listen` is null or a text that ends with a zero byte; `server` points to what its type says.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_serve", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_serve(byte* listen, byte open_to_network, RhumbLocalServer* server);
+
+        /// <summary>
+        ///  The one text by which other processes connect: address and fingerprint, for `RhumbConnectOptions`. It is empty for a server
+        ///  without sockets.
+        ///
+        ///  # Safety
+        ///
+        ///  `address` points to what its type says.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_local_server_address", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_local_server_address(RhumbLocalServer server, RhumbAddress* address);
+
+        /// <summary>
+        ///  The address of the page that shows the scene to browsers of this machine, until the scene is closed. Its server must be in
+        ///  this process.
+        ///
+        ///  # Safety
+        ///
+        ///  `address` points to what its type says.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_scene_page", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_scene_page(RhumbScene scene, RhumbAddress* address);
+
+        /// <summary>
         ///  Connects one more client. `timeout_s` is as that of RhumbConnectOptions.
         ///
         ///  # Safety
@@ -501,6 +537,75 @@ namespace Rhumb
         public static extern RhumbCode rhumb_scene_poll_event(RhumbScene scene, RhumbEvent* @event);
 
         /// <summary>
+        ///  Makes plain options: at the origin, all as in the file.
+        ///
+        ///  # Safety
+        ///
+        ///  `options` points to memory for a `RhumbLoadOptions`.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_load_options_init", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_load_options_init(RhumbLoadOptions* options);
+
+        /// <summary>
+        ///  Adds a robot or a scene from a file: URDF, MJCF with their meshes, or a JSON scene of Rhumb.
+        ///
+        ///  What the file says and a scene has not is listed in the result. A file that cannot be read is `RHUMB_CODE_INVALID`, with
+        ///  file and line in `rhumb_last_error`, and nothing is added. Gravity and ticks are the scene's. `options` may be null.
+        ///
+        ///  # Safety
+        ///
+        ///  `path` and the texts of `options` end with a zero byte; `options` and `loaded` point to what their types say.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_scene_load", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_scene_load(RhumbScene scene, byte* path, RhumbLoadOptions* options, RhumbLoaded* loaded);
+
+        /// <summary>
+        ///  The numbers of bodies, joints and notes.
+        ///
+        ///  # Safety
+        ///
+        ///  `counts` points to what its type says.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_loaded_counts", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_loaded_counts(RhumbLoaded loaded, RhumbLoadedCounts* counts);
+
+        /// <summary>
+        ///  A body by its place; those that others hold come after them.
+        ///
+        ///  # Safety
+        ///
+        ///  `body` points to what its type says.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_loaded_body", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_loaded_body(RhumbLoaded loaded, System.UIntPtr place, RhumbLoadedBody* body);
+
+        /// <summary>
+        ///  A joint by its place.
+        ///
+        ///  # Safety
+        ///
+        ///  `joint` points to what its type says.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_loaded_joint", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_loaded_joint(RhumbLoaded loaded, System.UIntPtr place, RhumbLoadedJoint* joint);
+
+        /// <summary>
+        ///  A note by its place.
+        ///
+        ///  # Safety
+        ///
+        ///  `note` points to what its type says.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_loaded_note", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_loaded_note(RhumbLoaded loaded, System.UIntPtr place, RhumbNote* note);
+
+        /// <summary>
+        ///  Closes the handle of a file. Its bodies stay in the scene.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_loaded_close", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_loaded_close(RhumbLoaded loaded);
+
+        /// <summary>
         ///  Makes a plain query: a ray downwards of length zero that finds one body of any kind.
         ///
         ///  # Safety
@@ -814,6 +919,18 @@ namespace Rhumb
         ///  Its number.
         /// </summary>
         public ulong id;
+    }
+
+    /// <summary>
+    ///  An address as text: of a server, or of a page.
+    /// </summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public unsafe partial struct RhumbAddress
+    {
+        /// <summary>
+        ///  UTF-8 that ends with a zero byte; empty where there is none.
+        /// </summary>
+        public fixed byte text[320];
     }
 
     /// <summary>
@@ -1444,6 +1561,134 @@ namespace Rhumb
         ///  A sentence in UTF-8 that ends with a zero byte; a longer one is cut.
         /// </summary>
         public fixed byte text[192];
+    }
+
+    /// <summary>
+    ///  How a file is read, and where its bodies are added. Begin with `rhumb_load_options_init`.
+    /// </summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public unsafe partial struct RhumbLoadOptions
+    {
+        /// <summary>
+        ///  Where the root or the world of the file begins.
+        /// </summary>
+        public fixed float position[3];
+        /// <summary>
+        ///  The file's axes, its up upward, to the world.
+        /// </summary>
+        public fixed float rotation[4];
+        /// <summary>
+        ///  Root of a robot: 0 as in the file, 1 fixed, 2 free.
+        /// </summary>
+        public uint @base;
+        /// <summary>
+        ///  Contacts between parts of one robot: 0 as other programs read the file, 1 all that no joint connects.
+        /// </summary>
+        public uint own_contacts;
+        /// <summary>
+        ///  Folders that are searched for package:// names, with a semicolon between them; or null.
+        /// </summary>
+        public byte* packages;
+        /// <summary>
+        ///  Of bodies whose file gives shapes but no mass, kg/m³.
+        /// </summary>
+        public float density;
+        /// <summary>
+        ///  Number of the collision group, below 32, that the parts of a robot share.
+        /// </summary>
+        public uint group;
+        /// <summary>
+        ///  Not zero: `first_joint` is the number of the first joint. Zero: the least that are free.
+        /// </summary>
+        public byte has_first_joint;
+        /// <summary>
+        ///  Number of the first joint.
+        /// </summary>
+        public uint first_joint;
+    }
+
+    /// <summary>
+    ///  What a file became in a scene. All zeros is none.
+    /// </summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public unsafe partial struct RhumbLoaded
+    {
+        /// <summary>
+        ///  Its number.
+        /// </summary>
+        public ulong id;
+    }
+
+    /// <summary>
+    ///  How much a file became.
+    /// </summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public unsafe partial struct RhumbLoadedCounts
+    {
+        /// <summary>
+        ///  Bodies.
+        /// </summary>
+        public System.UIntPtr bodies;
+        /// <summary>
+        ///  Joints.
+        /// </summary>
+        public System.UIntPtr joints;
+        /// <summary>
+        ///  Notes on what the file says and the scene has not.
+        /// </summary>
+        public System.UIntPtr left_out;
+    }
+
+    /// <summary>
+    ///  A body of a file.
+    /// </summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public unsafe partial struct RhumbLoadedBody
+    {
+        /// <summary>
+        ///  The body.
+        /// </summary>
+        public RhumbBody body;
+        /// <summary>
+        ///  Where the file's frame of it is, from its centre of mass and in its axes.
+        /// </summary>
+        public fixed float frame_position[3];
+        /// <summary>
+        ///  The file's frame of it to the body.
+        /// </summary>
+        public fixed float frame_rotation[4];
+        /// <summary>
+        ///  Its name in the file, in UTF-8; a longer one is cut.
+        /// </summary>
+        public fixed byte name[128];
+    }
+
+    /// <summary>
+    ///  A joint of a file.
+    /// </summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public unsafe partial struct RhumbLoadedJoint
+    {
+        /// <summary>
+        ///  Its number.
+        /// </summary>
+        public uint joint;
+        /// <summary>
+        ///  Its name in the file, in UTF-8; a longer one is cut.
+        /// </summary>
+        public fixed byte name[128];
+    }
+
+    /// <summary>
+    ///  A sentence about what a file says and a scene has not, or has by something near to it.
+    /// </summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public unsafe partial struct RhumbNote
+    {
+        /// <summary>
+        ///  UTF-8 that ends with a zero byte; a longer one is cut.
+        /// </summary>
+        public fixed byte text[512];
     }
 
     /// <summary>

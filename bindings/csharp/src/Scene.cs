@@ -419,6 +419,40 @@ namespace Rhumb
             return hits;
         }
 
+        /// <summary>
+        /// Adds a robot or a scene from a file: URDF, MJCF with their meshes, or a JSON scene of Rhumb. Gravity and ticks are the
+        /// scene's.
+        /// </summary>
+        public unsafe Loaded Load(string path, LoadOptions options = null)
+        {
+            options = options ?? new LoadOptions();
+            RhumbLoaded loaded;
+            fixed (byte* file = Utf8.Bytes(path))
+            fixed (byte* packages = Utf8.Bytes(string.Join(";", options.Packages)))
+            {
+                RhumbLoadOptions raw = options.Raw(packages);
+                RhumbException.Check(Native.rhumb_scene_load(Raw(), file, &raw, &loaded));
+            }
+            try
+            {
+                return new Loaded(loaded.id);
+            }
+            finally
+            {
+                RhumbException.Check(Native.rhumb_loaded_close(loaded));
+            }
+        }
+
+        /// <summary>
+        /// The address of the page that shows the scene to browsers of this machine. The server must be in this process.
+        /// </summary>
+        public unsafe string Page()
+        {
+            RhumbAddress address;
+            RhumbException.Check(Native.rhumb_scene_page(Raw(), &address));
+            return Utf8.Read((byte*)address.text);
+        }
+
         /// <summary>Deletes the scene for all of its clients.</summary>
         public void Delete()
         {

@@ -31,6 +31,8 @@ internal static class Surface
         EveryFunctionAndFieldIsUsed();
         EveryKindHasAMember();
         AServerInTheProcess();
+        AServerThatOthersJoin();
+        ARobotFromAFile();
         TheVersion();
         PlainOptionsAreThoseOfC();
         OptionsArriveInC();
@@ -71,6 +73,75 @@ internal static class Surface
             return;
         }
         Expect(false, what + " is an error");
+    }
+
+    private static void AServerThatOthersJoin()
+    {
+        using (LocalServer server = LocalServer.Serve())
+        using (Scene one = server.Connect().Join("shared"))
+        using (Scene other = Connection.Open(server.Address, Trust.ByAddress).Join("shared"))
+        {
+            Body ball = one.Add(BodyDesc.Dynamic(Shape.Ball(0.5f)).At(0, 10, 0));
+            one.Advance();
+            for (int i = 0; i < 10 && other.Place(ball) < 0; i++)
+            {
+                other.Advance();
+            }
+            Expect(other.Place(ball) >= 0, "a client of the network sees the ball");
+            Fails(RhumbCode.Denied, () => other.Page());
+        }
+        using (var server = new LocalServer())
+        {
+            Expect(server.Address == "", "a server without sockets has no address");
+        }
+        Fails(RhumbCode.Invalid, () => LocalServer.Serve("0.0.0.0:0"));
+        using (Scene scene = Connection.Local().Join("shown"))
+        {
+            try
+            {
+                Expect(scene.Page().StartsWith("http://127.0.0.1:"), "the page is of this machine");
+            }
+            catch (RhumbException missing)
+            {
+                // A build without the web client.
+                Expect(missing.Code == RhumbCode.Denied, missing.Message);
+            }
+        }
+    }
+
+    private static void ARobotFromAFile()
+    {
+        string path = System.IO.Path.GetTempFileName();
+        System.IO.File.WriteAllText(path, "<robot name='arm'><link name='world'/><link name='arm'><inertial><mass value='2'/>"
+            + "<inertia ixx='1' iyy='1' izz='1' ixy='0' ixz='0' iyz='0'/></inertial></link>"
+            + "<joint name='hinge' type='continuous'><parent link='world'/><child link='arm'/><mimic joint='other'/></joint></robot>");
+        using (Scene scene = Connection.Local().Join("robots"))
+        {
+            var options = new LoadOptions { Position = new Vec3(0, 3, 0), FirstJoint = 7, Base = FileBase.Fixed };
+            options.Packages.Add("nowhere");
+            Loaded robot = scene.Load(path, options);
+            scene.Advance();
+            Expect(robot.Joints["hinge"] == 7 && robot.Bodies.Count == 2, "names are those of the file");
+            Expect(robot.Frames["arm"].Rotation.W > 0.99f && robot.LeftOut.Count > 0, "frames and notes");
+            Expect(scene.Positions[scene.Place(robot.Bodies["arm"])].Y > 2.9f, "the place of the file");
+            Expect(scene.Load(path).Joints["hinge"] != 7, "numbers of joints that are free");
+            Fails(RhumbCode.Invalid, () => scene.Load("nothing.urdf"));
+        }
+        System.IO.File.Delete(path);
+    }
+
+    private static void Fails(RhumbCode code, Action call)
+    {
+        try
+        {
+            call();
+        }
+        catch (RhumbException error)
+        {
+            Expect(error.Code == code, error.Message);
+            return;
+        }
+        Expect(false, "a call that fails with " + code);
     }
 
     private static void AServerInTheProcess()

@@ -9,7 +9,7 @@ pub(crate) const HEADER: &str = "c/include/rhumb.h";
 pub(crate) const IMPORTS: &str = "csharp/src/Native.g.cs";
 
 /// Sources with functions or types that cross the border.
-const SOURCES: [&str; 15] = [
+const SOURCES: [&str; 16] = [
     "status",
     "kinds",
     "descriptions",
@@ -23,6 +23,7 @@ const SOURCES: [&str; 15] = [
     "authority",
     "poses",
     "events",
+    "files",
     "queries",
     "refusals",
 ];
