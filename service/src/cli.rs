@@ -238,7 +238,7 @@ pub fn main_with(arguments: Arguments, hooks: Option<Hooks>) -> ExitCode {
                 opens_browser: demo.opens_browser(),
                 ..Parts::default()
             };
-            run(&settings, parts)
+            print(&demo.left_out()).and_then(|()| run(&settings, parts))
         }
         None => settings_of(&arguments).and_then(|settings| {
             let parts = Parts {

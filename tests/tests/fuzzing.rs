@@ -58,7 +58,7 @@ macro_rules! replays {
 
 replays! {
     app_messages app_scene client_messages client_session control_script dis_datagrams upstream prefilter quantiser
-    link repair_symbols recordings scene_commands server_messages side_packets state_packets subscriber
+    link mesh_files repair_symbols recordings scene_commands scene_files server_messages side_packets state_packets subscriber
 }
 
 #[test]

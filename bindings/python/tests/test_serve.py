@@ -153,3 +153,29 @@ def test_an_interpreter_that_leaves_a_served_scene_and_its_page_open_ends():
     """
     ended = python(program)
     assert (ended.returncode, ended.stdout, ended.stderr) == (0, "left\n", "")
+
+
+def run_module(*arguments):
+    command = [sys.executable, "-m", "rhumb", "--no-browser", "--seconds", "1", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60)
+
+
+def test_a_ball_falls_from_one_command():
+    ended = run_module()
+    if "this build has no page" in ended.stderr:
+        pytest.skip(ended.stderr)
+    address, *lines = ended.stdout.splitlines()
+    assert address.startswith("http://127.0.0.1:"), ended.stderr
+    heights = [float(line.split(" is ")[1].split()[0]) for line in lines]
+    assert len(heights) >= 2 and heights[-1] < heights[0] < 10.01
+
+
+def test_a_file_is_shown_from_one_command_and_a_wrong_one_is_an_error(tmp_path):
+    path = tmp_path / "robot.urdf"
+    path.write_text("<robot name='r'><link name='world'><visual/></link></robot>")
+    ended = run_module(str(path))
+    if "this build has no page" in ended.stderr:
+        pytest.skip(ended.stderr)
+    assert "visual" in ended.stdout and "http://127.0.0.1:" in ended.stdout, ended.stderr
+    ended = run_module(str(tmp_path / "nothing.urdf"))
+    assert ended.returncode == 1 and ended.stderr.startswith("error: ") and "no such file" in ended.stderr

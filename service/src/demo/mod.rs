@@ -1,5 +1,6 @@
 //! `rhumb-server demo`: scenes to look at, in a page that one command opens.
 
+mod file;
 mod reset_script;
 
 use core::net::{IpAddr, Ipv4Addr, SocketAddr};
@@ -12,6 +13,7 @@ use rhumb_protocol::scene::{SceneName, Stepping};
 use rhumb_scene::{ProvidedScene, ProvidedScenes};
 use rhumb_sims::{Asteroids, BallPit, Cubes, Ragdolls, Script, Spin, Tumbler};
 
+use self::file::FileScene;
 use self::reset_script::{ResetAfter, reset_script};
 use crate::settings::ServerSettings;
 use crate::view::ViewScene;
@@ -29,9 +31,20 @@ pub(crate) enum DemoScene {
     Asteroids,
 }
 
-/// A name that no scene of the demo has.
+/// The scene that a demo shows first.
+#[derive(Clone, Debug)]
+pub(crate) enum FirstScene {
+    Own(DemoScene),
+    File(Box<FileScene>),
+}
+
+/// A name that no scene of the demo has, and no file that is read.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct UnknownScene(String);
+pub(crate) struct UnknownScene {
+    name: String,
+    /// Why the file cannot be shown.
+    file: String,
+}
 
 impl DemoScene {
     pub(crate) const ALL: [Self; 5] = [
@@ -99,44 +112,70 @@ impl DemoScene {
     }
 }
 
-impl FromStr for DemoScene {
+impl DemoScene {
+    fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|scene| scene.name() == name)
+    }
+}
+
+impl FromStr for FirstScene {
     type Err = UnknownScene;
 
     fn from_str(name: &str) -> Result<Self, UnknownScene> {
-        let found = Self::ALL.into_iter().find(|scene| scene.name() == name);
-        found.ok_or_else(|| UnknownScene(name.into()))
+        if let Some(scene) = DemoScene::named(name) {
+            return Ok(Self::Own(scene));
+        }
+        let read = FileScene::read(name).map(|file| Self::File(Box::new(file)));
+        read.map_err(|why| UnknownScene {
+            name: name.to_owned(),
+            file: why.to_string(),
+        })
     }
 }
 
 impl fmt::Display for UnknownScene {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let names = DemoScene::ALL.map(DemoScene::name).join(", ");
-        write!(f, "the demo has no scene {:?}: there are {names}", self.0)
+        let Self { name, file } = self;
+        write!(
+            f,
+            "the demo has no scene {name:?}: there are {names}; nor is it a file that can be shown: {file}"
+        )
     }
 }
 
 impl std::error::Error for UnknownScene {}
 
 /// All scenes of the demo, the first one with another number of bodies if that is given.
-pub(super) fn provided(first: DemoScene, bodies: Option<u32>, seed: u64) -> ProvidedScenes {
+fn provided(first: FirstScene, bodies: Option<u32>, seed: u64) -> ProvidedScenes {
     ProvidedScenes::new(move |name: &SceneName| {
-        let scene = name.as_str().parse::<DemoScene>().ok()?;
-        let bodies = bodies.filter(|_| scene == first);
+        let first = match &first {
+            FirstScene::File(file) if file.name == *name => return Some(file.provided()),
+            FirstScene::File(_) => None,
+            FirstScene::Own(scene) => Some(*scene),
+        };
+        let scene = DemoScene::named(name.as_str())?;
+        let bodies = bodies.filter(|_| Some(scene) == first);
         Some(scene.provided(bodies.unwrap_or(scene.bodies()), seed))
     })
 }
 
 /// The scenes that the page offers, the first one first.
-pub(super) fn view_scenes(first: DemoScene) -> Vec<ViewScene> {
-    let others = DemoScene::ALL.into_iter().filter(|scene| *scene != first);
-    [first]
-        .into_iter()
-        .chain(others)
-        .map(|scene| ViewScene {
-            name: scene.name().to_owned(),
-            player: (scene == DemoScene::Cubes).then_some(Cubes::PLAYER.index()),
-        })
-        .collect()
+fn view_scenes(first: &FirstScene) -> Vec<ViewScene> {
+    let own = |scene: DemoScene| ViewScene {
+        name: scene.name().to_owned(),
+        player: (scene == DemoScene::Cubes).then_some(Cubes::PLAYER.index()),
+    };
+    let (first, taken) = match first {
+        FirstScene::Own(scene) => (own(*scene), Some(*scene)),
+        FirstScene::File(file) => {
+            let name = file.name.as_str().to_owned();
+            (ViewScene { name, player: None }, None)
+        }
+    };
+    let others = DemoScene::ALL.into_iter();
+    let others = others.filter(|scene| Some(*scene) != taken).map(own);
+    [first].into_iter().chain(others).collect()
 }
 
 /// Variables of the environment that say that a desktop is there.
@@ -174,9 +213,10 @@ const DEFAULT_VIEW: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST)
 /// The scene to show first, and where.
 #[derive(Debug, Args)]
 pub(crate) struct DemoArguments {
-    /// The scene: ball-pit, ragdolls, cubes, tumbler or asteroids. The page has the others too.
+    /// The scene: ball-pit, ragdolls, cubes, tumbler or asteroids; or a file: URDF, MJCF or a JSON scene. The page has the
+    /// others too.
     #[arg(default_value = "ball-pit")]
-    scene: DemoScene,
+    scene: FirstScene,
     /// TCP address of the page.
     #[arg(long, value_name = "ADDRESS", default_value_t = DEFAULT_VIEW)]
     view: SocketAddr,
@@ -212,11 +252,19 @@ impl DemoArguments {
     }
 
     pub(crate) fn provided(&self) -> ProvidedScenes {
-        provided(self.scene, self.bodies, self.seed)
+        provided(self.scene.clone(), self.bodies, self.seed)
     }
 
     pub(crate) fn scenes(&self) -> Vec<ViewScene> {
-        view_scenes(self.scene)
+        view_scenes(&self.scene)
+    }
+
+    /// What a file says and its scene has not, a line for each.
+    pub(crate) fn left_out(&self) -> String {
+        match &self.scene {
+            FirstScene::Own(_) => String::new(),
+            FirstScene::File(file) => file.to_string(),
+        }
     }
 
     pub(crate) const fn opens_browser(&self) -> bool {

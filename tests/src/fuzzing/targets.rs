@@ -11,6 +11,7 @@ use super::reckoning::{prefilter, quantiser};
 use super::recordings::recordings;
 use super::repair_symbols::repair_symbols;
 use super::scene_commands::scene_commands;
+use super::scene_files::{mesh_files, scene_files};
 use super::subscriber::subscriber;
 use super::target::Target;
 use super::upstream::upstream;
@@ -30,5 +31,5 @@ macro_rules! targets {
 
 targets! {
     app_messages app_scene client_messages client_session control_script dis_datagrams upstream prefilter
-    quantiser link repair_symbols recordings scene_commands server_messages side_packets state_packets subscriber
+    quantiser link mesh_files repair_symbols recordings scene_commands scene_files server_messages side_packets state_packets subscriber
 }
