@@ -198,8 +198,16 @@ pub(crate) fn assemble(
 
 /// The configuration that a file asks for.
 fn config(model: &Model, up: DQuat, report: &mut Report) -> SceneConfig {
+    let gravity = up * model.gravity;
+    // What a turn leaves of an axis that gravity does not have.
+    let rest = gravity.length() * 1e-12;
+    let gravity = DVec3::select(
+        gravity.abs().cmpgt(DVec3::splat(rest)),
+        gravity,
+        DVec3::ZERO,
+    );
     let mut config = SceneConfig {
-        gravity: (up * model.gravity).as_vec3(),
+        gravity: gravity.as_vec3(),
         ..SceneConfig::default()
     };
     match model.step.map(|step| (step, rate(step))) {
