@@ -36,10 +36,10 @@ pub struct RhumbConnectOptions {
     pub timeout_s: f64,
 }
 
-static CONNECTIONS: HandleTable<OpenConnection> = HandleTable::new();
+static CONNECTIONS: HandleTable<HeldConnection> = HandleTable::new();
 
 /// A connection, and its server if that is in this process.
-pub(crate) struct OpenConnection {
+pub(crate) struct HeldConnection {
     pub(crate) connection: ServerConnection,
     pub(crate) server: Option<OwnServer>,
 }
@@ -85,14 +85,14 @@ pub extern "C" fn rhumb_connection_close(connection: RhumbConnection) -> RhumbCo
 
 /// Gives out the handle of a connection.
 pub(crate) fn insert(connection: ServerConnection, server: Option<OwnServer>) -> u64 {
-    CONNECTIONS.insert(OpenConnection { connection, server })
+    CONNECTIONS.insert(HeldConnection { connection, server })
 }
 
 /// The connection of a handle, which is closed from now on. A wrong name of the scene or a wrong token leaves it open.
 pub(crate) fn take_for(
     connection: RhumbConnection,
     scene: &str,
-) -> Result<OpenConnection, BindingError> {
+) -> Result<HeldConnection, BindingError> {
     CONNECTIONS.take(connection.id, |opened| {
         Ok(opened.connection.check_join(scene)?)
     })

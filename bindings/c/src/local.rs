@@ -4,7 +4,7 @@ use std::ffi::c_char;
 use std::sync::Arc;
 
 use rhumb_bindings::rhumb_client::LocalServer;
-use rhumb_bindings::{BindingError, OwnServer, Reach, ServedScenes};
+use rhumb_bindings::{BindingError, OwnServer, Reach, RemoteScene, ServedScenes};
 
 use crate::border::{check_out, copy_text, guard, optional_text, write};
 use crate::connection::{RhumbConnection, insert, time_limit};
@@ -142,7 +142,7 @@ pub unsafe extern "C" fn rhumb_scene_page(
 ) -> RhumbCode {
     guard(|| {
         check_out(address, "address")?;
-        let text = copy_text(&with(scene, |scene| scene.page())?);
+        let text = copy_text(&with(scene, RemoteScene::page)?);
         // SAFETY: the caller promises the memory.
         unsafe { write(address, RhumbAddress { text }, "address") }
     })

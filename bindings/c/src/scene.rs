@@ -10,7 +10,7 @@ use rhumb_bindings::{BindingError, JoinParams, RemoteScene, body_word, parse_bod
 use crate::border::{
     check_out, copy_out, elements, guard, one_of, text, value, write, write_if_wanted,
 };
-use crate::connection::{OpenConnection, RhumbConnection, seconds, take_for};
+use crate::connection::{HeldConnection, RhumbConnection, seconds, take_for};
 use crate::descriptions::{RhumbBody, RhumbBodyDesc, sleep};
 use crate::handles::HandleTable;
 use crate::kinds::{CONDITIONS, COORDINATES, REFUSALS, RhumbSleep, STEPPINGS};
@@ -204,7 +204,7 @@ pub unsafe extern "C" fn rhumb_join(
             false => unsafe { value(options, "options") }?.params()?,
         };
         params.options()?;
-        let OpenConnection { connection, server } = take_for(connection, name)?;
+        let HeldConnection { connection, server } = take_for(connection, name)?;
         let mut joined = RemoteScene::join(connection, name, &params)?;
         if let Some(server) = server {
             joined = joined.of(server, name);

@@ -1,4 +1,4 @@
-"""Loads robots and scenes of public packages, runs them, and writes a table beside MuJoCo.
+"""Runs robots and scenes of public packages, and writes a table beside MuJoCo.
 
     python compare.py DATA PAGE [PART]      DATA: the folder of packages that `run` makes. PART: only paths that contain it.
 

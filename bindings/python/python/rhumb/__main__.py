@@ -1,4 +1,4 @@
-"""A ball that falls, or a robot from a file, in a browser: python -m rhumb [FILE]."""
+"""A ball that falls, or a robot from a file, in a browser."""
 
 import argparse
 import sys
