@@ -181,7 +181,7 @@ mod tests {
         }
 
         fn put(mut self, align: usize, bytes: &[u8]) -> Self {
-            while (self.0.len() - 4) % align > 0 {
+            while !(self.0.len() - 4).is_multiple_of(align) {
                 self.0.push(0);
             }
             self.0.extend_from_slice(bytes);

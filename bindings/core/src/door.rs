@@ -16,7 +16,7 @@ const WINDOW_BYTES: usize = 256 << 10;
 const LOOK: Span = Span::from_millis(5);
 
 /// Carries connections of the network to a server in this process.
-pub(crate) struct Door {
+pub(crate) struct NetworkDoor {
     open: Box<dyn FnMut() -> Box<dyn ClientTransport> + Send>,
     carried: BTreeMap<Peer, Carried>,
     next_look: Instant,
@@ -31,7 +31,7 @@ struct Carried {
     ended: bool,
 }
 
-impl Door {
+impl NetworkDoor {
     /// `open` opens one more connection to the server.
     pub(crate) fn new(open: impl FnMut() -> Box<dyn ClientTransport> + Send + 'static) -> Self {
         Self {
@@ -66,7 +66,7 @@ impl Carried {
     }
 }
 
-impl Endpoint for Door {
+impl Endpoint for NetworkDoor {
     fn handle_opened(&mut self, now: Instant, peer: Peer) {
         let carried = Carried {
             inner: (self.open)(),
@@ -151,9 +151,9 @@ mod tests {
 
     #[test]
     fn a_slow_reader_is_given_a_window_and_does_not_hold_up_others() {
-        let mut door = Door::new(|| Box::new(Endless));
+        let mut door = NetworkDoor::new(|| Box::new(Endless));
         let (slow, other) = (Peer(1), Peer(2));
-        let drain = |door: &mut Door, peer: Peer| {
+        let drain = |door: &mut NetworkDoor, peer: Peer| {
             let all = std::iter::from_fn(|| door.poll_transmit());
             let own =
                 all.filter(|sent| matches!(sent, Transmit::Control { to, .. } if *to == peer));
@@ -181,7 +181,7 @@ mod tests {
             QuicServer::bind(ServerOptions::new(listen, certificate)).expect("a socket");
         let (address, print) = (transport.local_addr(), transport.fingerprint());
         let (stop, waker) = (Stop::new(), transport.waker());
-        let mut door = Door::new(move || {
+        let mut door = NetworkDoor::new(move || {
             let waker = waker.clone();
             server.open(move || waker.wake())
         });

@@ -11,7 +11,7 @@ use std::time::Duration;
 use rhumb_client::{Client, Fingerprint, LocalServer, ServerConnection, Trust};
 use rhumb_server::{Access, Identity, PageBeside, RunError, Server, Stop, ViewScene};
 
-use crate::door::Door;
+use crate::door::NetworkDoor;
 use crate::error::BindingError;
 use crate::trust::address_with;
 
@@ -187,7 +187,7 @@ impl SceneServer {
                     };
                     let server = server.clone();
                     let started = PageBeside::start(vec![shown], |waker| {
-                        Door::new(move || {
+                        NetworkDoor::new(move || {
                             let waker = waker.clone();
                             server.open(move || waker.wake())
                         })

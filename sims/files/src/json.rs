@@ -1,7 +1,7 @@
 //! Rhumb's own scene file: JSON, read and written.
 //!
 //! `docs/book/src/how-to/scene-files.md` describes it. Fields that no version has are noted. Invariant: what is written reads
-//! back as the same scene, to the bit.
+//! back as the same scene, but for the rounding of a rotation that is made a unit again.
 
 use std::collections::BTreeMap;
 
