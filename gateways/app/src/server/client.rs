@@ -343,10 +343,8 @@ impl AppClient {
             changed.map_err(|error| refused(error.into()))?;
         }
         let mut result = self.mirror.apply(scene);
-        for _ in 0..ticks {
-            self.mirror.push_all(scene);
-            scene.tick(self.mirror.reports)?;
-            self.reporter.note_contacts(&self.mirror, scene);
+        for step in scene.advance(ticks, &self.mirror.pushes(), self.mirror.reports)? {
+            self.reporter.note_contacts(&self.mirror, &step);
         }
         if ticks > 0 {
             self.mirror.pushes.clear();
@@ -411,22 +409,18 @@ impl Drop for AppClient {
 }
 
 impl WorldMirror {
-    /// Applies all forces of this frame once more for the next tick.
-    fn push_all(&self, scene: &mut OwnScene) {
-        for (name, push) in &self.pushes {
-            // A static actor is not pushed, whatever its client requests.
-            let actor = (self.actors.get(name)).filter(|actor| actor.kind == BodyKind::Dynamic);
-            let Some(id) = actor.and_then(|actor| actor.body).map(|body| body.id) else {
-                continue;
-            };
-            let command = match *push {
+    /// The forces of this frame, which act in each of its ticks. A static actor is not pushed, whatever its client
+    /// requests.
+    fn pushes(&self) -> Vec<Command> {
+        let pushes = self.pushes.iter().filter_map(|(name, push)| {
+            let actor = self.actors.get(name)?;
+            let id = actor.body.filter(|_| actor.kind == BodyKind::Dynamic)?.id;
+            Some(match *push {
                 ActorPush::Force(force) => Command::Force { id, force },
                 ActorPush::Torque(torque) => Command::Torque { id, torque },
-            };
-            if let Err(error) = scene.command(&command) {
-                tracing::debug!(actor = name, %error, "an actor was not pushed");
-            }
-        }
+            })
+        });
+        pushes.collect()
     }
 }
 

@@ -2,7 +2,7 @@
 //!
 //! Commands leave together with the next tick. Until its answer comes, the copy shows what they change as if they were
 //! applied; the answer names those that the server refused. The copy has the exact states of all bodies. Which of them
-//! are awake is known from events, and contacts are queried after each tick.
+//! are awake is known from events, and contacts from queries that wait for their tick.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -19,7 +19,7 @@ use rhumb_protocol::scene::{
 };
 use rhumb_protocol::session::{Event, Misuse};
 use rhumb_protocol::stream::{Activity, Observation};
-use rhumb_reckoning::{Anchor, BodyId, BodyState};
+use rhumb_reckoning::{Anchor, BodyId, BodyState, Tick};
 
 /// A scene that exists for one APP client.
 pub(super) struct OwnScene {
@@ -31,10 +31,11 @@ pub(super) struct OwnScene {
     /// The actor that the next commands are about, and the index of the last message about it.
     pub(super) about: Option<(u32, u32)>,
     refused: Vec<(Sent, CommandError)>,
-    /// Bodies of this client that the engine steps.
+    /// Bodies of this client that can move.
+    moving: BTreeSet<BodyId>,
+    /// Those of them that the engine steps.
     awake: BTreeSet<BodyId>,
     observations: Vec<Observation>,
-    contacts: BTreeMap<BodyId, Vec<Hit>>,
     /// Ids of bodies that the scene refused.
     spare: Vec<BodyId>,
     /// Events that came before an answer.
@@ -72,6 +73,21 @@ pub(super) enum CommandSubject {
     Other,
 }
 
+/// What a step shows beside the states of bodies.
+pub(super) struct Step {
+    /// The bodies that the engine observed.
+    pub(super) observed: BTreeSet<BodyId>,
+    /// The deepest contact with each body that touches these.
+    pub(super) contacts: BTreeMap<BodyId, Vec<Hit>>,
+}
+
+/// Steps that are asked for at once: the longest frame at the usual rate.
+const TICKS_MAX: u32 = 60;
+/// Sleeping bodies that are asked about too, so that one question serves several steps: more take as long as an answer to
+/// each step does.
+const ASLEEP_MAX: usize = 64;
+/// Questions for contacts that wait for their answers.
+const QUERIES_AT_ONCE: usize = 4_096;
 /// Time for an answer: the watchdog of the server ends a scene that takes longer for one step.
 const TIMEOUT: Duration = Duration::from_secs(30);
 /// Queries of contacts in one message.
@@ -107,9 +123,9 @@ impl OwnScene {
             sent: BTreeMap::new(),
             about: None,
             refused: Vec::new(),
+            moving: BTreeSet::new(),
             awake: BTreeSet::new(),
             observations: Vec::new(),
-            contacts: BTreeMap::new(),
             spare: Vec::new(),
             unread: Vec::new(),
         })
@@ -140,7 +156,7 @@ impl OwnScene {
 
     /// Takes back the id of a body that was refused.
     pub(super) fn take_back(&mut self, id: BodyId) {
-        self.awake.remove(&id);
+        self.forget(id);
         self.spare.push(id);
     }
 
@@ -199,12 +215,13 @@ impl OwnScene {
                 };
                 self.pending.bodies.insert(id, Some((desc, observation)));
                 if desc.kind == BodyKind::Dynamic {
+                    self.moving.insert(id);
                     self.awake.insert(id);
                 }
             }
             Command::RemoveBody { id } => {
                 self.pending.bodies.insert(id, None);
-                self.awake.remove(&id);
+                self.forget(id);
             }
             Command::SetPose {
                 id,
@@ -253,72 +270,142 @@ impl OwnScene {
         }
     }
 
-    /// Steps once. `contacts`: whether those of the observed bodies are wanted.
+    /// Steps so often, with these pushes before each step. `contacts`: whether those of the observed bodies are wanted.
     ///
     /// # Errors
     ///
     /// [`ClientError`] if the scene has ended or its engine has failed.
-    pub(super) fn tick(&mut self, contacts: bool) -> Result<(), ClientError> {
+    pub(super) fn advance(
+        &mut self,
+        ticks: u32,
+        pushes: &[Command],
+        contacts: bool,
+    ) -> Result<Vec<Step>, ClientError> {
+        let mut steps = Vec::new();
+        while let Some(left) = ticks
+            .checked_sub(steps.len() as u32)
+            .filter(|left| *left > 0)
+        {
+            let at_once = if contacts {
+                self.ticks_at_once()
+            } else {
+                TICKS_MAX
+            };
+            steps.extend(self.run(left.min(at_once), pushes, contacts)?);
+        }
+        Ok(steps)
+    }
+
+    /// Steps whose contacts are asked for before the first of them: which bodies wake in them is not known then, so that
+    /// all are asked about.
+    fn ticks_at_once(&self) -> u32 {
+        if self.moving.len() - self.awake.len() > ASLEEP_MAX {
+            return 1;
+        }
+        let ticks = QUERIES_AT_ONCE / self.moving.len().max(1);
+        (ticks as u32).clamp(1, TICKS_MAX)
+    }
+
+    fn run(
+        &mut self,
+        ticks: u32,
+        pushes: &[Command],
+        contacts: bool,
+    ) -> Result<Vec<Step>, ClientError> {
         let moved = std::mem::take(&mut self.pending.moved);
-        self.client.request_tick()?;
-        self.contacts.clear();
-        let mut asked: Vec<BodyId> = Vec::new();
-        if contacts {
-            asked.extend(self.awake.iter().chain(&moved));
+        let may_touch = if ticks > 1 { &self.moving } else { &self.awake };
+        let asked: Vec<BodyId> = match contacts {
+            true => may_touch.iter().chain(&moved).copied().collect(),
+            false => Vec::new(),
+        };
+        let mut unanswered = Vec::new();
+        let mut first = None;
+        for tick in 0..ticks {
+            for push in pushes {
+                // What is not pushed has no weight in this protocol.
+                let _ = self.command(push);
+            }
+            let requested = self.client.request_tick()?;
+            first.get_or_insert(requested);
+            if tick + 1 < ticks {
+                self.query(&asked, &mut unanswered)?;
+            }
         }
-        // The answer comes after the events of the step: without contacts, a question shows that these are here.
-        let results = self.ask(if contacts && !asked.is_empty() {
-            &asked
-        } else {
-            &[NO_BODY]
-        })?;
+        let results = self.ask(&asked, unanswered)?;
         self.client.wait(PipelineDepth::LOCKSTEP)?;
-        let (fell_asleep, woke) = self.read_events();
         self.pending = Pending::default();
-        self.note_contacts(&asked, results);
-        if contacts && !woke.is_empty() {
-            let results = self.ask(&woke)?;
-            self.note_contacts(&woke, results);
+        let (changes, missed) = self.read_events();
+        let mut steps = self.replay(first.unwrap_or_default(), ticks, &changes, &moved);
+        let mut results = results.into_iter();
+        for step in &mut steps {
+            let hits = asked.iter().copied().zip(results.by_ref());
+            step.contacts.extend(hits.take(asked.len()));
         }
-        self.observe(&fell_asleep, &moved);
+        if let Some(last) = steps.last_mut() {
+            if missed {
+                self.find_awake();
+                last.observed.extend(&self.awake);
+            }
+            let unasked = last.observed.iter().filter(|id| !asked.contains(id));
+            let unasked: Vec<BodyId> = unasked.copied().filter(|_| contacts).collect();
+            if !unasked.is_empty() {
+                let results = self.ask(&unasked, Vec::new())?;
+                last.contacts.extend(unasked.into_iter().zip(results));
+            }
+            let observed = last.observed.clone();
+            self.observe(&observed);
+        }
+        Ok(steps)
+    }
+
+    /// Sends questions for the contacts of bodies, and notes the number of each message and of its questions.
+    fn query(
+        &mut self,
+        bodies: &[BodyId],
+        unanswered: &mut Vec<(u64, usize)>,
+    ) -> Result<(), ClientError> {
+        for message in bodies.chunks(QUERIES_MAX) {
+            let queries = message.iter().copied().map(Query::contacts).collect();
+            unanswered.push((self.client.query(queries)?, message.len()));
+        }
         Ok(())
     }
 
-    /// Asks for the contacts of bodies, and waits for the answers.
-    fn ask(&mut self, bodies: &[BodyId]) -> Result<Vec<Vec<Hit>>, ClientError> {
-        let mut messages = bodies.chunks(QUERIES_MAX).peekable();
-        let mut first = Vec::new();
+    /// Asks for the contacts of bodies, and waits for the answers, with those to the messages before. The answer comes
+    /// after the events of the step: without bodies, a question shows that these are here.
+    fn ask(
+        &mut self,
+        bodies: &[BodyId],
+        mut unanswered: Vec<(u64, usize)>,
+    ) -> Result<Vec<Vec<Hit>>, ClientError> {
+        let asked = if bodies.is_empty() {
+            &[NO_BODY]
+        } else {
+            bodies
+        };
+        let last = asked.len() - (asked.len() - 1) % QUERIES_MAX - 1;
+        self.query(&asked[..last], &mut unanswered)?;
+        let queries = asked[last..].iter().copied().map(Query::contacts);
+        let answer = self.client.ask(queries.collect())?;
         let mut results = Vec::new();
-        while let Some(message) = messages.next() {
-            let queries = message.iter().copied().map(Query::contacts).collect();
-            if messages.peek().is_some() {
-                first.push(self.client.query(queries)?);
-                continue;
-            }
-            let last = self.client.ask(queries)?;
-            // The answers come in order: those to the messages before are here.
-            while let Some((_, event)) = self.client.poll_event() {
-                match event {
-                    Event::QueryResult(result) if first.contains(&result.number) => {
-                        results.extend(hits_of(result));
-                    }
-                    other => self.unread.push(other),
+        let mut unanswered = unanswered.into_iter();
+        // The answers come in order: those to the messages before are here.
+        while let Some((_, event)) = self.client.poll_event() {
+            match event {
+                Event::QueryResult(result) => {
+                    let of = unanswered.find(|(number, _)| *number == result.number);
+                    results.extend(hits_of(result, of.map_or(0, |(_, count)| count)));
                 }
+                other => self.unread.push(other),
             }
-            results.extend(hits_of(last));
         }
+        results.extend(hits_of(answer, asked.len() - last));
         Ok(results)
     }
 
-    fn note_contacts(&mut self, asked: &[BodyId], results: Vec<Vec<Hit>>) {
-        let answered = asked.iter().copied().zip(results);
-        self.contacts
-            .extend(answered.filter(|(_, hits)| !hits.is_empty()));
-    }
-
-    /// Reads the events of a tick; returns the bodies that fell asleep and those that woke.
-    fn read_events(&mut self) -> (Vec<BodyId>, Vec<BodyId>) {
-        let (mut fell_asleep, mut woke) = (Vec::new(), Vec::new());
+    /// Reads the events of some steps; returns the bodies that fell asleep or woke, and whether events are missing.
+    fn read_events(&mut self) -> (Vec<(Tick, BodyEvent)>, bool) {
+        let mut changes = Vec::new();
         let mut events = std::mem::take(&mut self.unread);
         events.extend(std::iter::from_fn(|| self.client.poll_event()).map(|(_, event)| event));
         let mut missed = false;
@@ -328,65 +415,90 @@ impl OwnScene {
                     let sent = self.sent.remove(&number);
                     self.refused.extend(sent.map(|sent| (sent, error)));
                 }
-                Event::Body { event, .. } => match event {
-                    BodyEvent::FellAsleep(id) if self.awake.remove(&id) => fell_asleep.push(id),
-                    BodyEvent::Woke(id) if self.awake.insert(id) => woke.push(id),
-                    _ => {}
-                },
-                Event::BodyRemoved { id, .. } => {
-                    self.awake.remove(&id);
-                }
+                Event::Body { tick, event } => changes.push((tick, event)),
+                Event::BodyRemoved { id, .. } => self.forget(id),
                 Event::EventsMissed { .. } | Event::SceneRestored(_) => missed = true,
                 _ => {}
             }
         }
         self.sent.clear();
-        if missed {
-            woke.extend(self.find_awake());
-        }
-        (fell_asleep, woke)
+        (changes, missed)
     }
 
-    /// Finds the bodies that are awake by their velocities, where events are missing; returns those that have woken.
-    fn find_awake(&mut self) -> Vec<BodyId> {
+    /// The observed bodies of each step: those that are awake, have just fallen asleep, or are fixed and were put
+    /// elsewhere.
+    fn replay(
+        &mut self,
+        first: Tick,
+        ticks: u32,
+        changes: &[(Tick, BodyEvent)],
+        moved: &BTreeSet<BodyId>,
+    ) -> Vec<Step> {
+        let mut steps = Vec::new();
+        let mut tick = first;
+        for place in 0..ticks {
+            let mut fell_asleep = Vec::new();
+            for (_, event) in changes.iter().filter(|(at, _)| *at == tick) {
+                match *event {
+                    BodyEvent::FellAsleep(id) if self.awake.remove(&id) => fell_asleep.push(id),
+                    BodyEvent::Woke(id) if self.moving.contains(&id) => {
+                        self.awake.insert(id);
+                    }
+                    _ => {}
+                }
+            }
+            let mut observed = self.awake.clone();
+            observed.extend(fell_asleep);
+            observed.extend(moved.iter().filter(|_| place == 0));
+            let contacts = BTreeMap::new();
+            steps.push(Step { observed, contacts });
+            tick = tick.next();
+        }
+        steps
+    }
+
+    /// Finds the bodies that are awake by their velocities, where events are missing.
+    fn find_awake(&mut self) {
         let Some(copy) = self.client.replica() else {
-            return Vec::new();
+            return;
         };
-        let moves = |id: BodyId| {
-            let parts = state_of(copy, id).map(|state| state.parts());
+        let moves = |id: &&BodyId| {
+            let parts = state_of(copy, **id).map(|state| state.parts());
             parts.is_some_and(|parts| parts[7..].iter().any(|part| *part != 0.0))
         };
-        let dynamic = copy.bodies().filter(|desc| desc.kind == BodyKind::Dynamic);
-        let awake: BTreeSet<BodyId> = dynamic
-            .map(|desc| desc.id)
-            .filter(|id| moves(*id))
-            .collect();
-        let woken = awake.difference(&self.awake).copied().collect();
-        self.awake = awake;
-        woken
+        self.awake = self.moving.iter().filter(moves).copied().collect();
     }
 
-    /// Observes the bodies that are awake, have just fallen asleep, or are fixed and were put elsewhere.
-    fn observe(&mut self, fell_asleep: &[BodyId], moved: &BTreeSet<BodyId>) {
+    /// Observes bodies as of the last step.
+    fn observe(&mut self, ids: &BTreeSet<BodyId>) {
         self.observations.clear();
         let Some(copy) = self.client.replica() else {
             return;
         };
-        let mut ids = self.awake.clone();
-        ids.extend(fell_asleep.iter().chain(moved));
-        let observed = ids.into_iter().filter_map(|id| {
-            let activity = match self.awake.contains(&id) {
-                true => Activity::Awake,
-                false => Activity::Asleep,
-            };
-            let motion = state_of(copy, id)?;
+        let observed = ids.iter().filter_map(|id| {
+            let (id, motion) = (*id, state_of(copy, *id)?);
+            let activity = self.activity(id);
             Some(Observation {
                 id,
                 motion,
                 activity,
             })
         });
-        self.observations.extend(observed);
+        let observed: Vec<_> = observed.collect();
+        self.observations = observed;
+    }
+
+    fn activity(&self, id: BodyId) -> Activity {
+        match self.awake.contains(&id) {
+            true => Activity::Awake,
+            false => Activity::Asleep,
+        }
+    }
+
+    /// Forgets a body that is gone.
+    fn forget(&mut self, id: BodyId) {
+        self.awake.remove(&id);
+        self.moving.remove(&id);
     }
 
     /// The commands that the server refused since the last call.
@@ -439,20 +551,12 @@ impl OwnScene {
             return pending.map(|(_, observation)| observation);
         }
         let motion = state_of(self.client.replica()?, id)?;
-        let activity = match self.awake.contains(&id) {
-            true => Activity::Awake,
-            false => Activity::Asleep,
-        };
+        let activity = self.activity(id);
         Some(Observation {
             id,
             motion,
             activity,
         })
-    }
-
-    /// The deepest contact with each body that touches an observed one after the last step.
-    pub(super) fn contacts(&self, id: BodyId) -> &[Hit] {
-        self.contacts.get(&id).map_or(&[], Vec::as_slice)
     }
 }
 
@@ -467,11 +571,11 @@ fn state_of(copy: &Replica, id: BodyId) -> Option<BodyState> {
     }
 }
 
-/// The hits of each query; none if the scene did not answer.
-fn hits_of(result: QueryResult) -> Vec<Vec<Hit>> {
+/// The hits of each of some queries; none if the scene did not answer.
+fn hits_of(result: QueryResult, count: usize) -> Vec<Vec<Hit>> {
     let answers = result.answers.unwrap_or_else(|cause| {
         tracing::warn!(%cause, "contacts are missing");
-        Vec::new()
+        vec![Answer::Hits(Vec::new()); count]
     });
     let hits = answers.into_iter().map(|answer| match answer {
         Answer::Hits(hits) => hits,

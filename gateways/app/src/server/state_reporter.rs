@@ -16,7 +16,7 @@ use rhumb_protocol::stream::{Activity, Observation};
 
 use super::actor::Actor;
 use super::options::States;
-use super::scene::OwnScene;
+use super::scene::{OwnScene, Step};
 use super::world_mirror::WorldMirror;
 use crate::wire::{ActorsCollided, Id, Message, Motion};
 
@@ -82,17 +82,17 @@ const STAYS_TURN: f32 = 5e-4;
 const RESEND_AFTER_FRAMES: u64 = 3;
 
 impl StateReporter {
-    /// Reads the contacts after a step.
-    pub(super) fn note_contacts(&mut self, mirror: &WorldMirror, scene: &OwnScene) {
+    /// Notes the contacts of a step.
+    pub(super) fn note_contacts(&mut self, mirror: &WorldMirror, step: &Step) {
         if !mirror.reports {
             return;
         }
-        for observation in scene.observations() {
-            let Some((name, actor)) = mirror.actor_of(observation.id) else {
+        for id in &step.observed {
+            let Some((name, actor)) = mirror.actor_of(*id) else {
                 continue;
             };
             self.looked.insert(name);
-            for contact in scene.contacts(observation.id) {
+            for contact in step.contacts.get(id).into_iter().flatten() {
                 if let Some((other, others)) = mirror.actor_of(contact.body) {
                     self.note((name, actor), (other, others), *contact);
                 }
