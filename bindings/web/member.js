@@ -283,15 +283,15 @@ export class Member {
   }
 
   setDelayTicks(ticks) {
-    module().set_option(this.#handle, DELAY, ticks);
+    answer(module().set_option(this.#handle, DELAY, ticks));
   }
 
   setLeadTicks(ticks) {
-    module().set_option(this.#handle, LEAD, ticks);
+    answer(module().set_option(this.#handle, LEAD, ticks));
   }
 
   setSmooth(smooth) {
-    module().set_option(this.#handle, SMOOTH, smooth ? 1 : 0);
+    answer(module().set_option(this.#handle, SMOOTH, smooth ? 1 : 0));
   }
 
   addBodies(bodies) {

@@ -105,9 +105,9 @@ export interface JoinOptions {
   readonly mode?: JoinMode;
   /** Default: within 5 cm. */
   readonly stream?: StreamChoice;
-  /** Free running only: ticks that the view stays behind the server's clock. Default: 0, prediction covers the network's delay. */
+  /** Free running only: ticks that the view stays behind the server's clock, 0 to 3,600. Default: 0, prediction covers the delay. */
   readonly delayTicks?: number;
-  /** Free running only: ticks ahead of the server's clock at which bodies under authority are published. Default: 0. */
+  /** Free running only: ticks ahead of the server's clock at which bodies under authority are published, 0 to 3,600. Default: 0. */
   readonly leadTicks?: number;
   /** Free running only: show whole ticks only. Default: false. */
   readonly wholeTicks?: boolean;

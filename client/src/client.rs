@@ -17,7 +17,9 @@ use rhumb_protocol::session::{CloseCode, Event, Misuse, Replica};
 use rhumb_protocol::stream::{ErrorBound, Subscriber};
 use rhumb_protocol::{Ending, Instant};
 use rhumb_reckoning::{BodyId, BodyState, Tick, Ticks, Tolerance};
-use rhumb_view::{ClientIds, LiveView, PipelineDepth, RenderTime, UpstreamClock, View, may_resume};
+use rhumb_view::{
+    ClientIds, InvalidTicks, LiveView, PipelineDepth, RenderTime, UpstreamClock, View, may_resume,
+};
 
 use crate::connection::{Pump, Statistics, TURNS_MAX, TapChannel, span};
 use crate::error::{ClientError, Unreported};
@@ -30,6 +32,8 @@ const EVENTS_KEPT: usize = 65_536;
 pub struct Client {
     pump: Pump,
     timeout: Duration,
+    /// The last deadline that was over before its time: what had arrived was handled then.
+    overdue: Option<Instant>,
     live_view: LiveView,
     ids: ClientIds,
     upstream_clock: UpstreamClock,
@@ -76,6 +80,7 @@ impl Client {
         let mut client = Self {
             pump,
             timeout,
+            overdue: None,
             live_view: LiveView::new(config, options.view_options()),
             ids: ClientIds::new(granted),
             upstream_clock: UpstreamClock::new(config.integrator.rate, options.lead_ticks),
@@ -445,10 +450,12 @@ impl Client {
     ///
     /// [`ClientError::Timeout`] when the tick is not complete in time; [`Self::wait`] continues to wait.
     /// [`ClientError::Denied`] when the scene is not a lockstep scene, or the tick lies too far ahead.
+    /// [`ClientError::Ticks`] for a depth beyond [`DEPTH_MAX`](crate::DEPTH_MAX).
     /// [`ClientError::Refused`] for requests that the server refused, such as the addition of a body, unless
     /// [`JoinOptions::refusals`] leaves them to the events: the tick is done then, its view computed, and the next call
     /// continues.
     pub fn advance(&mut self, depth: PipelineDepth) -> Result<Tick, ClientError> {
+        InvalidTicks::check_depth(depth.ticks())?;
         self.request_tick()?;
         self.wait(depth)
     }
@@ -480,6 +487,7 @@ impl Client {
     ///
     /// As [`Self::advance`].
     pub fn wait(&mut self, depth: PipelineDepth) -> Result<Tick, ClientError> {
+        InvalidTicks::check_depth(depth.ticks())?;
         let awaited = self.awaited(depth);
         let deadline = self.deadline();
         self.read_waiting();
@@ -505,6 +513,7 @@ impl Client {
     ///
     /// As [`Self::wait`], except that it never times out.
     pub fn try_wait(&mut self, depth: PipelineDepth) -> Result<Option<Tick>, ClientError> {
+        InvalidTicks::check_depth(depth.ticks())?;
         self.read_waiting();
         let tick = self.complete();
         if tick >= self.awaited(depth) {
@@ -626,14 +635,18 @@ impl Client {
 
     /// Waits for received data until the deadline.
     ///
-    /// The deadline is checked first, so that the caller still handles an answer that arrives just in time.
+    /// The deadline is checked first, so that the caller still handles an answer that arrives just in time. So it does with
+    /// what arrived while the process stood still, however long that was.
     fn turn(&mut self, deadline: Instant, awaited: &'static str) -> Result<(), ClientError> {
-        if self.pump.now() >= deadline {
+        if self.pump.now() < deadline {
+            self.pump.turn(deadline);
+            self.take_events();
+        } else if self.overdue.replace(deadline) != Some(deadline) {
+            self.read_waiting();
+        } else {
             let timeout = self.timeout;
             return Err(ClientError::Timeout { awaited, timeout });
         }
-        self.pump.turn(deadline);
-        self.take_events();
         self.check_open()
     }
 

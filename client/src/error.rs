@@ -79,6 +79,8 @@ pub enum ClientError {
     OffCentre(Vec3),
     /// An id that no scene can have; nothing was sent.
     Id(IdOutOfRange),
+    /// A pipeline depth beyond its limit; nothing was sent.
+    Ticks(InvalidTicks),
     /// The connection is over.
     Ended(Ending),
     /// The server did not answer within the timeout. The call may be repeated; nothing is lost.
@@ -145,6 +147,7 @@ impl fmt::Display for ClientError {
                 "the centre of mass of the body's shape is at {centre} m, and must be its origin: add the body that `BodyBuilder::centred` makes, whose pose is that of the centre, or give it moments of inertia of its own"
             ),
             Self::Id(cause) => cause.fmt(f),
+            Self::Ticks(cause) => cause.fmt(f),
             Self::Ended(Ending::Closed(code)) => {
                 f.write_str("the connection was closed: ")?;
                 match *code {
@@ -179,6 +182,12 @@ impl From<Misuse> for ClientError {
 impl From<IdOutOfRange> for ClientError {
     fn from(cause: IdOutOfRange) -> Self {
         Self::Id(cause)
+    }
+}
+
+impl From<InvalidTicks> for ClientError {
+    fn from(cause: InvalidTicks) -> Self {
+        Self::Ticks(cause)
     }
 }
 

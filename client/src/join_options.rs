@@ -21,11 +21,11 @@ pub struct JoinOptions {
     /// which is its clock less the scene's lookahead. At zero, prediction covers all of the network's delay, and no bound is
     /// known. With half of the round trip and a tick or two, the news of each shown moment has arrived: the bounds are the
     /// tolerance, and what a glide has still to cover. The client keeps as many tracks of each body as the delay needs, 256
-    /// at most. Finite and not negative.
+    /// at most. From 0 to 3,600.
     pub delay_ticks: f64,
     /// Free running only: how many ticks ahead of the server's clock this client publishes the bodies that it has
     /// authority over. At zero, the server predicts them over the network's delay; with that delay and a little more,
-    /// it need not. Finite and not negative; `Client::set_lead_ticks` changes it.
+    /// it need not. From 0 to 3,600; `Client::set_lead_ticks` changes it.
     pub lead_ticks: f64,
     /// Free running only: whether only whole ticks are shown, for a simulator with ticks of its own.
     pub whole_ticks: bool,
@@ -47,7 +47,7 @@ pub struct JoinOptions {
 }
 
 impl JoinOptions {
-    /// Refuses a delay or a lead that is no number of ticks.
+    /// Refuses a delay or a lead outside its limits.
     pub(crate) fn check(&self) -> Result<(), InvalidTicks> {
         InvalidTicks::check_delay(self.delay_ticks)?;
         InvalidTicks::check_lead(self.lead_ticks)

@@ -90,8 +90,8 @@ pub use rhumb_reckoning::{
     Radians, Rate, Seconds, Tick, Ticks, Tolerance, ToleranceScale, TurnBound,
 };
 pub use rhumb_view::{
-    BodyCentres, InvalidTicks, JoinMode, PipelineDepth, RESUME_WITHIN, RefusalReason,
-    RefusedRequest, RenderParams, RenderTime, View,
+    BodyCentres, DEPTH_MAX, InvalidTicks, JoinMode, PipelineDepth, RESUME_WITHIN, RefusalReason,
+    RefusedRequest, RenderParams, RenderTime, SHIFT_TICKS_MAX, View,
 };
 #[cfg(feature = "queries")]
 pub use rhumb_view::{CopyAnswer, CopyQueries};

@@ -297,7 +297,7 @@ pub extern "C" fn rhumb_scene_flush(scene: RhumbScene) -> RhumbCode {
 /// Steps a lockstep scene once, and computes the view.
 ///
 /// At depth 0, the view is of the tick that this call requests. At depth 1, it is of the tick before, and the server
-/// computes the requested one meanwhile. `tick` may be null; otherwise it receives the tick of the view.
+/// computes the requested one meanwhile. A greater depth, up to 64, hides a link whose round trip is longer than a tick. `tick` may be null; otherwise it receives the tick of the view.
 ///
 /// After `RHUMB_CODE_TIMEOUT`, `rhumb_scene_wait` continues to wait for the same tick. After `RHUMB_CODE_REFUSED`, the tick
 /// is done and its view computed.
@@ -451,7 +451,7 @@ pub unsafe extern "C" fn rhumb_scene_tick_error_bounds(
 }
 
 /// Sets the ticks by which bodies under authority are published ahead of the server's clock, in place of `lead_ticks` of
-/// the options: finite and not negative.
+/// the options: 0 to 3,600.
 #[unsafe(no_mangle)]
 pub extern "C" fn rhumb_scene_set_lead_ticks(scene: RhumbScene, ticks: f64) -> RhumbCode {
     guard(|| with(scene, |scene| scene.set_lead_ticks(ticks)))

@@ -220,9 +220,10 @@ impl BindingError {
 const fn client_kind(error: &ClientError) -> ErrorKind {
     match error {
         ClientError::Misuse(Misuse::NotNow) => ErrorKind::Denied,
-        ClientError::Misuse(_) | ClientError::Id(_) | ClientError::OffCentre(_) => {
-            ErrorKind::Invalid
-        }
+        ClientError::Misuse(_)
+        | ClientError::Id(_)
+        | ClientError::Ticks(_)
+        | ClientError::OffCentre(_) => ErrorKind::Invalid,
         ClientError::Refused(_) => ErrorKind::Refused,
         ClientError::Ended(_) => ErrorKind::Ended,
         ClientError::Timeout { .. } => ErrorKind::Timeout,

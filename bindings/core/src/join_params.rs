@@ -5,7 +5,9 @@ use std::time::Duration;
 
 use glam::Vec3;
 use rhumb_client::scene::{PublishSchedule, SceneConfig, Sleep, Stepping};
-use rhumb_client::{JoinMode, JoinOptions, Metres, Rate, Refusals, StreamChoice, Tolerance};
+use rhumb_client::{
+    InvalidTicks, JoinMode, JoinOptions, Metres, Rate, Refusals, StreamChoice, Tolerance,
+};
 
 use crate::coordinates::Coordinates;
 use crate::error::BindingError;
@@ -111,9 +113,8 @@ impl JoinParams {
             ("delay_ticks", self.delay_ticks),
             ("lead_ticks", self.lead_ticks),
         ] {
-            if !(ticks >= 0.0 && ticks.is_finite()) {
-                let needed = "finite and not negative";
-                return Err(BindingError::value(argument, ticks, needed));
+            if InvalidTicks::check_delay(ticks).is_err() {
+                return Err(BindingError::value(argument, ticks, TICKS_NEEDED));
             }
         }
         let tolerance = tolerance(self.tolerance_m)?;
@@ -133,6 +134,9 @@ impl JoinParams {
         })
     }
 }
+
+/// The limits of a delay and of a lead.
+pub(crate) const TICKS_NEEDED: &str = "0 to 3600";
 
 /// A tolerance, or the error that names it.
 pub(crate) fn tolerance(metres: f64) -> Result<Tolerance, BindingError> {
@@ -211,6 +215,10 @@ mod tests {
             },
             JoinParams {
                 lead_ticks: -1.0,
+                ..default
+            },
+            JoinParams {
+                delay_ticks: 1e9,
                 ..default
             },
         ];

@@ -22,7 +22,7 @@ use crate::error::BindingError;
 use crate::event_record::EventRecord;
 #[cfg(feature = "files")]
 use crate::files::{self, LoadParams, LoadedFile, NamedBody, NamedJoint};
-use crate::join_params::{JoinParams, tolerance};
+use crate::join_params::{JoinParams, TICKS_NEEDED, tolerance};
 use crate::known_bodies::KnownBodies;
 #[cfg(feature = "serve")]
 use crate::own_server::{OwnServer, SceneServer};
@@ -627,10 +627,10 @@ impl RemoteScene {
     ///
     /// # Errors
     ///
-    /// [`BindingError::Value`] for a number that is negative or not finite.
+    /// [`BindingError::Value`] for a number that is not 0 to 3,600.
     pub fn set_lead_ticks(&mut self, ticks: f64) -> Result<(), BindingError> {
         let set = self.client.set_lead_ticks(ticks);
-        set.map_err(|_| BindingError::value("ticks", ticks, "finite and not negative"))
+        set.map_err(|_| BindingError::value("ticks", ticks, TICKS_NEEDED))
     }
 
     /// Statistics of the connection and of the stream.

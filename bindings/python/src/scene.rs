@@ -542,7 +542,8 @@ impl PyScene {
 
     /// Steps a lockstep scene by some ticks, computes the view, and returns its tick.
     ///
-    /// At depth 1, the view is one tick behind, and the server computes the newest one meanwhile. It raises RefusedError
+    /// At depth 1, the view is one tick behind, and the server computes the newest one meanwhile. A greater depth, up to
+    /// 64, hides a link whose round trip is longer than a tick. It raises RefusedError
     /// for what the server refused, once and after all of the ticks; the next call continues.
     #[pyo3(signature = (ticks = 1, depth = 0))]
     fn advance(

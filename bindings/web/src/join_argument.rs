@@ -8,7 +8,7 @@ use rhumb_protocol::stream::Budget;
 use rhumb_reckoning::{
     Integrator, LengthBound, Metres, Radians, Rate, Ticks, Tolerance, TurnBound,
 };
-use rhumb_view::{JoinMode, ViewOptions};
+use rhumb_view::{InvalidTicks, JoinMode, ViewOptions};
 
 use crate::argument::Argument;
 use crate::failure::Failure;
@@ -29,6 +29,13 @@ impl JoinArguments {
             let number = from.optional(field).map(|field| field.number());
             Ok::<_, Failure>(number.transpose()?.unwrap_or_default())
         };
+        let ticks = |field| {
+            let (ticks, given) = (number(field)?, from.optional(field));
+            match (InvalidTicks::check_delay(ticks), given) {
+                (Err(_), Some(given)) => Err(given.wrong("0 to 3600 ticks")),
+                _ => Ok(ticks),
+            }
+        };
         let flag = |field| from.optional(field).map(|field| field.flag()).transpose();
         Ok(Self {
             mode: mode(from.optional("mode"))?,
@@ -37,11 +44,11 @@ impl JoinArguments {
                 Some(from) => stream(&from)?,
             },
             view: ViewOptions {
-                delay_ticks: number("delayTicks")?,
+                delay_ticks: ticks("delayTicks")?,
                 whole_ticks: flag("wholeTicks")?.unwrap_or_default(),
                 smooth: flag("smooth")?.unwrap_or(true),
             },
-            lead_ticks: number("leadTicks")?,
+            lead_ticks: ticks("leadTicks")?,
         })
     }
 }

@@ -22,7 +22,7 @@ use std::cell::RefCell;
 use glam::{Quat, Vec3};
 use rhumb_protocol::{Ending, Transmit};
 use rhumb_reckoning::Tick;
-use rhumb_view::RenderTime;
+use rhumb_view::{InvalidTicks, RenderTime};
 use serde_json::{Value, json};
 
 use crate::argument::{Argument, body_of, id_number};
@@ -360,7 +360,15 @@ pub extern "C" fn set_tier_policy(member: u32) -> u32 {
 
 /// Sets an option of the view: 0 the delay in ticks, 1 the lead in ticks, 2 whether corrections are smoothed.
 #[unsafe(no_mangle)]
-pub extern "C" fn set_option(member: u32, option: u32, value: f64) {
+pub extern "C" fn set_option(member: u32, option: u32, value: f64) -> u32 {
+    let checked = match option {
+        0 => InvalidTicks::check_delay(value),
+        1 => InvalidTicks::check_lead(value),
+        _ => Ok(()),
+    };
+    if let Err(invalid) = checked {
+        return done(Err(Failure::argument("ticks", invalid)));
+    }
     with(member, |member| match option {
         1 => member.set_lead_ticks(value),
         option => {
@@ -372,6 +380,7 @@ pub extern "C" fn set_option(member: u32, option: u32, value: f64) {
             }
         }
     });
+    done(Ok(()))
 }
 
 /// Queues the command in the input; its number is the output.

@@ -92,7 +92,7 @@ impl Client {
     ///
     /// # Errors
     ///
-    /// [`InvalidTicks`] for a number that is negative or not finite; the lead stays as it was.
+    /// [`InvalidTicks`] for a number that is not 0 to [`SHIFT_TICKS_MAX`](crate::SHIFT_TICKS_MAX); the lead stays as it was.
     pub fn set_lead_ticks(&mut self, ticks: f64) -> Result<(), InvalidTicks> {
         InvalidTicks::check_lead(ticks)?;
         self.upstream_clock.lead_ticks = ticks;

@@ -20,9 +20,11 @@ use rhumb_protocol::scene::{BodyDesc, IdRange, Query, SceneConfig, Shape, ShapeI
 use rhumb_protocol::session::Event;
 use rhumb_protocol::stream::{Features, StreamConfig};
 use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance, Track};
+use rhumb_view::PipelineDepth;
 
 use super::Client;
 use crate::connection::{BoxedConnection, Redial};
+use crate::error::ClientError;
 use crate::join_options::JoinOptions;
 use crate::server_connection::ServerConnection;
 
@@ -277,9 +279,9 @@ fn an_interrupted_client_may_publish_and_regains_its_authority() {
 }
 
 #[test]
-fn a_delay_or_lead_that_is_negative_or_not_finite_is_refused() {
+fn a_delay_lead_or_depth_outside_its_limits_is_refused_with_them() {
     let (mut client, _script) = member();
-    for ticks in [-1.0, f64::NAN, f64::INFINITY] {
+    for ticks in [-1.0, f64::NAN, f64::INFINITY, 3_600.5, 1e9] {
         let delay = JoinOptions {
             delay_ticks: ticks,
             ..JoinOptions::default()
@@ -292,7 +294,7 @@ fn a_delay_or_lead_that_is_negative_or_not_finite_is_refused() {
             let joined = connection().0.join_with("script", options);
             let error = joined.map(|_| ()).expect_err("a wrong number of ticks");
             assert!(
-                error.to_string().contains("finite and not negative"),
+                error.to_string().ends_with(", and must be 0 to 3600"),
                 "{error}"
             );
         }
@@ -301,4 +303,21 @@ fn a_delay_or_lead_that_is_negative_or_not_finite_is_refused() {
             .expect_err("a wrong number of ticks");
     }
     client.set_lead_ticks(2.5).expect("a number of ticks");
+    let advanced = client.advance(PipelineDepth::new(65));
+    let error = advanced.expect_err("a depth beyond the limit");
+    let text = "the pipeline depth is 65, and must be 0 to 64";
+    assert_eq!(error.to_string(), text);
+}
+
+#[test]
+fn an_answer_that_has_arrived_counts_though_its_time_is_over() {
+    let (mut client, _script) = member();
+    // As of a process that stood still while it waited.
+    client.timeout = Duration::ZERO;
+    client.ask(ray()).expect("the answer is there");
+    let advanced = client.advance(PipelineDepth::LOCKSTEP);
+    assert!(
+        matches!(advanced, Err(ClientError::Timeout { .. })),
+        "{advanced:?}"
+    );
 }

@@ -32,6 +32,8 @@ pub struct SceneClock {
     shown: Option<(Instant, f64)>,
     /// True if the estimate was so far off that the shown time jumps, or stands still until the server is there.
     jumps: bool,
+    /// True if the limit holds the shown time back.
+    is_held: bool,
 }
 
 impl SceneClock {
@@ -43,6 +45,7 @@ impl SceneClock {
             origin: None,
             shown: None,
             jumps: false,
+            is_held: false,
         }
     }
 
@@ -116,18 +119,26 @@ impl SceneClock {
         }
     }
 
+    /// True if the last shown moment was at its limit, because nothing is known beyond it.
+    #[must_use]
+    pub const fn is_held(&self) -> bool {
+        self.is_held
+    }
+
     /// The moment to show now: `delay` ticks behind the server, never beyond `limit`; `known` before the first sample.
     ///
     /// `known`: a tick that the server has reached.
     pub fn show(&mut self, now: Instant, delay: f64, known: f64, limit: f64) -> RenderTime {
         self.reach(now, known);
-        let wanted = self.server(now).map_or(known, |server| server - delay);
-        let wanted = wanted.min(limit);
+        let unheld = self.server(now).map_or(known, |server| server - delay);
+        let wanted = unheld.min(limit);
+        // What was held back is the present at once when it may.
+        let was_held = std::mem::replace(&mut self.is_held, unheld > limit);
         let shown = match self.shown {
             Some((last, shown)) => {
                 let passed = now.since(last).as_nanos() as f64 * self.ticks_per_ns;
                 let off = wanted - (shown + passed);
-                if self.jumps || off.abs() > JUMP_SECONDS * 1e9 * self.ticks_per_ns {
+                if self.jumps || was_held || off.abs() > JUMP_SECONDS * 1e9 * self.ticks_per_ns {
                     // Shown time that is ahead stands still until it is no longer.
                     self.jumps &= wanted < shown;
                     wanted.max(shown)
@@ -150,8 +161,8 @@ impl SceneClock {
 pub struct UpstreamClock {
     clock: SceneClock,
     rate: Rate,
-    /// Ticks ahead of the server's clock at which states are published, finite and not negative. Any other number counts as
-    /// zero.
+    /// Ticks ahead of the server's clock at which states are published, from zero to [`SHIFT_TICKS_MAX`]. Any other number
+    /// counts as zero.
     pub lead_ticks: f64,
 }
 
@@ -224,13 +235,21 @@ fn extrapolate(motion: &BodyState, seconds: f64) -> BodyState {
     later.unwrap_or(*motion)
 }
 
-/// A number of ticks that is negative or not finite.
+/// Most ticks by which a view stays behind, or an upstream leads: a minute at 60 Hz.
+pub const SHIFT_TICKS_MAX: f64 = 3_600.0;
+
+/// Most published ticks by which a view of a lockstep scene stays behind the tick that was requested last.
+pub const DEPTH_MAX: u32 = 64;
+
+/// A number of ticks outside its limits.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum InvalidTicks {
     /// A view cannot be so far behind.
     Delay(f64),
     /// An upstream cannot be so far ahead.
     Lead(f64),
+    /// A pipeline is not so deep.
+    Depth(u32),
 }
 
 impl InvalidTicks {
@@ -241,6 +260,15 @@ impl InvalidTicks {
     /// [`Self::Delay`].
     pub fn check_delay(ticks: f64) -> Result<(), Self> {
         is_valid(ticks).then_some(()).ok_or(Self::Delay(ticks))
+    }
+
+    /// Checks the depth of a pipeline.
+    ///
+    /// # Errors
+    ///
+    /// [`Self::Depth`].
+    pub fn check_depth(ticks: u32) -> Result<(), Self> {
+        (ticks <= DEPTH_MAX).then_some(()).ok_or(Self::Depth(ticks))
     }
 
     /// Checks the lead of an upstream.
@@ -259,19 +287,17 @@ pub(crate) fn ticks_or_none(ticks: f64) -> f64 {
 }
 
 fn is_valid(ticks: f64) -> bool {
-    ticks.is_finite() && ticks >= 0.0
+    (0.0..=SHIFT_TICKS_MAX).contains(&ticks)
 }
 
 impl fmt::Display for InvalidTicks {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (name, ticks) = match self {
-            Self::Delay(ticks) => ("delay", ticks),
-            Self::Lead(ticks) => ("lead", ticks),
+        let (name, ticks, most) = match *self {
+            Self::Delay(ticks) => ("delay in ticks", ticks, SHIFT_TICKS_MAX),
+            Self::Lead(ticks) => ("lead in ticks", ticks, SHIFT_TICKS_MAX),
+            Self::Depth(ticks) => ("pipeline depth", f64::from(ticks), f64::from(DEPTH_MAX)),
         };
-        write!(
-            f,
-            "the {name} in ticks is finite and not negative, not {ticks}"
-        )
+        write!(f, "the {name} is {ticks}, and must be 0 to {most}")
     }
 }
 
@@ -453,6 +479,16 @@ mod tests {
         let mut clock = clock();
         assert!(clock.show(seconds(0.0), 0.0, 0.0, 590.0).ticks() <= 590.0);
         assert!(clock.show(seconds(1.0), 0.0, 0.0, 590.0).ticks() <= 590.0);
+    }
+
+    #[test]
+    fn a_view_that_its_limit_held_back_shows_the_present_as_soon_as_it_may() {
+        let mut clock = clock();
+        for (at, limit, expected) in [(0.0, 1e9, 600.0), (0.5, 610.0, 610.0), (0.51, 1e9, 630.6)] {
+            let shown = clock.show(seconds(at), 0.0, 0.0, limit).ticks();
+            assert!((shown - expected).abs() < 1e-6, "{shown}");
+            assert_eq!(clock.is_held(), limit < 1e9);
+        }
     }
 
     #[test]

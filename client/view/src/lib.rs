@@ -21,7 +21,7 @@ mod view;
 
 pub use body_centres::BodyCentres;
 pub use client_ids::{AddError, ClientIds};
-pub use clocks::{InvalidTicks, SceneClock, UpstreamClock};
+pub use clocks::{DEPTH_MAX, InvalidTicks, SHIFT_TICKS_MAX, SceneClock, UpstreamClock};
 #[cfg(feature = "queries")]
 pub use copy_queries::{CopyAnswer, CopyQueries};
 pub use joining::{JoinError, JoinMode, Joining, RESUME_WITHIN, may_resume};

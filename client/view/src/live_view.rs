@@ -17,13 +17,16 @@ use crate::view::{RenderParams, View};
 /// holds.
 const PREDICT_SECONDS: f64 = 0.5;
 
+/// Pause between two questions of a view that is held back.
+const HELD_PAUSE: Span = Span::from_millis(100);
+
 /// Ticks that a question for the watermark may wait for the frames of the program, there and back.
 const FRAMES_TICKS: f64 = 2.0;
 
 /// How a free-running scene is shown.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewOptions {
-    /// Ticks that the view stays behind the newest tick that the server can have published, finite and not negative. A
+    /// Ticks that the view stays behind the newest tick that the server can have published, 0 to 3,600. A
     /// view takes any other number for zero.
     pub delay_ticks: f64,
     /// True if only whole ticks are shown.
@@ -101,6 +104,10 @@ impl LiveView {
             shown
         };
         self.show(session, now, at, self.options.smooth);
+        if self.clock.is_held() {
+            // A member of a silent scene need not wait for what the server says next.
+            session.query_watermark(now, HELD_PAUSE);
+        }
         self.keep_known(session, now, due);
         at
     }
@@ -134,6 +141,7 @@ impl LiveView {
         at: RenderTime,
         smooth: bool,
     ) {
+        let instant = now;
         let now = Seconds::new(now.as_nanos() as f64 / 1e9);
         let Some(replica) = session.replica_mut() else {
             return;
@@ -141,8 +149,13 @@ impl LiveView {
         let history = match self.config.stepping {
             Stepping::Lockstep => Ticks::ZERO,
             Stepping::FreeRunning => {
+                // A view that has fallen behind needs the motions of more ticks.
+                let behind = self
+                    .clock
+                    .server(instant)
+                    .map_or(0.0, |server| server - at.ticks());
                 let delay = ticks_or_none(self.options.delay_ticks);
-                Ticks::new(delay.ceil() as u32)
+                Ticks::new(delay.max(behind).ceil() as u32)
             }
         };
         replica.stream_mut().set_history(history);
@@ -182,7 +195,8 @@ impl PipelineDepth {
     /// The client shows a tick while the server computes the next.
     pub const PIPELINED: Self = Self(1);
 
-    /// A depth in published ticks; [`Self::LOCKSTEP`] is 0, [`Self::PIPELINED`] is 1.
+    /// A depth in published ticks; [`Self::LOCKSTEP`] is 0, [`Self::PIPELINED`] is 1. A deeper one hides a link whose round
+    /// trip is longer than a tick; [`DEPTH_MAX`](crate::DEPTH_MAX) is the greatest that a client takes.
     #[must_use]
     pub const fn new(ticks: u32) -> Self {
         Self(ticks)
