@@ -130,6 +130,8 @@ impl ControlStream {
 
     /// Its session, unless it is closed; it may have data to send afterwards.
     fn session(&mut self, out: &mut Outbox) -> Option<&mut ServerSession> {
+        // What it is about to send does not wait since the client was last sent something.
+        self.note_idle(out.now);
         let session = self.session.as_mut()?;
         out.sendable.insert(self.peer);
         Some(session)
@@ -155,6 +157,13 @@ impl ControlStream {
         }
         let to = self.peer;
         out.datagrams.push_back(Transmit::State { to, bytes });
+    }
+
+    /// Notes that the link has nothing to take, if it has not.
+    fn note_idle(&mut self, now: Instant) {
+        if self.in_driver() == 0 && self.queued() == 0 {
+            self.taken_at = now;
+        }
     }
 
     fn open_traffic(&self) -> Option<&Traffic> {
@@ -535,9 +544,7 @@ impl Clients {
             return false;
         };
         let control = &mut client.control;
-        if control.in_driver() == 0 && control.queued() == 0 {
-            control.taken_at = self.out.now;
-        }
+        control.note_idle(self.out.now);
         let Some(code) = control.overflow(&self.out) else {
             return false;
         };

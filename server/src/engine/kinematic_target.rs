@@ -13,11 +13,13 @@ use rhumb_reckoning::{Integrator, Pose, Twist};
 pub(super) struct KinematicTarget {
     /// Present pose.
     pose: Pose,
+    /// Pose before the last step.
+    last: Pose,
     /// Velocities that it keeps.
     twist: Twist,
     /// Pose that it goes to.
     target: Option<Target>,
-    /// Velocities after the last step, unless it went to a target on the way to others.
+    /// Velocities after the last step, unless those of its way go on.
     kept: Option<Twist>,
     /// Steps since the last command of a pose; more than the rhythm counts if there is none.
     since: u32,
@@ -53,11 +55,15 @@ const RHYTHM: usize = 8;
 /// Longest interval between two poses of one motion, seconds.
 const INTERVAL_SECONDS_MAX: f64 = 0.25;
 
-/// Speed beyond which a pose is a jump, m/s: nothing that is carried or pushed can follow.
+/// Speed beyond which a pose is a jump, m/s: nothing that is carried or pushed can follow. It is relative to the velocity
+/// that is set with the pose, and to the last step: a body that moves that fast does not jump.
 const JUMP_SPEED: f64 = 100.0;
 
-/// Turn in a step beyond which a pose is a jump: a quarter of a turn, as the cosine of half of it.
+/// Turn in a step beyond which a pose is a jump: a quarter of a turn, as the cosine of half of it. Likewise.
 const JUMP_TURN: f64 = core::f64::consts::FRAC_1_SQRT_2;
+
+/// Change of velocity in a step that always continues a motion, m/s and rad/s: a platform that starts or turns back.
+const SMALL_CHANGE: f64 = 1.0;
 
 impl KinematicStep {
     /// The end.
@@ -73,6 +79,7 @@ impl KinematicTarget {
     pub(super) const fn at(pose: Pose) -> Self {
         Self {
             pose,
+            last: pose,
             twist: Twist::ZERO,
             target: None,
             kept: None,
@@ -132,7 +139,7 @@ impl KinematicTarget {
         self.is_moving() || past <= INTERVAL_SECONDS_MAX
     }
 
-    /// Its velocities after the last step, unless that went to a target on the way to others: then the engine has them.
+    /// Its velocities after the last step, unless those of its way go on: then the engine has them.
     pub(super) const fn kept(&self) -> Option<Twist> {
         self.kept
     }
@@ -153,13 +160,14 @@ impl KinematicTarget {
     /// Ends a step at another pose than its velocities lead to; the engine has its velocities of that step.
     pub(super) const fn arrive(&mut self, pose: Pose) {
         self.since = self.since.saturating_add(1);
-        (self.pose, self.kept) = (pose, None);
+        (self.last, self.pose, self.kept) = (self.pose, pose, None);
     }
 
     /// The pose at the end of the next step.
     pub(super) fn advance(&mut self, integrator: Integrator) -> KinematicStep {
         self.since = self.since.saturating_add(1);
         let Some(mut target) = self.target.take() else {
+            self.last = self.pose;
             self.pose = carried(self.pose, self.twist, integrator);
             self.kept = Some(self.twist);
             return KinematicStep::Move(self.pose);
@@ -176,15 +184,19 @@ impl KinematicTarget {
                 }
             }
         };
-        let is_jump = !target.is_timed && self.is_far(next, integrator);
+        let is_jump = self.is_far(next, integrator);
         // A jump is not made in parts.
         let next = if is_jump { target.pose } else { next };
         if is_jump {
             self.target = None;
         }
-        // The first pose of a motion, and any single one, says nothing of a way beyond it.
-        let stands = target.is_first && !target.is_timed;
-        (self.pose, self.kept) = (next, stands.then_some(Twist::ZERO));
+        // From there it moves as the caller says. Without a word, only a way that continues the last one goes on.
+        let goes_on = !is_jump
+            && (target.is_timed || !target.is_first)
+            && self.twist == Twist::ZERO
+            && self.continues(next, integrator);
+        self.kept = (!goes_on).then_some(self.twist);
+        (self.last, self.pose) = (self.pose, next);
         if is_jump {
             KinematicStep::Jump(next)
         } else {
@@ -192,18 +204,49 @@ impl KinematicTarget {
         }
     }
 
-    /// True if no motion leads to a pose in one step.
+    /// True if no motion leads to a pose in one step: it is far from where its velocity would have it, and from where it
+    /// would be as in the last step.
     fn is_far(&self, next: Pose, integrator: Integrator) -> bool {
-        let way = next.position - self.pose.position;
         let most = JUMP_SPEED * integrator.rate.step().seconds();
-        way.length_squared() > most * most
-            || self.pose.rotation.dot(next.rotation).abs() < JUMP_TURN
+        let is_far_from = |expected: Pose| {
+            next.position.distance_squared(expected.position) > most * most
+                || expected.rotation.dot(next.rotation).abs() < JUMP_TURN
+        };
+        is_far_from(carried(self.pose, self.twist, integrator)) && is_far_from(self.as_before())
     }
+
+    /// Where the way of the last step would lead in another one.
+    fn as_before(&self) -> Pose {
+        let turn = self.pose.rotation * self.last.rotation.conjugate();
+        Pose {
+            position: self.pose.position + (self.pose.position - self.last.position),
+            rotation: (turn * self.pose.rotation).normalize(),
+        }
+    }
+
+    /// True if a step to a pose continues the last one, but for half of the greater of the two, or for a small change.
+    fn continues(&self, next: Pose, integrator: Integrator) -> bool {
+        let small = SMALL_CHANGE * integrator.rate.step().seconds();
+        let within = |off: f64, ways: [f64; 2]| off <= (ways[0].max(ways[1]) * 0.5).max(small);
+        let expected = self.as_before();
+        let places = [self.last, self.pose, next].map(|pose| pose.position);
+        let ways = [0, 1].map(|step| places[step].distance(places[step + 1]));
+        let turns = [(self.last, self.pose), (self.pose, next)].map(|(from, to)| turn(from, to));
+        within(next.position.distance(expected.position), ways)
+            && within(turn(expected, next), turns)
+    }
+}
+
+/// The angle between two rotations, as far as the half of it is its sine: in radians, at most 2.
+fn turn(from: Pose, to: Pose) -> f64 {
+    let between = to.rotation * from.rotation.conjugate();
+    2.0 * between.xyz().length()
 }
 
 impl Wire for KinematicTarget {
     fn encode(&self, to: &mut Writer) {
         encode_pose(self.pose, to);
+        encode_pose(self.last, to);
         encode_twist(self.twist, to);
         to.u8(u8::from(self.target.is_some()) | u8::from(self.kept.is_some()) << 1);
         to.varint(u64::from(self.since));
@@ -221,7 +264,7 @@ impl Wire for KinematicTarget {
     }
 
     fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
-        let (pose, twist) = (decode_pose(from)?, decode_twist(from)?);
+        let (pose, last, twist) = (decode_pose(from)?, decode_pose(from)?, decode_twist(from)?);
         let present = from.u8()?;
         let since = from.varint32()?;
         let mut intervals = [1; RHYTHM];
@@ -244,6 +287,7 @@ impl Wire for KinematicTarget {
         }
         Ok(Self {
             pose,
+            last,
             twist,
             target,
             kept,
@@ -499,26 +543,99 @@ mod tests {
     }
 
     #[test]
-    fn a_pose_far_away_is_a_jump_unless_a_velocity_follows() {
+    fn a_pose_far_away_is_a_jump_whatever_the_velocities_that_follow() {
         let quarter = Pose {
-            rotation: DQuat::from_rotation_y(1.7),
+            rotation: DQuat::from_rotation_y(2.0),
             ..Pose::IDENTITY
         };
-        for far in [at(1.7), quarter] {
+        let moving = Twist {
+            linear: DVec3::X * 6.0,
+            angular: DVec3::Y * 9.0,
+        };
+        for far in [at(1.9), quarter] {
+            for follows in [None, Some(Twist::ZERO), Some(moving)] {
+                let mut kinematic_target = KinematicTarget::at(Pose::IDENTITY);
+                kinematic_target.keep(moving);
+                kinematic_target.go_to(far, INTEGRATOR);
+                if let Some(twist) = follows {
+                    kinematic_target.keep(twist);
+                }
+                let after = follows.unwrap_or_default();
+                let step = kinematic_target.advance(INTEGRATOR);
+                assert_eq!(step, KinematicStep::Jump(far));
+                assert_eq!(kinematic_target.kept(), Some(after));
+                assert_eq!(kinematic_target.is_moving(), after != Twist::ZERO);
+            }
+        }
+    }
+
+    #[test]
+    fn a_pose_where_its_velocity_leads_is_no_jump_however_fast() {
+        for (speed, spin) in [(300.0, 0.0), (0.0, 110.0), (300.0, 110.0)] {
+            let twist = Twist {
+                linear: DVec3::X * speed,
+                angular: DVec3::Y * spin,
+            };
             let mut kinematic_target = KinematicTarget::at(Pose::IDENTITY);
-            kinematic_target.go_to(far, INTEGRATOR);
-            assert_eq!(
-                kinematic_target.advance(INTEGRATOR),
-                KinematicStep::Jump(far)
-            );
-            assert!(!kinematic_target.is_moving());
-            let mut kinematic_target = KinematicTarget::at(Pose::IDENTITY);
-            kinematic_target.go_to(far, INTEGRATOR);
+            let mut pose = Pose::IDENTITY;
+            for _ in 0..5 {
+                pose = carried(pose, twist, INTEGRATOR);
+                kinematic_target.go_to(pose, INTEGRATOR);
+                kinematic_target.keep(twist);
+                let step = kinematic_target.advance(INTEGRATOR);
+                assert_eq!(step, KinematicStep::Move(pose));
+                assert_eq!(kinematic_target.kept(), Some(twist));
+            }
+        }
+    }
+
+    #[test]
+    fn a_motion_of_poses_faster_than_a_jump_goes_on_once_it_has_begun() {
+        // A copy under authority: a velocity of zero after each pose has it there in that step.
+        let mut kinematic_target = KinematicTarget::at(Pose::IDENTITY);
+        for step in 1..6 {
+            let next = at(f64::from(step) * 4.0);
+            kinematic_target.go_to(next, INTEGRATOR);
             kinematic_target.keep(Twist::ZERO);
-            assert_eq!(
-                kinematic_target.advance(INTEGRATOR),
-                KinematicStep::Move(far)
-            );
+            let expected = match step {
+                1 => (KinematicStep::Jump(next), Some(Twist::ZERO)),
+                _ => (KinematicStep::Move(next), None),
+            };
+            let step = kinematic_target.advance(INTEGRATOR);
+            assert_eq!((step, kinematic_target.kept()), expected);
+        }
+    }
+
+    #[test]
+    fn poses_back_and_forth_are_no_motion_that_goes_on() {
+        for follows in [None, Some(Twist::ZERO)] {
+            let mut kinematic_target = KinematicTarget::at(Pose::IDENTITY);
+            for x in [0.8, 0.0, 1.2, 0.4, 0.4, -0.4] {
+                kinematic_target.go_to(at(x), INTEGRATOR);
+                if let Some(twist) = follows {
+                    kinematic_target.keep(twist);
+                }
+                assert_eq!(kinematic_target.advance(INTEGRATOR).pose(), at(x));
+                assert_eq!(kinematic_target.kept(), Some(Twist::ZERO), "at {x}");
+            }
+        }
+    }
+
+    #[test]
+    fn after_a_pose_it_has_the_velocity_that_follows_not_that_of_its_way() {
+        let twist = Twist {
+            linear: DVec3::Z * 3.0,
+            ..Twist::ZERO
+        };
+        let mut kinematic_target = KinematicTarget::at(Pose::IDENTITY);
+        for x in [0.8, 0.0, 0.8] {
+            for twist in [twist, Twist::ZERO] {
+                kinematic_target.go_to(at(x), INTEGRATOR);
+                kinematic_target.keep(twist);
+                let step = kinematic_target.advance(INTEGRATOR);
+                assert_eq!(step, KinematicStep::Move(at(x)));
+                assert_eq!(kinematic_target.kept(), Some(twist));
+            }
         }
     }
 }

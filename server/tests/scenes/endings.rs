@@ -163,3 +163,22 @@ fn a_provided_scene_that_no_client_joins_ends() {
     links.connect(LEADER);
     assert_ends(links);
 }
+
+#[test]
+fn a_member_of_a_driver_without_link_reports_may_be_silent_for_minutes() {
+    let (mut links, granted) = two_members();
+    for silence in [31, 100, 3_000] {
+        links.take(LEADER, usize::MAX);
+        links.pass(Span::from_millis(silence * 1_000));
+        // Its answer, and an event that another member causes, begin to wait now.
+        let pongs = links.counts(LEADER).pongs;
+        links.send(LEADER, &[ClientMessage::Ping { sent: links.now }]);
+        assert_eq!(links.counts(LEADER).pongs, pongs + 1);
+        assert_eq!(links.counts(LEADER).closed, None, "after {silence} s");
+    }
+    // It does not read for longer than the limit.
+    links.send(LEADER, &[ball(granted, 0)]);
+    links.pass(Span::from_millis(31_000));
+    links.send(LEADER, &[ball(granted, 1)]);
+    assert!(links.counts(LEADER).closed.is_some());
+}

@@ -38,7 +38,7 @@ pub(crate) struct Shown {
     pub(crate) at: RenderTime,
     pub(crate) id: BodyId,
     pub(crate) position: Vec3,
-    rotation: Quat,
+    pub(crate) rotation: Quat,
     bound: f64,
 }
 
@@ -251,7 +251,7 @@ pub(crate) fn state(position: Vec3, linear: Vec3, angular: Vec3) -> BodyState {
 }
 
 /// The true poses of all bodies at all ticks.
-struct Truth {
+pub(crate) struct Truth {
     ticks: Vec<BTreeMap<BodyId, (Pose, Metres)>>,
     /// Radii of bodies that have another shape after the tick than at it.
     radii_after: BTreeMap<(u64, BodyId), Metres>,
@@ -260,7 +260,7 @@ struct Truth {
 }
 
 impl Truth {
-    fn of(world: &mut World) -> Self {
+    pub(crate) fn of(world: &mut World) -> Self {
         // The replay of the stage: it checks that the server agrees with it.
         world.stage.truth();
         let watermark = |index| {
@@ -317,7 +317,11 @@ impl Truth {
         }
     }
 
-    fn at(&self, tick: u64, id: BodyId) -> Option<(Pose, Metres)> {
+    pub(crate) fn ticks(&self) -> u64 {
+        self.ticks.len() as u64
+    }
+
+    pub(crate) fn at(&self, tick: u64, id: BodyId) -> Option<(Pose, Metres)> {
         self.ticks.get(tick as usize)?.get(&id).copied()
     }
 
