@@ -51,7 +51,9 @@ def test_arrays_have_one_order_and_their_types(scene):
     scene.advance()
     assert len(scene) == 3 and set(scene.removed) == set(bodies[:2])
     assert bodies[0] not in scene and bodies[2] in scene
-    assert scene.positions[None, :].shape == (1, 3, 3)
+    # Functions of NumPy add axes as they do to any array, and their rows have places too.
+    assert np.expand_dims(scene.positions, 0).shape == np.stack([scene.positions]).shape == (1, 3, 3)
+    assert np.atleast_2d(scene.error_bounds).shape == (1, 3) and scene.positions[:, None].shape == (3, 1, 3)
     assert type(scene.positions[0]) is np.ndarray and scene.positions[0][None].shape == (1, 3)
 
 
@@ -68,11 +70,15 @@ def test_a_body_that_is_not_in_the_view_has_no_place_that_indexes(scene):
     for array in (
         *(positions, scene.rotations, scene.bodies, scene.resting, scene.error_bounds),
         *(positions[:, 1], positions[:], positions * 2, positions - positions[0], -positions, positions.copy()),
+        *(np.round(positions, 2), np.linalg.norm(positions, axis=1), np.stack([positions] * 2, axis=1)),
     ):
         with pytest.raises(IndexError, match="None is the place of no body"):
             array[scene.place(gone)]
-    with pytest.raises(IndexError):
-        positions[scene.place(gone), 1]
+    for rest in (1, slice(None), slice(0, 2), ...):
+        with pytest.raises(IndexError, match="None is the place of no body"):
+            positions[scene.place(gone), rest]
+    with pytest.raises(IndexError, match="False is the place of no body"):
+        positions[gone in scene]
     for body in (gone, never, coming):
         assert body not in scene
         calls = (lambda body: scene.places([bodies[0], body]), scene.error_bound)
