@@ -383,6 +383,8 @@ def check_numbers(name, msg):
     check_fields(kind["fields"], msg)
     if name == "mass":
         check_moments(msg)
+    if name == "query" and msg["is"] == "ray" and not any(f32(part) for part in msg["translation"]):
+        raise Refused("OutOfRange", "position")
 
 
 def check_shape(fields, msg):
@@ -516,11 +518,16 @@ def check_motor(axis, locked, limited, motor):
 
 
 def check_moments(msg):
-    """2.6-14: bounds for each kilogram, each one multiplication in f32."""
+    """2.6-14: bounds for each kilogram, each one multiplication in f32; then what no body exceeds."""
     mass = f32(msg["mass"])
     least, most = (to_f32(mass * to_f32(LIMITS[name])) for name in ("GYRATION_MIN", "GYRATION_MAX"))
-    for part in msg.get("moments", ()):
-        check_scalar(f32(part), least, most, "moments of inertia")
+    moments = [f32(part) for part in msg.get("moments", ())]
+    for part in moments:
+        check_scalar(part, least, most, "moments of inertia")
+    for place, part in enumerate(moments):
+        others = sum(moments[:place] + moments[place + 1:])
+        if 1000 * part > 1001 * others:
+            raise Refused("OutOfRange", "moments of inertia")
 
 
 def check_length(heights, count, spacing):

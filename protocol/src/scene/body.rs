@@ -7,7 +7,7 @@ use core::ops::BitOr;
 use glam::Vec3;
 use rhumb_reckoning::{BodyId, Damping, ToleranceScale};
 
-use super::checks::{Invalid, Quantity, scalar};
+use super::checks::{Invalid, Quantity, Rule, outside, scalar};
 use super::shape::ShapeId;
 use super::{Material, Sleep, check_damping};
 use crate::limits::{GRAVITY_SCALE_MAX, GYRATION_MAX, GYRATION_MIN, MASS_MAX, MASS_MIN};
@@ -278,8 +278,23 @@ impl Mass {
             scalar(moment, least, most, Quantity::Moments)
                 .map_err(|wrong| wrong.of("moment of inertia of a body of this mass", "kg·m²"))?;
         }
-        Ok(())
+        self.moments.map_or(Ok(()), check_sums)
     }
+}
+
+/// Checks that no moment is greater than the other two together, but for a thousandth: no body has such moments.
+fn check_sums(moments: Vec3) -> Result<(), Invalid> {
+    let [x, y, z] = moments.to_array().map(f64::from);
+    for (moment, others) in [(x, y + z), (y, x + z), (z, x + y)] {
+        if 1000.0 * moment > 1001.0 * others {
+            let wrong = outside(Rule::OutOfRange, Quantity::Moments, [moment, 0.0, others]);
+            let wrong = wrong.of("moment of inertia of a body with the other two", "kg·m²");
+            return Err(wrong.advised(
+                "no moment exceeds the sum of the other two; leave them out to have those of the shape",
+            ));
+        }
+    }
+    Ok(())
 }
 
 impl Wire for Mass {
@@ -401,5 +416,35 @@ impl Wire for LockedAxes {
 
     fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
         Self::new(from.u8()?).ok_or(Malformed::UnknownCode)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use alloc::string::ToString;
+
+    use super::*;
+
+    fn checked(moments: [f32; 3]) -> Result<(), Invalid> {
+        let moments = Some(Vec3::from_array(moments));
+        Mass { mass: 1.0, moments }.check()
+    }
+
+    #[test]
+    fn moments_that_no_body_has_are_refused_with_the_value_the_limit_and_the_way_out() {
+        // A plate's greatest moment is the sum of the others, and may be rounded.
+        for sound in [[0.1, 0.2, 0.3], [1.0, 1.0, 1.0], [0.333, 0.167, 0.5003]] {
+            assert_eq!(checked(sound), Ok(()), "{sound:?}");
+        }
+        for place in 0..3 {
+            let mut moments = [1.0; 3];
+            moments[place] = 2.5;
+            let wrong = checked(moments).unwrap_err();
+            assert_eq!(wrong, Invalid::out_of_range(Quantity::Moments));
+            assert_eq!(
+                wrong.to_string(),
+                "moment of inertia of a body with the other two is 2.5 kg·m², and must be 0 to 2 kg·m²: no moment exceeds the sum of the other two; leave them out to have those of the shape"
+            );
+        }
     }
 }

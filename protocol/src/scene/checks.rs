@@ -206,7 +206,7 @@ impl Quantity {
             ),
             Self::Moments => write!(
                 f,
-                "those of a shape are at most {MOMENT_MAX:e} kg·m², a body's own {GYRATION_MIN:e} to {GYRATION_MAX:e} m² for each kilogram"
+                "those of a shape are at most {MOMENT_MAX:e} kg·m², a body's own {GYRATION_MIN:e} to {GYRATION_MAX:e} m² for each kilogram, none above the sum of the other two"
             ),
             Self::JointLimit => write!(
                 f,

@@ -49,9 +49,9 @@ pub enum Command {
     /// Displaces a fixed or dynamic body at once; moves a kinematic one there during the next tick.
     ///
     /// If poses of a kinematic body come more seldom than ticks, up to four a second, it moves evenly from one to the
-    /// next, and carries what lies on it. It stops at the last one. A pose far away, beyond 100 m/s or a quarter of a
-    /// turn in a tick, is a jump that shoves nothing. A velocity that is set after the pose has it there after one
-    /// tick.
+    /// next, and carries what lies on it. It stops at the last one. A pose that is farther than 100 m/s or a quarter of
+    /// a turn in a tick from where its motion leads is a jump that shoves nothing. A velocity that is set after the pose
+    /// has it there after one tick; it continues at that velocity.
     SetPose {
         /// The body.
         id: BodyId,

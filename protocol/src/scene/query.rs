@@ -34,7 +34,7 @@ pub enum QueryKind {
     Ray {
         /// Metres: the beginning of the line.
         origin: Vec3,
-        /// Metres: from the beginning to the end of the line.
+        /// Metres: from the beginning to the end of the line, not zero.
         translation: Vec3,
     },
     /// Finds the nearest bodies that a shape touches on its way; the shape does not turn.
@@ -70,6 +70,9 @@ pub enum QueryKind {
         body: BodyId,
     },
 }
+
+/// What helps against a ray that leads nowhere.
+const RAY_WITHOUT_LENGTH: &str = "the translation of a ray is zero, and must lead from its origin to its end: a projection finds what is at a point";
 
 /// Selection of the bodies that a question considers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -281,7 +284,11 @@ impl Query {
                 translation,
             } => {
                 place(origin)?;
-                place(translation)
+                place(translation)?;
+                match translation == Vec3::ZERO {
+                    true => Err(Invalid::because(Quantity::Position, RAY_WITHOUT_LENGTH)),
+                    false => Ok(()),
+                }
             }
             QueryKind::ShapeCast {
                 ref shape,

@@ -149,12 +149,27 @@ fn moments() -> Vec<(&'static str, &'static str, Vec<u8>)> {
         (
             "2.6-14",
             "the greatest moment, rounded",
-            mass(heavy, [1.0, 1.0, most]),
+            mass(heavy, [1.0, most, most]),
         ),
         (
             "2.6-14",
             "above the greatest moment",
             mass(heavy, [above(most), 1.0, 1.0]),
+        ),
+        (
+            "2.6-14",
+            "a moment that exceeds the others by less than a thousandth",
+            mass(1.0, [2.0015, 1.0, 1.0]),
+        ),
+        (
+            "2.6-14",
+            "a moment that exceeds the others by more",
+            mass(1.0, [1.0, 2.003, 1.0]),
+        ),
+        (
+            "2.6-14",
+            "moments of no body, then a moment out of range",
+            mass(1.0, [3.0, 1.0, 2e8]),
         ),
         (
             "2.6-14",
@@ -332,6 +347,16 @@ fn queries() -> Vec<Edge> {
             "4.14-6",
             "an origin of NaN with a translation out of range",
             far([0.0, f32::NAN, 0.0, 2e5, 0.0, 0.0]),
+        ),
+        edge(
+            "4.14-12",
+            "a ray without a length",
+            far([1.0, 2.0, 3.0, 0.0, -0.0, 0.0]),
+        ),
+        edge(
+            "4.14-12",
+            "a ray of the least length",
+            far([1.0, 2.0, 3.0, 0.0, 0.0, f32::from_bits(1)]),
         ),
     ]
 }
