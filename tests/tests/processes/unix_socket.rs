@@ -1,7 +1,12 @@
 //! A server process with a Unix socket, and clients on both ways.
 
+use std::io::{BufRead, BufReader};
+use std::process::{Child, Command, Stdio};
+
 use rhumb_client::scene::{BodyDesc, Shape};
-use rhumb_client::{Client, ClientError, OpenError, PipelineDepth, Trust};
+use rhumb_client::{
+    Client, ClientError, JoinMode, JoinOptions, OpenError, PipelineDepth, Tick, Trust,
+};
 
 use crate::SERVER;
 
@@ -39,4 +44,70 @@ fn a_unix_socket_reaches_the_same_scenes() {
         matches!(refused, Some(OpenError::Socket { .. })),
         "{refused:?}"
     );
+}
+
+/// Ticks for which a program is stopped: 100 s at 60 Hz.
+const STOPPED: u64 = 6_000;
+
+fn signal(child: &Child, name: &str) {
+    let (name, id) = (format!("-{name}"), child.id().to_string());
+    let status = Command::new("kill").args([name, id]).status();
+    assert!(status.expect("running the kill command").success());
+}
+
+/// The example of a falling ball, stopped with all of its threads in the middle of its 180 ticks, while another member leads
+/// the scene on. Returns its last line; `None` if it had ended before it was stopped.
+fn stop_and_go_on(address: &str, trust: &dyn Fn() -> Trust, fingerprint: &str) -> Option<String> {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_example-drop"))
+        .args([address, fingerprint])
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("running an example");
+    let mut lines = BufReader::new(child.stdout.take().expect("it is piped")).lines();
+    lines.next().expect("a first line").expect("text");
+    signal(&child, "STOP");
+    let options = JoinOptions {
+        mode: JoinMode::Join,
+        ..JoinOptions::default()
+    };
+    let leads =
+        Client::connect(address, trust()).and_then(|server| server.join_with("drop", options));
+    if let Ok(mut leader) = leads {
+        let mut tick = Tick::ZERO;
+        while tick.value() < STOPPED {
+            // Scene events wait for the stopped member, beside the datagrams that are superseded.
+            let ball = BodyDesc::dynamic(Shape::ball(0.2)).at(3.0, 2.0, 0.0);
+            let ball = leader.add_body(ball).expect("room for a body");
+            tick = (leader.advance(PipelineDepth::LOCKSTEP)).expect("the scene goes on");
+            leader.remove_body(ball).expect("its own body");
+        }
+        leader
+            .advance(PipelineDepth::LOCKSTEP)
+            .expect("the scene goes on");
+    }
+    signal(&child, "CONT");
+    let lines: Vec<_> = lines.map(|line| line.expect("text")).collect();
+    let ended = child.wait().expect("waiting for a child process");
+    assert!(ended.success(), "{ended}: {lines:?}");
+    assert_eq!(lines.len(), 179);
+    let last = lines.last().expect("many lines");
+    (!last.starts_with("tick 180:")).then(|| last.clone())
+}
+
+#[test]
+fn a_program_that_was_stopped_for_100_seconds_of_ticks_goes_on() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = folder.path().join("rhumb.sock");
+    let path = path.to_str().expect("text");
+    let server = SERVER.serve_with("127.0.0.1:0", &["--socket", path]);
+    let fingerprint = server.fingerprint;
+    let trust = || Trust::Fingerprint(fingerprint);
+    let address = format!("unix:{path}");
+    let mut attempts =
+        (0..20).filter_map(|_| stop_and_go_on(&address, &trust, &fingerprint.to_string()));
+    let last = attempts.next().expect("it was stopped in time");
+    // It shows the present, and knows it.
+    let tick = last.trim_start_matches("tick ").split(':').next();
+    let tick: u64 = tick.expect("a number").parse().expect("a number");
+    assert!(tick > STOPPED && last.contains("Within"), "{last}");
 }
