@@ -487,8 +487,7 @@ impl Client {
     ///
     /// As [`Self::advance`].
     pub fn wait(&mut self, depth: PipelineDepth) -> Result<Tick, ClientError> {
-        InvalidTicks::check_depth(depth.ticks())?;
-        let awaited = self.awaited(depth);
+        let awaited = self.awaited(depth)?;
         let deadline = self.deadline();
         self.read_waiting();
         // The answers come beside the tick, and may be the later ones.
@@ -513,10 +512,10 @@ impl Client {
     ///
     /// As [`Self::wait`], except that it never times out.
     pub fn try_wait(&mut self, depth: PipelineDepth) -> Result<Option<Tick>, ClientError> {
-        InvalidTicks::check_depth(depth.ticks())?;
+        let awaited = self.awaited(depth)?;
         self.read_waiting();
         let tick = self.complete();
-        if tick >= self.awaited(depth) {
+        if tick >= awaited {
             self.show(tick);
             self.report_refusals()?;
             return Ok(Some(tick));
@@ -603,9 +602,11 @@ impl Client {
     }
 
     /// The tick that a view at this depth shows, after the last request.
-    fn awaited(&self, depth: PipelineDepth) -> Tick {
-        let span = self.published_ticks(depth);
-        self.requested.before(span).unwrap_or_default()
+    fn awaited(&self, depth: PipelineDepth) -> Result<Tick, InvalidTicks> {
+        InvalidTicks::check_depth(depth.ticks())?;
+        let interval = self.config().publish_schedule.publish_interval.get();
+        let span = Ticks::new(depth.ticks() * interval);
+        Ok(self.requested.before(span).unwrap_or_default())
     }
 
     /// The server's denial of the last request; the next request then begins at the newest complete tick.
@@ -618,15 +619,6 @@ impl Client {
     fn complete(&self) -> Tick {
         self.replica()
             .map_or(Tick::ZERO, |replica| replica.stream().complete())
-    }
-
-    /// Ticks that `depth` published ticks span.
-    fn published_ticks(&self, depth: PipelineDepth) -> Ticks {
-        Ticks::new(
-            depth
-                .ticks()
-                .saturating_mul(self.config().publish_schedule.publish_interval.get()),
-        )
     }
 
     fn deadline(&self) -> Instant {

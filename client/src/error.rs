@@ -155,8 +155,12 @@ impl fmt::Display for ClientError {
                     code => CloseCode(code).fmt(f),
                 }
             }
-            Self::Ended(Ending::TimedOut) => f.write_str("the connection timed out"),
-            Self::Ended(Ending::Broken) => f.write_str("the connection broke"),
+            Self::Ended(Ending::TimedOut) => f.write_str(
+                "the connection timed out: nothing arrived for ten seconds; with resume_within of the join options a client continues",
+            ),
+            Self::Ended(Ending::Broken) => f.write_str(
+                "the connection broke: the server ended, or this process stood still for ten seconds; with resume_within of the join options a client continues",
+            ),
             Self::Timeout { awaited, timeout } => {
                 write!(f, "the server gave no {awaited} within {timeout:?}")
             }

@@ -652,9 +652,11 @@ inline RhumbCommand remove_body(Body body) { return make(RHUMB_COMMAND_KIND_REMO
 
 /// Puts a fixed or dynamic body elsewhere at once, and moves a kinematic one there during the next tick. If poses of a
 /// kinematic body come more seldom than ticks, up to four a second, it moves evenly from one to the next, carries what
-/// lies on it, and stops at the last one. A pose beyond 100 m/s or a quarter of a turn in a tick is a jump that shoves
-/// nothing. If a velocity is set after the pose, the body is there after one tick and continues at that velocity.
-/// position: place of the origin of its shape, units of length: at most 100,000 m along each axis.
+/// lies on it, and stops at the last one. A pose that is farther than 100 m/s or a quarter of a turn in a tick from
+/// where its motion leads is a jump that shoves nothing. If a velocity is set after the pose, the body is there after
+/// one tick and continues at that velocity.
+/// position: place of its centre of mass, or of the origin of a hull or compound added here, units of length: at most
+/// 100,000 m along each axis.
 /// rotation: unit quaternion x, y, z, w, body to world.
 inline RhumbCommand set_pose(Body body, Vec3 position, Quat rotation = {0, 0, 0, 1}) {
     RhumbCommand command = make(RHUMB_COMMAND_KIND_SET_POSE, body);

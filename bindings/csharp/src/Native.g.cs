@@ -246,7 +246,7 @@ namespace Rhumb
         ///  Steps a lockstep scene once, and computes the view.
         ///
         ///  At depth 0, the view is of the tick that this call requests. At depth 1, it is of the tick before, and the server
-        ///  computes the requested one meanwhile. `tick` may be null; otherwise it receives the tick of the view.
+        ///  computes the requested one meanwhile. A greater depth, up to 64, hides a link whose round trip is longer than a tick. `tick` may be null; otherwise it receives the tick of the view.
         ///
         ///  After `RHUMB_CODE_TIMEOUT`, `rhumb_scene_wait` continues to wait for the same tick. After `RHUMB_CODE_REFUSED`, the tick
         ///  is done and its view computed.
@@ -313,7 +313,7 @@ namespace Rhumb
 
         /// <summary>
         ///  Sets the ticks by which bodies under authority are published ahead of the server's clock, in place of `lead_ticks` of
-        ///  the options: finite and not negative.
+        ///  the options: 0 to 3,600.
         /// </summary>
         [DllImport(__DllName, EntryPoint = "rhumb_scene_set_lead_ticks", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
         public static extern RhumbCode rhumb_scene_set_lead_ticks(RhumbScene scene, double ticks);
@@ -2134,10 +2134,11 @@ namespace Rhumb
         /// <summary>
         ///  Puts a fixed or dynamic body elsewhere at once, and moves a kinematic one there during the next tick. If poses
         ///  of a kinematic body come more seldom than ticks, up to four a second, it moves evenly from one to the next,
-        ///  carries what lies on it, and stops at the last one. A pose beyond 100 m/s or a quarter of a turn in a tick is a
-        ///  jump that shoves nothing. If a velocity is set after the pose, the body is there after one tick and continues at
-        ///  that velocity. `vector`: place of the origin of its shape, units of length: at most 100,000 m along each axis;
-        ///  `rotation`: unit quaternion x, y, z, w, body to world.
+        ///  carries what lies on it, and stops at the last one. A pose that is farther than 100 m/s or a quarter of a turn
+        ///  in a tick from where its motion leads is a jump that shoves nothing. If a velocity is set after the pose, the
+        ///  body is there after one tick and continues at that velocity. `vector`: place of its centre of mass, or of the
+        ///  origin of a hull or compound added here, units of length: at most 100,000 m along each axis; `rotation`: unit
+        ///  quaternion x, y, z, w, body to world.
         /// </summary>
         SetPose = 4,
         /// <summary>

@@ -89,6 +89,9 @@ impl PyConnection {
     /// Of a free-running view are: delay_ticks, by which it stays behind the server's clock, so that nothing of it is
     /// guessed; whole_ticks, whether only whole ticks are shown; smooth, whether corrections are shown as short glides;
     /// lead_ticks, by which publish is ahead of the server's clock.
+    ///
+    /// resume_within: seconds for which the session continues over another connection after one that ended, as when the
+    /// process stood still for ten seconds; None: a minute if the server keeps its scenes, else not at all.
     #[pyo3(signature = (
         scene, *, coordinates = "rhumb", condition = "create or join", tolerance = 0.05,
         stepping = "lockstep", ticks_per_second = 60, substeps = 4, publish_interval = 1,

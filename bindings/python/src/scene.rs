@@ -28,7 +28,9 @@ use crate::shape::PyShape;
 use crate::statistics::dictionary;
 use crate::view_array::floats;
 
-/// A client of one scene; Connection.join makes it. It leaves the scene at the end of a with block.
+/// A client of one scene. It leaves the scene at the end of a with block.
+///
+/// It has no constructor: rhumb.connect(address, fingerprint=...).join(name), rhumb.local() and rhumb.serve() return one.
 ///
 /// Bodies have ids, which add_body and add_bodies return. Every call that takes a body takes a row of ids too, with one row
 /// of numbers for all of them or one for each. The poses of all bodies are arrays of one order; place finds a body in them.
@@ -167,11 +169,12 @@ impl PyScene {
     /// Puts a fixed or dynamic body elsewhere at once, and moves a kinematic one there during the next tick.
     ///
     /// If poses of a kinematic body come more seldom than ticks, up to four a second, it moves evenly from one to
-    /// the next, carries what lies on it, and stops at the last one. A pose beyond 100 m/s or a quarter of a turn
-    /// in a tick is a jump that shoves nothing. If a velocity is set after the pose, the body is there after one
-    /// tick and continues at that velocity.
+    /// the next, carries what lies on it, and stops at the last one. A pose that is farther than 100 m/s or a
+    /// quarter of a turn in a tick from where its motion leads is a jump that shoves nothing. If a velocity is set
+    /// after the pose, the body is there after one tick and continues at that velocity.
     ///
-    /// position: place of the origin of its shape, units of length: at most 100,000 m along each axis.
+    /// position: place of its centre of mass, or of the origin of a hull or compound added here, units of length:
+    /// at most 100,000 m along each axis.
     /// rotation: unit quaternion x, y, z, w, body to world.
     #[pyo3(signature = (body, position, rotation = None))]
     fn set_pose(

@@ -1,4 +1,4 @@
-//! Code that all bindings share: conversions of commands, and the kinds of events.
+//! Code of all bindings: conversions of commands, and the kinds of events.
 
 use crate::events::EVENTS;
 use crate::table::{Call, CallField, FieldKind, RecordMember, Table, ValueRecord};

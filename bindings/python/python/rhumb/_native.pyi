@@ -152,6 +152,9 @@ class Connection:
         Of a free-running view are: delay_ticks, by which it stays behind the server's clock, so that nothing of it is
         guessed; whole_ticks, whether only whole ticks are shown; smooth, whether corrections are shown as short glides;
         lead_ticks, by which publish is ahead of the server's clock.
+
+        resume_within: seconds for which the session continues over another connection after one that ended, as when the
+        process stood still for ten seconds; None: a minute if the server keeps its scenes, else not at all.
         """
 
     def close(self) -> None:
@@ -525,7 +528,9 @@ class _Statistics(TypedDict):
 
 @final
 class Scene:
-    """A client of one scene; Connection.join makes it. It leaves the scene at the end of a with block.
+    """A client of one scene. It leaves the scene at the end of a with block.
+
+    It has no constructor: rhumb.connect(address, fingerprint=...).join(name), rhumb.local() and rhumb.serve() return one.
 
     Bodies have ids, which add_body and add_bodies return. Every call that takes a body takes a row of ids too, with one row
     of numbers for all of them or one for each. The poses of all bodies are arrays of one order; place finds a body in them.
@@ -622,11 +627,12 @@ class Scene:
         """Puts a fixed or dynamic body elsewhere at once, and moves a kinematic one there during the next tick.
 
         If poses of a kinematic body come more seldom than ticks, up to four a second, it moves evenly from one to
-        the next, carries what lies on it, and stops at the last one. A pose beyond 100 m/s or a quarter of a turn
-        in a tick is a jump that shoves nothing. If a velocity is set after the pose, the body is there after one
-        tick and continues at that velocity.
+        the next, carries what lies on it, and stops at the last one. A pose that is farther than 100 m/s or a
+        quarter of a turn in a tick from where its motion leads is a jump that shoves nothing. If a velocity is set
+        after the pose, the body is there after one tick and continues at that velocity.
 
-        position: place of the origin of its shape, units of length: at most 100,000 m along each axis.
+        position: place of its centre of mass, or of the origin of a hull or compound added here, units of length:
+        at most 100,000 m along each axis.
         rotation: unit quaternion x, y, z, w, body to world.
         """
     def set_velocity(self, body: _Bodies, linear: _Vector, angular: Optional[_Vector] = None) -> Optional[int]:
@@ -764,7 +770,8 @@ class Scene:
     def advance(self, ticks: int = 1, depth: int = 0) -> int:
         """Steps a lockstep scene by some ticks, computes the view, and returns its tick.
 
-        At depth 1, the view is one tick behind, and the server computes the newest one meanwhile. It raises RefusedError
+        At depth 1, the view is one tick behind, and the server computes the newest one meanwhile. A greater depth, up to
+        64, hides a link whose round trip is longer than a tick. It raises RefusedError
         for what the server refused, once and after all of the ticks; the next call continues.
         """
     def wait(self, depth: int = 0) -> int:
