@@ -189,6 +189,8 @@ impl KinematicTarget {
         let next = if is_jump { target.pose } else { next };
         if is_jump {
             self.target = None;
+            // A pose that follows is no part of a motion with it.
+            self.since = u32::MAX;
         }
         // From there it moves as the caller says. Without a word, only a way that continues the last one goes on.
         let goes_on = !is_jump
@@ -565,6 +567,20 @@ mod tests {
                 assert_eq!(step, KinematicStep::Jump(far));
                 assert_eq!(kinematic_target.kept(), Some(after));
                 assert_eq!(kinematic_target.is_moving(), after != Twist::ZERO);
+            }
+        }
+    }
+
+    #[test]
+    fn a_pose_soon_after_a_jump_is_reached_in_the_next_step() {
+        for every in [1, 2, 3, 9] {
+            let mut kinematic_target = KinematicTarget::at(Pose::IDENTITY);
+            for x in [50.0, 20.0, 0.0, 3.0, 1.9, 50.0, 49.0] {
+                kinematic_target.go_to(at(x), INTEGRATOR);
+                for _ in 0..every {
+                    assert_eq!(kinematic_target.advance(INTEGRATOR).pose(), at(x));
+                    assert_eq!(kinematic_target.kept(), Some(Twist::ZERO), "{every}: {x}");
+                }
             }
         }
     }

@@ -1,9 +1,9 @@
 //! A server process with a Unix socket, and clients on both ways.
 
 use std::io::{BufRead, BufReader};
-use std::process::{Child, Command, Stdio};
+use std::process::{self, Child, Stdio};
 
-use rhumb_client::scene::{BodyDesc, Shape};
+use rhumb_client::scene::{BodyDesc, Command, Shape};
 use rhumb_client::{
     Client, ClientError, JoinMode, JoinOptions, OpenError, PipelineDepth, Tick, Trust,
 };
@@ -51,14 +51,14 @@ const STOPPED: u64 = 6_000;
 
 fn signal(child: &Child, name: &str) {
     let (name, id) = (format!("-{name}"), child.id().to_string());
-    let status = Command::new("kill").args([name, id]).status();
+    let status = process::Command::new("kill").args([name, id]).status();
     assert!(status.expect("running the kill command").success());
 }
 
 /// The example of a falling ball, stopped with all of its threads in the middle of its 180 ticks, while another member leads
 /// the scene on. Returns its last line; `None` if it had ended before it was stopped.
 fn stop_and_go_on(address: &str, trust: &dyn Fn() -> Trust, fingerprint: &str) -> Option<String> {
-    let mut child = Command::new(env!("CARGO_BIN_EXE_example-drop"))
+    let mut child = process::Command::new(env!("CARGO_BIN_EXE_example-drop"))
         .args([address, fingerprint])
         .stdout(Stdio::piped())
         .spawn()
@@ -79,7 +79,8 @@ fn stop_and_go_on(address: &str, trust: &dyn Fn() -> Trust, fingerprint: &str) -
             let ball = BodyDesc::dynamic(Shape::ball(0.2)).at(3.0, 2.0, 0.0);
             let ball = leader.add_body(ball).expect("room for a body");
             tick = (leader.advance(PipelineDepth::LOCKSTEP)).expect("the scene goes on");
-            leader.remove_body(ball).expect("its own body");
+            let removed = leader.command(Command::RemoveBody { id: ball });
+            removed.expect("a member may");
         }
         leader
             .advance(PipelineDepth::LOCKSTEP)
