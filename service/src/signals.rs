@@ -4,7 +4,7 @@ use std::{io, thread};
 
 use rhumb_transport::io_runtime;
 
-/// A wish of the operator.
+/// A request of the operator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Signal {
     /// SIGINT or SIGTERM, or Ctrl-C where there are no such signals: to end.
@@ -34,11 +34,15 @@ pub(crate) fn watch(mut on_signal: impl FnMut(Signal) + Send + 'static) -> io::R
     Ok(())
 }
 
-#[cfg(unix)]
 struct Signals {
+    #[cfg(unix)]
     interrupt: tokio::signal::unix::Signal,
+    #[cfg(unix)]
     terminate: tokio::signal::unix::Signal,
+    #[cfg(unix)]
     hang_up: tokio::signal::unix::Signal,
+    #[cfg(windows)]
+    control_c: tokio::signal::windows::CtrlC,
 }
 
 #[cfg(unix)]
@@ -62,15 +66,13 @@ impl Signals {
 }
 
 #[cfg(windows)]
-struct Signals(tokio::signal::windows::CtrlC);
-
-#[cfg(windows)]
 impl Signals {
     fn new() -> io::Result<Self> {
-        tokio::signal::windows::ctrl_c().map(Self)
+        let control_c = tokio::signal::windows::ctrl_c()?;
+        Ok(Self { control_c })
     }
 
     async fn next(&mut self) -> Option<Signal> {
-        self.0.recv().await.map(|()| Signal::Stop)
+        self.control_c.recv().await.map(|()| Signal::Stop)
     }
 }

@@ -114,7 +114,7 @@ impl ServerListener for Subscriptions {
 }
 
 impl LiveScenes {
-    /// Listens at a TCP address; `name` is shown to viewers. It asks nobody for a token or an origin: any program that
+    /// Listens at a TCP address; `name` is shown to viewers. It asks for no token and no origin: any program that
     /// reaches the address sees the scenes, and any web page that a browser of this machine shows.
     ///
     /// # Errors

@@ -39,12 +39,12 @@ pub struct TokenKeys {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct KeyFile {
     path: PathBuf,
-    scenes: Scenes,
+    scenes: KeyScenes,
 }
 
 /// The scenes for which a key signs.
 #[derive(Clone, Debug, PartialEq, Eq)]
-enum Scenes {
+enum KeyScenes {
     All,
     /// Those of these patterns.
     Some(Arc<[String]>),
@@ -59,21 +59,21 @@ pub struct InvalidKeyFile {
 #[derive(Clone, Debug)]
 struct ScopedKey {
     key: AsymmetricPublicKey<V4>,
-    scenes: Scenes,
+    scenes: KeyScenes,
 }
 
 /// The claims of a token, and the scenes for which its key signs.
 pub(crate) struct Verified {
     pub(crate) claims: Claims,
-    scenes: Scenes,
+    scenes: KeyScenes,
 }
 
 impl Verified {
     /// False if the key may not sign for the scene, whatever the claims say.
     pub(crate) fn key_admits(&self, scene: &SceneName) -> bool {
         match &self.scenes {
-            Scenes::All => true,
-            Scenes::Some(patterns) => patterns.iter().any(|pattern| names(pattern, scene)),
+            KeyScenes::All => true,
+            KeyScenes::Some(patterns) => patterns.iter().any(|pattern| names(pattern, scene)),
         }
     }
 }
@@ -84,7 +84,7 @@ impl KeyFile {
     pub const fn for_all_scenes(path: PathBuf) -> Self {
         Self {
             path,
-            scenes: Scenes::All,
+            scenes: KeyScenes::All,
         }
     }
 }
@@ -103,7 +103,7 @@ impl FromStr for KeyFile {
             }),
             None => Ok(Self {
                 path: path.into(),
-                scenes: Scenes::Some(patterns),
+                scenes: KeyScenes::Some(patterns),
             }),
         }
     }
@@ -216,7 +216,7 @@ impl TokenKeys {
         let pair = AsymmetricKeyPair::<V4>::generate()?;
         self.own.push(ScopedKey {
             key: pair.public,
-            scenes: Scenes::All,
+            scenes: KeyScenes::All,
         });
         Ok(TokenIssuer {
             key: pair.secret,
@@ -233,7 +233,7 @@ impl TokenKeys {
         })
     }
 
-    fn payload(&self, token: &[u8]) -> Option<(String, Scenes)> {
+    fn payload(&self, token: &[u8]) -> Option<(String, KeyScenes)> {
         let text = std::str::from_utf8(token).ok()?;
         let token = UntrustedToken::<Public, V4>::try_from(text).ok()?;
         let verify = |scoped: &ScopedKey| {

@@ -1,6 +1,6 @@
-//! The door before Foxglove's endpoint, whose library asks nobody where they come from.
+//! The door before Foxglove's endpoint: pages of others do not pass.
 //!
-//! The library listens at an address that nobody can guess; the door reads the head of each request, refuses web pages of
+//! The library behind it asks no client for its origin. It listens at an address that cannot be guessed; the door reads the head of each request, refuses web pages of
 //! others, and passes the rest on. The library stops accepting when the system has no descriptors; the door says so.
 
 use std::io;
@@ -29,24 +29,24 @@ const LINES_MAX: usize = 64;
 const BUFFER_BYTES: u32 = 64 << 10;
 
 /// Who passes, and where to.
-pub(super) struct Door {
+pub(super) struct ViewerDoor {
     pages: Origins,
     /// True if other machines reach the door: then it answers to names.
     named: bool,
-    inner: Inner,
+    inner: HiddenEndpoint,
 }
 
 /// Where the library listens.
 #[derive(Clone, Default)]
-pub(super) struct Inner(Arc<InnerState>);
+pub(super) struct HiddenEndpoint(Arc<EndpointState>);
 
 #[derive(Default)]
-struct InnerState {
+struct EndpointState {
     address: Mutex<Option<SocketAddr>>,
     is_gone: AtomicBool,
 }
 
-impl Inner {
+impl HiddenEndpoint {
     /// Sets where the library listens now.
     pub(super) fn set(&self, address: SocketAddr) {
         *self
@@ -100,9 +100,9 @@ pub(super) fn hidden_address() -> io::Result<SocketAddr> {
 /// A refusal: its status, and the reason.
 type Refusal = (StatusCode, String);
 
-impl Door {
+impl ViewerDoor {
     /// A door for these pages at an address.
-    pub(super) fn new(pages: Origins, address: SocketAddr, inner: Inner) -> Self {
+    pub(super) fn new(pages: Origins, address: SocketAddr, inner: HiddenEndpoint) -> Self {
         Self {
             pages,
             named: !address.ip().is_loopback(),
@@ -218,10 +218,10 @@ mod tests {
     /// The status with which a door at an address answers a head; `None` if it lets it pass.
     fn status(address: &str, lines: &str) -> Option<u16> {
         let pages = ["https://app.example".parse().unwrap()];
-        let door = Door::new(
+        let door = ViewerDoor::new(
             pages.into_iter().collect(),
             address.parse().unwrap(),
-            Inner::default(),
+            HiddenEndpoint::default(),
         );
         let head = format!("GET / HTTP/1.1\r\n{lines}\r\n\r\n");
         let checked = door.check(head.as_bytes());

@@ -12,7 +12,7 @@ use rhumb_protocol::scene::SceneName;
 use rhumb_trace::{LiveError, LiveScenes};
 use rhumb_transport::{Origins, PageOrigin};
 
-use super::door::{Door, Inner, hidden_address};
+use super::door::{HiddenEndpoint, ViewerDoor, hidden_address};
 use super::recorder::RecordingLimits;
 use super::tap::{QueuedBytes, SceneTaps, TapMessage, TapQueue};
 use super::writer::SceneWriter;
@@ -107,9 +107,9 @@ impl BoundViewers {
             waiting: waiting.clone(),
             bytes_max: limits.waiting_bytes(),
         });
-        let inner = Inner::default();
+        let inner = HiddenEndpoint::default();
         inner.set(self.live.address());
-        let door = Door::new(self.pages, self.address, inner.clone()).open(self.listener)?;
+        let door = ViewerDoor::new(self.pages, self.address, inner.clone()).open(self.listener)?;
         let showing = Showing {
             live: self.live,
             inner,
@@ -141,7 +141,7 @@ impl Drop for LiveViewers {
 struct Showing {
     live: LiveScenes,
     /// Where the door finds `live`.
-    inner: Inner,
+    inner: HiddenEndpoint,
     scenes: BTreeMap<SceneName, (u64, SceneWriter)>,
 }
 
