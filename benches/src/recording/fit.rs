@@ -146,10 +146,12 @@ pub(crate) fn apply(recording: &mut Recording, found: &Found) {
     for placed in &mut recording.truth.placed {
         if found.constant.contains(&placed.desc.id) {
             placed.inertia = None;
-        } else if let Some((moments, axes)) = found.inertias.get(&placed.desc.id) {
+        } else if let Some((moments, axes)) = found.inertias.get(&placed.desc.id)
+            // What the file says is exact.
+            && placed.inertia.is_none()
+        {
             let moments = moments.map(|moment| moment as f32);
             if let Ok(inertia) = Inertia::new(moments, axes.as_quat().to_array()) {
-                placed.inertia = None;
                 recording.inertias.insert(placed.desc.id, inertia);
             }
         }
@@ -313,13 +315,22 @@ pub(crate) fn find(recording: &Recording, paths: &[BodyPath]) -> Found {
             found.centres.insert(path.id, flight.centre);
         }
         let pairs = pairs(&flight.free);
+        let kept = (-flight.damping * step_s).exp();
         accelerations.extend(pairs.iter().map(|frame| {
             let [before, after] =
                 [0, 1].map(|next| path.states[frame + next].motion().twist().linear);
-            (after - before) / step_s + flight.damping * after
+            (after / kept - before) / step_s
         }));
-        linear.push((-flight.damping * step_s).exp());
-        match moments(path, &pairs) {
+        linear.push(kept);
+        // The first moments tell the damping of the spin, and that tells the moments.
+        let spins = |tensor| {
+            pairs
+                .iter()
+                .filter_map(move |frame| kept_momentum(path, *frame, tensor))
+        };
+        let first = moments(path, &pairs, 1.0).and_then(|moments| moments.tensor());
+        let turn_kept = median(spins(first).collect()).unwrap_or(1.0);
+        match moments(path, &pairs, turn_kept) {
             Some(Moments::Unequal(moments, axes)) => {
                 found.inertias.insert(path.id, (moments, axes));
             }
@@ -329,11 +340,7 @@ pub(crate) fn find(recording: &Recording, paths: &[BodyPath]) -> Found {
             None => {}
         }
         let tensor = found.inertias.get(&path.id).copied();
-        angular.extend(
-            pairs
-                .iter()
-                .filter_map(|frame| kept_momentum(path, *frame, tensor)),
-        );
+        angular.extend(spins(tensor));
         falls.extend(
             pairs
                 .iter()
@@ -372,17 +379,26 @@ enum Moments {
     Unequal([f64; 3], DQuat),
 }
 
+impl Moments {
+    const fn tensor(self) -> Option<([f64; 3], DQuat)> {
+        match self {
+            Self::Equal => None,
+            Self::Unequal(moments, axes) => Some((moments, axes)),
+        }
+    }
+}
+
 /// Moments that differ by less than this share count as equal.
 const EQUAL_SHARE: f64 = 0.01;
 
-/// The moments of inertia with which a body's angular momentum stays.
-fn moments(path: &BodyPath, pairs: &[usize]) -> Option<Moments> {
+/// The moments of inertia with which a body keeps this share of its angular momentum in a frame.
+fn moments(path: &BodyPath, pairs: &[usize], kept: f64) -> Option<Moments> {
     let mut matrix = [[0.0; 6]; 6];
     let mut spins = 0.0;
     for frame in pairs {
         let [a, b] = [*frame, frame + 1].map(|frame| momentum_rows(&path.states[frame]));
         for axis in 0..3 {
-            let row: [f64; 6] = std::array::from_fn(|part| b[part][axis] - a[part][axis]);
+            let row: [f64; 6] = std::array::from_fn(|part| b[part][axis] - kept * a[part][axis]);
             for (i, line) in matrix.iter_mut().enumerate() {
                 for (j, cell) in line.iter_mut().enumerate() {
                     *cell += row[i] * row[j];
@@ -417,7 +433,7 @@ fn moments(path: &BodyPath, pairs: &[usize]) -> Option<Moments> {
         return Some(Moments::Equal);
     }
     // No body has a moment beyond the sum of the others.
-    (least > 0.0 && 2.0 * greatest <= 1.02).then_some(Moments::Unequal(moments, axes))
+    (least > 0.0 && 2.0 * greatest <= 1.1).then_some(Moments::Unequal(moments, axes))
 }
 
 /// Angular momentum in the world for each part of a tensor: xx, yy, zz, xy, xz, yz.
