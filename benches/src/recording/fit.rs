@@ -100,7 +100,7 @@ const ROUNDS: usize = 8;
 /// Distance of a centre from the origin that matters, as a share of the radius.
 const CENTRE_SHARE: f64 = 0.02;
 
-/// Most substeps that are told apart.
+/// Most substeps that are distinguished.
 const SUBSTEPS_MAX: u32 = 8;
 
 /// The number of substeps with which a body falls so far beside its velocity.

@@ -74,7 +74,7 @@ pub(super) enum CommandSubject {
 }
 
 /// What a step shows beside the states of bodies.
-pub(super) struct Step {
+pub(super) struct FrameStep {
     /// The bodies that the engine observed.
     pub(super) observed: BTreeSet<BodyId>,
     /// The deepest contact with each body that touches these.
@@ -280,7 +280,7 @@ impl OwnScene {
         ticks: u32,
         pushes: &[Command],
         contacts: bool,
-    ) -> Result<Vec<Step>, ClientError> {
+    ) -> Result<Vec<FrameStep>, ClientError> {
         let mut steps = Vec::new();
         while let Some(left) = ticks
             .checked_sub(steps.len() as u32)
@@ -311,7 +311,7 @@ impl OwnScene {
         ticks: u32,
         pushes: &[Command],
         contacts: bool,
-    ) -> Result<Vec<Step>, ClientError> {
+    ) -> Result<Vec<FrameStep>, ClientError> {
         let moved = std::mem::take(&mut self.pending.moved);
         let may_touch = if ticks > 1 { &self.moving } else { &self.awake };
         let asked: Vec<BodyId> = match contacts {
@@ -433,7 +433,7 @@ impl OwnScene {
         ticks: u32,
         changes: &[(Tick, BodyEvent)],
         moved: &BTreeSet<BodyId>,
-    ) -> Vec<Step> {
+    ) -> Vec<FrameStep> {
         let mut steps = Vec::new();
         let mut tick = first;
         for place in 0..ticks {
@@ -451,7 +451,7 @@ impl OwnScene {
             observed.extend(fell_asleep);
             observed.extend(moved.iter().filter(|_| place == 0));
             let contacts = BTreeMap::new();
-            steps.push(Step { observed, contacts });
+            steps.push(FrameStep { observed, contacts });
             tick = tick.next();
         }
         steps

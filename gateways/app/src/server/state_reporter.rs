@@ -16,7 +16,7 @@ use rhumb_protocol::stream::{Activity, Observation};
 
 use super::actor::Actor;
 use super::options::States;
-use super::scene::{OwnScene, Step};
+use super::scene::{FrameStep, OwnScene};
 use super::world_mirror::WorldMirror;
 use crate::wire::{ActorsCollided, Id, Message, Motion};
 
@@ -83,7 +83,7 @@ const RESEND_AFTER_FRAMES: u64 = 3;
 
 impl StateReporter {
     /// Notes the contacts of a step.
-    pub(super) fn note_contacts(&mut self, mirror: &WorldMirror, step: &Step) {
+    pub(super) fn note_contacts(&mut self, mirror: &WorldMirror, step: &FrameStep) {
         if !mirror.reports {
             return;
         }
