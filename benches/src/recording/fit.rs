@@ -328,7 +328,7 @@ pub(crate) fn find(recording: &Recording, paths: &[BodyPath]) -> Found {
                 .iter()
                 .filter_map(move |frame| kept_momentum(path, *frame, tensor))
         };
-        let first = moments(path, &pairs, 1.0).and_then(|moments| moments.tensor());
+        let first = moments(path, &pairs, 1.0).and_then(Moments::tensor);
         let turn_kept = median(spins(first).collect()).unwrap_or(1.0);
         match moments(path, &pairs, turn_kept) {
             Some(Moments::Unequal(moments, axes)) => {

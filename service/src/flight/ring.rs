@@ -116,6 +116,8 @@ fn split_entry(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use proptest::prelude::*;
     use rhumb_protocol::Peer;
     use rhumb_scene::{COMMAND_BYTES_KEPT, ReceivedCommand};
@@ -130,6 +132,20 @@ mod tests {
             bytes: bytes.to_vec(),
         };
         LogEntry::Received(received.into())
+    }
+
+    #[test]
+    fn an_entry_that_is_too_long_is_dropped_alone() {
+        let mut ring = FlightRing::new(1 << 16);
+        let name = "a".repeat(ENTRY_BYTES_MAX);
+        let long = LogEntry::Joined(Peer(1), Some(Arc::from(name)));
+        for entry in [received(1, &[]), long, received(2, &[])] {
+            ring.push(&entry);
+        }
+        let (bytes, dropped) = ring.copy();
+        let kept = [received(1, &[]), received(2, &[])].map(Some);
+        assert_eq!(entries(&bytes).collect::<Vec<_>>(), kept);
+        assert_eq!(dropped, 1);
     }
 
     proptest! {
