@@ -208,7 +208,7 @@ impl LoadStage<'_> {
     }
 }
 
-/// What the table says of a load.
+/// The row of the table about a load.
 fn described(choice: &LoadChoice, recording: &Recording) -> AblationLoad {
     let file = choice.file.as_ref().and_then(|file| file.file_name());
     AblationLoad {

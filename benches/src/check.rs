@@ -31,7 +31,7 @@ fn check_one(arguments: &Check) -> Result<(), Failure> {
     Ok(print_text(&(lines.join("\n") + "\n"))?)
 }
 
-/// What is found, a line each; warnings last.
+/// The findings, a line each; warnings last.
 #[must_use]
 pub fn findings(recording: &Recording) -> Vec<String> {
     let paths = fit::paths(recording);
@@ -208,7 +208,7 @@ impl ShortTurn for DQuat {
     }
 }
 
-/// How far a reading is from what the poses say: the median, as a share of the median speed.
+/// The distance of a reading from what the poses say: the median, as a share of the median speed.
 fn off(samples: &[Sample], pair: impl Fn(&Sample) -> (DVec3, DVec3)) -> f64 {
     let median = |mut values: Vec<f64>| {
         values.sort_by(f64::total_cmp);

@@ -47,7 +47,7 @@ pub struct DisArguments {
 /// All figures.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DisComparison {
-    /// Where they come from.
+    /// The commit and the machine of the measurement.
     pub provenance: Provenance,
     /// A row for each load and each way of sending it.
     pub rows: Vec<DisRow>,
@@ -192,7 +192,7 @@ struct Moving {
     activity: Activity,
 }
 
-/// How many of the truth's placements and removals are done.
+/// The numbers of the truth's placements and removals that are done.
 #[derive(Default)]
 struct TruthPlace {
     placed: usize,

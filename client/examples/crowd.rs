@@ -18,7 +18,7 @@ const CROWD: u8 = 12;
 const SPACING: f32 = 0.9;
 /// Speed of the avatar, m/s, along x.
 const SPEED: f32 = 1.5;
-/// Where the walk begins, metres.
+/// Start of the walk, metres.
 const START: f32 = -8.0;
 const TICKS: u32 = 640;
 /// Half of the straight part of a person's capsule, and its radius, metres.

@@ -53,7 +53,7 @@ impl JoinOptions {
         InvalidTicks::check_lead(self.lead_ticks)
     }
 
-    /// How the scene is shown.
+    /// The options of the view.
     pub(crate) const fn view_options(&self) -> ViewOptions {
         ViewOptions {
             delay_ticks: self.delay_ticks,
@@ -87,7 +87,7 @@ impl Default for JoinOptions {
     }
 }
 
-/// How a client reports the requests that the server refuses: commands, and requests for authority.
+/// The way in which a client reports the requests that the server refuses: commands, and requests for authority.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Refusals {
     /// The next call that computes the view returns [`ClientError::Refused`](crate::ClientError::Refused), after it has

@@ -136,7 +136,7 @@ pub fn is_local_peer(peer: Peer) -> bool {
     peer.0 & !(FIRST_PEER - 1) == FIRST_PEER
 }
 
-/// What the clients of [`LocalServer::beside`] send.
+/// The messages and datagrams of the clients of [`LocalServer::beside`].
 pub struct LocalPeers {
     inputs: Receiver<QueuedInput>,
     wake: Arc<dyn Fn() + Send + Sync>,

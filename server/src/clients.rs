@@ -130,7 +130,7 @@ impl ControlStream {
 
     /// Its session, unless it is closed; it may have data to send afterwards.
     fn session(&mut self, out: &mut Outbox) -> Option<&mut ServerSession> {
-        // What it is about to send does not wait since the client was last sent something.
+        // The session may now send something, and no longer waits since its last sending.
         self.note_idle(out.now);
         let session = self.session.as_mut()?;
         out.sendable.insert(self.peer);

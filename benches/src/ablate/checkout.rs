@@ -169,7 +169,7 @@ mod tests {
 fn decode(
     text: &str,
 ) -> u32 {
-    // Why.
+    // The reason.
     if text.is_empty() {
         1
     } else {

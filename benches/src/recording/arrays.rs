@@ -91,7 +91,7 @@ struct Columns<'a> {
     order: QuaternionOrder,
     /// Linear and angular velocity; true if the angular one is along the body's axes.
     velocities: Option<(&'a Array, &'a Array, bool)>,
-    /// Where a body's numbers begin in a row of each, and the numbers of a body in a row.
+    /// Offsets of a body's numbers in a row of each array, and the numbers of a body in a row.
     strides: Strides,
     bodies: usize,
     frames: usize,

@@ -14,7 +14,7 @@ impl<'a> ByteReader<'a> {
         Self { rest, frame: None }
     }
 
-    /// What follows is of this frame.
+    /// Begins a frame: errors that follow name it.
     pub(super) const fn begin(&mut self, frame: u64) {
         self.frame = Some(frame);
     }

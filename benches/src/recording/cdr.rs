@@ -15,7 +15,7 @@ pub enum CdrError {
     },
     /// The bytes end within a field.
     Short {
-        /// Where the field begins.
+        /// Offset of the field.
         at: usize,
         /// Its bytes.
         needed: usize,
@@ -24,12 +24,12 @@ pub enum CdrError {
     },
     /// A text is not UTF-8, or does not end with a zero.
     Text {
-        /// Where it begins.
+        /// Offset of the text.
         at: usize,
     },
     /// A sequence claims more elements than its bytes can hold.
     Count {
-        /// Where its count is.
+        /// Offset of the count.
         at: usize,
         /// The claim.
         count: u32,

@@ -137,7 +137,7 @@ pub enum RecordingError {
     },
     /// The file has more bodies than a scene.
     TooManyBodies {
-        /// Where one too many appears.
+        /// The place of the first one too many.
         place: Place,
     },
     /// The file claims more bodies than a scene has.
@@ -151,7 +151,7 @@ pub enum RecordingError {
     Array {
         /// Its name.
         array: String,
-        /// What it has to be.
+        /// The values that are allowed.
         needed: &'static str,
     },
     /// An array does not fit another.
@@ -163,7 +163,7 @@ pub enum RecordingError {
     },
     /// Arrays are missing.
     Arrays {
-        /// Those that are there.
+        /// The arrays that are there.
         found: Vec<String>,
     },
     /// Nothing says in which order the numbers of quaternions are.

@@ -1,4 +1,4 @@
-//! What poses tell of the engine that recorded them.
+//! Parameters of the engine that recorded poses, as the poses tell them.
 //!
 //! Gravity, centre of mass, inertia, damping, substeps.
 //!
@@ -74,7 +74,7 @@ pub(crate) fn paths(recording: &Recording) -> Vec<BodyPath> {
     done
 }
 
-/// What was found.
+/// The parameters that were found.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Found {
     /// m/s², the median over bodies.
@@ -147,7 +147,7 @@ pub(crate) fn apply(recording: &mut Recording, found: &Found) {
         if found.constant.contains(&placed.desc.id) {
             placed.inertia = None;
         } else if let Some((moments, axes)) = found.inertias.get(&placed.desc.id)
-            // What the file says is exact.
+            // An inertia that the file states is exact.
             && placed.inertia.is_none()
         {
             let moments = moments.map(|moment| moment as f32);
@@ -411,7 +411,7 @@ fn moments(path: &BodyPath, pairs: &[usize], kept: f64) -> Option<Moments> {
     if pairs.len() < FREE_MIN || spins / (pairs.len() as f64) < 1e-4 {
         return None;
     }
-    // What the spin does not tell is taken as equal.
+    // Moments that the spin does not tell are taken as equal.
     let pull = 1e-9 * spins;
     for (i, line) in matrix.iter_mut().enumerate() {
         for (j, cell) in line.iter_mut().enumerate() {
@@ -464,7 +464,7 @@ fn kept_momentum(path: &BodyPath, frame: usize, tensor: Option<([f64; 3], DQuat)
     (before > 1e-3).then(|| momentum(frame + 1) / before)
 }
 
-/// How far a body falls in a frame beside its velocity, as a share of g·t².
+/// The fall of a body in a frame beside its velocity, as a share of g·t².
 fn fall_share(path: &BodyPath, frame: usize, gravity: DVec3, step_s: f64) -> Option<f64> {
     let strength = gravity.length();
     if strength < 0.1 {

@@ -29,7 +29,7 @@ pub enum NpyError {
     Header {
         /// The array.
         array: String,
-        /// What is wrong.
+        /// The defect.
         defect: &'static str,
     },
     /// Its elements are of another type.

@@ -38,7 +38,7 @@ const GYROSCOPIC: u8 = 1;
 /// Moments of inertia follow.
 const MOMENTS: u8 = 2;
 
-/// How damping takes velocity in a tick of this many seconds.
+/// The formula by which damping takes velocity in a tick of this many seconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum DampingFormula {
     /// v / (1 + d·t): Rapier, and this project.
@@ -76,7 +76,7 @@ impl DampingFormula {
     }
 }
 
-/// What the velocities of a file are of.
+/// The point of a body to which the velocities of a file belong.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum VelocityPoint {
     Centre,

@@ -7,7 +7,7 @@ use bevy_math::{Quat, Vec3};
 use rhumb_bindings::Coordinates;
 use rhumb_client::glam;
 
-/// Those of Bevy.
+/// The coordinates of Bevy.
 pub(crate) const AXES: Coordinates = Coordinates::BEVY;
 
 /// A position, velocity, force or impulse of Bevy, for the client.

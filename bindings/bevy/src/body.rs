@@ -68,7 +68,7 @@ impl Default for RhumbState {
     }
 }
 
-/// How far any point of a body may be from its true place, in metres.
+/// The bound of the error of a body: no point of it is farther from its true place, in metres.
 ///
 /// Insert it where it is of use: the plug-in then writes it whenever it advances.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Component)]

@@ -34,10 +34,10 @@ impl Coordinates {
     /// Each of them.
     pub const EACH: [Self; 4] = [Self::Rhumb, Self::Unity, Self::Unreal, Self::ZUp];
 
-    /// Those of Bevy.
+    /// The coordinates of Bevy.
     pub const BEVY: Self = Self::Rhumb;
 
-    /// Those of Godot.
+    /// The coordinates of Godot.
     pub const GODOT: Self = Self::Rhumb;
 
     /// Rhumb's metres in one unit of length.

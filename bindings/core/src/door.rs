@@ -43,7 +43,7 @@ impl NetworkDoor {
 }
 
 impl Carried {
-    /// What the server has for this peer.
+    /// The next bytes of the server for this peer.
     fn poll(&mut self, to: Peer) -> Option<Transmit> {
         if self.ended || self.ahead >= WINDOW_BYTES {
             return None;

@@ -14,10 +14,10 @@ pub use rhumb_scene_files::{Base, OwnContacts};
 use crate::coordinates::Coordinates;
 use crate::error::BindingError;
 
-/// How a file is read, and where its bodies are added.
+/// The options of reading a file, and the place of its bodies.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LoadParams {
-    /// Where the root or the world of the file begins.
+    /// The position of the file's root or world.
     pub position: Vec3,
     /// The file's axes, its up upward → world.
     pub rotation: Quat,
@@ -58,7 +58,7 @@ pub struct NamedBody {
     pub name: String,
     /// The body.
     pub id: BodyId,
-    /// Where the file's frame of it is, from its centre of mass and in its axes.
+    /// Origin of the file's frame of it, from its centre of mass and in its axes.
     pub frame_position: Vec3,
     /// The file's frame of it → body.
     pub frame_rotation: Quat,
@@ -73,7 +73,7 @@ pub struct NamedJoint {
     pub id: JointId,
 }
 
-/// What a file became.
+/// The bodies and joints of a file in a scene.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LoadedFile {
     /// Its name in the file.

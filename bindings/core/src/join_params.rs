@@ -31,7 +31,7 @@ pub struct JoinParams {
     pub coordinates: Coordinates,
     /// The condition of joining: a new scene, an existing one, or either.
     pub condition: JoinCondition,
-    /// How far any point of a copied body may be off, metres in any coordinates.
+    /// The most that any point of a copied body may be off, metres in any coordinates.
     pub tolerance_m: f64,
     /// Source of the ticks of a new scene.
     pub stepping: Stepping,

@@ -7,7 +7,7 @@ use godot::builtin::{Quaternion, Vector3};
 use rhumb_bindings::Coordinates;
 use rhumb_client::glam::{Quat, Vec3};
 
-/// Those of Godot.
+/// The coordinates of Godot.
 pub(crate) const AXES: Coordinates = Coordinates::GODOT;
 
 /// A vector of Godot.

@@ -88,7 +88,7 @@ fn finite_bound(
     Some(Metres::new(bound + off))
 }
 
-/// How far any point of a body at the shown pose is from where the stream has it.
+/// The distance of any point of a body at the shown pose from where the stream has it, at most.
 fn distance(shown: &ShownPose, known: &Motion, radius: Metres) -> f64 {
     if *shown == ShownPose::of(known) {
         return 0.0;

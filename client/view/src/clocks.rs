@@ -132,7 +132,7 @@ impl SceneClock {
         self.reach(now, known);
         let unheld = self.server(now).map_or(known, |server| server - delay);
         let wanted = unheld.min(limit);
-        // What was held back is the present at once when it may.
+        // A present that was held back is shown at once when it may be.
         let was_held = std::mem::replace(&mut self.is_held, unheld > limit);
         let shown = match self.shown {
             Some((last, shown)) => {

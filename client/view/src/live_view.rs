@@ -23,7 +23,7 @@ const HELD_PAUSE: Span = Span::from_millis(100);
 /// Ticks that a question for the watermark may wait for the frames of the program, there and back.
 const FRAMES_TICKS: f64 = 2.0;
 
-/// How a free-running scene is shown.
+/// The options by which a free-running scene is shown.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewOptions {
     /// Ticks that the view stays behind the newest tick that the server can have published, 0 to 3,600. A
@@ -41,7 +41,7 @@ pub struct LiveView {
     view: View,
     clock: SceneClock,
     config: SceneConfig,
-    /// How it is shown; a change takes effect at the next view.
+    /// Its options; a change takes effect at the next view.
     pub options: ViewOptions,
 }
 

@@ -50,7 +50,7 @@ pub(crate) fn is_orphaned(stream: &Subscriber, id: BodyId, at: RenderTime) -> bo
 /// The predicted motion of a body at a moment.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum MomentMotion {
-    /// That of a tick: at the tick, or because the body is gone at the next one.
+    /// The motion of a tick: at the tick, or because the body is gone at the next one.
     At(Motion),
     /// Between the motions of two ticks.
     Between(Motion, Motion),
@@ -151,7 +151,7 @@ impl<'a> Leap<'a> {
         self.unexplained(radius) > TOLERANCES * reach
     }
 
-    /// How far the fastest point of the body is from where a push may have brought it, metres.
+    /// The distance of the body's fastest point from where a push may have brought it, metres.
     fn unexplained(&self, radius: Metres) -> f64 {
         let (before, after) = (self.before, self.after);
         let apart = after.pose().position - before.pose().position;

@@ -70,7 +70,7 @@ impl Model {
     }
 }
 
-/// How an entity moves at the moment of its state.
+/// The motion of an entity at the moment of its state.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Motion {
     /// Metres per second: along the axes of the world in models 1 to 5, along the entity's in 6 to 9.
@@ -83,7 +83,7 @@ pub struct Motion {
     pub spin: DVec3,
 }
 
-/// Where an entity is, a time after its state.
+/// The predicted pose of an entity, a time after its state.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reckoned {
     /// From the position of the state, metres, in the world.

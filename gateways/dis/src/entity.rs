@@ -1,4 +1,4 @@
-//! What PDUs say of an entity: its name, type, state and prediction.
+//! An entity as PDUs describe it: its name, type, state and prediction.
 //!
 //! Plain fields as they are on the wire; `pdu` reads and writes them. Types also have their usual text, with dots.
 
@@ -21,7 +21,7 @@ pub struct EntityId {
     pub entity: u16,
 }
 
-/// What an entity is, by the enumerations of SISO-REF-010.
+/// The type of an entity, by the enumerations of SISO-REF-010.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct EntityType {
     /// 1 platform, 2 munition, 3 life form, 5 cultural feature.
@@ -64,7 +64,7 @@ impl fmt::Display for EntityType {
     }
 }
 
-/// Why a text is no type of entity.
+/// The reason why a text is no type of entity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum InvalidEntityType {
     /// More parts than seven.
@@ -160,7 +160,7 @@ impl Marking {
     }
 }
 
-/// How receivers predict an entity.
+/// The parameters by which receivers predict an entity.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DeadReckoning {
     /// Its number; [`crate::dead_reckoning::Model::of`] knows 1 to 9.
@@ -173,7 +173,7 @@ pub struct DeadReckoning {
     pub spin: [f32; 3],
 }
 
-/// Where an entity is and how it moves, as both state PDUs have it.
+/// Pose and velocity of an entity, as both state PDUs have them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Kinematics {
     /// Metres per second; geocentric axes in models 1 to 5, the entity's in 6 to 9.
@@ -198,30 +198,30 @@ pub struct EntityState<'a> {
     pub id: EntityId,
     /// 0 other, 1 friendly, 2 opposing, 3 neutral.
     pub force: u8,
-    /// What it is.
+    /// Its type.
     pub entity_type: EntityType,
-    /// What the other side takes it for.
+    /// The type that the other side takes it for.
     pub alternative_type: EntityType,
-    /// Where it is and how it moves.
+    /// Its pose and velocity.
     pub kinematics: Kinematics,
-    /// How receivers predict it.
+    /// The parameters by which receivers predict it.
     pub dead_reckoning: DeadReckoning,
     /// Its name for people.
     pub marking: Marking,
-    /// What it can do for others.
+    /// Its services for others, such as repair and supply, as bits.
     pub capabilities: u32,
     /// Articulated parts and the like, as bytes.
     pub parameters: &'a [[u8; PARAMETER_BYTES]],
 }
 
-/// What has changed of an entity whose state is known.
+/// A change of an entity whose state is known.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EntityStateUpdate<'a> {
     /// Its name.
     pub id: EntityId,
     /// Zero from most senders.
     pub padding: u8,
-    /// Where it is and how it moves.
+    /// Its pose and velocity.
     pub kinematics: Kinematics,
     /// Articulated parts and the like, as bytes.
     pub parameters: &'a [[u8; PARAMETER_BYTES]],
@@ -230,9 +230,9 @@ pub struct EntityStateUpdate<'a> {
 /// A request that an entity leaves the exercise.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RemoveEntity {
-    /// Who asks.
+    /// The entity or application that asks.
     pub originating: EntityId,
-    /// Who leaves.
+    /// The entity that leaves.
     pub receiving: EntityId,
     /// Number for the acknowledgement.
     pub request: u32,

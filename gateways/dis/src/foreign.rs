@@ -24,9 +24,9 @@ pub struct ForeignConfig {
     pub site: u16,
     /// The program at the site.
     pub application: u16,
-    /// Where the scene stands.
+    /// The place of the scene on the Earth.
     pub frame: TangentFrame,
-    /// How its axes lie.
+    /// The directions of its axes.
     pub axes: SceneAxes,
     /// An entity that is silent for this long is gone; 2.4 heartbeats by the standard.
     pub timeout: Duration,
@@ -41,7 +41,7 @@ impl ForeignConfig {
     pub const TIMEOUT: Duration = Duration::from_secs(12);
 }
 
-/// Why an entity left.
+/// The reason why an entity left.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LeaveCause {
     /// Its last state has the deactivated bit.
@@ -59,7 +59,7 @@ pub enum ForeignEvent {
     Appeared {
         /// Its name.
         id: EntityId,
-        /// What it is.
+        /// Its type.
         entity_type: EntityType,
         /// Its name for people.
         marking: Marking,
@@ -68,12 +68,12 @@ pub enum ForeignEvent {
     Left {
         /// Its name.
         id: EntityId,
-        /// Why.
+        /// The reason.
         cause: LeaveCause,
     },
 }
 
-/// Where a foreign entity is, in the scene.
+/// The pose of a foreign entity, in the scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ForeignPose {
     /// Its name.
@@ -86,7 +86,7 @@ pub struct ForeignPose {
     pub velocity: DVec3,
     /// Radians per second about the scene's axes.
     pub spin: DVec3,
-    /// What it is.
+    /// Its type.
     pub entity_type: EntityType,
 }
 
@@ -191,7 +191,7 @@ impl ForeignEntities {
         self.events.pop_front()
     }
 
-    /// Where all entities are at `now`, by their own dead reckoning, in order of name.
+    /// The poses of all entities at `now`, by their own dead reckoning, in order of name.
     pub fn poses(&self, now: Duration) -> impl Iterator<Item = ForeignPose> {
         let frame = &self.config.frame;
         let to_scene = frame.rotation().conjugate();

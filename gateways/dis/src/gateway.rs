@@ -20,11 +20,11 @@ use crate::rules::Rules;
 /// Settings of a gateway.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GatewayConfig {
-    /// How bodies leave; `None`: none does.
+    /// Settings of the bodies that leave; `None`: none leaves.
     pub publisher: Option<PublisherConfig>,
-    /// Which entities come in; `None`: none does.
+    /// Settings of the entities that come in; `None`: none comes in.
     pub foreign: Option<ForeignConfig>,
-    /// What bodies and entities become.
+    /// The types that bodies and entities become.
     pub rules: Rules,
     /// Entities further than this from the origin, metres, have no body.
     pub reach: f64,
@@ -59,7 +59,7 @@ pub struct Gateway {
     rules: Rules,
     reach: f64,
     authority: Authority,
-    /// What each body is, of a copy of this revision.
+    /// The kind of each body, of a copy of this revision.
     kinds: BTreeMap<BodyId, Option<Kind>>,
     revision: u64,
     observed: Vec<Observed>,
@@ -207,7 +207,7 @@ impl Gateway {
             return Ok(());
         };
         foreign.handle_timeout(now);
-        // Who is there follows from the poses.
+        // The poses say which entities are there.
         while foreign.poll_event().is_some() {}
         let all: Vec<ForeignPose> = foreign.poses(now).collect();
         let count = all.len();

@@ -31,7 +31,7 @@ pub struct Geodetic {
     height: f64,
 }
 
-/// Why numbers are no point of the Earth.
+/// The reason why numbers are no point of the Earth.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum InvalidPlace {
     /// A latitude that is not in [−90, 90].
@@ -173,7 +173,7 @@ fn normal(opposite: f64, adjacent: f64) -> (f64, f64) {
     (opposite / long, adjacent / long)
 }
 
-/// How the axes of a scene lie on the ground.
+/// The directions of a scene's axes on the ground.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SceneAxes {
     /// x east, y up, z south.

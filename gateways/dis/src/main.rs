@@ -66,7 +66,7 @@ struct Arguments {
     #[arg(long, default_value_t = 1)]
     application: u16,
 
-    /// Where datagrams go: a host, a broadcast address, or a group, with its port; may be repeated.
+    /// Target of datagrams: a host, a broadcast address, or a group, with its port; may be repeated.
     #[arg(long, value_name = "IP:PORT", default_value = "255.255.255.255:3000")]
     send: Vec<SocketAddrV4>,
     /// Own address; port 3000 is that of DIS.
@@ -84,7 +84,7 @@ struct Arguments {
     /// Let other programs of this machine hear the port too; they need the same option.
     #[arg(long)]
     share_port: bool,
-    /// Which way to translate.
+    /// Direction of the translation.
     #[arg(long, value_enum, default_value = "both")]
     direction: Direction,
 
@@ -134,7 +134,7 @@ struct Arguments {
     /// Most bytes of a datagram; 144 sends each state alone.
     #[arg(long, value_name = "N", default_value_t = 1_440, value_parser = clap::value_parser!(u16).range(ENTITY_STATE_BYTES as i64..=65_507))]
     datagram_bytes: u16,
-    /// What timestamps count from: absolute needs clocks that agree.
+    /// Origin of timestamps: absolute needs clocks that agree.
     #[arg(long, value_enum, default_value = "absolute")]
     timestamps: Timestamps,
     /// Seconds between two lines about the traffic; 0 for none.

@@ -35,26 +35,26 @@ impl PduType {
     pub const ENTITY_STATE_UPDATE: Self = Self(67);
 }
 
-/// Why bytes are no PDU. Offsets count from the start of the datagram.
+/// The reason why bytes are no PDU. Offsets count from the start of the datagram.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Malformed {
     /// Fewer bytes than a header has.
     CutHeader {
-        /// Where the PDU begins.
+        /// Offset of the PDU.
         offset: usize,
         /// Bytes from there on.
         available: usize,
     },
     /// A length field below the header's own bytes.
     ShortLength {
-        /// Where the PDU begins.
+        /// Offset of the PDU.
         offset: usize,
         /// As in its header.
         length: u16,
     },
     /// A length field beyond the datagram's end.
     Cut {
-        /// Where the PDU begins.
+        /// Offset of the PDU.
         offset: usize,
         /// As in its header.
         length: u16,
@@ -63,7 +63,7 @@ pub enum Malformed {
     },
     /// A length field that is not that of the PDU's contents.
     WrongLength {
-        /// Where the PDU begins.
+        /// Offset of the PDU.
         offset: usize,
         /// Its type.
         pdu_type: PduType,
@@ -74,7 +74,7 @@ pub enum Malformed {
     },
     /// Bytes after the only PDU.
     Trailing {
-        /// Where they begin.
+        /// Offset of the first of them.
         offset: usize,
         /// Their number.
         available: usize,
@@ -122,7 +122,7 @@ impl fmt::Display for Malformed {
 
 impl core::error::Error for Malformed {}
 
-/// Why a PDU is not written.
+/// The reason why a PDU is not written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unwritable {
     /// More bytes than there is room for.
@@ -165,12 +165,12 @@ impl fmt::Display for Unwritable {
 
 impl core::error::Error for Unwritable {}
 
-/// What every PDU begins with, but for its type and length, which follow from its body.
+/// The start of every PDU, but for its type and length, which follow from its body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Header {
     /// 5: IEEE 1278.1-1995, 6: 1278.1A-1998, 7: 1278.1-2012.
     pub version: u8,
-    /// Which exercise it belongs to; receivers ignore others.
+    /// The exercise of the PDU; receivers ignore others.
     pub exercise: u8,
     /// Protocol family, 1 for entity information.
     pub family: u8,
@@ -197,7 +197,7 @@ impl Header {
     }
 }
 
-/// What follows a header.
+/// The fields after a header.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Body<'a> {
     /// Type 1.
@@ -218,7 +218,7 @@ pub enum Body<'a> {
 /// A PDU.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pdu<'a> {
-    /// What every PDU begins with.
+    /// The start of every PDU.
     pub header: Header,
     /// The rest.
     pub body: Body<'a>,
@@ -226,7 +226,7 @@ pub struct Pdu<'a> {
 
 /// Versions whose bodies are understood.
 const VERSIONS: core::ops::RangeInclusive<u8> = 5..=7;
-/// Where a header has the length.
+/// Offset of the length in a header.
 const LENGTH_OFFSET: usize = 8;
 
 impl<'a> Pdu<'a> {

@@ -17,10 +17,10 @@ use crate::geodesy::{SceneAxes, TangentFrame};
 use crate::pdu::{Body, ENTITY_STATE_BYTES, Header, Pdu};
 use crate::timestamp::{TimeBase, Timestamp};
 
-/// What bodies of one kind are in DIS, and when their states are sent.
+/// The DIS type of bodies of one kind, and the thresholds for their states.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Kind {
-    /// What they are.
+    /// Their type.
     pub entity_type: EntityType,
     /// 1 friendly, 2 opposing, 3 neutral.
     pub force: u8,
@@ -60,7 +60,7 @@ impl Default for Kind {
 pub struct Observed {
     /// The caller's number of the body.
     pub key: u64,
-    /// What it is.
+    /// Its kind.
     pub kind: Kind,
     /// Metres, scene frame.
     pub position: DVec3,
@@ -83,11 +83,11 @@ pub struct PublisherConfig {
     pub site: u16,
     /// The program at the site.
     pub application: u16,
-    /// Where the scene stands.
+    /// The place of the scene on the Earth.
     pub frame: TangentFrame,
-    /// How its axes lie.
+    /// The directions of its axes.
     pub axes: SceneAxes,
-    /// What its timestamps count from.
+    /// The origin of its timestamps.
     pub base: TimeBase,
     /// Most bytes of a datagram; a bundle holds as many states as fit, and one at least.
     pub datagram_bytes: usize,
@@ -338,7 +338,7 @@ fn model_of(body: &Observed) -> Model {
     }
 }
 
-/// What a receiver predicts from a state.
+/// The pose that a receiver predicts from a state.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Predicted {
     /// Geocentric, metres.
@@ -351,7 +351,7 @@ pub struct Predicted {
     pub spin: DVec3,
 }
 
-/// What a receiver predicts from a state, `seconds` after it.
+/// Predicts from a state as a receiver does, `seconds` after it.
 #[must_use]
 pub fn predicted(state: &EntityState<'_>, seconds: f64) -> Predicted {
     let wide = |three: [f32; 3]| DVec3::from(three.map(f64::from));

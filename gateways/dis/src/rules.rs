@@ -12,7 +12,7 @@ use serde::Deserialize;
 use crate::entity::{EntityType, Marking};
 use crate::published::Kind;
 
-/// What bodies and entities become.
+/// The rules for bodies that become entities, and for entities that become bodies.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rules {
     /// For bodies without a rule that can move.
@@ -39,7 +39,7 @@ struct EntityRule {
     shape: Shape,
 }
 
-/// How a body moves, as rules name it.
+/// The source of a body's motion, as rules name it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum Motion {
@@ -110,7 +110,7 @@ struct EntityText {
     shape: String,
 }
 
-/// Why a text is no file of rules.
+/// The reason why a text is no file of rules.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum RulesError {
     /// It is not TOML, or has a key or a value that rules do not have.
@@ -119,11 +119,11 @@ pub enum RulesError {
     Value {
         /// The table, `body` or `entity`.
         table: &'static str,
-        /// Which of them, from one on.
+        /// Its number among them, from one on.
         place: usize,
         /// Its key.
         key: &'static str,
-        /// What it has to be.
+        /// The values that are allowed.
         needed: String,
     },
 }
@@ -188,7 +188,7 @@ impl Rules {
         Ok(())
     }
 
-    /// What a body is; `None` if it is not sent.
+    /// The kind of a body; `None` if it is not sent.
     #[must_use]
     pub fn kind_of(&self, body: &BodyDesc, shape: &Shape) -> Option<Kind> {
         let index = body.id.index();
@@ -332,7 +332,7 @@ fn pattern(text: &str) -> Result<[Option<u16>; 7], String> {
 ///
 /// # Errors
 ///
-/// What it has to be.
+/// A sentence with the forms that are allowed.
 pub fn shape(text: &str) -> Result<Shape, String> {
     let forms = || {
         "must be ball:R, cuboid:X,Y,Z, capsule:H,R or cylinder:H,R in metres, of half extents and half heights".to_owned()

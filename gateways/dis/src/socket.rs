@@ -9,12 +9,12 @@ use std::time::{Duration, Instant, SystemTime};
 
 use socket2::{Domain, Protocol, Socket, Type};
 
-/// Where datagrams come from and go to.
+/// The address to listen on, and the targets of datagrams.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SocketOptions {
     /// Own address; port 3000 is that of DIS.
     pub listen: SocketAddrV4,
-    /// Where datagrams go: hosts, broadcast addresses, groups. The groups are joined too.
+    /// Targets of datagrams: hosts, broadcast addresses, groups. The groups are joined too.
     pub targets: Vec<SocketAddrV4>,
     /// Further groups to hear.
     pub groups: Vec<Ipv4Addr>,
@@ -26,7 +26,7 @@ pub struct SocketOptions {
     pub port: PortUse,
 }
 
-/// Who hears a port.
+/// The programs that may listen on the port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PortUse {
     /// This program alone. A second one is refused.
@@ -35,7 +35,7 @@ pub enum PortUse {
     Shared,
 }
 
-/// Why there is no socket.
+/// The reason why there is no socket.
 #[derive(Debug)]
 pub enum SocketError {
     /// The system has none, or no room for its own address.
@@ -228,7 +228,7 @@ fn system_time() -> Duration {
     since.unwrap_or_default()
 }
 
-/// Where the system's time goes back, this one runs at nine tenths until they meet.
+/// A clock that never goes back. If the system's time does, this one runs at nine tenths until they meet.
 #[derive(Debug)]
 struct Steady {
     shown: Duration,

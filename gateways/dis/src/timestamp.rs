@@ -31,7 +31,7 @@ impl Timestamp {
         Self(((units as u32) << 1) | matches!(base, TimeBase::Absolute) as u32)
     }
 
-    /// What it counts from.
+    /// The origin from which it counts.
     #[must_use]
     pub const fn base(self) -> TimeBase {
         match self.0 & 1 {

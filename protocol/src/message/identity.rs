@@ -1,4 +1,4 @@
-//! Who a client is: its token and role, its session's key.
+//! The identity of a client: its token and role, its session's key.
 //!
 //! Tokens are opaque here: the server's keys decide what one is worth (PROTOCOL 3.6). A session is a client's place in
 //! its order of commands, across connections: the client draws the key, and a scene keeps what it needs to resume the

@@ -1,4 +1,4 @@
-//! What a receiver lost: loss reports, refreshes, checksums.
+//! Answers to lost packets: loss reports, refreshes, checksums.
 //!
 //! A refresh holds the present tracks of the bodies in a lost packet, as keyframes with their ages, so it can be read
 //! without any other packet. A refresh that exceeds a datagram is split into parts; each part is useful alone. Codec

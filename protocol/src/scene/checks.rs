@@ -498,7 +498,7 @@ impl fmt::Display for Invalid {
 
 impl core::error::Error for Invalid {}
 
-/// Why a lockstep scene has no lookahead.
+/// The reason why a lockstep scene has no lookahead.
 pub(super) const LOOKAHEAD_IN_LOCKSTEP: &str =
     "a lockstep scene publishes its ticks at once: make it free-running to publish with lookahead";
 

@@ -80,7 +80,7 @@ impl Wire for Locomotion {
     }
 }
 
-/// How a character walks. It moves by the velocity that was set last until something blocks it, and falls by gravity.
+/// A character that walks: it moves by the velocity that was set last until something blocks it, and falls by gravity.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Character {
     /// Direction away from the ground, world frame, of unit length; `None`: against the scene's gravity, or along y if

@@ -60,7 +60,7 @@ impl Mesh {
         &self.triangles
     }
 
-    /// How bodies touch the edges between its triangles.
+    /// The contact rule of the edges between its triangles.
     #[must_use]
     pub const fn edges(&self) -> Edges {
         self.edges
@@ -238,7 +238,7 @@ impl Heights {
         })
     }
 
-    /// How bodies touch the edges between its triangles.
+    /// The contact rule of the edges between its triangles.
     #[must_use]
     pub const fn edges(&self) -> Edges {
         self.edges
@@ -340,7 +340,7 @@ impl Wire for Heights {
     }
 }
 
-/// How bodies touch the edges that two triangles of a sheet share.
+/// The contact rule of the edges that two triangles of a sheet share.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Edges {
     /// Each triangle is touched as if it were alone: a body that slides or rolls over flat ground may catch on an edge.

@@ -71,7 +71,7 @@ pub enum QueryKind {
     },
 }
 
-/// What helps against a ray that leads nowhere.
+/// The advice of the error about a ray that leads nowhere.
 const RAY_WITHOUT_LENGTH: &str = "the translation of a ray is zero, and must lead from its origin to its end: a projection finds what is at a point";
 
 /// Selection of the bodies that a question considers.

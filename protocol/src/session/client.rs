@@ -386,7 +386,7 @@ impl ClientSession {
         !matches!(self.state, ClientState::Member | ClientState::Ended) && self.can_reconnect()
     }
 
-    /// How the scene steps.
+    /// The stepping of the scene.
     fn stepping(&self) -> Stepping {
         self.config
             .map_or(Stepping::FreeRunning, |config| config.stepping)
@@ -599,7 +599,7 @@ impl Endpoint for ClientSession {
     }
 }
 
-/// What a client states about itself.
+/// The statements of a client about itself.
 #[derive(Debug)]
 struct ClientHandshake {
     scene: SceneName,

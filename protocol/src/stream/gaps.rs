@@ -40,7 +40,7 @@ struct Unread {
     covered: bool,
 }
 
-/// How a packet came.
+/// The way in which a packet came.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Arrival {
     /// The network brought it.

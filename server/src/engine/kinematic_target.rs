@@ -217,7 +217,7 @@ impl KinematicTarget {
         is_far_from(carried(self.pose, self.twist, integrator)) && is_far_from(self.as_before())
     }
 
-    /// Where the way of the last step would lead in another one.
+    /// The pose to which the way of the last step would lead in another one.
     fn as_before(&self) -> Pose {
         let turn = self.pose.rotation * self.last.rotation.conjugate();
         Pose {

@@ -26,9 +26,9 @@ use rhumb_solids::Grounds;
 #[derive(Clone, Debug, Default)]
 pub(super) struct RapierCharacters {
     states: BTreeMap<BodyId, CharacterState>,
-    /// Those that reached the ground in the last step, in the order of ids.
+    /// The characters that reached the ground in the last step, in the order of ids.
     landed: Vec<BodyId>,
-    /// Those that left it.
+    /// The characters that left it.
     lifted: Vec<BodyId>,
 }
 

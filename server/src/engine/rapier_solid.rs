@@ -30,7 +30,7 @@ enum Weighing {
     /// Its part's, around the origin: a hull is given from its centre of mass, and neither rounding nor a wrong hull
     /// moves it.
     Centred,
-    /// Those of all parts together, at density one.
+    /// The mass of all parts together, at density one.
     Together(MassProperties),
     /// None: no part can be touched.
     Nothing,

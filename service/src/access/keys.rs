@@ -46,7 +46,7 @@ pub struct KeyFile {
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum KeyScenes {
     All,
-    /// Those of these patterns.
+    /// The scenes of these patterns.
     Some(Arc<[String]>),
 }
 

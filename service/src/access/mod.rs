@@ -41,7 +41,7 @@ pub(crate) struct Admitted {
 
 #[cfg(feature = "app")]
 impl Admitted {
-    /// That of a gateway in this process.
+    /// The admission of a gateway in this process.
     pub(crate) fn gateway() -> Self {
         Self {
             permit: Arc::new(Permit::GATEWAY),

@@ -61,7 +61,7 @@ impl FileScene {
     }
 }
 
-/// What the file says and the scene has not, a line for each.
+/// The parts of the file that the scene has not, a line for each.
 impl fmt::Display for FileScene {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let notes = self.scene.report.notes();

@@ -42,7 +42,7 @@ pub(crate) enum FirstScene {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct UnknownScene {
     name: String,
-    /// Why the file cannot be shown.
+    /// The reason why the file cannot be shown.
     file: String,
 }
 
@@ -259,7 +259,7 @@ impl DemoArguments {
         view_scenes(&self.scene)
     }
 
-    /// What a file says and its scene has not, a line for each.
+    /// The parts of a file that its scene has not, a line for each.
     pub(crate) fn left_out(&self) -> String {
         match &self.scene {
             FirstScene::Own(_) => String::new(),

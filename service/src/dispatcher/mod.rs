@@ -216,7 +216,7 @@ impl Dispatcher {
         self.route(now, id, WorkerInput::Control(peer, received));
     }
 
-    /// What a connection may do in a scene. Gateways are in this process, and show no token.
+    /// Decides what a connection may do in a scene. Gateways are in this process, and show no token.
     fn admit(
         &self,
         peer: Peer,

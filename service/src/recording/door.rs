@@ -28,7 +28,7 @@ const LINES_MAX: usize = 64;
 /// Buffer of the socket towards the library, bytes: a slow viewer misses messages soon, and does not see them late.
 const BUFFER_BYTES: u32 = 64 << 10;
 
-/// Who passes, and where to.
+/// The pages that may connect, and the address behind the door.
 pub(super) struct ViewerDoor {
     pages: Origins,
     /// True if other machines reach the door: then it answers to names.
@@ -36,7 +36,7 @@ pub(super) struct ViewerDoor {
     inner: HiddenEndpoint,
 }
 
-/// Where the library listens.
+/// The address of the library's listener.
 #[derive(Clone, Default)]
 pub(super) struct HiddenEndpoint(Arc<EndpointState>);
 

@@ -89,7 +89,7 @@ impl BoundViewers {
         })
     }
 
-    /// Where it listens.
+    /// Its address.
     pub(crate) const fn address(&self) -> SocketAddr {
         self.address
     }
@@ -140,7 +140,7 @@ impl Drop for LiveViewers {
 /// The scenes that are shown.
 struct Showing {
     live: LiveScenes,
-    /// Where the door finds `live`.
+    /// The address at which the door finds `live`.
     inner: HiddenEndpoint,
     scenes: BTreeMap<SceneName, (u64, SceneWriter)>,
 }

@@ -31,7 +31,7 @@ pub struct LoadedBody {
     pub builder: BodyBuilder,
     /// Tick before whose step it is added; zero for most.
     pub tick: u64,
-    /// Where the file's frame of it is, from its centre of mass and in its axes, metres.
+    /// Origin of the file's frame of it, from its centre of mass and in its axes, metres.
     pub frame_position: Vec3,
     /// Rotation of the file's frame of it: frame → body.
     pub frame_rotation: Quat,
@@ -59,7 +59,7 @@ pub struct LoadedScene {
     pub bodies: Vec<LoadedBody>,
     /// The joints.
     pub joints: Vec<LoadedJoint>,
-    /// What the file says and the scene has not.
+    /// The parts of the file that the scene has not, or has changed.
     pub report: Report,
 }
 
@@ -199,7 +199,7 @@ pub(crate) fn assemble(
 /// The configuration that a file asks for.
 fn config(model: &Model, up: DQuat, report: &mut Report) -> SceneConfig {
     let gravity = up * model.gravity;
-    // What a turn leaves of an axis that gravity does not have.
+    // A component below this is the rounding of a turn; gravity has none along that axis.
     let rest = gravity.length() * 1e-12;
     let gravity = DVec3::select(
         gravity.abs().cmpgt(DVec3::splat(rest)),
@@ -385,7 +385,7 @@ fn mass(body: &ModelBody, moments: DVec3, report: &mut Report) -> Mass {
     }
 }
 
-/// What a motor of a joint accelerates.
+/// The inertias that a motor of a joint accelerates.
 struct Effective {
     held: Inertia,
     frame: Pose,
@@ -446,7 +446,7 @@ fn joint(
 /// Speed up to which damping grows, m/s or rad/s.
 const DAMPED_SPEED: f64 = 10.0;
 
-/// How far an axis can be from where its spring rests: metres or radians.
+/// The farthest that an axis can be from the rest of its spring: metres or radians.
 fn reach(limits: Option<JointLimits>, drive: &Drive, is_way: bool) -> f64 {
     let free = if is_way { 1.0 } else { f64::from(PI) };
     limits.map_or(free, |limits| {
@@ -500,7 +500,7 @@ fn motor(
     Motor { force, ..sprung }
 }
 
-/// How fast dry friction stops an axis, 1/s: within a substep or two.
+/// The rate at which dry friction stops an axis, 1/s: within a substep or two.
 const FRICTION_RATE: f32 = 1_000.0;
 
 /// The kind of a joint, with limits that a joint can have.

@@ -37,9 +37,9 @@ impl fmt::Display for Place {
 /// A file that cannot be loaded.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LoadError {
-    /// Where.
+    /// File and line.
     pub place: Place,
-    /// What is wrong.
+    /// The problem there.
     pub problem: Problem,
 }
 
@@ -56,7 +56,7 @@ pub enum Problem {
     Missing {
         /// The element.
         element: String,
-        /// What it lacks.
+        /// The part that it lacks.
         part: &'static str,
     },
     /// A text is not a number, or not a finite one of at most 1e20.
@@ -70,9 +70,9 @@ pub enum Problem {
     WrongCount {
         /// The attribute.
         attribute: String,
-        /// How many it has.
+        /// The number of its values.
         found: usize,
-        /// How many it may have.
+        /// The numbers that are allowed.
         expected: &'static str,
     },
     /// A word that stands for nothing here.
@@ -84,7 +84,7 @@ pub enum Problem {
     },
     /// A name that nothing has.
     UnknownName {
-        /// What it should name.
+        /// The kind of thing that it should name.
         what: &'static str,
         /// The name.
         name: String,
@@ -104,11 +104,11 @@ pub enum Problem {
     Roots(usize),
     /// More of something than is read.
     TooMany {
-        /// What.
+        /// The things that are counted.
         what: &'static str,
-        /// How many there are, as far as they were counted.
+        /// Their number, as far as they were counted.
         found: usize,
-        /// How many there may be.
+        /// The most that there may be.
         most: usize,
     },
     /// A file that includes itself.

@@ -1,4 +1,4 @@
-//! Where files come from: a folder, or bytes in memory.
+//! The source of files: a folder, or bytes in memory.
 //!
 //! Paths have forward slashes. Nothing else of the crate touches a disk, so that browsers and tests can use it.
 
@@ -26,7 +26,7 @@ pub enum FileError {
     NotFound,
     /// It has more bytes than are read.
     TooLarge {
-        /// How many are read.
+        /// The bytes that are read.
         most: usize,
     },
     /// The system's sentence.

@@ -34,7 +34,7 @@ impl Pose {
         }
     }
 
-    /// Where a point of its axes is.
+    /// A point of its axes, in the axes of the frame around it.
     pub(crate) fn point(&self, point: DVec3) -> DVec3 {
         self.position + self.rotation * point
     }

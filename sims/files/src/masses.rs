@@ -19,7 +19,7 @@ pub(crate) fn settle(
     for joint in joints.iter().filter(|joint| joint.holds) {
         holding[joint.bodies[1]] = Some(joint.bodies[0]);
     }
-    // What a body holds, in its own frame.
+    // The inertia that each body holds, in its own frame.
     let mut held: Vec<_> = bodies.iter().map(|_| Inertia::NONE).collect();
     for place in (0..bodies.len()).rev() {
         if !bodies[place].fixed {

@@ -112,7 +112,7 @@ impl<'a> Meshes<'a> {
         Ok(None)
     }
 
-    /// Where a file of this name may be, the likeliest first.
+    /// The paths that a file of this name may have, the likeliest first.
     fn places(&self, element: &Element, name: &str) -> Vec<String> {
         let file = element.place().file;
         let folder = folder_of(&file);

@@ -1,4 +1,4 @@
-//! What readers make of a file before it becomes commands.
+//! The model that readers make of a file before it becomes commands.
 //!
 //! Frames are those of the file. Invariant: a body's index is above that of the body that holds it.
 
@@ -26,7 +26,7 @@ pub enum Base {
 /// The world's axis that points up.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum UpAxis {
-    /// That of the file: z of robots, y of JSON scenes. Gravity points the other way.
+    /// The axis of the file: z of robots, y of JSON scenes. Gravity points the other way.
     #[default]
     AsFile,
     /// y: the scene is turned where its file has another.
@@ -43,7 +43,7 @@ pub enum OwnContacts {
     All,
 }
 
-/// How a file is read.
+/// The options of reading a file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LoadOptions {
     /// Whether the root of a robot moves.
@@ -52,7 +52,7 @@ pub struct LoadOptions {
     pub up: UpAxis,
     /// Whether parts of one robot touch each other.
     pub own_contacts: OwnContacts,
-    /// Where the root or the world of the file begins, metres; in the world's axes.
+    /// The position at which the root or the world of the file is added, metres; in the world's axes.
     pub position: Vec3,
     /// File's axes → world.
     pub rotation: Quat,
@@ -167,7 +167,7 @@ pub(crate) struct ModelJoint {
 pub(crate) struct Drive {
     /// N/m or N·m/rad.
     pub(crate) stiffness: f64,
-    /// Where the spring rests, metres or radians.
+    /// The rest of the spring, metres or radians.
     pub(crate) rest: f64,
     /// N·s/m or N·m·s/rad.
     pub(crate) damping: f64,

@@ -1,4 +1,4 @@
-//! What a file says and a scene has not: a list with places.
+//! A list of the parts of a file that a scene has not, with their places.
 //!
 //! Equal remarks about several elements are one entry with a count.
 
@@ -6,7 +6,7 @@ use std::fmt;
 
 use crate::error::Place;
 
-/// What became of a part of a file.
+/// The treatment of a part of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Effect {
     /// It is not in the scene.
@@ -30,15 +30,15 @@ impl fmt::Display for Effect {
 /// A part of a file that is not in the scene as it stands there.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Note {
-    /// Where the first one stands.
+    /// The place of the first one.
     pub place: Place,
     /// Element and name, such as `joint "knee" mimic`.
     pub subject: String,
     /// Its value in the file, and where it helps the one in the scene.
     pub value: String,
-    /// What became of it.
+    /// Its treatment.
     pub effect: Effect,
-    /// Why.
+    /// The reason.
     pub why: &'static str,
     /// Number of elements of which this is true.
     pub count: u32,

@@ -104,7 +104,7 @@ impl Tree {
 }
 
 impl Element {
-    /// Where it stands.
+    /// Its file and line.
     pub(crate) fn place(&self) -> Place {
         Place {
             file: self.file.to_string(),

@@ -213,7 +213,7 @@ struct Jumping {
     legs: Vec<Leg>,
 }
 
-/// What comes with a pose.
+/// The commands beside a pose.
 #[derive(Clone, Copy, Debug)]
 enum Order {
     PoseAlone,
@@ -337,7 +337,7 @@ fn off(one: &Pose, other: &Pose) -> f64 {
     apart.surface_error(Metres::new(RADIUS)).metres()
 }
 
-/// How far a body was shown at most from all motions that it had by its moment, back to `window` ticks before.
+/// The farthest that a body was shown from all motions that it had by its moment, back to `window` ticks before.
 fn farthest(watcher: &Watcher, truth: &Truth, body: &Jumping, window: f64) -> (f64, RenderTime) {
     let begun = body.begun(truth);
     assert!(begun.len() > 25, "{} legs", begun.len());

@@ -325,7 +325,7 @@ impl Truth {
         self.ticks.get(tick as usize)?.get(&id).copied()
     }
 
-    /// How far a shown pose is from the truth of its moment; `None` if the truth is not known, or the body did not exist.
+    /// The error of a shown pose at its moment; `None` if the truth is not known, or the body did not exist.
     fn error(&self, shown: &Shown) -> Option<f64> {
         let tick = shown.at.tick.value();
         let seen = Pose {
@@ -648,7 +648,7 @@ fn a_bound_stays_honest_while_the_complete_tick_falls_behind() {
         let counts = judge(&truth, watcher, "behind");
         println!("{behind} ticks behind: {counts:?}");
         assert!(counts.poses > 50_000 && counts.bounded < counts.poses);
-        // What is shown is indeed far off: a bound of a tolerance would be wrong.
+        // The shown poses are indeed far off: a bound of a tolerance would be wrong.
         assert!(counts.worst > 0.5, "{counts:?}");
     }
 }

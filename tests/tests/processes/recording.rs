@@ -491,7 +491,7 @@ fn a_viewer_is_offered_the_topics_and_schemas_of_a_recording() {
         let _ = left.next();
         offered
     };
-    // That viewer left without a word; a later one is offered the same, and is served.
+    // The first viewer left without a word; a later one is offered the same, and is served.
     let mut viewer = Viewer::connect(&server);
     let server_info = viewer.json();
     assert_eq!(server_info["op"], "serverInfo");

@@ -160,7 +160,7 @@ fn a_mesh_keeps_its_front() {
     assert_eq!(front(&inside), outside);
 }
 
-/// Where the posts of a shape in Rhumb's coordinates stand (PROTOCOL 2.6-7), for each part.
+/// The places of the posts of a shape in Rhumb's coordinates (PROTOCOL 2.6-7), for each part.
 fn posts(shape: &Shape, at: Vec3, into: &mut Vec<Vec3>) {
     match shape {
         Shape::Heights(field) => {

@@ -258,7 +258,7 @@ impl WorldMirror {
                     Some(of) => of,
                     None => continue,
                 },
-                // What is removed may be gone, and a static actor is not pushed.
+                // A body that is removed may be gone, and a static actor is not pushed.
                 CommandSubject::Other => {
                     tracing::debug!(?about, %error, "a command of an app client was refused");
                     continue;

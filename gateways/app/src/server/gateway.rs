@@ -1,4 +1,4 @@
-//! What the APP clients of one gateway share.
+//! The state that the APP clients of one gateway share.
 //!
 //! Options, the way to scenes, and which simulation belongs to which client. A client names its simulation on TCP and, once, by a datagram, which may come first: simulation and address match
 //! the two. No state is sent to an address without a logged-on connection.
@@ -31,7 +31,7 @@ struct Simulations {
     datagram_logons: VecDeque<(u32, SocketAddr)>,
 }
 
-/// Where the states of a simulation go.
+/// The address for the states of a simulation.
 #[derive(Clone, Copy, Debug)]
 struct StateAddress {
     /// The address of its connection.
@@ -107,7 +107,7 @@ impl Gateway {
         Ok(())
     }
 
-    /// Where the states of a client's simulation go; `None`: by TCP.
+    /// The address for the states of a client's simulation; `None`: by TCP.
     pub(super) fn states_to(&self, simulation: u32) -> Option<SocketAddr> {
         self.lock().taken.get(&simulation)?.states_to
     }

@@ -24,7 +24,7 @@ use rhumb_reckoning::{Anchor, BodyId, BodyState, Tick};
 /// A scene that exists for one APP client.
 pub(super) struct OwnScene {
     client: Client,
-    /// What the copy does not show before the next tick.
+    /// Commands that the copy does not show before the next tick.
     pending: Pending,
     /// Commands without an answer, by their numbers.
     sent: BTreeMap<u64, Sent>,
@@ -33,7 +33,7 @@ pub(super) struct OwnScene {
     refused: Vec<(Sent, CommandError)>,
     /// Bodies of this client that can move.
     moving: BTreeSet<BodyId>,
-    /// Those of them that the engine steps.
+    /// The moving bodies that the engine steps.
     awake: BTreeSet<BodyId>,
     observations: Vec<Observation>,
     /// Ids of bodies that the scene refused.
@@ -61,7 +61,7 @@ pub(super) struct Sent {
     pub(super) about: Option<(u32, u32)>,
 }
 
-/// What a command adds or changes.
+/// The subject of a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum CommandSubject {
     Shape(ShapeId),
@@ -73,7 +73,7 @@ pub(super) enum CommandSubject {
     Other,
 }
 
-/// What a step shows beside the states of bodies.
+/// The events of a step, beside the states of bodies.
 pub(super) struct FrameStep {
     /// The bodies that the engine observed.
     pub(super) observed: BTreeSet<BodyId>,
@@ -322,7 +322,7 @@ impl OwnScene {
         let mut first = None;
         for tick in 0..ticks {
             for push in pushes {
-                // What is not pushed has no weight in this protocol.
+                // A push that is refused has no answer in this protocol.
                 let _ = self.command(push);
             }
             let requested = self.client.request_tick()?;

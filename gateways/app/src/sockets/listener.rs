@@ -319,7 +319,7 @@ async fn read_loop(mut read: OwnedReadHalf, inputs: &Sender<Piece>) -> EndReason
         time_limit = IDLE;
         let piece = credit.admit(&buffer[..count]).await;
         if inputs.send(piece).is_err() {
-            // What the thread has sent is still written.
+            // Messages that the thread has sent are still written.
             pending::<()>().await;
         }
     }

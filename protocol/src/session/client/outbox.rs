@@ -1,4 +1,4 @@
-//! What a client sends: messages in order, commands kept for a resumption.
+//! The messages of a client in order, and the commands kept for a resumption.
 //!
 //! Invariant: a control message leaves before everything that was sent after it. Commands and advances are kept in the
 //! order of sending, until the server has what the scene promises: a scene with a command log has them when they are
@@ -258,8 +258,8 @@ impl Resumption {
         Some((state, awaited))
     }
 
-    /// How many of the oldest unfinished messages are done, once this number of commands is done and the scene is at
-    /// this tick. A command is done after everything before it.
+    /// The number of the oldest unfinished messages that are done, once this number of commands is done and the scene
+    /// is at this tick. A command is done after everything before it.
     fn done(&self, commands: u64, tick: Tick) -> usize {
         let is_done = |message: &Unfinished| matches!(message, Unfinished::Command(number, _) if *number < commands);
         let last = self.unfinished.iter().rposition(is_done);

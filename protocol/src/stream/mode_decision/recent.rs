@@ -51,7 +51,7 @@ pub(super) struct RecentMotion<'s> {
 struct SinceJump<'s> {
     /// The observed states one and two strides before, none before the jump.
     past: [Option<&'s BodyState>; 2],
-    /// How far its velocities lead in a stride, before and after it, as a share of the tolerance.
+    /// The reach of its velocities in a stride, before and after it, as a share of the tolerance.
     reach: f64,
     jumped: bool,
 }

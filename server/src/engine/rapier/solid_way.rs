@@ -47,7 +47,7 @@ impl<'a> SolidWay<'a> {
             if !matches!(met.status, SweepToiStatus::Hit | SweepToiStatus::Failed) {
                 return None;
             }
-            // That is when they overlap by the slop; the contact begins while they are still apart.
+            // At this fraction they overlap by the slop; the contact begins while they are still apart.
             let way = (sweep.c2 - sweep.c1) - (other_sweep.c2 - other_sweep.c1);
             return Some(met.fraction - (slop + in_reach * 0.5) / way.length());
         }

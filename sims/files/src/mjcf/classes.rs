@@ -182,7 +182,7 @@ pub(crate) struct Compiler {
     pub(crate) groups: [f64; 2],
 }
 
-/// Where a body's inertia comes from.
+/// The source of a body's inertia.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum InertiaFrom {
     Geoms,

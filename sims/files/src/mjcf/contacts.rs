@@ -1,4 +1,4 @@
-//! Which bodies of MJCF touch each other, as collision groups.
+//! The bodies of MJCF that touch each other, as collision groups.
 //!
 //! Two geoms touch there if a bit of the one's type is in the other's affinity, either way round; groups here need both
 //! ways. So bodies that touch the same others get a bit of their own, and name the bits that they touch.

@@ -21,7 +21,7 @@ use crate::xml::Element;
 #[derive(Debug, Default)]
 pub(crate) struct Assets(BTreeMap<String, Option<Rc<TriangleMesh>>>);
 
-/// What assets are read with.
+/// The settings by which assets are read.
 pub(crate) struct Rules<'a> {
     pub(crate) classes: &'a Classes,
     pub(crate) compiler: &'a Compiler,
@@ -168,7 +168,7 @@ impl Assets {
     }
 }
 
-/// What `refpos` and `refquat` do to a mesh.
+/// The change that `refpos` and `refquat` make to a mesh.
 fn reference(element: &Element) -> Result<Option<Pose>, LoadError> {
     let position = element.vector("refpos")?;
     let quat = element.array("refquat", "4")?;

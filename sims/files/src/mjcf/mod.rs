@@ -1,7 +1,7 @@
 //! MJCF: bodies inside each other, with geoms, joints, default classes.
 //!
 //! Bodies without joints become part of the one that holds them, or of the world. Geoms of the world are fixed bodies.
-//! What the format has beyond bodies, joints, shapes and their contacts is noted.
+//! Parts of the format beyond bodies, joints, shapes and their contacts are noted.
 
 mod classes;
 mod contacts;
