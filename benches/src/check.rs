@@ -1,7 +1,8 @@
-//! `rhumb-bench check`: what a recording says of its engine.
+//! `rhumb-bench check`: the parameters of the engine behind a recording.
 //!
-//! Poses are compared with velocities under several readings: exchanged, along the body's axes, in degrees, of rotations with
-//! w first. What the velocities are not is a warning: such a recording would pass, and cost two to three times the bytes.
+//! Velocities are compared with poses under several readings: exchanged, along the body's axes, in degrees, of rotations
+//! with w first. If another reading than the usual one fits, a warning says so: the recording would pass as it is, and cost
+//! two to three times the bytes.
 
 use std::process::ExitCode;
 
@@ -166,7 +167,7 @@ struct Sample {
     turned_w_first: DVec3,
 }
 
-/// Most samples: more say no more.
+/// Most samples: further ones hardly change a median.
 const SAMPLES_MAX: usize = 20_000;
 
 fn samples(paths: &[BodyPath], step_s: f64) -> Vec<Sample> {

@@ -44,7 +44,7 @@ pub struct DisArguments {
     out: PathBuf,
 }
 
-/// All figures.
+/// The measured rows, with their provenance.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DisComparison {
     /// The commit and the machine of the measurement.

@@ -1,7 +1,7 @@
 //! `rhumb-bench dev scene`: a script's bodies as JSON, for other engines.
 //!
-//! The file is the JSON scene of `rhumb-scene-files`, which reads it back. A script with more than bodies and joints is refused
-//! with the reason, since another engine would run a different scene.
+//! The file is the JSON scene of `rhumb-scene-files`, which reads it back. A script with more than bodies and joints is
+//! refused with the reason, since another engine would run a different scene.
 
 use std::path::PathBuf;
 use std::process::ExitCode;

@@ -90,8 +90,8 @@ impl LocalServer {
         ServerConnection::over(LocalConnection::open(self.host.clone(), peer, None))
     }
 
-    /// A connection that the caller carries for another program, such as a browser: what it sends arrives as from a client
-    /// of its own. `arrived` is called whenever something may be received, on the thread that steps the server.
+    /// A connection that the caller carries for another program, such as a browser. The server treats it as one more
+    /// client. `arrived` is called whenever something may be received, on the thread that steps the server.
     #[must_use]
     pub fn open(&self, arrived: impl Fn() + Send + Sync + 'static) -> Box<dyn ClientTransport> {
         let peer = Peer(self.next_peer.fetch_add(1, Ordering::Relaxed));
@@ -103,7 +103,7 @@ impl LocalServer {
         ))
     }
 
-    /// The clients of a server with a driver of its own: [`LocalPeers::serve`] joins them to the driver's. `wake` has the
+    /// The clients of a server with a driver of its own: [`LocalPeers::serve`] joins them to the driver's. `wake` makes the
     /// driver poll the server; it is called after each input.
     #[must_use]
     pub fn beside(wake: impl Fn() + Send + Sync + 'static) -> (Self, LocalPeers) {

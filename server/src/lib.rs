@@ -1,9 +1,9 @@
 //! A scene: an engine behind a trait, bodies, members, streams.
 //!
-//! The part that an integrator embeds. A [`SceneLoop`] is one scene with its clients, and a [`SceneRouter`] any number of them. They
-//! are sans-IO: they have no sockets, threads, files or clock. A driver hands them what clients send, and moments; they say
-//! what to transmit, and when to call them again ([`Endpoint`]). In one process the crate `rhumb-client` drives them, and
-//! `rhumb-server` over a network.
+//! The part that an integrator embeds. A [`SceneLoop`] is one scene with its clients, and a [`SceneRouter`] any number of
+//! them. They are sans-IO: they have no sockets, threads, files or clock. A driver hands them what clients send, and
+//! moments; they say what to transmit, and when to call them again ([`Endpoint`]). In one process the crate `rhumb-client`
+//! drives them, and `rhumb-server` over a network.
 //!
 //! Only `engine::rapier` uses the engine's types. Invariants: a refused command changes nothing; a state that is not finite
 //! never leaves the engine.

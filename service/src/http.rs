@@ -58,8 +58,8 @@ impl HttpRequest {
     }
 }
 
-/// The host that a request names, without its port. `None` for a name, which could have been pointed at this machine by
-/// someone else, unless the server is `named`: bound where other machines reach it.
+/// The host that a request names, without its port. `None` for a name, which others could have pointed at this machine,
+/// unless the server is `named`: bound where other machines reach it.
 pub(crate) fn reached_host(host: &str, named: bool) -> Option<&str> {
     let name = match host.rsplit_once(':') {
         Some((name, port)) if port.bytes().all(|digit| digit.is_ascii_digit()) => name,

@@ -1,6 +1,7 @@
 //! Accepts TCP connections on a thread of its own.
 //!
-//! Peers cannot hold it up: connections are bounded, also those of one address, and a system without descriptors is asked again.
+//! Peers cannot hold it up: connections are bounded, also those of one address, and a system without descriptors is asked
+//! again.
 
 use std::collections::BTreeMap;
 use std::io;

@@ -1,7 +1,7 @@
 //! Poses of bodies as arrays of NumPy, and trajectories of MuJoCo.
 //!
-//! The first index is the frame. A frame whose pose has a NaN is a gap. What an archive says of gravity, shapes and inertia
-//! is taken; the order of quaternions is in their array's name, or the caller states it.
+//! The first index is the frame. A frame whose pose has a NaN is a gap. Gravity, shapes and inertia are taken from the
+//! archive if it has them; the order of quaternions is in their array's name, or the caller states it.
 
 use std::collections::BTreeMap;
 

@@ -113,7 +113,7 @@ pub(crate) fn substeps(fall: f64) -> Option<u32> {
     nearest.filter(|count| (of(*count) - fall).abs() < 0.03)
 }
 
-/// Makes a recording one of an engine with what was found. A number that is out of range is left as it is.
+/// Gives a recording the parameters that were found.
 pub(crate) fn apply(recording: &mut Recording, found: &Found) {
     let step_s = recording.integrator.rate.step().seconds();
     if let Some(gravity) = found.gravity {
@@ -283,8 +283,8 @@ fn fit_flight(path: &BodyPath, frames: &[usize], step_s: f64) -> Option<(DVec3, 
             }
         }
     }
-    // Without a turn the centre is unknown, and taken as the origin: a weak pull there, of a millionth of what a turn of a
-    // tenth of a radian in a frame would say.
+    // Without a turn the centre is unknown, and taken as the origin: a weak pull towards it, a millionth of the weight of a
+    // turn by a tenth of a radian in a frame.
     for (axis, line) in matrix.iter_mut().enumerate().skip(3).take(3) {
         line[axis] += 1e-10 * frames.len() as f64;
     }

@@ -71,7 +71,7 @@ fn eigen<const N: usize>(mut a: [[f64; N]; N]) -> ([f64; N], [[f64; N]; N]) {
     (std::array::from_fn(|place| a[place][place]), vectors)
 }
 
-/// The vector that a symmetric matrix shortens most.
+/// The eigenvector of the least eigenvalue of a symmetric matrix.
 pub(super) fn least_eigenvector<const N: usize>(matrix: [[f64; N]; N]) -> [f64; N] {
     let (values, vectors) = eigen(matrix);
     let least = (0..N).min_by(|a, b| values[*a].total_cmp(&values[*b]));

@@ -326,7 +326,7 @@ impl TimedPoses {
                 rotation: pose.rotation,
                 velocity: pose.velocity,
             };
-            // Writers repeat what they have said.
+            // Some writers repeat a pose.
             if paths[pose.body].get(&frame) == Some(&framed) {
                 continue;
             }

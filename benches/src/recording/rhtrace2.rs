@@ -1,6 +1,7 @@
-//! `.rhtrace` 2: recordings with what predictions need.
+//! `.rhtrace` 2: recordings with the parameters that predictions need.
 //!
-//! `spec/RHTRACE.md` has the layout. What is read has poses of centres of mass, and damping by this project's formula.
+//! `spec/RHTRACE.md` has the layout. Reading turns poses into those of the centres of mass, and damping into this project's
+//! formula.
 
 use std::collections::BTreeMap;
 use std::num::NonZeroU32;

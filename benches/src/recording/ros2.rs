@@ -1,7 +1,7 @@
 //! Poses of bodies in messages of ROS 2.
 //!
-//! Time is that of the header, not that of the log. A static transform is no motion: it hangs a frame on another one for the
-//! whole recording. The twist of odometry is in the frame of its child, and is turned into that of the pose.
+//! Time is that of the header, not that of the log. A static transform is no motion: it hangs a frame on another one for
+//! the whole recording. The twist of odometry is in the frame of its child, and is turned into that of the pose.
 
 use std::collections::BTreeMap;
 

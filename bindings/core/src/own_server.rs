@@ -65,7 +65,7 @@ impl ServedScenes {
         let thread = thread::Builder::new().name("rhumb-serve".to_owned());
         let thread = thread.spawn({
             let stop = stop.clone();
-            // Its end is seen by the clients, each of which has its own error.
+            // Each client sees the end of its connection as an error of its own.
             move || drop(server.run(&stop))
         });
         Ok(Self {

@@ -165,7 +165,7 @@ impl Marking {
 pub struct DeadReckoning {
     /// Its number; [`crate::dead_reckoning::Model::of`] knows 1 to 9.
     pub model: u8,
-    /// Fifteen bytes whose use the model says; zero from most senders.
+    /// Fifteen bytes whose use depends on the model; zero from most senders.
     pub other: [u8; 15],
     /// Metres per second squared; geocentric axes in models 1 to 5, the entity's in 6 to 9.
     pub acceleration: [f32; 3],

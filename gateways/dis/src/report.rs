@@ -62,7 +62,7 @@ impl Report {
         self.received.add(bytes);
     }
 
-    /// Keeps why bytes are no PDU.
+    /// Keeps the reason why bytes are no PDU.
     pub fn malformed(&mut self, malformed: &Malformed) {
         self.error = Some(format!("received: {malformed}"));
     }

@@ -1,4 +1,4 @@
-//! Rules: which body is what in DIS, which entity has what shape.
+//! Rules: the DIS types of bodies, and the shapes of entities.
 //!
 //! The first rule that fits decides. Without a fitting rule, a body that can move is of the default kind, a fixed body is
 //! not sent, and an entity has the default shape. The text is TOML.
@@ -160,7 +160,7 @@ impl Rules {
         }
     }
 
-    /// Adds the rules of a file, behind those that are there. What a rule leaves out is that of the default kind.
+    /// Adds the rules of a file, behind those that are there. A key that a rule leaves out is as in the default kind.
     ///
     /// # Errors
     ///

@@ -186,7 +186,7 @@ fn bind(options: &SocketOptions) -> io::Result<Socket> {
     if !options.interface.is_unspecified() {
         socket.set_multicast_if_v4(&options.interface)?;
     }
-    // The system may give less; what does not fit is lost as on a network.
+    // The system may give less; datagrams beyond it are lost, as on a network.
     let _ = socket.set_recv_buffer_size(RECEIVE_BUFFER_BYTES);
     socket.bind(&options.listen.into())?;
     Ok(socket)

@@ -59,7 +59,7 @@ const INTERVAL_SECONDS_MAX: f64 = 0.25;
 /// that is set with the pose, and to the last step: a body that moves that fast does not jump.
 const JUMP_SPEED: f64 = 100.0;
 
-/// Turn in a step beyond which a pose is a jump: a quarter of a turn, as the cosine of half of it. Likewise.
+/// Turn in a step beyond which a pose is a jump, relative to the same two: a quarter of a turn, as the cosine of its half.
 const JUMP_TURN: f64 = core::f64::consts::FRAC_1_SQRT_2;
 
 /// Change of velocity in a step that always continues a motion, m/s and rad/s: a platform that starts or turns back.
@@ -192,7 +192,7 @@ impl KinematicTarget {
             // A pose that follows is no part of a motion with it.
             self.since = u32::MAX;
         }
-        // From there it moves as the caller says. Without a word, only a way that continues the last one goes on.
+        // From there it has the velocity that was set. Without one, only a way that continues the last one goes on.
         let goes_on = !is_jump
             && (target.is_timed || !target.is_first)
             && self.twist == Twist::ZERO

@@ -99,7 +99,7 @@ pub(crate) mod tests {
     use super::*;
     use crate::access::{Claims, make_keys, sign};
 
-    /// A authenticator with a key of its own, and a clock that the test sets.
+    /// An authenticator with a key of its own, and a clock that the test sets.
     pub(crate) struct Signed {
         folder: PathBuf,
         pub(crate) seconds: Arc<AtomicI64>,

@@ -34,7 +34,7 @@ pub(super) enum WorkerInput {
     Ended(Peer, Ending),
     /// The worker is to restore a scene from the data directory, if it is there.
     Restore(SceneName, LogTail),
-    /// Something that the worker waits for is there: nothing of the dispatcher's.
+    /// The worker polls its scene again; the message itself says nothing.
     Wake,
     /// The dispatcher needs the worker no longer.
     End,

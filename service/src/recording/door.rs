@@ -1,7 +1,8 @@
 //! The door before Foxglove's endpoint: pages of others do not pass.
 //!
-//! The library behind it asks no client for its origin. It listens at an address that cannot be guessed; the door reads the head of each request, refuses web pages of
-//! others, and passes the rest on. The library stops accepting when the system has no descriptors; the door says so.
+//! The library behind it asks no client for its origin. It listens at an address that cannot be guessed. The door reads
+//! the head of each request, refuses web pages of others, and passes the rest on. The library stops accepting when the
+//! system has no descriptors; the door says so.
 
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener};

@@ -1,7 +1,8 @@
 //! The state that the APP clients of one gateway share.
 //!
-//! Options, the way to scenes, and which simulation belongs to which client. A client names its simulation on TCP and, once, by a datagram, which may come first: simulation and address match
-//! the two. No state is sent to an address without a logged-on connection.
+//! Options, the way to scenes, and which simulation belongs to which client. A client names its simulation on TCP and,
+//! once, by a datagram, which may come first: simulation and address match the two. No state is sent to an address without
+//! a logged-on connection.
 
 use core::fmt;
 use core::net::{IpAddr, SocketAddr};

@@ -1,7 +1,7 @@
 //! A gateway of APP clients to scenes, without sockets.
 //!
-//! The book describes it (`operating/app.md`). Each client has a scene of its own, which it joins over the client interface, and which others may join: same
-//! server, same checks, same containment.
+//! The book describes it (`operating/app.md`). Each client has a scene of its own, which it joins over the client
+//! interface, and which others may join: same server, same checks, same containment.
 
 mod actor;
 mod apply;

@@ -83,8 +83,8 @@ pub(super) struct FrameStep {
 
 /// Steps that are asked for at once: the longest frame at the usual rate.
 const TICKS_MAX: u32 = 60;
-/// Sleeping bodies that are asked about too, so that one question serves several steps: more take as long as an answer to
-/// each step does.
+/// Most sleeping bodies that are asked about too, so that several steps need no answer between them. With more, the
+/// questions take as long as an answer to each step.
 const ASLEEP_MAX: usize = 64;
 /// Questions for contacts that wait for their answers.
 const QUERIES_AT_ONCE: usize = 4_096;
@@ -143,7 +143,7 @@ impl OwnScene {
         self.client.idle(Duration::ZERO)
     }
 
-    /// An id that no body has: one without a body so far while there is one.
+    /// An id that no body has: one of a refused body, if there is one.
     pub(super) fn new_id(&mut self) -> Result<BodyId, ClientError> {
         if let Some(id) = self.spare.pop() {
             return Ok(id);
@@ -196,7 +196,7 @@ impl OwnScene {
         Ok(())
     }
 
-    /// Has the copy show a command.
+    /// Shows a command in the copy until the next tick.
     fn note(&mut self, command: &Command) {
         match *command {
             Command::SetGravity { gravity } => self.pending.gravity = Some(gravity),
@@ -270,7 +270,7 @@ impl OwnScene {
         }
     }
 
-    /// Steps so often, with these pushes before each step. `contacts`: whether those of the observed bodies are wanted.
+    /// Steps `ticks` times, with these pushes before each step. `contacts`: whether those of the observed bodies are wanted.
     ///
     /// # Errors
     ///
@@ -296,8 +296,8 @@ impl OwnScene {
         Ok(steps)
     }
 
-    /// Steps whose contacts are asked for before the first of them: which bodies wake in them is not known then, so that
-    /// all are asked about.
+    /// Number of steps that are requested at once. Their contacts are asked for before the first of them, when it is not
+    /// known which bodies wake, so that all bodies are asked about.
     fn ticks_at_once(&self) -> u32 {
         if self.moving.len() - self.awake.len() > ASLEEP_MAX {
             return 1;
@@ -371,8 +371,9 @@ impl OwnScene {
         Ok(())
     }
 
-    /// Asks for the contacts of bodies, and waits for the answers, with those to the messages before. The answer comes
-    /// after the events of the step: without bodies, a question shows that these are here.
+    /// Asks for the contacts of bodies, and waits for the answers, also to the messages before. An answer comes after the
+    /// events of its step. Without bodies, one question is sent all the same, so that its answer shows that the events are
+    /// here.
     fn ask(
         &mut self,
         bodies: &[BodyId],

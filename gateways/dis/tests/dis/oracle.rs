@@ -89,7 +89,7 @@ fn place(location: DVec3) -> Location {
     Location::new(location.x, location.y, location.z)
 }
 
-/// Whether their PDU has the fields of ours.
+/// True if their PDU has the fields of ours.
 fn check(ours: &Pdu<'_>, read: &TheirPdu) -> Result<(), TestCaseError> {
     prop_assert_eq!(read.header.exercise_id, ours.header.exercise);
     prop_assert_eq!(u32::from(read.header.timestamp), ours.header.timestamp.0);
