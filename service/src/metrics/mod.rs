@@ -196,8 +196,8 @@ impl Metrics {
 const FIGURES: &str = "text/plain; version=0.0.4";
 
 impl Metrics {
-    /// The answer to a request. `named`: names of hosts are answered to, and not only addresses of this machine; a page
-    /// whose name was pointed at this machine shall read no names of scenes.
+    /// The answer to a request. `named`: requests for any host name are answered too, not only those for an address or
+    /// `localhost`. Otherwise a web page whose name points at this machine could read the names of scenes.
     pub(crate) fn answer(&self, request: &HttpRequest, named: bool) -> HttpAnswer {
         if request.host.is_some() && request.host(named).is_none() {
             return HttpAnswer::refusal(
