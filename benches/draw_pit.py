@@ -34,7 +34,7 @@ def moment(path, mode, tick):
 
 
 def project(x, y, z):
-    """Where a point is drawn in a panel."""
+    """The place of a point in a panel."""
     return WIDTH / 2 + SCALE * x, 0.68 * HEIGHT + SCALE * (DEPTH * z - RISE * y)
 
 

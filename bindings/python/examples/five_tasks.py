@@ -71,7 +71,7 @@ def hinge_with_motor(scene: Scene) -> float:
 
 
 def contacts_now(scene: Scene) -> "list[rhumb.Contact]":
-    """What a box touches that lies on the ground."""
+    """The bodies that a box on the ground touches."""
     ground(scene)
     box = scene.add_body(Shape.cuboid(0.5, 0.5, 0.5), (0, 0, 0.51))
     scene.report_events(box, contacts=True, force=0.0)

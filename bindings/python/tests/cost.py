@@ -1,4 +1,4 @@
-"""What a frame of 10,000 moving bodies costs in Python.
+"""The cost of a frame of 10,000 moving bodies in Python.
 
 Arguments: the server's address and fingerprint. Prints medians in microseconds.
 """

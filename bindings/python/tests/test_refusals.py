@@ -1,4 +1,4 @@
-"""What the server refuses raises at the next advance or poll."""
+"""Refusals of the server raise at the next advance or poll."""
 
 import pickle
 

@@ -1,4 +1,4 @@
-"""What a scene promises: bodies, commands, arrays, events, queries."""
+"""The promises of a scene: bodies, commands, arrays, events, queries."""
 
 import gc
 import math

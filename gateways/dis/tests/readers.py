@@ -162,7 +162,7 @@ def java(datagrams, mode):
 
 
 def outcome(read):
-    """What a reader makes of one datagram: the number of PDUs, or that it refuses."""
+    """The outcome of one datagram at a reader: the number of PDUs, or a refusal."""
     try:
         count = read()
     except Exception:  # Whatever it throws, it has noticed.
@@ -198,7 +198,7 @@ def readers():
 
 
 def compare(read, pdus):
-    """How many fields are equal, to six digits, as tshark prints f32."""
+    """The number of equal fields, to six digits, as tshark prints f32."""
     equal = total = 0
     for found, pdu in zip(read, pdus, strict=True):
         for a, b in zip(found, fields(pdu)):

@@ -35,7 +35,7 @@ def files(data):
 
 
 def kinds_of(notes):
-    """What was left out or changed, by its kind: the words before a name."""
+    """The kinds of notes about parts left out or changed: the words before a name."""
     kinds = collections.Counter()
     for note in notes:
         text = note.split(": ", 1)[1] if ": " in note else note
