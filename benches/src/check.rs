@@ -417,7 +417,8 @@ mod tests {
 
     #[test]
     fn velocities_that_are_not_what_they_should_be_are_named() {
-        let cases: [(fn(&mut [f64; 13]), &str); 5] = [
+        type Change = fn(&mut [f64; 13]);
+        let cases: [(Change, &str); 5] = [
             (
                 |row| row[7..].rotate_left(3),
                 "linear velocities are exchanged",
