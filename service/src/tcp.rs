@@ -110,8 +110,12 @@ async fn accept(
     let places = Arc::new(Semaphore::new(CONNECTIONS_MAX));
     let peers = Peers::default();
     loop {
+        let place = tokio::select! {
+            _ = &mut ended => return,
+            place = Arc::clone(&places).acquire_owned() => place,
+        };
         // The semaphore is never closed.
-        let Ok(place) = Arc::clone(&places).acquire_owned().await else {
+        let Ok(place) = place else {
             return;
         };
         let accepted = tokio::select! {

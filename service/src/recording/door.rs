@@ -7,8 +7,7 @@
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener};
 use std::pin::Pin;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use hyper::StatusCode;
@@ -39,36 +38,40 @@ pub(super) struct ViewerDoor {
 
 /// The address of the library's listener.
 #[derive(Clone, Default)]
-pub(super) struct HiddenEndpoint(Arc<EndpointState>);
+pub(super) struct HiddenEndpoint(Arc<Mutex<EndpointState>>);
 
 #[derive(Default)]
 struct EndpointState {
-    address: Mutex<Option<SocketAddr>>,
-    is_gone: AtomicBool,
+    address: Option<SocketAddr>,
+    is_gone: bool,
 }
 
 impl HiddenEndpoint {
+    fn state(&self) -> MutexGuard<'_, EndpointState> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     /// Sets where the library listens now.
     pub(super) fn set(&self, address: SocketAddr) {
-        *self
-            .0
-            .address
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner) = Some(address);
-        self.0.is_gone.store(false, Ordering::Release);
+        *self.state() = EndpointState {
+            address: Some(address),
+            is_gone: false,
+        };
     }
 
     /// True if the library has stopped listening since [`Self::set`].
     pub(super) fn is_gone(&self) -> bool {
-        self.0.is_gone.load(Ordering::Acquire)
+        self.state().is_gone
+    }
+
+    /// The library refused a connection to an address, which may be an earlier one.
+    fn note_refusal(&self, of: SocketAddr) {
+        let mut state = self.state();
+        state.is_gone |= state.address == Some(of);
     }
 
     async fn connect(&self) -> io::Result<TcpStream> {
-        let address = *self
-            .0
-            .address
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner);
+        let address = self.state().address;
         let address = address.ok_or(io::ErrorKind::NotConnected)?;
         let socket = TcpSocket::new_v4()?;
         socket.set_recv_buffer_size(BUFFER_BYTES)?;
@@ -76,7 +79,7 @@ impl HiddenEndpoint {
         if let Err(cause) = &connected
             && cause.kind() == io::ErrorKind::ConnectionRefused
         {
-            self.0.is_gone.store(true, Ordering::Release);
+            self.note_refusal(address);
         }
         connected
     }
@@ -267,5 +270,21 @@ mod tests {
         assert_eq!(status(there, "Host: scenes.example:8765"), None);
         let page = "Host: scenes.example:8765\r\nOrigin: http://scenes.example";
         assert_eq!(status(there, page), Some(403));
+    }
+
+    #[test]
+    fn an_endpoint_is_gone_when_it_refuses_and_a_late_refusal_of_an_earlier_one_does_not_count() {
+        let closed = TcpListener::bind("127.0.0.1:0").unwrap();
+        let (first, second) = (closed.local_addr().unwrap(), "127.0.0.1:1".parse().unwrap());
+        drop(closed);
+        let endpoint = HiddenEndpoint::default();
+        endpoint.set(first);
+        assert!(!endpoint.is_gone());
+        let connecting = rhumb_transport::io_runtime().unwrap();
+        assert!(connecting.block_on(endpoint.connect()).is_err());
+        assert!(endpoint.is_gone());
+        endpoint.set(second);
+        endpoint.note_refusal(first);
+        assert!(!endpoint.is_gone());
     }
 }
