@@ -580,15 +580,15 @@ fn a_file_of_other_messages_is_refused_with_what_it_has() {
         .create(Cursor::new(Vec::new()))
         .expect("memory");
     let schema = writer
-        .add_schema("tf2_msgs/msg/TFMessage", "ros2msg", b"")
+        .add_schema("sensor_msgs/msg/Imu", "ros2msg", b"")
         .expect("memory");
     writer
-        .add_channel(schema, "/tf", "cdr", &BTreeMap::new())
+        .add_channel(schema, "/imu", "cdr", &BTreeMap::new())
         .expect("memory");
     writer.finish().expect("memory");
     let said = refused("ros.mcap", &writer.into_inner().into_inner());
     assert!(
-        said.contains("/tf of cdr tf2_msgs/msg/TFMessage; read are MCAP files"),
+        said.contains("/imu of cdr sensor_msgs/msg/Imu; read are MCAP files"),
         "{said}"
     );
 }
