@@ -137,7 +137,6 @@ fn a_ray_finds_the_nearest_bodies_on_its_way() {
         Query::ray(above, down_to(8.9)),
         Query::ray(above, down_to(9.1)),
         Query::ray(inside, down),
-        Query::ray(above, Vec3::ZERO),
     ];
     let answers = answers(&mut table, peer, queries);
     assert_eq!(found(&answers[0]), [BALL, FLOOR]);
@@ -150,7 +149,19 @@ fn a_ray_finds_the_nearest_bodies_on_its_way() {
     assert_eq!(found(&answers[2]), []);
     assert_eq!(found(&answers[3]), [BALL]);
     is_near(&hits(&answers[4])[0], 0.0, inside, Vec3::ZERO);
-    assert_eq!(found(&answers[5]), []);
+}
+
+#[test]
+fn a_ray_that_leads_nowhere_is_refused_before_it_is_sent() {
+    let mut table = Table::default();
+    let peer = member(&mut table, Stepping::Lockstep);
+    let nowhere = Query::ray(Vec3::Y, Vec3::ZERO);
+    let refused = table.session(peer).query(vec![nowhere]);
+    let reason = refused.expect_err("it leads nowhere").to_string();
+    assert!(
+        reason.contains("the translation of a ray is zero"),
+        "{reason}"
+    );
 }
 
 #[test]
