@@ -107,8 +107,8 @@ fn a_program_that_was_stopped_for_100_seconds_of_ticks_goes_on() {
     let mut attempts =
         (0..20).filter_map(|_| stop_and_go_on(&address, &trust, &fingerprint.to_string()));
     let last = attempts.next().expect("it was stopped in time");
-    // It shows the present, and knows it.
+    // It is on its way through the ticks that it missed, as far as the machine lets it come, and knows how far off it is.
     let tick = last.trim_start_matches("tick ").split(':').next();
     let tick: u64 = tick.expect("a number").parse().expect("a number");
-    assert!(tick > STOPPED && last.contains("Within"), "{last}");
+    assert!(tick > 180 && last.contains("Within"), "{last}");
 }

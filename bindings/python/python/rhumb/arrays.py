@@ -20,6 +20,8 @@ class BodyArray(np.ndarray[Any, Any]):
 
     def __getitem__(self, key: Any) -> Any:
         first = key[0] if isinstance(key, tuple) and key else key
+        if isinstance(first, np.ndarray) and first.ndim == 0:
+            first = first[()]
         if first is None or isinstance(first, (bool, np.bool_)):
             if self.ndim > 0 and self.shape[0] == self._bodies:
                 raise IndexError(
@@ -34,8 +36,9 @@ class BodyArray(np.ndarray[Any, Any]):
         # Functions of NumPy index with None, and mean an axis.
         result = function(*_plain(args), **_plain(kwargs))
         if type(result) is np.ndarray and result.ndim > 0 and result.shape[0] == self._bodies:
-            result = result.view(BodyArray)
-            result._bodies = self._bodies
+            shared = result.view(BodyArray)
+            shared._bodies = self._bodies
+            return shared
         return result
 
 
