@@ -1,4 +1,4 @@
-//! Fuzzes the target that `FUZZ_TARGET` names; `fuzz/run` starts it.
+//! Fuzzes the target that `FUZZ_TARGET` names; `tests/fuzz/run` starts it.
 #![no_main]
 
 use std::sync::LazyLock;

@@ -1,6 +1,6 @@
 //! The kept inputs of each fuzzer, and those from the golden vectors.
 //!
-//! `fuzz/corpus/NAME.hex` has one input per line, in hexadecimal digits; a line that begins with `#` describes the
+//! `tests/fuzz/corpus/NAME.hex` has one input per line, in hexadecimal digits; a line that begins with `#` describes the
 //! next one. Seeds are generated from `spec/vectors` on demand, so that they follow the wire format.
 
 use std::path::{Path, PathBuf};
@@ -26,14 +26,13 @@ pub fn with_bytes(cases: &Value) -> Vec<Vec<u8>> {
     bytes.map(unhex).collect()
 }
 
-fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+/// A file of this crate.
+fn file(path: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(path)
 }
 
 fn path(target: &Target) -> PathBuf {
-    root()
-        .join("fuzz/corpus")
-        .join(format!("{}.hex", target.name))
+    file(&format!("fuzz/corpus/{}.hex", target.name))
 }
 
 /// The kept inputs of a target.
@@ -71,7 +70,7 @@ pub fn seeds(target: &Target) -> Vec<Vec<u8>> {
 
 /// A trace of `rhumb-bench evaluate --scene free-fall --bodies 1 --seconds 0.1 --modes integrated`.
 fn trace() -> Vec<u8> {
-    let path = root().join("tests/data/traces/free_fall.mcap");
+    let path = file("data/traces/free_fall.mcap");
     std::fs::read(path).expect("a trace in the repository")
 }
 
