@@ -60,7 +60,6 @@ mod registry;
 mod rights;
 mod rollback;
 mod router;
-mod running_scene;
 mod scene;
 mod scene_loop;
 mod sessions;

@@ -4,26 +4,47 @@
 //! client creates it, a server provides it, a store has it. It reads no clock but that of its settings, which only
 //! measures.
 
+mod authority;
+mod command_log;
+mod commands;
 mod creation;
+mod queries;
+mod restoration;
+mod session;
+mod subscriptions;
+mod tick;
 mod turns;
 
+use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
+use bytes::Bytes;
 use rhumb_protocol::message::{ClientMessage, Denial, Extension, Grease, ServerMessage};
 use rhumb_protocol::packet::{Datagram, LossReport, PacketKind};
-use rhumb_protocol::scene::{CommandError, SceneName};
+use rhumb_protocol::scene::{CommandError, SceneConfig, SceneName, ShapeId};
 use rhumb_protocol::session::CloseCode;
-use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake, WakeReason};
+use rhumb_protocol::{
+    Ending, Endpoint, Instant, LinkReport, Peer, Span, Transmit, Wake, WakeReason,
+};
 use rhumb_reckoning::Tick;
 
+use crate::admission::{SceneLoad, SceneSlot};
 use crate::authority_group::UpstreamStatistics;
+use crate::authority_table::AuthorityTable;
 use crate::baking::Bakery;
 use crate::clients::{Clients, Turn};
+use crate::command_log::Durability;
+use crate::hook::Hook;
+use crate::id_ranges::IdRanges;
 use crate::member::SnapshotRequest;
-use crate::permit::Permit;
+use crate::observer::{SceneObserver, Times};
+use crate::permit::{Ownership, Permit};
 use crate::rights;
-use crate::running_scene::{DisconnectReason, RunningScene};
-use crate::settings::SceneSettings;
+use crate::rollback::Rollback;
+use crate::scene::Scene;
+use crate::sessions::Sessions;
+use crate::settings::{SceneScript, SceneSettings};
+use crate::streams::{StreamNames, Streams};
 
 /// Unread bytes of a connection beyond which the driver is to hold back more.
 const UNREAD_BYTES: usize = 64 << 10;
@@ -38,6 +59,57 @@ pub struct SceneLoop {
     /// Number of scenes of this name that have begun.
     begun: u32,
     bakery: Bakery,
+}
+
+/// A scene while it exists.
+pub(crate) struct RunningScene {
+    scene: Scene,
+    hook: Option<Hook>,
+    script: Option<SceneScript>,
+    streams: Streams,
+    names: StreamNames,
+    id_ranges: IdRanges,
+    ownership: Ownership,
+    authority_table: AuthorityTable,
+    scene_events: u64,
+    /// Encoded scene events that the members have not got yet.
+    unsent: Vec<u8>,
+    /// The encoded event of each shape, which every snapshot shares.
+    shape_events: BTreeMap<ShapeId, Bytes>,
+    target: Tick,
+    /// Messages that wait for the steps of an earlier advance.
+    waiting: VecDeque<(Peer, Result<ClientMessage, CommandError>)>,
+    next_step: Option<Instant>,
+    last_step: Instant,
+    times: Times,
+    faulted: bool,
+    /// The way back if the engine fails.
+    rollback: Rollback,
+    /// When it was restored lately.
+    restored_at: VecDeque<Instant>,
+    /// True if the last step of the free-running scene was more than a step late.
+    late: bool,
+    /// The client that owns the scene, if one does: it alone steps and deletes the scene, which ends with it.
+    owner: Option<Peer>,
+    settings: Arc<SceneSettings>,
+    load: SceneLoad,
+    /// Held while it exists.
+    _slot: SceneSlot,
+    /// Since when it has no members; `None` for one that is kept without them.
+    pub(crate) empty_since: Option<Instant>,
+    observer: Box<dyn SceneObserver>,
+    sessions: Sessions,
+    /// Its command log, if it survives the process.
+    durability: Option<Durability>,
+}
+
+/// End of a membership.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum DisconnectReason {
+    /// The client has left; its session is over.
+    Left,
+    /// The connection has ended; its session waits for another one.
+    Disconnected,
 }
 
 impl SceneLoop {
@@ -281,6 +353,67 @@ impl SceneLoop {
         if self.running.as_ref().and_then(RunningScene::owner) == Some(peer) {
             self.end_scene();
         }
+    }
+}
+
+impl RunningScene {
+    /// `names`: names of its streams. `slot`, `load`: its place, and its share of the server's time.
+    pub(crate) fn new(
+        name: &SceneName,
+        scene: Scene,
+        names: StreamNames,
+        settings: Arc<SceneSettings>,
+        (slot, load): (SceneSlot, SceneLoad),
+    ) -> Self {
+        let (target, config) = (scene.tick(), scene.config());
+        let streams = Streams::new(config.publish_schedule, settings.threads.clone());
+        let period = Span::from_nanos(config.integrator.rate.step_ns());
+        let observer = settings.observers.begin(name, period);
+        let hook = (settings.hooks.as_ref()).and_then(|hooks| hooks.of(name, config));
+        Self {
+            scene,
+            hook,
+            script: None,
+            streams,
+            names,
+            id_ranges: IdRanges::default(),
+            ownership: Ownership::default(),
+            authority_table: AuthorityTable::default(),
+            scene_events: 0,
+            unsent: Vec::new(),
+            shape_events: BTreeMap::new(),
+            target,
+            waiting: VecDeque::new(),
+            next_step: None,
+            last_step: Instant::ZERO,
+            times: Times::default(),
+            faulted: false,
+            rollback: Rollback::default(),
+            restored_at: VecDeque::new(),
+            late: false,
+            owner: None,
+            settings,
+            load,
+            _slot: slot,
+            empty_since: None,
+            observer,
+            sessions: Sessions::default(),
+            durability: None,
+        }
+    }
+
+    pub(crate) fn config(&self) -> &SceneConfig {
+        self.scene.config()
+    }
+
+    /// Gives the scene to a client.
+    pub(crate) const fn give_to(&mut self, owner: Peer) {
+        self.owner = Some(owner);
+    }
+
+    /// The client that owns the scene, if one does.
+    pub(crate) const fn owner(&self) -> Option<Peer> {
+        self.owner
     }
 }
 

@@ -308,7 +308,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
             "protocol/src/message/authority.rs",
             "server/src/authority_group.rs",
             "server/src/authority_table.rs",
-            "server/src/running_scene/authority.rs",
+            "server/src/scene_loop/authority.rs",
         ],
         requirements: &["PROTOCOL 4.11", "PROTOCOL 6.14"],
     },

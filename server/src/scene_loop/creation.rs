@@ -6,11 +6,10 @@ use rhumb_protocol::message::Denial;
 use rhumb_protocol::scene::SceneConfig;
 use rhumb_protocol::{Peer, Span};
 
-use super::SceneLoop;
+use super::{RunningScene, SceneLoop};
 use crate::admission::{self, SceneLoad, SceneSlot};
 use crate::command_log::RestoredScene;
 use crate::rights;
-use crate::running_scene::RunningScene;
 use crate::scene::Scene;
 use crate::streams::StreamNames;
 

@@ -4,10 +4,9 @@ use rhumb_protocol::message::ClientMessage;
 use rhumb_protocol::scene::{Command, CommandError};
 use rhumb_protocol::{Instant, Peer, Span};
 
-use super::SceneLoop;
+use super::{DisconnectReason, RunningScene, SceneLoop};
 use crate::baking::{self, Bake};
 use crate::clients::Turn;
-use crate::running_scene::{DisconnectReason, RunningScene};
 
 /// Messages of one connection that are handled before others, and the ticks, get their turn.
 const MESSAGES_PER_TURN: usize = 512;

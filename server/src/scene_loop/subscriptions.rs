@@ -1,18 +1,100 @@
-//! Requests of a member about its streams: changes, losses, mismatches.
+//! Streams of members: snapshots, changes, losses, mismatches.
 
-use rhumb_protocol::message::{Denial, ResyncCause, ServerMessage, StreamChoice, TierChangeCause};
+use bytes::Bytes;
+use rhumb_protocol::message::{
+    Denial, Extensions, Joined, ResyncCause, ServerMessage, StreamChoice, TierChangeCause,
+};
 use rhumb_protocol::packet::{LossReport, StreamId};
 use rhumb_protocol::scene::Stepping;
-use rhumb_protocol::stream::Recipient;
+use rhumb_protocol::stream::{Recipient, StreamStart};
 use rhumb_protocol::{Instant, LinkReport, Peer, Span};
 
 use super::RunningScene;
 use crate::clients::Clients;
 use crate::member::SnapshotRequest;
 use crate::observer::Incident;
+use crate::streams::{self, Stream, append_snapshot};
 use crate::tier_controller::{Confirmation, TierDecision};
 
 impl RunningScene {
+    /// A name for a new stream.
+    pub(super) fn new_stream(&mut self, clients: &Clients) -> StreamId {
+        let streams = &self.streams;
+        let is_upstream = |name| {
+            clients
+                .authorities()
+                .any(|(_, group)| group.stream() == name)
+        };
+        self.names
+            .next(|name| streams.get(name).is_some() || is_upstream(name))
+    }
+
+    pub(super) fn begin_stream(&mut self, choice: StreamChoice, clients: &Clients) -> StreamId {
+        let id = self.new_stream(clients);
+        let stream = self.streams.begin(Stream::new(
+            choice,
+            id,
+            self.settings.largest_packet,
+            &self.scene,
+        ));
+        for (id, parameters, track, motion) in streams::everything(&self.scene) {
+            stream.insert(id, &parameters, track, motion);
+        }
+        id
+    }
+
+    /// Sends the start of the stream, and every shape and body.
+    pub(super) fn send_snapshot(&mut self, peer: Peer, clients: &mut Clients) {
+        let Some(member) = clients.member(peer) else {
+            return;
+        };
+        let Some(granted) = member.ids.first().copied() else {
+            return;
+        };
+        self.streams.begin_snapshot(member.stream(), peer);
+        let Some(stream) = self.streams.get(member.stream()) else {
+            return;
+        };
+        let start = StreamStart {
+            stream: stream.id(),
+            tolerance: stream.tolerance(),
+            integrator: self.config().integrator,
+            publish_interval: self.config().publish_schedule.publish_interval,
+            largest_packet: stream.sender.largest_packet(),
+            gravity: self.scene.gravity(),
+            tick: stream.sender.tick(),
+            next: stream.sender.next_number(),
+            scene_events: self.scene_events,
+        };
+        let joined = Joined {
+            choice: stream.choice,
+            config: *self.config(),
+            start,
+            granted,
+            extensions: Extensions::NONE,
+        };
+        let mut rest = Vec::new();
+        append_snapshot(
+            &self.scene,
+            stream,
+            (clients.authorities()).filter_map(|(_, group)| group.silence()),
+            &mut rest,
+        );
+        clients.send(peer, &ServerMessage::Joined(joined));
+        let mut bytes = rest.len();
+        for event in self.shape_events.values() {
+            bytes += event.len();
+            clients.send_encoded(peer, event);
+        }
+        clients.send_encoded(peer, &Bytes::from(rest));
+        clients.note_snapshot(peer, bytes);
+    }
+
+    pub(super) fn stream_of(&self, peer: Peer, clients: &Clients) -> Option<&Stream> {
+        let member = clients.member(peer)?;
+        self.streams.get(member.stream())
+    }
+
     /// Handles a request for a new snapshot; several requests in one read get one answer.
     pub(crate) fn resync(&mut self, peer: Peer, cause: ResyncCause, clients: &mut Clients) {
         let Some(member) = clients.member_mut(peer) else {

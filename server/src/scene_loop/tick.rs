@@ -1,154 +1,24 @@
-//! A running scene and its members: applies commands, steps, publishes.
+//! The ticks of a scene, and the messages that keep their places between them.
 //!
-//! Neither sockets nor threads: the loop of the scene feeds it requests and moments. Order of a tick: commands, step,
-//! observe, send.
-
-mod authority;
-mod command_log;
-mod commands;
-mod queries;
-mod restoration;
-mod session;
-mod subscriptions;
-
-use std::collections::{BTreeMap, VecDeque};
-use std::sync::Arc;
+//! Order of a tick: commands, step, observe, send.
 
 use bytes::Bytes;
 use rhumb_protocol::limits::PENDING_COMMANDS_MAX;
-use rhumb_protocol::message::{
-    ClientMessage, Denial, Extensions, Joined, RemovalCause, SceneEvent, ServerMessage, StageTimes,
-    StreamChoice,
-};
-use rhumb_protocol::packet::StreamId;
-use rhumb_protocol::scene::{
-    Command, CommandError, Locomotion, SceneConfig, SceneName, ShapeId, Stepping,
-};
-use rhumb_protocol::stream::StreamStart;
+use rhumb_protocol::message::{ClientMessage, Denial, RemovalCause, SceneEvent, ServerMessage};
+use rhumb_protocol::scene::{Command, CommandError, Locomotion, Stepping};
 use rhumb_protocol::{Instant, Peer, Span};
-use rhumb_reckoning::Tick;
 
-pub(crate) use self::session::DisconnectReason;
-use crate::admission::{SceneLoad, SceneSlot};
-use crate::authority_table::{self, AuthorityTable};
+use super::RunningScene;
+use crate::authority_table;
 use crate::clients::Clients;
-use crate::command_log::Durability;
-use crate::hook::Hook;
-use crate::id_ranges::IdRanges;
-use crate::observer::{Incident, SceneObserver};
-use crate::permit::Ownership;
+use crate::observer::{Incident, Timestamps};
 use crate::record::TickMetrics;
-use crate::rollback::Rollback;
-use crate::scene::Scene;
-use crate::sessions::Sessions;
-use crate::settings::{SceneScript, SceneSettings};
-use crate::streams::{self, Stream, StreamNames, Streams, append_snapshot};
-
-/// A scene while it exists.
-pub(crate) struct RunningScene {
-    scene: Scene,
-    hook: Option<Hook>,
-    script: Option<SceneScript>,
-    streams: Streams,
-    names: StreamNames,
-    id_ranges: IdRanges,
-    ownership: Ownership,
-    authority_table: AuthorityTable,
-    scene_events: u64,
-    /// Encoded scene events that the members have not got yet.
-    unsent: Vec<u8>,
-    /// The encoded event of each shape, which every snapshot shares.
-    shape_events: BTreeMap<ShapeId, Bytes>,
-    target: Tick,
-    /// Messages that wait for the steps of an earlier advance.
-    waiting: VecDeque<(Peer, Result<ClientMessage, CommandError>)>,
-    next_step: Option<Instant>,
-    last_step: Instant,
-    times: Times,
-    faulted: bool,
-    /// The way back if the engine fails.
-    rollback: Rollback,
-    /// When it was restored lately.
-    restored_at: VecDeque<Instant>,
-    /// True if the last step of the free-running scene was more than a step late.
-    late: bool,
-    /// The client that owns the scene, if one does: it alone steps and deletes the scene, which ends with it.
-    owner: Option<Peer>,
-    settings: Arc<SceneSettings>,
-    load: SceneLoad,
-    /// Held while it exists.
-    _slot: SceneSlot,
-    /// Since when it has no members; `None` for one that is kept without them.
-    pub(crate) empty_since: Option<Instant>,
-    observer: Box<dyn SceneObserver>,
-    sessions: Sessions,
-    /// Its command log, if it survives the process.
-    durability: Option<Durability>,
-}
+use crate::settings::SceneScript;
 
 /// A free-running scene that is later than so many steps slows down instead of catching up.
 const CATCH_UP_STEPS: u64 = 5;
 
 impl RunningScene {
-    /// `names`: names of its streams. `slot`, `load`: its place, and its share of the server's time.
-    pub(crate) fn new(
-        name: &SceneName,
-        scene: Scene,
-        names: StreamNames,
-        settings: Arc<SceneSettings>,
-        (slot, load): (SceneSlot, SceneLoad),
-    ) -> Self {
-        let (target, config) = (scene.tick(), scene.config());
-        let streams = Streams::new(config.publish_schedule, settings.threads.clone());
-        let period = Span::from_nanos(config.integrator.rate.step_ns());
-        let observer = settings.observers.begin(name, period);
-        let hook = (settings.hooks.as_ref()).and_then(|hooks| hooks.of(name, config));
-        Self {
-            scene,
-            hook,
-            script: None,
-            streams,
-            names,
-            id_ranges: IdRanges::default(),
-            ownership: Ownership::default(),
-            authority_table: AuthorityTable::default(),
-            scene_events: 0,
-            unsent: Vec::new(),
-            shape_events: BTreeMap::new(),
-            target,
-            waiting: VecDeque::new(),
-            next_step: None,
-            last_step: Instant::ZERO,
-            times: Times::default(),
-            faulted: false,
-            rollback: Rollback::default(),
-            restored_at: VecDeque::new(),
-            late: false,
-            owner: None,
-            settings,
-            load,
-            _slot: slot,
-            empty_since: None,
-            observer,
-            sessions: Sessions::default(),
-            durability: None,
-        }
-    }
-
-    pub(crate) fn config(&self) -> &SceneConfig {
-        self.scene.config()
-    }
-
-    /// Gives the scene to a client.
-    pub(crate) const fn give_to(&mut self, owner: Peer) {
-        self.owner = Some(owner);
-    }
-
-    /// The client that owns the scene, if one does.
-    pub(crate) const fn owner(&self) -> Option<Peer> {
-        self.owner
-    }
-
     /// The time of the next step: at once in a scene that must advance, never in one without members.
     pub(crate) fn next_step(&self) -> Option<Instant> {
         if self.faulted {
@@ -158,84 +28,6 @@ impl RunningScene {
             Stepping::Lockstep => (self.scene.tick() < self.target).then_some(Instant::ZERO),
             Stepping::FreeRunning => self.next_step,
         }
-    }
-
-    /// A name for a new stream.
-    fn new_stream(&mut self, clients: &Clients) -> StreamId {
-        let streams = &self.streams;
-        let is_upstream = |name| {
-            clients
-                .authorities()
-                .any(|(_, group)| group.stream() == name)
-        };
-        self.names
-            .next(|name| streams.get(name).is_some() || is_upstream(name))
-    }
-
-    fn begin_stream(&mut self, choice: StreamChoice, clients: &Clients) -> StreamId {
-        let id = self.new_stream(clients);
-        let stream = self.streams.begin(Stream::new(
-            choice,
-            id,
-            self.settings.largest_packet,
-            &self.scene,
-        ));
-        for (id, parameters, track, motion) in streams::everything(&self.scene) {
-            stream.insert(id, &parameters, track, motion);
-        }
-        id
-    }
-
-    /// Sends the start of the stream, and every shape and body.
-    fn send_snapshot(&mut self, peer: Peer, clients: &mut Clients) {
-        let Some(member) = clients.member(peer) else {
-            return;
-        };
-        let Some(granted) = member.ids.first().copied() else {
-            return;
-        };
-        self.streams.begin_snapshot(member.stream(), peer);
-        let Some(stream) = self.streams.get(member.stream()) else {
-            return;
-        };
-        let start = StreamStart {
-            stream: stream.id(),
-            tolerance: stream.tolerance(),
-            integrator: self.config().integrator,
-            publish_interval: self.config().publish_schedule.publish_interval,
-            largest_packet: stream.sender.largest_packet(),
-            gravity: self.scene.gravity(),
-            tick: stream.sender.tick(),
-            next: stream.sender.next_number(),
-            scene_events: self.scene_events,
-        };
-        let joined = Joined {
-            choice: stream.choice,
-            config: *self.config(),
-            start,
-            granted,
-            extensions: Extensions::NONE,
-        };
-        let mut rest = Vec::new();
-        append_snapshot(
-            &self.scene,
-            stream,
-            (clients.authorities()).filter_map(|(_, group)| group.silence()),
-            &mut rest,
-        );
-        clients.send(peer, &ServerMessage::Joined(joined));
-        let mut bytes = rest.len();
-        for event in self.shape_events.values() {
-            bytes += event.len();
-            clients.send_encoded(peer, event);
-        }
-        clients.send_encoded(peer, &Bytes::from(rest));
-        clients.note_snapshot(peer, bytes);
-    }
-
-    fn stream_of(&self, peer: Peer, clients: &Clients) -> Option<&Stream> {
-        let member = clients.member(peer)?;
-        self.streams.get(member.stream())
     }
 
     /// Acts on a command, an advance, or a request for authority, in the order of sending: a message that follows an
@@ -326,14 +118,14 @@ impl RunningScene {
         }
     }
 
-    fn record_event(&mut self, scene_event: SceneEvent) {
+    pub(super) fn record_event(&mut self, scene_event: SceneEvent) {
         self.scene_events += 1;
         self.observer.scene_event(&scene_event);
         ServerMessage::SceneEvent(scene_event).encode(&mut self.unsent);
     }
 
     /// Sends new scene events to every member, encoded once.
-    fn send_scene_events(&mut self, clients: &mut Clients) {
+    pub(super) fn send_scene_events(&mut self, clients: &mut Clients) {
         if self.unsent.is_empty() {
             return;
         }
@@ -394,7 +186,7 @@ impl RunningScene {
         (self.settings.clock)()
     }
 
-    fn step(&self) -> Span {
+    pub(super) fn step(&self) -> Span {
         Span::from_nanos(self.config().integrator.rate.step_ns())
     }
 
@@ -587,65 +379,6 @@ impl RunningScene {
     fn note_removal(&mut self, cause: RemovalCause) {
         if cause == RemovalCause::NotFinite {
             self.observer.incident(Incident::NotFinite);
-        }
-    }
-}
-
-/// Steps for the median and the 99th percentile.
-const RECENT: usize = 4_096;
-
-/// Time of the stages of all ticks so far.
-#[derive(Debug, Default)]
-pub(crate) struct Times {
-    step_total: u64,
-    observe_total: u64,
-    publish_total: u64,
-    /// Duration of the last steps in nanoseconds; a ring once it is full.
-    recent: Vec<u64>,
-    next: usize,
-    /// Median and 99th percentile of the recent steps, until another step is added: a scene answers more often than
-    /// it steps.
-    percentiles: Option<(u64, u64)>,
-}
-
-/// The moments between the stages of one tick.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Timestamps {
-    pub(crate) begun: Instant,
-    pub(crate) stepped: Instant,
-    pub(crate) observed: Instant,
-    pub(crate) published: Instant,
-}
-
-impl Times {
-    pub(crate) fn add(&mut self, timestamps: Timestamps) {
-        let step = timestamps.stepped.since(timestamps.begun).as_nanos();
-        self.step_total += step;
-        self.observe_total += timestamps.observed.since(timestamps.stepped).as_nanos();
-        self.publish_total += timestamps.published.since(timestamps.observed).as_nanos();
-        if self.recent.len() < RECENT {
-            self.recent.push(step);
-        } else {
-            self.recent[self.next] = step;
-        }
-        self.next = (self.next + 1) % RECENT;
-        self.percentiles = None;
-    }
-
-    pub(crate) fn summary(&mut self) -> StageTimes {
-        let recent = &self.recent;
-        let (step_median, step_p99) = *self.percentiles.get_or_insert_with(|| {
-            let mut steps = recent.clone();
-            steps.sort_unstable();
-            let at = |share: usize| steps.get(steps.len() * share / 100).copied().unwrap_or(0);
-            (at(50), at(99))
-        });
-        StageTimes {
-            step_total: self.step_total,
-            step_median,
-            step_p99,
-            observe_total: self.observe_total,
-            publish_total: self.publish_total,
         }
     }
 }

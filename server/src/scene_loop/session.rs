@@ -10,7 +10,7 @@ use rhumb_protocol::scene::IdRange;
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Instant, Peer};
 
-use super::RunningScene;
+use super::{DisconnectReason, RunningScene};
 use crate::clients::Clients;
 use crate::id_ranges::IndexLimits;
 use crate::member::Member;
@@ -18,15 +18,6 @@ use crate::permit::{Ownership, Permit};
 use crate::record::{LogEntry, SessionNumber};
 
 use crate::sessions::{ResumableSession, Sessions};
-
-/// End of a membership.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum DisconnectReason {
-    /// The client has left; its session is over.
-    Left,
-    /// The connection has ended; its session waits for another one.
-    Disconnected,
-}
 
 /// With this part of its share for a new member, no session of another has to end.
 const SUFFICES: u32 = 4;
