@@ -13,7 +13,6 @@ use rhumb_protocol::session::{CloseCode, ServerSession};
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake};
 
 use crate::authority_group::UpstreamStatistics;
-use crate::command_log::RestoredScene;
 use crate::permit::Permit;
 use crate::scene_loop::SceneLoop;
 use crate::settings::SceneSettings;
@@ -68,51 +67,16 @@ impl SceneRouter {
         }
     }
 
-    /// Bytes of a connection's control stream that were not handled yet.
-    #[must_use]
-    pub fn unread_bytes(&self, peer: Peer) -> usize {
-        let bound = self.bound(peer);
-        bound.map_or(0, |scene| scene.unread_bytes(peer))
-    }
-
     /// Names of the scenes that exist.
     pub fn scenes(&self) -> impl Iterator<Item = &SceneName> {
         let loops = self.loops.iter();
         loops.filter_map(|(name, scene)| scene.exists().then_some(name))
     }
 
-    /// Number of scenes that exist, damaged ones too.
-    #[must_use]
-    pub fn scene_count(&self) -> usize {
-        let damaged = self
-            .settings
-            .store
-            .as_ref()
-            .map_or(0, |store| store.damaged());
-        self.scenes().count() + damaged
-    }
-
     /// Statistics of all bodies of a scene under a member's authority.
     pub fn upstreams(&self, scene: &SceneName) -> impl Iterator<Item = UpstreamStatistics> {
         let scene = self.loops.get(scene).into_iter();
         scene.flat_map(SceneLoop::upstreams)
-    }
-
-    /// Runs a scene that was restored.
-    pub fn add_restored(&mut self, name: &SceneName, restored: RestoredScene) {
-        self.loop_of(name).add_restored(restored);
-    }
-
-    /// Tells members what has become durable.
-    pub fn report_durable(&mut self) {
-        self.loops.values_mut().for_each(SceneLoop::report_durable);
-    }
-
-    /// Something that a connection waited for is there.
-    pub fn handle_wake(&mut self, now: Instant) {
-        for scene in self.loops.values_mut() {
-            scene.handle_wake(now);
-        }
     }
 
     fn loop_of(&mut self, name: &SceneName) -> &mut SceneLoop {

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use bytes::Bytes;
 use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Span, Transmit};
-use rhumb_scene::{Permit, SceneRouter};
+use rhumb_scene::{Permit, SceneLoop};
 
 use crate::durable::LogTail;
 use crate::flight::FlightCause;
@@ -25,15 +25,15 @@ pub(super) struct ProcessId(pub(super) u32);
 /// One input of a worker.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum WorkerInput {
-    /// A connection that names a scene of this worker; its control bytes follow from the first on.
+    /// A connection that names the scene of this worker; its control bytes follow from the first on.
     Opened(Peer, Arc<Permit>),
     Control(Peer, Bytes),
     ControlTaken(Peer, usize),
     Datagram(Peer, Bytes),
     Link(Peer, LinkReport),
     Ended(Peer, Ending),
-    /// The worker is to restore a scene from the data directory, if it is there.
-    Restore(SceneName, LogTail),
+    /// The worker is to restore its scene from the data directory, if it is there.
+    Restore(LogTail),
     /// The worker polls its scene again; the message itself says nothing.
     Wake,
     /// The dispatcher needs the worker no longer.
@@ -48,8 +48,8 @@ pub(super) struct WorkerOutput {
     pub(super) handled: Vec<(Peer, usize)>,
     /// Inputs taken so far.
     pub(super) inputs: u64,
-    /// Scenes of the worker.
-    pub(super) scenes: usize,
+    /// True if its scene exists, damaged or not.
+    pub(super) has_scene: bool,
 }
 
 /// A message of a worker's thread.
@@ -63,8 +63,8 @@ pub(super) enum FromWorker {
 /// A message to a worker process.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum ToProcess {
-    /// A worker of the process begins.
-    Begin(WorkerId),
+    /// A worker of the process begins, for this scene.
+    Begin(WorkerId, SceneName),
     Input(WorkerId, WorkerInput),
     /// The rest of the server's part of the things that all scenes share.
     Elsewhere {
@@ -107,8 +107,8 @@ pub(super) enum WorkerReport {
 }
 
 impl WorkerInput {
-    /// Feeds the input to the scenes of a worker, which restores them by itself.
-    pub(super) fn apply(self, now: Instant, to: &mut SceneRouter) {
+    /// Feeds the input to the scene of a worker, which restores it by itself.
+    pub(super) fn apply(self, now: Instant, to: &mut SceneLoop) {
         match self {
             Self::Opened(peer, permit) => {
                 to.handle_opened(now, peer);

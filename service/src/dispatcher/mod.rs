@@ -23,7 +23,7 @@ use bytes::Bytes;
 use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake, WakeReason};
-use rhumb_scene::{Greeted, Greeting, Heartbeat, SharedClock, UpstreamStatistics};
+use rhumb_scene::{Greeted, Greeting, Heartbeat, SharedClock};
 
 use self::expiry::Expiry;
 use self::message::{
@@ -65,7 +65,7 @@ struct Worker {
     /// Inputs sent to it, and those that it has taken.
     sent: u64,
     taken: u64,
-    scenes: usize,
+    has_scene: bool,
 }
 
 /// The thread or process in which a worker runs.
@@ -129,17 +129,6 @@ impl Dispatcher {
         let clock = SharedClock::clone(&dispatcher.settings.scenes.clock);
         dispatcher.threads = Some(Threads::new(clock, wake));
         dispatcher
-    }
-
-    /// Statistics of all bodies of a scene under a member's authority, if its worker runs on this thread.
-    pub fn upstreams(&self, scene: &SceneName) -> impl Iterator<Item = UpstreamStatistics> {
-        let id = self.by_scene.get(scene);
-        let worker = id.and_then(|id| self.workers.get(id)).into_iter();
-        let inline = worker.filter_map(|worker| match &worker.place {
-            Place::Inline(inline) => Some(inline),
-            Place::Thread(_) | Place::Process(_) => None,
-        });
-        inline.flat_map(|inline| inline.router().upstreams(scene))
     }
 
     /// Gives an input to a worker.
@@ -305,7 +294,7 @@ impl Dispatcher {
             return;
         };
         worker.taken = output.inputs;
-        worker.scenes = output.scenes;
+        worker.has_scene = output.has_scene;
         for transmit in output.transmits {
             let (Transmit::Control { to, .. }
             | Transmit::State { to, .. }
@@ -328,7 +317,7 @@ impl Dispatcher {
     /// Ends a worker that has neither a connection nor a scene.
     fn retire_if_idle(&mut self, id: WorkerId) {
         let is_idle = |worker: &Worker| {
-            worker.connections == 0 && worker.scenes == 0 && worker.sent == worker.taken
+            worker.connections == 0 && !worker.has_scene && worker.sent == worker.taken
         };
         if self.workers.get(&id).is_some_and(is_idle) {
             self.drop_worker(id);
@@ -433,10 +422,7 @@ impl Endpoint for Dispatcher {
         }
         for (id, worker) in &mut self.workers {
             if let Place::Inline(inline) = &mut worker.place
-                && inline
-                    .router()
-                    .poll_timeout()
-                    .is_some_and(|wake| wake.at <= now)
+                && (inline.scene().poll_timeout()).is_some_and(|wake| wake.at <= now)
             {
                 inline.handle_timeout(now);
                 self.fresh.insert(*id);
@@ -469,7 +455,7 @@ impl Endpoint for Dispatcher {
             .workers
             .values()
             .filter_map(|worker| match &worker.place {
-                Place::Inline(inline) => inline.router().poll_timeout(),
+                Place::Inline(inline) => inline.scene().poll_timeout(),
                 Place::Thread(_) | Place::Process(_) => None,
             });
         let dispatcher = [greeting, expiry, watch].into_iter().flatten();
@@ -500,8 +486,8 @@ impl Dispatcher {
         let id = WorkerId(self.next_worker);
         let place = match (&self.threads, &mut self.processes) {
             (None, _) => Place::Inline(Box::new(InlineWorker::new(
-                &self.settings.scenes,
-                self.settings.data.as_ref(),
+                scene.clone(),
+                (&self.settings.scenes, self.settings.data.as_ref()),
                 Arc::new(|| {}),
             ))),
             (Some(threads), Some(processes)) => {
@@ -509,17 +495,17 @@ impl Dispatcher {
             }
             (Some(threads), None) => {
                 let scenes = (&self.settings.scenes, self.settings.data.as_ref());
-                let started = ThreadWorker::start(id, scenes, &threads.workers);
+                let started = ThreadWorker::start((id, scene.clone()), scenes, &threads.workers);
                 Place::Thread(started.map_err(|cause| {
                     tracing::error!(%cause, "no thread for a scene");
                     CloseCode::BUSY
                 })?)
             }
         };
-        self.add_worker(id, scene.clone(), place);
+        self.add_worker(id, scene, place);
         if self.settings.data.is_some() {
             let now = (self.settings.scenes.clock)();
-            self.route(now, id, WorkerInput::Restore(scene, tail));
+            self.route(now, id, WorkerInput::Restore(tail));
         }
         Ok(id)
     }
@@ -533,7 +519,7 @@ impl Dispatcher {
             connections: 0,
             sent: 0,
             taken: 0,
-            scenes: 0,
+            has_scene: false,
         };
         self.workers.insert(id, worker);
     }

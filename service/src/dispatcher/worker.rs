@@ -12,7 +12,7 @@ use std::{io, thread};
 
 use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::{Endpoint, Instant, Peer, Transmit};
-use rhumb_scene::{Bakers, Heartbeat, SceneRouter, SceneSettings, SharedClock};
+use rhumb_scene::{Bakers, Heartbeat, SceneLoop, SceneSettings, SharedClock};
 
 use super::message::{FromWorker, WorkerId, WorkerInput, WorkerOutput, WorkerReport};
 use crate::durable::{DataDir, LogTail, StoredScenes, Wake};
@@ -22,13 +22,13 @@ const INPUTS_PER_TURN: usize = 256;
 /// Stack of a worker's thread: what a main thread has.
 const STACK_BYTES: usize = 8 << 20;
 
-/// The scenes of a worker, and the control bytes that they have not handled.
+/// The scene of a worker, and the control bytes that it has not handled.
 pub(super) struct InlineWorker {
-    router: SceneRouter,
+    scene: SceneLoop,
     /// Control bytes received and not yet reported as handled.
     unhandled: BTreeMap<Peer, usize>,
     inputs: u64,
-    /// The scenes of the data directory, if there is one.
+    /// The data directory, if there is one.
     stored: Option<Arc<StoredScenes>>,
     settings: Arc<SceneSettings>,
 }
@@ -41,8 +41,12 @@ pub(super) struct ThreadWorker {
 }
 
 impl InlineWorker {
-    /// `data`: the directory that keeps its scenes. `wake` has the worker report what has become durable.
-    pub(super) fn new(scenes: &SceneSettings, data: Option<&DataDir>, wake: Wake) -> Self {
+    /// `data`: the directory that keeps its scene. `wake` has the worker report what has become durable.
+    pub(super) fn new(
+        scene: SceneName,
+        (scenes, data): (&SceneSettings, Option<&DataDir>),
+        wake: Wake,
+    ) -> Self {
         let mut settings = scenes.clone();
         let stored = data.map(|data| {
             let threads = settings.threads.clone();
@@ -53,7 +57,7 @@ impl InlineWorker {
         }
         let settings = Arc::new(settings);
         Self {
-            router: SceneRouter::new(Arc::clone(&settings)),
+            scene: SceneLoop::new(scene, Arc::clone(&settings)),
             unhandled: BTreeMap::new(),
             inputs: 0,
             stored,
@@ -75,37 +79,38 @@ impl InlineWorker {
             self.inputs += 1;
         }
         match input {
-            WorkerInput::Restore(scene, tail) => self.restore(&scene, tail),
-            input => input.apply(now, &mut self.router),
+            WorkerInput::Restore(tail) => self.restore(tail),
+            input => input.apply(now, &mut self.scene),
         }
     }
 
-    /// Restores a scene from the data directory, if it is there.
-    fn restore(&mut self, scene: &SceneName, tail: LogTail) {
+    /// Restores the scene from the data directory, if it is there.
+    fn restore(&mut self, tail: LogTail) {
         let (clock, heartbeat) = (&*self.settings.clock, &self.settings.heartbeat);
+        let name = self.scene.name();
         let restored = (self.stored.as_ref())
-            .and_then(|stored| stored.restore(scene, tail, clock, &mut || heartbeat.beat()));
+            .and_then(|stored| stored.restore(name, tail, clock, &mut || heartbeat.beat()));
         if let Some(restored) = restored {
-            self.router.add_restored(scene, restored);
+            self.scene.add_restored(restored);
         }
     }
 
     pub(super) fn handle_timeout(&mut self, now: Instant) {
-        self.router.handle_timeout(now);
+        self.scene.handle_timeout(now);
     }
 
-    pub(super) fn router(&self) -> &SceneRouter {
-        &self.router
+    pub(super) const fn scene(&self) -> &SceneLoop {
+        &self.scene
     }
 
     /// Everything that there is to transmit, and what was handled.
     pub(super) fn output(&mut self) -> WorkerOutput {
-        let router = &mut self.router;
-        router.report_durable();
-        let transmits: Vec<Transmit> = std::iter::from_fn(|| router.poll_transmit()).collect();
+        let scene = &mut self.scene;
+        scene.report_durable();
+        let transmits: Vec<Transmit> = std::iter::from_fn(|| scene.poll_transmit()).collect();
         let mut handled = Vec::new();
         self.unhandled.retain(|peer, bytes| {
-            let unread = router.unread_bytes(*peer).min(*bytes);
+            let unread = scene.unread_bytes(*peer).min(*bytes);
             if unread < *bytes {
                 handled.push((*peer, *bytes - unread));
             }
@@ -116,7 +121,7 @@ impl InlineWorker {
             transmits,
             handled,
             inputs: self.inputs,
-            scenes: router.scene_count(),
+            has_scene: scene.exists() || scene.is_damaged(),
         }
     }
 }
@@ -124,7 +129,7 @@ impl InlineWorker {
 impl ThreadWorker {
     /// Starts the thread of a worker, which takes its inputs from a queue.
     pub(super) fn start(
-        id: WorkerId,
+        (id, scene): (WorkerId, SceneName),
         (scenes, data): (&SceneSettings, Option<&DataDir>),
         threads: &WorkerThreads,
     ) -> io::Result<Self> {
@@ -145,7 +150,7 @@ impl ThreadWorker {
             heartbeat: heartbeat.clone(),
             ..scenes.clone()
         };
-        let worker = InlineWorker::new(&scenes, data, wake);
+        let worker = InlineWorker::new(scene, (&scenes, data), wake);
         let send = Arc::clone(&threads.send);
         let thread_id = ThreadId::default();
         let (on_thread, own_id) = (heartbeat.clone(), thread_id.clone());
@@ -205,18 +210,18 @@ fn run(
     heartbeat: &Heartbeat,
     clock: &SharedClock,
 ) {
-    let mut reported = (0, 0);
+    let mut reported = (0, false);
     loop {
         let output = worker.output();
         heartbeat.rest();
-        let counts = (output.inputs, output.scenes);
+        let state = (output.inputs, output.has_scene);
         let has_news =
-            !output.transmits.is_empty() || !output.handled.is_empty() || counts != reported;
-        reported = counts;
+            !output.transmits.is_empty() || !output.handled.is_empty() || state != reported;
+        reported = state;
         if has_news && !send(FromWorker::Output(output)) {
             return;
         }
-        let first = match worker.router.poll_timeout() {
+        let first = match worker.scene.poll_timeout() {
             None => inputs.recv().map_err(|_| RecvTimeoutError::Disconnected),
             Some(wake) => {
                 let until = Duration::from_nanos(wake.at.since(clock()).as_nanos());
@@ -239,7 +244,7 @@ fn run(
             }
         }
         let now = clock();
-        let wake = worker.router.poll_timeout();
+        let wake = worker.scene.poll_timeout();
         if wake.is_some_and(|wake| wake.at <= now) {
             worker.handle_timeout(now);
         }

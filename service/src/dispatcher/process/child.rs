@@ -191,7 +191,7 @@ impl WorkerProcess {
 
     fn handle(&mut self, message: ToProcess) {
         match message {
-            ToProcess::Begin(id) => self.begin(id),
+            ToProcess::Begin(id, scene) => self.begin(id, scene),
             ToProcess::Input(id, input) => {
                 let is_end = input == WorkerInput::End;
                 if let Some(worker) = self.workers.get(&id) {
@@ -209,9 +209,9 @@ impl WorkerProcess {
         }
     }
 
-    fn begin(&mut self, id: WorkerId) {
+    fn begin(&mut self, id: WorkerId, scene: SceneName) {
         let scenes = (&self.scenes, self.data.as_ref());
-        match ThreadWorker::start(id, scenes, &self.threads) {
+        match ThreadWorker::start((id, scene), scenes, &self.threads) {
             Ok(worker) => {
                 lock(&self.life.heartbeats).insert(id, worker.heartbeat.clone());
                 self.workers.insert(id, worker);

@@ -62,9 +62,10 @@ mod transmit {
 pub(super) fn encode_to(message: &ToProcess) -> Vec<u8> {
     let mut to = Writer::new();
     match message {
-        ToProcess::Begin(id) => {
+        ToProcess::Begin(id, scene) => {
             to.u8(to::BEGIN);
             to.varint(u64::from(id.0));
+            scene.encode(&mut to);
         }
         ToProcess::Elsewhere { scenes, load } => {
             to.u8(to::ELSEWHERE);
@@ -118,9 +119,8 @@ fn encode_input(id: WorkerId, input: &WorkerInput, to: &mut Writer) {
             to.u8(kind);
             to.varint(u64::from(code));
         }
-        WorkerInput::Restore(scene, tail) => {
+        WorkerInput::Restore(tail) => {
             begin(to::RESTORE, None);
-            scene.encode(to);
             to.u8(u8::from(*tail == LogTail::LeftOut));
         }
         WorkerInput::Wake => begin(to::WAKE, None),
@@ -144,7 +144,7 @@ fn decode_to_in(frame: &Bytes, from: &mut Reader<'_>) -> Result<ToProcess, Malfo
     }
     let id = WorkerId(from.varint32()?);
     let input = match kind {
-        to::BEGIN => return Ok(ToProcess::Begin(id)),
+        to::BEGIN => return Ok(ToProcess::Begin(id, SceneName::decode(from)?)),
         to::OPENED => WorkerInput::Opened(peer(from)?, Arc::new(decode_permit(from)?)),
         to::CONTROL => WorkerInput::Control(peer(from)?, payload(frame, from)?),
         to::CONTROL_TAKEN => WorkerInput::ControlTaken(peer(from)?, size(from)?),
@@ -170,13 +170,11 @@ fn decode_to_in(frame: &Bytes, from: &mut Reader<'_>) -> Result<ToProcess, Malfo
             WorkerInput::Ended(peer, ending)
         }
         to::RESTORE => {
-            let scene = SceneName::decode(from)?;
-            let tail = match from.u8()? {
-                0 => LogTail::Kept,
-                1 => LogTail::LeftOut,
-                _ => return Err(Malformed::UnknownCode),
+            let tail = match flag(from)? {
+                false => LogTail::Kept,
+                true => LogTail::LeftOut,
             };
-            WorkerInput::Restore(scene, tail)
+            WorkerInput::Restore(tail)
         }
         to::WAKE => WorkerInput::Wake,
         to::END => WorkerInput::End,
@@ -220,11 +218,7 @@ fn decode_permit(from: &mut Reader<'_>) -> Result<Permit, Malformed> {
         members,
         load: decode_quota(from)?,
     };
-    let owns = match from.u8()? {
-        0 => false,
-        1 => true,
-        _ => return Err(Malformed::UnknownCode),
-    };
+    let owns = flag(from)?;
     Ok(Permit {
         client,
         role,
@@ -234,11 +228,7 @@ fn decode_permit(from: &mut Reader<'_>) -> Result<Permit, Malformed> {
 }
 
 fn decode_quota(from: &mut Reader<'_>) -> Result<Option<u64>, Malformed> {
-    match from.u8()? {
-        0 => Ok(None),
-        1 => from.varint().map(Some),
-        _ => Err(Malformed::UnknownCode),
-    }
+    flag(from)?.then(|| from.varint()).transpose()
 }
 
 /// The frames of a message of a process, each given to `send`, which says if more can be sent. A long output is divided.
@@ -293,7 +283,7 @@ fn encode_output(id: WorkerId, output: &WorkerOutput, send: &mut dyn FnMut(&[u8]
         to.u8(from::OUTPUT);
         to.varint(u64::from(id.0));
         to.varint(output.inputs);
-        to.varint(output.scenes as u64);
+        to.u8(u8::from(output.has_scene));
         let mut shared = SharedPayloads::default();
         while to.len() < SPLIT_BYTES
             && let Some(transmit) = transmits.next()
@@ -363,10 +353,9 @@ pub(super) fn decode_from(frame: &Bytes) -> Result<FromProcess, Malformed> {
         from::OVER => FromProcess::Worker(WorkerId(from.varint32()?), FromWorker::Over),
         from::ALIVE => {
             let (scenes, load) = (from.varint()?, from.varint()?);
-            let busiest = match from.u8()? {
-                0 => None,
-                1 => Some((WorkerId(from.varint32()?), Span::from_nanos(from.varint()?))),
-                _ => return Err(Malformed::UnknownCode),
+            let busiest = match flag(from)? {
+                false => None,
+                true => Some((WorkerId(from.varint32()?), Span::from_nanos(from.varint()?))),
             };
             FromProcess::Alive(Vitals {
                 busiest,
@@ -401,7 +390,7 @@ pub(super) fn decode_from(frame: &Bytes) -> Result<FromProcess, Malformed> {
 
 fn decode_output(frame: &Bytes, from: &mut Reader<'_>) -> Result<FromProcess, Malformed> {
     let id = WorkerId(from.varint32()?);
-    let (inputs, scenes) = (from.varint()?, size(from)?);
+    let (inputs, has_scene) = (from.varint()?, flag(from)?);
     let (mut transmits, mut payloads) = (Vec::new(), Vec::new());
     loop {
         let kind = from.u8()?;
@@ -433,7 +422,7 @@ fn decode_output(frame: &Bytes, from: &mut Reader<'_>) -> Result<FromProcess, Ma
         transmits,
         handled,
         inputs,
-        scenes,
+        has_scene,
     };
     Ok(FromProcess::Worker(id, FromWorker::Output(output)))
 }
@@ -444,6 +433,14 @@ fn peer(from: &mut Reader<'_>) -> Result<Peer, Malformed> {
 
 fn size(from: &mut Reader<'_>) -> Result<usize, Malformed> {
     usize::try_from(from.varint()?).map_err(|_| Malformed::OutOfRange)
+}
+
+fn flag(from: &mut Reader<'_>) -> Result<bool, Malformed> {
+    match from.u8()? {
+        0 => Ok(false),
+        1 => Ok(true),
+        _ => Err(Malformed::UnknownCode),
+    }
 }
 
 /// The next bytes with their length, as a part of the frame.

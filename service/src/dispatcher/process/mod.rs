@@ -79,7 +79,7 @@ impl Processes {
             return Err(CloseCode::SCENE_RESTORING);
         }
         process.workers += 1;
-        process.send(&ToProcess::Begin(worker));
+        process.send(&ToProcess::Begin(worker, scene.clone()));
         Ok(id)
     }
 
