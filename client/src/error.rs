@@ -156,10 +156,10 @@ impl fmt::Display for ClientError {
                 }
             }
             Self::Ended(Ending::TimedOut) => f.write_str(
-                "the connection timed out: nothing arrived for ten seconds; with resume_within of the join options a client continues",
+                "the connection timed out: nothing arrived for ten seconds; a client that joined with a time within which to resume continues",
             ),
             Self::Ended(Ending::Broken) => f.write_str(
-                "the connection broke: the server ended, or this process stood still for ten seconds; with resume_within of the join options a client continues",
+                "the connection broke: the server ended, or this process stood still for ten seconds; a client that joined with a time within which to resume continues",
             ),
             Self::Timeout { awaited, timeout } => {
                 write!(f, "the server gave no {awaited} within {timeout:?}")

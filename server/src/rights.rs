@@ -49,13 +49,13 @@ pub(crate) fn admit_scene(
     config: &SceneConfig,
     settings: &SceneSettings,
 ) -> Result<(SceneSlot, SceneLoad), Denial> {
-    let slot = settings.take_slot().ok_or(Denial::TooManyScenes)?;
     config.check().map_err(Denial::InvalidConfig)?;
     let ticks = admission::ticks_in_second(config);
     if config.stepping == Stepping::FreeRunning && ticks > settings.limits.scene_ticks_per_second {
         let rate = Invalid::out_of_range(Quantity::Rate);
         return Err(Denial::InvalidConfig(rate));
     }
+    let slot = settings.take_slot().ok_or(Denial::TooManyScenes)?;
     let load = settings.load_of(config);
     if !load.has_room() {
         let retry_seconds = admission::RETRY_SECONDS;
@@ -86,15 +86,15 @@ impl Rights<'_> {
         wanted: Option<StreamId>,
         replaced: Option<Peer>,
     ) -> Result<(), Denial> {
-        if self.is_faulted {
-            return Err(Denial::SceneFaulted);
-        }
         let scene_members = self.limits.members_per_scene;
         self.check(Request::Join {
             members: self.members_of_client(replaced).count(),
             scene_members,
         })?;
         self.check_streams(wanted, replaced)?;
+        if self.is_faulted {
+            return Err(Denial::SceneFaulted);
+        }
         let members = self.clients.members();
         let members = members.filter(|(peer, ..)| Some(*peer) != replaced);
         if members.count() as u64 >= scene_members {
@@ -105,10 +105,11 @@ impl Rights<'_> {
 
     /// Decides whether a member may subscribe to another stream; `None` for one that has yet to begin.
     pub(crate) fn subscribe(&self, wanted: Option<StreamId>) -> Result<(), Denial> {
-        if self.is_faulted {
-            return Err(Denial::SceneFaulted);
+        self.check_streams(wanted, None)?;
+        match self.is_faulted {
+            true => Err(Denial::SceneFaulted),
+            false => Ok(()),
         }
-        self.check_streams(wanted, None)
     }
 
     /// Decides whether a member may ask for more body indices. `id_ranges` decides how many there are for it.
@@ -148,10 +149,10 @@ impl Rights<'_> {
 
     /// Decides whether a member may take authority over bodies.
     pub(crate) fn take_authority(&self, bodies: &[BodyId]) -> Result<(), AuthorityError> {
+        self.check(Request::TakeAuthority(bodies))?;
         if self.is_faulted {
             return Err(AuthorityError::SceneFaulted);
         }
-        self.check(Request::TakeAuthority(bodies))?;
         for id in bodies {
             self.check_authority(*id)?;
         }
@@ -740,6 +741,49 @@ mod tests {
         ] {
             assert_eq!(setup.rights(permit, is_faulted).advance(to), decided);
         }
+    }
+
+    #[test]
+    fn a_missing_right_is_named_before_the_fault_of_a_scene() {
+        let setup = Setup::new(SceneConfig::default(), Limits::default());
+        let mut barred = permit("anna", Role::Observer);
+        barred.quotas.members = Some(0);
+        let observer = permit("anna", Role::Observer);
+        let bodies = [BodyId::new(1, 0)];
+        let rights = setup.rights(&barred, true);
+        assert_eq!(rights.join(None, None), Err(Denial::OverQuota));
+        assert_eq!(rights.reserve(), Err(Denial::NotAllowed));
+        let rights = setup.rights(&observer, true);
+        assert_eq!(rights.join(None, None), Err(Denial::SceneFaulted));
+        assert_eq!(rights.subscribe(None), Err(Denial::SceneFaulted));
+        let refused = rights.take_authority(&bodies);
+        assert_eq!(refused, Err(AuthorityError::NotAllowed));
+        let refused = setup.rights(&Permit::OPEN, true).take_authority(&bodies);
+        assert_eq!(refused, Err(AuthorityError::SceneFaulted));
+    }
+
+    #[test]
+    fn a_scene_with_wrong_settings_is_refused_for_them_by_a_full_server_too() {
+        let settings = |scenes| SceneSettings {
+            limits: Limits {
+                scenes,
+                ..Limits::default()
+            },
+            ..SceneSettings::new(|| Instant::ZERO)
+        };
+        let wrong = SceneConfig {
+            gravity: Vec3::splat(f32::NAN),
+            ..SceneConfig::default()
+        };
+        for scenes in [0, 1] {
+            let refused = admit_scene(&wrong, &settings(scenes)).map(|_| ());
+            assert!(
+                matches!(refused, Err(Denial::InvalidConfig(_))),
+                "{refused:?}"
+            );
+        }
+        let refused = admit_scene(&SceneConfig::default(), &settings(0)).map(|_| ());
+        assert_eq!(refused, Err(Denial::TooManyScenes));
     }
 
     #[test]

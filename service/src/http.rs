@@ -54,7 +54,9 @@ impl HttpRequest {
     pub(crate) fn foreign_origin(&self) -> Option<&str> {
         let origin = self.origin.as_deref()?;
         let (_, place) = origin.split_once("://").unwrap_or_default();
-        (self.host.as_deref() != Some(place)).then_some(origin)
+        let host = self.host.as_deref();
+        let is_own = host.is_some_and(|host| host.eq_ignore_ascii_case(place));
+        (!is_own).then_some(origin)
     }
 }
 
@@ -65,11 +67,14 @@ pub(crate) fn reached_host(host: &str, named: bool) -> Option<&str> {
         Some((name, port)) if port.bytes().all(|digit| digit.is_ascii_digit()) => name,
         _ => host,
     };
-    let bare = name.trim_start_matches('[').trim_end_matches(']');
-    let is_address = bare.parse::<IpAddr>().is_ok() || bare == "localhost";
-    let is_name = bare
-        .bytes()
-        .all(|byte| byte.is_ascii_alphanumeric() || b"-._".contains(&byte));
+    // A dot at the end of a name is the root of all names.
+    let rooted = name.strip_suffix('.').unwrap_or(name);
+    let bare = rooted.trim_start_matches('[').trim_end_matches(']');
+    let is_address = bare.parse::<IpAddr>().is_ok() || bare.eq_ignore_ascii_case("localhost");
+    let is_name = !bare.is_empty()
+        && bare
+            .bytes()
+            .all(|byte| byte.is_ascii_alphanumeric() || b"-._".contains(&byte));
     (is_address || named && is_name).then_some(name)
 }
 
@@ -266,6 +271,40 @@ mod tests {
             body: Bytes::from_static(b"ok"),
         };
         assert_eq!(*requests.lock().unwrap(), [expected]);
+    }
+
+    #[test]
+    fn a_host_is_known_in_any_case_and_with_the_root_s_dot() {
+        for host in [
+            "localhost",
+            "LOCALHOST",
+            "LocalHost:80",
+            "localhost.",
+            "LOCALHOST.:80",
+            "127.0.0.1:1",
+            "[::1]:1",
+        ] {
+            assert!(reached_host(host, false).is_some(), "{host}");
+        }
+        for host in [
+            "",
+            ".",
+            ":80",
+            "localhost..",
+            "localhost.evil",
+            "evil.localhost",
+            "127.0.0.1.nip.io",
+        ] {
+            assert_eq!(reached_host(host, false), None, "{host}");
+        }
+        for (host, known) in [
+            ("Physics.example.:80", true),
+            ("", false),
+            (".", false),
+            ("a/b", false),
+        ] {
+            assert_eq!(reached_host(host, true).is_some(), known, "{host}");
+        }
     }
 
     #[test]

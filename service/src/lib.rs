@@ -86,7 +86,7 @@ pub use rhumb_scene::{
 };
 pub use rhumb_transport::{
     BindError, CertificateError, CertificateHashes, Fingerprint, Origins, PageOrigin, ServeError,
-    ServerStatistics, Stop, Waker,
+    ServerStatistics, Stop, Waker, outward_ip,
 };
 pub use serve::{Access, Identity, RunError, Server, run_on_cores, usable_cores};
 #[cfg(feature = "view")]

@@ -13,7 +13,8 @@ use crate::access::{Claims, DEFAULT_AUDIENCE, KeyFile, TokenKeys, make_keys, rol
 /// The token to make, or the key.
 #[derive(Debug, Args)]
 pub(crate) struct TokenArguments {
-    /// Makes a key pair instead: the secret key in this new file, the public key in the same name with `.pub`.
+    /// Makes a key pair instead: the secret key in this new file, the public key in the same name with `.pub`. If only the
+    /// secret key is there, as after a crash, its public key is written.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["check", "key", "client", "scene", "role"])]
     new_key: Option<PathBuf>,
     /// Checks this token instead, as a server with the public key of --key and this audience would, for the scene if one is
@@ -56,14 +57,18 @@ pub(crate) struct TokenArguments {
 pub(crate) fn run(arguments: &TokenArguments, now: i64) -> Result<(), Box<dyn Error>> {
     let mut out = std::io::stdout().lock();
     if let Some(path) = &arguments.new_key {
-        let public = make_keys(path)?;
-        let (secret, public) = (path.display(), public.display());
+        let pair = make_keys(path)?;
+        let (secret, public) = (path.display(), pair.public.display());
+        if pair.was_completed {
+            eprintln!("warning: {secret} was there without its public key, which is written now");
+        }
         writeln!(out, "secret key {secret}\npublic key {public}")?;
         return Ok(());
     }
     let key = arguments.key.clone().unwrap_or_default();
     if let Some(token) = &arguments.check {
-        let keys = TokenKeys::read(&[KeyFile::for_all_scenes(key)], &arguments.audience)?;
+        let file = KeyFile::for_all_scenes(key);
+        let keys = TokenKeys::read(&[file], &arguments.audience)?;
         write!(out, "{}", checked(&keys, token, arguments, now)?)?;
         return Ok(());
     }

@@ -20,7 +20,7 @@ pub struct RhumbConnection {
 }
 
 /// How to reach a server, and which one to trust: by `fingerprint` or by `roots`, one of the two. The address may end with
-/// `#` and the fingerprint.
+/// `#` and the fingerprint. `unix:` and a path reach a server of this machine and user, which needs neither.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct RhumbConnectOptions {

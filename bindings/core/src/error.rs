@@ -65,7 +65,7 @@ pub enum BindingError {
     Serve(Box<rhumb_server::RunError>),
     /// This build has no page; the text says what to do.
     NoPage(&'static str),
-    /// The scene's server is elsewhere, so that its page is not known here.
+    /// The scene's client knows its server by its address alone, and so not its page.
     PageElsewhere,
     /// An argument that must not be null is null.
     Null(&'static str),
@@ -270,7 +270,8 @@ impl fmt::Display for BindingError {
             Self::Serve(cause) => cause.fmt(f),
             Self::NoPage(reason) => write!(f, "this build has no page: {reason}"),
             Self::PageElsewhere => f.write_str(
-                "the scene's server is in another process: its page is the one that it printed, with --view ADDRESS",
+                "the scene's server is not this scene's own: the page of a scene that a program serves is known to that scene alone, and \
+                 rhumb-server prints the page's address if it is started with --view ADDRESS",
             ),
             Self::Null(argument) => write!(f, "{argument} must not be null"),
             Self::TooSmall { capacity, needed } => {

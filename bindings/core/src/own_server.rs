@@ -3,13 +3,13 @@
 //! Compiled by the feature `serve`. [`ServedScenes`] has sockets, so that other processes join; a [`LocalServer`] has none,
 //! and its page has some of its own.
 
-use core::net::{Ipv4Addr, Ipv6Addr, SocketAddr};
+use core::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::sync::Arc;
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use rhumb_client::{Client, Fingerprint, LocalServer, ServerConnection, Trust};
-use rhumb_server::{Access, Identity, PageBeside, RunError, Server, Stop, ViewScene};
+use rhumb_server::{Access, Identity, PageBeside, RunError, Server, Stop, ViewScene, outward_ip};
 
 use crate::door::NetworkDoor;
 use crate::error::BindingError;
@@ -48,7 +48,8 @@ impl ServedScenes {
             .map_err(|_| BindingError::value("listen", format_args!("{listen:?}"), needed))?;
         let access = match reach {
             Reach::ThisMachine if !listen.ip().is_loopback() => {
-                let needed = "an address of this machine alone, unless it is meant to be open to the network: no token is asked for";
+                let needed = "an address of this machine alone, such as 127.0.0.1:0, unless open_to_network says that other \
+                              machines may do everything in it, without a token";
                 return Err(BindingError::value("listen", listen, needed));
             }
             Reach::ThisMachine => Access::OpenOnLoopback,
@@ -77,10 +78,11 @@ impl ServedScenes {
         })
     }
 
-    /// The address with the fingerprint: the one text by which other processes connect.
+    /// The address with the fingerprint: the one text by which other processes connect. Of a server at all addresses of this
+    /// machine, it is the one by which other machines reach it.
     #[must_use]
     pub fn address(&self) -> String {
-        address_with(self.listens, self.fingerprint)
+        address_with(outward(self.listens), self.fingerprint)
     }
 
     /// A connection from this process.
@@ -97,17 +99,30 @@ impl ServedScenes {
     /// The address by which this machine reaches it.
     fn reached(&self) -> SocketAddr {
         let mut address = self.listens;
-        match address {
-            SocketAddr::V4(_) if address.ip().is_unspecified() => {
-                address.set_ip(Ipv4Addr::LOCALHOST.into());
-            }
-            SocketAddr::V6(_) if address.ip().is_unspecified() => {
-                address.set_ip(Ipv6Addr::LOCALHOST.into());
-            }
-            _ => {}
+        if address.ip().is_unspecified() {
+            address.set_ip(loopback(address.ip()));
         }
         address
     }
+}
+
+const fn loopback(any: IpAddr) -> IpAddr {
+    match any {
+        IpAddr::V4(_) => IpAddr::V4(Ipv4Addr::LOCALHOST),
+        IpAddr::V6(_) => IpAddr::V6(Ipv6Addr::LOCALHOST),
+    }
+}
+
+/// The address by which other machines reach one that is bound. A machine without a network has itself alone.
+fn outward(mut address: SocketAddr) -> SocketAddr {
+    let bound = address.ip();
+    if bound.is_unspecified() {
+        // A socket at [::] takes both kinds.
+        let either = [bound, Ipv4Addr::UNSPECIFIED.into()];
+        let outward = either.into_iter().find_map(|any| outward_ip(any).ok());
+        address.set_ip(outward.unwrap_or_else(|| loopback(bound)));
+    }
+    address
 }
 
 impl Drop for ServedScenes {

@@ -2,7 +2,7 @@
 //!
 //! An address may end with `#` and the fingerprint of its server, so that one text suffices.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use rhumb_client::{Fingerprint, Trust};
 
@@ -15,24 +15,33 @@ pub fn address_with(address: impl std::fmt::Display, fingerprint: Fingerprint) -
 }
 
 /// The plain address of a server, and what to trust: the certificate with a fingerprint, which the address may end with,
-/// or those that the roots in a PEM file sign.
+/// or those that the roots in a PEM file sign. A Unix socket has no certificate.
 ///
 /// # Errors
 ///
-/// [`BindingError`] for a text that is no fingerprint, for two fingerprints, for one and roots, and for neither.
+/// [`BindingError`] for a text that is no fingerprint, for two fingerprints, for one and roots, and for neither; for either of
+/// them beside a Unix socket, where neither would be checked.
 pub fn server_of<'a>(
     address: &'a str,
     fingerprint: Option<&str>,
     roots: Option<&Path>,
 ) -> Result<(&'a str, Trust), BindingError> {
-    // The path of a Unix socket may have such a sign.
-    let (address, own) = match address.rsplit_once('#') {
-        Some((address, own)) if !address.starts_with("unix:") => (address, Some(own)),
-        _ => (address, None),
-    };
     let needed = |needed| BindingError::Argument {
         argument: "trust",
         needed,
+    };
+    if address.starts_with("unix:") {
+        return match (fingerprint, roots) {
+            // It is not asked for: only the user who runs the server can connect.
+            (None, None) => Ok((address, Trust::Roots(PathBuf::new()))),
+            _ => Err(needed(
+                "left out for a Unix socket: it has no certificate, and only the user who runs the server can connect",
+            )),
+        };
+    }
+    let (address, own) = match address.rsplit_once('#') {
+        Some((address, own)) => (address, Some(own)),
+        None => (address, None),
     };
     let fingerprint = match (own, fingerprint) {
         (Some(own), Some(given)) if !own.eq_ignore_ascii_case(given) => {
@@ -74,6 +83,9 @@ mod tests {
             assert_eq!(address, "127.0.0.1:4433");
             assert!(matches!(trust, Trust::Fingerprint(print) if print.to_string() == PRINT));
         }
+        // The path of a Unix socket may have such a sign.
+        let (address, _) = server_of("unix:/tmp/a#b", None, None).unwrap();
+        assert_eq!(address, "unix:/tmp/a#b");
         let other = "0".repeat(64);
         let roots = Path::new("roots.pem");
         let (_, trust) = server_of("example.org", None, Some(roots)).unwrap();
@@ -83,7 +95,8 @@ mod tests {
             (text.as_str(), None, Some(roots), "not both"),
             ("127.0.0.1:4433", None, None, "behind a #"),
             ("127.0.0.1:4433#", None, None, "64 hexadecimal"),
-            ("unix:/tmp/a#b", None, None, "given"),
+            ("unix:/tmp/a#b", Some(PRINT), None, "Unix socket"),
+            ("unix:/tmp/a", None, Some(roots), "Unix socket"),
         ] {
             let error = server_of(text, fingerprint, roots).unwrap_err();
             assert!(error.to_string().contains(words), "{text}: {error}");

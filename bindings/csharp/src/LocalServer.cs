@@ -36,7 +36,13 @@ namespace Rhumb
             RhumbLocalServer server;
             fixed (byte* at = Utf8.Bytes(listen))
             {
-                RhumbException.Check(Native.rhumb_serve(at, (byte)(openToNetwork ? 1 : 0), &server));
+                RhumbCode code = Native.rhumb_serve(at, (byte)(openToNetwork ? 1 : 0), &server);
+                if (code != RhumbCode.Ok)
+                {
+                    // The option has the name of this language.
+                    string reason = RhumbException.LastError().Replace("open_to_network", nameof(openToNetwork));
+                    throw new RhumbException(code, reason);
+                }
             }
             return new LocalServer(server);
         }

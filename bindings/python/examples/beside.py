@@ -252,9 +252,14 @@ other processes read the same scene.
 {tasks}"""
 
 
+IMPORTS = (("math", "import math\n"), ("np", "import numpy as np\n"))
+
+
 def code(engine, task):
+    """The task as a program of its own."""
     lines = inspect.getsource(getattr(engine, task)).split("\n", 1)[1]
-    return re.sub(r"return (.+)", r"print(\1)", textwrap.dedent(lines).strip())
+    body = re.sub(r"return (.+)", r"print(\1)", textwrap.dedent(lines).strip())
+    return "".join(line for name, line in IMPORTS if re.search(rf"\b{name}\.", body)) + body
 
 
 def timed(engine, task):

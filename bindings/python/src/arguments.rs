@@ -10,7 +10,7 @@ use rhumb_bindings::rhumb_client::scene::{Sleep, SleepThresholds};
 use rhumb_bindings::{BindingError, Coordinates, parse_body_word};
 
 use crate::errors::{exception, wrong, wrong_value};
-use crate::number::{REAL, within, written};
+use crate::number::{REAL, no_truth, within, written};
 
 /// Words for the coordinates of a scene.
 pub(crate) const COORDINATES: [(&str, Coordinates); 4] = [
@@ -50,6 +50,7 @@ fn numbers(argument: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Numbers<
 /// Whole numbers. A negative one becomes greater than any place or id. A float is refused: its fraction would be lost.
 fn integers(argument: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Numbers<u64>> {
     let py = argument.py();
+    no_truth(argument, name, "whole numbers")?;
     let array = get_array_module(py)?.call_method1("asarray", (argument,))?;
     let kind = array.getattr("dtype")?.getattr("kind")?.extract::<char>()?;
     // An array of nothing is one of floats.
@@ -226,6 +227,7 @@ pub(crate) fn sleep(value: &Bound<'_, PyAny>) -> PyResult<Option<Sleep>> {
     if value.is_none() {
         return Ok(None);
     }
+    no_truth(value, "sleep", NEEDED)?;
     if let Ok((speed, angular_speed, seconds)) = value.extract() {
         return Ok(Some(Sleep::Below(SleepThresholds {
             speed,

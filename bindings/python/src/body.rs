@@ -10,7 +10,7 @@ use rhumb_bindings::{BodyParams, StateRecord};
 
 use crate::arguments::{bodies, one_of, optional_rows, points, rows, sleep};
 use crate::errors::wrong_value;
-use crate::number::{real, reals, whole, within};
+use crate::number::{flag, real, reals, whole, within};
 use crate::shape::PyShape;
 
 const KINDS: [(&str, BodyKind); 3] = [
@@ -89,10 +89,6 @@ fn optional<T>(
         true => Ok(None),
         false => read(value, name).map(Some),
     }
-}
-
-fn flag(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<bool> {
-    within(value, name, value.extract(), "True or False")
 }
 
 /// A body like a plain one for each row of positions. Rotations and velocities, linear then angular, may be left out.

@@ -39,10 +39,11 @@ pub(crate) struct PyConnection {
     origin: Option<OwnServer>,
 }
 
-/// Connects to the server at host:port.
+/// Connects to the server at host:port, or at unix:PATH.
 ///
-/// Trust its certificate by the fingerprint that the server prints, or by a PEM file with roots; not by both. A token
-/// admits the client to a server that is not open. The time limit, in seconds, holds for every later call that waits.
+/// Trust its certificate by the fingerprint that the server prints, or by a PEM file with roots; not by both. The Unix
+/// socket of a server of this machine and user has none, and needs neither. A token admits the client to a server that is
+/// not open. The time limit, in seconds, holds for every later call that waits.
 #[pyfunction]
 #[pyo3(signature = (address, *, fingerprint = None, roots = None, token = None, timeout = 5.0))]
 pub(crate) fn connect(

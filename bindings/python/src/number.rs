@@ -3,6 +3,7 @@
 use std::fmt::Display;
 
 use pyo3::exceptions::{PyOverflowError, PyTypeError, PyValueError};
+use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyList, PyString, PyTuple};
 use pyo3::{PyTypeInfo as _, prelude::*};
 
 use crate::errors::wrong_value;
@@ -13,13 +14,63 @@ const SHOWN: usize = 40;
 /// Range of a 32-bit float.
 pub(crate) const REAL: &str = "finite, and from -3.4e38 to 3.4e38";
 
-/// The value of an argument, read by Python's rules. One that is beyond its type is wrong; `needed` says what it can be.
+/// True for a truth value, and for a list, a row or an array that has one. Python and NumPy take it for 0 or 1.
+fn has_truth(value: &Bound<'_, PyAny>) -> PyResult<bool> {
+    if value.is_exact_instance_of::<PyFloat>() || value.is_exact_instance_of::<PyInt>() {
+        return Ok(false);
+    }
+    if value.is_instance_of::<PyBool>() {
+        return Ok(true);
+    }
+    if let Ok(by_key) = value.cast::<PyDict>() {
+        return Ok(has_truth(by_key.keys().as_any())? || has_truth(by_key.values().as_any())?);
+    }
+    if value.is_instance_of::<PyList>() || value.is_instance_of::<PyTuple>() {
+        for part in value.try_iter()? {
+            if has_truth(&part?)? {
+                return Ok(true);
+            }
+        }
+        return Ok(false);
+    }
+    if value.is_none() || value.is_instance_of::<PyString>() {
+        return Ok(false);
+    }
+    let Ok(dtype) = value.getattr("dtype") else {
+        return Ok(false);
+    };
+    match dtype.getattr("kind")?.extract::<String>()?.as_str() {
+        "b" => Ok(true),
+        "O" => has_truth(&value.call_method0("tolist")?),
+        _ => Ok(false),
+    }
+}
+
+/// Refuses a truth value where numbers are needed; `needed` says which.
+pub(crate) fn no_truth(
+    value: &Bound<'_, PyAny>,
+    name: &'static str,
+    needed: impl Display,
+) -> PyResult<()> {
+    match has_truth(value)? {
+        true => Err(wrong_value(
+            value.py(),
+            name,
+            written(value),
+            format_args!("{needed}, and no truth value"),
+        )),
+        false => Ok(()),
+    }
+}
+
+/// Numbers of an argument, read by Python's rules. What is beyond its type is wrong; `needed` says what it can be.
 pub(crate) fn within<T>(
     value: &Bound<'_, PyAny>,
     name: &'static str,
     read: PyResult<T>,
     needed: impl Display,
 ) -> PyResult<T> {
+    no_truth(value, name, &needed)?;
     let py = value.py();
     read.map_err(|error| {
         if error.is_instance_of::<PyTypeError>(py) {
@@ -35,6 +86,14 @@ pub(crate) fn within<T>(
             true => wrong_value(py, name, written(value), needed),
             false => error,
         }
+    })
+}
+
+/// True or False.
+pub(crate) fn flag(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<bool> {
+    value.extract().map_err(|error: PyErr| {
+        let text = error.value(value.py()).to_string();
+        PyTypeError::new_err(format!("argument '{name}': {text}"))
     })
 }
 

@@ -511,6 +511,10 @@ impl PyScene {
 
     /// Publishes the states of all bodies under this client's authority, once per frame; returns their tick.
     ///
+    /// Give the states of now. In a lockstep scene their tick is the one that the next advance makes. In a free-running scene
+    /// it is the tick nearest to now by the server's clock, plus lead_ticks; positions are moved to it by their velocities, by
+    /// half a tick at most.
+    ///
     /// None, and nothing is published, before the authority is granted, before the server's clock is known, and for a
     /// second frame of one tick. A body that is left out stands still.
     #[pyo3(signature = (body, position, rotation = None, linear = None, angular = None))]

@@ -1,9 +1,13 @@
 """help() says what the stubs say, and suffices for the first programs."""
 
 import ast
+import builtins
+import importlib.util
 import inspect
 import pathlib
 import pydoc
+import re
+import subprocess
 import sys
 
 import numpy as np
@@ -56,6 +60,37 @@ def test_help_names_the_words_of_every_option():
     for word in ('"kinematic"', '"revolute"', "RefusedError", '"contact began"', "friction, restitution"):
         assert word in text
     assert "**keywords" not in text
+
+
+PAGE = HERE.parents[2] / "docs" / "book" / "src" / "five-tasks.md"
+
+
+def snippets():
+    """Each program of the page of five tasks, with the engine that it is for."""
+    text = PAGE.read_text()
+    return re.findall(r"^(\w+):\n\n```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+
+
+@pytest.mark.skipif(not PAGE.exists(), reason="the package alone has no book")
+def test_each_program_of_the_page_runs_as_it_stands():
+    programs = snippets()
+    assert len(programs) == 15
+    for engine, program in programs:
+        if importlib.util.find_spec(engine.lower()) is None:
+            continue
+        ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120)
+        assert ended.returncode == 0 and ended.stdout.strip(), f"{engine}: {program}\n{ended.stderr}"
+
+
+@pytest.mark.skipif(not PAGE.exists(), reason="the package alone has no book")
+def test_each_program_of_the_page_imports_what_it_names():
+    for engine, program in snippets():
+        names = [node for node in ast.walk(ast.parse(program)) if isinstance(node, ast.Name)]
+        made = {node.id for node in names if isinstance(node.ctx, ast.Store)} | set(dir(builtins))
+        for node in ast.walk(ast.parse(program)):
+            if isinstance(node, ast.Import):
+                made |= {alias.asname or alias.name for alias in node.names}
+        assert {node.id for node in names} <= made, f"{engine}: {program}"
 
 
 def test_an_error_names_the_words_of_an_option(scene):

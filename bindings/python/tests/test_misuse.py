@@ -29,6 +29,12 @@ def test_connecting_to_what_is_not_there_or_not_trusted(server):
             server.connect(timeout=timeout)
     with pytest.raises(TypeError):
         rhumb.connect(None, fingerprint=server.fingerprint)
+    # A Unix socket has no certificate, and asks for no trust.
+    with pytest.raises(rhumb.ConnectError):
+        rhumb.connect("unix:/there/is/no/such/socket")
+    for trust in ({"fingerprint": server.fingerprint}, {"roots": "roots.pem"}):
+        with pytest.raises(rhumb.InvalidError, match="left out for a Unix socket"):
+            rhumb.connect("unix:/there/is/no/such/socket", **trust)
 
 
 def test_joining_what_cannot_be_joined(server):

@@ -1,5 +1,6 @@
 """Numbers that no argument can have: refused at once, by name and limits."""
 
+import numpy as np
 import pytest
 
 import rhumb
@@ -55,6 +56,63 @@ NUMBERS = [
 def test_a_wrong_number_is_refused_at_once_with_its_name_and_limits(scene, place):
     call, expected = NUMBERS[place]
     with pytest.raises(rhumb.InvalidError, match=expected):
+        call(scene)
+
+
+TRUTHS = [
+    ("ticks", lambda scene: scene.advance(True)),
+    ("ticks", lambda scene: scene.advance(np.True_)),
+    ("depth", lambda scene: scene.advance(1, False)),
+    ("depth", lambda scene: scene.wait(True)),
+    ("duration", lambda scene: scene.idle(False)),
+    ("tick", lambda scene: scene.tick_error_bound(1, True)),
+    ("ticks", lambda scene: scene.set_lead_ticks(True)),
+    ("id", lambda scene: scene.remove_joint(True)),
+    ("body", lambda scene: scene.remove(True)),
+    ("body", lambda scene: scene.remove([1, True])),
+    ("body", lambda scene: scene.places(np.array([True]))),
+    ("body", lambda scene: True in scene),
+    ("tolerance", lambda scene: scene.take_authority(1, True)),
+    ("speed", lambda scene: scene.jump(1, True)),
+    ("force", lambda scene: scene.report_events(1, force=True)),
+    ("gravity", lambda scene: scene.set_gravity((0, True, 0))),
+    ("gravity", lambda scene: scene.set_gravity(np.array([True, False, True]))),
+    ("force", lambda scene: scene.apply_force(1, [0, np.True_, 0])),
+    ("positions", lambda scene: scene.add_bodies(rhumb.Shape.ball(1), [(0, 0, 0), (0, False, 0)])),
+    ("position", lambda scene: scene.add_body(rhumb.Shape.ball(1), np.array([0, True, 0], dtype=object))),
+    ("mass", lambda scene: scene.add_body(rhumb.Shape.ball(1), mass=True)),
+    ("material", lambda scene: scene.add_body(rhumb.Shape.ball(1), material=(True, 0, 1))),
+    ("groups", lambda scene: scene.add_body(rhumb.Shape.ball(1), groups=(True, 1))),
+    ("locked_axes", lambda scene: scene.add_body(rhumb.Shape.ball(1), locked_axes=True)),
+    ("tolerance_exponent", lambda scene: scene.add_body(rhumb.Shape.ball(1), tolerance_exponent=True)),
+    ("sleep", lambda scene: scene.add_body(rhumb.Shape.ball(1), sleep=(True, 1, 1))),
+    ("sleep", lambda scene: scene.add_body(rhumb.Shape.ball(1), sleep=False)),
+    ("radius", lambda scene: rhumb.Shape.ball(True)),
+    ("heights", lambda scene: rhumb.Shape.heights([[0, True], [0, 0]])),
+    ("triangles", lambda scene: rhumb.Shape.mesh(np.eye(3), [(0, True, 2)])),
+    ("hits", lambda scene: rhumb.Query.ray((0, 0, 0), (0, 1, 0), hits=True)),
+    ("groups", lambda scene: rhumb.Query.ray((0, 0, 0), (0, 1, 0)).among(groups=True)),
+    ("limits", lambda scene: rhumb.Joint("revolute", 1, 2, limits={3: (False, 1)})),
+    ("limits", lambda scene: rhumb.Joint("revolute", 1, 2, limits={True: (0, 1)})),
+    ("motors", lambda scene: rhumb.Joint("revolute", 1, 2, motors={3: (0, True, 0, 1, None)})),
+    ("breaks_at", lambda scene: rhumb.Joint("fixed", 1, 2, breaks_at=(True, 1))),
+    ("length", lambda scene: rhumb.Joint("rope", 1, 2, length=True)),
+    ("mass", lambda scene: rhumb.Character(mass=True)),
+    ("step", lambda scene: rhumb.Character(step=(True, 1))),
+    ("radius", lambda scene: rhumb.Wheel((0, 0, 0), True)),
+    ("timeout", lambda scene: rhumb.connect("a:1", fingerprint="a" * 64, timeout=True)),
+    ("density", lambda scene: scene.load("none.urdf", density=True)),
+    ("group", lambda scene: scene.load("none.urdf", group=True)),
+    ("tolerance", lambda scene: rhumb.local(tolerance=True)),
+    ("substeps", lambda scene: rhumb.local(substeps=True)),
+    ("resume_within", lambda scene: rhumb.local(resume_within=True)),
+]
+
+
+@pytest.mark.parametrize("place", range(len(TRUTHS)))
+def test_a_truth_value_is_no_number(scene, place):
+    name, call = TRUTHS[place]
+    with pytest.raises(rhumb.InvalidError, match=f"{name} is .*(True|False).*no truth value"):
         call(scene)
 
 

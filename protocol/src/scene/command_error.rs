@@ -202,7 +202,7 @@ impl fmt::Display for CommandError {
             Self::NotGranted(id) => write!(f, "{id} is not one of this member's own"),
             Self::ShapeIdTaken(id) => write!(f, "{id} is taken"),
             Self::ShapeInUse(id) => write!(f, "a body still has {id}"),
-            Self::NotPushable(id) => write!(f, "{id} is fixed or kinematic and cannot be pushed: change_body makes it dynamic, and set_pose and set_velocity move a kinematic one"),
+            Self::NotPushable(id) => write!(f, "{id} is fixed or kinematic and cannot be pushed, as dynamic bodies can; a kinematic one moves by a pose or a velocity that is set"),
             Self::SceneFaulted => f.write_str("the scene has faulted and takes no commands"),
             Self::ShapeUnfit(id) => write!(f, "the engine cannot make a solid of {id}"),
             Self::UnknownJoint(id) => write!(f, "the scene has no {id}"),

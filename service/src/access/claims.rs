@@ -77,7 +77,12 @@ pub(crate) enum TokenError {
     /// The claim `scenes` does not name the scene.
     OtherScene(SceneName),
     /// The key that signed the token may not sign for the scene.
-    OtherKey(SceneName),
+    OtherKey {
+        /// The scene.
+        scene: SceneName,
+        /// Names of the scenes for which it signs.
+        of_key: String,
+    },
 }
 
 impl TokenError {
@@ -86,7 +91,7 @@ impl TokenError {
         match self {
             Self::Absent => CloseCode::TOKEN_MISSING,
             Self::Expired(_) => CloseCode::TOKEN_EXPIRED,
-            Self::OtherScene(_) | Self::OtherKey(_) => CloseCode::TOKEN_SCENE,
+            Self::OtherScene(_) | Self::OtherKey { .. } => CloseCode::TOKEN_SCENE,
             _ => CloseCode::TOKEN_INVALID,
         }
     }
@@ -119,9 +124,9 @@ impl fmt::Display for TokenError {
                     "the token's claim scenes does not name the scene {scene}"
                 )
             }
-            Self::OtherKey(scene) => write!(
+            Self::OtherKey { scene, of_key } => write!(
                 f,
-                "the key that signed the token may not sign for the scene {scene}"
+                "the key that signed the token signs for the scenes {of_key} alone, as --token-key says, and not for {scene}"
             ),
         }
     }

@@ -35,7 +35,8 @@ pub struct TokenKeys {
 /// A file with a public key, and the scenes for which the key may sign.
 ///
 /// Its text is the file's path, then for some scenes only `=` and their names, separated by commas. A name that ends in `*`
-/// stands for all names that begin so: `team.pub=team/*,lobby`.
+/// stands for all names that begin so: `team.pub=team/*,lobby`. The last `=` counts, so that a path that has one itself
+/// needs names behind it: `a=b.pub=*`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct KeyFile {
     path: PathBuf,
@@ -53,6 +54,7 @@ enum KeyScenes {
 /// A text that is no [`KeyFile`].
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct InvalidKeyFile {
+    text: String,
     pattern: String,
 }
 
@@ -69,11 +71,29 @@ pub(crate) struct Verified {
 }
 
 impl Verified {
-    /// False if the key may not sign for the scene, whatever the claims say.
-    pub(crate) fn key_admits(&self, scene: &SceneName) -> bool {
+    /// Refuses a scene for which the key may not sign, whatever the claims say.
+    pub(crate) fn check_key(&self, scene: &SceneName) -> Result<(), TokenError> {
         match &self.scenes {
-            KeyScenes::All => true,
-            KeyScenes::Some(patterns) => patterns.iter().any(|pattern| names(pattern, scene)),
+            KeyScenes::Some(patterns) if !patterns.iter().any(|pattern| names(pattern, scene)) => {
+                Err(TokenError::OtherKey {
+                    scene: scene.clone(),
+                    of_key: patterns.join(","),
+                })
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+impl KeyScenes {
+    /// The scenes of both.
+    fn and(&self, other: &Self) -> Self {
+        match (self, other) {
+            (Self::Some(these), Self::Some(those)) => {
+                let new = those.iter().filter(|pattern| !these.contains(pattern));
+                Self::Some(these.iter().chain(new).cloned().collect())
+            }
+            _ => Self::All,
         }
     }
 }
@@ -87,18 +107,35 @@ impl KeyFile {
             scenes: KeyScenes::All,
         }
     }
+
+    /// An error of reading it. Of a path that has `=` itself, only the beginning was sought.
+    fn explained(&self, error: KeyError) -> KeyError {
+        match (error, &self.scenes) {
+            (KeyError::Read { path, cause }, KeyScenes::Some(patterns))
+                if cause.kind() == io::ErrorKind::NotFound =>
+            {
+                KeyError::Absent {
+                    path,
+                    scenes: patterns.join(","),
+                }
+            }
+            (error, _) => error,
+        }
+    }
 }
 
 impl FromStr for KeyFile {
     type Err = InvalidKeyFile;
 
     fn from_str(text: &str) -> Result<Self, InvalidKeyFile> {
-        let Some((path, patterns)) = text.split_once('=') else {
+        // No name of a scene has such a sign, and a path may.
+        let Some((path, patterns)) = text.rsplit_once('=') else {
             return Ok(Self::for_all_scenes(text.into()));
         };
         let patterns: Arc<[String]> = patterns.split(',').map(str::to_owned).collect();
         match patterns.iter().find(|pattern| !Claims::is_pattern(pattern)) {
             Some(pattern) => Err(InvalidKeyFile {
+                text: text.to_owned(),
                 pattern: pattern.clone(),
             }),
             None => Ok(Self {
@@ -114,8 +151,8 @@ impl fmt::Display for InvalidKeyFile {
         write!(
             f,
             "a key's file may be followed by = and names of scenes, separated by commas, such as team.pub=team/*; {:?} is no \
-             such name, which has letters, digits, - _ . /, and may end in *",
-            self.pattern
+             such name, which has letters, digits, - _ . /, and may end in *. If the = belongs to the file's path, write {}=*",
+            self.pattern, self.text
         )
     }
 }
@@ -140,6 +177,13 @@ pub enum KeyError {
         /// The system's error.
         cause: io::Error,
     },
+    /// The file of a key for some scenes is not there.
+    Absent {
+        /// The file.
+        path: PathBuf,
+        /// The names of the scenes.
+        scenes: String,
+    },
     /// The file cannot be written.
     Write {
         /// The file.
@@ -154,6 +198,16 @@ pub enum KeyError {
         /// The first characters of such a key.
         begins: &'static str,
     },
+    /// A key of a pair is there already.
+    Exists {
+        /// Its file.
+        path: PathBuf,
+    },
+    /// A secret key is there already, and its file does not hold the whole of it.
+    Torn {
+        /// Its file.
+        path: PathBuf,
+    },
     /// The system gives no random bytes, or the key is refused.
     Failed,
 }
@@ -162,11 +216,30 @@ impl fmt::Display for KeyError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Read { path, cause } => write!(f, "cannot read {}: {cause}", path.display()),
+            Self::Absent { path, scenes } => {
+                let path = path.display();
+                write!(
+                    f,
+                    "there is no file {path}, whose key was to sign for the scenes {scenes}; if the = belongs to the file's \
+                     path, write {path}={scenes}=*"
+                )
+            }
             Self::Write { path, cause } => write!(f, "cannot write {}: {cause}", path.display()),
+            Self::Exists { path } => write!(
+                f,
+                "{} exists, and a lost key cannot be made again: choose another name, or remove the file",
+                path.display()
+            ),
+            Self::Torn { path } => write!(
+                f,
+                "{} exists and holds no whole secret key, as after a crash: nothing was signed with it; remove the file, and \
+                 make the pair again",
+                path.display()
+            ),
             Self::NotAKey { path, begins } => {
                 write!(
                     f,
-                    "{} holds no key that begins with {begins}",
+                    "{} holds no whole key that begins with {begins}",
                     path.display()
                 )
             }
@@ -245,19 +318,25 @@ impl TokenKeys {
     }
 }
 
+/// Reads keys from files. One that several files hold signs for the scenes of all of them.
 fn read_all(files: &[KeyFile]) -> Result<Vec<ScopedKey>, KeyError> {
-    let key = |file: &KeyFile| {
-        let text = read(&file.path)?;
+    let mut keys: Vec<ScopedKey> = Vec::new();
+    for file in files {
+        let text = read(&file.path).map_err(|error| file.explained(error))?;
         let key = AsymmetricPublicKey::try_from(text.trim());
-        Ok(ScopedKey {
-            key: key.map_err(|_| KeyError::NotAKey {
-                path: file.path.clone(),
-                begins: "k4.public.",
-            })?,
-            scenes: file.scenes.clone(),
-        })
-    };
-    files.iter().map(key).collect()
+        let key = key.map_err(|_| KeyError::NotAKey {
+            path: file.path.clone(),
+            begins: "k4.public.",
+        })?;
+        match keys.iter_mut().find(|known| known.key == key) {
+            Some(known) => known.scenes = known.scenes.and(&file.scenes),
+            None => keys.push(ScopedKey {
+                key,
+                scenes: file.scenes.clone(),
+            }),
+        }
+    }
+    Ok(keys)
 }
 
 #[cfg(feature = "view")]
@@ -286,15 +365,40 @@ impl TokenIssuer {
     }
 }
 
-/// Makes a key pair: the secret key in a new file that only its user may read, the public key beside it.
-pub(crate) fn make_keys(path: &Path) -> Result<PathBuf, KeyError> {
-    let pair = AsymmetricKeyPair::<V4>::generate()?;
-    write_new(path, &pair.secret, 0o600)?;
-    let mut beside = path.as_os_str().to_owned();
-    beside.push(".pub");
-    let beside = PathBuf::from(beside);
-    write_new(&beside, &pair.public, 0o644)?;
-    Ok(beside)
+/// The files of a key pair.
+#[derive(Debug)]
+pub(crate) struct KeyPair {
+    pub(crate) public: PathBuf,
+    /// True if the secret key was there without its public key, as after a crash, and only that one was written.
+    pub(crate) was_completed: bool,
+}
+
+/// Makes a key pair: the secret key in a new file that only its user may read, the public key beside it. A pair that was
+/// begun and not ended is completed.
+pub(crate) fn make_keys(path: &Path) -> Result<KeyPair, KeyError> {
+    let mut public = path.as_os_str().to_owned();
+    public.push(".pub");
+    let public = PathBuf::from(public);
+    if public.exists() {
+        return Err(KeyError::Exists { path: public });
+    }
+    let was_completed = path.exists();
+    let key = if was_completed {
+        let secret = AsymmetricSecretKey::<V4>::try_from(read(path)?.trim());
+        let secret = secret.map_err(|_| KeyError::Torn {
+            path: path.to_owned(),
+        })?;
+        AsymmetricPublicKey::try_from(&secret)?
+    } else {
+        let pair = AsymmetricKeyPair::<V4>::generate()?;
+        write_new(path, &pair.secret, 0o600)?;
+        pair.public
+    };
+    write_new(&public, &key, 0o644)?;
+    Ok(KeyPair {
+        public,
+        was_completed,
+    })
 }
 
 /// A token of these claims, signed by the key in a file.
@@ -330,5 +434,10 @@ fn write_new(path: &Path, key: &impl FormatAsPaserk, mode: u32) -> Result<(), Ke
     #[cfg(not(unix))]
     let _ = mode;
     let mut file = options.open(path).map_err(failed)?;
-    file.write_all(text.as_bytes()).map_err(failed)
+    let written = (file.write_all(text.as_bytes())).and_then(|()| file.sync_all());
+    written.map_err(|cause| {
+        // What the disk has no room for is no key. If it stays, the next run says so.
+        let _ = fs::remove_file(path);
+        failed(cause)
+    })
 }

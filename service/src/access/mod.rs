@@ -69,9 +69,7 @@ impl Authenticator {
         let token = token.ok_or(TokenError::Absent)?;
         let verified = keys.verify(token)?;
         let (permit, seconds) = verified.claims.permit(&keys.audience, scene, clock())?;
-        if !verified.key_admits(scene) {
-            return Err(TokenError::OtherKey(scene.clone()));
-        }
+        verified.check_key(scene)?;
         Ok(Admitted {
             permit: Arc::new(permit),
             valid_for: Some(Span::from_millis(seconds.min(SECONDS_MAX) * 1_000)),
@@ -95,6 +93,7 @@ pub(crate) mod tests {
     use std::sync::atomic::{AtomicI64, Ordering};
 
     use rhumb_protocol::message::Role;
+    use rhumb_protocol::session::CloseCode;
 
     use super::*;
     use crate::access::{Claims, make_keys, sign};
@@ -237,13 +236,114 @@ pub(crate) mod tests {
                 Ok(_) => assert!(admitted, "{scene}"),
                 Err(cause) => {
                     assert!(!admitted, "{scene}");
-                    assert_eq!(cause, TokenError::OtherKey(scene));
+                    let said = cause.to_string();
+                    assert!(
+                        said.contains("team/*,lobby") && said.contains(scene.as_str()),
+                        "{said}"
+                    );
+                    assert_eq!(cause.code(), CloseCode::TOKEN_SCENE);
                 }
             }
         }
         for wrong in ["k.pub=", "k.pub=a b", "k.pub=team/*,", "k.pub=*a"] {
             assert!(wrong.parse::<KeyFile>().is_err(), "{wrong}");
         }
+    }
+
+    /// An authenticator with the keys of these texts.
+    fn with_keys(signed: &Signed, files: &[String]) -> Authenticator {
+        let files: Vec<KeyFile> = files.iter().map(|file| file.parse().unwrap()).collect();
+        let seconds = Arc::clone(&signed.seconds);
+        Authenticator::Tokens {
+            keys: TokenKeys::read(&files, "rhumb").unwrap(),
+            clock: Arc::new(move || seconds.load(Ordering::SeqCst)),
+        }
+    }
+
+    #[test]
+    fn a_key_that_is_given_twice_signs_for_the_scenes_of_both() {
+        let signed = Signed::new("authenticator-twice");
+        let public = signed.folder.join("key.pub");
+        // The same key under another name is the same key.
+        let copy = signed.folder.join("copy.pub");
+        fs::copy(&public, &copy).unwrap();
+        let (public, copy) = (public.display(), copy.display());
+        let token = signed.token();
+        for (files, admitted) in [
+            (
+                vec![format!("{public}=a/*"), format!("{public}=b")],
+                vec!["a/1", "b"],
+            ),
+            (
+                vec![format!("{public}=b"), format!("{copy}=a/*,b")],
+                vec!["a/1", "b"],
+            ),
+            (
+                vec![format!("{public}=b"), format!("{public}")],
+                vec!["a/1", "b", "c"],
+            ),
+        ] {
+            let authenticator = with_keys(&signed, &files);
+            for scene in ["a/1", "b", "c"] {
+                let scene: SceneName = scene.parse().unwrap();
+                let outcome = authenticator.admit(Some(token.as_bytes()), &scene);
+                let expected = admitted.contains(&scene.as_str());
+                assert_eq!(outcome.is_ok(), expected, "{files:?} {scene}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_key_s_path_may_have_an_equals_sign() {
+        let signed = Signed::new("authenticator=equals");
+        let public = signed.folder.join("key.pub");
+        let token = signed.token();
+        let authenticator = with_keys(&signed, &[format!("{}=pit", public.display())]);
+        for (scene, admitted) in [("pit", true), ("other", false)] {
+            let outcome = authenticator.admit(Some(token.as_bytes()), &scene.parse().unwrap());
+            assert_eq!(outcome.is_ok(), admitted, "{scene}");
+        }
+        // Without scenes, the refusal says how to write it.
+        let plain = public.display().to_string();
+        let way_out = format!("{plain}=*");
+        let refused = TokenKeys::read(&[plain.parse().unwrap()], "rhumb").unwrap_err();
+        assert!(refused.to_string().contains(&way_out), "{refused}");
+        let whole = with_keys(&signed, std::slice::from_ref(&way_out));
+        assert!(
+            whole
+                .admit(Some(token.as_bytes()), &"other".parse().unwrap())
+                .is_ok()
+        );
+        let refused = "odd=a b.pub".parse::<KeyFile>().unwrap_err();
+        assert!(refused.to_string().contains("odd=a b.pub=*"), "{refused}");
+    }
+
+    #[test]
+    fn a_half_written_key_pair_is_completed_or_named() {
+        let signed = Signed::new("authenticator-half");
+        let (secret, public) = (signed.folder.join("key"), signed.folder.join("key.pub"));
+        let whole = fs::read_to_string(&public).unwrap();
+        fs::remove_file(&public).unwrap();
+        let pair = make_keys(&secret).unwrap();
+        assert!(pair.was_completed);
+        assert_eq!(fs::read_to_string(&public).unwrap(), whole);
+        // A public key alone is in the way before anything is written.
+        let text = fs::read_to_string(&secret).unwrap();
+        fs::remove_file(&secret).unwrap();
+        let refused = make_keys(&secret).unwrap_err().to_string();
+        assert!(refused.contains("key.pub exists"), "{refused}");
+        assert!(!secret.exists());
+        fs::remove_file(&public).unwrap();
+        for torn in [0, 10, text.len() - 1] {
+            fs::write(&secret, &text[..torn]).unwrap();
+            let refused = make_keys(&secret).unwrap_err().to_string();
+            assert!(refused.contains("no whole secret key"), "{torn}: {refused}");
+            assert!(!public.exists());
+        }
+        fs::write(&public, &whole[..whole.len() - 1]).unwrap();
+        let refused = TokenKeys::read(&[KeyFile::for_all_scenes(public.clone())], "rhumb");
+        let refused = refused.unwrap_err().to_string();
+        assert!(refused.contains("no whole key"), "{refused}");
     }
 
     #[test]

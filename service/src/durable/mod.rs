@@ -40,7 +40,8 @@ pub(crate) struct StoredScenes {
     data: DataDir,
     workers: StepThreads,
     wake: Wake,
-    damaged: Mutex<BTreeMap<SceneName, SceneFiles>>,
+    /// Without files if the directory could not be read.
+    damaged: Mutex<BTreeMap<SceneName, Option<SceneFiles>>>,
 }
 
 impl StoredScenes {
@@ -63,10 +64,15 @@ impl StoredScenes {
         clock: &dyn Fn() -> Instant,
         beat: &mut dyn FnMut(),
     ) -> Option<RestoredScene> {
-        let scenes = self.data.scenes().inspect_err(
-            |error| tracing::error!(scene = %name, %error, "a scene cannot be restored"),
-        );
-        let (_, files) = (scenes.ok()?.into_iter()).find(|(scene, _)| scene == name)?;
+        let files = match self.files(name) {
+            Ok(files) => files?,
+            Err(error) => {
+                // It may be there: a new scene of this name would take its place.
+                tracing::error!(scene = %name, %error, "the scene cannot be looked for and is not served");
+                self.lock().insert(name.clone(), None);
+                return None;
+            }
+        };
         let begun = clock();
         match files.restore(&self.workers, (ReplayStart::Newest, tail), beat) {
             Ok(Some(restored)) => {
@@ -90,10 +96,16 @@ impl StoredScenes {
             }
             Err(error) => {
                 tracing::error!(scene = %name, %error, "the scene cannot be restored and is not served");
-                self.lock().insert(name.clone(), files);
+                self.lock().insert(name.clone(), Some(files));
                 None
             }
         }
+    }
+
+    /// The files of a scene; `None` if it has none.
+    fn files(&self, name: &SceneName) -> Result<Option<SceneFiles>, DataError> {
+        let mut scenes = self.data.scenes()?.into_iter();
+        Ok(scenes.find_map(|(scene, files)| (scene == *name).then_some(files)))
     }
 
     fn start(&self, files: SceneFiles, origin: Origin) -> Option<Box<dyn CommandLog>> {
@@ -107,7 +119,7 @@ impl StoredScenes {
         }
     }
 
-    fn lock(&self) -> MutexGuard<'_, BTreeMap<SceneName, SceneFiles>> {
+    fn lock(&self) -> MutexGuard<'_, BTreeMap<SceneName, Option<SceneFiles>>> {
         // An entry is added or removed in one piece.
         self.damaged.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -131,10 +143,14 @@ impl SceneStore for StoredScenes {
 
     fn delete_damaged(&self, scene: &SceneName) -> bool {
         let mut damaged = self.lock();
-        let Some(files) = damaged.get(scene) else {
-            return false;
+        let deleted = match damaged.get(scene) {
+            None => return false,
+            Some(Some(files)) => files.delete(),
+            Some(None) => {
+                (self.files(scene)).and_then(|files| files.map_or(Ok(()), |files| files.delete()))
+            }
         };
-        if let Err(error) = files.delete() {
+        if let Err(error) = deleted {
             tracing::error!(%scene, %error, "a damaged scene stays");
             return false;
         }
@@ -166,4 +182,39 @@ fn report(restored: &Restored, ms: u64) {
         ms,
         "scene restored"
     );
+}
+
+#[cfg(test)]
+mod store_tests {
+    use std::fs;
+    use std::sync::Arc;
+
+    use super::*;
+
+    #[test]
+    fn a_scene_that_cannot_be_looked_for_is_not_taken_for_a_new_one() {
+        let directory = tempfile::tempdir().unwrap();
+        let data = DataDir::open(directory.path()).unwrap();
+        let stored = StoredScenes::new(data, StepThreads::default(), Arc::new(|| {}));
+        let (scenes, name) = (directory.path().join("scenes"), "pit".parse().unwrap());
+        fs::remove_dir(&scenes).unwrap();
+        fs::write(&scenes, "no directory").unwrap();
+        let clock = || Instant::ZERO;
+        let restored = stored.restore(&name, LogTail::Kept, &clock, &mut || {});
+        assert!(restored.is_none() && stored.is_damaged(&name));
+        assert!(
+            !stored.delete_damaged(&name),
+            "it is not known what to delete"
+        );
+        fs::remove_file(&scenes).unwrap();
+        fs::create_dir(&scenes).unwrap();
+        assert!(stored.delete_damaged(&name) && !stored.is_damaged(&name));
+        // One that is looked for and not found is new.
+        assert!(
+            stored
+                .restore(&name, LogTail::Kept, &clock, &mut || {})
+                .is_none()
+        );
+        assert!(!stored.is_damaged(&name));
+    }
 }

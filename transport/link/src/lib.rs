@@ -40,7 +40,7 @@ pub use piece::{ByteCredit, HeldBack, PIECE_COST_BYTES, Piece};
 pub use quic_client::{ClientOptions, QuicClient};
 pub use rhumb_protocol::session::TransportCode;
 #[cfg(feature = "quic")]
-pub use system::{bind_udp, io_runtime, random_bytes};
+pub use system::{bind_udp, io_runtime, outward_ip, random_bytes};
 #[cfg(feature = "quic")]
 pub use trust::{CertificateError, Fingerprint, FingerprintError, Trust};
 #[cfg(feature = "quic")]

@@ -3,7 +3,7 @@
 //! No QUIC here. Small kernel buffers are no error: they cost packets, not correctness.
 
 use std::io;
-use std::net::{SocketAddr, UdpSocket};
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
 
 use quinn::udp::{UdpSockRef, UdpSocketState};
 use ring::rand::{SecureRandom, SystemRandom};
@@ -51,6 +51,30 @@ fn bind_plain(address: SocketAddr) -> io::Result<UdpSocket> {
 #[cfg(not(unix))]
 fn bind_plain(address: SocketAddr) -> io::Result<UdpSocket> {
     UdpSocket::bind(address)
+}
+
+/// The address of this machine from which its way to other networks begins, of the kind of `any`. Nothing is sent.
+///
+/// # Errors
+///
+/// When there is no such way.
+pub fn outward_ip(any: IpAddr) -> io::Result<IpAddr> {
+    /// A port that no one listens at.
+    const DISCARD: u16 = 9;
+    // Addresses of documents, which no network has (RFC 5737, RFC 3849). The system chooses a way, and no packet goes.
+    let (own, other): (IpAddr, IpAddr) = match any {
+        IpAddr::V4(_) => (
+            Ipv4Addr::UNSPECIFIED.into(),
+            Ipv4Addr::new(192, 0, 2, 1).into(),
+        ),
+        IpAddr::V6(_) => (
+            Ipv6Addr::UNSPECIFIED.into(),
+            Ipv6Addr::new(0x2001, 0xdb8, 0, 0, 0, 0, 0, 1).into(),
+        ),
+    };
+    let socket = UdpSocket::bind((own, 0))?;
+    socket.connect((other, DISCARD))?;
+    Ok(socket.local_addr()?.ip())
 }
 
 /// The runtime of one I/O thread.

@@ -31,10 +31,11 @@ def connect(
     token: Optional[str] = None,
     timeout: float = 5.0,
 ) -> Connection:
-    """Connects to the server at host:port.
+    """Connects to the server at host:port, or at unix:PATH.
 
-    Trust its certificate by the fingerprint that the server prints, or by a PEM file with roots; not by both. A token
-    admits the client to a server that is not open. The time limit, in seconds, holds for every later call that waits.
+    Trust its certificate by the fingerprint that the server prints, or by a PEM file with roots; not by both. The Unix
+    socket of a server of this machine and user has none, and needs neither. A token admits the client to a server that is
+    not open. The time limit, in seconds, holds for every later call that waits.
     """
 
 def local(
@@ -754,6 +755,10 @@ class Scene:
         angular: Optional[_Vector] = None,
     ) -> Optional[int]:
         """Publishes the states of all bodies under this client's authority, once per frame; returns their tick.
+
+        Give the states of now. In a lockstep scene their tick is the one that the next advance makes. In a free-running scene
+        it is the tick nearest to now by the server's clock, plus lead_ticks; positions are moved to it by their velocities, by
+        half a tick at most.
 
         None, and nothing is published, before the authority is granted, before the server's clock is known, and for a
         second frame of one tick. A body that is left out stands still.
