@@ -149,6 +149,9 @@ def test_a_wrong_file_is_an_error_that_names_the_place_and_adds_nothing(tmp_path
         assert len(scene) == 0
     with pytest.raises(rhumb.InvalidError, match="no such file"):
         rhumb.load(pathlib.Path("nothing.urdf"))
+    for folder in (tmp_path, str(tmp_path), "."):
+        with pytest.raises(rhumb.InvalidError, match="is a folder"):
+            rhumb.load(folder)
 
 WALKER = """<mujoco model="walker">
   <option timestep="0.005"/>

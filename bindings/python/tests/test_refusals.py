@@ -1,6 +1,7 @@
 """Refusals of the server raise at the next advance or poll."""
 
 import pickle
+import re
 
 import numpy as np
 import pytest
@@ -107,6 +108,15 @@ def test_a_second_request_for_authority_waits_for_the_answer_to_the_first(server
             for word in (f"state of body {lift}", *words):
                 assert word in str(raised.value), str(raised.value)
         scene.take_authority([])
+
+
+def test_the_advice_of_a_refusal_names_no_call_that_python_lacks(scene):
+    floor = scene.add_body(rhumb.Shape.cuboid(1, 1, 1), (0, 0, 0), "fixed")
+    scene.apply_impulse(floor, (0, 1, 0))
+    with pytest.raises(rhumb.RefusedError, match="cannot be pushed.*dynamic.*kinematic") as raised:
+        scene.advance()
+    for word in re.findall(r"\w+_\w+", raised.value.text):
+        assert hasattr(rhumb.Scene, word), word
 
 
 def test_a_program_that_reads_events_may_ask_for_quiet(server):

@@ -77,6 +77,21 @@ def test_a_body_that_is_not_in_the_view_has_no_place_that_indexes(scene):
     for rest in (1, slice(None), slice(0, 2), ...):
         with pytest.raises(IndexError, match="None is the place of no body"):
             positions[scene.place(gone), rest]
+    for place in (False, np.False_, np.array(True), slice(True, None), slice(None, True)):
+        with pytest.raises(IndexError, match="is the place of no body"):
+            positions[place]
+    for place in (None, True, np.True_, [0, True], np.array([True, False])):
+        for taken in (lambda: np.take(positions, place, axis=0), lambda: positions.take(place, axis=0)):
+            with pytest.raises(IndexError, match="is the place of no body"):
+                taken()
+    for changed in (lambda: np.delete(positions, True, axis=0), lambda: np.insert(positions, True, 0, axis=0)):
+        with pytest.raises(IndexError, match="is the place of no body"):
+            changed()
+    with pytest.raises(IndexError, match="is the place of no body"):
+        positions.item(True)
+    assert np.array_equal(np.take(positions, [1, 0], axis=0), positions[[1, 0]])
+    assert positions.take(1, axis=0).shape == (3,) and positions.item(2, 0) == positions[2][0]
+    assert positions[np.array([True, False, True])].shape == (2, 3)
     with pytest.raises(IndexError, match="False is the place of no body"):
         positions[gone in scene]
     for body in (gone, never, coming):

@@ -24,6 +24,8 @@ pub trait Files {
 pub enum FileError {
     /// There is none of this name.
     NotFound,
+    /// A folder has this name.
+    IsFolder,
     /// It has more bytes than are read.
     TooLarge {
         /// The bytes that are read.
@@ -37,6 +39,7 @@ impl fmt::Display for FileError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::NotFound => f.write_str("there is no such file"),
+            Self::IsFolder => f.write_str("it is a folder: name a file in it"),
             Self::TooLarge { most } => write!(f, "the file has more than {most} bytes"),
             Self::Unreadable(cause) => write!(f, "the file cannot be read: {cause}"),
         }
@@ -68,7 +71,7 @@ impl Files for Folder {
         };
         let path = self.folder.join(path);
         if path.is_dir() {
-            return Err(FileError::NotFound);
+            return Err(FileError::IsFolder);
         }
         let file = File::open(path).map_err(wrong)?;
         let mut bytes = Vec::new();

@@ -90,7 +90,7 @@ impl<'a> Meshes<'a> {
         }
         for path in places {
             let read = match mesh::read(self.files, &path) {
-                Err(Problem::File(FileError::NotFound)) => continue,
+                Err(Problem::File(FileError::NotFound | FileError::IsFolder)) => continue,
                 read => read,
             };
             let read = read.map_err(|problem| LoadError {
