@@ -538,7 +538,7 @@ typedef struct RhumbCommand {
 } RhumbCommand;
 
 // How to reach a server, and which one to trust: by `fingerprint` or by `roots`, one of the two. The address may end with
-// `#` and the fingerprint.
+// `#` and the fingerprint. `unix:` and a path reach a server of this machine and user, which needs neither.
 typedef struct RhumbConnectOptions {
   // Host and port.
   const char *address;

@@ -882,7 +882,7 @@ namespace Rhumb
 
     /// <summary>
     ///  How to reach a server, and which one to trust: by `fingerprint` or by `roots`, one of the two. The address may end with
-    ///  `#` and the fingerprint.
+    ///  `#` and the fingerprint. `unix:` and a path reach a server of this machine and user, which needs neither.
     /// </summary>
     [StructLayout(LayoutKind.Sequential)]
     public unsafe partial struct RhumbConnectOptions
