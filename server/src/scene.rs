@@ -4,6 +4,7 @@
 //! registry and engine have the same bodies; a scene whose engine failed takes no commands and no steps.
 
 mod image;
+mod pushing;
 mod walking;
 
 use core::fmt;
@@ -11,7 +12,7 @@ use std::collections::BTreeMap;
 use std::mem;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use glam::{DVec3, Quat, Vec3};
+use glam::{Quat, Vec3};
 use rhumb_protocol::limits::MOMENT_MAX;
 use rhumb_protocol::message::{QueryError, RemovalCause};
 use rhumb_protocol::scene::{
@@ -20,7 +21,7 @@ use rhumb_protocol::scene::{
     ShapeId,
 };
 use rhumb_protocol::stream::{Activity, Observation};
-use rhumb_reckoning::{BodyId, BodyState, Inertia, Metres, Tick, Twist};
+use rhumb_reckoning::{BodyId, BodyState, Inertia, Metres, Tick};
 
 pub use self::image::FrozenScene;
 use crate::baking::BakedShapes;
@@ -334,30 +335,6 @@ impl Scene {
             self.displaced.entry(id).or_insert(before);
         }
         self.engine.set_pose(id, position, rotation);
-        Ok(())
-    }
-
-    fn set_velocity(
-        &mut self,
-        id: BodyId,
-        linear: Vec3,
-        angular: Vec3,
-    ) -> Result<(), CommandError> {
-        if self.enabled(id)?.kind == BodyKind::Fixed {
-            return Err(CommandError::NotPushable(id));
-        }
-        let wide = |v: Vec3| -> DVec3 { v.as_dvec3() };
-        let twist = Twist {
-            linear: wide(linear),
-            angular: wide(angular),
-        };
-        self.engine.set_velocity(id, twist);
-        Ok(())
-    }
-
-    fn push(&mut self, id: BodyId, push: Push) -> Result<(), CommandError> {
-        self.pushable(id)?;
-        self.engine.push(id, push);
         Ok(())
     }
 

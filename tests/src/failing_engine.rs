@@ -145,6 +145,14 @@ impl Engine for FailingEngine {
         self.inner.set_activity(id, activity);
     }
 
+    fn effect(&self, id: BodyId, push: Push) -> Option<Twist> {
+        self.inner.effect(id, push)
+    }
+
+    fn pending(&self, id: BodyId) -> Twist {
+        self.inner.pending(id)
+    }
+
     fn push(&mut self, id: BodyId, push: Push) {
         self.inner.push(id, push);
     }

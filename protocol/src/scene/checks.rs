@@ -488,6 +488,10 @@ impl fmt::Display for Invalid {
                 }
                 (Rule::NotFinite, _) => write!(f, "{quantity} is NaN or infinite"),
                 (Rule::OutOfRange, _) => match quantity.limits() {
+                    // A server finds it when a push would make a body too fast.
+                    Some(limits) if matches!(quantity, Quantity::Linear | Quantity::Angular) => {
+                        write!(f, "{quantity} would be outside its limits, {limits}")
+                    }
                     Some(limits) => write!(f, "{quantity} is outside its limits, {limits}"),
                     None => quantity.write_rule(f),
                 },

@@ -26,7 +26,7 @@ use super::box3d_joints::{self as joints, Box3dJoints};
 use super::box3d_native::{NativeBody, NativeShape, Placement, World};
 use super::box3d_shapes::{self as shapes, Box3dSolid};
 use super::interface::{
-    BakedShape, Baker, BodyProperties, Engine, EngineFault, EnginePart, NoEngine, Push,
+    BakedShape, Baker, BodyProperties, Engine, EngineFault, EnginePart, NoEngine, Push, SPEED_MAX,
     UnanswerableQuery, UnusableShape,
 };
 use super::kinematic_target::{KinematicStep, KinematicTarget};
@@ -50,6 +50,8 @@ pub struct Box3dEngine {
     displaced: BTreeSet<BodyId>,
     /// True if a command has put a body to sleep since the last step.
     put_to_sleep: bool,
+    /// Changes of velocities by the forces and torques since the last step.
+    pending: BTreeMap<BodyId, Twist>,
     /// After the last step, in the order of ids.
     observed: Vec<Observation>,
     /// The bodies where the last step left them, once a query needs them.
@@ -79,7 +81,7 @@ impl Box3dEngine {
     /// [`NoEngine`] if the process has as many worlds as Box3D allows: 128.
     pub fn new(config: &SceneConfig) -> Result<Self, NoEngine> {
         Ok(Self {
-            world: World::new(config.gravity).ok_or(NoEngine)?,
+            world: World::new(config.gravity, SPEED_MAX).ok_or(NoEngine)?,
             integrator: config.integrator,
             solids: BTreeMap::new(),
             joints: Box3dJoints::default(),
@@ -90,6 +92,7 @@ impl Box3dEngine {
             moved: BTreeSet::new(),
             displaced: BTreeSet::new(),
             put_to_sleep: false,
+            pending: BTreeMap::new(),
             observed: Vec::new(),
             placed: OnceCell::new(),
         })
@@ -154,6 +157,7 @@ impl Box3dEngine {
             self.kinematic_targets.remove(&id);
             self.displaced.remove(&id);
             self.moved.remove(&id);
+            self.pending.remove(&id);
             self.placed.take();
         }
     }
@@ -453,10 +457,28 @@ impl Engine for Box3dEngine {
         }
     }
 
+    fn effect(&self, id: BodyId, push: Push) -> Option<Twist> {
+        let slot = self.bodies.get(&id)?;
+        let (linear, angular) = translate::effect(&self.world, slot.body, push, self.dt());
+        Some(Twist {
+            linear: linear.as_dvec3(),
+            angular: angular.as_dvec3(),
+        })
+    }
+
+    fn pending(&self, id: BodyId) -> Twist {
+        self.pending.get(&id).copied().unwrap_or(Twist::ZERO)
+    }
+
     fn push(&mut self, id: BodyId, push: Push) {
-        let dt = self.dt();
+        let lasts = matches!(push, Push::Force(_) | Push::ForceAt(..) | Push::Torque(_));
+        if let Some(effect) = self.effect(id, push).filter(|_| lasts) {
+            let pending = self.pending.entry(id).or_default();
+            pending.linear += effect.linear;
+            pending.angular += effect.angular;
+        }
         if let Some(slot) = self.bodies.get(&id) {
-            translate::push(&mut self.world, slot.body, push, dt);
+            translate::push(&mut self.world, slot.body, push);
         }
     }
 
@@ -480,6 +502,7 @@ impl Engine for Box3dEngine {
         let substeps = translate::substeps(self.integrator);
         let substeps = i32::try_from(substeps).unwrap_or(i32::MAX);
         self.world.step(self.dt(), substeps);
+        self.pending.clear();
         self.placed.take();
         self.arrive();
         self.note_sensors();

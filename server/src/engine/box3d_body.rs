@@ -3,7 +3,6 @@
 //! Conversion only; `box3d` keeps the list of bodies.
 
 use glam::{Mat3, Quat, Vec3};
-use rhumb_protocol::limits::{ANGULAR_MAX, LINEAR_MAX};
 use rhumb_protocol::scene::{BodyKind, LockedAxes, Sleep};
 use rhumb_reckoning::{BodyId, BodyState, Inertia, Integrator, InvalidMotion, Pose, Twist};
 use rhumb_solids::UnitMass;
@@ -192,52 +191,52 @@ pub(super) fn set_twist(world: &mut World, body: NativeBody, twist: &Twist) {
     }
 }
 
-/// Pushes a dynamic body, but at most to the largest speed that a command may set.
+/// The change of a body's linear and angular velocities that a push brings by the end of the next step; world frame.
 ///
-/// `dt`: length of a step, seconds. Box3D ends forces with the step.
-pub(super) fn push(world: &mut World, body: NativeBody, push: Push, dt: f32) {
+/// `dt`: length of a step, seconds.
+pub(super) fn effect(world: &World, body: NativeBody, push: Push, dt: f32) -> (Vec3, Vec3) {
     // Zero along locked axes.
     let lightness = world.inverse_mass(body);
     let turnability = world.inverse_inertia(body);
     let (centre, _) = world.pose(body);
     let lever = |point: Vec3| point - centre;
     match push {
-        Push::ForceAt(force, point) => {
-            let torque = lever(point).cross(force);
-            self::push(world, body, Push::Force(force), dt);
-            self::push(world, body, Push::Torque(torque), dt);
-        }
-        Push::ImpulseAt(impulse, point) => {
-            let torque_impulse = lever(point).cross(impulse);
-            self::push(world, body, Push::Impulse(impulse), dt);
-            self::push(world, body, Push::TorqueImpulse(torque_impulse), dt);
-        }
-        Push::Force(force) if force != Vec3::ZERO => {
-            let share = share_within(force * lightness * dt, LINEAR_MAX);
-            world.push_force(body, force * share);
-        }
-        Push::Torque(torque) if torque != Vec3::ZERO => {
-            let share = share_within(turnability * torque * dt, ANGULAR_MAX);
-            world.push_torque(body, torque * share);
-        }
-        Push::Impulse(impulse) if impulse != Vec3::ZERO => {
-            let share = share_within(impulse * lightness, LINEAR_MAX);
-            world.push_impulse(body, impulse * share);
-        }
-        Push::TorqueImpulse(impulse) if impulse != Vec3::ZERO => {
-            let share = share_within(turnability * impulse, ANGULAR_MAX);
-            world.push_torque_impulse(body, impulse * share);
-        }
-        Push::Force(_) | Push::Torque(_) | Push::Impulse(_) | Push::TorqueImpulse(_) => {}
+        Push::ForceAt(force, point) => (
+            force * lightness * dt,
+            turnability * lever(point).cross(force) * dt,
+        ),
+        Push::ImpulseAt(impulse, point) => (
+            impulse * lightness,
+            turnability * lever(point).cross(impulse),
+        ),
+        Push::Force(force) => (force * lightness * dt, Vec3::ZERO),
+        Push::Torque(torque) => (Vec3::ZERO, turnability * torque * dt),
+        Push::Impulse(impulse) => (impulse * lightness, Vec3::ZERO),
+        Push::TorqueImpulse(impulse) => (Vec3::ZERO, turnability * impulse),
     }
 }
 
-/// The factor in (0, 1] that shortens a vector to `most`, or one if it is shorter. Frame and unit: the vector's.
-fn share_within(vector: Vec3, most: f32) -> f32 {
-    let length = vector.as_dvec3().length();
-    if length <= f64::from(most) {
-        1.0
-    } else {
-        (f64::from(most) / length) as f32
+/// Pushes a dynamic body. Box3D ends forces with the step.
+pub(super) fn push(world: &mut World, body: NativeBody, push: Push) {
+    let (centre, _) = world.pose(body);
+    let lever = |point: Vec3| point - centre;
+    match push {
+        Push::ForceAt(force, point) => {
+            let torque = lever(point).cross(force);
+            self::push(world, body, Push::Force(force));
+            self::push(world, body, Push::Torque(torque));
+        }
+        Push::ImpulseAt(impulse, point) => {
+            let torque_impulse = lever(point).cross(impulse);
+            self::push(world, body, Push::Impulse(impulse));
+            self::push(world, body, Push::TorqueImpulse(torque_impulse));
+        }
+        Push::Force(force) if force != Vec3::ZERO => world.push_force(body, force),
+        Push::Torque(torque) if torque != Vec3::ZERO => world.push_torque(body, torque),
+        Push::Impulse(impulse) if impulse != Vec3::ZERO => world.push_impulse(body, impulse),
+        Push::TorqueImpulse(impulse) if impulse != Vec3::ZERO => {
+            world.push_torque_impulse(body, impulse);
+        }
+        Push::Force(_) | Push::Torque(_) | Push::Impulse(_) | Push::TorqueImpulse(_) => {}
     }
 }

@@ -158,7 +158,9 @@ impl Drop for MeshData {
 
 impl World {
     /// An empty world; `None` if the process has as many as Box3D allows.
-    pub(super) fn new(gravity: Vec3) -> Option<Self> {
+    ///
+    /// `speed_max`: of its bodies, m/s.
+    pub(super) fn new(gravity: Vec3, speed_max: f32) -> Option<Self> {
         let _one_at_a_time = WORLDS.lock().unwrap_or_else(PoisonError::into_inner);
         // SAFETY: plain values; the callbacks are functions without state.
         let id = unsafe {
@@ -168,6 +170,7 @@ impl World {
             let mut def = sys::b3DefaultWorldDef();
             def.gravity = vector(gravity);
             def.workerCount = 1;
+            def.maximumLinearSpeed = speed_max;
             def.frictionCallback = Some(mean);
             def.restitutionCallback = Some(mean);
             let id = sys::b3CreateWorld(&raw const def);
@@ -240,6 +243,7 @@ impl World {
             (def.position, def.rotation) = (vector(new.at.0), quaternion(new.at.1));
             def.linearVelocity = vector(new.linear);
             def.angularVelocity = vector(new.angular);
+            def.allowFastRotation = true;
             def.userData = ptr::without_provenance_mut(new.tag);
             sys::b3CreateBody(self.id, &raw const def)
         };

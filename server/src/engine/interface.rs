@@ -7,6 +7,7 @@ use core::any::Any;
 use core::fmt;
 
 use glam::{Quat, Vec3};
+use rhumb_protocol::limits::{ANGULAR_MAX, LINEAR_MAX};
 use rhumb_protocol::message::RemovalCause;
 use rhumb_protocol::scene::{
     Answer, BodyDesc, BodyEvent, Contact, Joint, JointId, JumpFrom, Locomotion, Material, Query,
@@ -44,6 +45,12 @@ pub enum Push {
     /// Angular impulse at once, N·m·s.
     TorqueImpulse(Vec3),
 }
+
+/// Greatest speed that an engine gives a body, m/s: that of a command whose components are all the greatest, rounded up.
+pub(super) const SPEED_MAX: f32 = LINEAR_MAX * ROOT_OF_THREE;
+/// Greatest angular speed of a body at the beginning of a step, rad/s, likewise.
+pub(super) const SPIN_MAX: f32 = ANGULAR_MAX * ROOT_OF_THREE;
+const ROOT_OF_THREE: f32 = 1.7321;
 
 /// A part of a scene that an engine may lack.
 #[derive(Clone, Copy, Debug)]
@@ -179,7 +186,22 @@ pub trait Engine: Send {
     /// Puts a dynamic body to sleep, or wakes it. An engine may have what touches it sleep too.
     fn set_activity(&mut self, id: BodyId, activity: Activity);
 
-    /// Pushes a dynamic body. However great the push, no velocity becomes infinite.
+    /// The change of a body's velocities that a push would bring by the end of the next step if nothing else moved it;
+    /// m/s and rad/s, world frame. `None` if the engine cannot say: then the push is not checked. By it a client gets
+    /// `OutOfRange` for a push that would make a body faster than a velocity that can be set.
+    fn effect(&self, id: BodyId, push: Push) -> Option<Twist> {
+        let _ = (id, push);
+        None
+    }
+
+    /// The change of a body's velocities that the forces and torques since the last step bring, as for
+    /// [`Engine::effect`].
+    fn pending(&self, id: BodyId) -> Twist {
+        let _ = id;
+        Twist::ZERO
+    }
+
+    /// Pushes a dynamic body, as much as is asked for.
     fn push(&mut self, id: BodyId, push: Push);
 
     /// Sets gravity, m/s², and wakes all bodies.

@@ -4,6 +4,8 @@
 //! after a panic, since any part may be broken. Bodies that Rapier quarantined are removed when the step returns.
 
 mod crossing;
+#[cfg(test)]
+mod crossing_tests;
 mod image;
 #[cfg(test)]
 mod motor_tests;
@@ -33,8 +35,8 @@ use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Inertia, Integrator, Twist};
 
 use super::interface::{
-    BakedShape, Baker, BodyProperties, Engine, EngineFault, FrozenEngine, Push, UnanswerableQuery,
-    UnusableShape,
+    BakedShape, Baker, BodyProperties, Engine, EngineFault, FrozenEngine, Push, SPEED_MAX,
+    UnanswerableQuery, UnusableShape,
 };
 use super::kinematic_target::KinematicTarget;
 use super::rapier_body as translate;
@@ -44,7 +46,7 @@ use super::rapier_joints::RapierJoints;
 use super::rapier_query as queries;
 use super::rapier_rest::RapierRest;
 use super::rapier_solid::{self as solids, Solid};
-use super::rapier_spin::{RapierSpin, SPEED_MAX};
+use super::rapier_spin::RapierSpin;
 use super::rapier_threads::StepThreads;
 use super::rapier_vehicles::RapierVehicles;
 
@@ -77,8 +79,8 @@ pub struct RapierEngine {
     observed: Vec<Observation>,
     /// Swept bodies.
     swept: BTreeSet<BodyId>,
-    /// Sensors that may move.
-    moving_sensors: BTreeSet<BodyId>,
+    /// Sensors.
+    sensors: BTreeSet<BodyId>,
     /// Sensors that bodies went through within the last step, with the bodies.
     crossed: BTreeSet<(BodyId, BodyId)>,
     /// True if the world has changed since its last step. Rapier's image of a world lacks some changes that are not
@@ -131,7 +133,7 @@ impl RapierEngine {
             awake_before: Vec::new(),
             observed: Vec::new(),
             swept: BTreeSet::new(),
-            moving_sensors: BTreeSet::new(),
+            sensors: BTreeSet::new(),
             crossed: BTreeSet::new(),
             has_changed: false,
         }
@@ -158,7 +160,7 @@ impl RapierEngine {
             self.awake.clear();
             self.observed.clear();
             self.swept.clear();
-            self.moving_sensors.clear();
+            self.sensors.clear();
             self.crossed.clear();
         }
     }
@@ -240,6 +242,7 @@ impl RapierEngine {
         body.set_additional_mass_properties(mass, now.desc.enabled);
         body.recompute_mass_properties_from_colliders(&self.world.colliders);
         translate::take_over_spin(body);
+        translate::bound_forces(body, dt);
         if now.desc.kind != BodyKind::Kinematic || !now.desc.enabled {
             self.kinematic_targets.remove(&place.id);
         }
@@ -250,14 +253,14 @@ impl RapierEngine {
             self.places[id.index() as usize] = None;
             self.kinematic_targets.remove(&id);
             self.swept.remove(&id);
-            self.moving_sensors.remove(&id);
+            self.sensors.remove(&id);
             self.characters.remove(id);
             self.vehicles.remove(&mut self.world, id);
             self.world.remove_body(place.handle);
         }
     }
 
-    /// Notes whether a body is swept, and whether it is a sensor that may move.
+    /// Notes whether a body is swept, and whether it is a sensor.
     fn note_motion(&mut self, desc: &BodyDesc) {
         let note = |bodies: &mut BTreeSet<BodyId>, is_one: bool| {
             if is_one && desc.enabled {
@@ -268,8 +271,7 @@ impl RapierEngine {
         };
         let is_swept = desc.swept && desc.kind == BodyKind::Dynamic;
         note(&mut self.swept, is_swept);
-        let is_moving_sensor = desc.sensor && desc.kind != BodyKind::Fixed;
-        note(&mut self.moving_sensors, is_moving_sensor);
+        note(&mut self.sensors, desc.sensor);
     }
 
     fn relocate(&mut self, id: BodyId, position: Vec3, rotation: Quat) {
@@ -579,13 +581,26 @@ impl Engine for RapierEngine {
         });
     }
 
+    fn effect(&self, id: BodyId, push: Push) -> Option<Twist> {
+        let body = self.body(self.place(id)?)?;
+        let dt = self.world.integration_parameters.dt;
+        Some(translate::widen_twist(translate::effect(body, push, dt)))
+    }
+
+    fn pending(&self, id: BodyId) -> Twist {
+        let body = self.place(id).and_then(|place| self.body(place));
+        let dt = self.world.integration_parameters.dt;
+        body.map_or(Twist::ZERO, |body| {
+            translate::widen_twist(translate::pending(body, dt))
+        })
+    }
+
     fn push(&mut self, id: BodyId, push: Push) {
         self.contained(|engine| {
             let Some(place) = engine.place(id) else {
                 return;
             };
-            let dt = engine.world.integration_parameters.dt;
-            translate::push(&mut engine.world.bodies[place.handle], push, dt);
+            translate::push(&mut engine.world.bodies[place.handle], push);
             engine.stirred.push(place);
             if matches!(push, Push::Force(_) | Push::ForceAt(..) | Push::Torque(_)) {
                 engine.forced.push(place.handle);

@@ -8,11 +8,11 @@ use rapier3d::prelude::{
     Collider, LockedAxes as RapierLockedAxes, PhysicsWorld, RigidBody, RigidBodyActivation,
     RigidBodyBuilder, RigidBodyHandle, RigidBodyType,
 };
-use rhumb_protocol::limits::{ANGULAR_MAX, LINEAR_MAX};
+use rhumb_protocol::limits::ANGULAR_MAX;
 use rhumb_protocol::scene::{BodyKind, Sleep};
 use rhumb_reckoning::{BodyId, BodyState, Inertia, InvalidMotion, Pose, Twist};
 
-use super::interface::{BodyProperties, Push};
+use super::interface::{BodyProperties, Push, SPEED_MAX, SPIN_MAX};
 
 /// The body without its solid. A kinematic one's velocities are not Rapier's: see `kinematic_target`.
 ///
@@ -236,49 +236,69 @@ pub(super) fn inertia(body: &RigidBody) -> Option<Inertia> {
     (!inertia.is_isotropic()).then_some(inertia)
 }
 
-/// Pushes a dynamic body, but at most to the largest speed that a command may set: a finite but absurd push would make
-/// Rapier give up the body and everything it touches.
+/// The change of a body's linear and angular velocities that a push brings by the end of the next step; world frame.
 ///
-/// `dt`: length of a step, seconds. Forces stay until [`unpush`].
-pub(super) fn push(body: &mut RigidBody, push: Push, dt: f32) {
+/// `dt`: length of a step, seconds.
+pub(super) fn effect(body: &RigidBody, push: Push, dt: f32) -> (Vec3, Vec3) {
     let properties = body.mass_properties();
     // Zero along locked axes.
     let lightness = properties.effective_inv_mass;
     let turnability = properties.effective_world_inv_inertia;
     let lever = |point: Vec3| point - body.center_of_mass();
     match push {
+        Push::ForceAt(force, point) => (
+            force * lightness * dt,
+            (turnability * lever(point).cross(force)) * dt,
+        ),
+        Push::ImpulseAt(impulse, point) => (
+            impulse * lightness,
+            turnability * lever(point).cross(impulse),
+        ),
+        Push::Force(force) => (force * lightness * dt, Vec3::ZERO),
+        Push::Torque(torque) => (Vec3::ZERO, (turnability * torque) * dt),
+        Push::Impulse(impulse) => (impulse * lightness, Vec3::ZERO),
+        Push::TorqueImpulse(impulse) => (Vec3::ZERO, turnability * impulse),
+    }
+}
+
+/// The change of a body's velocities by its forces and torques until [`unpush`], as [`effect`] has it.
+pub(super) fn pending(body: &RigidBody, dt: f32) -> (Vec3, Vec3) {
+    let (linear, _) = effect(body, Push::Force(body.user_force()), dt);
+    let (_, angular) = effect(body, Push::Torque(body.user_torque()), dt);
+    (linear, angular)
+}
+
+/// Pushes a dynamic body. Forces stay until [`unpush`].
+pub(super) fn push(body: &mut RigidBody, push: Push) {
+    match push {
+        Push::Force(force) => body.add_force(force, true),
+        Push::Torque(torque) => body.add_torque(torque, true),
         Push::ForceAt(force, point) => {
-            let torque = lever(point).cross(force);
-            self::push(body, Push::Force(force), dt);
-            self::push(body, Push::Torque(torque), dt);
+            let torque = (point - body.center_of_mass()).cross(force);
+            body.add_force(force, true);
+            body.add_torque(torque, true);
         }
-        Push::ImpulseAt(impulse, point) => {
-            let torque_impulse = lever(point).cross(impulse);
-            self::push(body, Push::Impulse(impulse), dt);
-            self::push(body, Push::TorqueImpulse(torque_impulse), dt);
+        Push::Impulse(_) | Push::ImpulseAt(..) | Push::TorqueImpulse(_) => {
+            let (linear, angular) = effect(body, push, 0.0);
+            body.set_linvel(body.linvel() + linear, true);
+            body.set_angvel(body.angvel() + angular, true);
         }
-        Push::Force(force) => {
-            let sum = body.user_force() + force;
-            let share = share_within(sum * lightness * dt, LINEAR_MAX);
-            body.reset_forces(false);
-            body.add_force(sum * share, true);
-        }
-        Push::Torque(torque) => {
-            let sum = body.user_torque() + torque;
-            let share = share_within((turnability * sum) * dt, ANGULAR_MAX);
-            body.reset_torques(false);
-            body.add_torque(sum * share, true);
-        }
-        Push::Impulse(impulse) => {
-            let change = impulse * lightness;
-            let linear = body.linvel() + change * share_within(change, LINEAR_MAX);
-            body.set_linvel(linear * share_within(linear, LINEAR_MAX), true);
-        }
-        Push::TorqueImpulse(impulse) => {
-            let change = turnability * impulse;
-            let angular = body.angvel() + change * share_within(change, ANGULAR_MAX);
-            body.set_angvel(angular * share_within(angular, ANGULAR_MAX), true);
-        }
+    }
+}
+
+/// Shortens the forces of a body whose mass has changed since they were checked: an absurd one would make Rapier give
+/// up the body and everything it touches.
+pub(super) fn bound_forces(body: &mut RigidBody, dt: f32) {
+    let (linear, angular) = pending(body, dt);
+    let shares = [
+        share_within(linear, SPEED_MAX * 2.0),
+        share_within(angular, SPIN_MAX * 2.0),
+    ];
+    if shares != [1.0; 2] {
+        let (force, torque) = (body.user_force(), body.user_torque());
+        unpush(body);
+        body.add_force(force * shares[0], false);
+        body.add_torque(torque * shares[1], false);
     }
 }
 
@@ -312,4 +332,12 @@ pub(super) fn has_velocities(body: &RigidBody) -> bool {
 pub(super) fn narrow_twist(twist: &Twist) -> (Vec3, Vec3) {
     let narrow = |v: DVec3| v.as_vec3();
     (narrow(twist.linear), narrow(twist.angular))
+}
+
+/// Velocities in full precision.
+pub(super) fn widen_twist((linear, angular): (Vec3, Vec3)) -> Twist {
+    Twist {
+        linear: linear.as_dvec3(),
+        angular: angular.as_dvec3(),
+    }
 }

@@ -15,12 +15,13 @@ use rapier3d::parry::query::ShapeCastOptions;
 use rapier3d::prelude::{
     PhysicsWorld, QueryFilter, QueryPipeline, RigidBody, RigidBodyHandle, SharedShape,
 };
-use rhumb_protocol::limits::LINEAR_MAX;
 use rhumb_protocol::scene::{BodyEvent, Character, JumpFrom};
 use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_protocol::wire::{Malformed, Wire};
 use rhumb_reckoning::BodyId;
 use rhumb_solids::Grounds;
+
+use super::interface::SPEED_MAX;
 
 /// The characters.
 #[derive(Clone, Debug, Default)]
@@ -134,7 +135,7 @@ impl RapierCharacters {
         let up = walker.controller.up;
         let gravity = world.gravity * world.bodies[body].gravity_scale();
         let rise = state.rise + gravity.dot(up) * dt;
-        state.rise = rise.clamp(-LINEAR_MAX, LINEAR_MAX);
+        state.rise = rise.clamp(-SPEED_MAX, SPEED_MAX);
         let (level, mut collisions) = (velocity * dt, Vec::new());
         let asked = state.rise * dt;
         walker.keep_off(world, &state.character);

@@ -1,21 +1,15 @@
-//! Gyroscopic forces of the bodies of a Rapier world, and the greatest speeds.
+//! Gyroscopic forces of the bodies of a Rapier world, and the greatest spin.
 //!
 //! Rapier's own gyroscopic step drives a spin towards the axis of the middle moment and changes its energy, so it stays
 //! off; predictors take the same steps as this file (RECKONING 3.7). A free body gets half of its precession before a
 //! step and half behind it. One that touches something or has a joint gets all of it before: the solver has the last word.
 
 use rapier3d::prelude::{PhysicsWorld, RigidBody, RigidBodyHandle};
-use rhumb_protocol::limits::{ANGULAR_MAX, LINEAR_MAX};
 use rhumb_reckoning::{Inertia, Integrator, precessed};
 
+use super::interface::SPIN_MAX;
 use super::rapier_body as translate;
 use super::rapier_contacts as touching;
-
-/// Greatest speed in Rapier, m/s: that of a command whose components are all the greatest, rounded up.
-pub(super) const SPEED_MAX: f32 = LINEAR_MAX * ROOT_OF_THREE;
-/// Greatest angular speed at the beginning of a step, rad/s, likewise.
-const SPIN_MAX: f32 = ANGULAR_MAX * ROOT_OF_THREE;
-const ROOT_OF_THREE: f32 = 1.7321;
 
 /// Change of the spin in a step that a body with contacts or joints does not need, rad/s: the solver changes it by more.
 const NEGLIGIBLE: f32 = 1e-6;

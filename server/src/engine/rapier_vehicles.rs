@@ -11,13 +11,13 @@ use rapier3d::math::Pose as RapierPose;
 use rapier3d::prelude::{
     ColliderHandle, InteractionGroups, PhysicsWorld, QueryFilter, Ray, RigidBody, RigidBodyHandle,
 };
-use rhumb_protocol::limits::{ANGULAR_MAX, LINEAR_MAX};
 use rhumb_protocol::scene::{Vehicle, WheelInput};
 use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_protocol::wire::{Malformed, Wire};
 use rhumb_reckoning::BodyId;
 use rhumb_solids::nearest_hit;
 
+use super::interface::{SPEED_MAX, SPIN_MAX};
 use super::rapier_body::share_within;
 
 /// The vehicles.
@@ -122,7 +122,7 @@ fn filter<'a>(
         .groups(groups)
 }
 
-/// Pushes a chassis by its wheels, but at most to the largest speeds that a command may set: see `rapier_body::push`.
+/// Pushes a chassis by its wheels, but at most to the greatest speeds of bodies: absurd wheels would make Rapier give it up.
 fn push(
     world: &mut PhysicsWorld,
     controller: &mut DynamicRayCastVehicleController,
@@ -144,8 +144,8 @@ fn push(
     let (linear, angular) = velocities(world, controller.chassis);
     let (linear, angular) = if linear.is_finite() && angular.is_finite() {
         (
-            linear * share_within(linear, LINEAR_MAX),
-            angular * share_within(angular, ANGULAR_MAX),
+            linear * share_within(linear, SPEED_MAX),
+            angular * share_within(angular, SPIN_MAX),
         )
     } else {
         before

@@ -10,6 +10,7 @@ mod endings;
 mod links;
 mod motion;
 mod order;
+mod pushes;
 mod refusals;
 mod sheets;
 mod torque_free;

@@ -1,7 +1,7 @@
 //! Sensors that bodies go through within a step.
 //!
-//! Rapier tells by events which fast bodies went through a fixed sensor. Of a sensor that moves it tells only what is inside
-//! where the step ends: here, its way is swept against those of the others.
+//! Rapier tells only what is inside a sensor where a step ends, and by events which fast dynamic bodies went through a
+//! fixed one. Here the ways of all bodies are swept against those of all sensors.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Mutex;
@@ -22,8 +22,12 @@ use super::{RapierEngine, translate};
 /// Reach of the sweep of a sensor, metres: an overlap of a quarter of it is found.
 const REACH: f32 = 4e-4;
 
-/// Places of bodies at the begin of a step, if they may move in it.
-pub(super) type Starts = BTreeMap<BodyId, (RigidBodyHandle, RapierPose)>;
+/// Share of the thickness of a body by which its fastest point moves at least, if the body is to pass a fixed sensor
+/// between two steps: a slower one can at most graze an edge, by a sixteenth of its thickness.
+const SLOW_SHARE: f32 = 0.25;
+
+/// Poses of all bodies that may move, at the begin of a step.
+pub(super) type Starts = Vec<(RigidBodyHandle, RapierPose)>;
 
 /// A body that has gone its way through a step.
 struct Passed<'a> {
@@ -31,31 +35,35 @@ struct Passed<'a> {
     start: RapierPose,
     /// Around its solids where the step began and where it ended.
     around: Aabb,
+    /// True if its points moved far for its thickness.
+    is_fast: bool,
 }
 
 impl RapierEngine {
-    /// Places of the bodies at the begin of a step; none where no sensor can move.
+    /// Poses of the bodies at the begin of a step; none if there is no sensor.
     pub(super) fn sensor_starts(&self) -> Starts {
-        if self.moving_sensors.is_empty() {
+        if self.sensors.is_empty() {
             return Starts::new();
         }
-        let active = self.world.active_bodies();
-        let starts = active.map(|(handle, body)| (translate::id(body), (handle, *body.position())));
+        let bodies = self.world.bodies.iter();
+        let movable = bodies.filter(|(_, body)| !body.is_fixed() && body.is_enabled());
+        let starts = movable.map(|(handle, body)| (handle, *body.position()));
         starts.collect()
     }
 
-    /// Adds what went through a sensor that can move, and neither began nor ended inside it.
+    /// Adds what went through a sensor, and neither began nor ended inside it.
     pub(super) fn note_crossed_on_the_way(&mut self, starts: &Starts) {
-        if starts.is_empty() {
+        let movers: BTreeMap<BodyId, Passed<'_>> = starts
+            .iter()
+            .filter_map(|(handle, start)| self.passed(*handle, *start))
+            .filter(|passed| passed.start != *passed.body.position())
+            .map(|passed| (translate::id(passed.body), passed))
+            .collect();
+        if movers.is_empty() {
             return;
         }
         let mut crossed = BTreeSet::new();
-        let movers: BTreeMap<BodyId, Passed<'_>> = starts
-            .iter()
-            .filter_map(|(id, (handle, start))| Some((*id, self.passed(*handle, *start)?)))
-            .filter(|(_, passed)| passed.start != *passed.body.position())
-            .collect();
-        for id in &self.moving_sensors {
+        for id in &self.sensors {
             let Some(slot) = self.place(*id) else {
                 continue;
             };
@@ -67,9 +75,11 @@ impl RapierEngine {
             let Some(sensor) = moves.or(still.as_ref()) else {
                 continue;
             };
-            let near = movers
-                .iter()
-                .filter(|(other, passed)| *other != id && passed.around.intersects(&sensor.around));
+            let near = movers.iter().filter(|(other, passed)| {
+                *other != id
+                    && (passed.is_fast || moves.is_some())
+                    && passed.around.intersects(&sensor.around)
+            });
             let through = near.filter(|(_, passed)| self.goes_through(sensor, passed));
             crossed.extend(through.map(|(other, _)| (*id, *other)));
             if moves.is_some() {
@@ -109,19 +119,25 @@ impl RapierEngine {
 
     fn passed(&self, handle: RigidBodyHandle, start: RapierPose) -> Option<Passed<'_>> {
         let body = self.world.bodies.get(handle)?;
-        let mut around = None::<Aabb>;
+        let end = body.position();
+        let (mut around, mut thickness) = (None::<Aabb>, f32::MAX);
         for solid in body.colliders() {
             let solid = self.world.colliders.get(*solid)?;
             let within = solid.position_wrt_parent().copied().unwrap_or_default();
-            let ways =
-                [start, *body.position()].map(|pose| solid.shape().compute_aabb(&(pose * within)));
+            let ways = [start, *end].map(|pose| solid.shape().compute_aabb(&(pose * within)));
             let both = ways[0].merged(&ways[1]);
+            thickness = thickness.min(solid.shape().ccd_thickness());
             around = Some(around.map_or(both, |around| around.merged(&both)));
         }
+        let around = around?;
+        let reach = around.half_extents().length();
+        let turn = start.rotation.angle_between(end.rotation);
+        let moved = (end.translation - start.translation).length() + turn * reach;
         Some(Passed {
             body,
             start,
-            around: around?,
+            around,
+            is_fast: moved > thickness * SLOW_SHARE,
         })
     }
 
@@ -146,7 +162,7 @@ impl RapierEngine {
                 if ends.into_iter().any(touches) {
                     return false;
                 }
-                is_met = is_met || zone_way.meets(&way, 1.0, REACH).is_some();
+                is_met = is_met || zone_way.crosses(&way, REACH);
             }
         }
         is_met

@@ -64,7 +64,7 @@ impl RapierEngine {
             awake_before: self.awake_before.clone(),
             observed: self.observed.clone(),
             swept: self.swept.clone(),
-            moving_sensors: self.moving_sensors.clone(),
+            sensors: self.sensors.clone(),
             crossed: self.crossed.clone(),
             has_changed: false,
         })
@@ -104,12 +104,11 @@ impl RapierEngine {
                 .is_some_and(Collider::is_sensor)
         };
         let sensors = engine.world.bodies.iter();
-        let sensors =
-            sensors.filter(|(_, body)| !body.is_fixed() && body.is_enabled() && is_sensor(body));
+        let sensors = sensors.filter(|(_, body)| body.is_enabled() && is_sensor(body));
         let sensors = sensors
             .map(|(_, body)| super::translate::id(body))
             .collect();
-        engine.moving_sensors = sensors;
+        engine.sensors = sensors;
         Ok(engine)
     }
 

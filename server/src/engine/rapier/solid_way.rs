@@ -2,8 +2,8 @@
 
 use glam::Vec3;
 use rapier3d::math::Pose as RapierPose;
-use rapier3d::parry::query::ShapeCastOptions;
 use rapier3d::parry::query::sweep_toi::{Sweep, SweepToiStatus, ToiProxy, sweep_time_of_impact};
+use rapier3d::parry::query::{NonlinearRigidMotion, ShapeCastOptions, cast_shapes_nonlinear};
 use rapier3d::parry::shape::Shape;
 use rapier3d::prelude::{Collider, RigidBody};
 
@@ -67,5 +67,40 @@ impl<'a> SolidWay<'a> {
             options,
         );
         Some(met.ok().flatten()?.time_of_impact)
+    }
+
+    /// True if two solids are within half of `in_reach` somewhere on their ways, turns included.
+    pub(super) fn crosses(&self, other: &SolidWay<'_>, in_reach: f32) -> bool {
+        let proxies = [self.shape, other.shape].map(ToiProxy::from_shape);
+        if proxies.iter().all(Option::is_some) {
+            return self.meets(other, 1.0, in_reach).is_some();
+        }
+        // Cylinders, cones, meshes: the library turns them too, but half-spaces and heights only by their translation.
+        let met = cast_shapes_nonlinear(
+            &self.motion(),
+            self.shape,
+            &other.motion(),
+            other.shape,
+            0.0,
+            1.0,
+            true,
+        );
+        match met {
+            Ok(met) => met.is_some(),
+            Err(_) => self.meets(other, 1.0, in_reach).is_some(),
+        }
+    }
+
+    /// Its way, in a time of one.
+    fn motion(&self) -> NonlinearRigidMotion {
+        let centre = |pose: &RapierPose| pose.transform_point(self.centre);
+        let turn = self.end.rotation * self.start.rotation.inverse();
+        let shorter = if turn.w < 0.0 { -turn } else { turn };
+        NonlinearRigidMotion::new(
+            self.start,
+            self.centre,
+            centre(&self.end) - centre(&self.start),
+            shorter.to_scaled_axis(),
+        )
     }
 }

@@ -30,6 +30,14 @@ pub(super) fn cases() -> Vec<Case> {
         )
         .play(moment_most),
     );
+    cases.push(
+        case(
+            "L1.5.12",
+            "a push beyond LINEAR_MAX or ANGULAR_MAX is refused with its quantity, and one that slows is not",
+            "PROTOCOL 7-1, 4.5-7",
+        )
+        .play(push_most),
+    );
     cases
 }
 
@@ -372,6 +380,41 @@ fn moment_most(trial: &mut Trial<'_>) -> CaseResult {
     });
     let desc = heavy;
     client.must(Command::ChangeBody { desc }).map(drop)
+}
+
+fn push_most(trial: &mut Trial<'_>) -> CaseResult {
+    let mut client = member(trial)?;
+    client.must(ball_shape())?;
+    let id = body(client.granted, 0)?;
+    let mut desc = BodyDesc::plain(id, BodyKind::Dynamic, BALL);
+    let (mass, moments) = (1.0, Some(Vec3::splat(0.1)));
+    desc.mass = Some(Mass { mass, moments });
+    let motion = moving(Vec3::ZERO, Vec3::ZERO);
+    client.must(Command::AddBody { desc, motion })?;
+    let impulse = |x: f32| Command::Impulse {
+        id,
+        impulse: Vec3::X * x,
+    };
+    let twist = |y: f32| Command::TorqueImpulse {
+        id,
+        impulse: Vec3::Y * y,
+    };
+    for (push, beyond) in [
+        (impulse(900.0), None),
+        (impulse(900.0), Some(Quantity::Linear)),
+        (impulse(-1_800.0), None),
+        (impulse(-200.0), Some(Quantity::Linear)),
+        (twist(9.0), None),
+        (twist(9.0), Some(Quantity::Angular)),
+        (twist(-18.0), None),
+    ] {
+        let answer = client.command(push.clone())?;
+        let refused = beyond.map(|quantity| CommandError::Invalid(Invalid::out_of_range(quantity)));
+        if answer.err() != refused {
+            return Stop::fail(format!("{push:?}: {refused:?} is due, not {answer:?}"));
+        }
+    }
+    Ok(())
 }
 
 fn scenes_most(trial: &mut Trial<'_>) -> CaseResult {
