@@ -31,6 +31,9 @@ pub trait SearchedBodies {
 
     /// The body of a part that was found.
     fn body_of(&self, part: u32) -> Option<BodyId>;
+
+    /// The parts of a body at their poses in the world; they share the geometry of the set.
+    fn parts_of(&self, body: BodyId) -> Vec<SolidPart>;
 }
 
 /// The answer to a query.
@@ -241,18 +244,7 @@ impl Search<'_> {
 
     /// The bodies whose parts overlap those of a body, each at its deepest contact, the deepest first.
     fn touching(&self, body: BodyId) -> Answer {
-        let mut own: Vec<SolidPart> = Vec::new();
-        self.bodies.search(&QueryFilter::ALL, &[], &mut |parts| {
-            for part in parts.bvh().leaves(|_| true) {
-                if self.bodies.body_of(part) == Some(body) {
-                    parts.map_part_at(part, &mut |at, shape, _| {
-                        let (at, shape) = (at.copied().unwrap_or_default(), shape.clone_dyn());
-                        let shape = SharedShape(shape.into());
-                        own.push(SolidPart { at, shape });
-                    });
-                }
-            }
-        });
+        let own = self.bodies.parts_of(body);
         let mut hits: Vec<Hit> = Vec::new();
         let filter = &self.query.filter;
         (self.bodies).search(filter, &[body], &mut |parts| {
@@ -388,5 +380,59 @@ impl SearchedBodies for PlacedBodies {
     fn body_of(&self, part: u32) -> Option<BodyId> {
         let part = self.parts.get(part as usize)?;
         Some(part.body.id)
+    }
+
+    fn parts_of(&self, body: BodyId) -> Vec<SolidPart> {
+        let is_own =
+            |part: &&PlacedPart| part.body.id == body && QueryFilter::ALL.takes(&part.body);
+        let own = self.parts.iter().filter(is_own);
+        let parts = own.map(|part| SolidPart {
+            at: part.at,
+            shape: part.solid.clone(),
+        });
+        parts.collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rhumb_protocol::scene::{BodyKind, Mesh, Shape};
+
+    use super::*;
+    use crate::parts::parts;
+
+    #[test]
+    fn the_contacts_of_a_mesh_copy_none_of_its_triangles() {
+        let points = [Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::Z];
+        let triangles = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]];
+        let mesh = Mesh::new(&points, &triangles).expect("the test makes it valid");
+        let mesh = parts(&Shape::Mesh(mesh)).expect("the mesh has faces");
+        let ball = parts(&Shape::ball(0.5)).expect("a ball is solid");
+        let candidate = |index: u32| QueryCandidate {
+            id: BodyId::new(index, 0),
+            kind: BodyKind::Dynamic,
+            is_sensor: false,
+            members: 1,
+        };
+        let at = (Vec3::ZERO, Quat::IDENTITY);
+        let bodies = [(candidate(0), at, &*mesh), (candidate(1), at, &*ball)];
+        let placed = PlacedBodies::new(bodies);
+        let own = placed.parts_of(BodyId::new(0, 0));
+        assert_eq!(own.len(), mesh.len());
+        for (one, other) in own.iter().zip(&mesh) {
+            assert!(std::sync::Arc::ptr_eq(&one.shape.0, &other.shape.0));
+        }
+        let query = Query {
+            kind: QueryKind::Contacts {
+                body: BodyId::new(0, 0),
+            },
+            filter: QueryFilter::ALL,
+            hits: 4,
+        };
+        let Answer::Hits(hits) = answer(&placed, &query) else {
+            panic!("contacts are hits");
+        };
+        let found: Vec<_> = hits.iter().map(|hit| hit.body).collect();
+        assert_eq!(found, [BodyId::new(1, 0)]);
     }
 }

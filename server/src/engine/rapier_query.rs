@@ -8,7 +8,7 @@ use rapier3d::prelude::{
 };
 use rhumb_protocol::scene::{Answer, BodyKind, Query, QueryCandidate, QueryFilter};
 use rhumb_reckoning::BodyId;
-use rhumb_solids::SearchedBodies;
+use rhumb_solids::{SearchedBodies, SolidPart};
 
 use super::rapier_body::id;
 
@@ -51,6 +51,24 @@ impl SearchedBodies for Searched<'_> {
     fn body_of(&self, part: u32) -> Option<BodyId> {
         let (collider, _) = self.world.colliders.get_unknown_gen(part)?;
         self.owner(collider).map(id)
+    }
+
+    fn parts_of(&self, body: BodyId) -> Vec<SolidPart> {
+        let mut bodies = self.world.bodies.iter();
+        let Some((_, body)) = bodies.find(|(_, other)| id(other) == body) else {
+            return Vec::new();
+        };
+        let solids = body.colliders().iter();
+        let solids = solids.filter_map(|solid| self.world.colliders.get(*solid));
+        let counts = |solid: &&Collider| QueryFilter::ALL.takes(&candidate(body, solid));
+        let parts = solids
+            .filter(|solid| solid.is_enabled())
+            .filter(counts)
+            .map(|solid| SolidPart {
+                at: *solid.position(),
+                shape: solid.shared_shape().clone(),
+            });
+        parts.collect()
     }
 }
 

@@ -1,4 +1,4 @@
-//! Commands that change the velocities of bodies: velocities, forces and impulses.
+//! Commands that change velocities: velocities, forces, torques and impulses.
 //!
 //! Invariant: no command makes a body faster than a velocity that can be set, along any axis, unless the body was faster
 //! already. What exceeds that is refused, never shortened.
