@@ -3,6 +3,8 @@
 //! Wraps its `PhysicsWorld`; no type of Rapier leaves this file and its helpers. Invariants: the world takes no step
 //! after a panic, since any part may be broken. Bodies that Rapier quarantined are removed when the step returns.
 
+#[cfg(test)]
+mod chain_tests;
 mod crossing;
 #[cfg(test)]
 mod crossing_tests;

@@ -8,13 +8,13 @@ use core::f32::consts::TAU;
 use glam::{Quat, Vec3};
 use rhumb_protocol::limits::{
     ANGULAR_MAX, COORDINATE_MAX, DAMPING_MAX, DENSITY_MAX, DENSITY_MIN, EXTENT_MAX, EXTENT_MIN,
-    FORCE_MAX, FRICTION_MAX, GRAVITY_MAX, GRAVITY_SCALE_MAX, LINEAR_MAX,
+    FORCE_MAX, FRICTION_MAX, GRAVITY_MAX, GRAVITY_SCALE_MAX, LINEAR_MAX, MASS_MAX,
 };
 use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::message::{ClientMessage, Extensions, ServerMessage};
 use rhumb_protocol::scene::{
     BodyDesc, BodyKind, Command, CommandError, Invalid, Joint, JointFrame, JointId, JointKind,
-    JointLimits, Material, Quantity, SceneConfig, Shape, ShapeId, Sleep, SleepThresholds,
+    JointLimits, Mass, Material, Quantity, SceneConfig, Shape, ShapeId, Sleep, SleepThresholds,
 };
 use rhumb_protocol::session::Event;
 use rhumb_protocol::wire::Wire;
@@ -61,11 +61,12 @@ impl Rig {
             raw_peer,
             ball,
         };
-        rig.command(add_body(
-            BodyDesc::plain(ball, BodyKind::Dynamic, BALL),
-            still(),
-        ))
-        .expect("an unused index");
+        let mut desc = BodyDesc::plain(ball, BodyKind::Dynamic, BALL);
+        // The greatest push makes no velocity of it that is beyond the limits.
+        let (mass, moments) = (MASS_MAX, Some(Vec3::splat(MASS_MAX * 100.0)));
+        desc.mass = Some(Mass { mass, moments });
+        rig.command(add_body(desc, still()))
+            .expect("an unused index");
         rig
     }
 
