@@ -288,4 +288,20 @@ impl SearchedBodies for CopyQueries {
         let part = self.parts.get(part as usize)?.as_ref();
         part.map(|part| part.desc.id)
     }
+
+    fn parts_of(&self, body: BodyId) -> Vec<SolidPart> {
+        let Some(own) = self.bodies.get(&body) else {
+            return Vec::new();
+        };
+        if !QueryFilter::ALL.takes(&QueryCandidate::of(&own.desc)) {
+            return Vec::new();
+        }
+        let leaves = own.leaves.iter();
+        let parts = leaves.filter_map(|leaf| self.parts.get(*leaf as usize)?.as_ref());
+        let parts = parts.map(|part| SolidPart {
+            at: part.at,
+            shape: part.solid.clone(),
+        });
+        parts.collect()
+    }
 }
