@@ -89,6 +89,8 @@ pub use rhumb_reckoning::{
     BodyId, BodyState, Damping, Integrator, InvalidMotion, InvalidTolerance, LengthBound, Metres,
     Radians, Rate, Seconds, Tick, Ticks, Tolerance, ToleranceScale, TurnBound,
 };
+#[cfg(feature = "local")]
+pub use rhumb_scene::{Checkpoint, CheckpointError};
 pub use rhumb_view::{
     BodyCentres, DEPTH_MAX, InvalidTicks, JoinMode, PipelineDepth, RESUME_WITHIN, RefusalReason,
     RefusedRequest, RenderParams, RenderTime, SHIFT_TICKS_MAX, View,

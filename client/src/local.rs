@@ -4,6 +4,8 @@
 //! the server ends its connections, and never reaches a caller. A client's inputs arrive by a call or a queue. A server
 //! with a driver of its own, such as one with sockets, has such clients beside its others.
 
+mod peers;
+
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
@@ -16,9 +18,10 @@ use bytes::Bytes;
 use rhumb_link::{
     ClientTransport, Clock, HeldBack, Inbox, Received, TransportCode, WireStatistics,
 };
-use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Span, Transmit, Wake};
-use rhumb_scene::{SceneRouter, SceneSettings};
+use rhumb_protocol::{Ending, Endpoint, Peer, Span, Transmit};
+use rhumb_scene::{Checkpoint, CheckpointError, SceneName, SceneRouter, SceneSettings};
 
+pub use self::peers::{LocalPeers, WithLocalPeers, is_local_peer};
 use crate::client::Client;
 use crate::server_connection::ServerConnection;
 
@@ -103,19 +106,52 @@ impl LocalServer {
         ))
     }
 
-    /// The clients of a server with a driver of its own: [`LocalPeers::serve`] joins them to the driver's. `wake` makes the
-    /// driver poll the server; it is called after each input.
-    #[must_use]
-    pub fn beside(wake: impl Fn() + Send + Sync + 'static) -> (Self, LocalPeers) {
-        let (sender, inputs) = channel();
-        let wake: Arc<dyn Fn() + Send + Sync> = Arc::new(wake);
-        let mut queue = InputQueue::new(sender);
-        queue.wake = Some(Arc::clone(&wake));
-        let server = Self {
-            host: Host::Thread(queue),
-            next_peer: Arc::new(AtomicU64::new(FIRST_PEER)),
-        };
-        (server, LocalPeers { inputs, wake })
+    /// The whole state of a scene: bodies, joints, sleep, contacts, and the engine's own memory of them.
+    ///
+    /// It has everything that the server has read. [`Client::inspect`] waits until that is all which a client sent.
+    ///
+    /// # Errors
+    ///
+    /// [`CheckpointError`] for a name that no scene has, and for a scene or a server that cannot be saved: those of
+    /// [`Self::beside`] cannot.
+    pub fn save(&self, scene: &str) -> Result<Checkpoint, CheckpointError> {
+        let name = name(scene)?;
+        self.host.call(move |scenes| scenes.save(&name))
+    }
+
+    /// Makes a scene that continues from a checkpoint, to be joined by its name.
+    ///
+    /// Given the same commands before the same ticks, it runs to the same bits as the scene that was saved, here and on
+    /// another machine. Bodies keep their ids. It has no members at first: a server ends it if no client joins for ten minutes.
+    ///
+    /// # Errors
+    ///
+    /// [`CheckpointError`] for a name that a scene has already, for limits of the server, and as
+    /// [`Checkpoint::scene`].
+    ///
+    /// # Example
+    ///
+    /// ```
+    /// use rhumb_client::scene::{BodyDesc, Shape};
+    /// use rhumb_client::{LocalServer, PipelineDepth};
+    ///
+    /// # fn main() -> Result<(), rhumb_client::MainError> {
+    /// let server = LocalServer::new();
+    /// let mut client = server.connect().join("drop")?;
+    /// client.add_body(BodyDesc::dynamic(Shape::ball(0.5)).at(0.0, 10.0, 0.0))?;
+    /// client.advance(PipelineDepth::LOCKSTEP)?;
+    /// server.restore("another drop", &server.save("drop")?)?;
+    /// let mut other = server.connect().join("another drop")?;
+    /// other.advance(PipelineDepth::LOCKSTEP)?;
+    /// client.advance(PipelineDepth::LOCKSTEP)?;
+    /// assert_eq!(client.inspect()?.truth, other.inspect()?.truth);
+    /// # Ok(())
+    /// # }
+    /// ```
+    pub fn restore(&self, scene: &str, checkpoint: &Checkpoint) -> Result<(), CheckpointError> {
+        let (name, checkpoint) = (name(scene)?, checkpoint.clone());
+        self.host
+            .call(move |scenes| scenes.restore(&name, &checkpoint))
     }
 
     fn at(host: Host) -> Self {
@@ -126,119 +162,11 @@ impl LocalServer {
     }
 }
 
-/// The first number of peers of this process beside those of another driver: between those of the network and those of a
-/// Unix socket.
-const FIRST_PEER: u64 = 1 << 62;
-
-/// True for a peer of [`LocalServer::beside`].
-#[must_use]
-pub fn is_local_peer(peer: Peer) -> bool {
-    peer.0 & !(FIRST_PEER - 1) == FIRST_PEER
-}
-
-/// The messages and datagrams of the clients of [`LocalServer::beside`].
-pub struct LocalPeers {
-    inputs: Receiver<QueuedInput>,
-    wake: Arc<dyn Fn() + Send + Sync>,
-}
-
-/// An endpoint, and its peers of this process beside those of the driver that calls it.
-pub struct WithLocalPeers<'a, E> {
-    driver: Driver<&'a mut E>,
-    peers: LocalPeers,
-}
-
-impl LocalPeers {
-    /// The endpoint with these peers.
-    pub fn serve<E: Endpoint>(self, endpoint: &mut E) -> WithLocalPeers<'_, E> {
-        WithLocalPeers {
-            driver: Driver::new(endpoint, Clock::start()),
-            peers: self,
-        }
-    }
-}
-
-impl<E: Endpoint> WithLocalPeers<'_, E> {
-    fn handle_inputs(&mut self) {
-        for _ in 0..INPUTS_PER_TURN {
-            match self.peers.inputs.try_recv() {
-                Ok(input) => {
-                    input
-                        .waiting
-                        .fetch_sub(cost(&input.input), Ordering::Relaxed);
-                    self.driver.take(input.from, input.input);
-                }
-                Err(_) => return,
-            }
-        }
-        (self.peers.wake)();
-    }
-}
-
-impl<E> Drop for WithLocalPeers<'_, E> {
-    /// Closes every connection.
-    fn drop(&mut self) {
-        self.driver.end(Ending::Closed(TransportCode::GOING_AWAY.0));
-    }
-}
-
-impl<E: Endpoint> Endpoint for WithLocalPeers<'_, E> {
-    fn handle_opened(&mut self, now: Instant, peer: Peer) {
-        self.driver.server.handle_opened(now, peer);
-    }
-
-    fn handle_control(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
-        self.driver.server.handle_control(now, from, bytes);
-    }
-
-    fn handle_control_taken(&mut self, now: Instant, peer: Peer, bytes: usize) {
-        self.driver.server.handle_control_taken(now, peer, bytes);
-    }
-
-    fn wants_control(&self, from: Peer) -> bool {
-        self.driver.server.wants_control(from)
-    }
-
-    fn handle_datagram(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
-        self.driver.server.handle_datagram(now, from, bytes);
-    }
-
-    fn handle_link(&mut self, now: Instant, peer: Peer, report: &LinkReport) {
-        self.driver.server.handle_link(now, peer, report);
-    }
-
-    fn handle_ended(&mut self, now: Instant, peer: Peer, ending: Ending) {
-        self.driver.server.handle_ended(now, peer, ending);
-    }
-
-    fn handle_timeout(&mut self, now: Instant) {
-        self.driver.server.handle_timeout(now);
-    }
-
-    /// The next transmission of the driver that calls; those of this process's peers leave on the way.
-    fn poll_transmit(&mut self) -> Option<Transmit> {
-        self.handle_inputs();
-        loop {
-            while let Some(transmit) = self.driver.server.poll_transmit() {
-                let (Transmit::Control { to, .. }
-                | Transmit::State { to, .. }
-                | Transmit::Close { to, .. }) = &transmit;
-                if !is_local_peer(*to) {
-                    return Some(transmit);
-                }
-                self.driver.send(transmit);
-            }
-            let now = self.driver.clock.now();
-            let driver = &mut self.driver;
-            if !driver.held_back.deliver(now, &mut driver.server) {
-                return None;
-            }
-        }
-    }
-
-    fn poll_timeout(&self) -> Option<Wake> {
-        self.driver.server.poll_timeout()
-    }
+fn name(scene: &str) -> Result<SceneName, CheckpointError> {
+    scene.parse().map_err(|cause| CheckpointError::SceneName {
+        scene: scene.to_owned(),
+        cause,
+    })
 }
 
 impl Client {
@@ -280,7 +208,7 @@ fn scenes() -> SceneRouter {
 }
 
 /// Runs a server until its last client is gone.
-fn run(driver: &mut Driver<SceneRouter>, inputs: &Receiver<QueuedInput>) {
+fn run(driver: &mut Driver<SceneRouter>, inputs: &Receiver<Queued>) {
     loop {
         let first = match driver.run() {
             None => inputs.recv().map_err(|_| RecvTimeoutError::Disconnected),
@@ -677,11 +605,20 @@ enum Host {
 /// Inputs that wait for the server's thread.
 #[derive(Clone)]
 struct InputQueue {
-    sender: Sender<QueuedInput>,
+    sender: Sender<Queued>,
     waiting: Arc<AtomicUsize>,
     /// Called after each input, where no thread waits for them.
     wake: Option<Arc<dyn Fn() + Send + Sync>>,
 }
+
+/// What waits for the server's thread.
+enum Queued {
+    Input(QueuedInput),
+    Call(ScenesCall),
+}
+
+/// A call of the scenes, which sends its own answer.
+type ScenesCall = Box<dyn FnOnce(&mut SceneRouter) + Send>;
 
 /// One waiting input.
 struct QueuedInput {
@@ -710,10 +647,37 @@ impl Host {
             Self::Thread(queue) => queue.send(from, input),
         }
     }
+
+    /// Calls the scenes, after everything that was handed over before.
+    fn call<T: Send + 'static>(
+        &self,
+        call: impl FnOnce(&mut SceneRouter) -> Result<T, CheckpointError> + Send + 'static,
+    ) -> Result<T, CheckpointError> {
+        match self {
+            Self::Caller(driver) => {
+                let mut driver = driver.lock().map_err(|_| CheckpointError::NoServer)?;
+                let called = driver.guard(|driver| call(&mut driver.server));
+                called.unwrap_or(Err(CheckpointError::NoServer))
+            }
+            Self::Thread(queue) => {
+                let (sender, answer) = channel();
+                let call: ScenesCall = Box::new(move |scenes| {
+                    // A caller that panicked waits for no answer.
+                    let _ = sender.send(call(scenes));
+                });
+                let sent = queue.sender.send(Queued::Call(call));
+                sent.map_err(|_| CheckpointError::NoServer)?;
+                if let Some(wake) = &queue.wake {
+                    wake();
+                }
+                answer.recv().unwrap_or(Err(CheckpointError::NoServer))
+            }
+        }
+    }
 }
 
 impl InputQueue {
-    fn new(sender: Sender<QueuedInput>) -> Self {
+    fn new(sender: Sender<Queued>) -> Self {
         Self {
             sender,
             waiting: Arc::default(),
@@ -733,6 +697,7 @@ impl InputQueue {
             input,
             waiting,
         };
+        let message = Queued::Input(message);
         self.sender.send(message).map_err(|_| Lost::Server)?;
         if let Some(wake) = &self.wake {
             wake();
@@ -741,11 +706,17 @@ impl InputQueue {
     }
 }
 
-impl QueuedInput {
-    /// Handles the input in the server.
+impl Queued {
     fn handle(self, driver: &mut Driver<SceneRouter>) {
-        self.waiting.fetch_sub(cost(&self.input), Ordering::Relaxed);
-        driver.handle(self.from, self.input);
+        match self {
+            Self::Input(input) => {
+                (input.waiting).fetch_sub(cost(&input.input), Ordering::Relaxed);
+                driver.handle(input.from, input.input);
+            }
+            Self::Call(call) => {
+                driver.guard(|driver| call(&mut driver.server));
+            }
+        }
     }
 }
 

@@ -88,6 +88,15 @@ impl Rollback {
         }
     }
 
+    /// An earlier state of the scene, and what it has changed since.
+    pub(crate) fn way_to<'a>(
+        &'a self,
+        scene: &'a Scene,
+    ) -> Option<(&'a Scene, impl Iterator<Item = &'a LogEntry>)> {
+        let base = self.base.as_ref()?;
+        Some((&base.scene, scene.record().since_base()?))
+    }
+
     fn begin(&mut self, base: Base) {
         self.base = Some(base);
         self.stepped = Span::ZERO;

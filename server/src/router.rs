@@ -13,6 +13,7 @@ use rhumb_protocol::session::{CloseCode, ServerSession};
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake};
 
 use crate::authority_group::UpstreamStatistics;
+use crate::checkpoint::{Checkpoint, CheckpointError};
 use crate::permit::Permit;
 use crate::scene_loop::SceneLoop;
 use crate::settings::SceneSettings;
@@ -77,6 +78,32 @@ impl SceneRouter {
     pub fn upstreams(&self, scene: &SceneName) -> impl Iterator<Item = UpstreamStatistics> {
         let scene = self.loops.get(scene).into_iter();
         scene.flat_map(SceneLoop::upstreams)
+    }
+
+    /// The state of a scene, as [`SceneLoop::save`] has it.
+    ///
+    /// # Errors
+    ///
+    /// As there.
+    pub fn save(&self, name: &SceneName) -> Result<Checkpoint, CheckpointError> {
+        let scene = self.loops.get(name);
+        scene.map_or_else(
+            || Err(CheckpointError::NoSuchScene(name.clone())),
+            SceneLoop::save,
+        )
+    }
+
+    /// Runs a new scene that continues from a checkpoint. It has neither members nor owners nor a log.
+    ///
+    /// # Errors
+    ///
+    /// As [`SceneLoop::restore`].
+    pub fn restore(
+        &mut self,
+        name: &SceneName,
+        checkpoint: &Checkpoint,
+    ) -> Result<(), CheckpointError> {
+        self.loop_of(name).restore(checkpoint)
     }
 
     fn loop_of(&mut self, name: &SceneName) -> &mut SceneLoop {

@@ -23,7 +23,7 @@ use rhumb_protocol::scene::{
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Inertia, Metres, Tick};
 
-pub use self::image::FrozenScene;
+pub use self::image::{FrozenScene, IMAGE_FORMAT};
 use crate::baking::BakedShapes;
 use crate::digest::Digest;
 use crate::engine::{

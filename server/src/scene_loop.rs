@@ -31,6 +31,7 @@ use crate::admission::{self, SceneLoad, SceneSlot};
 use crate::authority_group::UpstreamStatistics;
 use crate::authority_table::AuthorityTable;
 use crate::baking::Bakery;
+use crate::checkpoint::{Checkpoint, CheckpointError};
 use crate::clients::{Clients, Turn};
 use crate::command_log::{Durability, RestoredScene};
 use crate::hook::Hook;
@@ -435,6 +436,57 @@ impl SceneLoop {
         }
         running.restore_members(sessions, ownership, unnoted, &mut self.clients);
         self.note_empty();
+    }
+
+    /// The state of the scene: everything that its server has read.
+    ///
+    /// # Errors
+    ///
+    /// [`CheckpointError`] for a scene that does not exist, and one that cannot be saved.
+    pub fn save(&self) -> Result<Checkpoint, CheckpointError> {
+        let name = || CheckpointError::NoSuchScene(self.name.clone());
+        self.running.as_ref().ok_or_else(name)?.save()
+    }
+
+    /// Runs a new scene that continues from a checkpoint. It has neither members nor owners nor a log.
+    ///
+    /// # Errors
+    ///
+    /// [`CheckpointError`] for a scene that exists or is damaged, one that the server does not admit, and as
+    /// [`Checkpoint::scene`].
+    pub fn restore(&mut self, checkpoint: &Checkpoint) -> Result<(), CheckpointError> {
+        if self.exists() || self.is_damaged() {
+            return Err(CheckpointError::SceneExists(self.name.clone()));
+        }
+        let refused =
+            |reason: &dyn std::fmt::Display| CheckpointError::NotAdmitted(reason.to_string());
+        let (slot, mut load) = rights::admit_scene(checkpoint.config(), &self.settings)
+            .map_err(|denial| refused(&denial))?;
+        let scene = checkpoint.scene(&self.settings.threads)?;
+        let (bodies, most) = (scene.body_count(), self.settings.limits.bodies_per_scene);
+        if bodies as u64 > most {
+            let reason =
+                format_args!("it has {bodies} bodies, and limits.bodies_per_scene is {most}");
+            return Err(refused(&reason));
+        }
+        let steps = admission::locomotion_steps(scene.locomotions());
+        if !(0..bodies).all(|_| load.add_body()) || !load.set_locomotion(steps) {
+            return Err(refused(
+                &"its bodies take more than limits.scene_load or limits.server_load",
+            ));
+        }
+        self.run_scene(scene, slot, load);
+        if let Some(running) = &mut self.running {
+            running.restore_shapes();
+            running.restore_members(
+                Sessions::default(),
+                Ownership::default(),
+                Vec::new(),
+                &mut self.clients,
+            );
+        }
+        self.note_empty();
+        Ok(())
     }
 
     /// Tells members what has become durable.

@@ -19,6 +19,9 @@ use crate::event_monitor::EventMonitor;
 use crate::record::RunRecord;
 use crate::registry::Registry;
 
+/// The engine of images, and the number of their form: it changes with every one that reads others' bytes otherwise.
+pub const IMAGE_FORMAT: &str = "rapier3d 0.36.1, image 4";
+
 /// A copy of a scene, to be encoded on another thread.
 pub struct FrozenScene {
     gravity: Vec3,

@@ -11,6 +11,7 @@ use rhumb_protocol::scene::{CommandError, JointId, ShapeId};
 use rhumb_reckoning::BodyId;
 
 use super::RunningScene;
+use crate::checkpoint::{Checkpoint, CheckpointError};
 use crate::clients::Clients;
 use crate::observer::Incident;
 use crate::record::Author;
@@ -26,6 +27,11 @@ impl RunningScene {
         if self.settings.limits.restorations > 0 {
             self.rollback.copy_if_due(&mut self.scene, &self.ownership);
         }
+    }
+
+    /// The state of the scene.
+    pub(crate) fn save(&self) -> Result<Checkpoint, CheckpointError> {
+        Checkpoint::of(&self.scene, self.rollback.way_to(&self.scene))
     }
 
     /// Steps; a scene whose engine fails is restored first. `None` if it stands still.

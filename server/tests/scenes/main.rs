@@ -6,6 +6,7 @@ mod attacks;
 mod baking;
 #[cfg(feature = "box3d")]
 mod box3d;
+mod checkpoints;
 mod endings;
 mod links;
 mod motion;

@@ -7,18 +7,12 @@
 use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_protocol::wire::{Malformed, Wire};
 use rhumb_reckoning::Tick;
-use rhumb_scene::{Digest, Ownership, Sessions, decode_u64};
+use rhumb_scene::{Digest, IMAGE_FORMAT, Ownership, Sessions, decode_u64};
 use ring::hmac;
 
 use super::error::Damage;
 
 const MAGIC: [u8; 8] = *b"RhSnap1\0";
-/// The engine's version is that of this program's lock file: another one may run to other bits.
-const VERSION: &str = concat!(
-    "rhumb-server ",
-    env!("CARGO_PKG_VERSION"),
-    " with rapier3d 0.36.1, format 4"
-);
 const CODE_BYTES: usize = 32;
 const VERSION_BYTES_MAX: usize = 200;
 
@@ -39,7 +33,7 @@ impl Snapshot {
     pub(super) fn encode(&self, key: &hmac::Key) -> Vec<u8> {
         let mut to = Writer::new();
         to.raw(&MAGIC);
-        to.sized(VERSION.as_bytes());
+        to.sized(version().as_bytes());
         to.varint(u64::from(self.segment));
         to.varint(self.tick.value());
         to.raw(&self.digest.value().to_le_bytes());
@@ -60,7 +54,7 @@ impl Snapshot {
         hmac::verify(key, signed, code).map_err(|_| Damage::NotAuthentic)?;
         let mut from = Reader::new(signed);
         let version = read_version(&mut from).map_err(|_| Damage::NotAuthentic)?;
-        if version != VERSION {
+        if version != self::version() {
             return Err(Damage::Version { found: version });
         }
         Self::read(&mut from).map_err(|_| Damage::NotAuthentic)
@@ -83,6 +77,12 @@ impl Snapshot {
             scene: from.rest().to_vec(),
         })
     }
+}
+
+/// The engine's version is that of this program's lock file: another one may run to other bits.
+fn version() -> String {
+    let program = env!("CARGO_PKG_VERSION");
+    format!("rhumb-server {program} with {IMAGE_FORMAT}")
 }
 
 fn read_version(from: &mut Reader<'_>) -> Result<String, Malformed> {

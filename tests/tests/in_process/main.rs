@@ -9,6 +9,7 @@ mod bits;
 mod body_events;
 mod budgets;
 mod changes_in_flight;
+mod checkpoints;
 mod controllers;
 mod copy_queries;
 mod hostile;
