@@ -653,20 +653,25 @@ export type Command =
    */
   | { readonly kind: "setVelocity"; readonly id: BodyId; readonly linear: Vec3; readonly angular?: Vec3 }
   /**
-   * Applies a force at the centre of mass during the next tick. `force`: in world axes: at most 1,000,000,000 N along
-   * each axis. `point`: point of the world where it acts: at most 100,000 m along each axis.
+   * Applies a force at the centre of mass during the next tick; one that makes the body too fast is refused. `force`:
+   * in world axes: at most 1,000,000,000 N along each axis. `point`: point of the world where it acts: at most 100,000
+   * m along each axis.
    */
   | { readonly kind: "force"; readonly id: BodyId; readonly force: Vec3; readonly point?: Vec3 }
-  /** Applies a torque during the next tick. `torque`: about world axes: at most 1,000,000,000 N·m along each axis. */
+  /**
+   * Applies a torque during the next tick; one that makes the body spin too fast is refused. `torque`: about world
+   * axes: at most 1,000,000,000 N·m along each axis.
+   */
   | { readonly kind: "torque"; readonly id: BodyId; readonly torque: Vec3 }
   /**
-   * Applies an impulse at the centre of mass: the velocity changes at once. `impulse`: in world axes: at most
-   * 1,000,000,000 N·s along each axis. `point`: point of the world where it acts: at most 100,000 m along each axis.
+   * Applies an impulse at the centre of mass: the velocity changes at once; one that makes the body too fast is
+   * refused. `impulse`: in world axes: at most 1,000,000,000 N·s along each axis. `point`: point of the world where it
+   * acts: at most 100,000 m along each axis.
    */
   | { readonly kind: "impulse"; readonly id: BodyId; readonly impulse: Vec3; readonly point?: Vec3 }
   /**
-   * Applies an angular impulse: the spin changes at once. `impulse`: about world axes: at most 1,000,000,000 N·m·s
-   * along each axis.
+   * Applies an angular impulse: the spin changes at once; one that makes the body spin too fast is refused. `impulse`:
+   * about world axes: at most 1,000,000,000 N·m·s along each axis.
    */
   | { readonly kind: "torqueImpulse"; readonly id: BodyId; readonly impulse: Vec3 }
   /** Puts a dynamic body to sleep, until something that moves touches it. */

@@ -344,26 +344,28 @@ enum RhumbCommandKind
   // centre of mass, units of length per second: at most 1,000 m/s along each axis; `angular`: angular velocity about
   // world axes: at most 100 rad/s along each axis.
   RHUMB_COMMAND_KIND_SET_VELOCITY = 5,
-  // Applies a force at the centre of mass during the next tick. `vector`: in world axes: at most 1,000,000,000 N
-  // along each axis.
+  // Applies a force at the centre of mass during the next tick; one that makes the body too fast is refused.
+  // `vector`: in world axes: at most 1,000,000,000 N along each axis.
   RHUMB_COMMAND_KIND_FORCE = 6,
-  // Applies a torque during the next tick. `vector`: about world axes: at most 1,000,000,000 N·m along each axis.
+  // Applies a torque during the next tick; one that makes the body spin too fast is refused. `vector`: about world
+  // axes: at most 1,000,000,000 N·m along each axis.
   RHUMB_COMMAND_KIND_TORQUE = 7,
-  // Applies an impulse at the centre of mass: the velocity changes at once. `vector`: in world axes: at most
-  // 1,000,000,000 N·s along each axis.
+  // Applies an impulse at the centre of mass: the velocity changes at once; one that makes the body too fast is
+  // refused. `vector`: in world axes: at most 1,000,000,000 N·s along each axis.
   RHUMB_COMMAND_KIND_IMPULSE = 8,
-  // Applies an angular impulse: the spin changes at once. `vector`: about world axes: at most 1,000,000,000 N·m·s
-  // along each axis.
+  // Applies an angular impulse: the spin changes at once; one that makes the body spin too fast is refused.
+  // `vector`: about world axes: at most 1,000,000,000 N·m·s along each axis.
   RHUMB_COMMAND_KIND_TORQUE_IMPULSE = 9,
   // Changes the gravity of the scene. `vector`: in world axes, units of length per s²: at most 1,000 m/s² along each
   // axis.
   RHUMB_COMMAND_KIND_SET_GRAVITY = 10,
-  // Applies a force at a point during the next tick. `vector`: in world axes: at most 1,000,000,000 N along each
-  // axis; `point`: point of the world where it acts, units of length: at most 100,000 m along each axis.
+  // Applies a force at a point during the next tick; one that makes the body too fast is refused. `vector`: in world
+  // axes: at most 1,000,000,000 N along each axis; `point`: point of the world where it acts, units of length: at
+  // most 100,000 m along each axis.
   RHUMB_COMMAND_KIND_FORCE_AT = 15,
-  // Applies an impulse at a point: both velocities change at once. `vector`: in world axes: at most 1,000,000,000
-  // N·s along each axis; `point`: point of the world where it acts, units of length: at most 100,000 m along each
-  // axis.
+  // Applies an impulse at a point: both velocities change at once; one that makes the body too fast is refused.
+  // `vector`: in world axes: at most 1,000,000,000 N·s along each axis; `point`: point of the world where it acts,
+  // units of length: at most 100,000 m along each axis.
   RHUMB_COMMAND_KIND_IMPULSE_AT = 16,
   // Puts a dynamic body to sleep, until something that moves touches it.
   RHUMB_COMMAND_KIND_SLEEP = 17,

@@ -675,7 +675,7 @@ inline RhumbCommand set_velocity(Body body, Vec3 linear, Vec3 angular = {}) {
     return command;
 }
 
-/// Applies a force at the centre of mass during the next tick.
+/// Applies a force at the centre of mass during the next tick; one that makes the body too fast is refused.
 /// force: in world axes: at most 1,000,000,000 N along each axis.
 inline RhumbCommand force(Body body, Vec3 force) {
     RhumbCommand command = make(RHUMB_COMMAND_KIND_FORCE, body);
@@ -683,7 +683,7 @@ inline RhumbCommand force(Body body, Vec3 force) {
     return command;
 }
 
-/// Applies a torque during the next tick.
+/// Applies a torque during the next tick; one that makes the body spin too fast is refused.
 /// torque: about world axes: at most 1,000,000,000 N·m along each axis.
 inline RhumbCommand torque(Body body, Vec3 torque) {
     RhumbCommand command = make(RHUMB_COMMAND_KIND_TORQUE, body);
@@ -691,7 +691,7 @@ inline RhumbCommand torque(Body body, Vec3 torque) {
     return command;
 }
 
-/// Applies an impulse at the centre of mass: the velocity changes at once.
+/// Applies an impulse at the centre of mass: the velocity changes at once; one that makes the body too fast is refused.
 /// impulse: in world axes: at most 1,000,000,000 N·s along each axis.
 inline RhumbCommand impulse(Body body, Vec3 impulse) {
     RhumbCommand command = make(RHUMB_COMMAND_KIND_IMPULSE, body);
@@ -699,7 +699,7 @@ inline RhumbCommand impulse(Body body, Vec3 impulse) {
     return command;
 }
 
-/// Applies an angular impulse: the spin changes at once.
+/// Applies an angular impulse: the spin changes at once; one that makes the body spin too fast is refused.
 /// impulse: about world axes: at most 1,000,000,000 N·m·s along each axis.
 inline RhumbCommand torque_impulse(Body body, Vec3 impulse) {
     RhumbCommand command = make(RHUMB_COMMAND_KIND_TORQUE_IMPULSE, body);
@@ -715,7 +715,7 @@ inline RhumbCommand set_gravity(Vec3 gravity) {
     return command;
 }
 
-/// Applies a force at a point during the next tick.
+/// Applies a force at a point during the next tick; one that makes the body too fast is refused.
 /// force: in world axes: at most 1,000,000,000 N along each axis.
 /// point: point of the world where it acts, units of length: at most 100,000 m along each axis.
 inline RhumbCommand force_at(Body body, Vec3 force, Vec3 point) {
@@ -725,7 +725,7 @@ inline RhumbCommand force_at(Body body, Vec3 force, Vec3 point) {
     return command;
 }
 
-/// Applies an impulse at a point: both velocities change at once.
+/// Applies an impulse at a point: both velocities change at once; one that makes the body too fast is refused.
 /// impulse: in world axes: at most 1,000,000,000 N·s along each axis.
 /// point: point of the world where it acts, units of length: at most 100,000 m along each axis.
 inline RhumbCommand impulse_at(Body body, Vec3 impulse, Vec3 point) {

@@ -47,7 +47,9 @@ namespace Rhumb
             return command;
         }
 
-        /// <summary>Applies a force at the centre of mass during the next tick.</summary>
+        /// <summary>
+        /// Applies a force at the centre of mass during the next tick; one that makes the body too fast is refused.
+        /// </summary>
         /// <param name="force">In world axes: at most 1,000,000,000 N along each axis.</param>
         public static unsafe Command Force(Body body, Vec3 force)
         {
@@ -56,7 +58,7 @@ namespace Rhumb
             return command;
         }
 
-        /// <summary>Applies a torque during the next tick.</summary>
+        /// <summary>Applies a torque during the next tick; one that makes the body spin too fast is refused.</summary>
         /// <param name="torque">About world axes: at most 1,000,000,000 N·m along each axis.</param>
         public static unsafe Command Torque(Body body, Vec3 torque)
         {
@@ -65,7 +67,10 @@ namespace Rhumb
             return command;
         }
 
-        /// <summary>Applies an impulse at the centre of mass: the velocity changes at once.</summary>
+        /// <summary>
+        /// Applies an impulse at the centre of mass: the velocity changes at once; one that makes the body too fast is
+        /// refused.
+        /// </summary>
         /// <param name="impulse">In world axes: at most 1,000,000,000 N·s along each axis.</param>
         public static unsafe Command Impulse(Body body, Vec3 impulse)
         {
@@ -74,7 +79,9 @@ namespace Rhumb
             return command;
         }
 
-        /// <summary>Applies an angular impulse: the spin changes at once.</summary>
+        /// <summary>
+        /// Applies an angular impulse: the spin changes at once; one that makes the body spin too fast is refused.
+        /// </summary>
         /// <param name="impulse">About world axes: at most 1,000,000,000 N·m·s along each axis.</param>
         public static unsafe Command TorqueImpulse(Body body, Vec3 impulse)
         {
@@ -92,7 +99,9 @@ namespace Rhumb
             return command;
         }
 
-        /// <summary>Applies a force at a point during the next tick.</summary>
+        /// <summary>
+        /// Applies a force at a point during the next tick; one that makes the body too fast is refused.
+        /// </summary>
         /// <param name="force">In world axes: at most 1,000,000,000 N along each axis.</param>
         /// <param name="point">Point of the world where it acts, units of length: at most 100,000 m along each
         /// axis.</param>
@@ -104,7 +113,9 @@ namespace Rhumb
             return command;
         }
 
-        /// <summary>Applies an impulse at a point: both velocities change at once.</summary>
+        /// <summary>
+        /// Applies an impulse at a point: both velocities change at once; one that makes the body too fast is refused.
+        /// </summary>
         /// <param name="impulse">In world axes: at most 1,000,000,000 N·s along each axis.</param>
         /// <param name="point">Point of the world where it acts, units of length: at most 100,000 m along each
         /// axis.</param>

@@ -2148,22 +2148,23 @@ namespace Rhumb
         /// </summary>
         SetVelocity = 5,
         /// <summary>
-        ///  Applies a force at the centre of mass during the next tick. `vector`: in world axes: at most 1,000,000,000 N
-        ///  along each axis.
+        ///  Applies a force at the centre of mass during the next tick; one that makes the body too fast is refused.
+        ///  `vector`: in world axes: at most 1,000,000,000 N along each axis.
         /// </summary>
         Force = 6,
         /// <summary>
-        ///  Applies a torque during the next tick. `vector`: about world axes: at most 1,000,000,000 N·m along each axis.
+        ///  Applies a torque during the next tick; one that makes the body spin too fast is refused. `vector`: about world
+        ///  axes: at most 1,000,000,000 N·m along each axis.
         /// </summary>
         Torque = 7,
         /// <summary>
-        ///  Applies an impulse at the centre of mass: the velocity changes at once. `vector`: in world axes: at most
-        ///  1,000,000,000 N·s along each axis.
+        ///  Applies an impulse at the centre of mass: the velocity changes at once; one that makes the body too fast is
+        ///  refused. `vector`: in world axes: at most 1,000,000,000 N·s along each axis.
         /// </summary>
         Impulse = 8,
         /// <summary>
-        ///  Applies an angular impulse: the spin changes at once. `vector`: about world axes: at most 1,000,000,000 N·m·s
-        ///  along each axis.
+        ///  Applies an angular impulse: the spin changes at once; one that makes the body spin too fast is refused.
+        ///  `vector`: about world axes: at most 1,000,000,000 N·m·s along each axis.
         /// </summary>
         TorqueImpulse = 9,
         /// <summary>
@@ -2172,14 +2173,15 @@ namespace Rhumb
         /// </summary>
         SetGravity = 10,
         /// <summary>
-        ///  Applies a force at a point during the next tick. `vector`: in world axes: at most 1,000,000,000 N along each
-        ///  axis; `point`: point of the world where it acts, units of length: at most 100,000 m along each axis.
+        ///  Applies a force at a point during the next tick; one that makes the body too fast is refused. `vector`: in world
+        ///  axes: at most 1,000,000,000 N along each axis; `point`: point of the world where it acts, units of length: at
+        ///  most 100,000 m along each axis.
         /// </summary>
         ForceAt = 15,
         /// <summary>
-        ///  Applies an impulse at a point: both velocities change at once. `vector`: in world axes: at most 1,000,000,000
-        ///  N·s along each axis; `point`: point of the world where it acts, units of length: at most 100,000 m along each
-        ///  axis.
+        ///  Applies an impulse at a point: both velocities change at once; one that makes the body too fast is refused.
+        ///  `vector`: in world axes: at most 1,000,000,000 N·s along each axis; `point`: point of the world where it acts,
+        ///  units of length: at most 100,000 m along each axis.
         /// </summary>
         ImpulseAt = 16,
         /// <summary>

@@ -58,7 +58,7 @@ impl BodyNode {
         })
     }
 
-    /// Applies a force at the centre of mass during the next tick.
+    /// Applies a force at the centre of mass during the next tick; one that makes the body too fast is refused.
     /// `force`: in world axes: at most 1,000,000,000 N along each axis.
     #[func]
     pub(crate) fn apply_force(&self, force: Vector3) -> Error {
@@ -68,7 +68,7 @@ impl BodyNode {
         })
     }
 
-    /// Applies a force at a point during the next tick.
+    /// Applies a force at a point during the next tick; one that makes the body too fast is refused.
     /// `force`: in world axes: at most 1,000,000,000 N along each axis.
     /// `point`: point of the world where it acts: at most 100,000 m along each axis.
     #[func]
@@ -80,7 +80,7 @@ impl BodyNode {
         })
     }
 
-    /// Applies a torque during the next tick.
+    /// Applies a torque during the next tick; one that makes the body spin too fast is refused.
     /// `torque`: about world axes: at most 1,000,000,000 N·m along each axis.
     #[func]
     pub(crate) fn apply_torque(&self, torque: Vector3) -> Error {
@@ -90,7 +90,8 @@ impl BodyNode {
         })
     }
 
-    /// Applies an impulse at the centre of mass: the velocity changes at once.
+    /// Applies an impulse at the centre of mass: the velocity changes at once; one that makes the body too fast is
+    /// refused.
     /// `impulse`: in world axes: at most 1,000,000,000 N·s along each axis.
     #[func]
     pub(crate) fn apply_impulse(&self, impulse: Vector3) -> Error {
@@ -100,7 +101,7 @@ impl BodyNode {
         })
     }
 
-    /// Applies an impulse at a point: both velocities change at once.
+    /// Applies an impulse at a point: both velocities change at once; one that makes the body too fast is refused.
     /// `impulse`: in world axes: at most 1,000,000,000 N·s along each axis.
     /// `point`: point of the world where it acts: at most 100,000 m along each axis.
     #[func]
@@ -112,7 +113,7 @@ impl BodyNode {
         })
     }
 
-    /// Applies an angular impulse: the spin changes at once.
+    /// Applies an angular impulse: the spin changes at once; one that makes the body spin too fast is refused.
     /// `impulse`: about world axes: at most 1,000,000,000 N·m·s along each axis.
     #[func]
     pub(crate) fn apply_torque_impulse(&self, impulse: Vector3) -> Error {

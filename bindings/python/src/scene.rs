@@ -218,7 +218,7 @@ impl PyScene {
         })
     }
 
-    /// Applies a force at the centre of mass during the next tick.
+    /// Applies a force at the centre of mass during the next tick; one that makes the body too fast is refused.
     ///
     /// With a point, it acts there.
     ///
@@ -250,7 +250,7 @@ impl PyScene {
         })
     }
 
-    /// Applies a torque during the next tick.
+    /// Applies a torque during the next tick; one that makes the body spin too fast is refused.
     ///
     /// torque: about world axes: at most 1,000,000,000 N·m along each axis.
     fn apply_torque(
@@ -267,7 +267,8 @@ impl PyScene {
         })
     }
 
-    /// Applies an impulse at the centre of mass: the velocity changes at once.
+    /// Applies an impulse at the centre of mass: the velocity changes at once; one that makes the body too fast
+    /// is refused.
     ///
     /// With a point, it acts there.
     ///
@@ -299,7 +300,7 @@ impl PyScene {
         })
     }
 
-    /// Applies an angular impulse: the spin changes at once.
+    /// Applies an angular impulse: the spin changes at once; one that makes the body spin too fast is refused.
     ///
     /// impulse: about world axes: at most 1,000,000,000 N·m·s along each axis.
     fn apply_torque_impulse(

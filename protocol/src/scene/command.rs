@@ -69,7 +69,8 @@ pub enum Command {
         /// rad/s about world axes.
         angular: Vec3,
     },
-    /// Applies a force at the centre of mass during the next tick.
+    /// Applies a force at the centre of mass during the next tick. As any push, it is refused if it makes the body too
+    /// fast.
     Force {
         /// The body.
         id: BodyId,

@@ -323,6 +323,7 @@ impl RapierEngine {
         self.turn();
         let first = lost.len();
         self.step_world(lost);
+        self.bound_speeds();
         self.spin.after(&mut self.world, &self.integrator);
         self.rest.after(&mut self.world, &self.vehicles);
         for handle in self.forced.drain(..) {
@@ -340,6 +341,21 @@ impl RapierEngine {
             let mut awake = mem::take(&mut self.awake);
             awake.retain(|place| self.is_at(*place));
             self.awake = awake;
+        }
+    }
+
+    /// Gives the bodies that contacts or joints made too fast the greatest speed, with which Rapier moves them.
+    fn bound_speeds(&mut self) {
+        // Rapier's own bound is rounded.
+        let most = SPEED_MAX * (1.0 + 1e-5);
+        let is_too_fast = |body: &RigidBody| body.linvel().length_squared() > most * most;
+        let active = self.world.active_bodies();
+        let fast = active.filter(|(_, body)| body.is_dynamic() && is_too_fast(body));
+        let fast: Vec<_> = fast.map(|(handle, _)| handle).collect();
+        for handle in fast {
+            let body = &mut self.world.bodies[handle];
+            let share = translate::share_within(body.linvel(), SPEED_MAX);
+            body.set_linvel(body.linvel() * share, false);
         }
     }
 

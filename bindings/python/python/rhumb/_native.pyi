@@ -645,7 +645,7 @@ class Scene:
         angular: angular velocity about world axes: at most 100 rad/s along each axis.
         """
     def apply_force(self, body: _Bodies, force: _Vector, point: Optional[_Vector] = None) -> Optional[int]:
-        """Applies a force at the centre of mass during the next tick.
+        """Applies a force at the centre of mass during the next tick; one that makes the body too fast is refused.
 
         With a point, it acts there.
 
@@ -653,12 +653,13 @@ class Scene:
         point: point of the world where it acts, units of length: at most 100,000 m along each axis.
         """
     def apply_torque(self, body: _Bodies, torque: _Vector) -> Optional[int]:
-        """Applies a torque during the next tick.
+        """Applies a torque during the next tick; one that makes the body spin too fast is refused.
 
         torque: about world axes: at most 1,000,000,000 N·m along each axis.
         """
     def apply_impulse(self, body: _Bodies, impulse: _Vector, point: Optional[_Vector] = None) -> Optional[int]:
-        """Applies an impulse at the centre of mass: the velocity changes at once.
+        """Applies an impulse at the centre of mass: the velocity changes at once; one that makes the body too fast
+        is refused.
 
         With a point, it acts there.
 
@@ -666,7 +667,7 @@ class Scene:
         point: point of the world where it acts, units of length: at most 100,000 m along each axis.
         """
     def apply_torque_impulse(self, body: _Bodies, impulse: _Vector) -> Optional[int]:
-        """Applies an angular impulse: the spin changes at once.
+        """Applies an angular impulse: the spin changes at once; one that makes the body spin too fast is refused.
 
         impulse: about world axes: at most 1,000,000,000 N·m·s along each axis.
         """

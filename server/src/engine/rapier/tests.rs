@@ -78,6 +78,31 @@ fn a_kinematic_body_outlives_what_it_is_joined_to() {
     assert_eq!(velocities(engine, id), Some([1.0, 2.0, 3.0, 0.0, 1.0, 0.0]));
 }
 
+#[test]
+fn no_body_is_observed_faster_than_the_greatest_speed() {
+    let mut world = TestWorld::new(Vec3::ZERO);
+    world.material.restitution = 1.0;
+    let hammer = Shape::cuboid(5.0, 5.0, 5.0);
+    let hammer = world.add(BodyKind::Dynamic, hammer, Vec3::X * -50.0, |desc| {
+        desc.swept = true;
+    });
+    let ball = world.add(BodyKind::Dynamic, Shape::ball(0.5), Vec3::ZERO, |desc| {
+        desc.swept = true;
+    });
+    world.set_velocity(hammer, Vec3::X * 1_000.0, Vec3::ZERO);
+    let mut fastest = 0.0_f32;
+    for _ in 0..10 {
+        world.step();
+        let speed = world.velocity(ball).length();
+        assert!(speed <= SPEED_MAX * 1.0001, "{speed} m/s");
+        fastest = fastest.max(speed);
+    }
+    assert!(
+        fastest > SPEED_MAX * 0.99,
+        "{fastest} m/s of almost twice the hammer's"
+    );
+}
+
 fn velocities(engine: &RapierEngine, id: BodyId) -> Option<[f32; 6]> {
     let [.., x, y, z, ax, ay, az] = engine.observe_one(id)?.motion.parts();
     Some([x, y, z, ax, ay, az])
