@@ -1,17 +1,29 @@
 //! A gateway of the ARCHIMEDES Physics Protocol to scenes.
 //!
 //! OpenSimulator's RemotePhysics plug-in uses this protocol with a physics server: big-endian, control on TCP, state
-//! on UDP. A [`Gateway`] has a scene for each such client, and is a member of it like any other; [`AppListener`] owns the
-//! sockets, and a thread for each client. No engine and no server: the server may be in the same process or elsewhere.
+//! on UDP. The book describes it (`operating/app.md`). A [`Gateway`] has a scene for each such client, joins it over the client
+//! interface like any other member, and has no sockets; [`AppListener`] owns the sockets, and a thread for each client. No
+//! engine and no server: the server may be in the same process or elsewhere.
 #![forbid(unsafe_code)]
 
-mod server;
-mod sockets;
+mod actor;
+mod apply;
+mod client;
+mod datagram_sender;
+mod gateway;
+mod joint;
+mod listener;
+mod options;
+mod scene;
+mod send_queue;
+mod shape_definition;
+mod state_reporter;
 mod wire;
+mod world_mirror;
 
-pub use server::{
-    AppClient, AppDatagram, AppOptions, AppTransmit, CoalescingKey, Datagrams, Gateway, States,
-    TimeAdvanced, Urgency,
-};
-pub use sockets::{AppBindError, AppListen, AppListener};
+pub use client::AppClient;
+pub use gateway::Gateway;
+pub use listener::{AppBindError, AppListen, AppListener};
+pub use options::{AppOptions, Datagrams, States, TimeAdvanced};
+pub use send_queue::{AppDatagram, AppTransmit, CoalescingKey, Urgency};
 pub use wire::*;

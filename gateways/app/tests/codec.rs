@@ -5,8 +5,8 @@
 use glam::Vec3;
 use proptest::prelude::*;
 use rhumb_app::{
-    ConvexMesh, ErrorReport, FramedMessage, HeightGrid, Id, Kind, MalformedMessage, Message,
-    MessageFraming, TriangleMesh, limits,
+    ConvexMesh, ErrorReport, FramedMessage, HeightGrid, Id, Kind, MESSAGE_BYTES_MAX,
+    MalformedMessage, Message, MessageFraming, TriangleMesh,
 };
 
 /// Bytes of the body of each type whose length is fixed.
@@ -200,7 +200,7 @@ fn an_invalid_header_is_refused_before_its_body_arrives() {
     let mut mesh = [0_u8; 24];
     mesh[1] = 1;
     mesh[2..4].copy_from_slice(&306_u16.to_be_bytes());
-    let bytes = limits::MESSAGE_BYTES_MAX as u32 + 1;
+    let bytes = MESSAGE_BYTES_MAX as u32 + 1;
     mesh[8..12].copy_from_slice(&bytes.to_be_bytes());
     assert_eq!(
         refused(&mesh),

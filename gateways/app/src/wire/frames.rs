@@ -8,9 +8,8 @@
 
 use core::fmt;
 
-use super::codec::{FieldReader, MalformedMessage};
+use super::codec::{FieldReader, HEADER_BYTES, MalformedMessage};
 use super::header::{Header, Kind};
-use super::limits::HEADER_BYTES;
 use super::message::Message;
 
 /// A message, with its sender's counter.

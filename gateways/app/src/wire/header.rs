@@ -2,8 +2,10 @@
 //!
 //! Each type has a least and a greatest length.
 
-use super::codec::{Field, FieldReader, MalformedMessage};
-use super::limits::{HEADER_BYTES, MESSAGE_BYTES_MAX, POINTS_MAX, POSTS_MAX, TEXT_BYTES_MAX};
+use super::codec::{
+    Field, FieldReader, HEADER_BYTES, MESSAGE_BYTES_MAX, MalformedMessage, POINTS_MAX, POSTS_MAX,
+    TEXT_BYTES_MAX,
+};
 
 /// The only version.
 const VERSION: u16 = 1;

@@ -4,9 +4,10 @@
 
 use glam::{Quat, Vec3};
 
-use super::codec::{Field, FieldReader, Id, MalformedMessage, Surface, fields};
+use super::codec::{
+    Field, FieldReader, HEADER_BYTES, Id, MalformedMessage, Surface, TEXT_BYTES_MAX, fields,
+};
 use super::header::{Header, Kind};
-use super::limits::{HEADER_BYTES, TEXT_BYTES_MAX};
 use super::shapes::{ConvexMesh, HeightGrid, TriangleMesh};
 
 fields! {

@@ -5,8 +5,9 @@
 
 use glam::Vec3;
 
-use super::codec::{Field, FieldReader, Id, MalformedMessage};
-use super::limits::{POINTS_MAX, POSTS_MAX, TRIANGLES_MAX};
+use super::codec::{
+    Field, FieldReader, Id, MalformedMessage, POINTS_MAX, POSTS_MAX, TRIANGLES_MAX,
+};
 
 /// The convex hull of points.
 #[derive(Clone, Debug, PartialEq)]

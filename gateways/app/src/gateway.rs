@@ -11,7 +11,7 @@ use std::sync::{Arc, Mutex, MutexGuard};
 
 use rhumb_client::{OpenError, ServerConnection};
 
-use super::options::AppOptions;
+use crate::options::AppOptions;
 use crate::wire::Message;
 
 /// Reaches the server that has the scenes, once for each client.

@@ -19,13 +19,13 @@ use rhumb_protocol::scene::{
 };
 use rhumb_reckoning::{Damping, Integrator, Rate};
 
-use super::gateway::Gateway;
-use super::options::{Refusal, RefusedMessage, TimeAdvanced};
-use super::scene::OwnScene;
-use super::send_queue::{AppTransmit, SendQueue};
-use super::state_reporter::{FrameOutput, ReportOptions, StateReporter, Transport};
-use super::world_mirror::{ActorPush, MATERIAL, Reply, WorldMirror};
+use crate::gateway::Gateway;
+use crate::options::{Refusal, RefusedMessage, TimeAdvanced};
+use crate::scene::OwnScene;
+use crate::send_queue::{AppTransmit, SendQueue};
+use crate::state_reporter::{FrameOutput, ReportOptions, StateReporter, Transport};
 use crate::wire::{ErrorReport, FramedMessage, HEADER_BYTES, Id, Message, Session, SessionError};
+use crate::world_mirror::{ActorPush, MATERIAL, Reply, WorldMirror};
 
 /// An APP client. Dropping it ends its scene.
 pub struct AppClient {

@@ -15,8 +15,8 @@ use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Writer;
 use rhumb_solids::UnitMass;
 
-use super::options::Refusal;
-use super::scene::OwnScene;
+use crate::options::Refusal;
+use crate::scene::OwnScene;
 use crate::wire::{ConvexMesh, HeightGrid, TriangleMesh};
 
 /// Mass properties of a shape with volume, at density one.

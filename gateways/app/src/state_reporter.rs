@@ -14,11 +14,11 @@ use glam::{Quat, Vec3};
 use rhumb_protocol::scene::{BodyKind, Hit};
 use rhumb_protocol::stream::{Activity, Observation};
 
-use super::actor::Actor;
-use super::options::States;
-use super::scene::{FrameStep, OwnScene};
-use super::world_mirror::WorldMirror;
+use crate::actor::Actor;
+use crate::options::States;
+use crate::scene::{FrameStep, OwnScene};
 use crate::wire::{ActorsCollided, Id, Message, Motion};
+use crate::world_mirror::WorldMirror;
 
 /// Last sent states of a client's actors, and pending ones.
 #[derive(Debug, Default)]

@@ -9,7 +9,7 @@ use std::collections::VecDeque;
 
 use bytes::Bytes;
 
-use super::options::Datagrams;
+use crate::options::Datagrams;
 use crate::wire::Message;
 
 /// Queued messages of one client.

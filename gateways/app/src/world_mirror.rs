@@ -14,9 +14,9 @@ use rhumb_protocol::limits::{
 use rhumb_protocol::scene::{BodyKind, JointId, Material};
 use rhumb_reckoning::BodyId;
 
-use super::actor::{Actor, ActorPart, mass, material, unit};
-use super::options::Refusal;
-use super::shape_definition::{ShapeCache, ShapeDefinition};
+use crate::actor::{Actor, ActorPart, mass, material, unit};
+use crate::options::Refusal;
+use crate::shape_definition::{ShapeCache, ShapeDefinition};
 use crate::wire::{AddJoint, AttachShape, FramedMessage, Message, Motion, SetWorld, Surface};
 
 /// All objects of one client.
@@ -36,7 +36,7 @@ pub(super) struct WorldMirror {
     /// Index of the present message.
     message_index: u32,
     /// Bodies to remove from the scene.
-    pub(super) removed_bodies: Vec<super::actor::ActorBody>,
+    pub(super) removed_bodies: Vec<crate::actor::ActorBody>,
     pub(super) removed_joints: Vec<JointId>,
     pub(super) pushes: Vec<(u32, ActorPush)>,
     pub(super) shape_cache: ShapeCache,
@@ -378,7 +378,7 @@ impl WorldMirror {
             return Err(Refusal::TooMany);
         }
         let name = message.joint.object;
-        super::joint::check(message)?;
+        crate::joint::check(message)?;
         self.unjoin(name);
         let record = JointRecord {
             message: *message,
@@ -406,7 +406,7 @@ impl WorldMirror {
             .joints
             .values()
             .filter(|record| keeps(record))
-            .any(|record| super::joint::is_upright(&record.message));
+            .any(|record| crate::joint::is_upright(&record.message));
         self.change(name, |actor| actor.upright = upright);
     }
 }

@@ -16,14 +16,14 @@ use rhumb_protocol::scene::{
 use rhumb_protocol::stream::Observation;
 use rhumb_reckoning::{BodyId, BodyState};
 
-use super::actor::{
+use crate::actor::{
     Actor, ActorBody, ActorProperties, Frame, TargetMotion, again, body_properties,
 };
-use super::joint;
-use super::options::{Refusal, RefusedMessage};
-use super::scene::{CommandSubject, OwnScene, Sent};
-use super::world_mirror::{JointRecord, MATERIAL, WorldMirror};
+use crate::joint;
+use crate::options::{Refusal, RefusedMessage};
+use crate::scene::{CommandSubject, OwnScene, Sent};
 use crate::wire::AddJoint;
+use crate::world_mirror::{JointRecord, MATERIAL, WorldMirror};
 
 /// Results of a frame for the client.
 #[derive(Debug, Default)]

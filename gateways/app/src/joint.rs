@@ -8,8 +8,8 @@ use glam::{Quat, Vec3};
 use rhumb_protocol::scene::{Joint, JointFrame, JointKind, JointLimits};
 use rhumb_reckoning::BodyId;
 
-use super::actor::{Frame, unit};
-use super::options::Refusal;
+use crate::actor::{Frame, unit};
+use crate::options::Refusal;
 use crate::wire::{AddJoint, Grip};
 
 /// Freedom of one motion.

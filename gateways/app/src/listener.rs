@@ -25,8 +25,10 @@ use tokio::net::{TcpListener, TcpStream, UdpSocket};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc, oneshot};
 use tokio::time::{Instant, sleep, sleep_until, timeout};
 
-use super::datagram_sender::DatagramSender;
-use crate::server::{AppClient, AppTransmit, Gateway};
+use crate::client::AppClient;
+use crate::datagram_sender::DatagramSender;
+use crate::gateway::Gateway;
+use crate::send_queue::AppTransmit;
 
 /// Address and rate of the APP listener.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -22,7 +22,7 @@ use rhumb_link::PIECE_COST_BYTES;
 use tokio::sync::Notify;
 use tokio::time::{Instant, sleep_until};
 
-use crate::server::{AppDatagram, CoalescingKey, Urgency};
+use crate::send_queue::{AppDatagram, CoalescingKey, Urgency};
 
 /// The queues between the two threads.
 #[derive(Debug)]
@@ -399,7 +399,7 @@ mod tests {
         use std::sync::Arc;
 
         use super::super::*;
-        use crate::server::{CoalescingKey, Urgency};
+        use crate::send_queue::{CoalescingKey, Urgency};
 
         fn address(port: u16) -> SocketAddr {
             SocketAddr::from(([127, 0, 0, 1], port))

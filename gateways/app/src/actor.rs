@@ -9,8 +9,8 @@ use rhumb_protocol::limits::{DENSITY_MAX, DENSITY_MIN, FRICTION_MAX};
 use rhumb_protocol::scene::{BodyKind, Compound, Material, Part as ScenePart, Shape, ShapeId};
 use rhumb_reckoning::BodyId;
 
-use super::options::Refusal;
-use super::shape_definition::ShapeDefinition;
+use crate::options::Refusal;
+use crate::shape_definition::ShapeDefinition;
 use crate::wire::Surface;
 
 /// An actor.
