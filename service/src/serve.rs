@@ -334,7 +334,7 @@ impl Server {
         settings.processes = server.processes;
         settings.data = server.data;
         let waker = server.transport.waker();
-        let mut dispatcher = Dispatcher::on_threads(settings, move || waker.wake());
+        let mut dispatcher = Dispatcher::new(settings, move || waker.wake());
         let answering = match server.metrics {
             None => None,
             Some(listener) => {

@@ -9,6 +9,7 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use bytes::Bytes;
 use rhumb_protocol::message::{ClientMessage, Extensions, StreamChoice, VERSIONS};
 use rhumb_protocol::scene::SceneConfig;
 use rhumb_protocol::session::CloseCode;
@@ -60,7 +61,7 @@ impl Threaded {
             DispatcherSettings::new(move || Instant::from_nanos(time.load(Ordering::SeqCst)));
         settings.scenes.hooks = Some(hooks);
         settings.scenes.limits = limits;
-        let dispatcher = Dispatcher::on_threads(settings, move || {
+        let dispatcher = Dispatcher::new(settings, move || {
             // After the test no one listens.
             let _ = wake.lock().expect("no thread panics").send(());
         });
@@ -236,7 +237,7 @@ fn the_thread_of_a_scene_that_expires_ends() {
 
 #[test]
 fn a_connection_that_says_no_hello_is_closed() {
-    let mut dispatcher = Dispatcher::on_one_thread(DispatcherSettings::new(|| Instant::ZERO));
+    let mut dispatcher = Dispatcher::new(DispatcherSettings::new(|| Instant::ZERO), || ());
     dispatcher.handle_opened(Instant::ZERO, Peer(1));
     dispatcher.handle_control(Instant::ZERO, Peer(1), &[1]);
     let wake = dispatcher.poll_timeout().expect("a deadline");
@@ -251,32 +252,69 @@ fn a_connection_that_says_no_hello_is_closed() {
     assert_eq!(dispatcher.poll_timeout(), None);
 }
 
-/// The transmissions of a script, joined by receiver and lane.
-fn transmits_of(endpoint: &mut dyn Endpoint) -> Vec<Transmit> {
-    let (now, peer) = (Instant::ZERO, Peer(1));
-    endpoint.handle_opened(now, peer);
-    let mut messages = vec![hello("same")];
-    messages.extend(script());
-    endpoint.handle_control(now, peer, &encoded(&messages));
-    let mut transmits = Vec::new();
-    loop {
-        transmits.extend(std::iter::from_fn(|| endpoint.poll_transmit()));
-        match endpoint.poll_timeout() {
-            Some(wake) if wake.at <= now => endpoint.handle_timeout(now),
-            _ => return transmits,
+/// Bytes for a client: of its control stream, and its datagrams.
+#[derive(Default, PartialEq, Debug)]
+struct Transmitted {
+    control: Vec<u8>,
+    datagrams: Vec<Bytes>,
+}
+
+impl Transmitted {
+    fn add(&mut self, transmit: Transmit) {
+        match transmit {
+            Transmit::Control { bytes, .. } => self.control.extend_from_slice(&bytes),
+            Transmit::State { bytes, .. } => self.datagrams.push(bytes),
+            Transmit::Close { .. } => panic!("nothing is closed"),
         }
+    }
+
+    fn size(&self) -> (usize, usize) {
+        (self.control.len(), self.datagrams.len())
     }
 }
 
 #[test]
-fn a_dispatcher_on_one_thread_changes_no_bit() {
-    let plain = transmits_of(&mut SceneRouter::new(SceneSettings::new(|| Instant::ZERO)));
-    let mut dispatcher = Dispatcher::on_one_thread(DispatcherSettings::new(|| Instant::ZERO));
-    assert!(plain.len() >= 4, "an answer, and three ticks");
-    assert_eq!(transmits_of(&mut dispatcher), plain);
-    // A worker without a scene and without a connection ends.
-    dispatcher.handle_control(Instant::ZERO, Peer(1), &encoded(&[ClientMessage::Delete]));
-    dispatcher.handle_ended(Instant::ZERO, Peer(1), Ending::TimedOut);
-    while dispatcher.poll_transmit().is_some() {}
-    assert_eq!(dispatcher.poll_timeout(), None);
+fn a_dispatcher_changes_no_bit_and_a_worker_without_a_scene_ends() {
+    let (now, peer) = (Instant::ZERO, Peer(1));
+    let mut messages = vec![hello("same")];
+    messages.extend(script());
+    let mut plain = Transmitted::default();
+    let mut router = SceneRouter::new(SceneSettings::new(|| Instant::ZERO));
+    router.handle_opened(now, peer);
+    router.handle_control(now, peer, &encoded(&messages));
+    loop {
+        std::iter::from_fn(|| router.poll_transmit()).for_each(|transmit| plain.add(transmit));
+        match router.poll_timeout() {
+            Some(wake) if wake.at <= now => router.handle_timeout(now),
+            _ => break,
+        }
+    }
+    assert_eq!(plain.datagrams.len(), 3, "a datagram for each tick");
+    let (mut threaded, release) = Threaded::new();
+    threaded.dispatcher.handle_opened(now, peer);
+    threaded.send(peer, &messages);
+    let mut transmitted = Transmitted::default();
+    while transmitted.size() < plain.size() {
+        for transmit in threaded.drain() {
+            transmitted.add(transmit);
+        }
+        if transmitted.size() < plain.size() {
+            threaded
+                .woken
+                .recv_timeout(LONG)
+                .expect("a worker has output");
+        }
+    }
+    assert_eq!(transmitted, plain);
+    threaded.send(peer, &[ClientMessage::Delete]);
+    threaded
+        .dispatcher
+        .handle_ended(now, peer, Ending::TimedOut);
+    while threaded.dispatcher.poll_timeout().is_some() {
+        threaded.drain();
+        if threaded.dispatcher.poll_timeout().is_some() {
+            threaded.woken.recv_timeout(LONG).expect("the worker ends");
+        }
+    }
+    drop(release);
 }

@@ -38,12 +38,18 @@ impl Expiry {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::mpsc::channel;
+    use std::time::Duration;
+
     use rhumb_protocol::message::{ClientMessage, Extensions, Token, VERSIONS};
     use rhumb_protocol::session::CloseCode;
     use rhumb_protocol::{Endpoint, Instant, Peer, Span, Transmit};
 
     use crate::access::tests::Signed;
     use crate::dispatcher::{Dispatcher, DispatcherSettings};
+
+    /// Longer than any turn of a worker; reached only by a failure.
+    const LONG: Duration = Duration::from_secs(30);
 
     fn hello(token: &str) -> Vec<u8> {
         let mut extensions = Extensions::NONE;
@@ -70,10 +76,12 @@ mod tests {
     #[test]
     fn a_connection_ends_with_its_token() {
         let signed = Signed::new("expiry");
-        let mut dispatcher = Dispatcher::on_one_thread(DispatcherSettings {
+        let settings = DispatcherSettings {
             authenticator: signed.authenticator(),
             ..DispatcherSettings::new(|| Instant::ZERO)
-        });
+        };
+        let (wake, woken) = channel();
+        let mut dispatcher = Dispatcher::new(settings, move || wake.send(()).unwrap_or(()));
         let (peer, mut now) = (Peer(1), Instant::ZERO);
         dispatcher.handle_opened(now, peer);
         dispatcher.handle_control(now, peer, &hello(&signed.token()));
@@ -87,10 +95,10 @@ mod tests {
         );
         dispatcher.handle_timeout(now + Span::from_millis(1));
         assert_eq!(closed(&mut dispatcher), Some(CloseCode::TOKEN_EXPIRED.0));
-        assert_eq!(
-            dispatcher.workers.len(),
-            0,
-            "the scene without clients is let go"
-        );
+        // The scene without clients is let go.
+        while !dispatcher.workers.is_empty() {
+            woken.recv_timeout(LONG).expect("the worker has output");
+            assert_eq!(closed(&mut dispatcher), None);
+        }
     }
 }

@@ -1,9 +1,8 @@
 //! The dispatcher: connections on one side, scene workers on the other.
 //!
 //! Reads a connection's first message, which names its scene, and carries everything else between the connection and
-//! the worker of that scene. It steps no scene, so that no scene delays it. On one thread, as in the simulated network,
-//! workers run inside its calls, in the order of their numbers. Invariants: it never waits for a worker; a worker's
-//! transmission reaches only connections of that worker; what waits for a worker is bounded for each connection.
+//! the worker of that scene. It steps no scene, so that no scene delays it. Invariants: it never waits for a worker; a worker's transmission
+//! reaches only connections of that worker; what waits for a worker is bounded for each connection.
 
 mod expiry;
 mod message;
@@ -33,7 +32,7 @@ use self::message::{
 use self::process::Processes;
 pub(crate) use self::process::{ProcessOptions, run_worker};
 pub use self::settings::DispatcherSettings;
-use self::worker::{InlineWorker, ThreadWorker, Threads};
+use self::worker::{ThreadWorker, Threads};
 use crate::access::{Admitted, TokenError};
 use crate::durable::{DataDir, DataError, LogTail};
 
@@ -48,10 +47,8 @@ pub struct Dispatcher {
     workers: BTreeMap<WorkerId, Worker>,
     by_scene: BTreeMap<SceneName, WorkerId>,
     next_worker: u32,
-    /// Workers on this thread that may have output.
-    fresh: BTreeSet<WorkerId>,
     out: VecDeque<Transmit>,
-    threads: Option<Threads>,
+    threads: Threads,
     /// The worker processes, if scenes have them.
     processes: Option<Processes>,
     watchdog: Quarantined,
@@ -70,7 +67,6 @@ struct Worker {
 
 /// The thread or process in which a worker runs.
 enum Place {
-    Inline(Box<InlineWorker>),
     Thread(ThreadWorker),
     Process(ProcessId),
 }
@@ -90,12 +86,13 @@ const UNHANDLED_BYTES_MAX: usize = 128 << 10;
 const INPUTS_WAITING_MAX: u64 = 8_192;
 
 impl Dispatcher {
-    /// A dispatcher whose workers run on the calling thread.
-    #[must_use]
-    pub fn on_one_thread(settings: DispatcherSettings) -> Self {
+    /// A dispatcher with a thread for each scene, by the clock of the settings. `wake` is called when one of them has output,
+    /// and must have the driver drain the dispatcher.
+    pub fn new(settings: DispatcherSettings, wake: impl Fn() + Send + Sync + 'static) -> Self {
         let mut settings = settings;
         settings.scenes.observers = Arc::new(settings.recorders.clone());
         let clock = SharedClock::clone(&settings.scenes.clock);
+        let threads = Threads::new(SharedClock::clone(&clock), wake);
         let heartbeat = Heartbeat::new(move || clock());
         settings.recorders.metrics.set_dispatcher(
             heartbeat.clone(),
@@ -110,38 +107,21 @@ impl Dispatcher {
             workers: BTreeMap::new(),
             by_scene: BTreeMap::new(),
             next_worker: 0,
-            fresh: BTreeSet::new(),
             out: VecDeque::new(),
-            threads: None,
+            threads,
             processes: settings.processes.take().map(Processes::new),
             watchdog: Quarantined::default(),
             settings,
         }
     }
 
-    /// A dispatcher with a thread for each scene, by the clock of the settings. `wake` is called when one of them has output,
-    /// and must have the driver drain the dispatcher.
-    pub fn on_threads(
-        settings: DispatcherSettings,
-        wake: impl Fn() + Send + Sync + 'static,
-    ) -> Self {
-        let mut dispatcher = Self::on_one_thread(settings);
-        let clock = SharedClock::clone(&dispatcher.settings.scenes.clock);
-        dispatcher.threads = Some(Threads::new(clock, wake));
-        dispatcher
-    }
-
     /// Gives an input to a worker.
-    fn route(&mut self, now: Instant, id: WorkerId, input: WorkerInput) {
+    fn route(&mut self, id: WorkerId, input: WorkerInput) {
         let Some(worker) = self.workers.get_mut(&id) else {
             return;
         };
         worker.sent += 1;
         match &mut worker.place {
-            Place::Inline(inline) => {
-                inline.handle(now, input);
-                self.fresh.insert(id);
-            }
             Place::Thread(thread) => thread.send(input),
             Place::Process(process) => {
                 if let Some(processes) = &mut self.processes {
@@ -198,11 +178,11 @@ impl Dispatcher {
         if let Some(valid_for) = admission.valid_for {
             self.expiry.set(peer, now + valid_for);
         }
-        self.route(now, id, WorkerInput::Opened(peer, admission.permit));
+        self.route(id, WorkerInput::Opened(peer, admission.permit));
         if paced {
-            self.route(now, id, WorkerInput::ControlTaken(peer, 0));
+            self.route(id, WorkerInput::ControlTaken(peer, 0));
         }
-        self.route(now, id, WorkerInput::Control(peer, received));
+        self.route(id, WorkerInput::Control(peer, received));
     }
 
     /// Decides what a connection may do in a scene. Gateways are in this process, and show no token.
@@ -234,37 +214,26 @@ impl Dispatcher {
     }
 
     /// Closes a connection of a worker, which learns of it.
-    fn expire(&mut self, now: Instant, peer: Peer) {
+    fn expire(&mut self, peer: Peer) {
         let code = CloseCode::TOKEN_EXPIRED;
-        self.end_binding(now, peer, Ending::Closed(code.0));
+        self.end_binding(peer, Ending::Closed(code.0));
         self.close(peer, code);
     }
 
     /// Tells the worker of a connection that it has ended.
-    fn end_binding(&mut self, now: Instant, peer: Peer, ending: Ending) {
+    fn end_binding(&mut self, peer: Peer, ending: Ending) {
         self.expiry.forget(peer);
         if let Some(id) = self.bound(peer) {
-            self.route(now, id, WorkerInput::Ended(peer, ending));
+            self.route(id, WorkerInput::Ended(peer, ending));
             if let Some(worker) = self.workers.get_mut(&id) {
                 worker.connections -= 1;
             }
         }
     }
 
-    /// Takes the outputs of all workers; returns whether there were any.
-    fn collect(&mut self) -> bool {
-        let mut any = false;
-        while let Some(id) = self.fresh.pop_first() {
-            if let Some(worker) = self.workers.get_mut(&id)
-                && let Place::Inline(inline) = &mut worker.place
-            {
-                let output = inline.output();
-                any |= !output.transmits.is_empty();
-                self.absorb(id, output);
-            }
-        }
-        while let Some(report) = self.next_report() {
-            any = true;
+    /// Takes the outputs of all workers.
+    fn collect(&mut self) {
+        while let Ok(report) = self.threads.received.try_recv() {
             match report {
                 WorkerReport::Worker(id, message) => self.take_message(id, message),
                 WorkerReport::Process(id, message) => self.take_process_message(id, message),
@@ -274,11 +243,6 @@ impl Dispatcher {
         if let Some(processes) = &mut self.processes {
             processes.flush();
         }
-        any
-    }
-
-    fn next_report(&self) -> Option<WorkerReport> {
-        self.threads.as_ref()?.received.try_recv().ok()
     }
 
     fn take_message(&mut self, id: WorkerId, message: FromWorker) {
@@ -333,7 +297,6 @@ impl Dispatcher {
                 processes.send(process, &ToProcess::Input(id, WorkerInput::End));
             }
         }
-        self.fresh.remove(&id);
     }
 
     /// Closes all connections of a worker.
@@ -365,18 +328,18 @@ impl Endpoint for Dispatcher {
             Some(Connection::Bound(id, unhandled)) => {
                 *unhandled += bytes.len();
                 let (id, bytes) = (*id, Bytes::copy_from_slice(bytes));
-                self.route(now, id, WorkerInput::Control(from, bytes));
+                self.route(id, WorkerInput::Control(from, bytes));
             }
             Some(Connection::Closed) | None => {}
         }
     }
 
-    fn handle_control_taken(&mut self, now: Instant, peer: Peer, bytes: usize) {
+    fn handle_control_taken(&mut self, _: Instant, peer: Peer, bytes: usize) {
         match self.connections.get_mut(&peer) {
             Some(Connection::Greeting(greeting, _)) => greeting.paced = true,
             Some(Connection::Bound(id, _)) => {
                 let id = *id;
-                self.route(now, id, WorkerInput::ControlTaken(peer, bytes));
+                self.route(id, WorkerInput::ControlTaken(peer, bytes));
             }
             Some(Connection::Closed) | None => {}
         }
@@ -389,21 +352,21 @@ impl Endpoint for Dispatcher {
         }
     }
 
-    fn handle_datagram(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
+    fn handle_datagram(&mut self, _: Instant, from: Peer, bytes: &[u8]) {
         if let Some(id) = self.bound_and_quick(from) {
             let bytes = Bytes::copy_from_slice(bytes);
-            self.route(now, id, WorkerInput::Datagram(from, bytes));
+            self.route(id, WorkerInput::Datagram(from, bytes));
         }
     }
 
-    fn handle_link(&mut self, now: Instant, peer: Peer, report: &LinkReport) {
+    fn handle_link(&mut self, _: Instant, peer: Peer, report: &LinkReport) {
         if let Some(id) = self.bound_and_quick(peer) {
-            self.route(now, id, WorkerInput::Link(peer, *report));
+            self.route(id, WorkerInput::Link(peer, *report));
         }
     }
 
-    fn handle_ended(&mut self, now: Instant, peer: Peer, ending: Ending) {
-        self.end_binding(now, peer, ending);
+    fn handle_ended(&mut self, _: Instant, peer: Peer, ending: Ending) {
+        self.end_binding(peer, ending);
         if let Some(Connection::Greeting(_, until)) = self.connections.remove(&peer) {
             self.greeting_until.remove(&(until, peer));
         }
@@ -418,15 +381,7 @@ impl Endpoint for Dispatcher {
             self.close(peer, CloseCode::HELLO_LATE);
         }
         while let Some(peer) = self.expiry.pop(now) {
-            self.expire(now, peer);
-        }
-        for (id, worker) in &mut self.workers {
-            if let Place::Inline(inline) = &mut worker.place
-                && (inline.scene().poll_timeout()).is_some_and(|wake| wake.at <= now)
-            {
-                inline.handle_timeout(now);
-                self.fresh.insert(*id);
-            }
+            self.expire(peer);
         }
         self.watch(now);
     }
@@ -451,15 +406,8 @@ impl Endpoint for Dispatcher {
             .map(|(until, _)| deadline(*until));
         let expiry = self.expiry.next().map(deadline);
         let watch = self.next_watch().map(deadline);
-        let inline = self
-            .workers
-            .values()
-            .filter_map(|worker| match &worker.place {
-                Place::Inline(inline) => inline.scene().poll_timeout(),
-                Place::Thread(_) | Place::Process(_) => None,
-            });
-        let dispatcher = [greeting, expiry, watch].into_iter().flatten();
-        inline.chain(dispatcher).min_by_key(|wake| wake.at)
+        let wakes = [greeting, expiry, watch].into_iter().flatten();
+        wakes.min_by_key(|wake| wake.at)
     }
 }
 
@@ -484,16 +432,12 @@ impl Dispatcher {
     /// Starts a worker, which restores its scene if a data directory has it.
     fn start_worker(&mut self, scene: SceneName, tail: LogTail) -> Result<WorkerId, CloseCode> {
         let id = WorkerId(self.next_worker);
-        let place = match (&self.threads, &mut self.processes) {
-            (None, _) => Place::Inline(Box::new(InlineWorker::new(
-                scene.clone(),
-                (&self.settings.scenes, self.settings.data.as_ref()),
-                Arc::new(|| {}),
-            ))),
-            (Some(threads), Some(processes)) => {
+        let threads = &self.threads;
+        let place = match &mut self.processes {
+            Some(processes) => {
                 Place::Process(processes.begin(id, &scene, threads, &self.settings)?)
             }
-            (Some(threads), None) => {
+            None => {
                 let scenes = (&self.settings.scenes, self.settings.data.as_ref());
                 let started = ThreadWorker::start((id, scene.clone()), scenes, &threads.workers);
                 Place::Thread(started.map_err(|cause| {
@@ -504,8 +448,7 @@ impl Dispatcher {
         };
         self.add_worker(id, scene, place);
         if self.settings.data.is_some() {
-            let now = (self.settings.scenes.clock)();
-            self.route(now, id, WorkerInput::Restore(tail));
+            self.route(id, WorkerInput::Restore(tail));
         }
         Ok(id)
     }

@@ -28,11 +28,11 @@ const END_OF_PROCESSES: Duration = Duration::from_millis(800);
 const KILLED: Duration = Duration::from_millis(1_200);
 
 impl Dispatcher {
-    /// The time of the next check of the workers; never if none has a thread.
+    /// The time of the next check of the workers; never if there are none.
     pub(super) fn next_watch(&self) -> Option<Instant> {
         let processes = self.processes.as_ref();
         let has_process = processes.is_some_and(|processes| !processes.is_empty());
-        let watches = self.threads.is_some() && (!self.workers.is_empty() || has_process);
+        let watches = !self.workers.is_empty() || has_process;
         watches.then_some(self.watchdog.next)
     }
 
@@ -54,7 +54,7 @@ impl Dispatcher {
             .filter(|(_, worker)| match &worker.place {
                 Place::Thread(thread) => is_stuck(&thread.heartbeat),
                 // A process watches its threads itself.
-                Place::Inline(_) | Place::Process(_) => false,
+                Place::Process(_) => false,
             });
         let stuck: Vec<WorkerId> = stuck.map(|(id, _)| *id).collect();
         for id in stuck {
@@ -101,9 +101,7 @@ impl Dispatcher {
             .map(|(id, _)| *id)
             .collect();
         self.workers.clear();
-        let Some(threads) = &self.threads else {
-            return;
-        };
+        let threads = &self.threads;
         let mut processes = self.processes.as_mut();
         let mut running = processes
             .as_mut()

@@ -1,7 +1,6 @@
-//! A scene worker: the loop of a scene, on a thread or on the caller's.
+//! A scene worker: the loop of a scene, on a thread of its own.
 //!
-//! Both take the same inputs and give the same outputs. A worker never waits for another one; its thread waits for the
-//! dispatcher only if many of its outputs lie unread.
+//! A worker never waits for another one; its thread waits for the dispatcher only if many of its outputs lie unread.
 
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -23,7 +22,7 @@ const INPUTS_PER_TURN: usize = 256;
 const STACK_BYTES: usize = 8 << 20;
 
 /// The scene of a worker, and the control bytes that it has not handled.
-pub(super) struct InlineWorker {
+struct WorkerScene {
     scene: SceneLoop,
     /// Control bytes received and not yet reported as handled.
     unhandled: BTreeMap<Peer, usize>,
@@ -40,9 +39,9 @@ pub(super) struct ThreadWorker {
     pub(super) thread_id: ThreadId,
 }
 
-impl InlineWorker {
+impl WorkerScene {
     /// `data`: the directory that keeps its scene. `wake` has the worker report what has become durable.
-    pub(super) fn new(
+    fn new(
         scene: SceneName,
         (scenes, data): (&SceneSettings, Option<&DataDir>),
         wake: Wake,
@@ -65,7 +64,7 @@ impl InlineWorker {
         }
     }
 
-    pub(super) fn handle(&mut self, now: Instant, input: WorkerInput) {
+    fn handle(&mut self, now: Instant, input: WorkerInput) {
         match &input {
             WorkerInput::Control(peer, bytes) => {
                 *self.unhandled.entry(*peer).or_insert(0) += bytes.len();
@@ -95,16 +94,8 @@ impl InlineWorker {
         }
     }
 
-    pub(super) fn handle_timeout(&mut self, now: Instant) {
-        self.scene.handle_timeout(now);
-    }
-
-    pub(super) const fn scene(&self) -> &SceneLoop {
-        &self.scene
-    }
-
     /// Everything that there is to transmit, and what was handled.
-    pub(super) fn output(&mut self) -> WorkerOutput {
+    fn output(&mut self) -> WorkerOutput {
         let scene = &mut self.scene;
         scene.report_durable();
         let transmits: Vec<Transmit> = std::iter::from_fn(|| scene.poll_transmit()).collect();
@@ -150,7 +141,7 @@ impl ThreadWorker {
             heartbeat: heartbeat.clone(),
             ..scenes.clone()
         };
-        let worker = InlineWorker::new(scene, (&scenes, data), wake);
+        let worker = WorkerScene::new(scene, (&scenes, data), wake);
         let send = Arc::clone(&threads.send);
         let thread_id = ThreadId::default();
         let (on_thread, own_id) = (heartbeat.clone(), thread_id.clone());
@@ -204,7 +195,7 @@ impl Drop for ThreadWorker {
 
 /// Runs a worker until the dispatcher drops it.
 fn run(
-    mut worker: InlineWorker,
+    mut worker: WorkerScene,
     inputs: &Receiver<WorkerInput>,
     send: &dyn Fn(FromWorker) -> bool,
     heartbeat: &Heartbeat,
@@ -246,7 +237,7 @@ fn run(
         let now = clock();
         let wake = worker.scene.poll_timeout();
         if wake.is_some_and(|wake| wake.at <= now) {
-            worker.handle_timeout(now);
+            worker.scene.handle_timeout(now);
         }
     }
 }
