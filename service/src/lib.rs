@@ -43,7 +43,6 @@ mod announcement;
 #[cfg(feature = "app")]
 mod app_arguments;
 pub mod cli;
-mod command_line;
 #[cfg(feature = "demo")]
 mod demo;
 mod dispatcher;

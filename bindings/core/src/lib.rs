@@ -21,7 +21,6 @@ mod files;
 mod generated;
 mod join_params;
 mod joint_params;
-mod known_bodies;
 #[cfg(feature = "serve")]
 mod own_server;
 mod refusal_record;

@@ -8,11 +8,9 @@ use std::time::Duration;
 use glam::{Quat, Vec3};
 use rhumb_client::scene::{Answer, Command, Query};
 use rhumb_client::{
-    BodyId, BodyState, Client, ClientError, ErrorBound, Misuse, PipelineDepth, RenderTime,
-    ServerConnection, Statistics, Tick,
+    BodyCentres, BodyId, BodyState, Client, ClientError, ErrorBound, Misuse, PipelineDepth,
+    RenderTime, ServerConnection, Statistics, Tick,
 };
-
-use rhumb_client::BodyCentres;
 
 use crate::body_params::BodyParams;
 use crate::contacts::{ContactRecord, Contacts};
@@ -22,8 +20,8 @@ use crate::error::BindingError;
 use crate::event_record::EventRecord;
 #[cfg(feature = "files")]
 use crate::files::{self, LoadParams, LoadedFile, NamedBody, NamedJoint};
+use crate::generated::EventKind;
 use crate::join_params::{JoinParams, TICKS_NEEDED, tolerance};
-use crate::known_bodies::KnownBodies;
 #[cfg(feature = "serve")]
 use crate::own_server::{OwnServer, SceneServer};
 use crate::refusal_record::RefusalRecord;
@@ -661,5 +659,49 @@ fn units_up(bound: ErrorBound, unit: f64) -> f32 {
     match f64::from(near) < exact {
         true => near.next_up(),
         false => near,
+    }
+}
+
+/// By index: one more than the latest generation, or zero.
+#[derive(Debug, Default)]
+pub(crate) struct KnownBodies(Vec<u32>);
+
+impl KnownBodies {
+    /// Adds a body, and those before it under its index.
+    pub(crate) fn add(&mut self, body: BodyId) {
+        let place = body.index() as usize;
+        if place >= self.0.len() {
+            self.0.resize(place + 1, 0);
+        }
+        self.0[place] = self.0[place].max(u32::from(body.generation()) + 1);
+    }
+
+    /// Learns from an event.
+    pub(crate) fn note(&mut self, event: &EventRecord) {
+        if let (EventKind::BodyPlaced | EventKind::BodyRemoved, Some(body)) =
+            (event.kind, event.body)
+        {
+            self.add(body);
+        }
+    }
+
+    /// True for a body that was added.
+    pub(crate) fn has(&self, body: BodyId) -> bool {
+        let latest = self.0.get(body.index() as usize);
+        latest.is_some_and(|latest| u32::from(body.generation()) < *latest)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_body_is_known_with_those_before_it_and_not_with_later_ones() {
+        let mut known = KnownBodies::default();
+        known.add(BodyId::new(3, 1));
+        let has = |index, generation| known.has(BodyId::new(index, generation));
+        assert_eq!([has(3, 0), has(3, 1), has(3, 2)], [true, true, false]);
+        assert_eq!([has(0, 0), has(4, 0)], [false, false]);
     }
 }

@@ -2,8 +2,8 @@
 
 use crate::c::{choice_name, slot};
 use crate::meaning::{Lengths, meaning};
-use crate::part::MadePart;
 use crate::table::{Call, CallField, FieldKind, Owner, RecordMember, Table, ValueRecord};
+use crate::text::MadePart;
 use crate::text::{capital, comment, pascal, snake, snake_of_pascal};
 
 /// The parts of `bindings/c/include/rhumb.hpp`.

@@ -14,7 +14,6 @@ pub mod events;
 pub mod godot;
 pub mod meaning;
 pub mod outputs;
-pub mod part;
 pub mod python;
 pub mod rust;
 pub mod table;

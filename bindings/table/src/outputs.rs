@@ -1,7 +1,7 @@
 //! The files that are made, and what makes them.
 
-use crate::part::MadePart;
 use crate::table::Table;
+use crate::text::MadePart;
 use crate::{c, core, cpp, csharp, godot, python, web};
 
 /// A file, and what is made of it.

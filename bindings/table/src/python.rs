@@ -3,9 +3,9 @@
 use crate::c::choice_name;
 use crate::events::EVENTS;
 use crate::meaning::{Lengths, meaning};
-use crate::part::MadePart;
 use crate::rust::{made, plain};
 use crate::table::{Call, CallField, FieldKind, Owner, RecordMember, Table, ValueRecord};
+use crate::text::MadePart;
 use crate::text::{fill, number, pascal, snake, wrapped};
 
 const HEAD: &str = "\

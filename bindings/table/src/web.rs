@@ -1,9 +1,9 @@
 //! Commands out of JSON, and their types in TypeScript.
 
 use crate::meaning::{Lengths, meaning};
-use crate::part::MadePart;
 use crate::rust::made;
 use crate::table::{Call, CallField, FieldKind, Owner, RecordMember, Table, ValueRecord};
+use crate::text::MadePart;
 use crate::text::{camel, capital, fill, number, pascal, snake, wrapped};
 
 const HEAD: &str = "\

@@ -12,7 +12,6 @@ mod failure;
 mod generated;
 mod join_argument;
 mod member;
-mod member_argument;
 mod object;
 mod scene_argument;
 mod scene_json;
@@ -28,8 +27,7 @@ use serde_json::{Value, json};
 use crate::argument::{Argument, body_of, id_number};
 use crate::columns::Columns;
 use crate::failure::Failure;
-use crate::member::{WebMember, moment};
-use crate::member_argument::MemberOptions;
+use crate::member::{MemberOptions, WebMember, moment};
 
 // JavaScript reads these as plain numbers in a row.
 const _: () = assert!(size_of::<Vec3>() == 12 && size_of::<Quat>() == 16);

@@ -2,9 +2,9 @@
 //!
 //! Opens no socket and reads no clock. The session, the subscriber and the view are those of the Rust client.
 
-use rhumb_protocol::message::{StreamChoice, TierPolicy};
+use rhumb_protocol::message::{SessionKey, StreamChoice, TierPolicy, Token};
 use rhumb_protocol::packet::LargestPacket;
-use rhumb_protocol::scene::{BodyBuilder, Command, IdRange, Invalid, Query, Stepping};
+use rhumb_protocol::scene::{BodyBuilder, Command, IdRange, Invalid, Query, SceneName, Stepping};
 use rhumb_protocol::session::{ClientSession, CloseCode, Event, Misuse, Replica};
 use rhumb_protocol::stream::Subscriber;
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
@@ -15,15 +15,13 @@ use rhumb_view::{
 };
 use serde_json::{Value, json};
 
-use crate::argument::id_number;
+use crate::argument::{Argument, id_number};
 use crate::columns::Columns;
 use crate::digest::digest;
-use crate::event_json;
 use crate::failure::Failure;
-use crate::join_argument::JoinArguments;
-use crate::member_argument::MemberOptions;
+use crate::join_argument::{JoinArguments, session_key};
 use crate::object::object;
-use crate::scene_json;
+use crate::{event_json, scene_json};
 
 /// The one peer of a client.
 const SERVER: Peer = Peer(0);
@@ -514,4 +512,31 @@ fn with_number(refusal: &RefusedRequest) -> String {
 /// A moment of JavaScript's clock, milliseconds.
 pub(crate) fn moment(milliseconds: f64) -> Instant {
     Instant::ZERO + Span::from_nanos((milliseconds * 1e6) as u64)
+}
+
+/// The options of a new member.
+#[derive(Debug)]
+pub(crate) struct MemberOptions {
+    pub(crate) scene: SceneName,
+    pub(crate) token: Option<Token>,
+    /// The key of a session that may resume.
+    pub(crate) key: Option<SessionKey>,
+    pub(crate) join: JoinArguments,
+}
+
+impl MemberOptions {
+    pub(crate) fn read(from: &Argument<'_>) -> Result<Self, Failure> {
+        let scene = from.field("scene")?;
+        let token = from.optional("token").map(|from| {
+            let token = from.text()?.parse();
+            token.map_err(|why| from.refused(why))
+        });
+        let key = from.optional("key").map(|from| session_key(&from));
+        Ok(Self {
+            scene: scene.text()?.parse().map_err(|why| scene.refused(why))?,
+            token: token.transpose()?,
+            key: key.transpose()?,
+            join: JoinArguments::read(&from.field("join")?)?,
+        })
+    }
 }

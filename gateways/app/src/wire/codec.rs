@@ -1,4 +1,4 @@
-//! Big-endian numbers and fields, their limits, and reasons why bytes are no message.
+//! Big-endian numbers and fields, their limits, and malformed messages.
 //!
 //! Decoding checks every length and never asserts: any peer may be the sender.
 
