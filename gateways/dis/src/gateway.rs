@@ -2,14 +2,18 @@
 //!
 //! Bodies leave as states, entities of others come in as bodies. Datagrams and moments are arguments, datagrams leave by
 //! [`Gateway::poll_datagram`]. Foreign entities are kinematic bodies that this member adds, has authority over, and removes.
-//! They are not sent back.
+//! They are not sent back. What other members do to these bodies never ends the gateway: a body that is removed or refused
+//! is tried again a second later.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
-use glam::{DVec3, Vec3};
-use rhumb_client::scene::{BodyDesc, Command};
-use rhumb_client::{BodyId, BodyState, Client, ClientError, Event, Metres, Replica, Tolerance};
+use glam::DVec3;
+use rhumb_client::scene::{BodyDesc, Command, Shape};
+use rhumb_client::{
+    AuthorityError, BodyId, BodyState, Client, ClientError, Event, Metres, Misuse, Replica,
+    Tolerance,
+};
 
 use crate::entity::EntityId;
 use crate::foreign::{ForeignConfig, ForeignEntities, ForeignPose, ForeignStatistics};
@@ -41,6 +45,8 @@ pub struct GatewayStatistics {
     pub entities: usize,
     /// Entities without one now, beyond the reach.
     pub beyond: usize,
+    /// Entities within it that no body can follow now: faster than bodies of a scene are, or further away.
+    pub unfit: usize,
     /// Of the sending side.
     pub sent: PublisherStatistics,
     /// Of the receiving side.
@@ -64,6 +70,7 @@ pub struct Gateway {
     revision: u64,
     observed: Vec<Observed>,
     beyond: usize,
+    unfit: usize,
     refused: u64,
 }
 
@@ -71,16 +78,24 @@ pub struct Gateway {
 struct Authority {
     tolerance: Tolerance,
     bodies: BTreeMap<EntityId, BodyId>,
+    /// Commands without an answer that add bodies.
+    added: BTreeMap<u64, EntityId>,
+    /// Entities whose body was refused, or removed by others: none is added before this moment.
+    absent: BTreeMap<EntityId, Duration>,
     requested: BTreeSet<BodyId>,
+    /// Bodies that a denial named: no request names them before this moment.
+    without: BTreeMap<BodyId, Duration>,
     /// True until the server answers the last request.
     waits: bool,
     denied: u64,
-    /// No request before this moment, after a denial.
+    /// No request before this moment, after a denial that names no body.
     not_before: Duration,
 }
 
-/// Pause after a denial.
+/// Pause after a denial, and after a body was refused or removed by others.
 const PAUSE: Duration = Duration::from_secs(1);
+/// Most bodies over which a member has authority.
+const BODIES_MAX: usize = 256;
 
 impl Gateway {
     /// A gateway of this member, whose client reports refusals as events alone.
@@ -95,7 +110,10 @@ impl Gateway {
             authority: Authority {
                 tolerance: config.tolerance,
                 bodies: BTreeMap::new(),
+                added: BTreeMap::new(),
+                absent: BTreeMap::new(),
                 requested: BTreeSet::new(),
+                without: BTreeMap::new(),
                 waits: false,
                 denied: 0,
                 not_before: Duration::ZERO,
@@ -104,6 +122,7 @@ impl Gateway {
             revision: 0,
             observed: Vec::new(),
             beyond: 0,
+            unfit: 0,
             refused: 0,
         }
     }
@@ -122,6 +141,7 @@ impl Gateway {
             bodies: self.observed.len(),
             entities: self.authority.bodies.len(),
             beyond: self.beyond,
+            unfit: self.unfit,
             sent: publisher
                 .as_ref()
                 .map(Publisher::statistics)
@@ -169,33 +189,48 @@ impl Gateway {
         self.publisher.as_mut()?.poll_datagram(to)
     }
 
-    /// Leaves DIS and the scene: queues last states of all bodies, and removes the bodies of entities.
+    /// Leaves DIS and the scene: queues last states of all bodies as far as the rate limit allows, and removes the bodies of
+    /// entities. Returns the number of last states that wait for the limit: call it again later for those.
     ///
     /// # Errors
     ///
-    /// As [`Self::handle_time`].
-    pub fn leave(&mut self, now: Duration) -> Result<(), ClientError> {
+    /// As [`Self::handle_time`]; the last states are queued all the same.
+    pub fn leave(&mut self, now: Duration) -> Result<usize, ClientError> {
         self.observed.clear();
+        let mut waiting = 0;
         if let Some(publisher) = &mut self.publisher {
             publisher.handle_bodies(now, &[]);
+            waiting = publisher.leaving();
         }
         for (_, id) in std::mem::take(&mut self.authority.bodies) {
             self.client.command(Command::RemoveBody { id })?;
         }
         self.client.flush();
-        Ok(())
+        Ok(waiting)
     }
 
     fn take_events(&mut self, now: Duration) {
+        let authority = &mut self.authority;
         while let Some((_, event)) = self.client.poll_event() {
             match event {
-                Event::AuthorityGrant(_) => self.authority.waits = false,
-                Event::AuthorityDenied(_) => {
-                    let view = self.client.view();
-                    self.authority
-                        .note_denial(now, |id| view.place(id).is_some());
+                Event::AuthorityGrant(_) => authority.waits = false,
+                Event::AuthorityDenied(error) => authority.note_denial(now, error),
+                Event::Refused { number, .. } => {
+                    self.refused += 1;
+                    if let Some(entity) = authority.added.remove(&number) {
+                        authority.lose(now, entity);
+                    }
                 }
-                Event::Refused { .. } => self.refused += 1,
+                Event::Applied { through, .. } => {
+                    authority.added.retain(|number, _| *number > through);
+                }
+                Event::BodyRemoved { id, .. } => {
+                    let mut bodies = authority.bodies.iter();
+                    if let Some((entity, _)) = bodies.find(|(_, body)| **body == id) {
+                        let entity = *entity;
+                        authority.lose(now, entity);
+                    }
+                }
                 _ => {}
             }
         }
@@ -215,34 +250,57 @@ impl Gateway {
         let near: Vec<_> = all.into_iter().filter(is_near).collect();
         self.beyond = count - near.len();
         let here: BTreeSet<_> = near.iter().map(|pose| pose.id).collect();
-        for id in self.authority.leaving(&here) {
+        for id in self.authority.leaving(&here, now) {
             self.client.command(Command::RemoveBody { id })?;
         }
         let mut states = Vec::with_capacity(near.len());
+        self.unfit = 0;
         for pose in &near {
             let Some(state) = state(pose) else {
+                self.unfit += 1;
                 continue;
             };
-            let id = match self.authority.bodies.get(&pose.id) {
-                Some(id) => *id,
-                None => {
-                    let shape = self.rules.shape_of(pose.entity_type).clone();
-                    let body = BodyDesc::kinematic(shape)
-                        .position(pose.position.as_vec3())
-                        .rotation(pose.rotation.as_quat());
-                    let id = self.client.add_body(body)?;
-                    self.authority.bodies.insert(pose.id, id);
-                    id
-                }
-            };
-            states.push((id, state));
+            let known = self.authority.bodies.get(&pose.id).copied();
+            if let Some(id) = known.map_or_else(|| self.add(pose, now), |id| Ok(Some(id)))? {
+                states.push((id, state));
+            }
         }
         self.authority.request(now, &mut self.client)?;
-        states.retain(|(id, _)| self.authority.requested.contains(id));
+        let own: BTreeSet<_> = self.client.authority_bodies().collect();
+        states.retain(|(id, _)| own.contains(id));
         if !states.is_empty() {
             self.client.publish(&states)?;
         }
         Ok(())
+    }
+
+    /// Adds the body of an entity; `None` while it has to wait.
+    fn add(&mut self, pose: &ForeignPose, now: Duration) -> Result<Option<BodyId>, ClientError> {
+        let authority = &mut self.authority;
+        if authority.absent.contains_key(&pose.id) || authority.bodies.len() >= BODIES_MAX {
+            return Ok(None);
+        }
+        let shape = self.rules.shape_of(pose.entity_type).clone();
+        let body = BodyDesc::kinematic(shape)
+            .position(pose.position.as_vec3())
+            .rotation(pose.rotation.as_quat());
+        match self.client.add_body(body) {
+            Ok(id) => {
+                authority.bodies.insert(pose.id, id);
+                let number = self.client.last_command();
+                authority
+                    .added
+                    .extend(number.map(|number| (number, pose.id)));
+                Ok(Some(id))
+            }
+            // The server grants no index, or the scene has no number for the shape, now.
+            Err(ClientError::Denied(_) | ClientError::TooManyShapes) => {
+                self.refused += 1;
+                authority.lose(now, pose.id);
+                Ok(None)
+            }
+            Err(error) => Err(error),
+        }
     }
 
     /// Takes the bodies that are sent out of the view.
@@ -295,8 +353,10 @@ impl Gateway {
 const LEAST_METRES: f64 = 0.001;
 
 impl Authority {
-    /// Forgets entities that are not among these, and returns their bodies.
-    fn leaving(&mut self, here: &BTreeSet<EntityId>) -> Vec<BodyId> {
+    /// Forgets entities that are not among these, and returns their bodies; ends pauses.
+    fn leaving(&mut self, here: &BTreeSet<EntityId>, now: Duration) -> Vec<BodyId> {
+        self.absent.retain(|_, until| now < *until);
+        self.without.retain(|_, until| now < *until);
         let mut gone = Vec::new();
         self.bodies.retain(|entity, body| {
             let stays = here.contains(entity);
@@ -310,24 +370,47 @@ impl Authority {
 
     /// Requests the authority over all bodies of entities, unless it has it or waits for an answer.
     fn request(&mut self, now: Duration, client: &mut Client) -> Result<(), ClientError> {
-        let wanted: BTreeSet<_> = self.bodies.values().copied().collect();
+        let wanted = self.bodies.values().copied();
+        let wanted: BTreeSet<_> = wanted.filter(|id| !self.without.contains_key(id)).collect();
         if self.waits || wanted == self.requested || now < self.not_before {
             return Ok(());
         }
         let ids: Vec<_> = wanted.iter().copied().collect();
-        client.take_authority(&ids, self.tolerance)?;
-        self.requested = wanted;
-        self.waits = true;
-        Ok(())
+        match client.take_authority(&ids, self.tolerance) {
+            Ok(()) => {
+                self.requested = wanted;
+                self.waits = true;
+                Ok(())
+            }
+            // The client itself requests it again, and a later call will find it answered.
+            Err(ClientError::Misuse(Misuse::AuthorityUnanswered)) => Ok(()),
+            Err(error) => Err(error),
+        }
     }
 
-    /// Forgets bodies that others removed, so that they are added anew, and lets the next request wait.
-    fn note_denial(&mut self, now: Duration, is_there: impl Fn(BodyId) -> bool) {
+    /// Forgets the body of an entity, which others removed or the server refused; a later one waits.
+    fn lose(&mut self, now: Duration, entity: EntityId) {
+        self.bodies.remove(&entity);
+        self.absent.insert(entity, now + PAUSE);
+    }
+
+    /// Lets the next request be without the body that a denial names, or wait.
+    fn note_denial(&mut self, now: Duration, error: AuthorityError) {
         self.denied += 1;
         self.waits = false;
         self.requested.clear();
-        self.not_before = now + PAUSE;
-        self.bodies.retain(|_, body| is_there(*body));
+        match error {
+            AuthorityError::UnknownBody(id)
+            | AuthorityError::NotYours(id)
+            | AuthorityError::NotKinematic(id)
+            | AuthorityError::HeldByAnother(id) => {
+                self.without.insert(id, now + PAUSE);
+            }
+            AuthorityError::SceneFaulted
+            | AuthorityError::LostSync
+            | AuthorityError::NotAllowed
+            | AuthorityError::Other(_) => self.not_before = now + PAUSE,
+        }
     }
 }
 
@@ -350,8 +433,10 @@ fn fall(replica: &Replica, id: BodyId) -> DVec3 {
 
 /// The state of an entity's body; `None` if its numbers are beyond those of a scene.
 fn state(pose: &ForeignPose) -> Option<BodyState> {
-    let narrow = |vector: DVec3| -> [f32; 3] { Vec3::to_array(&vector.as_vec3()) };
-    let rotation = pose.rotation.as_quat().to_array();
-    let (position, velocity, spin) = (pose.position, pose.velocity, pose.spin);
-    BodyState::new(narrow(position), rotation, narrow(velocity), narrow(spin)).ok()
+    let body = BodyDesc::kinematic(Shape::ball(1.0))
+        .position(pose.position.as_vec3())
+        .rotation(pose.rotation.as_quat())
+        .linear_velocity(pose.velocity.as_vec3())
+        .angular_velocity(pose.spin.as_vec3());
+    body.check().and_then(|()| body.state()).ok()
 }

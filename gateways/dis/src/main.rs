@@ -367,43 +367,88 @@ fn run(arguments: &Arguments) -> Result<(), String> {
         arguments.listen
     ));
     let mut clock = StampClock::start();
-    let mut gateway = Gateway::new(client, config);
-    let mut report = Report::new(arguments.report, clock.now());
-    let mut buffer = vec![0; 65_536];
-    let mut next = clock.now();
-    while !stopped.load(Ordering::Relaxed) {
-        gateway
-            .handle_time(clock.now())
-            .map_err(|error| error.to_string())?;
-        send_all(&mut gateway, &socket, &mut buffer, &mut report);
-        next = (next + period).max(clock.now());
-        loop {
-            let now = clock.now();
-            let left = next.saturating_sub(now);
-            let received = socket.receive(&mut buffer, left);
-            if let Some(bytes) = received.map_err(|cause| format!("receiving: {cause}"))? {
-                report.received(bytes);
-                if let Err(malformed) = gateway.handle_datagram(clock.now(), &buffer[..bytes]) {
-                    report.malformed(&malformed);
-                }
-            }
-            if clock.now() >= next {
-                break;
-            }
-        }
-        if let Some(line) = report.line(clock.now(), &gateway.statistics()) {
-            say(&line);
-        }
-    }
-    gateway
-        .leave(clock.now())
-        .map_err(|error| error.to_string())?;
-    send_all(&mut gateway, &socket, &mut buffer, &mut report);
-    Ok(())
+    let mut run = Run {
+        gateway: Gateway::new(client, config),
+        report: Report::new(arguments.report, clock.now()),
+        buffer: vec![0; 65_536],
+        socket,
+        period,
+    };
+    let served = run.serve(&mut clock, &stopped);
+    // Whatever ended it, other simulators are told, and the scene is left as it was.
+    let left = run.leave(&mut clock);
+    served.and(left)
 }
 
-fn send_all(gateway: &mut Gateway, socket: &DisSocket, buffer: &mut [u8], report: &mut Report) {
-    while let Some(bytes) = gateway.poll_datagram(buffer) {
-        report.sent(bytes, socket.send(&buffer[..bytes]));
+/// A gateway with its socket.
+struct Run {
+    gateway: Gateway,
+    socket: DisSocket,
+    report: Report,
+    buffer: Vec<u8>,
+    /// Of a tick of the scene.
+    period: Duration,
+}
+
+/// Longest time for last states that wait for the rate limit.
+const LEAVE_MAX: Duration = Duration::from_secs(2);
+
+impl Run {
+    /// Carries both ways until it is stopped.
+    fn serve(&mut self, clock: &mut StampClock, stopped: &AtomicBool) -> Result<(), String> {
+        let mut next = clock.now();
+        while !stopped.load(Ordering::Relaxed) {
+            let handled = self.gateway.handle_time(clock.now());
+            handled.map_err(|error| error.to_string())?;
+            self.send_all();
+            next = (next + self.period).max(clock.now());
+            loop {
+                let left = next.saturating_sub(clock.now());
+                let received = self.socket.receive(&mut self.buffer, left);
+                if let Some(bytes) = received.map_err(|cause| format!("receiving: {cause}"))? {
+                    self.report.received(bytes);
+                    let datagram = &self.buffer[..bytes];
+                    let handled = self.gateway.handle_datagram(clock.now(), datagram);
+                    if let Err(malformed) = handled {
+                        self.report.malformed(&malformed);
+                    }
+                }
+                if clock.now() >= next {
+                    break;
+                }
+            }
+            if let Some(line) = self.report.line(clock.now(), &self.gateway.statistics()) {
+                say(&line);
+            }
+        }
+        Ok(())
+    }
+
+    /// Sends the last states, within two seconds, and removes the bodies of entities.
+    fn leave(&mut self, clock: &mut StampClock) -> Result<(), String> {
+        let begun = clock.now();
+        loop {
+            let left = self.gateway.leave(clock.now());
+            self.send_all();
+            let waiting = left.map_err(|error| error.to_string())?;
+            if waiting == 0 {
+                return Ok(());
+            }
+            if clock.now().saturating_sub(begun) >= LEAVE_MAX {
+                return Err(format!(
+                    "{waiting} bodies left without a last state: --states-per-second is too low for them"
+                ));
+            }
+            // What still arrives is for no one.
+            let received = self.socket.receive(&mut self.buffer, self.period);
+            received.map_err(|cause| format!("receiving: {cause}"))?;
+        }
+    }
+
+    fn send_all(&mut self) {
+        while let Some(bytes) = self.gateway.poll_datagram(&mut self.buffer) {
+            let sent = self.socket.send(&self.buffer[..bytes]);
+            self.report.sent(bytes, sent);
+        }
     }
 }

@@ -91,7 +91,7 @@ pub struct PublisherConfig {
     pub base: TimeBase,
     /// Most bytes of a datagram; a bundle holds as many states as fit, and one at least.
     pub datagram_bytes: usize,
-    /// Most states a second; what waits is sent later, the largest errors first. Last states wait too.
+    /// Most states a second; what waits is sent later, the largest errors first, and last states before all others.
     pub states_per_second: u32,
 }
 
@@ -155,6 +155,14 @@ impl Publisher {
         self.allowance = (self.allowance + passed * most).min(most);
         self.before = Some(now);
         self.leave(bodies);
+        while self.allowance >= 1.0 {
+            let Some(state) = self.leaving.pop_front() else {
+                break;
+            };
+            self.names.free(state.id.entity);
+            self.queue.push_back((state, now));
+            self.allowance -= 1.0;
+        }
         let mut due = Vec::new();
         for body in bodies {
             if let Some(urgency) = self.urgency(now, body) {
@@ -174,14 +182,6 @@ impl Publisher {
                 };
                 *count += 1;
             }
-        }
-        while self.allowance >= 1.0 {
-            let Some(state) = self.leaving.pop_front() else {
-                break;
-            };
-            self.names.free(state.id.entity);
-            self.queue.push_back((state, now));
-            self.allowance -= 1.0;
         }
     }
 
@@ -204,6 +204,12 @@ impl Publisher {
             self.queue.pop_front();
         }
         (bytes > 0).then_some(bytes)
+    }
+
+    /// Last states that wait for the rate limit.
+    #[must_use]
+    pub fn leaving(&self) -> usize {
+        self.leaving.len()
     }
 
     /// Counts since the start.
@@ -586,6 +592,34 @@ mod tests {
             .collect();
         assert_eq!(names, [2, 4]);
         assert_eq!(publisher.statistics().delayed, 2);
+    }
+
+    #[test]
+    fn a_last_state_does_not_wait_behind_bodies_that_are_always_due() {
+        let mut publisher = Publisher::new(PublisherConfig {
+            states_per_second: 10,
+            ..config()
+        });
+        let mut bodies: Vec<_> = (0..10).map(ball).collect();
+        publisher.handle_bodies(seconds(0.0), &bodies);
+        assert_eq!(sent(&mut publisher).concat().len(), 10 * 144);
+        bodies.remove(0);
+        for tenth in 1..=3 {
+            bodies.iter_mut().for_each(|body| body.position.z += 5.0);
+            publisher.handle_bodies(seconds(0.11 * f64::from(tenth)), &bodies);
+            let datagram = sent(&mut publisher).concat();
+            let pdu = Pdu::decode(&datagram).expect("one state");
+            let Body::EntityState(state) = pdu.body else {
+                panic!("a state")
+            };
+            let is_last = state.kinematics.appearance == DEACTIVATED;
+            assert_eq!(is_last, tenth == 1, "state {tenth}");
+        }
+        // At the end all leave at once, as fast as the limit lets them.
+        publisher.handle_bodies(seconds(0.45), &[]);
+        assert_eq!(publisher.leaving(), 8);
+        publisher.handle_bodies(seconds(1.45), &[]);
+        assert_eq!(publisher.leaving(), 0);
     }
 
     #[test]

@@ -101,6 +101,7 @@ impl Report {
                 new.received.no_place - old.received.no_place,
             ),
             ("beyond reach", new.beyond as u64),
+            ("unfit for a body", new.unfit as u64),
             ("refused", new.refused - old.refused),
             ("denied", new.denied - old.denied),
         ];

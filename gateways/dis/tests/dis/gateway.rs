@@ -7,7 +7,7 @@ use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4};
 use std::time::Duration;
 
 use glam::{DQuat, DVec3, Vec3};
-use rhumb_client::scene::{BodyDesc, Shape};
+use rhumb_client::scene::{BodyDesc, Command, Shape};
 use rhumb_client::{
     BodyId, Client, JoinMode, JoinOptions, LocalServer, PipelineDepth, Refusals, StreamChoice,
     Tolerance,
@@ -21,6 +21,8 @@ use rhumb_dis::published::{Kind, Observed, Publisher, PublisherConfig, predicted
 use rhumb_dis::rules::Rules;
 use rhumb_dis::socket::{DisSocket, PortUse, SocketOptions};
 use rhumb_dis::timestamp::TimeBase;
+use rhumb_protocol::Instant;
+use rhumb_scene::{Limits, SceneRouter, SceneSettings};
 
 const AXES: SceneAxes = SceneAxes::YUp;
 /// Eleven seconds before the full hour, which the tests pass.
@@ -82,7 +84,10 @@ fn socket(to: Option<u16>) -> (DisSocket, u16) {
 
 /// A scene with its leader, who steps it, and a gateway's member.
 fn scene() -> (Client, Client) {
-    let server = LocalServer::new();
+    scene_of(&LocalServer::new())
+}
+
+fn scene_of(server: &LocalServer) -> (Client, Client) {
     let leader = server.connect().join("field").expect("it is created");
     let options = JoinOptions {
         mode: JoinMode::Join,
@@ -96,11 +101,16 @@ fn scene() -> (Client, Client) {
 }
 
 fn gateway(client: Client, application: u16) -> Gateway {
+    gateway_of(client, publisher(application))
+}
+
+fn gateway_of(client: Client, publisher: PublisherConfig) -> Gateway {
+    let application = publisher.application;
     let mut rules = Rules::new(Kind::default(), Shape::ball(0.5));
     let text = "[[entity]]\nentity-type = \"1.1.*.*\"\nshape = \"cuboid:1,0.5,0.5\"";
     rules.add(text).expect("sound rules");
     let config = GatewayConfig {
-        publisher: Some(publisher(application)),
+        publisher: Some(publisher),
         foreign: Some(foreign(application)),
         rules,
         reach: 5_000.0,
@@ -331,4 +341,159 @@ fn an_entity_beyond_reach_has_no_body() {
         (gateway.statistics().beyond, leader.view().ids().len()),
         (1, 0)
     );
+}
+
+/// Hands the states of a publisher to a gateway.
+fn hand(from: &mut Publisher, bodies: &[Observed], to: &mut Gateway, now: Duration) {
+    let mut buffer = [0; 2_000];
+    from.handle_bodies(now, bodies);
+    while let Some(bytes) = from.poll_datagram(&mut buffer) {
+        assert_eq!(to.handle_datagram(now, &buffer[..bytes]), Ok(()));
+    }
+}
+
+/// Two vehicles side by side.
+fn column(step: u32) -> [Observed; 2] {
+    let one = vehicle(step);
+    let beside = DVec3::new(0.0, 0.0, 8.0);
+    let other = Observed {
+        key: 2,
+        position: one.position + beside,
+        ..one
+    };
+    [one, other]
+}
+
+/// The bodies of the scene on either side of the line between the two of a column.
+fn lanes(leader: &Client) -> [Option<BodyId>; 2] {
+    let view = leader.view();
+    let places = view.ids().iter().zip(view.positions());
+    let mut lanes = [None; 2];
+    for (id, at) in places {
+        lanes[usize::from(at.z > 4.0)] = Some(*id);
+    }
+    lanes
+}
+
+#[test]
+fn a_body_that_another_member_removes_comes_back_and_the_others_go_on() {
+    let (mut leader, member) = scene();
+    let mut gateway = gateway(member, 1);
+    let mut other = Publisher::new(publisher(2));
+    let mut removed = None;
+    for step in 0..240 {
+        let now = moment(step);
+        hand(&mut other, &column(step), &mut gateway, now);
+        gateway.handle_time(now).expect("the scene is there");
+        if step == 60 {
+            let [_, id] = lanes(&leader);
+            removed = id;
+            let id = id.expect("the vehicle has a body");
+            let remove = Command::RemoveBody { id };
+            leader.command(remove).expect("it is queued");
+        }
+        leader.advance(PipelineDepth::LOCKSTEP).expect("a tick");
+        let [first, second] = lanes(&leader);
+        if step > 30 {
+            let (at, _) = pose(&leader, first.expect("it is never touched"));
+            let off = at.distance(column(step)[0].position);
+            assert!(off < 0.2, "{off} m off at step {step}");
+        }
+        if (70..110).contains(&step) {
+            assert_eq!(second, None, "it comes back a second later");
+        }
+    }
+    let [_, second] = lanes(&leader);
+    assert!(second != removed, "it is another body");
+    let (at, _) = pose(&leader, second.expect("it came back"));
+    let off = at.distance(column(239)[1].position);
+    assert!(off < 0.2, "{off} m off");
+    assert_eq!(gateway.statistics().entities, 2);
+}
+
+#[test]
+fn a_body_that_the_server_refuses_takes_the_authority_over_no_other() {
+    let settings = SceneSettings {
+        limits: Limits {
+            bodies_per_scene: 1,
+            ..Limits::default()
+        },
+        ..SceneSettings::new(|| Instant::ZERO)
+    };
+    let (mut leader, member) = scene_of(&LocalServer::of(SceneRouter::new(settings)));
+    let mut gateway = gateway(member, 1);
+    let mut other = Publisher::new(publisher(2));
+    for step in 0..240 {
+        let now = moment(step);
+        hand(&mut other, &column(step), &mut gateway, now);
+        gateway.handle_time(now).expect("the scene is there");
+        leader.advance(PipelineDepth::LOCKSTEP).expect("a tick");
+        if step > 90 {
+            let [first, second] = lanes(&leader);
+            assert_eq!(second, None, "the scene has room for one");
+            let (at, _) = pose(&leader, first.expect("it has a body"));
+            let off = at.distance(column(step)[0].position);
+            assert!(off < 0.2, "{off} m off at step {step}");
+        }
+    }
+    let statistics = gateway.statistics();
+    assert_eq!(statistics.entities, 1);
+    // It is tried again each second, not each tick.
+    let refused = statistics.refused;
+    assert!((2..=5).contains(&refused), "{refused} refusals in 4 s");
+}
+
+#[test]
+fn an_entity_that_no_body_can_follow_is_counted_and_ends_nothing() {
+    let (mut leader, member) = scene();
+    let mut gateway = gateway(member, 1);
+    let mut other = Publisher::new(publisher(2));
+    for step in 0..120 {
+        let now = moment(step);
+        let mut bodies = column(step);
+        // Three times the speed of sound, and more than a scene's bodies have.
+        let is_fast = (40..80).contains(&step);
+        if is_fast {
+            bodies[1].velocity.x = 1_100.0;
+            bodies[1].position.y += 2.0;
+        }
+        hand(&mut other, &bodies, &mut gateway, now);
+        gateway.handle_time(now).expect("the scene is there");
+        leader.advance(PipelineDepth::LOCKSTEP).expect("a tick");
+        let unfit = gateway.statistics().unfit;
+        if (60..80).contains(&step) {
+            assert_eq!(unfit, 1, "step {step}");
+        }
+        if step > 110 {
+            assert_eq!(unfit, 0, "step {step}");
+            let (at, _) = pose(&leader, lanes(&leader)[1].expect("it has a body"));
+            let off = at.distance(column(step)[1].position);
+            assert!(off < 0.2, "{off} m off at step {step}");
+        }
+    }
+}
+
+#[test]
+fn leaving_removes_the_bodies_and_says_how_many_last_states_wait() {
+    let (mut leader, member) = scene();
+    for place in 0..5 {
+        let ball = BodyDesc::dynamic(Shape::ball(0.3)).at(2.0 * place as f32, 8.0, 0.0);
+        leader.add_body(ball).expect("a ball");
+    }
+    let slow = PublisherConfig {
+        states_per_second: 5,
+        ..publisher(1)
+    };
+    let mut slow = gateway_of(member, slow);
+    let mut buffer = [0; 2_000];
+    let mut count = 0;
+    leader.advance(PipelineDepth::LOCKSTEP).expect("a tick");
+    slow.handle_time(moment(0)).expect("the scene is there");
+    while slow.poll_datagram(&mut buffer).is_some() {
+        count += 1;
+    }
+    assert_eq!(count, 1, "five states fit a datagram");
+    assert_eq!(slow.leave(moment(0)).expect("the scene is there"), 5);
+    assert_eq!(slow.leave(moment(30)).expect("the scene is there"), 3);
+    assert_eq!(slow.leave(moment(120)).expect("the scene is there"), 0);
 }
