@@ -10,8 +10,8 @@ use clap::Args;
 use glam::{DQuat, DVec3};
 
 use crate::output::print_text;
-use crate::recording::fit::{self, BodyPath, Found};
-use crate::recording::{Recording, RecordingSource};
+use crate::recording::fit::{self, BodyPath, Found, Paths};
+use crate::recording::{Recording, RecordingSource, Velocities};
 use crate::task::{Failure, ended};
 
 /// Arguments: the recording.
@@ -36,19 +36,25 @@ fn check_one(arguments: &Check) -> Result<(), Failure> {
 #[must_use]
 pub fn findings(recording: &Recording) -> Vec<String> {
     let paths = fit::paths(recording);
-    let found = fit::find(recording, &paths);
+    let Paths { bodies, frames } = &paths;
+    let found = fit::find(recording, bodies);
     let rate = recording.integrator.rate;
     let mut lines = vec![format!(
         "{} bodies that can move, {} frames at {:.6} Hz; {} of {} moving poses are of bodies in free motion",
-        paths.len(),
+        bodies.len(),
         recording.ticks() + 1,
         f64::from(rate.ticks()) / f64::from(rate.seconds()),
         found.free[0],
         found.free[1],
     )];
     let mut warnings = Vec::new();
+    if *frames <= recording.ticks() as usize {
+        lines.push(format!(
+            "the first {frames} frames are looked at: later ones of so many bodies need too much memory"
+        ));
+    }
     engine(recording, &found, &mut lines, &mut warnings);
-    velocities(recording, &paths, &mut lines, &mut warnings);
+    velocities(recording, bodies, &mut lines, &mut warnings);
     lines.extend(warnings.into_iter().map(|text| format!("warning: {text}")));
     lines
 }
@@ -285,7 +291,7 @@ fn velocities(
     lines: &mut Vec<String>,
     warnings: &mut Vec<String>,
 ) {
-    if recording.notes.iter().any(|note| note.contains("fitted")) {
+    if recording.velocities == Velocities::Fitted {
         warnings.push("the file has no velocities; those that are fitted cost more updates than an engine's own".to_owned());
         return;
     }
@@ -383,7 +389,7 @@ mod tests {
     #[test]
     fn gravity_substeps_and_moments_are_found_in_poses_and_velocities() {
         let recording = rows(|_| ());
-        let found = fit::find(&recording, &fit::paths(&recording));
+        let found = fit::find(&recording, &fit::paths(&recording).bodies);
         let gravity = found.gravity.expect("it falls");
         assert!((gravity - DVec3::NEG_Y * 9.81).length() < 0.02, "{gravity}");
         assert_eq!(found.fall.and_then(fit::substeps), Some(1));
@@ -450,7 +456,7 @@ mod tests {
             let arm = DQuat::from_slice(&row[3..7]) * DVec3::new(0.05, 0.0, -0.02);
             (0..3).for_each(|axis| row[axis] -= arm[axis]);
         });
-        let found = fit::find(&recording, &fit::paths(&recording));
+        let found = fit::find(&recording, &fit::paths(&recording).bodies);
         assert_eq!(found.centres.len(), 2);
         let centre = found.centres.values().next().expect("two");
         assert!(
@@ -458,7 +464,7 @@ mod tests {
             "{centre}"
         );
         fit::apply(&mut recording, &found);
-        let found = fit::find(&recording, &fit::paths(&recording));
+        let found = fit::find(&recording, &fit::paths(&recording).bodies);
         assert!(found.centres.is_empty(), "{:?}", found.centres);
         assert_eq!(recording.inertias.len(), 2);
         assert!((recording.gravity.y + 9.81).abs() < 0.02);

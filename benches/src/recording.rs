@@ -41,7 +41,7 @@ pub use error::{Place, RecordingError, RowDefect};
 pub use npy::NpyError;
 pub use options::{MissingPoses, QuaternionOrder, ReadOptions, ShapeChoice};
 pub(crate) use recorded::first_track;
-pub use recorded::{Recording, ScriptOrigin};
+pub use recorded::{Recording, ScriptOrigin, Velocities};
 pub use rhtrace2::write as write_rhtrace;
 
 /// The first bytes of what zstd packs.

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use glam::Vec3;
+use rhumb_protocol::limits::{GRAVITY_MAX, SUBSTEPS_MAX};
 use rhumb_reckoning::{Damping, Metres, Radians, Rate, Tolerance};
 
 use super::fit;
@@ -50,7 +51,7 @@ pub struct RecordingSource {
     #[arg(long, value_parser = damping)]
     damping: Option<Damping>,
     /// Substeps of the recorded engine, if they differ from the recording's scene.
-    #[arg(long)]
+    #[arg(long, value_parser = substeps)]
     substeps: Option<NonZeroU32>,
 }
 
@@ -82,8 +83,10 @@ impl RecordingSource {
         let mut recording = read(&self.trace, &options)?;
         print_notes(&recording);
         if self.fit {
-            let found = fit::find(&recording, &fit::paths(&recording));
+            let found = fit::find(&recording, &fit::paths(&recording).bodies);
+            let known = recording.notes.len();
             fit::apply(&mut recording, &found);
+            print_some_notes(&recording, known);
         }
         recording.damping = self.damping.unwrap_or(recording.damping);
         recording.integrator.substeps = self.substeps.unwrap_or(recording.integrator.substeps);
@@ -93,10 +96,22 @@ impl RecordingSource {
 
 /// Prints the facts that a file lacks to standard error.
 pub(crate) fn print_notes(recording: &Recording) {
-    for note in &recording.notes {
+    print_some_notes(recording, 0);
+}
+
+/// Prints the notes from this one on.
+fn print_some_notes(recording: &Recording, first: usize) {
+    for note in &recording.notes[first..] {
         // If standard error is closed, no other place is left to report to.
         let _ = writeln!(io::stderr(), "note: {}: {note}", recording.name);
     }
+}
+
+/// Parses a number of substeps.
+fn substeps(text: &str) -> Result<NonZeroU32, String> {
+    let count: Option<NonZeroU32> = text.parse().ok();
+    let count = count.filter(|count| count.get() <= SUBSTEPS_MAX);
+    count.ok_or_else(|| format!("must be a whole number from 1 to {SUBSTEPS_MAX}"))
 }
 
 /// Parses `0,-9.81,0`.
@@ -106,8 +121,10 @@ fn gravity(text: &str) -> Result<Vec3, String> {
         Ok(&[x, y, z]) => Some(Vec3::new(x, y, z)),
         _ => None,
     };
-    let gravity = gravity.filter(|gravity| gravity.is_finite());
-    gravity.ok_or_else(|| "must be three numbers, x,y,z".to_owned())
+    // NaN is none.
+    let is_gravity = |of: &Vec3| of.is_finite() && of.abs().max_element() <= GRAVITY_MAX;
+    let gravity = gravity.filter(is_gravity);
+    gravity.ok_or_else(|| format!("must be three numbers, x,y,z, up to {GRAVITY_MAX} m/s²"))
 }
 
 /// Parses `0.1,0.05`.

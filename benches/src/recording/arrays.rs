@@ -6,6 +6,7 @@
 use std::collections::BTreeMap;
 
 use glam::{DQuat, DVec3, Vec3};
+use rhumb_protocol::limits::{DAMPING_MAX, GRAVITY_MAX, SUBSTEPS_MAX};
 use rhumb_protocol::scene::Shape;
 use rhumb_reckoning::Inertia;
 
@@ -13,7 +14,7 @@ use super::error::{Place, RecordingError, RowDefect};
 use super::npy::{self, Array};
 use super::options::{QuaternionOrder, ReadOptions};
 use super::poses::{TimedPose, TimedPoses};
-use super::recorded::Recording;
+use super::recorded::{FRAMES_MAX, Recording};
 
 /// Names of the times, seconds.
 const TIMES: [&str; 3] = ["time", "t", "timestamp"];
@@ -30,7 +31,8 @@ pub(super) fn read_archive(
     bytes: &[u8],
     options: &ReadOptions,
 ) -> Result<Recording, RecordingError> {
-    Arrays(npy::read_archive(bytes)?).recording(name, options)
+    let npy::Archive { arrays, names } = npy::read_archive(bytes, &KNOWN)?;
+    Arrays { arrays, names }.recording(name, options)
 }
 
 /// Reads one array: rows of time, position and rotation, of one body; velocities may follow.
@@ -78,11 +80,53 @@ pub(super) fn read_array(
         all.insert("linear".to_owned(), part(8, 11));
         all.insert("angular".to_owned(), part(11, 14));
     }
-    Arrays(all).recording(name, options)
+    let names = all.keys().cloned().collect();
+    Arrays { arrays: all, names }.recording(name, options)
 }
 
-/// The arrays of an archive, by name.
-struct Arrays(BTreeMap<String, Array>);
+/// The arrays of an archive.
+struct Arrays {
+    /// Those that are known, by name.
+    arrays: BTreeMap<String, Array>,
+    /// The names of all.
+    names: Vec<String>,
+}
+
+/// Names of all arrays that are read; others, such as pictures, are not unpacked.
+const KNOWN: [&str; 32] = [
+    "time",
+    "t",
+    "timestamp",
+    "timestep",
+    "dt",
+    "step",
+    "gravity",
+    "substeps",
+    "linear_damping",
+    "angular_damping",
+    "qpos",
+    "qvel",
+    "position",
+    "positions",
+    "pos",
+    "xpos",
+    "quat_xyzw",
+    "quat_wxyz",
+    "xquat",
+    "rotation",
+    "rotations",
+    "quaternion",
+    "orientation",
+    "quat",
+    "linear",
+    "linear_velocity",
+    "velocity",
+    "angular",
+    "angular_velocity",
+    "half_extents",
+    "radius",
+    "inertia",
+];
 
 /// The arrays that hold the poses.
 struct Columns<'a> {
@@ -106,14 +150,31 @@ enum Strides {
 }
 
 impl Arrays {
+    fn get(&self, name: &str) -> Option<&Array> {
+        debug_assert!(KNOWN.contains(&name), "{name} is not unpacked");
+        self.arrays.get(name)
+    }
+
     fn first(&self, names: &[&'static str]) -> Option<(&'static str, &Array)> {
-        names
-            .iter()
-            .find_map(|name| Some((*name, self.0.get(*name)?)))
+        names.iter().find_map(|name| Some((*name, self.get(name)?)))
+    }
+
+    /// Nothing among the arrays is poses.
+    fn no_poses(&self) -> RecordingError {
+        let found = self.names.clone();
+        RecordingError::Arrays { found }
     }
 
     fn recording(&self, name: &str, options: &ReadOptions) -> Result<Recording, RecordingError> {
         let columns = self.columns(options)?;
+        // An array without numbers may claim any other length.
+        if columns.bodies == 0 {
+            return Err(RecordingError::NoTruth);
+        }
+        if columns.frames > FRAMES_MAX as usize {
+            let frames = u32::try_from(columns.frames).unwrap_or(u32::MAX);
+            return Err(RecordingError::Frames { frames });
+        }
         let times = self.times(columns.frames)?;
         let mut poses = TimedPoses::default();
         for body in 0..columns.bodies {
@@ -127,41 +188,56 @@ impl Arrays {
                 poses.poses.extend(columns.pose(frame, body, at_ns));
             }
         }
-        let gravity = self.0.get("gravity").map(|array| array.values.as_slice());
+        let gravity = self.get("gravity").map(|array| array.values.as_slice());
         let gravity = match gravity {
             Some(&[x, y, z]) => Some(DVec3::new(x, y, z).as_vec3()),
             _ => None,
         };
+        // NaN is none.
+        let is_gravity = |of: Vec3| of.is_finite() && of.abs().max_element() <= GRAVITY_MAX;
+        if gravity.is_some_and(|gravity| !is_gravity(gravity)) {
+            return Err(out_of_range("gravity", "gravity"));
+        }
         let options = ReadOptions {
             gravity: options.gravity.or(gravity),
             ..options.clone()
         };
         let mut recording = poses.recording(name, &options)?;
-        self.engine(&mut recording);
+        self.engine(&mut recording)?;
         Ok(recording)
     }
 
     /// Takes substeps and damping, as far as they are stated.
-    fn engine(&self, recording: &mut Recording) {
-        let scalar = |name: &str| self.0.get(name)?.values.first().copied();
-        let substeps =
-            scalar("substeps").and_then(|number| std::num::NonZeroU32::new(number as u32));
-        recording.integrator.substeps = substeps.unwrap_or(recording.integrator.substeps);
-        let damping = |name, default| {
-            let stated = scalar(name).filter(|number| (0.0..=1_000.0).contains(number));
-            stated.map_or(default, |number| number as f32)
+    ///
+    /// # Errors
+    ///
+    /// [`RecordingError::Row`] for a number beyond those of a scene.
+    fn engine(&self, recording: &mut Recording) -> Result<(), RecordingError> {
+        let scalar = |name: &'static str, range: std::ops::RangeInclusive<f64>| {
+            let stated = self.get(name).and_then(|array| array.values.first());
+            match stated {
+                Some(number) if !range.contains(number) => Err(out_of_range(name, name)),
+                stated => Ok(stated.copied()),
+            }
         };
-        recording.damping.linear = damping("linear_damping", recording.damping.linear);
-        recording.damping.angular = damping("angular_damping", recording.damping.angular);
+        let substeps = scalar("substeps", 1.0..=f64::from(SUBSTEPS_MAX))?;
+        let substeps = substeps.and_then(|number| std::num::NonZeroU32::new(number as u32));
+        recording.integrator.substeps = substeps.unwrap_or(recording.integrator.substeps);
+        let damping = 0.0..=f64::from(DAMPING_MAX);
+        if let Some(linear) = scalar("linear_damping", damping.clone())? {
+            recording.damping.linear = linear as f32;
+        }
+        if let Some(angular) = scalar("angular_damping", damping)? {
+            recording.damping.angular = angular as f32;
+        }
+        Ok(())
     }
 
     fn columns(&self, options: &ReadOptions) -> Result<Columns<'_>, RecordingError> {
         if let Some((name, array)) = self.first(&["qpos"]) {
             return self.joints((name, array));
         }
-        let needed = || RecordingError::Arrays {
-            found: self.0.keys().cloned().collect(),
-        };
+        let needed = || self.no_poses();
         let names = ["position", "positions", "pos", "xpos"];
         let position = self.first(&names).ok_or_else(needed)?;
         let ordered = [
@@ -170,7 +246,7 @@ impl Arrays {
             ("xquat", QuaternionOrder::Wxyz),
         ];
         let mut ordered = ordered.iter();
-        let found = ordered.find_map(|(name, order)| Some((*name, self.0.get(*name)?, *order)));
+        let found = ordered.find_map(|(name, order)| Some((*name, self.get(name)?, *order)));
         let (rotation, order) = match found {
             Some((name, array, order)) => ((name, array), order),
             None => {
@@ -223,7 +299,7 @@ impl Arrays {
                 return Err(wrong("qpos", needed));
             }
         };
-        let velocities = match self.0.get("qvel") {
+        let velocities = match self.get("qvel") {
             None => None,
             Some(qvel) if qvel.shape == [frames, 6 * bodies] => Some((qvel, qvel, true)),
             Some(_) => {
@@ -251,9 +327,7 @@ impl Arrays {
                 .first(&STEPS)
                 .and_then(|(_, array)| array.values.first());
             let step = step.filter(|step| step.is_finite() && **step > 0.0);
-            let step = *step.ok_or(RecordingError::Arrays {
-                found: self.0.keys().cloned().collect(),
-            })?;
+            let step = *step.ok_or_else(|| self.no_poses())?;
             let moment = |frame: usize| (frame as f64 * step * 1e9).round() as i64;
             return Ok((0..frames).map(moment).collect());
         };
@@ -283,8 +357,8 @@ impl Arrays {
     }
 
     fn shape(&self, body: usize) -> Option<Shape> {
-        let numbers = |name: &str, count: usize| {
-            let values = &self.0.get(name)?.values;
+        let numbers = |name: &'static str, count: usize| {
+            let values = &self.get(name)?.values;
             values.get(count * body..count * (body + 1))
         };
         let cuboid = numbers("half_extents", 3).map(|half| Shape::Cuboid {
@@ -299,7 +373,7 @@ impl Arrays {
 
     /// Moments about the axes of the body.
     fn inertia(&self, body: usize) -> Result<Option<Inertia>, RecordingError> {
-        let Some(array) = self.0.get("inertia") else {
+        let Some(array) = self.get("inertia") else {
             return Ok(None);
         };
         let moments = array.values.get(3 * body..3 * (body + 1));
@@ -371,6 +445,14 @@ impl Columns<'_> {
     }
 }
 
+/// A number of an array that stands for the whole recording.
+fn out_of_range(array: &str, of: &'static str) -> RecordingError {
+    RecordingError::Row {
+        place: place(array, 0, 0),
+        defect: RowDefect::OutOfRange { of },
+    }
+}
+
 fn place(array: &str, frame: usize, body: usize) -> Place {
     Place::Element {
         array: array.to_owned(),
@@ -406,7 +488,7 @@ fn other_shape(array: &str, beside: &str) -> RecordingError {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use std::io::Write as _;
 
     use super::*;
@@ -414,7 +496,7 @@ mod tests {
     use crate::recording::read_bytes;
 
     /// An archive without packing, as `numpy.savez` writes it.
-    fn archive(members: &[(&str, Vec<u8>)]) -> Vec<u8> {
+    pub(in crate::recording) fn archive(members: &[(&str, Vec<u8>)]) -> Vec<u8> {
         let mut bytes = Vec::new();
         let mut archive = rawzip::ZipArchiveWriter::new(&mut bytes);
         for (name, member) in members {
@@ -526,6 +608,49 @@ mod tests {
             error.starts_with("of the arrays time none are poses"),
             "{error}"
         );
+    }
+
+    #[test]
+    fn arrays_that_claim_lengths_without_numbers_take_no_memory() {
+        let step = ("timestep", written("()", &[0.01]));
+        for shape in [
+            "(100000000000, 0, 3)",
+            "(18446744073709551615, 0, 3)",
+            "(0, 9, 3)",
+        ] {
+            let quaternions = shape.replace('3', "4");
+            let members = [
+                step.clone(),
+                ("position", written(shape, &[])),
+                ("quat_xyzw", written(&quaternions, &[])),
+            ];
+            let error = read(&members, &ReadOptions::default()).expect_err(shape);
+            assert!(!error.to_string().is_empty());
+        }
+    }
+
+    #[test]
+    fn numbers_of_the_engine_beyond_a_scene_s_are_refused_by_name() {
+        let qpos = frames(10, |frame| vec![0.01 * frame, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0]);
+        let whole = [
+            ("qpos", written("(10, 7)", &qpos)),
+            ("timestep", written("()", &[0.01])),
+        ];
+        for (name, numbers) in [
+            ("substeps", vec![0.0]),
+            ("substeps", vec![1e9]),
+            ("substeps", vec![f64::NAN]),
+            ("linear_damping", vec![-1.0]),
+            ("angular_damping", vec![f64::INFINITY]),
+            ("gravity", vec![0.0, f64::NAN, 0.0]),
+            ("gravity", vec![0.0, 0.0, -1e4]),
+        ] {
+            let shape = format!("({},)", numbers.len());
+            let mut members = whole.to_vec();
+            members.push((name, written(&shape, &numbers)));
+            let error = read(&members, &ReadOptions::default()).expect_err(name);
+            assert!(error.to_string().contains(name), "{error}");
+        }
     }
 
     #[test]

@@ -53,13 +53,20 @@ pub enum RecordingError {
     },
     /// The frame count exceeds the limit.
     Frames {
-        /// Frame count stated by the file.
+        /// Frame count stated by the file, as far as 32 bits hold it.
         frames: u32,
     },
     /// The step is none of a rate from 1 to 1000 Hz.
     Step {
         /// The step, seconds.
         step_s: f64,
+    },
+    /// More poses would be made of those of the file than it may take.
+    Poses {
+        /// Poses that would be made.
+        made: u64,
+        /// Most that are.
+        most: u64,
     },
     /// The times of poses keep no constant rate.
     NoRate {
@@ -358,6 +365,10 @@ impl RecordingError {
             Self::Step { step_s } => {
                 write!(f, "{step_s} s is the step of no rate from 1 to 1000 Hz")
             }
+            Self::Poses { made, most } => write!(
+                f,
+                "the file would become {made} poses, and at most {most} are made of it: a lower --resample makes fewer"
+            ),
             Self::NoRate {
                 step_s,
                 share,
@@ -483,6 +494,7 @@ impl RecordingError {
             | Self::Long { .. }
             | Self::Frames { .. }
             | Self::Step { .. }
+            | Self::Poses { .. }
             | Self::NoRate { .. }
             | Self::Number { .. }
             | Self::Extents { .. }

@@ -9,6 +9,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use glam::{DMat3, DQuat, DVec3};
+use rhumb_protocol::limits::{DAMPING_MAX, GRAVITY_MAX};
 use rhumb_protocol::scene::BodyKind;
 use rhumb_protocol::stream::Observation;
 use rhumb_reckoning::{BodyId, BodyState, Inertia};
@@ -26,12 +27,32 @@ pub(crate) struct BodyPath {
 }
 
 /// The states of all bodies that can move, frame by frame.
-pub(crate) fn paths(recording: &Recording) -> Vec<BodyPath> {
+pub(crate) struct Paths {
+    pub(crate) bodies: Vec<BodyPath>,
+    /// Frames from the first that were read.
+    pub(crate) frames: usize,
+}
+
+/// Most states of all paths: a body that rests has no records and yet a state in each frame. More hardly change a fit.
+const STATES_MAX: usize = 10_000_000;
+
+/// The states of all bodies that can move, as long as there are not too many.
+pub(crate) fn paths(recording: &Recording) -> Paths {
+    paths_within(recording, STATES_MAX)
+}
+
+fn paths_within(recording: &Recording, most: usize) -> Paths {
     let truth = &recording.truth;
     let mut open: BTreeMap<BodyId, BodyPath> = BTreeMap::new();
     let mut done = Vec::new();
     let (mut placed, mut removed) = (0, 0);
+    let (mut states, mut frames) = (0, 0);
     for frame in 0..=truth.ticks.len() {
+        states += open.len();
+        if states > most {
+            break;
+        }
+        frames += 1;
         for path in open.values_mut() {
             path.states.extend(path.states.last().copied());
         }
@@ -71,7 +92,10 @@ pub(crate) fn paths(recording: &Recording) -> Vec<BodyPath> {
         }
     }
     done.extend(open.into_values());
-    done
+    Paths {
+        bodies: done,
+        frames,
+    }
 }
 
 /// The parameters that were found.
@@ -100,6 +124,9 @@ const ROUNDS: usize = 8;
 /// Distance of a centre from the origin that matters, as a share of the radius.
 const CENTRE_SHARE: f64 = 0.02;
 
+/// Largest distance of a centre of mass from the recorded place, metres.
+const CENTRE_MAX: f64 = 1_000.0;
+
 /// Most substeps that are distinguished.
 const SUBSTEPS_MAX: u32 = 8;
 
@@ -113,10 +140,38 @@ pub(crate) fn substeps(fall: f64) -> Option<u32> {
     nearest.filter(|count| (of(*count) - fall).abs() < 0.03)
 }
 
-/// Gives a recording the parameters that were found.
+/// Gives a recording the parameters that were found; a sentence for each that no scene can have, which stays as it was.
 pub(crate) fn apply(recording: &mut Recording, found: &Found) {
     let step_s = recording.integrator.rate.step().seconds();
-    if let Some(gravity) = found.gravity {
+    let mut beyond = |what: String| {
+        recording.notes.push(format!(
+            "{what} is beyond what a scene has, and is not taken"
+        ));
+    };
+    // NaN is none.
+    let is_gravity = |gravity: &DVec3| gravity.abs().max_element() <= f64::from(GRAVITY_MAX);
+    let gravity = found.gravity.filter(|gravity| {
+        let fits = is_gravity(gravity) && gravity.is_finite();
+        if !fits {
+            beyond(format!("gravity {gravity} m/s²"));
+        }
+        fits
+    });
+    let kept = found.kept.filter(|kept| {
+        let least = (1.0 + f64::from(DAMPING_MAX) * step_s).powf(-1.0 / step_s);
+        let fits = kept.iter().all(|kept| *kept >= least);
+        if !fits {
+            beyond(format!("what is kept of velocities in a second, {kept:?},"));
+        }
+        fits
+    });
+    let is_near = |centre: &DVec3| centre.length() <= CENTRE_MAX;
+    let far = found.centres.values().filter(|centre| !is_near(centre));
+    let far = far.count();
+    if far > 0 {
+        beyond(format!("the centre of mass of {far} bodies"));
+    }
+    if let Some(gravity) = gravity {
         // An even acceleration below what the fit can tell is none.
         let gravity = if gravity.length() < 0.02 {
             DVec3::ZERO
@@ -130,7 +185,7 @@ pub(crate) fn apply(recording: &mut Recording, found: &Found) {
         .and_then(substeps)
         .and_then(std::num::NonZeroU32::new);
     recording.integrator.substeps = count.unwrap_or(recording.integrator.substeps);
-    if let Some(kept) = found.kept {
+    if let Some(kept) = kept {
         let [linear, angular] = kept.map(|kept| {
             let tick = kept.powf(step_s).min(1.0);
             let damping = (1.0 / tick - 1.0) / step_s;
@@ -157,7 +212,8 @@ pub(crate) fn apply(recording: &mut Recording, found: &Found) {
         }
     }
     let centred = |observation: &mut Observation| {
-        if let Some(centre) = found.centres.get(&observation.id) {
+        let centre = found.centres.get(&observation.id);
+        if let Some(centre) = centre.filter(|centre| is_near(centre)) {
             let motion = observation.motion.motion();
             let at = motion.pose().position + motion.pose().rotation * *centre;
             let [_, _, _, x, y, z, w, vx, vy, vz, wx, wy, wz] = observation.motion.parts();
@@ -167,6 +223,7 @@ pub(crate) fn apply(recording: &mut Recording, found: &Found) {
                 [vx, vy, vz],
                 [wx, wy, wz],
             );
+            // Both are finite, and so is their sum.
             observation.motion = moved.unwrap_or(observation.motion);
         }
     };
@@ -474,4 +531,69 @@ fn fall_share(path: &BodyPath, frame: usize, gravity: DVec3, step_s: f64) -> Opt
     let moved = position(&path.states[frame + 1]) - position(&path.states[frame]);
     let beside = moved - velocity * step_s;
     Some(beside.dot(gravity / strength) / (strength * step_s * step_s))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::recording::{ReadOptions, read_bytes};
+
+    /// A body that falls, and one that rests, for some frames.
+    fn recording(frames: u32) -> Recording {
+        let mut text = "time,body,x,y,z,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz\n".to_owned();
+        for frame in 0..frames {
+            let y = f64::from(frame) * 0.1;
+            let x = 0.01 * f64::from(frame % 2);
+            text +=
+                &format!("{y},a,{y},0,0,0,0,0,1,1,0,0,0,0,0\n{y},b,{x},5,0,0,0,0,1,0,0,0,0,0,0\n");
+        }
+        read_bytes("r", text.as_bytes(), &ReadOptions::default()).expect("sound")
+    }
+
+    #[test]
+    fn the_states_of_paths_are_bounded_by_frames_from_the_first() {
+        let recording = recording(100);
+        let all = paths(&recording);
+        assert_eq!((all.frames, all.bodies.len()), (100, 2));
+        let few = paths_within(&recording, 60);
+        assert_eq!((few.frames, few.bodies.len()), (31, 2));
+        assert!(few.bodies.iter().all(|path| path.states.len() == 31));
+    }
+
+    #[test]
+    fn what_no_scene_can_have_is_not_taken_and_said() {
+        let before = recording(20);
+        let id = before.truth.placed[0].desc.id;
+        let wild = [
+            Found {
+                gravity: Some(DVec3::new(0.0, -2e3, 0.0)),
+                ..Found::default()
+            },
+            Found {
+                gravity: Some(DVec3::NAN),
+                ..Found::default()
+            },
+            Found {
+                kept: Some([1.0, 0.0]),
+                ..Found::default()
+            },
+            Found {
+                kept: Some([f64::NAN, 1.0]),
+                ..Found::default()
+            },
+            Found {
+                centres: BTreeMap::from([(id, DVec3::splat(1e300))]),
+                ..Found::default()
+            },
+        ];
+        for found in wild {
+            let mut recording = before.clone();
+            apply(&mut recording, &found);
+            assert_eq!(recording.gravity, before.gravity, "{found:?}");
+            assert_eq!(recording.damping, before.damping, "{found:?}");
+            assert_eq!(recording.truth.digest, before.truth.digest, "{found:?}");
+            let notes = recording.notes.len() - before.notes.len();
+            assert_eq!(notes, 1, "{found:?}");
+        }
+    }
 }

@@ -13,7 +13,7 @@ use rhumb_trace::{FileContents, SceneFacts, StatesReader, StoredChannel, TickSta
 
 use super::error::RecordingError;
 use super::options::{ReadOptions, rate_of_step};
-use super::recorded::{Recording, ScriptOrigin};
+use super::recorded::{Recording, ScriptOrigin, Velocities};
 use super::velocity::set_digest;
 use super::{foxglove, velocity};
 use crate::record::{Placed, Truth};
@@ -86,6 +86,7 @@ fn of_states(
             gravity: facts.gravity,
             damping: facts.damping,
             inertias: BTreeMap::new(),
+            velocities: Velocities::Recorded,
             notes: Vec::new(),
         },
         Origin::Script { name, played } => {
@@ -121,6 +122,7 @@ fn unstated(name: String, rate: Option<Rate>, truth: Truth) -> Recording {
         gravity: usual.gravity,
         damping: usual.damping,
         inertias: BTreeMap::new(),
+        velocities: Velocities::Recorded,
         notes: vec![
             "the file does not state the engine's gravity, damping and substeps: those of a new scene are taken"
                 .to_owned(),

@@ -15,7 +15,7 @@ pub(super) const MAGIC: &[u8] = b"\x93NUMPY";
 /// First bytes of an archive.
 pub(super) const ZIP: &[u8] = b"PK\x03\x04";
 
-/// Most bytes of all members of an archive.
+/// Most bytes of the arrays that are read of an archive, with 64 bits for each number.
 const BYTES_MAX: u64 = 2 << 30;
 
 /// The reason why an array is not read.
@@ -23,7 +23,7 @@ const BYTES_MAX: u64 = 2 << 30;
 pub enum NpyError {
     /// The archive is damaged.
     Archive(String),
-    /// The members have more bytes than are read.
+    /// The arrays have more bytes than are read.
     TooLarge,
     /// The header is none of NumPy's, or is cut.
     Header {
@@ -54,7 +54,10 @@ impl fmt::Display for NpyError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Archive(cause) => write!(f, "the .npz is damaged: {cause}"),
-            Self::TooLarge => write!(f, "the .npz has more than {BYTES_MAX} bytes"),
+            Self::TooLarge => write!(
+                f,
+                "the arrays of the .npz have more than {BYTES_MAX} bytes with 64 bits for each number"
+            ),
             Self::Header { array, defect } => write!(f, "array {array}: {defect}"),
             Self::Type { array, descr } => write!(
                 f,
@@ -83,17 +86,34 @@ pub(super) struct Array {
     pub(super) is_single: bool,
 }
 
-/// The arrays of an archive, by name; others than of numbers are left out.
-pub(super) fn read_archive(bytes: &[u8]) -> Result<BTreeMap<String, Array>, NpyError> {
+/// The arrays of an archive.
+#[derive(Debug, Default)]
+pub(super) struct Archive {
+    /// Those of numbers that were wanted, by name.
+    pub(super) arrays: BTreeMap<String, Array>,
+    /// The names of all.
+    pub(super) names: Vec<String>,
+}
+
+/// Reads the arrays of these names; others are not unpacked.
+pub(super) fn read_archive(bytes: &[u8], wanted: &[&str]) -> Result<Archive, NpyError> {
+    read_within(bytes, wanted, BYTES_MAX)
+}
+
+fn read_within(bytes: &[u8], wanted: &[&str], most: u64) -> Result<Archive, NpyError> {
     let damaged = |cause: &dyn fmt::Display| NpyError::Archive(cause.to_string());
     let archive = ZipArchive::from_slice(bytes).map_err(|cause| damaged(&cause))?;
     let mut entries = archive.entries();
-    let mut arrays = BTreeMap::new();
-    let mut left = BYTES_MAX;
+    let mut found = Archive::default();
+    let mut left = most;
     while let Some(entry) = entries.next_entry().map_err(|cause| damaged(&cause))? {
         let path = entry.file_path();
         let name = String::from_utf8_lossy(path.as_ref());
         let name = name.trim_end_matches(".npy").to_owned();
+        found.names.push(name.clone());
+        if !wanted.contains(&name.as_str()) {
+            continue;
+        }
         let local = archive
             .get_entry(entry.wayfinder())
             .map_err(|cause| damaged(&cause))?;
@@ -112,23 +132,60 @@ pub(super) fn read_archive(bytes: &[u8]) -> Result<BTreeMap<String, Array>, NpyE
         limited
             .read_to_end(&mut member)
             .map_err(|cause| damaged(&format!("{name}: {cause}")))?;
-        left = left
-            .checked_sub(member.len() as u64)
-            .ok_or(NpyError::TooLarge)?;
-        match read(&name, &member) {
-            Ok(array) => {
-                arrays.insert(name, array);
+        if member.len() as u64 > left {
+            return Err(NpyError::TooLarge);
+        }
+        match read_narrow(&name, &member) {
+            Ok(narrow) => {
+                // As it is kept, not as it is packed.
+                let wide = narrow.wide_bytes();
+                left = left.checked_sub(wide).ok_or(NpyError::TooLarge)?;
+                found.arrays.insert(name, narrow.widened());
             }
             // Names of bodies, say.
             Err(NpyError::Type { .. }) => {}
             Err(error) => return Err(error),
         }
     }
-    Ok(arrays)
+    Ok(found)
 }
 
 /// Reads an array.
 pub(super) fn read(name: &str, bytes: &[u8]) -> Result<Array, NpyError> {
+    Ok(read_narrow(name, bytes)?.widened())
+}
+
+/// An array as it is in its file.
+struct Narrow<'a> {
+    shape: Vec<usize>,
+    is_fortran: bool,
+    element: Element,
+    data: &'a [u8],
+}
+
+impl Narrow<'_> {
+    /// Bytes of its numbers once each has 64 bits.
+    const fn wide_bytes(&self) -> u64 {
+        (self.data.len() / self.element.bytes) as u64 * 8
+    }
+
+    fn widened(self) -> Array {
+        let elements = self.data.chunks_exact(self.element.bytes);
+        let values: Vec<f64> = elements.map(|one| self.element.value(one)).collect();
+        let values = if self.is_fortran {
+            transposed(&values, &self.shape)
+        } else {
+            values
+        };
+        Array {
+            shape: self.shape,
+            values,
+            is_single: self.element.kind == b'f' && self.element.bytes == 4,
+        }
+    }
+}
+
+fn read_narrow<'a>(name: &str, bytes: &'a [u8]) -> Result<Narrow<'a>, NpyError> {
     let wrong = |defect| NpyError::Header {
         array: name.to_owned(),
         defect,
@@ -178,21 +235,11 @@ pub(super) fn read(name: &str, bytes: &[u8]) -> Result<Array, NpyError> {
             bytes: data.len(),
         });
     }
-    let shape: Vec<usize> = shape.into_iter().map(|length| length as usize).collect();
-    let values: Vec<f64> = data
-        .chunks_exact(element.bytes)
-        .map(|one| element.value(one))
-        .collect();
-    let values = if is_fortran {
-        transposed(&values, &shape)
-    } else {
-        values
-    };
-    let is_single = element.kind == b'f' && element.bytes == 4;
-    Ok(Array {
-        shape,
-        values,
-        is_single,
+    Ok(Narrow {
+        shape: shape.into_iter().map(|length| length as usize).collect(),
+        is_fortran,
+        element,
+        data,
     })
 }
 
@@ -311,6 +358,29 @@ pub(super) mod tests {
     }
 
     #[test]
+    fn what_is_not_wanted_stays_packed_and_the_limit_counts_numbers_as_they_are_kept() {
+        // One body's picture, of bytes, beside its times.
+        let bytes = |shape: &str, data: &[u8]| {
+            let header =
+                format!("{{'descr': '|u1', 'fortran_order': False, 'shape': {shape}, }}\n");
+            let length = (header.len() as u16).to_le_bytes();
+            [MAGIC, &[1, 0], &length, header.as_bytes(), data].concat()
+        };
+        let members = [
+            ("picture", bytes("(400,)", &[7; 400])),
+            ("time", bytes("(100,)", &[3; 100])),
+        ];
+        let packed = crate::recording::arrays::tests::archive(&members);
+        let read = |wanted: &[&str], most| read_within(&packed, wanted, most);
+        let found = read(&["time"], 800).expect("a hundred numbers of eight bytes");
+        assert_eq!(found.names, ["picture", "time"]);
+        assert_eq!(found.arrays["time"].values, [3.0; 100]);
+        assert!(!found.arrays.contains_key("picture"));
+        assert_eq!(read(&["time"], 799).err(), Some(NpyError::TooLarge));
+        assert_eq!(read(&["picture"], 1_000).err(), Some(NpyError::TooLarge));
+    }
+
+    #[test]
     fn wrong_headers_and_lengths_are_named() {
         let whole = written("(2,)", &[1.0, 2.0]);
         for cut in 0..whole.len() {
@@ -336,7 +406,7 @@ pub(super) mod tests {
             "{error}"
         );
         assert!(matches!(
-            read_archive(b"PK\x03\x04rubbish"),
+            read_archive(b"PK\x03\x04rubbish", &[]),
             Err(NpyError::Archive(_))
         ));
     }

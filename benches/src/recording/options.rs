@@ -67,25 +67,7 @@ impl FromStr for ShapeChoice {
             Some((body, shape)) => (Some(body.to_owned()), shape),
             None => (None, text),
         };
-        let forms = "must be ball:R, cuboid:X,Y,Z, capsule:H,R or cylinder:H,R in metres, of half extents and half heights";
-        let (kind, numbers) = shape.split_once(':').ok_or(forms)?;
-        let numbers: Result<Vec<f32>, _> = numbers.split(',').map(|n| n.trim().parse()).collect();
-        let shape = match (kind, numbers.as_deref()) {
-            ("ball", Ok(&[radius])) => Shape::Ball { radius },
-            ("cuboid", Ok(&[x, y, z])) => Shape::Cuboid {
-                half_extents: Vec3::new(x, y, z),
-            },
-            ("capsule", Ok(&[half_height, radius])) => Shape::Capsule {
-                half_height,
-                radius,
-            },
-            ("cylinder", Ok(&[half_height, radius])) => Shape::Cylinder {
-                half_height,
-                radius,
-            },
-            _ => return Err(forms.to_owned()),
-        };
-        shape.check().map_err(|invalid| invalid.to_string())?;
+        let shape = rhumb_dis::rules::shape(shape)?;
         Ok(Self { body, shape })
     }
 }

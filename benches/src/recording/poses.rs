@@ -13,7 +13,7 @@ use rhumb_reckoning::{BodyId, BodyState, Damping, Inertia, Integrator, Rate, Tic
 
 use super::error::{Place, RecordingError, RowDefect};
 use super::options::{MissingPoses, ReadOptions, rate_of_step};
-use super::recorded::Recording;
+use super::recorded::{FRAMES_MAX, Recording, Velocities};
 use super::velocity;
 use super::velocity::{activity_from_records, set_digest};
 use crate::record::{Placed, Truth};
@@ -26,8 +26,8 @@ const TIMES_ROUNDED_NS: f64 = 10.0;
 const LENGTH_SLACK: f64 = 1e-3;
 /// Missing frames that are filled.
 const FILLED_MAX: u64 = 3;
-/// Most frames of a recording: two days at 60 Hz.
-const FRAMES_MAX: u64 = 10_368_000;
+/// Most poses that are made for each that is recorded, in a recording whose made poses are more than the most frames.
+const MADE_MAX: u64 = 16;
 /// Distance from zero, metres, beyond which single precision knows no centimetres.
 const POSITION_MAX_M: f64 = 1e6;
 
@@ -142,7 +142,7 @@ impl TimedPoses {
         let w_first_note = self.w_first_note();
         let rate = match (options.resample, options.rate) {
             (Some(rate), _) => {
-                self.resample(rate);
+                self.resample(rate)?;
                 rate
             }
             (None, Some(rate)) => rate,
@@ -163,6 +163,7 @@ impl TimedPoses {
             gravity: options.gravity.unwrap_or(Vec3::ZERO),
             damping: Damping::default(),
             inertias: BTreeMap::new(),
+            velocities: Velocities::Recorded,
             notes: self.notes(rate, options, has_velocities),
         };
         recording.notes.extend(w_first_note);
@@ -219,48 +220,41 @@ impl TimedPoses {
         })
     }
 
+    /// Most poses that are made of the recorded ones.
+    fn made_max(&self) -> u64 {
+        (self.poses.len() as u64 * MADE_MAX).max(FRAMES_MAX.into())
+    }
+
     /// Puts poses at the frames of a rate in place of the recorded ones: on lines and shortest arcs between neighbours. A
-    /// body's gaps beyond three of its own periods stay gaps; one with a single pose keeps it.
-    fn resample(&mut self, rate: Rate) {
+    /// body's gaps beyond three of its own periods stay gaps; a pose between two gaps goes to the nearest frame.
+    fn resample(&mut self, rate: Rate) -> Result<(), RecordingError> {
         let Some(begun_ns) = self.poses.iter().map(|pose| pose.at_ns).min() else {
-            return;
+            return Ok(());
         };
-        let step_ns = rate.step().seconds() * 1e9;
+        let most = self.made_max();
+        let frames = Frames {
+            begun_ns,
+            step_ns: rate.step().seconds() * 1e9,
+        };
         let mut by_body: BTreeMap<usize, Vec<TimedPose>> = BTreeMap::new();
         for pose in self.poses.drain(..) {
             by_body.entry(pose.body).or_default().push(pose);
         }
+        let mut runs = Vec::new();
         for mut of_body in by_body.into_values() {
             of_body.sort_by_key(|pose| pose.at_ns);
-            let mut gaps: Vec<u64> = of_body
-                .windows(2)
-                .map(|pair| pair[1].at_ns.abs_diff(pair[0].at_ns))
-                .collect();
-            gaps.sort_unstable();
-            let period = gaps.get(gaps.len() / 2).copied().unwrap_or_default();
-            let longest = (period * (FILLED_MAX + 1)).max(step_ns as u64);
-            if of_body.len() == 1 {
-                let frame = (of_body[0].at_ns.abs_diff(begun_ns) as f64 / step_ns).round();
-                of_body[0].at_ns = begun_ns + (frame * step_ns).round() as i64;
-                self.poses.extend(of_body);
-                continue;
-            }
-            for pair in of_body.windows(2) {
-                let [a, b] = [&pair[0], &pair[1]];
-                let since = |at_ns: i64| at_ns.abs_diff(begun_ns) as f64 / step_ns;
-                let (from, to) = (since(a.at_ns), since(b.at_ns));
-                if b.at_ns.abs_diff(a.at_ns) > longest || to <= from {
-                    continue;
-                }
-                let mut frame = from.ceil();
-                while frame < to {
-                    self.poses.push(between(a, b, (frame - from) / (to - from)));
-                    let place = self.poses.len() - 1;
-                    self.poses[place].at_ns = begun_ns + (frame * step_ns).round() as i64;
-                    frame += 1.0;
-                }
-            }
+            of_body.dedup_by_key(|pose| pose.at_ns);
+            runs.extend(frames.runs(of_body));
         }
+        let made = runs.iter().map(|run| frames.count(run));
+        let made = made.fold(0, u64::saturating_add);
+        if made > most {
+            return Err(RecordingError::Poses { made, most });
+        }
+        for run in runs {
+            frames.fill(&run, &mut self.poses);
+        }
+        Ok(())
     }
 
     /// The simplest constant rate that the times keep.
@@ -351,7 +345,7 @@ impl TimedPoses {
         if last == 0 {
             return Err(RecordingError::NoTruth);
         }
-        if last > FRAMES_MAX {
+        if last > u64::from(FRAMES_MAX) {
             let frames = u32::try_from(last).unwrap_or(u32::MAX);
             return Err(RecordingError::Frames { frames });
         }
@@ -371,6 +365,7 @@ impl TimedPoses {
             self.numbers.get(parent).copied()
         };
         let mut done: Vec<Option<Path>> = vec![None; paths.len()];
+        let (mut made, most) = (0, self.made_max());
         for body in 0..paths.len() {
             // From the body up to the first frame that is known, then down again.
             let mut chain = vec![body];
@@ -387,7 +382,13 @@ impl TimedPoses {
                 if done[link].is_none() {
                     let above = parent(link).and_then(|above| done[above].as_ref());
                     done[link] = Some(match above {
-                        Some(above) => composed(&paths[link], above),
+                        Some(above) => {
+                            made += (paths[link].len() + above.len()) as u64;
+                            if made > most {
+                                return Err(RecordingError::Poses { made, most });
+                            }
+                            composed(&paths[link], above)
+                        }
                         None => paths[link].clone(),
                     });
                 }
@@ -458,6 +459,83 @@ impl TimedPoses {
             ));
         }
         notes
+    }
+}
+
+/// The frames of a rate, from the first pose.
+struct Frames {
+    begun_ns: i64,
+    step_ns: f64,
+}
+
+/// Distance of a moment from a frame, in frames, that is rounding.
+const ON_FRAME: f64 = 1e-6;
+
+impl Frames {
+    /// The moment of a pose, in frames.
+    fn of(&self, pose: &TimedPose) -> f64 {
+        pose.at_ns.abs_diff(self.begun_ns) as f64 / self.step_ns
+    }
+
+    /// The poses of a body between its gaps.
+    fn runs(&self, of_body: Vec<TimedPose>) -> Vec<Vec<TimedPose>> {
+        let pairs = of_body.windows(2);
+        let mut gaps: Vec<u64> = pairs
+            .map(|pair| pair[1].at_ns.abs_diff(pair[0].at_ns))
+            .collect();
+        gaps.sort_unstable();
+        let period = gaps.get(gaps.len() / 2).copied().unwrap_or_default();
+        let longest = period.saturating_mul(FILLED_MAX + 1);
+        let longest = longest.max(self.step_ns as u64);
+        let mut runs: Vec<Vec<TimedPose>> = Vec::new();
+        for pose in of_body {
+            let goes_on = |run: &&mut Vec<TimedPose>| {
+                let last = run.last().map(|last| last.at_ns);
+                last.is_some_and(|last| pose.at_ns.abs_diff(last) <= longest)
+            };
+            match runs.last_mut().filter(goes_on) {
+                Some(run) => run.push(pose),
+                None => runs.push(vec![pose]),
+            }
+        }
+        runs
+    }
+
+    /// First and last frame within a run; one frame for a run between two.
+    fn ends(&self, run: &[TimedPose]) -> Option<[f64; 2]> {
+        let (first, last) = (self.of(run.first()?), self.of(run.last()?));
+        let ends = [(first - ON_FRAME).ceil(), (last + ON_FRAME).floor()];
+        Some(match ends[0] <= ends[1] {
+            true => ends,
+            false => [first.round(); 2],
+        })
+    }
+
+    fn count(&self, run: &[TimedPose]) -> u64 {
+        self.ends(run)
+            .map_or(0, |[first, last]| (last - first) as u64 + 1)
+    }
+
+    /// Adds the poses of a run at its frames.
+    fn fill(&self, run: &[TimedPose], to: &mut Vec<TimedPose>) {
+        let Some([mut frame, last]) = self.ends(run) else {
+            return;
+        };
+        let mut place = 0;
+        while frame <= last {
+            while place + 2 < run.len() && self.of(&run[place + 1]) <= frame {
+                place += 1;
+            }
+            let a = &run[place];
+            let b = run.get(place + 1).unwrap_or(a);
+            let (from, until) = (self.of(a), self.of(b));
+            let share = (frame - from) / (until - from).max(f64::MIN_POSITIVE);
+            to.push(TimedPose {
+                at_ns: self.begun_ns + (frame * self.step_ns).round() as i64,
+                ..between(a, b, share.clamp(0.0, 1.0))
+            });
+            frame += 1.0;
+        }
     }
 }
 
@@ -626,4 +704,82 @@ fn add(
         .removed
         .extend(life.gone.map(|frame| (Tick::new(frame), id)));
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Bodies with poses at these milliseconds, at x of as many millimetres.
+    fn poses(of_bodies: &[&[i64]]) -> TimedPoses {
+        let mut poses = TimedPoses::default();
+        for (body, times) in of_bodies.iter().enumerate() {
+            let number = poses.body(&body.to_string(), None).expect("few");
+            poses.poses.extend(times.iter().map(|time| TimedPose {
+                at_ns: time * 1_000_000,
+                body: number,
+                position: DVec3::X * (*time as f64 * 1e-3),
+                rotation: DQuat::IDENTITY,
+                velocity: None,
+                place: Place::Whole,
+            }));
+        }
+        poses
+    }
+
+    /// The milliseconds of a body's poses after resampling.
+    fn resampled(times: &[i64], hertz: u32) -> Vec<i64> {
+        let mut poses = poses(&[times]);
+        let rate = Rate::new(hertz, 1).expect("a rate");
+        poses.resample(rate).expect("few poses");
+        let rows = poses.poses.iter();
+        rows.map(|pose| (pose.at_ns as f64 / 1e6).round() as i64)
+            .collect()
+    }
+
+    #[test]
+    fn no_frame_of_a_body_is_lost_at_its_ends_and_beside_its_gaps() {
+        let kept = [0, 100, 200, 300, 1_000, 1_100, 1_200];
+        assert_eq!(resampled(&kept, 10), kept);
+        assert_eq!(resampled(&kept[..4], 20), [0, 50, 100, 150, 200, 250, 300]);
+        // The last frame lies before the last pose.
+        assert_eq!(resampled(&[0, 100, 200, 290], 10), [0, 100, 200]);
+        // A pose between two gaps, and one at the end, stay at the nearest frames.
+        let lone = [0, 100, 200, 1_010, 2_000, 2_100, 2_200, 3_590];
+        let frames = [0, 100, 200, 1_000, 2_000, 2_100, 2_200, 3_600];
+        assert_eq!(resampled(&lone, 10), frames);
+        // A thirtieth of a second is no whole number of nanoseconds.
+        let thirtieths: Vec<i64> = (0..90).map(|frame| (frame * 1_000 + 15) / 30).collect();
+        assert_eq!(resampled(&thirtieths, 30).len(), 90);
+        assert_eq!(resampled(&[5], 10), [5]);
+        assert_eq!(resampled(&[5, 5, 5], 10), [5]);
+    }
+
+    #[test]
+    fn poses_between_far_moments_are_refused_before_they_are_made() {
+        let far = i64::MAX / 1_000_000;
+        for times in [&[0, far][..], &[-far, 0, far][..]] {
+            let mut poses = poses(&[times]);
+            let rate = Rate::new(1_000, 1).expect("a rate");
+            let error = poses.resample(rate).expect_err("too many");
+            assert!(matches!(error, RecordingError::Poses { most, .. } if most == 10_368_000));
+            assert!(error.to_string().contains("a lower --resample"), "{error}");
+        }
+    }
+
+    #[test]
+    fn a_parent_of_many_frames_does_not_multiply_them_by_its_children_without_bound() {
+        let times: Vec<i64> = (0..2_000).map(|frame| frame * 10).collect();
+        let mut poses = poses(&[&times]);
+        for child in 0..10_000 {
+            let body = poses
+                .body(&format!("child {child}"), Some("0"))
+                .expect("few");
+            let first = poses.poses[0].clone();
+            poses.poses.push(TimedPose { body, ..first });
+        }
+        let read = poses.recording("r", &ReadOptions::default());
+        let error = read.expect_err("twenty million poses");
+        assert!(matches!(error, RecordingError::Poses { .. }), "{error}");
+    }
 }

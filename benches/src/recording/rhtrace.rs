@@ -16,7 +16,7 @@ use rhumb_reckoning::{BodyId, BodyState, Damping, Integrator, Tick};
 use super::bytes::ByteReader;
 use super::error::RecordingError;
 use super::options::rate_of_step;
-use super::recorded::Recording;
+use super::recorded::{FRAMES_MAX, Recording, Velocities};
 use super::rhtrace2;
 use super::velocity;
 use super::velocity::{activity_from_records, set_digest};
@@ -30,8 +30,6 @@ pub const MAGIC: [u8; 8] = *b"RHTRACE1";
 
 /// Limit of the decompressed size: two gigabytes.
 const BYTES_MAX: u64 = 2 << 30;
-/// Limit of the frame count: two days at 60 Hz. An empty frame takes two bytes and compresses to almost nothing.
-const FRAMES_MAX: u32 = 10_368_000;
 
 /// The body is awake.
 const AWAKE: u8 = 1;
@@ -117,6 +115,7 @@ fn read_plain(name: &str, bytes: &[u8]) -> Result<Recording, RecordingError> {
         gravity,
         damping: Damping::default(),
         inertias: BTreeMap::new(),
+        velocities: Velocities::Recorded,
         notes: Vec::new(),
     };
     let moves = recording.truth.ticks.iter().any(|row| !row.is_empty());

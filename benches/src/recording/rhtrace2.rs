@@ -3,18 +3,18 @@
 //! `spec/RHTRACE.md` has the layout. Reading turns poses into those of the centres of mass, and damping into this project's
 //! formula.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::num::NonZeroU32;
 
 use glam::{Quat, Vec3};
-use rhumb_protocol::limits::BODIES_MAX;
+use rhumb_protocol::limits::{BODIES_MAX, GRAVITY_MAX, SUBSTEPS_MAX};
 use rhumb_protocol::scene::{BodyDesc, BodyKind, Shape, ShapeId};
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Damping, Inertia, Integrator, Rate, Tick};
 
 use super::bytes::ByteReader;
 use super::error::{Place, RecordingError, RowDefect};
-use super::recorded::Recording;
+use super::recorded::{FRAMES_MAX, Recording, Velocities};
 use super::velocity;
 use super::velocity::{activity_from_records, set_digest};
 use crate::record::{Placed, Truth};
@@ -22,8 +22,6 @@ use crate::record::{Placed, Truth};
 /// Magic number at the start of the file.
 pub(super) const MAGIC: [u8; 8] = *b"RHTRACE2";
 
-/// Limit of the frame count, as of version 1.
-const FRAMES_MAX: u32 = 10_368_000;
 /// Largest damping, 1/s.
 const DAMPING_MAX: f64 = 1_000.0;
 /// Largest distance of the centre of mass from the origin, metres.
@@ -33,6 +31,8 @@ const CENTRE_MAX: f32 = 1_000.0;
 const AWAKE: u8 = 1;
 /// The body is gone after this frame.
 const GONE: u8 = 2;
+/// The body has not changed in this frame: the record says that it is gone, and no more.
+const UNCHANGED: u8 = 4;
 
 /// The axis of a body's spin wanders as its moments say.
 const GYROSCOPIC: u8 = 1;
@@ -115,13 +115,15 @@ pub(super) fn read(name: &str, bytes: &[u8]) -> Result<Recording, RecordingError
     let step_s = f64::from(seconds) / f64::from(ticks);
     let rate = Rate::new(ticks, seconds).filter(|_| (0.001..=1.0).contains(&step_s));
     let rate = rate.ok_or(RecordingError::Step { step_s })?;
-    let substeps = NonZeroU32::new(reader.u32()?).unwrap_or(NonZeroU32::MIN);
-    let gravity = Vec3::from_array(reader.f32s()?);
     let head = |of| RecordingError::Row {
         place: Place::Whole,
         defect: RowDefect::OutOfRange { of },
     };
-    if !gravity.is_finite() {
+    let substeps = reader.u32()?.max(1);
+    let substeps = NonZeroU32::new(substeps).filter(|count| count.get() <= SUBSTEPS_MAX);
+    let substeps = substeps.ok_or_else(|| head("number of substeps (1 to 16)"))?;
+    let gravity = Vec3::from_array(reader.f32s()?);
+    if !gravity.is_finite() || gravity.abs().max_element() > GRAVITY_MAX {
         return Err(head("gravity"));
     }
     let [formula, point] = reader.take()?;
@@ -154,6 +156,7 @@ pub(super) fn read(name: &str, bytes: &[u8]) -> Result<Recording, RecordingError
         gravity,
         damping: Damping::default(),
         inertias: BTreeMap::new(),
+        velocities: Velocities::Recorded,
         notes: Vec::new(),
     };
     if point == VelocityPoint::None {
@@ -320,7 +323,9 @@ fn row(
             },
         };
         if body.is_there {
-            row.push(observation);
+            if flags & UNCHANGED == 0 {
+                row.push(observation);
+            }
         } else {
             body.is_there = true;
             truth.placed.push(Placed {
@@ -367,32 +372,56 @@ pub fn write(recording: &Recording) -> Vec<u8> {
         put_body(&mut to, recording, one);
     }
     let mut starts = truth.placed.iter().peekable();
-    let removed: std::collections::BTreeSet<(u64, BodyId)> = truth
-        .removed
-        .iter()
-        .map(|(tick, id)| (tick.value(), *id))
-        .collect();
+    let gone = last_frames(truth);
+    let mut last: BTreeMap<u32, Observation> = BTreeMap::new();
     for frame in 0..u64::from(frames) {
-        let mut row: BTreeMap<u32, Observation> = BTreeMap::new();
+        let mut row: BTreeMap<u32, (Observation, u8)> = BTreeMap::new();
         let observed = frame
             .checked_sub(1)
             .map(|before| &truth.ticks[before as usize]);
         for observation in observed.into_iter().flatten() {
-            row.insert(observation.id.index(), *observation);
+            row.insert(observation.id.index(), (*observation, 0));
         }
         while let Some(one) = starts.next_if(|one| one.tick.value() <= frame) {
-            row.insert(one.desc.id.index(), one.observation);
+            row.insert(one.desc.id.index(), (one.observation, 0));
+        }
+        for (_, id) in gone.range((frame, BodyId::new(0, 0))..(frame + 1, BodyId::new(0, 0))) {
+            let known = last.get(&id.index()).map(|known| (*known, UNCHANGED));
+            let record = row.get(&id.index()).copied().or(known);
+            if let Some((observation, flags)) = record.filter(|(known, _)| known.id == *id) {
+                row.insert(id.index(), (observation, flags | GONE));
+            }
         }
         to.extend((row.len() as u32).to_le_bytes());
-        for (index, observation) in row {
+        for (index, (observation, flags)) in row {
             to.extend(indices[&index].to_le_bytes());
             put(&mut to, &observation.motion.parts());
-            let gone = removed.contains(&(frame, observation.id));
             let awake = observation.activity == Activity::Awake;
-            to.push((u8::from(awake) * AWAKE) | (u8::from(gone) * GONE));
+            to.push((u8::from(awake) * AWAKE) | flags);
+            last.insert(index, observation);
         }
     }
     to
+}
+
+/// The last frame of each body that was removed: the one before, where another of its index is placed in that of the removal.
+fn last_frames(truth: &Truth) -> BTreeSet<(u64, BodyId)> {
+    let placed = truth.placed.iter();
+    let begins: BTreeSet<(u64, u32)> = placed
+        .map(|one| (one.tick.value(), one.desc.id.index()))
+        .collect();
+    let first: BTreeMap<BodyId, u64> = truth
+        .placed
+        .iter()
+        .map(|one| (one.desc.id, one.tick.value()))
+        .collect();
+    let removed = truth.removed.iter().map(|(tick, id)| {
+        let frame = tick.value();
+        let is_own = first.get(id) == Some(&frame);
+        let follows = !is_own && begins.contains(&(frame, id.index()));
+        (frame.saturating_sub(u64::from(follows)), *id)
+    });
+    removed.collect()
 }
 
 fn put_body(to: &mut Vec<u8>, recording: &Recording, placed: &Placed) {
@@ -478,6 +507,50 @@ mod tests {
         assert_eq!(placed.desc.damping.map(|damping| damping.linear), Some(0.5));
         assert_eq!(again.truth.placed[1].desc.kind, BodyKind::Fixed);
         assert_eq!(write(&again), bytes);
+    }
+
+    #[test]
+    fn a_body_that_rests_when_it_goes_is_gone_and_its_index_is_another_s_at_once() {
+        let mut recording = recording();
+        let first = recording.truth.placed[0].clone();
+        let id = first.desc.id;
+        // The other body has no record after its first.
+        let still = recording.truth.placed[1].desc.id;
+        let other = BodyId::new(id.index(), 1);
+        let mut second = first;
+        second.tick = Tick::new(2);
+        second.desc.id = other;
+        second.observation.id = other;
+        recording.truth.placed.push(second);
+        recording.truth.ticks[1].clear();
+        recording.truth.removed = vec![(Tick::new(1), still), (Tick::new(2), id)];
+        activity_from_records(&mut recording.truth);
+        set_digest(&mut recording.truth);
+        let bytes = write(&recording);
+        let again = read_bytes("r", &bytes, &ReadOptions::default()).expect("sound");
+        // The last frame of a body whose index begins anew in that of its removal is the one before.
+        let removed = [(Tick::new(1), id), (Tick::new(1), still)];
+        assert_eq!(again.truth.removed, removed);
+        assert_eq!(again.truth.digest, recording.truth.digest);
+        let ids = again.truth.placed.iter().map(|placed| placed.desc.id);
+        assert_eq!(ids.collect::<Vec<_>>(), [id, still, other]);
+        assert_eq!(write(&again), bytes);
+    }
+
+    #[test]
+    fn substeps_and_gravity_beyond_a_scene_s_are_refused() {
+        let whole = write(&recording());
+        for (at, with, part) in [
+            (24, 17_u32.to_le_bytes(), "number of substeps (1 to 16)"),
+            (24, u32::MAX.to_le_bytes(), "number of substeps (1 to 16)"),
+            (28, 2e3_f32.to_le_bytes(), "the gravity"),
+        ] {
+            let mut bytes = whole.clone();
+            bytes[at..at + 4].copy_from_slice(&with);
+            let read = read_bytes("r", &bytes, &ReadOptions::default());
+            let error = read.expect_err(part).to_string();
+            assert!(error.contains(part), "{error}");
+        }
     }
 
     #[test]

@@ -12,7 +12,7 @@ use rhumb_reckoning::{BodyId, BodyState, Tick};
 use rhumb_scene::Digest;
 
 use super::error::RecordingError;
-use super::recorded::Recording;
+use super::recorded::{Recording, Velocities};
 use crate::record::{Placed, Truth};
 
 /// Frames on either side that a fit uses.
@@ -20,6 +20,7 @@ const REACH: usize = 2;
 
 /// Sets the velocities of all bodies. A body whose pose does not change has none.
 pub(super) fn derive(recording: &mut Recording) -> Result<(), RecordingError> {
+    recording.velocities = Velocities::Fitted;
     let step_s = recording.integrator.rate.step().seconds();
     let substeps = f64::from(recording.integrator.substeps.get());
     // With semi-implicit steps a body is behind a parabola by half a substep's gravity.
