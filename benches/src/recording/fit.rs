@@ -140,38 +140,40 @@ pub(crate) fn substeps(fall: f64) -> Option<u32> {
     nearest.filter(|count| (of(*count) - fall).abs() < 0.03)
 }
 
-/// Gives a recording the parameters that were found; a sentence for each that no scene can have, which stays as it was.
+/// Takes out what no scene can have; returns a sentence about each.
+fn without_beyond(found: &mut Found, step_s: f64) -> Vec<String> {
+    let mut beyond = Vec::new();
+    // NaN is none.
+    let is_gravity = |gravity: DVec3| {
+        gravity.is_finite() && gravity.abs().max_element() <= f64::from(GRAVITY_MAX)
+    };
+    if let Some(gravity) = found.gravity.take_if(|gravity| !is_gravity(*gravity)) {
+        beyond.push(format!("gravity {gravity} m/s²"));
+    }
+    let least = (1.0 + f64::from(DAMPING_MAX) * step_s).powf(-1.0 / step_s);
+    let is_kept = |kept: &[f64; 2]| kept.iter().all(|kept| *kept >= least);
+    if let Some(kept) = found.kept.take_if(|kept| !is_kept(kept)) {
+        beyond.push(format!("what is kept of velocities in a second, {kept:?},"));
+    }
+    let all = found.centres.len();
+    found
+        .centres
+        .retain(|_, centre| centre.length() <= CENTRE_MAX);
+    if found.centres.len() < all {
+        let far = all - found.centres.len();
+        beyond.push(format!("the centre of mass of {far} bodies"));
+    }
+    let said = |what: String| format!("{what} is beyond what a scene has, and is not taken");
+    beyond.into_iter().map(said).collect()
+}
+
+/// Gives a recording the parameters that were found; a note for each that no scene can have, which stays as it was.
 pub(crate) fn apply(recording: &mut Recording, found: &Found) {
     let step_s = recording.integrator.rate.step().seconds();
-    let mut beyond = |what: String| {
-        recording.notes.push(format!(
-            "{what} is beyond what a scene has, and is not taken"
-        ));
-    };
-    // NaN is none.
-    let is_gravity = |gravity: &DVec3| gravity.abs().max_element() <= f64::from(GRAVITY_MAX);
-    let gravity = found.gravity.filter(|gravity| {
-        let fits = is_gravity(gravity) && gravity.is_finite();
-        if !fits {
-            beyond(format!("gravity {gravity} m/s²"));
-        }
-        fits
-    });
-    let kept = found.kept.filter(|kept| {
-        let least = (1.0 + f64::from(DAMPING_MAX) * step_s).powf(-1.0 / step_s);
-        let fits = kept.iter().all(|kept| *kept >= least);
-        if !fits {
-            beyond(format!("what is kept of velocities in a second, {kept:?},"));
-        }
-        fits
-    });
-    let is_near = |centre: &DVec3| centre.length() <= CENTRE_MAX;
-    let far = found.centres.values().filter(|centre| !is_near(centre));
-    let far = far.count();
-    if far > 0 {
-        beyond(format!("the centre of mass of {far} bodies"));
-    }
-    if let Some(gravity) = gravity {
+    let mut found = found.clone();
+    let notes = without_beyond(&mut found, step_s);
+    recording.notes.extend(notes);
+    if let Some(gravity) = found.gravity {
         // An even acceleration below what the fit can tell is none.
         let gravity = if gravity.length() < 0.02 {
             DVec3::ZERO
@@ -185,7 +187,7 @@ pub(crate) fn apply(recording: &mut Recording, found: &Found) {
         .and_then(substeps)
         .and_then(std::num::NonZeroU32::new);
     recording.integrator.substeps = count.unwrap_or(recording.integrator.substeps);
-    if let Some(kept) = kept {
+    if let Some(kept) = found.kept {
         let [linear, angular] = kept.map(|kept| {
             let tick = kept.powf(step_s).min(1.0);
             let damping = (1.0 / tick - 1.0) / step_s;
@@ -212,8 +214,7 @@ pub(crate) fn apply(recording: &mut Recording, found: &Found) {
         }
     }
     let centred = |observation: &mut Observation| {
-        let centre = found.centres.get(&observation.id);
-        if let Some(centre) = centre.filter(|centre| is_near(centre)) {
+        if let Some(centre) = found.centres.get(&observation.id) {
             let motion = observation.motion.motion();
             let at = motion.pose().position + motion.pose().rotation * *centre;
             let [_, _, _, x, y, z, w, vx, vy, vz, wx, wy, wz] = observation.motion.parts();

@@ -323,9 +323,7 @@ fn row(
             },
         };
         if body.is_there {
-            if flags & UNCHANGED == 0 {
-                row.push(observation);
-            }
+            row.extend((flags & UNCHANGED == 0).then_some(observation));
         } else {
             body.is_there = true;
             truth.placed.push(Placed {

@@ -6,7 +6,7 @@ use std::num::NonZeroU32;
 use glam::{DQuat, DVec3, Vec3};
 use rhumb_bench::limit::Limit;
 use rhumb_bench::record::{Placed, Truth};
-use rhumb_bench::recording::{Recording, rhtrace};
+use rhumb_bench::recording::{Recording, Velocities, rhtrace};
 use rhumb_bench::replay::{EnabledFeatures, ReplayConfig, run};
 use rhumb_protocol::packet::LargestPacket;
 use rhumb_protocol::scene::{BodyDesc, BodyKind, Shape, ShapeId};
@@ -65,6 +65,7 @@ fn recording(gravity: Vec3, pose: impl Fn(f64) -> (DVec3, DQuat)) -> Recording {
         gravity,
         damping: Damping::default(),
         inertias: BTreeMap::new(),
+        velocities: Velocities::Recorded,
         notes: Vec::new(),
     }
 }
