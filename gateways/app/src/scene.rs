@@ -164,7 +164,7 @@ impl OwnScene {
     ///
     /// # Errors
     ///
-    /// [`CommandError`] for a command that the server would refuse because of its numbers.
+    /// [`CommandError`] for a command that the server would refuse, because of its numbers or otherwise.
     pub(super) fn command(&mut self, command: &Command) -> Result<(), CommandError> {
         let number = match self.client.command(command.clone()) {
             Ok(number) => number,
@@ -174,8 +174,7 @@ impl OwnScene {
             Err(ClientError::Misuse(Misuse::JoinedToItself(id))) => {
                 return Err(CommandError::JoinedToItself(id));
             }
-            // The scene has ended, which the next tick reports.
-            Err(_) => return Ok(()),
+            Err(error) => return not_queued(command, &error),
         };
         let subject = match *command {
             Command::AddShape { id, .. } => CommandSubject::Shape(id),
@@ -388,20 +387,17 @@ impl OwnScene {
         self.query(&asked[..last], &mut unanswered)?;
         let queries = asked[last..].iter().copied().map(Query::contacts);
         let answer = self.client.ask(queries.collect())?;
-        let mut results = Vec::new();
-        let mut unanswered = unanswered.into_iter();
+        let mut answers = Vec::new();
         // The answers come in order: those to the messages before are here.
         while let Some((_, event)) = self.client.poll_event() {
             match event {
-                Event::QueryResult(result) => {
-                    let of = unanswered.find(|(number, _)| *number == result.number);
-                    results.extend(hits_of(result, of.map_or(0, |(_, count)| count)));
-                }
+                Event::QueryResult(result) => answers.push(result),
                 other => self.unread.push(other),
             }
         }
-        results.extend(hits_of(answer, asked.len() - last));
-        Ok(results)
+        unanswered.push((answer.number, asked.len() - last));
+        answers.push(answer);
+        Ok(hits_in_order(&unanswered, answers))
     }
 
     /// Reads the events of some steps; returns the bodies that fell asleep or woke, and whether events are missing.
@@ -572,15 +568,128 @@ fn state_of(copy: &Replica, id: BodyId) -> Option<BodyState> {
     }
 }
 
-/// The hits of each of some queries; none if the scene did not answer.
-fn hits_of(result: QueryResult, count: usize) -> Vec<Vec<Hit>> {
+/// What to say of a command that the client did not queue.
+fn not_queued(command: &Command, error: &ClientError) -> Result<(), CommandError> {
+    match (error, command) {
+        // The scene has ended, which the next tick reports.
+        (
+            ClientError::Ended(_)
+            | ClientError::SceneDeleted
+            | ClientError::SceneFaulted(_)
+            | ClientError::Misuse(Misuse::NotNow),
+            _,
+        ) => Ok(()),
+        (ClientError::Misuse(Misuse::NoInside), Command::AddBody { desc, .. }) => {
+            Err(CommandError::NoInside(desc.shape))
+        }
+        _ => {
+            tracing::error!(%error, ?command, "a command of an app client is none of a scene");
+            Err(CommandError::UnknownCommand)
+        }
+    }
+}
+
+/// The hits of each query of these messages, of which each has a number and a count of queries. Those without an answer
+/// have none, so that the hits of later ones stay theirs.
+fn hits_in_order(messages: &[(u64, usize)], answers: Vec<QueryResult>) -> Vec<Vec<Hit>> {
+    let mut by_number: BTreeMap<u64, QueryResult> = answers
+        .into_iter()
+        .map(|answer| (answer.number, answer))
+        .collect();
+    let hits = messages.iter().flat_map(|(number, count)| {
+        let mut hits = by_number.remove(number).map(hits_of).unwrap_or_default();
+        hits.resize(*count, Vec::new());
+        hits
+    });
+    hits.collect()
+}
+
+/// The hits of each query of a message; none if the scene did not answer.
+fn hits_of(result: QueryResult) -> Vec<Vec<Hit>> {
     let answers = result.answers.unwrap_or_else(|cause| {
         tracing::warn!(%cause, "contacts are missing");
-        vec![Answer::Hits(Vec::new()); count]
+        Vec::new()
     });
     let hits = answers.into_iter().map(|answer| match answer {
         Answer::Hits(hits) => hits,
         Answer::Bodies(_) => Vec::new(),
     });
     hits.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use rhumb_protocol::message::QueryError;
+    use rhumb_protocol::scene::{BodyBuilder, Shape};
+
+    use super::*;
+
+    /// The answer to a message, with as many hits for each query.
+    fn answer(number: u64, hits: &[usize]) -> QueryResult {
+        let one = |count: &usize| {
+            let hit = Hit {
+                body: BodyId::new(*count as u32, 0),
+                distance: 0.0,
+                point: Vec3::ZERO,
+                normal: Vec3::Y,
+            };
+            Answer::Hits(vec![hit; *count])
+        };
+        QueryResult {
+            number,
+            tick: Tick::ZERO,
+            answers: Ok(hits.iter().map(one).collect()),
+        }
+    }
+
+    #[test]
+    fn contacts_stay_those_of_their_bodies_when_an_answer_is_missing() {
+        let messages = [(4, 2), (5, 3), (6, 1), (7, 2)];
+        let counts = |answers| -> Vec<usize> {
+            let hits = hits_in_order(&messages, answers);
+            hits.iter().map(Vec::len).collect()
+        };
+        let all = [
+            answer(4, &[1, 2]),
+            answer(5, &[3, 0, 4]),
+            answer(6, &[5]),
+            answer(7, &[6, 7]),
+        ];
+        assert_eq!(counts(all.to_vec()), [1, 2, 3, 0, 4, 5, 6, 7]);
+        let [first, second, third, last] = all;
+        let gap = vec![first.clone(), third.clone(), last.clone()];
+        assert_eq!(counts(gap), [1, 2, 0, 0, 0, 5, 6, 7]);
+        let refused = QueryResult {
+            answers: Err(QueryError::Overloaded),
+            ..second
+        };
+        let late = vec![refused, third, first, answer(99, &[9])];
+        assert_eq!(counts(late), [1, 2, 0, 0, 0, 5, 0, 0]);
+        let short = vec![answer(5, &[8]), last];
+        assert_eq!(counts(short), [0, 0, 8, 0, 0, 0, 6, 7]);
+    }
+
+    #[test]
+    fn a_command_that_is_not_queued_is_refused_unless_the_scene_has_ended() {
+        let id = BodyId::new(1, 0);
+        let shape = ShapeId(7);
+        let body = BodyBuilder::of(
+            BodyDesc::plain(id, BodyKind::Dynamic, shape),
+            Shape::ball(0.5),
+        );
+        let motion = body.state().expect("sound");
+        let desc = body.desc(id, shape);
+        let add = Command::AddBody { desc, motion };
+        let said = |error| not_queued(&add, &error);
+        assert_eq!(said(ClientError::SceneDeleted), Ok(()));
+        assert_eq!(said(ClientError::Misuse(Misuse::NotNow)), Ok(()));
+        assert_eq!(
+            said(ClientError::Misuse(Misuse::NoInside)),
+            Err(CommandError::NoInside(shape))
+        );
+        assert_eq!(
+            said(ClientError::Misuse(Misuse::Indices(3))),
+            Err(CommandError::UnknownCommand)
+        );
+    }
 }
