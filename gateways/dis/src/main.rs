@@ -375,7 +375,7 @@ fn run(arguments: &Arguments) -> Result<(), String> {
         period,
     };
     let served = run.serve(&mut clock, &stopped);
-    // Whatever ended it, other simulators are told, and the scene is left as it was.
+    // Whatever ended it, other simulators hear of it, and the scene is left as it was.
     let left = run.leave(&mut clock);
     served.and(left)
 }
