@@ -214,7 +214,10 @@ fn config(model: &Model, up: DQuat, report: &mut Report) -> SceneConfig {
         None => {}
         Some((_, Some(rate))) => {
             config.integrator.rate = rate;
-            config.integrator.substeps = std::num::NonZeroU32::MIN;
+            // Chains of joints need more than one pass in a step; the file's own engine has a hundred.
+            if model.joints.is_empty() {
+                config.integrator.substeps = std::num::NonZeroU32::MIN;
+            }
         }
         Some((step, None)) => report.add(
             &Place::of(&model.name),
@@ -422,9 +425,11 @@ fn joint(
     made.collide = joint.collide;
     let limits = kind.limits();
     for (axis, drive) in joint.drives.iter().enumerate() {
-        if let Some(drive) = drive.filter(|drive| *drive != Drive::default()) {
+        if let Some(drive) = drive.filter(Drive::pushes) {
+            let inertia = effective.of(axis);
+            let drive = drive.of_inertia(inertia);
             let reach = reach(limits[axis], &drive, axis < 3);
-            let motor = motor(&drive, reach, effective.of(axis), joint, report);
+            let motor = motor(&drive, reach, inertia, joint, report);
             let reach = match (axis < 3, limits[axis].is_some()) {
                 (true, _) => f32::MAX,
                 (false, true) => TAU,

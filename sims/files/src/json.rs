@@ -1,7 +1,7 @@
 //! Rhumb's own scene file: JSON, read and written.
 //!
 //! `docs/book/src/how-to/scene-files.md` describes it. Fields that no version has are noted. Invariant: what is written reads
-//! back as the same scene, but for the rounding of a rotation that is made a unit again.
+//! back as the same scene, to the bit.
 
 use std::collections::BTreeMap;
 
@@ -448,12 +448,20 @@ impl SceneFileBody {
         (desc.sensor, desc.swept) = (self.sensor, self.swept);
         (desc.gyroscopic, desc.enabled) = (self.gyroscopic, self.enabled);
         desc.sleep = self.sleep.map(SceneFileSleep::load);
-        let place = |at: [f32; 3]| options.position + options.rotation * Vec3::from_array(at);
-        let turned = |at: [f32; 3]| options.rotation * Vec3::from_array(at);
+        // A zero that is moved by nothing would lose its sign.
+        let is_turned = options.rotation != Quat::IDENTITY;
+        let turned = |at: [f32; 3]| match (is_turned, Vec3::from_array(at)) {
+            (true, at) => options.rotation * at,
+            (false, at) => at,
+        };
+        let place = |at: [f32; 3]| match options.position == Vec3::ZERO {
+            true => turned(at),
+            false => options.position + turned(at),
+        };
         let builder = BodyBuilder::of(desc, self.shape.load().map_err(refused)?);
-        let rotation = match options.rotation == Quat::IDENTITY {
-            true => Quat::from_array(self.rotation),
-            false => options.rotation * Quat::from_array(self.rotation),
+        let rotation = match is_turned {
+            true => options.rotation * Quat::from_array(self.rotation),
+            false => Quat::from_array(self.rotation),
         };
         let builder = builder.position(place(self.position)).rotation(rotation);
         let builder = builder.linear_velocity(turned(self.linear));
@@ -673,6 +681,41 @@ mod tests {
         assert_eq!(again.commands(ids), robot.commands(ids));
         assert_eq!(again.config, robot.config);
         assert!(again.report.is_empty());
+    }
+
+    #[test]
+    fn every_number_of_a_body_reads_back_to_the_bit() {
+        // Zeros with a sign, numbers below the smallest normal one, and rotations that are a unit within their rounding.
+        let wheel = |turn: f32| Quat::from_rotation_y(turn) * Quat::from_rotation_x(-turn * 0.7);
+        let rotations = (0..2_000_i16).map(|turn| wheel(f32::from(turn) * 0.013));
+        let odd = [Quat::from_xyzw(-0.0, 0.0, -0.0, 1.0), -Quat::IDENTITY];
+        for rotation in rotations.chain(odd) {
+            let [x, y, z, w] = rotation.to_array();
+            let builder = BodyDesc::dynamic(Shape::ball(0.1))
+                .position(Vec3::new(-0.0, 1e-45, x * 1e4))
+                .rotation(rotation)
+                .linear_velocity(Vec3::new(-0.0, y * 1e-39, -w))
+                .angular_velocity(Vec3::new(z, -0.0, 0.0));
+            let body = LoadedBody {
+                name: "b".to_owned(),
+                builder,
+                tick: 0,
+                frame_position: Vec3::ZERO,
+                frame_rotation: Quat::IDENTITY,
+            };
+            let config = SceneConfig::default();
+            let scene = LoadedScene {
+                name: "s".to_owned(),
+                config,
+                bodies: vec![body],
+                joints: Vec::new(),
+                report: Report::default(),
+            };
+            let text = serde_json::to_string(&SceneFile::of(&scene)).expect("numbers are finite");
+            let again = load(&text).expect("it was written here");
+            let ids = crate::assemble::FreeIds::default();
+            assert_eq!(again.commands(ids), scene.commands(ids), "{rotation}");
+        }
     }
 
     #[test]

@@ -98,3 +98,45 @@ pub(crate) fn bound(bodies: &mut [ModelBody], [mass, moment]: [f64; 2], total: O
         }
     }
 }
+
+/// Adds the rotors of joints to the moments of the bodies that turn with them. Then they resist the joint, as they should;
+/// they also resist a turn of both bodies together, which is noted.
+pub(crate) fn add_armatures(bodies: &mut [ModelBody], joints: &[ModelJoint], report: &mut Report) {
+    for joint in joints.iter().filter(|joint| joint.holds) {
+        for (axis, drive) in joint.drives.iter().enumerate() {
+            let Some(armature) = drive.map(|drive| drive.armature).filter(|own| *own > 0.0) else {
+                continue;
+            };
+            let subject = "joint armature".to_owned();
+            if axis < 3 {
+                let why = "the armature of a slide would weigh in a body here";
+                report.again(&joint.place, subject, Effect::Left, why);
+                continue;
+            }
+            let body = &mut bodies[joint.bodies[1]];
+            let along = joint.frame.rotation * DVec3::AXES[axis - 3];
+            let along = body.pose.rotation.conjugate() * along;
+            let rotor = DMat3::from_cols(along * along.x, along * along.y, along * along.z);
+            body.inertia.tensor += rotor * armature;
+            let why = "it is part of the moments of the body that the joint turns, whatever else turns that body";
+            report.again(&joint.place, subject, Effect::Approximated, why);
+        }
+    }
+    let mut turned: Vec<usize> = joints.iter().map(|joint| joint.bodies[1]).collect();
+    turned.dedup();
+    for place in turned {
+        make_solid(&mut bodies[place].inertia);
+    }
+}
+
+/// Raises the two lesser moments where the third is above their sum, as that of no solid is.
+fn make_solid(inertia: &mut Inertia) {
+    let (moments, axes) = inertia.principal();
+    let lack = 2.0 * moments.max_element() - moments.element_sum();
+    if lack > 0.0 {
+        let raised = moments + DVec3::splat(lack * 0.5);
+        let greatest = moments.cmpge(DVec3::splat(moments.max_element()));
+        let own = Inertia::diagonal(1.0, DVec3::select(greatest, moments, raised));
+        inertia.tensor = own.moved(&Pose::new(DVec3::ZERO, axes)).tensor;
+    }
+}

@@ -173,4 +173,27 @@ pub(crate) struct Drive {
     pub(crate) damping: f64,
     /// Dry friction, N or N·m.
     pub(crate) friction: f64,
+    /// Inertia of a rotor that turns with the axis, kg or kg·m².
+    pub(crate) armature: f64,
+    /// Time constant, seconds, and damping ratio of the spring, in place of stiffness and damping.
+    pub(crate) timed: Option<[f64; 2]>,
+}
+
+impl Drive {
+    /// True if it pushes.
+    pub(crate) fn pushes(&self) -> bool {
+        self.stiffness > 0.0 || self.damping > 0.0 || self.friction > 0.0 || self.timed.is_some()
+    }
+
+    /// The same for an inertia, kg or kg·m², that it moves: with stiffness and damping in numbers.
+    pub(crate) fn of_inertia(self, inertia: f64) -> Self {
+        match self.timed {
+            None => self,
+            Some([seconds, ratio]) => Self {
+                stiffness: inertia / (seconds * ratio).powi(2).max(1e-15),
+                damping: 2.0 * inertia / seconds.max(1e-15),
+                ..self
+            },
+        }
+    }
 }

@@ -71,6 +71,10 @@ impl Hinge {
             rest: spring - rest,
             damping: first("damping")?,
             friction: first("frictionloss")?,
+            armature: first("armature")?,
+            timed: element
+                .array::<2>("springdamper", "2")?
+                .filter(|[seconds, ratio]| *seconds > 0.0 && *ratio > 0.0),
         };
         note_settings(&element, report);
         Ok(Self {
@@ -78,7 +82,7 @@ impl Hinge {
             anchor: body.point(element.vector("pos")?.unwrap_or_default()),
             axis: body.rotation * along.try_normalize().unwrap_or(DVec3::Z),
             limits,
-            drive: match drive.stiffness > 0.0 {
+            drive: match drive.stiffness > 0.0 || drive.timed.is_some() {
                 true => drive,
                 false => Drive { rest: 0.0, ..drive },
             },
@@ -96,7 +100,7 @@ impl Hinge {
 }
 
 /// Settings that a joint takes from the file, or that say nothing of physics.
-const KNOWN: [&str; 14] = [
+const KNOWN: [&str; 16] = [
     "name",
     "class",
     "type",
@@ -109,15 +113,16 @@ const KNOWN: [&str; 14] = [
     "stiffness",
     "damping",
     "frictionloss",
+    "armature",
+    "springdamper",
     "group",
     "user",
 ];
 
 /// Notes settings that a joint has not.
 fn note_settings(element: &Element, report: &mut Report) {
-    for (name, value) in &element.attributes {
-        let is_nothing = name == "armature" && value == "0";
-        if !is_nothing && !KNOWN.contains(&name.as_str()) {
+    for (name, _) in &element.attributes {
+        if !KNOWN.contains(&name.as_str()) {
             let why = "a joint has no such setting";
             report.again(&element.place(), format!("joint {name}"), Effect::Left, why);
         }

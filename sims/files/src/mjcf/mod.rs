@@ -78,17 +78,13 @@ pub(crate) fn read(
         reader.parts(&all, element, None)?;
         reader.bodies(&all, None)?;
     }
-    masses::settle(
-        &mut reader.model.bodies,
-        &reader.model.joints,
-        f64::from(options.density),
-        reader.report,
-    );
-    masses::bound(
-        &mut reader.model.bodies,
-        reader.compiler.bounds,
-        reader.compiler.total_mass,
-    );
+    let Model { bodies, joints, .. } = &mut reader.model;
+    masses::settle(bodies, joints, f64::from(options.density), reader.report);
+    let Compiler {
+        bounds, total_mass, ..
+    } = reader.compiler;
+    masses::bound(bodies, bounds, total_mass);
+    masses::add_armatures(bodies, joints, reader.report);
     let excluded = reader.excluded(&root)?;
     reader.equalities(&root)?;
     if options.own_contacts == OwnContacts::AsFile {
@@ -628,6 +624,7 @@ mod tests {
     use crate::files::MemoryFiles;
     use crate::load::{load, load_text};
     use crate::model::LoadOptions;
+    use crate::report::Effect;
 
     fn read(inside: &str) -> Result<LoadedScene, LoadError> {
         let text = format!("<mujoco model='m'>\n{inside}</mujoco>");
@@ -727,6 +724,73 @@ mod tests {
                 (force - most).abs() < 1e-3 * most,
                 "{joint}: {force} N or N m, not {most}"
             );
+        }
+    }
+
+    #[test]
+    fn the_armature_of_a_joint_is_in_the_moments_of_the_body_that_it_turns() {
+        let ball = 0.4 * 0.01;
+        for (joint, moments, effect) in [
+            (
+                "<joint axis='0 1 0' armature='0.002'/>",
+                [ball, ball + 0.002, ball],
+                Some(Effect::Approximated),
+            ),
+            // No solid has a moment above the sum of the others.
+            (
+                "<joint axis='0 0 1' armature='1'/>",
+                [0.5 + ball, 0.5 + ball, 1.0 + 2.0 * ball],
+                Some(Effect::Approximated),
+            ),
+            (
+                "<joint type='ball' armature='0.3'/>",
+                [ball + 0.3; 3],
+                Some(Effect::Approximated),
+            ),
+            (
+                "<joint type='slide' armature='2'/>",
+                [ball; 3],
+                Some(Effect::Left),
+            ),
+            ("<joint armature='0'/>", [ball; 3], None),
+        ] {
+            let scene = read(&format!(
+                "<worldbody><body>{joint}<geom size='0.1' mass='1'/></body></worldbody>"
+            ));
+            let scene = scene.expect("a world");
+            let desc = scene.bodies[1].builder.desc(BodyId::new(0, 0), ShapeId(0));
+            let own = desc.mass.and_then(|mass| mass.moments).expect("moments");
+            let mut own = own.to_array().map(f64::from);
+            own.sort_by(f64::total_cmp);
+            let mut right = moments;
+            right.sort_by(f64::total_cmp);
+            for (own, right) in own.into_iter().zip(right) {
+                assert!(
+                    (own - right).abs() < 0.011 * right,
+                    "{joint}: {own} {right}"
+                );
+            }
+            let notes = scene.report.notes().iter();
+            let note = notes.filter(|note| note.subject == "joint armature");
+            let effects: Vec<_> = note.map(|note| note.effect).collect();
+            assert_eq!(effects, Vec::from_iter(effect), "{joint}");
+            assert!((desc.mass.expect("a mass").mass - 1.0).abs() < 1e-6);
+            assert!(scene.joints[0].joint.motors.iter().all(Option::is_none));
+        }
+    }
+
+    #[test]
+    fn a_spring_with_a_time_constant_has_it_whatever_the_body_weighs() {
+        for size in ["0.1", "0.5"] {
+            let scene = read(&format!(
+                "<worldbody><body><joint springdamper='0.2 0.5' stiffness='7' range='-90 90'/>\
+                 <geom size='{size}' pos='0 0.3 0'/></body></worldbody>"
+            ));
+            let scene = scene.expect("a world");
+            let motor = scene.joints[0].joint.motors[3].expect("a spring");
+            assert!((motor.stiffness - 100.0).abs() < 1e-2, "{motor:?}");
+            assert!((motor.damping - 10.0).abs() < 1e-3, "{motor:?}");
+            assert!(motor.force > 1.0, "{motor:?}");
         }
     }
 
