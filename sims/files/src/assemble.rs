@@ -8,7 +8,7 @@ use std::f32::consts::{PI, TAU};
 use glam::{DQuat, DVec3, Quat, Vec3};
 use rhumb_protocol::limits::{
     BODIES_MAX, EXTENT_MAX, FORCE_MAX, FRICTION_MAX, GYRATION_MAX, GYRATION_MIN, JOINTS_MAX,
-    MASS_MAX, MASS_MIN, PARTS_MAX, RATE_MAX, SHAPES_MAX, STIFFNESS_MAX,
+    MASS_MAX, MASS_MIN, PARTS_MAX, RATE_MAX, SHAPES_MAX, STIFFNESS_MAX, SUBSTEPS_MAX,
 };
 use rhumb_protocol::scene::{
     BodyBuilder, BodyDesc, Command, Compound, Invalid, Joint, JointFrame, JointId, JointKind,
@@ -219,15 +219,32 @@ fn config(model: &Model, up: DQuat, report: &mut Report) -> SceneConfig {
                 config.integrator.substeps = std::num::NonZeroU32::MIN;
             }
         }
-        Some((step, None)) => report.add(
-            &Place::of(&model.name),
-            "step".to_owned(),
-            format!("{step} s"),
-            Effect::Changed,
-            "a scene takes at most 1,000 steps a second, a whole number in some seconds: it has 60 of four substeps",
-        ),
+        Some((step, None)) => {
+            let substeps = fine_substeps(step, &mut config);
+            report.add(
+                &Place::of(&model.name),
+                "step".to_owned(),
+                match substeps {
+                    None => format!("{step} s, now 60 steps a second of four substeps"),
+                    Some(count) => format!("{step} s, now 1000 steps a second of {count} substeps"),
+                },
+                Effect::Changed,
+                "a scene takes at most 1,000 steps a second, a whole number in some seconds, of 16 substeps",
+            );
+        }
     }
     config
+}
+
+/// For a step below a millisecond: a thousand ticks a second, of as many substeps as there were steps, up to the most.
+fn fine_substeps(step: f64, config: &mut SceneConfig) -> Option<u32> {
+    let in_tick = 1.0 / (step * f64::from(RATE_MAX));
+    let rate = Rate::new(RATE_MAX, 1).filter(|_| in_tick > 1.0)?;
+    // The quotient is rounded.
+    let substeps = (in_tick - 1e-6).ceil().min(f64::from(SUBSTEPS_MAX)) as u32;
+    config.integrator.rate = rate;
+    config.integrator.substeps = std::num::NonZeroU32::new(substeps)?;
+    Some(substeps)
 }
 
 /// The rate of a step, seconds: a whole number of steps in a second, or in up to 1,001 of them.

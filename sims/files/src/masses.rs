@@ -3,6 +3,7 @@
 //! An engine cannot carry a force through a body of no mass. What is given here is noted.
 
 use glam::{DMat3, DVec3};
+use rhumb_protocol::limits::{GYRATION_MIN, MASS_MIN};
 
 use crate::inertia::{Inertia, Pose};
 use crate::model::{ModelBody, ModelJoint};
@@ -37,7 +38,14 @@ pub(crate) fn settle(
 /// A mass for a body that has none, and moments for one that has none.
 fn give_mass(body: &mut ModelBody, held: &Inertia, density: f64, report: &mut Report) {
     let own = body.inertia;
-    if own.mass > 0.0 && own.tensor != DMat3::ZERO {
+    // Moments that put all mass within a millimetre are written where a program wants some.
+    let diagonal = DVec3::new(
+        own.tensor.x_axis.x,
+        own.tensor.y_axis.y,
+        own.tensor.z_axis.z,
+    );
+    let has_moments = diagonal.max_element() >= own.mass * f64::from(GYRATION_MIN);
+    if own.mass > 0.0 && has_moments {
         return;
     }
     let solids = body.solids.iter().filter_map(|placed| {
@@ -79,6 +87,35 @@ fn give_mass(body: &mut ModelBody, held: &Inertia, density: f64, report: &mut Re
     body.inertia = inertia;
     let subject = format!("body \"{}\"", body.name);
     report.add(&body.place, subject, value, Effect::Changed, why);
+}
+
+/// Scales a file whose every body is lighter than the least body of a scene, so that the lightest has that mass: the motion
+/// of its parts stays as it was.
+pub(crate) fn scale(bodies: &mut [ModelBody], joints: &mut [ModelJoint], report: &mut Report) {
+    let own = bodies.iter().filter(|body| !body.fixed);
+    let masses = own.map(|body| body.inertia.mass);
+    let (least, most) = masses.fold((f64::MAX, 0.0_f64), |(least, most), mass| {
+        (least.min(mass), most.max(mass))
+    });
+    let bound = f64::from(MASS_MIN);
+    let (Some(first), true) = (bodies.first(), least > 0.0 && most < bound) else {
+        return;
+    };
+    // No body gets heavier than a thousand kilograms.
+    let factor = (bound / least).min(1_000.0 / most);
+    report.add(
+        &first.place,
+        "masses".to_owned(),
+        format!("{least} kg to {most} kg, now {factor} times as much"),
+        Effect::Changed,
+        "a body has at least 0.001 kg: all masses and forces of joints are multiplied alike",
+    );
+    for body in bodies {
+        body.inertia = body.inertia.times(factor);
+    }
+    for drive in joints.iter_mut().flat_map(|joint| &mut joint.drives) {
+        *drive = drive.map(|drive| drive.times(factor));
+    }
 }
 
 /// Raises masses and moments to their least ones, kg and kg·m², and scales all to a whole mass, kg, where one is given.

@@ -185,6 +185,17 @@ impl Drive {
         self.stiffness > 0.0 || self.damping > 0.0 || self.friction > 0.0 || self.timed.is_some()
     }
 
+    /// A multiple of its forces and of its rotor.
+    pub(crate) const fn times(self, factor: f64) -> Self {
+        Self {
+            stiffness: self.stiffness * factor,
+            damping: self.damping * factor,
+            friction: self.friction * factor,
+            armature: self.armature * factor,
+            ..self
+        }
+    }
+
     /// The same for an inertia, kg or kg·m², that it moves: with stiffness and damping in numbers.
     pub(crate) fn of_inertia(self, inertia: f64) -> Self {
         match self.timed {

@@ -437,6 +437,7 @@ impl Reader<'_> {
         }
         let density = f64::from(self.options.density);
         masses::settle(&mut self.bodies, &self.joints, density, self.report);
+        masses::scale(&mut self.bodies, &mut self.joints, self.report);
     }
 }
 
@@ -537,6 +538,32 @@ mod tests {
             "<robot name='r'>\n<link name='a'>{MASS}</link>\n<link name='b'>{MASS}</link>\n\
             <joint name='j' {joint}<parent link='a'/><child link='b'/></joint></robot>"
         )
+    }
+
+    #[test]
+    fn moments_of_a_point_are_none() {
+        let link = |moment: &str, shape: &str| {
+            format!(
+                "<robot name='r'><link name='a'><inertial><mass value='2'/>\
+                 <inertia ixx='{moment}' iyy='{moment}' izz='{moment}' ixy='0' ixz='0' iyz='0'/></inertial>{shape}</link></robot>"
+            )
+        };
+        let shape = "<collision><geometry><sphere radius='0.5'/></geometry></collision>";
+        for (moment, shape, right, notes) in [
+            ("4e-18", shape, 0.2, 1),
+            ("-5e-20", shape, 0.2, 1),
+            ("1e-18", "", 0.008, 1),
+            ("3e-6", shape, 3e-6, 0),
+        ] {
+            let scene = read(&link(moment, shape)).expect("a link");
+            let desc = scene.bodies[0].builder.desc(BodyId::new(0, 0), ShapeId(0));
+            let moments = desc.mass.and_then(|mass| mass.moments).expect("moments");
+            assert!(
+                (f64::from(moments.x) / right - 1.0).abs() < 1e-3,
+                "{moments}"
+            );
+            assert_eq!(scene.report.notes().len(), notes, "{moment}");
+        }
     }
 
     #[test]

@@ -84,6 +84,7 @@ pub(crate) fn read(
         bounds, total_mass, ..
     } = reader.compiler;
     masses::bound(bodies, bounds, total_mass);
+    masses::scale(bodies, joints, reader.report);
     masses::add_armatures(bodies, joints, reader.report);
     let excluded = reader.excluded(&root)?;
     reader.equalities(&root)?;
@@ -777,6 +778,38 @@ mod tests {
             assert!((desc.mass.expect("a mass").mass - 1.0).abs() < 1e-6);
             assert!(scene.joints[0].joint.motors.iter().all(Option::is_none));
         }
+    }
+
+    #[test]
+    fn a_fly_of_grams_and_small_steps_keeps_its_proportions() {
+        let scene = read(
+            "<option timestep='0.0001' gravity='0 0 -981'/><worldbody><body name='thorax'><freejoint/>\
+             <geom size='0.1' mass='3e-4'/><body name='wing'><joint stiffness='0.5' damping='0.01' armature='1e-6'/>\
+             <geom size='0.05' pos='0 0.1 0' mass='1e-6'/></body></body></worldbody>",
+        );
+        let scene = scene.expect("a world");
+        let integrator = scene.config.integrator;
+        assert_eq!(
+            (integrator.rate.ticks(), integrator.substeps.get()),
+            (1_000, 10)
+        );
+        assert!((mass(&scene, 0) - 0.3).abs() < 1e-6 && (mass(&scene, 1) - 1e-3).abs() < 1e-9);
+        // A kilogram of the file has the same acceleration as before: of the wing and its rotor about the joint.
+        let inertia = 1e-6 * (0.4 * 0.05 * 0.05 + 0.1 * 0.1) + 1e-6;
+        let motor = scene.joints[0].joint.motors[3].expect("a spring");
+        let right = 0.5 / inertia;
+        let off = f64::from(motor.stiffness) / right - 1.0;
+        assert!(off.abs() < 1e-3, "{motor:?} {right}");
+        let subjects = scene
+            .report
+            .notes()
+            .iter()
+            .map(|note| note.subject.as_str());
+        let subjects: Vec<_> = subjects.collect();
+        assert!(
+            subjects.contains(&"masses") && subjects.contains(&"step"),
+            "{subjects:?}"
+        );
     }
 
     #[test]
