@@ -898,6 +898,12 @@ typedef struct RhumbAddress {
   char text[320];
 } RhumbAddress;
 
+// The whole state of a scene. All zeros is none.
+typedef struct RhumbCheckpoint {
+  // Its number.
+  uint64_t id;
+} RhumbCheckpoint;
+
 // The arrays of a view. They have one order, which changes from view to view.
 //
 // The pointers are valid until the next call with this scene that computes a view (advance, wait, poll) or closes it.
@@ -1367,6 +1373,45 @@ RhumbCode rhumb_scene_page(struct RhumbScene scene,
 RhumbCode rhumb_local_server_connect(struct RhumbLocalServer server,
                                      double timeout_s,
                                      struct RhumbConnection *connection);
+
+// Saves a scene with everything that this client has sent. Scenes that `rhumb_local_server_restore` makes of it run to the
+// same bits, given the same commands before the same ticks. The scene's server must be in this process, without sockets.
+//
+// # Safety
+//
+// `checkpoint` points to what its type says.
+RhumbCode rhumb_scene_save(struct RhumbScene scene,
+                           struct RhumbCheckpoint *checkpoint);
+
+// The bytes of a checkpoint, for a file. `count` receives their number, also if `capacity` is too small for them.
+//
+// # Safety
+//
+// `bytes` points to memory for `capacity` bytes, `count` to what its type says.
+RhumbCode rhumb_checkpoint_bytes(struct RhumbCheckpoint checkpoint, uint8_t *bytes, size_t capacity, size_t *count);
+
+// Reads a checkpoint from its bytes; what is damaged, or of another version, is refused. The checksum finds damage and no
+// malice: read bytes of those whose programs you would run.
+//
+// # Safety
+//
+// `bytes` points to `count` bytes, `checkpoint` to what its type says.
+RhumbCode rhumb_checkpoint_read(const uint8_t *bytes,
+                                size_t count,
+                                struct RhumbCheckpoint *checkpoint);
+
+// Closes a checkpoint. Scenes that were made of it stay.
+RhumbCode rhumb_checkpoint_close(struct RhumbCheckpoint checkpoint);
+
+// Makes a scene that continues from a checkpoint, to be joined by its name. Bodies keep their ids. The scene has no members at
+// first: it ends if none joins for ten minutes. The server must be without sockets.
+//
+// # Safety
+//
+// `name` is a text that ends with a zero byte.
+RhumbCode rhumb_local_server_restore(struct RhumbLocalServer server,
+                                     const char *name,
+                                     struct RhumbCheckpoint checkpoint);
 
 // Closes the handle of a server. The server itself ends with the last of its connections and scenes.
 RhumbCode rhumb_local_server_close(struct RhumbLocalServer server);

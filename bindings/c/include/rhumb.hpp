@@ -911,6 +911,48 @@ struct Loaded {
     std::vector<std::string> left_out;
 };
 
+/// The whole state of a scene.
+class Checkpoint {
+public:
+    /// What is damaged, or of another version, is refused. The checksum finds damage and no malice.
+    static Checkpoint read(const std::vector<std::uint8_t>& bytes) {
+        RhumbCheckpoint raw = {0};
+        throw_unless_ok(rhumb_checkpoint_read(bytes.data(), bytes.size(), &raw));
+        return Checkpoint(raw);
+    }
+
+    Checkpoint(Checkpoint&& other) noexcept : raw_(std::exchange(other.raw_, RhumbCheckpoint{0})) {}
+
+    Checkpoint& operator=(Checkpoint&& other) noexcept {
+        std::swap(raw_, other.raw_);
+        return *this;
+    }
+
+    Checkpoint(const Checkpoint&) = delete;
+    Checkpoint& operator=(const Checkpoint&) = delete;
+
+    ~Checkpoint() {
+        // Only a handle that was moved away can fail here.
+        static_cast<void>(rhumb_checkpoint_close(raw_));
+    }
+
+    /// For a file.
+    std::vector<std::uint8_t> bytes() const {
+        std::size_t count = 0;
+        static_cast<void>(rhumb_checkpoint_bytes(raw_, nullptr, 0, &count));
+        std::vector<std::uint8_t> bytes(count);
+        throw_unless_ok(rhumb_checkpoint_bytes(raw_, bytes.data(), bytes.size(), &count));
+        return bytes;
+    }
+
+private:
+    friend class Scene;
+    friend class LocalServer;
+    explicit Checkpoint(RhumbCheckpoint raw) noexcept : raw_(raw) {}
+
+    RhumbCheckpoint raw_;
+};
+
 class Scene {
 public:
     explicit Scene(RhumbScene raw) noexcept : raw_(raw) {}
@@ -1173,6 +1215,15 @@ public:
         return address.text;
     }
 
+    /// The whole state of the scene, with everything that this client has sent: LocalServer::restore makes scenes of it, which
+    /// run to the same bits, given the same commands before the same ticks. The server must be in this process, without
+    /// sockets.
+    Checkpoint save() {
+        RhumbCheckpoint raw = {0};
+        throw_unless_ok(rhumb_scene_save(raw_, &raw));
+        return Checkpoint(raw);
+    }
+
     /// Leaves the scene. A second time does nothing.
     void close() noexcept {
         // Only a handle that is closed already can fail here.
@@ -1356,6 +1407,12 @@ public:
         RhumbConnection raw = {0};
         throw_unless_ok(rhumb_local_server_connect(raw_, timeout_s, &raw));
         return Connection(raw);
+    }
+
+    /// Makes a scene that continues from a checkpoint, to be joined by its name. Bodies keep their ids. The scene has no members
+    /// at first: it ends if none joins for ten minutes.
+    void restore(const std::string& scene, const Checkpoint& checkpoint) {
+        throw_unless_ok(rhumb_local_server_restore(raw_, scene.c_str(), checkpoint.raw_));
     }
 
     /// Its connections and scenes stay. A second time does nothing.

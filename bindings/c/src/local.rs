@@ -3,10 +3,10 @@
 use std::ffi::c_char;
 use std::sync::Arc;
 
-use rhumb_bindings::rhumb_client::LocalServer;
+use rhumb_bindings::rhumb_client::{Checkpoint, LocalServer};
 use rhumb_bindings::{BindingError, OwnServer, Reach, RemoteScene, ServedScenes};
 
-use crate::border::{check_out, copy_text, guard, optional_text, write};
+use crate::border::{check_out, copy_out, copy_text, elements, guard, optional_text, text, write};
 use crate::connection::{RhumbConnection, insert, time_limit};
 use crate::handles::HandleTable;
 use crate::scene::{RhumbScene, with};
@@ -166,6 +166,108 @@ pub unsafe extern "C" fn rhumb_local_server_connect(
         let id = insert(server.connect(timeout)?, Some(server));
         // SAFETY: the caller promises the memory.
         unsafe { write(connection, RhumbConnection { id }, "connection") }
+    })
+}
+
+/// The whole state of a scene. All zeros is none.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct RhumbCheckpoint {
+    /// Its number.
+    pub id: u64,
+}
+
+static CHECKPOINTS: HandleTable<Checkpoint> = HandleTable::new();
+
+/// Saves a scene with everything that this client has sent. Scenes that `rhumb_local_server_restore` makes of it run to the
+/// same bits, given the same commands before the same ticks. The scene's server must be in this process, without sockets.
+///
+/// # Safety
+///
+/// `checkpoint` points to what its type says.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn rhumb_scene_save(
+    scene: RhumbScene,
+    checkpoint: *mut RhumbCheckpoint,
+) -> RhumbCode {
+    guard(|| {
+        check_out(checkpoint, "checkpoint")?;
+        let id = CHECKPOINTS.insert(with(scene, RemoteScene::save)?);
+        // SAFETY: the caller promises the memory.
+        unsafe { write(checkpoint, RhumbCheckpoint { id }, "checkpoint") }
+    })
+}
+
+/// The bytes of a checkpoint, for a file. `count` receives their number, also if `capacity` is too small for them.
+///
+/// # Safety
+///
+/// `bytes` points to memory for `capacity` bytes, `count` to what its type says.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn rhumb_checkpoint_bytes(
+    checkpoint: RhumbCheckpoint,
+    bytes: *mut u8,
+    capacity: usize,
+    count: *mut usize,
+) -> RhumbCode {
+    guard(|| {
+        check_out(count, "count")?;
+        let all = CHECKPOINTS.with(checkpoint.id, |checkpoint| Ok(checkpoint.to_bytes()))?;
+        // SAFETY: the caller promises the memory of both.
+        unsafe {
+            write(count, all.len(), "count")?;
+            copy_out(bytes, capacity, &all, "bytes")
+        }
+    })
+}
+
+/// Reads a checkpoint from its bytes; what is damaged, or of another version, is refused. The checksum finds damage and no
+/// malice: read bytes of those whose programs you would run.
+///
+/// # Safety
+///
+/// `bytes` points to `count` bytes, `checkpoint` to what its type says.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn rhumb_checkpoint_read(
+    bytes: *const u8,
+    count: usize,
+    checkpoint: *mut RhumbCheckpoint,
+) -> RhumbCode {
+    guard(|| {
+        check_out(checkpoint, "checkpoint")?;
+        // SAFETY: the caller promises the memory.
+        let bytes = unsafe { elements(bytes, count, "bytes") }?;
+        let id = CHECKPOINTS.insert(Checkpoint::from_bytes(bytes)?);
+        // SAFETY: the caller promises the memory.
+        unsafe { write(checkpoint, RhumbCheckpoint { id }, "checkpoint") }
+    })
+}
+
+/// Closes a checkpoint. Scenes that were made of it stay.
+#[unsafe(no_mangle)]
+pub extern "C" fn rhumb_checkpoint_close(checkpoint: RhumbCheckpoint) -> RhumbCode {
+    guard(|| CHECKPOINTS.remove(checkpoint.id).map(drop))
+}
+
+/// Makes a scene that continues from a checkpoint, to be joined by its name. Bodies keep their ids. The scene has no members at
+/// first: it ends if none joins for ten minutes. The server must be without sockets.
+///
+/// # Safety
+///
+/// `name` is a text that ends with a zero byte.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn rhumb_local_server_restore(
+    server: RhumbLocalServer,
+    name: *const c_char,
+    checkpoint: RhumbCheckpoint,
+) -> RhumbCode {
+    guard(|| {
+        // SAFETY: the caller promises the text.
+        let name = unsafe { text(name, "name") }?;
+        let server = SERVERS.with(server.id, |server| Ok(server.clone()))?;
+        CHECKPOINTS.with(checkpoint.id, |checkpoint| {
+            Ok(server.restore(name, checkpoint)?)
+        })
     })
 }
 

@@ -111,11 +111,54 @@ static void misuse_of_files_and_sockets(void) {
     EXPECT(RHUMB_CODE_OK, rhumb_local_server_close(server));
 }
 
+static void misuse_of_checkpoints(void) {
+    RhumbLocalServer server, served;
+    RhumbConnection connection;
+    RhumbCheckpoint none = {0}, saved, read;
+    size_t count = 0;
+    EXPECT(RHUMB_CODE_OK, rhumb_local_server_open(0, &server));
+    RhumbScene scene = joined(server);
+    EXPECT(RHUMB_CODE_NULL, rhumb_scene_save(scene, NULL));
+    EXPECT(RHUMB_CODE_OK, rhumb_scene_save(scene, &saved));
+    EXPECT(RHUMB_CODE_NULL, rhumb_checkpoint_bytes(saved, NULL, 0, NULL));
+    EXPECT(RHUMB_CODE_TOO_SMALL, rhumb_checkpoint_bytes(saved, NULL, 0, &count));
+    uint8_t *bytes = malloc(count);
+    EXPECT(RHUMB_CODE_NULL, rhumb_checkpoint_bytes(saved, NULL, count, &count));
+    EXPECT(RHUMB_CODE_OK, rhumb_checkpoint_bytes(saved, bytes, count, &count));
+    EXPECT(RHUMB_CODE_NULL, rhumb_checkpoint_read(NULL, count, &read));
+    EXPECT(RHUMB_CODE_NULL, rhumb_checkpoint_read(bytes, count, NULL));
+    EXPECT(RHUMB_CODE_INVALID, rhumb_checkpoint_read(bytes, count - 1, &read));
+    EXPECT(RHUMB_CODE_INVALID, rhumb_checkpoint_read(NULL, 0, &read));
+    EXPECT(RHUMB_CODE_OK, rhumb_checkpoint_read(bytes, count, &read));
+    free(bytes);
+    EXPECT(RHUMB_CODE_NULL, rhumb_local_server_restore(server, NULL, read));
+    EXPECT(RHUMB_CODE_INVALID, rhumb_local_server_restore(server, "a b", read));
+    EXPECT(RHUMB_CODE_DENIED, rhumb_local_server_restore(server, "shared", read));
+    EXPECT(RHUMB_CODE_OK, rhumb_local_server_restore(server, "fork", read));
+    EXPECT(RHUMB_CODE_CLOSED, rhumb_local_server_restore(server, "another", none));
+    EXPECT(RHUMB_CODE_OK, rhumb_checkpoint_close(read));
+    EXPECT(RHUMB_CODE_CLOSED, rhumb_checkpoint_close(read));
+    EXPECT(RHUMB_CODE_CLOSED, rhumb_checkpoint_bytes(read, NULL, 0, &count));
+    EXPECT(RHUMB_CODE_OK, rhumb_serve(NULL, 0, &served));
+    EXPECT(RHUMB_CODE_DENIED, rhumb_local_server_restore(served, "fork", saved));
+    EXPECT(RHUMB_CODE_OK, rhumb_local_server_connect(served, 30, &connection));
+    RhumbScene elsewhere;
+    EXPECT(RHUMB_CODE_OK, rhumb_join(connection, "shared", NULL, &elsewhere));
+    EXPECT(RHUMB_CODE_DENIED, rhumb_scene_save(elsewhere, &read));
+    EXPECT(RHUMB_CODE_OK, rhumb_scene_close(elsewhere));
+    EXPECT(RHUMB_CODE_OK, rhumb_scene_close(scene));
+    EXPECT(RHUMB_CODE_CLOSED, rhumb_scene_save(scene, &read));
+    EXPECT(RHUMB_CODE_OK, rhumb_checkpoint_close(saved));
+    EXPECT(RHUMB_CODE_OK, rhumb_local_server_close(served));
+    EXPECT(RHUMB_CODE_OK, rhumb_local_server_close(server));
+}
+
 int main(void) {
     members_take_turns(0);
     members_take_turns(1);
     misuse();
     misuse_of_files_and_sockets();
+    misuse_of_checkpoints();
     printf("the members took turns\n");
     return 0;
 }

@@ -64,6 +64,34 @@ static void a_robot_is_loaded() {
     }
 }
 
+static void a_fork_runs_alike() {
+    rhumb::LocalServer server;
+    auto scene = server.connect().join("one");
+    auto ball = scene.add_body(rhumb::BodyDesc::dynamic(rhumb::Shape::ball(0.5)).at(0, 10, 0));
+    for (int i = 0; i < 10; ++i) scene.advance();
+    auto saved = rhumb::Checkpoint::read(scene.save().bytes());
+    server.restore("two", saved);
+    server.restore("three", saved);
+    auto two = server.connect().join("two");
+    auto three = server.connect().join("three");
+    for (int i = 0; i < 60; ++i) {
+        two.advance();
+        three.advance();
+    }
+    expect(two.save().bytes() == three.save().bytes(), "two scenes of one checkpoint are equal to the bit");
+    expect(two.place(ball).has_value(), "the id stays");
+    for (int i = 0; i < 60; ++i) scene.advance();
+    expect(scene.save().bytes() == two.save().bytes(), "the saved scene runs as they do");
+    auto bytes = saved.bytes();
+    bytes[bytes.size() / 2] ^= 1;
+    try {
+        rhumb::Checkpoint::read(bytes);
+        expect(false, "a flipped bit is refused");
+    } catch (const rhumb::Error& error) {
+        expect(error.code() == RHUMB_CODE_INVALID, error.what());
+    }
+}
+
 int main() {
     for (auto thread : {rhumb::LocalThread::Callers, rhumb::LocalThread::Own}) {
         rhumb::LocalServer server(thread);
@@ -85,6 +113,7 @@ int main() {
     }
     others_join();
     a_robot_is_loaded();
+    a_fork_runs_alike();
     auto connection = rhumb::Connection::local();
     expect(connection.join("drop").advance() == 1, "a scene on a server of its own");
     std::printf("the members saw the ball\n");

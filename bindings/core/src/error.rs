@@ -4,6 +4,8 @@
 
 use std::fmt;
 
+#[cfg(feature = "serve")]
+use rhumb_client::CheckpointError;
 use rhumb_client::scene::Invalid;
 use rhumb_client::{
     BodyId, ClientError, FingerprintError, InvalidMotion, InvalidTolerance, Misuse, OpenError,
@@ -63,6 +65,9 @@ pub enum BindingError {
     /// A server in this process did not start.
     #[cfg(feature = "serve")]
     Serve(Box<rhumb_server::RunError>),
+    /// A scene cannot be saved, or not be restored.
+    #[cfg(feature = "serve")]
+    Checkpoint(CheckpointError),
     /// This build has no page; the text says what to do.
     NoPage(&'static str),
     /// The scene's client knows its server by its address alone, and so not its page.
@@ -207,6 +212,8 @@ impl BindingError {
             Self::File(_) => ErrorKind::Invalid,
             #[cfg(feature = "serve")]
             Self::Serve(_) => ErrorKind::Connect,
+            #[cfg(feature = "serve")]
+            Self::Checkpoint(error) => checkpoint_kind(error),
             Self::NoPage(_) | Self::PageElsewhere => ErrorKind::Denied,
             Self::Null(_) => ErrorKind::Null,
             Self::TooSmall { .. } => ErrorKind::TooSmall,
@@ -214,6 +221,23 @@ impl BindingError {
             Self::Busy => ErrorKind::Busy,
             Self::Fault(_) => ErrorKind::Fault,
         }
+    }
+}
+
+#[cfg(feature = "serve")]
+const fn checkpoint_kind(error: &CheckpointError) -> ErrorKind {
+    match error {
+        CheckpointError::SceneName { .. }
+        | CheckpointError::Damaged
+        | CheckpointError::Version { .. }
+        | CheckpointError::Differs { .. } => ErrorKind::Invalid,
+        CheckpointError::Faulted => ErrorKind::SceneGone,
+        CheckpointError::NoSuchScene(_)
+        | CheckpointError::SceneExists(_)
+        | CheckpointError::Changed
+        | CheckpointError::NoImage
+        | CheckpointError::NotAdmitted(_)
+        | CheckpointError::NoServer => ErrorKind::Denied,
     }
 }
 
@@ -268,6 +292,8 @@ impl fmt::Display for BindingError {
             Self::File(cause) => cause.fmt(f),
             #[cfg(feature = "serve")]
             Self::Serve(cause) => cause.fmt(f),
+            #[cfg(feature = "serve")]
+            Self::Checkpoint(cause) => cause.fmt(f),
             Self::NoPage(reason) => write!(f, "this build has no page: {reason}"),
             Self::PageElsewhere => f.write_str(
                 "the scene's server is not this scene's own: the page of a scene that a program serves is known to that scene alone, and \
@@ -305,6 +331,13 @@ impl From<Box<rhumb_scene_files::LoadError>> for BindingError {
 impl From<rhumb_server::RunError> for BindingError {
     fn from(error: rhumb_server::RunError) -> Self {
         Self::Serve(Box::new(error))
+    }
+}
+
+#[cfg(feature = "serve")]
+impl From<CheckpointError> for BindingError {
+    fn from(error: CheckpointError) -> Self {
+        Self::Checkpoint(error)
     }
 }
 

@@ -8,7 +8,9 @@ use std::sync::Arc;
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
-use rhumb_client::{Client, Fingerprint, LocalServer, ServerConnection, Trust};
+use rhumb_client::{
+    Checkpoint, CheckpointError, Client, Fingerprint, LocalServer, ServerConnection, Trust,
+};
 use rhumb_server::{Access, Identity, PageBeside, RunError, Server, Stop, ViewScene, outward_ip};
 
 use crate::door::NetworkDoor;
@@ -157,6 +159,30 @@ impl OwnServer {
         }
     }
 
+    /// The state of a scene, with everything that the server has read.
+    ///
+    /// # Errors
+    ///
+    /// [`CheckpointError`] as [`LocalServer::save`], and for a server with sockets.
+    pub fn save(&self, scene: &str) -> Result<Checkpoint, CheckpointError> {
+        match self {
+            Self::Local(server) => server.save(scene),
+            Self::Served(_) => Err(CheckpointError::NoServer),
+        }
+    }
+
+    /// Makes a scene that continues from a checkpoint.
+    ///
+    /// # Errors
+    ///
+    /// [`CheckpointError`] as [`LocalServer::restore`], and for a server with sockets.
+    pub fn restore(&self, scene: &str, checkpoint: &Checkpoint) -> Result<(), CheckpointError> {
+        match self {
+            Self::Local(server) => server.restore(scene, checkpoint),
+            Self::Served(_) => Err(CheckpointError::NoServer),
+        }
+    }
+
     /// The one text by which other processes connect; `None` without sockets.
     #[must_use]
     pub fn address(&self) -> Option<String> {
@@ -187,6 +213,11 @@ impl SceneServer {
     /// The one text by which other processes connect.
     pub(crate) fn address(&self) -> Option<String> {
         self.origin.address()
+    }
+
+    /// The state of the scene.
+    pub(crate) fn save(&self) -> Result<Checkpoint, CheckpointError> {
+        self.origin.save(&self.scene)
     }
 
     /// The address of the page that shows the scene; it answers until the scene is closed.

@@ -11,6 +11,8 @@ use rhumb_client::{
     BodyCentres, BodyId, BodyState, Client, ClientError, ErrorBound, Misuse, PipelineDepth,
     RenderTime, ServerConnection, Statistics, Tick,
 };
+#[cfg(feature = "serve")]
+use rhumb_client::{Checkpoint, CheckpointError};
 
 use crate::body_params::BodyParams;
 use crate::contacts::{ContactRecord, Contacts};
@@ -152,6 +154,20 @@ impl RemoteScene {
     pub fn page(&mut self) -> Result<String, BindingError> {
         let origin = self.origin.as_mut();
         origin.ok_or(BindingError::PageElsewhere)?.page()
+    }
+
+    /// The whole state of the scene, with everything that this client has sent: any number of scenes continue from it.
+    ///
+    /// # Errors
+    ///
+    /// [`BindingError`] if the server is elsewhere or has sockets, as [`Client::inspect`], and for a scene that cannot be
+    /// saved.
+    #[cfg(feature = "serve")]
+    pub fn save(&mut self) -> Result<Checkpoint, BindingError> {
+        let origin = self.origin.as_ref().ok_or(CheckpointError::NoServer)?;
+        // The answer comes after everything that was sent before.
+        self.client.inspect()?;
+        Ok(origin.save()?)
     }
 
     /// The coordinates that it was joined with.

@@ -68,6 +68,22 @@ namespace Rhumb
             return new Connection(connection.id);
         }
 
+        /// <summary>
+        /// Makes a scene that continues from a checkpoint, to be joined by its name. Bodies keep their ids. The scene has no
+        /// members at first: it ends if none joins for ten minutes.
+        /// </summary>
+        public unsafe void Restore(string scene, Checkpoint checkpoint)
+        {
+            if (checkpoint == null)
+            {
+                throw new ArgumentNullException(nameof(checkpoint));
+            }
+            fixed (byte* name = Utf8.Bytes(scene))
+            {
+                RhumbException.Check(Native.rhumb_local_server_restore(handle.Server, name, checkpoint.Raw));
+            }
+        }
+
         /// <summary>Its connections and scenes stay. A second time does nothing.</summary>
         public void Dispose()
         {

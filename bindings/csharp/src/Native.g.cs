@@ -165,6 +165,55 @@ namespace Rhumb
         public static extern RhumbCode rhumb_local_server_connect(RhumbLocalServer server, double timeout_s, RhumbConnection* connection);
 
         /// <summary>
+        ///  Saves a scene with everything that this client has sent. Scenes that `rhumb_local_server_restore` makes of it run to the
+        ///  same bits, given the same commands before the same ticks. The scene's server must be in this process, without sockets.
+        ///
+        ///  # Safety
+        ///
+        ///  `checkpoint` points to what its type says.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_scene_save", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_scene_save(RhumbScene scene, RhumbCheckpoint* checkpoint);
+
+        /// <summary>
+        ///  The bytes of a checkpoint, for a file. `count` receives their number, also if `capacity` is too small for them.
+        ///
+        ///  # Safety
+        ///
+        ///  `bytes` points to memory for `capacity` bytes, `count` to what its type says.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_checkpoint_bytes", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_checkpoint_bytes(RhumbCheckpoint checkpoint, byte* bytes, System.UIntPtr capacity, System.UIntPtr* count);
+
+        /// <summary>
+        ///  Reads a checkpoint from its bytes; what is damaged, or of another version, is refused. The checksum finds damage and no
+        ///  malice: read bytes of those whose programs you would run.
+        ///
+        ///  # Safety
+        ///
+        ///  `bytes` points to `count` bytes, `checkpoint` to what its type says.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_checkpoint_read", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_checkpoint_read(byte* bytes, System.UIntPtr count, RhumbCheckpoint* checkpoint);
+
+        /// <summary>
+        ///  Closes a checkpoint. Scenes that were made of it stay.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_checkpoint_close", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_checkpoint_close(RhumbCheckpoint checkpoint);
+
+        /// <summary>
+        ///  Makes a scene that continues from a checkpoint, to be joined by its name. Bodies keep their ids. The scene has no members at
+        ///  first: it ends if none joins for ten minutes. The server must be without sockets.
+        ///
+        ///  # Safety
+        ///
+        ///  `name` is a text that ends with a zero byte.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_local_server_restore", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_local_server_restore(RhumbLocalServer server, byte* name, RhumbCheckpoint checkpoint);
+
+        /// <summary>
         ///  Closes the handle of a server. The server itself ends with the last of its connections and scenes.
         /// </summary>
         [DllImport(__DllName, EntryPoint = "rhumb_local_server_close", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
@@ -931,6 +980,18 @@ namespace Rhumb
         ///  UTF-8 that ends with a zero byte; empty where there is none.
         /// </summary>
         public fixed byte text[320];
+    }
+
+    /// <summary>
+    ///  The whole state of a scene. All zeros is none.
+    /// </summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public unsafe partial struct RhumbCheckpoint
+    {
+        /// <summary>
+        ///  Its number.
+        /// </summary>
+        public ulong id;
     }
 
     /// <summary>

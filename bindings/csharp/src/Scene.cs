@@ -453,6 +453,17 @@ namespace Rhumb
             return Utf8.Read((byte*)address.text);
         }
 
+        /// <summary>
+        /// The whole state of the scene, with everything that this client has sent. The server must be in this process, without
+        /// sockets.
+        /// </summary>
+        public unsafe Checkpoint Save()
+        {
+            RhumbCheckpoint checkpoint;
+            RhumbException.Check(Native.rhumb_scene_save(Raw(), &checkpoint));
+            return new Checkpoint(checkpoint);
+        }
+
         /// <summary>Deletes the scene for all of its clients.</summary>
         public void Delete()
         {

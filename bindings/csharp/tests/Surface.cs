@@ -32,6 +32,7 @@ internal static class Surface
         EveryKindHasAMember();
         AServerInTheProcess();
         AServerThatOthersJoin();
+        AForkOfAScene();
         ARobotFromAFile();
         TheVersion();
         PlainOptionsAreThoseOfC();
@@ -106,6 +107,42 @@ internal static class Surface
                 // A build without the web client.
                 Expect(missing.Code == RhumbCode.Denied, missing.Message);
             }
+        }
+    }
+
+    private static void AForkOfAScene()
+    {
+        using (var server = new LocalServer())
+        using (Scene scene = server.Connect().Join("one"))
+        {
+            Body ball = scene.Add(BodyDesc.Dynamic(Shape.Ball(0.5f)).At(0, 10, 0));
+            scene.Advance();
+            byte[] bytes;
+            using (Checkpoint saved = scene.Save())
+            {
+                bytes = saved.ToBytes();
+            }
+            using (Checkpoint read = Checkpoint.Read(bytes))
+            {
+                server.Restore("two", read);
+                Fails(RhumbCode.Denied, () => server.Restore("two", read));
+            }
+            using (Scene two = server.Connect().Join("two"))
+            {
+                for (int i = 0; i < 30; i++)
+                {
+                    scene.Advance();
+                    two.Advance();
+                }
+                Expect(two.Place(ball) >= 0, "the id stays");
+                using (Checkpoint one = scene.Save())
+                using (Checkpoint other = two.Save())
+                {
+                    Expect(Convert.ToBase64String(one.ToBytes()) == Convert.ToBase64String(other.ToBytes()), "a fork runs alike");
+                }
+            }
+            bytes[bytes.Length / 2] ^= 1;
+            Fails(RhumbCode.Invalid, () => Checkpoint.Read(bytes));
         }
     }
 

@@ -9,6 +9,7 @@
 
 mod arguments;
 mod body;
+mod checkpoint;
 mod connection;
 mod errors;
 mod event;
@@ -31,6 +32,7 @@ fn native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add_class::<connection::PyConnection>()?;
     module.add_class::<local::PyLocalServer>()?;
+    module.add_class::<checkpoint::PyCheckpoint>()?;
     module.add_class::<scene::PyScene>()?;
     module.add_class::<shape::PyShape>()?;
     module.add_class::<joint::PyJoint>()?;

@@ -9,6 +9,7 @@ use rhumb_bindings::rhumb_client::LocalServer;
 use rhumb_bindings::{OwnServer, Reach, ServedScenes};
 
 use crate::arguments::seconds;
+use crate::checkpoint::PyCheckpoint;
 use crate::connection::PyConnection;
 use crate::errors::exception;
 use crate::number;
@@ -53,6 +54,14 @@ impl PyLocalServer {
             opened,
             Some(origin),
         ))
+    }
+
+    /// Makes a scene that continues from a checkpoint, to be joined by its name.
+    ///
+    /// Bodies keep their ids. The scene has no members at first: it ends if none joins for ten minutes.
+    fn restore(&self, py: Python<'_>, scene: &str, checkpoint: &PyCheckpoint) -> PyResult<()> {
+        let restored = py.detach(|| self.server.restore(scene, &checkpoint.0));
+        restored.map_err(|error| exception(py, &error.into()))
     }
 
     fn __repr__(&self) -> String {

@@ -16,6 +16,7 @@ use rhumb_bindings::{BindingError, RemoteScene, body_word};
 
 use crate::arguments::{bodies, optional_rows, rows, seconds, single, vector};
 use crate::body::{bodies_at, plain_body, states};
+use crate::checkpoint::PyCheckpoint;
 use crate::errors::{exception, wrong_value};
 use crate::event::{PyContact, PyEvent};
 use crate::file::{PyLoaded, params};
@@ -858,6 +859,16 @@ impl PyScene {
     /// server is looked at between calls too, so that one that runs free moves on.
     fn page(&self, py: Python<'_>) -> PyResult<String> {
         self.waiting(py, |opened| opened.scene.page())
+    }
+
+    /// The whole state of the scene, with everything that this client has sent: bodies, joints, sleep, contacts, and the
+    /// engine's own memory of them. Scenes that restore makes of it run to the same bits, given the same commands before the
+    /// same ticks. A fork of a scene is rhumb.restore(scene.save()).
+    ///
+    /// The server must be one of local or LocalServer.
+    fn save(&self, py: Python<'_>) -> PyResult<PyCheckpoint> {
+        self.waiting(py, |opened| opened.scene.save())
+            .map(PyCheckpoint)
     }
 
     /// Leaves the scene. A second time does nothing.

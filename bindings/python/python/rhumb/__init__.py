@@ -19,6 +19,7 @@ Units are kilograms, seconds, radians, and the unit of length of the scene's coo
 from . import errors
 from ._native import (
     Character,
+    Checkpoint,
     Connection,
     Contact,
     Event,
@@ -36,6 +37,7 @@ from ._native import (
     local,
     serve,
 )
+from .checkpoints import restore
 from .errors import (
     BusyError,
     ClosedError,
@@ -57,6 +59,7 @@ from .page import view
 __all__ = [
     "BusyError",
     "Character",
+    "Checkpoint",
     "ClosedError",
     "ConnectError",
     "Connection",
@@ -86,6 +89,7 @@ __all__ = [
     "errors",
     "load",
     "local",
+    "restore",
     "serve",
     "view",
 ]

@@ -107,6 +107,26 @@ class LocalServer:
     def __init__(self, *, own_thread: bool = False) -> None: ...
     def connect(self, *, timeout: float = 5.0) -> Connection:
         """A connection of one more client, which joins a scene. The time limit, in seconds, holds for every later call that waits."""
+    def restore(self, scene: str, checkpoint: Checkpoint) -> None:
+        """Makes a scene that continues from a checkpoint, to be joined by its name.
+
+        Bodies keep their ids. The scene has no members at first: it ends if none joins for ten minutes.
+        """
+
+@final
+class Checkpoint:
+    """A scene at a moment, with all that decides its further run; Scene.save makes it, and restore makes scenes of it.
+
+    bytes(checkpoint) is a file of it, and Checkpoint(data) reads that: what is damaged, or of another version of rhumb, is
+    refused. The checksum finds damage and no malice: read files of those whose programs you would run.
+    """
+
+    def __init__(self, data: bytes) -> None: ...
+    @property
+    def tick(self) -> int:
+        """The tick of the scene."""
+    def __bytes__(self) -> bytes: ...
+    def __hash__(self) -> int: ...
 
 @final
 class Connection:
@@ -880,6 +900,13 @@ class Scene:
 
         The server must be in this process: serve, local or LocalServer. While a browser shows a scene of local, the scene's
         server is looked at between calls too, so that one that runs free moves on.
+        """
+    def save(self) -> Checkpoint:
+        """The whole state of the scene, with everything that this client has sent: bodies, joints, sleep, contacts, and the
+        engine's own memory of them. Scenes that restore makes of it run to the same bits, given the same commands before the
+        same ticks. A fork of a scene is rhumb.restore(scene.save()).
+
+        The server must be one of local or LocalServer.
         """
     def close(self) -> None:
         """Leaves the scene. A second time does nothing."""

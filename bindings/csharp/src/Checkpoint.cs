@@ -1,0 +1,87 @@
+// Scenes as bytes, from which scenes continue.
+
+using System;
+using Microsoft.Win32.SafeHandles;
+
+namespace Rhumb
+{
+    /// <summary>
+    /// The whole state of a scene: Scene.Save makes it, and LocalServer.Restore makes scenes of it, which run to the same bits,
+    /// given the same commands before the same ticks.
+    /// </summary>
+    public sealed class Checkpoint : IDisposable
+    {
+        private readonly CheckpointHandle handle;
+
+        internal Checkpoint(RhumbCheckpoint checkpoint)
+        {
+            handle = new CheckpointHandle(checkpoint.id);
+        }
+
+        /// <summary>
+        /// Reads it from its bytes. What is damaged, or of another version, is refused. The checksum finds damage and no malice.
+        /// </summary>
+        public static unsafe Checkpoint Read(byte[] bytes)
+        {
+            if (bytes == null)
+            {
+                throw new ArgumentNullException(nameof(bytes));
+            }
+            RhumbCheckpoint checkpoint;
+            fixed (byte* first = bytes)
+            {
+                RhumbException.Check(Native.rhumb_checkpoint_read(first, (UIntPtr)(ulong)bytes.Length, &checkpoint));
+            }
+            return new Checkpoint(checkpoint);
+        }
+
+        /// <summary>Its bytes, for a file.</summary>
+        public unsafe byte[] ToBytes()
+        {
+            UIntPtr count;
+            RhumbCode code = Native.rhumb_checkpoint_bytes(Raw, null, UIntPtr.Zero, &count);
+            if (code != RhumbCode.TooSmall)
+            {
+                RhumbException.Check(code);
+            }
+            var bytes = new byte[(ulong)count];
+            fixed (byte* first = bytes)
+            {
+                RhumbException.Check(Native.rhumb_checkpoint_bytes(Raw, first, count, &count));
+            }
+            return bytes;
+        }
+
+        /// <summary>Scenes that were made of it stay. A second time does nothing.</summary>
+        public void Dispose()
+        {
+            handle.Dispose();
+        }
+
+        internal RhumbCheckpoint Raw
+        {
+            get { return handle.Checkpoint; }
+        }
+
+        /// <summary>The number of a checkpoint, which is closed with it.</summary>
+        private sealed class CheckpointHandle : SafeHandleZeroOrMinusOneIsInvalid
+        {
+            internal CheckpointHandle(ulong id)
+                : base(true)
+            {
+                SetHandle((IntPtr)(long)id);
+            }
+
+            /// <summary>Zero, which no checkpoint has, once it is closed.</summary>
+            internal RhumbCheckpoint Checkpoint
+            {
+                get { return new RhumbCheckpoint { id = IsClosed ? 0 : (ulong)(long)handle }; }
+            }
+
+            protected override bool ReleaseHandle()
+            {
+                return Native.rhumb_checkpoint_close(new RhumbCheckpoint { id = (ulong)(long)handle }) == RhumbCode.Ok;
+            }
+        }
+    }
+}
