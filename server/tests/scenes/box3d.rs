@@ -7,8 +7,8 @@ use glam::{Quat, Vec3};
 use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::scene::{
     ActiveEvents, Answer, BodyDesc, BodyEvent, BodyKind, Command, CommandError, Compound, Heights,
-    Joint, JointFrame, JointId, JointKind, JointStrength, Mesh, Part, Query, SceneConfig, Shape,
-    ShapeId, Sleep, SleepThresholds, Spring,
+    Invalid, Joint, JointFrame, JointId, JointKind, JointStrength, Mass, Mesh, Part, Quantity,
+    Query, SceneConfig, Shape, ShapeId, Sleep, SleepThresholds, Spring,
 };
 use rhumb_protocol::session::{ClientSession, Event};
 use rhumb_protocol::{Endpoint, Instant, Peer, Transmit};
@@ -446,4 +446,47 @@ fn the_pit_of_500_balls_is_within_its_tolerance_at_every_tick_and_falls_asleep()
         assert!(balls > 300, "{kind}: {balls}");
         assert!(resting * 2 > balls, "{kind}: {resting} of {balls}");
     }
+}
+
+#[test]
+fn a_push_acts_whole_or_is_refused() {
+    let mut scene = scene();
+    scene
+        .apply(&Command::SetGravity {
+            gravity: Vec3::ZERO,
+        })
+        .expect(VALID);
+    add_shape(&mut scene, 0, Shape::cuboid(0.2, 0.2, 0.2)).expect(VALID);
+    let mut desc = BodyDesc::plain(BALL, BodyKind::Dynamic, ShapeId(0));
+    let moments = None;
+    desc.mass = Some(Mass { mass: 1.0, moments });
+    add(&mut scene, desc, Vec3::ZERO).expect(VALID);
+    let id = BALL;
+    let impulse = |x: f32| Command::Impulse {
+        id,
+        impulse: Vec3::X * x,
+    };
+    let force = |x: f32| Command::Force {
+        id,
+        force: Vec3::X * x * 60.0,
+    };
+    let twist = |y: f32| Command::TorqueImpulse {
+        id,
+        impulse: Vec3::Y * y,
+    };
+    let refused = |quantity| Err(CommandError::Invalid(Invalid::out_of_range(quantity)));
+    let linear = refused(Quantity::Linear);
+    assert_eq!(scene.apply(&impulse(500.0)), Ok(()));
+    assert_eq!(scene.apply(&force(450.0)), Ok(()));
+    assert_eq!(scene.apply(&force(450.0)), linear);
+    assert_eq!(scene.apply(&impulse(450.0)), linear);
+    assert_eq!(scene.apply(&twist(5.0)), refused(Quantity::Angular));
+    assert_eq!(scene.apply(&twist(2.5)), Ok(()));
+    step(&mut scene, 1);
+    let parts = scene.observation(BALL).expect(VALID).motion.parts();
+    let (speed, spin) = (parts[7], parts[11]);
+    assert!((speed - 950.0).abs() < 0.1, "{speed} m/s");
+    assert!((spin - 2.5 / (0.16 / 6.0)).abs() < 0.1, "{spin} rad/s");
+    assert_eq!(scene.apply(&force(450.0)), linear);
+    assert_eq!(scene.apply(&impulse(-1_900.0)), Ok(()));
 }
