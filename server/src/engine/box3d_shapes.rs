@@ -5,7 +5,7 @@
 
 use std::sync::Arc;
 
-use glam::{Quat, Vec3};
+use glam::{DVec3, Quat, Vec3};
 use rhumb_protocol::scene::{Heights, Shape};
 use rhumb_solids::{SolidPart, UnitMass};
 
@@ -125,7 +125,7 @@ fn mesh(
 
 /// The posts of a height field and two triangles for each cell, whose fronts are up.
 fn ground(heights: &Heights) -> (Vec<Vec3>, Vec<[u32; 3]>) {
-    let points = heights.posts().map(|post| post.as_vec3()).collect();
+    let points = heights.posts().map(DVec3::as_vec3).collect();
     let (rows, columns) = (heights.rows(), heights.columns());
     let mut triangles = Vec::new();
     for row in 0..rows - 1 {
