@@ -5,10 +5,11 @@
 //! the body goes or the scene ends. All threads of a process share both sums; the parts of other processes are as old as
 //! their last report.
 
-use std::sync::Arc;
+use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError, Weak};
 
-use rhumb_protocol::scene::{Locomotion, SceneConfig};
+use rhumb_protocol::scene::{Locomotion, SceneConfig, SceneName};
 
 /// The bounds that all scenes of a server share; all clones are one.
 #[derive(Clone, Debug, Default)]
@@ -17,6 +18,40 @@ pub struct Admission {
     pub slots: SceneSlots,
     /// Their load.
     pub load: ServerLoad,
+    /// The load of each tenant's.
+    pub tenants: TenantLoads,
+}
+
+/// The tenant of a scene: the first part of its name, up to a slash. A scene without one belongs to none.
+#[must_use]
+pub fn tenant_of(scene: &SceneName) -> Option<&str> {
+    Some(scene.as_str().split_once('/')?.0)
+}
+
+/// The load of the scenes of each tenant, in this process; all clones are one. A tenant's scenes are in one process.
+#[derive(Clone, Debug, Default)]
+pub struct TenantLoads(Arc<Mutex<BTreeMap<String, Weak<AtomicU64>>>>);
+
+impl TenantLoads {
+    /// The sum of a tenant's scenes, which lives as long as they do.
+    fn of(&self, tenant: &str) -> Arc<AtomicU64> {
+        // An entry is added or removed in one piece.
+        let mut sums = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        sums.retain(|_, sum| sum.strong_count() > 0);
+        if let Some(sum) = sums.get(tenant).and_then(Weak::upgrade) {
+            return sum;
+        }
+        let sum = Arc::new(AtomicU64::new(0));
+        sums.insert(tenant.to_owned(), Arc::downgrade(&sum));
+        sum
+    }
+}
+
+/// The sum of the tenant's scenes to which a scene belongs, and its bound.
+#[derive(Debug)]
+struct TenantPart {
+    sum: Arc<AtomicU64>,
+    most: u64,
 }
 
 /// Counts the scenes of a server; all clones are one count.
@@ -99,6 +134,7 @@ pub(crate) struct SceneLoad {
     reserved: u64,
     /// The part of its characters and vehicles.
     locomotion: u64,
+    tenant: Option<TenantPart>,
     scene_max: u64,
     server_max: u64,
 }
@@ -165,6 +201,7 @@ impl ServerLoad {
             per_body: ticks.saturating_mul(substeps),
             reserved,
             locomotion: 0,
+            tenant: None,
             scene_max,
             server_max,
         }
@@ -177,9 +214,26 @@ impl SceneLoad {
         self.reserved
     }
 
-    /// True if one body alone is within the scene's and the server's limits.
+    /// The same part, which counts for the tenant of a scene, too; `most`: of all of that tenant's scenes.
+    pub(crate) fn of_tenant(mut self, scene: &SceneName, tenants: &TenantLoads, most: u64) -> Self {
+        self.tenant = tenant_of(scene).map(|tenant| TenantPart {
+            sum: tenants.of(tenant),
+            most,
+        });
+        if let Some(tenant) = &self.tenant {
+            tenant.sum.fetch_add(self.reserved, Ordering::Relaxed);
+        }
+        self
+    }
+
+    /// True if one body alone is within the scene's, the tenant's and the server's limits.
     pub(crate) fn has_room(&self) -> bool {
-        self.reserved.saturating_add(self.per_body) <= self.scene_max
+        let tenant_has = self.tenant.as_ref().is_none_or(|tenant| {
+            let reserved = tenant.sum.load(Ordering::Relaxed);
+            reserved.saturating_add(self.per_body) <= tenant.most
+        });
+        tenant_has
+            && self.reserved.saturating_add(self.per_body) <= self.scene_max
             && self.sum.reserved().saturating_add(self.per_body) <= self.server_max
     }
 
@@ -210,25 +264,51 @@ impl SceneLoad {
         if self.reserved.saturating_add(part) > self.scene_max {
             return false;
         }
+        if !self.reserve_of_tenant(part) {
+            return false;
+        }
         let elsewhere = self.sum.elsewhere.load(Ordering::Relaxed);
         let more = |here: u64| {
             let here = here.saturating_add(part);
             (here.saturating_add(elsewhere) <= self.server_max).then_some(here)
         };
         let reserved = (self.sum.here).fetch_update(Ordering::Relaxed, Ordering::Relaxed, more);
-        self.reserved += reserved.map_or(0, |_| part);
+        match reserved {
+            Ok(_) => self.reserved += part,
+            Err(_) => self.give_back_to_tenant(part),
+        }
         reserved.is_ok()
+    }
+
+    fn reserve_of_tenant(&self, part: u64) -> bool {
+        let Some(TenantPart { sum, most }) = &self.tenant else {
+            return true;
+        };
+        let more = |reserved: u64| {
+            let reserved = reserved.saturating_add(part);
+            (reserved <= *most).then_some(reserved)
+        };
+        sum.fetch_update(Ordering::Relaxed, Ordering::Relaxed, more)
+            .is_ok()
+    }
+
+    fn give_back_to_tenant(&self, part: u64) {
+        if let Some(tenant) = &self.tenant {
+            tenant.sum.fetch_sub(part, Ordering::Relaxed);
+        }
     }
 
     fn give_back(&mut self, part: u64) {
         let part = part.min(self.reserved);
         self.reserved -= part;
+        self.give_back_to_tenant(part);
         self.sum.here.fetch_sub(part, Ordering::Relaxed);
     }
 }
 
 impl Drop for SceneLoad {
     fn drop(&mut self) {
+        self.give_back_to_tenant(self.reserved);
         self.sum.here.fetch_sub(self.reserved, Ordering::Relaxed);
     }
 }
@@ -257,6 +337,32 @@ mod tests {
         drop(first);
         drop(second);
         assert_eq!(server.reserved(), 0);
+    }
+
+    #[test]
+    fn a_tenant_s_scenes_share_its_part_and_leave_the_rest_to_others() {
+        let (server, tenants) = (ServerLoad::default(), TenantLoads::default());
+        let scene = |name: &str| {
+            let name: SceneName = name.parse().unwrap();
+            let load = server.of_scene((1, 100), 10_000, 4_000);
+            load.of_tenant(&name, &tenants, 1_250)
+        };
+        let (mut first, mut second) = (scene("a/1"), scene("a/2"));
+        assert!(first.add_body() && second.add_body());
+        assert!(
+            !first.add_body() && !second.has_room(),
+            "the tenant has its part"
+        );
+        let (mut other, mut none) = (scene("b/1"), scene("alone"));
+        for _ in 0..5 {
+            assert!(other.add_body() && none.add_body(), "others have theirs");
+        }
+        assert_eq!(server.reserved(), 2_000 + 1_200);
+        drop(first);
+        assert!(second.add_body() && second.add_body(), "it was given back");
+        drop((second, other));
+        assert!(scene("a/3").has_room());
+        assert_eq!(server.reserved(), 500 + 500, "the scene without a tenant");
     }
 
     #[test]

@@ -24,7 +24,7 @@ pub trait CommandLog: Send {
     /// Number of batches that are durable.
     fn durable(&self) -> u64;
 
-    /// Bytes of entries since the last snapshot.
+    /// Bytes of the log since the last snapshot.
     fn bytes(&self) -> usize;
 
     /// True if another snapshot may begin.
@@ -123,5 +123,15 @@ impl Durability {
             self.stepped >= SNAPSHOT_AFTER || self.log.bytes() >= SNAPSHOT_BYTES
         };
         due && self.log.may_snapshot()
+    }
+
+    /// True if a snapshot is due by the bytes of the log alone, in whatever state the scene is.
+    pub(crate) fn is_long(&self) -> bool {
+        !self.log.is_broken() && self.log.bytes() >= SNAPSHOT_BYTES && self.log.may_snapshot()
+    }
+
+    /// True if the log is longer than so many bytes and goes on.
+    pub(crate) fn is_beyond(&self, bytes: usize) -> bool {
+        !self.log.is_broken() && self.log.bytes() >= bytes
     }
 }

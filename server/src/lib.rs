@@ -68,7 +68,7 @@ mod settings;
 mod streams;
 mod tier_controller;
 
-pub use admission::{Admission, SceneSlots, ServerLoad};
+pub use admission::{Admission, SceneSlots, ServerLoad, TenantLoads, tenant_of};
 pub use authority_group::UpstreamStatistics;
 pub use baking::{BakeJob, Bakers};
 pub use checkpoint::{Checkpoint, CheckpointError};

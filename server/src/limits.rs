@@ -102,13 +102,29 @@ limits! {
     empty_scene_seconds = 600, 0 to 31536000;
     /// Seconds for a connection's first message. A client on a bad link needs a few round trips.
     hello_seconds = 8, 1 to 60;
-    /// Milliseconds that one tick or one command may take before its scene is quarantined.
+    /// Scenes of one tenant at one time, unless a token says otherwise. Where tokens are asked for, scenes without a tenant
+    /// count for the client that names them first.
+    tenant_scenes = 128, 1 to SCENES_MAX as u64;
+    /// The part of `server_load` that the free-running scenes of one tenant may have together.
+    tenant_load = 20000000, 1 to u64::MAX;
+    /// MiB of a durable scene's log since its last snapshot. A scene of which there can be no snapshot, as it is not
+    /// stepped, takes no more commands beyond them; at twice as many nothing more is durable until the next snapshot.
+    scene_log_mib = 64, 8 to 1048576;
+    /// MiB of one tenant's scenes in the data directory. Beyond them nothing more of the tenant is durable until there is
+    /// room, as on a full disk. They are counted anew after each 4 MiB of a log.
+    tenant_data_mib = 16384, 1 to 1073741824;
+    /// The same of all scenes together.
+    data_mib = 32768, 1 to 1073741824;
+    /// Milliseconds of processor time that one tick or one command may take before its scene is quarantined. One that takes
+    /// ten times as long by the clock is quarantined too.
     stuck_milliseconds = 2000, 100 to 60000;
     /// Milliseconds that the solid of one shape may take to be made, beside the steps of its scene. The largest mesh takes
     /// some 100; one that takes longer is refused, and one that has waited as long.
     bake_milliseconds = 1000, 1 to 60000;
     /// Quarantined scenes from which on no scene begins: each may take a core until the server is restarted.
     quarantined_scenes = 8, 1 to 256;
+    /// Quarantined scenes of one tenant from which on no scene of it begins; more of them do not count for others.
+    tenant_quarantined_scenes = 2, 1 to 256;
     /// MiB of private memory of a worker process, with 8 for the stack of each scene; 0 sets no limit. A process that
     /// needs more ends, and no other one does.
     worker_memory_mib = 4096, 0 to 1048576;
@@ -187,6 +203,11 @@ impl Limits {
     /// The lifetime of a scene without members; `None` for ever.
     pub(crate) fn empty_scene(&self) -> Option<Span> {
         (self.empty_scene_seconds > 0).then(|| Span::from_millis(self.empty_scene_seconds * 1_000))
+    }
+
+    /// Bytes of a scene's log without a snapshot from which on it takes no commands.
+    pub(crate) const fn scene_log_bytes(&self) -> usize {
+        (self.scene_log_mib << 20) as usize
     }
 
     pub(crate) const fn waiting_bytes(&self) -> usize {

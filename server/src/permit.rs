@@ -39,6 +39,9 @@ pub struct Quotas {
     pub load: Option<u64>,
     /// Members at one time.
     pub members: Option<u32>,
+    /// Scenes of the client's tenant at one time; in the permit of a connection, how many more there may be, its own among
+    /// them.
+    pub scenes: Option<u32>,
 }
 
 impl Permit {
@@ -51,6 +54,7 @@ impl Permit {
             commands: None,
             load: None,
             members: None,
+            scenes: None,
         },
         owns: false,
     };
@@ -136,6 +140,12 @@ impl Ownership {
     /// Forgets a joint that has left the scene.
     pub fn remove_joint(&mut self, id: JointId) {
         self.joints.remove(&id);
+    }
+
+    /// Shapes of a client.
+    pub(crate) fn shapes_of(&self, client: &ClientName) -> impl Iterator<Item = ShapeId> {
+        let shapes = self.shapes.iter();
+        shapes.filter_map(move |(id, owner)| (owner == client).then_some(*id))
     }
 
     /// Bodies of a client.

@@ -8,11 +8,14 @@
 use std::collections::BTreeSet;
 
 use rhumb_protocol::Peer;
-use rhumb_protocol::limits::{ADVANCE_TICKS_MAX, DAMPINGS_MAX, STREAMS_PER_SCENE_MAX};
+use rhumb_protocol::limits::{
+    ADVANCE_TICKS_MAX, DAMPINGS_MAX, SHAPE_BYTES_PER_SCENE_MAX, SHAPES_MAX, STREAMS_PER_SCENE_MAX,
+};
 use rhumb_protocol::message::{AuthorityError, Denial, Role};
 use rhumb_protocol::packet::StreamId;
 use rhumb_protocol::scene::{
-    BodyDesc, BodyKind, Command, CommandError, IdRange, Invalid, Quantity, SceneConfig, Stepping,
+    BodyDesc, BodyKind, Command, CommandError, IdRange, Invalid, Quantity, SceneConfig, SceneName,
+    Shape, Stepping,
 };
 use rhumb_reckoning::{BodyId, Tick};
 
@@ -46,6 +49,7 @@ pub(crate) fn delete(peer: Peer, permit: &Permit, owner: Option<Peer>) -> Result
 
 /// Reserves a place and processor time for a scene, if the server admits it.
 pub(crate) fn admit_scene(
+    name: &SceneName,
     config: &SceneConfig,
     settings: &SceneSettings,
 ) -> Result<(SceneSlot, SceneLoad), Denial> {
@@ -56,7 +60,7 @@ pub(crate) fn admit_scene(
         return Err(Denial::InvalidConfig(rate));
     }
     let slot = settings.take_slot().ok_or(Denial::TooManyScenes)?;
-    let load = settings.load_of(config);
+    let load = settings.load_of(name, config);
     if !load.has_room() {
         let retry_seconds = admission::RETRY_SECONDS;
         return Err(Denial::Overloaded { retry_seconds });
@@ -136,6 +140,11 @@ impl Rights<'_> {
     /// Decides whether the client may give a command. [`admit`] decides whether the scene takes it.
     pub(crate) fn command(&self, command: &Command) -> Result<(), CommandError> {
         self.check(Request::Command(command, self.scene.config()))?;
+        if let Command::AddShape { shape, .. } = command
+            && !self.has_share_of_shapes(shape)
+        {
+            return Err(CommandError::OverQuota);
+        }
         if self.is_faulted {
             return Err(CommandError::SceneFaulted);
         }
@@ -145,6 +154,20 @@ impl Rights<'_> {
             }
             _ => Ok(()),
         }
+    }
+
+    /// True unless the client would have more than its share of the scene's shapes. An owner of the scene may have all.
+    fn has_share_of_shapes(&self, shape: &Shape) -> bool {
+        let client = match &self.permit.client {
+            Some(client) if self.permit.role < Role::Owner => client,
+            _ => return true,
+        };
+        let (mut count, mut bytes) = (1, shape.bytes());
+        for id in self.ownership.shapes_of(client) {
+            count += 1;
+            bytes += self.scene.shape(id).map_or(0, Shape::bytes);
+        }
+        count <= SHAPES_OF_CLIENT_MAX && bytes <= SHAPE_BYTES_OF_CLIENT_MAX
     }
 
     /// Decides whether a member may take authority over bodies.
@@ -270,6 +293,10 @@ const STREAMS_OF_CLIENT_MAX: usize = STREAMS_PER_SCENE_MAX / 2;
 /// Different dampings that the bodies of one client ever had: a quarter of all, since a scene keeps them.
 const DAMPINGS_OF_CLIENT_MAX: usize = DAMPINGS_MAX / 4;
 
+/// Shapes of one controller in a scene, and their bytes: half of all.
+const SHAPES_OF_CLIENT_MAX: usize = SHAPES_MAX as usize / 2;
+const SHAPE_BYTES_OF_CLIENT_MAX: usize = SHAPE_BYTES_PER_SCENE_MAX / 2;
+
 /// A request, as far as the permit of a client decides about it.
 #[derive(Clone, Copy, Debug)]
 enum Request<'a> {
@@ -390,7 +417,10 @@ fn is_within_quotas(permit: &Permit, ownership: &Ownership, request: Request<'_>
         dampings <= DAMPINGS_OF_CLIENT_MAX
     };
     match request {
-        Request::Create(config) => fits(quotas.load, admission::body_steps(config)),
+        Request::Create(config) => {
+            fits(quotas.load, admission::body_steps(config))
+                && fits(quotas.scenes.map(u64::from), 1)
+        }
         Request::Join {
             members,
             scene_members,
@@ -602,7 +632,7 @@ mod tests {
                 authority_table: AuthorityTable::default(),
                 clients,
                 limits,
-                load: settings.load_of(&config),
+                load: settings.load_of(&"pit".parse().unwrap(), &config),
             }
         }
 
@@ -776,13 +806,15 @@ mod tests {
             ..SceneConfig::default()
         };
         for scenes in [0, 1] {
-            let refused = admit_scene(&wrong, &settings(scenes)).map(|_| ());
+            let name = "pit".parse().unwrap();
+            let refused = admit_scene(&name, &wrong, &settings(scenes)).map(|_| ());
             assert!(
                 matches!(refused, Err(Denial::InvalidConfig(_))),
                 "{refused:?}"
             );
         }
-        let refused = admit_scene(&SceneConfig::default(), &settings(0)).map(|_| ());
+        let (name, config) = ("pit".parse().unwrap(), SceneConfig::default());
+        let refused = admit_scene(&name, &config, &settings(0)).map(|_| ());
         assert_eq!(refused, Err(Denial::TooManyScenes));
     }
 
@@ -797,6 +829,47 @@ mod tests {
         let rights = setup.rights(&again, false);
         assert_eq!(rights.join(None, Some(ANNA)), Ok(()));
         assert_eq!(rights.join(None, None), Err(Denial::TooManyMembers));
+    }
+
+    #[test]
+    fn one_controller_takes_half_of_a_scene_s_shapes() {
+        let mut setup = Setup::new(SceneConfig::default(), Limits::default());
+        let anna = permit("anna", Role::Controller);
+        let shape = |id: u32| Command::AddShape {
+            id: ShapeId(id),
+            shape: Shape::ball(0.5),
+        };
+        for id in 0..SHAPES_MAX / 2 {
+            setup.scene.apply(&shape(id)).unwrap();
+            setup.ownership.note(anna.client.as_ref(), &shape(id));
+        }
+        let one_more = shape(SHAPES_MAX - 1);
+        let refused = setup.rights(&anna, false).command(&one_more);
+        assert_eq!(refused, Err(CommandError::OverQuota));
+        for other in [
+            permit("bert", Role::Controller),
+            permit("anna", Role::Owner),
+            Permit::OPEN,
+        ] {
+            assert_eq!(setup.rights(&other, false).command(&one_more), Ok(()));
+        }
+        let removed = Command::RemoveShape { id: ShapeId(0) };
+        setup.ownership.note(anna.client.as_ref(), &removed);
+        assert_eq!(setup.rights(&anna, false).command(&one_more), Ok(()));
+    }
+
+    #[test]
+    fn a_tenant_without_a_place_creates_no_scene() {
+        let mut anna = permit("anna", Role::Owner);
+        let config = SceneConfig::default();
+        for (scenes, created) in [
+            (None, Ok(())),
+            (Some(1), Ok(())),
+            (Some(0), Err(Denial::OverQuota)),
+        ] {
+            anna.quotas.scenes = scenes;
+            assert_eq!(create(&anna, &config), created);
+        }
     }
 
     #[test]

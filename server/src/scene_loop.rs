@@ -420,7 +420,7 @@ impl SceneLoop {
         let Some(slot) = self.settings.take_slot() else {
             return tracing::error!(scene = %self.name, "no place for another scene");
         };
-        let mut load = self.settings.load_of(scene.config());
+        let mut load = self.settings.load_of(&self.name, scene.config());
         // The bodies were admitted before: a server with lower limits now takes no more of them.
         for _ in 0..scene.body_count() {
             load.add_body();
@@ -460,7 +460,7 @@ impl SceneLoop {
         }
         let refused =
             |reason: &dyn std::fmt::Display| CheckpointError::NotAdmitted(reason.to_string());
-        let (slot, mut load) = rights::admit_scene(checkpoint.config(), &self.settings)
+        let (slot, mut load) = rights::admit_scene(&self.name, checkpoint.config(), &self.settings)
             .map_err(|denial| refused(&denial))?;
         let scene = checkpoint.scene(&self.settings.threads)?;
         let (bodies, most) = (scene.body_count(), self.settings.limits.bodies_per_scene);
@@ -516,7 +516,7 @@ impl SceneLoop {
         if self.exists() {
             return Err(Denial::SceneExists);
         }
-        let (slot, load) = rights::admit_scene(&config, &self.settings)?;
+        let (slot, load) = rights::admit_scene(&self.name, &config, &self.settings)?;
         let settings = &self.settings;
         let engine = settings.engines.make(&config, &settings.threads);
         let engine = engine.map_err(|cause| {

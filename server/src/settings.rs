@@ -2,7 +2,7 @@
 
 use core::fmt;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use rhumb_protocol::packet::LargestPacket;
 use rhumb_protocol::scene::{Command, SceneConfig, SceneName, Stepping};
@@ -79,7 +79,7 @@ impl SceneSettings {
     }
 
     /// A scene's share of the server's time, none of it taken.
-    pub(crate) fn load_of(&self, config: &SceneConfig) -> SceneLoad {
+    pub(crate) fn load_of(&self, scene: &SceneName, config: &SceneConfig) -> SceneLoad {
         let ticks = match config.stepping {
             Stepping::FreeRunning => admission::ticks_in_second(config),
             Stepping::Lockstep => 0,
@@ -88,6 +88,7 @@ impl SceneSettings {
         let (scene_max, server_max) = (self.limits.scene_load, self.limits.server_load);
         let load = &self.admission.load;
         load.of_scene((ticks, substeps), scene_max, server_max)
+            .of_tenant(scene, &self.admission.tenants, self.limits.tenant_load)
     }
 }
 
@@ -107,6 +108,8 @@ struct Beats {
     clock: Box<dyn Fn() -> Instant + Send + Sync>,
     /// Nanoseconds of the clock at the begin of the present work; [`RESTING`] while it waits.
     busy_since: AtomicU64,
+    /// True once the thread was given up.
+    is_abandoned: AtomicBool,
 }
 
 const RESTING: u64 = u64::MAX;
@@ -117,6 +120,7 @@ impl Heartbeat {
         Self(Some(Arc::new(Beats {
             clock: Box::new(clock),
             busy_since: AtomicU64::new(RESTING),
+            is_abandoned: AtomicBool::new(false),
         })))
     }
 
@@ -133,6 +137,25 @@ impl Heartbeat {
         if let Some(beats) = &self.0 {
             beats.busy_since.store(RESTING, Ordering::Relaxed);
         }
+    }
+
+    /// The thread is given up: what it does from now on is not to be durable.
+    pub fn abandon(&self) {
+        if let Some(beats) = &self.0 {
+            beats.is_abandoned.store(true, Ordering::Relaxed);
+        }
+    }
+
+    /// True once the thread was given up.
+    pub(crate) fn is_abandoned(&self) -> bool {
+        (self.0.as_ref()).is_some_and(|beats| beats.is_abandoned.load(Ordering::Relaxed))
+    }
+
+    /// The begin of the present piece of work; `None` while the thread waits.
+    #[must_use]
+    pub fn busy_since(&self) -> Option<Instant> {
+        let since = self.0.as_ref()?.busy_since.load(Ordering::Relaxed);
+        (since != RESTING).then(|| Instant::from_nanos(since))
     }
 
     /// The duration of the present piece of work so far; zero while the thread waits.

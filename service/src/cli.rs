@@ -277,7 +277,7 @@ fn settings_of(arguments: &Arguments) -> Result<ServerSettings, Box<dyn Error>> 
     set(&mut settings.log, arguments.log);
     set(&mut settings.engine, arguments.engine);
     set(&mut settings.threads, arguments.threads);
-    set(&mut settings.workers, arguments.workers);
+    settings.workers = arguments.workers.or(settings.workers);
     settings.share_worker |= arguments.share_worker;
     set(&mut settings.largest_packet, arguments.largest_packet);
     settings.flight = arguments.flight.clone().or(settings.flight);

@@ -24,11 +24,10 @@ use tracing::level_filters::LevelFilter;
 use crate::access::{DEFAULT_AUDIENCE, KeyFile};
 
 /// The place of scenes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum WorkerKind {
     /// Each on a thread of the server.
-    #[default]
     Threads,
     /// In a process for each tenant.
     Processes,
@@ -59,7 +58,8 @@ pub(crate) struct ServerSettings {
     #[serde(deserialize_with = "parsed")]
     pub(crate) engine: EngineKind,
     pub(crate) threads: NonZeroU32,
-    pub(crate) workers: WorkerKind,
+    /// `None`: as [`Self::worker_kind`] has it.
+    pub(crate) workers: Option<WorkerKind>,
     pub(crate) share_worker: bool,
     #[serde(deserialize_with = "parsed")]
     pub(crate) largest_packet: LargestPacket,
@@ -193,7 +193,7 @@ const ROWS: [(&str, &str, &str); 23] = [
     (
         "workers",
         "\"threads\"",
-        "Where scenes run: \"threads\" of the server, or \"processes\", one for each tenant, which the first part of a scene's name names, up to a slash. A process that does not answer can be killed, and what breaks it breaks no scene of another tenant.",
+        "Where scenes run: \"threads\" of the server, or \"processes\", one for each tenant, which the first part of a scene's name names, up to a slash. A process that does not answer can be killed, and what breaks it breaks no scene of another tenant. Unless set: processes where token_keys are given, on Linux and without foxglove; else threads.",
     ),
     (
         "share_worker",
@@ -218,8 +218,8 @@ const ROWS: [(&str, &str, &str); 23] = [
 ];
 
 /// The settings that a file need not have, and that have no default.
-const OPTIONAL: [&str; 9] = [
-    "cert", "key", "socket", "metrics", "view", "data", "flight", "record", "foxglove",
+const OPTIONAL: [&str; 10] = [
+    "cert", "key", "socket", "metrics", "view", "data", "flight", "record", "foxglove", "workers",
 ];
 
 impl Default for ServerSettings {
@@ -243,7 +243,7 @@ impl Default for ServerSettings {
             cores: Vec::new(),
             engine: EngineKind::default(),
             threads: NonZeroU32::MIN,
-            workers: WorkerKind::Threads,
+            workers: None,
             share_worker: false,
             largest_packet: LargestPacket::DEFAULT,
             web: true,
@@ -272,6 +272,19 @@ impl ServerSettings {
         let settings = settings.map_err(|cause| SettingsError::Setting(Box::new(cause)))?;
         settings.limits.check().map_err(SettingsError::Limit)?;
         Ok(settings)
+    }
+
+    /// Where scenes run. Unless it is said, tenants whose clients show tokens have processes of their own: a thread whose step
+    /// does not end cannot be killed, and neither its time nor its memory is bounded.
+    pub(crate) fn worker_kind(&self) -> WorkerKind {
+        let separates = !self.token_keys.is_empty() && self.foxglove.is_none();
+        self.workers.unwrap_or({
+            if separates && cfg!(target_os = "linux") {
+                WorkerKind::Processes
+            } else {
+                WorkerKind::Threads
+            }
+        })
     }
 
     /// A file with every setting at its default.
@@ -413,6 +426,25 @@ mod tests {
         assert_eq!(settings.data, Some("/var/lib/rhumb".into()));
         assert_eq!(settings.cores, [2, 3]);
         assert_eq!(settings.limits.scenes, 4);
+    }
+
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn scenes_of_clients_with_tokens_run_in_processes_unless_it_is_said() {
+        let keys = ("RHUMB_SERVER_TOKEN_KEYS", "[\"key.pub\"]");
+        let threads = ("RHUMB_SERVER_WORKERS", "threads");
+        let processes = ("RHUMB_SERVER_WORKERS", "processes");
+        let foxglove = ("RHUMB_SERVER_FOXGLOVE", "127.0.0.1:1");
+        for (pairs, kind) in [
+            (&[][..], WorkerKind::Threads),
+            (&[keys], WorkerKind::Processes),
+            (&[keys, threads], WorkerKind::Threads),
+            (&[processes], WorkerKind::Processes),
+            (&[keys, foxglove], WorkerKind::Threads),
+        ] {
+            let settings = of_environment(pairs).unwrap();
+            assert_eq!(settings.worker_kind(), kind, "{pairs:?}");
+        }
     }
 
     #[test]

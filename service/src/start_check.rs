@@ -166,7 +166,7 @@ fn check_observers(settings: &ServerSettings) -> Result<(), Box<dyn Error>> {
     if cfg!(not(feature = "foxglove")) && settings.foxglove.is_some() {
         return Err("this server was built without the feature `foxglove`".into());
     }
-    if settings.foxglove.is_some() && settings.workers == WorkerKind::Processes {
+    if settings.foxglove.is_some() && settings.worker_kind() == WorkerKind::Processes {
         return Err(
             "Foxglove's viewers see scenes of the server's own process alone: \
                     leave out `foxglove`, or set workers = \"threads\""
@@ -184,13 +184,13 @@ fn processes(settings: &ServerSettings) -> Result<Option<ProcessOptions>, Box<dy
         threads: settings.threads,
         record: settings.record.clone(),
     };
-    Ok((settings.workers == WorkerKind::Processes).then(options))
+    Ok((settings.worker_kind() == WorkerKind::Processes).then(options))
 }
 
 /// This system has no worker processes.
 #[cfg(not(target_os = "linux"))]
 fn processes(settings: &ServerSettings) -> Result<Option<ProcessOptions>, Box<dyn Error>> {
-    match settings.workers {
+    match settings.worker_kind() {
         WorkerKind::Threads => Ok(None),
         WorkerKind::Processes => {
             Err("this system has no worker processes: set `workers` to \"threads\"".into())

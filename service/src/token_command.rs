@@ -51,6 +51,9 @@ pub(crate) struct TokenArguments {
     /// Most members of the client in a scene.
     #[arg(long)]
     members: Option<u32>,
+    /// Most scenes of the client's tenant, in place of the server's own limit.
+    #[arg(long)]
+    tenant_scenes: Option<u32>,
 }
 
 /// Prints a token, or the name of the public key's file.
@@ -84,6 +87,7 @@ pub(crate) fn run(arguments: &TokenArguments, now: i64) -> Result<(), Box<dyn Er
         commands: arguments.commands,
         load: arguments.load,
         members: arguments.members,
+        tenant_scenes: arguments.tenant_scenes,
     };
     for pattern in arguments
         .scene
@@ -125,6 +129,7 @@ fn checked(
         ("commands", claims.commands.map(u64::from)),
         ("load", claims.load),
         ("members", claims.members.map(u64::from)),
+        ("tenant_scenes", claims.tenant_scenes.map(u64::from)),
     ];
     lines.extend(
         quotas

@@ -205,9 +205,12 @@ impl Measured {
         if kind.durable {
             flags.extend(["--data".to_owned(), path(&data)]);
         }
-        if kind.processes {
-            flags.extend(["--workers", "processes"].map(str::to_owned));
-        }
+        let workers = if kind.processes {
+            "processes"
+        } else {
+            "threads"
+        };
+        flags.extend(["--workers", workers].map(str::to_owned));
         let flags: Vec<&str> = flags.iter().map(String::as_str).collect();
         let process = server.start(&flags, None)?;
         let trust = Trust::Fingerprint(process.fingerprint);

@@ -219,7 +219,7 @@ impl fmt::Display for CommandError {
             Self::OverQuota => f.write_str("the command exceeds a quota of the client's token"),
             Self::Overloaded { retry_seconds } => write!(
                 f,
-                "the server has no time left for it; try again in {retry_seconds} s"
+                "the server has no time or room left for it; try again in {retry_seconds} s, in a lockstep scene after a step"
             ),
             Self::EngineFailed => {
                 f.write_str("the physics engine failed on it, and the scene continues without it")

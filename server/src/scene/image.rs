@@ -1,7 +1,7 @@
 //! The image of a scene: everything that decides its further run.
 //!
-//! Taken right after a step. A scene from an image, given the same commands before the same ticks, runs to the same
-//! bits as the scene that it is of.
+//! Taken when no body or joint has changed since the last step; shapes may have. A scene from an image, given the same
+//! commands before the same ticks, runs to the same bits as the scene that it is of.
 
 use std::collections::BTreeMap;
 
@@ -46,9 +46,13 @@ impl FrozenScene {
 }
 
 impl Scene {
-    /// A copy of the scene; `None` unless a step was the last change, and for an engine without images.
+    /// A copy of the scene; `None` if a body or joint has changed since the last step, and for an engine without images.
     #[must_use]
     pub fn freeze(&self) -> Option<FrozenScene> {
+        // Neither is in the image; a step leaves none.
+        if !self.displaced.is_empty() || !self.lost.is_empty() {
+            return None;
+        }
         let engine = self.engine.freeze()?;
         Some(FrozenScene {
             gravity: self.gravity,

@@ -44,12 +44,24 @@ impl RunningScene {
 
     /// Hands everything since the last call to the log.
     pub(super) fn commit(&mut self, clients: &mut Clients) {
+        // The scene comes back as it was before the work at which it was given up.
+        if self.settings.heartbeat.is_abandoned() {
+            return;
+        }
         let Some(durability) = &mut self.durability else {
             return;
         };
         let Some(batch) = self.scene.record_mut().take_batch() else {
             return;
         };
+        if durability.is_beyond(2 * self.settings.limits.scene_log_bytes()) {
+            let mib = 2 * self.settings.limits.scene_log_mib;
+            tracing::error!(
+                mib,
+                "a log without a snapshot is too long: commands are not durable until the next one"
+            );
+            durability.log.give_up();
+        }
         let number = durability.log.append(batch);
         let tick = self.scene.tick();
         for (member, _) in clients.members_mut().0 {
@@ -57,7 +69,7 @@ impl RunningScene {
         }
     }
 
-    /// Hands a snapshot to the log if one is due. Only right after a step, whose time this is.
+    /// Hands a snapshot to the log if one is due by the time of steps, of which this is the newest one, or by bytes.
     pub(super) fn snapshot_if_due(&mut self, stepped: Span, clients: &mut Clients) {
         let tick = self.scene.tick();
         let Some(durability) = &mut self.durability else {
@@ -65,9 +77,30 @@ impl RunningScene {
         };
         let taken = durability.stepped.as_nanos() + stepped.as_nanos();
         durability.stepped = Span::from_nanos(taken);
-        if !durability.is_snapshot_due(tick) {
+        if durability.is_snapshot_due(tick) {
+            self.snapshot(clients);
+        }
+    }
+
+    /// Hands a snapshot to the log if that is long. A scene that is not stepped has no other occasion.
+    pub(super) fn shorten_log(&mut self, clients: &mut Clients) {
+        if (self.durability.as_ref()).is_some_and(Durability::is_long) {
+            self.snapshot(clients);
+        }
+    }
+
+    /// True if the log takes no more commands before a step, which lets a snapshot shorten it.
+    pub(super) fn is_log_full(&self) -> bool {
+        let most = self.settings.limits.scene_log_bytes();
+        (self.durability.as_ref()).is_some_and(|durability| durability.is_beyond(most))
+    }
+
+    /// Hands a snapshot to the log, unless something has changed since the last step that it would lack.
+    fn snapshot(&mut self, clients: &mut Clients) {
+        if self.settings.heartbeat.is_abandoned() {
             return;
         }
+        let tick = self.scene.tick();
         let Some(scene) = self.scene.freeze() else {
             return;
         };

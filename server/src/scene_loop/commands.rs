@@ -71,6 +71,10 @@ impl RunningScene {
     ) -> Result<(), CommandError> {
         let rights = self.rights_of(peer, clients);
         rights.ok_or(CommandError::NotAllowed)?.command(command)?;
+        if self.is_log_full() {
+            let retry_seconds = admission::RETRY_SECONDS;
+            return Err(CommandError::Overloaded { retry_seconds });
+        }
         self.apply_and_announce(command, clients)?;
         let client = clients.name(peer).cloned();
         self.ownership.note(client.as_ref(), command);

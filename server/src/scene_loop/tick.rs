@@ -140,6 +140,7 @@ impl RunningScene {
     pub(crate) fn answer_pending(&mut self, clients: &mut Clients) {
         self.send_scene_events(clients);
         self.commit(clients);
+        self.shorten_log(clients);
         for (peer, snapshot_request) in clients.take_snapshot_requests() {
             match self.begin_snapshot_change(peer, snapshot_request, clients) {
                 Ok(()) => self.send_snapshot(peer, clients),

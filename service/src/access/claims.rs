@@ -41,6 +41,9 @@ pub(crate) struct Claims {
     pub(crate) load: Option<u64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) members: Option<u32>,
+    /// Scenes of the client's tenant at one time.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) tenant_scenes: Option<u32>,
 }
 
 /// Reason why a client is not admitted.
@@ -198,6 +201,7 @@ impl Claims {
             commands: optional(&of, "commands", COUNT)?,
             load: optional(&of, "load", COUNT)?,
             members: optional(&of, "members", COUNT)?,
+            tenant_scenes: optional(&of, "tenant_scenes", COUNT)?,
         };
         claims.check()?;
         Ok(claims)
@@ -265,6 +269,7 @@ impl Claims {
                 commands: self.commands,
                 load: self.load,
                 members: self.members,
+                scenes: self.tenant_scenes,
             },
             owns: false,
         };
@@ -329,6 +334,7 @@ mod tests {
             commands: None,
             load: None,
             members: None,
+            tenant_scenes: None,
         }
     }
 
@@ -355,6 +361,7 @@ mod tests {
             ("commands", serde_json::json!(-1)),
             ("load", serde_json::json!(1.5)),
             ("members", serde_json::json!(4_294_967_296_u64)),
+            ("tenant_scenes", serde_json::json!([])),
         ] {
             let mut spoiled = whole.clone();
             spoiled[claim] = wrong;

@@ -359,6 +359,7 @@ impl TokenIssuer {
             commands: None,
             load: None,
             members: None,
+            tenant_scenes: None,
         };
         let payload = serde_json::to_vec(&claims).map_err(|_| KeyError::Failed)?;
         Ok(PublicToken::sign(&self.key, &payload, None, None)?)

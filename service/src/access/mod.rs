@@ -145,6 +145,7 @@ pub(crate) mod tests {
                 commands: None,
                 load: None,
                 members: None,
+                tenant_scenes: None,
             };
             sign(&self.folder.join("key"), &claims).unwrap()
         }

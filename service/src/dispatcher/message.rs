@@ -10,6 +10,7 @@ use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Span, Transmit};
 use rhumb_scene::{Permit, SceneLoop};
 
+use super::account::Account;
 use crate::durable::LogTail;
 use crate::flight::FlightCause;
 use crate::metrics::SceneValues;
@@ -128,11 +129,16 @@ impl WorkerInput {
 /// The quarantined workers, and the next look.
 #[derive(Default)]
 pub(super) struct Quarantined {
-    pub(super) quarantined: BTreeMap<WorkerId, SceneName>,
+    pub(super) quarantined: BTreeMap<WorkerId, (SceneName, Option<Account>)>,
     pub(super) next: Instant,
 }
 
 impl Quarantined {
+    /// The account of each.
+    pub(super) fn accounts(&self) -> impl Iterator<Item = &Option<Account>> {
+        self.quarantined.values().map(|(_, account)| account)
+    }
+
     pub(super) fn is_quarantined(&self, id: WorkerId) -> bool {
         self.quarantined.contains_key(&id)
     }

@@ -4,6 +4,7 @@
 //! the worker of that scene. It steps no scene, so that no scene delays it. Invariants: it never waits for a worker; a worker's transmission
 //! reaches only connections of that worker; what waits for a worker is bounded for each connection.
 
+mod account;
 mod expiry;
 mod message;
 #[cfg(target_os = "linux")]
@@ -22,8 +23,9 @@ use bytes::Bytes;
 use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake, WakeReason};
-use rhumb_scene::{Greeted, Greeting, Heartbeat, SharedClock};
+use rhumb_scene::{Greeted, Greeting, Heartbeat, Permit, SharedClock};
 
+use self::account::{Account, counted, with_scenes_left, without_quota_of_scenes};
 use self::expiry::Expiry;
 use self::message::{
     FromProcess, FromWorker, ProcessId, Quarantined, ToProcess, WorkerId, WorkerInput,
@@ -57,6 +59,8 @@ pub struct Dispatcher {
 
 struct Worker {
     scene: SceneName,
+    /// The account that the scene counts for, if it is known.
+    account: Option<Account>,
     place: Place,
     connections: usize,
     /// Inputs sent to it, and those that it has taken.
@@ -99,6 +103,7 @@ impl Dispatcher {
             settings.scenes.admission.load.clone(),
             &settings.scenes.limits,
         );
+        settings.recorders.metrics.set_data(settings.data.clone());
         Self {
             connections: BTreeMap::new(),
             greeting_until: BTreeSet::new(),
@@ -166,7 +171,9 @@ impl Dispatcher {
                 return self.close(peer, code);
             }
         };
-        let id = match self.worker_of(scene) {
+        let account = Account::of(&scene, admission.permit.client.as_ref());
+        let permit = self.permit_within(admission.permit, &scene, account.as_ref());
+        let id = match self.worker_of(scene, account) {
             Ok(id) => id,
             Err(code) => return self.close(peer, code),
         };
@@ -178,7 +185,7 @@ impl Dispatcher {
         if let Some(valid_for) = admission.valid_for {
             self.expiry.set(peer, now + valid_for);
         }
-        self.route(id, WorkerInput::Opened(peer, admission.permit));
+        self.route(id, WorkerInput::Opened(peer, permit));
         if paced {
             self.route(id, WorkerInput::ControlTaken(peer, 0));
         }
@@ -198,6 +205,32 @@ impl Dispatcher {
         }
         let _ = peer;
         self.settings.authenticator.admit(token, scene)
+    }
+
+    /// The permit of a connection that names a scene, with the scenes that its account may still have.
+    fn permit_within(
+        &self,
+        permit: Arc<Permit>,
+        scene: &SceneName,
+        account: Option<&Account>,
+    ) -> Arc<Permit> {
+        let Some(account) = account else {
+            return permit;
+        };
+        let there = self.by_scene.get(scene).and_then(|id| self.workers.get(id));
+        if there.is_some_and(|worker| worker.has_scene) {
+            // It has its place: whether there is one for another scene does not matter.
+            return without_quota_of_scenes(permit);
+        }
+        let of_account =
+            |worker: &&Worker| worker.account.as_ref() == Some(account) && worker.scene != *scene;
+        let others = self.workers.values().filter(of_account).count();
+        let permit = with_scenes_left(permit, others, &self.settings.scenes.limits);
+        if permit.quotas.scenes == Some(0) {
+            tracing::info!(%scene, ?account, others, "an account has as many scenes as it may");
+            self.settings.recorders.metrics.count_full_account();
+        }
+        permit
     }
 
     /// Closes a connection of the dispatcher.
@@ -413,7 +446,11 @@ impl Endpoint for Dispatcher {
 
 impl Dispatcher {
     /// The worker of a scene, started if there is none.
-    fn worker_of(&mut self, scene: SceneName) -> Result<WorkerId, CloseCode> {
+    fn worker_of(
+        &mut self,
+        scene: SceneName,
+        account: Option<Account>,
+    ) -> Result<WorkerId, CloseCode> {
         if let Some(id) = self.by_scene.get(&scene) {
             let quarantined = self.watchdog.is_quarantined(*id);
             return if quarantined {
@@ -422,15 +459,22 @@ impl Dispatcher {
                 Ok(*id)
             };
         }
-        if self.watchdog.quarantined.len() as u64 >= self.settings.scenes.limits.quarantined_scenes
-        {
+        let limits = &self.settings.scenes.limits;
+        let part = limits.tenant_quarantined_scenes;
+        let quarantined = || self.watchdog.accounts();
+        let own = quarantined().filter(|of| account.is_some() && **of == account);
+        if own.count() as u64 >= part || counted(quarantined(), part) >= limits.quarantined_scenes {
             return Err(CloseCode::BUSY);
         }
-        self.start_worker(scene, LogTail::Kept)
+        self.start_worker((scene, account), LogTail::Kept)
     }
 
     /// Starts a worker, which restores its scene if a data directory has it.
-    fn start_worker(&mut self, scene: SceneName, tail: LogTail) -> Result<WorkerId, CloseCode> {
+    fn start_worker(
+        &mut self,
+        (scene, account): (SceneName, Option<Account>),
+        tail: LogTail,
+    ) -> Result<WorkerId, CloseCode> {
         let id = WorkerId(self.next_worker);
         let threads = &self.threads;
         let place = match &mut self.processes {
@@ -446,18 +490,24 @@ impl Dispatcher {
                 })?)
             }
         };
-        self.add_worker(id, scene, place);
+        self.add_worker(id, (scene, account), place);
         if self.settings.data.is_some() {
             self.route(id, WorkerInput::Restore(tail));
         }
         Ok(id)
     }
 
-    fn add_worker(&mut self, id: WorkerId, scene: SceneName, place: Place) {
+    fn add_worker(
+        &mut self,
+        id: WorkerId,
+        (scene, account): (SceneName, Option<Account>),
+        place: Place,
+    ) {
         self.next_worker += 1;
         self.by_scene.insert(scene.clone(), id);
         let worker = Worker {
             scene,
+            account,
             place,
             connections: 0,
             sent: 0,
@@ -482,7 +532,8 @@ impl Dispatcher {
             .map(DataDir::scenes)
             .transpose()?;
         for (name, _) in scenes.into_iter().flatten() {
-            if let Err(code) = self.worker_of(name.clone()) {
+            let account = Account::of(&name, None);
+            if let Err(code) = self.worker_of(name.clone(), account) {
                 tracing::error!(scene = %name, %code, "cannot restore a scene");
             }
         }
@@ -521,9 +572,9 @@ impl Dispatcher {
             None => CloseCode::SCENE_LOST,
         };
         let workers = self.workers.iter();
-        let died: Vec<(WorkerId, SceneName)> = workers
+        let died: Vec<_> = workers
             .filter(|(_, worker)| matches!(worker.place, Place::Process(of) if of == id))
-            .map(|(id, worker)| (*id, worker.scene.clone()))
+            .map(|(id, worker)| (*id, (worker.scene.clone(), worker.account.clone())))
             .collect();
         for (worker, _) in &died {
             self.close_connections_of(*worker, code);
@@ -538,8 +589,9 @@ impl Dispatcher {
             } else {
                 LogTail::Kept
             };
-            if let Err(code) = self.start_worker(scene.clone(), tail) {
-                tracing::error!(%scene, %code, "the scene stays in the data directory");
+            let name = scene.0.clone();
+            if let Err(code) = self.start_worker(scene, tail) {
+                tracing::error!(scene = %name, %code, "the scene stays in the data directory");
             }
         }
     }

@@ -10,7 +10,7 @@ use std::time::Duration;
 use std::{io, thread};
 
 use rhumb_protocol::scene::SceneName;
-use rhumb_protocol::{Endpoint, Instant, Peer, Transmit};
+use rhumb_protocol::{Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_scene::{Bakers, Heartbeat, SceneLoop, SceneSettings, SharedClock};
 
 use super::message::{FromWorker, WorkerId, WorkerInput, WorkerOutput, WorkerReport};
@@ -35,8 +35,34 @@ struct WorkerScene {
 /// The dispatcher's handle of a worker on a thread of its own.
 pub(super) struct ThreadWorker {
     inputs: Sender<WorkerInput>,
+    pub(super) watched: Watched,
+}
+
+/// The thread of a worker, as a watchdog sees it.
+#[derive(Clone)]
+pub(super) struct Watched {
     pub(super) heartbeat: Heartbeat,
     pub(super) thread_id: ThreadId,
+    /// The begin of the piece of work that was seen last, and the time that the thread had waited for a core by then.
+    seen: Option<(Instant, Span)>,
+}
+
+impl Watched {
+    /// The time of the present piece of work so far, without that for which the thread waited for a core: other threads had
+    /// them all. The wait before the first look counts.
+    pub(super) fn worked_for(&mut self) -> Span {
+        let Some(since) = self.heartbeat.busy_since() else {
+            self.seen = None;
+            return Span::ZERO;
+        };
+        let waited = waited_for_core(&self.thread_id);
+        let (_, before) = *match &mut self.seen {
+            Some(seen) if seen.0 == since => seen,
+            seen => seen.insert((since, waited)),
+        };
+        let busy = self.heartbeat.busy_for().as_nanos();
+        Span::from_nanos(busy.saturating_sub(waited.as_nanos().saturating_sub(before.as_nanos())))
+    }
 }
 
 impl WorkerScene {
@@ -49,7 +75,11 @@ impl WorkerScene {
         let mut settings = scenes.clone();
         let stored = data.map(|data| {
             let threads = settings.threads.clone();
-            Arc::new(StoredScenes::new(data.clone(), threads, wake))
+            Arc::new(StoredScenes::new(
+                (data.clone(), &settings.limits),
+                threads,
+                wake,
+            ))
         });
         if let Some(stored) = stored.clone() {
             settings.store = Some(stored);
@@ -160,8 +190,11 @@ impl ThreadWorker {
             })?;
         Ok(Self {
             inputs: sender,
-            heartbeat,
-            thread_id,
+            watched: Watched {
+                heartbeat,
+                thread_id,
+                seen: None,
+            },
         })
     }
 
@@ -311,6 +344,25 @@ pub(super) type ThreadId = Arc<OnceLock<()>>;
 #[cfg(target_os = "linux")]
 pub(super) fn note(id: &ThreadId) {
     id.get_or_init(rustix::thread::gettid);
+}
+
+/// The time that a thread of this process has waited for a core since it began; zero if the system does not count it.
+#[cfg(target_os = "linux")]
+fn waited_for_core(id: &ThreadId) -> Span {
+    let Some(id) = id.get() else {
+        return Span::ZERO;
+    };
+    // Nanoseconds on a core, nanoseconds in its queue, and the number of turns.
+    let path = format!("/proc/self/task/{}/schedstat", id.as_raw_nonzero());
+    let text = std::fs::read_to_string(path).unwrap_or_default();
+    let waited = text.split_ascii_whitespace().nth(1);
+    Span::from_nanos(waited.and_then(|waited| waited.parse().ok()).unwrap_or(0))
+}
+
+/// This system's count is not used.
+#[cfg(not(target_os = "linux"))]
+fn waited_for_core(_: &ThreadId) -> Span {
+    Span::ZERO
 }
 
 /// Notes nothing: this system's number is not used.

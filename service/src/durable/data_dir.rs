@@ -157,6 +157,18 @@ impl DataDir {
             .collect())
     }
 
+    /// Bytes of all scenes.
+    pub(crate) fn bytes(&self) -> io::Result<u64> {
+        let Opened { disk, scenes, .. } = &*self.0;
+        let names = disk.list(scenes)?.into_iter();
+        names.map(|name| disk.bytes_in(&scenes.join(name))).sum()
+    }
+
+    /// The disk, and the directory of all scenes on it.
+    pub(super) fn scenes_on_disk(&self) -> (Arc<dyn Disk>, PathBuf) {
+        (Arc::clone(&self.0.disk), self.0.scenes.clone())
+    }
+
     /// The files of a scene that is created now.
     pub(crate) fn create(&self, scene: &SceneName) -> SceneFiles {
         let number = self.0.next.fetch_add(1, Ordering::Relaxed);
@@ -182,6 +194,11 @@ fn escape(scene: &SceneName) -> String {
         }
     }
     escaped
+}
+
+/// The scene of a directory.
+pub(super) fn scene_of(directory: &str) -> Option<SceneName> {
+    Some(parse(directory)?.0)
 }
 
 /// The scene of a directory, and the number of its creation.

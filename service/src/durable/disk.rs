@@ -32,6 +32,9 @@ pub(crate) trait Disk: Send + Sync {
 
     /// Returns when the names of a directory are durable.
     fn sync_directory(&self, directory: &Path) -> io::Result<()>;
+
+    /// Bytes of all files in a directory; none if there is no such directory.
+    fn bytes_in(&self, directory: &Path) -> io::Result<u64>;
 }
 
 /// A file that grows at its end.
@@ -94,6 +97,18 @@ impl Disk for SystemDisk {
 
     fn sync_directory(&self, directory: &Path) -> io::Result<()> {
         File::open(directory)?.sync_all()
+    }
+
+    fn bytes_in(&self, directory: &Path) -> io::Result<u64> {
+        let mut bytes = 0;
+        for name in self.list(directory)? {
+            match fs::metadata(directory.join(name)) {
+                // Another thread removes what is not needed any more.
+                Err(cause) if cause.kind() == io::ErrorKind::NotFound => {}
+                metadata => bytes += metadata?.len(),
+            }
+        }
+        Ok(bytes)
     }
 }
 

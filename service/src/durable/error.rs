@@ -21,6 +21,17 @@ pub enum DataError {
         /// The system's error.
         cause: io::Error,
     },
+    /// A limit on the bytes of scenes is reached.
+    Full {
+        /// The directory of all scenes.
+        path: PathBuf,
+        /// The limit's name.
+        limit: &'static str,
+        /// Bytes that there are.
+        bytes: u64,
+        /// Bytes that there may be.
+        most: u64,
+    },
     /// Another process uses the directory.
     InUse {
         /// The directory.
@@ -103,6 +114,16 @@ impl fmt::Display for DataError {
             Self::Io { path, doing, cause } => {
                 write!(f, "cannot {doing} {}: {cause}", path.display())
             }
+            Self::Full {
+                path,
+                limit,
+                bytes,
+                most,
+            } => write!(
+                f,
+                "{} has {bytes} bytes of the {most} that limits.{limit} allows: delete scenes, or raise the limit",
+                path.display()
+            ),
             Self::InUse { path } => {
                 write!(f, "another process uses the directory {}", path.display())
             }

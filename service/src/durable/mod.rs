@@ -8,6 +8,7 @@ mod error;
 mod examine;
 mod frame;
 mod recovery;
+mod room;
 mod scene_files;
 #[cfg(test)]
 mod sim_disk;
@@ -23,9 +24,10 @@ use rhumb_protocol::Instant;
 use rhumb_protocol::scene::{SceneConfig, SceneName};
 use rhumb_reckoning::Tick;
 use rhumb_scene::engine::StepThreads;
-use rhumb_scene::{CommandLog, RestoredScene, SceneStore};
+use rhumb_scene::{CommandLog, Limits, RestoredScene, SceneStore};
 
 use self::recovery::{ReplayStart, Restored};
+use self::room::Room;
 use self::scene_files::SceneFiles;
 use self::writer::{Origin, SceneLog};
 
@@ -38,6 +40,7 @@ pub(crate) use writer::Wake;
 /// The data directory, and the scenes in it that cannot be served.
 pub(crate) struct StoredScenes {
     data: DataDir,
+    room: Room,
     workers: StepThreads,
     wake: Wake,
     /// Without files if the directory could not be read.
@@ -46,9 +49,14 @@ pub(crate) struct StoredScenes {
 
 impl StoredScenes {
     /// `workers`: threads that step a scene. `wake` is called when a log has more that is durable.
-    pub(crate) fn new(data: DataDir, workers: StepThreads, wake: Wake) -> Self {
+    pub(crate) fn new(
+        (data, limits): (DataDir, &Limits),
+        workers: StepThreads,
+        wake: Wake,
+    ) -> Self {
         let damaged = Mutex::default();
         Self {
+            room: Room::new(data.scenes_on_disk(), limits),
             data,
             workers,
             wake,
@@ -110,7 +118,7 @@ impl StoredScenes {
 
     fn start(&self, files: SceneFiles, origin: Origin) -> Option<Box<dyn CommandLog>> {
         let scene = origin.name.clone();
-        match SceneLog::start(files, origin, Wake::clone(&self.wake)) {
+        match SceneLog::start((files, self.room.clone()), origin, Wake::clone(&self.wake)) {
             Ok(log) => Some(Box::new(log)),
             Err(cause) => {
                 tracing::error!(%scene, %cause, "no thread for a command log; nothing is durable");
@@ -195,7 +203,11 @@ mod store_tests {
     fn a_scene_that_cannot_be_looked_for_is_not_taken_for_a_new_one() {
         let directory = tempfile::tempdir().unwrap();
         let data = DataDir::open(directory.path()).unwrap();
-        let stored = StoredScenes::new(data, StepThreads::default(), Arc::new(|| {}));
+        let stored = StoredScenes::new(
+            (data, &Limits::default()),
+            StepThreads::default(),
+            Arc::new(|| {}),
+        );
         let (scenes, name) = (directory.path().join("scenes"), "pit".parse().unwrap());
         fs::remove_dir(&scenes).unwrap();
         fs::write(&scenes, "no directory").unwrap();

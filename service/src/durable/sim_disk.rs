@@ -277,6 +277,17 @@ impl Disk for SimDisk {
         Ok(())
     }
 
+    fn bytes_in(&self, directory: &Path) -> io::Result<u64> {
+        let state = self.state();
+        let names = (state.names.iter()).filter(|(path, _)| path.parent() == Some(directory));
+        let bytes = names.map(|(_, id)| {
+            let contents = &state.files[id];
+            let appended: usize = contents.appended.iter().map(Vec::len).sum();
+            (contents.durable.len() + appended) as u64
+        });
+        Ok(bytes.sum())
+    }
+
     fn sync_directory(&self, directory: &Path) -> io::Result<()> {
         let mut state = self.state();
         let is_in = |path: &Path| path.parent() == Some(directory);

@@ -16,6 +16,8 @@ use rhumb_reckoning::Tick;
 use rhumb_scene::{Batch, CommandLog, Frozen};
 
 use super::error::DataError;
+use super::frame::OVERHEAD;
+use super::room::{LOOK_BYTES, Room};
 use super::scene_files::{LogHeader, SceneFiles, Segment};
 use super::snapshot_file::Snapshot;
 
@@ -29,7 +31,7 @@ pub(crate) struct SceneLog {
     shared: Arc<Shared>,
     /// Batches so far.
     batches: u64,
-    /// Bytes of records since the last snapshot.
+    /// Bytes of frames since the last snapshot.
     bytes: usize,
     /// Number of times that the log had been given up at the last snapshot: batches are lost while it is another number.
     given_up: u64,
@@ -98,11 +100,17 @@ pub(crate) type Wake = Arc<dyn Fn() + Send + Sync>;
 
 impl SceneLog {
     /// Starts the thread that writes.
-    pub(crate) fn start(files: SceneFiles, origin: Origin, wake: Wake) -> io::Result<Self> {
+    pub(crate) fn start(
+        (files, room): (SceneFiles, Room),
+        origin: Origin,
+        wake: Wake,
+    ) -> io::Result<Self> {
         let (jobs, received) = channel();
         let shared = Arc::new(Shared::default());
         let writer = LogWriter {
             files,
+            room,
+            unlooked: LOOK_BYTES,
             scene: origin.name.clone(),
             config: origin.config,
             segment: None,
@@ -145,7 +153,7 @@ impl SceneLog {
 impl CommandLog for SceneLog {
     fn append(&mut self, batch: Batch) -> u64 {
         self.batches += 1;
-        self.bytes += batch.records.len();
+        self.bytes += OVERHEAD + batch.records.len();
         if !self.is_losing() && self.waiting_bytes() > WAITING_BYTES_MAX {
             tracing::error!(
                 "the disk is too slow: commands are not durable until the next snapshot"
@@ -217,6 +225,9 @@ impl Drop for SceneLog {
 /// Writes the log of one scene.
 struct LogWriter {
     files: SceneFiles,
+    room: Room,
+    /// Bytes written since the last look at the room.
+    unlooked: usize,
     scene: SceneName,
     config: SceneConfig,
     /// `None` while the log is broken.
@@ -265,8 +276,10 @@ impl LogWriter {
         if self.shared.is_broken() {
             self.segment = None;
         }
+        let looked = self.look(bytes);
         if let Some(segment) = &mut self.segment {
-            match segment.append(&batches).and_then(|()| segment.sync()) {
+            let written = looked.and_then(|()| segment.append(&batches));
+            match written.and_then(|()| segment.sync()) {
                 Ok(()) => self.report_durable(),
                 Err(error) => self.break_off(&error),
             }
@@ -274,6 +287,17 @@ impl LogWriter {
         self.shared
             .waiting_bytes
             .fetch_sub(bytes, Ordering::Relaxed);
+    }
+
+    /// Looks at the room after so many more bytes, now and then.
+    fn look(&mut self, bytes: usize) -> Result<(), DataError> {
+        self.unlooked = self.unlooked.saturating_add(bytes);
+        if self.unlooked < LOOK_BYTES || self.segment.is_none() {
+            return Ok(());
+        }
+        self.room.check(&self.files.directory)?;
+        self.unlooked = 0;
+        Ok(())
     }
 
     fn report_durable(&self) {
@@ -320,7 +344,8 @@ impl LogWriter {
     /// `given_up`: how often the log had been when the snapshot was taken.
     fn begin_anew(&mut self, frozen: Frozen, given_up: u64) {
         let (tick, number) = (frozen.tick, self.next);
-        let made = self.files.make_directory();
+        let has_room = self.room.check_others(&self.files.directory);
+        let made = has_room.and_then(|()| self.files.make_directory());
         let written = made.and_then(|()| write_snapshot(&self.files, number, frozen));
         if written.is_ok() {
             self.begin_segment(tick, None);

@@ -18,6 +18,7 @@ use rhumb_scene::{Heartbeat, Limits, ServerLoad};
 use self::scene::{MetricKind, Text};
 pub(crate) use self::scene::{SCENE_VALUES, SceneMeter, SceneValues};
 use self::scene::{SceneMeters, lock};
+use crate::durable::DataDir;
 use crate::http::{HttpAnswer, HttpRequest, TEXT};
 
 /// A dispatcher that has worked on one piece for longer is stuck.
@@ -34,11 +35,13 @@ struct MetricValues {
     quarantined: AtomicU64,
     workers: AtomicU64,
     worker_deaths: AtomicU64,
+    full_accounts: AtomicU64,
     /// Connections that the server closed, by code.
     closed: Mutex<BTreeMap<u32, u64>>,
     scenes: SceneMeters,
     /// The metrics of the dispatcher, once the server runs.
     dispatcher: Mutex<Option<WatchedDispatcher>>,
+    data: Mutex<Option<DataDir>>,
 }
 
 /// Sign of life of the dispatcher, the load of all scenes, and the bounds on it.
@@ -58,6 +61,16 @@ impl Metrics {
             scene_load_max: limits.scene_load,
             load_max: limits.server_load,
         });
+    }
+
+    /// Sets the data directory whose bytes are shown.
+    pub(crate) fn set_data(&self, data: Option<DataDir>) {
+        *lock(&self.0.data) = data;
+    }
+
+    /// A connection came of a tenant or client that has as many scenes as it may.
+    pub(crate) fn count_full_account(&self) {
+        self.0.full_accounts.fetch_add(1, Ordering::Relaxed);
     }
 
     pub(crate) fn count_opened(&self) {
@@ -145,12 +158,19 @@ impl Metrics {
                 "Worker processes that ended by themselves, or did not answer and were killed.",
                 read(&metrics.worker_deaths),
             ),
+            (
+                "rhumb_full_tenants_total",
+                MetricKind::Counter,
+                "Connections of tenants that had as many scenes as they may.",
+                read(&metrics.full_accounts),
+            ),
         ];
         for (name, kind, help, value) in plain {
             text.describe(name, kind, help);
             text.sample(name, &[], value);
         }
         self.write_load(&mut text);
+        self.write_data(&mut text);
         let name = "rhumb_closed_total";
         text.describe(
             name,
@@ -163,6 +183,17 @@ impl Metrics {
         metrics.scenes.write(&mut text);
         process::write(&mut text);
         text.into_string()
+    }
+
+    /// Bytes of the data directory, if there is one that can be read.
+    fn write_data(&self, text: &mut Text) {
+        let data = lock(&self.0.data).clone();
+        if let Some(Ok(bytes)) = data.map(|data| data.bytes()) {
+            let name = "rhumb_data_bytes";
+            let help = "Bytes of all scenes in the data directory.";
+            text.describe(name, MetricKind::Gauge, help);
+            text.sample(name, &[], bytes);
+        }
     }
 
     fn write_load(&self, text: &mut Text) {

@@ -26,10 +26,18 @@ struct Guarded {
 
 impl Guarded {
     fn start(name: &str) -> Self {
+        Self::start_with(name, "")
+    }
+
+    /// With the lines of a configuration.
+    fn start_with(name: &str, settings: &str) -> Self {
         let folder = std::env::temp_dir().join(format!("rhumb-{name}-{}", std::process::id()));
         fs::create_dir_all(&folder).expect("a folder for keys");
         let guarded = make_key(&folder, "key");
-        let server = SERVER.serve_with(ANYWHERE, &["--token-key", &guarded]);
+        let config = folder.join("rhumb.toml").display().to_string();
+        fs::write(&config, settings).expect("it can be written");
+        let flags = ["--token-key", &guarded, "--config", &config];
+        let server = SERVER.serve_with(ANYWHERE, &flags);
         Self { server, folder }
     }
 
@@ -205,6 +213,36 @@ fn a_client_needs_a_token_of_this_server_for_this_scene() {
         let refused = guarded.join(Some(&stolen), "pit");
         assert_eq!(close_code(refused), CloseCode::TOKEN_INVALID);
     }
+}
+
+#[test]
+fn a_tenant_has_its_part_of_the_scenes_and_leaves_the_rest_to_others() {
+    let guarded = Guarded::start_with("tenants", "[limits]\nscenes = 8\ntenant_scenes = 2\n");
+    let anna = guarded.token("anna", "team/*", "owner", &[]);
+    let join = |token: &str, scene: &str| guarded.join(Some(token), scene);
+    let full = |joined: Result<Client, OpenError>| {
+        let denied = joined.err();
+        let is_full = matches!(&denied, Some(OpenError::Denied { denial, .. }) if *denial == Denial::OverQuota);
+        assert!(is_full, "{denied:?}");
+    };
+    let mut kept = vec![
+        join(&anna, "team/1").unwrap(),
+        join(&anna, "team/2").unwrap(),
+    ];
+    full(join(&anna, "team/3"));
+    // Another client of the tenant shares its part, and its scenes are joined as before.
+    let bert = guarded.token("bert", "team/*", "owner", &[]);
+    full(join(&bert, "team/3"));
+    kept.push(join(&bert, "team/1").unwrap());
+    // Other tenants have parts of their own. Without a tenant, a client's scenes count for it.
+    let carl = guarded.token("carl", "*", "owner", &[]);
+    for scene in ["shop/1", "shop/2", "a", "b"] {
+        kept.push(join(&carl, scene).unwrap());
+    }
+    full(join(&carl, "c"));
+    let more = guarded.token("anna", "team/*", "owner", &["--tenant-scenes", "3"]);
+    kept.push(join(&more, "team/3").unwrap());
+    full(join(&more, "team/4"));
 }
 
 #[test]

@@ -4,6 +4,7 @@
 //! so that the same run can be made without a server: equal digests mean that no command was lost, doubled or moved to
 //! another tick. `KILLS` sets how often the server is killed, `BODIES` the size of the scene, `SEED` the moments.
 
+use std::fs;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -12,10 +13,12 @@ use std::time::{Duration, Instant};
 
 use glam::Vec3;
 use rhumb_client::scene::{
-    Answer, BodyDesc, BodyKind, Command, Mesh, Query, SceneConfig, Shape, ShapeId, Stepping,
+    Answer, BodyDesc, BodyKind, Command, CommandError, Heights, Mesh, Query, SceneConfig, Shape,
+    ShapeId, Stepping,
 };
 use rhumb_client::{
-    Client, ClientError, Event, JoinMode, JoinOptions, PipelineDepth, Tick, Tolerance, Trust,
+    Client, ClientError, Event, JoinMode, JoinOptions, PipelineDepth, Refusals, Tick, Tolerance,
+    Trust,
 };
 use rhumb_reckoning::{BodyId, BodyState};
 use rhumb_scene::Scene;
@@ -361,4 +364,85 @@ fn a_question_waits_for_the_server_to_come_back() {
         matches!(&answers[..], [Answer::Hits(hits)] if hits.iter().any(|hit| hit.body == avatar))
     };
     assert!((0..500).any(finds_the_avatar));
+}
+
+/// Bytes of all files below a directory.
+fn bytes_below(directory: &Path) -> u64 {
+    let Ok(entries) = fs::read_dir(directory) else {
+        return 0;
+    };
+    let each = entries.filter_map(Result::ok).map(|entry| {
+        // A file may be removed meanwhile.
+        match entry.metadata() {
+            Ok(found) if found.is_dir() => bytes_below(&entry.path()),
+            found => found.map_or(0, |found| found.len()),
+        }
+    });
+    each.sum()
+}
+
+/// A height field of some 64 kB, which is added and removed.
+fn add_and_remove(client: &mut Client, rounds: u32) -> usize {
+    let posts: Vec<f32> = (0..128 * 128).map(|post| (post % 7) as f32).collect();
+    let field = Heights::new(128, 1.0, 1.0, &posts).expect("within the limits");
+    let id = ShapeId(900);
+    let mut refused = 0;
+    for round in 0..rounds {
+        let shape = Shape::Heights(field.clone());
+        for command in [Command::AddShape { id, shape }, Command::RemoveShape { id }] {
+            client.command(command).expect("the connection is open");
+        }
+        if round % 16 == 15 {
+            client.inspect().expect("the server answers");
+        }
+        while let Some((_, event)) = client.poll_event() {
+            let is_full = CommandError::Overloaded { retry_seconds: 5 };
+            refused +=
+                usize::from(matches!(event, Event::Refused { error, .. } if error == is_full));
+        }
+    }
+    refused
+}
+
+#[test]
+fn the_log_of_a_scene_that_never_steps_stays_within_its_bound() {
+    const MIB: u64 = 1 << 20;
+    let directory = tempfile::tempdir().expect("a temporary directory");
+    let (data, config) = (
+        directory.path().join("data"),
+        directory.path().join("rhumb.toml"),
+    );
+    fs::write(&config, "[limits]\nscene_log_mib = 8\n").expect("it can be written");
+    let flags = [
+        "--data",
+        data.to_str().expect("text"),
+        "--config",
+        config.to_str().expect("text"),
+    ];
+    let server = SERVER.serve_with("127.0.0.1:0", &flags);
+    let trust = Trust::Fingerprint(server.fingerprint);
+    let connection = Client::connect(&server.address.to_string(), trust);
+    let options = JoinOptions {
+        refusals: Refusals::Events,
+        ..JoinOptions::default()
+    };
+    let connection = connection.expect("the server is there");
+    let mut client = connection.join_with("still", options).expect("a new scene");
+    client.advance(PipelineDepth::LOCKSTEP).expect("it steps");
+    // Some 64 MB of shapes: snapshots between steps cut the log.
+    add_and_remove(&mut client, 1_024);
+    let bytes = bytes_below(&data);
+    assert!(bytes < 40 * MIB, "{bytes} bytes of shapes");
+    // Gravity forbids a snapshot before the next step: the log takes no more than its bound.
+    let gravity = Vec3::Y;
+    client
+        .command(Command::SetGravity { gravity })
+        .expect("the connection is open");
+    let refused = add_and_remove(&mut client, 512);
+    assert!(refused > 0, "some 32 MB are beyond the bound");
+    let bytes = bytes_below(&data);
+    assert!(bytes < 60 * MIB, "{bytes} bytes that no snapshot cuts");
+    // A step lets a snapshot cut it, and the scene takes commands again.
+    client.advance(PipelineDepth::LOCKSTEP).expect("it steps");
+    assert_eq!(add_and_remove(&mut client, 16), 0);
 }

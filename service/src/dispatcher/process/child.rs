@@ -15,11 +15,11 @@ use rhumb_protocol::packet::LargestPacket;
 use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::{Instant, Span};
 use rhumb_scene::engine::{Engines, StepThreads};
-use rhumb_scene::{Admission, Heartbeat, Hooks, SceneSettings};
+use rhumb_scene::{Admission, Hooks, SceneSettings};
 use rhumb_transport::{Clock, ParentSender, parent_stream};
 
 use super::super::message::{FromProcess, FromWorker, ToProcess, Vitals, WorkerId, WorkerInput};
-use super::super::worker::ThreadWorker;
+use super::super::worker::{ThreadWorker, Watched};
 use super::codec::WorkerSetup;
 use super::codec::{decode_to, encode_from};
 use super::system;
@@ -94,11 +94,14 @@ struct WorkerProcess {
     recorder: Option<Recorder>,
 }
 
+/// The threads of a process's workers.
+type WatchedWorkers = Arc<Mutex<BTreeMap<WorkerId, Watched>>>;
+
 /// The contents of a sign of life; all clones are one.
 #[derive(Clone)]
 struct Life {
     admission: Admission,
-    heartbeats: Arc<Mutex<BTreeMap<WorkerId, Heartbeat>>>,
+    watched: WatchedWorkers,
     metrics: Metrics,
     flights: FlightRecorders,
     outlet: Outlet,
@@ -140,15 +143,15 @@ impl WorkerProcess {
         let data = (setup.data.as_deref())
             .map(DataDir::of_worker)
             .transpose()?;
-        let heartbeats: Arc<Mutex<BTreeMap<WorkerId, Heartbeat>>> = Arc::default();
+        let watched = WatchedWorkers::default();
         let (ended, over) = channel();
         let threads = WorkerThreads {
             clock: Arc::new(clock),
-            send: Arc::new(sending(outlet.clone(), Arc::clone(&heartbeats), ended)),
+            send: Arc::new(sending(outlet.clone(), Arc::clone(&watched), ended)),
         };
         let life = Life {
             admission: scenes.admission.clone(),
-            heartbeats,
+            watched,
             metrics: recorders.metrics.clone(),
             flights: recorders.flights.clone(),
             outlet,
@@ -213,7 +216,7 @@ impl WorkerProcess {
         let scenes = (&self.scenes, self.data.as_ref());
         match ThreadWorker::start((id, scene), scenes, &self.threads) {
             Ok(worker) => {
-                lock(&self.life.heartbeats).insert(id, worker.heartbeat.clone());
+                lock(&self.life.watched).insert(id, worker.watched.clone());
                 self.workers.insert(id, worker);
             }
             Err(cause) => {
@@ -225,7 +228,7 @@ impl WorkerProcess {
 
     /// Ends all workers, and waits for their threads as long as that may take: logs are written to their ends.
     fn end(&mut self) {
-        let running: Vec<WorkerId> = lock(&self.life.heartbeats).keys().copied().collect();
+        let running: Vec<WorkerId> = lock(&self.life.watched).keys().copied().collect();
         self.workers.clear();
         let started = (self.threads.clock)();
         let mut left = running.len();
@@ -242,7 +245,7 @@ impl WorkerProcess {
 /// The call by which the workers' threads hand over their outputs.
 fn sending(
     outlet: Outlet,
-    heartbeats: Arc<Mutex<BTreeMap<WorkerId, Heartbeat>>>,
+    watched: WatchedWorkers,
     ended: Sender<WorkerId>,
 ) -> impl Fn(WorkerId, FromWorker) -> bool + Send + Sync {
     let ended = Mutex::new(ended);
@@ -250,7 +253,7 @@ fn sending(
         let is_over = message == FromWorker::Over;
         let sent = outlet.send(&FromProcess::Worker(id, message));
         if is_over {
-            lock(&heartbeats).remove(&id);
+            lock(&watched).remove(&id);
             // After the end of the process nothing waits for it.
             let _ = lock(&ended).send(id);
         }
@@ -275,9 +278,9 @@ impl Life {
         while let Err(RecvTimeoutError::Timeout) = stopped.recv_timeout(INTERVAL) {
             // The entries go first: a dispatcher that finds the process stuck has them.
             self.flights.forward_all();
-            let busy = lock(&self.heartbeats)
-                .iter()
-                .map(|(id, heartbeat)| (*id, heartbeat.busy_for()))
+            let busy = lock(&self.watched)
+                .iter_mut()
+                .map(|(id, worker)| (*id, worker.worked_for()))
                 .max_by_key(|(_, busy)| *busy);
             let metrics = FromProcess::Metrics(self.metrics.scene_values());
             let vitals = FromProcess::Alive(Vitals {

@@ -191,8 +191,9 @@ fn encode_permit(permit: &Permit, to: &mut Writer) {
         commands,
         load,
         members,
+        scenes,
     } = permit.quotas;
-    for quota in [bodies, commands, members] {
+    for quota in [bodies, commands, members, scenes] {
         encode_quota(quota.map(u64::from), to);
     }
     encode_quota(load, to);
@@ -211,11 +212,13 @@ fn decode_permit(from: &mut Reader<'_>) -> Result<Permit, Malformed> {
         let quota = decode_quota(from)?.map(u32::try_from).transpose();
         quota.map_err(|_| Malformed::OutOfRange)
     };
-    let (bodies, commands, members) = (small(from)?, small(from)?, small(from)?);
+    let [bodies, commands, members, scenes] =
+        [small(from)?, small(from)?, small(from)?, small(from)?];
     let quotas = Quotas {
         bodies,
         commands,
         members,
+        scenes,
         load: decode_quota(from)?,
     };
     let owns = flag(from)?;

@@ -32,16 +32,21 @@ fn permit() -> impl Strategy<Value = Permit> {
         Just(Role::Controller),
         Just(Role::Owner)
     ];
-    let quotas = any::<(Option<u32>, Option<u32>, Option<u64>, Option<u32>)>();
-    let permit = |(client, role, (bodies, commands, load, members), owns)| Permit {
+    let small = any::<[Option<u32>; 4]>();
+    let quotas =
+        (small, any::<Option<u64>>()).prop_map(|([bodies, commands, members, scenes], load)| {
+            Quotas {
+                bodies,
+                commands,
+                load,
+                members,
+                scenes,
+            }
+        });
+    let permit = |(client, role, quotas, owns)| Permit {
         client,
         role,
-        quotas: Quotas {
-            bodies,
-            commands,
-            load,
-            members,
-        },
+        quotas,
         owns,
     };
     (client, role, quotas, any::<bool>()).prop_map(permit)

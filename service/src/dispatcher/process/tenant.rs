@@ -5,6 +5,7 @@ use std::fmt;
 
 use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::{Instant, Span};
+use rhumb_scene::tenant_of;
 
 /// A tenant, as tokens name it by the scenes that they are for.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -20,8 +21,8 @@ pub(super) enum Tenant {
 impl Tenant {
     /// The tenant of a scene. `share`: scenes without one share a process.
     pub(super) fn of(scene: &SceneName, share: bool) -> Self {
-        match scene.as_str().split_once('/') {
-            Some((tenant, _)) => Self::Named(tenant.to_owned()),
+        match tenant_of(scene) {
+            Some(tenant) => Self::Named(tenant.to_owned()),
             None if share => Self::Shared,
             None => Self::Scene(scene.clone()),
         }

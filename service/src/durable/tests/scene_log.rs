@@ -4,15 +4,17 @@
 
 use std::sync::Arc;
 
-use rhumb_protocol::scene::SceneConfig;
+use rhumb_protocol::scene::{Command, SceneConfig, Shape, ShapeId};
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::Tick;
 use rhumb_scene::engine::StepThreads;
-use rhumb_scene::{Batch, CommandLog, Frozen, Ownership};
+use rhumb_scene::{Batch, CommandLog, Frozen, Limits, Ownership};
 use rhumb_transport::Clock;
 
 use super::{Recorded, files, name};
+use crate::durable::disk::Disk;
 use crate::durable::recovery::{LogTail, ReplayStart};
+use crate::durable::room::Room;
 use crate::durable::sim_disk::SimDisk;
 use crate::durable::writer::{Origin, SceneLog, WAITING_BYTES_MAX};
 
@@ -34,6 +36,10 @@ struct Logged {
 
 impl Logged {
     fn on(disk: SimDisk) -> Self {
+        Self::within(disk, &Limits::default())
+    }
+
+    fn within(disk: SimDisk, limits: &Limits) -> Self {
         let origin = Origin {
             name: name(),
             config: SceneConfig::default(),
@@ -41,7 +47,8 @@ impl Logged {
             segment: 0,
             previous: None,
         };
-        let log = SceneLog::start(files(&disk), origin, Arc::new(|| {}));
+        let room = Room::new((Arc::new(disk.clone()), "scenes".into()), limits);
+        let log = SceneLog::start((files(&disk), room), origin, Arc::new(|| {}));
         Self {
             recorded: Recorded::new(11),
             disk,
@@ -202,6 +209,55 @@ fn a_scene_whose_directory_could_not_be_made_is_durable_after_a_snapshot() {
     wait_until("the log breaks", || logged.log.is_broken());
     logged.append();
     logged.disk.set_refusing_directories(false);
+    logged.mend();
+    logged.must_be_restored();
+}
+
+#[test]
+fn a_snapshot_between_two_steps_has_the_shapes_that_came_since() {
+    let mut logged = Logged::begun();
+    for round in 0..3 {
+        let id = ShapeId(100 + round);
+        let shape = Shape::ball(0.25);
+        (logged.recorded).command(&Command::AddShape { id, shape });
+        let batch = logged.recorded.scene.record_mut().take_batch();
+        logged.log.append(batch.expect("a command is recorded"));
+        logged.snapshot();
+        wait_until("the snapshot is written", || logged.log.may_snapshot());
+        (logged.recorded).command(&Command::RemoveShape { id });
+        logged.append();
+    }
+    logged.must_be_restored();
+}
+
+#[test]
+fn a_body_that_changed_since_the_last_step_forbids_a_snapshot() {
+    let mut logged = Logged::begun();
+    assert!(logged.recorded.scene.freeze().is_some());
+    let gravity = glam::Vec3::ZERO;
+    (logged.recorded).command(&Command::SetGravity { gravity });
+    assert!(logged.recorded.scene.freeze().is_none());
+}
+
+#[test]
+fn a_tenant_beyond_its_part_of_the_directory_waits_for_room_and_goes_on() {
+    let disk = SimDisk::default();
+    // The scene has no tenant, so that the whole directory alone has others in it.
+    let limits = Limits {
+        data_mib: 1,
+        ..Limits::default()
+    };
+    let (others, file) = ("scenes/other.1", "scenes/other.1/00000000.log");
+    disk.make_directory(others.as_ref()).expect("a directory");
+    let mut other = disk.create(file.as_ref()).expect("a file");
+    other.append(&vec![0; 1 << 20]).expect("a disk with room");
+    let mut logged = Logged::within(disk.clone(), &limits);
+    let first = logged.append();
+    wait_until("the log breaks off", || logged.log.is_broken());
+    logged.snapshot();
+    wait_until("the snapshot is tried", || logged.log.may_snapshot());
+    assert!(logged.log.is_broken() && logged.log.durable() < first);
+    disk.remove(file.as_ref()).expect("it is there");
     logged.mend();
     logged.must_be_restored();
 }
