@@ -196,7 +196,7 @@ class Known:
 PAGE = """# Files that were loaded
 
 Every URDF and MJCF file of four public packages, but for parts that others include, loaded and run for ten seconds by `sims/files/compare/run WHEEL`, which fetches the
-packages and writes this page. {loaded} of {all} were loaded.
+packages and writes this page. {loaded} of {all} were loaded.{ended}
 
 - *Left out* counts the notes of the loader, and names the most frequent kinds. Drawing and actuation are among them.
 - *From MuJoCo* is the greatest distance, in millimetres, between the centres of mass of a body here and in MuJoCo 4.0.0, after half a second
@@ -227,21 +227,28 @@ def main():
         return
     data, page = pathlib.Path(sys.argv[1]).resolve(), pathlib.Path(sys.argv[2])
     part = sys.argv[3] if len(sys.argv) > 3 else ""
-    rows = []
+    rows, left = [], 0
     known = Known(data / "rows.jsonl")
     for package, version, path in files(data):
         if part not in str(path):
             continue
         name = str(path.relative_to(data))
         found = known.rows.get(name)
+        if found is None and not left:
+            try:
+                found = row(package, version, path, data)
+                known.add(name, found)
+                print(found[0], flush=True)
+            except KeyboardInterrupt:
+                print("ended: the page has what is known", file=sys.stderr)
         if found is None:
-            found = row(package, version, path, data)
-            known.add(name, found)
-            print(found[0], flush=True)
-        rows.append(found)
+            left += 1
+        else:
+            rows.append(found)
     near = [near for _, _, near in rows if near is not None]
     head = PAGE.format(
         loaded=sum(was for _, was, _ in rows),
+        ended=f" This run was ended before {left} further files." if left else "",
         all=len(rows),
         compared=len(near),
         near=sum(early for early, _ in near),

@@ -1,4 +1,4 @@
-//! Triangle meshes from STL and OBJ, their mass and their hulls.
+//! Triangle meshes from STL, OBJ and MSH, their mass and their hulls.
 //!
 //! Texts and bytes are read by `stl_io` and `tobj`; counts are checked before either sees a file. Invariant: every
 //! coordinate is finite, every triangle names points that exist.
@@ -35,7 +35,7 @@ pub(crate) fn ending(path: &str) -> String {
 
 /// True if a reader for such a mesh exists.
 pub(crate) fn is_read(path: &str) -> bool {
-    matches!(ending(path).as_str(), "stl" | "obj")
+    matches!(ending(path).as_str(), "stl" | "obj" | "msh")
 }
 
 /// Reads a mesh file.
@@ -44,6 +44,7 @@ pub(crate) fn read(files: &dyn Files, path: &str) -> Result<TriangleMesh, Proble
     let mesh = match ending(path).as_str() {
         "stl" => stl(bytes)?,
         "obj" => obj(&bytes)?,
+        "msh" => msh(&bytes)?,
         _ => return Err(Problem::UnknownFormat(path.to_owned())),
     };
     check(mesh)
@@ -133,6 +134,37 @@ fn obj(bytes: &[u8]) -> Result<TriangleMesh, Problem> {
         );
     }
     Ok(mesh)
+}
+
+/// MuJoCo's own form: counts of points, normals, texture places and triangles, then these, each number of 32 bits.
+fn msh(bytes: &[u8]) -> Result<TriangleMesh, Problem> {
+    let (words, rest) = bytes.as_chunks::<4>();
+    let counts = words.first_chunk::<4>().filter(|_| rest.is_empty());
+    let counts = counts.map(|counts| counts.map(|count| u64::from(u32::from_le_bytes(count))));
+    // None of the products overflows.
+    let needed = |[points, normals, places, triangles]: [u64; 4]| {
+        4 + 3 * (points + normals + triangles) + 2 * places
+    };
+    let counts = counts.filter(|counts| needed(*counts) == words.len() as u64);
+    let Some([points, normals, places, _]) = counts else {
+        let cause =
+            "its length is not that of the counts at its beginning: it is cut, or no MSH file";
+        return Err(Problem::Mesh(cause.to_owned()));
+    };
+    let body = &words[4..];
+    let (points, body) = body.split_at(3 * points as usize);
+    let triangles = &body[(3 * normals + 2 * places) as usize..];
+    let number = |word: &[u8; 4]| f64::from(f32::from_le_bytes(*word));
+    let (points, _) = points.as_chunks::<3>();
+    let (triangles, _) = triangles.as_chunks::<3>();
+    Ok(TriangleMesh {
+        points: (points.iter())
+            .map(|[x, y, z]| DVec3::new(number(x), number(y), number(z)))
+            .collect(),
+        triangles: (triangles.iter())
+            .map(|corners| corners.map(u32::from_le_bytes))
+            .collect(),
+    })
 }
 
 impl TriangleMesh {
@@ -286,6 +318,52 @@ mod tests {
             bytes.extend([0; 2]);
         }
         bytes
+    }
+
+    #[test]
+    fn a_mesh_of_mujocos_own_form_is_read_and_its_cuts_are_refused() {
+        let mut bytes: Vec<u8> = [4_u32, 4, 4, 4]
+            .into_iter()
+            .flat_map(u32::to_le_bytes)
+            .collect();
+        let corners = [
+            [0.0_f32, 0.0, 0.0],
+            [1.0, 0.0, 0.0],
+            [0.0, 2.0, 0.0],
+            [0.0, 0.0, 3.0],
+        ];
+        let normals = [[0.0_f32, 0.0, 1.0]; 4];
+        let places = [[0.5_f32, 0.5]; 4];
+        let faces = [[0_u32, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]];
+        let numbers = corners
+            .iter()
+            .chain(&normals)
+            .flatten()
+            .chain(places.iter().flatten());
+        bytes.extend(numbers.flat_map(|number| number.to_le_bytes()));
+        bytes.extend(
+            faces
+                .iter()
+                .flatten()
+                .flat_map(|corner| corner.to_le_bytes()),
+        );
+        let mut files = MemoryFiles::default();
+        files.insert("m.msh", bytes.clone());
+        let mesh = read(&files, "m.msh").expect("a tetrahedron");
+        assert_eq!((mesh.points.len(), mesh.triangles.len()), (4, 4));
+        assert_eq!(mesh.points[3], DVec3::new(0.0, 0.0, 3.0));
+        assert_eq!(mesh.triangles[0], [0, 2, 1]);
+        for cut in 0..bytes.len() {
+            files.insert("m.msh", &bytes[..cut]);
+            assert!(read(&files, "m.msh").is_err(), "{cut}");
+        }
+        // Counts beyond the file, and a corner beyond the points.
+        for (at, with) in [(0, u32::MAX), (12, u32::MAX), (8, 3), (bytes.len() - 4, 4)] {
+            let mut wrong = bytes.clone();
+            wrong[at..at + 4].copy_from_slice(&with.to_le_bytes());
+            files.insert("m.msh", wrong);
+            assert!(read(&files, "m.msh").is_err(), "{at}");
+        }
     }
 
     #[test]

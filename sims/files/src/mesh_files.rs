@@ -78,7 +78,7 @@ impl<'a> Meshes<'a> {
             return Ok(Some(mesh.clone()));
         }
         if !mesh::is_read(name) {
-            let why = "meshes are read from STL and OBJ files";
+            let why = "meshes are read from STL, OBJ and MSH files";
             report.add(
                 &element.place(),
                 subject.to_owned(),
