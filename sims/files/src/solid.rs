@@ -174,6 +174,9 @@ fn ellipsoid_shape(
     Ok(Placement { pose, shape })
 }
 
+/// Thickness of a mesh, as a share of its length, below which engines make no solid of its hull.
+const FLAT: f64 = 0.005;
+
 /// The hull of a mesh, in the axes of the body; a flat mesh becomes a thin box.
 fn hull_shape(
     mesh: &TriangleMesh,
@@ -193,8 +196,10 @@ fn hull_shape(
         let name = subject.name.to_owned();
         report.add(subject.place, name, value, Effect::Approximated, why);
     };
+    let half = (most - least) * 0.5;
+    let is_flat = half.min_element() < half.max_element() * FLAT;
     match hull(&points) {
-        Ok((hull, lost)) => {
+        Ok((hull, lost)) if !is_flat => {
             if lost > 0.0 {
                 let value = format!("{} corners, up to {lost:.4} m inside", hull.points().len());
                 note(value, "a hull has at most 255 corners");
@@ -202,10 +207,9 @@ fn hull_shape(
             let shape = Shape::Hull(hull);
             Ok(Placement { pose, shape })
         }
-        Err(wrong) => {
-            let half = (most - least) * 0.5;
+        read => {
             if half.max_element() < f64::from(EXTENT_MIN) * 0.01 {
-                return Err(wrong);
+                read?;
             }
             note(
                 format!("{half} m"),

@@ -813,6 +813,28 @@ mod tests {
     }
 
     #[test]
+    fn a_mesh_as_thin_as_a_wing_is_a_box_and_a_thicker_one_a_hull() {
+        for (thickness, is_box) in [(0.003, true), (0.01, false)] {
+            let corner = |at: usize| {
+                let [x, y, z] = [at & 1, at >> 1 & 1, at >> 2];
+                format!("{x} {y} {} ", z as f64 * thickness)
+            };
+            let corners: String = (0..8).map(corner).collect();
+            let scene = read(&format!(
+                "<asset><mesh name='m' vertex='{corners}'/></asset>\
+                 <worldbody><body><freejoint/><geom type='mesh' mesh='m'/></body></worldbody>"
+            ));
+            let scene = scene.expect("a world");
+            let shape = match scene.bodies[0].builder.shape() {
+                Shape::Compound(compound) => compound.parts()[0].shape.clone(),
+                shape => shape.clone(),
+            };
+            assert_eq!(matches!(shape, Shape::Cuboid { .. }), is_box, "{shape:?}");
+            assert_eq!(matches!(shape, Shape::Hull(_)), !is_box, "{shape:?}");
+        }
+    }
+
+    #[test]
     fn a_spring_with_a_time_constant_has_it_whatever_the_body_weighs() {
         for size in ["0.1", "0.5"] {
             let scene = read(&format!(
