@@ -1,4 +1,4 @@
-"""Scenes are saved, restored and forked: from then on they run alike, to the bit."""
+"""Scenes are saved, restored and forked, and run alike to the bit."""
 
 import pickle
 
