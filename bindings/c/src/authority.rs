@@ -1,7 +1,7 @@
 //! Authority over bodies that the application moves.
 
 use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
-use rhumb_bindings::{BindingError, StateRecord, parse_body_word};
+use rhumb_bindings::{BindingError, StateRecord, parse_packed_id};
 
 use crate::border::{elements, guard, write_if_wanted};
 use crate::descriptions::RhumbBody;
@@ -48,7 +48,7 @@ pub unsafe extern "C" fn rhumb_scene_take_authority(
     guard(|| {
         // SAFETY: the caller promises the ids.
         let bodies = unsafe { elements(bodies, count, "bodies") }?;
-        let ids = bodies.iter().map(|body| parse_body_word(body.0));
+        let ids = bodies.iter().map(|body| parse_packed_id(body.0));
         let ids = ids.collect::<Result<Vec<_>, _>>()?;
         with(scene, |scene| scene.take_authority(&ids, tolerance_m))
     })
@@ -92,7 +92,7 @@ pub unsafe extern "C" fn rhumb_scene_publish(
 impl RhumbBodyState {
     fn record(&self) -> Result<StateRecord, BindingError> {
         Ok(StateRecord {
-            body: parse_body_word(self.body.0)?,
+            body: parse_packed_id(self.body.0)?,
             position: Vec3::from_array(self.position),
             rotation: Quat::from_array(self.rotation),
             linear_velocity: Vec3::from_array(self.linear_velocity),

@@ -34,7 +34,7 @@ pub unsafe extern "C" fn rhumb_scene_command(
 
 #[cfg(test)]
 mod tests {
-    use rhumb_bindings::parse_body_word;
+    use rhumb_bindings::parse_packed_id;
     use rhumb_bindings::rhumb_client::glam::Vec3;
     use rhumb_bindings::rhumb_client::scene::{ActiveEvents, Command, JumpFrom};
 
@@ -63,7 +63,7 @@ mod tests {
 
     #[test]
     fn each_kind_reads_the_fields_that_the_header_names() {
-        let id = parse_body_word(1).unwrap();
+        let id = parse_packed_id(1).unwrap();
         let of_kind = |kind: RhumbCommandKind| RhumbCommand {
             kind: kind as u32,
             ..PLAIN

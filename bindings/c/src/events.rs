@@ -3,7 +3,7 @@
 use std::ffi::c_char;
 
 use rhumb_bindings::rhumb_client::BodyId;
-use rhumb_bindings::{EventRecord, body_word};
+use rhumb_bindings::{EventRecord, packed_id};
 
 use crate::border::{check_out, copy_text, guard, write};
 use crate::descriptions::RhumbBody;
@@ -77,7 +77,7 @@ impl RhumbEvent {
     };
 
     fn of(record: &EventRecord) -> Self {
-        let word = |id: Option<BodyId>| RhumbBody(id.map_or(0, body_word));
+        let word = |id: Option<BodyId>| RhumbBody(id.map_or(0, packed_id));
         Self {
             kind: RhumbEventKind::of(record.kind) as u32,
             separation: record.separation,

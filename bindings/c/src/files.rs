@@ -3,7 +3,7 @@
 use std::ffi::c_char;
 
 use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
-use rhumb_bindings::{Base, BindingError, LoadParams, LoadedFile, OwnContacts, body_word};
+use rhumb_bindings::{Base, BindingError, LoadParams, LoadedFile, OwnContacts, packed_id};
 
 use crate::border::{check_out, copy_text, guard, one_of, optional_text, text, value, write};
 use crate::descriptions::RhumbBody;
@@ -220,7 +220,7 @@ pub unsafe extern "C" fn rhumb_loaded_body(
         let found = LOADED.with(loaded.id, |file| {
             let one = at(&file.bodies, place)?;
             Ok(RhumbLoadedBody {
-                body: RhumbBody(body_word(one.id)),
+                body: RhumbBody(packed_id(one.id)),
                 frame_position: one.frame_position.to_array(),
                 frame_rotation: one.frame_rotation.to_array(),
                 name: copy_text(&one.name),

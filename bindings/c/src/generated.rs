@@ -7,7 +7,7 @@ use rhumb_bindings::rhumb_client::scene::{
     ActiveEvents, Character, CharacterStep, Command, JumpFrom, Locomotion, Vehicle, Wheel,
     WheelInput,
 };
-use rhumb_bindings::{BindingError, EventKind, parse_body_word};
+use rhumb_bindings::{BindingError, EventKind, parse_packed_id};
 
 use crate::border::{elements, guard, one_of, value};
 use crate::descriptions::RhumbBody;
@@ -143,7 +143,7 @@ impl RhumbCommand {
             .find(|kind| *kind as u32 == self.kind);
         let needed = "one that RhumbCommandKind names";
         let kind = kind.ok_or_else(|| BindingError::value("command.kind", self.kind, needed))?;
-        let id = || parse_body_word(self.body.0);
+        let id = || parse_packed_id(self.body.0);
         let vector = Vec3::from_array(self.vector);
         Ok(match kind {
             RhumbCommandKind::RemoveBody => Command::RemoveBody { id: id()? },
@@ -389,7 +389,7 @@ pub unsafe extern "C" fn rhumb_scene_clear_locomotion(
 ) -> RhumbCode {
     // SAFETY: the caller promises what the pointers point to.
     guard(|| unsafe {
-        let id = parse_body_word(body.0)?;
+        let id = parse_packed_id(body.0)?;
         send(
             scene,
             Command::SetLocomotion {
@@ -418,7 +418,7 @@ pub unsafe extern "C" fn rhumb_scene_set_character(
 ) -> RhumbCode {
     // SAFETY: the caller promises what the pointers point to.
     guard(|| unsafe {
-        let id = parse_body_word(body.0)?;
+        let id = parse_packed_id(body.0)?;
         let character = Character::from(value(character, "character")?);
         send(
             scene,
@@ -448,7 +448,7 @@ pub unsafe extern "C" fn rhumb_scene_set_vehicle(
 ) -> RhumbCode {
     // SAFETY: the caller promises what the pointers point to.
     guard(|| unsafe {
-        let id = parse_body_word(body.0)?;
+        let id = parse_packed_id(body.0)?;
         let wheels = elements(wheels, count, "wheels")?;
         let wheels = wheels.iter().map(Wheel::from).collect();
         send(
@@ -480,7 +480,7 @@ pub unsafe extern "C" fn rhumb_scene_set_wheels(
 ) -> RhumbCode {
     // SAFETY: the caller promises what the pointers point to.
     guard(|| unsafe {
-        let id = parse_body_word(body.0)?;
+        let id = parse_packed_id(body.0)?;
         let inputs = elements(inputs, count, "inputs")?;
         let inputs = inputs.iter().map(WheelInput::from).collect();
         send(scene, Command::SetWheels { id, inputs }, last)

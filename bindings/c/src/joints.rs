@@ -4,7 +4,7 @@ use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
 use rhumb_bindings::rhumb_client::scene::{
     Command, Joint, JointFrame, JointId, JointLimits, JointStrength, LockedAxes, Motor,
 };
-use rhumb_bindings::{BindingError, JointFreedom, JointParams, parse_body_word};
+use rhumb_bindings::{BindingError, JointFreedom, JointParams, parse_packed_id};
 
 use crate::border::{guard, one_of, value, write};
 use crate::descriptions::RhumbBody;
@@ -196,8 +196,8 @@ impl RhumbJointDesc {
     fn joint(&self) -> Result<Joint, BindingError> {
         let kind: JointFreedom = one_of(&JOINT_KINDS, self.kind, "desc.kind")?;
         let bodies = [
-            parse_body_word(self.first.0)?,
-            parse_body_word(self.second.0)?,
+            parse_packed_id(self.first.0)?,
+            parse_packed_id(self.second.0)?,
         ];
         let limited = axes(self.limited_axes, "desc.limited_axes")?;
         let driven = axes(self.motor_axes, "desc.motor_axes")?;

@@ -1,6 +1,6 @@
 //! The arrays of a view, lent or written to buffers of the caller.
 
-use rhumb_bindings::{BindingError, RemoteScene, parse_body_word};
+use rhumb_bindings::{BindingError, RemoteScene, parse_packed_id};
 
 use crate::border::{check_out, copy_out, guard, value, write};
 use crate::descriptions::RhumbBody;
@@ -194,7 +194,7 @@ pub unsafe extern "C" fn rhumb_scene_place(
 ) -> RhumbCode {
     guard(|| {
         check_out(place, "place")?;
-        let id = parse_body_word(body.0)?;
+        let id = parse_packed_id(body.0)?;
         let found = with(scene, |scene| scene.place(id))?;
         // SAFETY: the caller promises the memory.
         unsafe { write(place, found, "place") }

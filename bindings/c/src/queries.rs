@@ -2,7 +2,7 @@
 
 use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
 use rhumb_bindings::rhumb_client::scene::{Query, QueryFilter, QueryKind};
-use rhumb_bindings::{BindingError, HitRecord, body_word, parse_body_word};
+use rhumb_bindings::{BindingError, HitRecord, packed_id, parse_packed_id};
 
 use crate::border::{check_out, copy_out, elements, guard, one_of, write, write_if_wanted};
 use crate::descriptions::{RhumbBody, RhumbShape};
@@ -170,12 +170,12 @@ impl RhumbQuery {
                 rotation,
             },
             RhumbQueryKind::Contacts => QueryKind::Contacts {
-                body: parse_body_word(self.body.0)?,
+                body: parse_packed_id(self.body.0)?,
             },
         };
         let except = match self.except {
             RhumbBody(0) => None,
-            RhumbBody(word) => Some(parse_body_word(word)?),
+            RhumbBody(word) => Some(parse_packed_id(word)?),
         };
         let hits = u8::try_from(self.hits).map_err(|_| argument("query.hits", "1 to 64"))?;
         Ok(Query {
@@ -196,7 +196,7 @@ impl RhumbQuery {
 impl RhumbHit {
     fn of(record: &HitRecord) -> Self {
         Self {
-            body: RhumbBody(body_word(record.body)),
+            body: RhumbBody(packed_id(record.body)),
             query: record.query,
             distance: record.distance,
             point: record.point.to_array(),
@@ -233,7 +233,7 @@ mod tests {
         let read = query(overlap).unwrap();
         assert!(matches!(read.kind, QueryKind::Overlap { .. }));
         assert!(!read.filter.with_fixed && read.filter.with_sensors);
-        assert_eq!(read.filter.except.map(body_word), Some(3));
+        assert_eq!(read.filter.except.map(packed_id), Some(3));
         assert_eq!(read.hits, 64);
     }
 

@@ -2,7 +2,7 @@
 
 use std::ffi::c_char;
 
-use rhumb_bindings::{RefusalRecord, body_word};
+use rhumb_bindings::{RefusalRecord, packed_id};
 
 use crate::border::{check_out, copy_text, guard, write};
 use crate::descriptions::RhumbBody;
@@ -66,7 +66,7 @@ impl RhumbRefusal {
             exists: 1,
             is_command: u8::from(record.number.is_some()),
             number: record.number.unwrap_or(0),
-            body: RhumbBody(record.body.map_or(0, body_word)),
+            body: RhumbBody(record.body.map_or(0, packed_id)),
             reason: copy_text(record.reason),
             text: copy_text(&record.text),
         }

@@ -5,7 +5,7 @@ use std::ffi::c_char;
 use rhumb_bindings::rhumb_client::glam::Vec3;
 use rhumb_bindings::rhumb_client::scene::Command;
 use rhumb_bindings::rhumb_client::{PipelineDepth, Tick};
-use rhumb_bindings::{BindingError, JoinParams, RemoteScene, body_word, parse_body_word};
+use rhumb_bindings::{BindingError, JoinParams, RemoteScene, packed_id, parse_packed_id};
 
 use crate::border::{
     check_out, copy_out, elements, guard, one_of, text, value, write, write_if_wanted,
@@ -257,7 +257,7 @@ pub unsafe extern "C" fn rhumb_scene_add_bodies(
             params.collect::<Result<Vec<_>, _>>()?
         };
         let ids = with(scene, |scene| scene.add_bodies(&params))?;
-        let words: Vec<_> = ids.into_iter().map(|id| RhumbBody(body_word(id))).collect();
+        let words: Vec<_> = ids.into_iter().map(|id| RhumbBody(packed_id(id))).collect();
         // SAFETY: the caller promises memory for `count` ids.
         unsafe { copy_out(bodies, count, &words, "bodies") }
     })
@@ -414,7 +414,7 @@ pub unsafe extern "C" fn rhumb_scene_error_bounds(
         // SAFETY: the caller promises the ids.
         let bodies = unsafe { elements(bodies, count, "bodies") }?;
         let values = with(scene, |scene| {
-            let bound = |body: &RhumbBody| scene.error_bound(parse_body_word(body.0)?);
+            let bound = |body: &RhumbBody| scene.error_bound(parse_packed_id(body.0)?);
             bodies.iter().map(bound).collect::<Result<Vec<_>, _>>()
         })?;
         // SAFETY: the caller promises memory for `count` numbers.
@@ -441,7 +441,7 @@ pub unsafe extern "C" fn rhumb_scene_tick_error_bounds(
         let bodies = unsafe { elements(bodies, count, "bodies") }?;
         let values = with(scene, |scene| {
             let bound = |body: &RhumbBody| {
-                scene.tick_error_bound(parse_body_word(body.0)?, Tick::new(tick))
+                scene.tick_error_bound(parse_packed_id(body.0)?, Tick::new(tick))
             };
             bodies.iter().map(bound).collect::<Result<Vec<_>, _>>()
         })?;

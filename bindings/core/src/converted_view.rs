@@ -5,8 +5,8 @@
 use glam::{Quat, Vec3};
 use rhumb_client::{BodyCentres, View};
 
-use crate::body_word::body_word;
 use crate::coordinates::Coordinates;
+use crate::packed_id::packed_id;
 
 /// An array that is computed once in a frame, when it is first read.
 #[derive(Debug)]
@@ -72,7 +72,7 @@ impl ConvertedView {
     }
 
     pub(crate) fn bodies(&mut self, view: &View) -> &[u64] {
-        self.bodies.get(view.ids().iter().map(|id| body_word(*id)))
+        self.bodies.get(view.ids().iter().map(|id| packed_id(*id)))
     }
 
     pub(crate) fn changed(&mut self, view: &View) -> &[u32] {
@@ -81,7 +81,7 @@ impl ConvertedView {
 
     pub(crate) fn removed(&mut self, view: &View) -> &[u64] {
         self.removed
-            .get(view.removed().iter().map(|id| body_word(*id)))
+            .get(view.removed().iter().map(|id| packed_id(*id)))
     }
 
     pub(crate) fn positions<'a>(&'a mut self, view: &'a View, centres: &BodyCentres) -> &'a [Vec3] {

@@ -12,7 +12,7 @@ use rhumb_client::{
     QueryError,
 };
 
-use crate::body_word::{InvalidBodyWord, body_word};
+use crate::packed_id::{InvalidPackedId, packed_id};
 use crate::refusal_record::{RefusalRecord, with_words};
 
 /// Reason why a call of a binding failed.
@@ -42,7 +42,7 @@ pub enum BindingError {
     /// The text is no fingerprint.
     Fingerprint(FingerprintError),
     /// A word is the id of no body.
-    Body(InvalidBodyWord),
+    Body(InvalidPackedId),
     /// An argument is wrong.
     Argument {
         /// Its name.
@@ -277,7 +277,7 @@ impl fmt::Display for BindingError {
             Self::NotInView(id) => write!(
                 f,
                 "body {} is not in the view: it is not there yet, was removed, or never was; ask first whether the view has it",
-                body_word(*id)
+                packed_id(*id)
             ),
             Self::Value {
                 argument,
@@ -371,8 +371,8 @@ impl From<FingerprintError> for BindingError {
     }
 }
 
-impl From<InvalidBodyWord> for BindingError {
-    fn from(invalid: InvalidBodyWord) -> Self {
+impl From<InvalidPackedId> for BindingError {
+    fn from(invalid: InvalidPackedId) -> Self {
         Self::Body(invalid)
     }
 }

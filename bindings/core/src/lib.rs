@@ -8,7 +8,6 @@
 #![forbid(unsafe_code)]
 
 mod body_params;
-mod body_word;
 mod contacts;
 mod converted_view;
 mod coordinates;
@@ -23,13 +22,13 @@ mod join_params;
 mod joint_params;
 #[cfg(feature = "serve")]
 mod own_server;
+mod packed_id;
 mod refusal_record;
 mod remote_scene;
 mod scene_follower;
 mod trust;
 
 pub use body_params::BodyParams;
-pub use body_word::{InvalidBodyWord, body_word, parse_body_word};
 pub use contacts::ContactRecord;
 pub use coordinates::Coordinates;
 pub use error::{BindingError, ErrorKind};
@@ -41,6 +40,7 @@ pub use join_params::{JoinCondition, JoinParams};
 pub use joint_params::{JointFreedom, JointParams};
 #[cfg(feature = "serve")]
 pub use own_server::{OwnServer, Reach, ServedScenes};
+pub use packed_id::{InvalidPackedId, packed_id, parse_packed_id};
 pub use refusal_record::RefusalRecord;
 pub use remote_scene::{HitRecord, RemoteScene, StateRecord};
 pub use rhumb_client;

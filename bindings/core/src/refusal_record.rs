@@ -4,7 +4,7 @@ use std::fmt;
 
 use rhumb_client::{BodyId, RefusedRequest};
 
-use crate::body_word::body_word;
+use crate::packed_id::packed_id;
 
 /// A request that the server refused, and that changed nothing.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -41,7 +41,7 @@ impl fmt::Display for RefusalRecord {
             None => f.write_str("the authority")?,
         }
         if let Some(body) = self.body {
-            write!(f, " about body {}", body_word(body))?;
+            write!(f, " about body {}", packed_id(body))?;
         }
         write!(f, ": {}", self.text)
     }
@@ -60,7 +60,7 @@ pub(crate) fn with_words(sentence: &str) -> String {
         });
         match id {
             Some(id) => {
-                written.push_str(&body_word(id).to_string());
+                written.push_str(&packed_id(id).to_string());
                 written.push_str(rest);
             }
             None => written.push_str(part),
@@ -80,7 +80,7 @@ mod tests {
     fn a_sentence_names_all_bodies_by_their_words() {
         let (one, other) = (BodyId::new(4, 0), BodyId::new(1, 2));
         let sentence = format!("a joint joins {one} to {other}; a body is 1.5 m long, body 3 not");
-        let words = [one, other].map(body_word);
+        let words = [one, other].map(packed_id);
         let expected = format!(
             "a joint joins body {} to body {}; a body is 1.5 m long, body 3 not",
             words[0], words[1]

@@ -10,7 +10,7 @@ use godot::classes::notify::Node3DNotification;
 use godot::classes::{INode3D, Node3D, PhysicsMaterial, Shape3D};
 use godot::global::Error;
 use godot::prelude::*;
-use rhumb_bindings::{BodyParams, StateRecord, body_word};
+use rhumb_bindings::{BodyParams, StateRecord, packed_id};
 use rhumb_client::BodyId;
 use rhumb_client::glam::{Mat3, Quat, Vec3};
 use rhumb_client::scene::{
@@ -146,7 +146,7 @@ impl BodyNode {
     /// The body's number in its scene; zero before it is queued.
     #[func]
     fn get_id(&self) -> i64 {
-        self.id().map_or(0, |id| body_word(id) as i64)
+        self.id().map_or(0, |id| packed_id(id) as i64)
     }
 
     /// How far any point of the body may be from its true place, metres; infinite while that is not known.

@@ -3,7 +3,7 @@
 use godot::builtin::{VarDictionary, Variant, vdict};
 use godot::meta::ToGodot as _;
 use godot::obj::Gd;
-use rhumb_bindings::{EventKind, EventRecord, body_word};
+use rhumb_bindings::{EventKind, EventRecord, packed_id};
 use rhumb_client::scene::Answer;
 use rhumb_client::{BodyId, QueryError, QueryResult};
 
@@ -21,7 +21,7 @@ pub(crate) fn details(
         let node = node.filter(|node| node.is_instance_valid());
         node.map_or_else(Variant::nil, Gd::to_variant)
     };
-    let word = |id: Option<BodyId>| id.map_or(0, |id| body_word(id) as i64);
+    let word = |id: Option<BodyId>| id.map_or(0, |id| packed_id(id) as i64);
     vdict! {
         "tick" => record.tick.value() as i64,
         "number" => record.number as i64,

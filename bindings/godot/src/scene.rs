@@ -12,7 +12,7 @@ use godot::global::Error;
 use godot::prelude::*;
 use godot::signal::ConnectHandle;
 use rhumb_bindings::{
-    EventKind, EventRecord, JoinParams, ObjectChange, StateRecord, parse_body_word,
+    EventKind, EventRecord, JoinParams, ObjectChange, StateRecord, parse_packed_id,
 };
 use rhumb_client::glam::Vec3;
 use rhumb_client::scene::{Command, Query, QueryFilter, QueryKind, SleepThresholds, Stepping};
@@ -227,7 +227,7 @@ impl SceneNode {
     /// The node of a body; null for a number that no shown body has.
     #[func]
     fn get_body(&self, id: i64) -> Option<Gd<BodyNode>> {
-        let id = parse_body_word(id as u64).ok()?;
+        let id = parse_packed_id(id as u64).ok()?;
         let membership = self.membership.as_ref()?.borrow();
         let node = membership.follower.object(id)?;
         node.is_instance_valid().then(|| node.clone())

@@ -7,7 +7,7 @@ use pyo3::prelude::*;
 use rhumb_bindings::rhumb_client::BodyId;
 use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
 use rhumb_bindings::rhumb_client::scene::{Sleep, SleepThresholds};
-use rhumb_bindings::{BindingError, Coordinates, parse_body_word};
+use rhumb_bindings::{BindingError, Coordinates, parse_packed_id};
 
 use crate::errors::{exception, wrong, wrong_value};
 use crate::number::{REAL, no_truth, within, written};
@@ -191,7 +191,7 @@ pub(crate) fn bodies(argument: &Bound<'_, PyAny>) -> PyResult<Bodies> {
     if numbers.shape.len() > 1 {
         return Err(wrong(py, "body", "an id of a body, or a row of ids"));
     }
-    let ids = numbers.values.iter().map(|word| parse_body_word(*word));
+    let ids = numbers.values.iter().map(|word| parse_packed_id(*word));
     let ids: Result<Vec<_>, _> = ids.collect();
     Ok(Bodies {
         ids: ids.map_err(|error| exception(py, &error.into()))?,

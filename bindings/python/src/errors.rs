@@ -7,13 +7,13 @@ use pyo3::sync::PyOnceLock;
 use pyo3::types::PyType;
 use rhumb_bindings::rhumb_client::BodyId;
 use rhumb_bindings::rhumb_client::scene::Invalid;
-use rhumb_bindings::{BindingError, Coordinates, ErrorKind, body_word};
+use rhumb_bindings::{BindingError, Coordinates, ErrorKind, packed_id};
 
 /// The exception of an error.
 pub(crate) fn exception(py: Python<'_>, error: &BindingError) -> PyErr {
     let text = error.to_string();
     if let BindingError::Refused { kept, left_out } = error {
-        let word = |id: &BodyId| body_word(*id);
+        let word = |id: &BodyId| packed_id(*id);
         let rows = kept.iter().map(|record| {
             let body = record.body.as_ref().map(word);
             (record.number, body, record.reason, record.text.clone())

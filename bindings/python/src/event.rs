@@ -2,7 +2,7 @@
 
 use pyo3::prelude::*;
 use rhumb_bindings::rhumb_client::BodyId;
-use rhumb_bindings::{ContactRecord, EventRecord, body_word};
+use rhumb_bindings::{ContactRecord, EventRecord, packed_id};
 
 /// Something that happened, or the answer to a command. What its kind does not name is zero, None or empty.
 #[pyclass(frozen, get_all, name = "Event", module = "rhumb")]
@@ -37,7 +37,7 @@ pub(crate) struct PyEvent {
 
 impl PyEvent {
     pub(crate) fn new(record: EventRecord) -> Self {
-        let word = |id: Option<BodyId>| id.map(body_word);
+        let word = |id: Option<BodyId>| id.map(packed_id);
         Self {
             kind: record.kind.word(),
             after: record.after.value(),
@@ -102,8 +102,8 @@ pub(crate) struct PyContact {
 impl PyContact {
     pub(crate) fn new(record: &ContactRecord) -> Self {
         Self {
-            body: body_word(record.body),
-            other: body_word(record.other),
+            body: packed_id(record.body),
+            other: packed_id(record.other),
             point: record.point.into(),
             normal: record.normal.into(),
             separation: record.separation,

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use rhumb_bindings::{Base, FileSettings, LoadParams, LoadedFile, OwnContacts, body_word};
+use rhumb_bindings::{Base, FileSettings, LoadParams, LoadedFile, OwnContacts, packed_id};
 
 use crate::arguments::{COORDINATES, one_of, rotation, vector};
 use crate::errors::exception;
@@ -39,7 +39,7 @@ impl PyLoaded {
     fn bodies<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let bodies = PyDict::new(py);
         for body in &self.0.bodies {
-            bodies.set_item(&body.name, body_word(body.id))?;
+            bodies.set_item(&body.name, packed_id(body.id))?;
         }
         Ok(bodies)
     }

@@ -7,7 +7,7 @@ use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
 use rhumb_bindings::rhumb_client::scene::{
     Command, Joint, JointFrame, JointId, JointLimits, JointStrength, LockedAxes, Motor,
 };
-use rhumb_bindings::{JointFreedom, JointParams, body_word};
+use rhumb_bindings::{JointFreedom, JointParams, packed_id};
 
 use crate::arguments::{one_of, rotation, single, vector};
 use crate::errors::{check_in_any, exception, wrong_value};
@@ -147,7 +147,7 @@ impl PyJoint {
     }
 
     fn __repr__(&self) -> String {
-        let [first, second] = self.joint.bodies.map(body_word);
+        let [first, second] = self.joint.bodies.map(packed_id);
         let mut text = format!("Joint({:?}, {first}, {second}", self.kind);
         let axes = |values: [Option<String>; 6]| {
             let each = values.into_iter().enumerate();

@@ -4,7 +4,7 @@ use pyo3::prelude::*;
 use rhumb_bindings::rhumb_client::glam::Quat;
 use rhumb_bindings::rhumb_client::glam::Vec3;
 use rhumb_bindings::rhumb_client::scene::{self, QueryKind};
-use rhumb_bindings::{HitRecord, body_word};
+use rhumb_bindings::{HitRecord, packed_id};
 
 use crate::arguments::{rotation, single, vector};
 use crate::errors::{check_in_any, wrong, wrong_value};
@@ -172,7 +172,7 @@ impl PyQuery {
                 way(*position)
             ),
             QueryKind::Contacts { body } => {
-                format!("Query.contacts({}, hits={hits})", body_word(*body))
+                format!("Query.contacts({}, hits={hits})", packed_id(*body))
             }
         };
         if self.query.filter != scene::QueryFilter::DEFAULT {
@@ -221,7 +221,7 @@ impl PyHit {
 
     fn new(record: &HitRecord) -> Self {
         Self {
-            body: body_word(record.body),
+            body: packed_id(record.body),
             distance: record.distance,
             point: record.point.into(),
             normal: record.normal.into(),

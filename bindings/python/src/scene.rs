@@ -12,7 +12,7 @@ use rhumb_bindings::rhumb_client::scene::{
     ActiveEvents, Command, JointId, JumpFrom, Locomotion, Vehicle,
 };
 use rhumb_bindings::rhumb_client::{PipelineDepth, Tick};
-use rhumb_bindings::{BindingError, RemoteScene, body_word};
+use rhumb_bindings::{BindingError, RemoteScene, packed_id};
 
 use crate::arguments::{bodies, optional_rows, rows, seconds, single, vector};
 use crate::body::{bodies_at, plain_body, states};
@@ -110,7 +110,7 @@ impl PyScene {
         }
         let ids = self.waiting(py, |opened| opened.scene.add_bodies(&[body]))?;
         let id = ids.first().copied();
-        id.map(body_word)
+        id.map(packed_id)
             .ok_or_else(|| exception(py, &BindingError::Fault("no id for a body".into())))
     }
 
@@ -155,7 +155,7 @@ impl PyScene {
         let velocities = [linear_velocities, angular_velocities];
         let all = bodies_at(&plain, positions, rotations, velocities)?;
         let ids = self.waiting(py, |opened| opened.scene.add_bodies(&all))?;
-        let words: Vec<u64> = ids.into_iter().map(body_word).collect();
+        let words: Vec<u64> = ids.into_iter().map(packed_id).collect();
         Ok(words.into_pyarray(py))
     }
 

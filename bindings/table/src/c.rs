@@ -16,7 +16,7 @@ use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
 use rhumb_bindings::rhumb_client::scene::{
     ActiveEvents, Character, CharacterStep, Command, JumpFrom, Locomotion, Vehicle, Wheel, WheelInput,
 };
-use rhumb_bindings::{BindingError, EventKind, parse_body_word};
+use rhumb_bindings::{BindingError, EventKind, parse_packed_id};
 
 use crate::border::{elements, guard, one_of, value};
 use crate::descriptions::RhumbBody;
@@ -68,7 +68,7 @@ impl RhumbCommand {
         let kind = RhumbCommandKind::EACH.into_iter().find(|kind| *kind as u32 == self.kind);
         let needed = \"one that RhumbCommandKind names\";
         let kind = kind.ok_or_else(|| BindingError::value(\"command.kind\", self.kind, needed))?;
-        let id = || parse_body_word(self.body.0);
+        let id = || parse_packed_id(self.body.0);
         let vector = Vec3::from_array(self.vector);
         Ok(match kind {
 @commands@
@@ -453,7 +453,7 @@ fn function(call: &Call) -> String {
     format!(
         "{}#[unsafe(no_mangle)]\npub unsafe extern \"C\" fn rhumb_scene_{}(\nscene: RhumbScene,\nbody: RhumbBody,\n\
          {parameters}last: *mut u64,\n) -> RhumbCode {{\n// SAFETY: the caller promises what the pointers point to.\n\
-         guard(|| unsafe {{\nlet id = parse_body_word(body.0)?;\n{made}send(scene, {made_command}, last)\n}})\n}}\n\n",
+         guard(|| unsafe {{\nlet id = parse_packed_id(body.0)?;\n{made}send(scene, {made_command}, last)\n}})\n}}\n\n",
         comment("///", &doc),
         call.call,
     )

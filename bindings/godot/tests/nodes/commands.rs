@@ -1,6 +1,6 @@
 //! Commands of a project change the bodies of the scene.
 
-use rhumb_bindings::parse_body_word;
+use rhumb_bindings::parse_packed_id;
 use rhumb_client::glam::{Quat, Vec3};
 use rhumb_client::scene::Stepping;
 use rhumb_client::{PipelineDepth, StreamChoice};
@@ -128,7 +128,7 @@ fn a_pose_of_the_project_is_the_pose_of_the_truth() {
     agent.step();
     let mut truth = server.join("poses", Stepping::Lockstep, StreamChoice::Full);
     truth.advance(PipelineDepth::LOCKSTEP).expect("a tick");
-    let body = parse_body_word(id).expect("a body");
+    let body = parse_packed_id(id).expect("a body");
     let (at, turned) = (truth.view().position(body), truth.view().rotation(body));
     let expected = Quat::from_axis_angle(Vec3::new(1.0, 2.0, 3.0).normalize(), 0.7);
     assert!(

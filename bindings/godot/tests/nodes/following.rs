@@ -1,6 +1,6 @@
 //! Nodes follow the bodies of a scene: they come, move, and go.
 
-use rhumb_bindings::parse_body_word;
+use rhumb_bindings::parse_packed_id;
 use rhumb_client::scene::{BodyDesc, Command, Shape, Stepping};
 use rhumb_client::{Client, PipelineDepth, StreamChoice, Tick, Tolerance};
 
@@ -15,7 +15,7 @@ fn compare(frame: &Frame, truth: &Client, ids: &[u64]) -> (u32, f64) {
     let (mut bounded, mut farthest) = (0, 0.0_f64);
     for id in ids {
         let shown = frame.body(*id).expect("the body has a node");
-        let body = parse_body_word(*id).expect("a body");
+        let body = parse_packed_id(*id).expect("a body");
         let exact = truth.view().position(body).expect("the truth has the body");
         let turned = truth.view().rotation(body).expect("the truth has the body");
         let off = f64::from(shown.position.distance(exact));
@@ -133,7 +133,7 @@ fn bodies_of_another_member_become_nodes_and_go_with_them() {
         return;
     };
     let frame = agent.join();
-    let [kept, gone] = [kept, removed].map(rhumb_bindings::body_word);
+    let [kept, gone] = [kept, removed].map(rhumb_bindings::packed_id);
     assert_eq!(frame.bodies.len(), 2, "bodies from before it joined");
     assert_eq!(agent.eval("agent.appeared.size()"), "2");
     other
@@ -184,7 +184,7 @@ fn a_node_that_the_project_frees_hides_its_body_alone() {
     let mut truth = server.join("hidden", Stepping::Lockstep, StreamChoice::Full);
     truth.advance(PipelineDepth::LOCKSTEP).expect("a tick");
     for hidden in [id, early] {
-        let body = parse_body_word(hidden).expect("a body");
+        let body = parse_packed_id(hidden).expect("a body");
         let height = truth.view().position(body).expect("the body lives on").y;
         assert!(height < 50.0, "{height}");
     }

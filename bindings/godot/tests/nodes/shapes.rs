@@ -1,6 +1,6 @@
 //! Shapes of Godot become those of the scene, and back.
 
-use rhumb_bindings::parse_body_word;
+use rhumb_bindings::parse_packed_id;
 use rhumb_client::glam::Vec3;
 use rhumb_client::scene::{
     BodyDesc, Compound, Edges, Mesh, Part, Shape, Sleep, SleepThresholds, Stepping,
@@ -12,7 +12,7 @@ use crate::server::Server;
 
 /// The shape of a body of the truth, and its place.
 fn truth_of(truth: &Client, id: u64) -> (Shape, Vec3) {
-    let body = parse_body_word(id).expect("a body");
+    let body = parse_packed_id(id).expect("a body");
     let replica = truth.replica().expect("the truth is complete");
     let desc = replica.body(body).expect("the truth has the body");
     let shape = replica
@@ -120,7 +120,7 @@ fn shapes_of_other_members_are_resources_of_godot() {
     let mut ids = Vec::new();
     for (place, (shape, _)) in expected.iter().enumerate() {
         let body = BodyDesc::fixed(shape.clone()).at(10.0 * place as f32, 0.0, 0.0);
-        ids.push(rhumb_bindings::body_word(
+        ids.push(rhumb_bindings::packed_id(
             other.add_body(body).expect("a body"),
         ));
     }
@@ -179,7 +179,7 @@ fn conditions_of_sleep_and_edges_are_settings_of_the_scene_and_its_bodies() {
     };
     assert_eq!(truth.config().sleep, thresholds(0.25, 1.0, 2.0));
     let sleep = |id| {
-        let body = truth.replica()?.body(parse_body_word(id).ok()?)?;
+        let body = truth.replica()?.body(parse_packed_id(id).ok()?)?;
         body.sleep
     };
     assert_eq!(sleep(scenes), None);

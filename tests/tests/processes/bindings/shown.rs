@@ -133,7 +133,7 @@ impl ShownLine {
         Self {
             tick: words[0].parse().expect("a tick"),
             fraction: number(1),
-            body: rhumb_bindings::parse_body_word(word).expect("a body"),
+            body: rhumb_bindings::parse_packed_id(word).expect("a body"),
             pose: Pose {
                 position: DVec3::new(number(3), number(4), number(5)),
                 rotation: DQuat::from_xyzw(number(6), number(7), number(8), number(9)),
