@@ -86,7 +86,7 @@ pub(crate) struct ControlStream {
 
 /// Bytes and datagrams that go out next.
 #[derive(Debug)]
-pub(crate) struct Outbox {
+pub(crate) struct PendingOutput {
     /// Clients whose control streams may have data to send.
     sendable: BTreeSet<Peer>,
     datagrams: VecDeque<Transmit>,
@@ -98,7 +98,7 @@ pub(crate) struct Outbox {
 #[derive(Debug)]
 pub(crate) struct Clients {
     clients: BTreeMap<Peer, SceneClient>,
-    out: Outbox,
+    out: PendingOutput,
 }
 
 impl SceneClient {
@@ -129,7 +129,7 @@ impl ControlStream {
     }
 
     /// Its session, unless it is closed; it may have data to send afterwards.
-    fn session(&mut self, out: &mut Outbox) -> Option<&mut ServerSession> {
+    fn session(&mut self, out: &mut PendingOutput) -> Option<&mut ServerSession> {
         // The session may now send something, and no longer waits since its last sending.
         self.note_idle(out.now);
         let session = self.session.as_mut()?;
@@ -137,21 +137,21 @@ impl ControlStream {
         Some(session)
     }
 
-    pub(crate) fn send(&mut self, message: &ServerMessage, out: &mut Outbox) {
+    pub(crate) fn send(&mut self, message: &ServerMessage, out: &mut PendingOutput) {
         if let Some(session) = self.session(out) {
             session.send(message);
         }
     }
 
     /// Sends messages that were encoded once for many members.
-    pub(crate) fn send_encoded(&mut self, messages: &Bytes, out: &mut Outbox) {
+    pub(crate) fn send_encoded(&mut self, messages: &Bytes, out: &mut PendingOutput) {
         if let Some(session) = self.session(out) {
             session.send_encoded(messages);
         }
     }
 
     /// Sends a datagram beside it.
-    pub(crate) fn send_datagram(&self, bytes: Bytes, out: &mut Outbox) {
+    pub(crate) fn send_datagram(&self, bytes: Bytes, out: &mut PendingOutput) {
         if let Some(traffic) = self.open_traffic() {
             traffic.add_sent(bytes.len());
         }
@@ -231,7 +231,7 @@ impl ControlStream {
     }
 
     /// The code for a client that reads too slowly: too much waits for it, or it has taken nothing for long.
-    fn overflow(&self, out: &Outbox) -> Option<CloseCode> {
+    fn overflow(&self, out: &PendingOutput) -> Option<CloseCode> {
         self.taken?;
         let waits = self.in_driver() > 0 || self.queued() > 0;
         let unread_for = out.now.since(self.taken_at);
@@ -240,7 +240,7 @@ impl ControlStream {
             .then_some(CloseCode(TransportCode::CONTROL_OVERFLOW.0))
     }
 
-    fn poll(&mut self, out: &Outbox) -> Option<Transmit> {
+    fn poll(&mut self, out: &PendingOutput) -> Option<Transmit> {
         let to = self.peer;
         let overflow = self.overflow(out);
         let session = self.session.as_mut()?;
@@ -265,7 +265,7 @@ impl ControlStream {
 
 impl Clients {
     pub(crate) const fn new(limits: Limits) -> Self {
-        let out = Outbox {
+        let out = PendingOutput {
             sendable: BTreeSet::new(),
             datagrams: VecDeque::new(),
             now: Instant::ZERO,
@@ -354,7 +354,7 @@ impl Clients {
         &mut self,
     ) -> (
         impl Iterator<Item = (&mut Member, &mut ControlStream)>,
-        &mut Outbox,
+        &mut PendingOutput,
     ) {
         let members = self.clients.values_mut().filter_map(|client| {
             let SceneClient {

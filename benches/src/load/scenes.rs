@@ -154,7 +154,7 @@ fn join_all(
     Ok(members)
 }
 
-/// Reads the server's figures at the end of each row's time.
+/// Reads the server's metrics at the end of each row's time.
 fn watch(
     arguments: &ScenesArguments,
     server: &ServerProcess,
@@ -162,14 +162,14 @@ fn watch(
 ) -> Result<Vec<LoadRow>, Failure> {
     let bar = output::progress_bar(u64::from(arguments.seconds), "seconds".to_owned());
     let begun = Instant::now();
-    let mut before = ServerFigures::read(metrics, server.id())?;
+    let mut before = ServerMetrics::read(metrics, server.id())?;
     let mut rows = Vec::new();
     for second in 1..=arguments.seconds {
         let due = Duration::from_secs(u64::from(second));
         thread::sleep(due.saturating_sub(begun.elapsed()));
         bar.inc(1);
         if second % arguments.row == 0 || second == arguments.seconds {
-            let now = ServerFigures::read(metrics, server.id())?;
+            let now = ServerMetrics::read(metrics, server.id())?;
             rows.push(now.since(&before, begun));
             before = now;
         }
@@ -403,18 +403,18 @@ pub struct LoadRow {
     pub sent_kb_s: f64,
 }
 
-/// The figures at one moment.
-struct ServerFigures {
+/// The metrics at one moment.
+struct ServerMetrics {
     at: Instant,
     /// Each scene by its name.
-    scenes: BTreeMap<String, SceneFigures>,
+    scenes: BTreeMap<String, SceneMetrics>,
     worked_us: Option<u64>,
     memory_bytes: Option<u64>,
 }
 
-/// The figures of a scene.
+/// The metrics of a scene.
 #[derive(Clone, Debug, Default, PartialEq)]
-struct SceneFigures {
+struct SceneMetrics {
     tick: f64,
     late: f64,
     awake: f64,
@@ -426,7 +426,7 @@ struct SceneFigures {
     within: BTreeMap<u64, f64>,
 }
 
-impl ServerFigures {
+impl ServerMetrics {
     /// Asks the server at its metrics address, and the system.
     fn read(metrics: SocketAddr, process: u32) -> Result<Self, Failure> {
         let mut stream = TcpStream::connect_timeout(&metrics, LIMIT)?;
@@ -482,8 +482,8 @@ impl ServerFigures {
 }
 
 /// The scenes in the text of an answer.
-fn scenes(text: &str) -> BTreeMap<String, SceneFigures> {
-    let mut scenes: BTreeMap<String, SceneFigures> = BTreeMap::new();
+fn scenes(text: &str) -> BTreeMap<String, SceneMetrics> {
+    let mut scenes: BTreeMap<String, SceneMetrics> = BTreeMap::new();
     for line in text.lines() {
         let Some((name, rest)) = line.split_once("{scene=\"") else {
             continue;
@@ -494,22 +494,22 @@ fn scenes(text: &str) -> BTreeMap<String, SceneFigures> {
         let (Some((scene, more)), Ok(value)) = (labels.split_once('"'), value.parse()) else {
             continue;
         };
-        let figures = scenes.entry(scene.to_owned()).or_default();
+        let metrics = scenes.entry(scene.to_owned()).or_default();
         match name {
-            "rhumb_scene_tick" => figures.tick = value,
-            "rhumb_scene_late_total" => figures.late = value,
-            "rhumb_scene_bodies_awake" => figures.awake = value,
-            "rhumb_scene_sent_bytes_total" => figures.sent_bytes = value,
-            "rhumb_scene_step_period_seconds" => figures.step_period = value,
-            "rhumb_scene_step_seconds_count" => figures.steps = value,
-            "rhumb_scene_step_seconds_sum" => figures.step_seconds = value,
+            "rhumb_scene_tick" => metrics.tick = value,
+            "rhumb_scene_late_total" => metrics.late = value,
+            "rhumb_scene_bodies_awake" => metrics.awake = value,
+            "rhumb_scene_sent_bytes_total" => metrics.sent_bytes = value,
+            "rhumb_scene_step_period_seconds" => metrics.step_period = value,
+            "rhumb_scene_step_seconds_count" => metrics.steps = value,
+            "rhumb_scene_step_seconds_sum" => metrics.step_seconds = value,
             "rhumb_scene_step_seconds_bucket" => {
                 let bound = more.trim_start_matches(",le=").trim_matches('"');
                 // Steps beyond the greatest bound are those that none of the others has.
                 if let Ok(seconds) = bound.parse::<f64>()
                     && seconds.is_finite()
                 {
-                    figures.within.insert((seconds * 1e6).round() as u64, value);
+                    metrics.within.insert((seconds * 1e6).round() as u64, value);
                 }
             }
             _ => {}
@@ -523,7 +523,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_figures_of_each_scene_are_found_in_an_answer() {
+    fn the_metrics_of_each_scene_are_found_in_an_answer() {
         let text = "HTTP/1.1 200 OK\r\n\r\n# TYPE rhumb_scene_tick gauge\n\
             rhumb_connections 3\n\
             rhumb_scene_tick{scene=\"load/1\"} 70\n\
@@ -534,12 +534,12 @@ mod tests {
             rhumb_scene_step_seconds_count{scene=\"load/1\"} 70\n";
         let scenes = scenes(text);
         assert_eq!(scenes["load/2"].tick, 80.0);
-        let expected = SceneFigures {
+        let expected = SceneMetrics {
             tick: 70.0,
             step_period: 0.02,
             steps: 70.0,
             within: BTreeMap::from([(500, 60.0)]),
-            ..SceneFigures::default()
+            ..SceneMetrics::default()
         };
         assert_eq!(scenes["load/1"], expected);
     }
@@ -547,15 +547,15 @@ mod tests {
     #[test]
     fn a_row_holds_the_difference_of_two_moments() {
         let begun = Instant::now();
-        let scene = |tick: f64, steps: f64| SceneFigures {
+        let scene = |tick: f64, steps: f64| SceneMetrics {
             tick,
             steps,
             step_period: 0.02,
             step_seconds: steps * 0.001,
             within: BTreeMap::from([(500, steps / 2.0), (2_000, steps)]),
-            ..SceneFigures::default()
+            ..SceneMetrics::default()
         };
-        let moment = |seconds, scenes: [(f64, f64); 2], worked| ServerFigures {
+        let moment = |seconds, scenes: [(f64, f64); 2], worked| ServerMetrics {
             at: begun + Duration::from_secs(seconds),
             scenes: (["a", "b"].into_iter().zip(scenes))
                 .map(|(name, (tick, steps))| (name.to_owned(), scene(tick, steps)))
