@@ -195,8 +195,8 @@ class Known:
 
 PAGE = """# Files that were loaded
 
-Every URDF and MJCF file of four public packages, but for parts that others include, loaded and run for ten seconds by `sims/files/compare/run WHEEL`, which fetches the
-packages and writes this page. {loaded} of {all} were loaded.{ended}
+Every URDF and MJCF file of four public packages, but for parts that others include, loaded and run for ten seconds by
+`sims/files/compare/run WHEEL`, which fetches the packages and writes this page. {loaded} of {all} were loaded.{ended}
 
 - *Left out* counts the notes of the loader, and names the most frequent kinds. Drawing and actuation are among them.
 - *From MuJoCo* is the greatest distance, in millimetres, between the centres of mass of a body here and in MuJoCo 4.0.0, after half a second
@@ -209,7 +209,7 @@ packages and writes this page. {loaded} of {all} were loaded.{ended}
 What makes a row large:
 
 - Engines part once bodies touch, or as joints swing. Of {compared} files that both ran, {near} are within 10 mm after half a second and
-  {late} after ten: the others of the former drift apart, as two runs of one engine do that begin a micrometre apart.
+  {late} after ten: the others drift apart with time.
 - A file that starts a joint outside its limits (`joint limits` in *left out*: a1, aliengo, laikago, panda) is pulled into them, by each
   engine at its own pace. With wider limits in the file a1, aliengo and laikago are within 2 mm after half a second.
 - An armature is part of a body's moments here, and resists the joint alone there; that of a slide, tendons and couplings of joints act

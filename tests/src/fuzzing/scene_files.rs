@@ -27,12 +27,16 @@ pub fn scene_files(data: &[u8]) {
     }
 }
 
-/// A mesh: the first byte chooses STL or OBJ, and whether a body that moves has it or the ground.
+/// A mesh: the first byte chooses STL, OBJ or MSH, and whether a body that moves has it or the ground.
 pub fn mesh_files(data: &[u8]) {
     let Some((form, bytes)) = data.split_first() else {
         return;
     };
-    let mesh = if form & 1 == 0 { "m.stl" } else { "m.obj" };
+    let mesh = match (form & 4, form & 1) {
+        (0, 0) => "m.stl",
+        (0, _) => "m.obj",
+        _ => "m.msh",
+    };
     let mut files = MemoryFiles::default();
     files.insert(mesh, bytes);
     let link = if form & 2 == 0 { "a" } else { "world" };
