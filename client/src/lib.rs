@@ -57,6 +57,8 @@
 
 mod client;
 mod connection;
+#[cfg(feature = "local")]
+mod counted_bytes;
 mod error;
 mod join_options;
 #[cfg(feature = "local")]
@@ -93,7 +95,7 @@ pub use rhumb_reckoning::{
 pub use rhumb_scene::{Checkpoint, CheckpointError};
 pub use rhumb_view::{
     BodyCentres, DEPTH_MAX, InvalidTicks, JoinMode, PipelineDepth, RESUME_WITHIN, RefusalReason,
-    RefusedRequest, RenderParams, RenderTime, SHIFT_TICKS_MAX, View,
+    RefusedRequest, RenderParams, RenderTime, SHIFT_TICKS_MAX, TouchingPair, View,
 };
 #[cfg(feature = "queries")]
 pub use rhumb_view::{CopyAnswer, CopyQueries};

@@ -18,11 +18,12 @@ use bytes::Bytes;
 use rhumb_link::{
     ClientTransport, Clock, HeldBack, Inbox, Received, TransportCode, WireStatistics,
 };
-use rhumb_protocol::{Ending, Endpoint, Peer, Span, Transmit};
+use rhumb_protocol::{Ending, Endpoint, LinkReport, Peer, Span, Transmit};
 use rhumb_scene::{Checkpoint, CheckpointError, SceneName, SceneRouter, SceneSettings};
 
 pub use self::peers::{LocalPeers, WithLocalPeers, is_local_peer};
 use crate::client::Client;
+use crate::counted_bytes::CountedBytes;
 use crate::server_connection::ServerConnection;
 
 /// Inputs that the server's thread handles before outputs and ticks get their turn.
@@ -237,6 +238,10 @@ struct LocalConnection {
     peer: Peer,
     inbox: Arc<Inbox>,
     clock: Clock,
+    /// Control bytes that the server has not used yet.
+    waiting_control: Arc<AtomicUsize>,
+    /// Bytes of datagrams that it has not taken yet.
+    waiting_state: Arc<AtomicUsize>,
     sent: LocalTraffic,
     received: LocalTraffic,
 }
@@ -255,6 +260,8 @@ impl LocalConnection {
             peer,
             inbox: Arc::default(),
             clock: Clock::start(),
+            waiting_control: Arc::default(),
+            waiting_state: Arc::default(),
             sent: LocalTraffic::default(),
             received: LocalTraffic::default(),
         };
@@ -265,17 +272,9 @@ impl LocalConnection {
 
     /// Hands an input to the server; without one, the connection has ended.
     fn send(&self, input: LocalInput) {
-        let ending = match self.host.send(self.peer, input) {
-            Ok(()) => return,
-            Err(Lost::Server) => Ending::Broken,
-            Err(Lost::Full) => {
-                let code = TransportCode::CONTROL_OVERFLOW.0;
-                // If the server is gone, the connection ends below all the same.
-                let _ = self.host.send(self.peer, LocalInput::Closed(code));
-                Ending::Closed(code)
-            }
-        };
-        self.inbox.put_end(ending);
+        if self.host.send(self.peer, input).is_err() {
+            self.inbox.put_end(Ending::Broken);
+        }
     }
 
     /// Runs a server on this thread as far as is due; returns how long a wait may last.
@@ -296,15 +295,30 @@ impl LocalConnection {
 impl ClientTransport for LocalConnection {
     fn send_control(&self, bytes: Bytes) {
         self.sent.add(bytes.len());
-        self.send(LocalInput::Control(bytes));
+        if let Some(counted) = CountedBytes::within(WAITING_BYTES_MAX, &self.waiting_control, bytes)
+        {
+            return self.send(LocalInput::Control(counted));
+        }
+        let code = TransportCode::CONTROL_OVERFLOW.0;
+        self.send(LocalInput::Closed(code));
+        self.inbox.put_end(Ending::Closed(code));
     }
 
     fn send_state(&self, bytes: Bytes) {
         self.sent.add(bytes.len());
         // As on a network, a datagram that cannot be kept is lost.
-        if self.host.send(self.peer, LocalInput::State(bytes)) == Err(Lost::Server) {
-            self.inbox.put_end(Ending::Broken);
+        let counted = CountedBytes::within(WAITING_STATE_BYTES_MAX, &self.waiting_state, bytes);
+        if let Some(counted) = counted {
+            self.send(LocalInput::State(counted));
         }
+    }
+
+    fn wants_control(&self) -> bool {
+        self.waiting_control.load(Ordering::Relaxed) < CARRIED_BYTES_MAX
+    }
+
+    fn report_link(&self, report: &LinkReport) {
+        self.send(LocalInput::Link(*report));
     }
 
     fn close(&self, code: u32) {
@@ -366,27 +380,14 @@ struct Arrived(Box<dyn Fn() + Send + Sync>);
 /// One input of a client.
 enum LocalInput {
     Opened(LocalClient),
-    Control(Bytes),
+    Control(CountedBytes),
     /// The client has taken this number of control bytes out of its inbox.
     Taken(usize),
-    State(Bytes),
+    State(CountedBytes),
+    /// The state of the link that carries the client.
+    Link(LinkReport),
     /// The client has closed its connection, with this code.
     Closed(u32),
-}
-
-impl LocalInput {
-    /// Its bytes.
-    fn bytes(&self) -> usize {
-        match self {
-            Self::Control(bytes) | Self::State(bytes) => bytes.len(),
-            Self::Opened(_) | Self::Taken(_) | Self::Closed(_) => 0,
-        }
-    }
-
-    /// True if a full queue refuses it: a client sends any number of them.
-    const fn is_refusable(&self) -> bool {
-        matches!(self, Self::Control(_) | Self::State(_))
-    }
 }
 
 /// A server, and the inboxes of its clients.
@@ -394,7 +395,7 @@ struct Driver<E> {
     server: E,
     clock: Clock,
     clients: BTreeMap<Peer, LocalClient>,
-    held_back: HeldBack<Bytes>,
+    held_back: HeldBack<CountedBytes>,
     /// True after a panic: the server is in an unknown state, and is not called again.
     broken: bool,
 }
@@ -542,7 +543,8 @@ impl<E: Endpoint> Driver<E> {
                     self.server.handle_control_taken(now, from, news);
                 }
             }
-            LocalInput::State(bytes) => self.server.handle_datagram(now, from, &bytes),
+            LocalInput::State(bytes) => self.server.handle_datagram(now, from, bytes.as_ref()),
+            LocalInput::Link(report) => self.server.handle_link(now, from, &report),
             LocalInput::Closed(code) => {
                 if let Some(client) = self.clients.remove(&from) {
                     (self.held_back).deliver_rest(now, &mut self.server, from);
@@ -588,10 +590,12 @@ impl<E: Endpoint> Driver<E> {
     }
 }
 
-/// Bytes that may wait for the server's thread, from all clients.
+/// Control bytes of one client that may wait for the server.
 const WAITING_BYTES_MAX: usize = 64 << 20;
-/// Cost of a waiting input beside its bytes.
-const INPUT_COST_BYTES: usize = 64;
+/// Bytes of datagrams of one client that may wait for the server.
+const WAITING_STATE_BYTES_MAX: usize = 4 << 20;
+/// Control bytes that may wait before whoever carries a connection holds more back.
+const CARRIED_BYTES_MAX: usize = 256 << 10;
 
 /// The thread on which a server runs.
 #[derive(Clone)]
@@ -602,11 +606,10 @@ enum Host {
     Thread(InputQueue),
 }
 
-/// Inputs that wait for the server's thread.
+/// Inputs that wait for the server's thread. Each client counts its own bytes among them.
 #[derive(Clone)]
 struct InputQueue {
     sender: Sender<Queued>,
-    waiting: Arc<AtomicUsize>,
     /// Called after each input, where no thread waits for them.
     wake: Option<Arc<dyn Fn() + Send + Sync>>,
 }
@@ -624,23 +627,19 @@ type ScenesCall = Box<dyn FnOnce(&mut SceneRouter) + Send>;
 struct QueuedInput {
     from: Peer,
     input: LocalInput,
-    waiting: Arc<AtomicUsize>,
 }
 
-/// An input could not be handed over: the server is gone, or too much waits for it.
+/// An input could not be handed over: the server is gone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Lost {
-    Server,
-    Full,
-}
+struct ServerGone;
 
 impl Host {
     /// Hands over an input. A server on the caller's thread has handled it when this returns.
-    fn send(&self, from: Peer, input: LocalInput) -> Result<(), Lost> {
+    fn send(&self, from: Peer, input: LocalInput) -> Result<(), ServerGone> {
         match self {
             Self::Caller(driver) => {
                 // No panic leaves the driver.
-                let mut driver = driver.lock().map_err(|_| Lost::Server)?;
+                let mut driver = driver.lock().map_err(|_| ServerGone)?;
                 driver.handle(from, input);
                 Ok(())
             }
@@ -677,28 +676,13 @@ impl Host {
 }
 
 impl InputQueue {
-    fn new(sender: Sender<Queued>) -> Self {
-        Self {
-            sender,
-            waiting: Arc::default(),
-            wake: None,
-        }
+    const fn new(sender: Sender<Queued>) -> Self {
+        Self { sender, wake: None }
     }
 
-    fn send(&self, from: Peer, input: LocalInput) -> Result<(), Lost> {
-        let cost = cost(&input);
-        if self.waiting.load(Ordering::Relaxed) + cost > WAITING_BYTES_MAX && input.is_refusable() {
-            return Err(Lost::Full);
-        }
-        self.waiting.fetch_add(cost, Ordering::Relaxed);
-        let waiting = Arc::clone(&self.waiting);
-        let message = QueuedInput {
-            from,
-            input,
-            waiting,
-        };
-        let message = Queued::Input(message);
-        self.sender.send(message).map_err(|_| Lost::Server)?;
+    fn send(&self, from: Peer, input: LocalInput) -> Result<(), ServerGone> {
+        let message = Queued::Input(QueuedInput { from, input });
+        self.sender.send(message).map_err(|_| ServerGone)?;
         if let Some(wake) = &self.wake {
             wake();
         }
@@ -709,19 +693,12 @@ impl InputQueue {
 impl Queued {
     fn handle(self, driver: &mut Driver<SceneRouter>) {
         match self {
-            Self::Input(input) => {
-                (input.waiting).fetch_sub(cost(&input.input), Ordering::Relaxed);
-                driver.handle(input.from, input.input);
-            }
+            Self::Input(input) => driver.handle(input.from, input.input),
             Self::Call(call) => {
                 driver.guard(|driver| call(&mut driver.server));
             }
         }
     }
-}
-
-fn cost(input: &LocalInput) -> usize {
-    INPUT_COST_BYTES + input.bytes()
 }
 
 #[cfg(test)]
@@ -738,5 +715,38 @@ mod tests {
         assert_eq!(client.take(half.len()), half.len());
         assert_eq!(client.take(half.len()), 0);
         assert_eq!(client.put(&half), half.len());
+    }
+
+    #[test]
+    fn a_client_that_floods_is_held_back_or_ended_and_no_other_is() {
+        let (sender, inputs) = channel();
+        let host = Host::Thread(InputQueue::new(sender));
+        let [mut flood, own] =
+            [1, 2].map(|peer| LocalConnection::open(host.clone(), Peer(peer), None));
+        let piece = Bytes::from(vec![0; 64 << 10]);
+        let mut sent = 0;
+        while flood.wants_control() {
+            flood.send_control(piece.clone());
+            sent += 1;
+        }
+        assert_eq!(sent, CARRIED_BYTES_MAX / piece.len());
+        // Datagrams beyond a bound are lost; control bytes beyond one end the client that does not stop.
+        for _ in 0..2 * WAITING_STATE_BYTES_MAX / piece.len() {
+            flood.send_state(piece.clone());
+        }
+        assert!(flood.waiting_state.load(Ordering::Relaxed) <= WAITING_STATE_BYTES_MAX);
+        for _ in 0..WAITING_BYTES_MAX / piece.len() {
+            flood.send_control(piece.clone());
+        }
+        let ended = flood.recv(Duration::ZERO);
+        let overflow = Ending::Closed(TransportCode::CONTROL_OVERFLOW.0);
+        assert_eq!(ended, Some(Received::Ended(overflow)));
+        assert!(own.wants_control());
+        own.send_control(piece);
+        assert!(!own.inbox.has_ended());
+        // What the server has taken no longer counts.
+        drop(inputs.try_iter().collect::<Vec<_>>());
+        let waiting = [&flood, &own].map(|of| of.waiting_control.load(Ordering::Relaxed));
+        assert_eq!(waiting, [0, 0]);
     }
 }

@@ -8,7 +8,9 @@ use std::time::Duration;
 
 use bytes::Bytes;
 use rhumb_client::{ClientTransport, Received, TransportCode};
-use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit, Wake, WakeReason};
+use rhumb_protocol::{
+    Ending, Endpoint, Instant, LinkReport, Peer, Span, Transmit, Wake, WakeReason,
+};
 
 /// Control bytes that a link may have still to take.
 const WINDOW_BYTES: usize = 256 << 10;
@@ -89,6 +91,17 @@ impl Endpoint for NetworkDoor {
         }
     }
 
+    fn wants_control(&self, from: Peer) -> bool {
+        let carried = self.carried.get(&from);
+        carried.is_none_or(|carried| carried.inner.wants_control())
+    }
+
+    fn handle_link(&mut self, _now: Instant, peer: Peer, report: &LinkReport) {
+        if let Some(carried) = self.carried.get(&peer) {
+            carried.inner.report_link(report);
+        }
+    }
+
     fn handle_ended(&mut self, _now: Instant, peer: Peer, _ending: Ending) {
         // Its connection ends with it.
         self.carried.remove(&peer);
@@ -121,6 +134,7 @@ impl Endpoint for NetworkDoor {
 #[cfg(test)]
 mod tests {
     use core::net::SocketAddr;
+    use std::sync::{Arc, Mutex};
     use std::thread;
 
     use rhumb_client::scene::{BodyDesc, Shape};
@@ -169,6 +183,55 @@ mod tests {
         door.handle_ended(Instant::ZERO, slow, Ending::Broken);
         door.handle_ended(Instant::ZERO, other, Ending::Closed(TransportCode::LEFT.0));
         assert_eq!(door.poll_timeout(), None);
+    }
+
+    /// A server that has enough for now, and the round trips of the links that it was told.
+    struct Full(Arc<Mutex<Vec<Span>>>);
+
+    impl ClientTransport for Full {
+        fn send_control(&self, _bytes: Bytes) {}
+
+        fn send_state(&self, _bytes: Bytes) {}
+
+        fn close(&self, _code: u32) {}
+
+        fn recv(&mut self, _timeout: Duration) -> Option<Received> {
+            None
+        }
+
+        fn statistics(&self) -> WireStatistics {
+            WireStatistics::default()
+        }
+
+        fn wants_control(&self) -> bool {
+            false
+        }
+
+        fn report_link(&self, report: &LinkReport) {
+            self.0.lock().expect("no panic").push(report.round_trip);
+        }
+    }
+
+    #[test]
+    fn a_server_that_has_enough_slows_the_peer_down_and_hears_of_its_link() {
+        let told = Arc::new(Mutex::new(Vec::new()));
+        let mut door = NetworkDoor::new({
+            let told = Arc::clone(&told);
+            move || Box::new(Full(Arc::clone(&told)))
+        });
+        let peer = Peer(1);
+        door.handle_opened(Instant::ZERO, peer);
+        assert!(!door.wants_control(peer));
+        let report = LinkReport {
+            waiting_bytes: 0,
+            sent_bytes: 0,
+            over: Span::from_millis(100),
+            round_trip: Span::from_millis(7),
+        };
+        door.handle_link(Instant::ZERO, peer, &report);
+        assert_eq!(told.lock().expect("no panic")[..], [report.round_trip]);
+        door.handle_ended(Instant::ZERO, peer, Ending::Broken);
+        assert!(door.wants_control(peer));
     }
 
     #[test]

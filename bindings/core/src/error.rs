@@ -68,6 +68,8 @@ pub enum BindingError {
     /// A scene cannot be saved, or not be restored.
     #[cfg(feature = "serve")]
     Checkpoint(CheckpointError),
+    /// A server in this process stopped by itself, for this reason.
+    ServerEnded(String),
     /// This build has no page; the text says what to do.
     NoPage(&'static str),
     /// The scene's client knows its server by its address alone, and so not its page.
@@ -214,6 +216,7 @@ impl BindingError {
             Self::Serve(_) => ErrorKind::Connect,
             #[cfg(feature = "serve")]
             Self::Checkpoint(error) => checkpoint_kind(error),
+            Self::ServerEnded(_) => ErrorKind::Ended,
             Self::NoPage(_) | Self::PageElsewhere => ErrorKind::Denied,
             Self::Null(_) => ErrorKind::Null,
             Self::TooSmall { .. } => ErrorKind::TooSmall,
@@ -294,6 +297,7 @@ impl fmt::Display for BindingError {
             Self::Serve(cause) => cause.fmt(f),
             #[cfg(feature = "serve")]
             Self::Checkpoint(cause) => cause.fmt(f),
+            Self::ServerEnded(reason) => write!(f, "the server has stopped: {reason}"),
             Self::NoPage(reason) => write!(f, "this build has no page: {reason}"),
             Self::PageElsewhere => f.write_str(
                 "the scene's server is not this scene's own: the page of a scene that a program serves is known to that scene alone, and \

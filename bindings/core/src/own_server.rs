@@ -4,7 +4,8 @@
 //! and its page has some of its own.
 
 use core::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
-use std::sync::Arc;
+use std::io;
+use std::sync::{Arc, OnceLock};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
@@ -34,6 +35,8 @@ pub struct ServedScenes {
     /// The page, or the reason why there is none.
     page: Result<String, &'static str>,
     stop: Stop,
+    /// The reason why it stopped by itself.
+    failed: Arc<OnceLock<RunError>>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -65,19 +68,41 @@ impl ServedScenes {
         };
         let (listens, fingerprint) = (server.address(), server.fingerprint());
         let stop = Stop::new();
-        let thread = thread::Builder::new().name("rhumb-serve".to_owned());
-        let thread = thread.spawn({
+        let run = {
             let stop = stop.clone();
-            // Each client sees the end of its connection as an error of its own.
-            move || drop(server.run(&stop))
-        });
+            move || server.run(&stop).map(drop)
+        };
+        let (failed, thread) = Self::spawn(run).map_err(RunError::Thread)?;
         Ok(Self {
             listens,
             fingerprint,
             page,
             stop,
-            thread: Some(thread.map_err(RunError::Thread)?),
+            failed,
+            thread: Some(thread),
         })
+    }
+
+    /// Runs a server on a thread, which keeps the reason why it stops by itself: each client sees only that its connection
+    /// has ended.
+    fn spawn(
+        run: impl FnOnce() -> Result<(), RunError> + Send + 'static,
+    ) -> io::Result<(Arc<OnceLock<RunError>>, JoinHandle<()>)> {
+        let failed = Arc::new(OnceLock::new());
+        let kept = Arc::clone(&failed);
+        let run = move || {
+            if let Err(error) = run() {
+                kept.get_or_init(|| error);
+            }
+        };
+        let thread = thread::Builder::new().name("rhumb-serve".to_owned());
+        Ok((failed, thread.spawn(run)?))
+    }
+
+    /// An error if it stopped by itself.
+    fn check(&self) -> Result<(), BindingError> {
+        let failed = self.failed.get().map(ToString::to_string);
+        failed.map_or(Ok(()), |reason| Err(BindingError::ServerEnded(reason)))
     }
 
     /// The address with the fingerprint: the one text by which other processes connect. Of a server at all addresses of this
@@ -91,8 +116,9 @@ impl ServedScenes {
     ///
     /// # Errors
     ///
-    /// As [`Client::connect_within`].
+    /// As [`Client::connect_within`], and [`BindingError::ServerEnded`] if it stopped by itself.
     pub fn connect(&self, timeout: Duration) -> Result<ServerConnection, BindingError> {
+        self.check()?;
         let trust = Trust::Fingerprint(self.fingerprint);
         let address = self.reached().to_string();
         Ok(Client::connect_within(&address, trust, timeout)?)
@@ -223,7 +249,10 @@ impl SceneServer {
     /// The address of the page that shows the scene; it answers until the scene is closed.
     pub(crate) fn page(&mut self) -> Result<String, BindingError> {
         let page = match &self.origin {
-            OwnServer::Served(served) => served.page.clone().map_err(BindingError::NoPage)?,
+            OwnServer::Served(served) => {
+                served.check()?;
+                served.page.clone().map_err(BindingError::NoPage)?
+            }
             OwnServer::Local(server) => match &self.page {
                 Some(page) => page.url(),
                 None => {
@@ -264,4 +293,25 @@ fn escaped(text: &str) -> String {
         }
     }
     escaped
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_server_that_stops_by_itself_says_why() {
+        let mut served = ServedScenes::start("127.0.0.1:0", Reach::ThisMachine).expect("it starts");
+        served
+            .connect(Duration::from_secs(5))
+            .map(drop)
+            .expect("it answers");
+        let failing = || Err(RunError::Thread(io::Error::other("no more threads")));
+        let (failed, thread) = ServedScenes::spawn(failing).expect("a thread");
+        thread.join().expect("no panic");
+        served.failed = failed;
+        let refused = served.connect(Duration::from_secs(5)).err();
+        let refused = refused.expect("it has stopped").to_string();
+        assert!(refused.contains("no more threads"), "{refused}");
+    }
 }

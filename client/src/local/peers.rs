@@ -7,7 +7,7 @@ use std::sync::mpsc::{Receiver, channel};
 use rhumb_link::{Clock, TransportCode};
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake};
 
-use super::{Driver, Host, INPUTS_PER_TURN, InputQueue, LocalServer, Queued, cost};
+use super::{Driver, Host, INPUTS_PER_TURN, InputQueue, LocalServer, Queued};
 
 /// The first number of peers of this process beside those of another driver: between those of the network and those of a
 /// Unix socket.
@@ -62,12 +62,7 @@ impl<E: Endpoint> WithLocalPeers<'_, E> {
     fn handle_inputs(&mut self) {
         for _ in 0..INPUTS_PER_TURN {
             match self.peers.inputs.try_recv() {
-                Ok(Queued::Input(input)) => {
-                    input
-                        .waiting
-                        .fetch_sub(cost(&input.input), Ordering::Relaxed);
-                    self.driver.take(input.from, input.input);
-                }
+                Ok(Queued::Input(input)) => self.driver.take(input.from, input.input),
                 // The driver's scenes are not these: the caller learns it as the call is dropped.
                 Ok(Queued::Call(_)) => {}
                 Err(_) => return,

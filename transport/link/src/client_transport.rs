@@ -10,7 +10,7 @@ use std::sync::{Condvar, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
 use bytes::Bytes;
-use rhumb_protocol::Ending;
+use rhumb_protocol::{Ending, LinkReport};
 use tokio::sync::Notify;
 
 use crate::piece::PIECE_COST_BYTES;
@@ -41,6 +41,17 @@ pub trait ClientTransport: Send {
 
     /// The connection's traffic so far.
     fn statistics(&self) -> WireStatistics;
+
+    /// True if the server can use more control bytes now. Whoever carries the connection for another program holds them back
+    /// otherwise.
+    fn wants_control(&self) -> bool {
+        true
+    }
+
+    /// Tells the server the state of the link that carries the connection, where it cannot measure it.
+    fn report_link(&self, report: &LinkReport) {
+        let _ = report;
+    }
 }
 
 /// One received item of a client.
