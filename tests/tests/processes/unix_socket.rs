@@ -1,7 +1,7 @@
 //! A server process with a Unix socket, and clients on both ways.
 
-use std::io::{BufRead, BufReader};
-use std::process::{self, Child, Stdio};
+use std::io::{BufRead, BufReader, Lines};
+use std::process::{self, Child, ChildStdout, Stdio};
 
 use rhumb_client::scene::{BodyDesc, Command, Shape};
 use rhumb_client::{
@@ -55,60 +55,88 @@ fn signal(child: &Child, name: &str) {
     assert!(status.expect("running the kill command").success());
 }
 
-/// The example of a falling ball, stopped with all of its threads in the middle of its 180 ticks, while another member leads
-/// the scene on. Returns its last line; `None` if it had ended before it was stopped.
-fn stop_and_go_on(address: &str, trust: &dyn Fn() -> Trust, fingerprint: &str) -> Option<String> {
-    let mut child = process::Command::new(env!("CARGO_BIN_EXE_example-drop"))
-        .args([address, fingerprint])
-        .stdout(Stdio::piped())
-        .spawn()
-        .expect("running an example");
-    let mut lines = BufReader::new(child.stdout.take().expect("it is piped")).lines();
-    lines.next().expect("a first line").expect("text");
-    signal(&child, "STOP");
-    let options = JoinOptions {
-        mode: JoinMode::Join,
-        ..JoinOptions::default()
-    };
-    let leads =
-        Client::connect(address, trust()).and_then(|server| server.join_with("drop", options));
-    if let Ok(mut leader) = leads {
-        let mut tick = Tick::ZERO;
-        while tick.value() < STOPPED {
-            // Scene events wait for the stopped member, beside the datagrams that are superseded.
-            let ball = BodyDesc::dynamic(Shape::ball(0.2)).at(3.0, 2.0, 0.0);
-            let ball = leader.add_body(ball).expect("room for a body");
-            tick = (leader.advance(PipelineDepth::LOCKSTEP)).expect("the scene goes on");
-            let removed = leader.command(Command::RemoveBody { id: ball });
-            removed.expect("a member may");
-        }
-        leader
-            .advance(PipelineDepth::LOCKSTEP)
-            .expect("the scene goes on");
+/// A program that steps a scene, and the ticks that it has written.
+struct Stepping {
+    child: Child,
+    lines: Lines<BufReader<ChildStdout>>,
+}
+
+impl Stepping {
+    fn begin(address: &str, fingerprint: &str, scene: &str) -> Self {
+        let mut child = process::Command::new(env!("CARGO_BIN_EXE_rhumb-step"))
+            .args([address, fingerprint, scene])
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("running a program");
+        let lines = BufReader::new(child.stdout.take().expect("it is piped")).lines();
+        Self { child, lines }
     }
-    signal(&child, "CONT");
-    let lines: Vec<_> = lines.map(|line| line.expect("text")).collect();
-    let ended = child.wait().expect("waiting for a child process");
-    assert!(ended.success(), "{ended}: {lines:?}");
-    assert_eq!(lines.len(), 179);
-    let last = lines.last().expect("many lines");
-    (!last.starts_with("tick 180:")).then(|| last.clone())
+
+    /// The next tick, and the bound of its ball in metres.
+    fn next(&mut self) -> (u64, f64) {
+        let line = self.lines.next().expect("it goes on").expect("text");
+        let (tick, bound) = line.split_once(' ').expect("two numbers");
+        let bound = bound.parse().expect("a number");
+        (tick.parse().expect("a number"), bound)
+    }
+}
+
+impl Drop for Stepping {
+    fn drop(&mut self) {
+        self.child.kill().expect("it can be ended");
+        self.child.wait().expect("waiting for a child process");
+    }
 }
 
 #[test]
-fn a_program_that_was_stopped_for_100_seconds_of_ticks_goes_on() {
+fn a_program_that_was_stopped_for_100_seconds_of_ticks_comes_back_to_the_present() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let path = folder.path().join("rhumb.sock");
     let path = path.to_str().expect("text");
     let server = SERVER.serve_with("127.0.0.1:0", &["--socket", path]);
-    let fingerprint = server.fingerprint;
-    let trust = || Trust::Fingerprint(fingerprint);
     let address = format!("unix:{path}");
-    let mut attempts =
-        (0..20).filter_map(|_| stop_and_go_on(&address, &trust, &fingerprint.to_string()));
-    let last = attempts.next().expect("it was stopped in time");
-    // It is on its way through the ticks that it missed, as far as the machine lets it come, and knows how far off it is.
-    let tick = last.trim_start_matches("tick ").split(':').next();
-    let tick: u64 = tick.expect("a number").parse().expect("a number");
-    assert!(tick > 180 && last.contains("Within"), "{last}");
+    let mut stopped = Stepping::begin(&address, &server.fingerprint.to_string(), "stopped");
+    let (first, _) = stopped.next();
+    signal(&stopped.child, "STOP");
+    let options = JoinOptions {
+        mode: JoinMode::Join,
+        ..JoinOptions::default()
+    };
+    let leader = Client::connect(&address, Trust::Fingerprint(server.fingerprint));
+    let leader = leader.and_then(|connection| connection.join_with("stopped", options));
+    let mut leader = leader.expect("the scene is there");
+    let mut present = Tick::ZERO;
+    while present.value() < first + STOPPED {
+        // Scene events wait for the stopped member, beside the datagrams that are superseded.
+        let ball = BodyDesc::dynamic(Shape::ball(0.2)).at(3.0, 2.0, 0.0);
+        let ball = leader.add_body(ball).expect("room for a body");
+        present = (leader.advance(PipelineDepth::LOCKSTEP)).expect("the scene goes on");
+        let removed = leader.command(Command::RemoveBody { id: ball });
+        removed.expect("a member may");
+    }
+    let present = leader.inspect().expect("an answer").tick.value();
+    signal(&stopped.child, "CONT");
+    // It had written some ticks before it was stopped. Each of its calls asks for one tick more than the call before, and
+    // shows the newest one that has come, so that it is back before it has asked for all that it missed.
+    let mut calls: u64 = 1;
+    let mut last = first;
+    while last < present {
+        let (tick, bound) = stopped.next();
+        assert!(
+            tick >= last && bound.is_finite(),
+            "{tick} after {last}, {bound} m"
+        );
+        (last, calls) = (tick, calls + 1);
+        assert!(
+            calls <= present,
+            "at tick {last} of {present} after {calls} calls"
+        );
+    }
+    println!("back at tick {last} after {calls} calls");
+    // From then on it steps the scene as before.
+    while last < present + 100 {
+        last = stopped.next().0;
+    }
+    let (next, bound) = stopped.next();
+    assert_eq!((next, bound), (last + 1, 0.05));
 }
