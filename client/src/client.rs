@@ -5,20 +5,22 @@
 //! one of a stream fails no step.
 
 mod authority;
+mod queries;
 #[cfg(all(test, feature = "quic"))]
 mod tests;
 
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use rhumb_protocol::message::{Denial, Inspection, QueryResult, StreamChoice, TierPolicy};
-use rhumb_protocol::scene::{BodyBuilder, Command, IdRange, Query, SceneConfig};
+use rhumb_protocol::message::{Denial, Inspection, StreamChoice, TierPolicy};
+use rhumb_protocol::scene::{BodyBuilder, Command, IdRange, SceneConfig};
 use rhumb_protocol::session::{CloseCode, Event, Misuse, Replica};
 use rhumb_protocol::stream::{ErrorBound, Subscriber};
 use rhumb_protocol::{Ending, Instant};
 use rhumb_reckoning::{BodyId, BodyState, Tick, Ticks, Tolerance};
 use rhumb_view::{
-    ClientIds, InvalidTicks, LiveView, PipelineDepth, RenderTime, UpstreamClock, View, may_resume,
+    ClientIds, Contacts, InvalidTicks, LiveView, PipelineDepth, RenderTime, UpstreamClock, View,
+    may_resume,
 };
 
 use crate::connection::{Pump, Statistics, TURNS_MAX, TapChannel, span};
@@ -43,6 +45,7 @@ pub struct Client {
     /// The newest command that is answered.
     answered: Option<u64>,
     events: VecDeque<(Tick, Event)>,
+    contacts: Contacts,
     /// Refusals that no call has reported yet, if calls report them.
     refused: Unreported,
     refusals: Refusals,
@@ -88,6 +91,7 @@ impl Client {
             unanswered: None,
             answered: None,
             events: VecDeque::new(),
+            contacts: Contacts::default(),
             refused: Unreported::default(),
             refusals: options.refusals,
             inspected: None,
@@ -343,70 +347,6 @@ impl Client {
     #[must_use]
     pub const fn last_command(&self) -> Option<u64> {
         self.ids.last_command()
-    }
-
-    /// Queues queries in one message, and returns the number that their answer names: [`Event::QueryResult`].
-    ///
-    /// The answer tells where the bodies were at its tick: the newest one when the server read the message, which is
-    /// sent as a command is. Neither waits for a step. Their cost is limited, see [`Query::cost`]. Queries that are not
-    /// answered when [`Event::Interrupted`] comes get no answer.
-    ///
-    /// # Errors
-    ///
-    /// [`ClientError::Misuse`] for an invalid number, too many queries, or an interrupted session, [`ClientError::Id`] for an
-    /// id that no scene can have; then none is queued.
-    pub fn query(&mut self, queries: Vec<Query>) -> Result<u64, ClientError> {
-        self.check_open()?;
-        queries.iter().try_for_each(Query::check_ids)?;
-        Ok(self.pump.session.query(queries)?)
-    }
-
-    /// Sends queries with all queued commands, and waits for their answers.
-    ///
-    /// The answers are not queued as an event; other events stay queued. [`Self::query`] does not wait. Queries that an
-    /// ended connection left unanswered are asked again when the session continues.
-    ///
-    /// # Errors
-    ///
-    /// As [`Self::query`], and [`ClientError::Timeout`] when no answer arrives in time.
-    pub fn ask(&mut self, queries: Vec<Query>) -> Result<QueryResult, ClientError> {
-        let deadline = self.deadline();
-        let mut asked = None;
-        loop {
-            if let Some(result) = asked.and_then(|number| self.take_answer(number)) {
-                return Ok(result);
-            }
-            if self.interrupted.is_some() {
-                asked = None;
-            } else if asked.is_none() {
-                asked = Some(self.query(queries.clone())?);
-            }
-            self.turn(deadline, "answer to queries")?;
-        }
-    }
-
-    /// Answers queries on the client's own copy, where the view shows its bodies. Nothing is sent, and nothing waits.
-    ///
-    /// The queries are those of [`Self::query`], and so are the answers if the bodies are where the view shows them: the
-    /// bounds of each answer say how far its bodies may be off, as [`Self::error_bound`] does. Only the first call after a
-    /// new view or a scene event looks at each body.
-    ///
-    /// # Errors
-    ///
-    /// [`ClientError::Misuse`] for an invalid number; then none is answered. [`ClientError::Ended`] when the connection
-    /// is over.
-    #[cfg(feature = "queries")]
-    pub fn query_copy(
-        &mut self,
-        queries: &[Query],
-    ) -> Result<Vec<rhumb_view::CopyAnswer>, ClientError> {
-        self.check_open()?;
-        let Some(replica) = self.pump.session.replica() else {
-            return Ok(Vec::new());
-        };
-        self.copy_queries.refresh(self.live_view.view(), replica);
-        let answers = self.copy_queries.answer(queries, replica);
-        Ok(answers.map_err(Misuse::Invalid)?)
     }
 
     /// Sends the queued commands at once.
@@ -704,6 +644,7 @@ impl Client {
     fn note(&mut self, event: &Event) -> bool {
         self.live_view.note(event);
         self.upstream_clock.note(event);
+        self.contacts.note(event);
         match *event {
             Event::ClockSeen { .. } => return false,
             Event::Inspected(inspection) => {
@@ -756,17 +697,6 @@ impl Client {
             // No call waits for a stream.
             Denial::TooManyStreams => {}
             _ => self.denied = Some(denial),
-        }
-    }
-
-    /// Takes the answer to queries of this number out of the queued events.
-    fn take_answer(&mut self, number: u64) -> Option<QueryResult> {
-        let is_answer =
-            |event: &Event| matches!(event, Event::QueryResult(result) if result.number == number);
-        let place = self.events.iter().rposition(|(_, event)| is_answer(event));
-        match self.events.remove(place?) {
-            Some((_, Event::QueryResult(result))) => Some(result),
-            _ => None,
         }
     }
 

@@ -2,7 +2,8 @@
 //!
 //! Only bodies whose events are on are looked at, and of the dynamic ones only those that the engine observed: nothing
 //! about a body changes while it sleeps. Knows no members. Invariant: a tick has at most [`EVENTS_PER_TICK_MAX`]
-//! events; what exceeds that is counted.
+//! events; what exceeds that is counted. What stands is what began and has not ended: it is told to those who missed the
+//! beginning.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -82,6 +83,53 @@ impl StepEvents {
     }
 }
 
+impl StepEvents {
+    /// These events, and before them as many that stand as a tick has room for, in the order of events. `after`: the last
+    /// one that was told, which is returned anew; `None` if none is left.
+    pub(crate) fn with_standing(
+        &self,
+        standing: &[BodyEvent],
+        after: EventKey,
+    ) -> (Vec<BodyEvent>, Option<EventKey>) {
+        let room = EVENTS_PER_TICK_MAX.saturating_sub(self.events.len());
+        let untold = |event: &&BodyEvent| EventKey::of(event) > after;
+        let mut left = standing.iter().filter(untold).copied().peekable();
+        let mut events: Vec<_> = left.by_ref().take(room).collect();
+        let last = events.last().map_or(after, EventKey::of);
+        let due = left.peek().map(|_| last);
+        // What began in this tick stands, too.
+        events.extend(&self.events);
+        events.sort_by_key(EventKey::of);
+        events.dedup_by_key(|event| EventKey::of(event));
+        (events, due)
+    }
+}
+
+/// The place of an event among those of a tick: its code and its bodies.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct EventKey(u8, BodyId, BodyId);
+
+impl EventKey {
+    /// Before every event: no body touches itself.
+    pub(crate) const FIRST: Self = Self(0, BodyId::new(0, 0), BodyId::new(0, 0));
+
+    fn of(event: &BodyEvent) -> Self {
+        let none = BodyId::new(0, 0);
+        match *event {
+            BodyEvent::ContactBegan { body, contact } => Self(0, body, contact.with),
+            BodyEvent::ContactEnded { body, with } => Self(1, body, with),
+            BodyEvent::ContactForce { body, contact } => Self(2, body, contact.with),
+            BodyEvent::SensorEntered { sensor, body } => Self(3, sensor, body),
+            BodyEvent::SensorLeft { sensor, body } => Self(4, sensor, body),
+            BodyEvent::FellAsleep(body) => Self(5, body, none),
+            BodyEvent::Woke(body) => Self(6, body, none),
+            BodyEvent::Fault(body) => Self(7, body, none),
+            BodyEvent::ReachedGround(body) => Self(8, body, none),
+            BodyEvent::LeftGround(body) => Self(9, body, none),
+        }
+    }
+}
+
 /// A pair in contact after a step.
 struct Touch {
     /// From the body with the lesser id.
@@ -132,6 +180,28 @@ impl EventMonitor {
         if observation.is_some_and(|observation| observation.activity == Activity::Asleep) {
             self.asleep.insert(id);
         }
+    }
+
+    /// The pairs that touch and the bodies in sensors, as the events that began them with the present contacts, in the order
+    /// of events.
+    pub(crate) fn standing(&self, engine: &dyn Engine) -> Vec<BodyEvent> {
+        let mut began = BTreeMap::new();
+        let mut contacts = Vec::new();
+        for id in (self.active.iter()).filter_map(|(id, events)| events.contacts.then_some(*id)) {
+            contacts.clear();
+            engine.contacts(id, &mut contacts);
+            for contact in &contacts {
+                let (body, contact) = from_lesser(id, *contact);
+                if self.touching.contains(&(body, contact.with)) {
+                    began.insert((body, contact.with), contact);
+                }
+            }
+        }
+        let began = began.into_iter();
+        let began = began.map(|((body, _), contact)| BodyEvent::ContactBegan { body, contact });
+        let entered = (self.inside.iter().copied())
+            .map(|(sensor, body)| BodyEvent::SensorEntered { sensor, body });
+        began.chain(entered).collect()
     }
 
     /// The events of the last step.
@@ -250,7 +320,8 @@ impl EventMonitor {
         let reporting = |id: &&BodyId| self.active.get(id).is_some_and(&reports);
         let mut reporting = both.iter().filter(reporting).peekable();
         if reporting.peek().is_none() {
-            // Its events were turned off.
+            // Its events were turned off: nothing tells how it goes on.
+            end(pair);
             return false;
         }
         let ended = reporting.any(|id| stepped.may_differ(*id)) && over(pair);

@@ -12,6 +12,7 @@ use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::Tick;
 
 use crate::authority_group::AuthorityGroup;
+use crate::event_monitor::EventKey;
 use crate::permit::Quotas;
 use crate::record::SessionNumber;
 use crate::tier_controller::TierController;
@@ -52,6 +53,8 @@ pub(crate) struct Member {
     pub(crate) query_budget: QueryBudget,
     /// Events of bodies that it was not sent because it reads too slowly.
     pub(crate) missed_events: u64,
+    /// The last event that it was told of those that stand; `None` once it knows them all.
+    pub(crate) standing_after: Option<EventKey>,
 }
 
 /// Bytes of scene events that a member may cause at once while others are behind.
@@ -97,6 +100,15 @@ impl Member {
             queries: 0,
             query_budget: QueryBudget::new(),
             missed_events: 0,
+            standing_after: None,
+        }
+    }
+
+    /// Counts events that it is not sent. It is told later what stands.
+    pub(crate) const fn miss_events(&mut self, count: u64) {
+        self.missed_events += count;
+        if count > 0 {
+            self.standing_after = Some(EventKey::FIRST);
         }
     }
 

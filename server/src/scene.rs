@@ -497,6 +497,11 @@ impl Scene {
         self.engine.contacts(id, out);
     }
 
+    /// What began and has not ended after the last step, of the bodies that report events: contacts, bodies in sensors.
+    pub(crate) fn standing_events(&self) -> Vec<BodyEvent> {
+        self.event_monitor.standing(&*self.engine)
+    }
+
     /// Answers queries by the poses of the last step.
     ///
     /// # Errors

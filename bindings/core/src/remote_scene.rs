@@ -15,7 +15,7 @@ use rhumb_client::{
 use rhumb_client::{Checkpoint, CheckpointError};
 
 use crate::body_params::BodyParams;
-use crate::contacts::{ContactRecord, Contacts};
+use crate::contacts::ContactRecord;
 use crate::converted_view::ConvertedView;
 use crate::coordinates::Coordinates;
 use crate::error::BindingError;
@@ -86,7 +86,6 @@ pub struct RemoteScene {
     view: ConvertedView,
     /// Events that the application has not read.
     events: VecDeque<EventRecord>,
-    contacts: Contacts,
     known: KnownBodies,
     /// Of the last call that the refusals made an error.
     refusals: VecDeque<RefusalRecord>,
@@ -118,7 +117,6 @@ impl RemoteScene {
             client,
             view: ConvertedView::new(params.coordinates),
             events: VecDeque::new(),
-            contacts: Contacts::default(),
             known: KnownBodies::default(),
             refusals: VecDeque::new(),
             error_bounds: Vec::new(),
@@ -220,15 +218,7 @@ impl RemoteScene {
             }
         }
         for command in converted {
-            let silenced = match &command {
-                Command::SetEvents { id, events } if !events.contacts => Some(*id),
-                _ => None,
-            };
             last = Some(self.client.command(command)?);
-            if let Some(body) = silenced {
-                self.take_events();
-                self.contacts.forget(body);
-            }
         }
         Ok(last)
     }
@@ -491,10 +481,14 @@ impl RemoteScene {
     ///
     /// [`BindingError::NotInView`] for a body that this client never knew.
     pub fn contacts(&mut self, body: Option<BodyId>) -> Result<Vec<ContactRecord>, BindingError> {
-        self.take_events();
         match body.filter(|body| !self.knows(*body)) {
             Some(unknown) => Err(BindingError::NotInView(unknown)),
-            None => Ok(self.contacts.of(body).collect()),
+            None => {
+                let (pairs, coordinates) = (self.client.contacts(body), self.coordinates());
+                Ok(pairs
+                    .map(|pair| ContactRecord::new(&pair, coordinates))
+                    .collect())
+            }
         }
     }
 
@@ -503,7 +497,6 @@ impl RemoteScene {
         let coordinates = self.coordinates();
         while let Some((after, event)) = self.client.poll_event() {
             let record = EventRecord::new(after, event, coordinates);
-            self.contacts.note(&record);
             self.known.note(&record);
             if self.events.len() == EVENTS_KEPT {
                 self.events.pop_front();

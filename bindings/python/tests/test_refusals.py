@@ -194,3 +194,28 @@ def test_contacts_are_those_of_now(scene):
     scene.set_pose(ball, (0, 5, 0))
     scene.advance(ticks=2)
     assert scene.contacts(ball) == []
+
+
+def test_contacts_of_a_late_member_are_those_of_now():
+    server = rhumb.LocalServer()
+    first = server.connect().join("late")
+    first.add_body(rhumb.Shape.cuboid(10, 0.5, 10), (0, -0.5, 0), "fixed")
+    box = first.add_body(rhumb.Shape.cuboid(0.5, 0.5, 0.5), (0, 0.5, 0))
+    first.report_events(box, contacts=True)
+    first.advance(ticks=90)
+    late = server.connect().join("late")
+    late.poll()
+    [contact] = late.contacts(box)
+    assert contact.normal[1] == pytest.approx(1, abs=1e-3)
+    first.report_events(box)
+    first.advance()
+    late.poll()
+    assert first.contacts(box) == late.contacts(box) == []
+    first.report_events(box, contacts=True)
+    first.advance()
+    late.poll()
+    assert len(first.contacts(box)) == len(late.contacts(box)) == 1
+    first.remove(box)
+    first.advance()
+    late.poll()
+    assert first.contacts() == late.contacts() == []

@@ -10,6 +10,7 @@ mod body_ids;
 mod bounds;
 mod client_ids;
 mod clocks;
+mod contacts;
 #[cfg(feature = "queries")]
 mod copy_queries;
 mod joining;
@@ -22,6 +23,7 @@ mod view;
 pub use body_centres::BodyCentres;
 pub use client_ids::{AddError, ClientIds};
 pub use clocks::{DEPTH_MAX, InvalidTicks, SHIFT_TICKS_MAX, SceneClock, UpstreamClock};
+pub use contacts::{Contacts, TouchingPair};
 #[cfg(feature = "queries")]
 pub use copy_queries::{CopyAnswer, CopyQueries};
 pub use joining::{JoinError, JoinMode, Joining, RESUME_WITHIN, may_resume};

@@ -6,11 +6,23 @@
 use bytes::Bytes;
 use rhumb_protocol::Peer;
 use rhumb_protocol::message::{Inspection, QueryError, QueryResult, ServerMessage, TickEvents};
-use rhumb_protocol::scene::{Answer, Query, Stepping};
+use rhumb_protocol::scene::{Answer, BodyEvent, Query, Stepping};
+use rhumb_reckoning::Tick;
 
 use super::RunningScene;
 use crate::clients::Clients;
-use crate::event_monitor::StepEvents;
+use crate::event_monitor::{EventKey, StepEvents};
+
+fn encoded(tick: Tick, missed: u64, events: Vec<BodyEvent>) -> Bytes {
+    let events = TickEvents {
+        tick,
+        missed,
+        events,
+    };
+    let mut bytes = Vec::new();
+    ServerMessage::TickEvents(events).encode(&mut bytes);
+    Bytes::from(bytes)
+}
 
 impl RunningScene {
     /// Answers a member's message of queries.
@@ -51,32 +63,47 @@ impl RunningScene {
         self.scene.query(queries)
     }
 
-    /// Sends the events of a step to the members, encoded once.
+    /// Sends the events of a step to the members, encoded once. A member that missed some gets what stands, too.
     pub(super) fn send_step_events(&mut self, happened: StepEvents, clients: &mut Clients) {
-        if happened == StepEvents::default() {
-            return;
-        }
-        let mut events = TickEvents {
-            tick: self.scene.tick(),
-            missed: happened.missed,
-            events: happened.events,
-        };
-        let encoded = |events: &TickEvents| {
-            let mut bytes = Vec::new();
-            ServerMessage::TickEvents(events.clone()).encode(&mut bytes);
-            Bytes::from(bytes)
-        };
-        let shared = encoded(&events);
+        let (scene, tick) = (&self.scene, self.scene.tick());
+        let count = happened.missed + happened.events.len() as u64;
+        let (mut shared, mut standing) = (None, None);
         let (members, out) = clients.members_mut();
         for (member, control) in members {
             if control.is_behind() {
-                member.missed_events += happened.missed + events.events.len() as u64;
-            } else if member.missed_events == 0 {
-                control.send_encoded(&shared, out);
-            } else {
-                events.missed = happened.missed + std::mem::take(&mut member.missed_events);
-                control.send_encoded(&encoded(&events), out);
+                member.miss_events(count);
+            } else if let Some(after) = member.standing_after {
+                let standing = standing.get_or_insert_with(|| scene.standing_events());
+                let (events, due) = happened.with_standing(standing, after);
+                let missed = happened.missed + std::mem::take(&mut member.missed_events);
+                member.standing_after = match happened.missed {
+                    0 => due,
+                    _ => Some(EventKey::FIRST),
+                };
+                if missed > 0 || !events.is_empty() {
+                    control.send_encoded(&encoded(tick, missed, events), out);
+                }
+            } else if count > 0 {
+                let shared = shared
+                    .get_or_insert_with(|| encoded(tick, happened.missed, happened.events.clone()));
+                control.send_encoded(shared, out);
+                if happened.missed > 0 {
+                    member.standing_after = Some(EventKey::FIRST);
+                }
             }
+        }
+    }
+
+    /// Tells a new member what stands; what exceeds a message, or waits for its snapshot, comes with the next ticks.
+    pub(super) fn tell_standing(&self, peer: Peer, clients: &mut Clients) {
+        let standing = self.scene.standing_events();
+        let (events, due) = StepEvents::default().with_standing(&standing, EventKey::FIRST);
+        let Some(member) = clients.member_mut(peer) else {
+            return;
+        };
+        member.standing_after = due;
+        if !events.is_empty() {
+            clients.send_encoded(peer, &encoded(self.scene.tick(), 0, events));
         }
     }
 

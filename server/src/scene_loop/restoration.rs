@@ -13,6 +13,7 @@ use rhumb_reckoning::BodyId;
 use super::RunningScene;
 use crate::checkpoint::{Checkpoint, CheckpointError};
 use crate::clients::Clients;
+use crate::event_monitor::EventKey;
 use crate::observer::Incident;
 use crate::record::Author;
 use crate::rollback::{FailedIn, Restoration};
@@ -124,6 +125,9 @@ impl RunningScene {
         self.reserve_locomotion();
         let tick = self.scene.tick();
         self.record_event(SceneEvent::SceneRestored { tick });
+        for (member, _) in clients.members_mut().0 {
+            member.standing_after = Some(EventKey::FIRST);
+        }
         // The failed engine's world may be large, or broken.
         drop(before);
         left_out.into_iter().flatten().collect()

@@ -71,6 +71,7 @@ impl RunningScene {
         } else if session.is_some() {
             self.answer_durably(peer, clients);
         }
+        self.tell_standing(peer, clients);
         if self.next_step.is_none() {
             self.last_step = now;
             self.next_step = Some(now + self.step());

@@ -1,5 +1,7 @@
 //! Events of bodies over the wire, each with the state of its tick.
 
+use std::collections::BTreeSet;
+
 use glam::Vec3;
 use rhumb_protocol::Peer;
 use rhumb_protocol::limits::EVENTS_PER_TICK_MAX;
@@ -332,4 +334,125 @@ fn events_beyond_the_bound_are_counted() {
         count: u64::from(BOXES) - EVENTS_PER_TICK_MAX as u64,
     };
     assert!(events.contains(&missed));
+}
+
+/// The pairs that touch by the events of a member.
+fn pairs(events: &[Event]) -> BTreeSet<(BodyId, BodyId)> {
+    let mut pairs = BTreeSet::new();
+    for event in events {
+        match *event {
+            Event::EventsMissed { .. } => pairs.clear(),
+            Event::Body { event, .. } => match event {
+                BodyEvent::ContactBegan { body, contact } => {
+                    pairs.insert((body, contact.with));
+                }
+                BodyEvent::ContactEnded { body, with } => {
+                    pairs.remove(&(body, with));
+                }
+                _ => {}
+            },
+            _ => {}
+        }
+    }
+    pairs
+}
+
+impl Stage {
+    fn join_late(&mut self) -> Peer {
+        let late = self.table.connect("stage");
+        let session = self.table.session(late);
+        session.join(StreamChoice::Full).expect("in the lobby");
+        self.table.run_until_idle();
+        late
+    }
+
+    fn events_of(&mut self, peer: Peer) -> Vec<Event> {
+        let session = self.table.session(peer);
+        std::iter::from_fn(|| session.poll_event()).collect()
+    }
+}
+
+#[test]
+fn a_member_that_joins_late_is_told_what_touches_and_what_is_in_a_sensor() {
+    let mut stage = Stage::new();
+    stage.add(BOX, BodyKind::Dynamic, 1, Vec3::new(0.0, 0.5, 0.0));
+    let sensor = BodyDesc {
+        sensor: true,
+        ..BodyDesc::plain(SECOND, BodyKind::Fixed, ShapeId(1))
+    };
+    stage.command(Command::AddBody {
+        desc: sensor,
+        motion: state(Vec3::new(0.0, 1.0, 0.0)),
+    });
+    stage.report(BOX, CONTACTS);
+    let sensors = ActiveEvents {
+        sensors: true,
+        ..ActiveEvents::NONE
+    };
+    stage.report(SECOND, sensors);
+    // Awake, then asleep.
+    for steps in [5, 120] {
+        stage.steps(steps);
+        let late = stage.join_late();
+        let events = stage.events_of(late);
+        let happened = events.iter().filter_map(|event| match event {
+            Event::Body { tick, event } => Some((tick.value(), *event)),
+            _ => None,
+        });
+        let happened: Vec<_> = happened.collect();
+        let [
+            (tick, BodyEvent::ContactBegan { body, contact }),
+            (_, entered),
+        ] = happened[..]
+        else {
+            panic!("{events:?}");
+        };
+        assert_eq!((tick, body, contact.with), (stage.tick, FLOOR, BOX));
+        let (sensor, body) = (SECOND, BOX);
+        assert_eq!(entered, BodyEvent::SensorEntered { sensor, body });
+        assert_eq!(stage.steps(1), [], "the others know it");
+        assert_eq!(pairs(&stage.events_of(late)), BTreeSet::new());
+    }
+    // Once nobody reports the pair, it ends for all.
+    stage.report(BOX, ActiveEvents::NONE);
+    let ended = BodyEvent::ContactEnded {
+        body: FLOOR,
+        with: BOX,
+    };
+    let tick = stage.tick + 1;
+    assert_eq!(stage.steps(1), [(tick, ended)]);
+}
+
+/// More touch than a tick tells: the next ticks tell the rest, to one that joins and to those that missed it.
+#[test]
+fn all_that_touch_are_told_in_the_end() {
+    const BOXES: u32 = 2 * EVENTS_PER_TICK_MAX as u32 + 76;
+    let mut stage = Stage::new();
+    for number in 0..BOXES {
+        let (x, z) = (number % 48, number / 48);
+        let at = Vec3::new(x as f32 * 1.4 - 34.0, 0.5, z as f32 * 1.4 - 34.0);
+        stage.add(BodyId::new(1 + number, 0), BodyKind::Dynamic, 1, at);
+    }
+    stage.report(FLOOR, CONTACTS);
+    let mut first = Vec::new();
+    for _ in 0..5 {
+        stage.tick += 1;
+        let now = stage.table.now();
+        let to = Tick::new(stage.tick);
+        let session = stage.table.session(stage.peer);
+        session.advance(now, to).expect("a member");
+        stage.table.run_until_idle();
+        first.extend(stage.all_events());
+    }
+    let late = stage.join_late();
+    let mut of_late = stage.events_of(late);
+    for _ in 0..3 {
+        stage.steps(1);
+        of_late.extend(stage.events_of(late));
+    }
+    let touching: BTreeSet<_> = (1..=BOXES)
+        .map(|index| (FLOOR, BodyId::new(index, 0)))
+        .collect();
+    assert_eq!(pairs(&first), touching);
+    assert_eq!(pairs(&of_late), touching);
 }

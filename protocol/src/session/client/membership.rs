@@ -2,11 +2,11 @@
 //!
 //! Ends with the membership. Commands and their session are kept apart, because they outlive a connection. Events come
 //! on the control stream and states in datagrams, so an event may be early. Invariant: at most [`EVENTS_HELD_MAX`]
-//! events wait; beyond that the oldest tick's are dropped, and counted.
+//! events wait; beyond that the oldest tick's are dropped, and counted. What had begun by then is told anew.
 
-use alloc::collections::VecDeque;
+use alloc::collections::{BTreeMap, VecDeque};
 
-use rhumb_reckoning::Tick;
+use rhumb_reckoning::{BodyId, Tick};
 
 use super::outbox::ClientOutbox;
 use super::subscription::{EventTarget, Subscription};
@@ -14,7 +14,7 @@ use super::upstream::ClientUpstream;
 use crate::limits::EVENTS_HELD_MAX;
 use crate::message::{SceneEvent, ServerMessage, TickEvents};
 use crate::packet::LargestPacket;
-use crate::scene::SceneConfig;
+use crate::scene::{BodyEvent, SceneConfig};
 use crate::session::CloseCode;
 use crate::session::event::Event;
 
@@ -158,7 +158,10 @@ impl ClientMembership {
             SceneEvent::SceneFaulted { tick, cause } => {
                 events.push_back(Event::SceneFaulted { tick, cause });
             }
-            SceneEvent::SceneRestored { tick } => events.push_back(Event::SceneRestored(tick)),
+            SceneEvent::SceneRestored { tick } => {
+                self.held_events.standing.clear();
+                events.push_back(Event::SceneRestored(tick));
+            }
             SceneEvent::ShapeAdded { .. }
             | SceneEvent::ShapeRemoved { .. }
             | SceneEvent::JointAdded { .. }
@@ -177,6 +180,8 @@ struct HeldEvents {
     count: usize,
     /// Events that were dropped here and not yet counted for the application.
     dropped: u64,
+    /// What began and has not ended, by the events before the waiting ones.
+    standing: StandingEvents,
 }
 
 impl HeldEvents {
@@ -185,6 +190,7 @@ impl HeldEvents {
             ticks: VecDeque::new(),
             count: 0,
             dropped: 0,
+            standing: StandingEvents(BTreeMap::new()),
         }
     }
 
@@ -195,6 +201,7 @@ impl HeldEvents {
         while self.count > EVENTS_HELD_MAX || self.ticks.len() > EVENTS_HELD_MAX {
             let Some(oldest) = self.pop() else { break };
             self.dropped += oldest.missed + oldest.events.len() as u64;
+            self.standing.note(&oldest);
         }
     }
 
@@ -207,10 +214,19 @@ impl HeldEvents {
         {
             let Some(events) = self.pop() else { break };
             let tick = events.tick;
-            let count = events.missed + core::mem::take(&mut self.dropped);
+            let dropped = core::mem::take(&mut self.dropped);
+            let count = events.missed + dropped;
             if count > 0 {
                 to.push_back(Event::EventsMissed { tick, count });
             }
+            if dropped > 0 && events.missed == 0 {
+                let standing = self.standing.0.values();
+                to.extend(standing.map(|event| Event::Body {
+                    tick,
+                    event: *event,
+                }));
+            }
+            self.standing.note(&events);
             let of_tick = events.events.into_iter();
             to.extend(of_tick.map(|event| Event::Body { tick, event }));
         }
@@ -220,6 +236,53 @@ impl HeldEvents {
         let events = self.ticks.pop_front()?;
         self.count -= events.events.len();
         Some(events)
+    }
+}
+
+/// The pairs that touch and the bodies in sensors, each by the event that tells so, in the order of events.
+///
+/// Invariant: at most [`EVENTS_HELD_MAX`].
+#[derive(Debug, Default)]
+struct StandingEvents(BTreeMap<(u8, BodyId, BodyId), BodyEvent>);
+
+impl StandingEvents {
+    /// Learns from the events of a tick. After missed ones the server tells anew what stands.
+    fn note(&mut self, events: &TickEvents) {
+        if events.missed > 0 {
+            self.clear();
+        }
+        for event in &events.events {
+            match *event {
+                BodyEvent::ContactBegan { body, contact } => {
+                    self.insert((0, body, contact.with), *event);
+                }
+                BodyEvent::ContactEnded { body, with } => drop(self.0.remove(&(0, body, with))),
+                BodyEvent::ContactForce { body, contact } => {
+                    if let Some(began) = self.0.get_mut(&(0, body, contact.with)) {
+                        *began = BodyEvent::ContactBegan { body, contact };
+                    }
+                }
+                BodyEvent::SensorEntered { sensor, body } => {
+                    self.insert((1, sensor, body), *event);
+                }
+                BodyEvent::SensorLeft { sensor, body } => drop(self.0.remove(&(1, sensor, body))),
+                BodyEvent::FellAsleep(_)
+                | BodyEvent::Woke(_)
+                | BodyEvent::Fault(_)
+                | BodyEvent::ReachedGround(_)
+                | BodyEvent::LeftGround(_) => {}
+            }
+        }
+    }
+
+    fn insert(&mut self, pair: (u8, BodyId, BodyId), event: BodyEvent) {
+        if self.0.len() < EVENTS_HELD_MAX {
+            self.0.insert(pair, event);
+        }
+    }
+
+    fn clear(&mut self) {
+        self.0.clear();
     }
 }
 
@@ -291,5 +354,47 @@ mod tests {
             count: 11,
         };
         assert_eq!((events.len(), &events[0]), (EVENTS_HELD_MAX + 1, &missed));
+    }
+
+    #[test]
+    fn what_stands_is_told_anew_after_dropped_events() {
+        let pair = |index| (BodyId::new(0, 0), BodyId::new(index, 0));
+        let entered = |index| BodyEvent::SensorEntered {
+            sensor: pair(index).0,
+            body: pair(index).1,
+        };
+        let left = |index| BodyEvent::SensorLeft {
+            sensor: pair(index).0,
+            body: pair(index).1,
+        };
+        let of = |tick, missed, events: &[BodyEvent]| TickEvents {
+            tick: Tick::new(tick),
+            missed,
+            events: events.to_vec(),
+        };
+        let mut held = HeldEvents::new();
+        held.push(of(1, 0, &[entered(1), entered(2)]));
+        assert_eq!(released(&mut held, 1).len(), 2);
+        held.push(of(2, 0, &[entered(3), left(1)]));
+        held.push(at(3, 0, EVENTS_HELD_MAX));
+        let events = released(&mut held, 3);
+        let body = |event| Event::Body {
+            tick: Tick::new(3),
+            event,
+        };
+        assert!(matches!(events[0], Event::EventsMissed { count: 2, .. }));
+        assert_eq!(events[1..3], [body(entered(2)), body(entered(3))]);
+        assert_eq!(events.len(), EVENTS_HELD_MAX + 3);
+        // After events that the server left out, it tells itself what stands.
+        held.push(of(4, 1, &[entered(4)]));
+        held.push(at(5, 0, EVENTS_HELD_MAX));
+        let events = released(&mut held, 5);
+        assert_eq!(
+            events[1],
+            Event::Body {
+                tick: Tick::new(5),
+                event: entered(4)
+            }
+        );
     }
 }

@@ -1,0 +1,144 @@
+//! The pairs of bodies that touch now, as far as events tell of them.
+//!
+//! Invariant: a pair is here from the event of its first contact until the event of its last one, in the order of ids. A
+//! member that comes late, or that missed events, is told anew which pairs touch.
+
+use std::collections::BTreeMap;
+
+use rhumb_protocol::scene::{BodyEvent, Contact};
+use rhumb_protocol::session::Event;
+use rhumb_reckoning::{BodyId, Tick};
+
+/// Two bodies that touch.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TouchingPair {
+    /// The body that was asked for, or that with the lesser id.
+    pub body: BodyId,
+    /// The deepest contact with the other body. Its point is on the body with the lesser id, its normal points from the other
+    /// body towards `body`; metres, newtons.
+    pub contact: Contact,
+    /// The tick of the last event about the pair.
+    pub tick: Tick,
+}
+
+/// The pairs of bodies that touch.
+#[derive(Debug, Default)]
+pub struct Contacts(BTreeMap<[BodyId; 2], (Contact, Tick)>);
+
+impl Contacts {
+    /// Learns from an event of the session.
+    pub fn note(&mut self, event: &Event) {
+        match *event {
+            Event::Body { tick, event } => self.note_of_body(tick, event),
+            Event::BodyRemoved { id, .. } => self.0.retain(|pair, _| !pair.contains(&id)),
+            // What touches is told anew.
+            Event::Resumed(_)
+            | Event::SessionLost(_)
+            | Event::SceneRestored(_)
+            | Event::EventsMissed { .. } => self.0.clear(),
+            _ => {}
+        }
+    }
+
+    fn note_of_body(&mut self, tick: Tick, event: BodyEvent) {
+        match event {
+            BodyEvent::ContactBegan { body, contact } => {
+                self.0.insert([body, contact.with], (contact, tick));
+            }
+            BodyEvent::ContactForce { body, contact } => {
+                // A pair whose bodies report forces alone does not tell when it ends.
+                if let Some(known) = self.0.get_mut(&[body, contact.with]) {
+                    *known = (contact, tick);
+                }
+            }
+            BodyEvent::ContactEnded { body, with } => {
+                self.0.remove(&[body, with]);
+            }
+            _ => {}
+        }
+    }
+
+    /// The contacts of a body, or of all bodies.
+    pub fn of(&self, body: Option<BodyId>) -> impl Iterator<Item = TouchingPair> {
+        self.0.iter().filter_map(move |(pair, (contact, tick))| {
+            let [first, second] = *pair;
+            let (body, contact) = match body {
+                Some(id) if id == second => {
+                    let normal = -contact.normal;
+                    let with = first;
+                    let flipped = Contact {
+                        with,
+                        normal,
+                        ..*contact
+                    };
+                    (second, flipped)
+                }
+                Some(id) if id != first => return None,
+                _ => (first, *contact),
+            };
+            Some(TouchingPair {
+                body,
+                contact,
+                tick: *tick,
+            })
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+
+    use super::*;
+
+    fn id(index: u32) -> BodyId {
+        BodyId::new(index, 0)
+    }
+
+    fn contact(with: u32, force: f32) -> Contact {
+        Contact {
+            with: id(with),
+            point: Vec3::ZERO,
+            normal: Vec3::Y,
+            separation: 0.0,
+            force,
+        }
+    }
+
+    fn told(contacts: &mut Contacts, event: BodyEvent) {
+        let tick = Tick::new(3);
+        contacts.note(&Event::Body { tick, event });
+    }
+
+    fn began(contacts: &mut Contacts, body: u32, with: u32) {
+        let (body, contact) = (id(body), contact(with, 1.0));
+        told(contacts, BodyEvent::ContactBegan { body, contact });
+    }
+
+    fn force(contacts: &mut Contacts, body: u32, with: u32) {
+        let (body, contact) = (id(body), contact(with, 7.0));
+        told(contacts, BodyEvent::ContactForce { body, contact });
+    }
+
+    #[test]
+    fn a_pair_touches_from_its_first_event_to_its_last() {
+        let mut contacts = Contacts::default();
+        began(&mut contacts, 1, 2);
+        began(&mut contacts, 1, 3);
+        force(&mut contacts, 1, 2);
+        // Nothing tells when a pair ends of which forces alone are reported.
+        force(&mut contacts, 4, 5);
+        assert_eq!(contacts.of(None).count(), 2);
+        let of_second = contacts.of(Some(id(2))).next().expect("the pair touches");
+        assert_eq!((of_second.body, of_second.contact.with), (id(2), id(1)));
+        assert_eq!(of_second.contact.normal, -Vec3::Y);
+        assert_eq!(of_second.contact.force, 7.0);
+        let (body, with) = (id(1), id(2));
+        told(&mut contacts, BodyEvent::ContactEnded { body, with });
+        assert_eq!(contacts.of(Some(id(2))).count(), 0);
+        assert_eq!(contacts.of(Some(id(3))).count(), 1);
+        let tick = Tick::new(4);
+        contacts.note(&Event::EventsMissed { tick, count: 1 });
+        assert_eq!(contacts.of(None).count(), 0);
+    }
+}
