@@ -69,7 +69,7 @@ fn finite_bound(
     shown: &ShownPose,
     (at, step): (RenderTime, Seconds),
 ) -> Option<Metres> {
-    let bound_at = |tick| match stream.bound_at(id, tick)? {
+    let bound_at = |tick| match stream.bound_between(id, tick)? {
         ErrorBound::Within(bound) => Some(bound.metres()),
         ErrorBound::Unknown { .. } => None,
     };
@@ -80,9 +80,10 @@ fn finite_bound(
     let radius = stream.radius_at(id, at.tick)?;
     let motion = MomentMotion::of(stream, id, at, step)?;
     let off = distance(shown, &motion.motion(at)?, radius);
+    let next = at.tick + Ticks::new(1);
     let ends = match motion {
-        MomentMotion::At(_) => first_bound,
-        _ => first_bound.max(bound_at(at.tick + Ticks::new(1))?),
+        MomentMotion::At(_) if at.fraction == 0.0 || stream.has_left(id, next) => first_bound,
+        _ => first_bound.max(bound_at(next)?),
     };
     let bound = bound_at_moment(&motion, ends, radius, at.fraction);
     Some(Metres::new(bound + off))

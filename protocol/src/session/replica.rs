@@ -43,6 +43,7 @@ impl Replica {
             StreamChoice::Within(_) | StreamChoice::Full => Subscriber::new(&joined.start),
         };
         subscriber.set_lookahead(joined.config.publish_schedule.lookahead);
+        subscriber.set_stepping(joined.config.stepping);
         Self {
             choice: joined.choice,
             receiver: StreamReceiver::new(subscriber),

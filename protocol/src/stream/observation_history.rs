@@ -129,7 +129,7 @@ impl ObservationHistory {
         let needed_ticks = [0, 1, 2, stride, 2 * stride].map(Ticks::new);
         let is_published_yet = move |tick| tick >= present && publish_schedule.publishes(tick);
         move |tick| {
-            tick > present
+            tick >= present
                 || needed_ticks
                     .iter()
                     .any(|ticks| is_published_yet(tick + *ticks))
@@ -149,6 +149,14 @@ impl ObservationHistory {
     /// a stream that began after it.
     pub(super) fn due_after(&self, published: Tick) -> Option<Tick> {
         self.present().filter(|tick| *tick > published)
+    }
+
+    /// The tick that would be published now if it were not between two published ones; `None` at those, and for a tick that
+    /// a stream has passed.
+    pub(super) fn passing_after(&self, published: Tick) -> Option<Tick> {
+        let tick = self.newest.before(self.publish_schedule.lookahead)?;
+        let passes = !self.publish_schedule.publishes(tick) && tick > published;
+        (passes && self.at(tick).is_some()).then_some(tick)
     }
 
     /// The delay between a tick and its publication.

@@ -42,6 +42,8 @@ pub struct Publisher {
     /// None without a budget.
     queue: Option<UpdateQueue>,
     packer: Packer,
+    /// The bodies that left their tracks at a tick since the last published one, in order.
+    strayed: Vec<BodyId>,
     /// The updates of the present tick.
     updates: Vec<Update>,
     /// The number of observations compared with tracks.
@@ -59,6 +61,7 @@ impl Publisher {
             scan: ObservationScan::new(config),
             queue: None,
             packer: Packer::new(stream, config.largest_packet, &config.features),
+            strayed: Vec::new(),
             updates: Vec::new(),
             checked: 0,
         }
@@ -124,6 +127,9 @@ impl Publisher {
     /// Replaces the tracks that no longer hold, and collects their updates; `false` if no tick is due.
     fn update(&mut self, observation_history: &ObservationHistory) -> bool {
         let Some(tick) = observation_history.due_after(self.tick) else {
+            if let Some(tick) = observation_history.passing_after(self.tick) {
+                self.note_strayed(tick, observation_history.at(tick).unwrap_or_default());
+            }
             return false;
         };
         let passed = tick.since(self.tick).unwrap_or_default();
@@ -140,10 +146,32 @@ impl Publisher {
         true
     }
 
-    /// Updates every body whose track no longer holds.
+    /// Notes the bodies that are out of tolerance at a tick that is not published: the next published one replaces their
+    /// tracks, even if those hold again. So a track that is not replaced held at each tick.
+    fn note_strayed(&mut self, tick: Tick, observations: &[Observation]) {
+        if self.queue.is_some() {
+            // The bounds of a stream with a budget are those of its published ticks.
+            return;
+        }
+        let (published, scan) = (&self.published, &mut self.scan);
+        scan.scan(published, tick, observations, &self.features);
+        self.checked += observations.len() as u64;
+        let undecided = scan
+            .undecided
+            .iter()
+            .map(|place| &observations[*place as usize]);
+        let strayed = undecided.filter(|observation| published.has_strayed(tick, observation));
+        self.strayed
+            .extend(strayed.map(|observation| observation.id));
+        self.strayed.sort_unstable();
+        self.strayed.dedup();
+    }
+
+    /// Updates every body whose track no longer holds, or did not since the last published tick.
     fn update_all(&mut self, ticks: ObservedTicks<'_>) {
         let (published, scan) = (&mut self.published, &mut self.scan);
-        let check = BodyCheck::new(ticks, self.features);
+        let strayed = core::mem::take(&mut self.strayed);
+        let check = BodyCheck::new(ticks, self.features).after_straying(&strayed);
         let mut update = |published: &mut PublishedTracks, place: usize, parent| {
             let observed = (place, &ticks.present[place]);
             if let Some(update) = check.update(published, observed, parent) {
@@ -151,6 +179,7 @@ impl Publisher {
             }
         };
         scan.scan(published, ticks.tick, ticks.present, &self.features);
+        scan.add(&strayed, ticks.present);
         // Possible parents are checked first, so that a child is compared with its parent's published track.
         for place in scan.parent_candidates().places() {
             update(published, place, None);
@@ -437,6 +466,18 @@ impl ObservationScan {
         self.prefilter.finish(&mut self.tested);
         self.merge_tested();
         self.parent_candidates.choose(least, observations);
+    }
+
+    /// Adds bodies whose tracks are replaced in any case; they are in order.
+    fn add(&mut self, bodies: &[BodyId], observations: &[Observation]) {
+        for id in bodies {
+            let place = observations.binary_search_by_key(id, |observation| observation.id);
+            if let Ok(place) = place.map(|place| place as u32)
+                && let Err(at) = self.undecided.binary_search(&place)
+            {
+                self.undecided.insert(at, place);
+            }
+        }
     }
 
     /// Collects undecided bodies with children that are no parent candidates.

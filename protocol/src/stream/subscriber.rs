@@ -26,6 +26,7 @@ use super::tracks::{PredictionParameters, Slot, Tracks};
 use crate::interner::{grow_to, push};
 use crate::limits::INDICES_MAX;
 use crate::packet::{Datagram, Head, LargestPacket, LossReport, Low16, StreamId, Update};
+use crate::scene::Stepping;
 
 pub use in_force::{Replacement, ShownTrack};
 
@@ -61,6 +62,7 @@ pub struct Subscriber {
     /// Ticks before the newest one that a view shows because of its delay.
     history: u64,
     lookahead: Ticks,
+    stepping: Stepping,
     /// Before this tick, earlier tracks may be incomplete.
     known_from: Tick,
     gaps: PacketGaps,
@@ -116,6 +118,7 @@ impl Subscriber {
             shown: None,
             history: 0,
             lookahead: Ticks::ZERO,
+            stepping: Stepping::FreeRunning,
             known_from: Tick::ZERO,
             gaps: PacketGaps::new(start.next),
             fec_decoder: FecDecoder::new(start.next, start.largest_packet),
@@ -317,6 +320,12 @@ impl Subscriber {
                 .is_multiple_of(u64::from(self.publish_interval.get()))
     }
 
+    /// The first published tick after this one.
+    fn published_after(&self, tick: Tick) -> Tick {
+        let interval = u64::from(self.publish_interval.get());
+        Tick::new(tick.value() - tick.value() % interval + interval)
+    }
+
     /// The last published tick before this one.
     fn published_before(&self, tick: Tick) -> Tick {
         let before = tick.value().saturating_sub(1);
@@ -394,7 +403,8 @@ impl Subscriber {
         label: Option<u32>,
     ) -> bool {
         let label_before = self.body(id.index()).and_then(|before| self.label(before));
-        let departed = self.depart(id.index(), Some(track.origin));
+        let since = self.first_shown(track.origin);
+        let departed = self.depart(id.index(), Some(since));
         let mut placed = self.tracks.place(id, parameters, track, label);
         if !placed && self.forget_departed() {
             // The publisher no longer has them, so they must not take a damping's place from its bodies.
@@ -404,7 +414,7 @@ impl Subscriber {
             if !departed {
                 self.lifetimes.release_label(label_before);
             }
-            self.arrive_at(id, track.origin);
+            self.arrive_at(id, since);
             self.aliases.clear(id.index());
             if track.parent.is_some() {
                 self.attached_indices.push(id.index());
@@ -512,7 +522,14 @@ impl Subscriber {
             behind: self.newest.value().saturating_sub(tick.value()),
         });
         let (lifetimes, tracks) = (&mut self.lifetimes, &mut self.tracks);
-        let news_after = self.history + u64::from(self.lookahead.count());
+        let news_after = match self.stepping {
+            // A scene that stands still has no news: it comes with the next tick.
+            Stepping::Lockstep => None,
+            Stepping::FreeRunning => {
+                let until_published = u64::from(self.publish_interval.get()) - 1;
+                Some(self.history + u64::from(self.lookahead.count()) + until_published)
+            }
+        };
         lifetimes.forget_before(tick, news_after, |slot| tracks.release(slot));
         let is_there = |id: BodyId| {
             let slot = tracks.slot(id.index());

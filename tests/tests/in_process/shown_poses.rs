@@ -139,6 +139,10 @@ impl World {
             stepping,
             ..SceneConfig::default()
         };
+        Self::of(config, links, seed)
+    }
+
+    pub(crate) fn of(config: SceneConfig, links: &str, seed: u64) -> Self {
         let links: LinkConfig = links.parse().expect("a valid link configuration");
         let choice = StreamChoice::Within(Tolerance::NORMAL);
         let stage = Stage::of(Box::new(Quiet(config)), config, choice, links, seed);
@@ -366,9 +370,9 @@ impl Truth {
 
 /// Counts of one comparison.
 #[derive(Debug, Default)]
-struct Counts {
-    poses: usize,
-    bounded: usize,
+pub(crate) struct Counts {
+    pub(crate) poses: usize,
+    pub(crate) bounded: usize,
     beyond_tolerance: usize,
     worst: f64,
 }
@@ -385,7 +389,7 @@ fn wrong_bodies(truth: &Truth, watcher: &Watcher) -> usize {
 }
 
 /// Compares everything that was shown with the truth.
-fn judge(truth: &Truth, watcher: &Watcher, what: &str) -> Counts {
+pub(crate) fn judge(truth: &Truth, watcher: &Watcher, what: &str) -> Counts {
     let mut counts = Counts::default();
     for shown in &watcher.shown {
         let error = truth.error(shown);
@@ -442,12 +446,17 @@ pub(crate) const OPTIONS: [ViewOptions; 5] = [
     },
 ];
 
-/// Runs a free-running scene with its watchers; frames come at random times, with pauses.
 fn run(links: &str, seed: u64, ticks: u32) -> (Truth, Vec<Watcher>) {
-    let mut world = World::new(Stepping::FreeRunning, links, seed);
+    let world = World::new(Stepping::FreeRunning, links, seed);
+    watch(world, &OPTIONS, ticks)
+}
+
+/// Runs a free-running scene with its watchers; frames come at random times, with pauses.
+pub(crate) fn watch(mut world: World, all: &[ViewOptions], ticks: u32) -> (Truth, Vec<Watcher>) {
     world.stage.run(Span::from_millis(300));
-    let mut watchers: Vec<_> = OPTIONS
-        .into_iter()
+    let mut watchers: Vec<_> = all
+        .iter()
+        .copied()
         .map(|options| Watcher::enter(&mut world.stage, options))
         .collect();
     for tick in 0..ticks {

@@ -33,6 +33,8 @@ pub(super) struct BodyCheck<'h> {
     features: Features,
     /// The factor on tolerances in lifetime estimates: above one if the budget does not suffice.
     slack: f64,
+    /// The bodies whose tracks did not hold at a tick since the last published one, in order.
+    strayed: &'h [BodyId],
 }
 
 impl<'h> BodyCheck<'h> {
@@ -42,7 +44,18 @@ impl<'h> BodyCheck<'h> {
             ticks,
             features,
             slack: 1.0,
+            strayed: &[],
         }
+    }
+
+    /// The same, and replaces the tracks of these bodies in any case; they are in order.
+    pub(super) const fn after_straying(self, strayed: &'h [BodyId]) -> Self {
+        Self { strayed, ..self }
+    }
+
+    /// True if a body left this track. One that a scene event has placed since is another: no update is as old as that.
+    fn has_strayed(&self, id: BodyId, slot: &Slot) -> bool {
+        slot.origin() < self.ticks.tick && self.strayed.binary_search(&id).is_ok()
     }
 
     /// The same with a factor on the tolerances in lifetime estimates.
@@ -65,7 +78,10 @@ impl<'h> BodyCheck<'h> {
             Activity::Asleep => {
                 // If a woken body is still within tolerance of its rest pose, nothing is sent: subscribers see no
                 // difference.
-                if slot.is_exact_rest() && self.is_within_rest(published, slot, observation) {
+                if slot.is_exact_rest()
+                    && !self.has_strayed(observation.id, slot)
+                    && self.is_within_rest(published, slot, observation)
+                {
                     return None;
                 }
                 let resting = Track::resting(self.ticks.tick, observation.motion);
@@ -179,7 +195,9 @@ impl<'h> BodyCheck<'h> {
         let age = tick.since(track.origin)?;
         let moves = track.predictor != Predictor::Rest;
         let orphaned = track.parent.is_some() && parent.is_none();
-        let expired = (age >= TRACK_AGE_MAX && moves) || orphaned || !self.features.prefilter;
+        let strayed = self.has_strayed(observation.id, slot);
+        let expired =
+            (age >= TRACK_AGE_MAX && moves) || orphaned || strayed || !self.features.prefilter;
         let used = share_used(tracks, slot, &truth, &predicted_motion);
         let closeness = self.closeness(published, observation.id.index());
         if !expired && used <= closeness {
@@ -406,6 +424,15 @@ impl PublishedTracks {
         let slot = self.tracks.slot(observation.id.index())?;
         let there = slot.id(observation.id.index()) == observation.id;
         (there && slot.origin() <= tick).then_some(slot)
+    }
+
+    /// True if an observed body is out of tolerance of its track.
+    pub(super) fn has_strayed(&self, tick: Tick, observation: &Observation) -> bool {
+        self.observed(tick, observation).is_some_and(|slot| {
+            let body = (observation.id.index(), slot);
+            let predicted = self.tracks.predicted_motion(body, tick);
+            share_used(&self.tracks, slot, &observation.motion.motion(), &predicted) > 1.0
+        })
     }
 
     /// The record of a body in a refresh at a tick.

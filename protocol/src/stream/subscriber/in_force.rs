@@ -9,6 +9,7 @@ use rhumb_reckoning::{BodyId, Metres, Motion, PredictionX4, Tick, Ticks, Track, 
 use super::lifetimes::{Departed, DepartureTick};
 use super::{ErrorBound, Subscriber};
 use crate::packet::Low16;
+use crate::scene::Stepping;
 use crate::stream::earlier_tracks::EarlierTrack;
 use crate::stream::tracks::Slot;
 
@@ -70,6 +71,12 @@ impl Subscriber {
         present.or_else(|| Some(self.lifetimes.departed_at(index, tick)?.id))
     }
 
+    /// True if it is known that a body is there no more at a tick, which a view may still show at the tick before.
+    #[must_use]
+    pub fn has_left(&self, id: BodyId, tick: Tick) -> bool {
+        self.lifetimes.has_left(id, tick)
+    }
+
     /// Appends the indices of the bodies that come or go at ticks that a view has not shown yet.
     pub fn coming_and_going(&self, out: &mut Vec<u32>) {
         self.lifetimes.indices(out);
@@ -95,9 +102,9 @@ impl Subscriber {
     /// [`Self::track_at`].
     #[must_use]
     pub fn moves_freely_at(&self, id: BodyId, tick: Tick) -> bool {
-        let slot = self.tracks.slot(id.index());
+        let slot = self.present(id, tick);
         slot.is_some_and(|slot| {
-            let is_newest = slot.id(id.index()) == id && slot.origin() <= tick;
+            let is_newest = slot.origin() <= tick;
             is_newest && slot.parent().is_none() && !slot.dense().is_resting()
         })
     }
@@ -145,11 +152,8 @@ impl Subscriber {
         let mut batch = PredictionX4::default();
         for (key, id) in requested {
             // An attached body, or a tick before the track's origin, is predicted alone.
-            let is_simple = |slot: &&Slot| {
-                let of_now = slot.id(id.index()) == *id && slot.origin() <= tick;
-                of_now && slot.parent().is_none()
-            };
-            let slot = self.tracks.slot(id.index()).filter(is_simple);
+            let is_simple = |slot: &&Slot| slot.origin() <= tick && slot.parent().is_none();
+            let slot = self.present(*id, tick).filter(is_simple);
             if slot.is_some_and(|slot| self.tracks.take(&mut batch, *key, slot, tick)) {
                 if batch.is_full() {
                     batch.predict(&mut out);
@@ -200,17 +204,23 @@ impl Subscriber {
         }
     }
 
+    /// The slot of a body that is there by a tick, as it is described then.
+    fn present(&self, id: BodyId, tick: Tick) -> Option<&Slot> {
+        let slot = self.tracks.slot(id.index());
+        let slot = slot.filter(|slot| slot.id(id.index()) == id);
+        slot.filter(|_| self.lifetimes.since(id) <= tick)
+    }
+
     /// The track of a body in force at a tick, or the nearest kept one.
     fn in_force(&self, id: BodyId, tick: Tick) -> Option<InForce<'_>> {
-        let slot = self.tracks.slot(id.index());
-        match slot.filter(|slot| slot.id(id.index()) == id) {
+        match self.present(id, tick) {
             Some(slot) if slot.origin() <= tick => Some(InForce {
                 slot,
                 track: slot.track(),
                 certainty: Certainty::Until(FOR_EVER),
                 origin: TrackSource::Present,
             }),
-            Some(slot) if self.lifetimes.since(id) <= tick => {
+            Some(slot) => {
                 let earlier = self.earlier_tracks.at(id.index(), tick);
                 let nearest = || self.earlier_tracks.nodes_of(id.index()).last();
                 Some(match (earlier, nearest()) {
@@ -221,7 +231,7 @@ impl Subscriber {
                     (None, None) => past(slot, slot.track(), Certainty::None),
                 })
             }
-            _ => {
+            None => {
                 let departed = self.lifetimes.departed_at(id.index(), tick)?;
                 (departed.id == id)
                     .then(|| departed_track(departed, tick))
@@ -275,6 +285,36 @@ impl Subscriber {
         )))
     }
 
+    /// The error bound of a body at any tick, for a view: see [`Self::bound_at`]. A tick between two published ones is
+    /// known if the track in force then is in force at the next published tick, too (PROTOCOL 6.3-15).
+    #[must_use]
+    pub fn bound_between(&self, id: BodyId, tick: Tick) -> Option<ErrorBound> {
+        if self.is_published(tick) {
+            return self.bound_at(id, tick);
+        }
+        let unknown = ErrorBound::Unknown {
+            since: self.converged_at,
+        };
+        let in_force = self.in_force(id, tick)?;
+        let next = self.published_after(tick);
+        let stays = |id, track: &Track| {
+            let then = self.in_force(id, next);
+            then.is_some_and(|then| then.track == *track)
+                && !self.silent_publishers.guesses(id, tick)
+        };
+        let parent = in_force.track.parent;
+        let parent_stays = parent.is_none_or(|parent| {
+            self.in_force(parent, tick)
+                .is_some_and(|of| stays(parent, &of.track))
+        });
+        let stays = in_force.certainty != Certainty::None && stays(id, &in_force.track);
+        // The publisher of a stream with a budget compares at published ticks alone.
+        if self.statements.is_some() || !stays || !parent_stays {
+            return Some(unknown);
+        }
+        Some(self.bound_at(id, next).unwrap_or(unknown))
+    }
+
     /// The tick from which on earlier tracks are kept when a newer one comes.
     pub(super) fn shown_from(&self) -> Tick {
         let Some(shown) = self.shown else {
@@ -297,9 +337,10 @@ impl Subscriber {
     /// `None` for a removal. Returns `false` if there is none, or no view of earlier ticks.
     pub(super) fn depart(&mut self, index: u32, at: Option<Tick>) -> bool {
         let lookahead = u64::from(self.lookahead.count());
-        let is_past_shown = self
-            .shown
-            .is_some_and(|shown| self.history.max(shown.behind) + lookahead > 0);
+        let is_past_shown = self.shown.is_some_and(|shown| match self.stepping {
+            Stepping::Lockstep => true,
+            Stepping::FreeRunning => self.history.max(shown.behind) + lookahead > 0,
+        });
         if !self.placed || !is_past_shown {
             return false;
         }
@@ -313,7 +354,7 @@ impl Subscriber {
             sure_until: FOR_EVER,
         });
         tracks.extend(self.earlier_tracks.nodes_of(index));
-        self.lifetimes.depart(Departed {
+        let departed = Departed {
             id,
             label: self.tracks.label(&slot),
             tracks,
@@ -325,7 +366,9 @@ impl Subscriber {
             // Later datagrams, of a missing packet too, no longer concern this body.
             sure_until: self.complete(),
             slot,
-        });
+        };
+        let (lifetimes, tracks) = (&mut self.lifetimes, &mut self.tracks);
+        lifetimes.depart(departed, |slot| tracks.release(slot));
         true
     }
 
@@ -340,6 +383,22 @@ impl Subscriber {
         let scene_events = scene_events.expand(self.scene_events);
         let reached = tick + self.lookahead;
         self.lifetimes.note_count(scene_events, reached);
+    }
+
+    /// The first tick of a view with a body that a scene event has placed at a tick.
+    ///
+    /// A lockstep scene stands still at a published tick, and its commands make the next one: whoever shows the tick shows
+    /// the same bodies, whatever has been read since.
+    pub(super) fn first_shown(&self, placed: Tick) -> Tick {
+        match self.stepping {
+            Stepping::Lockstep => self.published_after(placed),
+            Stepping::FreeRunning => placed,
+        }
+    }
+
+    /// Sets how the scene steps.
+    pub(crate) const fn set_stepping(&mut self, stepping: Stepping) {
+        self.stepping = stepping;
     }
 
     /// Sets the scene's lookahead: a datagram describes a tick that is so much older than the scene.

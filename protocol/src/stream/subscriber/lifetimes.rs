@@ -13,6 +13,9 @@ use rhumb_reckoning::{BodyId, Tick};
 use crate::stream::earlier_tracks::EarlierTrack;
 use crate::stream::tracks::Slot;
 
+/// Bodies of one index that are kept, such as those that came and went while the scene stood still.
+const DEPARTED_PER_INDEX_MAX: usize = 64;
+
 /// First ticks and last tracks of bodies.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Lifetimes {
@@ -93,6 +96,16 @@ impl Lifetimes {
         departed.find(|departed| departed.is_at(tick))
     }
 
+    /// True if it is known that a body went at this tick or before it.
+    pub(super) fn has_left(&self, id: BodyId, tick: Tick) -> bool {
+        let departed = self.changed.get(&id.index()).map(|of| &of.departed);
+        let of_body = departed.into_iter().flatten().filter(|of| of.id == id);
+        of_body.last().is_some_and(|of| match of.end {
+            DepartureTick::At(end) => end <= tick,
+            DepartureTick::After(..) => false,
+        })
+    }
+
     /// True if a body that is gone is kept.
     pub(super) fn has_departed(&self, id: BodyId) -> bool {
         let of_index = self.changed.get(&id.index());
@@ -115,9 +128,15 @@ impl Lifetimes {
     }
 
     /// Keeps a body that goes.
-    pub(super) fn depart(&mut self, departed: Departed) {
+    pub(super) fn depart(&mut self, departed: Departed, release: impl FnOnce(&Slot)) {
         let of_index = self.changed.entry(departed.id.index()).or_default();
         of_index.arrived = None;
+        if of_index.departed.len() >= DEPARTED_PER_INDEX_MAX {
+            // The oldest one is shown, and that before the newest may be.
+            let between = of_index.departed.remove(1);
+            release(&between.slot);
+            self.released.extend(between.label);
+        }
         of_index.departed.push(departed);
     }
 
@@ -144,11 +163,11 @@ impl Lifetimes {
     }
 
     /// Drops what no tick from this one on needs. A body whose last tick is not known is shown for `news_after` ticks,
-    /// within which a datagram tells it.
+    /// within which a datagram tells it; `None`: until one does.
     pub(super) fn forget_before(
         &mut self,
         tick: Tick,
-        news_after: u64,
+        news_after: Option<u64>,
         mut release: impl FnMut(&Slot),
     ) {
         let released = &mut self.released;
@@ -158,7 +177,7 @@ impl Lifetimes {
                 let stays = match &mut departed.end {
                     DepartureTick::At(end) | DepartureTick::After(_, Some(end)) => *end > tick,
                     DepartureTick::After(_, end) => {
-                        *end = Some(Tick::new(tick.value() + news_after));
+                        *end = news_after.map(|ticks| Tick::new(tick.value() + ticks));
                         true
                     }
                 };
