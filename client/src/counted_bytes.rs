@@ -1,4 +1,4 @@
-//! Bytes of a client that count until the server in this process has used them.
+//! Bytes of a client that count until its server has used them.
 //!
 //! Each client counts its own, so that one that floods takes nothing from the others. Invariant: the count is that of the
 //! bytes that exist.
@@ -51,7 +51,7 @@ mod tests {
 
     #[test]
     fn bytes_count_as_long_as_they_exist_up_to_a_bound() {
-        let waiting = Arc::default();
+        let waiting: Arc<AtomicUsize> = Arc::default();
         let count = || waiting.load(Ordering::Relaxed);
         let piece = Bytes::from(vec![0; 100]);
         let most = 2 * cost(&piece);

@@ -594,7 +594,7 @@ impl<E: Endpoint> Driver<E> {
 const WAITING_BYTES_MAX: usize = 64 << 20;
 /// Bytes of datagrams of one client that may wait for the server.
 const WAITING_STATE_BYTES_MAX: usize = 4 << 20;
-/// Control bytes that may wait before whoever carries a connection holds more back.
+/// Control bytes that may wait before the program that carries a connection holds more back.
 const CARRIED_BYTES_MAX: usize = 256 << 10;
 
 /// The thread on which a server runs.

@@ -2,8 +2,8 @@
 //!
 //! Only bodies whose events are on are looked at, and of the dynamic ones only those that the engine observed: nothing
 //! about a body changes while it sleeps. Knows no members. Invariant: a tick has at most [`EVENTS_PER_TICK_MAX`]
-//! events; what exceeds that is counted. What stands is what began and has not ended: it is told to those who missed the
-//! beginning.
+//! events; what exceeds that is counted. What stands is what began and has not ended: those who missed the beginning get
+//! it.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -85,7 +85,7 @@ impl StepEvents {
 
 impl StepEvents {
     /// These events, and before them as many that stand as a tick has room for, in the order of events. `after`: the last
-    /// one that was told, which is returned anew; `None` if none is left.
+    /// one that was sent, which is returned anew; `None` if none is left.
     pub(crate) fn with_standing(
         &self,
         standing: &[BodyEvent],

@@ -53,7 +53,7 @@ pub(crate) struct Member {
     pub(crate) query_budget: QueryBudget,
     /// Events of bodies that it was not sent because it reads too slowly.
     pub(crate) missed_events: u64,
-    /// The last event that it was told of those that stand; `None` once it knows them all.
+    /// The last event that it got of those that stand; `None` once it knows them all.
     pub(crate) standing_after: Option<EventKey>,
 }
 
@@ -104,7 +104,7 @@ impl Member {
         }
     }
 
-    /// Counts events that it is not sent. It is told later what stands.
+    /// Counts events that it is not sent. Later it gets what stands.
     pub(crate) const fn miss_events(&mut self, count: u64) {
         self.missed_events += count;
         if count > 0 {

@@ -185,10 +185,10 @@ mod tests {
         assert_eq!(door.poll_timeout(), None);
     }
 
-    /// A server that has enough for now, and the round trips of the links that it was told.
-    struct Full(Arc<Mutex<Vec<Span>>>);
+    /// A server that has enough for now, and the round trips that were reported to it.
+    struct SatedServer(Arc<Mutex<Vec<Span>>>);
 
-    impl ClientTransport for Full {
+    impl ClientTransport for SatedServer {
         fn send_control(&self, _bytes: Bytes) {}
 
         fn send_state(&self, _bytes: Bytes) {}
@@ -214,10 +214,10 @@ mod tests {
 
     #[test]
     fn a_server_that_has_enough_slows_the_peer_down_and_hears_of_its_link() {
-        let told = Arc::new(Mutex::new(Vec::new()));
+        let reported = Arc::new(Mutex::new(Vec::new()));
         let mut door = NetworkDoor::new({
-            let told = Arc::clone(&told);
-            move || Box::new(Full(Arc::clone(&told)))
+            let reported = Arc::clone(&reported);
+            move || Box::new(SatedServer(Arc::clone(&reported)))
         });
         let peer = Peer(1);
         door.handle_opened(Instant::ZERO, peer);
@@ -229,7 +229,7 @@ mod tests {
             round_trip: Span::from_millis(7),
         };
         door.handle_link(Instant::ZERO, peer, &report);
-        assert_eq!(told.lock().expect("no panic")[..], [report.round_trip]);
+        assert_eq!(reported.lock().expect("no panic")[..], [report.round_trip]);
         door.handle_ended(Instant::ZERO, peer, Ending::Broken);
         assert!(door.wants_control(peer));
     }

@@ -1,4 +1,4 @@
-//! What a member asks about its scene: the server's answers, its own copy's, what touches.
+//! What a member asks: the server, its own copy, which bodies touch.
 
 use rhumb_protocol::message::QueryResult;
 use rhumb_protocol::scene::Query;
@@ -13,7 +13,7 @@ use crate::error::ClientError;
 
 impl Client {
     /// The bodies that touch a body, or all pairs, by the events that were received: those of which one reports its contacts
-    /// ([`ActiveEvents::contacts`](rhumb_protocol::scene::ActiveEvents)). A member that joins later is told of them, too. One
+    /// ([`ActiveEvents::contacts`](rhumb_protocol::scene::ActiveEvents)). A member that joins later knows them, too. One
     /// with [`ActiveEvents::force`](rhumb_protocol::scene::ActiveEvents) keeps the force of each tick.
     ///
     /// [`Query::contacts`] asks the server about any body, whether or not it reports.

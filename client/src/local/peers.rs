@@ -1,7 +1,7 @@
 //! Clients of this process beside those of a server's own driver.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::AtomicU64;
 use std::sync::mpsc::{Receiver, channel};
 
 use rhumb_link::{Clock, TransportCode};

@@ -1,7 +1,7 @@
 //! The pairs of bodies that touch now, as far as events tell of them.
 //!
 //! Invariant: a pair is here from the event of its first contact until the event of its last one, in the order of ids. A
-//! member that comes late, or that missed events, is told anew which pairs touch.
+//! member that comes late, or that missed events, gets the events of the pairs that touch then.
 
 use std::collections::BTreeMap;
 
@@ -31,7 +31,7 @@ impl Contacts {
         match *event {
             Event::Body { tick, event } => self.note_of_body(tick, event),
             Event::BodyRemoved { id, .. } => self.0.retain(|pair, _| !pair.contains(&id)),
-            // What touches is told anew.
+            // The server tells anew what touches.
             Event::Resumed(_)
             | Event::SessionLost(_)
             | Event::SceneRestored(_)
@@ -105,19 +105,19 @@ mod tests {
         }
     }
 
-    fn told(contacts: &mut Contacts, event: BodyEvent) {
+    fn note(contacts: &mut Contacts, event: BodyEvent) {
         let tick = Tick::new(3);
         contacts.note(&Event::Body { tick, event });
     }
 
     fn began(contacts: &mut Contacts, body: u32, with: u32) {
         let (body, contact) = (id(body), contact(with, 1.0));
-        told(contacts, BodyEvent::ContactBegan { body, contact });
+        note(contacts, BodyEvent::ContactBegan { body, contact });
     }
 
     fn force(contacts: &mut Contacts, body: u32, with: u32) {
         let (body, contact) = (id(body), contact(with, 7.0));
-        told(contacts, BodyEvent::ContactForce { body, contact });
+        note(contacts, BodyEvent::ContactForce { body, contact });
     }
 
     #[test]
@@ -134,7 +134,7 @@ mod tests {
         assert_eq!(of_second.contact.normal, -Vec3::Y);
         assert_eq!(of_second.contact.force, 7.0);
         let (body, with) = (id(1), id(2));
-        told(&mut contacts, BodyEvent::ContactEnded { body, with });
+        note(&mut contacts, BodyEvent::ContactEnded { body, with });
         assert_eq!(contacts.of(Some(id(2))).count(), 0);
         assert_eq!(contacts.of(Some(id(3))).count(), 1);
         let tick = Tick::new(4);

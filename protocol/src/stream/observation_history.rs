@@ -118,7 +118,7 @@ impl ObservationHistory {
     }
 
     /// Returns a test for ticks that a publisher needs, now or later: unpublished ticks of the schedule, some before
-    /// each of them, and the ticks within the lookahead.
+    /// each of them, the tick that is compared with the tracks now, and the ticks within the lookahead.
     fn needed_ticks(&self) -> impl Fn(Tick) -> bool + use<> {
         let publish_schedule = self.publish_schedule;
         let present = self
@@ -453,8 +453,12 @@ mod tests {
         });
         for tick in 1..=60 {
             observation_history.observe(Tick::new(tick), &[awake(3, tick as f32)]);
-            let is_kept = observation_history.at(Tick::new(tick)).is_some();
-            assert_eq!(is_kept, [0, 3, 4, 5].contains(&(tick % 6)), "{tick}");
+            // The present one is compared with the tracks, published or not.
+            assert!(observation_history.at(Tick::new(tick)).is_some());
+            let before = tick - 1;
+            let is_kept = observation_history.at(Tick::new(before)).is_some();
+            let is_needed = before > 0 && [0, 3, 4, 5].contains(&(before % 6));
+            assert_eq!(is_kept, is_needed, "{before}");
         }
     }
 

@@ -1,4 +1,4 @@
-//! Steps a lockstep scene again and again, and prints each tick with the bound of a ball.
+//! Steps a lockstep scene on, and prints each tick with a ball's bound.
 //!
 //! Arguments: the server's address, its fingerprint, the scene. It ends when its output is closed, or by an error.
 

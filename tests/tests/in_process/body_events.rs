@@ -373,7 +373,7 @@ impl Stage {
 }
 
 #[test]
-fn a_member_that_joins_late_is_told_what_touches_and_what_is_in_a_sensor() {
+fn a_member_that_joins_late_gets_what_touches_and_what_is_in_a_sensor() {
     let mut stage = Stage::new();
     stage.add(BOX, BodyKind::Dynamic, 1, Vec3::new(0.0, 0.5, 0.0));
     let sensor = BodyDesc {
@@ -413,7 +413,7 @@ fn a_member_that_joins_late_is_told_what_touches_and_what_is_in_a_sensor() {
         assert_eq!(stage.steps(1), [], "the others know it");
         assert_eq!(pairs(&stage.events_of(late)), BTreeSet::new());
     }
-    // Once nobody reports the pair, it ends for all.
+    // Once neither body reports the pair, it ends for all.
     stage.report(BOX, ActiveEvents::NONE);
     let ended = BodyEvent::ContactEnded {
         body: FLOOR,
@@ -425,7 +425,7 @@ fn a_member_that_joins_late_is_told_what_touches_and_what_is_in_a_sensor() {
 
 /// More touch than a tick tells: the next ticks tell the rest, to one that joins and to those that missed it.
 #[test]
-fn all_that_touch_are_told_in_the_end() {
+fn all_that_touch_come_in_the_end() {
     const BOXES: u32 = 2 * EVENTS_PER_TICK_MAX as u32 + 76;
     let mut stage = Stage::new();
     for number in 0..BOXES {

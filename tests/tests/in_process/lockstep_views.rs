@@ -1,4 +1,4 @@
-//! Views of lockstep scenes: whoever shows a tick shows the bodies of that tick.
+//! Views of a lockstep scene's tick have the bodies of that tick.
 //!
 //! One member commands and steps at a random depth; others poll at random moments. The bodies of a tick are those of the
 //! commands before the request that stepped to it.

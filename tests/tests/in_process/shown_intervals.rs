@@ -1,4 +1,4 @@
-//! Views of scenes that publish rarely: shown poses are within their stated bounds of the truth, between published ticks too.
+//! Shown poses between published ticks are within their stated bounds.
 
 use std::num::NonZeroU32;
 

@@ -42,7 +42,7 @@ pub trait ClientTransport: Send {
     /// The connection's traffic so far.
     fn statistics(&self) -> WireStatistics;
 
-    /// True if the server can use more control bytes now. Whoever carries the connection for another program holds them back
+    /// True if the server can use more control bytes now. A program that carries the connection for another one holds them back
     /// otherwise.
     fn wants_control(&self) -> bool {
         true

@@ -2,7 +2,7 @@
 //!
 //! Ends with the membership. Commands and their session are kept apart, because they outlive a connection. Events come
 //! on the control stream and states in datagrams, so an event may be early. Invariant: at most [`EVENTS_HELD_MAX`]
-//! events wait; beyond that the oldest tick's are dropped, and counted. What had begun by then is told anew.
+//! events wait; beyond that the oldest tick's are dropped, and counted. The application gets what had begun by then.
 
 use alloc::collections::{BTreeMap, VecDeque};
 
@@ -357,7 +357,7 @@ mod tests {
     }
 
     #[test]
-    fn what_stands_is_told_anew_after_dropped_events() {
+    fn what_stands_comes_again_after_dropped_events() {
         let pair = |index| (BodyId::new(0, 0), BodyId::new(index, 0));
         let entered = |index| BodyEvent::SensorEntered {
             sensor: pair(index).0,

@@ -387,8 +387,8 @@ impl Subscriber {
 
     /// The first tick of a view with a body that a scene event has placed at a tick.
     ///
-    /// A lockstep scene stands still at a published tick, and its commands make the next one: whoever shows the tick shows
-    /// the same bodies, whatever has been read since.
+    /// A lockstep scene stands still at a published tick, and its commands make the next one: all views of the tick
+    /// have the same bodies, whatever has been read since.
     pub(super) fn first_shown(&self, placed: Tick) -> Tick {
         match self.stepping {
             Stepping::Lockstep => self.published_after(placed),

@@ -99,8 +99,8 @@ impl Lifetimes {
     /// True if it is known that a body went at this tick or before it.
     pub(super) fn has_left(&self, id: BodyId, tick: Tick) -> bool {
         let departed = self.changed.get(&id.index()).map(|of| &of.departed);
-        let of_body = departed.into_iter().flatten().filter(|of| of.id == id);
-        of_body.last().is_some_and(|of| match of.end {
+        let mut of_body = departed.into_iter().flatten().filter(|of| of.id == id);
+        of_body.next_back().is_some_and(|of| match of.end {
             DepartureTick::At(end) => end <= tick,
             DepartureTick::After(..) => false,
         })
