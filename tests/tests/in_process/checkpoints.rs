@@ -106,6 +106,8 @@ fn events_of_bodies_happen_once_in_a_fork_and_new_bodies_have_ids_of_their_own()
         .restore("fork", &server.save("first").expect("it exists"))
         .expect("a free name");
     let mut fork = join(&server, "fork");
+    fork.poll().expect("the scene runs");
+    assert_eq!(began(&mut fork), 1, "a new member gets what stands");
     for _ in 0..120 {
         advance(&mut client);
         advance(&mut fork);
