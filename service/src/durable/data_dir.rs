@@ -54,7 +54,7 @@ impl DataDir {
         let key = read_or_make_key(path)?;
         let disk: Arc<dyn Disk> = Arc::new(SystemDisk);
         let names = (disk.list(&scenes)).map_err(DataError::io(&scenes, "list"))?;
-        for name in names.iter().filter(|name| name.ends_with(DELETED)) {
+        for name in names.iter().filter(|name| parse_deleted(name).is_some()) {
             let directory = scenes.join(name);
             (disk.remove_directory(&directory)).map_err(DataError::io(&directory, "remove"))?;
         }
@@ -157,11 +157,12 @@ impl DataDir {
             .collect())
     }
 
-    /// Bytes of all scenes.
+    /// Bytes of all scenes, and of what else lies among them. What cannot be read counts for nothing, as in [`super::room`].
     pub(crate) fn bytes(&self) -> io::Result<u64> {
         let Opened { disk, scenes, .. } = &*self.0;
         let names = disk.list(scenes)?.into_iter();
-        names.map(|name| disk.bytes_in(&scenes.join(name))).sum()
+        let bytes = names.map(|name| disk.bytes_in(&scenes.join(name)).unwrap_or(0));
+        Ok(bytes.sum())
     }
 
     /// The disk, and the directory of all scenes on it.
@@ -214,14 +215,14 @@ fn parse(directory: &str) -> Option<(SceneName, u64)> {
     Some((name.parse().ok()?, number.parse().ok()?))
 }
 
+/// The same of a directory that is being deleted.
+fn parse_deleted(directory: &str) -> Option<(SceneName, u64)> {
+    parse(directory.strip_suffix(DELETED)?.strip_suffix('.')?)
+}
+
 /// A number above those of all creations. Directories count that are being deleted: their names are taken.
 fn next_number(names: &[String]) -> u64 {
-    let created = names.iter().filter_map(|name| {
-        let name = name
-            .strip_suffix(DELETED)
-            .and_then(|name| name.strip_suffix('.'));
-        parse(name?)
-    });
+    let created = names.iter().filter_map(|name| parse_deleted(name));
     let there = names.iter().filter_map(|name| parse(name));
     let newest = created.chain(there).map(|(_, number)| number).max();
     newest.map_or(0, |newest| newest + 1)
@@ -321,6 +322,24 @@ mod tests {
             rhumb_transport::Certificate::from_pem_files(certificate, key).unwrap()
         };
         assert_eq!(read().fingerprint(), read().fingerprint());
+    }
+
+    #[test]
+    fn files_of_others_among_the_scenes_stop_nothing() {
+        let directory = tempfile::tempdir().unwrap();
+        drop(DataDir::open(directory.path()).unwrap());
+        let scenes = directory.path().join(SCENES);
+        for name in ["notes.txt", "notes.deleted"] {
+            std::fs::write(scenes.join(name), "five!").unwrap();
+        }
+        #[cfg(unix)]
+        std::os::unix::fs::symlink("loop", scenes.join("loop")).unwrap();
+        let ours = scenes.join("pit.4.deleted");
+        std::fs::create_dir(&ours).unwrap();
+        let data = DataDir::open(directory.path()).unwrap();
+        assert_eq!(data.bytes().unwrap(), 2 * 5);
+        assert!(data.scenes().unwrap().is_empty());
+        assert!(!ours.exists() && scenes.join("notes.deleted").exists());
     }
 
     #[test]

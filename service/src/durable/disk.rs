@@ -33,7 +33,7 @@ pub(crate) trait Disk: Send + Sync {
     /// Returns when the names of a directory are durable.
     fn sync_directory(&self, directory: &Path) -> io::Result<()>;
 
-    /// Bytes of all files in a directory; none if there is no such directory.
+    /// Bytes of all files in a directory, or of the one file that it is; none if there is nothing of that name.
     fn bytes_in(&self, directory: &Path) -> io::Result<u64>;
 }
 
@@ -100,8 +100,14 @@ impl Disk for SystemDisk {
     }
 
     fn bytes_in(&self, directory: &Path) -> io::Result<u64> {
+        let names = match self.list(directory) {
+            Err(cause) if cause.kind() == io::ErrorKind::NotADirectory => {
+                return Ok(fs::metadata(directory)?.len());
+            }
+            names => names?,
+        };
         let mut bytes = 0;
-        for name in self.list(directory)? {
+        for name in names {
             match fs::metadata(directory.join(name)) {
                 // Another thread removes what is not needed any more.
                 Err(cause) if cause.kind() == io::ErrorKind::NotFound => {}

@@ -240,9 +240,9 @@ fn a_body_that_changed_since_the_last_step_forbids_a_snapshot() {
 }
 
 #[test]
-fn a_tenant_beyond_its_part_of_the_directory_waits_for_room_and_goes_on() {
+fn a_log_in_a_full_directory_waits_for_room_and_goes_on() {
     let disk = SimDisk::default();
-    // The scene has no tenant, so that the whole directory alone has others in it.
+    // The scene has no tenant: what a tenant's part refuses, the tests of `Room` say.
     let limits = Limits {
         data_mib: 1,
         ..Limits::default()
