@@ -168,7 +168,8 @@ fn a_scene_that_does_not_answer_is_quarantined_and_stops_no_other_scene() {
     let (mut threaded, release) = Threaded::new();
     let [stuck, other, late] = [1, 2, 3].map(Peer);
     threaded.open_stuck(stuck);
-    threaded.pass(Span::from_millis(1_900));
+    threaded.pass(Span::from_millis(250));
+    threaded.pass(Span::from_millis(1_650));
     let transmits = threaded.drain();
     assert!(
         !transmits.iter().any(close_of(stuck)),

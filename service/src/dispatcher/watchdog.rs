@@ -250,9 +250,11 @@ mod tests {
         let advance = ClientMessage::Advance { to: Tick::new(3) };
         stuck.open(first, &[create, JOIN, advance]);
         stuck.entered.recv_timeout(LONG).expect("the step begins");
-        let late = Instant::from_nanos(2_300_000_000);
-        stuck.clock.store(late.as_nanos(), Ordering::SeqCst);
-        stuck.dispatcher.handle_timeout(late);
+        for ms in [250, 2_300] {
+            let look = Instant::ZERO + Span::from_millis(ms);
+            stuck.clock.store(look.as_nanos(), Ordering::SeqCst);
+            stuck.dispatcher.handle_timeout(look);
+        }
         let code = CloseCode::SCENE_QUARANTINED.0;
         let mut transmits = std::iter::from_fn(|| stuck.dispatcher.poll_transmit());
         assert!(transmits.any(|transmit| transmit == Transmit::Close { to: first, code }));

@@ -43,25 +43,43 @@ pub(super) struct ThreadWorker {
 pub(super) struct Watched {
     pub(super) heartbeat: Heartbeat,
     pub(super) thread_id: ThreadId,
-    /// The begin of the piece of work that was seen last, and the time that the thread had waited for a core by then.
-    seen: Option<(Instant, Span)>,
+    seen: Option<SeenWork>,
 }
+
+/// The piece of work of a thread that was seen last, at the first look at it.
+#[derive(Clone, Copy)]
+struct SeenWork {
+    since: Instant,
+    /// The time that the thread had waited for a core since it began.
+    waited: Span,
+    /// The time of the piece of work that does not count.
+    uncounted: Span,
+}
+
+/// Longest time of a piece of work that counts at the first look at it: nothing tells how long the thread waited, and if the
+/// looker is late, it got no core itself.
+const UNSEEN_MAX: Span = Span::from_millis(250);
 
 impl Watched {
     /// The time of the present piece of work so far, without that for which the thread waited for a core: other threads had
-    /// them all. The wait before the first look counts.
+    /// them all. Of the time before the first look, [`UNSEEN_MAX`] counts at most.
     pub(super) fn worked_for(&mut self) -> Span {
         let Some(since) = self.heartbeat.busy_since() else {
             self.seen = None;
             return Span::ZERO;
         };
         let waited = waited_for_core(&self.thread_id);
-        let (_, before) = *match &mut self.seen {
-            Some(seen) if seen.0 == since => seen,
-            seen => seen.insert((since, waited)),
-        };
         let busy = self.heartbeat.busy_for().as_nanos();
-        Span::from_nanos(busy.saturating_sub(waited.as_nanos().saturating_sub(before.as_nanos())))
+        let seen = *match &mut self.seen {
+            Some(seen) if seen.since == since => seen,
+            seen => seen.insert(SeenWork {
+                since,
+                waited,
+                uncounted: Span::from_nanos(busy.saturating_sub(UNSEEN_MAX.as_nanos())),
+            }),
+        };
+        let waited = waited.as_nanos().saturating_sub(seen.waited.as_nanos());
+        Span::from_nanos(busy.saturating_sub(seen.uncounted.as_nanos() + waited))
     }
 }
 
@@ -384,3 +402,38 @@ pub(super) fn lower(id: &ThreadId) {
 /// Does nothing: this system has no such call.
 #[cfg(not(target_os = "linux"))]
 pub(super) fn lower(_: &ThreadId) {}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::{AtomicU64, Ordering};
+
+    use super::*;
+
+    #[test]
+    fn of_the_time_before_the_first_look_a_quarter_of_a_second_counts_at_most() {
+        let clock = Arc::new(AtomicU64::new(0));
+        let time = Arc::clone(&clock);
+        let heartbeat = Heartbeat::new(move || Instant::from_nanos(time.load(Ordering::SeqCst)));
+        let mut watched = Watched {
+            heartbeat: heartbeat.clone(),
+            // No thread, which waits for no core.
+            thread_id: ThreadId::default(),
+            seen: None,
+        };
+        let pass = |ms: u64| {
+            clock.fetch_add(ms * 1_000_000, Ordering::SeqCst);
+        };
+        heartbeat.beat();
+        pass(3_000);
+        assert_eq!(watched.worked_for(), UNSEEN_MAX, "the looker was late");
+        pass(1_900);
+        assert_eq!(watched.worked_for(), Span::from_millis(2_150));
+        heartbeat.beat();
+        pass(100);
+        assert_eq!(watched.worked_for(), Span::from_millis(100));
+        pass(2_000);
+        assert_eq!(watched.worked_for(), Span::from_millis(2_100));
+        heartbeat.rest();
+        assert_eq!(watched.worked_for(), Span::ZERO);
+    }
+}
