@@ -132,15 +132,20 @@ pub(crate) mod tests {
             }
         }
 
-        /// A token for all scenes that expires in a minute.
+        /// An observer's token for all scenes that expires in a minute.
         pub(crate) fn token(&self) -> String {
+            self.token_as("observer")
+        }
+
+        /// The same with a role.
+        pub(crate) fn token_as(&self, role: &str) -> String {
             let claims = Claims {
                 aud: "rhumb".into(),
                 sub: "anna".into(),
                 exp: Claims::moment(self.seconds.load(Ordering::SeqCst) + 60).unwrap(),
                 nbf: None,
                 scenes: vec!["*".into()],
-                role: "observer".into(),
+                role: role.into(),
                 bodies: None,
                 commands: None,
                 load: None,

@@ -5,6 +5,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use rhumb_protocol::message::Role;
 use rhumb_protocol::scene::SceneName;
 use rhumb_scene::{ClientName, Limits, Permit, tenant_of};
 
@@ -38,6 +39,11 @@ pub(super) fn with_scenes_left(permit: Arc<Permit>, others: usize, limits: &Limi
     permit
 }
 
+/// True for the permit of a connection that may create the scene that it names.
+pub(super) fn may_create(permit: &Permit) -> bool {
+    permit.role >= Role::Owner && permit.quotas.scenes != Some(0)
+}
+
 /// The permit of a connection to a scene that exists.
 pub(super) fn without_quota_of_scenes(permit: Arc<Permit>) -> Arc<Permit> {
     let mut permit = permit;
@@ -66,7 +72,73 @@ pub(super) fn counted<'a>(
 
 #[cfg(test)]
 mod tests {
+    use rhumb_protocol::{Endpoint, Instant, Peer};
+
+    use super::super::expiry::tests::hello;
+    use super::super::{Dispatcher, DispatcherSettings};
     use super::*;
+    use crate::access::tests::Signed;
+
+    /// A dispatcher that asks for tokens; a tenant has two scenes.
+    fn guarded(signed: &Signed) -> Dispatcher {
+        let mut settings = DispatcherSettings {
+            authenticator: signed.authenticator(),
+            ..DispatcherSettings::new(|| Instant::ZERO)
+        };
+        settings.scenes.limits.tenant_scenes = 2;
+        Dispatcher::new(settings, || ())
+    }
+
+    #[test]
+    fn those_who_only_watch_names_take_no_place_of_their_tenant() {
+        let signed = Signed::new("account");
+        let mut dispatcher = guarded(&signed);
+        let mut peers = (1..).map(Peer);
+        let mut open = |dispatcher: &mut Dispatcher, role: &str, scene: &str| {
+            let peer = peers.next().unwrap();
+            dispatcher.handle_opened(Instant::ZERO, peer);
+            let hello = hello(&signed.token_as(role), scene);
+            dispatcher.handle_control(Instant::ZERO, peer, &hello);
+        };
+        let left = |dispatcher: &Dispatcher| {
+            let permit = Permit {
+                client: Some("anna".into()),
+                ..Permit::OPEN
+            };
+            let scene: SceneName = "team/9".parse().unwrap();
+            let account = Account::of(&scene, None);
+            let permit = dispatcher.permit_within(Arc::new(permit), &scene, account.as_ref());
+            permit.quotas.scenes
+        };
+        for scene in ["team/1", "team/2", "team/3"] {
+            open(&mut dispatcher, "observer", scene);
+        }
+        assert_eq!(dispatcher.workers.len(), 3);
+        assert_eq!(left(&dispatcher), Some(2));
+        // Each of these may create its scene at any time.
+        open(&mut dispatcher, "owner", "team/1");
+        assert_eq!(left(&dispatcher), Some(1));
+        open(&mut dispatcher, "owner", "team/4");
+        assert_eq!(left(&dispatcher), Some(0));
+        // This one may not any more.
+        open(&mut dispatcher, "owner", "team/5");
+        let scene: SceneName = "team/5".parse().unwrap();
+        assert!(!dispatcher.workers[&dispatcher.by_scene[&scene]].has_creator);
+    }
+
+    #[test]
+    fn a_restored_scene_counts_for_the_client_that_names_it_first() {
+        let signed = Signed::new("restored");
+        let mut dispatcher = guarded(&signed);
+        let scene: SceneName = "pit".parse().unwrap();
+        let client = |name: &str| Some(Account::Client(name.into()));
+        // As a restored one begins, which no client has named.
+        let id = dispatcher.worker_of(scene.clone(), None).unwrap();
+        for name in ["anna", "bert"] {
+            dispatcher.worker_of(scene.clone(), client(name)).unwrap();
+            assert_eq!(dispatcher.workers[&id].account, client("anna"));
+        }
+    }
 
     #[test]
     fn a_scene_counts_for_its_tenant_or_else_for_the_client() {

@@ -37,7 +37,7 @@ impl Expiry {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use std::sync::mpsc::channel;
     use std::time::Duration;
 
@@ -51,14 +51,15 @@ mod tests {
     /// Longer than any turn of a worker; reached only by a failure.
     const LONG: Duration = Duration::from_secs(30);
 
-    fn hello(token: &str) -> Vec<u8> {
+    /// A hello with a token, for a scene.
+    pub(in crate::dispatcher) fn hello(token: &str, scene: &str) -> Vec<u8> {
         let mut extensions = Extensions::NONE;
         let token: Token = token.parse().unwrap();
         assert!(extensions.insert(token.extension()));
         let mut bytes = Vec::new();
         let hello = ClientMessage::Hello {
             versions: VERSIONS.to_vec(),
-            scene: "pit".parse().unwrap(),
+            scene: scene.parse().unwrap(),
             extensions,
         };
         hello.encode(&mut bytes);
@@ -84,7 +85,7 @@ mod tests {
         let mut dispatcher = Dispatcher::new(settings, move || wake.send(()).unwrap_or(()));
         let (peer, mut now) = (Peer(1), Instant::ZERO);
         dispatcher.handle_opened(now, peer);
-        dispatcher.handle_control(now, peer, &hello(&signed.token()));
+        dispatcher.handle_control(now, peer, &hello(&signed.token(), "pit"));
         assert_eq!(closed(&mut dispatcher), None);
         now = now + Span::from_millis(89_999);
         dispatcher.handle_timeout(now);

@@ -25,7 +25,7 @@ use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake, WakeReason};
 use rhumb_scene::{Greeted, Greeting, Heartbeat, Permit, SharedClock};
 
-use self::account::{Account, counted, with_scenes_left, without_quota_of_scenes};
+use self::account::{Account, counted, may_create, with_scenes_left, without_quota_of_scenes};
 use self::expiry::Expiry;
 use self::message::{
     FromProcess, FromWorker, ProcessId, Quarantined, ToProcess, WorkerId, WorkerInput,
@@ -67,6 +67,8 @@ struct Worker {
     sent: u64,
     taken: u64,
     has_scene: bool,
+    /// True once a client that may create its scene was there.
+    has_creator: bool,
 }
 
 /// The thread or process in which a worker runs.
@@ -179,6 +181,7 @@ impl Dispatcher {
         };
         if let Some(worker) = self.workers.get_mut(&id) {
             worker.connections += 1;
+            worker.has_creator |= may_create(&permit);
         }
         let bound = Connection::Bound(id, received.len());
         self.connections.insert(peer, bound);
@@ -222,8 +225,12 @@ impl Dispatcher {
             // It has its place: whether there is one for another scene does not matter.
             return without_quota_of_scenes(permit);
         }
-        let of_account =
-            |worker: &&Worker| worker.account.as_ref() == Some(account) && worker.scene != *scene;
+        let of_account = |worker: &&Worker| {
+            // Those who only watch take no place.
+            let may_restore = self.settings.data.is_some() && worker.taken == 0;
+            let counts = worker.has_scene || worker.has_creator || may_restore;
+            counts && worker.account.as_ref() == Some(account) && worker.scene != *scene
+        };
         let others = self.workers.values().filter(of_account).count();
         let permit = with_scenes_left(permit, others, &self.settings.scenes.limits);
         if permit.quotas.scenes == Some(0) {
@@ -451,13 +458,15 @@ impl Dispatcher {
         scene: SceneName,
         account: Option<Account>,
     ) -> Result<WorkerId, CloseCode> {
-        if let Some(id) = self.by_scene.get(&scene) {
-            let quarantined = self.watchdog.is_quarantined(*id);
-            return if quarantined {
-                Err(CloseCode::SCENE_QUARANTINED)
-            } else {
-                Ok(*id)
-            };
+        if let Some(id) = self.by_scene.get(&scene).copied() {
+            if self.watchdog.is_quarantined(id) {
+                return Err(CloseCode::SCENE_QUARANTINED);
+            }
+            // A restored scene without a tenant has no account before a client names it.
+            if let Some(worker) = self.workers.get_mut(&id) {
+                worker.account = worker.account.take().or(account);
+            }
+            return Ok(id);
         }
         let limits = &self.settings.scenes.limits;
         let part = limits.tenant_quarantined_scenes;
@@ -513,6 +522,7 @@ impl Dispatcher {
             sent: 0,
             taken: 0,
             has_scene: false,
+            has_creator: false,
         };
         self.workers.insert(id, worker);
     }
