@@ -115,8 +115,8 @@ limits! {
     tenant_data_mib = 16384, 1 to 1073741824;
     /// The same of all scenes together.
     data_mib = 32768, 1 to 1073741824;
-    /// Milliseconds of processor time that one tick or one command may take before its scene is quarantined. One that takes
-    /// ten times as long by the clock is quarantined too.
+    /// Milliseconds by the clock that one tick or one command may take before its scene is quarantined. On Linux the time
+    /// for which its thread waits for a processor core does not count.
     stuck_milliseconds = 2000, 100 to 60000;
     /// Milliseconds that the solid of one shape may take to be made, beside the steps of its scene. The largest mesh takes
     /// some 100; one that takes longer is refused, and one that has waited as long.
