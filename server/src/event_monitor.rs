@@ -184,7 +184,14 @@ impl EventMonitor {
 
     /// The pairs that touch and the bodies in sensors, as the events that began them with the present contacts, in the order
     /// of events.
-    pub(crate) fn standing(&self, engine: &dyn Engine) -> Vec<BodyEvent> {
+    ///
+    /// The pairs are those of the last step, less those of which a body is gone since, or none reports any more.
+    pub(crate) fn standing(&self, engine: &dyn Engine, registry: &Registry) -> Vec<BodyEvent> {
+        let exist = |pair: (BodyId, BodyId)| {
+            [pair.0, pair.1]
+                .iter()
+                .all(|id| registry.body(*id).is_some())
+        };
         let mut began = BTreeMap::new();
         let mut contacts = Vec::new();
         for id in (self.active.iter()).filter_map(|(id, events)| events.contacts.then_some(*id)) {
@@ -192,14 +199,18 @@ impl EventMonitor {
             engine.contacts(id, &mut contacts);
             for contact in &contacts {
                 let (body, contact) = from_lesser(id, *contact);
-                if self.touching.contains(&(body, contact.with)) {
-                    began.insert((body, contact.with), contact);
+                let pair = (body, contact.with);
+                if self.touching.contains(&pair) && exist(pair) {
+                    began.insert(pair, contact);
                 }
             }
         }
         let began = began.into_iter();
         let began = began.map(|((body, _), contact)| BodyEvent::ContactBegan { body, contact });
-        let entered = (self.inside.iter().copied())
+        let reports = |id: BodyId| self.active.get(&id).is_some_and(|events| events.sensors);
+        let inside = self.inside.iter().copied();
+        let entered = inside
+            .filter(|pair| exist(*pair) && (reports(pair.0) || reports(pair.1)))
             .map(|(sensor, body)| BodyEvent::SensorEntered { sensor, body });
         began.chain(entered).collect()
     }

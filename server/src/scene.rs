@@ -499,7 +499,7 @@ impl Scene {
 
     /// What began and has not ended after the last step, of the bodies that report events: contacts, bodies in sensors.
     pub(crate) fn standing_events(&self) -> Vec<BodyEvent> {
-        self.event_monitor.standing(&*self.engine)
+        self.event_monitor.standing(&*self.engine, &self.registry)
     }
 
     /// Answers queries by the poses of the last step.
@@ -617,5 +617,83 @@ impl Scene {
             damping: desc.damping.unwrap_or(self.config.damping),
             sleep: desc.sleep.unwrap_or(self.config.sleep),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rhumb_protocol::scene::{ActiveEvents, BodyKind};
+
+    use super::*;
+
+    const SENSOR: BodyId = BodyId::new(0, 0);
+    const BALL: BodyId = BodyId::new(1, 0);
+    const FLOOR: BodyId = BodyId::new(2, 0);
+
+    fn report(id: BodyId, contacts: bool, sensors: bool) -> Command {
+        let events = ActiveEvents {
+            contacts,
+            sensors,
+            ..ActiveEvents::NONE
+        };
+        Command::SetEvents { id, events }
+    }
+
+    /// A ball that lies on a floor and in a sensor, which reports it; the ball reports the floor.
+    fn standing() -> Scene {
+        let mut scene = Scene::new(SceneConfig::default()).unwrap();
+        let bodies = [
+            (SENSOR, BodyKind::Fixed, Shape::cuboid(1.0, 1.0, 1.0), 0.5),
+            (BALL, BodyKind::Dynamic, Shape::ball(0.5), 0.5),
+            (FLOOR, BodyKind::Fixed, Shape::cuboid(9.0, 0.5, 9.0), -0.5),
+        ];
+        for (body, kind, shape, height) in bodies {
+            let id = ShapeId(body.index());
+            scene.apply(&Command::AddShape { id, shape }).unwrap();
+            let desc = BodyDesc {
+                sensor: body == SENSOR,
+                ..BodyDesc::plain(body, kind, id)
+            };
+            let at = [0.0, height, 0.0];
+            let motion = BodyState::new(at, [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]).unwrap();
+            scene.apply(&Command::AddBody { desc, motion }).unwrap();
+        }
+        scene.apply(&report(SENSOR, false, true)).unwrap();
+        scene.apply(&report(BALL, true, false)).unwrap();
+        (0..10).for_each(|_| drop(scene.step().unwrap()));
+        scene
+    }
+
+    /// The pairs that stand: those that touch, then sensors with bodies.
+    fn pairs(scene: &Scene) -> [Vec<(BodyId, BodyId)>; 2] {
+        let mut pairs = [Vec::new(), Vec::new()];
+        for event in scene.standing_events() {
+            match event {
+                BodyEvent::ContactBegan { body, contact } => pairs[0].push((body, contact.with)),
+                BodyEvent::SensorEntered { sensor, body } => pairs[1].push((sensor, body)),
+                other => panic!("{other:?}"),
+            }
+        }
+        pairs
+    }
+
+    #[test]
+    fn what_stands_between_two_steps_is_of_bodies_that_exist_and_of_those_that_report() {
+        let (touch, inside) = (vec![(BALL, FLOOR)], vec![(SENSOR, BALL)]);
+        let mut scene = standing();
+        assert_eq!(pairs(&scene), [touch.clone(), inside.clone()]);
+        scene.apply(&report(SENSOR, false, false)).unwrap();
+        assert_eq!(pairs(&scene), [touch, vec![]]);
+        let mut scene = standing();
+        scene.apply(&Command::RemoveBody { id: FLOOR }).unwrap();
+        assert_eq!(pairs(&scene), [vec![], inside]);
+        for gone in [SENSOR, BALL] {
+            let mut scene = standing();
+            scene.apply(&Command::RemoveBody { id: gone }).unwrap();
+            assert_eq!(pairs(&scene)[1], []);
+        }
+        let mut scene = standing();
+        scene.apply(&Command::RemoveBody { id: BALL }).unwrap();
+        assert_eq!(pairs(&scene), [vec![], vec![]]);
     }
 }
