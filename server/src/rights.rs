@@ -141,7 +141,7 @@ impl Rights<'_> {
     pub(crate) fn command(&self, command: &Command) -> Result<(), CommandError> {
         self.check(Request::Command(command, self.scene.config()))?;
         if let Command::AddShape { shape, .. } = command
-            && !self.has_share_of_shapes(shape)
+            && !has_share_of_shapes(self.permit, self.ownership, self.scene, shape)
         {
             return Err(CommandError::OverQuota);
         }
@@ -154,20 +154,6 @@ impl Rights<'_> {
             }
             _ => Ok(()),
         }
-    }
-
-    /// True unless the client would have more than its share of the scene's shapes. An owner of the scene may have all.
-    fn has_share_of_shapes(&self, shape: &Shape) -> bool {
-        let client = match &self.permit.client {
-            Some(client) if self.permit.role < Role::Owner => client,
-            _ => return true,
-        };
-        let (mut count, mut bytes) = (1, shape.bytes());
-        for id in self.ownership.shapes_of(client) {
-            count += 1;
-            bytes += self.scene.shape(id).map_or(0, Shape::bytes);
-        }
-        count <= SHAPES_OF_CLIENT_MAX && bytes <= SHAPE_BYTES_OF_CLIENT_MAX
     }
 
     /// Decides whether a member may take authority over bodies.
@@ -286,6 +272,26 @@ pub(crate) fn includes(
     config: &SceneConfig,
 ) -> bool {
     check(permit, ownership, Request::Command(command, config)).is_ok()
+}
+
+/// True unless a client with another shape would have more than its share of the scene's shapes. An owner of the scene may
+/// have all.
+pub(crate) fn has_share_of_shapes(
+    permit: &Permit,
+    ownership: &Ownership,
+    scene: &Scene,
+    shape: &Shape,
+) -> bool {
+    let client = match &permit.client {
+        Some(client) if permit.role < Role::Owner => client,
+        _ => return true,
+    };
+    let (mut count, mut bytes) = (1, shape.bytes());
+    for id in ownership.shapes_of(client) {
+        count += 1;
+        bytes += scene.shape(id).map_or(0, Shape::bytes);
+    }
+    count <= SHAPES_OF_CLIENT_MAX && bytes <= SHAPE_BYTES_OF_CLIENT_MAX
 }
 
 /// Streams of one client in a scene: half of all.

@@ -46,9 +46,14 @@ impl RunningScene {
     /// The function that makes the solid of a shape that a member may add; `None` if the command is refused anyway, or if
     /// the engine makes solids only by itself.
     pub(crate) fn baker_for(&self, permit: &Permit, id: ShapeId, shape: &Shape) -> Option<Baker> {
+        if self.faulted || self.is_log_full() {
+            return None;
+        }
+        let ownership = &self.ownership;
+        let has_share = rights::has_share_of_shapes(permit, ownership, &self.scene, shape);
         let shape = shape.clone();
         let command = Command::AddShape { id, shape };
-        rights::includes(permit, &self.ownership, &command, self.config())
+        (has_share && rights::includes(permit, ownership, &command, self.config()))
             .then(|| self.scene.baker_for(id))?
     }
 

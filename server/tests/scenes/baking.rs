@@ -9,14 +9,14 @@ use std::sync::{Arc, Mutex};
 use glam::Vec3;
 use rhumb_protocol::limits::TRIANGLES_MAX;
 use rhumb_protocol::message::{
-    ClientMessage, Extensions, Frames, SceneEvent, ServerMessage, StreamChoice, VERSIONS,
+    ClientMessage, Extensions, Frames, Role, SceneEvent, ServerMessage, StreamChoice, VERSIONS,
 };
 use rhumb_protocol::scene::{
     BodyDesc, BodyKind, Command, CommandError, IdRange, Mesh, SceneConfig, Shape, ShapeId, Stepping,
 };
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance};
-use rhumb_scene::{BakeJob, Bakers, Scene, SceneRouter, SceneSettings};
+use rhumb_scene::{BakeJob, Bakers, Permit, Scene, SceneRouter, SceneSettings};
 
 const OWNER: Peer = Peer(1);
 const OTHER: Peer = Peer(2);
@@ -57,24 +57,30 @@ impl Bench {
             ..SceneConfig::default()
         };
         for peer in members {
-            bench.received.insert(*peer, Default::default());
-            bench.server.handle_opened(bench.now, *peer);
-            // The driver reports what the link takes, as the real one does.
-            bench.server.handle_control_taken(bench.now, *peer, 0);
-            let hello = ClientMessage::Hello {
-                versions: VERSIONS.to_vec(),
-                scene: "baked".parse().expect("a good name"),
-                extensions: Extensions::NONE,
-            };
-            let join = ClientMessage::Join(StreamChoice::Within(Tolerance::NORMAL));
             let create = (*peer == OWNER).then_some(ClientMessage::Create(config));
-            let messages: Vec<_> = [Some(hello), create, Some(join)]
-                .into_iter()
-                .flatten()
-                .collect();
-            bench.send(*peer, &messages);
+            bench.open(*peer, Permit::OPEN, create);
         }
         bench
+    }
+
+    /// Opens the connection of a client, which joins the scene.
+    fn open(&mut self, peer: Peer, permit: Permit, create: Option<ClientMessage>) {
+        self.received.insert(peer, Default::default());
+        self.server.handle_opened(self.now, peer);
+        self.server.admit(peer, Arc::new(permit));
+        // The driver reports what the link takes, as the real one does.
+        self.server.handle_control_taken(self.now, peer, 0);
+        let hello = ClientMessage::Hello {
+            versions: VERSIONS.to_vec(),
+            scene: "baked".parse().expect("a good name"),
+            extensions: Extensions::NONE,
+        };
+        let join = ClientMessage::Join(StreamChoice::Within(Tolerance::NORMAL));
+        let messages: Vec<_> = [Some(hello), create, Some(join)]
+            .into_iter()
+            .flatten()
+            .collect();
+        self.send(peer, &messages);
     }
 
     fn send(&mut self, peer: Peer, messages: &[ClientMessage]) {
@@ -366,6 +372,35 @@ fn the_solid_of_a_refused_shape_is_not_given_to_the_next_one() {
     assert_eq!(refused, Some(CommandError::ShapeIdTaken(ShapeId(5))));
     bench.command(OWNER, [add(6, largest())]);
     assert_eq!(bench.waiting(), 1, "a solid of its own is made");
+}
+
+#[test]
+fn no_solid_is_made_for_a_client_that_has_its_share_of_shapes() {
+    let mut bench = Bench::with_scene(Stepping::FreeRunning, &[OWNER]);
+    let permit = Permit {
+        client: Some("anna".into()),
+        role: Role::Controller,
+        ..Permit::OPEN
+    };
+    bench.open(OTHER, permit, None);
+    // Three of them fit in half of a scene's bytes.
+    for id in 0..3 {
+        bench.command(OTHER, [add(id, largest())]);
+        assert_eq!(bench.bake(), 1);
+        bench.pass(30);
+    }
+    bench.take(OTHER);
+    bench.command(OTHER, [add(3, largest())]);
+    assert_eq!(bench.waiting(), 0, "it is refused anyway");
+    bench.pass(30);
+    let refused = bench
+        .take(OTHER)
+        .into_iter()
+        .find_map(|message| match message {
+            ServerMessage::Refused { error, .. } => Some(error),
+            _ => None,
+        });
+    assert_eq!(refused, Some(CommandError::OverQuota));
 }
 
 #[test]
