@@ -385,7 +385,8 @@ impl Client {
     /// commands before it are there, too.
     ///
     /// Returns the tick of the view, which is later than requested if later ticks are already complete. The view of a tick has
-    /// the bodies of that tick: what commands add, remove or change after it appears in the next published one.
+    /// the bodies of that tick: what commands add, remove or change after it appears in the next published one. A member
+    /// that joins is the exception: its snapshot has what commands have changed by then, as nothing in it tells when.
     ///
     /// # Errors
     ///
@@ -645,7 +646,10 @@ impl Client {
     fn note(&mut self, event: &Event) -> bool {
         self.live_view.note(event);
         self.upstream_clock.note(event);
-        self.contacts.note(event);
+        let replica = self.pump.session.replica();
+        self.contacts.note(event, |id| {
+            replica.is_some_and(|replica| replica.stream().body(id.index()) == Some(id))
+        });
         match *event {
             Event::ClockSeen { .. } => return false,
             Event::Inspected(inspection) => {

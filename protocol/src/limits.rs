@@ -77,6 +77,8 @@ pub const HITS_MAX: u8 = 64;
 pub const EVENTS_PER_TICK_MAX: usize = 1_024;
 /// Body events that a client keeps until their tick is complete.
 pub const EVENTS_HELD_MAX: usize = 16_384;
+/// Pairs in contact, and bodies in sensors, that a client knows; it counts those beyond as missed.
+pub const STANDING_PAIRS_MAX: usize = 32_768;
 
 /// Largest coordinate, metres: at 1e5 m an f32 still resolves 8 mm.
 pub const COORDINATE_MAX: f32 = 1e5;

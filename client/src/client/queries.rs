@@ -21,6 +21,14 @@ impl Client {
         self.contacts.of(body)
     }
 
+    /// Pairs that [`Self::contacts`] lacks since more touch than a client knows
+    /// ([`STANDING_PAIRS_MAX`](rhumb_protocol::limits::STANDING_PAIRS_MAX)), counted as they began. Their events come as
+    /// all others.
+    #[must_use]
+    pub const fn contacts_left_out(&self) -> u64 {
+        self.contacts.left_out()
+    }
+
     /// Queues queries in one message, and returns the number that their answer names: [`Event::QueryResult`].
     ///
     /// The answer tells where the bodies were at its tick: the newest one when the server read the message, which is

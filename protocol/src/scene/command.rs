@@ -77,21 +77,22 @@ pub enum Command {
         /// N, world frame.
         force: Vec3,
     },
-    /// Applies a torque during the next tick.
+    /// Applies a torque during the next tick. As any push, it is refused if it makes the body too fast.
     Torque {
         /// The body.
         id: BodyId,
         /// N·m, world frame.
         torque: Vec3,
     },
-    /// Applies an impulse at the centre of mass: changes the velocity at once.
+    /// Applies an impulse at the centre of mass: changes the velocity at once. As any push, it is refused if it makes the
+    /// body too fast.
     Impulse {
         /// The body.
         id: BodyId,
         /// N·s, world frame.
         impulse: Vec3,
     },
-    /// Applies an angular impulse: changes the spin at once.
+    /// Applies an angular impulse: changes the spin at once. As any push, it is refused if it makes the body too fast.
     TorqueImpulse {
         /// The body.
         id: BodyId,
@@ -127,7 +128,7 @@ pub enum Command {
         /// The new joint, whole.
         joint: Box<Joint>,
     },
-    /// Applies a force at a point during the next tick.
+    /// Applies a force at a point during the next tick. As any push, it is refused if it makes the body too fast.
     ForceAt {
         /// The body.
         id: BodyId,
@@ -136,7 +137,8 @@ pub enum Command {
         /// Metres, world frame.
         point: Vec3,
     },
-    /// Applies an impulse at a point: changes both velocities at once.
+    /// Applies an impulse at a point: changes both velocities at once. As any push, it is refused if it makes the body
+    /// too fast.
     ImpulseAt {
         /// The body.
         id: BodyId,

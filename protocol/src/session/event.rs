@@ -122,8 +122,9 @@ pub enum Event {
         /// The event.
         event: BodyEvent,
     },
-    /// Events of bodies were not sent or not kept, in this tick or before it: a tick had too many of them, or
-    /// the client was too far behind.
+    /// Events of bodies were not sent or not kept, in this tick or before it: a tick had too many of them, the
+    /// client was too far behind, the scene was restored before
+    /// they were read, or more pairs stand than a client knows.
     EventsMissed {
         /// The tick.
         tick: Tick,

@@ -170,7 +170,7 @@ impl Publisher {
     /// Updates every body whose track no longer holds, or did not since the last published tick.
     fn update_all(&mut self, ticks: ObservedTicks<'_>) {
         let (published, scan) = (&mut self.published, &mut self.scan);
-        let strayed = core::mem::take(&mut self.strayed);
+        let mut strayed = core::mem::take(&mut self.strayed);
         let check = BodyCheck::new(ticks, self.features).after_straying(&strayed);
         let mut update = |published: &mut PublishedTracks, place: usize, parent| {
             let observed = (place, &ticks.present[place]);
@@ -196,6 +196,9 @@ impl Publisher {
                 parent_candidates.parent_of(published.tracks(), &ticks.present[place]);
             update(published, place, parent);
         }
+        // The buffer is used again.
+        strayed.clear();
+        self.strayed = strayed;
     }
 
     /// Updates the bodies that the budget allows, `passed` ticks after the last published one. The others wait.
@@ -413,7 +416,8 @@ struct ObservationScan {
     prefilter: ErrorPrefilter,
     /// Bodies whose tracks may not hold, in order.
     undecided: Vec<u32>,
-    /// Undecided bodies that the prefilter tested four at a time, in order, until they are merged into the others.
+    /// Undecided bodies that the prefilter tested four at a time, or that are added, in order, until they are merged into
+    /// the others.
     tested: Vec<u32>,
     /// Undecided bodies with children that are no parent candidates, in order.
     other_parents: Vec<u32>,
@@ -468,16 +472,17 @@ impl ObservationScan {
         self.parent_candidates.choose(least, observations);
     }
 
-    /// Adds bodies whose tracks are replaced in any case; they are in order.
+    /// Adds bodies whose tracks are replaced in any case; they are in order, as the observations are.
     fn add(&mut self, bodies: &[BodyId], observations: &[Observation]) {
         for id in bodies {
             let place = observations.binary_search_by_key(id, |observation| observation.id);
             if let Ok(place) = place.map(|place| place as u32)
-                && let Err(at) = self.undecided.binary_search(&place)
+                && self.undecided.binary_search(&place).is_err()
             {
-                self.undecided.insert(at, place);
+                self.tested.push(place);
             }
         }
+        self.merge_tested();
     }
 
     /// Collects undecided bodies with children that are no parent candidates.
@@ -516,7 +521,7 @@ impl ObservationScan {
         others.map(|place| *place as usize)
     }
 
-    /// Merges the bodies that were tested four at a time into the others.
+    /// Merges the bodies that were tested four at a time, or are added, into the others.
     fn merge_tested(&mut self) {
         let (mut others, mut tested) = (self.undecided.len(), self.tested.len());
         self.undecided.resize(others + tested, 0);

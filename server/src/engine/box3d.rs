@@ -2,7 +2,7 @@
 //!
 //! Behind the feature `box3d`; no type of Box3D leaves this file and its helpers. It has no images and no copies: its
 //! scenes are neither stored nor restored. Invariants: queries find bodies where the last step left them; a kinematic body
-//! is awake only while it moves. Box3D caps the speeds of dynamic bodies at 400 m/s and an eighth of a turn per substep.
+//! is awake only while it moves. Its cap of the speed of dynamic bodies is set to that of all engines, and it caps no spin.
 
 use std::cell::OnceCell;
 use std::collections::{BTreeMap, BTreeSet};

@@ -83,6 +83,8 @@ pub struct RapierEngine {
     swept: BTreeSet<BodyId>,
     /// Sensors.
     sensors: BTreeSet<BodyId>,
+    /// Where bodies were at the begin of a step; empty but for its buffer otherwise.
+    sensor_starts: crossing::Starts,
     /// Sensors that bodies went through within the last step, with the bodies.
     crossed: BTreeSet<(BodyId, BodyId)>,
     /// True if the world has changed since its last step. Rapier's image of a world lacks some changes that are not
@@ -136,6 +138,7 @@ impl RapierEngine {
             observed: Vec::new(),
             swept: BTreeSet::new(),
             sensors: BTreeSet::new(),
+            sensor_starts: Vec::new(),
             crossed: BTreeSet::new(),
             has_changed: false,
         }

@@ -166,11 +166,11 @@ fn lookahead_and_longer_publish_intervals_cost_fewer_bytes() {
     let (rarer, ..) = cost(publish_schedule(2, 0));
     let (both, ..) = cost(publish_schedule(2, 6));
     println!("bytes: {at_once} at once, {later} with lookahead, {rarer} rarer, {both} both");
-    // Measured: 9.5 %, 17.8 % and 6.0 %. The run has no chance in it, so half a percent is margin enough for a change of
+    // Measured: 13.1 %, 19.9 % and 7.9 %. The run has no chance in it, so half a percent is margin enough for a change of
     // the mode decision that is not about lookahead.
-    assert!(later * 1_000 < at_once * 910, "{later} of {at_once}");
-    assert!(rarer * 1_000 < at_once * 827, "{rarer} of {at_once}");
-    assert!(both * 1_000 < rarer * 945, "{both} of {rarer}");
+    assert!(later * 1_000 < at_once * 874, "{later} of {at_once}");
+    assert!(rarer * 1_000 < at_once * 807, "{rarer} of {at_once}");
+    assert!(both * 1_000 < rarer * 926, "{both} of {rarer}");
 }
 
 #[test]

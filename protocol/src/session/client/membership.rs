@@ -2,7 +2,8 @@
 //!
 //! Ends with the membership. Commands and their session are kept apart, because they outlive a connection. Events come
 //! on the control stream and states in datagrams, so an event may be early. Invariant: at most [`EVENTS_HELD_MAX`]
-//! events wait; beyond that the oldest tick's are dropped, and counted. The application gets what had begun by then.
+//! events wait; beyond that the oldest tick's are dropped, and counted. The application gets what had begun by then, up to
+//! [`STANDING_PAIRS_MAX`]; the rest is counted, too. Where the scene is restored, no event of its discarded ticks waits.
 
 use alloc::collections::{BTreeMap, VecDeque};
 
@@ -11,7 +12,7 @@ use rhumb_reckoning::{BodyId, Tick};
 use super::outbox::ClientOutbox;
 use super::subscription::{EventTarget, Subscription};
 use super::upstream::ClientUpstream;
-use crate::limits::EVENTS_HELD_MAX;
+use crate::limits::{EVENTS_HELD_MAX, STANDING_PAIRS_MAX};
 use crate::message::{SceneEvent, ServerMessage, TickEvents};
 use crate::packet::LargestPacket;
 use crate::scene::{BodyEvent, SceneConfig};
@@ -159,7 +160,8 @@ impl ClientMembership {
                 events.push_back(Event::SceneFaulted { tick, cause });
             }
             SceneEvent::SceneRestored { tick } => {
-                self.held_events.standing.clear();
+                let missed = self.held_events.discard(tick);
+                events.extend(missed);
                 events.push_back(Event::SceneRestored(tick));
             }
             SceneEvent::ShapeAdded { .. }
@@ -185,12 +187,12 @@ struct HeldEvents {
 }
 
 impl HeldEvents {
-    const fn new() -> Self {
+    fn new() -> Self {
         Self {
             ticks: VecDeque::new(),
             count: 0,
             dropped: 0,
-            standing: StandingEvents(BTreeMap::new()),
+            standing: StandingEvents::default(),
         }
     }
 
@@ -215,12 +217,15 @@ impl HeldEvents {
             let Some(events) = self.pop() else { break };
             let tick = events.tick;
             let dropped = core::mem::take(&mut self.dropped);
-            let count = events.missed + dropped;
+            // After missed events the server tells anew what stands; after dropped ones this does.
+            let retells = dropped > 0 && events.missed == 0;
+            let cut = if retells { self.standing.cut } else { 0 };
+            let count = events.missed + dropped + cut;
             if count > 0 {
                 to.push_back(Event::EventsMissed { tick, count });
             }
-            if dropped > 0 && events.missed == 0 {
-                let standing = self.standing.0.values();
+            if retells {
+                let standing = self.standing.pairs.values();
                 to.extend(standing.map(|event| Event::Body {
                     tick,
                     event: *event,
@@ -232,6 +237,18 @@ impl HeldEvents {
         }
     }
 
+    /// Drops all, because the scene continues from a tick before theirs, and counts what had waited for the application.
+    fn discard(&mut self, restored: Tick) -> Option<Event> {
+        let waited = self.ticks.iter();
+        let waited = waited.map(|events| events.missed + events.events.len() as u64);
+        let count = self.dropped + waited.sum::<u64>();
+        *self = Self::new();
+        (count > 0).then_some(Event::EventsMissed {
+            tick: restored,
+            count,
+        })
+    }
+
     fn pop(&mut self) -> Option<TickEvents> {
         let events = self.ticks.pop_front()?;
         self.count -= events.events.len();
@@ -241,9 +258,13 @@ impl HeldEvents {
 
 /// The pairs that touch and the bodies in sensors, each by the event that tells so, in the order of events.
 ///
-/// Invariant: at most [`EVENTS_HELD_MAX`].
+/// Invariant: at most [`STANDING_PAIRS_MAX`].
 #[derive(Debug, Default)]
-struct StandingEvents(BTreeMap<(u8, BodyId, BodyId), BodyEvent>);
+struct StandingEvents {
+    pairs: BTreeMap<(u8, BodyId, BodyId), BodyEvent>,
+    /// Pairs that stand and found no place.
+    cut: u64,
+}
 
 impl StandingEvents {
     /// Learns from the events of a tick. After missed ones the server tells anew what stands.
@@ -256,16 +277,16 @@ impl StandingEvents {
                 BodyEvent::ContactBegan { body, contact } => {
                     self.insert((0, body, contact.with), *event);
                 }
-                BodyEvent::ContactEnded { body, with } => drop(self.0.remove(&(0, body, with))),
+                BodyEvent::ContactEnded { body, with } => self.remove((0, body, with)),
                 BodyEvent::ContactForce { body, contact } => {
-                    if let Some(began) = self.0.get_mut(&(0, body, contact.with)) {
+                    if let Some(began) = self.pairs.get_mut(&(0, body, contact.with)) {
                         *began = BodyEvent::ContactBegan { body, contact };
                     }
                 }
                 BodyEvent::SensorEntered { sensor, body } => {
                     self.insert((1, sensor, body), *event);
                 }
-                BodyEvent::SensorLeft { sensor, body } => drop(self.0.remove(&(1, sensor, body))),
+                BodyEvent::SensorLeft { sensor, body } => self.remove((1, sensor, body)),
                 BodyEvent::FellAsleep(_)
                 | BodyEvent::Woke(_)
                 | BodyEvent::Fault(_)
@@ -276,13 +297,23 @@ impl StandingEvents {
     }
 
     fn insert(&mut self, pair: (u8, BodyId, BodyId), event: BodyEvent) {
-        if self.0.len() < EVENTS_HELD_MAX {
-            self.0.insert(pair, event);
+        if self.pairs.len() < STANDING_PAIRS_MAX || self.pairs.contains_key(&pair) {
+            self.pairs.insert(pair, event);
+        } else {
+            self.cut += 1;
+        }
+    }
+
+    fn remove(&mut self, pair: (u8, BodyId, BodyId)) {
+        if self.pairs.remove(&pair).is_none() {
+            // One without a place ends.
+            self.cut = self.cut.saturating_sub(1);
         }
     }
 
     fn clear(&mut self) {
-        self.0.clear();
+        self.pairs.clear();
+        self.cut = 0;
     }
 }
 
@@ -396,5 +427,64 @@ mod tests {
                 event: entered(4)
             }
         );
+    }
+
+    fn entered(index: u32) -> BodyEvent {
+        BodyEvent::SensorEntered {
+            sensor: BodyId::new(0, 0),
+            body: BodyId::new(index, 0),
+        }
+    }
+
+    fn all(tick: u64, events: Vec<BodyEvent>) -> TickEvents {
+        TickEvents {
+            tick: Tick::new(tick),
+            missed: 0,
+            events,
+        }
+    }
+
+    #[test]
+    fn no_event_of_a_discarded_tick_comes_after_the_restoration() {
+        let mut held = HeldEvents::new();
+        held.push(all(1, alloc::vec![entered(1)]));
+        assert_eq!(released(&mut held, 1).len(), 1);
+        held.push(all(8, alloc::vec![entered(2)]));
+        held.push(at(9, 3, 2));
+        let tick = Tick::new(5);
+        let missed = Event::EventsMissed { tick, count: 6 };
+        assert_eq!(held.discard(tick), Some(missed));
+        assert_eq!(held.discard(tick), None);
+        assert_eq!(released(&mut held, 20), []);
+        // Nothing of them stands, also where later events are dropped.
+        held.push(all(21, alloc::vec![entered(3)]));
+        held.push(at(22, 0, EVENTS_HELD_MAX));
+        let events = released(&mut held, 22);
+        let body = |event| Event::Body {
+            tick: Tick::new(22),
+            event,
+        };
+        assert_eq!(events[1], body(entered(3)));
+        assert_eq!(events[2], body(BodyEvent::Woke(BodyId::new(0, 0))));
+    }
+
+    #[test]
+    fn pairs_that_stand_beyond_the_limit_are_counted() {
+        let mut held = HeldEvents::new();
+        let pairs = STANDING_PAIRS_MAX as u32 + 3;
+        for index in 0..pairs {
+            held.push(all(1, alloc::vec![entered(index)]));
+            held.release(Tick::new(1), &mut VecDeque::new());
+        }
+        let left = |index| BodyEvent::SensorLeft {
+            sensor: BodyId::new(0, 0),
+            body: BodyId::new(index, 0),
+        };
+        held.push(all(2, alloc::vec![left(pairs - 1)]));
+        held.push(at(3, 0, EVENTS_HELD_MAX));
+        let events = released(&mut held, 3);
+        // One event was dropped, and two pairs stand that are not told again.
+        assert!(matches!(events[0], Event::EventsMissed { count: 3, .. }));
+        assert_eq!(events.len(), 1 + STANDING_PAIRS_MAX + EVENTS_HELD_MAX);
     }
 }

@@ -71,10 +71,11 @@ impl Subscriber {
         present.or_else(|| Some(self.lifetimes.departed_at(index, tick)?.id))
     }
 
-    /// True if it is known that a body is there no more at a tick, which a view may still show at the tick before.
+    /// True if it is known that a body is there no more at a tick, which a view may still show at the tick before. A body
+    /// that was changed is still there.
     #[must_use]
     pub fn has_left(&self, id: BodyId, tick: Tick) -> bool {
-        self.lifetimes.has_left(id, tick)
+        self.lifetimes.has_ended(id, tick) && self.body_at(id.index(), tick) != Some(id)
     }
 
     /// Appends the indices of the bodies that come or go at ticks that a view has not shown yet.
@@ -333,8 +334,9 @@ impl Subscriber {
         }
     }
 
-    /// Keeps the body of an index that is about to go, for a view of earlier ticks. `at`: the tick of its change;
-    /// `None` for a removal. Returns `false` if there is none, or no view of earlier ticks.
+    /// Keeps the body of an index that is about to go, for a view of ticks before that: of earlier ones, or of the one at
+    /// which a lockstep scene stands. `at`: the tick of its change; `None` for a removal. Returns `false` if there is none,
+    /// or no such view.
     pub(super) fn depart(&mut self, index: u32, at: Option<Tick>) -> bool {
         let lookahead = u64::from(self.lookahead.count());
         let is_past_shown = self.shown.is_some_and(|shown| match self.stepping {
@@ -388,7 +390,8 @@ impl Subscriber {
     /// The first tick of a view with a body that a scene event has placed at a tick.
     ///
     /// A lockstep scene stands still at a published tick, and its commands make the next one: all views of the tick
-    /// have the same bodies, whatever has been read since.
+    /// have the same bodies, whatever has been read since. Not those of a member that has just joined: a snapshot does not
+    /// tell which of its bodies came after the tick, so they are shown at once, until the next published tick.
     pub(super) fn first_shown(&self, placed: Tick) -> Tick {
         match self.stepping {
             Stepping::Lockstep => self.published_after(placed),

@@ -1,7 +1,7 @@
 //! Bodies that came or went, and those whose publishers are silent.
 //!
-//! Knows no view: the caller passes the earliest tick that one shows. Invariant: without a delayed view, no departed
-//! body is kept. The server predicts a body whose publisher is silent, and then holds it: its stream describes that
+//! Knows no view: the caller passes the earliest tick that one shows. Invariant: a departed body is kept for a view alone
+//! that may still show it, a delayed one or one of a lockstep scene's tick. The server predicts a body whose publisher is silent, and then holds it: its stream describes that
 //! guess, not the publisher's body. Invariant: silent bodies are sorted by id, each body once, at most one span for
 //! each.
 
@@ -96,8 +96,8 @@ impl Lifetimes {
         departed.find(|departed| departed.is_at(tick))
     }
 
-    /// True if it is known that a body went at this tick or before it.
-    pub(super) fn has_left(&self, id: BodyId, tick: Tick) -> bool {
+    /// True if it is known that a description of a body ended at this tick or before it: the body went or was changed.
+    pub(super) fn has_ended(&self, id: BodyId, tick: Tick) -> bool {
         let departed = self.changed.get(&id.index()).map(|of| &of.departed);
         let mut of_body = departed.into_iter().flatten().filter(|of| of.id == id);
         of_body.next_back().is_some_and(|of| match of.end {

@@ -4,6 +4,7 @@
 //! fixed one. Here the ways of all bodies are swept against those of all sensors.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::mem;
 use std::sync::Mutex;
 
 use rapier3d::geometry::{CollisionEvent, CollisionEventFlags, ContactPair};
@@ -40,29 +41,43 @@ struct Passed<'a> {
 }
 
 impl RapierEngine {
-    /// Poses of the bodies at the begin of a step; none if there is no sensor.
-    pub(super) fn sensor_starts(&self) -> Starts {
+    /// Poses of the bodies at the begin of a step, those that sleep too, as they may wake and move in it; none if there
+    /// is no sensor. They are in the buffer of the step before.
+    pub(super) fn sensor_starts(&mut self) -> Starts {
+        let mut starts = mem::take(&mut self.sensor_starts);
+        starts.clear();
         if self.sensors.is_empty() {
-            return Starts::new();
+            return starts;
         }
         let bodies = self.world.bodies.iter();
         let movable = bodies.filter(|(_, body)| !body.is_fixed() && body.is_enabled());
-        let starts = movable.map(|(handle, body)| (handle, *body.position()));
-        starts.collect()
+        starts.extend(movable.map(|(handle, body)| (handle, *body.position())));
+        starts
     }
 
     /// Adds what went through a sensor, and neither began nor ended inside it.
-    pub(super) fn note_crossed_on_the_way(&mut self, starts: &Starts) {
+    pub(super) fn note_crossed_on_the_way(&mut self, starts: Starts) {
+        let crossed = self.crossed_on_the_way(&starts);
+        self.crossed.extend(crossed);
+        self.sensor_starts = starts;
+    }
+
+    fn crossed_on_the_way(&self, starts: &Starts) -> BTreeSet<(BodyId, BodyId)> {
+        let has_moved = |(handle, start): &&(RigidBodyHandle, RapierPose)| {
+            let body = self.world.bodies.get(*handle);
+            body.is_some_and(|body| start != body.position())
+        };
+        // Most bodies rest, and cost no more than this.
         let movers: BTreeMap<BodyId, Passed<'_>> = starts
             .iter()
+            .filter(has_moved)
             .filter_map(|(handle, start)| self.passed(*handle, *start))
-            .filter(|passed| passed.start != *passed.body.position())
             .map(|passed| (translate::id(passed.body), passed))
             .collect();
-        if movers.is_empty() {
-            return;
-        }
         let mut crossed = BTreeSet::new();
+        if movers.is_empty() {
+            return crossed;
+        }
         for id in &self.sensors {
             let Some(slot) = self.place(*id) else {
                 continue;
@@ -90,7 +105,7 @@ impl RapierEngine {
                 crossed.extend(through.map(|(other, _)| (*id, *other)));
             }
         }
-        self.crossed.extend(crossed);
+        crossed
     }
 
     /// The bodies on the way of a sensor that did not move in the step; they may sleep, or be fixed.

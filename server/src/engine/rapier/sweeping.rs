@@ -71,7 +71,7 @@ impl RapierEngine {
         self.sweep_others(&BTreeSet::new());
         self.world.integration_parameters.dt = whole;
         self.crossed = crossings.pairs(&self.world);
-        self.note_crossed_on_the_way(&starts);
+        self.note_crossed_on_the_way(starts);
     }
 
     /// Leaves all swept bodies but these to Rapier's own sweep.
