@@ -11,7 +11,9 @@ use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{
     ErrorBound, ObservationHistory, PredictionParameters, Publisher, StreamConfig, Subscriber,
 };
-use rhumb_reckoning::{BodyId, BodyState, Integrator, Metres, Rate, Tick, Tolerance};
+use rhumb_reckoning::{
+    Anchor, BodyId, BodyState, Integrator, Metres, Predictor, Rate, Tick, Ticks, Tolerance, Track,
+};
 
 use crate::terms::{TERMS, awake, place_falling};
 
@@ -124,6 +126,29 @@ proptest! {
             }
         }
     }
+}
+
+#[test]
+fn a_body_that_changes_has_not_left_but_one_with_a_successor_has() {
+    let (_, mut subscriber) = ends();
+    subscriber.set_history(Ticks::new(8));
+    subscriber.forget_before(Tick::ZERO);
+    let [at, before] = [3, 2].map(Tick::new);
+    let parameters = PredictionParameters::plain(Metres::new(0.7));
+    let (changed, gone, successor) = (BodyId::new(1, 0), BodyId::new(2, 0), BodyId::new(2, 1));
+    for id in [changed, successor] {
+        let track = Track {
+            origin: at,
+            predictor: Predictor::Ballistic,
+            anchor: Anchor::Exact(motion(id.index(), 3)),
+            parent: None,
+        };
+        assert!(subscriber.place(id, &parameters, track));
+    }
+    assert_eq!(subscriber.body_at(1, at), Some(changed));
+    assert!(!subscriber.has_left(changed, before) && !subscriber.has_left(changed, at));
+    assert_eq!(subscriber.body_at(2, before), Some(gone));
+    assert!(!subscriber.has_left(gone, before) && subscriber.has_left(gone, at));
 }
 
 #[test]

@@ -83,7 +83,7 @@ pub struct RapierEngine {
     swept: BTreeSet<BodyId>,
     /// Sensors.
     sensors: BTreeSet<BodyId>,
-    /// Where bodies were at the begin of a step; empty but for its buffer otherwise.
+    /// Where bodies were at the begin of the last step: the buffer of the next one.
     sensor_starts: crossing::Starts,
     /// Sensors that bodies went through within the last step, with the bodies.
     crossed: BTreeSet<(BodyId, BodyId)>,

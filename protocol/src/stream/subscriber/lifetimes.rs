@@ -1,9 +1,9 @@
 //! Bodies that came or went, and those whose publishers are silent.
 //!
 //! Knows no view: the caller passes the earliest tick that one shows. Invariant: a departed body is kept for a view alone
-//! that may still show it, a delayed one or one of a lockstep scene's tick. The server predicts a body whose publisher is silent, and then holds it: its stream describes that
-//! guess, not the publisher's body. Invariant: silent bodies are sorted by id, each body once, at most one span for
-//! each.
+//! that may still show it, a delayed one or one of a lockstep scene's tick. The server predicts a body whose publisher is
+//! silent, and then holds it: its stream describes that guess, not the publisher's body. Invariant: silent bodies are
+//! sorted by id, each body once, at most one span for each.
 
 use alloc::collections::BTreeMap;
 use alloc::vec::Vec;

@@ -62,7 +62,10 @@ impl RapierEngine {
         self.sensor_starts = starts;
     }
 
-    fn crossed_on_the_way(&self, starts: &Starts) -> BTreeSet<(BodyId, BodyId)> {
+    fn crossed_on_the_way(
+        &self,
+        starts: &[(RigidBodyHandle, RapierPose)],
+    ) -> BTreeSet<(BodyId, BodyId)> {
         let has_moved = |(handle, start): &&(RigidBodyHandle, RapierPose)| {
             let body = self.world.bodies.get(*handle);
             body.is_some_and(|body| start != body.position())

@@ -65,6 +65,7 @@ impl RapierEngine {
             observed: self.observed.clone(),
             swept: self.swept.clone(),
             sensors: self.sensors.clone(),
+            sensor_starts: Vec::new(),
             crossed: self.crossed.clone(),
             has_changed: false,
         })
