@@ -27,7 +27,7 @@ pub struct TouchingPair {
 #[derive(Debug, Default)]
 pub struct Contacts {
     pairs: BTreeMap<[BodyId; 2], (Contact, Tick)>,
-    /// Pairs that found no place since all were told.
+    /// Pairs that found no place since the server last sent all.
     left_out: u64,
 }
 
@@ -46,7 +46,7 @@ impl Contacts {
         }
     }
 
-    /// Pairs that began to touch and found no place, since the server told all that touch. Zero if none is missing here.
+    /// Pairs that began to touch and found no place, since the server last sent all that touch. Zero if none is missing here.
     #[must_use]
     pub const fn left_out(&self) -> u64 {
         self.left_out

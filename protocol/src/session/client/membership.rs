@@ -483,7 +483,7 @@ mod tests {
         held.push(all(2, alloc::vec![left(pairs - 1)]));
         held.push(at(3, 0, EVENTS_HELD_MAX));
         let events = released(&mut held, 3);
-        // One event was dropped, and two pairs stand that are not told again.
+        // One event was dropped, and two pairs stand that do not come again.
         assert!(matches!(events[0], Event::EventsMissed { count: 3, .. }));
         assert_eq!(events.len(), 1 + STANDING_PAIRS_MAX + EVENTS_HELD_MAX);
     }
