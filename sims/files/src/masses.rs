@@ -98,7 +98,7 @@ pub(crate) fn scale(bodies: &mut [ModelBody], joints: &mut [ModelJoint], report:
         (least.min(mass), most.max(mass))
     });
     let bound = f64::from(MASS_MIN);
-    let (Some(first), true) = (bodies.first(), least > 0.0 && most < bound) else {
+    let (Some(first), true) = (bodies.first(), least > 0.0 && most > 0.0 && most < bound) else {
         return;
     };
     // No body gets heavier than a thousand kilograms.
@@ -140,6 +140,7 @@ pub(crate) fn bound(bodies: &mut [ModelBody], [mass, moment]: [f64; 2], total: O
 /// they also resist a turn of both bodies together, which is noted.
 pub(crate) fn add_armatures(bodies: &mut [ModelBody], joints: &[ModelJoint], report: &mut Report) {
     for joint in joints.iter().filter(|joint| joint.holds) {
+        let mut has_rotor = false;
         for (axis, drive) in joint.drives.iter().enumerate() {
             let Some(armature) = drive.map(|drive| drive.armature).filter(|own| *own > 0.0) else {
                 continue;
@@ -155,25 +156,31 @@ pub(crate) fn add_armatures(bodies: &mut [ModelBody], joints: &[ModelJoint], rep
             let along = body.pose.rotation.conjugate() * along;
             let rotor = DMat3::from_cols(along * along.x, along * along.y, along * along.z);
             body.inertia.tensor += rotor * armature;
+            has_rotor = true;
             let why = "it is part of the moments of the body that the joint turns, whatever else turns that body";
             report.again(&joint.place, subject, Effect::Approximated, why);
         }
-    }
-    let mut turned: Vec<usize> = joints.iter().map(|joint| joint.bodies[1]).collect();
-    turned.dedup();
-    for place in turned {
-        make_solid(&mut bodies[place].inertia);
+        let body = &mut bodies[joint.bodies[1]];
+        if has_rotor && make_solid(&mut body.inertia) {
+            let why =
+                "no solid has a moment above the sum of the others: an armature raises those too";
+            let subject = "moments with an armature".to_owned();
+            report.again(&body.place, subject, Effect::Changed, why);
+        }
     }
 }
 
-/// Raises the two lesser moments where the third is above their sum, as that of no solid is.
-fn make_solid(inertia: &mut Inertia) {
+/// Raises the two lesser moments where the third is above their sum, as that of no solid is. True if it did.
+fn make_solid(inertia: &mut Inertia) -> bool {
     let (moments, axes) = inertia.principal();
     let lack = 2.0 * moments.max_element() - moments.element_sum();
-    if lack > 0.0 {
+    // Less than this is the rounding of a sum.
+    let is_short = lack > 1e-9 * moments.max_element();
+    if is_short {
         let raised = moments + DVec3::splat(lack * 0.5);
         let greatest = moments.cmpge(DVec3::splat(moments.max_element()));
         let own = Inertia::diagonal(1.0, DVec3::select(greatest, moments, raised));
         inertia.tensor = own.moved(&Pose::new(DVec3::ZERO, axes)).tensor;
     }
+    is_short
 }

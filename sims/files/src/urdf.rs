@@ -520,7 +520,7 @@ mod tests {
     use crate::error::LoadError;
     use crate::files::MemoryFiles;
     use crate::load::{load, load_text};
-    use crate::model::LoadOptions;
+    use crate::model::{Base, LoadOptions};
 
     fn read(text: &str) -> Result<LoadedScene, LoadError> {
         load_text(
@@ -589,6 +589,22 @@ mod tests {
         assert_eq!(*body.builder.shape(), Shape::ball(0.5));
         assert_eq!(body.frame_position, Vec3::new(-1.0, -2.0, -3.0));
         assert!(scene.report.is_empty(), "{:?}", scene.report);
+    }
+
+    #[test]
+    fn a_file_of_nothing_that_moves_is_not_scaled() {
+        let options = LoadOptions {
+            base: Base::Fixed,
+            ..LoadOptions::default()
+        };
+        let light = MASS.replace("value='2'", "value='1e-5'");
+        for inertial in [MASS, &light, ""] {
+            let text = format!("<robot name='r'><link name='a'>{inertial}</link></robot>");
+            let scene = load_text(&MemoryFiles::default(), "robot.urdf", &text, &options);
+            let scene = scene.expect("a link");
+            assert_eq!(scene.bodies.len(), 1);
+            assert!(scene.report.is_empty(), "{:?}", scene.report);
+        }
     }
 
     #[test]
@@ -725,7 +741,7 @@ mod tests {
         assert!(lost.contains(&"package://p/b.stl"), "{lost:?}");
         assert!(matches!(scene.bodies[0].builder.shape(), Shape::Mesh(_)));
         let options = LoadOptions {
-            base: crate::model::Base::Free,
+            base: Base::Free,
             ..LoadOptions::default()
         };
         let scene = load(&files, "x/p/urdf/r.urdf", &options).expect("a robot");

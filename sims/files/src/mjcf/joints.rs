@@ -76,7 +76,7 @@ impl Hinge {
                 .array::<2>("springdamper", "2")?
                 .filter(|[seconds, ratio]| *seconds > 0.0 && *ratio > 0.0),
         };
-        note_settings(&element, report);
+        note_settings(&element, kind, report);
         Ok(Self {
             kind,
             anchor: body.point(element.vector("pos")?.unwrap_or_default()),
@@ -119,10 +119,25 @@ const KNOWN: [&str; 16] = [
     "user",
 ];
 
+/// Settings that a body without a joint has not.
+const OF_JOINTS: [&str; 5] = [
+    "stiffness",
+    "damping",
+    "frictionloss",
+    "armature",
+    "springdamper",
+];
+
 /// Notes settings that a joint has not.
-fn note_settings(element: &Element, report: &mut Report) {
-    for (name, _) in &element.attributes {
-        if !KNOWN.contains(&name.as_str()) {
+fn note_settings(element: &Element, kind: Kind, report: &mut Report) {
+    for (name, value) in &element.attributes {
+        let is_zero = value
+            .split_whitespace()
+            .all(|part| part.parse::<f64>() == Ok(0.0));
+        if kind == Kind::Free && OF_JOINTS.contains(&name.as_str()) && !is_zero {
+            let why = "a body that moves freely has no joint here";
+            report.again(&element.place(), format!("joint {name}"), Effect::Left, why);
+        } else if !KNOWN.contains(&name.as_str()) {
             let why = "a joint has no such setting";
             report.again(&element.place(), format!("joint {name}"), Effect::Left, why);
         }

@@ -781,6 +781,47 @@ mod tests {
     }
 
     #[test]
+    fn only_a_body_with_an_armature_has_its_moments_raised_and_says_so() {
+        let inertial = "<inertial pos='0 0 0' mass='1' diaginertia='1 1 3'/>";
+        for (armature, least, notes) in [("", 1.0, 0), ("armature='0.5'", 1.75, 1)] {
+            let scene = read(&format!(
+                "<compiler balanceinertia='false'/><worldbody><body>{inertial}<joint axis='0 0 1' {armature}/></body></worldbody>"
+            ));
+            let scene = scene.expect("a world");
+            let desc = &scene.bodies.last().expect("a body").builder;
+            let desc = desc.desc(BodyId::new(0, 0), ShapeId(0));
+            let own = desc.mass.and_then(|mass| mass.moments).expect("moments");
+            assert!(
+                (own.min_element() - least).abs() < 1e-5,
+                "{armature}: {own}"
+            );
+            let all = scene.report.notes().iter();
+            let raised = all.filter(|note| note.subject == "moments with an armature");
+            assert_eq!(raised.count(), notes, "{armature}");
+        }
+    }
+
+    #[test]
+    fn settings_of_a_joint_that_moves_freely_are_listed() {
+        let scene = read(
+            "<worldbody><body><joint type='free' armature='0.1' springdamper='1 1' damping='0' stiffness='2'/>\
+             <geom size='0.1'/></body></worldbody>",
+        );
+        let scene = scene.expect("a world");
+        let notes = scene.report.notes().iter();
+        let left: Vec<_> = notes
+            .map(|note| (note.subject.as_str(), note.effect))
+            .collect();
+        let all = ["armature", "springdamper", "stiffness"];
+        let all = all.map(|name| format!("joint {name}"));
+        let all: Vec<_> = all
+            .iter()
+            .map(|name| (name.as_str(), Effect::Left))
+            .collect();
+        assert_eq!(left, all);
+    }
+
+    #[test]
     fn a_fly_of_grams_and_small_steps_keeps_its_proportions() {
         let scene = read(
             "<option timestep='0.0001' gravity='0 0 -981'/><worldbody><body name='thorax'><freejoint/>\
