@@ -194,7 +194,7 @@ impl Gateway {
     ///
     /// # Errors
     ///
-    /// As [`Self::handle_time`]; the last states are queued all the same.
+    /// The first of [`Self::handle_time`]'s errors. The last states are queued all the same; call it again for those that wait.
     pub fn leave(&mut self, now: Duration) -> Result<usize, ClientError> {
         self.observed.clear();
         let mut waiting = 0;
@@ -202,11 +202,13 @@ impl Gateway {
             publisher.handle_bodies(now, &[]);
             waiting = publisher.leaving();
         }
+        let mut removed = Ok(());
         for (_, id) in std::mem::take(&mut self.authority.bodies) {
-            self.client.command(Command::RemoveBody { id })?;
+            let sent = self.client.command(Command::RemoveBody { id });
+            removed = removed.and(sent.map(drop));
         }
         self.client.flush();
-        Ok(waiting)
+        removed.map(|()| waiting)
     }
 
     fn take_events(&mut self, now: Duration) {

@@ -493,7 +493,59 @@ fn leaving_removes_the_bodies_and_says_how_many_last_states_wait() {
         count += 1;
     }
     assert_eq!(count, 1, "five states fit a datagram");
+    let mut other = Publisher::new(publisher(2));
+    for step in 0..20 {
+        hand(&mut other, &[vehicle(0)], &mut slow, moment(0));
+        slow.handle_time(moment(0)).expect("the scene is there");
+        leader.advance(PipelineDepth::LOCKSTEP).expect("a tick");
+        assert!(slow.poll_datagram(&mut buffer).is_none(), "step {step}");
+    }
+    assert_eq!(leader.view().ids().len(), 6, "the vehicle has a body");
     assert_eq!(slow.leave(moment(0)).expect("the scene is there"), 5);
     assert_eq!(slow.leave(moment(30)).expect("the scene is there"), 3);
     assert_eq!(slow.leave(moment(120)).expect("the scene is there"), 0);
+    leader.advance(PipelineDepth::LOCKSTEP).expect("a tick");
+    leader.advance(PipelineDepth::LOCKSTEP).expect("a tick");
+    assert_eq!(leader.view().ids().len(), 5, "its body left");
+}
+
+#[test]
+fn last_states_leave_also_when_the_scene_ends_before_the_bodies_of_entities_do() {
+    let (mut leader, member) = scene();
+    for place in 0..5 {
+        let ball = BodyDesc::dynamic(Shape::ball(0.3)).at(2.0 * place as f32, 8.0, 0.0);
+        leader.add_body(ball).expect("a ball");
+    }
+    let slow = PublisherConfig {
+        states_per_second: 5,
+        ..publisher(1)
+    };
+    let mut slow = gateway_of(member, slow);
+    let mut other = Publisher::new(publisher(2));
+    for _ in 0..20 {
+        hand(&mut other, &column(0), &mut slow, moment(0));
+        slow.handle_time(moment(0)).expect("the scene is there");
+        leader.advance(PipelineDepth::LOCKSTEP).expect("a tick");
+    }
+    assert_eq!(slow.statistics().entities, 2);
+    leader.delete().expect("it is there");
+    assert!(slow.handle_time(moment(0)).is_err(), "the scene is over");
+    let mut buffer = [0; 2_000];
+    while slow.poll_datagram(&mut buffer).is_some() {}
+    assert!(slow.leave(moment(0)).is_err(), "no body can be removed");
+    assert_eq!(slow.leave(moment(30)).expect("no body is left"), 3);
+    assert_eq!(slow.leave(moment(120)).expect("no body is left"), 0);
+    let mut entities = ForeignEntities::new(foreign(9));
+    let mut count = 0;
+    while let Some(bytes) = slow.poll_datagram(&mut buffer) {
+        for pdu in Bundle::new(&buffer[..bytes]) {
+            let (_, pdu) = pdu.expect("a sound pdu");
+            count += usize::from(matches!(pdu.body, Body::EntityState(_)));
+        }
+        assert_eq!(
+            entities.handle_datagram(moment(120), &buffer[..bytes]),
+            Ok(())
+        );
+    }
+    assert_eq!((count, entities.poses(moment(120)).count()), (5, 0));
 }
