@@ -211,7 +211,7 @@ What makes a row large:
 - Engines part once bodies touch, or as joints swing. Of {compared} files that both ran, {near} are within 10 mm after half a second and
   {late} after ten: the others drift apart with time.
 - A file that starts a joint outside its limits (`joint limits` in *left out*: a1, aliengo, laikago, panda) is pulled into them, by each
-  engine at its own pace. With wider limits in the file a1, aliengo and laikago are within 2 mm after half a second.
+  engine at its own pace.
 - An armature is part of a body's moments here, and resists the joint alone there; that of a slide, tendons and couplings of joints act
   there alone.
 - Damping and stiffness are converted with the mass that they move in the pose of the start.
