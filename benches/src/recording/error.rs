@@ -89,6 +89,15 @@ pub enum RecordingError {
         /// Index of the body.
         index: u32,
     },
+    /// A record whose flags stand for nothing, or say that a body goes unchanged which is not there or stays.
+    Flags {
+        /// Tick of the record.
+        tick: Tick,
+        /// Index of the body.
+        index: u32,
+        /// Its flags.
+        flags: u8,
+    },
     /// A record of an unknown body, or one out of order.
     Record {
         /// Tick of the record.
@@ -386,6 +395,10 @@ impl RecordingError {
                 f,
                 "body {index} has half extents out of range, or another bounding radius than theirs"
             ),
+            Self::Flags { tick, index, flags } => write!(
+                f,
+                "the record of body {index} at {tick} has the flags {flags}: bits 0 to 2 are known, and bit 2 stands beside bit 1 for a body that is there"
+            ),
             Self::Record { tick, index } => write!(
                 f,
                 "a record at {tick} is of body {index}, which is out of order or beyond the number of bodies"
@@ -499,6 +512,7 @@ impl RecordingError {
             | Self::Number { .. }
             | Self::Extents { .. }
             | Self::Record { .. }
+            | Self::Flags { .. }
             | Self::NotPlaced { .. }
             | Self::TickTwice { .. } => fmt::Display::fmt(self, f),
         }

@@ -291,6 +291,12 @@ fn row(
         let (Some(body), true) = (bodies.get_mut(index as usize), in_order) else {
             return Err(RecordingError::Record { tick, index });
         };
+        // A body that goes without a change was there.
+        let is_known = flags & !(AWAKE | GONE | UNCHANGED) == 0;
+        let is_unchanged = flags & UNCHANGED != 0;
+        if !is_known || is_unchanged && (flags & GONE == 0 || !body.is_there) {
+            return Err(RecordingError::Flags { tick, index, flags });
+        }
         last = Some(index);
         let turn = Quat::from_array(rotation);
         let arm = turn * body.centre;
@@ -323,7 +329,7 @@ fn row(
             },
         };
         if body.is_there {
-            row.extend((flags & UNCHANGED == 0).then_some(observation));
+            row.extend((!is_unchanged).then_some(observation));
         } else {
             body.is_there = true;
             truth.placed.push(Placed {
@@ -533,6 +539,35 @@ mod tests {
         let ids = again.truth.placed.iter().map(|placed| placed.desc.id);
         assert_eq!(ids.collect::<Vec<_>>(), [id, still, other]);
         assert_eq!(write(&again), bytes);
+    }
+
+    #[test]
+    fn flags_that_stand_for_nothing_are_refused() {
+        let whole = write(&recording());
+        let sound = read_bytes("r", &whole, &ReadOptions::default()).is_ok();
+        assert!(sound);
+        // The last byte is the flags of the last record, of a body that is there.
+        let last = whole.len() - 1;
+        let with = |at: usize, flags: u8| {
+            let mut bytes = whole.clone();
+            bytes[at] = flags;
+            read_bytes("r", &bytes, &ReadOptions::default()).map_err(|error| error.to_string())
+        };
+        for flags in [AWAKE, GONE, AWAKE | GONE, GONE | UNCHANGED] {
+            assert!(with(last, flags).is_ok(), "{flags}");
+        }
+        for flags in [UNCHANGED, AWAKE | UNCHANGED, 8, 0x80 | AWAKE, 255] {
+            let error = with(last, flags).expect_err("no such flags");
+            assert!(error.contains(&format!("has the flags {flags}")), "{error}");
+        }
+        // A first record places its body: two frames of one record follow the one of two.
+        let record = 4 + 13 * 4 + 1;
+        let second = whole.len() - 2 * (4 + record) - 1;
+        assert_eq!(with(second, AWAKE).map(|_| ()), Ok(()));
+        for flags in [UNCHANGED, GONE | UNCHANGED] {
+            let error = with(second, flags).expect_err("it was not there");
+            assert!(error.contains("body 1 at"), "{error}");
+        }
     }
 
     #[test]
