@@ -14,34 +14,52 @@ const SHOWN: usize = 40;
 /// Range of a 32-bit float.
 pub(crate) const REAL: &str = "finite, and from -3.4e38 to 3.4e38";
 
-/// True for a truth value, and for a list, a row or an array that has one. Python and NumPy take it for 0 or 1.
-fn has_truth(value: &Bound<'_, PyAny>) -> PyResult<bool> {
+/// Lists inside lists that are searched for truth values, in a value that was read: no argument has more.
+const DEPTH_MAX: u32 = 4;
+
+/// The same in one that was not: it may be of any size, and have itself inside.
+const DEPTH_UNREAD: u32 = 2;
+
+/// True for a truth value, and for a list, a row or an array that has one, within lists of this depth. Python and NumPy take
+/// it for 0 or 1.
+fn has_truth(value: &Bound<'_, PyAny>, depth: u32) -> PyResult<bool> {
     if value.is_exact_instance_of::<PyFloat>() || value.is_exact_instance_of::<PyInt>() {
         return Ok(false);
     }
     if value.is_instance_of::<PyBool>() {
         return Ok(true);
     }
+    if value.is_none() || value.is_instance_of::<PyString>() {
+        return Ok(false);
+    }
+    let Some(inner) = depth.checked_sub(1) else {
+        return Ok(false);
+    };
     if let Ok(by_key) = value.cast::<PyDict>() {
-        return Ok(has_truth(by_key.keys().as_any())? || has_truth(by_key.values().as_any())?);
+        let (keys, values) = (by_key.keys(), by_key.values());
+        return Ok(has_truth(keys.as_any(), depth)? || has_truth(values.as_any(), depth)?);
     }
     if value.is_instance_of::<PyList>() || value.is_instance_of::<PyTuple>() {
         for part in value.try_iter()? {
-            if has_truth(&part?)? {
+            if has_truth(&part?, inner)? {
                 return Ok(true);
             }
         }
         return Ok(false);
     }
-    if value.is_none() || value.is_instance_of::<PyString>() {
-        return Ok(false);
-    }
-    let Ok(dtype) = value.getattr("dtype") else {
+    // Only arrays of NumPy are sure to say what they hold; whatever else others say is no truth value.
+    let kind = value
+        .getattr("dtype")
+        .and_then(|dtype| dtype.getattr("kind"));
+    let Ok(kind) = kind.and_then(|kind| kind.extract::<String>()) else {
         return Ok(false);
     };
-    match dtype.getattr("kind")?.extract::<String>()?.as_str() {
+    match kind.as_str() {
         "b" => Ok(true),
-        "O" => has_truth(&value.call_method0("tolist")?),
+        "O" => match value.call_method0("tolist") {
+            Ok(parts) => has_truth(&parts, inner),
+            Err(_) => Ok(false),
+        },
         _ => Ok(false),
     }
 }
@@ -52,7 +70,16 @@ pub(crate) fn no_truth(
     name: &'static str,
     needed: impl Display,
 ) -> PyResult<()> {
-    match has_truth(value)? {
+    refuse_truth(value, name, needed, DEPTH_UNREAD)
+}
+
+fn refuse_truth(
+    value: &Bound<'_, PyAny>,
+    name: &'static str,
+    needed: impl Display,
+    depth: u32,
+) -> PyResult<()> {
+    match has_truth(value, depth)? {
         true => Err(wrong_value(
             value.py(),
             name,
@@ -70,7 +97,12 @@ pub(crate) fn within<T>(
     read: PyResult<T>,
     needed: impl Display,
 ) -> PyResult<T> {
-    no_truth(value, name, &needed)?;
+    let depth = if read.is_ok() {
+        DEPTH_MAX
+    } else {
+        DEPTH_UNREAD
+    };
+    refuse_truth(value, name, &needed, depth)?;
     let py = value.py();
     read.map_err(|error| {
         if error.is_instance_of::<PyTypeError>(py) {

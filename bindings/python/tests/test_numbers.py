@@ -116,6 +116,54 @@ def test_a_truth_value_is_no_number(scene, place):
         call(scene)
 
 
+def own_list():
+    """A list that has itself."""
+    own = []
+    own.append(own)
+    return own
+
+
+def test_a_list_that_has_itself_is_refused_like_any_other_wrong_value(scene):
+    own = own_list()
+    by_key = {}
+    by_key[3] = by_key
+    for call in (
+        lambda: scene.set_gravity(own),
+        lambda: scene.advance(own),
+        lambda: scene.remove(own),
+        lambda: scene.add_bodies(rhumb.Shape.ball(1), own),
+        lambda: scene.add_body(rhumb.Shape.ball(1), sleep=own),
+        lambda: scene.add_body(rhumb.Shape.ball(1), groups=own),
+        lambda: rhumb.Joint("revolute", 1, 2, limits=by_key),
+        lambda: rhumb.Shape.hull([own] * 3),
+    ):
+        with pytest.raises((rhumb.InvalidError, TypeError, ValueError)):
+            call()
+
+
+class Foreign:
+    """An array of another library: NumPy can read it, and its dtype is of its own."""
+
+    def __init__(self, values, dtype):
+        self.values, self.dtype = values, dtype
+
+    def __array__(self, dtype=None, copy=None):
+        return np.asarray(self.values, dtype)
+
+
+class Kind:
+    def __init__(self, kind):
+        self.kind = kind
+
+
+def test_an_array_of_another_library_is_read_by_its_numbers(scene):
+    for dtype in ("float32", object(), None, Kind(7), Kind("f"), Kind("O")):
+        ball = scene.add_body(rhumb.Shape.ball(1), Foreign([1.0, 2.0, 3.0], dtype))
+        scene.advance()
+        assert scene.positions[scene.place(ball)].tolist() == pytest.approx([1, 2, 3], abs=0.1)
+        scene.remove(ball)
+
+
 def test_wrong_options_of_a_new_scene_are_named_with_their_limits(server):
     connection = server.connect()
     for options, expected in (
