@@ -70,7 +70,8 @@ impl Files for Folder {
             _ => FileError::Unreadable(error.to_string()),
         };
         let path = self.folder.join(path);
-        if path.is_dir() {
+        // What is left of "." is nothing: it is the folder itself.
+        if path.as_os_str().is_empty() || path.is_dir() {
             return Err(FileError::IsFolder);
         }
         let file = File::open(path).map_err(wrong)?;
@@ -137,6 +138,14 @@ pub(crate) fn join(folder: &str, path: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_folder_itself_is_named_as_one() {
+        for path in ["", ".", "src"] {
+            let read = Folder::default().read(path, 1);
+            assert!(matches!(read, Err(FileError::IsFolder)), "{path}");
+        }
+    }
 
     #[test]
     fn paths_are_joined_without_detours() {
