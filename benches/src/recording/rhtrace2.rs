@@ -272,6 +272,12 @@ fn shape(reader: &mut ByteReader<'_>) -> Result<Option<Shape>, RecordingError> {
     }))
 }
 
+/// True for flags that stand for something. A body that goes without a change was there.
+const fn is_sound(flags: u8, is_there: bool) -> bool {
+    let is_known = flags & !(AWAKE | GONE | UNCHANGED) == 0;
+    is_known && (flags & UNCHANGED == 0 || flags & GONE != 0 && is_there)
+}
+
 /// The records of a frame. A body's first record places it.
 fn row(
     reader: &mut ByteReader<'_>,
@@ -291,10 +297,7 @@ fn row(
         let (Some(body), true) = (bodies.get_mut(index as usize), in_order) else {
             return Err(RecordingError::Record { tick, index });
         };
-        // A body that goes without a change was there.
-        let is_known = flags & !(AWAKE | GONE | UNCHANGED) == 0;
-        let is_unchanged = flags & UNCHANGED != 0;
-        if !is_known || is_unchanged && (flags & GONE == 0 || !body.is_there) {
+        if !is_sound(flags, body.is_there) {
             return Err(RecordingError::Flags { tick, index, flags });
         }
         last = Some(index);
@@ -302,15 +305,10 @@ fn row(
         let arm = turn * body.centre;
         let position = Vec3::from_array(position) + arm;
         let angular = Vec3::from_array(angular);
-        let linear = match point {
-            VelocityPoint::Centre => Vec3::from_array(linear),
-            VelocityPoint::Origin => Vec3::from_array(linear) + angular.cross(arm),
-            VelocityPoint::None => Vec3::ZERO,
-        };
-        let spin = if point == VelocityPoint::None {
-            Vec3::ZERO
-        } else {
-            angular
+        let (linear, spin) = match point {
+            VelocityPoint::Centre => (Vec3::from_array(linear), angular),
+            VelocityPoint::Origin => (Vec3::from_array(linear) + angular.cross(arm), angular),
+            VelocityPoint::None => (Vec3::ZERO, Vec3::ZERO),
         };
         let motion = BodyState::new(
             position.to_array(),
@@ -329,7 +327,7 @@ fn row(
             },
         };
         if body.is_there {
-            row.extend((!is_unchanged).then_some(observation));
+            row.extend((flags & UNCHANGED == 0).then_some(observation));
         } else {
             body.is_there = true;
             truth.placed.push(Placed {

@@ -200,7 +200,7 @@ def test_contacts_of_a_late_member_are_those_of_now():
     server = rhumb.LocalServer()
     first = server.connect().join("late")
     first.add_body(rhumb.Shape.cuboid(10, 0.5, 10), (0, -0.5, 0), "fixed")
-    # One that sleeps is told of when it wakes.
+    # One that sleeps hears of its contacts when it wakes.
     box = first.add_body(rhumb.Shape.cuboid(0.5, 0.5, 0.5), (0, 0.5, 0), sleep="never")
     first.report_events(box, contacts=True)
     first.advance(ticks=90)
