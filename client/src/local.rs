@@ -141,8 +141,8 @@ impl LocalServer {
     /// let mut client = server.connect().join("drop")?;
     /// client.add_body(BodyDesc::dynamic(Shape::ball(0.5)).at(0.0, 10.0, 0.0))?;
     /// client.advance(PipelineDepth::LOCKSTEP)?;
-    /// server.restore("another drop", &server.save("drop")?)?;
-    /// let mut other = server.connect().join("another drop")?;
+    /// server.restore("another-drop", &server.save("drop")?)?;
+    /// let mut other = server.connect().join("another-drop")?;
     /// other.advance(PipelineDepth::LOCKSTEP)?;
     /// client.advance(PipelineDepth::LOCKSTEP)?;
     /// assert_eq!(client.inspect()?.truth, other.inspect()?.truth);
@@ -658,6 +658,8 @@ impl Host {
                 let called = driver.guard(|driver| call(&mut driver.server));
                 called.unwrap_or(Err(CheckpointError::NoServer))
             }
+            // The scenes of another driver are not known here.
+            Self::Thread(InputQueue { wake: Some(_), .. }) => Err(CheckpointError::NoServer),
             Self::Thread(queue) => {
                 let (sender, answer) = channel();
                 let call: ScenesCall = Box::new(move |scenes| {
@@ -666,9 +668,6 @@ impl Host {
                 });
                 let sent = queue.sender.send(Queued::Call(call));
                 sent.map_err(|_| CheckpointError::NoServer)?;
-                if let Some(wake) = &queue.wake {
-                    wake();
-                }
                 answer.recv().unwrap_or(Err(CheckpointError::NoServer))
             }
         }

@@ -173,12 +173,23 @@ impl Checkpoint {
     ///
     /// [`CheckpointError::Damaged`] for an image that its engine does not read, and [`CheckpointError::Differs`].
     pub fn scene(&self, threads: &StepThreads) -> Result<Scene, CheckpointError> {
+        let mut scene = self.base(threads)?;
+        self.continue_from(&mut scene)?;
+        Ok(scene)
+    }
+
+    /// The scene of the image, without what changed since.
+    pub(crate) fn base(&self, threads: &StepThreads) -> Result<Scene, CheckpointError> {
         let scene = Scene::from_image(self.config, threads, self.at, &self.image);
-        let mut scene = scene.map_err(|_| CheckpointError::Damaged)?;
+        scene.map_err(|_| CheckpointError::Damaged)
+    }
+
+    /// Does again what changed since the image.
+    pub(crate) fn continue_from(&self, scene: &mut Scene) -> Result<(), CheckpointError> {
         let differs = CheckpointError::Differs { tick: self.at.0 };
         let mut no_owners = Ownership::default();
         for entry in &self.since {
-            if !replay(entry, &mut scene, &mut no_owners) {
+            if !replay(entry, scene, &mut no_owners) {
                 return Err(differs);
             }
             if let LogEntry::Stepped(digest) = entry
@@ -187,7 +198,7 @@ impl Checkpoint {
                 return Err(differs);
             }
         }
-        Ok(scene)
+        Ok(())
     }
 
     /// Its bytes, for a file.

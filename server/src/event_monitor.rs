@@ -1,7 +1,7 @@
 //! Events of bodies: compares the engine's reports of two steps.
 //!
 //! Only bodies whose events are on are looked at, and of the dynamic ones only those that the engine observed: nothing
-//! about a body changes while it sleeps. Knows no members. Invariant: a tick has at most [`EVENTS_PER_TICK_MAX`]
+//! about a body changes while it sleeps. One whose events were just turned on is looked at once all the same. Knows no members. Invariant: a tick has at most [`EVENTS_PER_TICK_MAX`]
 //! events; what exceeds that is counted. What stands is what began and has not ended: those who missed the beginning get
 //! it.
 
@@ -22,6 +22,8 @@ use crate::registry::Registry;
 pub(crate) struct EventMonitor {
     active: BTreeMap<BodyId, ActiveEvents>,
     asleep: BTreeSet<BodyId>,
+    /// Bodies whose events were turned on since the last step.
+    turned_on: BTreeSet<BodyId>,
     /// Pairs in contact, the lesser id first, of which at least one reports contacts.
     touching: BTreeSet<(BodyId, BodyId)>,
     /// Sensors and bodies inside them, of which at least one reports it.
@@ -35,8 +37,10 @@ impl Wire for EventMonitor {
             id.encode(to);
             active.encode(to);
         }
-        to.varint(self.asleep.len() as u64);
-        self.asleep.iter().for_each(|id| id.encode(to));
+        for bodies in [&self.asleep, &self.turned_on] {
+            to.varint(bodies.len() as u64);
+            bodies.iter().for_each(|id| id.encode(to));
+        }
         for pairs in [&self.touching, &self.inside] {
             to.varint(pairs.len() as u64);
             for (first, second) in pairs {
@@ -52,8 +56,10 @@ impl Wire for EventMonitor {
             let id = BodyId::decode(from)?;
             monitor.active.insert(id, ActiveEvents::decode(from)?);
         }
-        for _ in 0..from.varint()? {
-            monitor.asleep.insert(BodyId::decode(from)?);
+        for bodies in [&mut monitor.asleep, &mut monitor.turned_on] {
+            for _ in 0..from.varint()? {
+                bodies.insert(BodyId::decode(from)?);
+            }
         }
         for pairs in [&mut monitor.touching, &mut monitor.inside] {
             for _ in 0..from.varint()? {
@@ -176,6 +182,7 @@ impl EventMonitor {
             return;
         }
         self.active.insert(id, events);
+        self.turned_on.insert(id);
         let observation = engine.observe_one(id);
         if observation.is_some_and(|observation| observation.activity == Activity::Asleep) {
             self.asleep.insert(id);
@@ -224,6 +231,7 @@ impl EventMonitor {
     ) -> StepEvents {
         let mut events = StepEvents::default();
         if self.active.is_empty() && self.touching.is_empty() && self.inside.is_empty() {
+            self.turned_on.clear();
             return events;
         }
         let stepped = SteppedScene {
@@ -234,6 +242,7 @@ impl EventMonitor {
         self.compare_contacts(&stepped, &mut events);
         self.compare_sensors(&stepped, &mut events);
         self.compare_sleep(&stepped, &mut events);
+        self.turned_on.clear();
         self.active.retain(|id, _| stepped.exists(*id));
         events
     }
@@ -270,7 +279,9 @@ impl EventMonitor {
         let mut touches: BTreeMap<_, Touch> = BTreeMap::new();
         let mut contacts = Vec::new();
         for (id, events) in &self.active {
-            if !(events.contacts || events.force.is_some()) || !stepped.may_differ(*id) {
+            let differs = stepped.may_differ(*id);
+            let is_looked_at = differs || self.turned_on.contains(id);
+            if !(events.contacts || events.force.is_some()) || !is_looked_at {
                 continue;
             }
             contacts.clear();
@@ -283,7 +294,8 @@ impl EventMonitor {
                     forceful: false,
                 });
                 touch.reported |= events.contacts;
-                touch.forceful |= events.force.is_some_and(|least| contact.force >= least);
+                touch.forceful |=
+                    differs && events.force.is_some_and(|least| contact.force >= least);
             }
         }
         touches
@@ -292,7 +304,7 @@ impl EventMonitor {
     fn compare_sensors(&mut self, stepped: &SteppedScene<'_>, events: &mut StepEvents) {
         let mut now = Vec::new();
         for (id, active) in &self.active {
-            if active.sensors && stepped.may_differ(*id) {
+            if active.sensors && (stepped.may_differ(*id) || self.turned_on.contains(id)) {
                 stepped.engine.sensed(*id, &mut now);
             }
         }

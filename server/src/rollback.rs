@@ -78,6 +78,11 @@ impl Rollback {
         if !is_due && self.stepped < after {
             return;
         }
+        self.begin_at(scene, ownership);
+    }
+
+    /// Begins with a scene that has not changed since its last step.
+    pub(crate) fn begin_at(&mut self, scene: &mut Scene, ownership: &Ownership) {
         if let Some(copy) = scene.copy() {
             let ownership = ownership.clone();
             self.begin(Base {

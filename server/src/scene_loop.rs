@@ -462,7 +462,12 @@ impl SceneLoop {
             |reason: &dyn std::fmt::Display| CheckpointError::NotAdmitted(reason.to_string());
         let (slot, mut load) = rights::admit_scene(&self.name, checkpoint.config(), &self.settings)
             .map_err(|denial| refused(&denial))?;
-        let scene = checkpoint.scene(&self.settings.threads)?;
+        let mut scene = checkpoint.base(&self.settings.threads)?;
+        let mut rollback = Rollback::default();
+        if self.settings.limits.restorations > 0 {
+            rollback.begin_at(&mut scene, &Ownership::default());
+        }
+        checkpoint.continue_from(&mut scene)?;
         let (bodies, most) = (scene.body_count(), self.settings.limits.bodies_per_scene);
         if bodies as u64 > most {
             let reason =
@@ -477,6 +482,7 @@ impl SceneLoop {
         }
         self.run_scene(scene, slot, load);
         if let Some(running) = &mut self.running {
+            running.rollback = rollback;
             running.restore_shapes();
             running.restore_members(
                 Sessions::default(),

@@ -53,6 +53,10 @@ fn a_scene_is_saved_between_steps_with_what_was_commanded_since() {
         let saved = server.save("first").expect("it exists");
         let read = Checkpoint::from_bytes(&saved.to_bytes()).expect("whole bytes");
         server.restore("second", &read).expect("a free name");
+        let again = server
+            .save("second")
+            .expect("a fork is saved before its first step");
+        assert_eq!(again, read);
         let elsewhere = LocalServer::new();
         elsewhere.restore("first", &read).expect("a free name");
 
@@ -138,7 +142,6 @@ fn what_cannot_be_saved_or_restored_says_why() {
         matches!(refused, CheckpointError::SceneExists(_)),
         "{refused}"
     );
-    let (beside, peers) = LocalServer::beside(|| {});
-    drop(peers);
+    let (beside, _peers) = LocalServer::beside(|| {});
     assert_eq!(beside.save("here"), Err(CheckpointError::NoServer));
 }
