@@ -19,12 +19,13 @@ pub(crate) fn digest(replica: &Replica) -> Value {
         "checksum": format!("{:016x}", stream.state_checksum()),
     });
     // The prediction of a body is not specified while something is missing (PROTOCOL 6.8). Before the origin of a body's
-    // newest track it depends on the tracks that a view needs, so that clients differ.
+    // newest track, and while bodies come and go between two ticks of a view, it depends on what a view needs, so that
+    // clients differ.
     let is_begun = |id| {
         let track = stream.track(id);
         track.is_some_and(|track| track.origin <= watermark)
     };
-    if stream.is_converged() && replica.bodies().all(|desc| is_begun(desc.id)) {
+    if stream.is_converged() && !stream.is_changing() && replica.bodies().all(|desc| is_begun(desc.id)) {
         json["poses"] = json!(format!("{:016x}", poses(replica)));
     }
     if matches!(replica.choice(), StreamChoice::Capped { .. }) {

@@ -36,6 +36,8 @@ async function joined(options) {
   server.play(BEGINNING);
   const client = await joining;
   clients.push(client);
+  // The datagram of the first tick: the bodies are there from then on.
+  while (client.completeTick < 1) await pause(1);
   return { client, server };
 }
 
