@@ -196,12 +196,12 @@ def test_contacts_are_those_of_now(scene):
     assert scene.contacts(ball) == []
 
 
-def test_contacts_of_a_late_member_are_those_of_now():
+@pytest.mark.parametrize("sleep", [None, "never"])
+def test_contacts_of_a_late_member_are_those_of_now(sleep):
     server = rhumb.LocalServer()
     first = server.connect().join("late")
     first.add_body(rhumb.Shape.cuboid(10, 0.5, 10), (0, -0.5, 0), "fixed")
-    # One that sleeps hears of its contacts when it wakes.
-    box = first.add_body(rhumb.Shape.cuboid(0.5, 0.5, 0.5), (0, 0.5, 0), sleep="never")
+    box = first.add_body(rhumb.Shape.cuboid(0.5, 0.5, 0.5), (0, 0.5, 0), sleep=sleep)
     first.report_events(box, contacts=True)
     first.advance(ticks=90)
     late = server.connect().join("late")
