@@ -12,6 +12,8 @@ import { beginning, message, ScriptedTransport } from "./scripted.mjs";
 await load(await readFile(process.argv[2]));
 
 const BEGINNING = beginning("balls that fall into a pit");
+/** The datagrams of the first tick, from which on the bodies are there. One that comes before a member has joined is lost. */
+const FIRST_TICK = BEGINNING.filter(([kind]) => kind === "datagram");
 const URL = "https://127.0.0.1:4433";
 
 /** The servers of the connections that were opened, oldest first. */
@@ -36,9 +38,16 @@ async function joined(options) {
   server.play(BEGINNING);
   const client = await joining;
   clients.push(client);
-  // The datagram of the first tick: the bodies are there from then on.
-  while (client.completeTick < 1) await pause(1);
   return { client, server };
+}
+
+/** The client of a member that shows the first tick. */
+async function showing() {
+  const { client, server } = await joined();
+  server.play(FIRST_TICK);
+  while (client.completeTick < 1) await pause(1);
+  client.poll();
+  return client;
 }
 
 const pause = (milliseconds) => new Promise((resolve) => setTimeout(resolve, milliseconds));
@@ -146,8 +155,7 @@ test("refusals that no call throws are kept up to a number and counted", async (
 });
 
 test("a body's bound at a tick is that of its track, and known up to the complete tick", async () => {
-  const { client } = await joined();
-  client.poll();
+  const client = await showing();
   const [id] = client.view.ids;
   const { completeTick } = client;
   const bound = client.tickErrorBound(id, completeTick);
@@ -172,8 +180,7 @@ test("refusals are events alone where the application says so", async () => {
 });
 
 test("a body that is not in the view has no place", async () => {
-  const { client } = await joined();
-  client.poll();
+  const client = await showing();
   const [first] = client.view.ids;
   assert.equal(client.view.place(first), 0);
   assert.equal(client.view.place(2 ** 20 - 1), undefined);
@@ -222,6 +229,8 @@ test("a worker sends what its first lines name", async (t) => {
   while (servers.length === opened) await pause(1);
   servers.at(-1).play(BEGINNING);
   assert.equal((await joining).kind, "joined");
+  servers.at(-1).play(FIRST_TICK);
+  await pause(10);
   const first = await answer({ kind: "frame" });
   const count = first.ids.length;
   assert.ok(count > 0);
