@@ -23,6 +23,8 @@ function differences({ events }, count) {
     if (kind === "control") member.handleControl(0, bytesOf(value));
     else if (kind === "datagram") member.handleDatagram(0, bytesOf(value));
     else if (kind === "known") {
+      // Bodies that came are there once a view has shown them.
+      if (member.completeTick !== undefined) member.show(member.completeTick);
       const digest = member.digest ?? {};
       // Scripted streams state more words than a digest has.
       const words = Object.keys(digest).length === 0 ? Object.keys(value) : Object.keys(digest);
