@@ -25,7 +25,10 @@ pub(crate) fn digest(replica: &Replica) -> Value {
         let track = stream.track(id);
         track.is_some_and(|track| track.origin <= watermark)
     };
-    if stream.is_converged() && !stream.is_changing() && replica.bodies().all(|desc| is_begun(desc.id)) {
+    if stream.is_converged()
+        && !stream.is_changing()
+        && replica.bodies().all(|desc| is_begun(desc.id))
+    {
         json["poses"] = json!(format!("{:016x}", poses(replica)));
     }
     if matches!(replica.choice(), StreamChoice::Capped { .. }) {
