@@ -12,8 +12,7 @@ use rhumb_client::{
     QueryError,
 };
 
-use crate::packed_id::{InvalidPackedId, packed_id};
-use crate::refusal_record::{RefusalRecord, with_words};
+use crate::records::{InvalidPackedId, RefusalRecord, packed_id, with_words};
 
 /// Reason why a call of a binding failed.
 #[derive(Debug)]

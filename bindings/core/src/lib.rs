@@ -7,42 +7,31 @@
 //! converts between them and Rhumb's own: right-handed, y up, metres.
 #![forbid(unsafe_code)]
 
-mod body_params;
-mod contacts;
-mod converted_view;
 mod coordinates;
-#[cfg(feature = "serve")]
-mod door;
+mod descriptions;
 mod error;
-mod event_record;
 #[cfg(feature = "files")]
 mod files;
 mod generated;
-mod join_params;
-mod joint_params;
+mod joining;
 #[cfg(feature = "serve")]
 mod own_server;
-mod packed_id;
-mod refusal_record;
+mod records;
 mod remote_scene;
-mod scene_follower;
-mod trust;
+mod view;
 
-pub use body_params::BodyParams;
-pub use contacts::ContactRecord;
 pub use coordinates::Coordinates;
+pub use descriptions::{BodyParams, JointFreedom, JointParams, StateRecord};
 pub use error::{BindingError, ErrorKind};
-pub use event_record::EventRecord;
 #[cfg(feature = "files")]
 pub use files::{Base, FileSettings, LoadParams, LoadedFile, NamedBody, NamedJoint, OwnContacts};
 pub use generated::EventKind;
-pub use join_params::{JoinCondition, JoinParams};
-pub use joint_params::{JointFreedom, JointParams};
+pub use joining::{JoinCondition, JoinParams, address_with, server_of};
 #[cfg(feature = "serve")]
 pub use own_server::{OwnServer, Reach, ServedScenes};
-pub use packed_id::{InvalidPackedId, packed_id, parse_packed_id};
-pub use refusal_record::RefusalRecord;
-pub use remote_scene::{HitRecord, RemoteScene, StateRecord};
+pub use records::{
+    ContactRecord, EventRecord, InvalidPackedId, RefusalRecord, packed_id, parse_packed_id,
+};
+pub use remote_scene::{HitRecord, RemoteScene};
 pub use rhumb_client;
-pub use scene_follower::{ObjectChange, SceneFollower};
-pub use trust::{address_with, server_of};
+pub use view::{ObjectChange, SceneFollower};

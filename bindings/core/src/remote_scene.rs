@@ -8,25 +8,23 @@ use std::time::Duration;
 use glam::{Quat, Vec3};
 use rhumb_client::scene::{Answer, Command, Query};
 use rhumb_client::{
-    BodyCentres, BodyId, BodyState, Client, ClientError, ErrorBound, Misuse, PipelineDepth,
-    RenderTime, ServerConnection, Statistics, Tick,
+    BodyCentres, BodyId, BodyState, Client, ClientError, ErrorBound, PipelineDepth, RenderTime,
+    ServerConnection, Statistics, Tick,
 };
 #[cfg(feature = "serve")]
 use rhumb_client::{Checkpoint, CheckpointError};
 
-use crate::body_params::BodyParams;
-use crate::contacts::ContactRecord;
-use crate::converted_view::ConvertedView;
 use crate::coordinates::Coordinates;
+use crate::descriptions::{BodyParams, StateRecord};
 use crate::error::BindingError;
-use crate::event_record::EventRecord;
 #[cfg(feature = "files")]
 use crate::files::{self, LoadParams, LoadedFile, NamedBody, NamedJoint};
 use crate::generated::EventKind;
-use crate::join_params::{JoinParams, TICKS_NEEDED, tolerance};
+use crate::joining::{JoinParams, TICKS_NEEDED, tolerance};
 #[cfg(feature = "serve")]
 use crate::own_server::{OwnServer, SceneServer};
-use crate::refusal_record::RefusalRecord;
+use crate::records::{ContactRecord, EventRecord, RefusalRecord};
+use crate::view::ConvertedView;
 
 /// Limit of unread events, the client's own. Beyond it, the oldest are dropped.
 const EVENTS_KEPT: usize = 65_536;
@@ -44,40 +42,6 @@ pub struct HitRecord {
     pub point: Vec3,
     /// Outward from the surface, of unit length, or zero where there is none.
     pub normal: Vec3,
-}
-
-/// State of a body: one that the application moves, or one of the copy.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct StateRecord {
-    /// The body.
-    pub body: BodyId,
-    /// Centre of mass, or the origin of a hull or compound that this client added.
-    pub position: Vec3,
-    /// Body → world.
-    pub rotation: Quat,
-    /// Units of length per second.
-    pub linear_velocity: Vec3,
-    /// rad/s about world axes.
-    pub angular_velocity: Vec3,
-}
-
-impl StateRecord {
-    /// Checks each number as a command that sets it does. Metres.
-    fn check(&self) -> Result<(), BindingError> {
-        let pose = Command::SetPose {
-            id: self.body,
-            position: self.position,
-            rotation: self.rotation,
-        };
-        let velocity = Command::SetVelocity {
-            id: self.body,
-            linear: self.linear_velocity,
-            angular: self.angular_velocity,
-        };
-        let named = |cause| ClientError::Misuse(Misuse::State(self.body, cause)).into();
-        let checked = pose.check().and_then(|()| velocity.check());
-        checked.map_err(named)
-    }
 }
 
 /// A client of one scene.

@@ -1,12 +1,85 @@
-//! An event of a scene, as plain fields in the coordinates of the application.
+//! What a scene tells: ids, contacts, events and refusals, as plain fields.
+//!
+//! Positions, directions and lengths are in the coordinates of the application. A body's id is packed into one number, for
+//! languages without such a type; the number of no body is zero, so that memory full of zeros names none.
+
+use std::fmt;
 
 use glam::Vec3;
 use rhumb_client::scene::BodyEvent;
-use rhumb_client::{BodyId, ClientError, Event, RemovalCause, Tick};
+use rhumb_client::{BodyId, ClientError, Event, RefusedRequest, RemovalCause, Tick, TouchingPair};
 
 use crate::coordinates::Coordinates;
 use crate::generated::EventKind;
-use crate::refusal_record::with_words;
+
+/// The packed id of a body: one more than its index, with its generation above the low 33 bits.
+#[must_use]
+pub fn packed_id(id: BodyId) -> u64 {
+    (u64::from(id.generation()) << INDEX_BITS) | (u64::from(id.index()) + 1)
+}
+
+/// The body of a packed id.
+///
+/// # Errors
+///
+/// [`InvalidPackedId`] for a number that names no body.
+pub fn parse_packed_id(number: u64) -> Result<BodyId, InvalidPackedId> {
+    let invalid = InvalidPackedId(number);
+    let index = (number & INDEX_MASK).checked_sub(1).ok_or(invalid)?;
+    let index = u32::try_from(index).map_err(|_| invalid)?;
+    let generation = u16::try_from(number >> INDEX_BITS).map_err(|_| invalid)?;
+    Ok(BodyId::new(index, generation))
+}
+
+/// An index has 32 bits, and one more than the greatest has 33.
+const INDEX_BITS: u32 = 33;
+const INDEX_MASK: u64 = (1 << INDEX_BITS) - 1;
+
+/// A number that no body has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct InvalidPackedId(pub u64);
+
+impl fmt::Display for InvalidPackedId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:#x} is the id of no body", self.0)
+    }
+}
+
+impl std::error::Error for InvalidPackedId {}
+
+/// Two bodies that touch.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ContactRecord {
+    /// The body that was asked for, or that with the lesser id.
+    pub body: BodyId,
+    /// The body that it touches.
+    pub other: BodyId,
+    /// A point of the deepest contact, on the body with the lesser id.
+    pub point: Vec3,
+    /// From the other body towards the body, unit.
+    pub normal: Vec3,
+    /// Units of length; negative if the bodies overlap.
+    pub separation: f32,
+    /// The sum of all forces between the bodies.
+    pub force: f32,
+    /// The tick of the last event about the pair.
+    pub tick: Tick,
+}
+
+impl ContactRecord {
+    pub(crate) fn new(pair: &TouchingPair, coordinates: Coordinates) -> Self {
+        let contact = coordinates.contact_out(pair.contact);
+        Self {
+            body: pair.body,
+            other: contact.with,
+            point: contact.point,
+            normal: contact.normal,
+            separation: contact.separation,
+            force: contact.force,
+            tick: pair.tick,
+        }
+    }
+}
 
 /// One event. A field that the kind does not name is zero or `None`.
 #[derive(Clone, Debug, PartialEq)]
@@ -185,5 +258,131 @@ const fn removal(cause: RemovalCause) -> &'static str {
         RemovalCause::Command => "a member removed it",
         RemovalCause::LeftWorld => "it left the bounds of the world",
         RemovalCause::NotFinite => "its state was no longer finite",
+    }
+}
+
+/// A request that the server refused, and that changed nothing.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RefusalRecord {
+    /// The command's number; `None` for a request for authority.
+    pub number: Option<u64>,
+    /// The body that the request is about, if that is known.
+    pub body: Option<BodyId>,
+    /// The reason in one or a few words, for programs.
+    pub reason: &'static str,
+    /// The reason, a plain sentence.
+    pub text: String,
+}
+
+impl RefusalRecord {
+    /// The record of a client's refusal.
+    #[must_use]
+    pub fn new(refusal: &RefusedRequest) -> Self {
+        let (body, reason) = (refusal.body, refusal.reason);
+        Self {
+            number: refusal.number,
+            body,
+            reason: reason.word(),
+            text: with_words(&reason.to_string()),
+        }
+    }
+}
+
+impl fmt::Display for RefusalRecord {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("the server refused ")?;
+        match self.number {
+            Some(number) => write!(f, "command {number}")?,
+            None => f.write_str("the authority")?,
+        }
+        if let Some(body) = self.body {
+            write!(f, " about body {}", packed_id(body))?;
+        }
+        write!(f, ": {}", self.text)
+    }
+}
+
+/// A sentence that names bodies by their words, as the application knows them, and not by index and generation.
+pub(crate) fn with_words(sentence: &str) -> String {
+    let mut parts = sentence.split("body ");
+    let mut written = parts.next().unwrap_or_default().to_owned();
+    for part in parts {
+        written.push_str("body ");
+        let is_of_id = |c: char| c.is_ascii_digit() || c == '.';
+        let (id, rest) = part.split_at(part.find(|c| !is_of_id(c)).unwrap_or(part.len()));
+        let id = id.split_once('.').and_then(|(index, generation)| {
+            Some(BodyId::new(index.parse().ok()?, generation.parse().ok()?))
+        });
+        match id {
+            Some(id) => {
+                written.push_str(&packed_id(id).to_string());
+                written.push_str(rest);
+            }
+            None => written.push_str(part),
+        }
+    }
+    written
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+    use rhumb_client::RefusalReason;
+    use rhumb_client::scene::CommandError;
+
+    use super::*;
+
+    proptest! {
+        #[test]
+        fn a_body_has_one_number(index: u32, generation: u16) {
+            let id = BodyId::new(index, generation);
+            prop_assert_eq!(parse_packed_id(packed_id(id)), Ok(id));
+        }
+
+        #[test]
+        fn a_number_that_names_a_body_is_that_bodys_number(number: u64) {
+            if let Ok(id) = parse_packed_id(number) {
+                prop_assert_eq!(packed_id(id), number);
+            }
+        }
+    }
+
+    #[test]
+    fn zero_and_numbers_out_of_range_name_no_body() {
+        for number in [0, 1 << INDEX_BITS, 1 << 49 | 1, u64::MAX, 0x1_0000_0001] {
+            assert_eq!(
+                parse_packed_id(number),
+                Err(InvalidPackedId(number)),
+                "{number:#x}"
+            );
+        }
+        assert_eq!(packed_id(BodyId::new(0, 0)), 1);
+    }
+
+    #[test]
+    fn a_sentence_names_all_bodies_by_their_words() {
+        let (one, other) = (BodyId::new(4, 0), BodyId::new(1, 2));
+        let sentence = format!("a joint joins {one} to {other}; a body is 1.5 m long, body 3 not");
+        let words = [one, other].map(packed_id);
+        let expected = format!(
+            "a joint joins body {} to body {}; a body is 1.5 m long, body 3 not",
+            words[0], words[1]
+        );
+        assert_eq!(with_words(&sentence), expected);
+        assert_eq!(with_words("the body is"), "the body is");
+    }
+
+    #[test]
+    fn a_sentence_names_the_body_by_its_word() {
+        let id = BodyId::new(4, 0);
+        let refusal = RefusedRequest {
+            number: Some(7),
+            body: Some(id),
+            reason: RefusalReason::Command(CommandError::UnknownBody(id)),
+        };
+        let record = RefusalRecord::new(&refusal);
+        assert_eq!(record.reason, "unknown body");
+        let text = "the server refused command 7 about body 5: the scene has no body 5";
+        assert_eq!(record.to_string(), text);
     }
 }
