@@ -24,6 +24,9 @@
 // Bytes of the text of an event, with the zero byte that ends it.
 #define RHUMB_EVENT_TEXT_BYTES 192
 
+// Bytes of the reason of a refusal, with the zero byte that ends it.
+#define RHUMB_REASON_BYTES 32
+
 // Bytes of a name, with the zero byte that ends it.
 #define RHUMB_NAME_BYTES 128
 
@@ -45,9 +48,6 @@
 
 // Bytes of an address, with the zero byte that ends it.
 #define RHUMB_ADDRESS_BYTES 320
-
-// Bytes of the reason of a refusal, with the zero byte that ends it.
-#define RHUMB_REASON_BYTES 32
 
 // The result of a call.
 enum RhumbCode
@@ -502,20 +502,6 @@ typedef struct RhumbScene {
 // The server gives the numbers out: one more than an index below 1,048,576, with a generation above the low 33 bits.
 typedef uint64_t RhumbBody;
 
-// State of a body that the application moves.
-typedef struct RhumbBodyState {
-  // The body.
-  RhumbBody body;
-  // Centre of mass, or the origin of a hull or compound that this client added, in the scene's unit of length.
-  float position[3];
-  // Unit quaternion x, y, z, w: body to world.
-  float rotation[4];
-  // Velocity of the centre of mass, units of length per second.
-  float linear_velocity[3];
-  // Spin about world axes, rad/s.
-  float angular_velocity[3];
-} RhumbBodyState;
-
 // A command, for `rhumb_scene_command`. Fields that its kind does not name are ignored. Units are kilograms, seconds,
 // radians, and the scene's unit of length.
 typedef struct RhumbCommand {
@@ -538,6 +524,79 @@ typedef struct RhumbCommand {
   // A number of an enumeration, as the kind says.
   uint32_t choice;
 } RhumbCommand;
+
+// State of a body that the application moves.
+typedef struct RhumbBodyState {
+  // The body.
+  RhumbBody body;
+  // Centre of mass, or the origin of a hull or compound that this client added, in the scene's unit of length.
+  float position[3];
+  // Unit quaternion x, y, z, w: body to world.
+  float rotation[4];
+  // Velocity of the centre of mass, units of length per second.
+  float linear_velocity[3];
+  // Spin about world axes, rad/s.
+  float angular_velocity[3];
+} RhumbBodyState;
+
+// A character: a kinematic body that walks by its velocity, as far as the world lets it, and falls. Begin with
+// `rhumb_character_init`.
+typedef struct RhumbCharacter {
+  // Not zero: it has `up`.
+  uint8_t has_up;
+  // Not zero: it has `step_height` and what belongs to it.
+  uint8_t has_step;
+  // Not zero: it also climbs onto dynamic bodies; otherwise it pushes them.
+  uint8_t onto_dynamic;
+  // Not zero: it has `snap`.
+  uint8_t has_snap;
+  // Gap that it keeps to its surroundings, units of length: 0.001 to 10,000 m.
+  float offset;
+  // Steepest slope that it climbs, from level ground: 0 to π/2 rad.
+  float climb_angle;
+  // Slope from which on it slides down, from level ground: 0 to π/2 rad.
+  float slide_angle;
+  // Mass with which it pushes dynamic bodies, none at zero: 0 to 1,000,000 kg.
+  float mass;
+  // Direction away from the ground, of unit length, instead of the one against gravity.
+  float up[3];
+  // Greatest height of a step that it climbs, units of length: 0.001 to 10,000 m.
+  float step_height;
+  // Free width that it needs on a step, units of length: 0.001 to 10,000 m.
+  float step_width;
+  // Greatest drop of the ground that it follows without a fall, units of length: 0.001 to 10,000 m.
+  float snap;
+} RhumbCharacter;
+
+// A wheel of a vehicle, in the axes of its chassis and from the origin of its shape: a ray with a spring. Begin with
+// `rhumb_wheel_init`.
+typedef struct RhumbWheel {
+  // Upper end of the suspension, units of length: at most 10,000 m along each axis.
+  float position[3];
+  // Direction of the suspension, of unit length, towards the ground.
+  float direction[3];
+  // Axis about which the wheel turns, of unit length, to the right of the way forward.
+  float axle[3];
+  // Radius of the wheel, units of length: 0.001 to 10,000 m.
+  float radius;
+  // Length of the suspension without load, from the position to the wheel's centre, units of length: 0 to 10,000 m.
+  float rest_length;
+  // Greatest change of that length, units of length: 0 to 10,000 m.
+  float travel;
+  // Acceleration of the chassis for a change of that length: 0 to 1,000,000 1/s².
+  float stiffness;
+  // Damping while the spring is compressed: 0 to 1,000,000 1/s.
+  float compression;
+  // Damping while the spring relaxes: 0 to 1,000,000 1/s.
+  float relaxation;
+  // Greatest force of the suspension: 0 to 1,000,000,000 N.
+  float force_max;
+  // Greatest force along the ground, as a share of the suspension's force, of which the part along the way forward
+  // counts half: 0 to 100.
+  float friction_slip;
+  // Factor of the force along the axle that keeps the wheel from sliding sideways: 0 to 100.
+  float side_friction;
+} RhumbWheel;
 
 // How to reach a server, and which one to trust: by `fingerprint` or by `roots`, one of the two. The address may end with
 // `#` and the fingerprint. `unix:` and a path reach a server of this machine and user, which needs neither.
@@ -693,6 +752,22 @@ typedef struct RhumbEvent {
   char text[192];
 } RhumbEvent;
 
+// A request that the server refused, and that changed nothing.
+typedef struct RhumbRefusal {
+  // Zero: there is no further refusal, and all other fields are zero.
+  uint8_t exists;
+  // Not zero: `number` is that of a command. Zero: the request was for authority.
+  uint8_t is_command;
+  // The command's number.
+  uint64_t number;
+  // The body that the request is about; zero if that is not known.
+  RhumbBody body;
+  // The reason in one or a few words, such as "unknown body"; it ends with a zero byte.
+  char reason[32];
+  // The reason, a sentence in UTF-8 that ends with a zero byte; a longer one is cut.
+  char text[192];
+} RhumbRefusal;
+
 // How a file is read, and where its bodies are added. Begin with `rhumb_load_options_init`.
 typedef struct RhumbLoadOptions {
   // Where the root or the world of the file begins.
@@ -756,65 +831,6 @@ typedef struct RhumbNote {
   // UTF-8 that ends with a zero byte; a longer one is cut.
   char text[512];
 } RhumbNote;
-
-// A character: a kinematic body that walks by its velocity, as far as the world lets it, and falls. Begin with
-// `rhumb_character_init`.
-typedef struct RhumbCharacter {
-  // Not zero: it has `up`.
-  uint8_t has_up;
-  // Not zero: it has `step_height` and what belongs to it.
-  uint8_t has_step;
-  // Not zero: it also climbs onto dynamic bodies; otherwise it pushes them.
-  uint8_t onto_dynamic;
-  // Not zero: it has `snap`.
-  uint8_t has_snap;
-  // Gap that it keeps to its surroundings, units of length: 0.001 to 10,000 m.
-  float offset;
-  // Steepest slope that it climbs, from level ground: 0 to π/2 rad.
-  float climb_angle;
-  // Slope from which on it slides down, from level ground: 0 to π/2 rad.
-  float slide_angle;
-  // Mass with which it pushes dynamic bodies, none at zero: 0 to 1,000,000 kg.
-  float mass;
-  // Direction away from the ground, of unit length, instead of the one against gravity.
-  float up[3];
-  // Greatest height of a step that it climbs, units of length: 0.001 to 10,000 m.
-  float step_height;
-  // Free width that it needs on a step, units of length: 0.001 to 10,000 m.
-  float step_width;
-  // Greatest drop of the ground that it follows without a fall, units of length: 0.001 to 10,000 m.
-  float snap;
-} RhumbCharacter;
-
-// A wheel of a vehicle, in the axes of its chassis and from the origin of its shape: a ray with a spring. Begin with
-// `rhumb_wheel_init`.
-typedef struct RhumbWheel {
-  // Upper end of the suspension, units of length: at most 10,000 m along each axis.
-  float position[3];
-  // Direction of the suspension, of unit length, towards the ground.
-  float direction[3];
-  // Axis about which the wheel turns, of unit length, to the right of the way forward.
-  float axle[3];
-  // Radius of the wheel, units of length: 0.001 to 10,000 m.
-  float radius;
-  // Length of the suspension without load, from the position to the wheel's centre, units of length: 0 to 10,000 m.
-  float rest_length;
-  // Greatest change of that length, units of length: 0 to 10,000 m.
-  float travel;
-  // Acceleration of the chassis for a change of that length: 0 to 1,000,000 1/s².
-  float stiffness;
-  // Damping while the spring is compressed: 0 to 1,000,000 1/s.
-  float compression;
-  // Damping while the spring relaxes: 0 to 1,000,000 1/s.
-  float relaxation;
-  // Greatest force of the suspension: 0 to 1,000,000,000 N.
-  float force_max;
-  // Greatest force along the ground, as a share of the suspension's force, of which the part along the way forward
-  // counts half: 0 to 100.
-  float friction_slip;
-  // Factor of the force along the axle that keeps the wheel from sliding sideways: 0 to 100.
-  float side_friction;
-} RhumbWheel;
 
 // Steering, force and brake of a wheel. Without any, it rolls freely. All zeros are its default.
 typedef struct RhumbWheelInput {
@@ -1002,22 +1018,6 @@ typedef struct RhumbHit {
   float normal[3];
 } RhumbHit;
 
-// A request that the server refused, and that changed nothing.
-typedef struct RhumbRefusal {
-  // Zero: there is no further refusal, and all other fields are zero.
-  uint8_t exists;
-  // Not zero: `number` is that of a command. Zero: the request was for authority.
-  uint8_t is_command;
-  // The command's number.
-  uint64_t number;
-  // The body that the request is about; zero if that is not known.
-  RhumbBody body;
-  // The reason in one or a few words, such as "unknown body"; it ends with a zero byte.
-  char reason[32];
-  // The reason, a sentence in UTF-8 that ends with a zero byte; a longer one is cut.
-  char text[192];
-} RhumbRefusal;
-
 // How to join a scene. Begin with `rhumb_join_options_init`.
 typedef struct RhumbJoinOptions {
   // A `RhumbCoordinates`: of every position, velocity, length and force of this client.
@@ -1093,6 +1093,29 @@ typedef struct RhumbStatistics {
 extern "C" {
 #endif // __cplusplus
 
+// The sentence of the last error of the calling thread: what was wrong, where, and what to do. Empty before the first.
+//
+// Never null. The text is valid until the next call of this library on the same thread. Do not free it.
+const char *rhumb_last_error(void);
+
+// The version of the library that runs: major × 65,536 + minor × 256 + patch.
+//
+// Until version 1, the interface may change with each minor version; after it, with each major version.
+uint32_t rhumb_version(void);
+
+// Queues `count` commands, which are applied in this order before the next tick. If one is wrong, none is queued.
+//
+// They are sent together, by the next call that waits or by `rhumb_scene_flush`. `last` may be null; otherwise it receives
+// the number of the last command: those before it have the numbers below it, and events name them.
+//
+// # Safety
+//
+// `commands` points to `count` commands; `last` is null or points to memory for a number.
+RhumbCode rhumb_scene_command(struct RhumbScene scene,
+                              const struct RhumbCommand *commands,
+                              size_t count,
+                              uint64_t *last);
+
 // Requests authority over `count` kinematic bodies, in place of the bodies that this client has authority over now. None
 // ends the authority.
 //
@@ -1128,18 +1151,26 @@ RhumbCode rhumb_scene_publish(struct RhumbScene scene,
                               uint8_t *published,
                               uint64_t *tick);
 
-// Queues `count` commands, which are applied in this order before the next tick. If one is wrong, none is queued.
-//
-// They are sent together, by the next call that waits or by `rhumb_scene_flush`. `last` may be null; otherwise it receives
-// the number of the last command: those before it have the numbers below it, and events name them.
+// Makes a plain character in a scene of these `RhumbCoordinates`: of 80 kg, that climbs slopes of up to 45 degrees, slides
+// down steeper ones, climbs no steps, and follows the ground down by 0.2 m.
 //
 // # Safety
 //
-// `commands` points to `count` commands; `last` is null or points to memory for a number.
-RhumbCode rhumb_scene_command(struct RhumbScene scene,
-                              const struct RhumbCommand *commands,
-                              size_t count,
-                              uint64_t *last);
+// `character` points to memory for a `RhumbCharacter`.
+RhumbCode rhumb_character_init(struct RhumbCharacter *character,
+                               uint32_t coordinates);
+
+// Makes a plain wheel in a scene of these `RhumbCoordinates`: of radius 0.3 m at the chassis' origin, on a suspension
+// of 0.3 m that points down. Its axle is along x, in Unreal's coordinates along y.
+//
+// A vehicle of such wheels rolls forward along -z in Rhumb's coordinates, z in Unity's, x in Unreal's, and y where z is up.
+// Four of them let a chassis sink by 5 cm.
+//
+// # Safety
+//
+// `wheel` points to memory for a `RhumbWheel`.
+RhumbCode rhumb_wheel_init(struct RhumbWheel *wheel,
+                           uint32_t coordinates);
 
 // Connects to a server. Join a scene with the connection, or close it.
 //
@@ -1178,6 +1209,15 @@ RhumbCode rhumb_shape_centre(const struct RhumbShape *shape,
 //
 // `event` points to memory for a `RhumbEvent`.
 RhumbCode rhumb_scene_poll_event(struct RhumbScene scene, struct RhumbEvent *event);
+
+// Takes the oldest refusal of the last call that was `RHUMB_CODE_REFUSED`, of which 1,024 are kept. Its sentences are those
+// of `rhumb_last_error`, which names the first and tells how many others there are.
+//
+// # Safety
+//
+// `refusal` points to memory for a `RhumbRefusal`.
+RhumbCode rhumb_scene_poll_refusal(struct RhumbScene scene,
+                                   struct RhumbRefusal *refusal);
 
 // Makes plain options: at the origin, all as in the file.
 //
@@ -1416,27 +1456,6 @@ RhumbCode rhumb_local_server_restore(struct RhumbLocalServer server,
 // Closes the handle of a server. The server itself ends with the last of its connections and scenes.
 RhumbCode rhumb_local_server_close(struct RhumbLocalServer server);
 
-// Makes a plain character in a scene of these `RhumbCoordinates`: of 80 kg, that climbs slopes of up to 45 degrees, slides
-// down steeper ones, climbs no steps, and follows the ground down by 0.2 m.
-//
-// # Safety
-//
-// `character` points to memory for a `RhumbCharacter`.
-RhumbCode rhumb_character_init(struct RhumbCharacter *character,
-                               uint32_t coordinates);
-
-// Makes a plain wheel in a scene of these `RhumbCoordinates`: of radius 0.3 m at the chassis' origin, on a suspension
-// of 0.3 m that points down. Its axle is along x, in Unreal's coordinates along y.
-//
-// A vehicle of such wheels rolls forward along -z in Rhumb's coordinates, z in Unity's, x in Unreal's, and y where z is up.
-// Four of them let a chassis sink by 5 cm.
-//
-// # Safety
-//
-// `wheel` points to memory for a `RhumbWheel`.
-RhumbCode rhumb_wheel_init(struct RhumbWheel *wheel,
-                           uint32_t coordinates);
-
 // Lends the arrays of the view that the last advance, wait or poll computed.
 //
 // In Rhumb's own coordinates, these are the client's own arrays of poses. In others, they are converted by this call.
@@ -1488,15 +1507,6 @@ RhumbCode rhumb_scene_query(struct RhumbScene scene,
                             size_t capacity,
                             size_t *hit_count,
                             uint64_t *tick);
-
-// Takes the oldest refusal of the last call that was `RHUMB_CODE_REFUSED`, of which 1,024 are kept. Its sentences are those
-// of `rhumb_last_error`, which names the first and tells how many others there are.
-//
-// # Safety
-//
-// `refusal` points to memory for a `RhumbRefusal`.
-RhumbCode rhumb_scene_poll_refusal(struct RhumbScene scene,
-                                   struct RhumbRefusal *refusal);
 
 // Makes plain options: the scene is created unless it exists, with 60 ticks a second in lockstep, under the earth's
 // gravity; copies are within 5 cm; coordinates are Rhumb's.
@@ -1627,16 +1637,6 @@ RhumbCode rhumb_scene_set_lead_ticks(struct RhumbScene scene, double ticks);
 //
 // `statistics` points to memory for a `RhumbStatistics`.
 RhumbCode rhumb_scene_statistics(struct RhumbScene scene, struct RhumbStatistics *statistics);
-
-// The sentence of the last error of the calling thread: what was wrong, where, and what to do. Empty before the first.
-//
-// Never null. The text is valid until the next call of this library on the same thread. Do not free it.
-const char *rhumb_last_error(void);
-
-// The version of the library that runs: major × 65,536 + minor × 256 + patch.
-//
-// Until version 1, the interface may change with each minor version; after it, with each major version.
-uint32_t rhumb_version(void);
 
 #ifdef __cplusplus
 }  // extern "C"

@@ -1,14 +1,120 @@
-//! The border between C and Rust: panics stop, pointers become references.
+//! The border between C and Rust: result codes, pointers, handles.
 //!
-//! Every function that C calls goes through [`guard`]. All other files take pointers only by the functions of this one.
+//! Every function that C calls goes through [`guard`], where panics stop. All other files take pointers only by the
+//! functions of this one.
+//!
+//! A handle is a number that is never given out twice: it can be wrong without harm, which a pointer cannot. One thread at
+//! a time may be inside a call of a handle; a second one gets an error and does not wait.
 
 use std::any::Any;
-use std::ffi::{CStr, c_char};
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+use std::ffi::{CStr, CString, c_char};
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 
-use rhumb_bindings::BindingError;
+use rhumb_bindings::{BindingError, ErrorKind};
 
-use crate::status::{RhumbCode, keep_error};
+/// The result of a call.
+#[repr(u32)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RhumbCode {
+    /// The call did what it says.
+    Ok,
+    /// An argument is wrong; nothing was done.
+    Invalid,
+    /// A pointer is null; nothing was done.
+    Null,
+    /// A buffer is too small; nothing was written to it.
+    TooSmall,
+    /// The handle is closed, or was never open.
+    Closed,
+    /// Another thread is inside a call with the same handle; nothing was done.
+    Busy,
+    /// The server was not reached, or is not the one that is trusted.
+    Connect,
+    /// The server denied the request.
+    Denied,
+    /// The server did not answer in time. The call may be repeated; nothing is lost.
+    Timeout,
+    /// The connection is over.
+    Ended,
+    /// The scene was deleted, or its physics engine failed.
+    SceneGone,
+    /// A fault of this library. The scene can only be closed.
+    Fault,
+    /// The server refused requests of earlier calls, which `rhumb_scene_poll_refusal` names. The call did what it says all
+    /// the same, and the next one continues.
+    Refused,
+}
+
+impl RhumbCode {
+    pub(crate) const fn of(kind: ErrorKind) -> Self {
+        match kind {
+            ErrorKind::Invalid => Self::Invalid,
+            ErrorKind::Null => Self::Null,
+            ErrorKind::TooSmall => Self::TooSmall,
+            ErrorKind::Closed => Self::Closed,
+            ErrorKind::Busy => Self::Busy,
+            ErrorKind::Connect => Self::Connect,
+            ErrorKind::Denied => Self::Denied,
+            ErrorKind::Timeout => Self::Timeout,
+            ErrorKind::Ended => Self::Ended,
+            ErrorKind::SceneGone => Self::SceneGone,
+            ErrorKind::Fault => Self::Fault,
+            ErrorKind::Refused => Self::Refused,
+        }
+    }
+}
+
+thread_local! {
+    /// The sentence of this thread's last error.
+    static LAST_ERROR: RefCell<CString> = RefCell::default();
+}
+
+/// Keeps the sentence of an error for `rhumb_last_error`, unless the thread is at its end.
+fn keep_error(error: &BindingError) {
+    // A zero byte would end the sentence early.
+    let bytes = error.to_string().into_bytes();
+    let bytes: Vec<u8> = bytes.into_iter().filter(|byte| *byte != 0).collect();
+    let Ok(text) = CString::new(bytes) else {
+        return;
+    };
+    // A static object of a program may close a handle after its thread has given up the sentence. A panic here would end
+    // the process: no caller of this function catches it.
+    let _kept = LAST_ERROR.try_with(|last| {
+        if let Ok(mut last) = last.try_borrow_mut() {
+            *last = text;
+        }
+    });
+}
+
+/// The sentence of the last error of the calling thread: what was wrong, where, and what to do. Empty before the first.
+///
+/// Never null. The text is valid until the next call of this library on the same thread. Do not free it.
+#[unsafe(no_mangle)]
+pub extern "C" fn rhumb_last_error() -> *const c_char {
+    LAST_ERROR
+        .try_with(|last| last.try_borrow().map(|text| text.as_ptr()).ok())
+        .ok()
+        .flatten()
+        .unwrap_or(c"".as_ptr())
+}
+
+/// The version of the library that runs: major × 65,536 + minor × 256 + patch.
+///
+/// Until version 1, the interface may change with each minor version; after it, with each major version.
+#[unsafe(no_mangle)]
+pub extern "C" fn rhumb_version() -> u32 {
+    let number = |text: &str| text.parse().unwrap_or(0);
+    let (major, minor, patch) = (
+        number(env!("CARGO_PKG_VERSION_MAJOR")),
+        number(env!("CARGO_PKG_VERSION_MINOR")),
+        number(env!("CARGO_PKG_VERSION_PATCH")),
+    );
+    (major << 16) | (minor << 8) | patch
+}
 
 /// Runs a call; an error or a panic becomes a code, and its sentence is kept.
 pub(crate) fn guard(call: impl FnOnce() -> Result<(), BindingError>) -> RhumbCode {
@@ -214,10 +320,77 @@ fn check_size<T>(count: usize, argument: &'static str) -> Result<(), BindingErro
     }
 }
 
+/// The next handle's number, of any kind: a handle of one kind is none of another.
+static NEXT: AtomicU64 = AtomicU64::new(1);
+
+/// The things that the handles of one kind name.
+pub(crate) struct HandleTable<T> {
+    entries: Mutex<BTreeMap<u64, Arc<Mutex<T>>>>,
+}
+
+impl<T> HandleTable<T> {
+    pub(crate) const fn new() -> Self {
+        Self {
+            entries: Mutex::new(BTreeMap::new()),
+        }
+    }
+
+    /// Gives out a handle.
+    pub(crate) fn insert(&self, value: T) -> u64 {
+        let number = NEXT.fetch_add(1, Ordering::Relaxed);
+        self.entries().insert(number, Arc::new(Mutex::new(value)));
+        number
+    }
+
+    /// Ends a handle. A call of another thread that is inside it continues, and its end drops the value.
+    pub(crate) fn remove(&self, number: u64) -> Result<Arc<Mutex<T>>, BindingError> {
+        self.entries().remove(&number).ok_or(BindingError::Closed)
+    }
+
+    /// Ends a handle, and returns its value. The handle stays if the value fails the check, or a call is inside it.
+    pub(crate) fn take(
+        &self,
+        number: u64,
+        check: impl FnOnce(&T) -> Result<(), BindingError>,
+    ) -> Result<T, BindingError> {
+        let mut entries = self.entries();
+        let entry = entries.get_mut(&number).ok_or(BindingError::Closed)?;
+        // Calls share an entry only while the table is locked, so that it remains this one's.
+        let value = Arc::get_mut(entry).ok_or(BindingError::Busy)?;
+        check(value.get_mut().map_err(|_| BindingError::Closed)?)?;
+        let entry = entries.remove(&number).ok_or(BindingError::Closed)?;
+        let value = Arc::into_inner(entry).ok_or(BindingError::Busy)?;
+        value.into_inner().map_err(|_| BindingError::Closed)
+    }
+
+    /// Calls with what a handle names.
+    pub(crate) fn with<R>(
+        &self,
+        number: u64,
+        call: impl FnOnce(&mut T) -> Result<R, BindingError>,
+    ) -> Result<R, BindingError> {
+        let entry = self.entries().get(&number).cloned();
+        let entry = entry.ok_or(BindingError::Closed)?;
+        let mut value = entry.try_lock().map_err(|error| match error {
+            TryLockError::WouldBlock => BindingError::Busy,
+            TryLockError::Poisoned(_) => {
+                BindingError::Fault("an earlier call with this handle panicked; close it".into())
+            }
+        })?;
+        call(&mut value)
+    }
+
+    fn entries(&self) -> MutexGuard<'_, BTreeMap<u64, Arc<Mutex<T>>>> {
+        // A panic while it was locked would have left it whole: it is only looked up and changed by single calls.
+        self.entries.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
 #[cfg(test)]
 mod tests {
+    use rhumb_bindings::ErrorKind;
+
     use super::*;
-    use crate::status::rhumb_last_error;
 
     fn last_error() -> String {
         // SAFETY: the text is valid until this thread's next call, and is copied.
@@ -304,5 +477,80 @@ mod tests {
             assert_eq!(broken.to_string(), "scene must be text in UTF-8");
             assert_eq!(optional_text(std::ptr::null(), "token").unwrap(), None);
         }
+    }
+
+    fn kind<T>(result: Result<T, BindingError>) -> Option<ErrorKind> {
+        result.err().map(|error| error.kind())
+    }
+
+    #[test]
+    fn a_handle_names_one_value_until_it_is_removed_and_nothing_afterwards() {
+        let (numbers, texts) = (HandleTable::new(), HandleTable::new());
+        let (number, text) = (numbers.insert(7), texts.insert("seven"));
+        assert_ne!(number, text);
+        assert_eq!(numbers.with(number, |value| Ok(*value)).unwrap(), 7);
+        assert_eq!(
+            kind(numbers.with(text, |_| Ok(()))),
+            Some(ErrorKind::Closed)
+        );
+        numbers.remove(number).expect("it is there");
+        assert_eq!(
+            kind(numbers.with(number, |_| Ok(()))),
+            Some(ErrorKind::Closed)
+        );
+        assert_eq!(kind(numbers.remove(number)), Some(ErrorKind::Closed));
+        assert_eq!(kind(numbers.with(0, |_| Ok(()))), Some(ErrorKind::Closed));
+        assert_ne!(numbers.insert(8), number);
+    }
+
+    #[test]
+    fn a_second_thread_gets_an_error_and_does_not_wait() {
+        let table = HandleTable::new();
+        let number = table.insert(());
+        let inside = table.with(number, |()| {
+            let other = std::thread::scope(|scope| {
+                let call = scope.spawn(|| kind(table.with(number, |()| Ok(()))));
+                call.join().expect("the thread ends")
+            });
+            assert_eq!(other, Some(ErrorKind::Busy));
+            // Its removal does not disturb the call either.
+            table.remove(number).map(drop)
+        });
+        assert!(inside.is_ok());
+        assert_eq!(
+            kind(table.with(number, |()| Ok(()))),
+            Some(ErrorKind::Closed)
+        );
+    }
+
+    #[test]
+    fn a_value_is_taken_unless_it_fails_the_check_or_is_in_use() {
+        let table = HandleTable::new();
+        let number = table.insert(7);
+        let wrong = table.take(number, |_| Err(BindingError::Null("value")));
+        assert_eq!(kind(wrong), Some(ErrorKind::Null));
+        let inside = table.with(number, |_| {
+            assert_eq!(kind(table.take(number, |_| Ok(()))), Some(ErrorKind::Busy));
+            Ok(())
+        });
+        assert!(inside.is_ok());
+        assert_eq!(table.take(number, |_| Ok(())).unwrap(), 7);
+        assert_eq!(
+            kind(table.take(number, |_| Ok(()))),
+            Some(ErrorKind::Closed)
+        );
+    }
+
+    #[test]
+    fn a_handle_whose_call_panicked_can_only_be_removed() {
+        let table = HandleTable::new();
+        let number = table.insert(());
+        let call = AssertUnwindSafe(|| table.with::<()>(number, |()| panic!("half done")));
+        assert!(catch_unwind(call).is_err());
+        assert_eq!(
+            kind(table.with(number, |()| Ok(()))),
+            Some(ErrorKind::Fault)
+        );
+        assert!(table.remove(number).is_ok());
     }
 }

@@ -1,9 +1,15 @@
-//! Commands of C: they are queued, in batches.
+//! What an application asks of a scene: commands, and authority over bodies.
+//!
+//! Characters and wheels, which commands take, have the defaults of the scene's coordinates.
 
-use crate::border::{elements, guard};
-use crate::generated::RhumbCommand;
-use crate::scene::{RhumbScene, send_all};
-use crate::status::RhumbCode;
+use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
+use rhumb_bindings::{BindingError, Coordinates, StateRecord, parse_packed_id};
+
+use crate::border::{RhumbCode, elements, guard, one_of, write, write_if_wanted};
+use crate::descriptions::RhumbBody;
+use crate::generated::{RhumbCharacter, RhumbCommand, RhumbWheel};
+use crate::kinds::COORDINATES;
+use crate::scene::{RhumbScene, send_all, with};
 
 /// Queues `count` commands, which are applied in this order before the next tick. If one is wrong, none is queued.
 ///
@@ -32,11 +38,155 @@ pub unsafe extern "C" fn rhumb_scene_command(
     })
 }
 
+/// State of a body that the application moves.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct RhumbBodyState {
+    /// The body.
+    pub body: RhumbBody,
+    /// Centre of mass, or the origin of a hull or compound that this client added, in the scene's unit of length.
+    pub position: [f32; 3],
+    /// Unit quaternion x, y, z, w: body to world.
+    pub rotation: [f32; 4],
+    /// Velocity of the centre of mass, units of length per second.
+    pub linear_velocity: [f32; 3],
+    /// Spin about world axes, rad/s.
+    pub angular_velocity: [f32; 3],
+}
+
+/// Requests authority over `count` kinematic bodies, in place of the bodies that this client has authority over now. None
+/// ends the authority.
+///
+/// One client has authority over 256 bodies at most; more are `RHUMB_CODE_INVALID`. The server's bodies are then within the
+/// tolerance, metres in any coordinates, of the states of `rhumb_scene_publish`. The tolerance of a stream adds to it: a
+/// client that follows these bodies within 0.05 m sees them within 0.07 m of the publisher's if that one's is 0.02 m.
+///
+/// It is sent at once. An event, `RHUMB_EVENT_KIND_AUTHORITY_GRANTED` or `RHUMB_EVENT_KIND_AUTHORITY_DENIED`, answers; a
+/// denial is also `RHUMB_CODE_REFUSED` of the next advance, wait or poll. A second request before the answer is
+/// `RHUMB_CODE_INVALID`.
+///
+/// # Safety
+///
+/// `bodies` points to `count` ids.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn rhumb_scene_take_authority(
+    scene: RhumbScene,
+    bodies: *const RhumbBody,
+    count: usize,
+    tolerance_m: f64,
+) -> RhumbCode {
+    guard(|| {
+        // SAFETY: the caller promises the ids.
+        let bodies = unsafe { elements(bodies, count, "bodies") }?;
+        let ids = bodies.iter().map(|body| parse_packed_id(body.0));
+        let ids = ids.collect::<Result<Vec<_>, _>>()?;
+        with(scene, |scene| scene.take_authority(&ids, tolerance_m))
+    })
+}
+
+/// Publishes the present states of the bodies under this client's authority; call it once per frame. A body that is left
+/// out stands still.
+///
+/// `published` may be null; otherwise it receives zero if nothing is published yet: before the authority is granted, before
+/// the server's clock is known, and for a second frame of one tick. `tick` may be null; otherwise it receives the tick of
+/// the states if they are published: in lockstep that of the next `rhumb_scene_advance`.
+///
+/// # Safety
+///
+/// `states` points to `count` states; `published` and `tick` are null or point to memory for their types.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn rhumb_scene_publish(
+    scene: RhumbScene,
+    states: *const RhumbBodyState,
+    count: usize,
+    published: *mut u8,
+    tick: *mut u64,
+) -> RhumbCode {
+    guard(|| {
+        // SAFETY: the caller promises the states.
+        let states = unsafe { elements(states, count, "states") }?;
+        let records = states.iter().map(RhumbBodyState::record);
+        let records = records.collect::<Result<Vec<_>, _>>()?;
+        let at = with(scene, |scene| scene.publish(&records))?;
+        // SAFETY: the caller promises the memory.
+        unsafe {
+            write_if_wanted(published, u8::from(at.is_some()), "published")?;
+            match at {
+                Some(at) => write_if_wanted(tick, at.value(), "tick"),
+                None => Ok(()),
+            }
+        }
+    })
+}
+
+impl RhumbBodyState {
+    fn record(&self) -> Result<StateRecord, BindingError> {
+        Ok(StateRecord {
+            body: parse_packed_id(self.body.0)?,
+            position: Vec3::from_array(self.position),
+            rotation: Quat::from_array(self.rotation),
+            linear_velocity: Vec3::from_array(self.linear_velocity),
+            angular_velocity: Vec3::from_array(self.angular_velocity),
+        })
+    }
+}
+
+/// Makes a plain character in a scene of these `RhumbCoordinates`: of 80 kg, that climbs slopes of up to 45 degrees, slides
+/// down steeper ones, climbs no steps, and follows the ground down by 0.2 m.
+///
+/// # Safety
+///
+/// `character` points to memory for a `RhumbCharacter`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn rhumb_character_init(
+    character: *mut RhumbCharacter,
+    coordinates: u32,
+) -> RhumbCode {
+    // SAFETY: the caller promises the memory.
+    guard(|| unsafe {
+        let coordinates = one_of(&COORDINATES, coordinates, "coordinates")?;
+        write(
+            character,
+            RhumbCharacter::from(coordinates.plain_character()),
+            "character",
+        )
+    })
+}
+
+/// Makes a plain wheel in a scene of these `RhumbCoordinates`: of radius 0.3 m at the chassis' origin, on a suspension
+/// of 0.3 m that points down. Its axle is along x, in Unreal's coordinates along y.
+///
+/// A vehicle of such wheels rolls forward along -z in Rhumb's coordinates, z in Unity's, x in Unreal's, and y where z is up.
+/// Four of them let a chassis sink by 5 cm.
+///
+/// # Safety
+///
+/// `wheel` points to memory for a `RhumbWheel`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn rhumb_wheel_init(wheel: *mut RhumbWheel, coordinates: u32) -> RhumbCode {
+    // SAFETY: the caller promises the memory.
+    guard(|| unsafe {
+        let coordinates = one_of(&COORDINATES, coordinates, "coordinates")?;
+        write(wheel, plain_wheel(coordinates), "wheel")
+    })
+}
+
+/// A plain wheel at the chassis' origin.
+fn plain_wheel(coordinates: Coordinates) -> RhumbWheel {
+    let radius = coordinates.length_out(RADIUS);
+    coordinates.plain_wheel(Vec3::ZERO, radius).into()
+}
+
+/// Radius of a plain wheel, metres: that of a small car.
+const RADIUS: f32 = 0.3;
+
 #[cfg(test)]
 mod tests {
     use rhumb_bindings::parse_packed_id;
     use rhumb_bindings::rhumb_client::glam::Vec3;
-    use rhumb_bindings::rhumb_client::scene::{ActiveEvents, Command, JumpFrom};
+    use rhumb_bindings::rhumb_client::scene::{
+        ActiveEvents, Character, CharacterStep, Command, JumpFrom, Wheel,
+    };
 
     use super::*;
     use crate::descriptions::RhumbBody;
@@ -129,5 +279,53 @@ mod tests {
             ..PLAIN
         };
         assert!(error(choice).starts_with("command.choice is "));
+    }
+
+    #[test]
+    fn plain_structs_are_the_defaults_of_rust() {
+        let character = RhumbCharacter::from(Coordinates::Rhumb.plain_character());
+        assert_eq!(Character::from(&character), Character::default());
+        let wheel = plain_wheel(Coordinates::Rhumb);
+        assert_eq!(Wheel::from(&wheel), Wheel::at(Vec3::ZERO, 0.3));
+        let in_centimetres = plain_wheel(Coordinates::Unreal);
+        assert!((in_centimetres.radius - 30.0).abs() < 1e-4);
+        assert_eq!(in_centimetres.direction, [0.0, 0.0, -1.0]);
+    }
+
+    #[test]
+    fn a_step_a_snap_and_a_direction_are_read_where_their_flags_are() {
+        let mut character = RhumbCharacter::from(Coordinates::Rhumb.plain_character());
+        // Without their flags, these mean nothing.
+        (character.step_height, character.step_width) = (0.3, 0.1);
+        character.up = [1.0, 0.0, 0.0];
+        assert_eq!(Character::from(&character), Character::default());
+        (character.has_step, character.has_up) = (1, 1);
+        (character.onto_dynamic, character.has_snap) = (1, 0);
+        let step = CharacterStep {
+            onto_dynamic: true,
+            ..CharacterStep::new(0.3, 0.1)
+        };
+        let expected = Character {
+            snap: None,
+            ..Character::default()
+        };
+        assert_eq!(Character::from(&character), expected.up(Vec3::X).step(step));
+    }
+
+    #[test]
+    fn unknown_coordinates_and_null_pointers_are_errors() {
+        let mut wheel = plain_wheel(Coordinates::Rhumb);
+        // SAFETY: each pointer is null or points to the wheel.
+        unsafe {
+            assert_eq!(rhumb_wheel_init(&raw mut wheel, 3), RhumbCode::Ok);
+            assert_eq!(rhumb_wheel_init(&raw mut wheel, 4), RhumbCode::Invalid);
+            let null = std::ptr::null_mut();
+            assert_eq!(rhumb_wheel_init(null, 0), RhumbCode::Null);
+            assert_eq!(
+                rhumb_character_init(std::ptr::null_mut(), 0),
+                RhumbCode::Null
+            );
+        }
+        assert_eq!(wheel.direction, [0.0, 0.0, -1.0]);
     }
 }

@@ -7,9 +7,7 @@ use std::time::Duration;
 use rhumb_bindings::rhumb_client::{Client, ServerConnection, Trust};
 use rhumb_bindings::{BindingError, OwnServer};
 
-use crate::border::{check_out, guard, optional_text, text, value, write};
-use crate::handles::HandleTable;
-use crate::status::RhumbCode;
+use crate::border::{HandleTable, RhumbCode, check_out, guard, optional_text, text, value, write};
 
 /// A connection to a server that has joined no scene. All zeros is none.
 #[repr(C)]

@@ -8,9 +8,8 @@ use rhumb_bindings::rhumb_client::scene::{
 use rhumb_bindings::rhumb_client::{Damping, ToleranceScale};
 use rhumb_bindings::{BindingError, BodyParams};
 
-use crate::border::{elements, guard, one_of, value, write};
+use crate::border::{RhumbCode, elements, guard, one_of, value, write};
 use crate::kinds::{BODY_KINDS, EDGES, RhumbShapeKind, RhumbSleep};
-use crate::status::RhumbCode;
 
 /// A body of a scene, for as long as the scene lives. Zero is no body.
 ///

@@ -5,11 +5,11 @@ use std::ffi::c_char;
 use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
 use rhumb_bindings::{Base, BindingError, LoadParams, LoadedFile, OwnContacts, packed_id};
 
-use crate::border::{check_out, copy_text, guard, one_of, optional_text, text, value, write};
+use crate::border::{
+    HandleTable, RhumbCode, check_out, copy_text, guard, one_of, optional_text, text, value, write,
+};
 use crate::descriptions::RhumbBody;
-use crate::handles::HandleTable;
 use crate::scene::{RhumbScene, with};
-use crate::status::RhumbCode;
 
 /// Bytes of a name, with the zero byte that ends it.
 pub const RHUMB_NAME_BYTES: usize = 128;

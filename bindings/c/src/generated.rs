@@ -9,10 +9,9 @@ use rhumb_bindings::rhumb_client::scene::{
 };
 use rhumb_bindings::{BindingError, EventKind, parse_packed_id};
 
-use crate::border::{elements, guard, one_of, value};
+use crate::border::{RhumbCode, elements, guard, one_of, value};
 use crate::descriptions::RhumbBody;
 use crate::scene::{RhumbScene, send};
-use crate::status::RhumbCode;
 
 /// Bit of `events`: its contacts begin and end.
 pub const RHUMB_EVENTS_CONTACTS: u32 = 1;

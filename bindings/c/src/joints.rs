@@ -6,11 +6,10 @@ use rhumb_bindings::rhumb_client::scene::{
 };
 use rhumb_bindings::{BindingError, JointFreedom, JointParams, parse_packed_id};
 
-use crate::border::{guard, one_of, value, write};
+use crate::border::{RhumbCode, guard, one_of, value, write};
 use crate::descriptions::RhumbBody;
 use crate::kinds::JOINT_KINDS;
 use crate::scene::{RhumbScene, send};
-use crate::status::RhumbCode;
 
 /// Frame of a joint in one of its bodies.
 #[repr(C)]

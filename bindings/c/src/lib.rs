@@ -9,7 +9,6 @@
 #![deny(unsafe_op_in_unsafe_fn)]
 #![warn(clippy::undocumented_unsafe_blocks)]
 
-mod authority;
 mod border;
 mod commands;
 mod connection;
@@ -17,18 +16,14 @@ mod descriptions;
 mod events;
 mod files;
 mod generated;
-mod handles;
 mod joints;
 mod kinds;
 mod local;
-mod locomotion;
 mod poses;
 mod queries;
-mod refusals;
 mod scene;
-mod status;
 
-pub use authority::*;
+pub use border::*;
 pub use commands::*;
 pub use connection::*;
 pub use descriptions::*;
@@ -38,9 +33,6 @@ pub use generated::*;
 pub use joints::*;
 pub use kinds::*;
 pub use local::*;
-pub use locomotion::*;
 pub use poses::*;
 pub use queries::*;
-pub use refusals::*;
 pub use scene::*;
-pub use status::*;

@@ -6,11 +6,12 @@ use std::sync::Arc;
 use rhumb_bindings::rhumb_client::{Checkpoint, LocalServer};
 use rhumb_bindings::{BindingError, OwnServer, Reach, RemoteScene, ServedScenes};
 
-use crate::border::{check_out, copy_out, copy_text, elements, guard, optional_text, text, write};
+use crate::border::{
+    HandleTable, RhumbCode, check_out, copy_out, copy_text, elements, guard, optional_text, text,
+    write,
+};
 use crate::connection::{RhumbConnection, insert, time_limit};
-use crate::handles::HandleTable;
 use crate::scene::{RhumbScene, with};
-use crate::status::RhumbCode;
 
 /// A physics server in this process. All zeros is none.
 #[repr(C)]

@@ -2,10 +2,9 @@
 
 use rhumb_bindings::{BindingError, RemoteScene, parse_packed_id};
 
-use crate::border::{check_out, copy_out, guard, value, write};
+use crate::border::{RhumbCode, check_out, copy_out, guard, value, write};
 use crate::descriptions::RhumbBody;
 use crate::scene::{RhumbScene, with};
-use crate::status::RhumbCode;
 
 /// The arrays of a view. They have one order, which changes from view to view.
 ///

@@ -4,11 +4,12 @@ use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
 use rhumb_bindings::rhumb_client::scene::{Query, QueryFilter, QueryKind};
 use rhumb_bindings::{BindingError, HitRecord, packed_id, parse_packed_id};
 
-use crate::border::{check_out, copy_out, elements, guard, one_of, write, write_if_wanted};
+use crate::border::{
+    RhumbCode, check_out, copy_out, elements, guard, one_of, write, write_if_wanted,
+};
 use crate::descriptions::{RhumbBody, RhumbShape};
 use crate::kinds::RhumbQueryKind;
 use crate::scene::{RhumbScene, with};
-use crate::status::RhumbCode;
 
 /// A question about where the bodies are. Begin with `rhumb_query_init`. Fields that its kind does not name are ignored.
 #[repr(C)]

@@ -8,13 +8,12 @@ use rhumb_bindings::rhumb_client::{PipelineDepth, Tick};
 use rhumb_bindings::{BindingError, JoinParams, RemoteScene, packed_id, parse_packed_id};
 
 use crate::border::{
-    check_out, copy_out, elements, guard, one_of, text, value, write, write_if_wanted,
+    HandleTable, RhumbCode, check_out, copy_out, elements, guard, one_of, text, value, write,
+    write_if_wanted,
 };
 use crate::connection::{HeldConnection, RhumbConnection, seconds, take_for};
 use crate::descriptions::{RhumbBody, RhumbBodyDesc, sleep};
-use crate::handles::HandleTable;
 use crate::kinds::{CONDITIONS, COORDINATES, REFUSALS, RhumbSleep, STEPPINGS};
-use crate::status::RhumbCode;
 
 /// A client of one scene. All zeros is none.
 ///

@@ -441,6 +441,65 @@ namespace Rhumb
         public static extern RhumbCode rhumb_scene_command(RhumbScene scene, RhumbCommand* commands, System.UIntPtr count, ulong* last);
 
         /// <summary>
+        ///  Requests authority over `count` kinematic bodies, in place of the bodies that this client has authority over now. None
+        ///  ends the authority.
+        ///
+        ///  One client has authority over 256 bodies at most; more are `RHUMB_CODE_INVALID`. The server's bodies are then within the
+        ///  tolerance, metres in any coordinates, of the states of `rhumb_scene_publish`. The tolerance of a stream adds to it: a
+        ///  client that follows these bodies within 0.05 m sees them within 0.07 m of the publisher's if that one's is 0.02 m.
+        ///
+        ///  It is sent at once. An event, `RHUMB_EVENT_KIND_AUTHORITY_GRANTED` or `RHUMB_EVENT_KIND_AUTHORITY_DENIED`, answers; a
+        ///  denial is also `RHUMB_CODE_REFUSED` of the next advance, wait or poll. A second request before the answer is
+        ///  `RHUMB_CODE_INVALID`.
+        ///
+        ///  # Safety
+        ///
+        ///  `bodies` points to `count` ids.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_scene_take_authority", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_scene_take_authority(RhumbScene scene, RhumbBody* bodies, System.UIntPtr count, double tolerance_m);
+
+        /// <summary>
+        ///  Publishes the present states of the bodies under this client's authority; call it once per frame. A body that is left
+        ///  out stands still.
+        ///
+        ///  `published` may be null; otherwise it receives zero if nothing is published yet: before the authority is granted, before
+        ///  the server's clock is known, and for a second frame of one tick. `tick` may be null; otherwise it receives the tick of
+        ///  the states if they are published: in lockstep that of the next `rhumb_scene_advance`.
+        ///
+        ///  # Safety
+        ///
+        ///  `states` points to `count` states; `published` and `tick` are null or point to memory for their types.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_scene_publish", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_scene_publish(RhumbScene scene, RhumbBodyState* states, System.UIntPtr count, byte* published, ulong* tick);
+
+        /// <summary>
+        ///  Makes a plain character in a scene of these `RhumbCoordinates`: of 80 kg, that climbs slopes of up to 45 degrees, slides
+        ///  down steeper ones, climbs no steps, and follows the ground down by 0.2 m.
+        ///
+        ///  # Safety
+        ///
+        ///  `character` points to memory for a `RhumbCharacter`.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_character_init", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_character_init(RhumbCharacter* character, uint coordinates);
+
+        /// <summary>
+        ///  Makes a plain wheel in a scene of these `RhumbCoordinates`: of radius 0.3 m at the chassis' origin, on a suspension
+        ///  of 0.3 m that points down. Its axle is along x, in Unreal's coordinates along y.
+        ///
+        ///  A vehicle of such wheels rolls forward along -z in Rhumb's coordinates, z in Unity's, x in Unreal's, and y where z is up.
+        ///  Four of them let a chassis sink by 5 cm.
+        ///
+        ///  # Safety
+        ///
+        ///  `wheel` points to memory for a `RhumbWheel`.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_wheel_init", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_wheel_init(RhumbWheel* wheel, uint coordinates);
+
+        /// <summary>
         ///  Makes a plain description: a fixed joint of no bodies at their centres, without limits and motors, that never breaks.
         ///
         ///  # Safety
@@ -481,65 +540,6 @@ namespace Rhumb
         /// </summary>
         [DllImport(__DllName, EntryPoint = "rhumb_scene_remove_joint", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
         public static extern RhumbCode rhumb_scene_remove_joint(RhumbScene scene, uint joint, ulong* last);
-
-        /// <summary>
-        ///  Makes a plain character in a scene of these `RhumbCoordinates`: of 80 kg, that climbs slopes of up to 45 degrees, slides
-        ///  down steeper ones, climbs no steps, and follows the ground down by 0.2 m.
-        ///
-        ///  # Safety
-        ///
-        ///  `character` points to memory for a `RhumbCharacter`.
-        /// </summary>
-        [DllImport(__DllName, EntryPoint = "rhumb_character_init", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
-        public static extern RhumbCode rhumb_character_init(RhumbCharacter* character, uint coordinates);
-
-        /// <summary>
-        ///  Makes a plain wheel in a scene of these `RhumbCoordinates`: of radius 0.3 m at the chassis' origin, on a suspension
-        ///  of 0.3 m that points down. Its axle is along x, in Unreal's coordinates along y.
-        ///
-        ///  A vehicle of such wheels rolls forward along -z in Rhumb's coordinates, z in Unity's, x in Unreal's, and y where z is up.
-        ///  Four of them let a chassis sink by 5 cm.
-        ///
-        ///  # Safety
-        ///
-        ///  `wheel` points to memory for a `RhumbWheel`.
-        /// </summary>
-        [DllImport(__DllName, EntryPoint = "rhumb_wheel_init", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
-        public static extern RhumbCode rhumb_wheel_init(RhumbWheel* wheel, uint coordinates);
-
-        /// <summary>
-        ///  Requests authority over `count` kinematic bodies, in place of the bodies that this client has authority over now. None
-        ///  ends the authority.
-        ///
-        ///  One client has authority over 256 bodies at most; more are `RHUMB_CODE_INVALID`. The server's bodies are then within the
-        ///  tolerance, metres in any coordinates, of the states of `rhumb_scene_publish`. The tolerance of a stream adds to it: a
-        ///  client that follows these bodies within 0.05 m sees them within 0.07 m of the publisher's if that one's is 0.02 m.
-        ///
-        ///  It is sent at once. An event, `RHUMB_EVENT_KIND_AUTHORITY_GRANTED` or `RHUMB_EVENT_KIND_AUTHORITY_DENIED`, answers; a
-        ///  denial is also `RHUMB_CODE_REFUSED` of the next advance, wait or poll. A second request before the answer is
-        ///  `RHUMB_CODE_INVALID`.
-        ///
-        ///  # Safety
-        ///
-        ///  `bodies` points to `count` ids.
-        /// </summary>
-        [DllImport(__DllName, EntryPoint = "rhumb_scene_take_authority", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
-        public static extern RhumbCode rhumb_scene_take_authority(RhumbScene scene, RhumbBody* bodies, System.UIntPtr count, double tolerance_m);
-
-        /// <summary>
-        ///  Publishes the present states of the bodies under this client's authority; call it once per frame. A body that is left
-        ///  out stands still.
-        ///
-        ///  `published` may be null; otherwise it receives zero if nothing is published yet: before the authority is granted, before
-        ///  the server's clock is known, and for a second frame of one tick. `tick` may be null; otherwise it receives the tick of
-        ///  the states if they are published: in lockstep that of the next `rhumb_scene_advance`.
-        ///
-        ///  # Safety
-        ///
-        ///  `states` points to `count` states; `published` and `tick` are null or point to memory for their types.
-        /// </summary>
-        [DllImport(__DllName, EntryPoint = "rhumb_scene_publish", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
-        public static extern RhumbCode rhumb_scene_publish(RhumbScene scene, RhumbBodyState* states, System.UIntPtr count, byte* published, ulong* tick);
 
         /// <summary>
         ///  Lends the arrays of the view that the last advance, wait or poll computed.
@@ -584,6 +584,17 @@ namespace Rhumb
         /// </summary>
         [DllImport(__DllName, EntryPoint = "rhumb_scene_poll_event", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
         public static extern RhumbCode rhumb_scene_poll_event(RhumbScene scene, RhumbEvent* @event);
+
+        /// <summary>
+        ///  Takes the oldest refusal of the last call that was `RHUMB_CODE_REFUSED`, of which 1,024 are kept. Its sentences are those
+        ///  of `rhumb_last_error`, which names the first and tells how many others there are.
+        ///
+        ///  # Safety
+        ///
+        ///  `refusal` points to memory for a `RhumbRefusal`.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_scene_poll_refusal", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_scene_poll_refusal(RhumbScene scene, RhumbRefusal* refusal);
 
         /// <summary>
         ///  Makes plain options: at the origin, all as in the file.
@@ -678,17 +689,6 @@ namespace Rhumb
         /// </summary>
         [DllImport(__DllName, EntryPoint = "rhumb_scene_query", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
         public static extern RhumbCode rhumb_scene_query(RhumbScene scene, RhumbQuery* queries, System.UIntPtr count, RhumbHit* hits, System.UIntPtr capacity, System.UIntPtr* hit_count, ulong* tick);
-
-        /// <summary>
-        ///  Takes the oldest refusal of the last call that was `RHUMB_CODE_REFUSED`, of which 1,024 are kept. Its sentences are those
-        ///  of `rhumb_last_error`, which names the first and tells how many others there are.
-        ///
-        ///  # Safety
-        ///
-        ///  `refusal` points to memory for a `RhumbRefusal`.
-        /// </summary>
-        [DllImport(__DllName, EntryPoint = "rhumb_scene_poll_refusal", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
-        public static extern RhumbCode rhumb_scene_poll_refusal(RhumbScene scene, RhumbRefusal* refusal);
 
 
     }
@@ -1331,6 +1331,34 @@ namespace Rhumb
     }
 
     /// <summary>
+    ///  State of a body that the application moves.
+    /// </summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public unsafe partial struct RhumbBodyState
+    {
+        /// <summary>
+        ///  The body.
+        /// </summary>
+        public RhumbBody body;
+        /// <summary>
+        ///  Centre of mass, or the origin of a hull or compound that this client added, in the scene's unit of length.
+        /// </summary>
+        public fixed float position[3];
+        /// <summary>
+        ///  Unit quaternion x, y, z, w: body to world.
+        /// </summary>
+        public fixed float rotation[4];
+        /// <summary>
+        ///  Velocity of the centre of mass, units of length per second.
+        /// </summary>
+        public fixed float linear_velocity[3];
+        /// <summary>
+        ///  Spin about world axes, rad/s.
+        /// </summary>
+        public fixed float angular_velocity[3];
+    }
+
+    /// <summary>
     ///  Frame of a joint in one of its bodies.
     /// </summary>
     [StructLayout(LayoutKind.Sequential)]
@@ -1443,34 +1471,6 @@ namespace Rhumb
         ///  Torque at which the joint breaks.
         /// </summary>
         public float break_torque;
-    }
-
-    /// <summary>
-    ///  State of a body that the application moves.
-    /// </summary>
-    [StructLayout(LayoutKind.Sequential)]
-    public unsafe partial struct RhumbBodyState
-    {
-        /// <summary>
-        ///  The body.
-        /// </summary>
-        public RhumbBody body;
-        /// <summary>
-        ///  Centre of mass, or the origin of a hull or compound that this client added, in the scene's unit of length.
-        /// </summary>
-        public fixed float position[3];
-        /// <summary>
-        ///  Unit quaternion x, y, z, w: body to world.
-        /// </summary>
-        public fixed float rotation[4];
-        /// <summary>
-        ///  Velocity of the centre of mass, units of length per second.
-        /// </summary>
-        public fixed float linear_velocity[3];
-        /// <summary>
-        ///  Spin about world axes, rad/s.
-        /// </summary>
-        public fixed float angular_velocity[3];
     }
 
     /// <summary>
@@ -1620,6 +1620,38 @@ namespace Rhumb
         public float force;
         /// <summary>
         ///  A sentence in UTF-8 that ends with a zero byte; a longer one is cut.
+        /// </summary>
+        public fixed byte text[192];
+    }
+
+    /// <summary>
+    ///  A request that the server refused, and that changed nothing.
+    /// </summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public unsafe partial struct RhumbRefusal
+    {
+        /// <summary>
+        ///  Zero: there is no further refusal, and all other fields are zero.
+        /// </summary>
+        public byte exists;
+        /// <summary>
+        ///  Not zero: `number` is that of a command. Zero: the request was for authority.
+        /// </summary>
+        public byte is_command;
+        /// <summary>
+        ///  The command's number.
+        /// </summary>
+        public ulong number;
+        /// <summary>
+        ///  The body that the request is about; zero if that is not known.
+        /// </summary>
+        public RhumbBody body;
+        /// <summary>
+        ///  The reason in one or a few words, such as "unknown body"; it ends with a zero byte.
+        /// </summary>
+        public fixed byte reason[32];
+        /// <summary>
+        ///  The reason, a sentence in UTF-8 that ends with a zero byte; a longer one is cut.
         /// </summary>
         public fixed byte text[192];
     }
@@ -1843,38 +1875,6 @@ namespace Rhumb
         ///  Outward from the surface, unit; zero where there is none.
         /// </summary>
         public fixed float normal[3];
-    }
-
-    /// <summary>
-    ///  A request that the server refused, and that changed nothing.
-    /// </summary>
-    [StructLayout(LayoutKind.Sequential)]
-    public unsafe partial struct RhumbRefusal
-    {
-        /// <summary>
-        ///  Zero: there is no further refusal, and all other fields are zero.
-        /// </summary>
-        public byte exists;
-        /// <summary>
-        ///  Not zero: `number` is that of a command. Zero: the request was for authority.
-        /// </summary>
-        public byte is_command;
-        /// <summary>
-        ///  The command's number.
-        /// </summary>
-        public ulong number;
-        /// <summary>
-        ///  The body that the request is about; zero if that is not known.
-        /// </summary>
-        public RhumbBody body;
-        /// <summary>
-        ///  The reason in one or a few words, such as "unknown body"; it ends with a zero byte.
-        /// </summary>
-        public fixed byte reason[32];
-        /// <summary>
-        ///  The reason, a sentence in UTF-8 that ends with a zero byte; a longer one is cut.
-        /// </summary>
-        public fixed byte text[192];
     }
 
 

@@ -9,8 +9,8 @@ pub(crate) const HEADER: &str = "c/include/rhumb.h";
 pub(crate) const IMPORTS: &str = "csharp/src/Native.g.cs";
 
 /// Sources with functions or types that cross the border.
-const SOURCES: [&str; 16] = [
-    "status",
+const SOURCES: [&str; 13] = [
+    "border",
     "kinds",
     "descriptions",
     "connection",
@@ -19,13 +19,10 @@ const SOURCES: [&str; 16] = [
     "generated",
     "commands",
     "joints",
-    "locomotion",
-    "authority",
     "poses",
     "events",
     "files",
     "queries",
-    "refusals",
 ];
 
 /// Enumerations that only fields of type `u32` hold.
