@@ -9,21 +9,16 @@
 
 mod arguments;
 mod body;
-mod checkpoint;
 mod connection;
 mod errors;
 mod event;
 mod file;
 mod generated;
 mod joint;
-mod local;
 mod number;
 mod open_scene;
 mod query;
 mod scene;
-mod shape;
-mod statistics;
-mod view_array;
 
 use pyo3::prelude::*;
 
@@ -31,10 +26,10 @@ use pyo3::prelude::*;
 fn native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add_class::<connection::PyConnection>()?;
-    module.add_class::<local::PyLocalServer>()?;
-    module.add_class::<checkpoint::PyCheckpoint>()?;
+    module.add_class::<connection::PyLocalServer>()?;
+    module.add_class::<file::PyCheckpoint>()?;
     module.add_class::<scene::PyScene>()?;
-    module.add_class::<shape::PyShape>()?;
+    module.add_class::<body::PyShape>()?;
     module.add_class::<joint::PyJoint>()?;
     module.add_class::<generated::PyCharacter>()?;
     module.add_class::<generated::PyWheel>()?;
@@ -46,6 +41,6 @@ fn native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<query::PyHit>()?;
     module.add_function(wrap_pyfunction!(connection::connect, module)?)?;
     module.add_function(wrap_pyfunction!(file::file_settings, module)?)?;
-    module.add_function(wrap_pyfunction!(local::local, module)?)?;
-    module.add_function(wrap_pyfunction!(local::serve, module)?)
+    module.add_function(wrap_pyfunction!(connection::local, module)?)?;
+    module.add_function(wrap_pyfunction!(connection::serve, module)?)
 }

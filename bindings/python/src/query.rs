@@ -1,15 +1,14 @@
 //! Queries and what they find.
 
 use pyo3::prelude::*;
-use rhumb_bindings::rhumb_client::glam::Quat;
-use rhumb_bindings::rhumb_client::glam::Vec3;
+use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
 use rhumb_bindings::rhumb_client::scene::{self, QueryKind};
 use rhumb_bindings::{HitRecord, packed_id};
 
 use crate::arguments::{rotation, single, vector};
+use crate::body::{PyShape, written};
 use crate::errors::{check_in_any, wrong, wrong_value};
 use crate::number;
-use crate::shape::{PyShape, written};
 
 /// A question about where the bodies are, for Scene.query: Query.ray, shape_cast, projection, overlap or
 /// contacts.

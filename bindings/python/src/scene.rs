@@ -6,7 +6,8 @@ use std::path::PathBuf;
 use std::sync::{Mutex, TryLockError};
 
 use numpy::{IntoPyArray, PyArray1, PyArrayDyn};
-use pyo3::{prelude::*, types::PyDict};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
 use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
 use rhumb_bindings::rhumb_client::scene::{
     ActiveEvents, Command, JointId, JumpFrom, Locomotion, Vehicle,
@@ -15,19 +16,15 @@ use rhumb_bindings::rhumb_client::{PipelineDepth, Tick};
 use rhumb_bindings::{BindingError, RemoteScene, packed_id};
 
 use crate::arguments::{bodies, optional_rows, rows, seconds, single, vector};
-use crate::body::{bodies_at, plain_body, states};
-use crate::checkpoint::PyCheckpoint;
+use crate::body::{PyShape, bodies_at, plain_body, states};
 use crate::errors::{exception, wrong_value};
 use crate::event::{PyContact, PyEvent};
-use crate::file::{PyLoaded, params};
+use crate::file::{PyCheckpoint, PyLoaded, params};
 use crate::generated::{PyCharacter, PyWheel, PyWheelInput};
 use crate::joint::PyJoint;
 use crate::number::{self, optional_real, real};
-use crate::open_scene::OpenScene;
+use crate::open_scene::{OpenScene, dictionary, floats};
 use crate::query::{PyHit, PyQuery};
-use crate::shape::PyShape;
-use crate::statistics::dictionary;
-use crate::view_array::floats;
 
 /// A client of one scene. It leaves the scene at the end of a with block.
 ///
