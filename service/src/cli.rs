@@ -24,9 +24,6 @@ use rhumb_transport::{PageOrigin, Stop};
 use tracing::level_filters::LevelFilter;
 
 use crate::access::{KeyFile, TokenKeys};
-use crate::announcement::{BoundAddresses, announce};
-#[cfg(feature = "demo")]
-use crate::announcement::{announce_opening, page_url};
 #[cfg(feature = "demo")]
 use crate::demo::{DemoArguments, open_browser};
 use crate::dispatcher;
@@ -36,7 +33,9 @@ use crate::log;
 use crate::serve::{Access, Server, seconds_since_1970};
 use crate::settings::{ServerSettings, WorkerKind};
 use crate::signals::{self, Signal};
-use crate::start_check::{self, CheckedStart};
+use crate::start::{self, BoundAddresses, CheckedStart, announce};
+#[cfg(feature = "demo")]
+use crate::start::{announce_opening, page_url};
 use crate::token_command::{self, TokenArguments};
 #[cfg(feature = "top")]
 use crate::top::{self, TopArguments};
@@ -246,7 +245,7 @@ pub fn main_with(arguments: Arguments, hooks: Option<Hooks>) -> ExitCode {
                 ..Parts::default()
             };
             if arguments.check_config {
-                start_check::check(&settings, parts.app_beyond_loopback())?;
+                start::check(&settings, parts.app_beyond_loopback())?;
                 return print("the configuration is valid\n");
             }
             let _last_lines = log::start(settings.log, settings.limits.log_lines_per_second);
@@ -356,9 +355,9 @@ fn run(settings: &ServerSettings, parts: Parts) -> Result<(), Box<dyn Error>> {
         threads,
         access,
         processes,
-    } = start_check::check(settings, parts.app_beyond_loopback())?;
+    } = start::check(settings, parts.app_beyond_loopback())?;
     let data = settings.data.as_deref().map(open_data).transpose()?;
-    let identity = start_check::identity(settings, data.as_ref())?;
+    let identity = start::identity(settings, data.as_ref())?;
     let stop = Stop::new();
     let origins = settings.web_origins.iter().cloned().collect();
     let origins = settings.web.then_some(origins);

@@ -1,13 +1,17 @@
-//! Answers HTTP requests on a thread of its own.
+//! Accepts TCP connections and answers HTTP requests, on their own threads.
 //!
-//! For metrics, health and the page. Peers cannot hold it up: heads, bodies and times are bounded, and connections by
-//! [`TcpService`]. It shares nothing with a scene but what the answering function reads.
+//! HTTP is for metrics, health and the page. It shares nothing with a scene but what the answering function reads.
+//!
+//! Peers cannot hold a thread up: connections are bounded, also those of one address, and so are heads, bodies and times
+//! of requests. A system without descriptors is asked again.
 
+use std::collections::BTreeMap;
 use std::convert::Infallible;
 use std::io;
 use std::net::{IpAddr, SocketAddr, TcpListener};
 use std::pin::Pin;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use bytes::Bytes;
@@ -18,10 +22,10 @@ use hyper::server::conn::http1;
 use hyper::service::service_fn;
 use hyper::{Method, Response, StatusCode};
 use hyper_util::rt::{TokioIo, TokioTimer};
+use rhumb_transport::io_runtime;
 use tokio::net::TcpStream;
+use tokio::sync::{Semaphore, oneshot};
 use tokio::time::timeout;
-
-use crate::tcp::TcpService;
 
 /// Time for the head of a request, and again for its body.
 const PART_TIMEOUT: Duration = Duration::from_secs(5);
@@ -113,7 +117,7 @@ impl HttpAnswer {
 }
 
 /// Answers requests.
-pub(crate) type Answering = Arc<dyn Fn(&HttpRequest) -> HttpAnswer + Send + Sync>;
+type Answering = Arc<dyn Fn(&HttpRequest) -> HttpAnswer + Send + Sync>;
 
 /// Answers requests at a bound socket.
 pub(crate) fn start(
@@ -213,6 +217,133 @@ async fn read(
     }
 }
 
+/// Connections at one time: several browsers, scrapers or viewers. Others wait.
+const CONNECTIONS_MAX: usize = 64;
+/// Connections of one address at one time; further ones are closed. A browser opens six.
+const PEER_CONNECTIONS_MAX: usize = 16;
+/// Pause after the system refused a connection, for lack of descriptors.
+const REFUSED_PAUSE: Duration = Duration::from_millis(50);
+
+/// Serves one connection to its end.
+pub(crate) type Serving =
+    Arc<dyn Fn(TcpStream, SocketAddr) -> Pin<Box<dyn Future<Output = ()> + Send>> + Send + Sync>;
+
+/// The thread that accepts; it ends, with all connections, when this is dropped.
+#[derive(Debug)]
+pub(crate) struct TcpService {
+    end: Option<oneshot::Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl TcpService {
+    /// Serves connections to a bound socket.
+    pub(crate) fn start(listener: TcpListener, name: &str, serving: Serving) -> io::Result<Self> {
+        listener.set_nonblocking(true)?;
+        let runtime = io_runtime()?;
+        let listener = {
+            let _inside = runtime.enter();
+            tokio::net::TcpListener::from_std(listener)?
+        };
+        let (end, ended) = oneshot::channel();
+        let thread = thread::Builder::new()
+            .name(name.into())
+            .spawn(move || runtime.block_on(accept(listener, serving, ended)))?;
+        Ok(Self {
+            end: Some(end),
+            thread: Some(thread),
+        })
+    }
+}
+
+impl Drop for TcpService {
+    fn drop(&mut self) {
+        if let Some(end) = self.end.take() {
+            // An error means that the thread has ended already.
+            let _ = end.send(());
+        }
+        if let Some(thread) = self.thread.take() {
+            // A panic of the thread was logged.
+            let _ = thread.join();
+        }
+    }
+}
+
+/// Connections of each address.
+type Peers = Arc<Mutex<BTreeMap<IpAddr, usize>>>;
+
+/// The place of a connection among those of its address, given back when it is dropped.
+struct PeerPlace {
+    peers: Peers,
+    ip: IpAddr,
+}
+
+impl PeerPlace {
+    /// A place; `None` if the address has all of its places.
+    fn take(peers: &Peers, ip: IpAddr) -> Option<Self> {
+        let mut counts = peers.lock().unwrap_or_else(PoisonError::into_inner);
+        let count = counts.entry(ip).or_default();
+        (*count < PEER_CONNECTIONS_MAX).then(|| {
+            *count += 1;
+            Self {
+                peers: Arc::clone(peers),
+                ip,
+            }
+        })
+    }
+}
+
+impl Drop for PeerPlace {
+    fn drop(&mut self) {
+        let mut counts = self.peers.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(count) = counts.get_mut(&self.ip) {
+            *count -= 1;
+            if *count == 0 {
+                counts.remove(&self.ip);
+            }
+        }
+    }
+}
+
+async fn accept(
+    listener: tokio::net::TcpListener,
+    serving: Serving,
+    mut ended: oneshot::Receiver<()>,
+) {
+    let places = Arc::new(Semaphore::new(CONNECTIONS_MAX));
+    let peers = Peers::default();
+    loop {
+        let place = tokio::select! {
+            _ = &mut ended => return,
+            place = Arc::clone(&places).acquire_owned() => place,
+        };
+        // The semaphore is never closed.
+        let Ok(place) = place else {
+            return;
+        };
+        let accepted = tokio::select! {
+            _ = &mut ended => return,
+            accepted = listener.accept() => accepted,
+        };
+        match accepted {
+            Ok((stream, peer)) => {
+                let Some(of_peer) = PeerPlace::take(&peers, peer.ip()) else {
+                    tracing::debug!(%peer, "a connection was closed: its address has {PEER_CONNECTIONS_MAX}");
+                    continue;
+                };
+                let served = serving(stream, peer);
+                tokio::spawn(async move {
+                    served.await;
+                    drop((place, of_peer));
+                });
+            }
+            Err(cause) => {
+                tracing::debug!(%cause, "a connection was not accepted");
+                tokio::time::sleep(REFUSED_PAUSE).await;
+            }
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use std::io::{Read, Write};
@@ -220,7 +351,7 @@ mod tests {
     use std::sync::Mutex;
 
     use super::*;
-    use crate::tcp::PEER_CONNECTIONS_MAX;
+    use crate::http::PEER_CONNECTIONS_MAX;
 
     /// Longer than any answer takes; reached only by a failure.
     const LONG: Duration = Duration::from_secs(30);

@@ -39,7 +39,6 @@
 #![forbid(unsafe_code)]
 
 mod access;
-mod announcement;
 #[cfg(feature = "app")]
 mod app_arguments;
 pub mod cli;
@@ -53,13 +52,11 @@ mod log;
 mod metrics;
 #[cfg(feature = "view")]
 mod page_beside;
-mod recorders;
 mod recording;
 mod serve;
 mod settings;
 mod signals;
-mod start_check;
-mod tcp;
+mod start;
 mod token_command;
 #[cfg(feature = "top")]
 mod top;

@@ -8,10 +8,10 @@ use std::thread::{self, JoinHandle};
 use rhumb_protocol::Endpoint;
 use rhumb_transport::{Origins, QuicServer, ServerOptions, Stop, Waker, WebOptions};
 
-use crate::announcement::page_url;
+use crate::http::TcpService;
 use crate::metrics::Metrics;
 use crate::serve::{Identity, RunError, seconds_since_1970};
-use crate::tcp::TcpService;
+use crate::start::page_url;
 use crate::view::{PageListener, ViewScene};
 
 /// A page of this machine that shows scenes of this process. It ends when this is dropped.

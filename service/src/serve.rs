@@ -1,43 +1,44 @@
 //! Runs a server behind real sockets until a stop is requested.
 //!
-//! The function of the `rhumb-server` binary, callable by programs that embed it.
+//! The function of the `rhumb-server` binary, callable by programs that embed it. With it: reasons for which a server does not start, or
+//! stops by itself.
 
 #[cfg(feature = "record")]
 mod observers;
-mod run_error;
 
-use std::io;
 use std::net::{SocketAddr, TcpListener};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::SystemTime;
+use std::{fmt, io};
 
 #[cfg(feature = "app")]
 use rhumb_app::{AppBindError, AppListen, AppListener, AppOptions, Gateway};
 #[cfg(feature = "app")]
 use rhumb_client::{LocalPeers, LocalServer};
 use rhumb_protocol::Endpoint;
-use rhumb_scene::engine::{EngineKind, Engines};
+use rhumb_scene::engine::{EngineKind, Engines, StepThreadsError};
 use rhumb_scene::{Limits, SceneSettings};
 #[cfg(unix)]
 use rhumb_transport::UnixServer;
 use rhumb_transport::{
-    Certificate, CertificateHashes, Clock, Fingerprint, Origins, QuicServer, ServerOptions,
-    ServerStatistics, Stop, WebIdentity, WebOptions,
+    BindError, Certificate, CertificateError, CertificateHashes, Clock, Fingerprint, Origins,
+    QuicServer, ServeError, ServerOptions, ServerStatistics, Stop, WebIdentity, WebOptions,
 };
 
-pub use self::run_error::RunError;
+#[cfg(feature = "view")]
+use crate::access::KeyError;
 use crate::access::{Authenticator, TokenKeys};
 use crate::dispatcher::{Dispatcher, DispatcherSettings, ProcessOptions};
-use crate::durable::DataDir;
+use crate::durable::{DataDir, DataError};
 use crate::flight::{FlightRecorders, FlightWriter};
 use crate::http;
 #[cfg(feature = "view")]
+use crate::http::TcpService;
+#[cfg(feature = "view")]
 use crate::metrics::Metrics;
 #[cfg(feature = "view")]
-use crate::tcp::TcpService;
-#[cfg(feature = "view")]
-use crate::view::{PageListener, ViewScene};
+use crate::view::{PageListener, ViewError, ViewScene};
 
 /// The server's certificate.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -511,3 +512,133 @@ pub fn run_on_cores(cores: &[usize]) -> Result<(), RunError> {
         cause: io::ErrorKind::Unsupported.into(),
     })
 }
+
+/// Reason why a server did not start, or stopped by itself.
+#[derive(Debug)]
+pub enum RunError {
+    /// The certificate cannot be used.
+    Certificate(CertificateError),
+    /// Listening at the address failed.
+    Bind(BindError),
+    /// Listening for requests of metrics failed.
+    Metrics {
+        /// The TCP address.
+        address: SocketAddr,
+        /// The system's error.
+        cause: io::Error,
+    },
+    /// The Unix socket cannot be used.
+    Socket {
+        /// Its path.
+        path: PathBuf,
+        /// The system's error.
+        cause: io::Error,
+    },
+    /// The page cannot be served.
+    #[cfg(feature = "view")]
+    View(ViewError),
+    /// The system or a key refuses the page's tokens.
+    #[cfg(feature = "view")]
+    ViewToken(KeyError),
+    /// The directory for flight recorders cannot be used.
+    Flight {
+        /// The directory.
+        directory: PathBuf,
+        /// The system's error.
+        cause: io::Error,
+    },
+    /// The directory for recordings cannot be used.
+    #[cfg(feature = "record")]
+    Record {
+        /// The directory.
+        directory: PathBuf,
+        /// The system's error.
+        cause: io::Error,
+    },
+    /// Foxglove's viewers cannot be served.
+    #[cfg(feature = "foxglove")]
+    Foxglove(crate::recording::ViewersError),
+    /// A listener that asks for no token may not be bound where other machines reach it.
+    OpenToNetwork {
+        /// The address.
+        address: SocketAddr,
+        /// The flag that asked for the listener.
+        flag: &'static str,
+    },
+    /// Binding the threads to cores failed.
+    Cores {
+        /// The cores.
+        cores: Vec<usize>,
+        /// The system's error.
+        cause: io::Error,
+    },
+    /// The requested number of threads is not available.
+    StepThreads(StepThreadsError),
+    /// A thread cannot start.
+    Thread(io::Error),
+    /// The data directory cannot be used.
+    Data(DataError),
+    /// The engine cannot store its scenes in a data directory.
+    EngineWithoutImages(EngineKind),
+    /// The thread of the sockets failed.
+    Serve(ServeError),
+}
+
+impl fmt::Display for RunError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Certificate(cause) => cause.fmt(f),
+            Self::Bind(cause) => cause.fmt(f),
+            Self::Metrics { address, cause } => {
+                write!(
+                    f,
+                    "cannot answer requests for metrics at {address}: {cause}"
+                )
+            }
+            Self::Socket { path, cause } => {
+                write!(f, "cannot listen at the socket {}: {cause}", path.display())
+            }
+            #[cfg(feature = "view")]
+            Self::View(cause) => cause.fmt(f),
+            #[cfg(feature = "view")]
+            Self::ViewToken(cause) => write!(f, "cannot make tokens for the page: {cause}"),
+            Self::Flight { directory, cause } => {
+                let directory = directory.display();
+                write!(f, "cannot write flight recorders to {directory}: {cause}")
+            }
+            #[cfg(feature = "record")]
+            Self::Record { directory, cause } => {
+                write!(f, "cannot record to {}: {cause}", directory.display())
+            }
+            #[cfg(feature = "foxglove")]
+            Self::Foxglove(cause) => cause.fmt(f),
+            Self::OpenToNetwork {
+                address,
+                flag: "--listen",
+            } => write!(
+                f,
+                "a server that needs no token would be open to the network at {address}: \
+                 give it --token-key, or --open-to-network if that is meant"
+            ),
+            Self::OpenToNetwork { address, flag } => write!(
+                f,
+                "{flag} asks for no token, and would be open to the network at {address}: \
+                 choose an address of this machine, or give --open-to-network if that is meant"
+            ),
+            Self::Cores { cores, cause } => {
+                let cores: Vec<_> = cores.iter().map(usize::to_string).collect();
+                write!(f, "cannot run on cores {} alone: {cause}", cores.join(","))
+            }
+            Self::StepThreads(cause) => cause.fmt(f),
+            Self::Thread(cause) => write!(f, "cannot start a thread: {cause}"),
+            Self::Data(cause) => cause.fmt(f),
+            Self::EngineWithoutImages(engine) => write!(
+                f,
+                "the engine {engine} cannot store its scenes: leave out --data, or take another --engine"
+            ),
+            Self::Serve(cause) => cause.fmt(f),
+        }
+    }
+}
+
+impl std::error::Error for RunError {}

@@ -2,22 +2,30 @@
 //!
 //! The dispatcher verifies a client's token once, before its first message reaches a scene; no tick waits for that. Scenes
 //! get the resulting permit.
+//!
+//! Keys of tokens are files: they sign and verify.
 
 mod claims;
-mod keys;
 
 use std::fmt;
-use std::sync::Arc;
+use std::fs::{self, OpenOptions};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+use std::sync::{Arc, PoisonError, RwLock};
 
+use pasetors::keys::{AsymmetricKeyPair, AsymmetricPublicKey, AsymmetricSecretKey, Generate};
+use pasetors::paserk::FormatAsPaserk;
+use pasetors::token::UntrustedToken;
+use pasetors::version4::{PublicToken, V4};
+use pasetors::{Public, errors};
 use rhumb_protocol::Span;
 use rhumb_protocol::scene::SceneName;
 use rhumb_scene::Permit;
 
+use self::claims::names;
+
 pub(crate) use self::claims::{Claims, DEFAULT_AUDIENCE, TokenError, role_of};
-#[cfg(feature = "view")]
-pub(crate) use self::keys::TokenIssuer;
-pub use self::keys::{InvalidKeyFile, KeyError, KeyFile, TokenKeys};
-pub(crate) use self::keys::{make_keys, sign};
 
 /// Seconds since 1970, by the system's clock.
 type WallClock = Arc<dyn Fn() -> i64 + Send + Sync>;
@@ -86,315 +94,427 @@ impl fmt::Debug for Authenticator {
     }
 }
 
-#[cfg(test)]
-pub(crate) mod tests {
-    use std::fs;
-    use std::path::PathBuf;
-    use std::sync::atomic::{AtomicI64, Ordering};
+/// The keys whose tokens a server accepts, and the audience that a token must name. All clones have the same keys.
+#[derive(Clone, Debug)]
+pub struct TokenKeys {
+    files: Arc<[KeyFile]>,
+    /// Keys of the files, as they were read last.
+    read: Arc<RwLock<Vec<ScopedKey>>>,
+    /// Keys of this process.
+    own: Vec<ScopedKey>,
+    audience: String,
+}
 
-    use rhumb_protocol::message::Role;
-    use rhumb_protocol::session::CloseCode;
+/// A file with a public key, and the scenes for which the key may sign.
+///
+/// Its text is the file's path, then for some scenes only `=` and their names, separated by commas. A name that ends in `*`
+/// stands for all names that begin so: `team.pub=team/*,lobby`. The last `=` counts, so that a path that has one itself
+/// needs names behind it: `a=b.pub=*`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct KeyFile {
+    path: PathBuf,
+    scenes: KeyScenes,
+}
 
-    use super::*;
-    use crate::access::{Claims, make_keys, sign};
+/// The scenes for which a key signs.
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum KeyScenes {
+    All,
+    /// The scenes of these patterns.
+    Some(Arc<[String]>),
+}
 
-    /// An authenticator with a key of its own, and a clock that the test sets.
-    pub(crate) struct Signed {
-        folder: PathBuf,
-        pub(crate) seconds: Arc<AtomicI64>,
-    }
+/// A text that is no [`KeyFile`].
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct InvalidKeyFile {
+    text: String,
+    pattern: String,
+}
 
-    impl Signed {
-        pub(crate) fn new(name: &str) -> Self {
-            let folder = format!("rhumb-{name}-{}", std::process::id());
-            let folder = std::env::temp_dir().join(folder);
-            fs::create_dir_all(&folder).unwrap();
-            make_keys(&folder.join("key")).unwrap();
-            Self {
-                folder,
-                seconds: Arc::new(AtomicI64::new(1_767_225_600)),
+#[derive(Clone, Debug)]
+struct ScopedKey {
+    key: AsymmetricPublicKey<V4>,
+    scenes: KeyScenes,
+}
+
+/// The claims of a token, and the scenes for which its key signs.
+pub(crate) struct Verified {
+    pub(crate) claims: Claims,
+    scenes: KeyScenes,
+}
+
+impl Verified {
+    /// Refuses a scene for which the key may not sign, whatever the claims say.
+    fn check_key(&self, scene: &SceneName) -> Result<(), TokenError> {
+        match &self.scenes {
+            KeyScenes::Some(patterns) if !patterns.iter().any(|pattern| names(pattern, scene)) => {
+                Err(TokenError::OtherKey {
+                    scene: scene.clone(),
+                    of_key: patterns.join(","),
+                })
             }
+            _ => Ok(()),
         }
-
-        pub(crate) fn keys(&self) -> TokenKeys {
-            TokenKeys::read(
-                &[KeyFile::for_all_scenes(self.folder.join("key.pub"))],
-                "rhumb",
-            )
-            .unwrap()
-        }
-
-        pub(crate) fn authenticator(&self) -> Authenticator {
-            let seconds = Arc::clone(&self.seconds);
-            Authenticator::Tokens {
-                keys: self.keys(),
-                clock: Arc::new(move || seconds.load(Ordering::SeqCst)),
-            }
-        }
-
-        /// An observer's token for all scenes that expires in a minute.
-        pub(crate) fn token(&self) -> String {
-            self.token_as("observer")
-        }
-
-        /// The same with a role.
-        pub(crate) fn token_as(&self, role: &str) -> String {
-            let claims = Claims {
-                aud: "rhumb".into(),
-                sub: "anna".into(),
-                exp: Claims::moment(self.seconds.load(Ordering::SeqCst) + 60).unwrap(),
-                nbf: None,
-                scenes: vec!["*".into()],
-                role: role.into(),
-                bodies: None,
-                commands: None,
-                load: None,
-                members: None,
-                tenant_scenes: None,
-            };
-            sign(&self.folder.join("key"), &claims).unwrap()
-        }
-    }
-
-    impl Drop for Signed {
-        fn drop(&mut self) {
-            // The rest of it lies in a folder of temporary files.
-            let _ = fs::remove_dir_all(&self.folder);
-        }
-    }
-
-    #[test]
-    fn only_a_whole_token_of_the_key_is_admitted() {
-        let signed = Signed::new("authenticator");
-        let (authenticator, token) = (signed.authenticator(), signed.token());
-        let scene = "pit".parse().unwrap();
-        let admission = authenticator.admit(Some(token.as_bytes()), &scene).unwrap();
-        assert_eq!(admission.permit.client.as_deref(), Some("anna"));
-        assert_eq!(admission.valid_for, Some(Span::from_millis(90_000)));
-        assert!(token.len() <= rhumb_protocol::limits::EXTENSION_BYTES_MAX);
-        assert_eq!(authenticator.admit(None, &scene), Err(TokenError::Absent));
-        for place in 0..token.len() {
-            let mut changed = token.clone().into_bytes();
-            changed[place] ^= 1;
-            for bytes in [&changed[..], &token.as_bytes()[..place]] {
-                let refused = authenticator.admit(Some(bytes), &scene);
-                assert_eq!(refused, Err(TokenError::NotSigned), "{place}");
-            }
-        }
-        let other = Signed::new("authenticator-other").token();
-        let refused = authenticator.admit(Some(other.as_bytes()), &scene);
-        assert_eq!(refused, Err(TokenError::NotSigned));
-    }
-
-    #[test]
-    fn a_token_of_this_process_admits_an_observer_until_it_expires() {
-        let signed = Signed::new("authenticator-issuer");
-        let mut keys = signed.keys();
-        let issuer = keys.issuer().unwrap();
-        let now = signed.seconds.load(Ordering::SeqCst);
-        let token = issuer.observer("view", now, 60).unwrap();
-        let scene = "pit".parse().unwrap();
-        let seconds = Arc::clone(&signed.seconds);
-        let authenticator = Authenticator::Tokens {
-            keys,
-            clock: Arc::new(move || seconds.load(Ordering::SeqCst)),
-        };
-        let admission = authenticator.admit(Some(token.as_bytes()), &scene).unwrap();
-        assert_eq!(admission.permit.role, Role::Observer);
-        assert_eq!(admission.permit.client.as_deref(), Some("view"));
-        assert!(
-            authenticator
-                .admit(Some(signed.token().as_bytes()), &scene)
-                .is_ok()
-        );
-        let without_issuer = signed.authenticator().admit(Some(token.as_bytes()), &scene);
-        assert_eq!(without_issuer, Err(TokenError::NotSigned));
-        signed.seconds.fetch_add(91, Ordering::SeqCst);
-        let refused = authenticator.admit(Some(token.as_bytes()), &scene);
-        assert!(
-            matches!(refused, Err(TokenError::Expired(_))),
-            "{refused:?}"
-        );
-    }
-
-    #[test]
-    fn a_key_signs_for_its_scenes_alone_whatever_its_tokens_claim() {
-        let signed = Signed::new("authenticator-scope");
-        let public = signed.folder.join("key.pub");
-        let file = format!("{}=team/*,lobby", public.display());
-        let keys = TokenKeys::read(&[file.parse().unwrap()], "rhumb").unwrap();
-        let seconds = Arc::clone(&signed.seconds);
-        let authenticator = Authenticator::Tokens {
-            keys,
-            clock: Arc::new(move || seconds.load(Ordering::SeqCst)),
-        };
-        let token = signed.token();
-        for (scene, admitted) in [
-            ("team/7", true),
-            ("lobby", true),
-            ("team", false),
-            ("teams/7", false),
-            ("lobby2", false),
-        ] {
-            let scene: SceneName = scene.parse().unwrap();
-            let outcome = authenticator.admit(Some(token.as_bytes()), &scene);
-            match outcome {
-                Ok(_) => assert!(admitted, "{scene}"),
-                Err(cause) => {
-                    assert!(!admitted, "{scene}");
-                    let said = cause.to_string();
-                    assert!(
-                        said.contains("team/*,lobby") && said.contains(scene.as_str()),
-                        "{said}"
-                    );
-                    assert_eq!(cause.code(), CloseCode::TOKEN_SCENE);
-                }
-            }
-        }
-        for wrong in ["k.pub=", "k.pub=a b", "k.pub=team/*,", "k.pub=*a"] {
-            assert!(wrong.parse::<KeyFile>().is_err(), "{wrong}");
-        }
-    }
-
-    /// An authenticator with the keys of these texts.
-    fn with_keys(signed: &Signed, files: &[String]) -> Authenticator {
-        let files: Vec<KeyFile> = files.iter().map(|file| file.parse().unwrap()).collect();
-        let seconds = Arc::clone(&signed.seconds);
-        Authenticator::Tokens {
-            keys: TokenKeys::read(&files, "rhumb").unwrap(),
-            clock: Arc::new(move || seconds.load(Ordering::SeqCst)),
-        }
-    }
-
-    #[test]
-    fn a_key_that_is_given_twice_signs_for_the_scenes_of_both() {
-        let signed = Signed::new("authenticator-twice");
-        let public = signed.folder.join("key.pub");
-        // The same key under another name is the same key.
-        let copy = signed.folder.join("copy.pub");
-        fs::copy(&public, &copy).unwrap();
-        let (public, copy) = (public.display(), copy.display());
-        let token = signed.token();
-        for (files, admitted) in [
-            (
-                vec![format!("{public}=a/*"), format!("{public}=b")],
-                vec!["a/1", "b"],
-            ),
-            (
-                vec![format!("{public}=b"), format!("{copy}=a/*,b")],
-                vec!["a/1", "b"],
-            ),
-            (
-                vec![format!("{public}=b"), format!("{public}")],
-                vec!["a/1", "b", "c"],
-            ),
-        ] {
-            let authenticator = with_keys(&signed, &files);
-            for scene in ["a/1", "b", "c"] {
-                let scene: SceneName = scene.parse().unwrap();
-                let outcome = authenticator.admit(Some(token.as_bytes()), &scene);
-                let expected = admitted.contains(&scene.as_str());
-                assert_eq!(outcome.is_ok(), expected, "{files:?} {scene}");
-            }
-        }
-    }
-
-    #[test]
-    fn a_key_s_path_may_have_an_equals_sign() {
-        let signed = Signed::new("authenticator=equals");
-        let public = signed.folder.join("key.pub");
-        let token = signed.token();
-        let authenticator = with_keys(&signed, &[format!("{}=pit", public.display())]);
-        for (scene, admitted) in [("pit", true), ("other", false)] {
-            let outcome = authenticator.admit(Some(token.as_bytes()), &scene.parse().unwrap());
-            assert_eq!(outcome.is_ok(), admitted, "{scene}");
-        }
-        // Without scenes, the refusal says how to write it.
-        let plain = public.display().to_string();
-        let way_out = format!("{plain}=*");
-        let refused = TokenKeys::read(&[plain.parse().unwrap()], "rhumb").unwrap_err();
-        assert!(refused.to_string().contains(&way_out), "{refused}");
-        let whole = with_keys(&signed, std::slice::from_ref(&way_out));
-        assert!(
-            whole
-                .admit(Some(token.as_bytes()), &"other".parse().unwrap())
-                .is_ok()
-        );
-        let refused = "odd=a b.pub".parse::<KeyFile>().unwrap_err();
-        assert!(refused.to_string().contains("odd=a b.pub=*"), "{refused}");
-    }
-
-    #[test]
-    fn a_half_written_key_pair_is_completed_or_named() {
-        let signed = Signed::new("authenticator-half");
-        let (secret, public) = (signed.folder.join("key"), signed.folder.join("key.pub"));
-        let whole = fs::read_to_string(&public).unwrap();
-        fs::remove_file(&public).unwrap();
-        let pair = make_keys(&secret).unwrap();
-        assert!(pair.was_completed);
-        assert_eq!(fs::read_to_string(&public).unwrap(), whole);
-        // A public key alone is in the way before anything is written.
-        let text = fs::read_to_string(&secret).unwrap();
-        fs::remove_file(&secret).unwrap();
-        let refused = make_keys(&secret).unwrap_err().to_string();
-        assert!(refused.contains("key.pub exists"), "{refused}");
-        assert!(!secret.exists());
-        fs::remove_file(&public).unwrap();
-        for torn in [0, 10, text.len() - 1] {
-            fs::write(&secret, &text[..torn]).unwrap();
-            let refused = make_keys(&secret).unwrap_err().to_string();
-            assert!(refused.contains("no whole secret key"), "{torn}: {refused}");
-            assert!(!public.exists());
-        }
-        fs::write(&public, &whole[..whole.len() - 1]).unwrap();
-        let refused = TokenKeys::read(&[KeyFile::for_all_scenes(public.clone())], "rhumb");
-        let refused = refused.unwrap_err().to_string();
-        assert!(refused.contains("no whole key"), "{refused}");
-    }
-
-    #[test]
-    fn keys_are_read_again_all_or_none() {
-        let (signed, next) = (
-            Signed::new("authenticator-again"),
-            Signed::new("authenticator-next"),
-        );
-        let authenticator = signed.authenticator();
-        let Authenticator::Tokens { keys, .. } = &authenticator else {
-            panic!("it asks for tokens");
-        };
-        let scene = "pit".parse().unwrap();
-        let admits = |token: &str| authenticator.admit(Some(token.as_bytes()), &scene).is_ok();
-        let (old, new) = (signed.token(), next.token());
-        assert!(admits(&old) && !admits(&new));
-        let file = signed.folder.join("key.pub");
-        fs::copy(next.folder.join("key.pub"), &file).unwrap();
-        keys.read_again().unwrap();
-        assert!(!admits(&old) && admits(&new));
-        fs::write(&file, "no key").unwrap();
-        assert!(keys.read_again().is_err());
-        assert!(!admits(&old) && admits(&new), "the keys stay as they were");
-    }
-
-    #[test]
-    fn key_files_hold_the_key_and_nothing_else() {
-        let signed = Signed::new("authenticator-files");
-        for (name, begins) in [("key", "k4.secret."), ("key.pub", "k4.public.")] {
-            let text = fs::read_to_string(signed.folder.join(name)).unwrap();
-            assert!(text.starts_with(begins) && text.trim() == text, "{name}");
-        }
-        // An editor may add a line break.
-        let public = signed.folder.join("key.pub");
-        let text = fs::read_to_string(&public).unwrap();
-        fs::write(&public, format!("{text}\n")).unwrap();
-        assert!(TokenKeys::read(&[KeyFile::for_all_scenes(public)], "rhumb").is_ok());
-    }
-
-    #[test]
-    fn a_secret_key_is_no_public_one_and_is_not_written_over() {
-        let signed = Signed::new("authenticator-keys");
-        let key = signed.folder.join("key");
-        let refused = TokenKeys::read(&[KeyFile::for_all_scenes(key.clone())], "rhumb");
-        assert!(refused.unwrap_err().to_string().contains("k4.public."));
-        assert!(make_keys(&key).is_err());
     }
 }
+
+impl KeyScenes {
+    /// The scenes of both.
+    fn and(&self, other: &Self) -> Self {
+        match (self, other) {
+            (Self::Some(these), Self::Some(those)) => {
+                let new = those.iter().filter(|pattern| !these.contains(pattern));
+                Self::Some(these.iter().chain(new).cloned().collect())
+            }
+            _ => Self::All,
+        }
+    }
+}
+
+impl KeyFile {
+    /// A file whose key signs for all scenes.
+    #[must_use]
+    pub const fn for_all_scenes(path: PathBuf) -> Self {
+        Self {
+            path,
+            scenes: KeyScenes::All,
+        }
+    }
+
+    /// An error of reading it. Of a path that has `=` itself, only the beginning was sought.
+    fn explained(&self, error: KeyError) -> KeyError {
+        match (error, &self.scenes) {
+            (KeyError::Read { path, cause }, KeyScenes::Some(patterns))
+                if cause.kind() == io::ErrorKind::NotFound =>
+            {
+                KeyError::Absent {
+                    path,
+                    scenes: patterns.join(","),
+                }
+            }
+            (error, _) => error,
+        }
+    }
+}
+
+impl FromStr for KeyFile {
+    type Err = InvalidKeyFile;
+
+    fn from_str(text: &str) -> Result<Self, InvalidKeyFile> {
+        // No name of a scene has such a sign, and a path may.
+        let Some((path, patterns)) = text.rsplit_once('=') else {
+            return Ok(Self::for_all_scenes(text.into()));
+        };
+        let patterns: Arc<[String]> = patterns.split(',').map(str::to_owned).collect();
+        match patterns.iter().find(|pattern| !Claims::is_pattern(pattern)) {
+            Some(pattern) => Err(InvalidKeyFile {
+                text: text.to_owned(),
+                pattern: pattern.clone(),
+            }),
+            None => Ok(Self {
+                path: path.into(),
+                scenes: KeyScenes::Some(patterns),
+            }),
+        }
+    }
+}
+
+impl fmt::Display for InvalidKeyFile {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "a key's file may be followed by = and names of scenes, separated by commas, such as team.pub=team/*; {:?} is no \
+             such name, which has letters, digits, - _ . /, and may end in *. If the = belongs to the file's path, write {}=*",
+            self.pattern, self.text
+        )
+    }
+}
+
+impl std::error::Error for InvalidKeyFile {}
+
+/// Signs tokens with a key of this process, which is written nowhere.
+#[cfg(feature = "view")]
+#[derive(Clone, Debug)]
+pub(crate) struct TokenIssuer {
+    key: AsymmetricSecretKey<V4>,
+    audience: String,
+}
+
+/// Reason why a key cannot be used or made.
+#[derive(Debug)]
+pub enum KeyError {
+    /// The file cannot be read.
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// The system's error.
+        cause: io::Error,
+    },
+    /// The file of a key for some scenes is not there.
+    Absent {
+        /// The file.
+        path: PathBuf,
+        /// The names of the scenes.
+        scenes: String,
+    },
+    /// The file cannot be written.
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// The system's error.
+        cause: io::Error,
+    },
+    /// The file holds no key of the wanted kind.
+    NotAKey {
+        /// The file.
+        path: PathBuf,
+        /// The first characters of such a key.
+        begins: &'static str,
+    },
+    /// A key of a pair is there already.
+    Exists {
+        /// Its file.
+        path: PathBuf,
+    },
+    /// A secret key is there already, and its file does not hold the whole of it.
+    Torn {
+        /// Its file.
+        path: PathBuf,
+    },
+    /// The system gives no random bytes, or the key is refused.
+    Failed,
+}
+
+impl fmt::Display for KeyError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Read { path, cause } => write!(f, "cannot read {}: {cause}", path.display()),
+            Self::Absent { path, scenes } => {
+                let path = path.display();
+                write!(
+                    f,
+                    "there is no file {path}, whose key was to sign for the scenes {scenes}; if the = belongs to the file's \
+                     path, write {path}={scenes}=*"
+                )
+            }
+            Self::Write { path, cause } => write!(f, "cannot write {}: {cause}", path.display()),
+            Self::Exists { path } => write!(
+                f,
+                "{} exists, and a lost key cannot be made again: choose another name, or remove the file",
+                path.display()
+            ),
+            Self::Torn { path } => write!(
+                f,
+                "{} exists and holds no whole secret key, as after a crash: nothing was signed with it; remove the file, and \
+                 make the pair again",
+                path.display()
+            ),
+            Self::NotAKey { path, begins } => {
+                write!(
+                    f,
+                    "{} holds no whole key that begins with {begins}",
+                    path.display()
+                )
+            }
+            Self::Failed => f.write_str("the key cannot be made or used"),
+        }
+    }
+}
+
+impl std::error::Error for KeyError {}
+
+impl From<errors::Error> for KeyError {
+    fn from(_: errors::Error) -> Self {
+        Self::Failed
+    }
+}
+
+impl TokenKeys {
+    /// Reads public keys from files. A token of any of them is accepted if it names the audience, for scenes for which its
+    /// key may sign. Clients of one name are one client, whichever key signed: keys that share scenes belong to one issuer.
+    ///
+    /// # Errors
+    ///
+    /// [`KeyError`] for a file that cannot be read or holds no public key.
+    pub fn read(files: &[KeyFile], audience: &str) -> Result<Self, KeyError> {
+        Ok(Self {
+            read: Arc::new(RwLock::new(read_all(files)?)),
+            files: files.into(),
+            own: Vec::new(),
+            audience: audience.to_owned(),
+        })
+    }
+
+    /// Reads the files again, for later tokens. Connections that are admitted stay until their tokens expire.
+    ///
+    /// # Errors
+    ///
+    /// [`KeyError`] for a file that cannot be read or holds no public key; then nothing has changed.
+    pub fn read_again(&self) -> Result<(), KeyError> {
+        let keys = read_all(&self.files)?;
+        *self.read.write().unwrap_or_else(PoisonError::into_inner) = keys;
+        Ok(())
+    }
+
+    /// Makes a key pair of this process, whose tokens are accepted too.
+    #[cfg(feature = "view")]
+    pub(crate) fn issuer(&mut self) -> Result<TokenIssuer, KeyError> {
+        let pair = AsymmetricKeyPair::<V4>::generate()?;
+        self.own.push(ScopedKey {
+            key: pair.public,
+            scenes: KeyScenes::All,
+        });
+        Ok(TokenIssuer {
+            key: pair.secret,
+            audience: self.audience.clone(),
+        })
+    }
+
+    /// The claims of a token that one of the keys has signed.
+    pub(crate) fn verify(&self, token: &[u8]) -> Result<Verified, TokenError> {
+        let (payload, scenes) = self.payload(token).ok_or(TokenError::NotSigned)?;
+        Ok(Verified {
+            claims: Claims::parse(&payload)?,
+            scenes,
+        })
+    }
+
+    fn payload(&self, token: &[u8]) -> Option<(String, KeyScenes)> {
+        let text = std::str::from_utf8(token).ok()?;
+        let token = UntrustedToken::<Public, V4>::try_from(text).ok()?;
+        let verify = |scoped: &ScopedKey| {
+            let trusted = PublicToken::verify(&scoped.key, &token, None, None).ok()?;
+            Some((trusted.payload().to_owned(), scoped.scenes.clone()))
+        };
+        let read = self.read.read().unwrap_or_else(PoisonError::into_inner);
+        read.iter().chain(&self.own).find_map(verify)
+    }
+}
+
+/// Reads keys from files. One that several files hold signs for the scenes of all of them.
+fn read_all(files: &[KeyFile]) -> Result<Vec<ScopedKey>, KeyError> {
+    let mut keys: Vec<ScopedKey> = Vec::new();
+    for file in files {
+        let text = read(&file.path).map_err(|error| file.explained(error))?;
+        let key = AsymmetricPublicKey::try_from(text.trim());
+        let key = key.map_err(|_| KeyError::NotAKey {
+            path: file.path.clone(),
+            begins: "k4.public.",
+        })?;
+        match keys.iter_mut().find(|known| known.key == key) {
+            Some(known) => known.scenes = known.scenes.and(&file.scenes),
+            None => keys.push(ScopedKey {
+                key,
+                scenes: file.scenes.clone(),
+            }),
+        }
+    }
+    Ok(keys)
+}
+
+#[cfg(feature = "view")]
+impl TokenIssuer {
+    /// A token with which a client may observe every scene, for so many seconds from `now` on, in seconds since 1970.
+    pub(crate) fn observer(
+        &self,
+        client: &str,
+        now: i64,
+        seconds: i64,
+    ) -> Result<String, KeyError> {
+        let claims = Claims {
+            aud: self.audience.clone(),
+            sub: client.to_owned(),
+            exp: Claims::moment(now.saturating_add(seconds)).ok_or(KeyError::Failed)?,
+            nbf: None,
+            scenes: vec!["*".to_owned()],
+            role: "observer".to_owned(),
+            bodies: None,
+            commands: None,
+            load: None,
+            members: None,
+            tenant_scenes: None,
+        };
+        let payload = serde_json::to_vec(&claims).map_err(|_| KeyError::Failed)?;
+        Ok(PublicToken::sign(&self.key, &payload, None, None)?)
+    }
+}
+
+/// The files of a key pair.
+#[derive(Debug)]
+pub(crate) struct KeyPair {
+    pub(crate) public: PathBuf,
+    /// True if the secret key was there without its public key, as after a crash, and only that one was written.
+    pub(crate) was_completed: bool,
+}
+
+/// Makes a key pair: the secret key in a new file that only its user may read, the public key beside it. A pair that was
+/// begun and not ended is completed.
+pub(crate) fn make_keys(path: &Path) -> Result<KeyPair, KeyError> {
+    let mut public = path.as_os_str().to_owned();
+    public.push(".pub");
+    let public = PathBuf::from(public);
+    if public.exists() {
+        return Err(KeyError::Exists { path: public });
+    }
+    let was_completed = path.exists();
+    let key = if was_completed {
+        let secret = AsymmetricSecretKey::<V4>::try_from(read(path)?.trim());
+        let secret = secret.map_err(|_| KeyError::Torn {
+            path: path.to_owned(),
+        })?;
+        AsymmetricPublicKey::try_from(&secret)?
+    } else {
+        let pair = AsymmetricKeyPair::<V4>::generate()?;
+        write_new(path, &pair.secret, 0o600)?;
+        pair.public
+    };
+    write_new(&public, &key, 0o644)?;
+    Ok(KeyPair {
+        public,
+        was_completed,
+    })
+}
+
+/// A token of these claims, signed by the key in a file.
+pub(crate) fn sign(path: &Path, claims: &Claims) -> Result<String, KeyError> {
+    let text = read(path)?;
+    let key = AsymmetricSecretKey::<V4>::try_from(text.trim()).map_err(|_| KeyError::NotAKey {
+        path: path.to_owned(),
+        begins: "k4.secret.",
+    })?;
+    let payload = serde_json::to_vec(claims).map_err(|_| KeyError::Failed)?;
+    Ok(PublicToken::sign(&key, &payload, None, None)?)
+}
+
+fn read(path: &Path) -> Result<String, KeyError> {
+    fs::read_to_string(path).map_err(|cause| KeyError::Read {
+        path: path.to_owned(),
+        cause,
+    })
+}
+
+/// Writes a key to a file that must not exist yet: a lost key cannot be made again.
+fn write_new(path: &Path, key: &impl FormatAsPaserk, mode: u32) -> Result<(), KeyError> {
+    let failed = |cause| KeyError::Write {
+        path: path.to_owned(),
+        cause,
+    };
+    let mut text = String::new();
+    key.fmt(&mut text).map_err(|_| KeyError::Failed)?;
+    let mut options = OpenOptions::new();
+    options.write(true).create_new(true);
+    #[cfg(unix)]
+    std::os::unix::fs::OpenOptionsExt::mode(&mut options, mode);
+    #[cfg(not(unix))]
+    let _ = mode;
+    let mut file = options.open(path).map_err(failed)?;
+    let written = (file.write_all(text.as_bytes())).and_then(|()| file.sync_all());
+    written.map_err(|cause| {
+        // What the disk has no room for is no key. If it stays, the next run says so.
+        let _ = fs::remove_file(path);
+        failed(cause)
+    })
+}
+
+#[cfg(test)]
+pub(crate) mod tests;

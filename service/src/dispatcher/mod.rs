@@ -4,8 +4,6 @@
 //! the worker of that scene. It steps no scene, so that no scene delays it. Invariants: it never waits for a worker; a worker's transmission
 //! reaches only connections of that worker; what waits for a worker is bounded for each connection.
 
-mod account;
-mod expiry;
 mod message;
 #[cfg(target_os = "linux")]
 mod process;
@@ -25,18 +23,17 @@ use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake, WakeReason};
 use rhumb_scene::{Greeted, Greeting, Heartbeat, Permit, SharedClock};
 
-use self::account::{Account, counted, may_create, with_scenes_left, without_quota_of_scenes};
-use self::expiry::Expiry;
 use self::message::{
-    FromProcess, FromWorker, ProcessId, Quarantined, ToProcess, WorkerId, WorkerInput,
-    WorkerOutput, WorkerReport,
+    Account, FromProcess, FromWorker, ProcessId, Quarantined, ToProcess, WorkerId, WorkerInput,
+    WorkerOutput, WorkerReport, counted, may_create, with_scenes_left, without_quota_of_scenes,
 };
 use self::process::Processes;
-pub(crate) use self::process::{ProcessOptions, run_worker};
-pub use self::settings::DispatcherSettings;
 use self::worker::{ThreadWorker, Threads};
 use crate::access::{Admitted, TokenError};
 use crate::durable::{DataDir, DataError, LogTail};
+
+pub(crate) use self::process::{ProcessOptions, run_worker};
+pub use self::settings::DispatcherSettings;
 
 /// Connections, and the workers of their scenes.
 pub struct Dispatcher {
@@ -603,6 +600,106 @@ impl Dispatcher {
             if let Err(code) = self.start_worker(scene, tail) {
                 tracing::error!(scene = %name, %code, "the scene stays in the data directory");
             }
+        }
+    }
+}
+
+/// The connections whose permits end, in order of their ends.
+#[derive(Debug, Default)]
+struct Expiry {
+    by_time: BTreeSet<(Instant, Peer)>,
+    ends: BTreeMap<Peer, Instant>,
+}
+
+impl Expiry {
+    fn set(&mut self, peer: Peer, at: Instant) {
+        self.ends.insert(peer, at);
+        self.by_time.insert((at, peer));
+    }
+
+    fn forget(&mut self, peer: Peer) {
+        if let Some(at) = self.ends.remove(&peer) {
+            self.by_time.remove(&(at, peer));
+        }
+    }
+
+    /// When the next permit ends.
+    fn next(&self) -> Option<Instant> {
+        self.by_time.first().map(|(at, _)| *at)
+    }
+
+    /// Takes a connection whose permit has ended.
+    fn pop(&mut self, now: Instant) -> Option<Peer> {
+        let (_, peer) = *self.by_time.first().filter(|(at, _)| *at <= now)?;
+        self.forget(peer);
+        Some(peer)
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use std::sync::mpsc::channel;
+    use std::time::Duration;
+
+    use rhumb_protocol::message::{ClientMessage, Extensions, Token, VERSIONS};
+    use rhumb_protocol::session::CloseCode;
+    use rhumb_protocol::{Endpoint, Instant, Peer, Span, Transmit};
+
+    use crate::access::tests::Signed;
+    use crate::dispatcher::{Dispatcher, DispatcherSettings};
+
+    /// Longer than any turn of a worker; reached only by a failure.
+    const LONG: Duration = Duration::from_secs(30);
+
+    /// A hello with a token, for a scene.
+    pub(in crate::dispatcher) fn hello(token: &str, scene: &str) -> Vec<u8> {
+        let mut extensions = Extensions::NONE;
+        let token: Token = token.parse().unwrap();
+        assert!(extensions.insert(token.extension()));
+        let mut bytes = Vec::new();
+        let hello = ClientMessage::Hello {
+            versions: VERSIONS.to_vec(),
+            scene: scene.parse().unwrap(),
+            extensions,
+        };
+        hello.encode(&mut bytes);
+        bytes
+    }
+
+    fn closed(dispatcher: &mut Dispatcher) -> Option<u32> {
+        let transmits = std::iter::from_fn(|| dispatcher.poll_transmit());
+        transmits.fold(None, |closed, transmit| match transmit {
+            Transmit::Close { code, .. } => Some(code),
+            _ => closed,
+        })
+    }
+
+    #[test]
+    fn a_connection_ends_with_its_token() {
+        let signed = Signed::new("expiry");
+        let settings = DispatcherSettings {
+            authenticator: signed.authenticator(),
+            ..DispatcherSettings::new(|| Instant::ZERO)
+        };
+        let (wake, woken) = channel();
+        let mut dispatcher = Dispatcher::new(settings, move || wake.send(()).unwrap_or(()));
+        let (peer, mut now) = (Peer(1), Instant::ZERO);
+        dispatcher.handle_opened(now, peer);
+        dispatcher.handle_control(now, peer, &hello(&signed.token(), "pit"));
+        assert_eq!(closed(&mut dispatcher), None);
+        now = now + Span::from_millis(89_999);
+        dispatcher.handle_timeout(now);
+        assert_eq!(closed(&mut dispatcher), None);
+        assert_eq!(
+            dispatcher.poll_timeout().map(|wake| wake.at),
+            Some(now + Span::from_millis(1))
+        );
+        dispatcher.handle_timeout(now + Span::from_millis(1));
+        assert_eq!(closed(&mut dispatcher), Some(CloseCode::TOKEN_EXPIRED.0));
+        // The scene without clients is let go.
+        while !dispatcher.workers.is_empty() {
+            woken.recv_timeout(LONG).expect("the worker has output");
+            assert_eq!(closed(&mut dispatcher), None);
         }
     }
 }

@@ -1,23 +1,18 @@
 //! Scenes that survive the process.
 //!
-//! A data directory holds a command log and snapshots of each.
+//! A data directory holds a command log and snapshots of each. One that no server uses can be verified and replayed.
 
 mod data_dir;
 mod disk;
-mod error;
-mod examine;
-mod frame;
+mod format;
 mod recovery;
-mod room;
 mod scene_files;
-#[cfg(test)]
-mod sim_disk;
-mod snapshot_file;
-#[cfg(test)]
-mod tests;
 mod writer;
 
 use std::collections::BTreeMap;
+use std::error::Error;
+use std::io::Write;
+use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use rhumb_protocol::Instant;
@@ -26,15 +21,14 @@ use rhumb_reckoning::Tick;
 use rhumb_scene::engine::StepThreads;
 use rhumb_scene::{CommandLog, Limits, RestoredScene, SceneStore};
 
+use self::data_dir::Room;
 use self::recovery::{ReplayStart, Restored};
-use self::room::Room;
 use self::scene_files::SceneFiles;
 use self::writer::{Origin, SceneLog};
 
 pub(crate) use self::recovery::LogTail;
 pub use data_dir::DataDir;
-pub use error::{Damage, DataError};
-pub(crate) use examine::{check, replay};
+pub use disk::{Damage, DataError};
 pub(crate) use writer::Wake;
 
 /// The data directory, and the scenes in it that cannot be served.
@@ -192,6 +186,78 @@ fn report(restored: &Restored, ms: u64) {
     );
 }
 
+/// Verifies every scene, one line each.
+///
+/// # Errors
+///
+/// The first error of a scene that cannot be restored; the others are verified all the same.
+pub(crate) fn check(directory: &Path, out: &mut dyn Write) -> Result<(), Box<dyn Error>> {
+    let data = DataDir::open_to_read(directory)?;
+    let mut failed: Option<Box<dyn Error>> = None;
+    for (name, files) in data.scenes()? {
+        match restore(&files, ReplayStart::Newest) {
+            Ok(Some(restored)) => write_report(&restored, out)?,
+            Ok(None) => writeln!(out, "{name}: its creation was never durable")?,
+            Err(error) => {
+                writeln!(out, "{name}: {error}")?;
+                failed.get_or_insert(error);
+            }
+        }
+    }
+    failed.map_or(Ok(()), Err)
+}
+
+/// Runs the log of a scene again from its oldest state, and compares every step with the recorded one.
+///
+/// # Errors
+///
+/// The first damage or difference.
+pub(crate) fn replay(
+    directory: &Path,
+    scene: &SceneName,
+    out: &mut dyn Write,
+) -> Result<(), Box<dyn Error>> {
+    let data = DataDir::open_to_read(directory)?;
+    let found = data.scenes()?.into_iter().find(|(name, _)| name == scene);
+    let (_, files) = found.ok_or_else(|| format!("no scene {scene} in the directory"))?;
+    match restore(&files, ReplayStart::Oldest)? {
+        Some(restored) => write_report(&restored, out),
+        None => Err(format!("the creation of {scene} was never durable").into()),
+    }
+}
+
+fn restore(files: &SceneFiles, start: ReplayStart) -> Result<Option<Restored>, Box<dyn Error>> {
+    Ok(files.restore(&StepThreads::default(), (start, LogTail::Kept), &mut || {})?)
+}
+
+/// One line on a restored scene, and one for each thing that was passed over.
+fn write_report(restored: &Restored, out: &mut dyn Write) -> Result<(), Box<dyn Error>> {
+    let (scene, found) = (&restored.scene, &restored.report);
+    writeln!(
+        out,
+        "{}: tick {} digest {} bodies {} from tick {} by {} commands and {} steps",
+        restored.name,
+        scene.tick().value(),
+        scene.digest(),
+        scene.body_count(),
+        found.from.value(),
+        found.commands,
+        found.steps,
+    )?;
+    for refused in &found.refused {
+        writeln!(out, "{}: passed over {refused}", restored.name)?;
+    }
+    if let Some((path, bytes)) = &found.torn {
+        let path = path.display();
+        writeln!(
+            out,
+            "{}: {path} ends with {bytes} bytes that were never durable",
+            restored.name
+        )?;
+    }
+    Ok(())
+}
+
 #[cfg(test)]
 mod store_tests {
     use std::fs;
@@ -230,3 +296,6 @@ mod store_tests {
         assert!(!stored.is_damaged(&name));
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -11,10 +11,9 @@ use rhumb_reckoning::Tick;
 use rhumb_scene::engine::StepThreads;
 use rhumb_scene::{LogEntry, Ownership, Scene, Sessions};
 
-use super::error::{Damage, DataError};
-use super::frame::{DurableEnd, LogFrames, OVERHEAD, Tail};
+use super::disk::{Damage, DataError};
+use super::format::{DurableEnd, LogFrames, OVERHEAD, Snapshot, Tail};
 use super::scene_files::{LogHeader, SceneFiles};
-use super::snapshot_file::Snapshot;
 use super::writer::Origin;
 
 /// A scene as its files have it.

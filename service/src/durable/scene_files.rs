@@ -14,10 +14,8 @@ use rhumb_reckoning::Tick;
 use rhumb_scene::Batch;
 use ring::hmac;
 
-use super::disk::{Disk, LogFile, parent, write_whole};
-use super::error::{Damage, DataError};
-use super::frame::{DurableEnd, HeadFile, LogFrame, LogFrames, Tail};
-use super::snapshot_file::Snapshot;
+use super::disk::{Damage, DataError, Disk, LogFile, parent, write_whole};
+use super::format::{DurableEnd, HeadFile, LogFrame, LogFrames, Snapshot, Tail};
 
 /// The directory of one scene.
 #[derive(Clone)]

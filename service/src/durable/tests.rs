@@ -3,6 +3,7 @@
 //! Each run is recorded with the digest of every tick. Whatever is restored must equal the recorded run at its tick.
 
 mod scene_log;
+mod sim_disk;
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -19,13 +20,11 @@ use rhumb_scene::engine::StepThreads;
 use rhumb_scene::{LogEntry, Ownership, Scene, SessionNumber, Sessions};
 use ring::hmac;
 
-use super::disk::Disk;
-use super::error::DataError;
-use super::frame::{LogFrame, LogFrames};
+use self::sim_disk::SimDisk;
+use super::disk::{DataError, Disk};
+use super::format::{LogFrame, LogFrames, Snapshot};
 use super::recovery::{LogTail, ReplayStart, Restored};
 use super::scene_files::{LogHeader, SceneFiles, Segment};
-use super::sim_disk::SimDisk;
-use super::snapshot_file::Snapshot;
 
 const SESSION: SessionNumber = SessionNumber(0);
 

@@ -15,11 +15,10 @@ use rhumb_protocol::scene::{SceneConfig, SceneName};
 use rhumb_reckoning::Tick;
 use rhumb_scene::{Batch, CommandLog, Frozen};
 
-use super::error::DataError;
-use super::frame::OVERHEAD;
-use super::room::{LOOK_BYTES, Room};
+use super::data_dir::{LOOK_BYTES, Room};
+use super::disk::DataError;
+use super::format::{OVERHEAD, Snapshot};
 use super::scene_files::{LogHeader, SceneFiles, Segment};
-use super::snapshot_file::Snapshot;
 
 /// Bytes of batches that may wait for the disk; beyond them the log is given up until the next snapshot.
 pub(super) const WAITING_BYTES_MAX: usize = 64 << 20;

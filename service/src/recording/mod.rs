@@ -4,10 +4,6 @@
 //! recording, which continues with a whole scene. Threads of their own write. Without readers a scene copies nothing.
 
 #[cfg(feature = "foxglove")]
-mod door;
-#[cfg(feature = "record")]
-mod file;
-#[cfg(feature = "foxglove")]
 mod live;
 #[cfg(not(feature = "record"))]
 mod no_tap;
@@ -15,8 +11,6 @@ mod no_tap;
 mod recorder;
 #[cfg(feature = "record")]
 mod tap;
-#[cfg(feature = "record")]
-mod writer;
 
 #[cfg(feature = "foxglove")]
 pub use self::live::ViewersError;

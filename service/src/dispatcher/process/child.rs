@@ -20,15 +20,14 @@ use rhumb_transport::{Clock, ParentSender, parent_stream};
 
 use super::super::message::{FromProcess, FromWorker, ToProcess, Vitals, WorkerId, WorkerInput};
 use super::super::worker::{ThreadWorker, Watched};
-use super::codec::WorkerSetup;
-use super::codec::{decode_to, encode_from};
-use super::system;
+
+use super::codec::{WorkerSetup, decode_to, encode_from};
+use crate::dispatcher::settings::SceneRecorders;
 use crate::dispatcher::worker::WorkerThreads;
 use crate::durable::DataDir;
 use crate::flight::{FlightRecorders, ForwardedFlight};
 use crate::log;
 use crate::metrics::Metrics;
-use crate::recorders::SceneRecorders;
 #[cfg(feature = "record")]
 use crate::recording::{Recorder, RecordingLimits, SceneTaps};
 use crate::signals;
@@ -52,8 +51,8 @@ pub(crate) fn run(hooks: Option<Hooks>, seconds: fn() -> i64) -> Result<(), Box<
     let setup = from_dispatcher.receive()?;
     let setup = setup.ok_or("a worker process is started by its server only")?;
     let setup: WorkerSetup = postcard::from_bytes(&setup)?;
-    system::end_with_dispatcher(setup.dispatcher)?;
-    system::limit_memory(setup.limits.worker_memory_mib)?;
+    super::end_with_dispatcher(setup.dispatcher)?;
+    super::limit_memory(setup.limits.worker_memory_mib)?;
     let _last_lines = log::start(setup.log.parse()?, setup.limits.log_lines_per_second);
     // A terminal and a service manager signal all processes: the dispatcher ends this one in order.
     signals::watch(|_| ())?;

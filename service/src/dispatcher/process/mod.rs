@@ -6,28 +6,35 @@
 
 mod child;
 mod codec;
-#[cfg(test)]
-mod codec_tests;
-mod running;
-mod system;
-mod tenant;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
+use std::os::fd::{AsFd, OwnedFd};
+use std::os::unix::process::CommandExt;
+use std::process::{Child, Command, Stdio};
+use std::{fmt, io, thread};
 
-use rhumb_protocol::Instant;
 use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::session::CloseCode;
+use rhumb_protocol::{Instant, Span};
+use rhumb_scene::tenant_of;
+use rhumb_transport::{ChildSender, FrameReceiver, child_stream};
+use rustix::process::{
+    Pid, PidfdFlags, Resource, Rlimit, Signal, getppid, pidfd_open, pidfd_send_signal,
+    set_parent_process_death_signal, setrlimit,
+};
+
+use self::codec::{WorkerSetup, decode_from, encode_to};
+use super::message::{
+    FromProcess, FromWorker, ProcessId, ToProcess, Vitals, WorkerId, WorkerReport,
+};
+use super::settings::DispatcherSettings;
+use crate::dispatcher::worker::{ReportSender, Threads};
+use crate::durable::DataDir;
+use crate::flight::{FlightCause, FlightRecorder};
+use crate::metrics::{SceneMeter, SceneValues};
 
 pub(crate) use self::child::run as run_worker;
 pub(crate) use self::codec::ProcessOptions;
-use self::codec::WorkerSetup;
-use self::running::{ProcessState, RunningProcess};
-use self::tenant::Deaths;
-use self::tenant::Tenant;
-use super::message::{FromProcess, FromWorker, ProcessId, ToProcess, Vitals, WorkerId};
-use super::settings::DispatcherSettings;
-use crate::dispatcher::worker::Threads;
-use crate::flight::FlightCause;
 
 /// The worker processes of a dispatcher.
 pub(super) struct Processes {
@@ -274,3 +281,315 @@ impl Processes {
         self.running.is_empty()
     }
 }
+
+/// This program, also after its file was replaced: both ends of a stream must be of one build.
+const PROGRAM: &str = "/proc/self/exe";
+
+/// State of a worker process.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum ProcessState {
+    Serving,
+    /// It has no worker any more, and ends by itself.
+    Ending,
+    /// It did not answer; so did this worker of it, if one is known.
+    Killed(Option<WorkerId>),
+}
+
+/// A worker process; nothing here waits for it.
+struct RunningProcess {
+    tenant: Tenant,
+    state: ProcessState,
+    handle: ProcessHandle,
+    /// `None` once the process is to end.
+    sender: Option<ChildSender>,
+    /// Looks at it since its last sign of life.
+    silent_looks: u32,
+    /// Its workers.
+    workers: usize,
+    /// Its scenes and their load, as it reported them last.
+    scenes: u64,
+    load: u64,
+    /// The last numbers that it was given of the rest of the server.
+    elsewhere: (u64, u64),
+    meters: BTreeMap<SceneName, SceneMeter>,
+    flights: BTreeMap<SceneName, FlightRecorder>,
+}
+
+impl RunningProcess {
+    /// Starts the process, and the thread that reads what it sends and waits for its end.
+    ///
+    /// # Errors
+    ///
+    /// The system's, if it has no process, thread or descriptor left.
+    fn start(
+        id: ProcessId,
+        tenant: Tenant,
+        (setup, data): (&WorkerSetup, Option<&DataDir>),
+        reports: ReportSender,
+    ) -> io::Result<Self> {
+        let (mut sender, receiver, input) = child_stream()?;
+        let lock = data.map(DataDir::lock_to_inherit).transpose()?.flatten();
+        let mut command = Command::new(PROGRAM);
+        command
+            .arg0("rhumb-server")
+            .args(["worker", &tenant.to_string()])
+            .stdin(input)
+            .stdout(lock.map_or_else(Stdio::null, Stdio::from));
+        let child = command.spawn()?;
+        // It holds the child's end of the stream.
+        drop(command);
+        let handle = ProcessHandle::of(&child)?;
+        let setup = postcard::to_allocvec(setup);
+        sender.send(&setup.map_err(|_| io::ErrorKind::InvalidInput)?);
+        let started = thread::Builder::new()
+            .name(format!("rhumb-worker-{}", id.0))
+            .spawn(move || attend(id, child, receiver, &reports));
+        if let Err(cause) = started {
+            handle.kill();
+            return Err(cause);
+        }
+        Ok(Self {
+            tenant,
+            state: ProcessState::Serving,
+            handle,
+            sender: Some(sender),
+            silent_looks: 0,
+            workers: 0,
+            scenes: 0,
+            load: 0,
+            elsewhere: (0, 0),
+            meters: BTreeMap::new(),
+            flights: BTreeMap::new(),
+        })
+    }
+
+    fn send(&mut self, message: &ToProcess) {
+        if let Some(sender) = &mut self.sender {
+            sender.send(&encode_to(message));
+        }
+    }
+
+    /// Sends what the stream did not take before.
+    fn flush(&mut self) {
+        if let Some(sender) = &mut self.sender {
+            sender.flush();
+        }
+    }
+
+    /// Asks the process to end.
+    fn end(&mut self) {
+        self.state = ProcessState::Ending;
+        self.silent_looks = 0;
+        self.sender = None;
+    }
+
+    /// Ends the process at once. `stuck`: the worker that did not answer, if one is known.
+    fn kill(&mut self, stuck: Option<WorkerId>) {
+        // A process that is to end has no scenes to restore.
+        if self.state == ProcessState::Serving {
+            self.state = ProcessState::Killed(stuck);
+        }
+        self.silent_looks = 0;
+        self.sender = None;
+        self.handle.kill();
+    }
+}
+
+impl RunningProcess {
+    /// Shows the metrics of the process's scenes.
+    fn show(&mut self, metrics: &[(SceneName, SceneValues)], settings: &DispatcherSettings) {
+        let is_gone = |scene: &SceneName| metrics.iter().all(|(name, _)| name != scene);
+        let shown = self.meters.keys().cloned();
+        for scene in shown.filter(is_gone).collect::<Vec<_>>() {
+            self.meters.remove(&scene);
+            self.flights.remove(&scene);
+        }
+        for (scene, values) in metrics {
+            let meter = self.meters.entry(scene.clone());
+            let meter = meter.or_insert_with(|| settings.recorders.metrics.begin_scene(scene));
+            meter.show(values);
+        }
+    }
+
+    /// The flight recorder of a scene.
+    fn flight(&mut self, scene: &SceneName, settings: &DispatcherSettings) -> &FlightRecorder {
+        let flight = self.flights.entry(scene.clone());
+        flight.or_insert_with(|| settings.recorders.flights.begin(scene))
+    }
+}
+
+/// Hands over what a process sends, until it ends. A process that sends no messages is broken, and ends.
+fn attend(id: ProcessId, mut child: Child, mut receiver: FrameReceiver, reports: &ReportSender) {
+    let broken = loop {
+        match receiver.receive() {
+            Ok(Some(frame)) => match decode_from(&frame) {
+                Ok(message) => {
+                    if !reports.send(WorkerReport::Process(id, message)) {
+                        break false;
+                    }
+                }
+                Err(_) => break true,
+            },
+            Ok(None) => break false,
+            // A stream with unread input breaks at the other end's death.
+            Err(cause) => break cause.kind() == io::ErrorKind::InvalidData,
+        }
+    };
+    if broken {
+        tracing::error!(worker = id.0, "a worker process sends what is no message");
+        // One that has ended already stays so.
+        let _ = child.kill();
+    }
+    drop(receiver);
+    let status = match child.wait() {
+        Ok(status) => status.to_string(),
+        Err(cause) => format!("unknown: {cause}"),
+    };
+    reports.send(WorkerReport::ProcessOver(id, status));
+}
+
+/// A tenant, as tokens name it by the scenes that they are for.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Tenant {
+    /// The scenes whose names begin so, up to a slash.
+    Named(String),
+    /// All scenes without a tenant.
+    Shared,
+    /// One scene without a tenant.
+    Scene(SceneName),
+}
+
+impl Tenant {
+    /// The tenant of a scene. `share`: scenes without one share a process.
+    fn of(scene: &SceneName, share: bool) -> Self {
+        match tenant_of(scene) {
+            Some(tenant) => Self::Named(tenant.to_owned()),
+            None if share => Self::Shared,
+            None => Self::Scene(scene.clone()),
+        }
+    }
+}
+
+impl fmt::Display for Tenant {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Named(tenant) => write!(f, "{tenant}/"),
+            Self::Shared => f.write_str("all scenes without a tenant"),
+            Self::Scene(scene) => scene.fmt(f),
+        }
+    }
+}
+
+/// The time in which a process may be started again [`rhumb_scene::Limits::worker_restarts`] times.
+const PERIOD: Span = Span::from_millis(600_000);
+
+/// The deaths of the last [`PERIOD`].
+#[derive(Debug, Default)]
+struct Deaths(BTreeMap<Tenant, VecDeque<Instant>>);
+
+impl Deaths {
+    fn note(&mut self, now: Instant, tenant: Tenant) {
+        self.0.entry(tenant).or_default().push_back(now);
+    }
+
+    /// Number of deaths of a tenant's processes in the period.
+    fn count(&mut self, now: Instant, tenant: &Tenant) -> u64 {
+        self.0.retain(|_, deaths| {
+            while deaths
+                .front()
+                .is_some_and(|death| now.since(*death) >= PERIOD)
+            {
+                deaths.pop_front();
+            }
+            !deaths.is_empty()
+        });
+        self.0.get(tenant).map_or(0, |deaths| deaths.len() as u64)
+    }
+}
+
+/// A process that can be killed, also when another thread waits for its end.
+#[derive(Debug)]
+struct ProcessHandle(OwnedFd);
+
+impl ProcessHandle {
+    /// The handle of a child that nothing has waited for yet.
+    fn of(child: &Child) -> io::Result<Self> {
+        let handle = pidfd_open(Pid::from_child(child), PidfdFlags::empty())?;
+        Ok(Self(handle))
+    }
+
+    /// Ends the process at once. One that has ended already stays so.
+    fn kill(&self) {
+        if let Err(cause) = pidfd_send_signal(self.0.as_fd(), Signal::KILL)
+            && cause != rustix::io::Errno::SRCH
+        {
+            tracing::error!(%cause, "cannot kill a worker process");
+        }
+    }
+}
+
+/// Makes the system kill this process when the thread that started it ends.
+///
+/// # Errors
+///
+/// The system's; and [`io::ErrorKind::NotConnected`] if the dispatcher has ended already.
+fn end_with_dispatcher(dispatcher: u32) -> io::Result<()> {
+    set_parent_process_death_signal(Some(Signal::KILL))?;
+    let parent = getppid().map(|parent| parent.as_raw_nonzero().get());
+    if parent.and_then(|parent| u32::try_from(parent).ok()) == Some(dispatcher) {
+        Ok(())
+    } else {
+        Err(io::ErrorKind::NotConnected.into())
+    }
+}
+
+/// Bounds the private memory of this process; zero sets no bound. The system counts what may be written: thread stacks
+/// as a whole, and nothing that is only reserved.
+///
+/// # Errors
+///
+/// The system's, if a lower bound is set already.
+fn limit_memory(mib: u64) -> io::Result<()> {
+    if mib == 0 {
+        return Ok(());
+    }
+    let bytes = Some(mib << 20);
+    let limit = Rlimit {
+        current: bytes,
+        maximum: bytes,
+    };
+    Ok(setrlimit(Resource::Data, limit)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_part_of_a_scenes_name_is_its_tenant() {
+        let of = |name: &str, share| Tenant::of(&name.parse().unwrap(), share);
+        assert_eq!(of("team/7", false), of("team/8/x", true));
+        assert_ne!(of("team/7", false), of("teams/7", false));
+        assert_ne!(of("team", false), of("team/7", false));
+        assert_ne!(of("a", false), of("b", false));
+        assert_eq!(of("a", true), of("b", true));
+        assert_ne!(of("a", true), of("/a", true));
+    }
+
+    #[test]
+    fn deaths_are_forgotten_after_the_period() {
+        let (mut deaths, start) = (Deaths::default(), Instant::ZERO);
+        let tenant = || Tenant::Named("team".to_owned());
+        for seconds in 0..5 {
+            deaths.note(start + Span::from_millis(seconds * 1_000), tenant());
+        }
+        let later = |seconds: u64| start + Span::from_millis(seconds * 1_000);
+        assert_eq!(deaths.count(later(5), &tenant()), 5);
+        assert_eq!(deaths.count(later(602), &tenant()), 2);
+        assert_eq!(deaths.count(later(602), &Tenant::Shared), 0);
+        assert_eq!(deaths.count(later(700), &tenant()), 0);
+    }
+}
+
+#[cfg(test)]
+mod codec_tests;

@@ -11,11 +11,11 @@ use rhumb_scene::engine::StepThreads;
 use rhumb_scene::{Batch, CommandLog, Frozen, Limits, Ownership};
 use rhumb_transport::Clock;
 
+use super::sim_disk::SimDisk;
 use super::{Recorded, files, name};
+use crate::durable::data_dir::Room;
 use crate::durable::disk::Disk;
 use crate::durable::recovery::{LogTail, ReplayStart};
-use crate::durable::room::Room;
-use crate::durable::sim_disk::SimDisk;
 use crate::durable::writer::{Origin, SceneLog, WAITING_BYTES_MAX};
 
 fn wait_until(what: &str, is_so: impl Fn() -> bool) {

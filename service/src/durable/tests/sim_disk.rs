@@ -8,7 +8,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
-use super::disk::{Disk, LogFile};
+use crate::durable::disk::{Disk, LogFile};
 
 /// A disk in memory; all clones are one.
 #[derive(Clone, Default)]

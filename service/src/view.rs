@@ -1,15 +1,132 @@
-//! Answers the page's requests: files, how to connect, the link's condition.
+//! The page in which scenes are seen, served over HTTP.
+//!
+//! Beside the page's files it answers what the page needs to connect, and conditions the link of the page's own
+//! connections: these pass through a relay, and no other connection does. It refuses pages of other origins. The same page,
+//! written with recordings, needs no server.
 
-use core::net::{IpAddr, SocketAddr};
+use std::collections::BTreeSet;
+use std::ffi::OsString;
+use std::fmt;
+use std::fs::{self, File};
+use std::io::{self, Read, Write};
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, TcpListener};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
+use clap::Args;
 use hyper::header::{CONTENT_SECURITY_POLICY, HeaderName, HeaderValue};
 use hyper::{Method, StatusCode};
-use rhumb_transport::conditioner::{Direction, LinkConfig, UdpRelay};
+use rhumb_transport::conditioner::{Direction, LinkConfig, RelayError, UdpRelay};
 use serde::Serialize;
 
 use crate::access::TokenIssuer;
-use crate::http::{HttpAnswer, HttpRequest, TEXT};
+use crate::http::{self, HttpAnswer, HttpRequest, TEXT, TcpService};
 use crate::metrics::Metrics;
+
+/// Sockets of the page: bound, but not yet answering.
+#[derive(Debug)]
+pub(crate) struct PageListener {
+    listener: TcpListener,
+    address: SocketAddr,
+    relay: UdpRelay,
+    /// Address of the server.
+    listens: SocketAddr,
+}
+
+/// Reason why the page cannot be served.
+#[derive(Debug)]
+pub enum ViewError {
+    /// This build has no page; the text says what to do.
+    Unavailable(&'static str),
+    /// Listening for the page's requests failed.
+    Listen {
+        /// The TCP address.
+        address: SocketAddr,
+        /// The system's error.
+        cause: io::Error,
+    },
+    /// The relay of the page's connections cannot start.
+    Relay(RelayError),
+}
+
+impl PageListener {
+    /// Listens at a TCP address for a server at a UDP address.
+    pub(crate) fn bind(address: SocketAddr, listens: SocketAddr) -> Result<Self, ViewError> {
+        if let Some(reason) = rhumb_viewer::UNAVAILABLE {
+            return Err(ViewError::Unavailable(reason));
+        }
+        let failed = |cause| ViewError::Listen { address, cause };
+        let listener = TcpListener::bind(address).map_err(failed)?;
+        let address = listener.local_addr().map_err(failed)?;
+        let relay = UdpRelay::start(
+            SocketAddr::new(listens.ip(), 0),
+            reachable(listens),
+            LinkConfig::PERFECT,
+            SEED,
+        );
+        Ok(Self {
+            listener,
+            address,
+            relay: relay.map_err(ViewError::Relay)?,
+            listens,
+        })
+    }
+
+    /// Its address.
+    pub(crate) const fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// Answers requests until the result is dropped.
+    pub(crate) fn start(
+        self,
+        hashes: Hashes,
+        (scenes, metrics): (Vec<ViewScene>, Metrics),
+        issuer: Option<TokenIssuer>,
+        now: fn() -> i64,
+    ) -> io::Result<TcpService> {
+        let page = Page {
+            listens: self.listens,
+            relay: self.relay,
+            hashes,
+            scenes,
+            metrics,
+            issuer,
+            now,
+            named: !self.address.ip().is_loopback(),
+        };
+        let answer = Arc::new(move |request: &HttpRequest| page.answer(request));
+        http::start(self.listener, "rhumb-server-view", answer)
+    }
+}
+
+/// Seed of the relay's links: chance need not differ from run to run.
+const SEED: u64 = 1;
+
+/// The address by which this machine reaches a server that may listen at every address.
+fn reachable(listens: SocketAddr) -> SocketAddr {
+    let ip = match listens.ip() {
+        IpAddr::V4(ip) if ip.is_unspecified() => Ipv4Addr::LOCALHOST.into(),
+        IpAddr::V6(ip) if ip.is_unspecified() => Ipv6Addr::LOCALHOST.into(),
+        ip => ip,
+    };
+    SocketAddr::new(ip, listens.port())
+}
+
+impl fmt::Display for ViewError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Unavailable(reason) => write!(f, "this build has no page: {reason}"),
+            Self::Listen { address, cause } => write!(
+                f,
+                "cannot serve the page at tcp {address}: {cause}; choose another address by --view ADDRESS"
+            ),
+            Self::Relay(cause) => write!(f, "cannot relay the page's connections: {cause}"),
+        }
+    }
+}
+
+impl std::error::Error for ViewError {}
 
 /// Seconds for which the page's token is valid. The page gets another one when it connects again.
 const TOKEN_SECONDS: i64 = 3_600;
@@ -26,29 +143,29 @@ const HEADERS: [(&str, &str); 6] = [
 ];
 
 /// Hashes of the certificates that browsers may be shown now, hexadecimal.
-pub(super) type Hashes = Box<dyn Fn() -> Vec<String> + Send + Sync>;
+type Hashes = Box<dyn Fn() -> Vec<String> + Send + Sync>;
 
 /// The sources of the page's answers.
-pub(super) struct Page {
+struct Page {
     /// Address of the server.
-    pub(super) listens: SocketAddr,
+    listens: SocketAddr,
     /// The page's connections pass through it.
-    pub(super) relay: UdpRelay,
-    pub(super) hashes: Hashes,
+    relay: UdpRelay,
+    hashes: Hashes,
     /// Scenes that the server provides.
-    pub(super) scenes: Vec<ViewScene>,
-    pub(super) metrics: Metrics,
+    scenes: Vec<ViewScene>,
+    metrics: Metrics,
     /// Issues the page's tokens, if the server asks for tokens.
-    pub(super) issuer: Option<TokenIssuer>,
+    issuer: Option<TokenIssuer>,
     /// Seconds since 1970.
-    pub(super) now: fn() -> i64,
+    now: fn() -> i64,
     /// True if names of hosts are answered to, and not only addresses of this machine.
-    pub(super) named: bool,
+    named: bool,
 }
 
 impl Page {
     /// The answer to a request.
-    pub(super) fn answer(&self, request: &HttpRequest) -> HttpAnswer {
+    fn answer(&self, request: &HttpRequest) -> HttpAnswer {
         let mut answer = self.answer_to(request);
         let policy = (CONTENT_SECURITY_POLICY, self.policy(request));
         let fixed = HEADERS.map(|(name, value)| {
@@ -180,28 +297,28 @@ pub struct ViewScene {
 /// `/connect.json`.
 #[derive(Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "camelCase")]
-pub(super) struct Facts {
+struct Facts {
     /// Of the server.
-    pub(super) version: &'static str,
+    version: &'static str,
     /// Address of WebTransport.
-    pub(super) url: String,
+    url: String,
     /// The same through the relay.
-    pub(super) conditioned_url: String,
+    conditioned_url: String,
     /// SHA-256 of each certificate that the server may show, hexadecimal.
-    pub(super) certificate_hashes: Vec<String>,
-    pub(super) scenes: Vec<ViewScene>,
+    certificate_hashes: Vec<String>,
+    scenes: Vec<ViewScene>,
     /// A token that lets the page observe, if the server asks for tokens.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub(super) token: Option<String>,
+    token: Option<String>,
 }
 
 /// The URL of WebTransport at an address.
-pub(super) fn url(listens: SocketAddr, page_host: &str) -> String {
+fn url(listens: SocketAddr, page_host: &str) -> String {
     format!("https://{}:{}/", host(listens, page_host), listens.port())
 }
 
 /// The URLs of WebTransport at an address and any port, as a content security policy names them.
-pub(super) fn source(listens: SocketAddr, page_host: &str) -> String {
+fn source(listens: SocketAddr, page_host: &str) -> String {
     match host(listens, page_host) {
         // A policy cannot name an address of IPv6, nor a name with an underscore.
         host if host.contains(['[', '_']) => "https:".to_owned(),
@@ -217,6 +334,129 @@ fn host(listens: SocketAddr, page_host: &str) -> String {
         IpAddr::V6(ip) => format!("[{ip}]"),
     }
 }
+
+/// The folder of the page, and the recordings that it plays.
+#[derive(Debug, Args)]
+pub(crate) struct PageArguments {
+    /// Folder for the page: a new one, or an empty one.
+    #[arg(long = "static", value_name = "DIR")]
+    folder: PathBuf,
+    /// Recordings that the page plays: .mcap, .rhtrace or .rhtrace.zst.
+    #[arg(required = true, value_name = "FILE")]
+    recordings: Vec<PathBuf>,
+}
+
+/// The folder of the recordings, in that of the page.
+const RECORDINGS: &str = "recordings";
+/// Beginnings of the files that the page plays: MCAP, .rhtrace, and what zstd has packed.
+const MAGICS: [&[u8]; 3] = [b"\x89MCAP0\r\n", b"RHTRACE1", b"\x28\xb5\x2f\xfd"];
+
+/// Reason why the page was not written.
+#[derive(Debug)]
+pub(crate) enum PageError {
+    /// The folder has files already.
+    NotEmpty(PathBuf),
+    /// The file is no recording that the page plays.
+    NotARecording(PathBuf),
+    /// Two recordings have this name.
+    SameName(OsString),
+    /// A file or folder could not be read or written.
+    Io(PathBuf, io::Error),
+}
+
+/// Writes the page, and says how to look at it. What it refuses leaves nothing behind.
+pub(crate) fn write_page(arguments: &PageArguments, out: &mut impl Write) -> Result<(), PageError> {
+    let PageArguments { folder, recordings } = arguments;
+    let at = |path: &Path| {
+        let path = path.to_owned();
+        move |cause| PageError::Io(path, cause)
+    };
+    if folder.exists() && fs::read_dir(folder).map_err(at(folder))?.next().is_some() {
+        return Err(PageError::NotEmpty(folder.clone()));
+    }
+    let mut names = BTreeSet::new();
+    for recording in recordings {
+        check(recording)?;
+        let name = recording.file_name().unwrap_or_default();
+        if !names.insert(name) {
+            return Err(PageError::SameName(name.to_owned()));
+        }
+    }
+    let paths: Vec<String> = recordings.iter().map(|path| address(path)).collect();
+    let mut written = 0;
+    for (path, bytes) in rhumb_viewer::static_files(&paths) {
+        let path = folder.join(path);
+        let parent = path.parent().unwrap_or(folder);
+        fs::create_dir_all(parent).map_err(at(parent))?;
+        fs::write(&path, &bytes).map_err(at(&path))?;
+        written += bytes.len() as u64;
+    }
+    let kept = folder.join(RECORDINGS);
+    fs::create_dir_all(&kept).map_err(at(&kept))?;
+    for recording in recordings {
+        let path = kept.join(recording.file_name().unwrap_or_default());
+        written += fs::copy(recording, &path).map_err(at(recording))?;
+    }
+    let shown = folder.display();
+    let said = writeln!(
+        out,
+        "wrote the page to {shown}, {:.1} MB; any web host serves it: python3 -m http.server --directory {shown}",
+        written as f64 / 1e6
+    );
+    said.map_err(at(folder))
+}
+
+/// Refuses a file that the page could not play.
+fn check(path: &Path) -> Result<(), PageError> {
+    let failed = |cause| PageError::Io(path.to_owned(), cause);
+    let mut head = Vec::new();
+    let file = File::open(path).map_err(failed)?;
+    file.take(8).read_to_end(&mut head).map_err(failed)?;
+    match MAGICS.iter().any(|magic| head.starts_with(magic)) {
+        true => Ok(()),
+        false => Err(PageError::NotARecording(path.to_owned())),
+    }
+}
+
+/// The address of a recording, from the page's folder.
+fn address(path: &Path) -> String {
+    let name = path.file_name().unwrap_or_default();
+    let mut address = format!("{RECORDINGS}/");
+    for byte in name.as_encoded_bytes() {
+        match byte {
+            b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'-' | b'.' | b'_' | b'~' => {
+                address.push(char::from(*byte));
+            }
+            _ => address += &format!("%{byte:02X}"),
+        }
+    }
+    address
+}
+
+impl fmt::Display for PageError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NotEmpty(folder) => write!(
+                f,
+                "{} has files already: name a new folder, or empty it",
+                folder.display()
+            ),
+            Self::NotARecording(path) => write!(
+                f,
+                "{} is no recording that the page plays: it is neither an MCAP file nor an .rhtrace",
+                path.display()
+            ),
+            Self::SameName(name) => write!(
+                f,
+                "two recordings are named {}: rename one of them",
+                name.to_string_lossy()
+            ),
+            Self::Io(path, cause) => write!(f, "{}: {cause}", path.display()),
+        }
+    }
+}
+
+impl std::error::Error for PageError {}
 
 #[cfg(test)]
 mod tests {
@@ -392,5 +632,67 @@ mod tests {
             super::source("0.0.0.0:1".parse().unwrap(), "my_server"),
             "https:"
         );
+    }
+
+    /// A folder of this test alone, empty.
+    fn folder(name: &str) -> PathBuf {
+        let folder = std::env::temp_dir().join(format!("rhumb-{name}-{}", std::process::id()));
+        let _ = fs::remove_dir_all(&folder);
+        fs::create_dir_all(&folder).unwrap();
+        folder
+    }
+
+    fn write(folder: &Path, recordings: &[&Path]) -> Result<String, PageError> {
+        let arguments = PageArguments {
+            folder: folder.to_owned(),
+            recordings: recordings.iter().map(|&path| path.to_owned()).collect(),
+        };
+        let mut out = Vec::new();
+        write_page(&arguments, &mut out)?;
+        Ok(String::from_utf8(out).unwrap())
+    }
+
+    #[test]
+    fn the_page_and_its_recordings_are_written_and_nothing_is_overwritten() {
+        let work = folder("static-page");
+        let recording = work.join("a b.mcap");
+        fs::write(&recording, b"\x89MCAP0\r\nrest").unwrap();
+        let page = work.join("page");
+        let said = write(&page, &[&recording]).unwrap();
+        assert!(said.contains("http.server"), "{said}");
+        let index = fs::read_to_string(page.join("index.html")).unwrap();
+        assert!(index.contains("recordings/a%20b.mcap"));
+        let copied = fs::read(page.join("recordings/a b.mcap")).unwrap();
+        assert_eq!(copied, fs::read(&recording).unwrap());
+        assert!(page.join("three/build/three.module.min.js").exists());
+        assert!(!page.join("client").exists());
+        let again = write(&page, &[&recording]).unwrap_err();
+        assert!(again.to_string().contains("has files already"), "{again}");
+        fs::remove_dir_all(work).unwrap();
+    }
+
+    #[test]
+    fn a_refused_page_leaves_nothing_behind() {
+        let work = folder("static-page-refused");
+        let (text, trace) = (work.join("a.txt"), work.join("x.rhtrace"));
+        fs::write(&text, "no recording").unwrap();
+        fs::write(&trace, b"RHTRACE1").unwrap();
+        fs::create_dir(work.join("other")).unwrap();
+        let same = work.join("other/x.rhtrace");
+        fs::write(&same, b"RHTRACE1").unwrap();
+        let page = work.join("page");
+        for (recordings, words) in [
+            (vec![text.as_path()], "neither an MCAP file nor an .rhtrace"),
+            (
+                vec![trace.as_path(), same.as_path()],
+                "two recordings are named",
+            ),
+            (vec![Path::new("/nowhere/a.mcap")], "/nowhere/a.mcap"),
+        ] {
+            let error = write(&page, &recordings).unwrap_err().to_string();
+            assert!(error.contains(words), "{error}");
+            assert!(!page.exists());
+        }
+        fs::remove_dir_all(work).unwrap();
     }
 }
