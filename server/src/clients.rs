@@ -3,22 +3,26 @@
 //! Knows sessions, not scenes. Datagrams are shared: one packet for many members is one allocation. Invariant: a driver
 //! that reports what links take is handed at most [`WINDOW_BYTES`] and one piece beyond that for a connection. What
 //! else waits is counted here, and a connection whose peer does not read is closed.
+//!
+//! With it: which member has authority over which body. At most one member has authority over a body, and a member moves no
+//! other bodies.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 
 use bytes::Bytes;
-use rhumb_protocol::message::{ClientMessage, Grease, ServerMessage, SessionRequest};
-use rhumb_protocol::session::{CloseCode, ServerSession, TransportCode};
+use rhumb_protocol::message::{ClientMessage, Grease, SceneEvent, ServerMessage, SessionRequest};
+use rhumb_protocol::session::{CloseCode, ServerSession, TransportCode, UpstreamReceiver};
 use rhumb_protocol::{Instant, Peer, Span, Transmit};
+use rhumb_reckoning::{BodyId, Tick};
 
-use crate::authority_group::AuthorityGroup;
 use crate::baking::Bake;
-use crate::limits::Limits;
-use crate::member::{Member, SnapshotRequest};
-use crate::observer::Traffic;
+use crate::hook::Traffic;
+use crate::member::{AuthorityGroup, Member, SnapshotRequest};
 use crate::permit::{ClientName, Permit};
 use crate::record::SessionNumber;
+use crate::scene::Scene;
+use crate::settings::Limits;
 
 /// Control bytes handed to the driver beyond those that the link has taken.
 const WINDOW_BYTES: usize = 256 << 10;
@@ -563,5 +567,93 @@ impl Clients {
             self.out.sendable.remove(&peer);
         }
         self.out.datagrams.pop_front()
+    }
+}
+
+/// Authority of all members over bodies of one scene.
+#[derive(Debug, Default)]
+pub(crate) struct AuthorityTable {
+    authorities: BTreeMap<BodyId, Peer>,
+    /// Bodies of silent members whose authority has ended since the last step.
+    released: BTreeSet<BodyId>,
+}
+
+impl AuthorityTable {
+    /// The member with authority over a body.
+    pub(crate) fn authority_of(&self, id: BodyId) -> Option<Peer> {
+        self.authorities.get(&id).copied()
+    }
+
+    /// Gives a member authority over these bodies, in place of its former ones.
+    pub(crate) fn begin(&mut self, peer: Peer, receiver: UpstreamReceiver, clients: &mut Clients) {
+        self.end(peer, clients);
+        if let Some(member) = clients.member_mut(peer)
+            && receiver.bodies().next().is_some()
+        {
+            let bodies = receiver.bodies();
+            self.authorities.extend(bodies.map(|id| (id, peer)));
+            member.authority = Some(AuthorityGroup::new(receiver));
+        }
+    }
+
+    /// Ends a member's authority; its bodies stand still.
+    pub(crate) fn end(&mut self, peer: Peer, clients: &mut Clients) {
+        let member = clients.member_mut(peer);
+        let Some(group) = member.and_then(|member| member.authority.take()) else {
+            return;
+        };
+        self.authorities.retain(|_, authority| *authority != peer);
+        if group.is_silent() {
+            self.released.extend(group.bodies());
+        }
+        group.log_end(peer);
+    }
+
+    /// Removes a body that has left the scene.
+    pub(crate) fn remove(&mut self, id: BodyId, clients: &mut Clients) {
+        let Some(peer) = self.authorities.remove(&id) else {
+            return;
+        };
+        let member = clients.member_mut(peer);
+        if let Some(group) = member.and_then(|member| member.authority.as_mut()) {
+            group.remove(id);
+            if group.bodies().next().is_none() {
+                self.end(peer, clients);
+            }
+        }
+    }
+
+    /// Sets the targets of all bodies for the next step. Returns the scene events of members that became silent or are
+    /// active again.
+    pub(crate) fn set_targets(
+        &mut self,
+        scene: &mut Scene,
+        clients: &mut Clients,
+    ) -> Vec<SceneEvent> {
+        let tick = scene.tick().next();
+        let mut scene_events = Vec::new();
+        let bodies: Vec<_> = std::mem::take(&mut self.released)
+            .into_iter()
+            .filter(|id| scene.body(*id).is_some())
+            .collect();
+        if !bodies.is_empty() {
+            scene_events.push(SceneEvent::PublisherActive { tick, bodies });
+        }
+        for (member, control) in clients.members_mut().0 {
+            let group = member.authority.as_mut();
+            scene_events.extend(group.and_then(|group| group.set_targets(control.peer(), scene)));
+        }
+        scene_events
+    }
+}
+
+/// Sends NACKs for lost packets, and probes to silent members.
+pub(crate) fn send_reports(now: Instant, tick: Tick, clients: &mut Clients) {
+    let (members, out) = clients.members_mut();
+    for (member, control) in members {
+        let group = member.authority.as_mut();
+        for report in group.map_or(Vec::new(), |group| group.poll_reports(now, tick)) {
+            control.send_datagram(report, out);
+        }
     }
 }

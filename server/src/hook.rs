@@ -1,13 +1,22 @@
-//! Hooks: application code that acts on a scene before each step.
+//! Application code beside a scene: hooks before each step, and observers.
 //!
-//! For programs that embed a server: thrusters, drivers, scripts. A hook moves bodies and nothing else; only members
-//! change the bodies of a scene, and learn of it by scene events.
+//! Hooks are for programs that embed a server: thrusters, drivers, scripts. A hook moves bodies and nothing else; only
+//! members change the bodies of a scene, and learn of it by scene events.
+//!
+//! Observers are for metrics, recordings, fault reports. A scene calls its observer while it works, so that an observer
+//! must not wait. Invariant: nothing that an observer does changes the scene.
 
 use core::fmt;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
+use bytes::Bytes;
+use rhumb_protocol::message::{SceneEvent, StageTimes};
 use rhumb_protocol::scene::{Command, CommandError, SceneConfig, SceneName};
+use rhumb_protocol::{Instant, Peer, Span};
+use rhumb_reckoning::Tick;
 
+use crate::record::TickMetrics;
 use crate::scene::Scene;
 
 /// Reads a scene before each step and commands its bodies: forces, velocities, poses.
@@ -133,3 +142,174 @@ impl fmt::Display for HookError {
 }
 
 impl core::error::Error for HookError {}
+
+/// Gives each scene its observer when it begins.
+pub trait ObserveScenes: Send + Sync {
+    /// The observer of a scene that begins. `period`: simulated time of a step.
+    fn begin(&self, scene: &SceneName, period: Span) -> Box<dyn SceneObserver>;
+}
+
+/// Observes one scene, on the thread of the scene, and is dropped there when the scene ends.
+pub trait SceneObserver: Send {
+    /// A client became a member. `client`: its name, if it has shown a token.
+    fn joined(&mut self, _peer: Peer, _client: Option<&str>) {}
+
+    /// A member left, or its connection ended.
+    fn left(&mut self, _peer: Peer) {}
+
+    /// A member's command is about to be checked and applied.
+    fn command(&mut self, _peer: Peer, _number: u64, _command: &Command) {}
+
+    /// A member's command was applied, or refused for a reason.
+    fn commanded(&mut self, _refused: Option<&CommandError>) {}
+
+    /// The scene has an event for its members.
+    fn scene_event(&mut self, _event: &SceneEvent) {}
+
+    /// A step begins.
+    fn step_began(&mut self, _at: Instant, _tick: Tick) {}
+
+    /// A step and its publication have ended. `packets`: of all streams.
+    fn stepped(
+        &mut self,
+        _metrics: &TickMetrics,
+        _scene: &Scene,
+        _packets: &mut dyn Iterator<Item = &Bytes>,
+    ) {
+    }
+
+    /// Something happened that an operator looks for.
+    fn incident(&mut self, _incident: Incident) {}
+
+    /// The counters of the bytes of the scene's members.
+    fn traffic(&self) -> Traffic {
+        Traffic::default()
+    }
+}
+
+/// Observes nothing.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Unobserved;
+
+impl SceneObserver for Unobserved {}
+
+impl ObserveScenes for Unobserved {
+    fn begin(&self, _scene: &SceneName, _period: Span) -> Box<dyn SceneObserver> {
+        Box::new(Self)
+    }
+}
+
+/// Something that happened to a scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Incident {
+    /// A step began more than a step after it was due.
+    Late,
+    /// The scene slows its clock: it is too late to catch up.
+    Slowed,
+    /// The engine panicked.
+    EnginePanicked,
+    /// After that, the scene went back to an earlier tick, and continues.
+    Restored,
+    /// The engine failed for good, and the scene stands still.
+    Faulted,
+    /// The engine removed a body whose state was not finite.
+    NotFinite,
+    /// A checksum of a client's copy differs from that of its stream.
+    ChecksumMismatch,
+}
+
+/// Bytes that the members of a scene send and receive; all clones are one.
+///
+/// They count what the server hands to the links and takes from them: control streams and datagrams, without the headers
+/// of QUIC. A count is an addition to a number; nothing waits.
+#[derive(Clone, Debug, Default)]
+pub struct Traffic(Arc<TrafficCounts>);
+
+#[derive(Debug, Default)]
+struct TrafficCounts {
+    received: AtomicU64,
+    sent: AtomicU64,
+}
+
+impl Traffic {
+    /// Members sent so many bytes.
+    pub fn add_received(&self, bytes: usize) {
+        self.0.received.fetch_add(bytes as u64, Ordering::Relaxed);
+    }
+
+    /// Members were sent so many bytes.
+    pub fn add_sent(&self, bytes: usize) {
+        self.0.sent.fetch_add(bytes as u64, Ordering::Relaxed);
+    }
+
+    /// Bytes that members sent.
+    #[must_use]
+    pub fn received(&self) -> &AtomicU64 {
+        &self.0.received
+    }
+
+    /// Bytes that members were sent.
+    #[must_use]
+    pub fn sent(&self) -> &AtomicU64 {
+        &self.0.sent
+    }
+}
+
+/// Steps for the median and the 99th percentile.
+const RECENT: usize = 4_096;
+
+/// Time of the stages of all ticks so far.
+#[derive(Debug, Default)]
+pub(crate) struct Times {
+    step_total: u64,
+    observe_total: u64,
+    publish_total: u64,
+    /// Duration of the last steps in nanoseconds; a ring once it is full.
+    recent: Vec<u64>,
+    next: usize,
+    /// Median and 99th percentile of the recent steps, until another step is added: a scene answers more often than
+    /// it steps.
+    percentiles: Option<(u64, u64)>,
+}
+
+/// The moments between the stages of one tick.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Timestamps {
+    pub(crate) begun: Instant,
+    pub(crate) stepped: Instant,
+    pub(crate) observed: Instant,
+    pub(crate) published: Instant,
+}
+
+impl Times {
+    pub(crate) fn add(&mut self, timestamps: Timestamps) {
+        let step = timestamps.stepped.since(timestamps.begun).as_nanos();
+        self.step_total += step;
+        self.observe_total += timestamps.observed.since(timestamps.stepped).as_nanos();
+        self.publish_total += timestamps.published.since(timestamps.observed).as_nanos();
+        if self.recent.len() < RECENT {
+            self.recent.push(step);
+        } else {
+            self.recent[self.next] = step;
+        }
+        self.next = (self.next + 1) % RECENT;
+        self.percentiles = None;
+    }
+
+    pub(crate) fn summary(&mut self) -> StageTimes {
+        let recent = &self.recent;
+        let (step_median, step_p99) = *self.percentiles.get_or_insert_with(|| {
+            let mut steps = recent.clone();
+            steps.sort_unstable();
+            let at = |share: usize| steps.get(steps.len() * share / 100).copied().unwrap_or(0);
+            (at(50), at(99))
+        });
+        StageTimes {
+            step_total: self.step_total,
+            step_median,
+            step_p99,
+            observe_total: self.observe_total,
+            publish_total: self.publish_total,
+        }
+    }
+}

@@ -41,25 +41,17 @@
 #![deny(unsafe_code)]
 
 mod admission;
-mod authority_group;
-mod authority_table;
 mod baking;
 mod checkpoint;
 mod clients;
-mod command_log;
-mod digest;
 pub mod engine;
 mod event_monitor;
 mod hook;
-mod id_ranges;
-mod limits;
 mod member;
-mod observer;
 mod permit;
 mod record;
 mod registry;
 mod rights;
-mod rollback;
 mod router;
 mod scene;
 mod scene_loop;
@@ -69,17 +61,15 @@ mod streams;
 mod tier_controller;
 
 pub use admission::{Admission, SceneSlots, ServerLoad, TenantLoads, tenant_of};
-pub use authority_group::UpstreamStatistics;
 pub use baking::{BakeJob, Bakers};
-pub use checkpoint::{Checkpoint, CheckpointError};
-pub use command_log::{CommandLog, Frozen, RestoredScene, SceneStore};
-pub use digest::Digest;
+pub use checkpoint::{Checkpoint, CheckpointError, replay};
 pub use engine::{StepThreads, StepThreadsError};
 pub use event_monitor::StepEvents;
 pub use glam;
-pub use hook::{Hook, HookError, Hooks};
-pub use limits::{InvalidLimit, LimitRow, Limits};
-pub use observer::{Incident, ObserveScenes, SceneObserver, Traffic, Unobserved};
+pub use hook::{
+    Hook, HookError, Hooks, Incident, ObserveScenes, SceneObserver, Traffic, Unobserved,
+};
+pub use member::UpstreamStatistics;
 pub use permit::{ClientName, Ownership, Permit, Quotas, decode_client_of, encode_client_of};
 pub use record::{
     AppliedCommand, Author, Batch, COMMAND_BYTES_KEPT, LogEntry, OpenedSession, PacketHead,
@@ -93,13 +83,13 @@ pub use rhumb_protocol::scene::{
 pub use rhumb_protocol::stream::{Activity, Observation, SubscriberStatistics};
 pub use rhumb_protocol::{Instant, Peer, Span};
 pub use rhumb_reckoning::{BodyId, BodyState, Inertia, Metres, Tick, Tolerance};
-pub use rollback::replay;
 pub use router::SceneRouter;
 pub use router::{Greeted, Greeting};
-pub use scene::{FrozenScene, IMAGE_FORMAT, Scene, SceneFault, Stepped};
+pub use scene::{Digest, FrozenScene, IMAGE_FORMAT, Scene, SceneFault, Stepped};
 #[doc(hidden)]
 pub use scene_loop::SceneLoop;
-pub use sessions::{ResumableSession, Sessions};
-pub use settings::Heartbeat;
-pub use settings::{ProvidedScene, ProvidedScenes, SceneScript};
-pub use settings::{SceneSettings, SharedClock};
+pub use sessions::{CommandLog, Frozen, RestoredScene, ResumableSession, SceneStore, Sessions};
+pub use settings::{
+    Heartbeat, InvalidLimit, LimitRow, Limits, ProvidedScene, ProvidedScenes, SceneScript,
+    SceneSettings, SharedClock,
+};

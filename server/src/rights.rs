@@ -20,14 +20,13 @@ use rhumb_protocol::scene::{
 use rhumb_reckoning::{BodyId, Tick};
 
 use crate::admission::{self, SceneLoad, SceneSlot};
-use crate::authority_table::AuthorityTable;
+use crate::clients::AuthorityTable;
 use crate::clients::Clients;
-use crate::id_ranges;
-use crate::limits::Limits;
 use crate::member::Member;
+use crate::permit;
 use crate::permit::{Ownership, Permit};
 use crate::scene::Scene;
-use crate::settings::SceneSettings;
+use crate::settings::{Limits, SceneSettings};
 
 /// Decides whether a client may create a scene.
 pub(crate) fn create(permit: &Permit, config: &SceneConfig) -> Result<(), Denial> {
@@ -116,7 +115,7 @@ impl Rights<'_> {
         }
     }
 
-    /// Decides whether a member may ask for more body indices. `id_ranges` decides how many there are for it.
+    /// Decides whether a member may ask for more body indices. `IdRanges` decides how many there are for it.
     pub(crate) fn reserve(&self) -> Result<(), Denial> {
         Ok(self.check(Request::Reserve)?)
     }
@@ -149,7 +148,7 @@ impl Rights<'_> {
             return Err(CommandError::SceneFaulted);
         }
         match command {
-            Command::AddBody { desc, .. } if !id_ranges::has(self.ids(), desc.id) => {
+            Command::AddBody { desc, .. } if !permit::has(self.ids(), desc.id) => {
                 Err(CommandError::NotGranted(desc.id))
             }
             _ => Ok(()),
@@ -176,7 +175,7 @@ impl Rights<'_> {
         let members = self.clients.members();
         let others = members.filter(|(peer, ..)| *peer != self.peer);
         let mut of_others = others.map(|(.., member)| &member.ids);
-        if of_others.any(|ids| id_ranges::has(ids, id)) {
+        if of_others.any(|ids| permit::has(ids, id)) {
             return Err(AuthorityError::NotYours(id));
         }
         let authority = self.authority_table.authority_of(id);

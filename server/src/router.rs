@@ -12,8 +12,8 @@ use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::session::{CloseCode, ServerSession};
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake};
 
-use crate::authority_group::UpstreamStatistics;
 use crate::checkpoint::{Checkpoint, CheckpointError};
+use crate::member::UpstreamStatistics;
 use crate::permit::Permit;
 use crate::scene_loop::SceneLoop;
 use crate::settings::SceneSettings;

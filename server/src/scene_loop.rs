@@ -4,15 +4,10 @@
 //! client creates it, a server provides it, a store has it. It reads no clock but that of its settings, which only
 //! measures.
 
-mod authority;
-mod command_log;
 mod commands;
-mod queries;
-mod restoration;
-mod session;
-mod subscriptions;
+mod durability;
+mod members;
 mod tick;
-mod turns;
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
@@ -28,21 +23,15 @@ use rhumb_protocol::{
 use rhumb_reckoning::Tick;
 
 use crate::admission::{self, SceneLoad, SceneSlot};
-use crate::authority_group::UpstreamStatistics;
-use crate::authority_table::AuthorityTable;
 use crate::baking::Bakery;
-use crate::checkpoint::{Checkpoint, CheckpointError};
-use crate::clients::{Clients, Turn};
-use crate::command_log::{Durability, RestoredScene};
-use crate::hook::Hook;
-use crate::id_ranges::IdRanges;
-use crate::member::SnapshotRequest;
-use crate::observer::{SceneObserver, Times};
-use crate::permit::{Ownership, Permit};
+use crate::checkpoint::{Checkpoint, CheckpointError, Rollback};
+use crate::clients::{AuthorityTable, Clients, Turn};
+use crate::hook::{Hook, SceneObserver, Times};
+use crate::member::{SnapshotRequest, UpstreamStatistics};
+use crate::permit::{IdRanges, Ownership, Permit};
 use crate::rights;
-use crate::rollback::Rollback;
 use crate::scene::Scene;
-use crate::sessions::Sessions;
+use crate::sessions::{Durability, RestoredScene, Sessions};
 use crate::settings::{SceneScript, SceneSettings};
 use crate::streams::{StreamNames, Streams};
 

@@ -1,21 +1,26 @@
-//! The settings of scenes, made once and shared by all that run with them.
+//! The settings of scenes, and the limits that an operator may change.
+//!
+//! Settings are made once and shared by all that run with them. The reasons of limits are their doc comments, which the
+//! generated configuration file repeats.
 
 use core::fmt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
+use rhumb_protocol::limits::{
+    BODIES_MAX, CONTROL_WAITING_BYTES_MAX, INDICES_MAX, MEMBERS_PER_SCENE_MAX, RATE_MAX, SCENES_MAX,
+};
 use rhumb_protocol::packet::LargestPacket;
 use rhumb_protocol::scene::{Command, SceneConfig, SceneName, Stepping};
 use rhumb_protocol::{Instant, Span};
+use serde::{Deserialize, Serialize};
 
 use crate::admission::{self, Admission, SceneLoad, SceneSlot};
 use crate::baking::Bakers;
-use crate::command_log::SceneStore;
 use crate::engine::{Engines, StepThreads};
-use crate::hook::Hooks;
-use crate::limits::Limits;
-use crate::observer::{ObserveScenes, Unobserved};
+use crate::hook::{Hooks, ObserveScenes, Unobserved};
 use crate::scene::Scene;
+use crate::sessions::SceneStore;
 
 /// A clock that threads share.
 pub type SharedClock = Arc<dyn Fn() -> Instant + Send + Sync>;
@@ -233,5 +238,240 @@ impl ProvidedScenes {
 impl fmt::Debug for ProvidedScenes {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("ProvidedScenes")
+    }
+}
+
+/// One limit, as the configuration file describes it.
+#[derive(Clone, Copy, Debug)]
+pub struct LimitRow {
+    /// Its key.
+    pub name: &'static str,
+    /// Its value unless the file has another one.
+    pub default: u64,
+    least: u64,
+    most: u64,
+    /// The reason for the limit.
+    pub reason: &'static str,
+}
+
+/// A limit outside its bounds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct InvalidLimit {
+    name: &'static str,
+    value: u64,
+    least: u64,
+    most: u64,
+}
+
+impl fmt::Display for InvalidLimit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            name,
+            value,
+            least,
+            most,
+        } = self;
+        write!(f, "limits.{name} is {value}, not from {least} to {most}")
+    }
+}
+
+impl std::error::Error for InvalidLimit {}
+
+/// Declares the limits once: field, default, bounds, and the reason as its doc comment.
+macro_rules! limits {
+    ($($(#[doc = $reason:literal])+ $name:ident = $default:literal, $least:literal to $most:expr;)+) => {
+        /// Limits of a server.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+        #[serde(default, deny_unknown_fields)]
+        pub struct Limits {
+            $($(#[doc = $reason])+ pub $name: u64,)+
+        }
+
+        impl Default for Limits {
+            fn default() -> Self {
+                Self { $($name: $default,)+ }
+            }
+        }
+
+        impl Limits {
+            /// All limits, in the order of the file.
+            pub const ROWS: &[LimitRow] = &[$(LimitRow {
+                name: stringify!($name),
+                default: $default,
+                least: $least,
+                most: $most,
+                reason: concat!($($reason, "\n"),+),
+            },)+];
+
+            fn values(&self) -> impl Iterator<Item = u64> {
+                [$(self.$name,)+].into_iter()
+            }
+        }
+    };
+}
+
+limits! {
+    /// Scenes at one time. Each has a thread with a stack of 8 MiB, of which it uses what it needs.
+    scenes = 256, 1 to SCENES_MAX as u64;
+    /// Members of a scene. Each costs one datagram per packet of its stream.
+    members_per_scene = 64, 1 to MEMBERS_PER_SCENE_MAX as u64;
+    /// Bodies of a scene. The engine needs about a kilobyte for each, and each stream 120 bytes.
+    bodies_per_scene = 131072, 1 to BODIES_MAX as u64;
+    /// Indices of a scene's bodies. Tables by index are as long as the highest one that was used, some 300 bytes for each.
+    /// A third is left for reservations, but no more than the largest one; the members share the rest, at most 4096 for
+    /// each. With less, clients of the ARCHIMEDES protocol, which take the largest range, find no scene.
+    indices_per_scene = 393216, 4096 to INDICES_MAX as u64;
+    /// Ticks in a second of a free-running scene. A scene that asks for more is refused.
+    scene_ticks_per_second = 1000, 1 to RATE_MAX as u64;
+    /// Ticks in a second, times substeps, times bodies, of a free-running scene: 80000 bodies at 60 ticks of 4 substeps.
+    /// A scene that asks for more would only run slower than its clock.
+    scene_load = 20000000, 1 to u64::MAX;
+    /// The same of all free-running scenes together. A core does a million where all bodies touch, and many times that
+    /// where they rest. A tick by itself counts as 500 steps of one body.
+    server_load = 40000000, 1 to u64::MAX;
+    /// Seconds after which a scene without members ends; 0 keeps it until a client deletes it.
+    empty_scene_seconds = 600, 0 to 31536000;
+    /// Seconds for a connection's first message. A client on a bad link needs a few round trips.
+    hello_seconds = 8, 1 to 60;
+    /// Scenes of one tenant at one time, unless a token says otherwise. Where tokens are asked for, scenes without a tenant
+    /// count for the client that names them first.
+    tenant_scenes = 128, 1 to SCENES_MAX as u64;
+    /// The part of `server_load` that the free-running scenes of one tenant may have together.
+    tenant_load = 20000000, 1 to u64::MAX;
+    /// MiB of a durable scene's log since its last snapshot. A scene of which there can be no snapshot, as it is not
+    /// stepped, takes no more commands beyond them; at twice as many nothing more is durable until the next snapshot.
+    scene_log_mib = 64, 8 to 1048576;
+    /// MiB of one tenant's scenes in the data directory. Beyond them nothing more of the tenant is durable until there is
+    /// room, as on a full disk. They are counted anew after each 4 MiB of a log.
+    tenant_data_mib = 16384, 1 to 1073741824;
+    /// The same of all scenes together.
+    data_mib = 32768, 1 to 1073741824;
+    /// Milliseconds by the clock that one tick or one command may take before its scene is quarantined. On Linux the time
+    /// for which its thread waits for a processor core does not count.
+    stuck_milliseconds = 2000, 100 to 60000;
+    /// Milliseconds that the solid of one shape may take to be made, beside the steps of its scene. The largest mesh takes
+    /// some 100; one that takes longer is refused, and one that has waited as long.
+    bake_milliseconds = 1000, 1 to 60000;
+    /// Quarantined scenes from which on no scene begins: each may take a core until the server is restarted.
+    quarantined_scenes = 8, 1 to 256;
+    /// Quarantined scenes of one tenant from which on no scene of it begins; more of them do not count for others.
+    tenant_quarantined_scenes = 2, 1 to 256;
+    /// MiB of private memory of a worker process, with 8 for the stack of each scene; 0 sets no limit. A process that
+    /// needs more ends, and no other one does.
+    worker_memory_mib = 4096, 0 to 1048576;
+    /// Times in ten minutes that the worker process of a tenant is started again after it ended by itself or was killed.
+    /// Beyond them its scenes are refused until the ten minutes are over.
+    worker_restarts = 3, 0 to 1000;
+    /// Times in ten minutes that a scene whose engine failed is restored; 0 keeps no copy of scenes to restore them from.
+    /// A client that makes the engine fail again and again slows the scene down.
+    restorations = 3, 0 to 1000;
+    /// MiB that wait for a client beside its snapshot before it is closed.
+    waiting_mib = 12, 1 to (CONTROL_WAITING_BYTES_MAX >> 20) as u64;
+    /// Seconds after which a client that reads nothing is closed.
+    stall_seconds = 30, 1 to 3600;
+    /// MiB of snapshots for one client in a second, on average; more than most links take.
+    snapshot_mib_per_second = 16, 1 to 1024;
+    /// KiB of the newest events that a scene's flight recorder holds: some 50 s of three packets a tick at 60 Hz.
+    flight_kib = 256, 4 to 65536;
+    /// Files of flight recorders; beyond them the oldest are removed.
+    flight_files = 64, 1 to 10000;
+    /// MiB after which a recording continues in another file.
+    record_file_mib = 256, 1 to 1048576;
+    /// Minutes after which a recording continues in another file.
+    record_file_minutes = 60, 1 to 525600;
+    /// MiB of all recordings; beyond them the oldest files are removed.
+    record_total_mib = 4096, 1 to 1073741824;
+    /// MiB of ticks that wait for the thread of recordings, and for that of Foxglove's viewers; beyond them a recording
+    /// lacks ticks.
+    record_waiting_mib = 64, 1 to 65536;
+    /// Log lines of one cause in a second, except at level trace.
+    log_lines_per_second = 10, 1 to 100000;
+}
+
+impl Limits {
+    /// Checks every limit against its bounds.
+    ///
+    /// # Errors
+    ///
+    /// [`InvalidLimit`] for the first that is outside.
+    pub fn check(&self) -> Result<(), InvalidLimit> {
+        for (row, value) in Self::ROWS.iter().zip(self.values()) {
+            let LimitRow {
+                name, least, most, ..
+            } = *row;
+            if !(least..=most).contains(&value) {
+                return Err(InvalidLimit {
+                    name,
+                    value,
+                    least,
+                    most,
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// The latest time of a connection's first message.
+    #[must_use]
+    pub const fn hello(&self) -> Span {
+        Span::from_millis(self.hello_seconds * 1_000)
+    }
+
+    /// The time after which a scene that does not answer is stuck.
+    #[must_use]
+    pub const fn stuck(&self) -> Span {
+        Span::from_millis(self.stuck_milliseconds)
+    }
+
+    pub(crate) const fn bake(&self) -> Span {
+        Span::from_millis(self.bake_milliseconds)
+    }
+
+    pub(crate) const fn stall(&self) -> Span {
+        Span::from_millis(self.stall_seconds * 1_000)
+    }
+
+    /// The lifetime of a scene without members; `None` for ever.
+    pub(crate) fn empty_scene(&self) -> Option<Span> {
+        (self.empty_scene_seconds > 0).then(|| Span::from_millis(self.empty_scene_seconds * 1_000))
+    }
+
+    /// Bytes of a scene's log without a snapshot from which on it takes no commands.
+    pub(crate) const fn scene_log_bytes(&self) -> usize {
+        (self.scene_log_mib << 20) as usize
+    }
+
+    pub(crate) const fn waiting_bytes(&self) -> usize {
+        (self.waiting_mib << 20) as usize
+    }
+
+    pub(crate) const fn snapshot_bytes_per_second(&self) -> u64 {
+        self.snapshot_mib_per_second << 20
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn defaults_are_within_their_bounds_and_each_has_a_reason() {
+        Limits::default().check().unwrap();
+        for row in Limits::ROWS {
+            assert!(row.reason.len() > 20, "{}", row.name);
+        }
+    }
+
+    #[test]
+    fn a_limit_outside_its_bounds_is_named() {
+        let limits = Limits {
+            members_per_scene: 257,
+            ..Limits::default()
+        };
+        let refused = limits.check().unwrap_err().to_string();
+        assert_eq!(
+            refused,
+            "limits.members_per_scene is 257, not from 1 to 256"
+        );
     }
 }

@@ -13,11 +13,11 @@ use rhumb_reckoning::Tick;
 
 use super::Scene;
 use crate::baking::BakedShapes;
-use crate::digest::Digest;
 use crate::engine::{FrozenEngine, RapierEngine, StepThreads};
 use crate::event_monitor::EventMonitor;
 use crate::record::RunRecord;
 use crate::registry::Registry;
+use crate::scene::Digest;
 
 /// The engine of images, and the number of their form: it changes with every one that reads others' bytes otherwise.
 pub const IMAGE_FORMAT: &str = "rapier3d 0.36.1, image 5";

@@ -1,16 +1,30 @@
-//! Commands to a scene, and what they change for its streams and members.
+//! What members ask of a scene: commands, queries and inspections, authority.
+//!
+//! With commands: what they change for streams and members.
+//!
+//! Answers to queries and events of bodies are work and bytes beside the stream: a scene that is late answers no queries,
+//! and a member that reads slowly gets no events until it has caught up.
 
 use bytes::Bytes;
 use rhumb_protocol::Peer;
-use rhumb_protocol::message::{RemovalCause, SceneEvent};
-use rhumb_protocol::scene::{BodyDesc, Command, CommandError, Shape, ShapeId};
+use rhumb_protocol::message::{
+    AuthorityError, AuthorityGrant, Inspection, QueryError, QueryResult, RemovalCause, SceneEvent,
+    ServerMessage, TakeAuthority, TickEvents,
+};
+use rhumb_protocol::packet::Datagram;
+use rhumb_protocol::scene::{
+    Answer, BodyDesc, BodyEvent, Command, CommandError, Query, Shape, ShapeId, Stepping,
+};
+use rhumb_protocol::session::UpstreamReceiver;
 use rhumb_protocol::stream::Activity;
-use rhumb_reckoning::{BodyId, BodyState};
+use rhumb_reckoning::{BodyId, BodyState, Tick};
 
 use super::RunningScene;
 use crate::admission;
 use crate::clients::{Clients, SceneClient};
 use crate::engine::{BakedShape, Baker, UnusableShape};
+use crate::event_monitor::{EventKey, StepEvents};
+use crate::member::UpstreamStatistics;
 use crate::permit::Permit;
 use crate::record::Author;
 use crate::rights::{self, Rights};
@@ -180,5 +194,234 @@ impl RunningScene {
         self.load.remove_body();
         self.reserve_locomotion();
         self.record_event(SceneEvent::BodyRemoved { id, cause });
+    }
+}
+
+fn encoded(tick: Tick, missed: u64, events: Vec<BodyEvent>) -> Bytes {
+    let events = TickEvents {
+        tick,
+        missed,
+        events,
+    };
+    let mut bytes = Vec::new();
+    ServerMessage::TickEvents(events).encode(&mut bytes);
+    Bytes::from(bytes)
+}
+
+impl RunningScene {
+    /// Answers a member's message of queries.
+    pub(super) fn answer_queries(&mut self, peer: Peer, queries: &[Query], clients: &mut Clients) {
+        // Answers keep the order of messages: pending commands are answered first.
+        self.answer_pending(clients);
+        let answers = self.evaluate(peer, queries, clients);
+        let Some(member) = clients.member_mut(peer) else {
+            return;
+        };
+        let result = QueryResult {
+            number: member.number_query(),
+            tick: self.scene.tick(),
+            answers,
+        };
+        clients.send(peer, &ServerMessage::QueryResult(result));
+    }
+
+    /// Charges the queries to the member, and evaluates them.
+    fn evaluate(
+        &mut self,
+        peer: Peer,
+        queries: &[Query],
+        clients: &mut Clients,
+    ) -> Result<Vec<Answer>, QueryError> {
+        if self.faulted {
+            return Err(QueryError::SceneFaulted);
+        }
+        let (now, count) = (clients.now(), clients.member_count());
+        let cost = queries.iter().map(Query::cost).sum();
+        // The members of a lockstep scene wait for one another anyway.
+        if self.config().stepping == Stepping::FreeRunning
+            && let Some(member) = clients.member_mut(peer)
+            && (self.late || !member.query_budget.spend(now, cost, count))
+        {
+            return Err(QueryError::Overloaded);
+        }
+        self.scene.query(queries)
+    }
+
+    /// Sends the events of a step to the members, encoded once. A member that missed some gets what stands, too.
+    pub(super) fn send_step_events(&mut self, happened: StepEvents, clients: &mut Clients) {
+        let (scene, tick) = (&self.scene, self.scene.tick());
+        let count = happened.missed + happened.events.len() as u64;
+        let (mut shared, mut standing) = (None, None);
+        let (members, out) = clients.members_mut();
+        for (member, control) in members {
+            if control.is_behind() {
+                member.miss_events(count);
+            } else if let Some(after) = member.standing_after {
+                let standing = standing.get_or_insert_with(|| scene.standing_events());
+                let (events, due) = happened.with_standing(standing, after);
+                let missed = happened.missed + std::mem::take(&mut member.missed_events);
+                member.standing_after = match happened.missed {
+                    0 => due,
+                    _ => Some(EventKey::FIRST),
+                };
+                if missed > 0 || !events.is_empty() {
+                    control.send_encoded(&encoded(tick, missed, events), out);
+                }
+            } else if count > 0 {
+                let shared = shared
+                    .get_or_insert_with(|| encoded(tick, happened.missed, happened.events.clone()));
+                control.send_encoded(shared, out);
+                if happened.missed > 0 {
+                    member.standing_after = Some(EventKey::FIRST);
+                }
+            }
+        }
+    }
+
+    /// Tells a new member what stands; what exceeds a message, or waits for its snapshot, comes with the next ticks.
+    pub(super) fn tell_standing(&self, peer: Peer, clients: &mut Clients) {
+        let standing = self.scene.standing_events();
+        let (events, due) = StepEvents::default().with_standing(&standing, EventKey::FIRST);
+        let Some(member) = clients.member_mut(peer) else {
+            return;
+        };
+        member.standing_after = due;
+        if !events.is_empty() {
+            clients.send_encoded(peer, &encoded(self.scene.tick(), 0, events));
+        }
+    }
+
+    pub(crate) fn inspect(&mut self, peer: Peer, clients: &mut Clients) {
+        let times = self.times.summary();
+        let Some(stream) = self.stream_of(peer, clients) else {
+            return;
+        };
+        let sent = stream.sender.statistics();
+        let inspection = Inspection {
+            tick: self.scene.tick(),
+            truth: self.scene.digest().value(),
+            bodies: self.scene.body_count() as u32,
+            awake: self.scene.awake_count() as u32,
+            updates: sent.updates,
+            packets: sent.packets,
+            packet_bytes: sent.bytes,
+            mismatches: stream.sender.mismatches(),
+            over_budget: sent.over_budget,
+            times,
+        };
+        clients.send(peer, &ServerMessage::Inspection(inspection));
+    }
+}
+
+impl RunningScene {
+    /// A packet of a member's upstream on the control stream, where members lead: it acts before the steps of the next
+    /// advance. In a free-running scene such packets come as datagrams.
+    pub(super) fn handle_upstream_message(
+        &mut self,
+        peer: Peer,
+        packet: &[u8],
+        clients: &mut Clients,
+    ) {
+        if self.config().stepping == Stepping::Lockstep
+            && let Ok(datagram) = Datagram::open(packet)
+        {
+            self.handle_upstream(peer, &datagram, clients);
+        }
+    }
+
+    /// Handles an upstream datagram. A lockstep scene drops it: its arrival time would make runs differ.
+    pub(crate) fn handle_upstream_datagram(
+        &mut self,
+        peer: Peer,
+        datagram: &Datagram<'_>,
+        clients: &mut Clients,
+    ) {
+        if self.config().stepping == Stepping::FreeRunning {
+            self.handle_upstream(peer, datagram, clients);
+        }
+    }
+
+    fn handle_upstream(&mut self, peer: Peer, datagram: &Datagram<'_>, clients: &mut Clients) {
+        let tick = self.scene.tick();
+        let group = clients
+            .member_mut(peer)
+            .and_then(|member| member.authority.as_mut());
+        if group.is_some_and(|group| !group.handle_datagram(datagram, tick)) {
+            self.authority_table.end(peer, clients);
+            tracing::debug!(peer = peer.0, "lost sync with an upstream");
+            clients.send(
+                peer,
+                &ServerMessage::AuthorityDenied(AuthorityError::LostSync),
+            );
+        }
+    }
+
+    pub(super) fn grant_authority(
+        &mut self,
+        peer: Peer,
+        request: &TakeAuthority,
+        clients: &mut Clients,
+    ) {
+        // A member that learns where a body starts must know the body first.
+        self.send_scene_events(clients);
+        let answer = match self.begin_authority(peer, request, clients) {
+            Ok(authority) => ServerMessage::AuthorityGrant(authority),
+            Err(error) => {
+                tracing::debug!(peer = peer.0, %error, "authority refused");
+                ServerMessage::AuthorityDenied(error)
+            }
+        };
+        clients.send(peer, &answer);
+    }
+
+    fn begin_authority(
+        &mut self,
+        peer: Peer,
+        request: &TakeAuthority,
+        clients: &mut Clients,
+    ) -> Result<AuthorityGrant, AuthorityError> {
+        let rights = self.rights_of(peer, clients);
+        let rights = rights.ok_or(AuthorityError::NotAllowed)?;
+        rights.take_authority(&request.bodies)?;
+        let mut bodies = Vec::with_capacity(request.bodies.len());
+        for id in &request.bodies {
+            let now = self.scene.observation(*id);
+            let motion = now.ok_or(AuthorityError::UnknownBody(*id))?.motion;
+            bodies.push((*id, motion));
+        }
+        let stream = self.new_stream(clients);
+        let authority = AuthorityGrant {
+            stream,
+            tick: self.scene.tick(),
+            bodies,
+        };
+        let scene = &self.scene;
+        let integrator = scene.config().integrator;
+        let parameters = |id| streams::parameters(scene, id);
+        let receiver = UpstreamReceiver::new(&authority, request, integrator, parameters);
+        self.authority_table.begin(peer, receiver, clients);
+        for (id, motion) in &authority.bodies {
+            // Earlier commands to the body that are not carried out yet are void.
+            let pose = motion.motion().pose();
+            let stands = self.scene.apply(&Command::SetPose {
+                id: *id,
+                position: pose.position.as_vec3(),
+                rotation: pose.rotation.as_quat(),
+            });
+            debug_assert!(stands.is_ok(), "a body's present pose is allowed");
+        }
+        let bodies = authority.bodies.len();
+        tracing::debug!(peer = peer.0, bodies, stream = %stream, "authority granted");
+        Ok(authority)
+    }
+
+    pub(crate) fn upstream_statistics(
+        &self,
+        clients: &Clients,
+    ) -> impl Iterator<Item = UpstreamStatistics> {
+        let tick = self.scene.tick();
+        clients
+            .authorities()
+            .map(move |(peer, group)| group.statistics(peer, tick))
     }
 }
