@@ -19,25 +19,24 @@
 
 extern crate alloc;
 
-mod correction;
 mod exact;
-mod flow;
+mod free_motion;
 mod motion;
 mod prediction_x4;
 mod predictor;
 mod prefilter;
 mod quantiser;
-mod rest_correction;
 mod tolerance;
-mod torque_free;
 mod track;
 mod units;
 
-pub use correction::Correction;
-pub use flow::{Damping, Integrator, StepCoefficientTable, TRACK_AGE_MAX};
+pub use free_motion::{
+    Damping, Inertia, Integrator, InvalidInertia, RotationCursor, StepCoefficientTable,
+    TRACK_AGE_MAX, precessed,
+};
 pub use motion::{
-    BodyId, Divergence, InvalidMotion, Motion, Pose, Twist, UNIT_LENGTH_SLACK, attached_motion,
-    relative_to,
+    BodyId, Correction, Divergence, InvalidMotion, Motion, Pose, Twist, UNIT_LENGTH_SLACK,
+    attached_motion, relative_to,
 };
 pub use prediction_x4::{LaneCorrection, PredictionX4};
 pub use predictor::{
@@ -49,8 +48,6 @@ pub use quantiser::{
     FINE_STEPS, Grid, POSITION_LIMIT, PackedRotation, QuantisedState, RESIDUAL_LIMIT, Residual,
     TURN_LIMIT, VELOCITY_EXPONENT_MAX, VELOCITY_LIMIT, VelocityResidual,
 };
-pub use rest_correction::RestCorrection;
 pub use tolerance::{InvalidTolerance, LengthBound, Tolerance, ToleranceScale, TurnBound};
-pub use torque_free::{Inertia, InvalidInertia, RotationCursor, precessed};
-pub use track::{Anchor, BodyState, DenseTrack, Track};
+pub use track::{Anchor, BodyState, DenseTrack, RestCorrection, Track};
 pub use units::{Metres, MetresPerSecond, Radians, Rate, Seconds, Tick, Ticks};

@@ -7,7 +7,7 @@ use glam::{DQuat, DVec3};
 use wide::f64x4;
 
 use crate::exact::{ANGLE_LIMIT, COSINE, HALF_PI_HIGH, HALF_PI_LOW, SINE, TWO_OVER_PI};
-use crate::flow::StepConstants;
+use crate::free_motion::StepConstants;
 use crate::motion::{Motion, Pose, Twist};
 use crate::predictor::{Conditions, Predictor, Pull};
 use crate::quantiser::{
@@ -32,7 +32,7 @@ pub struct PredictionX4 {
     angular: [[f64; LANES]; 3],
     /// Acceleration: gravity, or that of the predictor.
     gravity: [[f64; LANES]; 3],
-    /// [`StepCoefficients`](crate::flow::StepCoefficients): `reach`, `velocity`, `fall`, `fall_velocity`, `spin`,
+    /// [`StepCoefficients`](crate::free_motion::StepCoefficients): `reach`, `velocity`, `fall`, `fall_velocity`, `spin`,
     /// `turns`.
     row: [[f64; LANES]; 8],
     config: Option<StepConstants>,
@@ -439,7 +439,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::flow::{Damping, Integrator, StepCoefficientTable, TRACK_AGE_MAX};
+    use crate::free_motion::{Damping, Integrator, StepCoefficientTable, TRACK_AGE_MAX};
     use crate::quantiser::{
         QuantisedState, RESIDUAL_LIMIT, Residual, TURN_LIMIT, VelocityResidual,
     };
@@ -588,7 +588,7 @@ mod tests {
             substeps: NonZeroU32::new(4).unwrap(),
         };
         let flow = StepCoefficientTable::new(integrator, Damping::default());
-        let slab = crate::torque_free::Inertia::new([1.0, 2.0, 2.9], [0.0, 0.0, 0.0, 1.0]).unwrap();
+        let slab = crate::free_motion::Inertia::new([1.0, 2.0, 2.9], [0.0, 0.0, 0.0, 1.0]).unwrap();
         let conditions = Conditions {
             gravity: DVec3::ZERO,
             flow: &flow,

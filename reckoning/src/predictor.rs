@@ -7,9 +7,11 @@
 use glam::DVec3;
 
 use crate::exact::{add3, length3, normalised, product, scale3, turn_about};
-use crate::flow::{StepCoefficientTable, StepCoefficients, StepConstants};
+use crate::free_motion::{
+    Inertia, RotationCursor, RotationState, StepCoefficientTable, StepCoefficients, StepConstants,
+    TorqueFreeRotation,
+};
 use crate::motion::{Motion, Pose, Spare, Twist};
-use crate::torque_free::{Inertia, RotationCursor, RotationState, TorqueFreeRotation};
 use crate::units::{Rate, Seconds, Ticks};
 
 /// Divergence time of a rest prediction in ticks, at most. A body that starts to move gets an update soon, however
@@ -355,7 +357,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::flow::{Damping, Integrator, TRACK_AGE_MAX};
+    use crate::free_motion::{Damping, Integrator, TRACK_AGE_MAX};
     use crate::units::Rate;
 
     fn table() -> StepCoefficientTable {

@@ -10,7 +10,7 @@ use core::f32::consts::FRAC_1_PI;
 use wide::f32x4;
 
 use crate::exact;
-use crate::flow::{Integrator, TRACK_AGE_MAX};
+use crate::free_motion::{Integrator, TRACK_AGE_MAX};
 use crate::predictor::Conditions;
 use crate::quantiser::{Grid, OTHERS};
 use crate::tolerance::Tolerance;
@@ -379,7 +379,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::flow::{Damping, StepCoefficientTable};
+    use crate::free_motion::{Damping, StepCoefficientTable};
     use crate::motion::{Divergence, Motion, Pose, Twist};
     use crate::predictor::{ConstantAcceleration, Predictor};
     use crate::quantiser::QuantisedState;

@@ -36,7 +36,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         name: "predictor: rest",
         switch: Switch::Off(Feature::Resting),
         feature: None,
-        code: &["protocol/src/stream/mode_decision/single_pass.rs#fn rest"],
+        code: &["protocol/src/stream/mode_decision/mod.rs#fn rest"],
         requirements: &["RECKONING 3.3"],
     },
     Mechanism {
@@ -54,7 +54,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         switch: Switch::Off(Feature::TorqueFree),
         feature: None,
         code: &[
-            "reckoning/src/torque_free.rs",
+            "reckoning/src/free_motion.rs#type RotationState, struct RotationCursor, impl RotationCursor, struct MomentumFlow, impl MomentumFlow, fn turn, fn precessed, struct TorqueFreeRotation, impl TorqueFreeRotation, struct Inertia, impl Inertia, enum InvalidInertia, impl fmt::Display for InvalidInertia, impl core::error::Error for InvalidInertia",
             "protocol/src/message/scene_event.rs#fn encode_inertia, fn decode_inertia, fn bits",
             "protocol/src/stream/tracks.rs#struct RotationCursors, impl Clone for RotationCursors, impl fmt::Debug for RotationCursors, impl RotationCursors",
         ],
@@ -82,7 +82,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         feature: None,
         code: &[
             "reckoning/src/motion.rs#fn attached_motion, fn relative_to",
-            "protocol/src/stream/publisher/parents.rs",
+            "protocol/src/stream/publisher/body_check.rs#const PARENT_CANDIDATES_MAX, const PARENT_SIZE_RATIO, const PARENT_REACH, struct LargeBody, struct ObservedParent, struct ParentCandidates, impl ParentCandidates, struct ChildCounts, impl ChildCounts",
             "protocol/src/stream/publisher.rs#fn collect_other_parents",
             "protocol/src/packet/payload.rs#fn write_parent, fn read_parent_age",
         ],
@@ -152,7 +152,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         switch: Switch::Off(Feature::RestCorrections),
         feature: None,
         code: &[
-            "reckoning/src/rest_correction.rs",
+            "reckoning/src/track.rs#struct RestCorrection, const REACH, impl RestCorrection, fn greatest, fn greatest_of, fn rank, fn steps, fn stepped",
             "protocol/src/packet/payload.rs#const REST_STEPS, const LENGTHS, fn resting, fn length, fn rest_step, fn read_rest_correction",
             "protocol/src/stream/publisher/body_check.rs#fn rest_payload",
             "protocol/src/stream/tracks/applying.rs#fn resting",
@@ -204,7 +204,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
             "protocol/src/stream/fec.rs",
             "protocol/src/stream/mod.rs#const HALVED, const ANSWERED, struct LossRate, impl LossRate, enum Redundancy, impl Redundancy, fn beyond",
             "protocol/src/stream/subscriber/reading.rs#fn keep, fn read_repair_symbol, fn rebuild, fn read_rebuilt, fn read_again_after, fn packet_in",
-            "protocol/src/packet/repair_symbol.rs",
+            "protocol/src/packet/recovery.rs#const REPAIR_SYMBOL_HEAD_BYTES_MAX, const SOURCE_SYMBOL_HEAD_BYTES, const SOURCE_SYMBOL_BYTES_MAX, struct RepairSymbol, impl RepairSymbol, fn source_symbol_of, fn source_symbol_into, fn packet_of, fn without_zeros, const POLYNOMIAL, struct GaloisTables, const POWERS, fn powers, fn times, fn inverse, fn add_times",
         ],
         requirements: &["PROTOCOL 5.16", "PROTOCOL 6.15"],
     },
@@ -249,7 +249,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         switch: Switch::Fixed,
         feature: Some("the promise"),
         code: &[
-            "protocol/src/stream/gaps.rs",
+            "protocol/src/stream/gaps.rs#struct Missing, struct RefreshId, struct Unread, enum Arrival, struct OwnArrivals, impl OwnArrivals, enum PacketArrival, struct PacketGaps, impl PacketGaps",
             "protocol/src/stream/receiver.rs#const DISORDER, const WAIT_MOST, struct NackScheduler, impl NackScheduler, struct RetryTimer, impl RetryTimer",
             "protocol/src/stream/losses.rs#const REPORT_PAUSE, struct ReplyLimiter, struct Answered, impl ReplyLimiter, fn is_due, struct SentPackets, impl SentPackets",
             "protocol/src/stream/publisher/packer.rs#fn refresh",
@@ -268,7 +268,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         feature: Some("the promise"),
         code: &[
             "protocol/src/stream/subscriber.rs#enum ErrorBound, impl ErrorBound, impl fmt::Display for ErrorBound",
-            "protocol/src/stream/earlier_tracks.rs",
+            "protocol/src/stream/subscriber/lifetimes.rs#struct EarlierTracks, struct Body, struct Node, struct EarlierTrack, const EARLIER_TRACKS_MAX, impl EarlierTracks, const SURE",
         ],
         requirements: &["PROTOCOL 6.8"],
     },
@@ -286,7 +286,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         code: &[
             "protocol/src/stream/mod.rs#struct Budget, impl Budget, impl Wire for Budget, struct TokenBucket, const BILLION, impl TokenBucket",
             "protocol/src/stream/publisher/update_queue.rs",
-            "protocol/src/stream/error_scale_log.rs",
+            "protocol/src/stream/gaps.rs#struct ErrorScaleLog, const KEPT, impl ErrorScaleLog",
             "protocol/src/packet/header.rs#struct ErrorScale, impl ErrorScale",
         ],
         requirements: &["PROTOCOL 5.17", "PROTOCOL 6.16"],
@@ -305,10 +305,10 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         code: &[
             "protocol/src/session/upstream.rs",
             "protocol/src/session/client/upstream.rs",
-            "protocol/src/message/authority.rs",
-            "server/src/authority_group.rs",
-            "server/src/authority_table.rs",
-            "server/src/scene_loop/authority.rs",
+            "protocol/src/message/member.rs#struct TakeAuthority, struct AuthorityGrant, enum AuthorityError, impl AuthorityGrant, impl AuthorityError, impl fmt::Display for AuthorityError, impl core::error::Error for AuthorityError, fn decode_count, fn encode_bodies, fn decode_bodies, impl Wire for TakeAuthority, impl Wire for AuthorityGrant, impl Wire for AuthorityError, const _",
+            "server/src/member.rs#struct UpstreamStatistics, impl UpstreamStatistics, struct AuthorityGroup, struct UpstreamSilence, const LATE_KEPT, impl AuthorityGroup, fn is_from_publisher",
+            "server/src/clients.rs#struct AuthorityTable, impl AuthorityTable",
+            "server/src/scene_loop/commands.rs#fn handle_upstream_message, fn handle_upstream_datagram, fn handle_upstream, fn grant_authority, fn begin_authority, fn upstream_statistics",
         ],
         requirements: &["PROTOCOL 4.11", "PROTOCOL 6.14"],
     },
@@ -316,7 +316,10 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         name: "full stream",
         switch: Switch::Fixed,
         feature: Some("full streams"),
-        code: &["protocol/src/stream/full.rs", "protocol/src/packet/full.rs"],
+        code: &[
+            "protocol/src/stream/sender.rs#struct FullBody, struct FullPublisher, impl FullPublisher",
+            "protocol/src/packet/update.rs#const FULL_RECORD_BYTES, const FULL_HEAD_BYTES_MAX, struct FullRecord, impl FullRecord, struct FullPacket, impl FullPacket",
+        ],
         requirements: &["PROTOCOL 5.12", "PROTOCOL 6.10"],
     },
 ];

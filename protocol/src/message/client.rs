@@ -6,10 +6,9 @@ use alloc::vec::Vec;
 
 use rhumb_reckoning::Tick;
 
-use super::authority::TakeAuthority;
-use super::choice::{StreamChoice, TierPolicy};
-use super::extensions::Extensions;
+use super::identity::Extensions;
 use super::identity::SessionRequest;
+use super::member::{StreamChoice, TakeAuthority, TierPolicy};
 use super::{Framed, MAGIC, frame, put};
 use crate::endpoint::Instant;
 use crate::limits::{DATAGRAM_BYTES_MAX, RESERVE_MAX, VERSIONS_MAX};

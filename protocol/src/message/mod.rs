@@ -4,12 +4,9 @@
 //! unknown types from 0x80 on, but no others (PROTOCOL 4.1). A body too long for one message is preceded by pieces of
 //! itself, each of the greatest message length.
 
-mod answers;
-mod authority;
-mod choice;
 mod client;
-mod extensions;
 mod identity;
+mod member;
 mod scene_event;
 mod server;
 
@@ -19,14 +16,17 @@ use crate::limits::{LONG_MESSAGE_BYTES_MAX, MESSAGE_BYTES_MAX};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 
-pub use answers::{Inspection, QueryError, QueryResult, StageTimes};
-pub use authority::{AuthorityError, AuthorityGrant, TakeAuthority};
-pub use choice::{StreamChoice, TierChangeCause, TierPolicy};
 pub use client::{ClientMessage, ResyncCause};
-pub use extensions::{Extension, Extensions, Grease, is_no_version};
+pub use identity::{Extension, Extensions, Grease, is_no_version};
 pub use identity::{InvalidToken, Role, SessionKey, SessionRequest, SessionState, Token};
+pub use member::{
+    AuthorityError, AuthorityGrant, StreamChoice, TakeAuthority, TierChangeCause, TierPolicy,
+};
 pub use scene_event::{FaultCause, RemovalCause, SceneEvent};
-pub use server::{Denial, Joined, ServerMessage, TickEvents, Welcome};
+pub use server::{
+    Denial, Inspection, Joined, QueryError, QueryResult, ServerMessage, StageTimes, TickEvents,
+    Welcome,
+};
 
 /// Supported versions of the protocol, newest first.
 pub const VERSIONS: [u16; 1] = [1];

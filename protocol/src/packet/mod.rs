@@ -4,14 +4,11 @@
 //! and browsers add headers of their own, so a publisher leaves room for them.
 
 mod cost;
-mod full;
 mod header;
 mod keyframe;
 mod model;
 mod payload;
-mod raw;
 mod recovery;
-mod repair_symbol;
 mod tables;
 mod update;
 
@@ -23,21 +20,19 @@ use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 
 pub(crate) use cost::{CostModel, InitialCostModel};
-pub use full::{FullPacket, FullRecord};
 pub use header::{Datagram, ErrorScale, Head, Low16, PacketKind, StreamId};
 pub use keyframe::Keyframe;
 pub(crate) use keyframe::{predictor_code, predictor_of};
 pub use payload::{Age, PredictionMode, UpdatePayload};
-#[doc(hidden)]
-pub use raw::{SymbolCounts, TestEncoder};
-pub use recovery::{Checksums, LossReport, Refresh, RefreshRecord, RefreshWriter};
-pub use repair_symbol::RepairSymbol;
-pub(crate) use repair_symbol::{
+pub use recovery::{Checksums, LossReport, Refresh, RefreshRecord, RefreshWriter, RepairSymbol};
+pub(crate) use recovery::{
     add_times, inverse, packet_of, source_symbol_into, source_symbol_of, times,
 };
 #[doc(hidden)]
 pub use tables::Tables;
-pub use update::{Update, UpdatePacket, UpdateWriter, Watermark};
+pub use update::{FullPacket, FullRecord, Update, UpdatePacket, UpdateWriter, Watermark};
+#[doc(hidden)]
+pub use update::{SymbolCounts, TestEncoder};
 
 /// A bound in bytes on every datagram of a stream, heads included (PROTOCOL 5.8).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]

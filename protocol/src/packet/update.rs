@@ -1,18 +1,28 @@
-//! The packets of a reckoned stream: updates and watermarks.
+//! The packets of a stream: updates and watermarks, or full states.
 //!
 //! Codec only: `publisher/packer` decides which updates a packet holds.
+//!
+//! A full stream, 56 bytes for a body, is the naive baseline for measuring reckoned streams, and a view of the engine
+//! without any loss of precision.
+//!
+//! Symbol counts, and packets that no publisher sends, are not part of the protocol: a tool that fits tables decodes recorded packets and counts their symbols
+//! (docs/decisions/0014); tests need packets that a subscriber refuses.
 
 use alloc::vec::Vec;
+
+use rhumb_reckoning::BodyState;
 
 use super::LargestPacket;
 use super::cost::CostModel;
 use super::header::{ErrorScale, Head, Low16, PacketKind, StreamId};
 use super::keyframe::Keyframe;
-use super::payload::{UpdateCoder, UpdatePayload};
-use super::repair_symbol::{REPAIR_SYMBOL_HEAD_BYTES_MAX, SOURCE_SYMBOL_HEAD_BYTES};
+use super::model::{Model, code_cost};
+use super::payload::{CountSink, UpdateCoder, UpdatePayload};
+use super::recovery::{REPAIR_SYMBOL_HEAD_BYTES_MAX, SOURCE_SYMBOL_HEAD_BYTES};
+use super::tables::{CLASSES, CODE_COUNT, CONTEXTS, GROUPS, MODES, SHAPES, SYMBOLS, contexts};
 use crate::limits::{DATAGRAM_BYTES_MAX, INDICES_MAX, UPDATES_PER_PACKET_MAX};
 use crate::wire::bytes::{Reader, Writer};
-use crate::wire::range::{RangeReader, RangeWriter};
+use crate::wire::range::{RangeReader, RangeWriter, TOTAL_BITS};
 use crate::wire::{Malformed, Wire};
 
 /// The update of one body.
@@ -305,9 +315,235 @@ const _: () =
     assert!(updates_bytes_max(LargestPacket::LEAST) > Keyframe::BITS_MAX / 8 + 32 + END_BYTES_MAX);
 const _: () = assert!(HEAD_BYTES_MAX <= REPAIR_SYMBOL_HEAD_BYTES_MAX + SOURCE_SYMBOL_HEAD_BYTES);
 
+/// Index (u32), position, quaternion x y z w, linear and angular velocity (f32 each), little-endian.
+const FULL_RECORD_BYTES: usize = 4 + 13 * 4;
+
+/// Bytes before the records.
+const FULL_HEAD_BYTES_MAX: usize = 1 + 5 + 2 + 2 + 2;
+
+/// One body's state.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FullRecord {
+    /// Index of the body.
+    pub index: u32,
+    /// Its state, bit for bit.
+    pub motion: BodyState,
+}
+
+impl FullRecord {
+    fn encoded(&self) -> [u8; FULL_RECORD_BYTES] {
+        let mut bytes = [0; FULL_RECORD_BYTES];
+        let (index, motion) = bytes.split_at_mut(4);
+        index.copy_from_slice(&self.index.to_le_bytes());
+        for (place, part) in motion.chunks_exact_mut(4).zip(self.motion.parts()) {
+            place.copy_from_slice(&part.to_le_bytes());
+        }
+        bytes
+    }
+
+    fn decode(bytes: &[u8; FULL_RECORD_BYTES]) -> Result<Self, Malformed> {
+        let four = |place: usize| [0, 1, 2, 3].map(|byte| bytes[4 * place + byte]);
+        let part = |place: usize| f32::from_le_bytes(four(1 + place));
+        let three = |first: usize| [part(first), part(first + 1), part(first + 2)];
+        let index = u32::from_le_bytes(four(0));
+        if index >= INDICES_MAX {
+            return Err(Malformed::OutOfRange);
+        }
+        let rotation = [part(3), part(4), part(5), part(6)];
+        let motion = BodyState::new(three(0), rotation, three(7), three(10))
+            .map_err(|_| Malformed::NotFinite)?;
+        Ok(Self { index, motion })
+    }
+}
+
+/// One packet of states.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FullPacket {
+    /// Low bits of the packet number.
+    pub number: Low16,
+    /// Low bits of the tick.
+    pub tick: Low16,
+    /// Low bits of the count of scene events that the reader must have received.
+    pub scene_events: Low16,
+    /// True if this is the last packet of its tick.
+    pub ends_tick: bool,
+    /// The states.
+    pub records: Vec<FullRecord>,
+}
+
+impl FullPacket {
+    /// The number of records that fit a datagram.
+    pub const RECORDS_MAX: usize = Self::records_within(LargestPacket::GREATEST);
+
+    /// The number of records that fit a datagram of this size.
+    #[must_use]
+    pub(crate) const fn records_within(largest_packet: LargestPacket) -> usize {
+        (largest_packet.bytes() - FULL_HEAD_BYTES_MAX) / FULL_RECORD_BYTES
+    }
+
+    /// Encodes the datagram.
+    ///
+    /// # Panics
+    ///
+    /// With more than [`Self::RECORDS_MAX`] records.
+    #[must_use]
+    pub fn encode(&self, stream: StreamId) -> Vec<u8> {
+        assert!(
+            self.records.len() <= Self::RECORDS_MAX,
+            "records fit a datagram"
+        );
+        let kind = if self.ends_tick {
+            PacketKind::FullEnd
+        } else {
+            PacketKind::Full
+        };
+        let bytes = FULL_HEAD_BYTES_MAX + self.records.len() * FULL_RECORD_BYTES;
+        let mut to = Writer::with_capacity(bytes);
+        Head { kind, stream }.encode(&mut to);
+        self.number.encode(&mut to);
+        self.tick.encode(&mut to);
+        self.scene_events.encode(&mut to);
+        for record in &self.records {
+            to.raw(&record.encoded());
+        }
+        to.into_bytes()
+    }
+
+    /// Reads the bytes after the head.
+    ///
+    /// # Errors
+    ///
+    /// [`Malformed`] if they are no packet of states.
+    pub fn decode(ends_tick: bool, mut from: Reader<'_>) -> Result<Self, Malformed> {
+        let number = Low16::decode(&mut from)?;
+        let tick = Low16::decode(&mut from)?;
+        let scene_events = Low16::decode(&mut from)?;
+        let mut records = Vec::with_capacity(from.rest().len() / FULL_RECORD_BYTES);
+        while !from.rest().is_empty() {
+            records.push(FullRecord::decode(&from.array()?)?);
+        }
+        Ok(Self {
+            number,
+            tick,
+            scene_events,
+            ends_tick,
+            records,
+        })
+    }
+}
+
+/// The symbols of one packet.
+#[derive(Clone, Debug, Default)]
+pub struct SymbolCounts {
+    /// Row and code of each form, of each alias assignment, and of the end.
+    pub codes: Vec<[usize; 2]>,
+    /// Context and value of each number, in order.
+    pub numbers: Vec<(usize, u32)>,
+}
+
+impl SymbolCounts {
+    /// The number of rows of forms, and of codes in each.
+    pub const CODES: [usize; 2] = [4, CODE_COUNT];
+    /// The numbers of contexts, of context groups, of classes in each group, and of symbols in an alphabet.
+    pub const NUMBERS: [usize; 4] = [CONTEXTS, GROUPS, CLASSES, SYMBOLS];
+
+    /// Counts a packet's updates.
+    #[must_use]
+    pub fn of(updates: &[Update]) -> Self {
+        let (mut tally, mut coder, mut next) = (Self::default(), UpdateCoder::default(), 0);
+        for update in updates {
+            let (gap, named) = (update.alias - next, update.body.is_some());
+            coder.note(gap, named, &update.payload, &mut tally);
+            next = update.alias + 1;
+        }
+        coder.note_end(&mut tally);
+        tally
+    }
+
+    /// The cost of all symbols under the packet coder, in 1/256 bits.
+    #[must_use]
+    pub fn coded(&self) -> u64 {
+        let mut model = Model::default();
+        let codes = self.codes.iter().map(|&[row, code]| code_cost(row, code));
+        let codes: u64 = codes.map(u64::from).sum();
+        let numbers = self.numbers.iter().map(|&(context, number)| {
+            let cost = model.cost(context, number);
+            model.learn(context, number);
+            u64::from(cost)
+        });
+        codes + numbers.sum::<u64>()
+    }
+
+    /// The group of a context. Contexts of one group share their alphabets.
+    #[must_use]
+    pub const fn group(context: usize) -> usize {
+        contexts::group(context)
+    }
+}
+
+impl CountSink for SymbolCounts {
+    fn code(&mut self, row: usize, code: usize) {
+        self.codes.push([row, code]);
+    }
+
+    fn number(&mut self, context: usize, number: u32) {
+        self.numbers.push((context, number));
+    }
+}
+
+/// The updates of one packet, encoded number by number without checks.
+#[derive(Debug, Default)]
+pub struct TestEncoder {
+    model: Model,
+    range_writer: RangeWriter,
+}
+
+impl TestEncoder {
+    /// Appends a number in a context.
+    #[must_use]
+    pub fn number(mut self, context: usize, number: u32) -> Self {
+        self.model.write(context, number, &mut self.range_writer);
+        self
+    }
+
+    /// Appends a code of a form, or of an alias assignment, after a form of this row.
+    #[must_use]
+    pub fn code(mut self, row: usize, code: usize) -> Self {
+        let starts = &MODES[row];
+        let size = starts[code + 1] - starts[code];
+        self.range_writer
+            .symbol(u32::from(starts[code]), u32::from(size), TOTAL_BITS);
+        self
+    }
+
+    /// Appends the last symbol of a shape.
+    #[must_use]
+    pub fn escape(mut self, shape: usize) -> Self {
+        let start = SHAPES[shape][SYMBOLS - 1];
+        let size = SHAPES[shape][SYMBOLS] - start;
+        self.range_writer
+            .symbol(u32::from(start), u32::from(size), TOTAL_BITS);
+        self
+    }
+
+    /// Appends raw bits; `count` is at most 32.
+    #[must_use]
+    pub fn raw(mut self, value: u32, count: u32) -> Self {
+        self.range_writer.raw(value, count);
+        self
+    }
+
+    /// The encoded bytes.
+    #[must_use]
+    pub fn into_bytes(self) -> Vec<u8> {
+        self.range_writer.into_bytes()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
+    use rhumb_reckoning::{Anchor, Predictor};
 
     use super::*;
     use crate::packet::payload::tests::payload;
@@ -429,10 +665,9 @@ mod tests {
     #[test]
     fn a_full_packet_refuses_an_update_unchanged() {
         let payload = UpdatePayload::Keyframe(Keyframe {
-            predictor: rhumb_reckoning::Predictor::Uniform,
-            anchor: rhumb_reckoning::Anchor::Exact(
-                rhumb_reckoning::BodyState::new([1.0; 3], [0.0, 0.0, 0.0, 1.0], [1.0; 3], [1.0; 3])
-                    .unwrap(),
+            predictor: Predictor::Uniform,
+            anchor: Anchor::Exact(
+                BodyState::new([1.0; 3], [0.0, 0.0, 0.0, 1.0], [1.0; 3], [1.0; 3]).unwrap(),
             ),
             parent: None,
         });
@@ -448,5 +683,31 @@ mod tests {
         assert_eq!(usize::from(writer.count()), index as usize);
         let bytes = writer.finish(true);
         assert_eq!(decode(&bytes).unwrap().len(), index as usize);
+    }
+
+    #[test]
+    fn a_full_packet_round_trips_and_its_truncations_are_refused() {
+        let motion = BodyState::new([1.0; 3], [0.0, 0.0, 0.0, 1.0], [2.0; 3], [3.0; 3]).unwrap();
+        let packet = FullPacket {
+            number: Low16(1),
+            tick: Low16(2),
+            scene_events: Low16(3),
+            ends_tick: true,
+            records: (0..FullPacket::RECORDS_MAX as u32)
+                .map(|index| FullRecord { index, motion })
+                .collect(),
+        };
+        let bytes = packet.encode(StreamId(9));
+        assert!(bytes.len() <= LargestPacket::GREATEST.bytes());
+        let mut reader = Reader::new(&bytes);
+        assert_eq!(Head::decode(&mut reader).unwrap().kind, PacketKind::FullEnd);
+        assert_eq!(FullPacket::decode(true, reader.clone()), Ok(packet));
+        for cut in 0..reader.rest().len() {
+            let whole_records = cut >= 6 && (cut - 6) % FULL_RECORD_BYTES == 0;
+            assert_eq!(
+                FullPacket::decode(true, Reader::new(&reader.rest()[..cut])).is_ok(),
+                whole_records
+            );
+        }
     }
 }

@@ -9,11 +9,10 @@ mod body_event;
 mod checks;
 mod command;
 mod command_error;
-mod hull;
 mod ids;
 mod joint;
 mod locomotion;
-mod mesh;
+mod points;
 pub(crate) mod query;
 mod shape;
 
@@ -40,13 +39,12 @@ pub use body_event::{ActiveEvents, BodyEvent, Contact};
 pub use checks::{Invalid, Quantity, Rule};
 pub use command::Command;
 pub use command_error::CommandError;
-pub use hull::Hull;
 pub use ids::{IdOutOfRange, IdRange};
 pub use joint::{
     Joint, JointFrame, JointId, JointKind, JointLimits, JointStrength, Joints, Motor, Spring,
 };
 pub use locomotion::{Character, CharacterStep, JumpFrom, Locomotion, Vehicle, Wheel, WheelInput};
-pub use mesh::{Edges, Heights, Mesh};
+pub use points::{Edges, Heights, Hull, Mesh};
 pub use query::{Answer, Hit, Query, QueryCandidate, QueryFilter, QueryKind};
 pub use shape::{Compound, Part, Shape, ShapeId};
 

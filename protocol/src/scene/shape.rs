@@ -13,8 +13,7 @@ use glam::{DVec3, Quat, Vec3};
 use rhumb_reckoning::Metres;
 
 use super::checks::{Invalid, Quantity, count, direction, rotation, scalar, vector};
-use super::hull::{Convex, Hull};
-use super::mesh::{Heights, Mesh};
+use super::points::{Convex, Heights, Hull, Mesh};
 use crate::limits::{EXTENT_MAX, EXTENT_MIN, PARTS_BYTES_MAX, PARTS_MAX, SHAPES_MAX};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};

@@ -18,9 +18,8 @@ use membership::ClientMembership;
 use outbox::{ClientOutbox, Resumption};
 use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance};
 
-use super::event::Event;
 use super::replica::Replica;
-use super::{CloseCode, Misuse};
+use super::{CloseCode, Event, Misuse};
 use crate::endpoint::{Ending, Endpoint, Instant, Peer, Span, Transmit, Wake};
 use crate::limits::RESERVE_MAX;
 use crate::message::{

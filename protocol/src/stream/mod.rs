@@ -6,10 +6,7 @@
 //! pause apart.
 
 mod aliases;
-mod earlier_tracks;
-mod error_scale_log;
 mod fec;
-mod full;
 mod gaps;
 mod losses;
 mod mode_decision;

@@ -10,16 +10,14 @@
 
 mod body_check;
 mod packer;
-mod parents;
 mod update_queue;
 
 use alloc::vec::Vec;
 
-use body_check::{BodyCheck, PublishedTracks};
+use body_check::{BodyCheck, ObservedParent, ParentCandidates, PublishedTracks};
 use bytes::Bytes;
 use glam::Vec3;
 use packer::{Packer, PublishedTick, bits_of};
-use parents::{ObservedParent, ParentCandidates};
 use rhumb_reckoning::{BodyId, ErrorPrefilter, Tick, Ticks, Tolerance, Track};
 use update_queue::UpdateQueue;
 

@@ -16,12 +16,11 @@ use glam::Vec3;
 use lifetimes::{Lifetimes, SilentPublishers};
 use rhumb_reckoning::{BodyId, Metres, Motion, Tick, Ticks, Tolerance, Track};
 
+use self::lifetimes::EarlierTracks;
 use super::StreamStart;
 use super::aliases::{AliasOwner, ReceivedAliases};
-use super::earlier_tracks::EarlierTracks;
-use super::error_scale_log::ErrorScaleLog;
 use super::fec::FecDecoder;
-use super::gaps::PacketGaps;
+use super::gaps::{ErrorScaleLog, PacketGaps};
 use super::tracks::{PredictionParameters, Slot, Tracks};
 use crate::interner::{grow_to, push};
 use crate::limits::INDICES_MAX;

@@ -8,7 +8,7 @@ use rhumb_reckoning::{Rate, Tick, Ticks};
 
 use crate::endpoint::{Instant, Span, Wake, WakeReason};
 use crate::scene::{SceneConfig, Stepping};
-use crate::session::event::Event;
+use crate::session::Event;
 
 /// The round trip and the schedule of pings.
 #[derive(Debug)]

@@ -16,8 +16,7 @@ use crate::limits::{EVENTS_HELD_MAX, STANDING_PAIRS_MAX};
 use crate::message::{SceneEvent, ServerMessage, TickEvents};
 use crate::packet::LargestPacket;
 use crate::scene::{BodyEvent, SceneConfig};
-use crate::session::CloseCode;
-use crate::session::event::Event;
+use crate::session::{CloseCode, Event};
 
 /// Subscription, upstream and events of a member.
 #[derive(Debug)]

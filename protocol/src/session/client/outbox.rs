@@ -13,8 +13,7 @@ use rhumb_reckoning::Tick;
 use crate::endpoint::{Peer, Transmit};
 use crate::message::{ClientMessage, SessionKey, SessionRequest, SessionState, StreamChoice};
 use crate::scene::{Command, Stepping};
-use crate::session::CloseCode;
-use crate::session::event::Event;
+use crate::session::{CloseCode, Event};
 
 /// The output of one connection.
 #[derive(Debug)]

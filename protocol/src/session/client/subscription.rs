@@ -15,9 +15,8 @@ use super::outbox::ClientOutbox;
 use crate::endpoint::{Instant, Span, Wake, WakeReason};
 use crate::message::{ClientMessage, Joined, ResyncCause, SceneEvent, StreamChoice};
 use crate::packet::Datagram;
-use crate::session::CloseCode;
-use crate::session::event::Event;
 use crate::session::replica::Replica;
+use crate::session::{CloseCode, Event};
 use crate::stream::{RetryTimer, SILENCE_MOST, StreamReceiver};
 
 /// The pause between two requests for a snapshot, unless the stream converged meanwhile. It doubles, so that snapshots

@@ -3,16 +3,19 @@
 //! Combines the published tracks, which a converged subscriber holds too, with the mode decision. Invariants: a new
 //! track is within the tolerance of the observed state, grid error included; the numbers of children are those of the
 //! tracks' parents.
+//!
+//! The bodies that others are or may be attached to are noted in buffers that are reused from tick to tick. Invariants:
+//! candidates, the largest moving bodies of a tick, are sorted by radius, the largest first. The bodies that have children
+//! are few, so they are kept in a short list that rises by index, in which no count is zero.
 
 use alloc::vec::Vec;
 
 use glam::Vec3;
 use rhumb_reckoning::{
-    Anchor, BodyId, Motion, Predictor, QuantisedState, RestCorrection, TRACK_AGE_MAX, Tick, Ticks,
-    Track, attached_motion,
+    Anchor, BodyId, BodyState, Motion, Predictor, QuantisedState, RestCorrection, TRACK_AGE_MAX,
+    Tick, Ticks, Track, attached_motion,
 };
 
-use super::parents::{ChildCounts, ObservedParent};
 use super::update_queue::Need;
 use crate::packet::{Age, Keyframe, RefreshRecord, Update, UpdatePayload};
 use crate::stream::aliases::{AliasMap, AliasTable};
@@ -447,218 +450,183 @@ impl PublishedTracks {
     }
 }
 
-#[cfg(test)]
-mod tests {
-    mod body_check {
-        use proptest::array::uniform3;
-        use proptest::prelude::*;
-        use rhumb_reckoning::{BodyId, BodyState, Metres, Tick};
+/// The number of parent candidates at one tick: the largest moving bodies.
+const PARENT_CANDIDATES_MAX: usize = 16;
+/// A parent is larger than its child by this factor at least.
+const PARENT_SIZE_RATIO: f64 = 1.2;
+/// A child lies within this many radii of its parent.
+const PARENT_REACH: f64 = 3.0;
 
-        use super::super::*;
-        use crate::scene::PublishSchedule;
-        use crate::stream::StreamConfig;
-        use crate::stream::observation_history::ObservationHistory;
-        use crate::stream::tracks::PredictionParameters;
+/// A parent candidate at one tick.
+#[derive(Clone, Copy, Debug)]
+struct LargeBody {
+    /// Its position among the observations.
+    place: usize,
+    position: Vec3,
+    /// The radius, metres.
+    radius: f64,
+}
 
-        const TICK: Tick = Tick::new(3);
-        const BODY: BodyId = BodyId::new(4, 0);
+/// A parent candidate with its observations, the same for all its possible children.
+#[derive(Clone, Debug)]
+pub(super) struct ObservedParent {
+    pub(super) index: u32,
+    pub(super) truth: Motion,
+    /// The motion in the frame of its track, after its own update of the tick.
+    pub(super) predicted_motion: Motion,
+    /// Its states one and two strides before.
+    pub(super) past: [Option<BodyState>; 2],
+    pub(super) stride: Ticks,
+    pub(super) ahead: Option<Ahead>,
+}
 
-        fn state(position: [f32; 3], velocity: [f32; 3]) -> BodyState {
-            let state = BodyState::new(position, [0.0, 0.0, 0.0, 1.0], velocity, [0.0; 3]);
-            state.expect("it is finite")
-        }
+/// The parent candidates of a tick, first by size and then with their observations.
+#[derive(Clone, Debug)]
+pub(super) struct ParentCandidates {
+    /// The largest bodies so far, with their radii, metres.
+    largest: Vec<(f64, usize)>,
+    candidates: Vec<LargeBody>,
+    /// The same bodies with their observations.
+    observed: Vec<ObservedParent>,
+}
 
-        /// A body that rests at the origin of the scene.
-        fn published() -> PublishedTracks {
-            let mut published = PublishedTracks::new(&StreamConfig::PLAIN);
-            let resting = Track::resting(Tick::ZERO, state([0.0; 3], [0.0; 3]));
-            assert!(published.place(
-                BODY,
-                &PredictionParameters::plain(Metres::new(0.5)),
-                resting
-            ));
-            published
-        }
-
-        /// Checks the body at the tick, by one observation.
-        fn check(
-            published: &mut PublishedTracks,
-            motion: BodyState,
-            activity: Activity,
-        ) -> (Option<Need>, Option<Update>) {
-            let observation = Observation {
-                id: BODY,
-                motion,
-                activity,
-            };
-            let mut history = ObservationHistory::new(PublishSchedule::EACH_TICK);
-            history.observe(TICK, &[observation]);
-            let check = BodyCheck::new(ObservedTicks::around(&history, TICK), Features::ALL);
-            let need = check.need(published, &observation);
-            (need, check.update(published, (0, &observation), None))
-        }
-
-        /// The share of its tolerance that the body's track uses.
-        fn used(published: &PublishedTracks, motion: BodyState) -> f64 {
-            let (tracks, slot) = (published.tracks(), published.tracks().slot(BODY.index()));
-            let slot = slot.expect("it is placed");
-            let predicted = tracks.predicted_motion((BODY.index(), slot), TICK);
-            share_used(tracks, slot, &motion.motion(), &predicted)
-        }
-
-        proptest! {
-            #[test]
-            fn a_track_is_replaced_only_beyond_the_tolerance_and_then_within_it(
-                (position, velocity) in (uniform3(-0.2_f32..0.2), uniform3(-30.0_f32..30.0)),
-            ) {
-                let mut published = published();
-                let motion = state(position, velocity);
-                let before = used(&published, motion);
-                let (need, update) = check(&mut published, motion, Activity::Awake);
-                prop_assert_eq!(need.is_some(), before > 1.0);
-                prop_assert_eq!(update.is_some(), before > 1.0);
-                prop_assert!(used(&published, motion) <= 1.0);
-            }
-        }
-
-        #[test]
-        fn a_sleeping_body_gets_its_exact_pose_once_and_a_woken_one_within_the_tolerance_nothing() {
-            let mut published = published();
-            let (asleep, near) = (
-                state([0.3, 0.0, 0.0], [0.0; 3]),
-                state([0.3001, 0.0, 0.0], [0.0; 3]),
-            );
-            let (need, update) = check(&mut published, asleep, Activity::Asleep);
-            assert!(need.is_some() && update.is_some());
-            let slot = published.tracks().slot(BODY.index());
-            let track = slot.map(Slot::track);
-            assert_eq!(track, Some(Track::resting(TICK, asleep)));
-            for (motion, activity) in [(asleep, Activity::Asleep), (near, Activity::Awake)] {
-                assert_eq!(check(&mut published, motion, activity), (None, None));
-            }
+impl ParentCandidates {
+    pub(super) fn new() -> Self {
+        Self {
+            largest: Vec::with_capacity(PARENT_CANDIDATES_MAX + 1),
+            candidates: Vec::new(),
+            observed: Vec::new(),
         }
     }
 
-    mod published_tracks {
-        use proptest::prelude::*;
-        use rhumb_reckoning::{
-            Anchor, BodyState, Grid, Metres, Predictor, QuantisedState, Tolerance,
+    /// Begins a tick without candidates.
+    pub(super) fn clear(&mut self) {
+        self.largest.clear();
+        self.candidates.clear();
+        self.observed.clear();
+    }
+
+    /// Keeps the largest of the bodies that are considered. Each must move and not be attached.
+    pub(super) fn consider(&mut self, radius: f64, place: usize) {
+        let full = self.largest.len() == PARENT_CANDIDATES_MAX;
+        if full && self.largest[PARENT_CANDIDATES_MAX - 1].0 >= radius {
+            return;
+        }
+        let at = self.largest.partition_point(|(other, _)| *other >= radius);
+        self.largest.insert(at, (radius, place));
+        self.largest.truncate(PARENT_CANDIDATES_MAX);
+    }
+
+    /// Chooses the candidates: those of the largest bodies that could have the smallest body as their child.
+    ///
+    /// `least`: the least radius of all observed bodies, metres.
+    pub(super) fn choose(&mut self, least: f64, observations: &[Observation]) {
+        let large = |(radius, _): &&(f64, usize)| *radius >= least * PARENT_SIZE_RATIO;
+        let largest = self.largest.iter().take_while(large);
+        self.candidates
+            .extend(largest.map(|(radius, place)| LargeBody {
+                place: *place,
+                position: Vec3::from_array(observations[*place].motion.position()),
+                radius: *radius,
+            }));
+    }
+
+    /// Collects the observations of the candidates, after their own updates of the tick.
+    pub(super) fn observe(&mut self, tracks: &Tracks, ticks: &ObservedTicks<'_>) {
+        let observed = |LargeBody { place, .. }: &LargeBody| {
+            let Observation { id, motion, .. } = ticks.present[*place];
+            let slot = tracks.slot(id.index())?;
+            let window = ObservationWindow::of(ticks, id, *place);
+            Some(ObservedParent {
+                index: id.index(),
+                truth: motion.motion(),
+                predicted_motion: tracks.framed((id.index(), slot), &slot.track(), ticks.tick),
+                past: window.past.map(Option::<&_>::copied),
+                stride: window.stride,
+                ahead: Ahead::of(ticks, id, *place),
+            })
         };
+        self.observed
+            .extend(self.candidates.iter().filter_map(observed));
+    }
 
-        use super::super::*;
+    /// The positions of the candidates among the observations.
+    pub(super) fn places(&self) -> impl Iterator<Item = usize> {
+        self.candidates.iter().map(|candidate| candidate.place)
+    }
 
-        const BODIES: u32 = 8;
+    /// True if the body at a position among the observations is a candidate.
+    pub(super) fn contains(&self, place: usize) -> bool {
+        self.places().any(|candidate| candidate == place)
+    }
 
-        fn published() -> PublishedTracks {
-            PublishedTracks::new(&StreamConfig::PLAIN)
+    /// The best parent for a body: its present parent, or the nearest candidate within reach.
+    pub(super) fn parent_of(
+        &self,
+        tracks: &Tracks,
+        observation: &Observation,
+    ) -> Option<&ObservedParent> {
+        let slot = tracks.slot(observation.id.index())?;
+        if let Some(parent) = slot.parent() {
+            let holds = |observed: &&ObservedParent| observed.index == parent.index();
+            return self.observed.iter().find(holds);
         }
-
-        fn still() -> BodyState {
-            let still = BodyState::new([0.0; 3], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
-            still.expect("it is finite")
-        }
-
-        /// A track at rest, or one that is attached to another body.
-        fn track(tick: u64, parent: Option<u32>) -> Track {
-            let resting = Track::resting(Tick::new(tick), still());
-            let Some(parent) = parent else {
-                return resting;
-            };
-            let grid = Grid::new(Tolerance::NORMAL, Metres::new(0.5));
-            Track {
-                predictor: Predictor::Uniform,
-                anchor: Anchor::Quantised(QuantisedState::of(&still().motion(), &grid)),
-                parent: Some(id(parent)),
-                ..resting
-            }
-        }
-
-        const fn id(index: u32) -> BodyId {
-            BodyId::new(index, 0)
-        }
-
-        fn place(published: &mut PublishedTracks, index: u32, parent: Option<u32>) {
-            let parameters = PredictionParameters::plain(Metres::new(0.5));
-            assert!(published.place(id(index), &parameters, track(0, parent)));
-        }
-
-        #[derive(Clone, Copy, Debug)]
-        enum TrackChange {
-            Place(u32, Option<u32>),
-            Replace(u32, Option<u32>),
-            Remove(u32),
-        }
-
-        fn track_change() -> impl Strategy<Value = TrackChange> {
-            let parent = || proptest::option::of(0..BODIES);
-            prop_oneof![
-                (0..BODIES, parent()).prop_map(|(index, parent)| TrackChange::Place(index, parent)),
-                (0..BODIES, parent())
-                    .prop_map(|(index, parent)| TrackChange::Replace(index, parent)),
-                (0..BODIES).prop_map(TrackChange::Remove),
-            ]
-        }
-
-        proptest! {
-            #[test]
-            fn a_body_has_as_many_children_as_tracks_name_it(
-                changes in proptest::collection::vec(track_change(), 0..100),
-            ) {
-                let mut published = published();
-                for change in changes {
-                    match change {
-                        TrackChange::Place(index, parent) => place(&mut published, index, parent),
-                        TrackChange::Replace(index, parent) => {
-                            if published.tracks().slot(index).is_some() {
-                                let track = track(1, parent);
-                                let payload = UpdatePayload::Keyframe(Keyframe::of(&track));
-                                published.replace(index, payload, track);
-                            }
-                        }
-                        TrackChange::Remove(index) => published.remove(id(index)),
-                    }
-                    for index in 0..BODIES {
-                        let parents = published.tracks().iter().filter_map(|(_, slot)| slot.parent());
-                        let children = parents.filter(|parent| parent.index() == index).count() as u32;
-                        prop_assert_eq!(published.child_counts.of(index), children);
-                    }
-                }
-            }
-        }
-
-        #[test]
-        fn a_body_that_comes_to_rest_keeps_its_alias_until_the_packets_of_the_tick_are_made() {
-            let mut published = published();
-            place(&mut published, 5, None);
-            published.begin_tick();
-            let track = track(1, None);
-            let payload = UpdatePayload::Keyframe(Keyframe::of(&track));
-            let update = published.replace(5, payload, track);
-            assert_eq!((update.alias, update.body), (0, Some(5)));
-            assert_eq!(published.aliases().body(0), Some(5));
-            published.end_tick();
-            assert_eq!(published.aliases().body(0), None);
-        }
-
-        #[test]
-        fn a_body_is_observed_from_its_placement_on_and_only_by_its_own_id() {
-            let mut published = published();
-            let parameters = PredictionParameters::plain(Metres::new(0.5));
-            assert!(published.place(id(2), &parameters, track(10, None)));
-            let observation = |id| Observation {
-                id,
-                motion: still(),
-                activity: Activity::Awake,
-            };
-            let is_observed = |tick, id| {
-                published
-                    .observed(Tick::new(tick), &observation(id))
-                    .is_some()
-            };
-            assert!(is_observed(10, id(2)));
-            assert!(!is_observed(9, id(2)));
-            assert!(!is_observed(10, BodyId::new(2, 1)));
-            assert!(!is_observed(10, id(3)));
-        }
+        let least = tracks.radius(slot).metres() * PARENT_SIZE_RATIO;
+        let here = Vec3::from_array(observation.motion.position());
+        let reaches = |candidate: &LargeBody| {
+            let far = f64::from(candidate.position.distance(here));
+            candidate.radius >= least && far <= candidate.radius * PARENT_REACH
+        };
+        let far = |candidate: &LargeBody| candidate.position.distance_squared(here);
+        let near = self.candidates.iter().zip(&self.observed);
+        let near = near.filter(|(candidate, _)| reaches(candidate));
+        near.min_by(|(a, _), (b, _)| far(a).total_cmp(&far(b)))
+            .map(|(_, observed)| observed)
     }
 }
+
+/// Parents and their numbers of children, in order of index.
+#[derive(Clone, Debug, Default)]
+struct ChildCounts {
+    counts: Vec<(u32, u32)>,
+}
+
+impl ChildCounts {
+    /// Moves a child from one parent to another.
+    fn move_child(&mut self, from: Option<BodyId>, to: Option<BodyId>) {
+        if let Some(from) = from
+            && let Ok(at) = self.place(from.index())
+        {
+            self.counts[at].1 -= 1;
+            if self.counts[at].1 == 0 {
+                self.counts.remove(at);
+            }
+        }
+        if let Some(to) = to {
+            match self.place(to.index()) {
+                Ok(at) => self.counts[at].1 += 1,
+                Err(at) => self.counts.insert(at, (to.index(), 1)),
+            }
+        }
+    }
+
+    /// True if a body has children.
+    pub(super) fn has_children(&self, index: u32) -> bool {
+        self.place(index).is_ok()
+    }
+
+    /// The position of a parent in the list, or where it would be inserted.
+    fn place(&self, index: u32) -> Result<usize, usize> {
+        self.counts
+            .binary_search_by_key(&index, |(parent, _)| *parent)
+    }
+
+    /// The number of children of a body.
+    #[cfg(test)]
+    pub(super) fn of(&self, index: u32) -> u32 {
+        self.place(index).map_or(0, |at| self.counts[at].1)
+    }
+}
+
+#[cfg(test)]
+mod tests;

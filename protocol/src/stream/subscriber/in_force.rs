@@ -10,7 +10,7 @@ use super::lifetimes::{Departed, DepartureTick};
 use super::{ErrorBound, Subscriber};
 use crate::packet::Low16;
 use crate::scene::Stepping;
-use crate::stream::earlier_tracks::EarlierTrack;
+use crate::stream::subscriber::lifetimes::EarlierTrack;
 use crate::stream::tracks::Slot;
 
 /// The track of a body in force at a tick.
