@@ -4,8 +4,7 @@
 //! next call that handles received data. Every other request is sent at once. A denial goes to the call that it answers:
 //! one of a stream fails no step.
 
-mod authority;
-mod queries;
+mod asking;
 #[cfg(all(test, feature = "quic"))]
 mod tests;
 

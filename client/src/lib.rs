@@ -57,8 +57,6 @@
 
 mod client;
 mod connection;
-#[cfg(feature = "local")]
-mod counted_bytes;
 mod error;
 mod join_options;
 #[cfg(feature = "local")]

@@ -3,6 +3,7 @@
 //! A call of a client steps the server, or a thread of its own does. The server side neither waits nor sleeps. A panic of
 //! the server ends its connections, and never reaches a caller. A client's inputs arrive by a call or a queue. A server
 //! with a driver of its own, such as one with sockets, has such clients beside its others.
+//! Each client counts its own bytes until the server has used them, so that one that floods takes nothing from the others.
 
 mod peers;
 
@@ -21,10 +22,10 @@ use rhumb_link::{
 use rhumb_protocol::{Ending, Endpoint, LinkReport, Peer, Span, Transmit};
 use rhumb_scene::{Checkpoint, CheckpointError, SceneName, SceneRouter, SceneSettings};
 
-pub use self::peers::{LocalPeers, WithLocalPeers, is_local_peer};
 use crate::client::Client;
-use crate::counted_bytes::CountedBytes;
 use crate::server_connection::ServerConnection;
+
+pub use self::peers::{LocalPeers, WithLocalPeers, is_local_peer};
 
 /// Inputs that the server's thread handles before outputs and ticks get their turn.
 const INPUTS_PER_TURN: usize = 256;
@@ -700,6 +701,43 @@ impl Queued {
     }
 }
 
+/// Cost of a waiting input beside its bytes.
+const INPUT_COST_BYTES: usize = 64;
+
+fn cost(bytes: &Bytes) -> usize {
+    INPUT_COST_BYTES + bytes.len()
+}
+
+/// Bytes of a client that count until the server has used them, wherever they wait.
+struct CountedBytes {
+    bytes: Bytes,
+    waiting: Arc<AtomicUsize>,
+}
+
+impl CountedBytes {
+    /// Counts bytes; `None` if the client has more of them waiting than it may.
+    pub(crate) fn within(most: usize, waiting: &Arc<AtomicUsize>, bytes: Bytes) -> Option<Self> {
+        if waiting.load(Ordering::Relaxed) + cost(&bytes) > most {
+            return None;
+        }
+        waiting.fetch_add(cost(&bytes), Ordering::Relaxed);
+        let waiting = Arc::clone(waiting);
+        Some(Self { bytes, waiting })
+    }
+}
+
+impl AsRef<[u8]> for CountedBytes {
+    fn as_ref(&self) -> &[u8] {
+        &self.bytes
+    }
+}
+
+impl Drop for CountedBytes {
+    fn drop(&mut self) {
+        self.waiting.fetch_sub(cost(&self.bytes), Ordering::Relaxed);
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -747,5 +785,20 @@ mod tests {
         drop(inputs.try_iter().collect::<Vec<_>>());
         let waiting = [&flood, &own].map(|of| of.waiting_control.load(Ordering::Relaxed));
         assert_eq!(waiting, [0, 0]);
+    }
+
+    #[test]
+    fn bytes_count_as_long_as_they_exist_up_to_a_bound() {
+        let waiting: Arc<AtomicUsize> = Arc::default();
+        let count = || waiting.load(Ordering::Relaxed);
+        let piece = Bytes::from(vec![0; 100]);
+        let most = 2 * cost(&piece);
+        let take = || CountedBytes::within(most, &waiting, piece.clone());
+        let kept = [take(), take()];
+        assert!(take().is_none(), "a third one is beyond the bound");
+        assert_eq!(count(), most);
+        drop(kept);
+        assert_eq!(count(), 0);
+        assert!(take().is_some_and(|bytes| bytes.as_ref() == &piece[..]));
     }
 }

@@ -4,12 +4,10 @@
 //! poses give equal answers.
 #![forbid(unsafe_code)]
 
-mod grounds;
 mod parts;
 mod queries;
 mod rays;
 
-pub use grounds::{Dispatcher, Grounds};
 pub use parts::{SolidPart, UnitMass, add_parts, parts, pose, simple_part};
 pub use queries::{PlacedBodies, SearchedBodies, answer, deepest, nearest_hit};
-pub use rays::cast_ray;
+pub use rays::{Dispatcher, Grounds, cast_ray};

@@ -15,9 +15,8 @@ use parry3d::shape::{CompositeShape, CompositeShapeRef, Shape, SharedShape, Type
 use rhumb_protocol::scene::{Answer, Hit, Query, QueryCandidate, QueryFilter, QueryKind};
 use rhumb_reckoning::BodyId;
 
-use crate::grounds::Grounds;
 use crate::parts::{SolidPart, pose, simple_part};
-use crate::rays::cast_ray;
+use crate::rays::{Grounds, cast_ray};
 
 /// Bodies that queries may find.
 pub trait SearchedBodies {

@@ -1,18 +1,23 @@
-//! An MCAP file of protobuf messages, and the facts it states of its scene.
+//! MCAP files: written, with the facts of a scene, and read, of any writer.
 //!
 //! Compression runs on the caller's thread, so equal messages give equal bytes on any machine. The first message of a
 //! topic declares it: a topic without messages is not in the file. The facts are the engine's parameters of
 //! predictions, kept as metadata, so that a reader needs no script and no server.
+//!
+//! Reading needs no summary, no index and no end: a file is read from its beginning, and one that ends too early gives
+//! everything before that. Chunks may be in any order; messages come in the order of their log times.
 
 use std::collections::BTreeMap;
+use std::fmt;
 use std::io::{Seek, Write};
 use std::num::NonZeroU32;
 use std::str::FromStr;
 
 use glam::Vec3;
-use mcap::records::{MessageHeader, Metadata};
+use mcap::records::{MessageHeader, Metadata, Record, op};
+use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use mcap::write::NoSeek;
-use mcap::{Compression, McapError, WriteOptions, Writer};
+use mcap::{Compression, MAGIC, McapError, WriteOptions, Writer};
 use rhumb_protocol::scene::SceneConfig;
 use rhumb_reckoning::{Damping, Integrator, Rate};
 
@@ -214,8 +219,266 @@ fn numbers<const COUNT: usize>(text: &str) -> Option<[f32; COUNT]> {
     numbers.try_into().ok().filter(|_| finite)
 }
 
+/// Longest accepted record. A damaged file may state any length and must not cause an allocation of that size.
+const RECORD_BYTES_MAX: usize = 64 << 20;
+
+/// The whole messages of a file that a reader wants, and its metadata.
+#[derive(Clone, Debug, Default)]
+pub struct FileContents {
+    /// The channels, by their ids in the file.
+    pub channels: BTreeMap<u16, StoredChannel>,
+    /// The wanted messages by log time; those of equal times as in the file.
+    pub messages: Vec<StoredMessage>,
+    /// Names and values of the metadata records, as in the file.
+    pub metadata: Vec<(String, BTreeMap<String, String>)>,
+    /// The end of the file.
+    pub end: FileEnd,
+    /// Whole messages of all channels.
+    pub message_count: u64,
+    /// The greatest log time of them, nanoseconds.
+    pub last_ns: u64,
+}
+
+/// The end of a file.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum FileEnd {
+    /// The file ends with its footer.
+    #[default]
+    Whole,
+    /// The footer is missing: the file is still written, its writing was interrupted, or it was cut.
+    Early,
+}
+
+/// A channel of a file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct StoredChannel {
+    /// Its topic.
+    pub topic: String,
+    /// The name of its schema; empty without one.
+    pub schema: String,
+    /// The encoding of its messages, such as `protobuf`.
+    pub encoding: String,
+}
+
+/// A message of a file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct StoredMessage {
+    /// The id of its channel.
+    pub channel: u16,
+    /// Its log time, nanoseconds.
+    pub log_ns: u64,
+    /// Its bytes.
+    pub bytes: Vec<u8>,
+}
+
+/// Reason why a file is not read.
+#[derive(Debug)]
+pub enum ContentsError {
+    /// The file does not begin as an MCAP file.
+    NotMcap,
+    /// It ends within its first chunk, so that nothing of it is whole.
+    CutAtOnce {
+        /// Its length.
+        bytes: usize,
+    },
+    /// A record is damaged.
+    Damaged {
+        /// Number of whole messages before the defect.
+        after: u64,
+        /// The defect.
+        cause: Box<McapError>,
+    },
+}
+
+impl fmt::Display for ContentsError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NotMcap => f.write_str("this is no MCAP file: it does not begin as one"),
+            Self::CutAtOnce { bytes } => write!(
+                f,
+                "the MCAP file ends after {bytes} bytes, within its first chunk: no message of it is whole"
+            ),
+            Self::Damaged { after, cause } => {
+                write!(
+                    f,
+                    "the MCAP file is damaged behind its first {after} messages: {cause}"
+                )
+            }
+        }
+    }
+}
+
+impl std::error::Error for ContentsError {}
+
+impl FileContents {
+    /// Reads a file; of its messages those on channels that `wants` accepts.
+    ///
+    /// # Errors
+    ///
+    /// [`ContentsError`] for a file that is no MCAP file, or has a damaged record. One that ends early is no error.
+    pub fn read(
+        bytes: &[u8],
+        wants: &dyn Fn(&StoredChannel) -> bool,
+    ) -> Result<Self, ContentsError> {
+        if !bytes.starts_with(MAGIC) {
+            return Err(ContentsError::NotMcap);
+        }
+        let mut contents = Self {
+            end: FileEnd::Early,
+            ..Self::default()
+        };
+        let mut parts = Parts {
+            contents: &mut contents,
+            schemas: BTreeMap::new(),
+            wanted: BTreeMap::new(),
+            wants,
+        };
+        match parts.take_all(bytes) {
+            Ok(()) => {}
+            Err(McapError::UnexpectedEof) => contents.end = FileEnd::Early,
+            Err(cause) => {
+                return Err(ContentsError::Damaged {
+                    after: contents.message_count,
+                    cause: Box::new(cause),
+                });
+            }
+        }
+        contents.messages.sort_by_key(|message| message.log_ns);
+        Ok(contents)
+    }
+
+    /// Refuses a file that ends within its first chunk: what it has is not known. `bytes`: its length.
+    ///
+    /// # Errors
+    ///
+    /// [`ContentsError::CutAtOnce`].
+    pub fn check_begun(&self, bytes: usize) -> Result<(), ContentsError> {
+        match self.end {
+            FileEnd::Early if self.channels.is_empty() => Err(ContentsError::CutAtOnce { bytes }),
+            _ => Ok(()),
+        }
+    }
+
+    /// A sentence on a file that ends early: how much of it is whole. `None` for a whole file.
+    #[must_use]
+    pub fn note(&self) -> Option<String> {
+        match self.end {
+            FileEnd::Whole => None,
+            FileEnd::Early => Some(format!(
+                "the file has no end: its {} whole messages are used, up to {} s of log time",
+                self.message_count,
+                self.last_ns as f64 / 1e9
+            )),
+        }
+    }
+
+    /// The topic of a message.
+    #[must_use]
+    pub fn topic(&self, message: &StoredMessage) -> &str {
+        let channel = self.channels.get(&message.channel);
+        channel.map_or("", |channel| &channel.topic)
+    }
+}
+
+/// A file while it is read.
+struct Parts<'a> {
+    contents: &'a mut FileContents,
+    schemas: BTreeMap<u16, String>,
+    wanted: BTreeMap<u16, bool>,
+    wants: &'a dyn Fn(&StoredChannel) -> bool,
+}
+
+impl Parts<'_> {
+    fn take_all(&mut self, bytes: &[u8]) -> Result<(), McapError> {
+        let options = LinearReaderOptions::default()
+            .with_skip_end_magic(true)
+            .with_validate_chunk_crcs(true)
+            .with_record_length_limit(RECORD_BYTES_MAX);
+        let mut reader = LinearReader::new_with_options(options);
+        let mut rest = bytes;
+        while let Some(event) = reader.next_event() {
+            match event? {
+                LinearReadEvent::ReadRequest(wanted) => {
+                    let (read, after) = rest.split_at(wanted.min(rest.len()));
+                    reader.insert(read.len()).copy_from_slice(read);
+                    reader.notify_read(read.len());
+                    rest = after;
+                }
+                LinearReadEvent::Record { opcode, data } => self.take(opcode, data)?,
+            }
+        }
+        Ok(())
+    }
+
+    fn take(&mut self, opcode: u8, data: &[u8]) -> Result<(), McapError> {
+        // Others say nothing of the messages.
+        let kinds = [
+            op::SCHEMA,
+            op::CHANNEL,
+            op::MESSAGE,
+            op::METADATA,
+            op::FOOTER,
+        ];
+        if !kinds.contains(&opcode) {
+            return Ok(());
+        }
+        match mcap::parse_record(opcode, data)? {
+            Record::Schema { header, .. } => {
+                self.schemas.insert(header.id, header.name);
+            }
+            Record::Channel(channel) => {
+                let schema = self.schemas.get(&channel.schema_id);
+                let stored = StoredChannel {
+                    schema: schema.cloned().unwrap_or_default(),
+                    topic: channel.topic,
+                    encoding: channel.message_encoding,
+                };
+                self.declare(channel.id, stored)?;
+            }
+            Record::Message { header, data } => {
+                let wanted = self.wanted.get(&header.channel_id);
+                let unknown = || McapError::UnknownChannel(header.sequence, header.channel_id);
+                let is_wanted = *wanted.ok_or_else(unknown)?;
+                let contents = &mut *self.contents;
+                contents.message_count += 1;
+                contents.last_ns = contents.last_ns.max(header.log_time);
+                if is_wanted {
+                    contents.messages.push(StoredMessage {
+                        channel: header.channel_id,
+                        log_ns: header.log_time,
+                        bytes: data.into_owned(),
+                    });
+                }
+            }
+            Record::Metadata(metadata) => {
+                let contents = &mut self.contents;
+                contents.metadata.push((metadata.name, metadata.metadata));
+            }
+            Record::Footer(_) => self.contents.end = FileEnd::Whole,
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// A channel may be declared again, in a later chunk or in the summary, but not otherwise than before.
+    fn declare(&mut self, id: u16, stored: StoredChannel) -> Result<(), McapError> {
+        let known = self.contents.channels.get(&id);
+        if known.is_some_and(|known| *known != stored) {
+            return Err(McapError::ConflictingChannels(stored.topic));
+        }
+        self.wanted.insert(id, (self.wants)(&stored));
+        self.contents.channels.insert(id, stored);
+        Ok(())
+    }
+}
+
 #[cfg(test)]
 mod tests {
+    use std::io::Cursor;
+
+    use mcap::records::MessageHeader;
+    use mcap::{Compression, WriteOptions};
+
     use super::*;
 
     fn facts() -> SceneFacts {
@@ -257,5 +520,130 @@ mod tests {
         let film = Rate::new(30_000, 1_001).unwrap();
         assert_eq!(log_time_ns(film, 30_000), 1_001_000_000_000);
         assert_eq!(log_time_ns(film, u64::MAX), u64::MAX);
+    }
+
+    /// A file of ten messages on `/a`, in chunks of one message each, out of order, and one on `/b`.
+    fn file(options: WriteOptions, times: &[u64]) -> Vec<u8> {
+        let mut writer = options
+            .create(Cursor::new(Vec::new()))
+            .expect("writing to memory succeeds");
+        let schema = writer.add_schema("x.A", "protobuf", b"").unwrap();
+        let a = writer
+            .add_channel(schema, "/a", "protobuf", &BTreeMap::new())
+            .unwrap();
+        let b = writer
+            .add_channel(0, "/b", "json", &BTreeMap::new())
+            .unwrap();
+        for (sequence, time) in times.iter().enumerate() {
+            let header = MessageHeader {
+                channel_id: a,
+                sequence: sequence as u32,
+                log_time: *time,
+                publish_time: *time,
+            };
+            writer
+                .write_to_known_channel(&header, &[*time as u8; 1_000])
+                .unwrap();
+            writer.flush().unwrap();
+        }
+        let header = MessageHeader {
+            channel_id: b,
+            sequence: 0,
+            log_time: 3,
+            publish_time: 3,
+        };
+        writer.write_to_known_channel(&header, b"{}").unwrap();
+        let metadata = Metadata {
+            name: "of.it".to_owned(),
+            metadata: BTreeMap::new(),
+        };
+        writer.write_metadata(&metadata).unwrap();
+        writer.finish().unwrap();
+        writer.into_inner().into_inner()
+    }
+
+    const TIMES: [u64; 5] = [7, 2, 9, 4, 2];
+
+    fn times(contents: &FileContents) -> Vec<u64> {
+        let messages = contents.messages.iter();
+        messages.map(|message| message.log_ns).collect()
+    }
+
+    fn forms() -> Vec<WriteOptions> {
+        [None, Some(Compression::Zstd), Some(Compression::Lz4)]
+            .into_iter()
+            .flat_map(|compression| {
+                let plain = WriteOptions::new().compression(compression);
+                let bare = plain
+                    .clone()
+                    .emit_summary_records(false)
+                    .emit_message_indexes(false)
+                    .calculate_chunk_crcs(false);
+                let unchunked = plain.clone().use_chunks(false);
+                [plain, bare, unchunked]
+            })
+            .collect()
+    }
+
+    #[test]
+    fn every_compression_with_and_without_summary_and_chunks_is_read_in_the_order_of_time() {
+        for options in forms() {
+            let bytes = file(options, &TIMES);
+            let contents = FileContents::read(&bytes, &|channel| channel.topic == "/a").unwrap();
+            assert_eq!(times(&contents), [2, 2, 4, 7, 9]);
+            assert_eq!(contents.message_count, 6);
+            assert_eq!(contents.end, FileEnd::Whole);
+            assert_eq!(contents.note(), None);
+            assert_eq!(contents.metadata[0].0, "of.it");
+            assert_eq!(contents.topic(&contents.messages[0]), "/a");
+            let schema = contents.channels.values().map(|channel| &*channel.schema);
+            assert_eq!(schema.collect::<Vec<_>>(), ["x.A", ""]);
+        }
+    }
+
+    #[test]
+    fn a_file_that_ends_early_gives_what_stands_before_its_end() {
+        for options in forms() {
+            let bytes = file(options, &TIMES);
+            let mut most = 0;
+            for length in (MAGIC.len()..bytes.len()).step_by(5) {
+                let contents = FileContents::read(&bytes[..length], &|_| true).unwrap();
+                assert!(contents.message_count >= most, "more bytes hold no fewer");
+                most = contents.message_count;
+                if contents.end == FileEnd::Early {
+                    let note = contents.note().unwrap();
+                    assert!(note.contains(&format!("its {most} whole")), "{note}");
+                }
+                let begun = contents.check_begun(length);
+                assert_eq!(
+                    begun.is_err(),
+                    contents.channels.is_empty(),
+                    "{length} bytes"
+                );
+                if let Err(cut) = begun {
+                    let cut = cut.to_string();
+                    assert!(
+                        cut.contains(&format!("after {length} bytes, within")),
+                        "{cut}"
+                    );
+                }
+            }
+            assert_eq!(most, 6);
+        }
+    }
+
+    #[test]
+    fn another_file_and_a_damaged_one_are_refused() {
+        let bytes = file(WriteOptions::new().compression(None), &TIMES);
+        assert!(matches!(
+            FileContents::read(b"time,body", &|_| true),
+            Err(ContentsError::NotMcap)
+        ));
+        let body = bytes.windows(1_000).position(|bytes| bytes == [9; 1_000]);
+        let mut changed = bytes.clone();
+        changed[body.unwrap() + 5] = 8;
+        let refused = FileContents::read(&changed, &|_| true).unwrap_err();
+        let refused = refused.to_string();
+        assert!(refused.contains("behind its first 3 messages"), "{refused}");
     }
 }

@@ -10,18 +10,18 @@
 //! | `truth/poses` | `foxglove.PosesInFrame` | the poses of a drawing, for viewers that draw no scenes |
 #![forbid(unsafe_code)]
 
-mod contents;
 mod drawing;
 mod file;
 #[cfg(feature = "live")]
 mod live;
 mod messages;
-mod primitives;
 mod read;
 mod topics;
 
-pub use contents::{ContentsError, FileContents, FileEnd, StoredChannel, StoredMessage};
-pub use drawing::{ASLEEP, AWAKE, Drawing, DrawnScene, Painted, draw_statics};
+pub use drawing::{
+    ASLEEP, AWAKE, Drawing, DrawnBody, DrawnScene, FRAME, Painted, Placed, draw_statics,
+};
+pub use file::{ContentsError, FileContents, FileEnd, StoredChannel, StoredMessage};
 pub use file::{SceneFacts, TraceFile, log_time_ns};
 pub use foxglove::messages::{Color, SceneUpdate};
 #[cfg(feature = "live")]
@@ -32,7 +32,6 @@ pub use messages::{
     BreachMessage, DESCRIPTORS, GridHistory, GridPose, Packet, Placement, PoseBase, Poses, STEPS,
     StateForm, States, TickStats,
 };
-pub use primitives::{DrawnBody, FRAME, Placed};
 pub use read::{StatesReader, TickStates, read_states};
 pub use topics::{
     DrawnTopics, SceneTopics, Schema, Topic, TraceSink, drawing_panel, scene_layout, whole_layout,

@@ -13,7 +13,7 @@ use rhumb_protocol::scene::{BodyKind, Shape as Solid};
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, Tick};
 
-use crate::primitives::Placed;
+use crate::drawing::Placed;
 
 /// `proto/rhumb.proto` as `protoc --descriptor_set_out=rhumb.binpb rhumb.proto` compiles it.
 pub const DESCRIPTORS: &[u8] = include_bytes!("../proto/rhumb.binpb");

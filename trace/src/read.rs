@@ -9,8 +9,8 @@ use rhumb_protocol::scene::{BodyDesc, BodyKind, Hull, Shape, ShapeId};
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Damping, Inertia, Tick, ToleranceScale};
 
+use crate::drawing::Placed;
 use crate::messages::{GridHistory, Placement, STEPS, States};
-use crate::primitives::Placed;
 
 /// The contents of one message of the topic `truth/state`.
 #[derive(Clone, Debug)]

@@ -7,9 +7,8 @@ use foxglove::{Encode, Schema as MessageSchema};
 use prost::Message;
 use serde_json::{Map, Value, json};
 
-use crate::drawing::{DrawnScene, Painted, draw_poses, draw_statics};
+use crate::drawing::{DrawnBody, DrawnScene, FRAME, Painted, draw_poses, draw_statics};
 use crate::messages::{DESCRIPTORS, States};
-use crate::primitives::{DrawnBody, FRAME};
 
 /// The message type of a topic.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

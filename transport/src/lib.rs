@@ -10,24 +10,20 @@ mod certificate;
 #[cfg(target_os = "linux")]
 mod child_stream;
 pub mod conditioner;
-mod origins;
 mod reset_stream_at;
 mod server;
 mod server_io;
 mod server_loop;
 #[cfg(unix)]
 mod unix;
-mod watch;
-mod web_certificate;
 mod web_request;
 mod web_session;
 
-pub use certificate::{Certificate, DevelopmentPem};
+pub use certificate::{Certificate, CertificateHashes, DevelopmentPem, WebIdentity, WebOptions};
 #[cfg(target_os = "linux")]
 pub use child_stream::{
     CHILD_FRAME_BYTES_MAX, ChildSender, FrameReceiver, ParentSender, child_stream, parent_stream,
 };
-pub use origins::{InvalidPageOrigin, Origins, PageOrigin};
 #[cfg(unix)]
 pub use rhumb_link::UnixClient;
 pub use rhumb_link::{
@@ -37,8 +33,7 @@ pub use rhumb_link::{
     random_bytes,
 };
 pub use server::{BindError, QuicServer, ServerOptions};
-pub use server_loop::{LinkMeter, ServeError, Waker};
+pub use server_loop::{LinkMeter, ServeError, ServerStatistics, ServerWatch, Stop, Waker};
 #[cfg(unix)]
 pub use unix::{UnixServer, WithUnixPeers};
-pub use watch::{ServerStatistics, ServerWatch, Stop};
-pub use web_certificate::{CertificateHashes, WebIdentity, WebOptions};
+pub use web_request::{InvalidPageOrigin, Origins, PageOrigin};

@@ -17,12 +17,14 @@ use rhumb_link::{CertificateError, Fingerprint, bind_udp, io_runtime, tuning};
 use rhumb_protocol::Endpoint;
 use tokio::sync::oneshot;
 
-use crate::certificate::{Certificate, server_tls};
+use crate::certificate::{
+    Certificate, CertificateHashes, HandshakeCertificate, WebOptions, server_tls,
+};
 use crate::reset_stream_at::PartialResetConfig;
 use crate::server_io;
-use crate::server_loop::{EndpointLoop, Input, ServeError, Waker};
-use crate::watch::{ServerStatistics, ServerWatch, Stop};
-use crate::web_certificate::{CertificateHashes, HandshakeCertificate, WebOptions};
+use crate::server_loop::{
+    EndpointLoop, Input, ServeError, ServerStatistics, ServerWatch, Stop, Waker,
+};
 
 /// Address and certificate of a server, and what it has for browsers.
 #[derive(Clone, Debug)]

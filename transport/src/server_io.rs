@@ -28,9 +28,8 @@ use rhumb_protocol::session::TransportCode;
 use tokio::sync::oneshot;
 use tokio::time::{sleep, timeout};
 
-use crate::origins::Origins;
-use crate::server_loop::{DatagramLane, Input, PeerHandles};
-use crate::watch::ServerWatch;
+use crate::server_loop::{DatagramLane, Input, PeerHandles, ServerWatch};
+use crate::web_request::Origins;
 use crate::web_session::{SentSettings, WebRefusal, WebSession, send_settings};
 
 /// Accepts until its end is requested, then refuses the attempts that still arrive.

@@ -23,10 +23,9 @@ use web_transport_proto as proto;
 use web_transport_proto::http::StatusCode;
 use web_transport_proto::{Setting, StreamUni};
 
-use crate::origins::Origins;
 use crate::web_request;
 pub(crate) use crate::web_request::WebRefusal;
-use crate::web_request::{broken, refused};
+use crate::web_request::{Origins, broken, refused};
 
 /// The end of a connection with HTTP/3 that has nothing to report. Source: RFC 9114, section 8.1.
 const H3_NO_ERROR: u32 = 0x100;

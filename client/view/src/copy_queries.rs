@@ -19,8 +19,8 @@ use rhumb_protocol::stream::ErrorBound;
 use rhumb_reckoning::{BodyId, Seconds, Tick};
 use rhumb_solids::{SearchedBodies, SolidPart};
 
-use crate::bounds::{ShownPose, shown_bound};
 use crate::moment::RenderTime;
+use crate::moment::{ShownPose, shown_bound};
 use crate::view::View;
 
 /// Answers queries on the bodies of one view and its replica; another pair needs another one.

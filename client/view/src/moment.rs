@@ -1,10 +1,15 @@
-//! A moment of a scene, and the motions of bodies at a moment.
+//! A moment of a scene: motions of bodies, and bounds on errors of poses.
 //!
 //! Between two ticks a motion is interpolated, but for a jump: a body that a command places elsewhere is shown at one of
 //! its two places, never on a way between them.
+//!
+//! A stream bounds the error of its tracks. A view may show another pose: one that glides, one of an earlier
+//! refresh. Invariant: the bound is never too small; where nothing finite is certain it is unknown.
 
-use glam::DVec3;
-use rhumb_protocol::stream::{Replacement, Subscriber};
+use std::f64::consts::PI;
+
+use glam::{DQuat, DVec3, Quat, Vec3};
+use rhumb_protocol::stream::{ErrorBound, Replacement, Subscriber};
 use rhumb_reckoning::{BodyId, Divergence, Metres, Motion, Pose, Seconds, Tick, Ticks, Twist};
 
 /// A moment of the scene between two ticks.
@@ -165,5 +170,230 @@ impl<'a> Leap<'a> {
         let spin = (after.twist().angular - before.twist().angular).length();
         let turned = (2.0 * half_chord - spin * self.within.seconds()).max(0.0);
         moved + turned * radius.metres()
+    }
+}
+
+/// A pose as a view has it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct ShownPose {
+    pub(crate) position: Vec3,
+    pub(crate) rotation: Quat,
+}
+
+impl ShownPose {
+    /// Differs from every pose, itself included.
+    #[cfg(feature = "queries")]
+    pub(crate) const NOWHERE: Self = Self {
+        position: Vec3::NAN,
+        rotation: Quat::IDENTITY,
+    };
+
+    fn of(motion: &Motion) -> Self {
+        let pose = motion.pose();
+        Self {
+            position: pose.position.as_vec3(),
+            rotation: pose.rotation.as_quat(),
+        }
+    }
+
+    fn exactly(&self) -> Pose {
+        Pose {
+            position: self.position.as_dvec3(),
+            rotation: self.rotation.as_dquat(),
+        }
+    }
+}
+
+/// The bound on the error of a body that is shown with this pose at this moment.
+///
+/// The truth between two ticks lies between those of the ticks: its position on the straight line, its rotation on the
+/// shortest turn. A body that jumps at the next tick is at its first place until then. The rounding of poses to 32 bits does
+/// not count. `step`: the time between two ticks.
+pub(crate) fn shown_bound(
+    stream: &Subscriber,
+    id: BodyId,
+    shown: &ShownPose,
+    (at, step): (RenderTime, Seconds),
+) -> ErrorBound {
+    let bound = finite_bound(stream, id, shown, (at, step));
+    let bound = bound.filter(|bound| bound.metres().is_finite());
+    bound.map_or_else(
+        || ErrorBound::Unknown {
+            since: stream.complete(),
+        },
+        ErrorBound::Within,
+    )
+}
+
+fn finite_bound(
+    stream: &Subscriber,
+    id: BodyId,
+    shown: &ShownPose,
+    (at, step): (RenderTime, Seconds),
+) -> Option<Metres> {
+    let bound_at = |tick| match stream.bound_between(id, tick)? {
+        ErrorBound::Within(bound) => Some(bound.metres()),
+        ErrorBound::Unknown { .. } => None,
+    };
+    let first_bound = bound_at(at.tick)?;
+    if is_orphaned(stream, id, at) {
+        return None;
+    }
+    let radius = stream.radius_at(id, at.tick)?;
+    let motion = MomentMotion::of(stream, id, at, step)?;
+    let off = distance(shown, &motion.motion(at)?, radius);
+    let next = at.tick + Ticks::new(1);
+    let ends = match motion {
+        MomentMotion::At(_) if at.fraction == 0.0 || stream.has_left(id, next) => first_bound,
+        _ => first_bound.max(bound_at(next)?),
+    };
+    let bound = bound_at_moment(&motion, ends, radius, at.fraction);
+    Some(Metres::new(bound + off))
+}
+
+/// The distance of any point of a body at the shown pose from where the stream has it, at most.
+fn distance(shown: &ShownPose, known: &Motion, radius: Metres) -> f64 {
+    if *shown == ShownPose::of(known) {
+        return 0.0;
+    }
+    let apart = Divergence::between(&shown.exactly(), &known.pose());
+    apart.surface_error(radius).metres()
+}
+
+/// The bound at a moment of a motion, in metres; `ends`: the greater bound of its ticks.
+fn bound_at_moment(motion: &MomentMotion, ends: f64, radius: Metres, fraction: f64) -> f64 {
+    match motion {
+        MomentMotion::At(_) => ends,
+        MomentMotion::Between(first, second) => {
+            let (first, second) = (first.pose(), second.pose());
+            widened(ends, &first.rotation, &second.rotation, radius)
+        }
+        MomentMotion::Before(first, second) => {
+            let apart = Divergence::between(&first.pose(), &second.pose());
+            ends + way(&apart, ends, radius, fraction)
+        }
+    }
+}
+
+/// How far a body may have come at a fraction of a tick, at whose end it is `apart` from where it began, in metres.
+///
+/// Nothing tells a jump from a push that is as fast: the body may be on its way. It turns evenly, and no chord is longer than
+/// its arc. The true turn exceeds the predicted one by the turns of both bounds at most.
+fn way(apart: &Divergence, ends: f64, radius: Metres, fraction: f64) -> f64 {
+    let straight = apart.position.metres() * fraction;
+    let whole_turn = 2.0 * radius.metres();
+    if whole_turn == 0.0 {
+        return straight;
+    }
+    let of_bound = Divergence {
+        half_chord: (ends / whole_turn).min(1.0),
+        ..Divergence::default()
+    };
+    let turn = apart.turn().radians() + 2.0 * of_bound.turn().radians();
+    let arc = radius.metres() * turn.min(PI) * fraction;
+    straight + arc.min(whole_turn)
+}
+
+/// The bound between two ticks whose greater bound is `ends`.
+///
+/// Two rotations that turn for a tick may be farther apart between than at its ends: by 1 / cos(L / 2) at most, where
+/// the longer of the two turns is 2 L. Source: law of sines on the unit sphere of quaternions, whose triangles with two
+/// sides L have a middle line of half the base over cos(L / 2). Beyond a turn of 3 rad in a tick, nothing tells which
+/// way round is the shorter one, so that the body may have any rotation.
+fn widened(ends: f64, first: &DQuat, second: &DQuat, radius: Metres) -> f64 {
+    let whole_turn = 2.0 * radius.metres();
+    if whole_turn == 0.0 {
+        return ends;
+    }
+    // The true turn differs from the predicted one by the bound at each end. A quarter of it is the sum of two angles:
+    // half of the one whose cosine is `dot`, and the one whose sine is `half_chord`.
+    let half_chord = (ends / whole_turn).min(1.0);
+    let dot = first.dot(*second).abs().min(1.0);
+    let quarter_cosine = ((1.0 + dot) / 2.0).sqrt() * (1.0 - half_chord * half_chord).sqrt()
+        - ((1.0 - dot) / 2.0).sqrt() * half_chord;
+    if quarter_cosine < LEAST_COSINE {
+        return ends + whole_turn;
+    }
+    // The bound is a sum of a distance and a chord; only the chord widens, and no chord exceeds the diameter.
+    let chord = ends.min(whole_turn);
+    ends + chord * (1.0 / quarter_cosine - 1.0)
+}
+
+/// Cosine of a quarter of 3 rad, the longest turn in a tick whose shorter way round is certain: a little less than half
+/// a turn.
+const LEAST_COSINE: f64 = 0.731_688_868_873_820_9;
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+    use proptest::prelude::*;
+    use rhumb_reckoning::Twist;
+
+    use super::*;
+
+    /// Metres that rounding may cost.
+    const ROUNDING: f64 = 1e-9;
+
+    fn any_vector() -> impl Strategy<Value = DVec3> {
+        [-1.0..1.0, -1.0..1.0, -1.0..1.0].prop_map(DVec3::from_array)
+    }
+
+    fn any_turn(most: f64) -> impl Strategy<Value = DQuat> {
+        let axis = any_vector().prop_filter("an axis", |axis| axis.length() > 0.1);
+        (axis, 0.0..most).prop_map(|(axis, turn)| DQuat::from_axis_angle(axis.normalize(), turn))
+    }
+
+    fn any_motion() -> impl Strategy<Value = Motion> {
+        (any_vector(), any_turn(PI)).prop_map(|(position, rotation)| {
+            let pose = Pose { position, rotation };
+            Motion::new(pose, Twist::ZERO).expect("a finite motion")
+        })
+    }
+
+    /// The error of a true pose: metres and a turn.
+    fn any_error() -> impl Strategy<Value = (DVec3, DQuat)> {
+        (0.0..1.0, any_vector(), any_turn(1.0))
+            .prop_map(|(scale, vector, turn)| (vector * scale, DQuat::IDENTITY.slerp(turn, scale)))
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(20_000))]
+
+        #[test]
+        fn no_point_is_beyond_the_bound_between_two_ticks(
+            ticks in [any_motion(), any_motion()],
+            errors in [any_error(), any_error()],
+            point in any_vector().prop_filter("a side", |side| side.length() > 0.1),
+            radius in 0.0..2.0,
+            fraction in 0.0..1.0,
+            jumps: bool,
+        ) {
+            let [first, second] = ticks;
+            let truth = [0, 1].map(|at| {
+                let (pose, (off, turn)) = (ticks[at].pose(), errors[at]);
+                Pose { position: pose.position + off, rotation: turn * pose.rotation }
+            });
+            let radius = Metres::new(radius);
+            let end = |at: usize| {
+                let apart = Divergence::between(&truth[at], &ticks[at].pose());
+                apart.surface_error(radius).metres()
+            };
+            let ends = end(0).max(end(1));
+            let motion = match jumps {
+                true => MomentMotion::Before(first, second),
+                false => MomentMotion::Between(first, second),
+            };
+            let at = RenderTime { tick: Tick::ZERO, fraction };
+            let shown = motion.motion(at).expect("a finite motion").pose();
+            let true_pose = Pose {
+                position: truth[0].position.lerp(truth[1].position, fraction),
+                rotation: truth[0].rotation.slerp(truth[1].rotation, fraction),
+            };
+            let point = point.normalize() * radius.metres();
+            let place = |pose: &Pose| pose.position + pose.rotation * point;
+            let error = place(&shown).distance(place(&true_pose));
+            let bound = bound_at_moment(&motion, ends, radius, fraction);
+            prop_assert!(error <= bound + ROUNDING, "{error} m off, bound {bound} m");
+        }
     }
 }

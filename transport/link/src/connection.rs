@@ -19,8 +19,7 @@ use rhumb_protocol::session::TransportCode;
 use tokio::sync::{Notify, mpsc};
 use tokio::time::{sleep, timeout};
 
-use crate::client_transport::WireStatistics;
-use crate::piece::PIECE_COST_BYTES;
+use crate::client_transport::{PIECE_COST_BYTES, WireStatistics};
 use crate::tuning::{CONTROL_QUEUE_BYTES, FLUSH};
 
 /// The traffic of a connection so far.

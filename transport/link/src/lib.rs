@@ -10,11 +10,8 @@
 mod client_transport;
 mod clock;
 #[cfg(feature = "quic")]
-mod connect_error;
-#[cfg(feature = "quic")]
 #[doc(hidden)]
 pub mod connection;
-mod piece;
 #[cfg(feature = "quic")]
 mod quic_client;
 #[cfg(feature = "quic")]
@@ -30,12 +27,12 @@ pub mod tuning;
 pub mod unix;
 
 pub use client_transport::{
-    CONTROL_IN_FLIGHT_BYTES, ClientTransport, Inbox, Received, WireStatistics,
+    ByteCredit, CONTROL_IN_FLIGHT_BYTES, ClientTransport, HeldBack, Inbox, PIECE_COST_BYTES, Piece,
+    Received, WireStatistics,
 };
 pub use clock::Clock;
 #[cfg(feature = "quic")]
-pub use connect_error::ConnectError;
-pub use piece::{ByteCredit, HeldBack, PIECE_COST_BYTES, Piece};
+pub use quic_client::ConnectError;
 #[cfg(feature = "quic")]
 pub use quic_client::{ClientOptions, QuicClient};
 pub use rhumb_protocol::session::TransportCode;

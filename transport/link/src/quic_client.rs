@@ -2,34 +2,34 @@
 //!
 //! Does not resolve names, interpret bytes or reconnect. Its sockets run on a thread of its own, joined when it is
 //! dropped. That thread connects once, never retries, and carries bytes until the end. Of several addresses, the first
-//! that answers is taken. `connect_error` names the reasons of a failure.
+//! that answers is taken. [`ConnectError`] names the reasons of a failure.
+//!
+//! A failed attempt has a reason for the user to act on, and is not repeated here. A refused certificate outranks the
+//! alert that QUIC reports for it.
 
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
-use std::sync::mpsc::SyncSender;
-use std::sync::{Arc, mpsc};
-use std::thread::JoinHandle;
+use std::sync::Arc;
+use std::sync::mpsc::{self, SyncSender};
+use std::thread::{self, JoinHandle};
 use std::time::Duration;
-use std::{fmt, io, thread};
+use std::{fmt, io};
 
 use bytes::Bytes;
 use quinn::{
-    ClientConfig, ConnectError as QuinnConnectError, Connection, Endpoint, EndpointConfig,
-    ReadError, RecvStream, SendStream, TokioRuntime,
+    ClientConfig, ConnectError as QuinnConnectError, Connection, ConnectionError, Endpoint,
+    EndpointConfig, ReadError, RecvStream, SendStream, TokioRuntime, TransportErrorCode, rustls,
 };
 use rhumb_protocol::session::TransportCode;
 use tokio::task::JoinSet;
-use tokio::time;
-use tokio::time::sleep;
+use tokio::time::{self, sleep};
 
 use crate::client_transport::{ClientTransport, Inbox, Received, WireStatistics};
-use crate::connect_error::ConnectError;
 use crate::connection::{
     Closing, ControlSender, ControlWriter, Unnamed, control_queue, wire_statistics,
 };
 use crate::system::{bind_udp, io_runtime};
-use crate::trust::{CertificateCheck, Trust};
-use crate::tuning::{CLOSE_LEAVES, DATAGRAM_BYTES_MIN};
-use crate::{trust, tuning};
+use crate::trust::{self, CertificateCheck, CertificateError, Distrust, Fingerprint, Trust};
+use crate::tuning::{self, CLOSE_LEAVES, DATAGRAM_BYTES_MIN};
 
 /// The server to connect to, and how to authenticate it.
 #[derive(Clone, Debug)]
@@ -418,6 +418,210 @@ const READ_BYTES_MAX: usize = 64 << 10;
 
 /// Interval of the checks whether the close frame has left.
 const STEP: Duration = Duration::from_millis(1);
+
+/// Reason of a failed connection attempt.
+#[derive(Debug)]
+pub enum ConnectError {
+    /// Nothing answered in time.
+    NothingAnswers {
+        /// The server's address.
+        server: SocketAddr,
+        /// The duration of the attempt.
+        timeout: Duration,
+    },
+    /// The server's certificate is not the pinned one.
+    WrongFingerprint {
+        /// The server's address.
+        server: SocketAddr,
+        /// The pinned fingerprint.
+        expected: Fingerprint,
+        /// The fingerprint of the server's certificate.
+        presented: Fingerprint,
+    },
+    /// No trusted root signed the server's certificate for its name.
+    Untrusted {
+        /// The server's address.
+        server: SocketAddr,
+        /// The requested name.
+        server_name: String,
+        /// The TLS error.
+        cause: rustls::Error,
+    },
+    /// The server speaks another protocol, or another version of this one.
+    OtherProtocol {
+        /// The server's address.
+        server: SocketAddr,
+    },
+    /// The server refused the attempt: it is full, or stopping.
+    Refused {
+        /// The server's address.
+        server: SocketAddr,
+    },
+    /// The handshake failed for another reason.
+    Handshake {
+        /// The server's address.
+        server: SocketAddr,
+        /// The QUIC error.
+        cause: ConnectionError,
+    },
+    /// The file of trusted roots cannot be used.
+    Roots(CertificateError),
+    /// The server's name is invalid.
+    ServerName {
+        /// The name.
+        server_name: String,
+    },
+    /// The server's address cannot be reached from this machine.
+    ServerAddress {
+        /// The address.
+        server: SocketAddr,
+        /// The local address of the attempt.
+        bind: SocketAddr,
+    },
+    /// The local socket failed.
+    LocalSocket {
+        /// The local address.
+        bind: SocketAddr,
+        /// The system's error.
+        cause: io::Error,
+    },
+    /// The I/O thread cannot start, or failed.
+    Thread(io::Error),
+    /// The server has several addresses, and none of them led to it: the reason for each, in the order of attempts.
+    EachAddress(Vec<Self>),
+}
+
+impl ConnectError {
+    /// The meaning of a failed handshake, given the verifier's refusal.
+    pub fn from_handshake(
+        cause: ConnectionError,
+        server: SocketAddr,
+        server_name: &str,
+        certificate_check: &CertificateCheck,
+        timeout: Duration,
+    ) -> Self {
+        match certificate_check.refusal() {
+            Some(&Distrust::OtherFingerprint {
+                expected,
+                presented,
+            }) => {
+                return ConnectError::WrongFingerprint {
+                    server,
+                    expected,
+                    presented,
+                };
+            }
+            Some(Distrust::Roots(cause)) => {
+                let (server_name, cause) = (server_name.to_owned(), cause.clone());
+                return ConnectError::Untrusted {
+                    server,
+                    server_name,
+                    cause,
+                };
+            }
+            None => {}
+        }
+        let no_alpn = TransportErrorCode::crypto(NO_APPLICATION_PROTOCOL);
+        match cause {
+            ConnectionError::TimedOut => ConnectError::NothingAnswers { server, timeout },
+            ConnectionError::VersionMismatch => ConnectError::OtherProtocol { server },
+            ConnectionError::TransportError(error) if error.code == no_alpn => {
+                ConnectError::OtherProtocol { server }
+            }
+            ConnectionError::ConnectionClosed(close) if close.error_code == no_alpn => {
+                ConnectError::OtherProtocol { server }
+            }
+            ConnectionError::ConnectionClosed(close)
+                if close.error_code == TransportErrorCode::CONNECTION_REFUSED =>
+            {
+                ConnectError::Refused { server }
+            }
+            ConnectionError::ApplicationClosed(_) => ConnectError::Refused { server },
+            cause => ConnectError::Handshake { server, cause },
+        }
+    }
+}
+
+/// TLS alert for an unknown application protocol. Source: RFC 7301, section 3.2.
+const NO_APPLICATION_PROTOCOL: u8 = 120;
+
+impl fmt::Display for ConnectError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NothingAnswers { server, timeout } => write!(
+                f,
+                "nothing answered at {server} within {timeout:?}: \
+                check the address, that the server runs, and that udp passes"
+            ),
+            Self::WrongFingerprint {
+                server,
+                expected,
+                presented,
+            } => write!(
+                f,
+                "{server} shows another certificate than the pinned one: \
+                expected {expected}, presented {presented}; \
+                pin the new one if the server's certificate was renewed"
+            ),
+            Self::Untrusted {
+                server,
+                server_name,
+                cause,
+            } => {
+                write!(
+                    f,
+                    "the certificate of {server} is not trusted for the name {server_name}: {cause}"
+                )
+            }
+            Self::OtherProtocol { server } => {
+                write!(
+                    f,
+                    "{server} does not speak rhumb/1: check the port and the server's version"
+                )
+            }
+            Self::Refused { server } => write!(
+                f,
+                "{server} refused the connection: it is full or stopping, try later"
+            ),
+            Self::Handshake { server, cause } => {
+                write!(f, "the handshake with {server} failed: {cause}")
+            }
+            Self::Roots(cause) => cause.fmt(f),
+            Self::ServerName { server_name } => {
+                write!(
+                    f,
+                    "{server_name:?} is not a server name: give a host name or an address"
+                )
+            }
+            Self::ServerAddress { server, bind } => {
+                write!(
+                    f,
+                    "{server} cannot be reached from {bind}: check its port and family"
+                )
+            }
+            Self::LocalSocket { bind, cause } => {
+                write!(f, "cannot open a local udp socket at {bind}: {cause}")
+            }
+            Self::Thread(cause) => write!(f, "the client's i/o thread failed: {cause}"),
+            Self::EachAddress(errors) => {
+                write!(f, "none of {} addresses leads to the server", errors.len())?;
+                errors.iter().try_for_each(|error| write!(f, "; {error}"))
+            }
+        }
+    }
+}
+
+impl std::error::Error for ConnectError {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        match self {
+            Self::Untrusted { cause, .. } => Some(cause),
+            Self::Handshake { cause, .. } => Some(cause),
+            Self::Roots(cause) => Some(cause),
+            Self::LocalSocket { cause, .. } | Self::Thread(cause) => Some(cause),
+            _ => None,
+        }
+    }
+}
 
 #[cfg(test)]
 mod tests {

@@ -9,7 +9,7 @@ use quinn::congestion::BbrConfig;
 use quinn::crypto::rustls::{NoInitialCipherSuite, QuicClientConfig};
 use quinn::{ClientConfig, IdleTimeout, ServerConfig, TransportConfig, VarInt, crypto, rustls};
 
-use crate::piece::PIECE_COST_BYTES;
+use crate::client_transport::PIECE_COST_BYTES;
 
 /// The application protocol, by its TLS name.
 pub const ALPN: &[u8] = b"rhumb/1";
