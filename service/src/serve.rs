@@ -1,7 +1,7 @@
 //! Runs a server behind real sockets until a stop is requested.
 //!
-//! The function of the `rhumb-server` binary, callable by programs that embed it. With it: reasons for which a server does not start, or
-//! stops by itself.
+//! The function of the `rhumb-server` binary, callable by programs that embed it. With it: reasons for which a server
+//! does not start, or stops by itself.
 
 #[cfg(feature = "record")]
 mod observers;

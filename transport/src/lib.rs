@@ -12,7 +12,6 @@ mod child_stream;
 pub mod conditioner;
 mod reset_stream_at;
 mod server;
-mod server_io;
 mod server_loop;
 #[cfg(unix)]
 mod unix;

@@ -4,9 +4,9 @@
 //! its order of commands, across connections: the client draws the key, and a scene keeps what it needs to resume the
 //! session.
 //!
-//! An extension is a numbered field. This file tells which extensions may be skipped. Decoded extensions keep their bytes, so that they are passed on unchanged.
-//! Grease keeps peers tolerant of unknown values: every peer must ignore it (PROTOCOL 3.5). A seed determines its
-//! values.
+//! An extension is a numbered field. This file tells which extensions may be skipped. Decoded extensions keep their
+//! bytes, so that they are passed on unchanged. Grease keeps peers tolerant of unknown values: every peer must ignore
+//! it (PROTOCOL 3.5). A seed determines its values.
 
 use alloc::string::String;
 use alloc::vec::Vec;

@@ -4,8 +4,9 @@
 //! without any other packet. A refresh that exceeds a datagram is split into parts; each part is useful alone. Codec
 //! only: `stream/state_checksum` computes the checksum over all tracks.
 //!
-//! A repair symbol is a sum over recent packets that recovers a lost one; `stream` decides which packets a symbol covers and how losses are recovered. Invariant:
-//! the packets do not depend on repair symbols, so a packet can be read alone.
+//! A repair symbol is a sum over recent packets that recovers a lost one; `stream` decides which packets a symbol
+//! covers and how losses are recovered. Invariant: the packets do not depend on repair symbols, so a packet can be read
+//! alone.
 //!
 //! Bytes are elements of GF(256). Addition is exclusive or; multiplication is that of polynomials over one bit modulo
 //! x⁸ + x⁴ + x³ + x² + 1 (PROTOCOL 5.16). Invariant: every non-zero element has an inverse.

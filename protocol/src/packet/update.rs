@@ -5,8 +5,8 @@
 //! A full stream, 56 bytes for a body, is the naive baseline for measuring reckoned streams, and a view of the engine
 //! without any loss of precision.
 //!
-//! Symbol counts, and packets that no publisher sends, are not part of the protocol: a tool that fits tables decodes recorded packets and counts their symbols
-//! (docs/decisions/0014); tests need packets that a subscriber refuses.
+//! Symbol counts, and packets that no publisher sends, are not part of the protocol: a tool that fits tables decodes
+//! recorded packets and counts their symbols (docs/decisions/0014); tests need packets that a subscriber refuses.
 
 use alloc::vec::Vec;
 

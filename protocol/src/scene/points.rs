@@ -1,11 +1,11 @@
 //! Shapes of many points: convex hulls, triangle meshes, height fields.
 //!
-//! Faces of a hull are not known here: engines find them. One pass over the points checks them; only the engine can tell whether
-//! a solid can be made of them. Cheap to copy: copies share their points. Corners are found by adding the farthest
-//! point to a solid until none is outside. Points that lie within rounding of a face count as inside.
+//! Faces of a hull are not known here: engines find them. One pass over the points checks them; only the engine can
+//! tell whether a solid can be made of them. Cheap to copy: copies share their points. Corners are found by adding the
+//! farthest point to a solid until none is outside. Points that lie within rounding of a face count as inside.
 //!
-//! Meshes and height fields are surfaces, not solids: they have no mass, so that only bodies that no engine moves may have them. Indices are
-//! checked here, since engines do not. Cheap to copy: copies share their points and heights.
+//! Meshes and height fields are surfaces, not solids: they have no mass, so that only bodies that no engine moves may
+//! have them. Indices are checked here, since engines do not. Cheap to copy: copies share their points and heights.
 
 use alloc::sync::Arc;
 use alloc::vec;

@@ -4,7 +4,6 @@
 //! ask `poll_timeout`. After an `Ended` event nothing more happens. Messages of later versions are accepted or refused
 //! by their code, and unknown messages that a client may ignore are skipped (PROTOCOL 3.5).
 
-mod clock;
 mod membership;
 mod outbox;
 mod subscription;
@@ -13,9 +12,8 @@ mod upstream;
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;
 
-use clock::ClockSampler;
 use membership::ClientMembership;
-use outbox::{ClientOutbox, Resumption};
+use outbox::{ClientOutbox, ClockSampler, Resumption};
 use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance};
 
 use super::replica::Replica;

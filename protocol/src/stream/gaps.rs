@@ -4,8 +4,8 @@
 //! it was received. It is *unread* if it was received but partly builds on a missing one. The stream is *converged*
 //! while there is neither; then every track is known.
 //!
-//! An error scale is stated by a stream with a budget. A statement covers the ticks since the packet before it. If that packet is missing, it covers its own tick alone.
-//! For other ticks the error scale is unknown.
+//! An error scale is stated by a stream with a budget. A statement covers the ticks since the packet before it. If that
+//! packet is missing, it covers its own tick alone. For other ticks the error scale is unknown.
 
 use alloc::collections::{BTreeMap, VecDeque};
 

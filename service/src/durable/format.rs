@@ -1,12 +1,12 @@
 //! The bytes of a scene's files: frames of a command log, and snapshots.
 //!
-//! Their bytes, and what is left of a damaged file. Pure. A frame is a magic number, the length of its payload, a CRC-32 of all that follows it, the bytes of the file
-//! that were synchronised before, the scene's tick before its records, and the payload. Invariants: a frame counts as
-//! a whole or not at all; reading never panics.
+//! Their bytes, and what is left of a damaged file. Pure. A frame is a magic number, the length of its payload, a
+//! CRC-32 of all that follows it, the bytes of the file that were synchronised before, the scene's tick before its
+//! records, and the payload. Invariants: a frame counts as a whole or not at all; reading never panics.
 //!
 //! Layout: magic number, version of the program and its engine, number of the segment that continues from it, tick,
-//! digest, image of the sessions and owners, image of the scene, HMAC-SHA-256 of everything before. The engine trusts its image,
-//! so that nothing behind the version is read before the code is verified.
+//! digest, image of the sessions and owners, image of the scene, HMAC-SHA-256 of everything before. The engine trusts
+//! its image, so that nothing behind the version is read before the code is verified.
 
 use std::path::PathBuf;
 

@@ -5,9 +5,10 @@
 //! silent, and then holds it: its stream describes that guess, not the publisher's body. Invariant: silent bodies are
 //! sorted by id, each body once, at most one span for each.
 //!
-//! Earlier tracks hold before the present ones: usually at most one for each body, and only while a view may show ticks before the present track. A delayed view keeps
-//! as many as its delay needs. They are few, so they are kept outside the table. Invariant: `places` points into `kept`,
-//! each entry of `kept` back, and the tracks of a body are linked from the newest to the oldest.
+//! Earlier tracks hold before the present ones: usually at most one for each body, and only while a view may show ticks
+//! before the present track. A delayed view keeps as many as its delay needs. They are few, so they are kept outside
+//! the table. Invariant: `places` points into `kept`, each entry of `kept` back, and the tracks of a body are linked
+//! from the newest to the oldest.
 
 use alloc::collections::BTreeMap;
 use alloc::vec::Vec;
