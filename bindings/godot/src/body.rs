@@ -6,8 +6,9 @@
 use std::cell::RefCell;
 use std::rc::{Rc, Weak};
 
+use godot::classes::node::PhysicsInterpolationMode;
 use godot::classes::notify::Node3DNotification;
-use godot::classes::{INode3D, Node3D, PhysicsMaterial, Shape3D};
+use godot::classes::{Engine, INode3D, Node3D, PhysicsMaterial, Shape3D};
 use godot::global::Error;
 use godot::prelude::*;
 use rhumb_bindings::{BodyParams, StateRecord, packed_id};
@@ -15,13 +16,11 @@ use rhumb_client::BodyId;
 use rhumb_client::glam::{Mat3, Quat, Vec3};
 use rhumb_client::scene::{
     BodyBuilder, BodyDesc, BodyKind, CollisionGroups, Command, Edges, Locomotion, Material, Shape,
-    SleepThresholds,
+    Sleep, SleepThresholds, Stepping,
 };
 
-use crate::axes::{AXES, quaternion, vec3, vector};
+use crate::conversion::{AXES, DescriptionError, node_shape, quaternion, resource, vec3, vector};
 use crate::membership::{SceneMembership, outcome};
-use crate::motion_settings::{NodeEdges, NodeSleep};
-use crate::shapes::{DescriptionError, node_shape, resource};
 
 /// The scene that the nodes of its bodies share with its own node.
 pub(crate) type SharedMembership = Rc<RefCell<SceneMembership<Gd<BodyNode>>>>;
@@ -355,4 +354,128 @@ fn body_pose(transform: Transform3D, origin: Vec3) -> Option<(Vec3, Quat)> {
     let axes = Mat3::from_cols(x, z.cross(x), z);
     let rotation = Quat::from_mat3(&axes);
     Some((vec3(transform.origin) + rotation * origin, rotation))
+}
+
+/// Sets the node of a body that is shown from now on.
+pub(crate) fn set_node(membership: &SharedMembership, state: &StateRecord, body: &Gd<BodyNode>) {
+    let is_free_running = {
+        let follower = &mut membership.borrow_mut().follower;
+        follower.set_object(state.body, body.clone());
+        follower.stepping() == Stepping::FreeRunning
+    };
+    if is_free_running {
+        // It is moved in each frame, not in each physics frame.
+        let mut body = body.clone();
+        body.set_physics_interpolation_mode(PhysicsInterpolationMode::OFF);
+    }
+}
+
+/// Queues the bodies of nodes. A node without a good description is left out, and an error says why.
+pub(crate) fn add(membership: &SharedMembership, nodes: Vec<Gd<BodyNode>>) {
+    let material = membership.borrow().client.config().material;
+    let (mut builders, mut described) = (Vec::new(), Vec::new());
+    for node in nodes {
+        let description = node.bind().builder(material);
+        match description {
+            Ok((builder, origin)) => {
+                builders.push(builder);
+                described.push((node, origin));
+            }
+            Err(error) => godot_error!("{}: {error}", node.get_name()),
+        }
+    }
+    let added = membership.borrow_mut().client.add_bodies(builders);
+    match added {
+        Ok(ids) => {
+            for (id, (mut node, origin)) in ids.into_iter().zip(described) {
+                node.bind_mut().stand_for(membership, id, origin);
+                membership.borrow_mut().follower.reserve(id, node);
+            }
+        }
+        Err(error) => {
+            outcome("the bodies of the children were not added", Err(error));
+        }
+    }
+}
+
+/// A lockstep scene and Godot's physics frames should take the same time.
+pub(crate) fn warn_of_other_rate(membership: &SharedMembership) {
+    let (stepping, step) = {
+        let membership = membership.borrow();
+        (
+            membership.follower.stepping(),
+            membership.follower.fixed_step(),
+        )
+    };
+    let own = 1.0 / f64::from(Engine::singleton().get_physics_ticks_per_second());
+    if stepping == Stepping::Lockstep && (step.as_secs_f64() - own).abs() > 1e-6 {
+        godot_warn!(
+            "a tick of the scene takes {} s and a physics frame {own} s: set physics/common/physics_ticks_per_second",
+            step.as_secs_f64()
+        );
+    }
+}
+
+/// Condition under which a body falls asleep.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, GodotConvert, Var, Export)]
+#[godot(via = i64)]
+pub(crate) enum NodeSleep {
+    /// Of a body: as the scene has it. Of a new scene: as `Settled`.
+    #[default]
+    Default,
+    /// It is slow, and neither gravity nor a motor still moves it.
+    Settled,
+    /// It is slower than `sleep_speed` and `sleep_angular_speed` for `sleep_seconds`, whatever moves it.
+    Below,
+    /// It never falls asleep by itself, and neither does what it touches.
+    Never,
+}
+
+impl NodeSleep {
+    /// The rule with the thresholds of the other properties; `None` for the default.
+    pub(crate) const fn rule(self, thresholds: SleepThresholds) -> Option<Sleep> {
+        match self {
+            Self::Default => None,
+            Self::Settled => Some(Sleep::Settled),
+            Self::Below => Some(Sleep::Below(thresholds)),
+            Self::Never => Some(Sleep::Never),
+        }
+    }
+
+    /// The property for a rule, and its thresholds if it has some.
+    pub(crate) const fn of(rule: Option<Sleep>) -> (Self, Option<SleepThresholds>) {
+        match rule {
+            None => (Self::Default, None),
+            Some(Sleep::Settled) => (Self::Settled, None),
+            Some(Sleep::Below(thresholds)) => (Self::Below, Some(thresholds)),
+            Some(Sleep::Never) => (Self::Never, None),
+        }
+    }
+}
+
+/// How bodies touch the edges that two triangles of a concave polygon or a height map share.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, GodotConvert, Var, Export)]
+#[godot(via = i64)]
+pub(crate) enum NodeEdges {
+    /// Each triangle is touched as if it were alone: a body that slides over flat ground may catch on an edge.
+    Plain,
+    /// A body slides and rolls over flat ground as over one face. Heights are then touched from above only.
+    #[default]
+    Smooth,
+}
+
+impl NodeEdges {
+    const fn edges(self) -> Edges {
+        match self {
+            Self::Plain => Edges::Plain,
+            Self::Smooth => Edges::Smooth,
+        }
+    }
+
+    const fn of(edges: Edges) -> Self {
+        match edges {
+            Edges::Plain => Self::Plain,
+            Edges::Smooth => Self::Smooth,
+        }
+    }
 }

@@ -9,8 +9,8 @@ use rhumb_client::scene::{
     WheelInput,
 };
 
-use crate::axes::{quat, vec3};
 use crate::body::BodyNode;
+use crate::conversion::{quat, vec3};
 use crate::scene::SceneNode;
 
 #[godot_api(secondary)]

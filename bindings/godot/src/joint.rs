@@ -7,8 +7,8 @@ use rhumb_client::scene::{
     Command, JointFrame, JointId, JointLimits, JointStrength, LockedAxes, Motor,
 };
 
-use crate::axes::{quat, vec3};
 use crate::body::BodyNode;
+use crate::conversion::{quat, vec3};
 use crate::scene::SceneNode;
 
 /// The motions that a joint leaves free.

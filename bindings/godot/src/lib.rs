@@ -6,18 +6,12 @@
 //! Positions are in metres, in Godot's own axes, which are Rhumb's: right-handed, y up.
 #![deny(unsafe_op_in_unsafe_fn)]
 
-mod axes;
 mod body;
-mod body_nodes;
-mod event;
+mod conversion;
 mod generated;
-mod join;
 mod joint;
-mod leaving;
 mod membership;
-mod motion_settings;
 mod scene;
-mod shapes;
 
 use godot::init::{ExtensionLibrary, InitStage, gdextension};
 
@@ -28,7 +22,7 @@ struct RhumbExtension;
 unsafe impl ExtensionLibrary for RhumbExtension {
     fn on_stage_deinit(stage: InitStage) {
         if stage == InitStage::Scene {
-            leaving::wait_for_all();
+            membership::wait_for_all();
         }
     }
 }

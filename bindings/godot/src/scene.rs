@@ -1,30 +1,31 @@
-//! A node that joins a scene and moves the nodes of its bodies.
+//! A node that joins a scene, moves its bodies' nodes, and tells its events.
 //!
 //! Nothing that may run a script is called while this node or the membership is borrowed: the script may call both.
 
 use std::cell::RefCell;
 use std::rc::Rc;
 
+use godot::builtin::{VarDictionary, Variant, vdict};
 use godot::classes::notify::Node3DNotification;
 use godot::classes::object::ConnectFlags;
 use godot::classes::{Engine, INode3D, Node3D};
 use godot::global::Error;
+use godot::meta::ToGodot as _;
+use godot::obj::Gd;
 use godot::prelude::*;
 use godot::signal::ConnectHandle;
 use rhumb_bindings::{
-    EventKind, EventRecord, JoinParams, ObjectChange, StateRecord, parse_packed_id,
+    EventKind, EventRecord, JoinParams, ObjectChange, StateRecord, packed_id, parse_packed_id,
 };
 use rhumb_client::glam::Vec3;
-use rhumb_client::scene::{Command, Query, QueryFilter, QueryKind, SleepThresholds, Stepping};
-use rhumb_client::{Client, ClientError, Event, PipelineDepth, QueryResult};
+use rhumb_client::scene::{
+    Answer, Command, Query, QueryFilter, QueryKind, SleepThresholds, Stepping,
+};
+use rhumb_client::{BodyId, Client, ClientError, Event, PipelineDepth, QueryError, QueryResult};
 
-use crate::axes::{AXES, vec3};
-use crate::body::{BodyNode, SharedMembership};
-use crate::body_nodes::{add, set_node, warn_of_other_rate};
-use crate::event::{details, ray_hit};
-use crate::join::{JoinRequest, PendingJoin};
-use crate::membership::{SceneMembership, outcome};
-use crate::motion_settings::NodeSleep;
+use crate::body::{BodyNode, NodeSleep, SharedMembership, add, set_node, warn_of_other_rate};
+use crate::conversion::{AXES, vec3, vector};
+use crate::membership::{JoinRequest, PendingJoin, SceneMembership, outcome};
 
 /// Source of the ticks of a new scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, GodotConvert, Var, Export)]
@@ -601,4 +602,49 @@ impl SceneNode {
             this.signals().ray_answered().emit(number, &hit);
         }
     }
+}
+
+/// The fields of an event. `body` and `other` are nodes, or null; `body_id` and `other_id` are numbers, or zero.
+fn details(membership: &SceneMembership<Gd<BodyNode>>, record: &EventRecord) -> VarDictionary {
+    let node = |id: Option<BodyId>| {
+        let node = id.and_then(|id| membership.follower.object(id));
+        let node = node.filter(|node| node.is_instance_valid());
+        node.map_or_else(Variant::nil, Gd::to_variant)
+    };
+    let word = |id: Option<BodyId>| id.map_or(0, |id| packed_id(id) as i64);
+    vdict! {
+        "tick" => record.tick.value() as i64,
+        "number" => record.number as i64,
+        "body" => &node(record.body),
+        "body_id" => word(record.body),
+        "other" => &node(record.other),
+        "other_id" => word(record.other),
+        "point" => vector(record.point),
+        "normal" => vector(record.normal),
+        "separation" => record.separation,
+        "force" => record.force,
+        "text" => record.text.as_str(),
+    }
+}
+
+/// The nearest body of the answer to a ray, as in an event, and its `distance`; empty if there is none.
+fn ray_hit(
+    membership: &SceneMembership<Gd<BodyNode>>,
+    result: QueryResult,
+) -> Result<VarDictionary, QueryError> {
+    let Some(Answer::Hits(hits)) = result.answers?.pop() else {
+        return Ok(VarDictionary::new());
+    };
+    let Some(found) = hits.into_iter().next().map(|hit| AXES.hit_out(hit)) else {
+        return Ok(VarDictionary::new());
+    };
+    let record = EventRecord {
+        body: Some(found.body),
+        point: found.point,
+        normal: found.normal,
+        ..EventRecord::plain(EventKind::Other, result.tick)
+    };
+    let mut hit = details(membership, &record);
+    hit.set("distance", found.distance);
+    Ok(hit)
 }

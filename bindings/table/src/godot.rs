@@ -23,8 +23,8 @@ use rhumb_client::scene::{
     ActiveEvents, Character, CharacterStep, Command, JumpFrom, Locomotion, Vehicle, Wheel, WheelInput,
 };
 
-use crate::axes::{quat, vec3};
 use crate::body::BodyNode;
+use crate::conversion::{quat, vec3};
 use crate::scene::SceneNode;
 
 #[godot_api(secondary)]

@@ -1,21 +1,43 @@
-//! Shapes between Godot's resources and those of the protocol.
+//! Vectors, rotations and shapes between Godot's types and the client's.
 //!
-//! A resource may be placed otherwise than the body's origin: [`NodeShape`] says where that lies.
+//! Axes and units come from `rhumb-bindings`, the one place that has them for every engine: vectors and rotations change
+//! their types alone. A shape of Godot may be placed otherwise than the body's origin: [`NodeShape`] says where that lies.
 
 use std::collections::HashMap;
 use std::fmt;
 
-use godot::builtin::{PackedFloat32Array, PackedVector3Array, Plane, Vector3};
+use godot::builtin::{PackedFloat32Array, PackedVector3Array, Plane, Quaternion, Vector3};
 use godot::classes::{
     BoxShape3D, CapsuleShape3D, ConcavePolygonShape3D, ConvexPolygonShape3D, CylinderShape3D,
     HeightMapShape3D, Shape3D, SphereShape3D, WorldBoundaryShape3D,
 };
 use godot::obj::{Gd, Inherits, NewGd};
-use rhumb_bindings::BindingError;
-use rhumb_client::glam::{DVec3, Vec3};
+use rhumb_bindings::{BindingError, Coordinates};
+use rhumb_client::glam::{DVec3, Quat, Vec3};
 use rhumb_client::scene::{Edges, Heights, Hull, Invalid, Mesh, Shape};
 
-use crate::axes::{vec3, vector};
+/// The coordinates of Godot.
+pub(crate) const AXES: Coordinates = Coordinates::GODOT;
+
+/// A vector of Godot.
+pub(crate) fn vec3(vector: Vector3) -> Vec3 {
+    Vec3::new(vector.x, vector.y, vector.z)
+}
+
+/// A rotation of Godot.
+pub(crate) fn quat(rotation: Quaternion) -> Quat {
+    Quat::from_xyzw(rotation.x, rotation.y, rotation.z, rotation.w)
+}
+
+/// A vector in Godot's axes.
+pub(crate) fn vector(vector: Vec3) -> Vector3 {
+    Vector3::new(vector.x, vector.y, vector.z)
+}
+
+/// A rotation in Godot's axes.
+pub(crate) fn quaternion(rotation: Quat) -> Quaternion {
+    Quaternion::new(rotation.x, rotation.y, rotation.z, rotation.w)
+}
 
 /// Half the straight part of a shorter capsule is below the protocol's least length: it is a ball.
 const CAPSULE_MIN: f32 = 1e-3;
