@@ -1,19 +1,83 @@
-//! The client of the scene that an app is a member of, as a resource.
+//! The client of the scene that an app is in: its way in, its messages.
+//!
+//! Axes and units come from `rhumb-bindings`, the one place that has them for every engine. This file changes the types
+//! alone: Bevy's maths and the client's are two versions of one crate.
 
 use std::collections::BTreeMap;
+use std::error::Error;
+use std::io;
+use std::thread::{Builder, JoinHandle};
 use std::time::Duration;
 
 use bevy_ecs::entity::Entity;
+use bevy_ecs::message::{Message, MessageWriter};
 use bevy_ecs::resource::Resource;
+use bevy_ecs::system::{Commands, ResMut};
 use bevy_math::{Quat, Vec3};
 use bevy_platform::cell::SyncCell;
-use rhumb_bindings::{ObjectChange, SceneFollower};
+use rhumb_bindings::{Coordinates, ObjectChange, SceneFollower};
 use rhumb_client::scene::{BodyBuilder, Command, Shape, Stepping};
 use rhumb_client::{
-    BodyId, Client, ClientError, ErrorBound, Event, PipelineDepth, RefusedRequests,
+    BodyId, Client, ClientError, ErrorBound, Event, PipelineDepth, RefusedRequests, Tick, glam,
 };
 
-use crate::axes::{AXES, angular_in, rotation_in, torque_in, vector_in};
+/// The coordinates of Bevy.
+const AXES: Coordinates = Coordinates::BEVY;
+
+/// A position, velocity, force or impulse of Bevy, for the client.
+fn vector_in(vector: Vec3) -> glam::Vec3 {
+    AXES.vector_in(glam::Vec3::from_array(vector.to_array()))
+}
+
+/// A torque or angular impulse of Bevy, for the client.
+fn torque_in(torque: Vec3) -> glam::Vec3 {
+    AXES.torque_in(glam::Vec3::from_array(torque.to_array()))
+}
+
+/// An angular velocity of Bevy, for the client.
+fn angular_in(angular: Vec3) -> glam::Vec3 {
+    AXES.angular_in(glam::Vec3::from_array(angular.to_array()))
+}
+
+/// A rotation of Bevy, for the client.
+fn rotation_in(rotation: Quat) -> glam::Quat {
+    AXES.rotation_in(glam::Quat::from_array(rotation.to_array()))
+}
+
+/// A vector in Bevy's axes.
+pub(crate) fn vector(vector: glam::Vec3) -> Vec3 {
+    Vec3::from_array(vector.to_array())
+}
+
+/// A rotation in Bevy's axes.
+pub(crate) fn rotation(rotation: glam::Quat) -> Quat {
+    Quat::from_array(rotation.to_array())
+}
+
+/// An event of the scene: a contact, a refused command, a removed body, an interrupted connection.
+#[derive(Clone, Debug, PartialEq, Message)]
+pub struct RhumbMessage {
+    /// The newest complete tick when the data with which it arrived was read. States of later ticks show its effect.
+    pub after: Tick,
+    /// The event.
+    pub event: Event,
+}
+
+/// The scene has ended: its connection is lost, it was deleted, its engine failed, or the server denied a step.
+///
+/// Written once for a scene. Its entities stay where they are until [`RhumbClient`](crate::RhumbClient) is removed.
+#[derive(Debug, Message)]
+pub struct RhumbEnded {
+    /// The reason.
+    pub error: ClientError,
+}
+
+/// A [`RhumbJoin`](crate::RhumbJoin) did not join its scene.
+#[derive(Debug, Message)]
+pub struct RhumbJoinFailed {
+    /// The reason, such as an [`OpenError`](rhumb_client::OpenError).
+    pub error: Box<dyn Error + Send + Sync>,
+}
 
 /// The client of the scene that the app is a member of.
 ///
@@ -244,5 +308,92 @@ impl RhumbClient {
 
     pub(crate) const fn end(&mut self) {
         self.follower.end();
+    }
+}
+
+/// A client on its way into a scene.
+///
+/// Insert it as a resource. The plug-in replaces it by a [`RhumbClient`], or writes [`RhumbJoinFailed`].
+#[derive(Debug, Resource)]
+pub struct RhumbJoin {
+    /// `None` once its client is taken over.
+    thread: Option<JoinHandle<Result<Client, Box<dyn Error + Send + Sync>>>>,
+}
+
+impl RhumbJoin {
+    /// Calls `join` on a thread of its own. It connects, joins, and may furnish the scene.
+    ///
+    /// # Errors
+    ///
+    /// The system starts no thread.
+    pub fn start(
+        join: impl FnOnce() -> Result<Client, Box<dyn Error + Send + Sync>> + Send + 'static,
+    ) -> io::Result<Self> {
+        let thread = Builder::new().name("rhumb-bevy-join".to_owned());
+        Ok(Self {
+            thread: Some(thread.spawn(join)?),
+        })
+    }
+}
+
+/// Takes over the client of a thread that has ended.
+pub(crate) fn finish_join(
+    mut join: ResMut<'_, RhumbJoin>,
+    mut commands: Commands<'_, '_>,
+    mut failures: MessageWriter<'_, RhumbJoinFailed>,
+) {
+    let Some(thread) = join.thread.take_if(|thread| thread.is_finished()) else {
+        return;
+    };
+    commands.remove_resource::<RhumbJoin>();
+    match thread.join() {
+        Ok(Ok(client)) => commands.insert_resource(RhumbClient::new(client)),
+        Ok(Err(error)) => {
+            failures.write(RhumbJoinFailed { error });
+        }
+        Err(_) => {
+            let error = "the function that was to join the scene panicked; its message is on standard error".into();
+            failures.write(RhumbJoinFailed { error });
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use bevy_transform::components::Transform;
+
+    use super::*;
+
+    #[test]
+    fn up_in_bevy_is_up_in_rhumb_and_a_metre_is_a_metre() {
+        let up = Transform::IDENTITY.up() * 2.0;
+        assert_eq!(vector_in(up), glam::Vec3::Y * 2.0);
+        assert_eq!(vector(AXES.vector_out(glam::Vec3::Y * 2.0)), up);
+    }
+
+    #[test]
+    fn bevys_axes_are_as_handed_as_the_conversion_says() {
+        let at = Transform::IDENTITY;
+        let is_right_handed = at.right().cross(*at.up()).dot(*at.back()) > 0.0;
+        assert_ne!(is_right_handed, AXES.is_left_handed());
+    }
+
+    #[test]
+    fn a_turn_takes_a_vector_to_the_same_place_in_both() {
+        let (turn, arm) = (
+            Quat::from_euler(bevy_math::EulerRot::YXZ, 0.3, -0.8, 1.9),
+            Vec3::new(1.0, 2.0, 3.0),
+        );
+        let inside = rotation_in(turn) * vector_in(arm);
+        assert!(vector(AXES.vector_out(inside)).distance(turn * arm) < 1e-5);
+        assert_eq!(rotation(AXES.rotation_out(rotation_in(turn))), turn);
+    }
+
+    #[test]
+    fn a_spin_and_a_torque_come_back_as_they_were() {
+        let spin = Vec3::new(0.5, -2.0, 7.0);
+        assert_eq!(vector(AXES.angular_out(angular_in(spin))), spin);
+        // Metres and kilograms: a torque has the same number inside.
+        assert_eq!(torque_in(spin), angular_in(spin));
     }
 }

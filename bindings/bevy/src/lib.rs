@@ -59,19 +59,12 @@
 //! of the frame. Commands are sent by [`RhumbSystems::Send`] in `Last`, or earlier by the next step.
 #![forbid(unsafe_code)]
 
-mod axes;
-mod body;
 mod client;
 mod entities;
-mod interpolation;
-mod join;
-mod messages;
 mod plugin;
 
-pub use body::{RhumbBodyId, RhumbErrorBound, RhumbState};
-pub use client::RhumbClient;
-pub use join::RhumbJoin;
-pub use messages::{RhumbEnded, RhumbJoinFailed, RhumbMessage};
+pub use client::{RhumbClient, RhumbEnded, RhumbJoin, RhumbJoinFailed, RhumbMessage};
+pub use entities::{RhumbBodyId, RhumbErrorBound, RhumbState};
 pub use plugin::{RhumbPlugin, RhumbSystems};
 pub use rhumb_client;
 

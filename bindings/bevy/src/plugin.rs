@@ -14,12 +14,10 @@ use rhumb_client::PipelineDepth;
 use rhumb_client::scene::Stepping;
 use tracing::{error, warn};
 
-use crate::body::{RhumbBodyId, RhumbErrorBound};
-use crate::client::RhumbClient;
-use crate::entities::BodyEntities;
-use crate::interpolation::{begin_step, interpolate};
-use crate::join::{RhumbJoin, finish_join};
-use crate::messages::{RhumbEnded, RhumbJoinFailed, RhumbMessage};
+use crate::client::{
+    RhumbClient, RhumbEnded, RhumbJoin, RhumbJoinFailed, RhumbMessage, finish_join,
+};
+use crate::entities::{BodyEntities, RhumbBodyId, RhumbErrorBound, begin_step, interpolate};
 
 /// Follows the scene of the resource [`RhumbClient`], if there is one.
 #[derive(Clone, Copy, Debug)]
