@@ -8,8 +8,7 @@ use rhumb_protocol::scene::{
     WheelInput,
 };
 
-use crate::argument::Argument;
-use crate::failure::Failure;
+use crate::argument::{Argument, Failure};
 
 /// A command of a kind; `None` for a kind that is not one of these.
 pub(crate) fn command(from: &Argument<'_>, kind: &str) -> Result<Option<Command>, Failure> {

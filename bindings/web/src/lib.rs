@@ -6,13 +6,8 @@
 
 mod argument;
 mod columns;
-mod digest;
-mod event_json;
-mod failure;
 mod generated;
-mod join_argument;
 mod member;
-mod object;
 mod scene_argument;
 mod scene_json;
 
@@ -24,9 +19,8 @@ use rhumb_reckoning::Tick;
 use rhumb_view::{InvalidTicks, RenderTime};
 use serde_json::{Value, json};
 
-use crate::argument::{Argument, body_of, id_number};
+use crate::argument::{Argument, Failure, body_of, id_number};
 use crate::columns::Columns;
-use crate::failure::Failure;
 use crate::member::{MemberOptions, WebMember, moment};
 
 // JavaScript reads these as plain numbers in a row.
@@ -342,7 +336,7 @@ pub extern "C" fn resume_within(member: u32) -> f64 {
 #[unsafe(no_mangle)]
 pub extern "C" fn change_stream(member: u32) -> u32 {
     done(parsed().and_then(|json| {
-        let choice = join_argument::stream(&Argument::new(&json, "stream"))?;
+        let choice = scene_argument::stream(&Argument::new(&json, "stream"))?;
         call(member, |member| member.change_stream(choice))
     }))
 }
@@ -351,7 +345,7 @@ pub extern "C" fn change_stream(member: u32) -> u32 {
 #[unsafe(no_mangle)]
 pub extern "C" fn set_tier_policy(member: u32) -> u32 {
     done(parsed().and_then(|json| {
-        let policy = join_argument::tier_policy(&Argument::new(&json, "policy"))?;
+        let policy = scene_argument::tier_policy(&Argument::new(&json, "policy"))?;
         call(member, |member| member.set_tier_policy(policy))
     }))
 }
@@ -424,7 +418,7 @@ pub extern "C" fn query(member: u32) -> u32 {
 pub extern "C" fn take_authority(member: u32) -> u32 {
     done(parsed().and_then(|json| {
         let request = Argument::new(&json, "authority");
-        let tolerance = join_argument::tolerance(&request.field("tolerance")?)?;
+        let tolerance = scene_argument::tolerance(&request.field("tolerance")?)?;
         let bodies = request.field("bodies")?;
         let bodies: Vec<_> = (bodies.items()?)
             .map(|body| body.body())

@@ -15,13 +15,10 @@ use rhumb_view::{
 };
 use serde_json::{Value, json};
 
-use crate::argument::{Argument, id_number};
-use crate::columns::Columns;
-use crate::digest::digest;
-use crate::failure::Failure;
-use crate::join_argument::{JoinArguments, session_key};
-use crate::object::object;
-use crate::{event_json, scene_json};
+use crate::argument::{Argument, Failure, id_number, object};
+use crate::columns::{Columns, digest};
+use crate::scene_argument::{JoinArguments, session_key};
+use crate::scene_json;
 
 /// The one peer of a client.
 const SERVER: Peer = Peer(0);
@@ -164,7 +161,7 @@ impl WebMember {
                 return;
             }
         }
-        if let Some(mut json) = event_json::event(event) {
+        if let Some(mut json) = scene_json::event(event) {
             json["complete"] = json!(self.complete().value());
             let refusal = self
                 .joined
@@ -180,7 +177,7 @@ impl WebMember {
             if let Event::Ended(ending) = event {
                 let resumes = may_resume(*ending) && self.session.can_reconnect();
                 json["mayResume"] = json!(resumes);
-                json["message"] = json!(event_json::sentence(*ending));
+                json["message"] = json!(scene_json::sentence(*ending));
             }
             self.events.push(json);
         }
