@@ -2,9 +2,9 @@
 //!
 //! The header and the imports of C# are read out of the file that it makes.
 
-use crate::events::EVENTS;
-use crate::meaning::{Lengths, meaning};
-use crate::table::{Call, CallField, FieldKind, Owner, RecordMember, Table, ValueRecord};
+use crate::table::{
+    Call, CallField, EVENTS, FieldKind, Lengths, Owner, RecordMember, Table, ValueRecord, meaning,
+};
 use crate::text::{capital, comment, fill, pascal, snake};
 
 const HEAD: &str = "\
@@ -443,7 +443,7 @@ fn function(call: &Call) -> String {
             _ => panic!("{} of {} belongs into RhumbCommand", field.name, call.call),
         }
     }
-    let made_command = crate::rust::made(call, &CallField::snake);
+    let made_command = crate::core::made(call, &CallField::snake);
     doc += "\n\n`last` may be null; otherwise it receives the number of the command, which events name.";
     doc += &format!(
         "\n\n# Safety\n\n{}`last` is null or points to memory for a number.",

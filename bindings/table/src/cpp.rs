@@ -1,10 +1,10 @@
 //! Commands and records of the header for C++.
 
 use crate::c::{choice_name, slot};
-use crate::meaning::{Lengths, meaning};
-use crate::table::{Call, CallField, FieldKind, Owner, RecordMember, Table, ValueRecord};
-use crate::text::MadePart;
-use crate::text::{capital, comment, pascal, snake, snake_of_pascal};
+use crate::table::{
+    Call, CallField, FieldKind, Lengths, Owner, RecordMember, Table, ValueRecord, meaning,
+};
+use crate::text::{MadePart, capital, comment, pascal, snake, snake_of_pascal};
 
 /// The parts of `bindings/c/include/rhumb.hpp`.
 #[must_use]

@@ -1,8 +1,9 @@
 //! Commands, records, and the calls of a scene that take records, of C#.
 
 use crate::c::{choice_name, slot};
-use crate::meaning::{Lengths, meaning};
-use crate::table::{Call, CallField, FieldKind, Owner, RecordMember, Table, ValueRecord};
+use crate::table::{
+    Call, CallField, FieldKind, Lengths, Owner, RecordMember, Table, ValueRecord, meaning,
+};
 use crate::text::{camel, capital, comment, fill, pascal, snake};
 
 const HEAD: &str = "\

@@ -1,8 +1,9 @@
 //! Methods of Godot's nodes, and the resources that they take.
 
-use crate::meaning::{Lengths, meaning};
-use crate::rust::made;
-use crate::table::{Call, CallField, FieldKind, Owner, RecordMember, Table, ValueRecord};
+use crate::core::made;
+use crate::table::{
+    Call, CallField, FieldKind, Lengths, Owner, RecordMember, Table, ValueRecord, meaning,
+};
 use crate::text::{capital, comment, fill, pascal, snake};
 
 /// Calls whose name a property of the node has, or its setter.

@@ -1,12 +1,11 @@
 //! Methods of a scene, records and their stubs, of Python.
 
 use crate::c::choice_name;
-use crate::events::EVENTS;
-use crate::meaning::{Lengths, meaning};
-use crate::rust::{made, plain};
-use crate::table::{Call, CallField, FieldKind, Owner, RecordMember, Table, ValueRecord};
-use crate::text::MadePart;
-use crate::text::{fill, number, pascal, snake, wrapped};
+use crate::core::{made, plain};
+use crate::table::{
+    Call, CallField, EVENTS, FieldKind, Lengths, Owner, RecordMember, Table, ValueRecord, meaning,
+};
+use crate::text::{MadePart, fill, number, pascal, snake, wrapped};
 
 const HEAD: &str = "\
 //! Values that commands take, as classes of Python.
@@ -504,7 +503,7 @@ fn of_field(name: &str, field: &CallField) -> String {
         (Some(&[value]), Some(unit)) => format!(
             "; {} {} by default",
             number(value),
-            crate::meaning::symbol(unit)
+            crate::table::symbol(unit)
         ),
         (Some(&[value]), None) => format!("; {} by default", number(value)),
         (Some(&[0.0, -1.0, 0.0]), _) => "; down by default".to_owned(),

@@ -1,7 +1,7 @@
-//! The protocol's table as languages see it: calls, their fields, records.
+//! The protocol's table as languages see it: calls, fields, records, events.
 //!
 //! It has the commands that the table gives a `call`. Those whose fields are descriptions of shapes, bodies and joints have
-//! none: each language has them by hand, see [`BY_HAND`].
+//! none: each language has them by hand, see [`BY_HAND`]. The events are those of the protocol, and those of a client itself.
 
 use serde_json::Value;
 
@@ -400,3 +400,177 @@ fn text(of: &Value, key: &str) -> String {
     text.unwrap_or_else(|| panic!("{} without {key}", bare(&of.to_string())))
         .to_owned()
 }
+
+/// The units in which a language has lengths.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Lengths {
+    /// Metres.
+    Metres,
+    /// The unit of length of a scene's coordinates.
+    OfScene,
+}
+
+/// The meaning of a field, with its unit and its bounds, without a full stop.
+#[must_use]
+pub fn meaning(field: &CallField, lengths: Lengths) -> String {
+    let mut meaning = field.doc.clone();
+    if field.is_turn && lengths == Lengths::OfScene {
+        meaning += ", in left-handed coordinates to the right";
+    }
+    let unit = field.unit.as_deref().unwrap_or_default();
+    let symbol = symbol(unit);
+    let scaled = match lengths {
+        Lengths::Metres => "",
+        Lengths::OfScene => in_scene(unit),
+    };
+    if !scaled.is_empty() {
+        meaning += &format!(", {scaled}");
+    }
+    let bounds = bounds(field);
+    match (bounds.is_empty(), scaled.is_empty() && !symbol.is_empty()) {
+        (false, _) if field.kind == FieldKind::Vector => {
+            meaning += &format!(": {bounds} {symbol} along each axis");
+        }
+        (false, _) => meaning += &format!(": {bounds} {symbol}"),
+        (true, true) => meaning += &format!(", {symbol}"),
+        (true, false) => {}
+    }
+    meaning.trim_end().to_owned()
+}
+
+fn bounds(field: &CallField) -> String {
+    match field.bounds {
+        [Some(from), Some(to)] => format!("{} to {}", number(from), number(to)),
+        [None, Some(to)] if field.kind == FieldKind::Vector => {
+            format!("at most {}", number(to))
+        }
+        [None, Some(to)] => format!("{} to {}", number(-to), number(to)),
+        _ => String::new(),
+    }
+}
+
+/// A unit as a sentence has it.
+#[must_use]
+pub fn symbol(unit: &str) -> String {
+    unit.replace('2', "²").replace(' ', "·")
+}
+
+/// A unit with a length in it, where the coordinates have their own.
+fn in_scene(unit: &str) -> &'static str {
+    match unit {
+        "m" => "units of length",
+        "m/s" => "units of length per second",
+        "m/s2" => "units of length per s²",
+        _ => "",
+    }
+}
+
+/// An event: its name in words, and what it says.
+#[derive(Clone, Copy, Debug)]
+pub struct Reported {
+    /// In small letters.
+    pub name: &'static str,
+    /// A sentence, in which fields of the event have accents.
+    pub doc: &'static str,
+}
+
+const fn reported(name: &'static str, doc: &'static str) -> Reported {
+    Reported { name, doc }
+}
+
+/// All of them, in the order of their numbers.
+pub const EVENTS: [Reported; 30] = [
+    reported(
+        "commands applied",
+        "All commands up to `number` were applied or refused; they act in the step after `tick`.",
+    ),
+    reported(
+        "command refused",
+        "The command `number` was refused; `text` says why, and `body` is one that the reason names.",
+    ),
+    reported(
+        "body placed",
+        "`body` was placed in the scene, or its description was replaced.",
+    ),
+    reported("body removed", "`body` was removed; `text` says why."),
+    reported("contact began", "`body` and `other` began to touch."),
+    reported(
+        "contact ended",
+        "`body` and `other` ceased to touch, or one of them was removed.",
+    ),
+    reported(
+        "contact force",
+        "The force between `body` and `other` reached the threshold of one of them.",
+    ),
+    reported("sensor entered", "`other` entered the sensor `body`."),
+    reported("sensor left", "`other` left the sensor `body`."),
+    reported("fell asleep", "`body` fell asleep."),
+    reported("woke", "`body` woke."),
+    reported(
+        "body fault",
+        "The state of `body` was not finite, and it was removed.",
+    ),
+    reported(
+        "reached ground",
+        "The character `body` reached ground that carries it.",
+    ),
+    reported(
+        "left ground",
+        "No ground carries the character `body` any more.",
+    ),
+    reported(
+        "events missed",
+        "So many events of bodies as `number` says were not kept.",
+    ),
+    reported(
+        "stream changed",
+        "The stream changed, by request or because of the link.",
+    ),
+    reported(
+        "publisher silent",
+        "The server receives nothing from the member with authority over `body`: from `tick` on its pose is a guess, and its error bound is infinite.",
+    ),
+    reported(
+        "publisher active",
+        "It receives from that member again, or its authority has ended: from `tick` on `body` has an error bound.",
+    ),
+    reported(
+        "scene restored",
+        "The engine failed, and the scene continues from `tick` without the commands that it failed on.",
+    ),
+    reported(
+        "scene faulted",
+        "The engine failed, and the scene stands still after `tick`.",
+    ),
+    reported("scene deleted", "The scene was deleted."),
+    reported(
+        "interrupted",
+        "The connection ended, and the client tries to resume.",
+    ),
+    reported(
+        "resumed",
+        "The client continues with its session over another connection.",
+    ),
+    reported(
+        "session lost",
+        "The server does not know the session any more.",
+    ),
+    reported(
+        "durable",
+        "The scene up to `tick` survives a crash of the server.",
+    ),
+    reported(
+        "authority granted",
+        "The server granted authority over as many bodies as `number` says.",
+    ),
+    reported(
+        "authority denied",
+        "The server denied authority; `text` says why, and `body` is one that the reason names.",
+    ),
+    reported("denied", "The server denied a request; `text` says why."),
+    reported("ended", "The connection ended; `text` says why."),
+    reported(
+        "other",
+        "An event that bindings do not describe further; `text` names it.",
+    ),
+];

@@ -1,10 +1,10 @@
 //! Commands out of JSON, and their types in TypeScript.
 
-use crate::meaning::{Lengths, meaning};
-use crate::rust::made;
-use crate::table::{Call, CallField, FieldKind, Owner, RecordMember, Table, ValueRecord};
-use crate::text::MadePart;
-use crate::text::{camel, capital, fill, number, pascal, snake, wrapped};
+use crate::core::made;
+use crate::table::{
+    Call, CallField, FieldKind, Lengths, Owner, RecordMember, Table, ValueRecord, meaning,
+};
+use crate::text::{MadePart, camel, capital, fill, number, pascal, snake, wrapped};
 
 const HEAD: &str = "\
 //! Commands out of JSON, in the words of `rhumb.d.ts`.
