@@ -11,10 +11,7 @@ use crate::text::{MadePart, capital, comment, pascal, snake, snake_of_pascal};
 pub fn parts(table: &Table) -> Vec<MadePart> {
     let flat = table.calls.iter().filter(|call| call.is_flat());
     let others = table.calls.iter().filter(|call| !call.is_flat());
-    let part = |name, text| MadePart {
-        name: Some(name),
-        text,
-    };
+    let part = MadePart::named;
     vec![
         part("records", table.made().map(record).collect()),
         part("commands", flat.map(command).collect()),

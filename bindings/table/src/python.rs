@@ -43,19 +43,13 @@ pub fn methods(table: &Table) -> MadePart {
         .iter()
         .map(|calls| method(table, calls))
         .collect();
-    MadePart {
-        name: Some("commands"),
-        text: format!("\n{methods}"),
-    }
+    MadePart::named("commands", format!("\n{methods}"))
 }
 
 /// The parts of the stubs.
 #[must_use]
 pub fn stubs(table: &Table) -> Vec<MadePart> {
-    let part = |name, text| MadePart {
-        name: Some(name),
-        text,
-    };
+    let part = MadePart::named;
     let kinds: Vec<_> = EVENTS
         .iter()
         .map(|event| format!("{:?}", event.name))

@@ -122,6 +122,15 @@ pub struct MadePart {
 }
 
 impl MadePart {
+    /// What stands between the two lines of this name.
+    #[must_use]
+    pub const fn named(name: &'static str, text: String) -> Self {
+        Self {
+            name: Some(name),
+            text,
+        }
+    }
+
     /// A whole file.
     #[must_use]
     pub fn whole(text: String) -> Vec<Self> {

@@ -59,10 +59,7 @@ pub fn generated(table: &Table) -> String {
 /// The parts of `bindings/web/rhumb.d.ts`.
 #[must_use]
 pub fn types(table: &Table) -> Vec<MadePart> {
-    let part = |name, text| MadePart {
-        name: Some(name),
-        text,
-    };
+    let part = MadePart::named;
     vec![
         part("records", table.records.iter().map(interface).collect()),
         part(
