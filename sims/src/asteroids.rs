@@ -17,8 +17,7 @@ use rhumb_protocol::scene::{
 };
 use rhumb_reckoning::{BodyId, BodyState, Tick};
 
-use crate::rng::SceneRng;
-use crate::script::{Controller, INTEGRATOR, Script, flight, motion, still, surface};
+use crate::script::{Controller, INTEGRATOR, SceneRng, Script, flight, motion, still, surface};
 
 /// The rocks' rotation: with gyroscopic forces, or without them as in many engines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -20,8 +20,7 @@ use glam::{Quat, Vec3};
 use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, SceneConfig, Shape, ShapeId};
 use rhumb_reckoning::{BodyId, BodyState, Damping, Tick};
 
-use crate::rng::{Cluster, SceneRng};
-use crate::script::{INTEGRATOR, SceneBuilder, Script, motion, still, surface};
+use crate::script::{Cluster, INTEGRATOR, SceneBuilder, SceneRng, Script, motion, still, surface};
 
 /// The paper's evaluation scene.
 #[derive(Clone, Debug)]

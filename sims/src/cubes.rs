@@ -14,8 +14,7 @@ use glam::{DVec3, Vec3};
 use rhumb_protocol::scene::{BodyKind, Command, SceneConfig, Shape, Sleep, SleepThresholds};
 use rhumb_reckoning::{BodyId, BodyState, Damping, Tick};
 
-use crate::rng::SceneRng;
-use crate::script::{Controller, SceneBuilder, Script, flight, still, surface};
+use crate::script::{Controller, SceneBuilder, SceneRng, Script, flight, still, surface};
 
 /// Cubes and a player.
 #[derive(Clone, Debug)]

@@ -11,8 +11,7 @@ use glam::{Quat, Vec3};
 use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, SceneConfig, Shape, ShapeId};
 use rhumb_reckoning::{BodyId, BodyState, Damping, Tick};
 
-use crate::rng::{Cluster, SceneRng};
-use crate::script::{Controller, SceneBuilder, Script, flight, motion, surface};
+use crate::script::{Cluster, Controller, SceneBuilder, SceneRng, Script, flight, motion, surface};
 
 /// Bodies that start 20 m apart, at most 5 m/s fast upward and with spins up to 3 rad/s about each axis.
 ///

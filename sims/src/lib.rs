@@ -10,7 +10,6 @@ mod catalogue;
 mod cubes;
 mod free_fall;
 mod ragdolls;
-mod rng;
 mod script;
 mod standing;
 mod tumbler;

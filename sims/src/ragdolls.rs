@@ -13,8 +13,7 @@ use rhumb_protocol::scene::{
 };
 use rhumb_reckoning::{BodyId, Damping, Tick};
 
-use crate::rng::SceneRng;
-use crate::script::{SceneBuilder, Script, motion, still, surface};
+use crate::script::{SceneBuilder, SceneRng, Script, motion, still, surface};
 
 /// Falling dolls.
 #[derive(Clone, Debug)]

@@ -17,8 +17,7 @@ use glam::Vec3;
 use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, Material, SceneConfig, Shape, ShapeId};
 use rhumb_reckoning::{BodyId, Damping, Tick};
 
-use crate::rng::SceneRng;
-use crate::script::{SceneBuilder, Script, about_y, damped, motion, still, surface};
+use crate::script::{SceneBuilder, SceneRng, Script, about_y, damped, motion, still, surface};
 
 /// Towers and walls.
 #[derive(Clone, Debug)]

@@ -10,9 +10,8 @@ use glam::{Quat, Vec3};
 use rhumb_protocol::scene::{BodyKind, Command, SceneConfig, Shape};
 use rhumb_reckoning::{BodyId, BodyState, Tick};
 
-use crate::rng::SceneRng;
 use crate::script::{
-    Controller, INTEGRATOR, SceneBuilder, Script, about_z, damped, motion, still, surface,
+    Controller, INTEGRATOR, SceneBuilder, SceneRng, Script, about_z, damped, motion, still, surface,
 };
 
 /// A drum with bodies inside.

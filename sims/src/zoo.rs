@@ -10,8 +10,7 @@ use rhumb_protocol::scene::{
 };
 use rhumb_reckoning::{BodyId, BodyState, Damping, Tick};
 
-use crate::rng::{Cluster, SceneRng};
-use crate::script::{GRAVITY, Script, motion, still};
+use crate::script::{Cluster, GRAVITY, SceneRng, Script, motion, still};
 
 /// Every kind of body, and every command.
 #[derive(Clone, Debug)]

@@ -16,10 +16,9 @@ use rhumb_protocol::scene::{
 };
 use rhumb_reckoning::{BodyId, Rate};
 
-use crate::error::{LoadError, Place, Problem};
 use crate::inertia::{Inertia, Pose};
 use crate::model::{Drive, LoadOptions, Model, ModelBody, ModelJoint, UpAxis};
-use crate::report::{Effect, Report};
+use crate::report::{Effect, LoadError, Place, Problem, Report};
 use crate::solid::{Placement, Subject};
 
 /// A body of a loaded scene.

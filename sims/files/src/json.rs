@@ -16,10 +16,9 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::assemble::{LoadedBody, LoadedScene, rate};
-use crate::error::{LoadError, Place, Problem};
 use crate::json_joints::{SceneFileJoint, identity, is_false};
 use crate::model::LoadOptions;
-use crate::report::{Effect, Report};
+use crate::report::{Effect, LoadError, Place, Problem, Report};
 
 /// Newest version of the format.
 const VERSION: u32 = 1;

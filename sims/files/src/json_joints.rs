@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::assemble::LoadedJoint;
-use crate::error::Problem;
+use crate::report::Problem;
 
 /// A joint of two bodies.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -7,29 +7,23 @@
 #![forbid(unsafe_code)]
 
 mod assemble;
-mod error;
 mod files;
 mod inertia;
 mod json;
 mod json_joints;
 mod load;
-mod masses;
 mod mesh;
-mod mesh_files;
 mod mjcf;
 mod model;
 mod report;
-mod script;
 mod solid;
 mod urdf;
 mod xml;
 
 pub use assemble::{FreeIds, LoadedBody, LoadedJoint, LoadedScene};
-pub use error::{LoadError, Place, Problem};
 pub use files::{FileError, Files, Folder, MemoryFiles};
 pub use json::{SceneFile, SceneFileBody, SceneFilePart, SceneFileShape, SceneFileSleep};
 pub use json_joints::{SceneFileFrame, SceneFileJoint, SceneFileJointKind, SceneFileMotor};
-pub use load::{load, load_text};
+pub use load::{FileScript, NotAFile, load, load_text};
 pub use model::{Base, LoadOptions, OwnContacts, UpAxis};
-pub use report::{Effect, Note, Report};
-pub use script::{FileScript, NotAFile};
+pub use report::{Effect, LoadError, Note, Place, Problem, Report};

@@ -1,10 +1,196 @@
-//! A list of the parts of a file that a scene has not, with their places.
+//! Errors of reading a file, and the report of what a scene has not.
 //!
-//! Equal remarks about several elements are one entry with a count.
+//! Errors are a closed set. Each sentence names the value, the limit, and the place. A report lists the parts of a file that
+//! a scene has not, with their places; equal remarks about several elements are one entry with a count.
 
+use std::error::Error;
 use std::fmt;
 
-use crate::error::Place;
+use rhumb_protocol::scene::Invalid;
+
+use crate::files::FileError;
+
+/// A place in a file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Place {
+    /// The file, as it was asked for.
+    pub file: String,
+    /// Counted from one; `None`: the file as a whole.
+    pub line: Option<u32>,
+}
+
+impl Place {
+    /// The file as a whole.
+    #[must_use]
+    pub fn of(file: &str) -> Self {
+        let file = file.to_owned();
+        Self { file, line: None }
+    }
+}
+
+impl fmt::Display for Place {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.file)?;
+        self.line.map_or(Ok(()), |line| write!(f, ":{line}"))
+    }
+}
+
+/// A file that cannot be loaded.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LoadError {
+    /// File and line.
+    pub place: Place,
+    /// The problem there.
+    pub problem: Problem,
+}
+
+/// Reason why a file cannot be loaded.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Problem {
+    /// The file cannot be read.
+    File(FileError),
+    /// Its text is not well formed; the parser's sentence.
+    Syntax(String),
+    /// No reader knows such a file: its first element, or its ending.
+    UnknownFormat(String),
+    /// An element lacks an attribute or a part.
+    Missing {
+        /// The element.
+        element: String,
+        /// The part that it lacks.
+        part: &'static str,
+    },
+    /// A text is not a number, or not a finite one of at most 1e20.
+    NotANumber {
+        /// The attribute.
+        attribute: String,
+        /// Its text.
+        text: String,
+    },
+    /// An attribute has another count of numbers.
+    WrongCount {
+        /// The attribute.
+        attribute: String,
+        /// The number of its values.
+        found: usize,
+        /// The numbers that are allowed.
+        expected: &'static str,
+    },
+    /// A word that stands for nothing here.
+    UnknownWord {
+        /// The attribute.
+        attribute: String,
+        /// Its text.
+        text: String,
+    },
+    /// A name that nothing has.
+    UnknownName {
+        /// The kind of thing that it should name.
+        what: &'static str,
+        /// The name.
+        name: String,
+    },
+    /// A name that two of a kind have.
+    Twice {
+        /// Their kind.
+        what: &'static str,
+        /// The name.
+        name: String,
+    },
+    /// A link that hangs on itself.
+    Cycle(String),
+    /// A link that two joints hold.
+    TwoParents(String),
+    /// A link tree with several roots, or without one.
+    Roots(usize),
+    /// More of something than is read.
+    TooMany {
+        /// The things that are counted.
+        what: &'static str,
+        /// Their number, as far as they were counted.
+        found: usize,
+        /// The most that there may be.
+        most: usize,
+    },
+    /// A file that includes itself.
+    IncludeLoop(String),
+    /// A mesh file that is not a mesh; the parser's sentence.
+    Mesh(String),
+    /// A part that this version does not read.
+    Unsupported(&'static str),
+    /// A body, shape or joint that no scene accepts.
+    Refused {
+        /// Its name.
+        name: String,
+        /// The rule.
+        invalid: Box<Invalid>,
+    },
+    /// A number that makes no sense for the named thing.
+    Senseless {
+        /// The thing.
+        name: String,
+        /// The rule that it breaks.
+        rule: &'static str,
+    },
+}
+
+impl fmt::Display for Problem {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::File(error) => error.fmt(f),
+            Self::Syntax(cause) => write!(f, "the text is not well formed: {cause}"),
+            Self::UnknownFormat(what) => write!(
+                f,
+                "{what} is no file that is read here: URDF (robot), MJCF (mujoco) and JSON scenes are"
+            ),
+            Self::Missing { element, part } => write!(f, "{element} has no {part}"),
+            Self::NotANumber { attribute, text } => write!(
+                f,
+                "{attribute} is \"{text}\", and must be a number between -1e20 and 1e20"
+            ),
+            Self::WrongCount {
+                attribute,
+                found,
+                expected,
+            } => write!(
+                f,
+                "{attribute} has {found} numbers, and must have {expected}"
+            ),
+            Self::UnknownWord { attribute, text } => {
+                write!(f, "{attribute} is \"{text}\", which stands for nothing")
+            }
+            Self::UnknownName { what, name } => write!(f, "there is no {what} \"{name}\""),
+            Self::Twice { what, name } => write!(f, "two have the name of {what} \"{name}\""),
+            Self::Cycle(name) => write!(f, "link \"{name}\" hangs on itself"),
+            Self::TwoParents(name) => write!(f, "link \"{name}\" hangs on two joints"),
+            Self::Roots(count) => {
+                write!(
+                    f,
+                    "{count} links hang on no joint, and it must be one: the root"
+                )
+            }
+            Self::TooMany { what, found, most } => {
+                write!(
+                    f,
+                    "the number of {what} is {found} or more, and at most {most} are read"
+                )
+            }
+            Self::IncludeLoop(file) => write!(f, "{file} includes itself"),
+            Self::Mesh(cause) => write!(f, "the mesh cannot be read: {cause}"),
+            Self::Unsupported(what) => write!(f, "{what} is not read by this version"),
+            Self::Refused { name, invalid } => write!(f, "{name}: {invalid}"),
+            Self::Senseless { name, rule } => write!(f, "{name}: {rule}"),
+        }
+    }
+}
+
+impl fmt::Display for LoadError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.place, self.problem)
+    }
+}
+
+impl Error for LoadError {}
 
 /// The treatment of a part of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

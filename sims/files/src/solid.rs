@@ -9,11 +9,10 @@ use glam::{DQuat, DVec3, Vec3};
 use rhumb_protocol::limits::{EXTENT_MAX, EXTENT_MIN, TRIANGLES_MAX};
 use rhumb_protocol::scene::{Invalid, Mesh, Shape};
 
-use crate::error::Place;
 use crate::inertia::{Inertia, Pose};
 use crate::mesh::{TriangleMesh, directions, hull};
 use crate::model::Solid;
-use crate::report::{Effect, Report};
+use crate::report::{Effect, Place, Report};
 
 /// A shape and its pose in the axes of its body.
 pub(crate) struct Placement {

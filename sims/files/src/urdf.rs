@@ -8,15 +8,13 @@ use std::collections::{BTreeMap, BTreeSet};
 use glam::{DMat3, DQuat, DVec3};
 use rhumb_protocol::scene::{CollisionGroups, JointKind, JointLimits, LockedAxes};
 
-use crate::error::{LoadError, Problem};
 use crate::files::Files;
 use crate::inertia::{Inertia, Pose, along_x};
-use crate::masses;
-use crate::mesh_files::Meshes;
+use crate::mesh::Meshes;
 use crate::model::{
-    Base, Drive, LoadOptions, Model, ModelBody, ModelJoint, OwnContacts, Placed, Solid,
+    self, Base, Drive, LoadOptions, Model, ModelBody, ModelJoint, OwnContacts, Placed, Solid,
 };
-use crate::report::{Effect, Report};
+use crate::report::{Effect, LoadError, Problem, Report};
 use crate::xml::Element;
 
 /// Links of a robot.
@@ -436,8 +434,8 @@ impl Reader<'_> {
             }
         }
         let density = f64::from(self.options.density);
-        masses::settle(&mut self.bodies, &self.joints, density, self.report);
-        masses::scale(&mut self.bodies, &mut self.joints, self.report);
+        model::settle(&mut self.bodies, &self.joints, density, self.report);
+        model::scale(&mut self.bodies, &mut self.joints, self.report);
     }
 }
 
@@ -517,10 +515,10 @@ mod tests {
     use rhumb_reckoning::BodyId;
 
     use crate::assemble::LoadedScene;
-    use crate::error::LoadError;
     use crate::files::MemoryFiles;
     use crate::load::{load, load_text};
     use crate::model::{Base, LoadOptions};
+    use crate::report::LoadError;
 
     fn read(text: &str) -> Result<LoadedScene, LoadError> {
         load_text(

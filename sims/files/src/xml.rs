@@ -8,8 +8,8 @@ use std::str::FromStr;
 use glam::DVec3;
 use roxmltree::{Document, Node, ParsingOptions};
 
-use crate::error::{LoadError, Place, Problem};
 use crate::files::Files;
+use crate::report::{LoadError, Place, Problem};
 
 /// Bytes of a file of elements.
 pub(crate) const XML_BYTES_MAX: usize = 32 << 20;

@@ -6,9 +6,9 @@ use std::collections::BTreeMap;
 
 use glam::{DMat3, DQuat, DVec3};
 
-use crate::error::{LoadError, Problem};
 use crate::files::{FileError, Files, folder_of, join};
 use crate::inertia::Pose;
+use crate::report::{LoadError, Problem};
 use crate::xml::{self, Element};
 
 /// Files inside each other.

@@ -7,10 +7,9 @@ use glam::{DMat3, DQuat, DVec3};
 use rhumb_protocol::scene::{CollisionGroups, JointKind, JointLimits, LockedAxes};
 
 use super::classes::{Compiler, truth};
-use crate::error::LoadError;
 use crate::inertia::{Pose, along_x};
 use crate::model::{Drive, Model, ModelBody, ModelJoint};
-use crate::report::{Effect, Report};
+use crate::report::{Effect, LoadError, Report};
 use crate::xml::Element;
 
 /// A hinge or slide as the file has it, or a ball.

@@ -4,7 +4,6 @@
 //! Parts of the format beyond bodies, joints, shapes and their contacts are noted.
 
 mod classes;
-mod contacts;
 mod geoms;
 mod joints;
 
@@ -15,16 +14,13 @@ use rhumb_protocol::limits::BODIES_MAX;
 use rhumb_protocol::scene::{CollisionGroups, JointKind};
 
 use classes::{Classes, Compiler, InertiaFrom, expand, truth};
-use contacts::{Bits, groups};
-use geoms::{Assets, Rules, note_settings};
+use geoms::{Assets, Bits, Rules, groups, note_settings};
 use joints::{Hinge, connect};
 
-use crate::error::{LoadError, Place, Problem};
 use crate::files::Files;
 use crate::inertia::{Inertia, Pose};
-use crate::masses;
-use crate::model::{LoadOptions, Model, ModelBody, ModelJoint, OwnContacts, Placed, Solid};
-use crate::report::{Effect, Report};
+use crate::model::{self, LoadOptions, Model, ModelBody, ModelJoint, OwnContacts, Placed, Solid};
+use crate::report::{Effect, LoadError, Place, Problem, Report};
 use crate::xml::Element;
 
 /// Elements after replication.
@@ -79,13 +75,13 @@ pub(crate) fn read(
         reader.bodies(&all, None)?;
     }
     let Model { bodies, joints, .. } = &mut reader.model;
-    masses::settle(bodies, joints, f64::from(options.density), reader.report);
+    model::settle(bodies, joints, f64::from(options.density), reader.report);
     let Compiler {
         bounds, total_mass, ..
     } = reader.compiler;
-    masses::bound(bodies, bounds, total_mass);
-    masses::scale(bodies, joints, reader.report);
-    masses::add_armatures(bodies, joints, reader.report);
+    model::bound(bodies, bounds, total_mass);
+    model::scale(bodies, joints, reader.report);
+    model::add_armatures(bodies, joints, reader.report);
     let excluded = reader.excluded(&root)?;
     reader.equalities(&root)?;
     if options.own_contacts == OwnContacts::AsFile {
@@ -621,11 +617,10 @@ mod tests {
     use rhumb_reckoning::BodyId;
 
     use crate::assemble::LoadedScene;
-    use crate::error::LoadError;
     use crate::files::MemoryFiles;
     use crate::load::{load, load_text};
     use crate::model::LoadOptions;
-    use crate::report::Effect;
+    use crate::report::{Effect, LoadError};
 
     fn read(inside: &str) -> Result<LoadedScene, LoadError> {
         let text = format!("<mujoco model='m'>\n{inside}</mujoco>");
