@@ -214,7 +214,7 @@ impl Drive {
 }
 
 /// Gives every body that moves a mass and moments. `density`: of shapes, kg/m³.
-pub(crate) fn settle(
+pub(crate) fn settle_masses(
     bodies: &mut [ModelBody],
     joints: &[ModelJoint],
     density: f64,
@@ -295,7 +295,11 @@ fn give_mass(body: &mut ModelBody, held: &Inertia, density: f64, report: &mut Re
 
 /// Scales a file whose every body is lighter than the least body of a scene, so that the lightest has that mass: the motion
 /// of its parts stays as it was.
-pub(crate) fn scale(bodies: &mut [ModelBody], joints: &mut [ModelJoint], report: &mut Report) {
+pub(crate) fn scale_masses(
+    bodies: &mut [ModelBody],
+    joints: &mut [ModelJoint],
+    report: &mut Report,
+) {
     let own = bodies.iter().filter(|body| !body.fixed);
     let masses = own.map(|body| body.inertia.mass);
     let (least, most) = masses.fold((f64::MAX, 0.0_f64), |(least, most), mass| {
@@ -323,7 +327,7 @@ pub(crate) fn scale(bodies: &mut [ModelBody], joints: &mut [ModelJoint], report:
 }
 
 /// Raises masses and moments to their least ones, kg and kg·m², and scales all to a whole mass, kg, where one is given.
-pub(crate) fn bound(bodies: &mut [ModelBody], [mass, moment]: [f64; 2], total: Option<f64>) {
+pub(crate) fn bound_masses(bodies: &mut [ModelBody], [mass, moment]: [f64; 2], total: Option<f64>) {
     for body in bodies.iter_mut().filter(|body| !body.fixed) {
         body.inertia.mass = body.inertia.mass.max(mass);
         if moment > 0.0 {

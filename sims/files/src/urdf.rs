@@ -12,7 +12,8 @@ use crate::files::Files;
 use crate::inertia::{Inertia, Pose, along_x};
 use crate::mesh::Meshes;
 use crate::model::{
-    self, Base, Drive, LoadOptions, Model, ModelBody, ModelJoint, OwnContacts, Placed, Solid,
+    Base, Drive, LoadOptions, Model, ModelBody, ModelJoint, OwnContacts, Placed, Solid,
+    scale_masses, settle_masses,
 };
 use crate::report::{Effect, LoadError, Problem, Report};
 use crate::xml::Element;
@@ -434,8 +435,8 @@ impl Reader<'_> {
             }
         }
         let density = f64::from(self.options.density);
-        model::settle(&mut self.bodies, &self.joints, density, self.report);
-        model::scale(&mut self.bodies, &mut self.joints, self.report);
+        settle_masses(&mut self.bodies, &self.joints, density, self.report);
+        scale_masses(&mut self.bodies, &mut self.joints, self.report);
     }
 }
 

@@ -19,7 +19,10 @@ use joints::{Hinge, connect};
 
 use crate::files::Files;
 use crate::inertia::{Inertia, Pose};
-use crate::model::{self, LoadOptions, Model, ModelBody, ModelJoint, OwnContacts, Placed, Solid};
+use crate::model::{
+    LoadOptions, Model, ModelBody, ModelJoint, OwnContacts, Placed, Solid, add_armatures,
+    bound_masses, scale_masses, settle_masses,
+};
 use crate::report::{Effect, LoadError, Place, Problem, Report};
 use crate::xml::Element;
 
@@ -75,13 +78,13 @@ pub(crate) fn read(
         reader.bodies(&all, None)?;
     }
     let Model { bodies, joints, .. } = &mut reader.model;
-    model::settle(bodies, joints, f64::from(options.density), reader.report);
+    settle_masses(bodies, joints, f64::from(options.density), reader.report);
     let Compiler {
         bounds, total_mass, ..
     } = reader.compiler;
-    model::bound(bodies, bounds, total_mass);
-    model::scale(bodies, joints, reader.report);
-    model::add_armatures(bodies, joints, reader.report);
+    bound_masses(bodies, bounds, total_mass);
+    scale_masses(bodies, joints, reader.report);
+    add_armatures(bodies, joints, reader.report);
     let excluded = reader.excluded(&root)?;
     reader.equalities(&root)?;
     if options.own_contacts == OwnContacts::AsFile {
