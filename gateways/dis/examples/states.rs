@@ -8,8 +8,8 @@ use std::time::Duration;
 
 use rhumb_dis::geodesy::{Geodetic, SceneAxes, TangentFrame};
 use rhumb_dis::glam::{DQuat, DVec3};
+use rhumb_dis::pdu::TimeBase;
 use rhumb_dis::published::{Kind, Observed, Publisher, PublisherConfig};
-use rhumb_dis::timestamp::TimeBase;
 
 const GRAVITY: DVec3 = DVec3::new(0.0, -9.81, 0.0);
 

@@ -11,9 +11,8 @@ use glam::{DQuat, DVec3};
 
 use crate::entity::{DEACTIVATED, EntityId, EntityState, EntityType, Kinematics, Marking};
 use crate::geodesy::{SceneAxes, TangentFrame};
-use crate::pdu::{Body, Bundle, Malformed, Pdu};
+use crate::pdu::{Body, Bundle, Malformed, Pdu, TimeBase, Timestamp};
 use crate::published::predicted;
-use crate::timestamp::{TimeBase, Timestamp};
 
 /// Settings for foreign entities.
 #[derive(Clone, Copy, Debug, PartialEq)]

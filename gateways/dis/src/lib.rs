@@ -14,11 +14,8 @@
 //! [`rules`] say what bodies and entities become.
 #![forbid(unsafe_code)]
 
-pub use glam;
-
 pub mod dead_reckoning;
 pub mod entity;
-mod fields;
 pub mod foreign;
 #[cfg(feature = "gateway")]
 pub mod gateway;
@@ -26,9 +23,8 @@ pub mod geodesy;
 pub mod pdu;
 pub mod published;
 #[cfg(feature = "gateway")]
-pub mod report;
-#[cfg(feature = "gateway")]
 pub mod rules;
 #[cfg(feature = "gateway")]
 pub mod socket;
-pub mod timestamp;
+
+pub use glam;

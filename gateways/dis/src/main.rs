@@ -15,14 +15,12 @@ use rhumb_client::{
 };
 use rhumb_dis::entity::{EntityType, Marking};
 use rhumb_dis::foreign::ForeignConfig;
-use rhumb_dis::gateway::{Gateway, GatewayConfig};
+use rhumb_dis::gateway::{Gateway, GatewayConfig, Report};
 use rhumb_dis::geodesy::{Geodetic, SceneAxes, TangentFrame};
-use rhumb_dis::pdu::ENTITY_STATE_BYTES;
+use rhumb_dis::pdu::{ENTITY_STATE_BYTES, TimeBase};
 use rhumb_dis::published::{Kind, PublisherConfig};
-use rhumb_dis::report::Report;
 use rhumb_dis::rules::{Rules, shape};
 use rhumb_dis::socket::{DisSocket, PortUse, SocketOptions, StampClock};
-use rhumb_dis::timestamp::TimeBase;
 
 /// A scene's bodies as DIS entities, and the entities of others as its bodies.
 #[derive(Debug, Parser)]

@@ -14,8 +14,7 @@ use crate::entity::{
     DEACTIVATED, DeadReckoning, EntityId, EntityState, EntityType, FROZEN, Kinematics, Marking,
 };
 use crate::geodesy::{SceneAxes, TangentFrame};
-use crate::pdu::{Body, ENTITY_STATE_BYTES, Header, Pdu};
-use crate::timestamp::{TimeBase, Timestamp};
+use crate::pdu::{Body, ENTITY_STATE_BYTES, Header, Pdu, TimeBase, Timestamp};
 
 /// The DIS type of bodies of one kind, and the thresholds for their states.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -8,9 +8,8 @@ use std::time::Duration;
 use rhumb_dis::foreign::{ForeignConfig, ForeignEntities};
 use rhumb_dis::geodesy::{Geodetic, SceneAxes, TangentFrame};
 use rhumb_dis::glam::{DQuat, DVec3};
-use rhumb_dis::pdu::{Bundle, Pdu};
+use rhumb_dis::pdu::{Bundle, Pdu, TimeBase};
 use rhumb_dis::published::{Kind, Observed, Publisher, PublisherConfig};
-use rhumb_dis::timestamp::TimeBase;
 
 /// Most entities of the target.
 const ENTITIES: usize = 3;

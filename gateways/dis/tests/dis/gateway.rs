@@ -16,11 +16,10 @@ use rhumb_dis::entity::{EntityState, EntityType};
 use rhumb_dis::foreign::{ForeignConfig, ForeignEntities};
 use rhumb_dis::gateway::{Gateway, GatewayConfig};
 use rhumb_dis::geodesy::{Geodetic, SceneAxes, TangentFrame};
-use rhumb_dis::pdu::{Body, Bundle};
+use rhumb_dis::pdu::{Body, Bundle, TimeBase};
 use rhumb_dis::published::{Kind, Observed, Publisher, PublisherConfig, predicted};
 use rhumb_dis::rules::Rules;
 use rhumb_dis::socket::{DisSocket, PortUse, SocketOptions};
-use rhumb_dis::timestamp::TimeBase;
 use rhumb_protocol::Instant;
 use rhumb_scene::{Limits, SceneRouter, SceneSettings};
 

@@ -12,8 +12,7 @@ use rhumb_dis::entity::{
     DeadReckoning, EntityId, EntityState, EntityStateUpdate, EntityType, Kinematics, Marking,
     RemoveEntity,
 };
-use rhumb_dis::pdu::{Body, Bundle, Header, Pdu};
-use rhumb_dis::timestamp::Timestamp;
+use rhumb_dis::pdu::{Body, Bundle, Header, Pdu, Timestamp};
 
 fn id() -> impl Strategy<Value = EntityId> {
     (any::<u16>(), any::<u16>(), any::<u16>()).prop_map(|(site, application, entity)| EntityId {
