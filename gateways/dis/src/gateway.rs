@@ -15,6 +15,7 @@ use rhumb_client::{
     AuthorityError, BodyId, BodyState, Client, ClientError, Event, Metres, Misuse, Replica,
     Tolerance,
 };
+use rhumb_protocol::limits::AUTHORITY_BODIES_MAX;
 
 use crate::entity::EntityId;
 use crate::foreign::{ForeignConfig, ForeignEntities, ForeignPose, ForeignStatistics};
@@ -95,8 +96,6 @@ struct Authority {
 
 /// Pause after a denial, and after a body was refused or removed by others.
 const PAUSE: Duration = Duration::from_secs(1);
-/// Most bodies over which a member has authority.
-const BODIES_MAX: usize = 256;
 
 impl Gateway {
     /// A gateway of this member, whose client reports refusals as events alone.
@@ -280,7 +279,8 @@ impl Gateway {
     /// Adds the body of an entity; `None` while it has to wait.
     fn add(&mut self, pose: &ForeignPose, now: Duration) -> Result<Option<BodyId>, ClientError> {
         let authority = &mut self.authority;
-        if authority.absent.contains_key(&pose.id) || authority.bodies.len() >= BODIES_MAX {
+        if authority.absent.contains_key(&pose.id) || authority.bodies.len() >= AUTHORITY_BODIES_MAX
+        {
             return Ok(None);
         }
         let shape = self.rules.shape_of(pose.entity_type).clone();
