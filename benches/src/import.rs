@@ -1,13 +1,20 @@
-//! `rhumb-bench import`: a recording of another program as an `.rhtrace`.
+//! `rhumb-bench import` and `check`: recordings of other programs.
+//!
+//! An import becomes an `.rhtrace`. A check says what a recording tells of the engine behind it. Velocities are compared
+//! with poses under several readings: exchanged, along the body's axes, in degrees, of rotations with w first. If another
+//! reading than the usual one fits, a warning says so: the recording would pass as it is, and cost two to three times the
+//! bytes.
 
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::Args;
+use glam::{DQuat, DVec3};
 
 use crate::output::{OutputError, print_text};
-use crate::recording::{Recording, RecordingSource, write_rhtrace};
+use crate::recording::fit::{self, BodyPath, Found, Paths};
+use crate::recording::{Recording, RecordingSource, Velocities, write_rhtrace};
 use crate::task::{Failure, ended};
 
 /// Arguments: the recording, the file to write.
@@ -62,4 +69,461 @@ fn write(recording: &Recording, path: &Path) -> Result<usize, OutputError> {
     let mut file = std::fs::File::create(path).map_err(failed)?;
     file.write_all(&bytes).map_err(failed)?;
     Ok(bytes.len())
+}
+
+/// Arguments: the recording.
+#[derive(Clone, Debug, Args)]
+pub struct Check {
+    #[command(flatten)]
+    source: RecordingSource,
+}
+
+/// Prints what is found. Exit code 0 if the recording is read, whatever is found; 1 otherwise.
+pub fn check(arguments: &Check) -> ExitCode {
+    ended(check_one(arguments))
+}
+
+fn check_one(arguments: &Check) -> Result<(), Failure> {
+    let recording = arguments.source.read()?;
+    let lines = findings(&recording);
+    Ok(print_text(&(lines.join("\n") + "\n"))?)
+}
+
+/// The findings, a line each; warnings last.
+#[must_use]
+pub fn findings(recording: &Recording) -> Vec<String> {
+    let paths = fit::paths(recording);
+    let Paths { bodies, frames } = &paths;
+    let found = fit::find(recording, bodies);
+    let rate = recording.integrator.rate;
+    let mut lines = vec![format!(
+        "{} bodies that can move, {} frames at {:.6} Hz; {} of {} moving poses are of bodies in free motion",
+        bodies.len(),
+        recording.ticks() + 1,
+        f64::from(rate.ticks()) / f64::from(rate.seconds()),
+        found.free[0],
+        found.free[1],
+    )];
+    let mut warnings = Vec::new();
+    if *frames <= recording.ticks() as usize {
+        lines.push(format!(
+            "the first {frames} frames are looked at: later ones of so many bodies need too much memory"
+        ));
+    }
+    engine(recording, &found, &mut lines, &mut warnings);
+    velocities(recording, bodies, &mut lines, &mut warnings);
+    lines.extend(warnings.into_iter().map(|text| format!("warning: {text}")));
+    lines
+}
+
+fn vector(of: DVec3) -> String {
+    format!("{:.4},{:.4},{:.4}", of.x, of.y, of.z)
+}
+
+/// Largest difference of gravity that counts as equal, m/s².
+const GRAVITY_SLACK: f64 = 0.1;
+
+/// Gravity, substeps, damping, inertia and centres.
+fn engine(
+    recording: &Recording,
+    found: &Found,
+    lines: &mut Vec<String>,
+    warnings: &mut Vec<String>,
+) {
+    let Some(gravity) = found.gravity else {
+        warnings.push(
+            "no body is in free motion for eight frames: of the engine nothing is found".to_owned(),
+        );
+        return;
+    };
+    let up = [("x", DVec3::X), ("y", DVec3::Y), ("z", DVec3::Z)].into_iter();
+    let axis = up.flat_map(|(name, axis)| [(name.to_owned(), axis), (format!("-{name}"), -axis)]);
+    let up = axis.min_by(|a, b| a.1.dot(gravity).total_cmp(&b.1.dot(gravity)));
+    let up = match up {
+        Some((name, _)) if gravity.length() > GRAVITY_SLACK => format!("{name} points up"),
+        _ => "there is none".to_owned(),
+    };
+    lines.push(format!("gravity {} m/s²: {up}", vector(gravity)));
+    if (gravity - recording.gravity.as_dvec3()).length() > GRAVITY_SLACK {
+        warnings.push(format!(
+            "the recording is read with gravity {}: --gravity {}, or --fit",
+            vector(recording.gravity.as_dvec3()),
+            vector(gravity)
+        ));
+    }
+    if let Some(fall) = found.fall {
+        let steps = fit::substeps(fall).map_or_else(
+            || "as none of this engine's steps do".to_owned(),
+            |count| format!("{count} substeps"),
+        );
+        lines.push(format!(
+            "a body falls {fall:.3} g·t² in a tick beside its velocity: {steps}"
+        ));
+    }
+    if let Some([linear, angular]) = found.kept {
+        let rates = [linear, angular].map(|kept| -kept.ln());
+        let shares = [linear, angular].map(|kept| 1.0 - kept);
+        lines.push(format!(
+            "damping: exponential {:.4} and {:.4} 1/s (linear, angular); by Bullet's formula {:.4} and {:.4}",
+            rates[0], rates[1], shares[0], shares[1]
+        ));
+    }
+    spins(recording, found, lines, warnings);
+}
+
+/// Inertia and centres.
+fn spins(
+    recording: &Recording,
+    found: &Found,
+    lines: &mut Vec<String>,
+    warnings: &mut Vec<String>,
+) {
+    lines.push(format!(
+        "spin: {} bodies wander as their unequal moments say, {} keep their spin",
+        found.inertias.len(),
+        found.constant.len()
+    ));
+    if let Some((id, (moments, _))) = found.inertias.iter().next() {
+        let least = moments.iter().copied().fold(f64::MAX, f64::min);
+        let ratios = moments.map(|moment| format!("{:.3}", moment / least));
+        lines.push(format!(
+            "moments of body {}: {}",
+            id.index(),
+            ratios.join(" : ")
+        ));
+    }
+    let known = recording
+        .truth
+        .placed
+        .iter()
+        .filter(|placed| placed.inertia.is_some())
+        .count();
+    if known + recording.inertias.len() < found.inertias.len() {
+        warnings.push(
+            "bodies wander, and the file has no inertia: --fit takes what is found".to_owned(),
+        );
+    }
+    if known > 0 && found.constant.len() > found.inertias.len() {
+        warnings.push(
+            "the file has inertia, and the bodies keep their spin as if they had none: --fit"
+                .to_owned(),
+        );
+    }
+    if let Some((id, centre)) = found.centres.iter().next() {
+        warnings.push(format!(
+            "the positions of {} bodies are not those of their centres of mass; that of body {} is at {} m in its axes: --fit",
+            found.centres.len(),
+            id.index(),
+            vector(*centre)
+        ));
+    }
+}
+
+/// A pose with its recorded velocities, and those that the poses beside it say.
+struct Sample {
+    rotation: DQuat,
+    linear: DVec3,
+    angular: DVec3,
+    moved: DVec3,
+    turned: DVec3,
+    /// As if the stored rotations had w first.
+    turned_w_first: DVec3,
+}
+
+/// Most samples: further ones hardly change a median.
+const SAMPLES_MAX: usize = 20_000;
+
+fn samples(paths: &[BodyPath], step_s: f64) -> Vec<Sample> {
+    let all: usize = paths.iter().map(|path| path.states.len()).sum();
+    let stride = (all / SAMPLES_MAX).max(1);
+    let mut samples = Vec::new();
+    for path in paths {
+        for three in path.states.windows(3).step_by(stride) {
+            let [before, here, after] = [0, 1, 2].map(|place| three[place].motion());
+            let moved = (after.pose().position - before.pose().position) / (2.0 * step_s);
+            let turn = |reading: fn(DQuat) -> DQuat| {
+                let [a, b] = [&before, &after].map(|motion| reading(motion.pose().rotation));
+                (b * a.conjugate()).to_scaled_axis_short() / (2.0 * step_s)
+            };
+            if before.pose() == after.pose() {
+                continue;
+            }
+            samples.push(Sample {
+                rotation: here.pose().rotation,
+                linear: here.twist().linear,
+                angular: here.twist().angular,
+                moved,
+                turned: turn(|q| q),
+                turned_w_first: turn(|q| DQuat::from_xyzw(q.y, q.z, q.w, q.x)),
+            });
+        }
+    }
+    samples
+}
+
+/// The axis times the angle of the shorter way.
+trait ShortTurn {
+    fn to_scaled_axis_short(self) -> DVec3;
+}
+
+impl ShortTurn for DQuat {
+    fn to_scaled_axis_short(self) -> DVec3 {
+        if self.w < 0.0 { -self } else { self }.to_scaled_axis()
+    }
+}
+
+/// The distance of a reading from what the poses say: the median, as a share of the median speed.
+fn off(samples: &[Sample], pair: impl Fn(&Sample) -> (DVec3, DVec3)) -> f64 {
+    let median = |mut values: Vec<f64>| {
+        values.sort_by(f64::total_cmp);
+        values.get(values.len() / 2).copied().unwrap_or_default()
+    };
+    let distance = samples.iter().map(|sample| {
+        let (read, said) = pair(sample);
+        (read - said).length()
+    });
+    let said = median(
+        samples
+            .iter()
+            .map(|sample| pair(sample).1.length())
+            .collect(),
+    );
+    median(distance.collect()) / said.max(1e-9)
+}
+
+/// A reading agrees if it is off by less than this.
+const AGREES: f64 = 0.1;
+
+/// Readings of the linear velocities, and how far each is off; the first is right.
+fn linear_readings(samples: &[Sample]) -> Vec<(&'static str, f64)> {
+    vec![
+        ("world axes", off(samples, |s| (s.linear, s.moved))),
+        (
+            "the body's axes",
+            off(samples, |s| (s.rotation * s.linear, s.moved)),
+        ),
+        (
+            "exchanged with the angular ones",
+            off(samples, |s| (s.angular, s.moved)),
+        ),
+        (
+            "of the opposite sign",
+            off(samples, |s| (-s.linear, s.moved)),
+        ),
+    ]
+}
+
+/// Readings of the angular velocities, and how far each is off; the first is right.
+fn angular_readings(samples: &[Sample]) -> Vec<(&'static str, f64)> {
+    let degree = std::f64::consts::PI / 180.0;
+    vec![
+        ("world axes", off(samples, |s| (s.angular, s.turned))),
+        (
+            "the body's axes",
+            off(samples, |s| (s.rotation * s.angular, s.turned)),
+        ),
+        (
+            "exchanged with the linear ones",
+            off(samples, |s| (s.linear, s.turned)),
+        ),
+        (
+            "in degrees",
+            off(samples, |s| (s.angular * degree, s.turned)),
+        ),
+        (
+            "of the opposite sign",
+            off(samples, |s| (-s.angular, s.turned)),
+        ),
+        (
+            "right if rotations have w first",
+            off(samples, |s| (s.angular, s.turned_w_first)),
+        ),
+    ]
+}
+
+/// Compares velocities with poses.
+fn velocities(
+    recording: &Recording,
+    paths: &[BodyPath],
+    lines: &mut Vec<String>,
+    warnings: &mut Vec<String>,
+) {
+    if recording.velocities == Velocities::Fitted {
+        warnings.push("the file has no velocities; those that are fitted cost more updates than an engine's own".to_owned());
+        return;
+    }
+    let samples = samples(paths, recording.integrator.rate.step().seconds());
+    if samples.is_empty() {
+        return;
+    }
+    let (linear, angular) = (linear_readings(&samples), angular_readings(&samples));
+    let is_zero = |of: fn(&Sample) -> DVec3| samples.iter().all(|sample| of(sample) == DVec3::ZERO);
+    for (name, readings, zero) in [
+        ("linear", &linear[..], is_zero(|s| s.linear)),
+        ("angular", &angular[..], is_zero(|s| s.angular)),
+    ] {
+        let moves = samples
+            .iter()
+            .any(|s| if name == "linear" { s.moved } else { s.turned } != DVec3::ZERO);
+        let Some(best) = readings
+            .iter()
+            .min_by(|a, b| a.1.total_cmp(&b.1))
+            .filter(|_| moves)
+        else {
+            continue;
+        };
+        if zero {
+            warnings.push(format!(
+                "all {name} velocities are zero although bodies move"
+            ));
+        } else if readings[0].1 <= AGREES {
+            lines.push(format!(
+                "{name} velocities: world axes, off by {:.2} % in the middle",
+                100.0 * readings[0].1
+            ));
+        } else if best.1 <= AGREES {
+            warnings.push(format!(
+                "{name} velocities are {} ({:.2} % off; as they are {:.0} %)",
+                best.0,
+                100.0 * best.1,
+                100.0 * readings[0].1
+            ));
+        } else {
+            warnings.push(format!(
+                "{name} velocities agree with the poses by no reading: {:.0} % off",
+                100.0 * readings[0].1
+            ));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::recording::{ReadOptions, read_bytes};
+
+    /// Two boxes that tumble and fall, whose columns `put` may change.
+    fn rows(put: fn(&mut [f64; 13])) -> Recording {
+        let mut text = "time,body,x,y,z,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz\n".to_owned();
+        let step = 0.01;
+        let moments = DVec3::new(1.0, 2.0, 2.4);
+        for body in 0..2 {
+            let side = f64::from(body);
+            let mut q = DQuat::from_rotation_x(0.3 + side);
+            let mut w = DVec3::new(2.0, 3.0 + side, -1.0);
+            let (mut p, mut v) = (
+                DVec3::new(side, 20.0, 0.0),
+                DVec3::new(1.0, 3.0, 0.5 - side),
+            );
+            for frame in 0..150 {
+                let turn = q.to_array();
+                let mut row = [0.0; 13];
+                row[..3].copy_from_slice(&p.to_array());
+                row[3..7].copy_from_slice(&turn);
+                row[7..10].copy_from_slice(&v.to_array());
+                row[10..].copy_from_slice(&w.to_array());
+                put(&mut row);
+                let numbers: Vec<String> = row.iter().map(f64::to_string).collect();
+                text += &format!(
+                    "{},b{body},{}\n",
+                    f64::from(frame) * step,
+                    numbers.join(",")
+                );
+                v += DVec3::NEG_Y * (9.81 * step);
+                p += v * step;
+                for _ in 0..50 {
+                    let own = q.conjugate() * w;
+                    let torque = -own.cross(own * moments);
+                    let own = own + torque / moments * (step / 50.0);
+                    q = (q * DQuat::from_scaled_axis(own * (step / 50.0))).normalize();
+                    w = q * own;
+                }
+            }
+        }
+        read_bytes("rows", text.as_bytes(), &ReadOptions::default()).expect("sound")
+    }
+
+    #[test]
+    fn gravity_substeps_and_moments_are_found_in_poses_and_velocities() {
+        let recording = rows(|_| ());
+        let found = fit::find(&recording, &fit::paths(&recording).bodies);
+        let gravity = found.gravity.expect("it falls");
+        assert!((gravity - DVec3::NEG_Y * 9.81).length() < 0.02, "{gravity}");
+        assert_eq!(found.fall.and_then(fit::substeps), Some(1));
+        assert_eq!((found.inertias.len(), found.constant.len()), (2, 0));
+        for (moments, _) in found.inertias.values() {
+            let mut moments = *moments;
+            moments.sort_by(f64::total_cmp);
+            assert!((moments[1] / moments[0] - 2.0).abs() < 0.05, "{moments:?}");
+            assert!((moments[2] / moments[0] - 2.4).abs() < 0.05, "{moments:?}");
+        }
+        let kept = found.kept.expect("it moves");
+        assert!(
+            kept.iter().all(|kept| (kept - 1.0).abs() < 2e-3),
+            "{kept:?}"
+        );
+        assert!(found.centres.is_empty(), "{:?}", found.centres);
+        let text = findings(&recording).join("\n");
+        assert!(
+            text.contains("y points up") && text.contains("world axes"),
+            "{text}"
+        );
+        assert!(
+            text.contains("warning: the recording is read with gravity"),
+            "{text}"
+        );
+        assert!(
+            text.contains("warning: bodies wander, and the file has no inertia"),
+            "{text}"
+        );
+    }
+
+    #[test]
+    fn velocities_that_are_not_what_they_should_be_are_named() {
+        type Change = fn(&mut [f64; 13]);
+        let cases: [(Change, &str); 5] = [
+            (
+                |row| row[7..].rotate_left(3),
+                "linear velocities are exchanged",
+            ),
+            (|row| row[10..].fill(0.0), "all angular velocities are zero"),
+            (
+                |row| row[10..].iter_mut().for_each(|w| *w *= 57.295_779_513),
+                "in degrees",
+            ),
+            (|row| row[3..7].rotate_right(1), "rotations have w first"),
+            (
+                |row| {
+                    let q = DQuat::from_slice(&row[3..7]);
+                    let own = q.conjugate() * DVec3::from_slice(&row[10..]);
+                    row[10..].copy_from_slice(&own.to_array());
+                },
+                "angular velocities are the body's axes",
+            ),
+        ];
+        for (put, part) in cases {
+            let text = findings(&rows(put)).join("\n");
+            assert!(text.contains(part), "{part}: {text}");
+        }
+    }
+
+    #[test]
+    fn a_place_beside_the_centre_is_found_and_fitted_away() {
+        let mut recording = rows(|row| {
+            let arm = DQuat::from_slice(&row[3..7]) * DVec3::new(0.05, 0.0, -0.02);
+            (0..3).for_each(|axis| row[axis] -= arm[axis]);
+        });
+        let found = fit::find(&recording, &fit::paths(&recording).bodies);
+        assert_eq!(found.centres.len(), 2);
+        let centre = found.centres.values().next().expect("two");
+        assert!(
+            (*centre - DVec3::new(0.05, 0.0, -0.02)).length() < 2e-3,
+            "{centre}"
+        );
+        fit::apply(&mut recording, &found);
+        let found = fit::find(&recording, &fit::paths(&recording).bodies);
+        assert!(found.centres.is_empty(), "{:?}", found.centres);
+        assert_eq!(recording.inertias.len(), 2);
+        assert!((recording.gravity.y + 9.81).abs() < 0.02);
+    }
 }

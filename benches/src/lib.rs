@@ -5,7 +5,6 @@
 #![forbid(unsafe_code)]
 
 pub mod ablate;
-pub mod check;
 pub mod cost;
 pub mod dis;
 pub mod drive;

@@ -4,13 +4,13 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 use rhumb_bench::ablate::{Ablate, ablate};
-use rhumb_bench::check::{Check, check};
+
 use rhumb_bench::cost::{CostArguments, cost};
 use rhumb_bench::dis::{DisArguments, dis};
 use rhumb_bench::drive::{Serve, serve};
 use rhumb_bench::evaluate::{Evaluate, evaluate};
 use rhumb_bench::fit::{FitArguments, fit};
-use rhumb_bench::import::{Import, import};
+use rhumb_bench::import::{Check, Import, check, import};
 use rhumb_bench::limit::{LimitArguments, limit};
 use rhumb_bench::load::{LoadArguments, load};
 use rhumb_bench::replay::{Replay, replay};

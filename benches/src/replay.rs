@@ -4,7 +4,6 @@
 //! recording several times, with another value of one setting each time.
 
 mod config;
-mod judge;
 mod session;
 
 use std::path::{Path, PathBuf};
@@ -14,15 +13,16 @@ use std::str::FromStr;
 use clap::Args;
 use rhumb_netsim::LinkConfig;
 
-pub(crate) use self::config::budget;
-pub use self::config::{EnabledFeatures, Feature, ReplayConfig, ReplayOptions};
-pub(crate) use self::session::tally;
-pub use self::session::{ReplayError, run};
 use crate::limit::{Promised, set_beside_limits};
 use crate::record::{Experiment, Load, Run, Unfinished};
 use crate::recording::{Recording, RecordingSource};
 use crate::task::{Failure, ended};
 use crate::{machine, output};
+
+pub(crate) use self::config::budget;
+pub use self::config::{EnabledFeatures, Feature, ReplayConfig, ReplayOptions};
+pub(crate) use self::session::tally;
+pub use self::session::{ReplayError, run};
 
 /// Arguments: recording, settings, output.
 #[derive(Clone, Debug, Args)]

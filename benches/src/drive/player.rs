@@ -16,9 +16,9 @@ use rhumb_scene::{Scene, StepThreads};
 use rhumb_transport::Clock;
 
 use super::app::{AppRemote, AppSetup, Defects};
-use super::error::DriveError;
 use super::process::ServerCpu;
 use super::remote::{Remote, Retention, Setup};
+use crate::drive::DriveError;
 use crate::processor::work_ns;
 use crate::record::{Frame, Mode};
 use crate::summary::DATAGRAM_HEADER_BYTES;

@@ -18,8 +18,8 @@ use rhumb_reckoning::{BodyId, Tick, Ticks, Tolerance};
 use rhumb_transport::Clock;
 
 use super::compare::{RecentTruth, ViewErrors, compare};
-use super::error::DriveError;
 use super::process::{SERVER_TIMEOUT, ScriptChoice, ServerCpu, ServerProcess};
+use crate::drive::DriveError;
 use crate::record::{Breach, CapturedPacket, Cause, CopiedPose, Frame, JoinCost, PacketDirection};
 
 /// Setup of a remote mode.

@@ -18,9 +18,9 @@ use rhumb_transport::Clock;
 
 use super::app::{AppRemote, AppSetup, Defects};
 use super::compare::{RecentTruth, TrueBody};
-use super::error::DriveError;
 use super::process::{ScriptChoice, ServerCpu, hook};
 use super::remote::{Remote, Retention, Setup};
+use crate::drive::DriveError;
 use crate::quantile::of_nanoseconds;
 use crate::record::{
     Frame, JoinCost, Load, Mode, Placed, Run, RunConfig, SubscriptionSettings, Truth,

@@ -31,7 +31,7 @@ use rhumb_reckoning::{BodyId, Integrator, Rate, Tick, Tolerance, Track};
 use rhumb_transport::Clock;
 
 use super::config::ReplayConfig;
-use super::judge::ReplayJudge;
+use crate::drive::compare::ReplayJudge;
 use crate::processor;
 use crate::record::{CapturedPacket, Frame, JoinCost, PacketDirection, Run};
 use crate::recording::{Recording, first_track};

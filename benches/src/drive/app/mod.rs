@@ -1,6 +1,5 @@
 //! The paper's protocol as a mode: its client and the measurement of it.
 
-mod messages;
 mod polled;
 mod replica;
 mod sockets;
@@ -15,18 +14,18 @@ use rhumb_protocol::scene::{Command, SceneConfig};
 use rhumb_reckoning::{BodyId, Tick};
 use rhumb_transport::Clock;
 
-use self::messages::{MessageWriter, SIMULATION};
 use self::polled::Polled;
 use self::replica::AppReplica;
 use self::sockets::{Count, Direct, Sockets, WireCounter};
+use crate::drive::DriveError;
 use crate::drive::compare::{RecentTruth, compare};
-use crate::drive::error::DriveError;
 use crate::drive::process::{ScriptChoice, ServerCpu, ServerProcess};
 use crate::drive::remote::Retention;
 use crate::record::{CapturedPacket, Cause, CopiedPose, Frame, JoinCost, Mode};
+use replica::{MessageWriter, SIMULATION};
 
-pub use self::messages::{AppError, Unsupported};
 pub use self::replica::{Defect, Defects};
+pub use replica::{AppError, Unsupported};
 
 /// A server process and its client.
 pub(in crate::drive) struct AppRemote {

@@ -4,10 +4,10 @@
 //! bytes per datagram gives bytes on the wire. A TCP segment has 12 header bytes more and is acknowledged by an empty
 //! packet of 40.
 
-use std::io::{Read, Write};
+use std::io::{self, Read, Write};
 use std::net::{SocketAddr, TcpStream, UdpSocket};
+use std::thread;
 use std::time::Duration;
-use std::{io, thread};
 
 use bytes::Bytes;
 use rhumb_app::{Message, MessageFraming};
@@ -354,7 +354,7 @@ mod tests {
     use rhumb_app::{Id, Motion};
 
     use super::*;
-    use crate::drive::app::messages::SIMULATION;
+    use crate::drive::app::replica::SIMULATION;
     use crate::drive::remote::Retention;
 
     const BODIES: u32 = 20;
