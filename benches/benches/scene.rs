@@ -7,8 +7,9 @@ use std::time::Duration;
 
 use criterion::{BatchSize, Criterion, SamplingMode};
 use rhumb_bench::setup::publishing::{ObservedRun, PublishCost, SCENARIOS, SleepLoad, TIERS};
-use rhumb_bench::setup::session::{AddLoad, HandOverLoad, JoinLoad};
+use rhumb_bench::setup::{AddLoad, HandOverLoad, JoinLoad};
 use rhumb_reckoning::Tolerance;
+
 use support::{Group, ProcessorTime, bodies, criterion, quick};
 
 /// Members of a scene whose ticks are handed over.

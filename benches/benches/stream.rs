@@ -6,10 +6,11 @@ use std::cell::LazyCell;
 use std::hint::black_box;
 
 use criterion::{BatchSize, Criterion, Throughput};
-use rhumb_bench::setup::decoding::{DecodeLoad, PacketLoad, RenderLoad, config, track};
-use rhumb_bench::setup::lanes::Lanes;
-use rhumb_bench::setup::prediction::{PredictorLoad, PrefilterLoad};
+use rhumb_bench::setup::decoding::{
+    DecodeLoad, Lanes, PacketLoad, PredictorLoad, PrefilterLoad, RenderLoad, config, track,
+};
 use rhumb_reckoning::{Grid, Metres, Predictor, Tolerance};
+
 use support::{ProcessorTime, bodies, criterion, quick};
 
 /// Bodies of setups whose work does not depend on their number.

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use criterion::measurement::{Measurement, ValueFormatter, WallTime};
 use criterion::{BenchmarkGroup, Criterion};
-use rhumb_bench::processor::ThreadMoment;
+use rhumb_bench::machine::ThreadMoment;
 
 /// Processor time of the calling thread: other programs hardly change it.
 pub(crate) struct ProcessorTime;

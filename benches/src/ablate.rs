@@ -17,13 +17,12 @@ use rhumb_netsim::LinkConfig;
 use rhumb_reckoning::Ticks;
 use serde::{Deserialize, Serialize};
 
-use crate::output;
+use crate::numbers::{aligned, markdown, number};
+use crate::output::{self, Failure, Provenance, ended};
 use crate::record::{Cause, PacketDirection, Run};
 use crate::recording::Recording;
 use crate::replay::{EnabledFeatures, Feature, ReplayConfig, run};
 use crate::standard_load::{LoadChoice, NAMES};
-use crate::summary::{aligned, markdown, number};
-use crate::task::{Failure, Provenance, ended};
 use mechanisms::{Checkout, MECHANISMS, Mechanism, Switch};
 
 /// Arguments: loads, seeds, checkout, output.

@@ -32,15 +32,13 @@ use rhumb_transport::{
 use ring::aead::{AES_256_GCM, Aad, LessSafeKey, Nonce, UnboundKey};
 use serde::{Deserialize, Serialize};
 
-use crate::processor::time_of;
-use crate::setup::decoding::{DecodeLoad, RenderLoad, TICKS, config, impulse_state, track};
-use crate::setup::lanes::Lanes;
+use crate::machine::time_of;
+use crate::numbers::{self, markdown, number};
+use crate::output::{self, Failure, Provenance, ended, write};
+use crate::setup::decoding::{DecodeLoad, Lanes, RenderLoad, TICKS, config, impulse_state, track};
 use crate::setup::publishing::{
     MEASURED, ObservedRun, PublishCost, SCENARIOS, Scenario, SleepLoad, TIERS,
 };
-use crate::summary::{markdown, number};
-use crate::task::{Failure, Provenance, ended, write};
-use crate::{output, quantile};
 
 /// Arguments: bodies, members, repeats, output.
 #[derive(Clone, Debug, Args)]
@@ -403,7 +401,7 @@ fn measure_sleeping(bodies: u32, repeats: u32) -> Sleeping {
 /// Median of several durations; zero if there are none.
 fn median(values: impl Iterator<Item = Duration>) -> Duration {
     let mut all: Vec<u64> = values.map(|value| value.as_nanos() as u64).collect();
-    Duration::from_nanos(quantile::of_nanoseconds(&mut all, 50).unwrap_or(0))
+    Duration::from_nanos(numbers::of_nanoseconds(&mut all, 50).unwrap_or(0))
 }
 
 /// Size of the shared datagram: about that of a tick of recorded cubes.

@@ -23,12 +23,11 @@ use rhumb_reckoning::{BodyId, BodyState, Metres, Radians, Tick, Tolerance};
 use serde::{Deserialize, Serialize};
 
 use crate::drive::compare::divergence;
-use crate::output;
-use crate::quantile::WithZeros;
+use crate::numbers::WithZeros;
+use crate::output::{self, Failure, Provenance, ended};
 use crate::recording::Recording;
 use crate::replay::{ReplayConfig, run};
 use crate::standard_load::LoadChoice;
-use crate::task::{self, Failure, Provenance, ended};
 
 /// Arguments: loads, output.
 #[derive(Clone, Debug, Args)]
@@ -91,7 +90,7 @@ fn compare(arguments: &DisArguments) -> Result<(), Failure> {
         rows,
     };
     let table = comparison.table();
-    task::write(&arguments.out, "dis.json", &comparison, &[("", table)])?;
+    output::write(&arguments.out, "dis.json", &comparison, &[("", table)])?;
     Ok(())
 }
 

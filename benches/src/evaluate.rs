@@ -17,10 +17,10 @@ use rhumb_sims::Script;
 
 use crate::drive::{Cores, Defect, Defects, DriveError, Plan, run_free, run_side_by_side};
 use crate::limit::set_beside_limits;
+use crate::output::{self, Failure, ended};
 use crate::record::{Experiment, Load, Mode, Run};
 use crate::recording::Recording;
-use crate::task::{Failure, ended};
-use crate::{machine, output, scripts};
+use crate::{machine, scripts};
 
 /// Arguments: which modes to run, and where to write.
 #[derive(Clone, Debug, Args)]

@@ -17,11 +17,10 @@ use rhumb_protocol::packet::{LargestPacket, SymbolCounts, Tables};
 use rhumb_protocol::stream::LOOKAHEAD_MAX;
 use rhumb_reckoning::{Metres, Radians, Ticks, Tolerance};
 
-use crate::output;
+use crate::output::{self, Failure, ended};
 use crate::record::PacketDirection;
 use crate::recording::{self, DEFAULT_TOLERANCE, ReadOptions, print_notes};
 use crate::replay::{EnabledFeatures, ReplayConfig, run, tally};
-use crate::task::{Failure, ended};
 
 /// Arguments: recordings to fit to, and the file of the tables.
 #[derive(Clone, Debug, Args)]

@@ -12,10 +12,9 @@ use std::process::ExitCode;
 use clap::Args;
 use glam::{DQuat, DVec3};
 
-use crate::output::{OutputError, print_text};
+use crate::output::{Failure, OutputError, ended, print_text};
 use crate::recording::fit::{self, BodyPath, Found, Paths};
 use crate::recording::{Recording, RecordingSource, Velocities, write_rhtrace};
-use crate::task::{Failure, ended};
 
 /// Arguments: the recording, the file to write.
 #[derive(Clone, Debug, Args)]

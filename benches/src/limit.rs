@@ -24,12 +24,11 @@ use clap::Args;
 use rhumb_reckoning::Tolerance;
 use serde::{Deserialize, Serialize};
 
-use crate::output;
-use crate::quantile::WithZeros;
+use crate::numbers::{WithZeros, aligned, number, pretty_json};
+use crate::output::{self, Failure, ended};
 use crate::record::{LimitRates, Run};
 use crate::recording::{Recording, RecordingSource, ToleranceOptions};
-use crate::summary::{ErrorQuantiles, aligned, number, pretty_json};
-use crate::task::{Failure, ended};
+use crate::summary::ErrorQuantiles;
 use context::{Basis, ParentPath, Path, Paths, PredictorKind, SegmentContext};
 use segments::{Objective, PARENT_RATIO, SegmentUpdate, Segmentation, cut};
 

@@ -33,10 +33,9 @@ use rhumb_transport::Fingerprint;
 use serde::{Deserialize, Serialize};
 
 use crate::drive::{BesideListener, ServerProcess};
-use crate::output;
-use crate::processor::{memory_bytes, worked_us};
-use crate::summary::{markdown, number};
-use crate::task::{Failure, Provenance, ended, write};
+use crate::machine::{memory_bytes, worked_us};
+use crate::numbers::{markdown, number};
+use crate::output::{self, Failure, Provenance, ended, write};
 use rig::{ServerArguments, script, take_ids};
 
 pub use frames::Frames;

@@ -4,7 +4,6 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 use rhumb_bench::ablate::{Ablate, ablate};
-
 use rhumb_bench::cost::{CostArguments, cost};
 use rhumb_bench::dis::{DisArguments, dis};
 use rhumb_bench::drive::{Serve, serve};
@@ -14,7 +13,7 @@ use rhumb_bench::import::{Check, Import, check, import};
 use rhumb_bench::limit::{LimitArguments, limit};
 use rhumb_bench::load::{LoadArguments, load};
 use rhumb_bench::replay::{Replay, replay};
-use rhumb_bench::scene_file::{SceneArguments, scene};
+use rhumb_bench::scripts::{SceneArguments, scene};
 use rhumb_server::cli::parse;
 
 /// Command line of `rhumb-bench`.

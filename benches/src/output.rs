@@ -1,18 +1,88 @@
-//! Output files of a task: summary, report, trace and viewer layout.
+//! The frame of every task: its end, its provenance, its output files.
 //!
-//! Each file is written whole or not at all.
+//! The files are summary, report, trace and viewer layout. Each is written whole or not at all.
 
-use std::io::Write;
+use std::error::Error;
+use std::fmt;
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
-use std::{fmt, io};
+use std::process::ExitCode;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use serde::{Deserialize, Serialize};
 
+use crate::numbers::{aligned, pretty_json};
 use crate::record::Experiment;
 use crate::summary::Summary;
-use crate::summary::pretty_json;
-use crate::trace::{TraceError, TraceOptions};
-use crate::{report, trace};
+use crate::trace::{self, TraceError, TraceOptions};
+use crate::{machine, report};
+
+/// Any error that ends a task; its text is for the user.
+pub type Failure = Box<dyn Error + Send + Sync>;
+
+/// Exit code 0 on success; otherwise prints the failure to standard error and returns 1.
+pub(crate) fn ended(result: Result<(), Failure>) -> ExitCode {
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            // If standard error is closed, no other place is left to report to.
+            let _ = writeln!(io::stderr(), "error: {failure}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// Source of figures.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Provenance {
+    /// The command line, as typed.
+    pub command: String,
+    /// Processor, cores, operating system.
+    pub machine: String,
+    /// Commit and optimisation of the build.
+    pub build: String,
+}
+
+impl Provenance {
+    /// This process, on this machine.
+    pub(crate) fn here() -> Self {
+        Self {
+            command: command_line(),
+            machine: machine::describe(),
+            build: machine::build(),
+        }
+    }
+
+    /// The lines of a document.
+    #[must_use]
+    pub fn paragraph(&self) -> String {
+        let Self {
+            command,
+            machine,
+            build,
+        } = self;
+        format!("    {command}\n\nOn {machine} ({build}).")
+    }
+}
+
+/// Writes the figures to a file of the folder, and prints tables with their titles, as far as they have rows.
+pub(crate) fn write(
+    folder: &Path,
+    file: &str,
+    figures: &impl Serialize,
+    tables: &[(&str, Vec<Vec<String>>)],
+) -> Result<(), OutputError> {
+    write_json(&folder.join(file), figures)?;
+    for (title, rows) in tables.iter().filter(|(_, rows)| rows.len() > 1) {
+        let title = if title.is_empty() {
+            String::new()
+        } else {
+            format!("\n{title}\n")
+        };
+        print_text(&format!("{title}{}", aligned(rows)))?;
+    }
+    print_text(&format!("\nwritten to {}\n", folder.display()))
+}
 
 /// The error of an output that was not written.
 #[derive(Debug)]
@@ -37,7 +107,7 @@ impl fmt::Display for OutputError {
     }
 }
 
-impl std::error::Error for OutputError {}
+impl Error for OutputError {}
 
 /// Creates the folder and its parents if missing.
 pub fn make_folder(out: &Path) -> Result<(), OutputError> {
@@ -131,7 +201,7 @@ fn write_trace(
 }
 
 /// Writes a value as indented JSON.
-pub fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), OutputError> {
+pub fn write_json(path: &Path, value: &impl Serialize) -> Result<(), OutputError> {
     let text = pretty_json(value).map_err(|cause| OutputError::Write {
         path: path.to_owned(),
         cause: cause.into(),

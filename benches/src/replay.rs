@@ -14,10 +14,10 @@ use clap::Args;
 use rhumb_netsim::LinkConfig;
 
 use crate::limit::{Promised, set_beside_limits};
+use crate::machine;
+use crate::output::{self, Failure, ended};
 use crate::record::{Experiment, Load, Run, Unfinished};
 use crate::recording::{Recording, RecordingSource};
-use crate::task::{Failure, ended};
-use crate::{machine, output};
 
 pub(crate) use self::config::budget;
 pub use self::config::{EnabledFeatures, Feature, ReplayConfig, ReplayOptions};

@@ -10,11 +10,10 @@ use rhumb_protocol::scene::PublishSchedule;
 use rhumb_reckoning::{Metres, Radians, Ticks, Tolerance};
 
 use crate::drive::{Cores, Defects, Plan, run_side_by_side};
-use crate::output;
+use crate::output::{self, Failure};
 use crate::record::Mode;
 use crate::recording::{self, ReadOptions, Recording, print_notes};
 use crate::replay::{EnabledFeatures, ReplayConfig};
-use crate::task::Failure;
 
 /// Names of the standard loads, in the order of the table.
 pub(crate) const NAMES: [&str; 5] = ["cubes", "pit", "asteroids", "ragdolls", "tumbler"];

@@ -3,17 +3,15 @@
 //! Computed from the record alone. A figure without meaning for a mode is `null`: a scene stepped in the caller's
 //! thread sends no bytes. A percentile is the least measured value that the given share does not exceed.
 
-mod cells;
 mod run_figures;
 mod table;
 
-use run_figures::{compare_with_naive, figures_of_run};
 use serde::{Deserialize, Serialize};
 
+use crate::numbers::{aligned, pretty_json};
 use crate::record::Experiment;
+use run_figures::{compare_with_naive, figures_of_run};
 
-pub(crate) use cells::pretty_json;
-pub use cells::{aligned, markdown, number};
 pub(crate) use run_figures::second_by_second;
 pub use run_figures::{
     DATAGRAM_HEADER_BYTES, ErrorQuantiles, FirstSeconds, FrameTimes, Join, LessThanNaive, Moving,

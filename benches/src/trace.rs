@@ -18,25 +18,21 @@
 //!
 //! Topics of one load: the truth and each of its runs, tick by tick.
 
-mod bodies;
-mod file;
 mod metadata;
 mod run;
 
 use std::io::{Seek, Write};
 use std::path::Path;
 
-use bodies::{Body, TruthBodies};
-use file::Partial;
 use mcap::McapError;
 use rhumb_reckoning::{BodyId, Tick};
 use rhumb_trace::{ASLEEP, AWAKE, GridHistory, SceneTopics, StateForm, States, TraceFile};
-use run::{RunTopics, Time};
 
 use crate::record::{Experiment, Load};
+use metadata::Partial;
+use run::{Body, RunTopics, Time, TruthBodies};
 
-pub use file::TraceError;
-pub use metadata::layout;
+pub use metadata::{TraceError, layout};
 pub(crate) use metadata::{load_names, run_names};
 pub use run::TraceOptions;
 

@@ -12,20 +12,21 @@ use clap::Args;
 use rhumb_bench::ablate::Ablation;
 use rhumb_bench::cost::Costs;
 use rhumb_bench::load::{Load, Neighbour, ServiceCosts};
+use rhumb_bench::numbers::{markdown, number};
 use rhumb_bench::output;
-use rhumb_bench::summary::{Summary, later, markdown, number, ratios};
+use rhumb_bench::summary::{Summary, later, ratios};
 use serde::Deserialize;
 
 use crate::analysis::{Analysis, PaperResults};
-use crate::figures::PaperFigure;
-use crate::gap::GapResults;
-use crate::hardware::HardwareResults;
+use crate::figures::{self, PaperFigure};
+use crate::gap::{self, GapResults};
+use crate::hardware::{self, HardwareResults};
 use crate::page::Table;
-use crate::remote::RemoteResults;
+use crate::remote::{self, RemoteResults};
 use crate::report::sentences;
 use crate::settings::{PaperError, Settings};
 use crate::store::{ExperimentTrial, parse};
-use crate::{figures, gap, hardware, remote, tables};
+use crate::tables;
 
 /// Arguments of the page task.
 #[derive(Clone, Debug, Args)]

@@ -8,10 +8,10 @@ use std::num::NonZeroU32;
 use std::path::PathBuf;
 
 use clap::Args;
-use rhumb_bench::drive::player::{FrameCost, PlayerSetup};
-use rhumb_bench::drive::{Defect, Defects, ServerCpu, player};
+use rhumb_bench::drive::player::{self, FrameCost, PlayerSetup};
+use rhumb_bench::drive::{Defect, Defects, ServerCpu};
+use rhumb_bench::numbers::number;
 use rhumb_bench::record::Mode;
-use rhumb_bench::summary::number;
 use rhumb_bench::{machine, output};
 use rhumb_server::run_on_cores;
 use rhumb_transport::Clock;

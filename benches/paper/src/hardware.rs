@@ -9,8 +9,8 @@ use std::str::FromStr;
 
 use clap::Args;
 use rhumb_bench::drive::{DriveError, ServerCpu};
+use rhumb_bench::numbers::number;
 use rhumb_bench::record::Mode;
-use rhumb_bench::summary::number;
 use rhumb_bench::{machine, output};
 use rhumb_scene::StepThreads;
 use rhumb_server::{run_on_cores, usable_cores};
@@ -20,8 +20,7 @@ use crate::page::{Table, page};
 use crate::processor::CoreAssignment;
 use crate::settings::{PaperError, Settings, tolerance};
 use crate::store::{ModeOutcome, parse};
-use crate::trial;
-use crate::trial::{FRAMES_PER_SECOND, STEPS, Staging};
+use crate::trial::{self, FRAMES_PER_SECOND, STEPS, Staging};
 
 /// Arguments of the hardware task.
 #[derive(Clone, Debug, Args)]

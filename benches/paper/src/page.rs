@@ -5,8 +5,8 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
+use rhumb_bench::numbers::aligned;
 use rhumb_bench::report::{STYLE, escape};
-use rhumb_bench::summary::aligned;
 use rhumb_bench::{machine, output};
 use serde::{Deserialize, Serialize};
 

@@ -4,9 +4,9 @@
 
 use std::fmt::Write as _;
 
+use rhumb_bench::numbers::number;
 use rhumb_bench::record::Mode;
 use rhumb_bench::report::escape;
-use rhumb_bench::summary::number;
 
 use crate::analysis::{ALPHA, ModeAnalysis, PaperResults};
 use crate::page::{Table, figure_html, page};

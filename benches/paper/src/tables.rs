@@ -3,14 +3,13 @@
 mod aims;
 mod lines;
 
+use rhumb_bench::numbers::number;
 use rhumb_bench::record::Mode;
-use rhumb_bench::summary::number;
 
 use crate::analysis::{ALPHA, DEGRADED_FPS, Degradation, ModeAnalysis, PaperResults};
 use crate::page::Table;
 use crate::published;
 use crate::statistics::{Comparison, Sample, Test};
-
 use aims::{Digits, NONE, interval, probability};
 
 pub(crate) use aims::{aims, aims_of_bytes};

@@ -10,9 +10,9 @@
 
 use std::num::NonZeroU32;
 
-use rhumb_bench::drive::player::{FrameCost, Player, PlayerSetup, PlayerTotals};
-use rhumb_bench::drive::{Defects, ServerCpu, player};
-use rhumb_bench::quantile::of_nanoseconds;
+use rhumb_bench::drive::player::{self, FrameCost, Player, PlayerSetup, PlayerTotals};
+use rhumb_bench::drive::{Defects, ServerCpu};
+use rhumb_bench::numbers::of_nanoseconds;
 use rhumb_bench::record::Mode;
 use rhumb_protocol::Span;
 use rhumb_protocol::scene::{Command, PublishSchedule, SceneConfig};

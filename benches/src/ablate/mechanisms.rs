@@ -6,8 +6,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use crate::output::Failure;
 use crate::replay::Feature;
-use crate::task::Failure;
 
 /// One mechanism.
 #[derive(Clone, Copy, Debug)]

@@ -163,18 +163,18 @@ struct RecordedBody {
 
 /// The recording next to the copy.
 #[derive(Debug)]
-pub(super) struct ReplayJudge<'a> {
+pub(crate) struct ReplayJudge<'a> {
     truth: &'a Truth,
     tick: Tick,
     bodies: Vec<Option<RecordedBody>>,
     placed: usize,
     removed: usize,
     removed_now: Vec<BodyId>,
-    pub(super) breaches: Vec<Breach>,
+    pub(crate) breaches: Vec<Breach>,
 }
 
 impl<'a> ReplayJudge<'a> {
-    pub(super) fn new(truth: &'a Truth) -> Self {
+    pub(crate) fn new(truth: &'a Truth) -> Self {
         let mut judge = Self {
             truth,
             tick: Tick::ZERO,
@@ -189,12 +189,12 @@ impl<'a> ReplayJudge<'a> {
     }
 
     /// The last compared tick.
-    pub(super) const fn tick(&self) -> Tick {
+    pub(crate) const fn tick(&self) -> Tick {
         self.tick
     }
 
     /// Advances to the next tick of the recording; returns false at its end.
-    pub(super) fn step(&mut self) -> bool {
+    pub(crate) fn step(&mut self) -> bool {
         let Some(row) = self.truth.ticks.get(self.tick.value() as usize) else {
             return false;
         };
@@ -242,7 +242,7 @@ impl<'a> ReplayJudge<'a> {
     }
 
     /// Compares the copy at the current tick.
-    pub(super) fn frame(&mut self, copy: &Subscriber, tolerance: Tolerance) -> Frame {
+    pub(crate) fn frame(&mut self, copy: &Subscriber, tolerance: Tolerance) -> Frame {
         let tick = self.tick;
         let mut frame = Frame {
             tick,

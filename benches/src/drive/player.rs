@@ -19,7 +19,7 @@ use super::app::{AppRemote, AppSetup, Defects};
 use super::process::ServerCpu;
 use super::remote::{Remote, Retention, Setup};
 use crate::drive::DriveError;
-use crate::processor::work_ns;
+use crate::machine::work_ns;
 use crate::record::{Frame, Mode};
 use crate::summary::DATAGRAM_HEADER_BYTES;
 

@@ -21,7 +21,7 @@ use super::compare::{RecentTruth, TrueBody};
 use super::process::{ScriptChoice, ServerCpu, hook};
 use super::remote::{Remote, Retention, Setup};
 use crate::drive::DriveError;
-use crate::quantile::of_nanoseconds;
+use crate::numbers::of_nanoseconds;
 use crate::record::{
     Frame, JoinCost, Load, Mode, Placed, Run, RunConfig, SubscriptionSettings, Truth,
 };

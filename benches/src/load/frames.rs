@@ -9,9 +9,9 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use clap::Args;
-use rhumb_client::LocalServer;
 use rhumb_client::{
-    Client, JoinMode, JoinOptions, PipelineDepth, ServerConnection, StreamChoice, Tolerance, Trust,
+    Client, JoinMode, JoinOptions, LocalServer, PipelineDepth, ServerConnection, StreamChoice,
+    Tolerance, Trust,
 };
 use rhumb_protocol::scene::Command;
 use rhumb_protocol::stream::Observation;
@@ -22,9 +22,8 @@ use rhumb_sims::NAMES;
 use serde::{Deserialize, Serialize};
 
 use super::rig::{script, take_ids};
-use crate::summary::number;
-use crate::task::{Failure, Provenance, write};
-use crate::{output, quantile};
+use crate::numbers::{self, number};
+use crate::output::{self, Failure, Provenance, write};
 
 /// Arguments: scene, bodies, ticks, output.
 #[derive(Clone, Debug, Args)]
@@ -245,7 +244,7 @@ fn median_us(frames: impl Iterator<Item = Duration>) -> f64 {
 }
 
 fn median(mut values: Vec<f64>) -> f64 {
-    let place = quantile::rank(50, values.len());
+    let place = numbers::rank(50, values.len());
     place.map_or(0.0, |place| {
         *values.select_nth_unstable_by(place, f64::total_cmp).1
     })

@@ -7,8 +7,7 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread;
-use std::thread::JoinHandle;
+use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use clap::Args;
@@ -25,9 +24,8 @@ use serde::{Deserialize, Serialize};
 
 use super::rig::{FrameTimes, ServerArguments, script, take_ids};
 use crate::drive::ServerProcess;
-use crate::output;
-use crate::summary::{markdown, number};
-use crate::task::{Failure, Provenance, write};
+use crate::numbers::{markdown, number};
+use crate::output::{self, Failure, Provenance, write};
 
 /// Arguments: server, scene, repetitions, output.
 #[derive(Clone, Debug, Args)]

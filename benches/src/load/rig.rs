@@ -11,8 +11,8 @@ use rhumb_sims::{Script, by_name};
 use serde::{Deserialize, Serialize};
 
 use crate::drive::{BesideListener, ServerProcess};
-use crate::quantile;
-use crate::task::Failure;
+use crate::numbers;
+use crate::output::Failure;
 
 /// The server that is measured.
 #[derive(Clone, Debug, Args)]
@@ -82,7 +82,7 @@ impl FrameTimes {
         let nanoseconds = |frame: &Duration| u64::try_from(frame.as_nanos()).unwrap_or(u64::MAX);
         let mut frames: Vec<u64> = frames.iter().map(nanoseconds).collect();
         let mut percentile = |percent| {
-            let ns = quantile::of_nanoseconds(&mut frames, percent);
+            let ns = numbers::of_nanoseconds(&mut frames, percent);
             ns.map_or(0.0, |ns| ns as f64 * 1e-3)
         };
         Self {

@@ -19,10 +19,9 @@ use serde::{Deserialize, Serialize};
 
 use super::rig::{FrameTimes, ServerArguments, script, take_ids};
 use crate::drive::ServerProcess;
-use crate::output;
-use crate::processor::worked_us;
-use crate::summary::{markdown, number};
-use crate::task::{Failure, Provenance, write};
+use crate::machine::worked_us;
+use crate::numbers::{markdown, number};
+use crate::output::{self, Failure, Provenance, write};
 
 /// Arguments: server, scene, bodies, ticks, output.
 #[derive(Clone, Debug, Args)]

@@ -9,12 +9,11 @@ use glam::Vec3;
 use rhumb_protocol::limits::{GRAVITY_MAX, SUBSTEPS_MAX};
 use rhumb_reckoning::{Damping, Metres, Radians, Rate, Tolerance};
 
-use super::fit;
 use super::{
-    MissingPoses, QuaternionOrder, ReadOptions, Recording, RecordingError, ShapeChoice, hertz, read,
+    MissingPoses, QuaternionOrder, ReadOptions, Recording, RecordingError, ShapeChoice, fit, hertz,
+    read,
 };
-use crate::output;
-use crate::task::Failure;
+use crate::output::{self, Failure};
 
 /// The recording and the parameters of its engine.
 #[derive(Clone, Debug, Args)]

@@ -32,7 +32,7 @@ use rhumb_transport::Clock;
 
 use super::config::ReplayConfig;
 use crate::drive::compare::ReplayJudge;
-use crate::processor;
+use crate::machine;
 use crate::record::{CapturedPacket, Frame, JoinCost, PacketDirection, Run};
 use crate::recording::{Recording, first_track};
 
@@ -269,7 +269,7 @@ impl<'a> ReplaySession<'a> {
     /// Processor time of this thread so far; wall time where the system does not report it.
     fn work_ns(&self) -> u64 {
         let wall_ns = || self.clock.now().since(Instant::ZERO).as_nanos();
-        processor::work_ns().unwrap_or_else(wall_ns)
+        machine::work_ns().unwrap_or_else(wall_ns)
     }
 
     /// One tick of the server: observes, publishes, sends.

@@ -5,8 +5,9 @@
 use plotters::style::RGBColor;
 
 use super::plot::{Axis, Chart, INK, Mark, decimate, plain};
+use crate::numbers::number;
 use crate::record::{Load, Mode, Run};
-use crate::summary::{RunFigures, Summary, number, second_by_second};
+use crate::summary::{RunFigures, Summary, second_by_second};
 
 /// A figure of the page.
 pub(super) struct Figure {

@@ -25,7 +25,7 @@ use rhumb_reckoning::{
 use rhumb_scene::Scene;
 use rhumb_sims::{BallPit, Script};
 
-use crate::processor::time_of;
+use crate::machine::time_of;
 
 /// Ticks published before the measurement, so that tracks are as in mid-run.
 pub const WARM_UP: usize = 30;

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use crate::quantile::{WithZeros, of_nanoseconds};
+use crate::numbers::{WithZeros, of_nanoseconds};
 use crate::record::{
     Breach, CapturedPacket, Cause, Frame, LimitRates, Mode, PacketDirection, Replayed, Run,
     RunConfig, SubscriptionSettings,

@@ -9,8 +9,8 @@ use std::fmt;
 use rhumb_netsim::LinkConfig;
 use serde::{Deserialize, Serialize};
 
-use super::cells::{aligned, dash, markdown, number};
 use super::run_figures::RunFigures;
+use crate::numbers::{aligned, dash, markdown, number};
 use crate::record::{Replayed, Unfinished};
 
 /// Shown by `Display`: a line of titles, one line per run, then one per failed replay.

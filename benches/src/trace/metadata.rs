@@ -1,6 +1,7 @@
-//! Metadata, names and viewer layout of a trace, beside its messages.
+//! A trace's file, its metadata, its names and its viewer layout.
 //!
-//! With them, every figure of `summary.json` can be computed from the trace alone.
+//! The file gets its final name only when complete; an unfinished one is removed on drop. With the metadata, every figure of
+//! `summary.json` can be computed from the trace alone.
 //!
 //! The viewer layout that Foxglove or Lichtblick opens for a trace. Viewers hide scene topics by default, so the
 //! layout enables them: the engine's world on the left, a client's copy on the right, and plots of bytes, errors and
@@ -9,11 +10,150 @@
 //! Names of loads and runs in topics and metadata. Names are distinct: the second `rhumb` run of a load is `rhumb-2`.
 
 use std::collections::BTreeMap;
+use std::ffi::OsString;
+use std::fmt;
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
 
+use mcap::McapError;
 use serde_json::{Value, json};
 
 use crate::record::{Experiment, Load, Mode, PacketDirection, Replayed, Run, SubscriptionSettings};
 use crate::summary::DATAGRAM_HEADER_BYTES;
+
+/// The file while it is written.
+#[derive(Debug)]
+pub(super) struct Partial {
+    path: PathBuf,
+    named: PathBuf,
+    sink: BufWriter<File>,
+    finished: bool,
+}
+
+impl Partial {
+    /// Opens `named` with `.partial` appended; replaces an existing file.
+    pub(super) fn create(named: &Path) -> Result<Self, TraceError> {
+        let mut path = OsString::from(named);
+        path.push(".partial");
+        let path = PathBuf::from(path);
+        match File::create(&path) {
+            Ok(file) => Ok(Self {
+                path,
+                named: named.to_owned(),
+                sink: BufWriter::new(file),
+                finished: false,
+            }),
+            Err(cause) => Err(TraceError::Create { path, cause }),
+        }
+    }
+
+    /// The writer of the unfinished file.
+    pub(super) fn sink(&mut self) -> &mut BufWriter<File> {
+        &mut self.sink
+    }
+
+    /// The temporary path.
+    pub(super) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Renames the file to its final name; returns its size in bytes.
+    pub(super) fn finish(mut self) -> Result<u64, TraceError> {
+        let path = self.path.clone();
+        let whole = self.sink.flush().and_then(|()| {
+            self.sink.get_ref().sync_all()?;
+            Ok(self.sink.get_ref().metadata()?.len())
+        });
+        let bytes = whole.map_err(|cause| TraceError::Write { path, cause })?;
+        if let Err(cause) = fs::rename(&self.path, &self.named) {
+            return Err(TraceError::Rename {
+                path: self.named.clone(),
+                cause,
+            });
+        }
+        self.finished = true;
+        Ok(bytes)
+    }
+}
+
+impl Drop for Partial {
+    fn drop(&mut self) {
+        if !self.finished {
+            // The caller already has the error that matters.
+            let _ = fs::remove_file(&self.path);
+        }
+    }
+}
+
+/// The cause and the file. A failed trace never keeps its final name.
+#[derive(Debug)]
+pub enum TraceError {
+    /// The file could not be created.
+    Create {
+        /// Path of the file.
+        path: PathBuf,
+        /// Error of the operating system.
+        cause: io::Error,
+    },
+    /// Writing failed, most often because of a full disk.
+    Write {
+        /// Path of the file.
+        path: PathBuf,
+        /// Error of the operating system.
+        cause: io::Error,
+    },
+    /// The data exceed what the file format can hold.
+    Format {
+        /// Path of the file.
+        path: PathBuf,
+        /// Error of the format's library.
+        cause: Box<McapError>,
+    },
+    /// The finished file could not be renamed.
+    Rename {
+        /// Path of the file.
+        path: PathBuf,
+        /// Error of the operating system.
+        cause: io::Error,
+    },
+}
+
+impl TraceError {
+    /// Separates the operating system's errors from the format's.
+    pub(super) fn writing(path: &Path, cause: McapError) -> Self {
+        let path = path.to_owned();
+        match cause {
+            McapError::Io(cause) => Self::Write { path, cause },
+            other => Self::Format {
+                path,
+                cause: Box::new(other),
+            },
+        }
+    }
+}
+
+impl fmt::Display for TraceError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Create { path, cause } => write!(f, "cannot create {}: {cause}", path.display()),
+            Self::Write { path, cause } => write!(f, "cannot write {}: {cause}", path.display()),
+            Self::Format { path, cause } => write!(f, "cannot write {}: {cause}", path.display()),
+            Self::Rename { path, cause } => write!(f, "cannot rename {}: {cause}", path.display()),
+        }
+    }
+}
+
+impl std::error::Error for TraceError {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        match self {
+            Self::Create { cause, .. } | Self::Write { cause, .. } | Self::Rename { cause, .. } => {
+                Some(cause)
+            }
+            Self::Format { cause, .. } => Some(cause),
+        }
+    }
+}
 
 /// Name and content of the metadata record of the experiment.
 pub(super) fn of_experiment(

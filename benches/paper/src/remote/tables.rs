@@ -1,6 +1,6 @@
 //! Tables of the remote task.
 
-use rhumb_bench::summary::number;
+use rhumb_bench::numbers::number;
 
 use super::results::{Crossover, RemoteResults, crossings, integrated};
 use crate::page::Table;

@@ -1,7 +1,7 @@
 //! Targets of the experiment, whether they are met, and numbers as text.
 
+use rhumb_bench::numbers::number;
 use rhumb_bench::record::Mode;
-use rhumb_bench::summary::number;
 
 use crate::analysis::{Degradation, LoadAnalysis, ModeAnalysis, PaperResults};
 use crate::page::Table;
