@@ -1,4 +1,4 @@
-//! Recorded motion of a scene: the input of a replay.
+//! Recorded motion of a scene: the input of a replay, and its arguments.
 //!
 //! ```text
 //!   trace.mcap, a server's recording ──▶ states of a load ───────────────────┐
@@ -9,15 +9,11 @@
 //!
 //! The file's content tells its form.
 
-mod arguments;
 mod arrays;
-mod bytes;
-mod cdr;
 mod csv;
 mod error;
 pub(crate) mod fit;
 mod foxglove;
-mod linear;
 pub mod mcap;
 mod npy;
 mod options;
@@ -26,18 +22,20 @@ mod recorded;
 pub mod rhtrace;
 mod rhtrace2;
 mod ros2;
-mod velocity;
 
-use std::path::Path;
+use std::io::{self, Write};
+use std::num::NonZeroU32;
+use std::path::{Path, PathBuf};
 
-use rhumb_reckoning::Rate;
+use clap::Args;
+use glam::Vec3;
+use rhumb_protocol::limits::{GRAVITY_MAX, SUBSTEPS_MAX};
+use rhumb_reckoning::{Damping, Metres, Radians, Rate, Tolerance};
 
+use crate::output::{self, Failure};
 use options::rate_of_hertz;
 
-pub(crate) use arguments::{DEFAULT_TOLERANCE, print_notes};
-pub use arguments::{RecordingSource, ToleranceOptions};
-pub use cdr::CdrError;
-pub use error::{Place, RecordingError, RowDefect};
+pub use error::{CdrError, Place, RecordingError, RowDefect};
 pub use npy::NpyError;
 pub use options::{MissingPoses, QuaternionOrder, ReadOptions, ShapeChoice};
 pub(crate) use recorded::first_track;
@@ -95,6 +93,156 @@ pub fn read_bytes(
     match std::str::from_utf8(bytes) {
         Ok(text) if !text.trim().is_empty() => csv::read(name, text, options),
         _ => Err(RecordingError::UnknownForm),
+    }
+}
+
+/// The recording and the parameters of its engine.
+#[derive(Clone, Debug, Args)]
+pub struct RecordingSource {
+    /// The recording: a trace.mcap, a recording of a server, poses of bodies in MCAP, CSV, .npz or .npy, or an .rhtrace.zst.
+    trace: PathBuf,
+    /// The load of a trace such as n500, the scene of a recording, or transforms, poses or scene of another program's
+    /// file [default: the file's first].
+    #[arg(long, value_name = "NAME")]
+    load: Option<String>,
+    /// Poses: their rate in hertz, such as 29.97 [default: found from the times].
+    #[arg(long, value_name = "HZ", value_parser = hertz)]
+    rate: Option<Rate>,
+    /// Poses: interpolate all of them at this rate, for files whose bodies have rates of their own, or none.
+    #[arg(long, value_name = "HZ", value_parser = hertz, conflicts_with = "rate")]
+    resample: Option<Rate>,
+    /// Poses: gravity in their frame, m/s² [default: none].
+    #[arg(long, value_name = "X,Y,Z", value_parser = gravity, allow_hyphen_values = true)]
+    gravity: Option<Vec3>,
+    /// Poses: shape of all bodies, or of one, such as cuboid:0.2,0.1,0.3 or arm=capsule:0.5,0.1; may be repeated
+    /// [default: ball:0.1].
+    #[arg(long, value_name = "SHAPE")]
+    shape: Vec<ShapeChoice>,
+    /// Poses: what it means that a body has none in a frame.
+    #[arg(long, value_enum, default_value = "gone")]
+    missing: MissingPoses,
+    /// Arrays and rows without names: where a quaternion has its w [default: of rows last; arrays have to say it].
+    #[arg(long, value_enum, value_name = "ORDER")]
+    quaternion: Option<QuaternionOrder>,
+    /// Take gravity, substeps, damping, inertia and centres of mass as its poses and velocities say: see `check`.
+    #[arg(long)]
+    fit: bool,
+    /// Linear and angular damping of the recorded bodies, 1/s, if they differ from the recording's scene.
+    #[arg(long, value_parser = damping)]
+    damping: Option<Damping>,
+    /// Substeps of the recorded engine, if they differ from the recording's scene.
+    #[arg(long, value_parser = substeps)]
+    substeps: Option<NonZeroU32>,
+}
+
+impl RecordingSource {
+    /// Refuses an output folder whose `trace.mcap` is the recording itself.
+    pub(crate) fn refuse_overwriting(&self, out: &Path) -> Result<(), Failure> {
+        let real = |path: &Path| path.canonicalize().ok();
+        let own = real(&self.trace);
+        if own.is_some() && own == real(&output::trace_of(out)) {
+            return Err(format!(
+                "the trace of this replay would overwrite {}: choose another folder by --out, or use --no-trace",
+                self.trace.display()
+            )
+            .into());
+        }
+        Ok(())
+    }
+
+    pub(crate) fn read(&self) -> Result<Recording, RecordingError> {
+        let options = ReadOptions {
+            load: self.load.clone(),
+            rate: self.rate,
+            resample: self.resample,
+            gravity: self.gravity,
+            shapes: self.shape.clone(),
+            missing: self.missing,
+            quaternion: self.quaternion,
+        };
+        let mut recording = read(&self.trace, &options)?;
+        print_notes(&recording);
+        if self.fit {
+            let found = fit::find(&recording, &fit::paths(&recording).bodies);
+            let known = recording.notes.len();
+            fit::apply(&mut recording, &found);
+            print_some_notes(&recording, known);
+        }
+        recording.damping = self.damping.unwrap_or(recording.damping);
+        recording.integrator.substeps = self.substeps.unwrap_or(recording.integrator.substeps);
+        Ok(recording)
+    }
+}
+
+/// Prints the facts that a file lacks to standard error.
+pub(crate) fn print_notes(recording: &Recording) {
+    print_some_notes(recording, 0);
+}
+
+/// Prints the notes from this one on.
+fn print_some_notes(recording: &Recording, first: usize) {
+    for note in &recording.notes[first..] {
+        // If standard error is closed, no other place is left to report to.
+        let _ = writeln!(io::stderr(), "note: {}: {note}", recording.name);
+    }
+}
+
+/// Parses a number of substeps.
+fn substeps(text: &str) -> Result<NonZeroU32, String> {
+    let count: Option<NonZeroU32> = text.parse().ok();
+    let count = count.filter(|count| count.get() <= SUBSTEPS_MAX);
+    count.ok_or_else(|| format!("must be a whole number from 1 to {SUBSTEPS_MAX}"))
+}
+
+/// Parses `0,-9.81,0`.
+fn gravity(text: &str) -> Result<Vec3, String> {
+    let numbers: Result<Vec<f32>, _> = text.split(',').map(|n| n.trim().parse()).collect();
+    let gravity = match numbers.as_deref() {
+        Ok(&[x, y, z]) => Some(Vec3::new(x, y, z)),
+        _ => None,
+    };
+    // NaN is none.
+    let is_gravity = |of: &Vec3| of.is_finite() && of.abs().max_element() <= GRAVITY_MAX;
+    let gravity = gravity.filter(is_gravity);
+    gravity.ok_or_else(|| format!("must be three numbers, x,y,z, up to {GRAVITY_MAX} m/s²"))
+}
+
+/// Parses `0.1,0.05`.
+fn damping(text: &str) -> Result<Damping, String> {
+    let (linear, angular) = text
+        .split_once(',')
+        .ok_or("must be two numbers, linear,angular")?;
+    let read = |text: &str| {
+        let value = text.trim().parse::<f32>().ok();
+        value.filter(|value| (0.0..=1_000.0).contains(value))
+    };
+    let pair = read(linear).zip(read(angular));
+    let (linear, angular) = pair.ok_or("must be two numbers from 0 to 1000")?;
+    Ok(Damping { linear, angular })
+}
+
+/// Tolerance of every task that is given none, metres.
+pub(crate) const DEFAULT_TOLERANCE: &str = "0.05";
+
+/// Arguments of the tolerance.
+#[derive(Clone, Copy, Debug, Args)]
+pub struct ToleranceOptions {
+    /// Tolerance of a copied body's surface error, metres.
+    #[arg(long, default_value = DEFAULT_TOLERANCE, allow_negative_numbers = true)]
+    pub(crate) tolerance: f64,
+    /// Tolerance of its rotation, degrees; --tolerance then bounds its position alone.
+    #[arg(long, allow_negative_numbers = true)]
+    pub(crate) turn: Option<f64>,
+}
+
+impl ToleranceOptions {
+    pub(crate) fn tolerance(&self) -> Result<Tolerance, String> {
+        let metres = Metres::new(self.tolerance);
+        let read = match self.turn {
+            Some(degrees) => Tolerance::parts(metres, Radians::new(degrees.to_radians())),
+            None => Tolerance::from_metres(metres),
+        };
+        read.map_err(|error| error.to_string())
     }
 }
 

@@ -9,7 +9,6 @@ use rhumb_protocol::scene::Invalid;
 use rhumb_reckoning::Tick;
 use rhumb_trace::ContentsError;
 
-use super::cdr::CdrError;
 use super::npy::NpyError;
 
 /// The forms that are read, as an error states them.
@@ -532,3 +531,60 @@ impl From<ContentsError> for RecordingError {
         Self::Contents(cause)
     }
 }
+
+/// The reason why bytes are not read as CDR, the encoding of ROS 2's messages.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CdrError {
+    /// The header names an encoding that is not read.
+    Encoding {
+        /// Its second byte.
+        number: u8,
+    },
+    /// The bytes end within a field.
+    Short {
+        /// Offset of the field.
+        at: usize,
+        /// Its bytes.
+        needed: usize,
+        /// Bytes that are left.
+        left: usize,
+    },
+    /// A text is not UTF-8, or does not end with a zero.
+    Text {
+        /// Offset of the text.
+        at: usize,
+    },
+    /// A sequence claims more elements than its bytes can hold.
+    Count {
+        /// Offset of the count.
+        at: usize,
+        /// The claim.
+        count: u32,
+        /// Most elements that the bytes hold.
+        most: usize,
+    },
+}
+
+impl fmt::Display for CdrError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Encoding { number } => write!(
+                f,
+                "encoding {number} of CDR is not read; 0 and 1 (XCDR1) and 6 to 11 (XCDR2) are"
+            ),
+            Self::Short { at, needed, left } => {
+                write!(
+                    f,
+                    "byte {at}: a field of {needed} bytes, and {left} are left"
+                )
+            }
+            Self::Text { at } => write!(f, "byte {at}: a text that is not UTF-8 or has no end"),
+            Self::Count { at, count, most } => write!(
+                f,
+                "byte {at}: a sequence of {count} elements, and the bytes hold {most} at most"
+            ),
+        }
+    }
+}
+
+impl std::error::Error for CdrError {}

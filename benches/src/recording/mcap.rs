@@ -12,10 +12,9 @@ use rhumb_reckoning::{BodyId, Rate, Tick};
 use rhumb_trace::{FileContents, SceneFacts, StatesReader, StoredChannel, TickStates};
 
 use super::error::RecordingError;
+use super::foxglove;
 use super::options::{ReadOptions, rate_of_step};
-use super::recorded::{Recording, ScriptOrigin, Velocities};
-use super::velocity::set_digest;
-use super::{foxglove, velocity};
+use super::recorded::{self, Recording, ScriptOrigin, Velocities, set_digest};
 use crate::record::{Placed, Truth};
 
 /// The end of the topics of states.
@@ -102,7 +101,7 @@ fn of_states(
     };
     recording.notes.extend(notes);
     if !has_velocities {
-        velocity::derive(&mut recording)?;
+        recorded::derive(&mut recording)?;
         set_digest(&mut recording.truth);
     }
     Ok(recording)

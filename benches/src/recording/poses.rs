@@ -13,9 +13,7 @@ use rhumb_reckoning::{BodyId, BodyState, Damping, Inertia, Integrator, Rate, Tic
 
 use super::error::{Place, RecordingError, RowDefect};
 use super::options::{MissingPoses, ReadOptions, rate_of_step};
-use super::recorded::{FRAMES_MAX, Recording, Velocities};
-use super::velocity;
-use super::velocity::{activity_from_records, set_digest};
+use super::recorded::{self, FRAMES_MAX, Recording, Velocities, activity_from_records, set_digest};
 use crate::record::{Placed, Truth};
 
 /// Largest distance of a time from its frame, as a share of a step.
@@ -169,7 +167,7 @@ impl TimedPoses {
         recording.notes.extend(w_first_note);
         activity_from_records(&mut recording.truth);
         if !has_velocities {
-            velocity::derive(&mut recording)?;
+            recorded::derive(&mut recording)?;
         }
         set_digest(&mut recording.truth);
         Ok(recording)

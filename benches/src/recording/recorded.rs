@@ -3,18 +3,25 @@
 //! It is read from a file, or made from the truth of a script that ran in this process. Then gravity and damping come
 //! from the script, and inertias from an engine that gets the script's bodies and never steps. Later changes by a
 //! controller or a command are not covered: gravity is the scene's initial one.
+//!
+//! A recording may have poses alone. A difference of neighbours would make noise of rounded poses, so a parabola is fitted
+//! to the poses of up to two frames before and after. The engine's velocity is the one with which a step under gravity gives
+//! the fitted path. A body is active where it has records.
 
 use std::collections::BTreeMap;
 
-use glam::Vec3;
+use glam::{DQuat, DVec3, Vec3};
 use rhumb_protocol::scene::{BodyKind, Command};
-use rhumb_protocol::stream::{Activity, PredictionParameters};
-use rhumb_reckoning::{Anchor, BodyId, Damping, Inertia, Integrator, Predictor, Tick, Track};
-use rhumb_scene::Scene;
+use rhumb_protocol::stream::{Activity, Observation, PredictionParameters};
+use rhumb_reckoning::{
+    Anchor, BodyId, BodyState, Damping, Inertia, Integrator, Predictor, Tick, Track,
+};
+use rhumb_scene::{Digest, Scene};
 use rhumb_sims::Script;
 use rhumb_trace::SceneFacts;
 
 use crate::record::{Placed, Truth};
+use crate::recording::error::RecordingError;
 
 /// A recorded scene.
 #[derive(Clone, Debug)]
@@ -155,5 +162,238 @@ pub(crate) fn first_track(placed: &Placed, parameters: &PredictionParameters) ->
         predictor,
         anchor: Anchor::Exact(if resting { motion.stilled() } else { motion }),
         parent: None,
+    }
+}
+
+/// Frames on either side that a fit uses.
+const REACH: usize = 2;
+
+/// Sets the velocities of all bodies. A body whose pose does not change has none.
+pub(super) fn derive(recording: &mut Recording) -> Result<(), RecordingError> {
+    recording.velocities = Velocities::Fitted;
+    let step_s = recording.integrator.rate.step().seconds();
+    let substeps = f64::from(recording.integrator.substeps.get());
+    // With semi-implicit steps a body is behind a parabola by half a substep's gravity.
+    let behind = recording.gravity.as_dvec3() * (step_s / substeps / 2.0);
+    let mut records: BTreeMap<BodyId, Vec<(usize, usize)>> = BTreeMap::new();
+    for (row, observed) in recording.truth.ticks.iter().enumerate() {
+        for (place, observation) in observed.iter().enumerate() {
+            records
+                .entry(observation.id)
+                .or_default()
+                .push((row, place));
+        }
+    }
+    let ticks = recording.truth.ticks.len();
+    let removed: BTreeMap<BodyId, Tick> = recording
+        .truth
+        .removed
+        .iter()
+        .map(|(tick, id)| (*id, *tick))
+        .collect();
+    for number in 0..recording.truth.placed.len() {
+        let placed = &recording.truth.placed[number];
+        let id = placed.desc.id;
+        let path = Path {
+            first: placed.tick.value() as usize,
+            end: removed.get(&id).map_or(ticks, |tick| tick.value() as usize),
+            records: records.get(&id).map_or(&[], Vec::as_slice),
+        };
+        let poses = path.poses(placed, &recording.truth.ticks);
+        let motion = |frame: usize| state(&poses, frame - path.first, step_s, behind);
+        let wrong = |frame: usize| RecordingError::Number {
+            tick: Tick::new(frame as u64),
+            index: id.index(),
+        };
+        let first = motion(path.first).ok_or_else(|| wrong(path.first))?;
+        recording.truth.placed[number].observation.motion = first;
+        for (row, place) in path.records {
+            let frame = row + 1;
+            if (path.first + 1..=path.end).contains(&frame) {
+                let state = motion(frame).ok_or_else(|| wrong(frame))?;
+                recording.truth.ticks[*row][*place].motion = state;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// One body between its placement and its removal.
+struct Path<'a> {
+    first: usize,
+    end: usize,
+    /// Row and place of each of its records, of all generations.
+    records: &'a [(usize, usize)],
+}
+
+impl Path<'_> {
+    /// Its pose in each frame.
+    fn poses(&self, placed: &Placed, ticks: &[Vec<Observation>]) -> Vec<BodyState> {
+        let mut poses = vec![placed.observation.motion];
+        let mut records = self.records.iter().peekable();
+        for frame in self.first + 1..=self.end {
+            while records.peek().is_some_and(|(row, _)| row + 1 < frame) {
+                records.next();
+            }
+            let record = records.next_if(|(row, _)| row + 1 == frame);
+            let last = poses[poses.len() - 1];
+            poses.push(record.map_or(last, |(row, place)| ticks[*row][*place].motion));
+        }
+        poses
+    }
+}
+
+/// The state of a body in a frame, with the fitted velocities.
+fn state(poses: &[BodyState], frame: usize, step_s: f64, behind: DVec3) -> Option<BodyState> {
+    let here = poses[frame];
+    let from = frame.saturating_sub(REACH);
+    let to = (frame + REACH).min(poses.len() - 1);
+    let is_still = |other: &BodyState| {
+        other.position() == here.position() && other.rotation() == here.rotation()
+    };
+    let near = &poses[frame.saturating_sub(1)..=(frame + 1).min(poses.len() - 1)];
+    let (mut linear, mut angular) = (DVec3::ZERO, DVec3::ZERO);
+    if !near.iter().all(is_still) {
+        let offset = |other: usize| other as f64 - frame as f64;
+        let moved = (from..=to).map(|other| (offset(other), shift(&here, &poses[other])));
+        let turned = (from..=to).map(|other| (offset(other), turn(&here, &poses[other])));
+        linear = slope(moved) / step_s - behind;
+        angular = slope(turned) / step_s;
+    }
+    let (linear, angular) = (linear.as_vec3().to_array(), angular.as_vec3().to_array());
+    BodyState::new(here.position(), here.rotation(), linear, angular).ok()
+}
+
+fn shift(from: &BodyState, to: &BodyState) -> DVec3 {
+    let position = |state: &BodyState| DVec3::from_array(state.position().map(f64::from));
+    position(to) - position(from)
+}
+
+/// The turn between two rotations as axis times angle, world frame.
+fn turn(from: &BodyState, to: &BodyState) -> DVec3 {
+    let rotation =
+        |state: &BodyState| DQuat::from_array(state.rotation().map(f64::from)).normalize();
+    let between = rotation(to) * rotation(from).conjugate();
+    let between = if between.w < 0.0 { -between } else { between };
+    let half_sine = between.xyz();
+    let length = half_sine.length();
+    if length < 1e-9 {
+        return half_sine * 2.0;
+    }
+    half_sine * (2.0 * length.atan2(between.w) / length)
+}
+
+/// The slope at zero of the parabola that fits the values best; of the line where there are two.
+fn slope(values: impl Iterator<Item = (f64, DVec3)>) -> DVec3 {
+    // Sums of powers of the offsets, and of offsets times values.
+    let (mut sums, mut products) = ([0.0; 5], [DVec3::ZERO; 3]);
+    for (offset, value) in values {
+        for (power, sum) in sums.iter_mut().enumerate() {
+            *sum += offset.powi(power as i32);
+        }
+        for (power, product) in products.iter_mut().enumerate() {
+            *product += value * offset.powi(power as i32);
+        }
+    }
+    let [n, s1, s2, s3, s4] = sums;
+    if n < 2.5 {
+        let spread = n * s2 - s1 * s1;
+        return if spread > 0.0 {
+            (products[1] * n - products[0] * s1) / spread
+        } else {
+            DVec3::ZERO
+        };
+    }
+    // Cramer's rule for the middle coefficient of the normal equations.
+    let whole = n * (s2 * s4 - s3 * s3) - s1 * (s1 * s4 - s2 * s3) + s2 * (s1 * s3 - s2 * s2);
+    let [p0, p1, p2] = products;
+    (p1 * (n * s4 - s2 * s2) - p0 * (s1 * s4 - s2 * s3) - p2 * (n * s3 - s1 * s2)) / whole
+}
+
+/// Derives activity from the records. A body with a record in the next frame moves, so it is awake; a body without one
+/// has not changed, so it sleeps.
+pub(super) fn activity_from_records(truth: &mut Truth) {
+    for placed in &mut truth.placed {
+        let next = truth.ticks.get(placed.tick.value() as usize);
+        let moves = next.is_some_and(|row| has(row, &placed.observation));
+        placed.observation.activity = of(moves);
+    }
+    for next in 1..truth.ticks.len() {
+        let (before, after) = truth.ticks.split_at_mut(next);
+        for observation in &mut before[next - 1] {
+            observation.activity = of(has(&after[0], observation));
+        }
+    }
+}
+
+const fn of(moves: bool) -> Activity {
+    if moves {
+        Activity::Awake
+    } else {
+        Activity::Asleep
+    }
+}
+
+/// True if a row, which is in the order of indices, has the body.
+fn has(row: &[Observation], of: &Observation) -> bool {
+    let found = row.binary_search_by_key(&of.id.index(), |observation| observation.id.index());
+    found.is_ok()
+}
+
+/// Sets the digest over all observations.
+pub(super) fn set_digest(truth: &mut Truth) {
+    let mut digest = Digest::START;
+    for (row, tick) in truth.ticks.iter().zip(1..) {
+        digest.fold_tick(Tick::new(tick), row);
+    }
+    truth.digest = digest.value();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_parabola_s_slope_is_exact_at_its_ends_and_within() {
+        let at = |t: f64| DVec3::new(3.0 * t, -2.0 * t * t + t, 5.0);
+        for offsets in [
+            vec![-2, -1, 0, 1, 2],
+            vec![0, 1, 2],
+            vec![-2, -1, 0],
+            vec![-1, 0, 1, 2],
+        ] {
+            let values = offsets
+                .iter()
+                .map(|offset| (f64::from(*offset), at(f64::from(*offset))));
+            let found = slope(values);
+            assert!(
+                (found - DVec3::new(3.0, 1.0, 0.0)).length() < 1e-12,
+                "{offsets:?} {found}"
+            );
+        }
+        assert_eq!(
+            slope([(0.0, DVec3::ONE), (1.0, DVec3::ONE * 3.0)].into_iter()),
+            DVec3::ONE * 2.0
+        );
+        assert_eq!(slope([(0.0, DVec3::ONE)].into_iter()), DVec3::ZERO);
+    }
+
+    #[test]
+    fn a_steady_turn_has_its_angular_velocity_beyond_half_a_turn() {
+        let pose = |angle: f64| {
+            let q = DQuat::from_axis_angle(DVec3::Y, angle).as_quat().to_array();
+            // Either sign is the same rotation.
+            let q = if angle > 3.5 { q.map(|part| -part) } else { q };
+            BodyState::new([0.0; 3], q, [0.0; 3], [0.0; 3]).unwrap()
+        };
+        let poses: Vec<_> = (0..9).map(|frame| pose(f64::from(frame) * 0.5)).collect();
+        for frame in 0..9 {
+            let state = state(&poses, frame, 0.1, DVec3::ZERO).unwrap();
+            let [_, _, _, _, _, _, _, _, _, _, x, y, z] = state.parts();
+            assert!(
+                (y - 5.0).abs() < 1e-4 && x.abs() + z.abs() < 1e-4,
+                "{frame}: {x} {y} {z}"
+            );
+        }
     }
 }

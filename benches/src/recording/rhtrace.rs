@@ -13,13 +13,10 @@ use rhumb_protocol::scene::{BodyDesc, BodyKind, Shape, ShapeId};
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Damping, Integrator, Tick};
 
-use super::bytes::ByteReader;
 use super::error::RecordingError;
 use super::options::rate_of_step;
-use super::recorded::{FRAMES_MAX, Recording, Velocities};
-use super::rhtrace2;
-use super::velocity;
-use super::velocity::{activity_from_records, set_digest};
+use super::recorded::{self, FRAMES_MAX, Recording, Velocities, activity_from_records, set_digest};
+use super::rhtrace2::{self, ByteReader};
 use crate::record::{Placed, Truth};
 
 /// Largest relative change of a step by rounding to single precision, with a margin of two.
@@ -122,7 +119,7 @@ fn read_plain(name: &str, bytes: &[u8]) -> Result<Recording, RecordingError> {
     if moves && !has_velocities {
         let note = "all velocities are zero, so they are fitted to the poses";
         recording.notes.push(note.to_owned());
-        velocity::derive(&mut recording)?;
+        recorded::derive(&mut recording)?;
         set_digest(&mut recording.truth);
     }
     Ok(recording)

@@ -12,11 +12,8 @@ use rhumb_protocol::scene::{BodyDesc, BodyKind, Shape, ShapeId};
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Damping, Inertia, Integrator, Rate, Tick};
 
-use super::bytes::ByteReader;
 use super::error::{Place, RecordingError, RowDefect};
-use super::recorded::{FRAMES_MAX, Recording, Velocities};
-use super::velocity;
-use super::velocity::{activity_from_records, set_digest};
+use super::recorded::{self, FRAMES_MAX, Recording, Velocities, activity_from_records, set_digest};
 use crate::record::{Placed, Truth};
 
 /// Magic number at the start of the file.
@@ -162,7 +159,7 @@ pub(super) fn read(name: &str, bytes: &[u8]) -> Result<Recording, RecordingError
     if point == VelocityPoint::None {
         let note = "the file has no velocities, so they are fitted to the poses";
         recording.notes.push(note.to_owned());
-        velocity::derive(&mut recording)?;
+        recorded::derive(&mut recording)?;
     }
     set_digest(&mut recording.truth);
     Ok(recording)
@@ -471,6 +468,62 @@ fn put_body(to: &mut Vec<u8>, recording: &Recording, placed: &Placed) {
 
 fn put(to: &mut Vec<u8>, numbers: &[f32]) {
     to.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
+}
+
+/// Reader over the remaining bytes.
+pub(super) struct ByteReader<'a> {
+    rest: &'a [u8],
+    /// The frame that is being read; none in the head of the file.
+    frame: Option<u64>,
+}
+
+impl<'a> ByteReader<'a> {
+    pub(super) const fn new(rest: &'a [u8]) -> Self {
+        Self { rest, frame: None }
+    }
+
+    /// Begins a frame: errors that follow name it.
+    pub(super) const fn begin(&mut self, frame: u64) {
+        self.frame = Some(frame);
+    }
+
+    pub(super) fn take<const COUNT: usize>(&mut self) -> Result<[u8; COUNT], RecordingError> {
+        let short = || RecordingError::Short {
+            within: (self.frame)
+                .map_or_else(|| "its head".to_owned(), |frame| format!("frame {frame}")),
+        };
+        let (taken, rest) = self.rest.split_first_chunk().ok_or_else(short)?;
+        self.rest = rest;
+        Ok(*taken)
+    }
+
+    pub(super) fn u16(&mut self) -> Result<u16, RecordingError> {
+        self.take().map(u16::from_le_bytes)
+    }
+
+    pub(super) fn u32(&mut self) -> Result<u32, RecordingError> {
+        self.take().map(u32::from_le_bytes)
+    }
+
+    pub(super) fn f32(&mut self) -> Result<f32, RecordingError> {
+        self.take().map(f32::from_le_bytes)
+    }
+
+    pub(super) fn f32s<const COUNT: usize>(&mut self) -> Result<[f32; COUNT], RecordingError> {
+        let mut all = [0.0; COUNT];
+        for one in &mut all {
+            *one = self.f32()?;
+        }
+        Ok(all)
+    }
+
+    /// Refuses bytes behind the last frame.
+    pub(super) const fn end(&self) -> Result<(), RecordingError> {
+        match self.rest.len() {
+            0 => Ok(()),
+            bytes => Err(RecordingError::Long { bytes }),
+        }
+    }
 }
 
 #[cfg(test)]
