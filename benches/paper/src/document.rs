@@ -18,12 +18,12 @@ use rhumb_bench::summary::{Summary, later, ratios};
 use serde::Deserialize;
 
 use crate::analysis::{Analysis, PaperResults};
+use crate::experiment::sentences;
 use crate::figures::{self, PaperFigure};
 use crate::gap::{self, GapResults};
 use crate::hardware::{self, HardwareResults};
 use crate::page::Table;
 use crate::remote::{self, RemoteResults};
-use crate::report::sentences;
 use crate::settings::{PaperError, Settings};
 use crate::store::{ExperimentTrial, parse};
 use crate::tables;

@@ -11,28 +11,26 @@ mod gap;
 mod hardware;
 mod page;
 mod processor;
-mod published;
 mod remote;
-mod report;
 mod settings;
 mod statistics;
 mod store;
 mod tables;
 mod trial;
 
-use std::io;
-use std::io::Write;
+use std::io::{self, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand};
+use rhumb_bench::drive::{Serve, serve};
+
 use document::PageArguments;
 use experiment::ExperimentArguments;
 use gap::GapArguments;
 use hardware::HardwareArguments;
 use processor::{DutyArguments, serve_duty};
 use remote::RemoteArguments;
-use rhumb_bench::drive::{Serve, serve};
 
 /// Repeats the paper's experiment, or runs one of the tasks beside it.
 #[derive(Debug, Parser)]

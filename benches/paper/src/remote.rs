@@ -5,15 +5,13 @@
 //! pipeline holds: calls that fill a pipeline do not wait.
 
 mod results;
-mod tables;
 
 use std::num::NonZeroU32;
 use std::path::PathBuf;
 
 use clap::Args;
-use results::{Crossing, RemotePoint, crossings};
-use rhumb_bench::drive::player::{Player, PlayerSetup, PlayerTotals};
-use rhumb_bench::drive::{Defects, ServerCpu, player};
+use rhumb_bench::drive::player::{self, Player, PlayerSetup, PlayerTotals};
+use rhumb_bench::drive::{Defects, ServerCpu};
 use rhumb_bench::record::Mode;
 use rhumb_bench::{machine, output};
 use rhumb_client::PipelineDepth;
@@ -28,9 +26,9 @@ use crate::page::Provenance;
 use crate::processor::{CoreAssignment, work};
 use crate::settings::{PaperError, tolerance};
 use crate::trial::{FRAMES_PER_SECOND, bodies_placed, in_frames};
+use results::{Crossing, RemotePoint, crossings};
 
-pub(crate) use results::RemoteResults;
-pub(crate) use tables::{aims_table, crossings_table, points_table};
+pub(crate) use results::{RemoteResults, aims_table, crossings_table, points_table};
 
 /// Arguments of the remote task.
 #[derive(Clone, Debug, Args)]

@@ -1,8 +1,9 @@
-//! The points of `rhumb-paper remote`, and where the curves cross.
+//! The points of `rhumb-paper remote`, where curves cross, and their tables.
 
+use rhumb_bench::numbers::number;
 use serde::{Deserialize, Serialize};
 
-use crate::page::Provenance;
+use crate::page::{Provenance, Table};
 
 /// Results: `remote.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -168,28 +169,28 @@ pub(super) fn integrated<'a>(
 
 /// Two values at one abscissa.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Pair {
+struct Pair {
     /// Abscissa: other work in milliseconds, or bodies.
-    pub(crate) at: f64,
+    at: f64,
     /// Value of the baseline.
-    pub(crate) own: f64,
+    own: f64,
     /// Value of the challenger, which beats the baseline by being greater.
-    pub(crate) other: f64,
+    other: f64,
 }
 
 /// An interval in which the challenger beats the baseline.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub(crate) struct Crossover {
+pub(super) struct Crossover {
     /// Start, interpolated between the last pair before and the first pair that beats.
-    pub(crate) from: f64,
+    pub(super) from: f64,
     /// True if the first pair already beats; the true start may then lie earlier.
-    pub(crate) from_the_first: bool,
+    pub(super) from_the_first: bool,
     /// End, if it lies within the measured range.
-    pub(crate) to: Option<f64>,
+    pub(super) to: Option<f64>,
 }
 
 /// The intervals in which the challenger beats the baseline; pairs in ascending order. Ties do not beat.
-pub(crate) fn crossovers(pairs: &[Pair]) -> Vec<Crossover> {
+fn crossovers(pairs: &[Pair]) -> Vec<Crossover> {
     let beats = |pair: &Pair| pair.other > pair.own;
     let between = |one: &Pair, two: &Pair| {
         let (before, after) = (one.other - one.own, two.other - two.own);
@@ -218,6 +219,169 @@ pub(crate) fn crossovers(pairs: &[Pair]) -> Vec<Crossover> {
         before = Some(pair);
     }
     found
+}
+
+/// The crossovers, a row each.
+pub(crate) fn crossings_table(results: &RemoteResults) -> Table {
+    let mut table = Table::new(
+        "Where remote beats integrated",
+        [
+            "depth",
+            "in motion, %",
+            "searched over",
+            "in SimFPS",
+            "uncapped",
+            "uncapped, equal engines",
+        ],
+    );
+    for found in crossings(&results.points) {
+        let over = match (found.load, found.other_work_ms) {
+            (Some(load), _) => format!("other work, at {load} bodies"),
+            (_, Some(work)) => format!("bodies, at {work} ms of other work"),
+            _ => String::new(),
+        };
+        let unit = if found.load.is_some() { "ms" } else { "bodies" };
+        let cell = |stretches: &[Crossover]| {
+            let stretches = stretches.iter().map(|stretch| stretch_text(*stretch, unit));
+            let stretches: Vec<_> = stretches.collect();
+            match &stretches[..] {
+                [] => "nowhere".to_owned(),
+                some => some.join("; "),
+            }
+        };
+        table.rows.push(vec![
+            found.depth.to_string(),
+            found.awake_percent.to_string(),
+            over,
+            cell(&found.capped),
+            cell(&found.uncapped),
+            cell(&found.engines_alike),
+        ]);
+    }
+    table.note = "Interpolated linearly between measured points; without an end, the interval is open. From the \
+                  first: already at the smallest measured value, and perhaps below. Where both reach 11.33 frames \
+                  per second neither beats the other. Nowhere: not within the measured range. Equal engines: \
+                  compared with an integrated engine whose steps take as long as at the server, so noise of one \
+                  engine decides nothing."
+        .to_owned();
+    table
+}
+
+/// An interval in which remote beats integrated, as text.
+fn stretch_text(stretch: Crossover, unit: &str) -> String {
+    let from = number(Some(stretch.from));
+    let from = match stretch.from_the_first {
+        true => format!("from the first, {from}"),
+        false => format!("from {from}"),
+    };
+    match stretch.to {
+        None => format!("{from} {unit}"),
+        Some(to) => format!("{from} to {} {unit}", number(Some(to))),
+    }
+}
+
+/// Targets and results.
+pub(crate) fn aims_table(results: &RemoteResults) -> Table {
+    /// Largest allowed share of the engine's step where most bodies sleep.
+    const MOST: f64 = 0.05;
+    const LOAD: u32 = 50_000;
+    const AWAKE_PERCENT: u32 = 5;
+    let mut table = Table::new("Targets", ["target", "found", "where", "met"]);
+    let there = results.points.iter().filter(|point| {
+        !point.void
+            && point.depth.is_some()
+            && point.load == LOAD
+            && point.awake_percent == AWAKE_PERCENT
+    });
+    let there: Vec<_> = there.collect();
+    let worst = there
+        .iter()
+        .max_by(|one, other| one.beside().total_cmp(&other.beside()));
+    let Some(worst) = worst else {
+        return table;
+    };
+    let mean = there.iter().map(|point| point.beside()).sum::<f64>() / there.len() as f64;
+    let (work, depth) = (worst.other_work_ms, worst.depth.unwrap_or_default());
+    let aim = format!(
+        "{LOAD} bodies, {AWAKE_PERCENT} % in motion: observe and publish at most {MOST} of the engine's step"
+    );
+    for (found, place) in [
+        (mean, format!("on average of {} points", there.len())),
+        (
+            worst.beside(),
+            format!("worst, at {work} ms of other work, depth {depth}"),
+        ),
+    ] {
+        table.rows.push(vec![
+            aim.clone(),
+            number(Some(found)),
+            place,
+            if found <= MOST { "yes" } else { "no" }.to_owned(),
+        ]);
+    }
+    table
+}
+
+/// The points, a row each.
+pub(crate) fn points_table(results: &RemoteResults) -> Table {
+    let columns = [
+        "bodies",
+        "in motion, %",
+        "awake",
+        "other work, ms",
+        "depth",
+        "SimFPS",
+        "uncapped",
+        "frame, ms",
+        "call, ms",
+        "caller's work, ms",
+        "caller waits, ms",
+        "engine, ms",
+        "observe, ms",
+        "publish, ms",
+        "rest of server, of engine",
+        "frame, equal engines",
+    ];
+    let mut table = Table::new("Frames, and where their time goes", columns);
+    for point in &results.points {
+        let depth = point
+            .depth
+            .map_or_else(|| "integrated".to_owned(), |depth| depth.to_string());
+        let mut row = vec![
+            point.load.to_string(),
+            point.awake_percent.to_string(),
+            point.awake.to_string(),
+            point.other_work_ms.to_string(),
+            if point.void {
+                format!("{depth}, void")
+            } else {
+                depth
+            },
+        ];
+        let waits = point.work_ms.map(|work| (point.call_ms - work).max(0.0));
+        let values = [
+            Some(point.sim_fps),
+            Some(point.uncapped_fps),
+            Some(point.frame_ms),
+            Some(point.call_ms),
+            point.work_ms,
+            waits,
+            Some(point.step_ms),
+            Some(point.observe_ms),
+            Some(point.publish_ms),
+            Some(point.beside()),
+            integrated(results.points.iter(), point)
+                .filter(|own| !own.void && !point.void)
+                .map(|own| point.frame_ms / point.frame_of(own)),
+        ];
+        row.extend(values.map(number));
+        table.rows.push(row);
+    }
+    table.note = "For pipelined callers, engine, observe and publish are averages that include the uncounted frames. \
+                  Frame, equal engines: relative to an integrated engine with the same steps. Void: the engine \
+                  diverged from the integrated one; excluded from the crossovers."
+        .to_owned();
+    table
 }
 
 #[cfg(test)]
