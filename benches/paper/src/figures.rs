@@ -56,7 +56,7 @@ const TAKEN_IN_PERCENT: u64 = 34;
 
 /// Length of the published client's list in the middle of a load's stage, if it processed the same share of all states
 /// as measured with few bodies.
-pub(crate) fn listed(load: u32) -> u32 {
+pub(crate) fn published_list(load: u32) -> u32 {
     let stages = u64::from(load / STAGE);
     let before = stages * stages.saturating_sub(1) / 2 * u64::from(STAGE);
     let states = STAGE_FRAMES * before + STAGE_FRAMES / 2 * u64::from(load);
@@ -83,7 +83,7 @@ const TABLE: [Published; 10] = [
 ];
 
 /// The paper's figures at a load.
-pub(crate) fn at(load: u32) -> Option<&'static Published> {
+pub(crate) fn published(load: u32) -> Option<&'static Published> {
     TABLE.iter().find(|row| row.load == load)
 }
 

@@ -112,7 +112,7 @@ fn cases(load: u32) -> Vec<GapCase> {
             ..app(
                 AS_LONG,
                 Mode::AppAll,
-                Defects::AS_PUBLISHED.with_listed(figures::listed(load)),
+                Defects::AS_PUBLISHED.with_listed(figures::published_list(load)),
             )
         },
         app("rhumb", Mode::Rhumb, Defects::SOUND),
@@ -307,7 +307,7 @@ pub(crate) fn shares_table(results: &GapResults) -> Table {
         let GapShares { all, each } = parts;
         let share = |part: f64| Some(100.0 * part / all);
         let together = all - each.iter().sum::<f64>();
-        let papers = figures::at(load).and_then(|row| row.frame_ms);
+        let papers = figures::published(load).and_then(|row| row.frame_ms);
         let papers = papers.map(|(integrated, distributed)| distributed - integrated);
         let mut cells = vec![
             load.to_string(),
@@ -351,7 +351,7 @@ pub(crate) fn published_table(results: &GapResults) -> Table {
     loads.dedup();
     for load in loads {
         let row = |client| row_of(results, load, client);
-        let papers = figures::at(load).and_then(|row| row.frame_ms);
+        let papers = figures::published(load).and_then(|row| row.frame_ms);
         let Some((integrated, distributed)) = papers else {
             continue;
         };
@@ -376,7 +376,7 @@ pub(crate) fn published_table(results: &GapResults) -> Table {
             part(GapShares::BUFFER),
             number(beyond(AS_PUBLISHED)),
             number(of_gap(beyond(AS_PUBLISHED))),
-            figures::listed(load).to_string(),
+            figures::published_list(load).to_string(),
             number(long),
             number(of_gap(long)),
             number(median),

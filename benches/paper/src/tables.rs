@@ -49,7 +49,7 @@ fn by_mode(
             let found = load.modes.iter().find(|found| found.mode == *mode);
             row.push(found.map_or_else(|| NONE.to_owned(), |found| digits.spread(own(found))));
         }
-        let published = figures::at(load.load).and_then(theirs);
+        let published = figures::published(load.load).and_then(theirs);
         row.push(digits.show(published.map(|pair| pair.0)));
         row.push(digits.show(published.map(|pair| pair.1)));
         table.rows.push(row);
