@@ -1,7 +1,6 @@
 // Scenes as bytes, from which scenes continue.
 
 using System;
-using Microsoft.Win32.SafeHandles;
 
 namespace Rhumb
 {
@@ -11,11 +10,13 @@ namespace Rhumb
     /// </summary>
     public sealed class Checkpoint : IDisposable
     {
-        private readonly CheckpointHandle handle;
+        private readonly NativeHandle handle;
 
         internal Checkpoint(RhumbCheckpoint checkpoint)
         {
-            handle = new CheckpointHandle(checkpoint.id);
+            handle = new NativeHandle(
+                checkpoint.id,
+                number => Native.rhumb_checkpoint_close(new RhumbCheckpoint { id = number }));
         }
 
         /// <summary>
@@ -60,28 +61,7 @@ namespace Rhumb
 
         internal RhumbCheckpoint Raw
         {
-            get { return handle.Checkpoint; }
-        }
-
-        /// <summary>The number of a checkpoint, which is closed with it.</summary>
-        private sealed class CheckpointHandle : SafeHandleZeroOrMinusOneIsInvalid
-        {
-            internal CheckpointHandle(ulong id)
-                : base(true)
-            {
-                SetHandle((IntPtr)(long)id);
-            }
-
-            /// <summary>Zero, which no checkpoint has, once it is closed.</summary>
-            internal RhumbCheckpoint Checkpoint
-            {
-                get { return new RhumbCheckpoint { id = IsClosed ? 0 : (ulong)(long)handle }; }
-            }
-
-            protected override bool ReleaseHandle()
-            {
-                return Native.rhumb_checkpoint_close(new RhumbCheckpoint { id = (ulong)(long)handle }) == RhumbCode.Ok;
-            }
+            get { return new RhumbCheckpoint { id = handle.Id }; }
         }
     }
 }

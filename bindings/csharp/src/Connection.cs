@@ -1,7 +1,6 @@
 // Connections, before they join a scene.
 
 using System;
-using Microsoft.Win32.SafeHandles;
 
 namespace Rhumb
 {
@@ -35,11 +34,11 @@ namespace Rhumb
     /// <summary>A connection to a server that has joined no scene.</summary>
     public sealed class Connection : IDisposable
     {
-        private readonly ConnectionHandle handle;
+        private readonly NativeHandle handle;
 
         internal Connection(ulong id)
         {
-            handle = new ConnectionHandle(id);
+            handle = new NativeHandle(id, number => Native.rhumb_connection_close(new RhumbConnection { id = number }));
         }
 
         /// <summary>
@@ -99,29 +98,6 @@ namespace Rhumb
         public void Dispose()
         {
             handle.Dispose();
-        }
-
-        /// <summary>The number of a connection, which is closed with it.</summary>
-        private sealed class ConnectionHandle : SafeHandleZeroOrMinusOneIsInvalid
-        {
-            internal ConnectionHandle(ulong id)
-                : base(true)
-            {
-                SetHandle((IntPtr)(long)id);
-            }
-
-            /// <summary>Zero, which no connection has, once it is closed.</summary>
-            internal ulong Id
-            {
-                get { return IsClosed ? 0 : (ulong)(long)handle; }
-            }
-
-            protected override bool ReleaseHandle()
-            {
-                // A connection that has joined is closed already.
-                RhumbCode code = Native.rhumb_connection_close(new RhumbConnection { id = (ulong)(long)handle });
-                return code == RhumbCode.Ok || code == RhumbCode.Closed;
-            }
         }
     }
 }

@@ -1,29 +1,33 @@
 // Servers in the process of the caller.
 
 using System;
-using Microsoft.Win32.SafeHandles;
 
 namespace Rhumb
 {
     /// <summary>A server in this process for several clients. It ends with the last of its connections and scenes.</summary>
     public sealed class LocalServer : IDisposable
     {
-        private readonly ServerHandle handle;
+        private readonly NativeHandle handle;
 
         /// <summary>
         /// Without a thread of its own, it steps within the calls of its clients, which take turns if they are on several
         /// threads. With one, a free-running scene moves on between calls.
         /// </summary>
-        public unsafe LocalServer(bool ownThread = false)
+        public LocalServer(bool ownThread = false)
+            : this(Opened(ownThread))
         {
-            RhumbLocalServer server;
-            RhumbException.Check(Native.rhumb_local_server_open((byte)(ownThread ? 1 : 0), &server));
-            handle = new ServerHandle(server.id);
         }
 
         private LocalServer(RhumbLocalServer server)
         {
-            handle = new ServerHandle(server.id);
+            handle = new NativeHandle(server.id, number => Native.rhumb_local_server_close(new RhumbLocalServer { id = number }));
+        }
+
+        private static unsafe RhumbLocalServer Opened(bool ownThread)
+        {
+            RhumbLocalServer server;
+            RhumbException.Check(Native.rhumb_local_server_open((byte)(ownThread ? 1 : 0), &server));
+            return server;
         }
 
         /// <summary>
@@ -55,7 +59,7 @@ namespace Rhumb
             get
             {
                 RhumbAddress address;
-                RhumbException.Check(Native.rhumb_local_server_address(handle.Server, &address));
+                RhumbException.Check(Native.rhumb_local_server_address(Raw, &address));
                 return Utf8.Read((byte*)address.text);
             }
         }
@@ -64,7 +68,7 @@ namespace Rhumb
         public unsafe Connection Connect(double timeout = 5.0)
         {
             RhumbConnection connection;
-            RhumbException.Check(Native.rhumb_local_server_connect(handle.Server, timeout, &connection));
+            RhumbException.Check(Native.rhumb_local_server_connect(Raw, timeout, &connection));
             return new Connection(connection.id);
         }
 
@@ -80,7 +84,7 @@ namespace Rhumb
             }
             fixed (byte* name = Utf8.Bytes(scene))
             {
-                RhumbException.Check(Native.rhumb_local_server_restore(handle.Server, name, checkpoint.Raw));
+                RhumbException.Check(Native.rhumb_local_server_restore(Raw, name, checkpoint.Raw));
             }
         }
 
@@ -90,25 +94,9 @@ namespace Rhumb
             handle.Dispose();
         }
 
-        /// <summary>The number of a server, which is closed with it.</summary>
-        private sealed class ServerHandle : SafeHandleZeroOrMinusOneIsInvalid
+        private RhumbLocalServer Raw
         {
-            internal ServerHandle(ulong id)
-                : base(true)
-            {
-                SetHandle((IntPtr)(long)id);
-            }
-
-            /// <summary>Zero, which no server has, once it is closed.</summary>
-            internal RhumbLocalServer Server
-            {
-                get { return new RhumbLocalServer { id = IsClosed ? 0 : (ulong)(long)handle }; }
-            }
-
-            protected override bool ReleaseHandle()
-            {
-                return Native.rhumb_local_server_close(new RhumbLocalServer { id = (ulong)(long)handle }) == RhumbCode.Ok;
-            }
+            get { return new RhumbLocalServer { id = handle.Id }; }
         }
     }
 }

@@ -14,12 +14,12 @@ namespace Rhumb
     /// </summary>
     public sealed partial class Scene : IDisposable
     {
-        private readonly SceneHandle handle;
+        private readonly NativeHandle handle;
         private readonly ViewArrays arrays;
 
         internal Scene(ulong id)
         {
-            handle = new SceneHandle(id);
+            handle = new NativeHandle(id, number => Native.rhumb_scene_close(new RhumbScene { id = number }));
             arrays = new ViewArrays(handle);
         }
 
@@ -492,7 +492,7 @@ namespace Rhumb
 
         private RhumbScene Raw()
         {
-            return handle.Scene;
+            return new RhumbScene { id = handle.Id };
         }
     }
 }

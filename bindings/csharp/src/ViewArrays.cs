@@ -12,7 +12,7 @@ namespace Rhumb
     /// </summary>
     internal sealed class ViewArrays
     {
-        private readonly SceneHandle handle;
+        private readonly NativeHandle handle;
         private readonly ViewArray<Body> bodies = new ViewArray<Body>();
         private readonly ViewArray<Vec3> positions = new ViewArray<Vec3>();
         private readonly ViewArray<Quat> rotations = new ViewArray<Quat>();
@@ -27,9 +27,14 @@ namespace Rhumb
         /// <summary>Counts the views, so that an array knows whether it holds the present one.</summary>
         private ulong view = 1;
 
-        internal ViewArrays(SceneHandle handle)
+        internal ViewArrays(NativeHandle handle)
         {
             this.handle = handle;
+        }
+
+        private RhumbScene Raw
+        {
+            get { return new RhumbScene { id = handle.Id }; }
         }
 
         private delegate RhumbPoseBuffers Wanted(IntPtr array);
@@ -137,7 +142,7 @@ namespace Rhumb
                 {
                     RhumbPoseBuffers buffers = wanted(pin.AddrOfPinnedObject());
                     buffers.capacity = (UIntPtr)array.Values.Length;
-                    code = Native.rhumb_scene_copy_poses(handle.Scene, &buffers, &count);
+                    code = Native.rhumb_scene_copy_poses(Raw, &buffers, &count);
                 }
                 finally
                 {
@@ -179,7 +184,7 @@ namespace Rhumb
                 {
                     handle.DangerousAddRef(ref isHeld);
                     RhumbPoses lent;
-                    RhumbException.Check(Native.rhumb_scene_poses(handle.Scene, &lent));
+                    RhumbException.Check(Native.rhumb_scene_poses(Raw, &lent));
                     time = new RenderTime(lent.tick, lent.fraction);
                     // Places are below 2³¹, as in arrays of .NET, so that they are read as int.
                     changed.Fill(new ReadOnlySpan<int>(lent.changed, (int)lent.changed_count), view);
@@ -205,7 +210,7 @@ namespace Rhumb
         {
             if (handle.IsClosed)
             {
-                RhumbException.Check(Native.rhumb_scene_flush(handle.Scene));
+                RhumbException.Check(Native.rhumb_scene_flush(Raw));
             }
             return new ReadOnlySpan<T>(array.Values, 0, array.Count);
         }
