@@ -35,11 +35,13 @@ export const TOLERANCE: { readonly exact: 0.005; readonly fine: 0.02; readonly n
 /**
  * The stream that a client follows.
  *
- * `"full"`: every state at every tick, exact; the truth for a comparison. `within`: predicted, within a tolerance.
+ * `"full"`: every state at every tick, exact; the truth for a comparison. `"changed"`: the same without bodies that rest.
+ * `within`: predicted, within a tolerance.
  * With a `budget`, the stream takes no more bytes per second of the scene's time, and states an error scale instead.
  */
 export type StreamChoice =
   | "full"
+  | "changed"
   | { readonly within: Tolerance; readonly budget?: number | { readonly bytesPerSecond: number; readonly burst: number } };
 
 /** The streams that the server may move this client to when its link is congested: none, or tolerances up to a length. */

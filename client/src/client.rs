@@ -132,14 +132,14 @@ impl Client {
         self.replica().map(Replica::choice)
     }
 
-    /// Tolerance of the copy's stream; `None` for a full stream, whose states are exact.
+    /// Tolerance of the copy's stream; `None` for one whose states are exact.
     #[must_use]
     pub fn tolerance(&self) -> Option<Tolerance> {
         match self.stream()? {
             StreamChoice::Within(tolerance) | StreamChoice::Capped { tolerance, .. } => {
                 Some(tolerance)
             }
-            StreamChoice::Full => None,
+            StreamChoice::Full | StreamChoice::Changed => None,
         }
     }
 
@@ -410,6 +410,18 @@ impl Client {
     ///
     /// [`ClientError::Ended`] when the connection is over.
     pub fn request_tick(&mut self) -> Result<Tick, ClientError> {
+        let requested = self.queue_tick()?;
+        self.pump.flush();
+        Ok(requested)
+    }
+
+    /// As [`Self::request_tick`], but sends nothing yet: the request leaves with the next message, or by [`Self::flush`]. So
+    /// several ticks, and what is asked between them, are one piece of work for the server.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::request_tick`].
+    pub fn queue_tick(&mut self) -> Result<Tick, ClientError> {
         self.check_open()?;
         self.denied_advance = None;
         let newest = self.ids.last_command();
@@ -418,7 +430,6 @@ impl Client {
         self.requested = publish_schedule.next_published(self.requested);
         let now = self.pump.now();
         self.pump.session.advance(now, self.requested)?;
-        self.pump.flush();
         Ok(self.requested)
     }
 
@@ -428,6 +439,28 @@ impl Client {
     ///
     /// As [`Self::advance`].
     pub fn wait(&mut self, depth: PipelineDepth) -> Result<Tick, ClientError> {
+        let tick = self.wait_until_complete(depth)?;
+        self.show(tick);
+        self.report_refusals()?;
+        Ok(tick)
+    }
+
+    /// Waits as [`Self::wait`] at depth 0, but computes no view: for a program that reads [`Self::replica`] only.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::wait`].
+    pub fn wait_for_replica(&mut self) -> Result<Tick, ClientError> {
+        let tick = self.wait_until_complete(PipelineDepth::LOCKSTEP)?;
+        if let Some(replica) = self.pump.session.replica_mut() {
+            replica.stream_mut().forget_before(tick);
+        }
+        self.report_refusals()?;
+        Ok(tick)
+    }
+
+    /// Waits for the tick that a view at this depth shows; returns the newest complete one.
+    fn wait_until_complete(&mut self, depth: PipelineDepth) -> Result<Tick, ClientError> {
         let awaited = self.awaited(depth)?;
         let deadline = self.deadline();
         self.read_waiting();
@@ -440,10 +473,7 @@ impl Client {
             }
             self.turn(deadline, "complete tick")?;
         }
-        let tick = self.complete();
-        self.show(tick);
-        self.report_refusals()?;
-        Ok(tick)
+        Ok(self.complete())
     }
 
     /// Handles received data, and computes the view as [`Self::wait`] if its tick is complete. Does not wait: returns

@@ -245,6 +245,8 @@ struct LocalConnection {
     waiting_state: Arc<AtomicUsize>,
     sent: LocalTraffic,
     received: LocalTraffic,
+    /// Control bytes that wait in the inbox.
+    inbox_bytes: Arc<InboxBytes>,
 }
 
 /// Bytes and pieces, without headers: there are none.
@@ -265,9 +267,12 @@ impl LocalConnection {
             waiting_state: Arc::default(),
             sent: LocalTraffic::default(),
             received: LocalTraffic::default(),
+            inbox_bytes: Arc::default(),
         };
         let inbox = Arc::clone(&connection.inbox);
-        connection.send(LocalInput::Opened(LocalClient::new(inbox, arrived)));
+        let bytes = Arc::clone(&connection.inbox_bytes);
+        let client = LocalClient::new(inbox, bytes, arrived);
+        connection.send(LocalInput::Opened(client));
         connection
     }
 
@@ -341,7 +346,10 @@ impl ClientTransport for LocalConnection {
         match &received {
             Received::Control(bytes) => {
                 self.received.add(bytes.len());
-                self.send(LocalInput::Taken(bytes.len()));
+                let news = self.inbox_bytes.take(bytes.len());
+                if news > 0 {
+                    self.send(LocalInput::Taken(news));
+                }
             }
             Received::State(bytes) => self.received.add(bytes.len()),
             Received::Ended(_) => {}
@@ -382,7 +390,7 @@ struct Arrived(Box<dyn Fn() + Send + Sync>);
 enum LocalInput {
     Opened(LocalClient),
     Control(CountedBytes),
-    /// The client has taken this number of control bytes out of its inbox.
+    /// The client has taken this number of control bytes out of its inbox that the server does not know of.
     Taken(usize),
     State(CountedBytes),
     /// The state of the link that carries the client.
@@ -406,23 +414,48 @@ struct LocalClient {
     inbox: Arc<Inbox>,
     /// Of a client that another program carries.
     arrived: Option<Arrived>,
-    /// Bytes that wait in the inbox.
-    waiting: usize,
-    /// Taken bytes that the server does not know of yet.
-    unreported: usize,
+    bytes: Arc<InboxBytes>,
+}
+
+/// Control bytes that wait in an inbox. Both ends count, so that the server is woken only for what it has to know.
+#[derive(Default)]
+struct InboxBytes {
+    waiting: AtomicUsize,
+    /// Those of them that do not count as taken.
+    unreported: AtomicUsize,
 }
 
 /// Control bytes that count as taken while they wait in an inbox. A client that is not polled for minutes stays, as one
 /// behind a socket does, whose thread reads for it.
 const TAKEN_BYTES_MAX: usize = 1 << 20;
 
+impl InboxBytes {
+    /// Notes bytes before they are put; returns how many count as taken.
+    fn put(&self, bytes: usize) -> usize {
+        let waiting = self.waiting.fetch_add(bytes, Ordering::Relaxed) + bytes;
+        if waiting > TAKEN_BYTES_MAX {
+            self.unreported.fetch_add(bytes, Ordering::Relaxed);
+            return 0;
+        }
+        bytes
+    }
+
+    /// Notes bytes that the client has taken; returns how many the server does not know of.
+    fn take(&self, bytes: usize) -> usize {
+        self.waiting.fetch_sub(bytes, Ordering::Relaxed);
+        // Only the client takes, so that what it sees here is still there.
+        let news = bytes.min(self.unreported.load(Ordering::Relaxed));
+        self.unreported.fetch_sub(news, Ordering::Relaxed);
+        news
+    }
+}
+
 impl LocalClient {
-    const fn new(inbox: Arc<Inbox>, arrived: Option<Arrived>) -> Self {
+    const fn new(inbox: Arc<Inbox>, bytes: Arc<InboxBytes>, arrived: Option<Arrived>) -> Self {
         Self {
             inbox,
             arrived,
-            waiting: 0,
-            unreported: 0,
+            bytes,
         }
     }
 
@@ -438,23 +471,12 @@ impl LocalClient {
     }
 
     /// Puts control bytes into the inbox; returns how many count as taken.
-    fn put(&mut self, bytes: &Bytes) -> usize {
+    fn put(&self, bytes: &Bytes) -> usize {
+        // The inbox's lock orders the count before the client's.
+        let taken = self.bytes.put(bytes.len());
         self.inbox.put_bounded_control(bytes);
         self.tell();
-        self.waiting += bytes.len();
-        if self.waiting > TAKEN_BYTES_MAX {
-            self.unreported += bytes.len();
-            return 0;
-        }
-        bytes.len()
-    }
-
-    /// Notes that the client has taken bytes; returns how many the server does not know of.
-    fn take(&mut self, bytes: usize) -> usize {
-        self.waiting = self.waiting.saturating_sub(bytes);
-        let news = bytes.min(self.unreported);
-        self.unreported -= news;
-        news
+        taken
     }
 }
 
@@ -539,9 +561,8 @@ impl<E: Endpoint> Driver<E> {
                 (self.held_back).handle_control(now, &mut self.server, from, bytes);
             }
             LocalInput::Taken(bytes) => {
-                let news = self.clients.get_mut(&from).map(|client| client.take(bytes));
-                if let Some(news) = news.filter(|news| *news > 0) {
-                    self.server.handle_control_taken(now, from, news);
+                if self.clients.contains_key(&from) {
+                    self.server.handle_control_taken(now, from, bytes);
                 }
             }
             LocalInput::State(bytes) => self.server.handle_datagram(now, from, bytes.as_ref()),
@@ -566,7 +587,7 @@ impl<E: Endpoint> Driver<E> {
     fn send(&mut self, transmit: Transmit) {
         match transmit {
             Transmit::Control { to, bytes } => {
-                let taken = self.clients.get_mut(&to).map(|client| client.put(&bytes));
+                let taken = self.clients.get(&to).map(|client| client.put(&bytes));
                 if let Some(taken) = taken.filter(|taken| *taken > 0) {
                     let now = self.clock.now();
                     self.server.handle_control_taken(now, to, taken);
@@ -744,13 +765,13 @@ mod tests {
 
     #[test]
     fn bytes_for_a_client_that_does_not_poll_count_as_taken_up_to_a_bound() {
-        let mut client = LocalClient::new(Arc::default(), None);
+        let client = LocalClient::new(Arc::default(), Arc::default(), None);
         let half = Bytes::from(vec![0; TAKEN_BYTES_MAX / 2]);
         let puts = [client.put(&half), client.put(&half), client.put(&half)];
         assert_eq!(puts, [half.len(), half.len(), 0]);
         // The client takes the first piece: those bytes were counted, so others count for them.
-        assert_eq!(client.take(half.len()), half.len());
-        assert_eq!(client.take(half.len()), 0);
+        assert_eq!(client.bytes.take(half.len()), half.len());
+        assert_eq!(client.bytes.take(half.len()), 0);
         assert_eq!(client.put(&half), half.len());
     }
 

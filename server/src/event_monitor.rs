@@ -1,9 +1,9 @@
 //! Events of bodies: compares the engine's reports of two steps.
 //!
 //! Only bodies whose events are on are looked at, and of the dynamic ones only those that the engine observed: nothing
-//! about a body changes while it sleeps. One whose events were just turned on is looked at once all the same. Knows no members. Invariant: a tick has at most [`EVENTS_PER_TICK_MAX`]
-//! events; what exceeds that is counted. What stands is what began and has not ended: those who missed the beginning get
-//! it.
+//! about a body changes while it sleeps. One whose events were just turned on is looked at once all the same. Knows no
+//! members. Invariant: a tick has at most [`EVENTS_PER_TICK_MAX`] events; what exceeds that is counted. What stands is
+//! what began and has not ended: those who missed the beginning get it.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -21,9 +21,15 @@ use crate::registry::Registry;
 #[derive(Clone, Debug, Default)]
 pub(crate) struct EventMonitor {
     active: BTreeMap<BodyId, ActiveEvents>,
+    /// Those of them that report contacts or their forces.
+    touch_reporters: BTreeSet<BodyId>,
+    /// Those of them that report sensors.
+    sensor_reporters: BTreeSet<BodyId>,
     asleep: BTreeSet<BodyId>,
     /// Bodies whose events were turned on since the last step.
     turned_on: BTreeSet<BodyId>,
+    /// Bodies that were removed since the last step.
+    removed: Vec<BodyId>,
     /// Pairs in contact, the lesser id first, of which at least one reports contacts.
     touching: BTreeSet<(BodyId, BodyId)>,
     /// Sensors and bodies inside them, of which at least one reports it.
@@ -54,7 +60,7 @@ impl Wire for EventMonitor {
         let mut monitor = Self::default();
         for _ in 0..from.varint()? {
             let id = BodyId::decode(from)?;
-            monitor.active.insert(id, ActiveEvents::decode(from)?);
+            monitor.report(id, ActiveEvents::decode(from)?);
         }
         for bodies in [&mut monitor.asleep, &mut monitor.turned_on] {
             for _ in 0..from.varint()? {
@@ -176,17 +182,21 @@ impl SteppedScene<'_> {
 impl EventMonitor {
     /// Turns the events of a body on or off.
     pub(crate) fn set(&mut self, id: BodyId, events: ActiveEvents, engine: &dyn Engine) {
-        self.asleep.remove(&id);
+        self.forget(id);
         if !events.any() {
-            self.active.remove(&id);
             return;
         }
-        self.active.insert(id, events);
+        self.report(id, events);
         self.turned_on.insert(id);
         let observation = engine.observe_one(id);
         if observation.is_some_and(|observation| observation.activity == Activity::Asleep) {
             self.asleep.insert(id);
         }
+    }
+
+    /// Notes a body that was removed: what it was part of ends with the next step.
+    pub(crate) fn remove(&mut self, id: BodyId) {
+        self.removed.push(id);
     }
 
     /// The pairs that touch and the bodies in sensors, as the events that began them with the present contacts, in the order
@@ -230,6 +240,7 @@ impl EventMonitor {
         observations: &[Observation],
     ) -> StepEvents {
         let mut events = StepEvents::default();
+        let removed = std::mem::take(&mut self.removed);
         if self.active.is_empty() && self.touching.is_empty() && self.inside.is_empty() {
             self.turned_on.clear();
             return events;
@@ -243,8 +254,25 @@ impl EventMonitor {
         self.compare_sensors(&stepped, &mut events);
         self.compare_sleep(&stepped, &mut events);
         self.turned_on.clear();
-        self.active.retain(|id, _| stepped.exists(*id));
+        removed.into_iter().for_each(|id| self.forget(id));
         events
+    }
+
+    fn report(&mut self, id: BodyId, events: ActiveEvents) {
+        self.active.insert(id, events);
+        if events.contacts || events.force.is_some() {
+            self.touch_reporters.insert(id);
+        }
+        if events.sensors {
+            self.sensor_reporters.insert(id);
+        }
+    }
+
+    fn forget(&mut self, id: BodyId) {
+        self.active.remove(&id);
+        self.touch_reporters.remove(&id);
+        self.sensor_reporters.remove(&id);
+        self.asleep.remove(&id);
     }
 
     fn compare_contacts(&mut self, stepped: &SteppedScene<'_>, events: &mut StepEvents) {
@@ -278,10 +306,10 @@ impl EventMonitor {
     fn touches(&self, stepped: &SteppedScene<'_>) -> BTreeMap<(BodyId, BodyId), Touch> {
         let mut touches: BTreeMap<_, Touch> = BTreeMap::new();
         let mut contacts = Vec::new();
-        for (id, events) in &self.active {
+        let events_of = |id| Some((id, self.active.get(id)?));
+        for (id, events) in self.touch_reporters.iter().filter_map(events_of) {
             let differs = stepped.may_differ(*id);
-            let is_looked_at = differs || self.turned_on.contains(id);
-            if !(events.contacts || events.force.is_some()) || !is_looked_at {
+            if !differs && !self.turned_on.contains(id) {
                 continue;
             }
             contacts.clear();
@@ -303,8 +331,8 @@ impl EventMonitor {
 
     fn compare_sensors(&mut self, stepped: &SteppedScene<'_>, events: &mut StepEvents) {
         let mut now = Vec::new();
-        for (id, active) in &self.active {
-            if active.sensors && (stepped.may_differ(*id) || self.turned_on.contains(id)) {
+        for id in &self.sensor_reporters {
+            if stepped.may_differ(*id) || self.turned_on.contains(id) {
                 stepped.engine.sensed(*id, &mut now);
             }
         }
@@ -354,26 +382,24 @@ impl EventMonitor {
         !ended
     }
 
+    /// Looks at the observed bodies only: no other falls asleep or wakes.
     fn compare_sleep(&mut self, stepped: &SteppedScene<'_>, events: &mut StepEvents) {
         let mut woken = Vec::new();
-        for id in self
-            .active
-            .iter()
-            .filter(|(_, events)| events.sleep)
-            .map(|(id, _)| *id)
-        {
-            match stepped.activity(id) {
-                Some(Activity::Asleep) if self.asleep.insert(id) => {
-                    events.push(BodyEvent::FellAsleep(id));
+        for Observation { id, activity, .. } in stepped.observations {
+            if !self.active.get(id).is_some_and(|events| events.sleep) {
+                continue;
+            }
+            match activity {
+                Activity::Asleep if self.asleep.insert(*id) => {
+                    events.push(BodyEvent::FellAsleep(*id));
                 }
-                Some(Activity::Awake) if self.asleep.remove(&id) => woken.push(id),
+                Activity::Awake if self.asleep.remove(id) => woken.push(*id),
                 _ => {}
             }
         }
         for id in woken {
             events.push(BodyEvent::Woke(id));
         }
-        self.asleep.retain(|id| stepped.exists(*id));
     }
 }
 

@@ -145,6 +145,7 @@ impl Scene {
             Command::AddBody { desc, motion } => self.add_body(desc, motion)?,
             Command::RemoveBody { id } => {
                 let joints = self.registry.remove_body(id)?;
+                self.event_monitor.remove(id);
                 self.forget_joints(joints);
                 self.engine.remove(id);
             }
@@ -228,6 +229,7 @@ impl Scene {
             let (id, _) = self.lost[place];
             // The engine names only bodies that it was given, each once.
             let known = self.registry.remove_body(id);
+            self.event_monitor.remove(id);
             debug_assert!(known.is_ok(), "{id} is lost but unknown");
             self.forget_joints(known.unwrap_or_default());
         }

@@ -12,7 +12,7 @@ use rhumb_protocol::packet::{LargestPacket, StreamId};
 use rhumb_protocol::scene::{BodyDesc, BodyKind, PublishSchedule, Stepping};
 use rhumb_protocol::stream::{
     Activity, Features, Observation, ObservationHistory, OverBudget, PredictionParameters,
-    Publisher, StreamConfig, StreamSender, WatermarkPolicy,
+    Publisher, RestingBodies, StreamConfig, StreamSender, WatermarkPolicy,
 };
 use rhumb_reckoning::{Anchor, BodyId, BodyState, Predictor, Tick, Tolerance, Track};
 use tracing::Level;
@@ -49,7 +49,7 @@ impl Stream {
         };
         let budget = match choice {
             StreamChoice::Capped { budget, .. } => Some(budget),
-            StreamChoice::Within(_) | StreamChoice::Full => None,
+            StreamChoice::Within(_) | StreamChoice::Full | StreamChoice::Changed => None,
         };
         let sender = match choice {
             StreamChoice::Within(tolerance) | StreamChoice::Capped { tolerance, .. } => {
@@ -63,7 +63,12 @@ impl Stream {
                 };
                 StreamSender::reckoned(id, &config, budget, policy, tick)
             }
-            StreamChoice::Full => StreamSender::full(id, largest_packet, policy, tick),
+            StreamChoice::Full => {
+                StreamSender::full(id, largest_packet, (policy, RestingBodies::Sent), tick)
+            }
+            StreamChoice::Changed => {
+                StreamSender::full(id, largest_packet, (policy, RestingBodies::LeftOut), tick)
+            }
         };
         Self::of(choice, sender)
     }

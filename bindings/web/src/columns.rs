@@ -115,10 +115,10 @@ impl Columns {
 
     pub(crate) fn compute_tolerances(&mut self, replica: &Replica) {
         let stream = replica.stream();
-        let is_full = matches!(replica.choice(), StreamChoice::Full);
+        let is_exact = replica.choice().is_exact();
         self.tolerances.clear();
         self.tolerances.extend(self.known.iter().map(|id| {
-            let metres = match stream.tolerance_of(*id).filter(|_| !is_full) {
+            let metres = match stream.tolerance_of(*id).filter(|_| !is_exact) {
                 Some(
                     Tolerance::Surface(length)
                     | Tolerance::Parts {

@@ -530,8 +530,10 @@ fn scene_config(from: &Argument<'_>) -> Result<SceneConfig, Failure> {
 }
 
 pub(crate) fn stream(from: &Argument<'_>) -> Result<StreamChoice, Failure> {
-    if from.as_text() == Some("full") {
-        return Ok(StreamChoice::Full);
+    match from.as_text() {
+        Some("full") => return Ok(StreamChoice::Full),
+        Some("changed") => return Ok(StreamChoice::Changed),
+        _ => {}
     }
     let tolerance = tolerance(&from.field("within")?)?;
     let Some(from) = from.optional("budget") else {

@@ -176,6 +176,7 @@ pub(crate) fn tolerance(tolerance: Tolerance) -> Value {
 pub(crate) fn stream(choice: StreamChoice) -> Value {
     match choice {
         StreamChoice::Full => "full".into(),
+        StreamChoice::Changed => "changed".into(),
         StreamChoice::Within(within) => object!({"within": tolerance(within)}),
         StreamChoice::Capped {
             tolerance: within,

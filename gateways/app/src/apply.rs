@@ -17,10 +17,10 @@ use rhumb_protocol::stream::Observation;
 use rhumb_reckoning::{BodyId, BodyState};
 
 use crate::actor::{
-    Actor, ActorBody, ActorProperties, Frame, TargetMotion, again, body_properties,
+    Actor, ActorBody, ActorProperties, Frame, TargetMotion, again, body_properties, joint_between,
+    keeps_upright,
 };
-use crate::joint;
-use crate::options::{Refusal, RefusedMessage};
+use crate::gateway::{Refusal, RefusedMessage};
 use crate::scene::{CommandSubject, OwnScene, Sent};
 use crate::wire::AddJoint;
 use crate::world_mirror::{JointRecord, MATERIAL, WorldMirror};
@@ -202,7 +202,7 @@ impl WorldMirror {
         let waiting: Vec<u32> = self
             .joints
             .iter()
-            .filter(|(_, record)| record.name.is_none() && !joint::is_upright(&record.message))
+            .filter(|(_, record)| record.name.is_none() && !keeps_upright(&record.message))
             .map(|(name, _)| *name)
             .collect();
         for name in waiting {
@@ -278,6 +278,7 @@ impl WorldMirror {
         self.forget_body(id);
         let actor = self.actors.get_mut(&name);
         if let Some(body) = actor.and_then(|actor| actor.body.take()) {
+            self.bodiless.insert(name);
             self.shape_cache.give_back(body.shape, scene);
         }
         scene.take_back(id);
@@ -332,7 +333,7 @@ impl WorldMirror {
             WORLD
         };
         let bodies = [body(message.first.actor.object)?, body(second)?];
-        let joint = joint::between(message, bodies).ok_or(Refusal::Joint)?;
+        let joint = joint_between(message, bodies).ok_or(Refusal::Joint)?;
         scene.command(&Command::AddJoint {
             id,
             joint: joint.into(),

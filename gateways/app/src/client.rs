@@ -20,7 +20,7 @@ use rhumb_protocol::scene::{
 use rhumb_reckoning::{Damping, Integrator, Rate};
 
 use crate::gateway::Gateway;
-use crate::options::{Refusal, RefusedMessage, TimeAdvanced};
+use crate::gateway::{Refusal, RefusedMessage, TimeAdvanced};
 use crate::scene::OwnScene;
 use crate::send_queue::{AppTransmit, SendQueue};
 use crate::state_reporter::{FrameOutput, ReportOptions, StateReporter, Transport};
@@ -343,9 +343,8 @@ impl AppClient {
             changed.map_err(|error| refused(error.into()))?;
         }
         let mut result = self.mirror.apply(scene);
-        for step in scene.advance(ticks, &self.mirror.pushes(), self.mirror.reports)? {
-            self.reporter.note_contacts(&self.mirror, &step);
-        }
+        let steps = scene.advance(ticks, &self.mirror.pushes(), self.mirror.reports)?;
+        self.reporter.note_contacts(&self.mirror, &steps);
         if ticks > 0 {
             self.mirror.pushes.clear();
         } else {
@@ -378,6 +377,7 @@ impl AppClient {
             capacity: self.send_queue.capacity() / STATE_BYTES,
         };
         let mut output = FrameOutput::default();
+        self.reporter.forget(&self.mirror.take_gone());
         self.reporter
             .report(simulation, &report, &self.mirror, scene, &mut output);
         let over = Message::TimeAdvanced(simulation);

@@ -22,6 +22,7 @@ use rhumb_link::PIECE_COST_BYTES;
 use tokio::sync::Notify;
 use tokio::time::{Instant, sleep_until};
 
+use crate::pace::DatagramPace;
 use crate::send_queue::{AppDatagram, CoalescingKey, Urgency};
 
 /// The queues between the two threads.
@@ -345,51 +346,6 @@ impl AddressQueue {
 
 fn cost(bytes: &Bytes) -> usize {
     bytes.len() + PIECE_COST_BYTES
-}
-
-/// A pace, and what it has let pass.
-#[derive(Clone, Debug)]
-struct DatagramPace {
-    /// Time of one datagram.
-    interval: Duration,
-    /// Datagrams may be earlier than their moments by this.
-    slack: Duration,
-    /// The moment of the next datagram, at an even pace.
-    due: Option<Instant>,
-}
-
-/// Time whose datagrams may leave at once: that of a late timer.
-const BURST: Duration = Duration::from_millis(3);
-
-impl DatagramPace {
-    /// A pace of this number of datagrams in a millisecond, at least one.
-    pub(super) fn new(per_millisecond: u32) -> Self {
-        let interval = Duration::from_millis(1) / per_millisecond.max(1);
-        Self {
-            interval,
-            slack: BURST.saturating_sub(interval),
-            due: None,
-        }
-    }
-
-    /// Lets a datagram pass.
-    ///
-    /// # Errors
-    ///
-    /// The moment from which on it may pass.
-    fn try_pass(&mut self, now: Instant) -> Result<(), Instant> {
-        let due = self.due.map_or(now, |due| due.max(now));
-        if due > now + self.slack {
-            return Err(due - self.slack);
-        }
-        self.due = Some(due + self.interval);
-        Ok(())
-    }
-
-    /// True if the pace equals a new one.
-    fn is_over(&self, now: Instant) -> bool {
-        self.due.is_none_or(|due| due <= now)
-    }
 }
 
 #[cfg(test)]
@@ -764,62 +720,6 @@ mod tests {
             let later = now + Duration::from_millis(1);
             assert_eq!(datagram_queues.take(later), NextDatagram::Nothing);
             assert!(datagram_queues.datagram_queues.is_empty() && datagram_queues.turns.is_empty());
-        }
-    }
-
-    mod datagram_pace {
-        use super::super::*;
-
-        /// Moments at which datagrams pass when as many as may pass do so in each span.
-        fn passed(pace: &mut DatagramPace, begun: Instant, spans_ms: &[u64]) -> Vec<u64> {
-            let mut moments = Vec::new();
-            let mut now = begun;
-            for span in spans_ms {
-                while pace.try_pass(now).is_ok() {
-                    moments.push((now - begun).as_millis() as u64);
-                }
-                now += Duration::from_millis(*span);
-            }
-            moments
-        }
-
-        #[test]
-        fn no_ten_milliseconds_have_more_than_the_buffer_of_the_client_holds() {
-            // Whenever the timer fires, and however the polls lie to it.
-            for spans in [
-                vec![1; 200],
-                vec![2; 100],
-                [1, 3, 1, 7].repeat(25),
-                vec![40; 5],
-            ] {
-                let mut pace = DatagramPace::new(20);
-                let moments = passed(&mut pace, Instant::now(), &spans);
-                let most = moments.iter().map(|first| {
-                    let within = moments
-                        .iter()
-                        .filter(|at| (*first..first + 10).contains(*at));
-                    within.count()
-                });
-                assert!(most.max() <= Some(277), "{spans:?}");
-            }
-        }
-
-        #[test]
-        fn a_late_timer_costs_nothing_up_to_three_milliseconds() {
-            for (span, spans) in [(1, 300), (2, 150), (3, 100)] {
-                let mut pace = DatagramPace::new(20);
-                let moments = passed(&mut pace, Instant::now(), &vec![span; spans]);
-                assert!(moments.len() >= 299 * 20, "{span}: {}", moments.len());
-            }
-        }
-
-        #[test]
-        fn a_pace_is_as_new_after_its_last_moment() {
-            let (mut pace, now) = (DatagramPace::new(1), Instant::now());
-            assert!(pace.is_over(now));
-            assert_eq!(pace.try_pass(now), Ok(()));
-            assert!(!pace.is_over(now));
-            assert!(pace.is_over(now + Duration::from_millis(1)));
         }
     }
 }

@@ -9,8 +9,8 @@ use std::time::Duration;
 
 use glam::Vec3;
 use rhumb_client::{
-    Client, ClientError, JoinMode, JoinOptions, OpenError, PipelineDepth, QueryResult, Refusals,
-    Replica, ServerConnection, StreamChoice,
+    Client, ClientError, JoinMode, JoinOptions, OpenError, QueryResult, Refusals, Replica,
+    ServerConnection, StreamChoice,
 };
 use rhumb_protocol::limits::{HITS_MAX, QUERY_COST_MAX};
 use rhumb_protocol::scene::{
@@ -75,10 +75,18 @@ pub(super) enum CommandSubject {
 
 /// The events of a step, beside the states of bodies.
 pub(super) struct FrameStep {
-    /// The bodies that the engine observed.
-    pub(super) observed: BTreeSet<BodyId>,
-    /// The deepest contact with each body that touches these.
-    pub(super) contacts: BTreeMap<BodyId, Vec<Hit>>,
+    /// The bodies that the engine observed, in the order of ids.
+    pub(super) observed: Vec<BodyId>,
+    /// Bodies that were asked about, and the deepest contact with each body that touches them; in the order of ids.
+    contacts: Vec<(BodyId, Vec<Hit>)>,
+}
+
+impl FrameStep {
+    /// The deepest contact with each body that touches a body; `None` if it was not asked about.
+    pub(super) fn contacts(&self, id: BodyId) -> Option<&[Hit]> {
+        let place = self.contacts.binary_search_by_key(&id, |(id, _)| *id);
+        place.ok().map(|place| &self.contacts[place].1[..])
+    }
 }
 
 /// Steps that are asked for at once: the longest frame at the usual rate.
@@ -109,7 +117,7 @@ impl OwnScene {
     ) -> Result<Self, OpenError> {
         let options = JoinOptions {
             mode: JoinMode::Create(config),
-            stream: StreamChoice::Full,
+            stream: StreamChoice::Changed,
             refusals: Refusals::Events,
             resume_within: Some(Duration::ZERO),
             ..JoinOptions::default()
@@ -285,38 +293,51 @@ impl OwnScene {
             .checked_sub(steps.len() as u32)
             .filter(|left| *left > 0)
         {
-            let at_once = if contacts {
-                self.ticks_at_once()
-            } else {
-                TICKS_MAX
+            let (at_once, asked) = match contacts {
+                true => self.plan(left, pushes),
+                false => (TICKS_MAX, None),
             };
-            steps.extend(self.run(left.min(at_once), pushes, contacts)?);
+            steps.extend(self.run(left.min(at_once), pushes, asked)?);
         }
         Ok(steps)
     }
 
-    /// Number of steps that are requested at once. Their contacts are asked for before the first of them, when it is not
-    /// known which bodies wake, so that all bodies are asked about.
-    fn ticks_at_once(&self) -> u32 {
-        if self.moving.len() - self.awake.len() > ASLEEP_MAX {
-            return 1;
-        }
-        let ticks = QUERIES_AT_ONCE / self.moving.len().max(1);
-        (ticks as u32).clamp(1, TICKS_MAX)
+    /// Number of steps of these that are requested at once, and the bodies whose contacts are asked for with each.
+    ///
+    /// All is asked before the first of the steps, when it is not known which bodies wake. So either every body is asked
+    /// about, or there is one step. Where all sleep and nothing was commanded none wakes, except by another member's
+    /// command: its contacts are known from the last of the steps on.
+    fn plan(&self, left: u32, pushes: &[Command]) -> (u32, Option<Vec<BodyId>>) {
+        let rests = self.awake.is_empty() && self.sent.is_empty() && pushes.is_empty();
+        let asleep = self.moving.len() - self.awake.len();
+        let ticks = match asleep {
+            _ if rests => TICKS_MAX,
+            ..=ASLEEP_MAX => (QUERIES_AT_ONCE / self.moving.len().max(1)) as u32,
+            _ => 1,
+        };
+        let ticks = ticks.clamp(1, TICKS_MAX.min(left));
+        let may_touch = if ticks > 1 && !rests {
+            &self.moving
+        } else {
+            &self.awake
+        };
+        (ticks, Some(may_touch.iter().copied().collect()))
     }
 
+    /// Runs some steps. `asked`: the bodies whose contacts are asked for with each, if contacts are wanted.
     fn run(
         &mut self,
         ticks: u32,
         pushes: &[Command],
-        contacts: bool,
+        asked: Option<Vec<BodyId>>,
     ) -> Result<Vec<FrameStep>, ClientError> {
         let moved = std::mem::take(&mut self.pending.moved);
-        let may_touch = if ticks > 1 { &self.moving } else { &self.awake };
-        let asked: Vec<BodyId> = match contacts {
-            true => may_touch.iter().chain(&moved).copied().collect(),
-            false => Vec::new(),
-        };
+        let contacts = asked.is_some();
+        let mut asked = asked.unwrap_or_default();
+        if contacts && !moved.is_empty() {
+            asked.extend(&moved);
+            asked.sort_unstable();
+        }
         let mut unanswered = Vec::new();
         let mut first = None;
         for tick in 0..ticks {
@@ -324,14 +345,14 @@ impl OwnScene {
                 // A push that is refused has no answer in this protocol.
                 let _ = self.command(push);
             }
-            let requested = self.client.request_tick()?;
+            let requested = self.client.queue_tick()?;
             first.get_or_insert(requested);
             if tick + 1 < ticks {
                 self.query(&asked, &mut unanswered)?;
             }
         }
         let results = self.ask(&asked, unanswered)?;
-        self.client.wait(PipelineDepth::LOCKSTEP)?;
+        self.client.wait_for_replica()?;
         self.pending = Pending::default();
         let (changes, missed) = self.read_events();
         let mut steps = self.replay(first.unwrap_or_default(), ticks, &changes, &moved);
@@ -344,15 +365,17 @@ impl OwnScene {
             if missed {
                 self.find_awake();
                 last.observed.extend(&self.awake);
+                last.observed.sort_unstable();
+                last.observed.dedup();
             }
-            let unasked = last.observed.iter().filter(|id| !asked.contains(id));
-            let unasked: Vec<BodyId> = unasked.copied().filter(|_| contacts).collect();
+            let is_unasked = |id: &&BodyId| contacts && asked.binary_search(id).is_err();
+            let unasked: Vec<BodyId> = last.observed.iter().filter(is_unasked).copied().collect();
             if !unasked.is_empty() {
                 let results = self.ask(&unasked, Vec::new())?;
                 last.contacts.extend(unasked.into_iter().zip(results));
+                last.contacts.sort_unstable_by_key(|(id, _)| *id);
             }
-            let observed = last.observed.clone();
-            self.observe(&observed);
+            self.observe(&last.observed);
         }
         Ok(steps)
     }
@@ -444,10 +467,15 @@ impl OwnScene {
                     _ => {}
                 }
             }
-            let mut observed = self.awake.clone();
-            observed.extend(fell_asleep);
-            observed.extend(moved.iter().filter(|_| place == 0));
-            let contacts = BTreeMap::new();
+            let mut observed: Vec<BodyId> = self.awake.iter().copied().collect();
+            if place == 0 {
+                fell_asleep.extend(moved);
+            }
+            if !fell_asleep.is_empty() {
+                observed.extend(fell_asleep);
+                observed.sort_unstable();
+            }
+            let contacts = Vec::new();
             steps.push(FrameStep { observed, contacts });
             tick = tick.next();
         }
@@ -467,7 +495,7 @@ impl OwnScene {
     }
 
     /// Observes bodies as of the last step.
-    fn observe(&mut self, ids: &BTreeSet<BodyId>) {
+    fn observe(&mut self, ids: &[BodyId]) {
         self.observations.clear();
         let Some(copy) = self.client.replica() else {
             return;

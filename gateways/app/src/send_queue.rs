@@ -9,7 +9,7 @@ use std::collections::VecDeque;
 
 use bytes::Bytes;
 
-use crate::options::Datagrams;
+use crate::gateway::Datagrams;
 use crate::wire::Message;
 
 /// Queued messages of one client.

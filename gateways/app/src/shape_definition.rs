@@ -15,7 +15,7 @@ use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Writer;
 use rhumb_solids::UnitMass;
 
-use crate::options::Refusal;
+use crate::gateway::Refusal;
 use crate::scene::OwnScene;
 use crate::wire::{ConvexMesh, HeightGrid, TriangleMesh};
 

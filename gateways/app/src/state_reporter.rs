@@ -8,17 +8,19 @@
 //! A client that datagrams do not reach gets all states on TCP, as far as the capacity goes. An omitted actor gets its
 //! turn before an actor that was sent, also when it rests meanwhile, so that every true state is sent in the end.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use glam::{Quat, Vec3};
+use rhumb_protocol::limits::HITS_MAX;
 use rhumb_protocol::scene::{BodyKind, Hit};
 use rhumb_protocol::stream::{Activity, Observation};
+use rhumb_reckoning::BodyId;
 
 use crate::actor::Actor;
-use crate::options::States;
+use crate::gateway::States;
 use crate::scene::{FrameStep, OwnScene};
 use crate::wire::{ActorsCollided, Id, Message, Motion};
-use crate::world_mirror::WorldMirror;
+use crate::world_mirror::{ContactActor, WorldMirror};
 
 /// Last sent states of a client's actors, and pending ones.
 #[derive(Debug, Default)]
@@ -26,6 +28,10 @@ pub(super) struct StateReporter {
     frame: u64,
     /// Last sent pose of each actor.
     reported: BTreeMap<u32, ReportedPose>,
+    /// Actors sent in each of the last frames, by the frame in which they are sent again if they rest.
+    resends: VecDeque<(u64, Vec<u32>)>,
+    /// Actors that should have been sent again before, but exceeded the capacity.
+    overdue: Vec<(u64, u32)>,
     /// Pairs that touched in the last frame.
     touching: BTreeSet<(u32, u32)>,
     /// Pairs that touched in this frame, at their deepest contact.
@@ -82,36 +88,49 @@ const STAYS_TURN: f32 = 5e-4;
 const RESEND_AFTER_FRAMES: u64 = 3;
 
 impl StateReporter {
-    /// Notes the contacts of a step.
-    pub(super) fn note_contacts(&mut self, mirror: &WorldMirror, step: &FrameStep) {
-        if !mirror.reports {
+    /// Notes the contacts of a frame's steps.
+    pub(super) fn note_contacts(&mut self, mirror: &WorldMirror, steps: &[FrameStep]) {
+        if !mirror.reports || steps.iter().all(|step| step.observed.is_empty()) {
             return;
         }
-        for id in &step.observed {
-            let Some((name, actor)) = mirror.actor_of(*id) else {
-                continue;
-            };
-            self.looked.insert(name);
-            for contact in step.contacts.get(id).into_iter().flatten() {
-                if let Some((other, others)) = mirror.actor_of(contact.body) {
-                    self.note((name, actor), (other, others), *contact);
+        let mut actors = mirror.contact_actors();
+        for (place, step) in steps.iter().enumerate() {
+            for id in &step.observed {
+                let Some(actor) = contact_actor(&mut actors, *id) else {
+                    continue;
+                };
+                let hits = step.contacts(*id);
+                if !std::mem::replace(&mut actor.looked, true) {
+                    self.looked.insert(actor.name);
+                }
+                actor.noted = hits.map(|hits| (place, hits.len()));
+                let actor = *actor;
+                for contact in hits.unwrap_or_default() {
+                    let Some(other) = contact_actor(&mut actors, contact.body) else {
+                        continue;
+                    };
+                    // From both sides it is as deep; of a body with too many, some are missing.
+                    let known = |(noted, count)| noted == place && count < usize::from(HITS_MAX);
+                    if !other.noted.is_some_and(known) {
+                        self.note(&actor, other, *contact);
+                    }
                 }
             }
         }
     }
 
     /// Notes a contact of two actors: it belongs to the actor that asks for reports, and of two such to the avatar.
-    fn note(&mut self, first: (u32, &Actor), second: (u32, &Actor), contact: Hit) {
-        let rank = |actor: &Actor| (actor.reports, actor.upright);
-        if !first.1.reports && !second.1.reports {
+    fn note(&mut self, first: &ContactActor, second: &ContactActor, contact: Hit) {
+        let rank = |actor: &ContactActor| (actor.reports, actor.upright);
+        if !first.reports && !second.reports {
             return;
         }
-        let own = (rank(first.1), second.0) >= (rank(second.1), first.0);
+        let own = (rank(first), second.name) >= (rank(second), first.name);
         let (pair, contact) = if own {
-            ((first.0, second.0), contact)
+            ((first.name, second.name), contact)
         } else {
             let normal = -contact.normal;
-            ((second.0, first.0), Hit { normal, ..contact })
+            ((second.name, first.name), Hit { normal, ..contact })
         };
         let known = self.touches.entry(pair).or_insert(contact);
         if contact.distance < known.distance {
@@ -230,21 +249,32 @@ impl StateReporter {
         self.left_out.extend(names);
     }
 
+    /// Forgets the states of actors that are gone.
+    pub(super) fn forget(&mut self, gone: &[u32]) {
+        for name in gone {
+            self.reported.remove(name);
+        }
+    }
+
     /// Notes that these states are sent now.
     fn note_sent(&mut self, states: &[Motion]) {
-        let resend_at = Some(self.frame + RESEND_AFTER_FRAMES);
+        if states.is_empty() {
+            return;
+        }
+        let resend_at = self.frame + RESEND_AFTER_FRAMES;
         for motion in states {
             let reported = ReportedPose {
                 position: motion.position,
                 rotation: motion.rotation,
-                resend_at,
+                resend_at: Some(resend_at),
             };
             self.reported.insert(motion.actor.object, reported);
         }
+        let names = states.iter().map(|motion| motion.actor.object);
+        self.resends.push_back((resend_at, names.collect()));
     }
 
-    /// Sends again the states of resting actors, as far as the capacity goes: the oldest first. Forgets removed
-    /// actors.
+    /// Sends again the states of resting actors, as far as the capacity goes: the oldest first.
     fn answer_pending(
         &mut self,
         simulation: u32,
@@ -253,16 +283,24 @@ impl StateReporter {
         scene: &OwnScene,
         output: &mut FrameOutput,
     ) {
-        let frame = self.frame;
-        let mut due: Vec<(u64, u32)> = Vec::new();
-        self.reported.retain(|object, reported| {
-            let resend_at = reported.resend_at.filter(|resend_at| *resend_at <= frame);
-            due.extend(resend_at.map(|resend_at| (resend_at, *object)));
-            mirror.actors.contains_key(object)
+        let mut due = std::mem::take(&mut self.overdue);
+        while let Some((resend_at, names)) = self.resends.front()
+            && *resend_at <= self.frame
+        {
+            due.extend(names.iter().map(|name| (*resend_at, *name)));
+            self.resends.pop_front();
+        }
+        // One that was sent again since is due later.
+        due.retain(|(resend_at, name)| {
+            let reported = self.reported.get(name);
+            reported.is_some_and(|reported| reported.resend_at == Some(*resend_at))
         });
-        if due.len() > capacity {
-            due.sort_unstable();
-            due.truncate(capacity);
+        match due.len() > capacity {
+            true => {
+                due.sort_unstable();
+                self.overdue = due.split_off(capacity);
+            }
+            false => due.sort_unstable_by_key(|(_, name)| *name),
         }
         for (_, object) in due {
             if let Some(reported) = self.reported.get_mut(&object) {
@@ -278,6 +316,9 @@ impl StateReporter {
     /// Pairs that start to touch, and in each frame those of actors that cannot walk without contacts.
     fn find_contacts(&mut self, simulation: u32, mirror: &WorldMirror) -> Vec<Message> {
         let mut found = Vec::new();
+        if self.looked.is_empty() {
+            return found;
+        }
         let id = |object| Id { simulation, object };
         let upright = |name: &u32| mirror.actors.get(name).is_some_and(|a| a.upright);
         let touches = std::mem::take(&mut self.touches);
@@ -307,6 +348,12 @@ impl ReportedPose {
         let turned = (now.rotation.dot(self.rotation).abs() - 1.0).abs();
         now.position.distance(self.position) <= STAYS_M && turned <= STAYS_TURN * STAYS_TURN
     }
+}
+
+/// The actor of a body, in a table by body index.
+fn contact_actor(actors: &mut [Option<ContactActor>], id: BodyId) -> Option<&mut ContactActor> {
+    let actor = actors.get_mut(id.index() as usize)?.as_mut()?;
+    (actor.body == id).then_some(actor)
 }
 
 /// The state of an actor that moves; `None` for one that left the world.

@@ -4,7 +4,7 @@
 //! materials come in ten messages becomes a body once. Faults of the published plug-in are tolerated: undefined names,
 //! shapes removed in use or defined twice, messages about removed actors.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::limits::{
@@ -14,8 +14,8 @@ use rhumb_protocol::limits::{
 use rhumb_protocol::scene::{BodyKind, JointId, Material};
 use rhumb_reckoning::BodyId;
 
-use crate::actor::{Actor, ActorPart, mass, material, unit};
-use crate::options::Refusal;
+use crate::actor::{Actor, ActorPart, check_joint, keeps_upright, mass, material, unit};
+use crate::gateway::Refusal;
 use crate::shape_definition::{ShapeCache, ShapeDefinition};
 use crate::wire::{AddJoint, AttachShape, FramedMessage, Message, Motion, SetWorld, Surface};
 
@@ -37,6 +37,8 @@ pub(super) struct WorldMirror {
     message_index: u32,
     /// Bodies to remove from the scene.
     pub(super) removed_bodies: Vec<crate::actor::ActorBody>,
+    /// Actors that have lost a body: they are gone, or their bodies were refused.
+    pub(super) bodiless: BTreeSet<u32>,
     pub(super) removed_joints: Vec<JointId>,
     pub(super) pushes: Vec<(u32, ActorPush)>,
     pub(super) shape_cache: ShapeCache,
@@ -53,6 +55,19 @@ pub(super) struct JointRecord {
     /// Index of its message.
     pub(super) index: u32,
     pub(super) name: Option<JointId>,
+}
+
+/// An actor as far as its contacts concern it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ContactActor {
+    pub(super) body: BodyId,
+    pub(super) name: u32,
+    pub(super) reports: bool,
+    pub(super) upright: bool,
+    /// The step of the frame in which its contacts were noted last, and their number.
+    pub(super) noted: Option<(usize, usize)>,
+    /// True if it was observed in a step of the frame.
+    pub(super) looked: bool,
 }
 
 /// Force or torque on an actor during the next frame.
@@ -239,7 +254,10 @@ impl WorldMirror {
 
     fn remove(&mut self, name: u32) {
         if let Some(actor) = self.actors.remove(&name) {
-            self.removed_bodies.extend(actor.body);
+            if let Some(body) = actor.body {
+                self.removed_bodies.push(body);
+                self.bodiless.insert(name);
+            }
             self.pushes.retain(|(pushed_name, _)| *pushed_name != name);
         }
     }
@@ -252,11 +270,39 @@ impl WorldMirror {
         }
     }
 
+    /// Actors that had bodies and are gone, each once.
+    pub(super) fn take_gone(&mut self) -> Vec<u32> {
+        let mut gone = Vec::new();
+        self.bodiless.retain(|name| {
+            let actor = self.actors.get(name);
+            gone.extend(actor.is_none().then_some(*name));
+            actor.is_some_and(|actor| actor.body.is_none())
+        });
+        gone
+    }
+
     /// The actor of a body.
     pub(super) fn actor_of(&self, id: BodyId) -> Option<(u32, &Actor)> {
         let (body, name) = (*self.by_body.get(id.index() as usize)?)?;
         let actor = self.actors.get(&name).filter(|_| body == id)?;
         Some((name, actor))
+    }
+
+    /// The actor of each body, by body index.
+    pub(super) fn contact_actors(&self) -> Vec<Option<ContactActor>> {
+        let places = self.by_body.iter().map(|place| {
+            let (body, name) = (*place)?;
+            let actor = self.actors.get(&name)?;
+            Some(ContactActor {
+                body,
+                name,
+                reports: actor.reports,
+                upright: actor.upright,
+                noted: None,
+                looked: false,
+            })
+        });
+        places.collect()
     }
 
     /// Assigns a body to an actor.
@@ -378,7 +424,7 @@ impl WorldMirror {
             return Err(Refusal::TooMany);
         }
         let name = message.joint.object;
-        crate::joint::check(message)?;
+        check_joint(message)?;
         self.unjoin(name);
         let record = JointRecord {
             message: *message,
@@ -406,7 +452,7 @@ impl WorldMirror {
             .joints
             .values()
             .filter(|record| keeps(record))
-            .any(|record| crate::joint::is_upright(&record.message));
+            .any(|record| keeps_upright(&record.message));
         self.change(name, |actor| actor.upright = upright);
     }
 }

@@ -30,15 +30,23 @@ pub enum StreamChoice {
     },
     /// Every state at every tick, exact.
     Full,
+    /// Every state that changed, exact: a full stream without the bodies that rest.
+    Changed,
 }
 
 impl StreamChoice {
-    /// Tolerance of a copy by this stream. A full stream is exact: for it the value means nothing.
+    /// True for a stream of exact states.
+    #[must_use]
+    pub const fn is_exact(self) -> bool {
+        matches!(self, Self::Full | Self::Changed)
+    }
+
+    /// Tolerance of a copy by this stream. A full or changed stream is exact: for it the value means nothing.
     #[must_use]
     pub const fn tolerance(self) -> Tolerance {
         match self {
             Self::Within(tolerance) | Self::Capped { tolerance, .. } => tolerance,
-            Self::Full => Tolerance::LEAST,
+            Self::Full | Self::Changed => Tolerance::LEAST,
         }
     }
 }
@@ -51,6 +59,7 @@ impl Wire for StreamChoice {
                 to.varint(u64::from(length.micrometres()));
             }
             Self::Full => to.u8(1),
+            Self::Changed => to.u8(4),
             Self::Within(Tolerance::Parts { position, turn }) => {
                 to.u8(2);
                 to.varint(u64::from(position.micrometres()));
@@ -72,7 +81,7 @@ impl Wire for StreamChoice {
         let budget = Budget::decode(from)?;
         match Self::uncapped(from.u8()?, from)? {
             Self::Within(tolerance) => Ok(Self::Capped { tolerance, budget }),
-            Self::Full | Self::Capped { .. } => Err(Malformed::UnknownCode),
+            Self::Full | Self::Changed | Self::Capped { .. } => Err(Malformed::UnknownCode),
         }
     }
 }
@@ -86,6 +95,7 @@ impl StreamChoice {
         Ok(match code {
             0 => Self::Within(Tolerance::Surface(decode_length(from)?)),
             1 => Self::Full,
+            4 => Self::Changed,
             2 => Self::Within(Tolerance::Parts {
                 position: decode_length(from)?,
                 turn: TurnBound::from_microradians(from.varint32()?)
@@ -398,6 +408,7 @@ mod tests {
                 &[0, 0xd0, 0x86, 3][..],
             ),
             (StreamChoice::Full, &[1][..]),
+            (StreamChoice::Changed, &[4][..]),
             (parts(10_000, 2_000), &[2, 0x90, 0x4e, 0xd0, 0x0f][..]),
             (
                 parts(1_000, 3_141_593),
@@ -436,9 +447,9 @@ mod tests {
             let refused = read(&writer.into_bytes());
             assert_eq!(refused, Err(Malformed::OutOfRange), "{numbers:?}");
         }
-        assert_eq!(read(&[4]), Err(Malformed::UnknownCode));
-        // A full stream has no budget, and a budget is not nested.
-        for inner in [1, 3] {
+        assert_eq!(read(&[5]), Err(Malformed::UnknownCode));
+        // A full or changed stream has no budget, and a budget is not nested.
+        for inner in [1, 3, 4] {
             let refused = read(&[3, 0xc0, 0x3e, 0xd0, 0x0f, inner]);
             assert_eq!(refused, Err(Malformed::UnknownCode));
         }

@@ -40,7 +40,9 @@ impl Replica {
     pub(crate) fn new(joined: &Joined) -> Self {
         let mut subscriber = match joined.choice {
             StreamChoice::Capped { .. } => Subscriber::limited(&joined.start),
-            StreamChoice::Within(_) | StreamChoice::Full => Subscriber::new(&joined.start),
+            StreamChoice::Within(_) | StreamChoice::Full | StreamChoice::Changed => {
+                Subscriber::new(&joined.start)
+            }
         };
         subscriber.set_lookahead(joined.config.publish_schedule.lookahead);
         subscriber.set_stepping(joined.config.stepping);

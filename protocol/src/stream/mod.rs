@@ -35,7 +35,7 @@ pub use observation_history::{Activity, LOOKAHEAD_MAX, Observation, ObservationH
 pub use publisher::{OverBudget, Publisher};
 pub use receiver::StreamReceiver;
 pub(crate) use receiver::{DISORDER, RetryTimer, SILENCE_MOST};
-pub use sender::{Recipient, StreamSender};
+pub use sender::{Recipient, RestingBodies, StreamSender};
 pub use subscriber::{ErrorBound, Replacement, ShownTrack, Subscriber, SubscriberStatistics};
 pub use tracks::PredictionParameters;
 

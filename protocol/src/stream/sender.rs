@@ -4,8 +4,8 @@
 //! client for its upstream, and by replays. Invariants: data for several receivers is encoded once. Watermarks follow a
 //! published tick as the policy demands, so silence is never ambiguous.
 //!
-//! The publisher of a full stream is here too: exact states of movable bodies each tick, the naive baseline. It numbers
-//! packets and answers losses like a reckoned stream, but has neither prefilter nor coding.
+//! The publisher of a full stream is here too: exact states of movable bodies each tick, the naive baseline; a changed
+//! stream is the same without the bodies that rest. It numbers packets and answers losses like a reckoned stream, but has neither prefilter nor coding.
 
 use alloc::boxed::Box;
 use alloc::collections::BTreeMap;
@@ -92,15 +92,15 @@ impl StreamSender {
         Self::new(Source::Reckoned(Box::new(publisher)), policy, tick)
     }
 
-    /// The sender of a full stream without bodies, for one receiver.
+    /// The sender of a full or changed stream without bodies, for one receiver.
     #[must_use]
     pub fn full(
         stream: StreamId,
         largest_packet: LargestPacket,
-        policy: WatermarkPolicy,
+        (policy, resting): (WatermarkPolicy, RestingBodies),
         tick: Tick,
     ) -> Self {
-        let publisher = FullPublisher::new(stream, largest_packet, tick);
+        let publisher = FullPublisher::new(stream, largest_packet, resting, tick);
         Self::new(Source::Full(publisher), policy, tick)
     }
 
@@ -411,7 +411,26 @@ struct FullBody {
     motion: BodyState,
     /// A fixed body is sent after it was moved, not every tick.
     fixed: bool,
-    moved: bool,
+    /// True if it was observed since it was last sent.
+    observed: bool,
+}
+
+/// What a stream of exact states sends of bodies that rest.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RestingBodies {
+    /// Their states, at every tick: a full stream.
+    Sent,
+    /// Nothing: a changed stream.
+    LeftOut,
+}
+
+impl FullBody {
+    /// True if its last record still tells its state: it was not observed since, and the uniform track of the record
+    /// stays where it is.
+    fn rests(&self) -> bool {
+        let [.., vx, vy, vz, wx, wy, wz] = self.motion.parts();
+        !self.observed && [vx, vy, vz, wx, wy, wz] == [0.0; 6]
+    }
 }
 
 /// The publisher of one full stream.
@@ -419,6 +438,7 @@ struct FullBody {
 struct FullPublisher {
     stream: StreamId,
     largest_packet: LargestPacket,
+    resting: RestingBodies,
     states: Vec<Option<FullBody>>,
     sent_packets: SentPackets,
     tick: Tick,
@@ -428,10 +448,16 @@ struct FullPublisher {
 impl FullPublisher {
     /// A stream without bodies.
     #[must_use]
-    pub(crate) fn new(stream: StreamId, largest_packet: LargestPacket, tick: Tick) -> Self {
+    pub(crate) fn new(
+        stream: StreamId,
+        largest_packet: LargestPacket,
+        resting: RestingBodies,
+        tick: Tick,
+    ) -> Self {
         Self {
             stream,
             largest_packet,
+            resting,
             states: Vec::new(),
             sent_packets: SentPackets::default(),
             tick,
@@ -481,7 +507,7 @@ impl FullPublisher {
             since,
             motion,
             fixed,
-            moved: false,
+            observed: false,
         });
     }
 
@@ -512,7 +538,7 @@ impl FullPublisher {
         }
     }
 
-    /// Appends the datagrams with the state of every movable body at the present published tick, if there is one.
+    /// Appends the datagrams with the state of every movable body, unless it rests and is left out, at the present published tick, if there is one.
     pub(crate) fn publish(
         &mut self,
         observation_history: &ObservationHistory,
@@ -529,7 +555,7 @@ impl FullPublisher {
                 && state.id == observation.id
                 && state.since <= tick
             {
-                (state.motion, state.moved) = (observation.motion, true);
+                (state.motion, state.observed) = (observation.motion, true);
             }
         }
         let mut records = Vec::with_capacity(self.states.len());
@@ -538,7 +564,13 @@ impl FullPublisher {
                 continue;
             }
             state.since = tick;
-            if !state.fixed || core::mem::take(&mut state.moved) {
+            let is_sent = match self.resting {
+                _ if state.fixed => state.observed,
+                RestingBodies::Sent => true,
+                RestingBodies::LeftOut => !state.rests(),
+            };
+            state.observed = false;
+            if is_sent {
                 records.push(FullRecord {
                     index: state.id.index(),
                     motion: state.motion,
@@ -719,5 +751,51 @@ mod tests {
                 "the two receivers share the bytes"
             );
         }
+    }
+
+    const STILL: u32 = 0;
+    const FALLING: u32 = 1;
+    const GLIDING: u32 = 2;
+    const FIXED: u32 = 3;
+
+    fn along_x(speed: f32) -> BodyState {
+        BodyState::new([0.0; 3], [0.0, 0.0, 0.0, 1.0], [speed, 0.0, 0.0], [0.0; 3])
+            .expect("a state")
+    }
+
+    /// Records of each of three ticks: a body falls, one has come to rest in the first, and one with a velocity was observed
+    /// then only.
+    fn records(resting: RestingBodies) -> [u64; 3] {
+        let mut publisher =
+            FullPublisher::new(StreamId(1), LargestPacket::DEFAULT, resting, Tick::ZERO);
+        let id = |index| BodyId::new(index, 0);
+        for index in [STILL, FALLING, GLIDING, FIXED] {
+            publisher.place(id(index), Tick::ZERO, along_x(0.0), index == FIXED);
+        }
+        let mut history = ObservationHistory::new(PublishSchedule::EACH_TICK);
+        let mut before = 0;
+        [1, 2, 3].map(|tick| {
+            let speeds = [(STILL, 0.0), (FALLING, 1.0), (GLIDING, 1.0)];
+            let observed = speeds
+                .into_iter()
+                .filter(|(body, _)| tick == 1 || *body == FALLING);
+            let observations: Vec<_> = observed
+                .map(|(body, speed)| Observation {
+                    id: id(body),
+                    motion: along_x(speed),
+                    activity: Activity::Awake,
+                })
+                .collect();
+            history.observe(Tick::new(tick), &observations);
+            publisher.publish(&history, 0, &mut Vec::new());
+            let sent = publisher.statistics().updates;
+            sent - core::mem::replace(&mut before, sent)
+        })
+    }
+
+    #[test]
+    fn a_changed_stream_leaves_out_bodies_that_rest_and_a_full_one_does_not() {
+        assert_eq!(records(RestingBodies::Sent), [3, 3, 3]);
+        assert_eq!(records(RestingBodies::LeftOut), [3, 2, 2]);
     }
 }

@@ -8,7 +8,7 @@ use rhumb_protocol::limits::LOST_NUMBERS_MAX;
 use rhumb_protocol::packet::{Datagram, LargestPacket, LossReport, Low16, PacketKind, StreamId};
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{
-    ObservationHistory, PredictionParameters, Recipient, StreamConfig, StreamSender,
+    ObservationHistory, PredictionParameters, Recipient, RestingBodies, StreamConfig, StreamSender,
     WatermarkPolicy,
 };
 use rhumb_protocol::{Instant, Span};
@@ -94,7 +94,7 @@ fn no_datagram_is_larger_than_the_stream_states() {
         let full = StreamSender::full(
             STREAM,
             largest_packet,
-            WatermarkPolicy::LOCKSTEP,
+            (WatermarkPolicy::LOCKSTEP, RestingBodies::Sent),
             Tick::ZERO,
         );
         let sizes = [sizes(reckoned(largest_packet)), sizes(full)].concat();

@@ -18,6 +18,8 @@ use crate::durable::{DataDir, LogTail, StoredScenes, Wake};
 
 /// Inputs of one turn, before outputs and ticks.
 const INPUTS_PER_TURN: usize = 256;
+/// Time of one turn's steps, beyond which no further one begins.
+const STEPS_TIME: Span = Span::from_millis(1);
 /// Stack of a worker's thread: what a main thread has.
 const STACK_BYTES: usize = 8 << 20;
 
@@ -285,11 +287,18 @@ fn run(
                 }
             }
         }
-        let now = clock();
-        let wake = worker.scene.poll_timeout();
-        if wake.is_some_and(|wake| wake.at <= now) {
-            worker.scene.handle_timeout(now);
-        }
+        run_due(&mut worker.scene, heartbeat, clock);
+    }
+}
+
+/// Does what is due: one step, and more as long as all are short, so that the steps of a frame wake their receivers once.
+fn run_due(scene: &mut SceneLoop, heartbeat: &Heartbeat, clock: &SharedClock) {
+    let begun = clock();
+    let mut now = begun;
+    while scene.poll_timeout().is_some_and(|wake| wake.at <= now) && now <= begun + STEPS_TIME {
+        heartbeat.beat();
+        scene.handle_timeout(now);
+        now = clock();
     }
 }
 

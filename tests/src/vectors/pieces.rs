@@ -399,10 +399,11 @@ pub(super) fn extensions(ids: &[u32]) -> Vec<u8> {
 }
 
 /// Each choice of a stream with its name.
-pub(super) fn choices() -> [(&'static str, Vec<u8>); 5] {
+pub(super) fn choices() -> [(&'static str, Vec<u8>); 6] {
     [
         ("within 0.05 m", [vec![0], v(50_000)].concat()),
         ("full", vec![1]),
+        ("changed", vec![4]),
         (
             "within 0.01 m and 0.002 rad",
             [vec![2], v(10_000), v(2_000)].concat(),

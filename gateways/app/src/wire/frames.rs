@@ -8,8 +8,7 @@
 
 use core::fmt;
 
-use super::codec::{FieldReader, HEADER_BYTES, MalformedMessage};
-use super::header::{Header, Kind};
+use super::codec::{FieldReader, HEADER_BYTES, Header, Kind, MalformedMessage};
 use super::message::Message;
 
 /// A message, with its sender's counter.

@@ -5,20 +5,16 @@
 
 mod codec;
 mod frames;
-mod header;
 mod message;
-mod shapes;
 
 pub use codec::{
-    HEADER_BYTES, Id, MESSAGE_BYTES_MAX, MalformedMessage, POINTS_MAX, POSTS_MAX, Surface,
+    HEADER_BYTES, Id, Kind, MESSAGE_BYTES_MAX, MalformedMessage, POINTS_MAX, POSTS_MAX, Surface,
     TEXT_BYTES_MAX, TRIANGLES_MAX,
 };
 pub use frames::{FramedMessage, MessageFraming};
 pub(crate) use frames::{Session, SessionError};
-pub use header::Kind;
 pub use message::{
-    ActorsCollided, AddJoint, ApplyForce, ApplyTorque, AttachShape, Byte, CreateDynamicActor,
-    CreateStaticActor, DetachShape, ErrorReport, Grip, Logon, Message, Motion, Place, SetWorld,
-    Surfacing,
+    ActorsCollided, AddJoint, ApplyForce, ApplyTorque, AttachShape, Byte, ConvexMesh,
+    CreateDynamicActor, CreateStaticActor, DetachShape, ErrorReport, Grip, HeightGrid, Logon,
+    Message, Motion, Place, SetWorld, Surfacing, TriangleMesh,
 };
-pub use shapes::{ConvexMesh, HeightGrid, TriangleMesh};
