@@ -51,9 +51,14 @@ impl Signed {
 
     /// The same with a role.
     pub(crate) fn token_as(&self, role: &str) -> String {
+        self.token_of(role, "anna")
+    }
+
+    /// The same of a client.
+    pub(crate) fn token_of(&self, role: &str, client: &str) -> String {
         let claims = Claims {
             aud: "rhumb".into(),
-            sub: "anna".into(),
+            sub: client.into(),
             exp: Claims::moment(self.seconds.load(Ordering::SeqCst) + 60).unwrap(),
             nbf: None,
             scenes: vec!["*".into()],

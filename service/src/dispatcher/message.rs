@@ -261,21 +261,36 @@ mod tests {
         // This one may not any more.
         open(&mut dispatcher, "owner", "team/5");
         let scene: SceneName = "team/5".parse().unwrap();
-        assert!(!dispatcher.workers[&dispatcher.by_scene[&scene]].has_creator);
+        let worker = &dispatcher.workers[&dispatcher.by_scene[&scene]];
+        assert!(worker.creators.is_empty());
+        // A name counts while one is connected that may create it, whoever else is.
+        open(&mut dispatcher, "observer", "team/4");
+        dispatcher.handle_ended(Instant::ZERO, Peer(5), Ending::TimedOut);
+        assert_eq!(left(&dispatcher), Some(1));
     }
 
     #[test]
-    fn a_restored_scene_counts_for_the_client_that_names_it_first() {
-        let signed = Signed::new("restored");
+    fn a_scene_without_a_tenant_counts_for_the_first_client_there_that_may_create_it() {
+        let signed = Signed::new("first");
         let mut dispatcher = guarded(&signed);
         let scene: SceneName = "pit".parse().unwrap();
-        let client = |name: &str| Some(Account::Client(name.into()));
         // As a restored one begins, which no client has named.
-        let id = dispatcher.worker_of(scene.clone(), None).unwrap();
-        for name in ["anna", "bert"] {
-            dispatcher.worker_of(scene.clone(), client(name)).unwrap();
-            assert_eq!(dispatcher.workers[&id].account, client("anna"));
+        let id = dispatcher.worker_of(scene, None).unwrap();
+        let mut come = |dispatcher: &mut Dispatcher, peer, (role, client): (&str, &str)| {
+            dispatcher.handle_opened(Instant::ZERO, Peer(peer));
+            let hello = hello(&signed.token_of(role, client), "pit");
+            dispatcher.handle_control(Instant::ZERO, Peer(peer), &hello);
+            dispatcher.workers[&id].account.clone()
+        };
+        let client = |name: &str| Some(Account::Client(name.into()));
+        assert_eq!(come(&mut dispatcher, 1, ("observer", "anna")), None);
+        assert_eq!(come(&mut dispatcher, 2, ("owner", "bert")), client("bert"));
+        assert_eq!(come(&mut dispatcher, 3, ("owner", "cara")), client("bert"));
+        // No scene is there, and the account is free again when those that may create it are gone.
+        for peer in [2, 3] {
+            dispatcher.handle_ended(Instant::ZERO, Peer(peer), Ending::TimedOut);
         }
+        assert_eq!(come(&mut dispatcher, 4, ("owner", "dora")), client("dora"));
     }
 
     #[test]

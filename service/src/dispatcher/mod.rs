@@ -64,8 +64,18 @@ struct Worker {
     sent: u64,
     taken: u64,
     has_scene: bool,
-    /// True once a client that may create its scene was there.
-    has_creator: bool,
+    /// The connections of clients that may create its scene.
+    creators: BTreeSet<Peer>,
+}
+
+impl Worker {
+    /// Forgets for which client the scene counts, if there is none and no one is there who may create it.
+    fn release_account(&mut self) {
+        let is_of_client = matches!(self.account, Some(Account::Client(_)));
+        if is_of_client && !self.has_scene && self.creators.is_empty() {
+            self.account = None;
+        }
+    }
 }
 
 /// The thread or process in which a worker runs.
@@ -172,13 +182,16 @@ impl Dispatcher {
         };
         let account = Account::of(&scene, admission.permit.client.as_ref());
         let permit = self.permit_within(admission.permit, &scene, account.as_ref());
-        let id = match self.worker_of(scene, account) {
+        let id = match self.worker_of(scene, account.as_ref()) {
             Ok(id) => id,
             Err(code) => return self.close(peer, code),
         };
         if let Some(worker) = self.workers.get_mut(&id) {
             worker.connections += 1;
-            worker.has_creator |= may_create(&permit);
+            if may_create(&permit) {
+                worker.creators.insert(peer);
+                worker.account = worker.account.take().or(account);
+            }
         }
         let bound = Connection::Bound(id, received.len());
         self.connections.insert(peer, bound);
@@ -223,9 +236,9 @@ impl Dispatcher {
             return without_quota_of_scenes(permit);
         }
         let of_account = |worker: &&Worker| {
-            // Those who only watch take no place.
+            // A client that only watches takes no place.
             let may_restore = self.settings.data.is_some() && worker.taken == 0;
-            let counts = worker.has_scene || worker.has_creator || may_restore;
+            let counts = worker.has_scene || !worker.creators.is_empty() || may_restore;
             counts && worker.account.as_ref() == Some(account) && worker.scene != *scene
         };
         let others = self.workers.values().filter(of_account).count();
@@ -264,6 +277,8 @@ impl Dispatcher {
             self.route(id, WorkerInput::Ended(peer, ending));
             if let Some(worker) = self.workers.get_mut(&id) {
                 worker.connections -= 1;
+                worker.creators.remove(&peer);
+                worker.release_account();
             }
         }
     }
@@ -296,6 +311,7 @@ impl Dispatcher {
         };
         worker.taken = output.inputs;
         worker.has_scene = output.has_scene;
+        worker.release_account();
         for transmit in output.transmits {
             let (Transmit::Control { to, .. }
             | Transmit::State { to, .. }
@@ -453,25 +469,23 @@ impl Dispatcher {
     fn worker_of(
         &mut self,
         scene: SceneName,
-        account: Option<Account>,
+        account: Option<&Account>,
     ) -> Result<WorkerId, CloseCode> {
         if let Some(id) = self.by_scene.get(&scene).copied() {
             if self.watchdog.is_quarantined(id) {
                 return Err(CloseCode::SCENE_QUARANTINED);
-            }
-            // A restored scene without a tenant has no account before a client names it.
-            if let Some(worker) = self.workers.get_mut(&id) {
-                worker.account = worker.account.take().or(account);
             }
             return Ok(id);
         }
         let limits = &self.settings.scenes.limits;
         let part = limits.tenant_quarantined_scenes;
         let quarantined = || self.watchdog.accounts();
-        let own = quarantined().filter(|of| account.is_some() && **of == account);
+        let own = quarantined().filter(|of| account.is_some() && of.as_ref() == account);
         if own.count() as u64 >= part || counted(quarantined(), part) >= limits.quarantined_scenes {
             return Err(CloseCode::BUSY);
         }
+        // A scene without a tenant has no account before a client names it that may create it.
+        let account = Account::of(&scene, None);
         self.start_worker((scene, account), LogTail::Kept)
     }
 
@@ -519,7 +533,7 @@ impl Dispatcher {
             sent: 0,
             taken: 0,
             has_scene: false,
-            has_creator: false,
+            creators: BTreeSet::new(),
         };
         self.workers.insert(id, worker);
     }
@@ -540,7 +554,7 @@ impl Dispatcher {
             .transpose()?;
         for (name, _) in scenes.into_iter().flatten() {
             let account = Account::of(&name, None);
-            if let Err(code) = self.worker_of(name.clone(), account) {
+            if let Err(code) = self.worker_of(name.clone(), account.as_ref()) {
                 tracing::error!(scene = %name, %code, "cannot restore a scene");
             }
         }

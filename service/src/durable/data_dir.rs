@@ -57,6 +57,10 @@ impl DataDir {
         let names = (disk.list(&scenes)).map_err(DataError::io(&scenes, "list"))?;
         for name in names.iter().filter(|name| parse_deleted(name).is_some()) {
             let directory = scenes.join(name);
+            if !directory.is_dir() {
+                // A file of someone else.
+                continue;
+            }
             (disk.remove_directory(&directory)).map_err(DataError::io(&directory, "remove"))?;
         }
         Ok(Self(Arc::new(Opened {
@@ -158,12 +162,19 @@ impl DataDir {
             .collect())
     }
 
-    /// Bytes of all scenes, and of what else lies among them. What cannot be read counts for nothing, as in [`self`].
+    /// Bytes of all scenes, and of the files of others among them: of those that can be read.
     pub(crate) fn bytes(&self) -> io::Result<u64> {
         let Opened { disk, scenes, .. } = &*self.0;
-        let names = disk.list(scenes)?.into_iter();
-        let bytes = names.map(|name| disk.bytes_in(&scenes.join(name)).unwrap_or(0));
-        Ok(bytes.sum())
+        let bytes = disk.list(scenes)?.into_iter().map(|name| {
+            let is_own = parse(&name).or_else(|| parse_deleted(&name)).is_some();
+            match disk.bytes_in(&scenes.join(&name)) {
+                // It was deleted meanwhile.
+                Err(cause) if cause.kind() == io::ErrorKind::NotFound => Ok(0),
+                Err(_) if !is_own => Ok(0),
+                bytes => bytes,
+            }
+        });
+        bytes.sum()
     }
 
     /// The disk, and the directory of all scenes on it.
@@ -419,7 +430,7 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         drop(DataDir::open(directory.path()).unwrap());
         let scenes = directory.path().join(SCENES);
-        for name in ["notes.txt", "notes.deleted"] {
+        for name in ["notes.txt", "notes.deleted", "team.3.deleted"] {
             std::fs::write(scenes.join(name), "five!").unwrap();
         }
         #[cfg(unix)]
@@ -427,9 +438,12 @@ mod tests {
         let ours = scenes.join("pit.4.deleted");
         std::fs::create_dir(&ours).unwrap();
         let data = DataDir::open(directory.path()).unwrap();
-        assert_eq!(data.bytes().unwrap(), 2 * 5);
+        assert_eq!(data.bytes().unwrap(), 3 * 5);
         assert!(data.scenes().unwrap().is_empty());
-        assert!(!ours.exists() && scenes.join("notes.deleted").exists());
+        assert!(!ours.exists());
+        for name in ["notes.deleted", "team.3.deleted"] {
+            assert!(scenes.join(name).exists(), "{name}");
+        }
     }
 
     #[test]
