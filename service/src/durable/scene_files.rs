@@ -51,8 +51,9 @@ pub(super) struct Segment {
 
 /// Ends the name of a directory whose scene was deleted.
 pub(super) const DELETED: &str = "deleted";
-/// Version of the format of headers and entries.
-const FORMAT: u8 = 4;
+/// Version of the format of headers and entries, and of what a scene makes of them: a push that was shortened by format 4
+/// acts whole.
+const FORMAT: u8 = 5;
 
 impl SceneFiles {
     pub(super) fn segment_path(&self, number: u32) -> PathBuf {
