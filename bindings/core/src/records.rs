@@ -154,7 +154,7 @@ impl EventRecord {
                 tick,
                 ..Self::of_body(after, event, coordinates)
             },
-            Event::EventsMissed { tick, count } => Self {
+            Event::EventsMissed { tick, count, .. } => Self {
                 tick,
                 number: count,
                 ..plain(EventKind::EventsMissed)

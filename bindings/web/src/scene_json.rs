@@ -330,7 +330,7 @@ pub(crate) fn event(event: &Event) -> Option<Value> {
             json["tick"] = tick.value().into();
             json
         }
-        Event::EventsMissed { tick, count } => {
+        Event::EventsMissed { tick, count, .. } => {
             object!({"kind": "eventsMissed", "tick": tick.value(), "count": *count})
         }
         Event::Ended(ending) => ended(*ending),

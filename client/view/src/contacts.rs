@@ -38,15 +38,21 @@ impl Contacts {
             Event::Body { tick, event } => self.note_of_body(tick, event, is_known),
             Event::BodyRemoved { id, .. } => self.pairs.retain(|pair, _| !pair.contains(&id)),
             // The server tells anew what touches.
-            Event::Resumed(_)
-            | Event::SessionLost(_)
-            | Event::SceneRestored(_)
-            | Event::EventsMissed { .. } => *self = Self::default(),
+            Event::Resumed(_) | Event::SessionLost(_) | Event::SceneRestored(_) => {
+                *self = Self::default()
+            }
+            Event::EventsMissed { untold, .. } => {
+                *self = Self {
+                    left_out: untold,
+                    ..Self::default()
+                };
+            }
             _ => {}
         }
     }
 
-    /// Pairs that began to touch and found no place, since the server last sent all that touch. Zero if none is missing here.
+    /// Pairs that began to touch, or bodies that came into a sensor, and found no place, since the server last sent all that
+    /// stand. Zero if no pair is missing here.
     #[must_use]
     pub const fn left_out(&self) -> u64 {
         self.left_out
@@ -163,7 +169,14 @@ mod tests {
         assert_eq!(contacts.of(Some(id(2))).count(), 0);
         assert_eq!(contacts.of(Some(id(3))).count(), 1);
         let tick = Tick::new(4);
-        contacts.note(&Event::EventsMissed { tick, count: 1 }, |_| true);
+        contacts.note(
+            &Event::EventsMissed {
+                tick,
+                count: 1,
+                untold: 0,
+            },
+            |_| true,
+        );
         assert_eq!(contacts.of(None).count(), 0);
     }
 
@@ -190,7 +203,22 @@ mod tests {
         assert_eq!(contacts.of(None).count(), STANDING_PAIRS_MAX);
         assert_eq!(contacts.left_out(), 2);
         let tick = Tick::new(4);
-        contacts.note(&Event::EventsMissed { tick, count: 1 }, |_| true);
+        contacts.note(
+            &Event::EventsMissed {
+                tick,
+                count: 1,
+                untold: 0,
+            },
+            |_| true,
+        );
         assert_eq!(contacts.left_out(), 0);
+        // The session has left some out, too.
+        let missed = Event::EventsMissed {
+            tick,
+            count: 1,
+            untold: 5,
+        };
+        contacts.note(&missed, |_| true);
+        assert_eq!(contacts.left_out(), 5);
     }
 }

@@ -275,7 +275,8 @@ pub enum Event {
         cause: FaultCause,
     },
     /// The physics engine failed, and the scene continues from this tick without the commands that it failed on. A
-    /// `Refused` with `EngineFailed` names each of them to its member, also one that was applied before.
+    /// `Refused` with `EngineFailed` names each of them to its member, also one that was applied before. It comes after the
+    /// events of bodies up to this tick; the server tells anew which pairs touch and which bodies are in sensors.
     SceneRestored(Tick),
     /// The server receives nothing from the member with authority over this body. Its pose is a guess, and its error
     /// bound is unknown, from a tick on.
@@ -307,14 +308,16 @@ pub enum Event {
         /// The event.
         event: BodyEvent,
     },
-    /// Events of bodies were not sent or not kept, in this tick or before it: a tick had too many of them, the
-    /// client was too far behind, the scene was restored before
-    /// they were read, or more pairs stand than a client knows.
+    /// Events of bodies were not sent or not kept, in this tick or before it: a tick had too many of them, or the client was
+    /// too far behind. The events that follow tell anew which pairs touch and which bodies are in sensors.
     EventsMissed {
         /// The tick.
         tick: Tick,
         /// Their number.
         count: u64,
+        /// Pairs that touch, or of a body in a sensor, that the events that follow leave out: a client knows
+        /// [`STANDING_PAIRS_MAX`](crate::limits::STANDING_PAIRS_MAX). Counted as they began.
+        untold: u64,
     },
     /// A description of the scene's state.
     Inspected(Inspection),

@@ -332,6 +332,7 @@ fn events_beyond_the_bound_are_counted() {
     let missed = Event::EventsMissed {
         tick: Tick::new(1),
         count: u64::from(BOXES) - EVENTS_PER_TICK_MAX as u64,
+        untold: 0,
     };
     assert!(events.contains(&missed));
 }

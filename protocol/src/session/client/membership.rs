@@ -3,7 +3,8 @@
 //! Ends with the membership. Commands and their session are kept apart, because they outlive a connection. Events come
 //! on the control stream and states in datagrams, so an event may be early. Invariant: at most [`EVENTS_HELD_MAX`]
 //! events wait; beyond that the oldest tick's are dropped, and counted. The application gets what had begun by then, up to
-//! [`STANDING_PAIRS_MAX`]; the rest is counted, too. Where the scene is restored, no event of its discarded ticks waits.
+//! [`STANDING_PAIRS_MAX`]; the rest is counted, too. It learns that the scene was restored between the events before that
+//! and those after it.
 
 use alloc::collections::{BTreeMap, VecDeque};
 
@@ -39,7 +40,7 @@ impl ClientMembership {
         Self {
             subscription: Subscription::new(),
             upstream,
-            held_events: HeldEvents::new(),
+            held_events: HeldEvents::default(),
             queries: 0,
             queries_before: 0,
         }
@@ -110,7 +111,9 @@ impl ClientMembership {
                 result.number = result.number.saturating_add(self.queries_before);
                 events.push_back(Event::QueryResult(result));
             }
-            ServerMessage::TickEvents(tick_events) => self.held_events.push(tick_events),
+            ServerMessage::TickEvents(tick_events) => {
+                self.held_events.push(Held::Tick(tick_events));
+            }
             // The session handles these.
             ServerMessage::Welcome(_)
             | ServerMessage::Created
@@ -159,9 +162,8 @@ impl ClientMembership {
                 events.push_back(Event::SceneFaulted { tick, cause });
             }
             SceneEvent::SceneRestored { tick } => {
-                let missed = self.held_events.discard(tick);
-                events.extend(missed);
-                events.push_back(Event::SceneRestored(tick));
+                self.held_events.push(Held::Restored(tick));
+                self.release_events(events);
             }
             SceneEvent::ShapeAdded { .. }
             | SceneEvent::ShapeRemoved { .. }
@@ -174,84 +176,115 @@ impl ClientMembership {
     }
 }
 
-/// The waiting events, oldest tick first.
+/// One of the waiting pieces of news.
+#[derive(Debug)]
+enum Held {
+    /// Events of a tick. They wait until the copy is complete up to it.
+    Tick(TickEvents),
+    /// The scene was restored at this tick: the server tells anew what stands.
+    Restored(Tick),
+}
+
+impl Held {
+    fn events(&self) -> usize {
+        match self {
+            Self::Tick(events) => events.events.len(),
+            Self::Restored(_) => 0,
+        }
+    }
+
+    /// Whether this can be released as soon as nothing waits before it.
+    fn is_due(&self, complete: Tick) -> bool {
+        match self {
+            Self::Tick(events) => events.tick <= complete,
+            Self::Restored(_) => true,
+        }
+    }
+}
+
+/// The waiting events, in the order of their messages.
 #[derive(Debug, Default)]
 struct HeldEvents {
-    ticks: VecDeque<TickEvents>,
+    waiting: VecDeque<Held>,
+    /// Number of events in all that waits.
     count: usize,
     /// Events that were dropped here and not yet counted for the application.
     dropped: u64,
+    /// The newest restoration among what was dropped, not yet told.
+    restored: Option<Tick>,
     /// What began and has not ended, by the events before the waiting ones.
     standing: StandingEvents,
 }
 
 impl HeldEvents {
-    fn new() -> Self {
-        Self {
-            ticks: VecDeque::new(),
-            count: 0,
-            dropped: 0,
-            standing: StandingEvents::default(),
+    /// Keeps the events of a tick, or a restoration in its place among them.
+    fn push(&mut self, held: Held) {
+        self.count += held.events();
+        self.waiting.push_back(held);
+        while self.count > EVENTS_HELD_MAX || self.waiting.len() > EVENTS_HELD_MAX {
+            match self.pop() {
+                Some(Held::Tick(oldest)) => {
+                    self.dropped += oldest.missed + oldest.events.len() as u64;
+                    self.standing.note(&oldest);
+                }
+                Some(Held::Restored(tick)) => {
+                    self.restored = Some(tick);
+                    self.standing.clear();
+                }
+                None => break,
+            }
         }
     }
 
-    /// Keeps the events of a tick.
-    fn push(&mut self, events: TickEvents) {
-        self.count += events.events.len();
-        self.ticks.push_back(events);
-        while self.count > EVENTS_HELD_MAX || self.ticks.len() > EVENTS_HELD_MAX {
-            let Some(oldest) = self.pop() else { break };
-            self.dropped += oldest.missed + oldest.events.len() as u64;
-            self.standing.note(&oldest);
-        }
-    }
-
-    /// Moves the events up to a complete tick to the application's.
+    /// Moves what is due at a complete tick to the application's events.
     fn release(&mut self, complete: Tick, to: &mut VecDeque<Event>) {
+        to.extend(self.restored.take().map(Event::SceneRestored));
         while self
-            .ticks
+            .waiting
             .front()
-            .is_some_and(|events| events.tick <= complete)
+            .is_some_and(|held| held.is_due(complete))
         {
-            let Some(events) = self.pop() else { break };
-            let tick = events.tick;
-            let dropped = core::mem::take(&mut self.dropped);
-            // After missed events the server tells anew what stands; after dropped ones this does.
-            let retells = dropped > 0 && events.missed == 0;
-            let cut = if retells { self.standing.cut } else { 0 };
-            let count = events.missed + dropped + cut;
-            if count > 0 {
-                to.push_back(Event::EventsMissed { tick, count });
+            match self.pop() {
+                Some(Held::Tick(events)) => self.release_tick(events, to),
+                Some(Held::Restored(tick)) => {
+                    to.push_back(Event::SceneRestored(tick));
+                    self.standing.clear();
+                }
+                None => break,
             }
-            if retells {
-                let standing = self.standing.pairs.values();
-                to.extend(standing.map(|event| Event::Body {
-                    tick,
-                    event: *event,
-                }));
-            }
-            self.standing.note(&events);
-            let of_tick = events.events.into_iter();
-            to.extend(of_tick.map(|event| Event::Body { tick, event }));
         }
     }
 
-    /// Drops all, because the scene continues from a tick before theirs, and counts what had waited for the application.
-    fn discard(&mut self, restored: Tick) -> Option<Event> {
-        let waited = self.ticks.iter();
-        let waited = waited.map(|events| events.missed + events.events.len() as u64);
-        let count = self.dropped + waited.sum::<u64>();
-        *self = Self::new();
-        (count > 0).then_some(Event::EventsMissed {
-            tick: restored,
-            count,
-        })
+    fn release_tick(&mut self, events: TickEvents, to: &mut VecDeque<Event>) {
+        let tick = events.tick;
+        let dropped = core::mem::take(&mut self.dropped);
+        let count = events.missed + dropped;
+        // After missed events the server tells anew what stands; after dropped ones this does.
+        let retells = dropped > 0 && events.missed == 0;
+        if count > 0 {
+            let untold = if retells { self.standing.untold } else { 0 };
+            to.push_back(Event::EventsMissed {
+                tick,
+                count,
+                untold,
+            });
+        }
+        if retells {
+            let standing = self.standing.pairs.values();
+            to.extend(standing.map(|event| Event::Body {
+                tick,
+                event: *event,
+            }));
+        }
+        self.standing.note(&events);
+        let of_tick = events.events.into_iter();
+        to.extend(of_tick.map(|event| Event::Body { tick, event }));
     }
 
-    fn pop(&mut self) -> Option<TickEvents> {
-        let events = self.ticks.pop_front()?;
-        self.count -= events.events.len();
-        Some(events)
+    fn pop(&mut self) -> Option<Held> {
+        let held = self.waiting.pop_front()?;
+        self.count -= held.events();
+        Some(held)
     }
 }
 
@@ -261,8 +294,8 @@ impl HeldEvents {
 #[derive(Debug, Default)]
 struct StandingEvents {
     pairs: BTreeMap<(u8, BodyId, BodyId), BodyEvent>,
-    /// Pairs that stand and found no place.
-    cut: u64,
+    /// Pairs that began and found no place, since all were told.
+    untold: u64,
 }
 
 impl StandingEvents {
@@ -276,7 +309,9 @@ impl StandingEvents {
                 BodyEvent::ContactBegan { body, contact } => {
                     self.insert((0, body, contact.with), *event);
                 }
-                BodyEvent::ContactEnded { body, with } => self.remove((0, body, with)),
+                BodyEvent::ContactEnded { body, with } => {
+                    self.pairs.remove(&(0, body, with));
+                }
                 BodyEvent::ContactForce { body, contact } => {
                     if let Some(began) = self.pairs.get_mut(&(0, body, contact.with)) {
                         *began = BodyEvent::ContactBegan { body, contact };
@@ -285,7 +320,9 @@ impl StandingEvents {
                 BodyEvent::SensorEntered { sensor, body } => {
                     self.insert((1, sensor, body), *event);
                 }
-                BodyEvent::SensorLeft { sensor, body } => self.remove((1, sensor, body)),
+                BodyEvent::SensorLeft { sensor, body } => {
+                    self.pairs.remove(&(1, sensor, body));
+                }
                 BodyEvent::FellAsleep(_)
                 | BodyEvent::Woke(_)
                 | BodyEvent::Fault(_)
@@ -299,20 +336,13 @@ impl StandingEvents {
         if self.pairs.len() < STANDING_PAIRS_MAX || self.pairs.contains_key(&pair) {
             self.pairs.insert(pair, event);
         } else {
-            self.cut += 1;
-        }
-    }
-
-    fn remove(&mut self, pair: (u8, BodyId, BodyId)) {
-        if self.pairs.remove(&pair).is_none() {
-            // One without a place ends.
-            self.cut = self.cut.saturating_sub(1);
+            self.untold += 1;
         }
     }
 
     fn clear(&mut self) {
         self.pairs.clear();
-        self.cut = 0;
+        self.untold = 0;
     }
 }
 
@@ -344,12 +374,12 @@ mod tests {
         assert_eq!(membership.note_query(), 0);
     }
 
-    fn at(tick: u64, missed: u64, count: usize) -> TickEvents {
-        TickEvents {
+    fn at(tick: u64, missed: u64, count: usize) -> Held {
+        Held::Tick(TickEvents {
             tick: Tick::new(tick),
             missed,
             events: alloc::vec![BodyEvent::Woke(BodyId::new(0, 0)); count],
-        }
+        })
     }
 
     fn released(held: &mut HeldEvents, complete: u64) -> Vec<Event> {
@@ -360,7 +390,7 @@ mod tests {
 
     #[test]
     fn events_wait_for_their_tick() {
-        let mut held = HeldEvents::new();
+        let mut held = HeldEvents::default();
         held.push(at(3, 0, 2));
         held.push(at(5, 7, 1));
         assert_eq!(released(&mut held, 2), []);
@@ -369,19 +399,21 @@ mod tests {
         let missed = Event::EventsMissed {
             tick: Tick::new(5),
             count: 7,
+            untold: 0,
         };
         assert_eq!((rest.len(), &rest[0]), (2, &missed));
     }
 
     #[test]
     fn the_oldest_events_are_dropped_and_counted() {
-        let mut held = HeldEvents::new();
+        let mut held = HeldEvents::default();
         held.push(at(1, 1, 10));
         held.push(at(2, 0, EVENTS_HELD_MAX));
         let events = released(&mut held, 2);
         let missed = Event::EventsMissed {
             tick: Tick::new(2),
             count: 11,
+            untold: 0,
         };
         assert_eq!((events.len(), &events[0]), (EVENTS_HELD_MAX + 1, &missed));
     }
@@ -397,12 +429,14 @@ mod tests {
             sensor: pair(index).0,
             body: pair(index).1,
         };
-        let of = |tick, missed, events: &[BodyEvent]| TickEvents {
-            tick: Tick::new(tick),
-            missed,
-            events: events.to_vec(),
+        let of = |tick, missed, events: &[BodyEvent]| {
+            Held::Tick(TickEvents {
+                tick: Tick::new(tick),
+                missed,
+                events: events.to_vec(),
+            })
         };
-        let mut held = HeldEvents::new();
+        let mut held = HeldEvents::default();
         held.push(of(1, 0, &[entered(1), entered(2)]));
         assert_eq!(released(&mut held, 1).len(), 2);
         held.push(of(2, 0, &[entered(3), left(1)]));
@@ -435,41 +469,49 @@ mod tests {
         }
     }
 
-    fn all(tick: u64, events: Vec<BodyEvent>) -> TickEvents {
-        TickEvents {
+    fn all(tick: u64, events: Vec<BodyEvent>) -> Held {
+        Held::Tick(TickEvents {
             tick: Tick::new(tick),
             missed: 0,
             events,
-        }
+        })
     }
 
     #[test]
-    fn no_event_of_a_discarded_tick_comes_after_the_restoration() {
-        let mut held = HeldEvents::new();
+    fn a_restoration_is_told_after_the_events_before_it_and_nothing_stands_then() {
+        let mut held = HeldEvents::default();
         held.push(all(1, alloc::vec![entered(1)]));
-        assert_eq!(released(&mut held, 1).len(), 1);
-        held.push(all(8, alloc::vec![entered(2)]));
-        held.push(at(9, 3, 2));
-        let tick = Tick::new(5);
-        let missed = Event::EventsMissed { tick, count: 6 };
-        assert_eq!(held.discard(tick), Some(missed));
-        assert_eq!(held.discard(tick), None);
-        assert_eq!(released(&mut held, 20), []);
-        // Nothing of them stands, also where later events are dropped.
-        held.push(all(21, alloc::vec![entered(3)]));
-        held.push(at(22, 0, EVENTS_HELD_MAX));
-        let events = released(&mut held, 22);
-        let body = |event| Event::Body {
-            tick: Tick::new(22),
+        held.push(all(5, alloc::vec![entered(2)]));
+        held.push(Held::Restored(Tick::new(5)));
+        held.push(all(6, alloc::vec![entered(3)]));
+        assert_eq!(released(&mut held, 4).len(), 1);
+        let body = |tick, event| Event::Body {
+            tick: Tick::new(tick),
             event,
         };
-        assert_eq!(events[1], body(entered(3)));
-        assert_eq!(events[2], body(BodyEvent::Woke(BodyId::new(0, 0))));
+        let restored = Event::SceneRestored(Tick::new(5));
+        assert_eq!(
+            released(&mut held, 5),
+            [body(5, entered(2)), restored.clone()]
+        );
+        // What stood before is not told again, also where later events are dropped.
+        held.push(at(7, 0, EVENTS_HELD_MAX));
+        let events = released(&mut held, 7);
+        assert!(matches!(events[0], Event::EventsMissed { count: 1, .. }));
+        assert_eq!(events[1], body(7, entered(3)));
+        assert_eq!(events.len(), 2 + EVENTS_HELD_MAX);
+        // With nothing before it, a restoration is told at once; also if what was before it was dropped.
+        held.push(Held::Restored(Tick::new(8)));
+        assert_eq!(released(&mut held, 7), [Event::SceneRestored(Tick::new(8))]);
+        held.push(all(9, alloc::vec![entered(4)]));
+        held.push(Held::Restored(Tick::new(9)));
+        held.push(at(10, 0, EVENTS_HELD_MAX + 1));
+        assert_eq!(released(&mut held, 8), [Event::SceneRestored(Tick::new(9))]);
     }
 
     #[test]
     fn pairs_that_stand_beyond_the_limit_are_counted() {
-        let mut held = HeldEvents::new();
+        let mut held = HeldEvents::default();
         let pairs = STANDING_PAIRS_MAX as u32 + 3;
         for index in 0..pairs {
             held.push(all(1, alloc::vec![entered(index)]));
@@ -482,8 +524,13 @@ mod tests {
         held.push(all(2, alloc::vec![left(pairs - 1)]));
         held.push(at(3, 0, EVENTS_HELD_MAX));
         let events = released(&mut held, 3);
-        // One event was dropped, and two pairs stand that do not come again.
-        assert!(matches!(events[0], Event::EventsMissed { count: 3, .. }));
+        // One event was dropped, and three pairs began that do not come again.
+        let missed = Event::EventsMissed {
+            tick: Tick::new(3),
+            count: 1,
+            untold: 3,
+        };
+        assert_eq!(events[0], missed);
         assert_eq!(events.len(), 1 + STANDING_PAIRS_MAX + EVENTS_HELD_MAX);
     }
 }
