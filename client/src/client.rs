@@ -26,7 +26,7 @@ use crate::connection::{Pump, Statistics, TURNS_MAX, TapChannel, span};
 use crate::error::{ClientError, Unreported};
 use crate::join_options::{JoinOptions, Refusals};
 
-/// Limit of queued events. Beyond it, the oldest events are dropped.
+/// Limit of queued events. Beyond it, the oldest events are dropped, and counted.
 const EVENTS_KEPT: usize = 65_536;
 
 /// A member of one scene.
@@ -44,6 +44,8 @@ pub struct Client {
     /// The newest command that is answered.
     answered: Option<u64>,
     events: VecDeque<(Tick, Event)>,
+    /// Events that were dropped unread.
+    events_left_out: u64,
     contacts: Contacts,
     /// Refusals that no call has reported yet, if calls report them.
     refused: Unreported,
@@ -90,6 +92,7 @@ impl Client {
             unanswered: None,
             answered: None,
             events: VecDeque::new(),
+            events_left_out: 0,
             contacts: Contacts::default(),
             refused: Unreported::default(),
             refusals: options.refusals,
@@ -250,7 +253,8 @@ impl Client {
     /// The oldest unread event, and the newest complete tick when the data with which it arrived was read. No view of an
     /// earlier tick shows its effect, and every view of a later tick does.
     ///
-    /// An answer that a call of this client waits for is not queued as an event.
+    /// An answer that a call of this client waits for is not queued as an event. A client keeps 65,536 unread events; those
+    /// that it drops are counted in [`Statistics::events_left_out`].
     pub fn poll_event(&mut self) -> Option<(Tick, Event)> {
         self.events.pop_front()
     }
@@ -385,7 +389,7 @@ impl Client {
     ///
     /// Returns the tick of the view, which is later than requested if later ticks are already complete. The view of a tick has
     /// the bodies of that tick: what commands add, remove or change after it appears in the next published one. A member
-    /// that joins is the exception: its snapshot has what commands have changed by then, as nothing in it tells when.
+    /// that joins is the exception: its snapshot already has the changes of later commands, and does not tell when they come.
     ///
     /// # Errors
     ///
@@ -564,6 +568,8 @@ impl Client {
             watermark_tick: stream.map(Subscriber::watermark_tick).unwrap_or_default(),
             complete: self.complete(),
             behind_ticks: self.live_view.behind_ticks(self.pump.now()),
+            events_left_out: self.events_left_out,
+            contacts_left_out: self.contacts.left_out(),
         }
     }
 
@@ -648,6 +654,7 @@ impl Client {
             }
             if self.events.len() == EVENTS_KEPT {
                 self.events.pop_front();
+                self.events_left_out += 1;
             }
             self.events.push_back((self.complete(), event));
         }

@@ -300,6 +300,11 @@ pub struct Statistics {
     pub complete: Tick,
     /// Ticks by which the view lies behind the server's clock; `None` before the clock is known.
     pub behind_ticks: Option<f64>,
+    /// Events that were dropped unread: [`poll_event`](crate::Client::poll_event) was not called for more than are kept.
+    pub events_left_out: u64,
+    /// Pairs that touch and that [`contacts`](crate::Client::contacts) lacks; see
+    /// [`contacts_left_out`](crate::Client::contacts_left_out).
+    pub contacts_left_out: u64,
 }
 
 #[cfg(test)]

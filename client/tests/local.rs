@@ -297,6 +297,25 @@ fn refusals_that_no_call_reports_are_kept_up_to_a_number_and_counted() {
 }
 
 #[test]
+fn events_that_no_call_reads_are_kept_up_to_a_number_and_counted() {
+    let mut client = Client::local().join("own").expect("a new scene");
+    let gone = BodyId::new(9, 0);
+    for _ in 0..22 {
+        for _ in 0..3_000 {
+            let queued = client.command(Command::RemoveBody { id: gone });
+            queued.expect("it is queued");
+        }
+        let advanced = client.advance(PipelineDepth::LOCKSTEP);
+        assert!(matches!(advanced, Err(ClientError::Refused(_))));
+    }
+    let left_out = client.statistics().events_left_out;
+    let read = std::iter::from_fn(|| client.poll_event()).count();
+    assert_eq!(read, 65_536);
+    assert!(left_out >= 22 * 3_000 - 65_536, "{left_out}");
+    assert_eq!(client.statistics().events_left_out, left_out);
+}
+
+#[test]
 fn what_can_be_known_at_once_is_refused_at_once() {
     let mut client = Client::local().join("own").expect("a new scene");
     let sheet = Mesh::new(&[Vec3::ZERO, Vec3::X, Vec3::Y], &[[0, 1, 2]]);

@@ -1087,6 +1087,10 @@ typedef struct RhumbStatistics {
   uint64_t upstream_packets;
   // Bytes of these packets.
   uint64_t upstream_bytes;
+  // Events that were dropped unread: 65,536 are kept.
+  uint64_t events_left_out;
+  // Pairs of bodies that touch and that the calls about contacts lack: a client knows 32,768.
+  uint64_t contacts_left_out;
 } RhumbStatistics;
 
 #ifdef __cplusplus

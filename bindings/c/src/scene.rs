@@ -100,6 +100,10 @@ pub struct RhumbStatistics {
     pub upstream_packets: u64,
     /// Bytes of these packets.
     pub upstream_bytes: u64,
+    /// Events that were dropped unread: 65,536 are kept.
+    pub events_left_out: u64,
+    /// Pairs of bodies that touch and that the calls about contacts lack: a client knows 32,768.
+    pub contacts_left_out: u64,
 }
 
 static SCENES: HandleTable<RemoteScene> = HandleTable::new();
@@ -476,6 +480,8 @@ pub unsafe extern "C" fn rhumb_scene_statistics(
             upstream_updates: now.upstream.updates,
             upstream_packets: now.upstream.packets,
             upstream_bytes: now.upstream.bytes,
+            events_left_out: now.events_left_out,
+            contacts_left_out: now.contacts_left_out,
         };
         // SAFETY: the caller promises the memory.
         unsafe { write(statistics, now, "statistics") }

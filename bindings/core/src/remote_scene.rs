@@ -26,7 +26,7 @@ use crate::own_server::{OwnServer, SceneServer};
 use crate::records::{ContactRecord, EventRecord, RefusalRecord};
 use crate::view::ConvertedView;
 
-/// Limit of unread events, the client's own. Beyond it, the oldest are dropped.
+/// Limit of unread events, the client's own. Beyond it, the oldest are dropped, and counted.
 const EVENTS_KEPT: usize = 65_536;
 
 /// A body that a query found.
@@ -50,6 +50,8 @@ pub struct RemoteScene {
     view: ConvertedView,
     /// Events that the application has not read.
     events: VecDeque<EventRecord>,
+    /// Events that were dropped unread.
+    events_left_out: u64,
     known: KnownBodies,
     /// Of the last call that the refusals made an error.
     refusals: VecDeque<RefusalRecord>,
@@ -81,6 +83,7 @@ impl RemoteScene {
             client,
             view: ConvertedView::new(params.coordinates),
             events: VecDeque::new(),
+            events_left_out: 0,
             known: KnownBodies::default(),
             refusals: VecDeque::new(),
             error_bounds: Vec::new(),
@@ -464,6 +467,7 @@ impl RemoteScene {
             self.known.note(&record);
             if self.events.len() == EVENTS_KEPT {
                 self.events.pop_front();
+                self.events_left_out += 1;
             }
             self.events.push_back(record);
         }
@@ -607,7 +611,9 @@ impl RemoteScene {
     /// Statistics of the connection and of the stream.
     #[must_use]
     pub fn statistics(&self) -> Statistics {
-        self.client.statistics()
+        let mut statistics = self.client.statistics();
+        statistics.events_left_out += self.events_left_out;
+        statistics
     }
 
     /// Deletes the scene for all members, and waits for the answer.

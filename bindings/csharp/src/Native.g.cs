@@ -1147,6 +1147,14 @@ namespace Rhumb
         ///  Bytes of these packets.
         /// </summary>
         public ulong upstream_bytes;
+        /// <summary>
+        ///  Events that were dropped unread: 65,536 are kept.
+        /// </summary>
+        public ulong events_left_out;
+        /// <summary>
+        ///  Pairs of bodies that touch and that the calls about contacts lack: a client knows 32,768.
+        /// </summary>
+        public ulong contacts_left_out;
     }
 
     /// <summary>

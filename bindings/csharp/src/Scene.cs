@@ -307,6 +307,8 @@ namespace Rhumb
                     UpstreamUpdates = raw.upstream_updates,
                     UpstreamPackets = raw.upstream_packets,
                     UpstreamBytes = raw.upstream_bytes,
+                    EventsLeftOut = raw.events_left_out,
+                    ContactsLeftOut = raw.contacts_left_out,
                 };
             }
         }

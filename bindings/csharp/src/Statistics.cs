@@ -25,5 +25,11 @@ namespace Rhumb
 
         /// <summary>Bytes of these packets.</summary>
         public ulong UpstreamBytes;
+
+        /// <summary>Events that were dropped unread: 65,536 are kept.</summary>
+        public ulong EventsLeftOut;
+
+        /// <summary>Pairs of bodies that touch and that the calls about contacts lack: a client knows 32,768.</summary>
+        public ulong ContactsLeftOut;
     }
 }

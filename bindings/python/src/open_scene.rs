@@ -158,5 +158,7 @@ pub(crate) fn dictionary<'py>(py: Python<'py>, now: &Statistics) -> PyResult<Bou
     upstream.set_item("bytes", now.upstream.bytes)?;
     statistics.set_item("upstream", upstream)?;
     statistics.set_item("behind_ticks", now.behind_ticks)?;
+    statistics.set_item("events_left_out", now.events_left_out)?;
+    statistics.set_item("contacts_left_out", now.contacts_left_out)?;
     Ok(statistics)
 }

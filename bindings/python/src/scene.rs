@@ -804,7 +804,8 @@ impl PyScene {
 
     /// Counts since the client connected: sent_bytes and received_bytes in UDP datagrams, updates of bodies, complete_tick
     /// (the newest one at which every copy is within its tolerance), behind_ticks (of the view behind the server's clock;
-    /// None before it is known), and updates, packets and bytes of the upstream since authority was granted.
+    /// None before it is known), updates, packets and bytes of the upstream since authority was granted, events_left_out
+    /// (dropped unread, beyond 65,536) and contacts_left_out (pairs that touch and that contacts lacks, beyond 32,768).
     #[getter]
     fn statistics<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let now = self.with(py, |opened| Ok(opened.scene.statistics()))?;

@@ -546,6 +546,8 @@ class _Statistics(TypedDict):
     complete_tick: int
     upstream: _Upstream
     behind_ticks: Optional[float]
+    events_left_out: int
+    contacts_left_out: int
 
 @final
 class Scene:
@@ -865,7 +867,8 @@ class Scene:
     def statistics(self) -> _Statistics:
         """Counts since the client connected: sent_bytes and received_bytes in UDP datagrams, updates of bodies, complete_tick
         (the newest one at which every copy is within its tolerance), behind_ticks (of the view behind the server's clock;
-        None before it is known), and updates, packets and bytes of the upstream since authority was granted."""
+        None before it is known), updates, packets and bytes of the upstream since authority was granted, events_left_out
+        (dropped unread, beyond 65,536) and contacts_left_out (pairs that touch and that contacts lacks, beyond 32,768)."""
     def delete(self) -> None:
         """Deletes the scene for all of its clients."""
     def load(
