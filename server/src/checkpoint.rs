@@ -177,22 +177,38 @@ impl Checkpoint {
     ///
     /// [`CheckpointError::Damaged`] for an image that its engine does not read, and [`CheckpointError::Differs`].
     pub fn scene(&self, threads: &StepThreads) -> Result<Scene, CheckpointError> {
-        let mut scene = self.base(threads)?;
-        self.continue_from(&mut scene)?;
+        let mut scene = self.scene_at_last_step(threads)?;
+        self.apply_pending(&mut scene)?;
         Ok(scene)
     }
 
-    /// The scene of the image, without what changed since.
-    pub(crate) fn base(&self, threads: &StepThreads) -> Result<Scene, CheckpointError> {
+    /// The scene right after its last step.
+    pub(crate) fn scene_at_last_step(
+        &self,
+        threads: &StepThreads,
+    ) -> Result<Scene, CheckpointError> {
         let scene = Scene::from_image(self.config, threads, self.at, &self.image);
-        scene.map_err(|_| CheckpointError::Damaged)
+        let mut scene = scene.map_err(|_| CheckpointError::Damaged)?;
+        self.replay(self.since_split().0, &mut scene)?;
+        Ok(scene)
     }
 
-    /// Does again what changed since the image.
-    pub(crate) fn continue_from(&self, scene: &mut Scene) -> Result<(), CheckpointError> {
+    /// Does again what changed after the last step.
+    pub(crate) fn apply_pending(&self, scene: &mut Scene) -> Result<(), CheckpointError> {
+        self.replay(self.since_split().1, scene)
+    }
+
+    /// The changes up to the last step since the image, and those after it.
+    fn since_split(&self) -> (&[LogEntry], &[LogEntry]) {
+        let is_step = |entry: &LogEntry| matches!(entry, LogEntry::Stepped(_));
+        let last = self.since.iter().rposition(is_step);
+        self.since.split_at(last.map_or(0, |place| place + 1))
+    }
+
+    fn replay(&self, entries: &[LogEntry], scene: &mut Scene) -> Result<(), CheckpointError> {
         let differs = CheckpointError::Differs { tick: self.at.0 };
         let mut no_owners = Ownership::default();
-        for entry in &self.since {
+        for entry in entries {
             if !replay(entry, scene, &mut no_owners) {
                 return Err(differs);
             }

@@ -451,12 +451,13 @@ impl SceneLoop {
             |reason: &dyn std::fmt::Display| CheckpointError::NotAdmitted(reason.to_string());
         let (slot, mut load) = rights::admit_scene(&self.name, checkpoint.config(), &self.settings)
             .map_err(|denial| refused(&denial))?;
-        let mut scene = checkpoint.base(&self.settings.threads)?;
+        let mut scene = checkpoint.scene_at_last_step(&self.settings.threads)?;
+        // A later checkpoint of it replays what follows, and nothing of what led here.
         let mut rollback = Rollback::default();
         if self.settings.limits.restorations > 0 {
             rollback.begin_at(&mut scene, &Ownership::default());
         }
-        checkpoint.continue_from(&mut scene)?;
+        checkpoint.apply_pending(&mut scene)?;
         let (bodies, most) = (scene.body_count(), self.settings.limits.bodies_per_scene);
         if bodies as u64 > most {
             let reason =
