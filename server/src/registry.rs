@@ -65,18 +65,23 @@ impl BodyEntry {
 }
 
 impl Registry {
-    pub(crate) fn add_shape(&mut self, id: ShapeId, shape: Shape) -> Result<(), CommandError> {
+    /// Whether a shape finds a place under this id.
+    pub(crate) fn check_shape(&self, id: ShapeId, shape: &Shape) -> Result<(), CommandError> {
         if id.0 >= SHAPES_MAX {
             return Err(CommandError::UnknownShape(id));
         }
         if self.shapes.contains_key(&id) {
             return Err(CommandError::ShapeIdTaken(id));
         }
-        let bytes = self.shape_bytes + shape.bytes();
-        if bytes > SHAPE_BYTES_PER_SCENE_MAX {
+        if self.shape_bytes + shape.bytes() > SHAPE_BYTES_PER_SCENE_MAX {
             return Err(CommandError::TooManyShapeBytes);
         }
-        self.shape_bytes = bytes;
+        Ok(())
+    }
+
+    pub(crate) fn add_shape(&mut self, id: ShapeId, shape: Shape) -> Result<(), CommandError> {
+        self.check_shape(id, &shape)?;
+        self.shape_bytes += shape.bytes();
         self.shapes.insert(id, ShapeEntry { shape, users: 0 });
         Ok(())
     }

@@ -580,10 +580,11 @@ impl From<EngineFault> for SceneFault {
 }
 
 impl Scene {
-    /// The function that makes the solid of a shape under a free id; `None` if the id is taken, and for an engine that
-    /// makes solids only by itself.
-    pub(crate) fn baker_for(&self, id: ShapeId) -> Option<Baker> {
-        self.engine.baker().filter(|_| self.shape(id).is_none())
+    /// The function that makes the solid of a shape; `None` if the scene has no place for it under this id, and for an
+    /// engine that makes solids only by itself.
+    pub(crate) fn baker_for(&self, id: ShapeId, shape: &Shape) -> Option<Baker> {
+        let has_place = self.registry.check_shape(id, shape).is_ok();
+        self.engine.baker().filter(|_| has_place)
     }
 
     /// Keeps a solid for the next command that adds its shape.

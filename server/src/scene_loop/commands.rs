@@ -65,10 +65,12 @@ impl RunningScene {
         }
         let ownership = &self.ownership;
         let has_share = rights::has_share_of_shapes(permit, ownership, &self.scene, shape);
-        let shape = shape.clone();
-        let command = Command::AddShape { id, shape };
+        let command = Command::AddShape {
+            id,
+            shape: shape.clone(),
+        };
         (has_share && rights::includes(permit, ownership, &command, self.config()))
-            .then(|| self.scene.baker_for(id))?
+            .then(|| self.scene.baker_for(id, shape))?
     }
 
     /// Keeps a solid for the next command that adds its shape.
