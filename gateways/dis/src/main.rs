@@ -374,8 +374,12 @@ fn run(arguments: &Arguments) -> Result<(), String> {
     };
     let served = run.serve(&mut clock, &stopped);
     // Whatever ended it, other simulators hear of it, and the scene is left as it was.
-    let left = run.leave(&mut clock);
-    served.and(left)
+    let mut problems: Vec<String> = served.err().into_iter().collect();
+    problems.extend(run.leave(&mut clock));
+    if problems.is_empty() {
+        return Ok(());
+    }
+    Err(problems.join("; "))
 }
 
 /// A gateway with its socket.
@@ -422,31 +426,37 @@ impl Run {
         Ok(())
     }
 
-    /// Sends the last states, within two seconds, and removes the bodies of entities.
-    fn leave(&mut self, clock: &mut StampClock) -> Result<(), String> {
+    /// Sends the last states, within two seconds, and removes the bodies of entities; returns what could not be done.
+    fn leave(&mut self, clock: &mut StampClock) -> Vec<String> {
         let begun = clock.now();
-        // If the server is gone, no body of it can be removed, and last states leave all the same.
-        let mut removed = Ok(());
+        let mut problems = Vec::new();
         loop {
             let left = self.gateway.leave(clock.now());
             self.send_all();
-            let is_late = clock.now().saturating_sub(begun) >= LEAVE_MAX;
-            match left {
-                Ok(0) => return removed,
-                Ok(waiting) if is_late => {
-                    return removed.and(Err(format!(
-                        "{waiting} bodies left without a last state: --states-per-second is too low for them"
-                    )));
+            let mut is_over = clock.now().saturating_sub(begun) >= LEAVE_MAX;
+            let waiting = match left {
+                Ok(0) => return problems,
+                Ok(waiting) => waiting,
+                // If the server is gone, no body of it can be removed, and last states leave all the same.
+                Err(error) => {
+                    problems.push(error.to_string());
+                    if is_over {
+                        return problems;
+                    }
+                    continue;
                 }
-                Ok(_) => {}
-                Err(error) => removed = removed.and(Err(error.to_string())),
-            }
-            if is_late && removed.is_err() {
-                return removed;
-            }
+            };
             // What still arrives is for no one.
-            let received = self.socket.receive(&mut self.buffer, self.period);
-            received.map_err(|cause| format!("receiving: {cause}"))?;
+            if let Err(cause) = self.socket.receive(&mut self.buffer, self.period) {
+                problems.push(format!("receiving: {cause}"));
+                is_over = true;
+            }
+            if is_over {
+                problems.push(format!(
+                    "{waiting} bodies left without a last state: --states-per-second is too low for them"
+                ));
+                return problems;
+            }
         }
     }
 
