@@ -50,8 +50,8 @@ fn numbers(argument: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Numbers<
 /// Whole numbers. A negative one becomes greater than any place or id. A float is refused: its fraction would be lost.
 fn integers(argument: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Numbers<u64>> {
     let py = argument.py();
-    no_truth(argument, name, "whole numbers")?;
-    let array = get_array_module(py)?.call_method1("asarray", (argument,))?;
+    let array = get_array_module(py)?.call_method1("asarray", (argument,));
+    let array = within(argument, name, array, "whole numbers")?;
     let kind = array.getattr("dtype")?.getattr("kind")?.extract::<char>()?;
     // An array of nothing is one of floats.
     let is_empty = array.getattr("size")?.extract::<usize>()? == 0;

@@ -1,5 +1,7 @@
 """Numbers that no argument can have: refused at once, by name and limits."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -127,18 +129,24 @@ def test_a_list_that_has_itself_is_refused_like_any_other_wrong_value(scene):
     own = own_list()
     by_key = {}
     by_key[3] = by_key
-    for call in (
-        lambda: scene.set_gravity(own),
-        lambda: scene.advance(own),
-        lambda: scene.remove(own),
-        lambda: scene.add_bodies(rhumb.Shape.ball(1), own),
-        lambda: scene.add_body(rhumb.Shape.ball(1), sleep=own),
-        lambda: scene.add_body(rhumb.Shape.ball(1), groups=own),
-        lambda: rhumb.Joint("revolute", 1, 2, limits=by_key),
-        lambda: rhumb.Shape.hull([own] * 3),
+    ball = rhumb.Shape.ball(1)
+    for call, error, expected in (
+        (lambda: scene.set_gravity(own), rhumb.InvalidError, "gravity is [[...]], and must be finite"),
+        (lambda: scene.advance(own), TypeError, "argument 'ticks'"),
+        (lambda: scene.remove(own), rhumb.InvalidError, "body is [[...]], and must be whole numbers"),
+        (lambda: scene.add_bodies(ball, own), rhumb.InvalidError, "positions is [[...]], and must be finite"),
+        (lambda: scene.add_body(ball, sleep=own), rhumb.InvalidError, "sleep is [[...]], and must be"),
+        (lambda: scene.add_body(ball, groups=own), TypeError, "argument 'groups'"),
+        (lambda: rhumb.Joint("revolute", 1, 2, limits=by_key), TypeError, "argument 'limits'"),
+        (lambda: rhumb.Shape.hull([own] * 3), rhumb.InvalidError, "points is [[[...]], "),
     ):
-        with pytest.raises((rhumb.InvalidError, TypeError, ValueError)):
+        with pytest.raises(error, match="^" + re.escape(expected)):
             call()
+
+
+def test_rows_of_different_lengths_are_no_ids(scene):
+    with pytest.raises(rhumb.InvalidError, match="^body is .* whole numbers$"):
+        scene.remove([[1, 2], [3]])
 
 
 class Foreign:
