@@ -45,12 +45,21 @@ async function joined(options) {
 async function showing() {
   const { client, server } = await joined();
   server.play(FIRST_TICK);
-  while (client.completeTick < 1) await pause(1);
+  await until(() => client.completeTick >= 1, "the first tick");
   client.poll();
   return client;
 }
 
 const pause = (milliseconds) => new Promise((resolve) => setTimeout(resolve, milliseconds));
+
+/** Waits for a condition, for two seconds at least. */
+async function until(condition, name) {
+  for (let tries = 0; tries < 2_000; tries += 1) {
+    if (await condition()) return;
+    await pause(1);
+  }
+  assert.fail(`${name} does not come`);
+}
 
 /** The value of a promise, or its error; neither if it does not settle within a second. */
 async function settled(promise) {
@@ -226,14 +235,16 @@ test("a worker sends what its first lines name", async (t) => {
   t.after(() => answer({ kind: "call", id: 1, name: "close" }));
   const opened = servers.length;
   const joining = answer({ kind: "connect", url: URL, options: {}, scene: "golden", join: { resumeWithin: 0 } });
-  while (servers.length === opened) await pause(1);
+  await until(() => servers.length > opened, "the connection");
   servers.at(-1).play(BEGINNING);
   assert.equal((await joining).kind, "joined");
   servers.at(-1).play(FIRST_TICK);
-  await pause(10);
-  const first = await answer({ kind: "frame" });
+  let first;
+  await until(async () => {
+    first = await answer({ kind: "frame" });
+    return first.ids?.length > 0;
+  }, "a frame with bodies");
   const count = first.ids.length;
-  assert.ok(count > 0);
   for (const name of ["shapes", "kinds", "tolerances", "errorBounds"]) assert.equal(first[name]?.length, count, name);
   assert.ok(first.tolerances.every((tolerance) => tolerance > 0));
   assert.deepEqual([first.positions.length, first.rotations.length], [3 * count, 4 * count]);

@@ -35,13 +35,16 @@ function differences({ events }, count) {
       }
       count.states += 1;
       if (value.poses !== undefined && digest.poses !== undefined) count.poses += 1;
+      else if (value.poses !== undefined) count.without += 1;
     }
   }
   member.free();
   return found;
 }
 
-const count = { states: 0, poses: 0 };
+// Of the vectors: a tick before which bodies come or go is not shown yet.
+const WITHOUT_POSES_MAX = 20;
+const count = { states: 0, poses: 0, without: 0 };
 let [passed, failed] = [0, 0];
 for (const file of recordings.length > 0 ? recordings : VECTORS) {
   const { streams } = JSON.parse(await readFile(file));
@@ -55,4 +58,6 @@ for (const file of recordings.length > 0 ? recordings : VECTORS) {
   }
 }
 console.log(`${passed} streams passed, ${failed} failed: ${count.states} states, ${count.poses} with the bits of all poses`);
-process.exitCode = failed === 0 && count.poses > 0 ? 0 : 1;
+const isCompared = count.poses > 0 && (recordings.length > 0 || count.without <= WITHOUT_POSES_MAX);
+if (!isCompared) console.log(`${count.without} states whose poses are known were not compared`);
+process.exitCode = failed === 0 && isCompared ? 0 : 1;
