@@ -5,6 +5,7 @@
 //! An engine cannot carry a force through a body of no mass: a body whose file gives no mass and moments gets some, and that
 //! is noted.
 
+use std::collections::BTreeSet;
 use std::rc::Rc;
 
 use glam::{DMat3, DVec3, Quat, Vec3};
@@ -347,8 +348,8 @@ pub(crate) fn bound_masses(bodies: &mut [ModelBody], [mass, moment]: [f64; 2], t
 /// Adds the rotors of joints to the moments of the bodies that turn with them. Then they resist the joint, as they should;
 /// they also resist a turn of both bodies together, which is noted.
 pub(crate) fn add_armatures(bodies: &mut [ModelBody], joints: &[ModelJoint], report: &mut Report) {
+    let mut with_rotor = BTreeSet::new();
     for joint in joints.iter().filter(|joint| joint.holds) {
-        let mut has_rotor = false;
         for (axis, drive) in joint.drives.iter().enumerate() {
             let Some(armature) = drive.map(|drive| drive.armature).filter(|own| *own > 0.0) else {
                 continue;
@@ -364,12 +365,14 @@ pub(crate) fn add_armatures(bodies: &mut [ModelBody], joints: &[ModelJoint], rep
             let along = body.pose.rotation.conjugate() * along;
             let rotor = DMat3::from_cols(along * along.x, along * along.y, along * along.z);
             body.inertia.tensor += rotor * armature;
-            has_rotor = true;
+            with_rotor.insert(joint.bodies[1]);
             let why = "it is part of the moments of the body that the joint turns, whatever else turns that body";
             report.again(&joint.place, subject, Effect::Approximated, why);
         }
-        let body = &mut bodies[joint.bodies[1]];
-        if has_rotor && make_solid(&mut body.inertia) {
+    }
+    for index in with_rotor {
+        let body = &mut bodies[index];
+        if make_solid(&mut body.inertia) {
             let why =
                 "no solid has a moment above the sum of the others: an armature raises those too";
             let subject = "moments with an armature".to_owned();
