@@ -51,8 +51,9 @@ fn a_pipelined_run_includes_its_last_tick() {
     let runs = runs("pipelined", &modes);
     assert_eq!(runs[1]["updates"], runs[2]["updates"]);
     assert_eq!(runs[1]["payload_bytes_down"], runs[2]["payload_bytes_down"]);
-    // The first frame shows tick 0, and the bodies are from tick 1 on.
-    assert_eq!(runs[2]["unjudged_frames"], 1);
+    // The first frame shows tick 0 unless tick 1 is already there, and the bodies are from tick 1 on.
+    let unjudged = runs[2]["unjudged_frames"].as_u64();
+    assert!(unjudged.is_some_and(|frames| frames <= 1), "{unjudged:?}");
 }
 
 #[test]
