@@ -70,7 +70,7 @@ impl Files for Folder {
             _ => FileError::Unreadable(error.to_string()),
         };
         let path = self.folder.join(path);
-        // What is left of "." is nothing: it is the folder itself.
+        // The path "." is empty here: it is the folder itself.
         if path.as_os_str().is_empty() || path.is_dir() {
             return Err(FileError::IsFolder);
         }

@@ -390,8 +390,8 @@ impl Subscriber {
     /// The first tick of a view with a body that a scene event has placed at a tick.
     ///
     /// A lockstep scene stands still at a published tick, and its commands make the next one: all views of the tick
-    /// have the same bodies, whatever has been read since. Not those of a member that has just joined: a snapshot does not
-    /// tell which of its bodies came after the tick, so they are shown at once, until the next published tick.
+    /// have the same bodies, whatever has been read since. The views of a member that has just joined may differ: a snapshot
+    /// does not tell which of its bodies came after the tick, so they are shown at once, until the next published tick.
     pub(super) fn first_shown(&self, placed: Tick) -> Tick {
         match self.stepping {
             Stepping::Lockstep => self.published_after(placed),

@@ -118,7 +118,7 @@ const KNOWN: [&str; 16] = [
     "user",
 ];
 
-/// Settings that a body without a joint has not.
+/// Settings of joints, which a body without one cannot have.
 const OF_JOINTS: [&str; 5] = [
     "stiffness",
     "damping",
