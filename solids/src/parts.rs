@@ -9,7 +9,9 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use glam::{Quat, Vec3};
 use parry3d::mass_properties::MassProperties;
 use parry3d::math::Pose;
-use parry3d::shape::{HeightFieldFlags, SharedShape, TriMeshFlags};
+use parry3d::shape::{
+    HeightField, HeightFieldCellStatus, HeightFieldFlags, SharedShape, TriMeshFlags,
+};
 use parry3d::utils::Array2;
 use rhumb_protocol::scene::{Edges, Heights, Mesh, Shape};
 
@@ -101,9 +103,16 @@ pub fn simple_part(shape: &Shape, at: Pose) -> Option<SolidPart> {
     parts.pop()
 }
 
-/// Centre of a height field: the origin of the library's coordinates.
+/// Cells of a height field along one axis, as the library has them: it counts posts in shares of the whole field, which are
+/// exact for a power of two alone. By others a body that falls exactly onto a line of posts finds neither of the triangles
+/// there, if the edges are smooth (parry3d 0.31.1).
+const fn whole_cells(posts: u32) -> u32 {
+    (posts - 1).next_power_of_two()
+}
+
+/// Centre of a height field and of the cells beyond it: the origin of the library's coordinates.
 fn middle(heights: &Heights) -> Pose {
-    let half = |count: u32, spacing| (count - 1) as f32 * spacing * 0.5;
+    let half = |posts: u32, spacing| whole_cells(posts) as f32 * spacing * 0.5;
     let x = half(heights.rows(), heights.row_spacing());
     let z = half(heights.columns(), heights.column_spacing());
     pose(Vec3::new(x, 0.0, z), Quat::IDENTITY)
@@ -111,20 +120,36 @@ fn middle(heights: &Heights) -> Pose {
 
 fn ground(heights: &Heights) -> Option<SharedShape> {
     let (rows, columns) = (heights.rows() as usize, heights.columns() as usize);
-    // The library's rows go along z, which are the columns here, and it stores column by column: the row-by-row order
-    // here fits.
-    let posts = heights.heights().to_vec();
+    let cells = [heights.rows(), heights.columns()].map(whole_cells);
     let scale = Vec3::new(
-        (rows - 1) as f32 * heights.row_spacing(),
+        cells[0] as f32 * heights.row_spacing(),
         1.0,
-        (columns - 1) as f32 * heights.column_spacing(),
+        cells[1] as f32 * heights.column_spacing(),
     );
     let flags = match heights.edges() {
         Edges::Plain => HeightFieldFlags::empty(),
         Edges::Smooth => HeightFieldFlags::FIX_INTERNAL_EDGES,
     };
-    let build =
-        || SharedShape::heightfield_with_flags(Array2::new(columns, rows, posts), scale, flags);
+    let [all_rows, all_columns] = cells.map(|cells| cells as usize + 1);
+    // The library's rows go along z, which are the columns here, and it stores column by column: the row-by-row order
+    // here fits. The cells beyond the field are removed, whatever their height.
+    let own = heights.heights();
+    let posts = (0..all_rows).flat_map(|row| {
+        let row = row.min(rows - 1) * columns;
+        (0..all_columns).map(move |column| own[row + column.min(columns - 1)])
+    });
+    let posts = Array2::new(all_columns, all_rows, posts.collect());
+    let build = || {
+        let mut ground = HeightField::with_flags(posts, scale, flags);
+        for row in 0..all_rows - 1 {
+            for column in 0..all_columns - 1 {
+                if row >= rows - 1 || column >= columns - 1 {
+                    ground.set_cell_status(column, row, HeightFieldCellStatus::CELL_REMOVED);
+                }
+            }
+        }
+        SharedShape::new(ground)
+    };
     catch_unwind(build).ok()
 }
 
