@@ -8,6 +8,7 @@ mod chain_tests;
 mod crossing;
 #[cfg(test)]
 mod crossing_tests;
+mod half_spaces;
 mod image;
 #[cfg(test)]
 mod motor_tests;
@@ -72,7 +73,7 @@ pub struct RapierEngine {
     forced: Vec<RigidBodyHandle>,
     /// Bodies that do not move and were displaced or put to sleep since the last step.
     displaced: Vec<BodySlot>,
-    /// Bodies that a command has added or moved since the last step.
+    /// Bodies that a command has added or moved since the last step. In a step: those that are awake, too.
     stirred: Vec<BodySlot>,
     /// Awake after the last step, in the order of ids.
     awake: Vec<BodySlot>,
@@ -83,6 +84,8 @@ pub struct RapierEngine {
     swept: BTreeSet<BodyId>,
     /// Sensors.
     sensors: BTreeSet<BodyId>,
+    /// Half-spaces.
+    half_spaces: BTreeSet<BodyId>,
     /// Where bodies were at the begin of the last step: the buffer of the next one.
     sensor_starts: crossing::Starts,
     /// Sensors that bodies went through within the last step, with the bodies.
@@ -138,6 +141,7 @@ impl RapierEngine {
             observed: Vec::new(),
             swept: BTreeSet::new(),
             sensors: BTreeSet::new(),
+            half_spaces: BTreeSet::new(),
             sensor_starts: Vec::new(),
             crossed: BTreeSet::new(),
             has_changed: false,
@@ -166,6 +170,7 @@ impl RapierEngine {
             self.observed.clear();
             self.swept.clear();
             self.sensors.clear();
+            self.half_spaces.clear();
             self.crossed.clear();
         }
     }
@@ -198,6 +203,7 @@ impl RapierEngine {
         if let Some(mass) = solids::mass_beside(new, solid) {
             body.set_additional_mass_properties(mass, false);
         }
+        let is_half_space = solid.is_half_space();
         let handle = self.world.insert_body(body);
         for collider in solids::colliders(new, solid) {
             self.world.insert_collider(collider, Some(handle));
@@ -215,6 +221,7 @@ impl RapierEngine {
         self.places[index] = Some(place);
         self.stirred.push(place);
         self.note_motion(&new.desc);
+        self.note_half_space(id, is_half_space);
         if new.desc.kind == BodyKind::Kinematic && new.desc.enabled {
             self.keep(place, motion.motion().twist());
         }
@@ -224,8 +231,10 @@ impl RapierEngine {
         let Some(place) = self.place(now.desc.id) else {
             return;
         };
-        if self.solids.contains_key(&now.desc.shape) {
+        if let Some(solid) = self.solids.get(&now.desc.shape) {
+            let is_half_space = solid.is_half_space();
             self.note_motion(&now.desc);
+            self.note_half_space(now.desc.id, is_half_space);
         }
         let Some(solid) = self.solids.get(&now.desc.shape) else {
             return;
@@ -259,6 +268,7 @@ impl RapierEngine {
             self.kinematic_targets.remove(&id);
             self.swept.remove(&id);
             self.sensors.remove(&id);
+            self.half_spaces.remove(&id);
             self.characters.remove(id);
             self.vehicles.remove(&mut self.world, id);
             self.world.remove_body(place.handle);
@@ -326,6 +336,7 @@ impl RapierEngine {
         self.turn();
         let first = lost.len();
         self.step_world(lost);
+        self.stirred.clear();
         self.bound_speeds();
         self.spin.after(&mut self.world, &self.integrator);
         self.rest.after(&mut self.world, &self.vehicles);
@@ -377,7 +388,6 @@ impl RapierEngine {
                     .before(&mut self.world, place.handle, &self.integrator);
             }
         }
-        self.stirred.clear();
     }
 
     /// Removes the bodies that Rapier disabled in this step; its report lasts for one step only.

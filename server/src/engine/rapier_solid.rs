@@ -36,6 +36,13 @@ enum Weighing {
     Nothing,
 }
 
+impl Solid {
+    /// True for a half-space, which has no other part.
+    pub(super) fn is_half_space(&self) -> bool {
+        matches!(self.parts.as_slice(), [part] if part.shape.as_halfspace().is_some())
+    }
+}
+
 /// The solid of a shape; bodies share it.
 ///
 /// # Errors

@@ -20,7 +20,7 @@ use crate::registry::Registry;
 use crate::scene::Digest;
 
 /// The engine of images, and the number of their form: it changes with every one that reads others' bytes otherwise.
-pub const IMAGE_FORMAT: &str = "rapier3d 0.36.1, image 5";
+pub const IMAGE_FORMAT: &str = "rapier3d 0.36.1, image 6";
 
 /// A copy of a scene, to be encoded on another thread.
 pub struct FrozenScene {

@@ -65,6 +65,7 @@ impl RapierEngine {
             observed: self.observed.clone(),
             swept: self.swept.clone(),
             sensors: self.sensors.clone(),
+            half_spaces: self.half_spaces.clone(),
             sensor_starts: Vec::new(),
             crossed: self.crossed.clone(),
             has_changed: false,
@@ -110,6 +111,10 @@ impl RapierEngine {
             .map(|(_, body)| super::translate::id(body))
             .collect();
         engine.sensors = sensors;
+        let planes = engine.world.colliders.iter();
+        let planes = planes.filter(|(_, solid)| solid.shape().as_halfspace().is_some());
+        let bodies = planes.filter_map(|(_, solid)| engine.world.bodies.get(solid.parent()?));
+        engine.half_spaces = bodies.map(super::translate::id).collect();
         Ok(engine)
     }
 

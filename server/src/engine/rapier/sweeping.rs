@@ -16,7 +16,7 @@ use rhumb_reckoning::BodyId;
 
 use super::crossing::Crossings;
 use super::solid_way::SolidWay;
-use super::{RapierEngine, translate};
+use super::{BodySlot, RapierEngine, translate};
 
 /// Most parts of a step; the last one is what remains.
 const PARTS_MAX: usize = 16;
@@ -61,8 +61,10 @@ impl RapierEngine {
             let way = share.map_or(1.0, |_| 1.0 - (left - part) / whole);
             self.lead(&ways, way);
             self.world.integration_parameters.dt = part;
+            let half_space_starts = self.half_space_starts();
             self.world.step_with_events(&(), &crossings);
             self.discard_quarantined(lost);
+            self.stop_at_half_spaces(&half_space_starts);
             left -= part;
             if share.is_none() {
                 break;
@@ -166,15 +168,27 @@ impl RapierEngine {
         bodies.collect()
     }
 
-    /// The swept bodies, and the others that move fast for their size.
+    /// The swept bodies, the others that move fast for their size, and those that Rapier does not know before its step.
     fn movers(&self, left: f32) -> Vec<Mover<'_>> {
-        let movers = self.world.active_bodies().filter_map(|active| {
+        let active: Vec<_> = self.world.active_bodies().collect();
+        let known: BTreeSet<_> = active
+            .iter()
+            .map(|(handle, _)| handle.into_raw_parts())
+            .collect();
+        let movers = active.into_iter().filter_map(|active| {
             let (mover, thickness) = self.mover(active, left)?;
             let way = (mover.end.translation - mover.body.translation()).length();
             let is_fast = way > thickness * SLOW_SHARE;
             (is_fast || mover.is_swept).then_some(mover)
         });
-        movers.collect()
+        let is_new = |place: &&BodySlot| !known.contains(&place.handle.into_raw_parts());
+        let new = self.stirred.iter().filter(is_new).filter_map(|place| {
+            let body = self.world.bodies.get(place.handle)?;
+            let moves = body.is_enabled() && !body.is_fixed() && !body.is_sleeping();
+            let (mover, _) = moves.then(|| self.mover((place.handle, body), left))??;
+            Some(mover)
+        });
+        movers.chain(new).collect()
     }
 
     /// A body on its way, and the thickness of its thinnest solid; `None` for one that nothing can meet.
@@ -211,7 +225,7 @@ impl RapierEngine {
     }
 
     /// True if a joint keeps two bodies from touching.
-    fn are_apart(&self, one: RigidBodyHandle, other: RigidBodyHandle) -> bool {
+    pub(super) fn are_apart(&self, one: RigidBodyHandle, other: RigidBodyHandle) -> bool {
         let mut joints = self.world.impulse_joints.joints_between(one, other);
         joints.any(|(_, joint)| !joint.data.contacts_enabled())
     }

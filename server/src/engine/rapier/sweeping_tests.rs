@@ -5,7 +5,7 @@ use rapier3d::prelude::{
     ActiveEvents, ChannelEventCollector, ColliderBuilder, CollisionEvent, PhysicsWorld,
     RigidBodyBuilder,
 };
-use rhumb_protocol::scene::{BodyKind, CollisionGroups, Shape};
+use rhumb_protocol::scene::{BodyDesc, BodyKind, CollisionGroups, Edges, Heights, Shape};
 use rhumb_reckoning::BodyId;
 
 use super::test_world::TestWorld;
@@ -287,6 +287,101 @@ fn a_sensor_that_may_move_sees_what_passes_it() {
                     );
                 }
             }
+        }
+    }
+}
+
+#[test]
+fn swept_bodies_meet_in_the_first_step_after_they_were_added() {
+    for others_speed in [0.0, 100.0] {
+        let mut world = TestWorld::new(Vec3::ZERO);
+        world.material.restitution = 1.0;
+        let swept = |desc: &mut BodyDesc| desc.swept = true;
+        let first = world.add(BodyKind::Dynamic, Shape::ball(0.05), -Vec3::X * 0.8, swept);
+        let second = world.add(BodyKind::Dynamic, Shape::ball(0.05), Vec3::X * 0.8, |_| ());
+        world.set_velocity(first, Vec3::X * 200.0, Vec3::ZERO);
+        world.set_velocity(second, -Vec3::X * others_speed, Vec3::ZERO);
+        for _ in 0..3 {
+            world.step();
+        }
+        let after = [first, second].map(|body| world.velocity(body).x);
+        assert!(after[0] < 100.0 && after[1] > 100.0, "{after:?}");
+    }
+}
+
+#[test]
+fn fast_bodies_stop_at_half_spaces_as_at_slabs() {
+    let tilted = Vec3::new(0.3, 0.9, -0.2).normalize();
+    let shapes = [
+        Shape::ball(0.05),
+        Shape::cuboid(0.05, 0.05, 0.05),
+        Shape::cylinder(0.1, 0.05),
+        Shape::ball(0.5),
+    ];
+    for normal in [Vec3::Y, tilted, -Vec3::X] {
+        for shape in &shapes {
+            for speed in [10.0, 40.0, 150.0, 390.0] {
+                for phase in 0..6 {
+                    let mut world = TestWorld::new(Vec3::ZERO);
+                    let ground = Shape::HalfSpace { normal };
+                    world.add(BodyKind::Fixed, ground, Vec3::splat(2.0), |_| ());
+                    let height = 3.0 + phase as f32 * 0.137 * speed / 60.0;
+                    let at = Vec3::splat(2.0) + normal * height;
+                    let body = world.add(BodyKind::Dynamic, shape.clone(), at, |_| ());
+                    world.set_velocity(body, -normal * speed, Vec3::new(3.0, -2.0, 4.0));
+                    let mut lowest = f32::MAX;
+                    for _ in 0..120 {
+                        world.step();
+                        lowest = lowest.min((world.position(body) - Vec3::splat(2.0)).dot(normal));
+                    }
+                    // A ball of five centimetres keeps its centre outside.
+                    assert!(
+                        lowest > 0.0,
+                        "{shape:?} at {speed} m/s, phase {phase}: {lowest} m along {normal}"
+                    );
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn balls_that_fall_onto_the_lines_of_a_height_field_stay_on_it() {
+    let corners = [Edges::Smooth, Edges::Plain];
+    for (posts, spacing) in [(11, 1.0), (51, 0.3), (101, 1.0), (101, 0.37), (74, 2.5)] {
+        for edges in corners {
+            let flat = vec![0.0; posts * posts];
+            let heights = Heights::new(posts as u32, spacing, spacing, &flat)
+                .expect("a flat field")
+                .with_edges(edges);
+            let mut world = TestWorld::new(Vec3::Y * -9.81);
+            world.add(BodyKind::Fixed, Shape::Heights(heights), Vec3::ZERO, |_| ());
+            let radius = 0.2 * spacing;
+            let across = (posts / 2) as f32 * spacing;
+            let mut balls = Vec::new();
+            for line in 1..posts - 1 {
+                let along = line as f32 * spacing;
+                let height = radius + 0.3 + 0.05 * (line % 7) as f32;
+                for (x, z) in [(along, across + 0.37 * spacing), (along, along)] {
+                    let at = Vec3::new(x, height, z);
+                    let apart = |desc: &mut BodyDesc| {
+                        desc.groups = CollisionGroups {
+                            members: 1,
+                            touches: 2,
+                        };
+                    };
+                    balls.push(world.add(BodyKind::Dynamic, Shape::ball(radius), at, apart));
+                }
+            }
+            for _ in 0..90 {
+                world.step();
+            }
+            let lost: Vec<_> = balls
+                .iter()
+                .map(|ball| world.position(*ball))
+                .filter(|at| at.y < 0.0)
+                .collect();
+            assert_eq!(lost, [], "{posts} posts, {spacing} m apart, {edges:?}");
         }
     }
 }
