@@ -13,7 +13,8 @@ use rapier3d::math::Pose as RapierPose;
 use rapier3d::parry::bounding_volume::BoundingVolume;
 use rapier3d::parry::query::ShapeCastOptions;
 use rapier3d::prelude::{
-    PhysicsWorld, QueryFilter, QueryPipeline, RigidBody, RigidBodyHandle, SharedShape,
+    ColliderHandle, PhysicsWorld, QueryFilter, QueryPipeline, RigidBody, RigidBodyHandle,
+    RigidBodySet, SharedShape,
 };
 use rhumb_protocol::scene::{BodyEvent, Character, JumpFrom};
 use rhumb_protocol::wire::bytes::{Reader, Writer};
@@ -136,12 +137,16 @@ impl RapierCharacters {
         let gravity = world.gravity * world.bodies[body].gravity_scale();
         let rise = state.rise + gravity.dot(up) * dt;
         state.rise = rise.clamp(-SPEED_MAX, SPEED_MAX);
-        let (level, mut collisions) = (velocity * dt, Vec::new());
         let asked = state.rise * dt;
         walker.keep_off(world, &state.character);
+        let carried = match state.rise <= 0.0 {
+            true => walker.carried(world, &state.character),
+            false => Vec3::ZERO,
+        };
+        let (level, mut collisions) = ((velocity + carried) * dt, Vec::new());
         let moved = walker.moved(world, level + up * asked, &mut collisions);
         walker.push(world, state.character.mass, &collisions);
-        let stands = state.rise <= 0.0 && walker.stands(world, moved, &state.character);
+        let stands = state.rise <= 0.0 && walker.ground(world, moved, &state.character).is_some();
         let risen = (moved - level).dot(up);
         // A way that is too short to be gone is no obstacle: a fall begins with such ways where ticks are short.
         let is_blocked =
@@ -259,11 +264,16 @@ impl Walker<'_> {
             return Vec3::ZERO;
         }
         let dispatcher = Grounds::dispatcher();
-        let movement = self.controller.move_shape(
+        let queries = world.query_pipeline_with_filter(self.filter);
+        // Rapier's controller gets no bodies. It carries a character by a kinematic one so that each of its casts begins
+        // at the gap from it, and ends there (rapier3d 0.36.1): `carried` does that here.
+        let (controller, no_bodies) = (self.controller_near(&queries, asked), RigidBodySet::new());
+        let movement = controller.move_shape(
             world.integration_parameters.dt,
             &QueryPipeline {
                 dispatcher: &dispatcher,
-                ..world.query_pipeline_with_filter(self.filter)
+                bodies: &no_bodies,
+                ..queries
             },
             &*self.shape,
             &self.pose,
@@ -295,8 +305,57 @@ impl Walker<'_> {
         );
     }
 
-    /// True if ground carries it after this movement: some that it can climb, or does not slide from.
-    fn stands(&self, world: &PhysicsWorld, moved: Vec3, character: &Character) -> bool {
+    /// The controller, without steps if it may step onto no dynamic body and one is near: it cannot tell them apart.
+    fn controller_near(
+        &self,
+        queries: &QueryPipeline<'_>,
+        asked: Vec3,
+    ) -> KinematicCharacterController {
+        let mut controller = self.controller;
+        let excludes = controller
+            .autostep
+            .is_some_and(|step| !step.include_dynamic_bodies);
+        if excludes {
+            let reach = asked.length() + KEEP_OFF_MAX;
+            let around = self.shape.compute_aabb(&self.pose).loosened(reach);
+            let mut near = queries.intersect_aabb_conservative(around);
+            let is_dynamic = near.any(|(_, collider)| {
+                let owner = collider.parent().and_then(|body| queries.bodies.get(body));
+                owner.is_some_and(RigidBody::is_dynamic)
+            });
+            if is_dynamic {
+                controller.autostep = None;
+            }
+        }
+        controller
+    }
+
+    /// Velocity of the kinematic ground that carries it, where its feet are, m/s; zero on other ground and on none.
+    fn carried(&self, world: &PhysicsWorld, character: &Character) -> Vec3 {
+        let ground = self.ground(world, Vec3::ZERO, character);
+        let solid = ground.and_then(|solid| world.colliders.get(solid));
+        let body = solid.and_then(|solid| world.bodies.get(solid.parent()?));
+        let Some(body) = body.filter(|body| body.is_kinematic()) else {
+            return Vec3::ZERO;
+        };
+        let up = self.controller.up;
+        let half = self.shape.compute_aabb(&self.pose).half_extents();
+        let feet = self.pose.translation - up * half.dot(up.abs());
+        let velocity = body.velocity_at_point(feet);
+        if velocity.is_finite() {
+            velocity
+        } else {
+            Vec3::ZERO
+        }
+    }
+
+    /// The ground that carries it after this movement: some that it can climb, or does not slide from.
+    fn ground(
+        &self,
+        world: &PhysicsWorld,
+        moved: Vec3,
+        character: &Character,
+    ) -> Option<ColliderHandle> {
         let up = self.controller.up;
         let there = RapierPose::from_parts(self.pose.translation + moved, self.pose.rotation);
         let options = ShapeCastOptions {
@@ -310,8 +369,8 @@ impl Walker<'_> {
             dispatcher: &dispatcher,
             ..world.query_pipeline_with_filter(self.filter)
         };
-        let ground = queries.cast_shape(&there, -up, &*self.shape, options);
-        ground.is_some_and(|(_, hit)| up.angle_between(hit.normal1) <= steepest(character))
+        let (ground, hit) = queries.cast_shape(&there, -up, &*self.shape, options)?;
+        (up.angle_between(hit.normal1) <= steepest(character)).then_some(ground)
     }
 }
 

@@ -6,7 +6,7 @@ use glam::{Quat, Vec3};
 use rhumb_protocol::limits::CHARACTERS_MAX;
 use rhumb_protocol::scene::{
     BodyBuilder, BodyDesc, BodyEvent, BodyKind, Character, CharacterStep, Command, CommandError,
-    Compound, Invalid, JumpFrom, Locomotion, Quantity, Shape, ShapeId,
+    Compound, Heights, Invalid, JumpFrom, Locomotion, Mesh, Quantity, Shape, ShapeId,
 };
 use rhumb_protocol::session::Event;
 use rhumb_reckoning::BodyId;
@@ -270,6 +270,56 @@ fn a_moving_platform_carries_a_character() {
     remote.walk(platform, Vec3::new(0.0, 1.0, 0.0));
     remote.steps(60);
     near(remote.position(id).y, 2.1 + STANDING, 0.1);
+}
+
+#[test]
+fn a_character_walks_as_far_on_kinematic_ground_as_on_fixed() {
+    let corners = [
+        [-20.0, 0.0, -20.0],
+        [20.0, 0.0, -20.0],
+        [20.0, 0.0, 20.0],
+        [-20.0, 0.0, 20.0],
+    ];
+    let sheet = Mesh::new(&corners.map(Vec3::from_array), &[[0, 2, 1], [0, 3, 2]]);
+    let sheet = Shape::Mesh(sheet.expect("two triangles"));
+    let field = Heights::new(17, 2.5, 2.5, &[0.0; 17 * 17]).expect("a flat field");
+    let grounds = [
+        (Shape::cuboid(20.0, 0.5, 20.0), Vec3::Y * -0.5),
+        (Shape::cuboid(20.0, 2.0, 20.0), Vec3::Y * -2.0),
+        (sheet, Vec3::ZERO),
+        (Shape::Heights(field), Vec3::new(-20.0, 0.0, -20.0)),
+        (Shape::HalfSpace { normal: Vec3::Y }, Vec3::ZERO),
+    ];
+    for (shape, at) in grounds {
+        let ground = [BodyDesc::fixed, BodyDesc::kinematic];
+        let ways = ground.map(|ground| {
+            let mut remote = Remote::new();
+            remote.add(&ground(shape.clone()).position(at));
+            let id = remote.add_character(&person(0.0), Character::default());
+            remote.steps(60);
+            let begin = remote.position(id).x;
+            remote.walk(id, Vec3::new(1.0, 0.0, 0.0));
+            remote.steps(300);
+            remote.position(id).x - begin
+        });
+        assert!(ways.iter().all(|way| *way > 4.5), "{shape:?}: {ways:?}");
+    }
+}
+
+#[test]
+fn a_character_walks_on_a_platform_that_carries_it() {
+    for (platform_speed, walk) in [(1.0, 1.0), (1.0, -1.0), (2.0, 2.0), (-1.0, 3.0)] {
+        let mut remote = Remote::with_floor();
+        let platform = BodyDesc::kinematic(Shape::cuboid(30.0, 0.1, 3.0)).at(0.0, 1.0, 0.0);
+        let platform = remote.add(&platform);
+        let on_top = person(0.0).position(Vec3::new(0.0, 1.1 + STANDING, 0.0));
+        let id = remote.add_character(&on_top, Character::default());
+        remote.steps(30);
+        remote.walk(platform, Vec3::new(platform_speed, 0.0, 0.0));
+        remote.walk(id, Vec3::new(walk, 0.0, 0.0));
+        remote.steps(120);
+        near(remote.position(id).x, 2.0 * (platform_speed + walk), 0.25);
+    }
 }
 
 #[test]
