@@ -284,7 +284,7 @@ impl RapierEngine {
                 bodies.remove(&desc.id);
             }
         };
-        let is_swept = desc.swept && desc.kind == BodyKind::Dynamic;
+        let is_swept = desc.swept && desc.kind != BodyKind::Fixed;
         note(&mut self.swept, is_swept);
         note(&mut self.sensors, desc.sensor);
     }

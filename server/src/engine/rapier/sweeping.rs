@@ -4,6 +4,7 @@
 //! ends early where a swept body meets one that moves fast or is swept too, and continues from there: the next part begins
 //! with their contact. Without such a meeting a step is one step of Rapier.
 
+use core::f32::consts::FRAC_PI_2;
 use std::collections::BTreeSet;
 
 use glam::Vec3;
@@ -42,6 +43,19 @@ struct Mover<'a> {
     end: RapierPose,
     /// Around all its solids, on their whole way.
     around: Aabb,
+}
+
+impl Mover<'_> {
+    /// The longest way of one of its points, or more, metres.
+    fn way(&self) -> f32 {
+        let moved = (self.end.translation - self.body.translation()).length();
+        moved + self.turn() * self.around.half_extents().length()
+    }
+
+    /// The angle by which it turns, radians.
+    fn turn(&self) -> f32 {
+        self.body.rotation().angle_between(self.end.rotation)
+    }
 }
 
 impl RapierEngine {
@@ -177,8 +191,7 @@ impl RapierEngine {
             .collect();
         let movers = active.into_iter().filter_map(|active| {
             let (mover, thickness) = self.mover(active, left)?;
-            let way = (mover.end.translation - mover.body.translation()).length();
-            let is_fast = way > thickness * SLOW_SHARE;
+            let is_fast = mover.way() > thickness * SLOW_SHARE;
             (is_fast || mover.is_swept).then_some(mover)
         });
         let is_new = |place: &&BodySlot| !known.contains(&place.handle.into_raw_parts());
@@ -214,13 +227,17 @@ impl RapierEngine {
             thickness = thickness.min(ways[0].extents().min_element());
             around = Some(around.map_or(both, |around| around.merged(&both)));
         }
-        let mover = Mover {
+        let mut mover = Mover {
             handle,
             body,
             is_swept: self.swept.contains(&translate::id(body)),
             end,
             around: around?,
         };
+        // A corner is farther out in the middle of a turn than at its ends.
+        let bulge = 1.0 - (mover.turn() * 0.5).min(FRAC_PI_2).cos();
+        let radius = mover.around.half_extents().length();
+        mover.around = mover.around.loosened(bulge * radius);
         Some((mover, thickness))
     }
 

@@ -310,6 +310,54 @@ fn swept_bodies_meet_in_the_first_step_after_they_were_added() {
 }
 
 #[test]
+fn a_swept_kinematic_body_passes_no_other() {
+    for speed in [20.0, 60.0, 300.0] {
+        for kept_awake in [true, false] {
+            let mut world = TestWorld::new(Vec3::ZERO);
+            let plate = Shape::cuboid(0.02, 20.0, 1.0);
+            let plate = world.add(BodyKind::Kinematic, plate, Vec3::X * -3.0, |desc| {
+                desc.swept = true;
+            });
+            let balls = [0, 1, 2, 3, 4, 5, 6, 7].map(|place| {
+                let at = Vec3::new(0.13 * place as f32, 2.0 * place as f32 - 8.0, 0.0);
+                world.add(BodyKind::Dynamic, Shape::ball(0.05), at, |_| ())
+            });
+            for _ in 0..if kept_awake { 10 } else { 200 } {
+                world.step();
+            }
+            world.set_velocity(plate, Vec3::X * speed, Vec3::ZERO);
+            for _ in 0..(6.0 / speed * 60.0) as u32 + 2 {
+                world.step();
+            }
+            let front = world.position(plate).x;
+            let passed = balls.map(|ball| world.position(ball).x < front - 0.3);
+            assert_eq!(passed, [false; 8], "{speed} m/s, {kept_awake}");
+        }
+    }
+}
+
+#[test]
+fn a_bat_that_turns_hits_a_swept_ball() {
+    for spin in [5.0, 20.0, 50.0, 100.0] {
+        let mut world = TestWorld::new(Vec3::ZERO);
+        let bat = Shape::cuboid(2.0, 0.02, 0.5);
+        let bat = world.add(BodyKind::Kinematic, bat, Vec3::ZERO, |_| ());
+        let at = Vec3::new(1.5, 1.0, 0.0);
+        let ball = world.add(BodyKind::Dynamic, Shape::ball(0.05), at, |desc| {
+            desc.swept = true;
+        });
+        for _ in 0..5 {
+            world.step();
+        }
+        world.set_velocity(bat, Vec3::ZERO, Vec3::Z * spin);
+        for _ in 0..(60.0 * 3.14 / spin) as u32 + 3 {
+            world.step();
+        }
+        assert!(world.velocity(ball).length() > 0.1, "{spin} rad/s");
+    }
+}
+
+#[test]
 fn fast_bodies_stop_at_half_spaces_as_at_slabs() {
     let tilted = Vec3::new(0.3, 0.9, -0.2).normalize();
     let shapes = [
