@@ -276,7 +276,7 @@ mod tests {
         let scene: SceneName = "pit".parse().unwrap();
         // As a restored one begins, which no client has named.
         let id = dispatcher.worker_of(scene, None).unwrap();
-        let mut come = |dispatcher: &mut Dispatcher, peer, (role, client): (&str, &str)| {
+        let come = |dispatcher: &mut Dispatcher, peer, (role, client): (&str, &str)| {
             dispatcher.handle_opened(Instant::ZERO, Peer(peer));
             let hello = hello(&signed.token_of(role, client), "pit");
             dispatcher.handle_control(Instant::ZERO, Peer(peer), &hello);
