@@ -1,9 +1,9 @@
 //! Events of bodies: compares the engine's reports of two steps.
 //!
-//! Only bodies whose events are on are looked at, and of the dynamic ones only those that the engine observed: nothing
-//! about a body changes while it sleeps. One whose events were just turned on is looked at once all the same. Knows no
-//! members. Invariant: a tick has at most [`EVENTS_PER_TICK_MAX`] events; what exceeds that is counted. What stands is
-//! what began and has not ended: those who missed the beginning get it.
+//! Only bodies whose events are on are looked at, and of the dynamic ones only those that the engine observed: no contact
+//! of a body changes while it sleeps; what is in a sensor may. One whose events were just turned on is looked at once all
+//! the same. Knows no members. Invariant: a tick has at most [`EVENTS_PER_TICK_MAX`] events; what exceeds that is counted,
+//! but for forces, which take turns. What stands is what began and has not ended: those who missed the beginning get it.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,7 +12,7 @@ use rhumb_protocol::scene::{ActiveEvents, BodyEvent, BodyKind, Contact};
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_protocol::wire::{Malformed, Wire};
-use rhumb_reckoning::BodyId;
+use rhumb_reckoning::{BodyId, Tick};
 
 use crate::engine::Engine;
 use crate::registry::Registry;
@@ -79,9 +79,12 @@ impl Wire for EventMonitor {
 /// The events of one step.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct StepEvents {
-    /// In the order of their kinds, and each kind in the order of ids.
+    /// All but the forces, in the order of their kinds, and each kind in the order of ids.
     pub events: Vec<BodyEvent>,
-    /// Number of further events.
+    /// The forces of contacts, in the order of ids. Each tells what the one before it told of another tick, so that those
+    /// for which a tick has no room are not missed: the next ticks have their turn.
+    pub forces: Vec<BodyEvent>,
+    /// Number of further events, forces not counted.
     pub missed: u64,
 }
 
@@ -96,10 +99,38 @@ impl StepEvents {
 }
 
 impl StepEvents {
-    /// These events, and before them as many that stand as a tick has room for, in the order of events. `after`: the last
+    /// Number of all events.
+    pub(crate) fn count(&self) -> u64 {
+        self.missed + self.events.len() as u64 + self.forces.len() as u64
+    }
+
+    /// The events of a tick that are sent, in the order of events.
+    pub(crate) fn of_tick(&self, tick: Tick) -> Vec<BodyEvent> {
+        let mut events = self.events.clone();
+        self.add_forces(tick, &mut events);
+        events
+    }
+
+    /// Adds as many forces as a tick has room for, in turn from one tick to the next.
+    fn add_forces(&self, tick: Tick, events: &mut Vec<BodyEvent>) {
+        let room = EVENTS_PER_TICK_MAX.saturating_sub(events.len());
+        if room == 0 || self.forces.is_empty() {
+            return;
+        }
+        let first = match self.forces.len() > room {
+            true => (tick.value() as usize).wrapping_mul(room) % self.forces.len(),
+            false => 0,
+        };
+        let turn = self.forces.iter().cycle().skip(first);
+        events.extend(turn.take(room.min(self.forces.len())));
+        events.sort_by_key(EventKey::of);
+    }
+
+    /// The events of a tick, and before them as many that stand as it has room for, in the order of events. `after`: the last
     /// one that was sent, which is returned anew; `None` if none is left.
     pub(crate) fn with_standing(
         &self,
+        tick: Tick,
         standing: &[BodyEvent],
         after: EventKey,
     ) -> (Vec<BodyEvent>, Option<EventKey>) {
@@ -113,6 +144,7 @@ impl StepEvents {
         events.extend(&self.events);
         events.sort_by_key(EventKey::of);
         events.dedup_by_key(|event| EventKey::of(event));
+        self.add_forces(tick, &mut events);
         (events, due)
     }
 }
@@ -289,13 +321,15 @@ impl EventMonitor {
         let end = |(body, with)| BodyEvent::ContactEnded { body, with };
         let mut touching = std::mem::take(&mut self.touching);
         touching.retain(|pair| {
-            self.goes_on(*pair, stepped, reports, over, |pair| events.push(end(pair)))
+            let may_differ = |id| stepped.may_differ(id);
+            let end = |pair| events.push(end(pair));
+            self.goes_on((*pair, stepped), (reports, may_differ), over, end)
         });
         let reported = touches.iter().filter(|(_, touch)| touch.reported);
         touching.extend(reported.map(|(pair, _)| *pair));
         self.touching = touching;
         for ((body, _), touch) in touches.iter().filter(|(_, touch)| touch.forceful) {
-            events.push(BodyEvent::ContactForce {
+            events.forces.push(BodyEvent::ContactForce {
                 body: *body,
                 contact: touch.contact,
             });
@@ -332,9 +366,7 @@ impl EventMonitor {
     fn compare_sensors(&mut self, stepped: &SteppedScene<'_>, events: &mut StepEvents) {
         let mut now = Vec::new();
         for id in &self.sensor_reporters {
-            if stepped.may_differ(*id) || self.turned_on.contains(id) {
-                stepped.engine.sensed(*id, &mut now);
-            }
+            stepped.engine.sensed(*id, &mut now);
         }
         now.sort_unstable();
         now.dedup();
@@ -348,7 +380,10 @@ impl EventMonitor {
         let end = |(sensor, body)| BodyEvent::SensorLeft { sensor, body };
         let mut inside = std::mem::take(&mut self.inside);
         inside.retain(|pair| {
-            self.goes_on(*pair, stepped, reports, over, |pair| events.push(end(pair)))
+            // Others move while it sleeps: each of them is looked at.
+            let may_differ = |_| true;
+            let end = |pair| events.push(end(pair));
+            self.goes_on((*pair, stepped), (reports, may_differ), over, end)
         });
         inside.extend(now.iter().copied());
         self.inside = inside;
@@ -357,9 +392,8 @@ impl EventMonitor {
     /// True if a pair of the step before is still one; reports its end.
     fn goes_on(
         &self,
-        pair: (BodyId, BodyId),
-        stepped: &SteppedScene<'_>,
-        reports: impl Fn(&ActiveEvents) -> bool,
+        (pair, stepped): ((BodyId, BodyId), &SteppedScene<'_>),
+        (reports, may_differ): (impl Fn(&ActiveEvents) -> bool, impl Fn(BodyId) -> bool),
         over: impl Fn((BodyId, BodyId)) -> bool,
         mut end: impl FnMut((BodyId, BodyId)),
     ) -> bool {
@@ -375,7 +409,7 @@ impl EventMonitor {
             end(pair);
             return false;
         }
-        let ended = reporting.any(|id| stepped.may_differ(*id)) && over(pair);
+        let ended = reporting.any(|id| may_differ(*id)) && over(pair);
         if ended {
             end(pair);
         }

@@ -252,7 +252,7 @@ impl RunningScene {
     /// Sends the events of a step to the members, encoded once. A member that missed some gets what stands, too.
     pub(super) fn send_step_events(&mut self, happened: StepEvents, clients: &mut Clients) {
         let (scene, tick) = (&self.scene, self.scene.tick());
-        let count = happened.missed + happened.events.len() as u64;
+        let count = happened.count();
         let (mut shared, mut standing) = (None, None);
         let (members, out) = clients.members_mut();
         for (member, control) in members {
@@ -260,7 +260,7 @@ impl RunningScene {
                 member.miss_events(count);
             } else if let Some(after) = member.standing_after {
                 let standing = standing.get_or_insert_with(|| scene.standing_events());
-                let (events, due) = happened.with_standing(standing, after);
+                let (events, due) = happened.with_standing(tick, standing, after);
                 let missed = happened.missed + std::mem::take(&mut member.missed_events);
                 member.standing_after = match happened.missed {
                     0 => due,
@@ -271,7 +271,7 @@ impl RunningScene {
                 }
             } else if count > 0 {
                 let shared = shared
-                    .get_or_insert_with(|| encoded(tick, happened.missed, happened.events.clone()));
+                    .get_or_insert_with(|| encoded(tick, happened.missed, happened.of_tick(tick)));
                 control.send_encoded(shared, out);
                 if happened.missed > 0 {
                     member.standing_after = Some(EventKey::FIRST);
@@ -283,7 +283,8 @@ impl RunningScene {
     /// Tells a new member what stands; what exceeds a message, or waits for its snapshot, comes with the next ticks.
     pub(super) fn tell_standing(&self, peer: Peer, clients: &mut Clients) {
         let standing = self.scene.standing_events();
-        let (events, due) = StepEvents::default().with_standing(&standing, EventKey::FIRST);
+        let tick = self.scene.tick();
+        let (events, due) = StepEvents::default().with_standing(tick, &standing, EventKey::FIRST);
         let Some(member) = clients.member_mut(peer) else {
             return;
         };

@@ -1,6 +1,6 @@
 //! Events of bodies over the wire, each with the state of its tick.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use glam::Vec3;
 use rhumb_protocol::Peer;
@@ -335,6 +335,91 @@ fn events_beyond_the_bound_are_counted() {
         untold: 0,
     };
     assert!(events.contains(&missed));
+}
+
+#[test]
+fn forces_beyond_the_bound_take_turns_and_end_no_set_of_pairs() {
+    const BOXES: u32 = EVENTS_PER_TICK_MAX as u32 + 76;
+    let mut stage = Stage::new();
+    for number in 0..BOXES {
+        let (x, z) = (number % 34, number / 34);
+        let at = Vec3::new(x as f32 * 1.4 - 24.0, 0.5, z as f32 * 1.4 - 24.0);
+        stage.add(BodyId::new(1 + number, 0), BodyKind::Dynamic, 1, at);
+    }
+    let forces = ActiveEvents {
+        force: Some(0.0),
+        ..CONTACTS
+    };
+    stage.report(FLOOR, forces);
+    let mut events = Vec::new();
+    for tick in 1..=8 {
+        let now = stage.table.now();
+        let session = stage.table.session(stage.peer);
+        session.advance(now, Tick::new(tick)).expect("a member");
+        stage.table.run_until_idle();
+        events.extend(stage.all_events());
+    }
+    let missed = events
+        .iter()
+        .filter(|event| matches!(event, Event::EventsMissed { .. }));
+    assert_eq!(missed.count(), 1, "only the first tick has too many");
+    assert_eq!(pairs(&events).len() as u32, BOXES);
+    let told: BTreeMap<_, _> = events
+        .iter()
+        .filter_map(|event| match event {
+            Event::Body {
+                tick,
+                event: BodyEvent::ContactForce { body, contact },
+            } => Some(([*body, contact.with], *tick)),
+            _ => None,
+        })
+        .collect();
+    assert_eq!(told.len() as u32, BOXES);
+    assert!(told.values().all(|tick| *tick >= Tick::new(7)), "{told:?}");
+}
+
+/// A sensor that sleeps sees what comes, and a body that sleeps reports a sensor that comes.
+#[test]
+fn sleeping_bodies_and_sensors_report_what_enters_and_leaves() {
+    let sensors = ActiveEvents {
+        sensors: true,
+        ..ActiveEvents::NONE
+    };
+    for sleeper_is_sensor in [true, false] {
+        let mut stage = Stage::new();
+        let desc = BodyDesc {
+            sensor: sleeper_is_sensor,
+            gravity_scale: 0.0,
+            ..BodyDesc::plain(BOX, BodyKind::Dynamic, ShapeId(1))
+        };
+        let motion = state(Vec3::Y * 5.0);
+        stage.command(Command::AddBody { desc, motion });
+        let desc = BodyDesc {
+            sensor: !sleeper_is_sensor,
+            ..BodyDesc::plain(SECOND, BodyKind::Kinematic, ShapeId(1))
+        };
+        let motion = state(Vec3::new(-4.0, 5.0, 0.0));
+        stage.command(Command::AddBody { desc, motion });
+        stage.report(BOX, sensors);
+        assert_eq!(stage.steps(150), []);
+        let (linear, angular) = (Vec3::X * 6.0, Vec3::ZERO);
+        stage.command(Command::SetVelocity {
+            id: SECOND,
+            linear,
+            angular,
+        });
+        let passage = stage.steps(90);
+        let (sensor, body) = match sleeper_is_sensor {
+            true => (BOX, SECOND),
+            false => (SECOND, BOX),
+        };
+        let events: Vec<_> = passage.iter().map(|(_, event)| *event).collect();
+        let expected = [
+            BodyEvent::SensorEntered { sensor, body },
+            BodyEvent::SensorLeft { sensor, body },
+        ];
+        assert_eq!(events, expected, "{sleeper_is_sensor}");
+    }
 }
 
 /// The pairs that touch by the events of a member.

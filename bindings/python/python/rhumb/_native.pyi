@@ -751,7 +751,8 @@ class Scene:
 
         It knows the bodies that touch where one of the two reports contacts: call report_events(body, contacts=True) when
         you add them. With force=0.0 beside it, point, normal and force are those of the newest tick in which the two were
-        awake; otherwise those of the beginning. A member that joins later knows those that touch already, too. Query.contacts
+        awake; otherwise those of the beginning. Where more than 1,024 pairs report forces, they take turns: tick tells. A
+        member that joins later knows those that touch already, too. Query.contacts
         asks the server about any body. Raises InvalidError for a body that this client never knew.
         """
     def add_joint(self, id: int, joint: Joint) -> Optional[int]:
