@@ -26,6 +26,8 @@ pub(super) struct RapierVehicles {
     controllers: BTreeMap<BodyId, DynamicRayCastVehicleController>,
 }
 
+/// Speed of the ground below a wheel that wakes a chassis, m/s.
+const GROUND_SPEED: f32 = 1e-3;
 /// Change of a suspension's length that wakes a chassis, metres.
 const GROUND_CHANGE: f32 = 0.01;
 
@@ -212,7 +214,7 @@ fn wake(world: &mut PhysicsWorld, body: RigidBodyHandle) {
     }
 }
 
-/// True if a wheel of a chassis that sleeps has other ground than in its last step.
+/// True if a wheel of a chassis that sleeps has other ground than in its last step, or ground that moves.
 fn has_other_ground(
     world: &PhysicsWorld,
     controller: &DynamicRayCastVehicleController,
@@ -220,13 +222,19 @@ fn has_other_ground(
     filter: QueryFilter<'_>,
 ) -> bool {
     let queries = world.query_pipeline_with_filter(filter);
-    controller.wheels().iter().any(|wheel| {
+    let mut is_carried = false;
+    let is_other_somewhere = controller.wheels().iter().any(|wheel| {
         let reach = wheel.suspension_rest_length + wheel.radius;
         let mount = wheel.chassis_connection_point_cs;
         let ray = ray(wheel, mount, chassis.position());
         let found = nearest_hit(&queries, &ray, 1.0);
         let found = found.and_then(|(part, hit)| {
-            let (_, ground) = world.colliders.get_unknown_gen(part)?;
+            let (solid, ground) = world.colliders.get_unknown_gen(part)?;
+            let owner = solid.parent().and_then(|body| world.bodies.get(body));
+            is_carried |= owner.is_some_and(|body| {
+                let speed = body.velocity_at_point(ray.point_at(hit.time_of_impact));
+                speed.length() > GROUND_SPEED
+            });
             Some((ground, suspension(wheel, hit.time_of_impact * reach)))
         });
         let before = wheel.raycast_info();
@@ -236,7 +244,8 @@ fn has_other_ground(
                 .ground_object
                 .map(|ground| (ground, before.suspension_length)),
         )
-    })
+    });
+    is_other_somewhere || is_carried
 }
 
 /// Length of a suspension with the ground at this distance, metres.

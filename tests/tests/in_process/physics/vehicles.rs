@@ -140,6 +140,26 @@ fn a_car_falls_when_its_ground_goes() {
     near(remote.position(car).y, 0.65, 0.05);
 }
 
+#[test]
+fn a_car_that_sleeps_wakes_on_ground_that_moves_and_its_brakes_hold_it() {
+    let mut remote = with_floor();
+    let ferry = BodyDesc::kinematic(Shape::cuboid(30.0, 0.5, 30.0)).at(0.0, 2.0, 0.0);
+    let ferry = remote.add(&ferry);
+    let chassis = BodyDesc::dynamic(Shape::cuboid(0.8, 0.2, 1.6)).mass(1_000.0);
+    let car = remote.add(&chassis.at(0.0, 3.2, 0.0));
+    remote.done(&set(car, wheels()));
+    remote.set_wheels(car, 0.0, 0.0, 5_000.0);
+    remote.steps(300);
+    assert_eq!(remote.truth.awake_count(), 0);
+    remote.done(&Command::SetVelocity {
+        id: ferry,
+        linear: Vec3::Z,
+        angular: Vec3::ZERO,
+    });
+    remote.steps(180);
+    near(remote.position(car).z, 3.0, 0.4);
+}
+
 /// A client draws a wheel by a ray on its own copy: here on the scene itself.
 #[test]
 fn a_wheel_is_drawn_by_a_ray() {
