@@ -39,7 +39,7 @@ impl Contacts {
             Event::BodyRemoved { id, .. } => self.pairs.retain(|pair, _| !pair.contains(&id)),
             // The server tells anew what touches.
             Event::Resumed(_) | Event::SessionLost(_) | Event::SceneRestored(_) => {
-                *self = Self::default()
+                *self = Self::default();
             }
             Event::EventsMissed { untold, .. } => {
                 *self = Self {
