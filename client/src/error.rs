@@ -167,7 +167,7 @@ impl fmt::Display for ClientError {
             Self::Denied(denial) => denial.fmt(f),
             Self::Refused(refused) => refused.fmt(f),
             Self::TooManyShapes => AddError::TooManyShapes.fmt(f),
-            Self::SceneDeleted => f.write_str("another member deleted the scene"),
+            Self::SceneDeleted => f.write_str("the scene was deleted"),
             Self::SceneFaulted(tick) => {
                 write!(f, "the scene's engine failed; it stands still after {tick}")
             }
@@ -347,9 +347,9 @@ mod tests {
     #[test]
     fn what_main_prints_is_the_sentence_and_its_causes() {
         let error = MainError::from(ClientError::SceneDeleted);
-        assert_eq!(format!("{error:?}"), "another member deleted the scene");
+        assert_eq!(format!("{error:?}"), "the scene was deleted");
         let error = MainError::from(Outer(ClientError::SceneDeleted));
-        let text = "the run ended\n  because: another member deleted the scene";
+        let text = "the run ended\n  because: the scene was deleted";
         assert_eq!(format!("{error:?}"), text);
         assert_eq!(format!("{:?}", MainError::from("no address")), "no address");
     }

@@ -36,8 +36,8 @@
 // Bit of `events`: its contacts begin and end.
 #define RHUMB_EVENTS_CONTACTS 1
 
-// Bit of `events`: `number` is the least force of a contact that is reported, in each tick, zero for all: 0 to
-// 1,000,000,000 N.
+// Bit of `events`: `number` is the least force of a contact that is reported, in each tick, zero for all, kg times
+// units of length per s²: 0 to 1,000,000,000 N.
 #define RHUMB_EVENTS_FORCE 2
 
 // Bit of `events`: bodies enter and leave the sensor, or the body enters and leaves sensors.
@@ -345,27 +345,28 @@ enum RhumbCommandKind
   // world axes: at most 100 rad/s along each axis.
   RHUMB_COMMAND_KIND_SET_VELOCITY = 5,
   // Applies a force at the centre of mass during the next tick; one that makes the body too fast is refused.
-  // `vector`: in world axes: at most 1,000,000,000 N along each axis.
+  // `vector`: in world axes, kg times units of length per s²: at most 1,000,000,000 N along each axis.
   RHUMB_COMMAND_KIND_FORCE = 6,
   // Applies a torque during the next tick; one that makes the body spin too fast is refused. `vector`: about world
-  // axes: at most 1,000,000,000 N·m along each axis.
+  // axes, kg times units of length² per s²: at most 1,000,000,000 N·m along each axis.
   RHUMB_COMMAND_KIND_TORQUE = 7,
   // Applies an impulse at the centre of mass: the velocity changes at once; one that makes the body too fast is
-  // refused. `vector`: in world axes: at most 1,000,000,000 N·s along each axis.
+  // refused. `vector`: in world axes, kg times units of length per second: at most 1,000,000,000 N·s along each
+  // axis.
   RHUMB_COMMAND_KIND_IMPULSE = 8,
   // Applies an angular impulse: the spin changes at once; one that makes the body spin too fast is refused.
-  // `vector`: about world axes: at most 1,000,000,000 N·m·s along each axis.
+  // `vector`: about world axes, kg times units of length² per second: at most 1,000,000,000 N·m·s along each axis.
   RHUMB_COMMAND_KIND_TORQUE_IMPULSE = 9,
   // Changes the gravity of the scene. `vector`: in world axes, units of length per s²: at most 1,000 m/s² along each
   // axis.
   RHUMB_COMMAND_KIND_SET_GRAVITY = 10,
   // Applies a force at a point during the next tick; one that makes the body too fast is refused. `vector`: in world
-  // axes: at most 1,000,000,000 N along each axis; `point`: point of the world where it acts, units of length: at
-  // most 100,000 m along each axis.
+  // axes, kg times units of length per s²: at most 1,000,000,000 N along each axis; `point`: point of the world
+  // where it acts, units of length: at most 100,000 m along each axis.
   RHUMB_COMMAND_KIND_FORCE_AT = 15,
   // Applies an impulse at a point: both velocities change at once; one that makes the body too fast is refused.
-  // `vector`: in world axes: at most 1,000,000,000 N·s along each axis; `point`: point of the world where it acts,
-  // units of length: at most 100,000 m along each axis.
+  // `vector`: in world axes, kg times units of length per second: at most 1,000,000,000 N·s along each axis;
+  // `point`: point of the world where it acts, units of length: at most 100,000 m along each axis.
   RHUMB_COMMAND_KIND_IMPULSE_AT = 16,
   // Puts a dynamic body to sleep, until something that moves touches it.
   RHUMB_COMMAND_KIND_SLEEP = 17,
@@ -589,7 +590,7 @@ typedef struct RhumbWheel {
   float compression;
   // Damping while the spring relaxes: 0 to 1,000,000 1/s.
   float relaxation;
-  // Greatest force of the suspension: 0 to 1,000,000,000 N.
+  // Greatest force of the suspension, kg times units of length per s²: 0 to 1,000,000,000 N.
   float force_max;
   // Greatest force along the ground, as a share of the suspension's force, of which the part along the way forward
   // counts half: 0 to 100.
@@ -837,9 +838,10 @@ typedef struct RhumbWheelInput {
   // Turn about the axis that points up, to the left if positive, in left-handed coordinates to the right: -π to π
   // rad.
   float steering;
-  // Force along the way forward, backward if negative: -1,000,000,000 to 1,000,000,000 N.
+  // Force along the way forward, backward if negative, kg times units of length per s²: -1,000,000,000 to
+  // 1,000,000,000 N.
   float force;
-  // Greatest force that stops it, while it has no force: 0 to 1,000,000,000 N.
+  // Greatest force that stops it, while it has no force, kg times units of length per s²: 0 to 1,000,000,000 N.
   float brake;
 } RhumbWheelInput;
 
@@ -896,9 +898,9 @@ typedef struct RhumbJointDesc {
   float stiffness;
   // Of a spring: N s/m.
   float damping;
-  // Force at which the joint breaks.
+  // Force at which the joint breaks, kg times units of length per s².
   float break_force;
-  // Torque at which the joint breaks.
+  // Torque at which the joint breaks, kg times units of length² per s².
   float break_torque;
 } RhumbJointDesc;
 
@@ -981,7 +983,7 @@ typedef struct RhumbQuery {
   float position[3];
   // Unit quaternion x, y, z, w: of the shape.
   float rotation[4];
-  // From the beginning to the end of the line or way.
+  // From the beginning to the end of the line or way. A ray that only reaches a surface with its end does not hit it.
   float translation[3];
   // Units of length.
   float distance;
@@ -1207,12 +1209,14 @@ RhumbCode rhumb_body_desc_init(struct RhumbBodyDesc *desc);
 RhumbCode rhumb_shape_centre(const struct RhumbShape *shape,
                              float *centre);
 
-// Takes the oldest unread event. If there is none, the kind is `RHUMB_EVENT_KIND_NONE`.
+// Takes the oldest unread event. If there is none, the kind is `RHUMB_EVENT_KIND_NONE`. At most 65,536 unread events are
+// kept; `events_left_out` of the statistics counts those that were dropped, the oldest first.
 //
 // # Safety
 //
 // `event` points to memory for a `RhumbEvent`.
-RhumbCode rhumb_scene_poll_event(struct RhumbScene scene, struct RhumbEvent *event);
+RhumbCode rhumb_scene_poll_event(struct RhumbScene scene,
+                                 struct RhumbEvent *event);
 
 // Takes the oldest refusal of the last call that was `RHUMB_CODE_REFUSED`, of which 1,024 are kept. Its sentences are those
 // of `rhumb_last_error`, which names the first and tells how many others there are.

@@ -604,7 +604,7 @@ public:
         return *this;
     }
 
-    /// Greatest force of the suspension: 0 to 1,000,000,000 N.
+    /// Greatest force of the suspension, kg times units of length per s²: 0 to 1,000,000,000 N.
     Wheel& force_max(float force_max) {
         raw_.force_max = force_max;
         return *this;
@@ -676,7 +676,7 @@ inline RhumbCommand set_velocity(Body body, Vec3 linear, Vec3 angular = {}) {
 }
 
 /// Applies a force at the centre of mass during the next tick; one that makes the body too fast is refused.
-/// force: in world axes: at most 1,000,000,000 N along each axis.
+/// force: in world axes, kg times units of length per s²: at most 1,000,000,000 N along each axis.
 inline RhumbCommand force(Body body, Vec3 force) {
     RhumbCommand command = make(RHUMB_COMMAND_KIND_FORCE, body);
     detail::set(command.vector, force);
@@ -684,7 +684,7 @@ inline RhumbCommand force(Body body, Vec3 force) {
 }
 
 /// Applies a torque during the next tick; one that makes the body spin too fast is refused.
-/// torque: about world axes: at most 1,000,000,000 N·m along each axis.
+/// torque: about world axes, kg times units of length² per s²: at most 1,000,000,000 N·m along each axis.
 inline RhumbCommand torque(Body body, Vec3 torque) {
     RhumbCommand command = make(RHUMB_COMMAND_KIND_TORQUE, body);
     detail::set(command.vector, torque);
@@ -692,7 +692,7 @@ inline RhumbCommand torque(Body body, Vec3 torque) {
 }
 
 /// Applies an impulse at the centre of mass: the velocity changes at once; one that makes the body too fast is refused.
-/// impulse: in world axes: at most 1,000,000,000 N·s along each axis.
+/// impulse: in world axes, kg times units of length per second: at most 1,000,000,000 N·s along each axis.
 inline RhumbCommand impulse(Body body, Vec3 impulse) {
     RhumbCommand command = make(RHUMB_COMMAND_KIND_IMPULSE, body);
     detail::set(command.vector, impulse);
@@ -700,7 +700,7 @@ inline RhumbCommand impulse(Body body, Vec3 impulse) {
 }
 
 /// Applies an angular impulse: the spin changes at once; one that makes the body spin too fast is refused.
-/// impulse: about world axes: at most 1,000,000,000 N·m·s along each axis.
+/// impulse: about world axes, kg times units of length² per second: at most 1,000,000,000 N·m·s along each axis.
 inline RhumbCommand torque_impulse(Body body, Vec3 impulse) {
     RhumbCommand command = make(RHUMB_COMMAND_KIND_TORQUE_IMPULSE, body);
     detail::set(command.vector, impulse);
@@ -716,7 +716,7 @@ inline RhumbCommand set_gravity(Vec3 gravity) {
 }
 
 /// Applies a force at a point during the next tick; one that makes the body too fast is refused.
-/// force: in world axes: at most 1,000,000,000 N along each axis.
+/// force: in world axes, kg times units of length per s²: at most 1,000,000,000 N along each axis.
 /// point: point of the world where it acts, units of length: at most 100,000 m along each axis.
 inline RhumbCommand force_at(Body body, Vec3 force, Vec3 point) {
     RhumbCommand command = make(RHUMB_COMMAND_KIND_FORCE_AT, body);
@@ -726,7 +726,7 @@ inline RhumbCommand force_at(Body body, Vec3 force, Vec3 point) {
 }
 
 /// Applies an impulse at a point: both velocities change at once; one that makes the body too fast is refused.
-/// impulse: in world axes: at most 1,000,000,000 N·s along each axis.
+/// impulse: in world axes, kg times units of length per second: at most 1,000,000,000 N·s along each axis.
 /// point: point of the world where it acts, units of length: at most 100,000 m along each axis.
 inline RhumbCommand impulse_at(Body body, Vec3 impulse, Vec3 point) {
     RhumbCommand command = make(RHUMB_COMMAND_KIND_IMPULSE_AT, body);
@@ -780,7 +780,7 @@ inline RhumbQuery make(RhumbQueryKind kind, Vec3 position, Vec3 translation = {}
     return query;
 }
 
-/// The nearest bodies along a line.
+/// The nearest bodies along a line. One whose surface the line only reaches with its end is not hit.
 inline RhumbQuery ray(Vec3 origin, Vec3 translation, std::uint32_t hits = 1) {
     RhumbQuery query = make(RHUMB_QUERY_KIND_RAY, origin, translation);
     query.hits = hits;

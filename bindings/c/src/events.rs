@@ -41,7 +41,8 @@ pub struct RhumbEvent {
     pub text: [c_char; 192],
 }
 
-/// Takes the oldest unread event. If there is none, the kind is `RHUMB_EVENT_KIND_NONE`.
+/// Takes the oldest unread event. If there is none, the kind is `RHUMB_EVENT_KIND_NONE`. At most 65,536 unread events are
+/// kept; `events_left_out` of the statistics counts those that were dropped, the oldest first.
 ///
 /// # Safety
 ///

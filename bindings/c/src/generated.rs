@@ -15,8 +15,8 @@ use crate::scene::{RhumbScene, send};
 
 /// Bit of `events`: its contacts begin and end.
 pub const RHUMB_EVENTS_CONTACTS: u32 = 1;
-/// Bit of `events`: `number` is the least force of a contact that is reported, in each tick, zero for all: 0 to
-/// 1,000,000,000 N.
+/// Bit of `events`: `number` is the least force of a contact that is reported, in each tick, zero for all, kg times
+/// units of length per s²: 0 to 1,000,000,000 N.
 pub const RHUMB_EVENTS_FORCE: u32 = 2;
 /// Bit of `events`: bodies enter and leave the sensor, or the body enters and leaves sensors.
 pub const RHUMB_EVENTS_SENSORS: u32 = 4;
@@ -42,27 +42,28 @@ pub enum RhumbCommandKind {
     /// world axes: at most 100 rad/s along each axis.
     SetVelocity = 5,
     /// Applies a force at the centre of mass during the next tick; one that makes the body too fast is refused.
-    /// `vector`: in world axes: at most 1,000,000,000 N along each axis.
+    /// `vector`: in world axes, kg times units of length per s²: at most 1,000,000,000 N along each axis.
     Force = 6,
     /// Applies a torque during the next tick; one that makes the body spin too fast is refused. `vector`: about world
-    /// axes: at most 1,000,000,000 N·m along each axis.
+    /// axes, kg times units of length² per s²: at most 1,000,000,000 N·m along each axis.
     Torque = 7,
     /// Applies an impulse at the centre of mass: the velocity changes at once; one that makes the body too fast is
-    /// refused. `vector`: in world axes: at most 1,000,000,000 N·s along each axis.
+    /// refused. `vector`: in world axes, kg times units of length per second: at most 1,000,000,000 N·s along each
+    /// axis.
     Impulse = 8,
     /// Applies an angular impulse: the spin changes at once; one that makes the body spin too fast is refused.
-    /// `vector`: about world axes: at most 1,000,000,000 N·m·s along each axis.
+    /// `vector`: about world axes, kg times units of length² per second: at most 1,000,000,000 N·m·s along each axis.
     TorqueImpulse = 9,
     /// Changes the gravity of the scene. `vector`: in world axes, units of length per s²: at most 1,000 m/s² along each
     /// axis.
     SetGravity = 10,
     /// Applies a force at a point during the next tick; one that makes the body too fast is refused. `vector`: in world
-    /// axes: at most 1,000,000,000 N along each axis; `point`: point of the world where it acts, units of length: at
-    /// most 100,000 m along each axis.
+    /// axes, kg times units of length per s²: at most 1,000,000,000 N along each axis; `point`: point of the world
+    /// where it acts, units of length: at most 100,000 m along each axis.
     ForceAt = 15,
     /// Applies an impulse at a point: both velocities change at once; one that makes the body too fast is refused.
-    /// `vector`: in world axes: at most 1,000,000,000 N·s along each axis; `point`: point of the world where it acts,
-    /// units of length: at most 100,000 m along each axis.
+    /// `vector`: in world axes, kg times units of length per second: at most 1,000,000,000 N·s along each axis;
+    /// `point`: point of the world where it acts, units of length: at most 100,000 m along each axis.
     ImpulseAt = 16,
     /// Puts a dynamic body to sleep, until something that moves touches it.
     Sleep = 17,
@@ -303,7 +304,7 @@ pub struct RhumbWheel {
     pub compression: f32,
     /// Damping while the spring relaxes: 0 to 1,000,000 1/s.
     pub relaxation: f32,
-    /// Greatest force of the suspension: 0 to 1,000,000,000 N.
+    /// Greatest force of the suspension, kg times units of length per s²: 0 to 1,000,000,000 N.
     pub force_max: f32,
     /// Greatest force along the ground, as a share of the suspension's force, of which the part along the way forward
     /// counts half: 0 to 100.
@@ -357,9 +358,10 @@ pub struct RhumbWheelInput {
     /// Turn about the axis that points up, to the left if positive, in left-handed coordinates to the right: -π to π
     /// rad.
     pub steering: f32,
-    /// Force along the way forward, backward if negative: -1,000,000,000 to 1,000,000,000 N.
+    /// Force along the way forward, backward if negative, kg times units of length per s²: -1,000,000,000 to
+    /// 1,000,000,000 N.
     pub force: f32,
-    /// Greatest force that stops it, while it has no force: 0 to 1,000,000,000 N.
+    /// Greatest force that stops it, while it has no force, kg times units of length per s²: 0 to 1,000,000,000 N.
     pub brake: f32,
 }
 

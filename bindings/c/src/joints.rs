@@ -68,9 +68,9 @@ pub struct RhumbJointDesc {
     pub stiffness: f32,
     /// Of a spring: N s/m.
     pub damping: f32,
-    /// Force at which the joint breaks.
+    /// Force at which the joint breaks, kg times units of length per s².
     pub break_force: f32,
-    /// Torque at which the joint breaks.
+    /// Torque at which the joint breaks, kg times units of length² per s².
     pub break_torque: f32,
 }
 

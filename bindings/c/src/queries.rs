@@ -23,7 +23,7 @@ pub struct RhumbQuery {
     pub position: [f32; 3],
     /// Unit quaternion x, y, z, w: of the shape.
     pub rotation: [f32; 4],
-    /// From the beginning to the end of the line or way.
+    /// From the beginning to the end of the line or way. A ray that only reaches a surface with its end does not hit it.
     pub translation: [f32; 3],
     /// Units of length.
     pub distance: f32,

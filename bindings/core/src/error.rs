@@ -36,6 +36,8 @@ pub enum BindingError {
     },
     /// The view does not have the body.
     NotInView(BodyId),
+    /// A body is given two states at once.
+    Twice(BodyId),
     /// A state of a body is not allowed.
     Motion(InvalidMotion),
     /// The text is no fingerprint.
@@ -204,6 +206,7 @@ impl BindingError {
             Self::Invalid(_)
             | Self::Tolerance(_)
             | Self::NotInView(_)
+            | Self::Twice(_)
             | Self::Value { .. }
             | Self::Motion(_)
             | Self::Fingerprint(_)
@@ -279,6 +282,11 @@ impl fmt::Display for BindingError {
             Self::NotInView(id) => write!(
                 f,
                 "body {} is not in the view: it is not there yet, was removed, or never was; ask first whether the view has it",
+                packed_id(*id)
+            ),
+            Self::Twice(id) => write!(
+                f,
+                "body {} is given twice, and has one state at a time: give each body once",
                 packed_id(*id)
             ),
             Self::Value {

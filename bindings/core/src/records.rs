@@ -6,8 +6,10 @@
 use std::fmt;
 
 use glam::Vec3;
-use rhumb_client::scene::BodyEvent;
-use rhumb_client::{BodyId, ClientError, Event, RefusedRequest, RemovalCause, Tick, TouchingPair};
+use rhumb_client::scene::{BodyEvent, CommandError, Invalid, Quantity};
+use rhumb_client::{
+    BodyId, ClientError, Event, RefusalReason, RefusedRequest, RemovalCause, Tick, TouchingPair,
+};
 
 use crate::coordinates::Coordinates;
 use crate::generated::EventKind;
@@ -143,7 +145,8 @@ impl EventRecord {
             },
             Event::Refused { number, error } => Self {
                 number,
-                ..plain(EventKind::CommandRefused).refused(&error, error.body())
+                ..plain(EventKind::CommandRefused)
+                    .refused(&sentence(RefusalReason::Command(error)), error.body())
             },
             Event::BodyPlaced(id) => plain(EventKind::BodyPlaced).about(id),
             Event::BodyRemoved { id, cause } => Self {
@@ -283,7 +286,7 @@ impl RefusalRecord {
             number: refusal.number,
             body,
             reason: reason.word(),
-            text: with_words(&reason.to_string()),
+            text: sentence(reason),
         }
     }
 }
@@ -299,6 +302,19 @@ impl fmt::Display for RefusalRecord {
             write!(f, " about body {}", packed_id(body))?;
         }
         write!(f, ": {}", self.text)
+    }
+}
+
+/// The server's reason, in words of the application.
+fn sentence(reason: RefusalReason) -> String {
+    let count_wrong = CommandError::Invalid(Invalid::out_of_range(Quantity::Wheels));
+    match reason {
+        // Numbers of wheels that no vehicle has are refused before they are sent.
+        RefusalReason::Command(error) if error == count_wrong => {
+            "the inputs are not as many as the vehicle has wheels: give one for each wheel"
+                .to_owned()
+        }
+        reason => with_words(&reason.to_string()),
     }
 }
 
@@ -327,8 +343,6 @@ pub(crate) fn with_words(sentence: &str) -> String {
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
-    use rhumb_client::RefusalReason;
-    use rhumb_client::scene::CommandError;
 
     use super::*;
 
@@ -345,6 +359,13 @@ mod tests {
                 prop_assert_eq!(packed_id(id), number);
             }
         }
+    }
+
+    #[test]
+    fn a_refusal_of_too_many_inputs_of_wheels_does_not_speak_of_limits() {
+        let wrong = CommandError::Invalid(Invalid::out_of_range(Quantity::Wheels));
+        let text = "the inputs are not as many as the vehicle has wheels: give one for each wheel";
+        assert_eq!(sentence(RefusalReason::Command(wrong)), text);
     }
 
     #[test]

@@ -2,7 +2,7 @@
 //!
 //! It adds nothing to the client but conversions, whole batches, and arrays that stay until the next view.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use std::time::Duration;
 
 use glam::{Quat, Vec3};
@@ -60,7 +60,7 @@ pub struct RemoteScene {
     centres: BodyCentres,
     /// Numbers of joints that this client has given out and not taken back.
     #[cfg(feature = "files")]
-    joints: std::collections::BTreeSet<rhumb_client::scene::JointId>,
+    joints: BTreeSet<rhumb_client::scene::JointId>,
     /// Goes after the client.
     #[cfg(feature = "serve")]
     origin: Option<SceneServer>,
@@ -89,7 +89,7 @@ impl RemoteScene {
             error_bounds: Vec::new(),
             centres: BodyCentres::default(),
             #[cfg(feature = "files")]
-            joints: std::collections::BTreeSet::new(),
+            joints: BTreeSet::new(),
             #[cfg(feature = "serve")]
             origin: None,
         })
@@ -272,8 +272,11 @@ impl RemoteScene {
     ///
     /// # Errors
     ///
-    /// As [`Client::publish`].
+    /// As [`Client::publish`], and [`BindingError::Twice`] for a body that has two states.
     pub fn publish(&mut self, states: &[StateRecord]) -> Result<Option<Tick>, BindingError> {
+        if let Some(body) = twice(states.iter().map(|state| state.body)) {
+            return Err(BindingError::Twice(body));
+        }
         let coordinates = self.coordinates();
         let converted = states.iter().map(|state| {
             let converted = StateRecord {
@@ -568,16 +571,16 @@ impl RemoteScene {
     pub fn error_bound(&self, body: BodyId) -> Result<f32, BindingError> {
         let bound = self.client.error_bound(body);
         let bound = bound.ok_or(BindingError::NotInView(body))?;
-        Ok(self.units_up(bound))
+        Ok(self.shown_bound(bound, self.place(body)?))
     }
 
     /// The bounds of all bodies of the view, in the order of the arrays: see [`Self::error_bound`].
     pub fn error_bounds(&mut self) -> &[f32] {
-        let unit = f64::from(self.coordinates().metres_per_unit());
-        let bounds = self.client.error_bounds();
-        self.error_bounds.clear();
-        self.error_bounds
-            .extend(bounds.map(|bound| units_up(bound, unit)));
+        let bounds = self.client.error_bounds().enumerate();
+        let bounds: Vec<_> = bounds
+            .map(|(place, bound)| self.shown_bound(bound, place))
+            .collect();
+        self.error_bounds = bounds;
         &self.error_bounds
     }
 
@@ -590,11 +593,17 @@ impl RemoteScene {
     pub fn tick_error_bound(&self, body: BodyId, tick: Tick) -> Result<f32, BindingError> {
         let bound = self.client.tick_error_bound(body, tick);
         let bound = bound.ok_or(BindingError::NotInView(body))?;
-        Ok(self.units_up(bound))
+        let unit = f64::from(self.coordinates().metres_per_unit());
+        Ok(units_up(bound.metres() / unit))
     }
 
-    fn units_up(&self, bound: ErrorBound) -> f32 {
-        units_up(bound, f64::from(self.coordinates().metres_per_unit()))
+    /// The bound of a pose as it is handed out: in the application's units, and from the body's origin.
+    fn shown_bound(&self, bound: ErrorBound, place: usize) -> f32 {
+        let (view, coordinates) = (self.client.view(), self.coordinates());
+        let centre = self.centres.centre(view.ids()[place]);
+        let rounding = rounding(view.positions()[place], centre, coordinates);
+        let unit = f64::from(coordinates.metres_per_unit());
+        units_up(bound.metres() / unit + rounding)
     }
 
     /// Sets the ticks by which bodies under authority are published ahead of the server's clock: as
@@ -631,9 +640,38 @@ impl RemoteScene {
     }
 }
 
-/// A bound in units of so many metres, rounded up, so that it stays a bound.
-fn units_up(bound: ErrorBound, unit: f64) -> f32 {
-    let exact = bound.metres() / unit;
+/// The body that is there twice, if any.
+fn twice(mut bodies: impl Iterator<Item = BodyId>) -> Option<BodyId> {
+    let mut seen = BTreeSet::new();
+    bodies.find(|body| !seen.insert(*body))
+}
+
+/// How far a pose may be from the view's by the rounding of the coordinates in which it is handed out, units of length.
+///
+/// Each component of a position is rounded by half a unit in its last place where it is scaled. That of a body's origin is
+/// rounded as often where the turned centre is taken from it; that one has an error of its own, below four such roundings
+/// of its length.
+fn rounding(position: Vec3, centre: Vec3, coordinates: Coordinates) -> f64 {
+    let ulp = |value: f32| f64::from(value.abs().next_up() - value.abs());
+    let scale = f64::from(1.0 / coordinates.metres_per_unit());
+    let length = centre.length();
+    let mut squares = 0.0;
+    for component in position.to_array() {
+        let component = component.abs() + length;
+        let mut error = 0.0;
+        if coordinates == Coordinates::Unreal {
+            error += 0.5 * ulp(coordinates.length_out(component));
+        }
+        if centre != Vec3::ZERO {
+            error += scale * (0.5 * ulp(component) + 4.0 * ulp(length));
+        }
+        squares += error * error;
+    }
+    squares.sqrt()
+}
+
+/// A bound rounded up, so that it stays a bound.
+fn units_up(exact: f64) -> f32 {
     let near = exact as f32;
     match f64::from(near) < exact {
         true => near.next_up(),
@@ -674,6 +712,47 @@ impl KnownBodies {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_body_that_is_there_twice_is_found() {
+        let [first, second] = [BodyId::new(1, 0), BodyId::new(1, 1)];
+        assert_eq!(twice([first, second].into_iter()), None);
+        assert_eq!(twice([first, second, first].into_iter()), Some(first));
+    }
+
+    #[test]
+    fn a_bound_counts_what_the_handed_out_position_is_rounded_by_far_out() {
+        let turn = Quat::from_axis_angle(Vec3::new(0.6, 0.0, 0.8), 1.1);
+        for coordinates in Coordinates::EACH {
+            let scale = f64::from(1.0 / coordinates.metres_per_unit());
+            for centre in [
+                Vec3::ZERO,
+                Vec3::new(1.2345, 0.37, 0.11),
+                Vec3::splat(900.0),
+            ] {
+                for step in 0..200 {
+                    let step = step as f32;
+                    let position = Vec3::new(98_765.2 + step, -99_000.3 - step, 3.1 * step);
+                    let exact = position.as_dvec3() - turn.as_dquat() * centre.as_dvec3();
+                    let origin = position - turn * centre;
+                    let shown = coordinates.vector_out(origin).as_dvec3();
+                    let back = coordinates.direction_in(shown.as_vec3()).as_dvec3();
+                    let error = (back - exact * scale).length();
+                    let bound = rounding(position, centre, coordinates);
+                    assert!(
+                        error <= bound,
+                        "{coordinates:?}, {centre}: {error} > {bound}"
+                    );
+                }
+            }
+        }
+        let near = rounding(
+            Vec3::new(99_000.0, 1.0, 1.0),
+            Vec3::ZERO,
+            Coordinates::Rhumb,
+        );
+        assert_eq!(near, 0.0, "what is handed out as it is");
+    }
 
     #[test]
     fn a_body_is_known_with_those_before_it_and_not_with_later_ones() {

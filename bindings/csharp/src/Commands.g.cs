@@ -50,7 +50,8 @@ namespace Rhumb
         /// <summary>
         /// Applies a force at the centre of mass during the next tick; one that makes the body too fast is refused.
         /// </summary>
-        /// <param name="force">In world axes: at most 1,000,000,000 N along each axis.</param>
+        /// <param name="force">In world axes, kg times units of length per s²: at most 1,000,000,000 N along each
+        /// axis.</param>
         public static unsafe Command Force(Body body, Vec3 force)
         {
             Command command = Make(RhumbCommandKind.Force, body);
@@ -59,7 +60,8 @@ namespace Rhumb
         }
 
         /// <summary>Applies a torque during the next tick; one that makes the body spin too fast is refused.</summary>
-        /// <param name="torque">About world axes: at most 1,000,000,000 N·m along each axis.</param>
+        /// <param name="torque">About world axes, kg times units of length² per s²: at most 1,000,000,000 N·m along
+        /// each axis.</param>
         public static unsafe Command Torque(Body body, Vec3 torque)
         {
             Command command = Make(RhumbCommandKind.Torque, body);
@@ -71,7 +73,8 @@ namespace Rhumb
         /// Applies an impulse at the centre of mass: the velocity changes at once; one that makes the body too fast is
         /// refused.
         /// </summary>
-        /// <param name="impulse">In world axes: at most 1,000,000,000 N·s along each axis.</param>
+        /// <param name="impulse">In world axes, kg times units of length per second: at most 1,000,000,000 N·s along
+        /// each axis.</param>
         public static unsafe Command Impulse(Body body, Vec3 impulse)
         {
             Command command = Make(RhumbCommandKind.Impulse, body);
@@ -82,7 +85,8 @@ namespace Rhumb
         /// <summary>
         /// Applies an angular impulse: the spin changes at once; one that makes the body spin too fast is refused.
         /// </summary>
-        /// <param name="impulse">About world axes: at most 1,000,000,000 N·m·s along each axis.</param>
+        /// <param name="impulse">About world axes, kg times units of length² per second: at most 1,000,000,000 N·m·s
+        /// along each axis.</param>
         public static unsafe Command TorqueImpulse(Body body, Vec3 impulse)
         {
             Command command = Make(RhumbCommandKind.TorqueImpulse, body);
@@ -102,7 +106,8 @@ namespace Rhumb
         /// <summary>
         /// Applies a force at a point during the next tick; one that makes the body too fast is refused.
         /// </summary>
-        /// <param name="force">In world axes: at most 1,000,000,000 N along each axis.</param>
+        /// <param name="force">In world axes, kg times units of length per s²: at most 1,000,000,000 N along each
+        /// axis.</param>
         /// <param name="point">Point of the world where it acts, units of length: at most 100,000 m along each
         /// axis.</param>
         public static unsafe Command ForceAt(Body body, Vec3 force, Vec3 point)
@@ -116,7 +121,8 @@ namespace Rhumb
         /// <summary>
         /// Applies an impulse at a point: both velocities change at once; one that makes the body too fast is refused.
         /// </summary>
-        /// <param name="impulse">In world axes: at most 1,000,000,000 N·s along each axis.</param>
+        /// <param name="impulse">In world axes, kg times units of length per second: at most 1,000,000,000 N·s along
+        /// each axis.</param>
         /// <param name="point">Point of the world where it acts, units of length: at most 100,000 m along each
         /// axis.</param>
         public static unsafe Command ImpulseAt(Body body, Vec3 impulse, Vec3 point)
@@ -339,7 +345,7 @@ namespace Rhumb
             return this;
         }
 
-        /// <summary>Greatest force of the suspension: 0 to 1,000,000,000 N.</summary>
+        /// <summary>Greatest force of the suspension, kg times units of length per s²: 0 to 1,000,000,000 N.</summary>
         public Wheel ForceMax(float forceMax)
         {
             raw.force_max = forceMax;
@@ -378,10 +384,15 @@ namespace Rhumb
         /// </summary>
         public float Steering;
 
-        /// <summary>Force along the way forward, backward if negative: -1,000,000,000 to 1,000,000,000 N.</summary>
+        /// <summary>
+        /// Force along the way forward, backward if negative, kg times units of length per s²: -1,000,000,000 to
+        /// 1,000,000,000 N.
+        /// </summary>
         public float Force;
 
-        /// <summary>Greatest force that stops it, while it has no force: 0 to 1,000,000,000 N.</summary>
+        /// <summary>
+        /// Greatest force that stops it, while it has no force, kg times units of length per s²: 0 to 1,000,000,000 N.
+        /// </summary>
         public float Brake;
 
         public WheelInput(float steering = 0, float force = 0, float brake = 0)

@@ -20,8 +20,8 @@ namespace Rhumb
         /// </summary>
         public const uint RHUMB_EVENTS_CONTACTS = 1;
         /// <summary>
-        ///  Bit of `events`: `number` is the least force of a contact that is reported, in each tick, zero for all: 0 to
-        ///  1,000,000,000 N.
+        ///  Bit of `events`: `number` is the least force of a contact that is reported, in each tick, zero for all, kg times
+        ///  units of length per s²: 0 to 1,000,000,000 N.
         /// </summary>
         public const uint RHUMB_EVENTS_FORCE = 2;
         /// <summary>
@@ -576,7 +576,8 @@ namespace Rhumb
         public static extern RhumbCode rhumb_scene_place(RhumbScene scene, RhumbBody body, System.UIntPtr* place);
 
         /// <summary>
-        ///  Takes the oldest unread event. If there is none, the kind is `RHUMB_EVENT_KIND_NONE`.
+        ///  Takes the oldest unread event. If there is none, the kind is `RHUMB_EVENT_KIND_NONE`. At most 65,536 unread events are
+        ///  kept; `events_left_out` of the statistics counts those that were dropped, the oldest first.
         ///
         ///  # Safety
         ///
@@ -1303,7 +1304,7 @@ namespace Rhumb
         /// </summary>
         public float relaxation;
         /// <summary>
-        ///  Greatest force of the suspension: 0 to 1,000,000,000 N.
+        ///  Greatest force of the suspension, kg times units of length per s²: 0 to 1,000,000,000 N.
         /// </summary>
         public float force_max;
         /// <summary>
@@ -1329,11 +1330,12 @@ namespace Rhumb
         /// </summary>
         public float steering;
         /// <summary>
-        ///  Force along the way forward, backward if negative: -1,000,000,000 to 1,000,000,000 N.
+        ///  Force along the way forward, backward if negative, kg times units of length per s²: -1,000,000,000 to
+        ///  1,000,000,000 N.
         /// </summary>
         public float force;
         /// <summary>
-        ///  Greatest force that stops it, while it has no force: 0 to 1,000,000,000 N.
+        ///  Greatest force that stops it, while it has no force, kg times units of length per s²: 0 to 1,000,000,000 N.
         /// </summary>
         public float brake;
     }
@@ -1472,11 +1474,11 @@ namespace Rhumb
         /// </summary>
         public float damping;
         /// <summary>
-        ///  Force at which the joint breaks.
+        ///  Force at which the joint breaks, kg times units of length per s².
         /// </summary>
         public float break_force;
         /// <summary>
-        ///  Torque at which the joint breaks.
+        ///  Torque at which the joint breaks, kg times units of length² per s².
         /// </summary>
         public float break_torque;
     }
@@ -1815,7 +1817,7 @@ namespace Rhumb
         /// </summary>
         public fixed float rotation[4];
         /// <summary>
-        ///  From the beginning to the end of the line or way.
+        ///  From the beginning to the end of the line or way. A ray that only reaches a surface with its end does not hit it.
         /// </summary>
         public fixed float translation[3];
         /// <summary>
@@ -2218,22 +2220,23 @@ namespace Rhumb
         SetVelocity = 5,
         /// <summary>
         ///  Applies a force at the centre of mass during the next tick; one that makes the body too fast is refused.
-        ///  `vector`: in world axes: at most 1,000,000,000 N along each axis.
+        ///  `vector`: in world axes, kg times units of length per s²: at most 1,000,000,000 N along each axis.
         /// </summary>
         Force = 6,
         /// <summary>
         ///  Applies a torque during the next tick; one that makes the body spin too fast is refused. `vector`: about world
-        ///  axes: at most 1,000,000,000 N·m along each axis.
+        ///  axes, kg times units of length² per s²: at most 1,000,000,000 N·m along each axis.
         /// </summary>
         Torque = 7,
         /// <summary>
         ///  Applies an impulse at the centre of mass: the velocity changes at once; one that makes the body too fast is
-        ///  refused. `vector`: in world axes: at most 1,000,000,000 N·s along each axis.
+        ///  refused. `vector`: in world axes, kg times units of length per second: at most 1,000,000,000 N·s along each
+        ///  axis.
         /// </summary>
         Impulse = 8,
         /// <summary>
         ///  Applies an angular impulse: the spin changes at once; one that makes the body spin too fast is refused.
-        ///  `vector`: about world axes: at most 1,000,000,000 N·m·s along each axis.
+        ///  `vector`: about world axes, kg times units of length² per second: at most 1,000,000,000 N·m·s along each axis.
         /// </summary>
         TorqueImpulse = 9,
         /// <summary>
@@ -2243,14 +2246,14 @@ namespace Rhumb
         SetGravity = 10,
         /// <summary>
         ///  Applies a force at a point during the next tick; one that makes the body too fast is refused. `vector`: in world
-        ///  axes: at most 1,000,000,000 N along each axis; `point`: point of the world where it acts, units of length: at
-        ///  most 100,000 m along each axis.
+        ///  axes, kg times units of length per s²: at most 1,000,000,000 N along each axis; `point`: point of the world
+        ///  where it acts, units of length: at most 100,000 m along each axis.
         /// </summary>
         ForceAt = 15,
         /// <summary>
         ///  Applies an impulse at a point: both velocities change at once; one that makes the body too fast is refused.
-        ///  `vector`: in world axes: at most 1,000,000,000 N·s along each axis; `point`: point of the world where it acts,
-        ///  units of length: at most 100,000 m along each axis.
+        ///  `vector`: in world axes, kg times units of length per second: at most 1,000,000,000 N·s along each axis;
+        ///  `point`: point of the world where it acts, units of length: at most 100,000 m along each axis.
         /// </summary>
         ImpulseAt = 16,
         /// <summary>

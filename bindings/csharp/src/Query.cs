@@ -7,7 +7,7 @@ namespace Rhumb
     {
         internal RhumbQuery Raw;
 
-        /// <summary>The nearest bodies along a line.</summary>
+        /// <summary>The nearest bodies along a line. One whose surface the line only reaches with its end is not hit.</summary>
         public static Query Ray(Vec3 origin, Vec3 translation, uint hits = 1)
         {
             return Make(RhumbQueryKind.Ray, origin, translation, hits);

@@ -367,7 +367,10 @@ namespace Rhumb
             return bound;
         }
 
-        /// <summary>Takes the oldest unread event; false if there is none.</summary>
+        /// <summary>
+        /// Takes the oldest unread event; false if there is none. At most 65,536 unread events are kept; EventsLeftOut of the
+        /// statistics counts those that were dropped, the oldest first.
+        /// </summary>
         public unsafe bool TryNextEvent(out Event next)
         {
             RhumbEvent raw;

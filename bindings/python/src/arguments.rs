@@ -2,8 +2,9 @@
 
 use std::time::Duration;
 
-use numpy::{Element, PyArrayDyn, PyArrayMethods, get_array_module};
+use numpy::{Element, PyArrayDyn, PyArrayMethods, PyUntypedArray, get_array_module};
 use pyo3::prelude::*;
+use pyo3::types::{PyList, PyTuple};
 use rhumb_bindings::rhumb_client::BodyId;
 use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
 use rhumb_bindings::rhumb_client::scene::{Sleep, SleepThresholds};
@@ -40,8 +41,42 @@ impl<T: Element + Copy> Numbers<T> {
     }
 }
 
+/// True for an array of NumPy with a masked entry: NumPy would take the value that it hides.
+fn has_mask(value: &Bound<'_, PyAny>) -> PyResult<bool> {
+    let mask = match value.cast::<PyUntypedArray>() {
+        Ok(array) => array.getattr_opt("mask")?,
+        Err(_) => None,
+    };
+    mask.map_or(Ok(false), |mask| mask.call_method0("any")?.is_truthy())
+}
+
+/// Refuses an array with masked entries, also one in a list, and complex numbers, whose imaginary parts NumPy would drop.
+fn check_kept(argument: &Bound<'_, PyAny>, name: &'static str) -> PyResult<()> {
+    let py = argument.py();
+    let wrong = |needed| Err(wrong_value(py, name, written(argument), needed));
+    let is_list = argument.is_instance_of::<PyList>() || argument.is_instance_of::<PyTuple>();
+    let mut is_masked = has_mask(argument)?;
+    if is_list {
+        for part in argument.try_iter()? {
+            is_masked |= has_mask(&part?)?;
+        }
+    }
+    if is_masked {
+        return wrong("an array without masked entries");
+    }
+    // What is no array is refused where its numbers are read.
+    let Ok(array) = get_array_module(py)?.call_method1("asarray", (argument,)) else {
+        return Ok(());
+    };
+    match array.getattr("dtype")?.getattr("kind")?.extract::<char>()? {
+        'c' => wrong("real, and not complex"),
+        _ => Ok(()),
+    }
+}
+
 fn numbers(argument: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Numbers<f32>> {
     let py = argument.py();
+    check_kept(argument, name)?;
     let dtype = numpy::dtype::<f32>(py);
     let array = get_array_module(py)?.call_method1("asarray", (argument, dtype));
     Numbers::of(&within(argument, name, array, REAL)?)
@@ -50,6 +85,7 @@ fn numbers(argument: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Numbers<
 /// Whole numbers. A negative one becomes greater than any place or id. A float is refused: its fraction would be lost.
 fn integers(argument: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Numbers<u64>> {
     let py = argument.py();
+    check_kept(argument, name)?;
     let array = get_array_module(py)?.call_method1("asarray", (argument,));
     let array = within(argument, name, array, "whole numbers")?;
     let kind = array.getattr("dtype")?.getattr("kind")?.extract::<char>()?;

@@ -144,7 +144,8 @@ impl PyCharacter {
 /// stiffness: acceleration of the chassis for a change of that length: 0 to 1,000,000 1/s²; 50 1/s² by default.
 /// compression: damping while the spring is compressed: 0 to 1,000,000 1/s; 4 1/s by default.
 /// relaxation: damping while the spring relaxes: 0 to 1,000,000 1/s; 6 1/s by default.
-/// force_max: greatest force of the suspension: 0 to 1,000,000,000 N; any by default.
+/// force_max: greatest force of the suspension, kg times units of length per s²: 0 to 1,000,000,000 N; any by
+/// default.
 /// friction_slip: greatest force along the ground, as a share of the suspension's force, of which the part
 /// along the way forward counts half: 0 to 100; 2 by default.
 /// side_friction: factor of the force along the axle that keeps the wheel from sliding sideways: 0 to 100; 1 by
@@ -270,8 +271,10 @@ impl PyWheel {
 ///
 /// steering: turn about the axis that points up, to the left if positive, in left-handed coordinates to the
 /// right: -π to π rad.
-/// force: force along the way forward, backward if negative: -1,000,000,000 to 1,000,000,000 N.
-/// brake: greatest force that stops it, while it has no force: 0 to 1,000,000,000 N.
+/// force: force along the way forward, backward if negative, kg times units of length per s²: -1,000,000,000 to
+/// 1,000,000,000 N.
+/// brake: greatest force that stops it, while it has no force, kg times units of length per s²: 0 to
+/// 1,000,000,000 N.
 #[pyclass(frozen, name = "WheelInput", module = "rhumb")]
 #[derive(Debug)]
 pub(crate) struct PyWheelInput {

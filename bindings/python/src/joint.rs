@@ -44,8 +44,8 @@ type Motors = BTreeMap<usize, (f32, f32, f32, f32, Option<f32>)>;
 /// and its greatest force or torque, or None for any. For a motor that keeps a speed, the stiffness is 0:
 /// motors={3: (0, 2.0, 0, 10.0, None)} turns a hinge at 2 rad/s.
 ///
-/// collide: whether the two bodies also collide with each other. breaks_at: the force in N and the torque in N m at which
-/// it breaks.
+/// collide: whether the two bodies also collide with each other. breaks_at: the force and the torque at which it breaks, N and
+/// N m, or kg cm/s² and kg cm²/s² in Unreal's coordinates.
 #[pyclass(frozen, name = "Joint", module = "rhumb")]
 pub(crate) struct PyJoint {
     kind: String,

@@ -39,6 +39,8 @@ impl PyQuery {
 #[pymethods]
 impl PyQuery {
     /// The nearest bodies along a line from origin to origin + translation. Sensors do not count.
+    ///
+    /// A body whose surface the line only reaches with its end is not hit.
     #[staticmethod]
     #[pyo3(signature = (origin, translation, *, hits = 1))]
     fn ray(
@@ -200,7 +202,7 @@ fn simple(shape: &Bound<'_, PyShape>) -> PyResult<scene::Shape> {
 pub(crate) struct PyHit {
     /// The body's id.
     body: u64,
-    /// Along the way, or from the point to the surface; zero for an overlap.
+    /// Along the way, from the point to the surface, or from surface to surface, negative inside; zero for an overlap.
     distance: f32,
     /// On the body's surface; zero for an overlap.
     point: (f32, f32, f32),

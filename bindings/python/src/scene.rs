@@ -33,6 +33,9 @@ use crate::query::{PyHit, PyQuery};
 /// Bodies have ids, which add_body and add_bodies return. Every call that takes a body takes a row of ids too, with one row
 /// of numbers for all of them or one for each. The poses of all bodies are arrays of one order; place finds a body in them.
 ///
+/// Lengths are in the unit of the scene's coordinates, and so are forces and torques: N and N m, and in Unreal's coordinates
+/// kg cm/s² and kg cm²/s². Impulses are those times a second. Limits are stated in SI units.
+///
 /// Commands are queued, and sent together by the next call that waits, or by flush. Each returns its number, which events
 /// and refusals name; for a row of bodies, the number of the last. What is wrong at once raises InvalidError, and nothing is
 /// queued. What the server refuses raises RefusedError at the next advance, wait or poll.
@@ -220,7 +223,7 @@ impl PyScene {
     ///
     /// With a point, it acts there.
     ///
-    /// force: in world axes: at most 1,000,000,000 N along each axis.
+    /// force: in world axes, kg times units of length per s²: at most 1,000,000,000 N along each axis.
     /// point: point of the world where it acts, units of length: at most 100,000 m along each axis.
     #[pyo3(signature = (body, force, point = None))]
     fn apply_force(
@@ -250,7 +253,7 @@ impl PyScene {
 
     /// Applies a torque during the next tick; one that makes the body spin too fast is refused.
     ///
-    /// torque: about world axes: at most 1,000,000,000 N·m along each axis.
+    /// torque: about world axes, kg times units of length² per s²: at most 1,000,000,000 N·m along each axis.
     fn apply_torque(
         &self,
         py: Python<'_>,
@@ -270,7 +273,7 @@ impl PyScene {
     ///
     /// With a point, it acts there.
     ///
-    /// impulse: in world axes: at most 1,000,000,000 N·s along each axis.
+    /// impulse: in world axes, kg times units of length per second: at most 1,000,000,000 N·s along each axis.
     /// point: point of the world where it acts, units of length: at most 100,000 m along each axis.
     #[pyo3(signature = (body, impulse, point = None))]
     fn apply_impulse(
@@ -300,7 +303,8 @@ impl PyScene {
 
     /// Applies an angular impulse: the spin changes at once; one that makes the body spin too fast is refused.
     ///
-    /// impulse: about world axes: at most 1,000,000,000 N·m·s along each axis.
+    /// impulse: about world axes, kg times units of length² per second: at most 1,000,000,000 N·m·s along each
+    /// axis.
     fn apply_torque_impulse(
         &self,
         py: Python<'_>,
@@ -334,7 +338,8 @@ impl PyScene {
     /// contacts: its contacts begin and end.
     /// sensors: bodies enter and leave the sensor, or the body enters and leaves sensors.
     /// sleep: it falls asleep and wakes.
-    /// force: least force of a contact that is reported, in each tick, zero for all: 0 to 1,000,000,000 N.
+    /// force: least force of a contact that is reported, in each tick, zero for all, kg times units of length per
+    /// s²: 0 to 1,000,000,000 N.
     #[pyo3(signature = (body, *, contacts = false, sensors = false, sleep = false, force = None))]
     fn report_events(
         &self,
@@ -784,6 +789,8 @@ impl PyScene {
     }
 
     /// All events since the last call, the oldest first. They tell what became of commands, and what bodies did.
+    ///
+    /// At most 65,536 unread ones are kept: statistics["events_left_out"] counts those that were dropped, the oldest first.
     fn events(&self, py: Python<'_>) -> PyResult<Vec<PyEvent>> {
         self.with(py, |opened| {
             let events = std::iter::from_fn(|| opened.scene.poll_event());

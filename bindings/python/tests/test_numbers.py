@@ -8,7 +8,14 @@ import pytest
 import rhumb
 
 BEYOND = 10**400
+MASKED = np.ma.masked_array([[0.0, 50.0, 0.0]], mask=[[0, 1, 0]])
 NUMBERS = [
+    (lambda scene: scene.add_bodies(rhumb.Shape.ball(1), MASKED), "positions is .*without masked entries"),
+    (lambda scene: scene.set_gravity(MASKED[0]), "gravity is .*without masked entries"),
+    (lambda scene: scene.remove(np.ma.masked_array([1, 2], mask=[0, 1])), "body is .*without masked entries"),
+    (lambda scene: scene.add_bodies(rhumb.Shape.ball(1), [[0, 3j, 0]]), "positions is .*real, and not complex"),
+    (lambda scene: scene.set_gravity(np.array([0, 1 + 0j, 0])), "gravity is .*real, and not complex"),
+    (lambda scene: scene.publish([1, 1], (0, 0, 0)), "body 1 is given twice"),
     (lambda scene: rhumb.Shape.ball(BEYOND), "radius is 1000.*must be finite"),
     (lambda scene: rhumb.Shape.ball(1e39), "radius is 1e.39, and must be finite"),
     (lambda scene: rhumb.Shape.ball(-1), "radius of a ball is -1 m, and must be 0.001 to"),

@@ -234,7 +234,7 @@ def test_coordinates_are_those_of_the_application(server):
         assert (x, y) == pytest.approx((100, 200), abs=0.1)
         # A second of free fall, in centimetres, and the tolerance of 5 cm.
         assert z == pytest.approx(300 - 490 - 8, abs=6)
-        assert scene.error_bound(ball) == pytest.approx(5)
+        assert scene.error_bound(ball) == pytest.approx(5, abs=1e-4)
 
 
 def test_a_free_running_scene_is_polled(server):

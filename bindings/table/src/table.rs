@@ -461,6 +461,10 @@ fn in_scene(unit: &str) -> &'static str {
         "m" => "units of length",
         "m/s" => "units of length per second",
         "m/s2" => "units of length per s²",
+        "N" => "kg times units of length per s²",
+        "N s" => "kg times units of length per second",
+        "N m" => "kg times units of length² per s²",
+        "N m s" => "kg times units of length² per second",
         _ => "",
     }
 }

@@ -87,7 +87,7 @@ fn a_deleted_scene_ends_by_a_message() {
     run_until(&mut app, "the end is noticed", |app| {
         !messages(app).endings.is_empty()
     });
-    assert_eq!(messages(&app).endings, ["another member deleted the scene"]);
+    assert_eq!(messages(&app).endings, ["the scene was deleted"]);
 }
 
 /// Waits for the thread that joins.

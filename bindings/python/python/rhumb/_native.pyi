@@ -272,8 +272,8 @@ class Joint:
     and its greatest force or torque, or None for any. For a motor that keeps a speed, the stiffness is 0:
     motors={3: (0, 2.0, 0, 10.0, None)} turns a hinge at 2 rad/s.
 
-    collide: whether the two bodies also collide with each other. breaks_at: the force in N and the torque in N m at which
-    it breaks.
+    collide: whether the two bodies also collide with each other. breaks_at: the force and the torque at which it breaks, N and
+    N m, or kg cm/s² and kg cm²/s² in Unreal's coordinates.
     """
 
     def __init__(
@@ -341,7 +341,8 @@ class Wheel:
     stiffness: acceleration of the chassis for a change of that length: 0 to 1,000,000 1/s²; 50 1/s² by default.
     compression: damping while the spring is compressed: 0 to 1,000,000 1/s; 4 1/s by default.
     relaxation: damping while the spring relaxes: 0 to 1,000,000 1/s; 6 1/s by default.
-    force_max: greatest force of the suspension: 0 to 1,000,000,000 N; any by default.
+    force_max: greatest force of the suspension, kg times units of length per s²: 0 to 1,000,000,000 N; any by
+    default.
     friction_slip: greatest force along the ground, as a share of the suspension's force, of which the part
     along the way forward counts half: 0 to 100; 2 by default.
     side_friction: factor of the force along the axle that keeps the wheel from sliding sideways: 0 to 100; 1 by
@@ -373,8 +374,10 @@ class WheelInput:
 
     steering: turn about the axis that points up, to the left if positive, in left-handed coordinates to the
     right: -π to π rad.
-    force: force along the way forward, backward if negative: -1,000,000,000 to 1,000,000,000 N.
-    brake: greatest force that stops it, while it has no force: 0 to 1,000,000,000 N.
+    force: force along the way forward, backward if negative, kg times units of length per s²: -1,000,000,000 to
+    1,000,000,000 N.
+    brake: greatest force that stops it, while it has no force, kg times units of length per s²: 0 to
+    1,000,000,000 N.
     """
 
     def __init__(self, steering: float = 0.0, force: float = 0.0, brake: float = 0.0) -> None: ...
@@ -419,7 +422,10 @@ class Query:
 
     @staticmethod
     def ray(origin: _Vector, translation: _Vector, *, hits: int = 1) -> Query:
-        """The nearest bodies along a line from origin to origin + translation. Sensors do not count."""
+        """The nearest bodies along a line from origin to origin + translation. Sensors do not count.
+
+        A body whose surface the line only reaches with its end is not hit.
+        """
     @staticmethod
     def shape_cast(
         shape: Shape, position: _Vector, translation: _Vector, *, rotation: Optional[_Rotation] = None, hits: int = 1
@@ -456,7 +462,7 @@ class Hit:
         """The body's id."""
     @property
     def distance(self) -> float:
-        """Along the way, or from the point to the surface; zero for an overlap."""
+        """Along the way, from the point to the surface, or from surface to surface, negative inside; zero for an overlap."""
     @property
     def point(self) -> Tuple[float, float, float]:
         """On the body's surface; zero for an overlap."""
@@ -557,6 +563,9 @@ class Scene:
 
     Bodies have ids, which add_body and add_bodies return. Every call that takes a body takes a row of ids too, with one row
     of numbers for all of them or one for each. The poses of all bodies are arrays of one order; place finds a body in them.
+
+    Lengths are in the unit of the scene's coordinates, and so are forces and torques: N and N m, and in Unreal's coordinates
+    kg cm/s² and kg cm²/s². Impulses are those times a second. Limits are stated in SI units.
 
     Commands are queued, and sent together by the next call that waits, or by flush. Each returns its number, which events
     and refusals name; for a row of bodies, the number of the last. What is wrong at once raises InvalidError, and nothing is
@@ -671,13 +680,13 @@ class Scene:
 
         With a point, it acts there.
 
-        force: in world axes: at most 1,000,000,000 N along each axis.
+        force: in world axes, kg times units of length per s²: at most 1,000,000,000 N along each axis.
         point: point of the world where it acts, units of length: at most 100,000 m along each axis.
         """
     def apply_torque(self, body: _Bodies, torque: _Vector) -> Optional[int]:
         """Applies a torque during the next tick; one that makes the body spin too fast is refused.
 
-        torque: about world axes: at most 1,000,000,000 N·m along each axis.
+        torque: about world axes, kg times units of length² per s²: at most 1,000,000,000 N·m along each axis.
         """
     def apply_impulse(self, body: _Bodies, impulse: _Vector, point: Optional[_Vector] = None) -> Optional[int]:
         """Applies an impulse at the centre of mass: the velocity changes at once; one that makes the body too fast
@@ -685,13 +694,14 @@ class Scene:
 
         With a point, it acts there.
 
-        impulse: in world axes: at most 1,000,000,000 N·s along each axis.
+        impulse: in world axes, kg times units of length per second: at most 1,000,000,000 N·s along each axis.
         point: point of the world where it acts, units of length: at most 100,000 m along each axis.
         """
     def apply_torque_impulse(self, body: _Bodies, impulse: _Vector) -> Optional[int]:
         """Applies an angular impulse: the spin changes at once; one that makes the body spin too fast is refused.
 
-        impulse: about world axes: at most 1,000,000,000 N·m·s along each axis.
+        impulse: about world axes, kg times units of length² per second: at most 1,000,000,000 N·m·s along each
+        axis.
         """
     def sleep(self, body: _Bodies) -> Optional[int]:
         """Puts a dynamic body to sleep, until something that moves touches it."""
@@ -713,7 +723,8 @@ class Scene:
         contacts: its contacts begin and end.
         sensors: bodies enter and leave the sensor, or the body enters and leaves sensors.
         sleep: it falls asleep and wakes.
-        force: least force of a contact that is reported, in each tick, zero for all: 0 to 1,000,000,000 N.
+        force: least force of a contact that is reported, in each tick, zero for all, kg times units of length per
+        s²: 0 to 1,000,000,000 N.
         """
     def clear_locomotion(self, body: _Bodies) -> Optional[int]:
         """Makes a character or a vehicle an ordinary body again."""
@@ -861,7 +872,10 @@ class Scene:
     def tick_error_bound(self, body: _Bodies, tick: int) -> Union[float, npt.NDArray[np.float32]]:
         """How far any point of a body may be off at a tick by what is known of it, whatever the view shows."""
     def events(self) -> list[Event]:
-        """All events since the last call, the oldest first. They tell what became of commands, and what bodies did."""
+        """All events since the last call, the oldest first. They tell what became of commands, and what bodies did.
+
+        At most 65,536 unread ones are kept: statistics["events_left_out"] counts those that were dropped, the oldest first.
+        """
     def query(self, queries: Sequence[Query]) -> Tuple[int, list[list[Hit]]]:
         """Asks the server, and waits: the tick whose scene was asked, and what each query found."""
     @property
