@@ -343,7 +343,16 @@ impl SceneFile {
                 let name = format!("{:?} of {name}", joint.bodies);
                 return Err(wrong(Problem::UnknownName { what: "body", name }));
             }
-            scene.joints.push(joint.load(&name).map_err(&wrong)?);
+            let loaded = joint.load(&name).map_err(&wrong)?;
+            if let [first, second] = joint.bodies
+                && first == second
+            {
+                let body = title("body", first, &self.bodies[first].name);
+                let name = format!("{name} of {body} with itself");
+                let rule = "bodies are the places of two different bodies in the list, from zero";
+                return Err(wrong(Problem::Senseless { name, rule }));
+            }
+            scene.joints.push(loaded);
         }
         scene.report = report;
         Ok(scene)
@@ -418,7 +427,12 @@ impl SceneFileBody {
             rule,
         };
         let kind = match (self.kinematic, self.dynamic) {
-            (true, _) => BodyKind::Kinematic,
+            (true, true) => {
+                return Err(senseless(
+                    "dynamic and kinematic are both true: the engine or a member moves a body, so leave one out",
+                ));
+            }
+            (true, false) => BodyKind::Kinematic,
             (false, true) => BodyKind::Dynamic,
             (false, false) => BodyKind::Fixed,
         };
@@ -466,6 +480,18 @@ impl SceneFileBody {
         let builder = builder.linear_velocity(turned(self.linear));
         let builder = builder.angular_velocity(turned(self.angular));
         builder.check().map_err(refused)?;
+        if self.dynamic && !builder.shape().is_solid() {
+            return Err(senseless(
+                "dynamic is true, and its shape has no volume: mesh, heights, half_space and a compound with one of them \
+                 are for bodies with \"dynamic\": false; the hull of the points of a mesh has volume",
+            ));
+        }
+        if let Some(centre) = builder.off_centre() {
+            return Err(Problem::OffCentre {
+                name: name.to_owned(),
+                centre: centre.to_array(),
+            });
+        }
         Ok(LoadedBody {
             name: self.name.clone(),
             builder,
@@ -715,6 +741,54 @@ mod tests {
             let ids = crate::assemble::FreeIds::default();
             assert_eq!(again.commands(ids), scene.commands(ids), "{rotation}");
         }
+    }
+
+    #[test]
+    fn a_body_that_no_scene_adds_is_refused_by_its_name_in_words_of_the_file() {
+        let body = |kind: &str, shape: &str| {
+            format!("{{\"name\": \"b\", {kind}, \"shape\": {shape}, \"position\": [0, 1, 0]}}")
+        };
+        let scene = |bodies: &str, joints: &str| {
+            format!("{{\"version\": 1, \"bodies\": [{bodies}], \"joints\": [{joints}]}}")
+        };
+        let dynamic = "\"dynamic\": true";
+        let ball = "{\"ball\": {\"radius\": 0.5}}";
+        let mesh = "{\"mesh\": {\"points\": [[0,0,0],[1,0,0],[0,1,0]], \"triangles\": [[0,1,2]]}}";
+        let hull = "{\"hull\": {\"points\": [[0,0,0],[1,0,0],[0,1,0],[0,0,1]]}}";
+        let part = "{\"position\": [1,0,0], \"shape\": {\"ball\": {\"radius\": 0.3}}}";
+        let compound = format!("{{\"compound\": {{\"parts\": [{part}]}}}}");
+        let joint = "{\"name\": \"j\", \"bodies\": [0, 0], \"kind\": \"fixed\", \"frames\": [{\"position\": [0,1,0]}, {\"position\": [0,0,0]}]}";
+        let both = "\"dynamic\": true, \"kinematic\": true";
+        for (text, words) in [
+            (scene(&body(both, ball), ""), ["body 0 \"b\"", "both true"]),
+            (
+                scene(&body(dynamic, mesh), ""),
+                ["body 0 \"b\"", "no volume"],
+            ),
+            (
+                scene(&body(dynamic, hull), ""),
+                ["body 0 \"b\"", "0.25, 0.25, 0.25] m: subtract"],
+            ),
+            (
+                scene(&body(dynamic, &compound), ""),
+                ["body 0 \"b\"", "[1.0, 0.0, 0.0] m: subtract"],
+            ),
+            (
+                scene(&body(dynamic, ball), joint),
+                ["joint 0 \"j\"", "body 0 \"b\" with itself"],
+            ),
+        ] {
+            let sentence = load(&text).expect_err("it is wrong").to_string();
+            assert!(sentence.starts_with("scene.json"), "{sentence}");
+            assert!(
+                words.iter().all(|word| sentence.contains(word)),
+                "{sentence}"
+            );
+            assert!(!sentence.contains("BodyBuilder"), "{sentence}");
+        }
+        let own = "\"dynamic\": true, \"mass\": 1, \"moments\": [1, 1, 1]";
+        assert!(load(&scene(&body(own, hull), "")).is_ok());
+        assert!(load(&scene(&body("\"dynamic\": false", hull), "")).is_ok());
     }
 
     #[test]

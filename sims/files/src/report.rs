@@ -125,6 +125,13 @@ pub enum Problem {
         /// The rule.
         invalid: Box<Invalid>,
     },
+    /// A dynamic body whose shape has another centre of mass than its origin.
+    OffCentre {
+        /// The body's name.
+        name: String,
+        /// The centre, metres in the body's axes.
+        centre: [f32; 3],
+    },
     /// A number that makes no sense for the named thing.
     Senseless {
         /// The thing.
@@ -179,6 +186,12 @@ impl fmt::Display for Problem {
             Self::Mesh(cause) => write!(f, "the mesh cannot be read: {cause}"),
             Self::Unsupported(what) => write!(f, "{what} is not read by this version"),
             Self::Refused { name, invalid } => write!(f, "{name}: {invalid}"),
+            Self::OffCentre { name, centre } => write!(
+                f,
+                "{name}: the centre of mass of its shape must be the origin, and is at {centre:?} m: subtract this from the \
+                 points of a hull and from the positions of a compound's parts, and add it, turned by the body's rotation, \
+                 to the body's position; or give the body mass and moments of its own"
+            ),
             Self::Senseless { name, rule } => write!(f, "{name}: {rule}"),
         }
     }
