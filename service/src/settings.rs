@@ -82,8 +82,86 @@ pub(crate) enum SettingsError {
         cause: Box<toml::de::Error>,
     },
     /// A setting is unknown, or its value is of the wrong kind.
-    Setting(Box<toml::de::Error>),
+    Setting {
+        /// The setting by itself; `None` if it is wrong with others only.
+        setting: Option<WrongSetting>,
+        cause: Box<toml::de::Error>,
+    },
     Limit(InvalidLimit),
+}
+
+/// A setting that cannot be read.
+#[derive(Debug)]
+pub(crate) struct WrongSetting {
+    /// The file or the environment variable that has it.
+    origin: String,
+    name: String,
+    value: Value,
+}
+
+impl WrongSetting {
+    /// The first setting that is wrong by itself, with the reason.
+    fn first(table: &Table) -> Option<(String, Value, toml::de::Error)> {
+        let alone = |name: &str, value: Value| {
+            let table = Table::from_iter([(name.to_owned(), value)]);
+            ServerSettings::deserialize(Value::Table(table)).err()
+        };
+        for (name, value) in table {
+            let Value::Table(limits) = value else {
+                if let Some(cause) = alone(name, value.clone()) {
+                    return Some((name.clone(), value.clone(), cause));
+                }
+                continue;
+            };
+            for (limit, value) in limits {
+                let one = Table::from_iter([(limit.clone(), value.clone())]);
+                if let Some(cause) = alone(name, Value::Table(one)) {
+                    return Some((format!("{name}.{limit}"), value.clone(), cause));
+                }
+            }
+        }
+        None
+    }
+
+    /// The value that the generated file has for it.
+    fn example(&self) -> Option<String> {
+        let row = ROWS.iter().find(|(name, ..)| *name == self.name);
+        let limit = || {
+            let name = self.name.strip_prefix("limits.")?;
+            let row = Limits::ROWS.iter().find(|row| row.name == name)?;
+            Some(row.default.to_string())
+        };
+        row.map(|(_, example, _)| (*example).to_owned())
+            .or_else(limit)
+    }
+}
+
+/// A value as the file writes it.
+fn written(value: &Value) -> String {
+    match value {
+        Value::String(text) => format!("{text:?}"),
+        Value::Integer(number) => number.to_string(),
+        Value::Float(number) => number.to_string(),
+        Value::Boolean(is_true) => is_true.to_string(),
+        Value::Datetime(moment) => moment.to_string(),
+        Value::Array(values) => {
+            let values: Vec<String> = values.iter().map(written).collect();
+            format!("[{}]", values.join(", "))
+        }
+        Value::Table(_) => "{ … }".to_owned(),
+    }
+}
+
+impl fmt::Display for WrongSetting {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{}: {} = {}",
+            self.origin,
+            self.name,
+            written(&self.value)
+        )
+    }
 }
 
 impl fmt::Display for SettingsError {
@@ -91,7 +169,16 @@ impl fmt::Display for SettingsError {
         match self {
             Self::Read { path, cause } => write!(f, "cannot read {}: {cause}", path.display()),
             Self::Syntax { path, cause } => write!(f, "{}: {cause}", path.display()),
-            Self::Setting(cause) => write!(f, "the configuration: {}", cause.message()),
+            Self::Setting { setting, cause } => {
+                let Some(setting) = setting else {
+                    return write!(f, "the configuration: {}", cause.message());
+                };
+                write!(f, "{setting}: {}", cause.message())?;
+                match setting.example() {
+                    Some(example) => write!(f, "; an example is {} = {example}", setting.name),
+                    None => Ok(()),
+                }
+            }
             Self::Limit(cause) => cause.fmt(f),
         }
     }
@@ -263,13 +350,36 @@ impl ServerSettings {
             Some(path) => read_table(path)?,
             None => Table::new(),
         };
-        for (name, text) in environment {
-            if let Some(name) = name.strip_prefix(PREFIX) {
+        let mut variables = Vec::new();
+        for (variable, text) in environment {
+            if let Some(name) = variable.strip_prefix(PREFIX) {
                 replace(&mut table, &name.to_ascii_lowercase(), &text);
+                variables.push(variable);
             }
         }
-        let settings = Self::deserialize(Value::Table(table));
-        let settings = settings.map_err(|cause| SettingsError::Setting(Box::new(cause)))?;
+        let settings = Self::deserialize(Value::Table(table.clone()));
+        let settings = settings.map_err(|cause| {
+            let Some((name, value, cause)) = WrongSetting::first(&table) else {
+                let cause = Box::new(cause);
+                return SettingsError::Setting {
+                    setting: None,
+                    cause,
+                };
+            };
+            let variable = format!("{PREFIX}{}", name.replace('.', "_")).to_ascii_uppercase();
+            let is_own = |own: &String| own.to_ascii_uppercase() == variable;
+            let file = || path.map(|path| path.display().to_string());
+            let origin = variables.into_iter().find(is_own).or_else(file);
+            let setting = WrongSetting {
+                origin: origin.unwrap_or_else(|| "the configuration".to_owned()),
+                name,
+                value,
+            };
+            SettingsError::Setting {
+                setting: Some(setting),
+                cause: Box::new(cause),
+            }
+        })?;
         settings.limits.check().map_err(SettingsError::Limit)?;
         Ok(settings)
     }
@@ -445,6 +555,39 @@ mod tests {
             let settings = of_environment(pairs).unwrap();
             assert_eq!(settings.worker_kind(), kind, "{pairs:?}");
         }
+    }
+
+    #[test]
+    fn a_wrong_value_is_named_with_its_place_its_setting_and_an_example() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("server.toml");
+        let file = path.display().to_string();
+        for (text, parts) in [
+            (
+                "open = true\nlisten = \"1.2.3.4\"\n",
+                ["listen = \"1.2.3.4\": ", "listen = \"127.0.0.1:4433\""],
+            ),
+            ("log = 7\n", ["log = 7: ", "log = \"info\""]),
+            (
+                "[limits]\nscenes = \"many\"\n",
+                [
+                    "limits.scenes = \"many\": ",
+                    "an example is limits.scenes = ",
+                ],
+            ),
+        ] {
+            fs::write(&path, text).unwrap();
+            let error = ServerSettings::read(Some(&path), [].into_iter());
+            let error = error.unwrap_err().to_string();
+            assert!(error.starts_with(&file), "{error}");
+            assert!(parts.iter().all(|part| error.contains(part)), "{error}");
+        }
+        let error = of_environment(&[("RHUMB_SERVER_METRICS", "9464")]).unwrap_err();
+        let error = error.to_string();
+        assert!(
+            error.starts_with("RHUMB_SERVER_METRICS: metrics = 9464: "),
+            "{error}"
+        );
     }
 
     #[test]
