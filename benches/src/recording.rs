@@ -35,7 +35,7 @@ use rhumb_reckoning::{Damping, Metres, Radians, Rate, Tolerance};
 use crate::output::{self, Failure};
 use options::rate_of_hertz;
 
-pub use error::{CdrError, Place, RecordingError, RowDefect};
+pub use error::{BodyDefect, CdrError, Place, RecordingError, RowDefect};
 pub use npy::NpyError;
 pub use options::{MissingPoses, QuaternionOrder, ReadOptions, ShapeChoice};
 pub(crate) use recorded::first_track;

@@ -1,6 +1,6 @@
 //! Poses of bodies as arrays of NumPy, and trajectories of MuJoCo.
 //!
-//! The first index is the frame. A frame whose pose has a NaN is a gap. Gravity, shapes and inertia are taken from the
+//! The first index is the frame. An array of a known name that does not fit is refused by that name. A frame whose pose has a NaN is a gap. Gravity, shapes and inertia are taken from the
 //! archive if it has them; the order of quaternions is in their array's name, or the caller states it.
 
 use std::collections::BTreeMap;
@@ -10,7 +10,7 @@ use rhumb_protocol::limits::{DAMPING_MAX, GRAVITY_MAX, SUBSTEPS_MAX};
 use rhumb_protocol::scene::Shape;
 use rhumb_reckoning::Inertia;
 
-use super::error::{Place, RecordingError, RowDefect};
+use super::error::{BodyDefect, Place, RecordingError, RowDefect};
 use super::npy::{self, Array};
 use super::options::{QuaternionOrder, ReadOptions};
 use super::poses::{TimedPose, TimedPoses};
@@ -20,6 +20,10 @@ use super::recorded::{FRAMES_MAX, Recording};
 const TIMES: [&str; 3] = ["time", "t", "timestamp"];
 /// Names of one step, seconds.
 const STEPS: [&str; 3] = ["timestep", "dt", "step"];
+/// Names of linear velocities, m/s.
+const LINEAR: [&str; 3] = ["linear", "linear_velocity", "velocity"];
+/// Names of angular velocities, rad/s.
+const ANGULAR: [&str; 2] = ["angular", "angular_velocity"];
 /// Longest time, seconds: nanoseconds fit a whole number.
 const SECONDS_MAX: f64 = 9e9;
 /// Time from which single precision has steps of a millisecond, seconds.
@@ -177,10 +181,13 @@ impl Arrays {
         }
         let times = self.times(columns.frames)?;
         let mut poses = TimedPoses::default();
+        poses.left_out = self.left_out();
+        poses.part_of_velocities = self.part_of_velocities();
+        self.check_bodies(columns.bodies)?;
         for body in 0..columns.bodies {
             let number = poses.body(&body.to_string(), None)?;
             let known = &mut poses.bodies[number];
-            known.shape = self.shape(body);
+            known.shape = self.shape(body)?;
             known.inertia = self.inertia(body)?;
         }
         for (frame, at_ns) in times.into_iter().enumerate() {
@@ -188,18 +195,8 @@ impl Arrays {
                 poses.poses.extend(columns.pose(frame, body, at_ns));
             }
         }
-        let gravity = self.get("gravity").map(|array| array.values.as_slice());
-        let gravity = match gravity {
-            Some(&[x, y, z]) => Some(DVec3::new(x, y, z).as_vec3()),
-            _ => None,
-        };
-        // NaN is none.
-        let is_gravity = |of: Vec3| of.is_finite() && of.abs().max_element() <= GRAVITY_MAX;
-        if gravity.is_some_and(|gravity| !is_gravity(gravity)) {
-            return Err(out_of_range("gravity", "gravity"));
-        }
         let options = ReadOptions {
-            gravity: options.gravity.or(gravity),
+            gravity: options.gravity.or(self.gravity()?),
             ..options.clone()
         };
         let mut recording = poses.recording(name, &options)?;
@@ -207,27 +204,116 @@ impl Arrays {
         Ok(recording)
     }
 
+    /// The velocities of an archive that has one kind alone.
+    fn part_of_velocities(&self) -> Option<String> {
+        if self.get("qpos").is_some() {
+            return None;
+        }
+        match (self.first(&LINEAR), self.first(&ANGULAR)) {
+            (Some((linear, _)), None) => Some(format!("{linear} without {}", ANGULAR[0])),
+            (None, Some((angular, _))) => Some(format!("{angular} without {}", LINEAR[0])),
+            _ => None,
+        }
+    }
+
+    /// Sentences on arrays that are not read.
+    fn left_out(&self) -> Vec<String> {
+        let known = |name: &&String| KNOWN.contains(&name.as_str());
+        let (_, others): (Vec<&String>, Vec<&String>) = self.names.iter().partition(known);
+        let mut left_out = Vec::new();
+        if !others.is_empty() {
+            let named: Vec<&str> = others.iter().take(8).map(|name| name.as_str()).collect();
+            let more = match others.len() - named.len() {
+                0 => String::new(),
+                more => format!(" and {more} more"),
+            };
+            left_out.push(format!(
+                "arrays of names that are not read: {}{more}",
+                named.join(", ")
+            ));
+        }
+        if self.get("half_extents").is_some() && self.get("radius").is_some() {
+            left_out.push("half_extents say the shapes, so radius is not used".to_owned());
+        }
+        left_out
+    }
+
+    /// An array of this shape, but for lengths of one.
+    fn shaped(
+        &self,
+        name: &'static str,
+        needed: &[usize],
+        of: &'static str,
+    ) -> Result<Option<&Array>, RecordingError> {
+        let Some(array) = self.get(name) else {
+            return Ok(None);
+        };
+        let long = |shape: &[usize]| -> Vec<usize> {
+            shape
+                .iter()
+                .copied()
+                .filter(|length| *length != 1)
+                .collect()
+        };
+        if long(&array.shape) != long(needed) {
+            return Err(RecordingError::ArrayShape {
+                array: name.to_owned(),
+                shape: array.shape.clone(),
+                needed: needed.to_vec(),
+                of,
+            });
+        }
+        Ok(Some(array))
+    }
+
+    /// Refuses arrays of bodies that are not of as many bodies.
+    fn check_bodies(&self, bodies: usize) -> Result<(), RecordingError> {
+        self.shaped(
+            "half_extents",
+            &[bodies, 3],
+            "three half extents of each body",
+        )?;
+        self.shaped("radius", &[bodies], "a radius of each body")?;
+        self.shaped("inertia", &[bodies, 3], "three moments of each body")?;
+        Ok(())
+    }
+
+    fn gravity(&self) -> Result<Option<Vec3>, RecordingError> {
+        let Some(array) = self.shaped("gravity", &[3], "x, y and z, m/s²")? else {
+            return Ok(None);
+        };
+        let most = f64::from(GRAVITY_MAX);
+        for number in &array.values {
+            in_range("gravity", *number, "numbers", -most..=most)?;
+        }
+        Ok(Some(DVec3::from_slice(&array.values).as_vec3()))
+    }
+
     /// Takes substeps and damping, as far as they are stated.
     ///
     /// # Errors
     ///
-    /// [`RecordingError::Row`] for a number beyond those of a scene.
+    /// [`RecordingError`] for more than one number, and for a number beyond those of a scene.
     fn engine(&self, recording: &mut Recording) -> Result<(), RecordingError> {
-        let scalar = |name: &'static str, range: std::ops::RangeInclusive<f64>| {
-            let stated = self.get(name).and_then(|array| array.values.first());
-            match stated {
-                Some(number) if !range.contains(number) => Err(out_of_range(name, name)),
-                stated => Ok(stated.copied()),
-            }
+        let scalar = |name: &'static str, kind, range: std::ops::RangeInclusive<f64>| {
+            let Some(array) = self.shaped(name, &[], "one number for all bodies")? else {
+                return Ok(None);
+            };
+            in_range(name, array.values[0], kind, range).map(Some)
         };
-        let substeps = scalar("substeps", 1.0..=f64::from(SUBSTEPS_MAX))?;
-        let substeps = substeps.and_then(|number| std::num::NonZeroU32::new(number as u32));
-        recording.integrator.substeps = substeps.unwrap_or(recording.integrator.substeps);
+        let whole = "a whole number";
+        let most = f64::from(SUBSTEPS_MAX);
+        if let Some(number) = scalar("substeps", whole, 1.0..=most)? {
+            let substeps = std::num::NonZeroU32::new(number as u32);
+            let substeps = substeps.filter(|_| number.fract() == 0.0);
+            let wrong = || out_of_range("substeps", number, whole, 1.0..=most);
+            recording.integrator.substeps = substeps.ok_or_else(wrong)?;
+        }
         let damping = 0.0..=f64::from(DAMPING_MAX);
-        if let Some(linear) = scalar("linear_damping", damping.clone())? {
+        if let Some(linear) = scalar("linear_damping", "a number", damping.clone())? {
             recording.damping.linear = linear as f32;
         }
-        if let Some(angular) = scalar("angular_damping", damping)? {
+        if let Some(angular) = scalar("angular_damping", "a number", damping)? {
             recording.damping.angular = angular as f32;
         }
         Ok(())
@@ -262,8 +348,8 @@ impl Arrays {
         if shape_of(rotation, 4)? != (frames, bodies) {
             return Err(other_shape(rotation.0, position.0));
         }
-        let linear = self.first(&["linear", "linear_velocity", "velocity"]);
-        let angular = self.first(&["angular", "angular_velocity"]);
+        let linear = self.first(&LINEAR);
+        let angular = self.first(&ANGULAR);
         let velocities = match linear.zip(angular) {
             None => None,
             Some((linear, angular)) => {
@@ -323,11 +409,15 @@ impl Arrays {
     /// The moment of each frame, nanoseconds since the first.
     fn times(&self, frames: usize) -> Result<Vec<i64>, RecordingError> {
         let Some((name, array)) = self.first(&TIMES) else {
-            let step = self
-                .first(&STEPS)
-                .and_then(|(_, array)| array.values.first());
-            let step = step.filter(|step| step.is_finite() && **step > 0.0);
-            let step = *step.ok_or_else(|| self.no_poses())?;
+            let (name, array) = self.first(&STEPS).ok_or_else(|| self.no_poses())?;
+            let step = match array.values.as_slice() {
+                [step] if step.is_finite() && *step > 0.0 => *step,
+                _ => {
+                    let array = name.to_owned();
+                    let needed = "one number of seconds above 0";
+                    return Err(RecordingError::Array { array, needed });
+                }
+            };
             let moment = |frame: usize| (frame as f64 * step * 1e9).round() as i64;
             return Ok((0..frames).map(moment).collect());
         };
@@ -356,35 +446,51 @@ impl Arrays {
         Ok(times)
     }
 
-    fn shape(&self, body: usize) -> Option<Shape> {
-        let numbers = |name: &'static str, count: usize| {
-            let values = &self.get(name)?.values;
-            values.get(count * body..count * (body + 1))
+    /// The shape of a body; the arrays have as many bodies as the poses.
+    fn shape(&self, body: usize) -> Result<Option<Shape>, RecordingError> {
+        let (name, shape) = match (self.get("half_extents"), self.get("radius")) {
+            (Some(array), _) => {
+                let half_extents = DVec3::from_slice(&array.values[3 * body..]).as_vec3();
+                ("half_extents", Shape::Cuboid { half_extents })
+            }
+            (None, Some(array)) => {
+                let radius = array.values[body] as f32;
+                ("radius", Shape::Ball { radius })
+            }
+            (None, None) => return Ok(None),
         };
-        let cuboid = numbers("half_extents", 3).map(|half| Shape::Cuboid {
-            half_extents: Vec3::new(half[0] as f32, half[1] as f32, half[2] as f32),
-        });
-        let ball = || {
-            let radius = numbers("radius", 1)?[0] as f32;
-            Some(Shape::Ball { radius })
-        };
-        cuboid.or_else(ball).filter(|shape| shape.check().is_ok())
+        shape.check().map_err(|invalid| RecordingError::ArrayBody {
+            array: name.to_owned(),
+            body,
+            cause: BodyDefect::Extents(Box::new(invalid)),
+        })?;
+        Ok(Some(shape))
     }
 
-    /// Moments about the axes of the body.
+    /// Moments about the axes of the body; the array has as many bodies as the poses.
     fn inertia(&self, body: usize) -> Result<Option<Inertia>, RecordingError> {
         let Some(array) = self.get("inertia") else {
             return Ok(None);
         };
-        let moments = array.values.get(3 * body..3 * (body + 1));
-        let moments = moments.map(|moments| [0, 1, 2].map(|axis| moments[axis] as f32));
-        let inertia = moments.and_then(|moments| Inertia::new(moments, Inertia::OWN_AXES).ok());
-        inertia.map(Some).ok_or_else(|| RecordingError::Row {
-            place: place("inertia", 0, body),
-            defect: RowDefect::OutOfRange {
-                of: "moment of inertia",
-            },
-        })
+        let wrong = |cause| RecordingError::ArrayBody {
+            array: "inertia".to_owned(),
+            body,
+            cause,
+        };
+        let moments = DVec3::from_slice(&array.values[3 * body..]);
+        let narrow = moments.as_vec3().to_array();
+        let inertia = Inertia::new(narrow, Inertia::OWN_AXES).map_err(|cause| {
+            wrong(BodyDefect::Moments {
+                moments: narrow,
+                cause,
+            })
+        })?;
+        // A thin disc has one that is the sum of the other two, within its rounding.
+        let most = moments.element_sum() - moments.max_element();
+        if 1000.0 * moments.max_element() > 1001.0 * most {
+            return Err(wrong(BodyDefect::Sums { moments: narrow }));
+        }
+        Ok(Some(inertia))
     }
 }
 
@@ -445,11 +551,32 @@ impl Columns<'_> {
     }
 }
 
-/// A number of an array that stands for the whole recording.
-fn out_of_range(array: &str, of: &'static str) -> RecordingError {
-    RecordingError::Row {
-        place: place(array, 0, 0),
-        defect: RowDefect::OutOfRange { of },
+/// A number of an array within a range.
+fn in_range(
+    array: &str,
+    number: f64,
+    kind: &'static str,
+    range: std::ops::RangeInclusive<f64>,
+) -> Result<f64, RecordingError> {
+    // NaN is in none.
+    if range.contains(&number) {
+        return Ok(number);
+    }
+    Err(out_of_range(array, number, kind, range))
+}
+
+fn out_of_range(
+    array: &str,
+    number: f64,
+    kind: &'static str,
+    range: std::ops::RangeInclusive<f64>,
+) -> RecordingError {
+    RecordingError::ArrayNumber {
+        array: array.to_owned(),
+        number,
+        kind,
+        least: *range.start(),
+        most: *range.end(),
     }
 }
 
@@ -651,6 +778,88 @@ pub(super) mod tests {
             let error = read(&members, &ReadOptions::default()).expect_err(name);
             assert!(error.to_string().contains(name), "{error}");
         }
+    }
+
+    /// An archive of a ball's ten poses, and another array.
+    fn with(name: &'static str, shape: &str, values: &[f64]) -> Result<Recording, RecordingError> {
+        let position = frames(10, |frame| vec![frame, 0.0, 0.0]);
+        let rotation = frames(10, |_| vec![0.0, 0.0, 0.0, 1.0]);
+        let members = [
+            ("timestep", written("()", &[0.01])),
+            ("position", written("(10, 1, 3)", &position)),
+            ("quat_xyzw", written("(10, 1, 4)", &rotation)),
+            (name, written(shape, values)),
+        ];
+        read(&members, &ReadOptions::default())
+    }
+
+    #[test]
+    fn an_array_that_does_not_fit_is_refused_with_what_is_needed() {
+        for (name, shape, values, needed) in [
+            (
+                "gravity",
+                "(2,)",
+                &[0.0, -9.8][..],
+                "(2,), and needs shape (3,)",
+            ),
+            (
+                "half_extents",
+                "(2, 3)",
+                &[1.0; 6],
+                "(2, 3), and needs shape (1, 3)",
+            ),
+            ("radius", "(2,)", &[1.0; 2], "(2,), and needs shape (1,)"),
+            ("inertia", "(2, 3)", &[1.0; 6], "needs shape (1, 3)"),
+            ("linear_damping", "(2,)", &[1.0; 2], "needs shape ()"),
+            ("half_extents", "(1, 3)", &[-1.0, 1.0, 1.0], "body 0"),
+            ("radius", "(1,)", &[f64::NAN], "body 0"),
+            (
+                "substeps",
+                "()",
+                &[2.5],
+                "2.5, and needs a whole number from 1 to 16",
+            ),
+            (
+                "inertia",
+                "(1, 3)",
+                &[1.0, 1.0, 5.0],
+                "the sum of the other two",
+            ),
+            ("inertia", "(1, 3)", &[1.0, 1.0, 0.0], "body 0"),
+        ] {
+            let error = with(name, shape, values).expect_err(name).to_string();
+            let has = |part: &str| error.contains(part);
+            assert!(has(&format!("array {name}")) && has(needed), "{error}");
+        }
+        for (name, shape, values) in [
+            ("gravity", "(1, 3)", &[0.0, -9.8, 0.0][..]),
+            ("half_extents", "(3,)", &[1.0; 3]),
+            ("radius", "()", &[1.0]),
+            ("inertia", "(3,)", &[1.0, 1.0, 2.0]),
+            ("substeps", "(1,)", &[2.0]),
+        ] {
+            assert!(with(name, shape, values).is_ok(), "{name}");
+        }
+    }
+
+    #[test]
+    fn velocities_of_one_kind_and_unknown_arrays_are_noted() {
+        let notes = |name| {
+            let recording = with(name, "(10, 1, 3)", &[0.0; 30]).expect("sound");
+            recording.notes.join("\n")
+        };
+        let linear = notes("linear");
+        assert!(
+            linear.contains("linear without angular, so all"),
+            "{linear}"
+        );
+        let angular = notes("angular_velocity");
+        assert!(
+            angular.contains("angular_velocity without linear"),
+            "{angular}"
+        );
+        let misspelt = notes("linear_vel");
+        assert!(misspelt.contains("not read: linear_vel"), "{misspelt}");
     }
 
     #[test]

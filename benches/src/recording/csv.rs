@@ -14,7 +14,7 @@ use super::recorded::Recording;
 
 /// Columns that a file must have, unless they have a default.
 const COLUMNS: [&str; 9] = ["time", "body", "x", "y", "z", "qx", "qy", "qz", "qw"];
-/// Columns of velocities, world axes: all of them or none.
+/// Columns of velocities, world axes: all of them, or they are not used.
 const VELOCITIES: [&str; 6] = ["vx", "vy", "vz", "wx", "wy", "wz"];
 /// The body of a file without names.
 const ONLY_BODY: &str = "body";
@@ -27,6 +27,8 @@ pub(super) fn read(
     text: &str,
     options: &ReadOptions,
 ) -> Result<Recording, RecordingError> {
+    // Spreadsheets begin their files with a byte order mark.
+    let text = text.trim_start_matches('\u{feff}');
     // The header of some files is a comment: EuRoC's begins with `#timestamp`.
     let is_names = |line: &str| {
         let names = line.trim_start_matches('#').trim();
@@ -45,7 +47,10 @@ pub(super) fn read(
     let separator = Separator::of(first);
     let fields: Vec<&str> = separator.split(first).collect();
     let layout = match Layout::of_header(number, &fields) {
-        Ok(layout) => layout,
+        Ok(layout) => {
+            poses.part_of_velocities = part_of_velocities(&fields);
+            layout
+        }
         Err(error) => {
             // A first row of numbers needs no header.
             let mut layout = Layout::of_numbers(&fields).ok_or(error)?;
@@ -260,6 +265,24 @@ impl Layout {
     }
 }
 
+/// The velocities of a header that has some of their columns.
+fn part_of_velocities(fields: &[&str]) -> Option<String> {
+    let names: Vec<String> = fields
+        .iter()
+        .map(|field| column(field.trim_matches('"')))
+        .collect();
+    let is_there = |column: &&str| names.iter().any(|name| name == column);
+    let (found, missing): (Vec<&str>, Vec<&str>) = VELOCITIES.into_iter().partition(is_there);
+    let is_part = !found.is_empty() && !missing.is_empty();
+    is_part.then(|| {
+        format!(
+            "the columns {} without {}",
+            found.join(", "),
+            missing.join(", ")
+        )
+    })
+}
+
 /// The usual name of a column: without its unit, and without the prefixes of EuRoC's and others' files.
 fn column(name: &str) -> String {
     let name = name.to_ascii_lowercase();
@@ -348,6 +371,33 @@ mod tests {
             (motion.position()[0], motion.rotation()),
             (0.5, [0.0, 0.0, 0.0, 1.0])
         );
+    }
+
+    #[test]
+    fn a_byte_order_mark_is_no_part_of_the_first_name() {
+        let rows = "0,1,2,3,0,0,0,1\n0.1,1,2,4,0,0,0,1\n0.2,1,2,5,0,0,0,1\n";
+        for text in [
+            format!("\u{feff}time,x,y,z,qx,qy,qz,qw\n{rows}"),
+            format!("\u{feff}# time,x,y,z,qx,qy,qz,qw\n{rows}"),
+            format!("\u{feff}{rows}"),
+        ] {
+            let bytes = text.as_bytes();
+            let read = crate::recording::read_bytes("rows", bytes, &ReadOptions::default());
+            assert_eq!(read.expect("sound").ticks(), 2, "{text}");
+        }
+    }
+
+    #[test]
+    fn velocities_in_part_are_fitted_and_a_note_names_what_is_missing() {
+        let text = "time,x,y,z,qx,qy,qz,qw,vx,vy,vz\n\
+                    0,1,2,3,0,0,0,1,9,9,9\n0.1,1,2,4,0,0,0,1,9,9,9\n0.2,1,2,5,0,0,0,1,9,9,9\n";
+        let recording = read("rows", text, &ReadOptions::default()).expect("sound");
+        let notes = recording.notes.join("\n");
+        let part = "the columns vx, vy, vz without wx, wy, wz";
+        assert!(notes.contains(part), "{notes}");
+        assert!(!notes.contains("--gravity), velocities"), "{notes}");
+        let motion = recording.truth.placed[0].observation.motion.motion();
+        assert!(motion.twist().linear.x.abs() < 1e-6, "it is not the file's");
     }
 
     #[test]

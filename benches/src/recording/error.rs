@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use rhumb_protocol::limits::BODIES_MAX;
 use rhumb_protocol::scene::Invalid;
-use rhumb_reckoning::Tick;
+use rhumb_reckoning::{InvalidInertia, Tick};
 use rhumb_trace::ContentsError;
 
 use super::npy::NpyError;
@@ -169,6 +169,39 @@ pub enum RecordingError {
         /// The values that are allowed.
         needed: &'static str,
     },
+    /// An array has another shape than the recording's bodies and frames need.
+    ArrayShape {
+        /// Its name.
+        array: String,
+        /// Its shape.
+        shape: Vec<usize>,
+        /// The shape that is needed.
+        needed: Vec<usize>,
+        /// The meaning of that shape.
+        of: &'static str,
+    },
+    /// A number of an array is out of its range.
+    ArrayNumber {
+        /// The array.
+        array: String,
+        /// The number.
+        number: f64,
+        /// The numbers that are allowed: whole ones, say.
+        kind: &'static str,
+        /// Least of them.
+        least: f64,
+        /// Greatest of them.
+        most: f64,
+    },
+    /// The numbers of an array are those of no solid.
+    ArrayBody {
+        /// The array.
+        array: String,
+        /// The body, counted from zero.
+        body: usize,
+        /// The defect.
+        cause: BodyDefect,
+    },
     /// An array does not fit another.
     OtherShape {
         /// Its name.
@@ -246,6 +279,25 @@ pub enum Place {
     },
 }
 
+/// The reason why no solid has these numbers.
+#[derive(Clone, Debug, PartialEq)]
+pub enum BodyDefect {
+    /// The extents are those of no shape.
+    Extents(Box<Invalid>),
+    /// The moments of inertia are out of range.
+    Moments {
+        /// The moments.
+        moments: [f32; 3],
+        /// The rule.
+        cause: InvalidInertia,
+    },
+    /// A moment of inertia exceeds the sum of the other two.
+    Sums {
+        /// The moments.
+        moments: [f32; 3],
+    },
+}
+
 /// An error of a row or a pose.
 #[derive(Clone, Debug, PartialEq)]
 pub enum RowDefect {
@@ -308,6 +360,37 @@ impl fmt::Display for Place {
             Self::Message { topic, log_ns } => {
                 write!(f, "the message of {topic} at {} s", *log_ns as f64 / 1e9)
             }
+        }
+    }
+}
+
+/// A shape as NumPy writes it.
+struct Tuple<'a>(&'a [usize]);
+
+impl fmt::Display for Tuple<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0 {
+            [length] => write!(f, "({length},)"),
+            lengths => {
+                let lengths: Vec<String> = lengths.iter().map(usize::to_string).collect();
+                write!(f, "({})", lengths.join(", "))
+            }
+        }
+    }
+}
+
+impl fmt::Display for BodyDefect {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Extents(cause) => write!(f, "{cause}"),
+            Self::Moments { moments, cause } => write!(
+                f,
+                "the moments of inertia are {moments:?}: {cause}; leave inertia out to have those of the shape"
+            ),
+            Self::Sums { moments } => write!(
+                f,
+                "the moments of inertia are {moments:?}, and no moment of a solid exceeds the sum of the other two; leave inertia out to have those of the shape"
+            ),
         }
     }
 }
@@ -431,6 +514,30 @@ impl RecordingError {
             }
             Self::Npy(cause) => write!(f, "{cause}"),
             Self::Array { array, needed } => write!(f, "array {array} has to be {needed}"),
+            Self::ArrayShape {
+                array,
+                shape,
+                needed,
+                of,
+            } => write!(
+                f,
+                "array {array} has shape {}, and needs shape {}: {of}",
+                Tuple(shape),
+                Tuple(needed)
+            ),
+            Self::ArrayNumber {
+                array,
+                number,
+                kind,
+                least,
+                most,
+            } => write!(
+                f,
+                "array {array} has {number}, and needs {kind} from {least} to {most}"
+            ),
+            Self::ArrayBody { array, body, cause } => {
+                write!(f, "array {array}, body {body}: {cause}")
+            }
             Self::OtherShape { array, beside } => {
                 write!(
                     f,
@@ -498,6 +605,9 @@ impl RecordingError {
             | Self::Bodies { .. }
             | Self::Npy(_)
             | Self::Array { .. }
+            | Self::ArrayShape { .. }
+            | Self::ArrayNumber { .. }
+            | Self::ArrayBody { .. }
             | Self::OtherShape { .. }
             | Self::Arrays { .. }
             | Self::QuaternionOrder { .. }

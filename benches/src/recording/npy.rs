@@ -1,6 +1,6 @@
 //! Arrays of NumPy: one `.npy` file, or the members of an `.npz`.
 //!
-//! Numbers become 64 bits wide. A claimed size never makes memory grow beyond the bytes that are there. The header is read
+//! Numbers become 64 bits wide, those of 16 bits too. A claimed size never makes memory grow beyond the bytes that are there. The header is read
 //! here: the library that would read it multiplies a claimed shape unchecked, and brings two dozen crates.
 
 use std::collections::BTreeMap;
@@ -61,7 +61,7 @@ impl fmt::Display for NpyError {
             Self::Header { array, defect } => write!(f, "array {array}: {defect}"),
             Self::Type { array, descr } => write!(
                 f,
-                "array {array} has elements of type {descr}; read are f4, f8, and whole numbers"
+                "array {array} has elements of type {descr}; read are f2, f4, f8 (float16, float32, float64) and whole numbers: convert it by astype(\"f8\")"
             ),
             Self::Length {
                 array,
@@ -82,14 +82,14 @@ impl std::error::Error for NpyError {}
 pub(super) struct Array {
     pub(super) shape: Vec<usize>,
     pub(super) values: Vec<f64>,
-    /// True for elements of 32 bits with a point.
+    /// True for elements of 32 or 16 bits with a point.
     pub(super) is_single: bool,
 }
 
 /// The arrays of an archive.
 #[derive(Debug, Default)]
 pub(super) struct Archive {
-    /// Those of numbers that were wanted, by name.
+    /// Those that were wanted, by name.
     pub(super) arrays: BTreeMap<String, Array>,
     /// The names of all.
     pub(super) names: Vec<String>,
@@ -135,17 +135,11 @@ fn read_within(bytes: &[u8], wanted: &[&str], most: u64) -> Result<Archive, NpyE
         if member.len() as u64 > left {
             return Err(NpyError::TooLarge);
         }
-        match read_narrow(&name, &member) {
-            Ok(narrow) => {
-                // As it is kept, not as it is packed.
-                let wide = narrow.wide_bytes();
-                left = left.checked_sub(wide).ok_or(NpyError::TooLarge)?;
-                found.arrays.insert(name, narrow.widened());
-            }
-            // Names of bodies, say.
-            Err(NpyError::Type { .. }) => {}
-            Err(error) => return Err(error),
-        }
+        let narrow = read_narrow(&name, &member)?;
+        // As it is kept, not as it is packed.
+        let wide = narrow.wide_bytes();
+        left = left.checked_sub(wide).ok_or(NpyError::TooLarge)?;
+        found.arrays.insert(name, narrow.widened());
     }
     Ok(found)
 }
@@ -180,7 +174,7 @@ impl Narrow<'_> {
         Array {
             shape: self.shape,
             values,
-            is_single: self.element.kind == b'f' && self.element.bytes == 4,
+            is_single: self.element.kind == b'f' && self.element.bytes <= 4,
         }
     }
 }
@@ -270,6 +264,7 @@ impl Element {
             _ => return None,
         };
         let bytes = match (kind, size) {
+            (b'f', b'2') => 2,
             (b'f', b'4') => 4,
             (b'f', b'8') => 8,
             (b'i' | b'u', b'1' | b'2' | b'4' | b'8') => usize::from(size - b'0'),
@@ -292,12 +287,25 @@ impl Element {
         // Moves the sign of a narrow number to the top and back.
         let spare = 64 - 8 * bytes.len() as u32;
         match (self.kind, bytes.len()) {
+            (b'f', 2) => half(whole as u16),
             (b'f', 4) => f64::from(f32::from_bits(whole as u32)),
             (b'f', _) => f64::from_bits(whole),
             (b'u', _) => whole as f64,
             _ => ((whole << spare).cast_signed() >> spare) as f64,
         }
     }
+}
+
+/// The value of a number of 16 bits with a point. Source: IEEE 754-2019, binary16.
+fn half(bits: u16) -> f64 {
+    let fraction = f64::from(bits & 0x3ff) / 1_024.0;
+    let size = match (bits >> 10) & 0x1f {
+        0 => fraction * 2_f64.powi(-14),
+        31 if fraction == 0.0 => f64::INFINITY,
+        31 => f64::NAN,
+        exponent => (1.0 + fraction) * 2_f64.powi(i32::from(exponent) - 15),
+    };
+    if bits >> 15 == 1 { -size } else { size }
 }
 
 /// Values in the order of C, of those in the order of Fortran.
@@ -355,6 +363,44 @@ pub(super) mod tests {
             Element::of(">i2").expect("known").value(&[0xff, 0xfe]),
             -2.0
         );
+    }
+
+    #[test]
+    fn numbers_of_16_bits_are_read_and_other_types_of_a_known_array_are_named() {
+        let of_type = |descr: &str, data: &[u8]| {
+            let header =
+                format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': (1,), }}\n");
+            let length = (header.len() as u16).to_le_bytes();
+            [MAGIC, &[1, 0], &length, header.as_bytes(), data].concat()
+        };
+        for (bits, value) in [
+            (0x3c00, 1.0),
+            (0xc000, -2.0),
+            (0x7bff, 65_504.0),
+            (0x0001, 2_f64.powi(-24)),
+            (0x3555, 0.333_251_953_125),
+            (0x7c00, f64::INFINITY),
+        ] {
+            let bytes = u16::to_le_bytes(bits);
+            let array = read("a", &of_type("<f2", &bytes)).expect("it is known");
+            assert_eq!(
+                (array.values.as_slice(), array.is_single),
+                (&[value][..], true)
+            );
+        }
+        let nan = read("a", &of_type(">f2", &[0x7e, 0x00])).expect("it is known");
+        assert!(nan.values[0].is_nan());
+        let members = [("time", of_type("<c8", &[0; 8]))];
+        let packed = crate::recording::arrays::tests::archive(&members);
+        let error = read_archive(&packed, &["time"])
+            .expect_err("complex")
+            .to_string();
+        assert!(
+            error.contains("array time") && error.contains("<c8"),
+            "{error}"
+        );
+        assert!(error.contains("float16"), "{error}");
+        assert!(read_archive(&packed, &["t"]).is_ok());
     }
 
     #[test]

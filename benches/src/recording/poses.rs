@@ -38,6 +38,10 @@ pub(super) struct TimedPoses {
     pub(super) removals: Vec<(i64, usize)>,
     /// True if a body stays until it is removed, whatever its poses.
     pub(super) persist: bool,
+    /// Sentences on what the file has and the recording has not.
+    pub(super) left_out: Vec<String>,
+    /// The velocities that the file has in part only, so that they are not used.
+    pub(super) part_of_velocities: Option<String>,
     numbers: BTreeMap<String, usize>,
 }
 
@@ -447,9 +451,14 @@ impl TimedPoses {
         if options.gravity.is_none() {
             taken.push("no gravity (--gravity)");
         }
-        if !has_velocities {
-            taken.push("velocities fitted to the poses");
+        match &self.part_of_velocities {
+            Some(part) => notes.push(format!(
+                "the file has {part}, so all velocities are fitted to the poses"
+            )),
+            None if !has_velocities => taken.push("velocities fitted to the poses"),
+            None => {}
         }
+        notes.extend(self.left_out.iter().cloned());
         if !taken.is_empty() {
             notes.push(format!(
                 "the file does not say it, so this is taken: {}",
