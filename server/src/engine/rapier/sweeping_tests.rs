@@ -1,5 +1,7 @@
 //! Fast bodies meet, sensors see them, and platforms carry.
 
+use core::f32::consts::PI;
+
 use glam::{Quat, Vec3};
 use rapier3d::prelude::{
     ActiveEvents, ChannelEventCollector, ColliderBuilder, CollisionEvent, PhysicsWorld,
@@ -350,7 +352,7 @@ fn a_bat_that_turns_hits_a_swept_ball() {
             world.step();
         }
         world.set_velocity(bat, Vec3::ZERO, Vec3::Z * spin);
-        for _ in 0..(60.0 * 3.14 / spin) as u32 + 3 {
+        for _ in 0..(60.0 * PI / spin) as u32 + 3 {
             world.step();
         }
         assert!(world.velocity(ball).length() > 0.1, "{spin} rad/s");
