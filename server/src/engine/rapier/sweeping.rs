@@ -33,6 +33,8 @@ struct Plan {
     /// Swept bodies on the way of fast ones. Rapier would sweep them against the places where those end, which may be
     /// in front of them.
     own: BTreeSet<BodyId>,
+    /// Bodies that are met in their sleep: Rapier would wake them a step too late.
+    woken: Vec<RigidBodyHandle>,
 }
 
 /// A body on its way through a step.
@@ -70,6 +72,11 @@ impl RapierEngine {
             self.lead(&ways, 1.0);
             let plan = self.plan(left);
             self.sweep_others(&plan.own);
+            for handle in plan.woken {
+                if let Some(body) = self.world.bodies.get_mut(handle) {
+                    body.wake_up(true);
+                }
+            }
             let share = plan.share.filter(|_| number < PARTS_MAX);
             let part = share.map_or(left, |share| left * share);
             let way = share.map_or(1.0, |_| 1.0 - (left - part) / whole);
@@ -154,6 +161,9 @@ impl RapierEngine {
             for other in all.filter(|other| may_meet(other)) {
                 let most = plan.share.unwrap_or(1.0);
                 let met = self.meeting(mover, other, most, in_reach);
+                if met.is_some() && other.body.is_sleeping() {
+                    plan.woken.push(other.handle);
+                }
                 plan.share = met.filter(|share| *share < most).or(plan.share);
             }
         }

@@ -13,6 +13,8 @@ use crate::engine::interface::{BodyProperties, Engine};
 pub(super) struct TestWorld {
     pub(super) engine: RapierEngine,
     pub(super) material: Material,
+    /// Of the bodies that are added.
+    pub(super) sleep: Sleep,
     count: u32,
     joints: u32,
 }
@@ -31,6 +33,7 @@ impl TestWorld {
                 restitution: 0.0,
                 density: 1_000.0,
             },
+            sleep: Sleep::Never,
             count: 0,
             joints: 0,
         }
@@ -55,7 +58,7 @@ impl TestWorld {
             desc,
             material: self.material,
             damping: Damping::default(),
-            sleep: Sleep::Never,
+            sleep: self.sleep,
         };
         let rotation = Quat::IDENTITY.to_array();
         let state = BodyState::new(at.to_array(), rotation, [0.0; 3], [0.0; 3]);
