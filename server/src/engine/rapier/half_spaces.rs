@@ -12,8 +12,9 @@ use rhumb_reckoning::BodyId;
 
 use super::RapierEngine;
 
-/// Share of its thickness that a body has to go in a step to be fast: a slower one meets the half-space as a contact.
-const SLOW_SHARE: f32 = 0.25;
+/// Share of its thickness that a body has to go in a step to be fast, as for Rapier's own sweep: a slower one meets the
+/// half-space as a contact, and its middle stays outside.
+const SLOW_SHARE: f32 = 0.5;
 /// Halvings of the way to the place where a body comes in: to a thousandth of a way of a step.
 const HALVINGS: usize = 10;
 

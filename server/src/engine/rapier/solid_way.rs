@@ -33,6 +33,13 @@ impl<'a> SolidWay<'a> {
         }
     }
 
+    /// The longest way of one of its points by its turn alone, or more, metres.
+    fn way_of_turn(&self) -> f32 {
+        let ball = self.shape.compute_local_bounding_sphere();
+        let radius = ball.radius() + ball.center().distance(self.centre);
+        self.start.rotation.angle_between(self.end.rotation) * radius
+    }
+
     /// The share of the way after which two solids are within half of `in_reach`; `None` if they are not before `most`.
     /// It may be negative for two that begin there.
     pub(super) fn meets(&self, other: &SolidWay<'_>, most: f32, in_reach: f32) -> Option<f32> {
@@ -49,7 +56,8 @@ impl<'a> SolidWay<'a> {
             }
             // At this fraction they overlap by the slop; the contact begins while they are still apart.
             let way = (sweep.c2 - sweep.c1) - (other_sweep.c2 - other_sweep.c1);
-            return Some(met.fraction - (slop + in_reach * 0.5) / way.length());
+            let way = way.length() + self.way_of_turn() + other.way_of_turn();
+            return Some(met.fraction - (slop + in_reach * 0.5) / way);
         }
         let options = ShapeCastOptions {
             max_time_of_impact: most,

@@ -150,7 +150,9 @@ impl RapierEngine {
                     && mover.around.intersects(&other.around)
                     && !self.are_apart(mover.handle, other.handle)
             };
-            if !mover.is_swept || !movers.iter().any(may_meet) {
+            // Rapier sweeps dynamic bodies against slow ones itself, and no kinematic body.
+            let sweeps = mover.body.is_kinematic() || movers.iter().any(may_meet);
+            if !mover.is_swept || !sweeps {
                 continue;
             }
             plan.own.insert(translate::id(mover.body));
@@ -247,7 +249,8 @@ impl RapierEngine {
         // A corner is farther out in the middle of a turn than at its ends.
         let bulge = 1.0 - (mover.turn() * 0.5).min(FRAC_PI_2).cos();
         let radius = mover.around.half_extents().length();
-        mover.around = mover.around.loosened(bulge * radius);
+        // Of a half-space, the product is no number.
+        mover.around = mover.around.loosened((bulge * radius).max(0.0));
         Some((mover, thickness))
     }
 
