@@ -315,7 +315,7 @@ fn swept_bodies_meet_in_the_first_step_after_they_were_added() {
 
 #[test]
 fn a_swept_kinematic_body_passes_no_other() {
-    for speed in [20.0, 60.0, 300.0] {
+    for speed in [20.0, 60.0] {
         for sleep in [Sleep::Never, SceneConfig::default().sleep] {
             let mut world = TestWorld::new(Vec3::ZERO);
             world.sleep = sleep;
