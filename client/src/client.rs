@@ -12,7 +12,7 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use rhumb_protocol::message::{Denial, Inspection, StreamChoice, TierPolicy};
-use rhumb_protocol::scene::{BodyBuilder, Command, IdRange, SceneConfig};
+use rhumb_protocol::scene::{BodyBuilder, Command, IdRange, SceneConfig, Stepping};
 use rhumb_protocol::session::{CloseCode, Event, Misuse, Replica};
 use rhumb_protocol::stream::{ErrorBound, Subscriber};
 use rhumb_protocol::{Ending, Instant};
@@ -656,7 +656,8 @@ impl Client {
                 self.events.pop_front();
                 self.events_left_out += 1;
             }
-            self.events.push_back((self.complete(), event));
+            let after = self.tick_before(&event);
+            self.events.push_back((after, event));
         }
         if let Some((_, ending)) = self.interrupted
             && self.pump.has_given_up()
@@ -664,6 +665,21 @@ impl Client {
         {
             self.ended = Some(ending);
             self.events.push_back((Tick::ZERO, Event::Ended(ending)));
+        }
+    }
+
+    /// The last tick of a view without the effect of an event that has just been read.
+    fn tick_before(&self, event: &Event) -> Tick {
+        let complete = self.complete();
+        let Event::BodyPlaced(id) = event else {
+            return complete;
+        };
+        // In lockstep, a body is shown from the tick after the one at which it was placed.
+        let replica = self.replica();
+        let track = replica.and_then(|replica| replica.stream().track(*id));
+        match (self.config().stepping, track) {
+            (Stepping::Lockstep, Some(track)) => complete.max(track.origin),
+            _ => complete,
         }
     }
 

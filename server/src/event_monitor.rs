@@ -81,7 +81,7 @@ impl Wire for EventMonitor {
 pub struct StepEvents {
     /// All but the forces, in the order of their kinds, and each kind in the order of ids.
     pub events: Vec<BodyEvent>,
-    /// The forces of contacts, in the order of ids. Each tells what the one before it told of another tick, so that those
+    /// The forces of contacts, in the order of ids. Each tells the same as the one before it, of another tick, so that those
     /// for which a tick has no room are not missed: the next ticks have their turn.
     pub forces: Vec<BodyEvent>,
     /// Number of further events, forces not counted.

@@ -263,7 +263,7 @@ mod tests {
         let scene: SceneName = "team/5".parse().unwrap();
         let worker = &dispatcher.workers[&dispatcher.by_scene[&scene]];
         assert!(worker.creators.is_empty());
-        // A name counts while one is connected that may create it, whoever else is.
+        // A name counts while one is connected that may create it, and for no observer.
         open(&mut dispatcher, "observer", "team/4");
         dispatcher.handle_ended(Instant::ZERO, Peer(5), Ending::TimedOut);
         assert_eq!(left(&dispatcher), Some(1));

@@ -416,19 +416,67 @@ fn note(other: &BTreeMap<String, Value>, of: &str, place: &Place, report: &mut R
     }
 }
 
+/// A rule that a part of a file breaks.
+fn senseless(name: &str, rule: &'static str) -> Problem {
+    Problem::Senseless {
+        name: name.to_owned(),
+        rule,
+    }
+}
+
 impl SceneFileBody {
     fn load(&self, name: &str, options: &LoadOptions) -> Result<LoadedBody, Problem> {
         let refused = |invalid| Problem::Refused {
             name: name.to_owned(),
             invalid: Box::new(invalid),
         };
-        let senseless = |rule| Problem::Senseless {
-            name: name.to_owned(),
-            rule,
+        // A zero that is moved by nothing would lose its sign.
+        let is_turned = options.rotation != Quat::IDENTITY;
+        let turned = |at: [f32; 3]| match (is_turned, Vec3::from_array(at)) {
+            (true, at) => options.rotation * at,
+            (false, at) => at,
         };
+        let place = |at: [f32; 3]| match options.position == Vec3::ZERO {
+            true => turned(at),
+            false => options.position + turned(at),
+        };
+        let builder = BodyBuilder::of(self.desc(name)?, self.shape.load().map_err(refused)?);
+        let rotation = match is_turned {
+            true => options.rotation * Quat::from_array(self.rotation),
+            false => Quat::from_array(self.rotation),
+        };
+        let builder = builder.position(place(self.position)).rotation(rotation);
+        let builder = builder.linear_velocity(turned(self.linear));
+        let builder = builder.angular_velocity(turned(self.angular));
+        builder.check().map_err(refused)?;
+        if self.dynamic && !builder.shape().is_solid() {
+            return Err(senseless(
+                name,
+                "dynamic is true, and its shape has no volume: mesh, heights, half_space and a compound with one of them \
+                 are for bodies with \"dynamic\": false; the hull of the points of a mesh has volume",
+            ));
+        }
+        if let Some(centre) = builder.off_centre() {
+            return Err(Problem::OffCentre {
+                name: name.to_owned(),
+                centre: centre.to_array(),
+            });
+        }
+        Ok(LoadedBody {
+            name: self.name.clone(),
+            builder,
+            tick: self.tick,
+            frame_position: Vec3::ZERO,
+            frame_rotation: Quat::IDENTITY,
+        })
+    }
+
+    /// All but its shape and motion.
+    fn desc(&self, name: &str) -> Result<BodyDesc, Problem> {
         let kind = match (self.kinematic, self.dynamic) {
             (true, true) => {
                 return Err(senseless(
+                    name,
                     "dynamic and kinematic are both true: the engine or a member moves a body, so leave one out",
                 ));
             }
@@ -454,51 +502,14 @@ impl SceneFileBody {
             desc.groups = CollisionGroups { members, touches };
         }
         desc.locked = LockedAxes::new(self.locked_axes)
-            .ok_or_else(|| senseless("locked_axes are bits 0 to 5: 63 at most"))?;
+            .ok_or_else(|| senseless(name, "locked_axes are bits 0 to 5: 63 at most"))?;
         desc.tolerance_scale = ToleranceScale::new(self.tolerance_exponent)
-            .ok_or_else(|| senseless("tolerance_exponent is -3 to 3"))?;
+            .ok_or_else(|| senseless(name, "tolerance_exponent is -3 to 3"))?;
         desc.dominance = self.dominance;
         (desc.sensor, desc.swept) = (self.sensor, self.swept);
         (desc.gyroscopic, desc.enabled) = (self.gyroscopic, self.enabled);
         desc.sleep = self.sleep.map(SceneFileSleep::load);
-        // A zero that is moved by nothing would lose its sign.
-        let is_turned = options.rotation != Quat::IDENTITY;
-        let turned = |at: [f32; 3]| match (is_turned, Vec3::from_array(at)) {
-            (true, at) => options.rotation * at,
-            (false, at) => at,
-        };
-        let place = |at: [f32; 3]| match options.position == Vec3::ZERO {
-            true => turned(at),
-            false => options.position + turned(at),
-        };
-        let builder = BodyBuilder::of(desc, self.shape.load().map_err(refused)?);
-        let rotation = match is_turned {
-            true => options.rotation * Quat::from_array(self.rotation),
-            false => Quat::from_array(self.rotation),
-        };
-        let builder = builder.position(place(self.position)).rotation(rotation);
-        let builder = builder.linear_velocity(turned(self.linear));
-        let builder = builder.angular_velocity(turned(self.angular));
-        builder.check().map_err(refused)?;
-        if self.dynamic && !builder.shape().is_solid() {
-            return Err(senseless(
-                "dynamic is true, and its shape has no volume: mesh, heights, half_space and a compound with one of them \
-                 are for bodies with \"dynamic\": false; the hull of the points of a mesh has volume",
-            ));
-        }
-        if let Some(centre) = builder.off_centre() {
-            return Err(Problem::OffCentre {
-                name: name.to_owned(),
-                centre: centre.to_array(),
-            });
-        }
-        Ok(LoadedBody {
-            name: self.name.clone(),
-            builder,
-            tick: self.tick,
-            frame_position: Vec3::ZERO,
-            frame_rotation: Quat::IDENTITY,
-        })
+        Ok(desc)
     }
 
     fn of(body: &LoadedBody) -> Self {

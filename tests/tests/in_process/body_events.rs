@@ -364,7 +364,7 @@ fn forces_beyond_the_bound_take_turns_and_end_no_set_of_pairs() {
         .filter(|event| matches!(event, Event::EventsMissed { .. }));
     assert_eq!(missed.count(), 1, "only the first tick has too many");
     assert_eq!(pairs(&events).len() as u32, BOXES);
-    let told: BTreeMap<_, _> = events
+    let latest: BTreeMap<_, _> = events
         .iter()
         .filter_map(|event| match event {
             Event::Body {
@@ -374,8 +374,11 @@ fn forces_beyond_the_bound_take_turns_and_end_no_set_of_pairs() {
             _ => None,
         })
         .collect();
-    assert_eq!(told.len() as u32, BOXES);
-    assert!(told.values().all(|tick| *tick >= Tick::new(7)), "{told:?}");
+    assert_eq!(latest.len() as u32, BOXES);
+    assert!(
+        latest.values().all(|tick| *tick >= Tick::new(7)),
+        "{latest:?}"
+    );
 }
 
 /// A sensor that sleeps sees what comes, and a body that sleeps reports a sensor that comes.

@@ -210,7 +210,7 @@ struct HeldEvents {
     count: usize,
     /// Events that were dropped here and not yet counted for the application.
     dropped: u64,
-    /// The newest restoration among what was dropped, not yet told.
+    /// The newest restoration among what was dropped, unreported so far.
     restored: Option<Tick>,
     /// What began and has not ended, by the events before the waiting ones.
     standing: StandingEvents,
@@ -294,7 +294,7 @@ impl HeldEvents {
 #[derive(Debug, Default)]
 struct StandingEvents {
     pairs: BTreeMap<(u8, BodyId, BodyId), BodyEvent>,
-    /// Pairs that began and found no place, since all were told.
+    /// Pairs that began and found no place, since all were reported.
     untold: u64,
 }
 
@@ -478,7 +478,7 @@ mod tests {
     }
 
     #[test]
-    fn a_restoration_is_told_after_the_events_before_it_and_nothing_stands_then() {
+    fn a_restoration_comes_after_the_events_before_it_and_nothing_stands_then() {
         let mut held = HeldEvents::default();
         held.push(all(1, alloc::vec![entered(1)]));
         held.push(all(5, alloc::vec![entered(2)]));
@@ -494,13 +494,13 @@ mod tests {
             released(&mut held, 5),
             [body(5, entered(2)), restored.clone()]
         );
-        // What stood before is not told again, also where later events are dropped.
+        // What stood before does not come again, also where later events are dropped.
         held.push(at(7, 0, EVENTS_HELD_MAX));
         let events = released(&mut held, 7);
         assert!(matches!(events[0], Event::EventsMissed { count: 1, .. }));
         assert_eq!(events[1], body(7, entered(3)));
         assert_eq!(events.len(), 2 + EVENTS_HELD_MAX);
-        // With nothing before it, a restoration is told at once; also if what was before it was dropped.
+        // With nothing before it, a restoration comes at once; also if what was before it was dropped.
         held.push(Held::Restored(Tick::new(8)));
         assert_eq!(released(&mut held, 7), [Event::SceneRestored(Tick::new(8))]);
         held.push(all(9, alloc::vec![entered(4)]));
