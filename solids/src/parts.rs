@@ -106,13 +106,16 @@ pub fn simple_part(shape: &Shape, at: Pose) -> Option<SolidPart> {
 /// Cells of a height field along one axis, as the library has them: it counts posts in shares of the whole field, which are
 /// exact for a power of two alone. By others a body that falls exactly onto a line of posts finds neither of the triangles
 /// there, if the edges are smooth (parry3d 0.31.1).
-const fn whole_cells(posts: u32) -> u32 {
-    (posts - 1).next_power_of_two()
+const fn whole_cells(posts: u32, edges: Edges) -> u32 {
+    match edges {
+        Edges::Plain => posts - 1,
+        Edges::Smooth => (posts - 1).next_power_of_two(),
+    }
 }
 
 /// Centre of a height field and of the cells beyond it: the origin of the library's coordinates.
 fn middle(heights: &Heights) -> Pose {
-    let half = |posts: u32, spacing| whole_cells(posts) as f32 * spacing * 0.5;
+    let half = |posts, spacing| whole_cells(posts, heights.edges()) as f32 * spacing * 0.5;
     let x = half(heights.rows(), heights.row_spacing());
     let z = half(heights.columns(), heights.column_spacing());
     pose(Vec3::new(x, 0.0, z), Quat::IDENTITY)
@@ -120,7 +123,8 @@ fn middle(heights: &Heights) -> Pose {
 
 fn ground(heights: &Heights) -> Option<SharedShape> {
     let (rows, columns) = (heights.rows() as usize, heights.columns() as usize);
-    let cells = [heights.rows(), heights.columns()].map(whole_cells);
+    let cells =
+        [heights.rows(), heights.columns()].map(|posts| whole_cells(posts, heights.edges()));
     let scale = Vec3::new(
         cells[0] as f32 * heights.row_spacing(),
         1.0,
