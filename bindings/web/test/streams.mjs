@@ -43,7 +43,7 @@ function differences({ events }, count) {
 }
 
 // Of the vectors: a tick before which bodies come or go is not shown yet.
-const WITHOUT_POSES_MAX = 20;
+const WITHOUT_POSES_MAX = 89;
 const count = { states: 0, poses: 0, without: 0 };
 let [passed, failed] = [0, 0];
 for (const file of recordings.length > 0 ? recordings : VECTORS) {
