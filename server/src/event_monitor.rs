@@ -405,7 +405,7 @@ impl EventMonitor {
         let reporting = |id: &&BodyId| self.active.get(id).is_some_and(&reports);
         let mut reporting = both.iter().filter(reporting).peekable();
         if reporting.peek().is_none() {
-            // Its events were turned off: nothing tells how it goes on.
+            // Its events were turned off: nothing tells when it ends.
             end(pair);
             return false;
         }

@@ -368,7 +368,7 @@ impl Durability {
         !self.log.is_broken() && self.log.bytes() >= SNAPSHOT_BYTES && self.log.may_snapshot()
     }
 
-    /// True if the log is longer than so many bytes and goes on.
+    /// True if the log is longer than so many bytes and still grows.
     pub(crate) fn is_beyond(&self, bytes: usize) -> bool {
         !self.log.is_broken() && self.log.bytes() >= bytes
     }

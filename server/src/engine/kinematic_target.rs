@@ -192,7 +192,7 @@ impl KinematicTarget {
             // A pose that follows is no part of a motion with it.
             self.since = u32::MAX;
         }
-        // From there it has the velocity that was set. Without one, only a way that continues the last one goes on.
+        // From there it has the velocity that was set. Without one, only a way that continues the last one is kept.
         let goes_on = !is_jump
             && (target.is_timed || !target.is_first)
             && self.twist == Twist::ZERO

@@ -4,7 +4,7 @@
 
 Each file is run twice at once by two members of one scene, one within 50 mm and one within 1 mm, and by MuJoCo with the same
 initial state, without actuation. A row has what differs. Each file is loaded in a process of its own, with a time limit. Rows are
-kept in DATA/rows.jsonl, so that a run which was ended goes on where it was.
+kept in DATA/rows.jsonl, so that a run which was ended continues where it was.
 """
 
 import collections

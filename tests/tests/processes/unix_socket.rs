@@ -74,7 +74,7 @@ impl Stepping {
 
     /// The next tick, and the bound of its ball in metres.
     fn next(&mut self) -> (u64, f64) {
-        let line = self.lines.next().expect("it goes on").expect("text");
+        let line = self.lines.next().expect("it continues").expect("text");
         let (tick, bound) = line.split_once(' ').expect("two numbers");
         let bound = bound.parse().expect("a number");
         (tick.parse().expect("a number"), bound)
@@ -110,7 +110,7 @@ fn a_program_that_was_stopped_for_100_seconds_of_ticks_comes_back_to_the_present
         // Scene events wait for the stopped member, beside the datagrams that are superseded.
         let ball = BodyDesc::dynamic(Shape::ball(0.2)).at(3.0, 2.0, 0.0);
         let ball = leader.add_body(ball).expect("room for a body");
-        present = (leader.advance(PipelineDepth::LOCKSTEP)).expect("the scene goes on");
+        present = (leader.advance(PipelineDepth::LOCKSTEP)).expect("the scene continues");
         let removed = leader.command(Command::RemoveBody { id: ball });
         removed.expect("a member may");
     }
