@@ -24,6 +24,14 @@ const STEPS: [&str; 3] = ["timestep", "dt", "step"];
 const LINEAR: [&str; 3] = ["linear", "linear_velocity", "velocity"];
 /// Names of angular velocities, rad/s.
 const ANGULAR: [&str; 2] = ["angular", "angular_velocity"];
+/// Names of positions, metres.
+const POSITIONS: [&str; 4] = ["position", "positions", "pos", "xpos"];
+/// Names of rotations whose order they say.
+const ORDERED_ROTATIONS: [&str; 3] = ["quat_xyzw", "quat_wxyz", "xquat"];
+/// Names of rotations whose order the caller says.
+const ROTATIONS: [&str; 5] = ["rotation", "rotations", "quaternion", "orientation", "quat"];
+/// Names of the extents of shapes, metres.
+const EXTENTS: [&str; 2] = ["half_extents", "radius"];
 /// Longest time, seconds: nanoseconds fit a whole number.
 const SECONDS_MAX: f64 = 9e9;
 /// Time from which single precision has steps of a millisecond, seconds.
@@ -232,8 +240,24 @@ impl Arrays {
                 named.join(", ")
             ));
         }
-        if self.get("half_extents").is_some() && self.get("radius").is_some() {
-            left_out.push("half_extents say the shapes, so radius is not used".to_owned());
+        let joints = &["qpos"][..];
+        for names in [
+            [&TIMES[..], &STEPS].concat(),
+            [joints, &POSITIONS].concat(),
+            [joints, &ORDERED_ROTATIONS, &ROTATIONS].concat(),
+            [joints, &LINEAR].concat(),
+            [joints, &ANGULAR].concat(),
+            EXTENTS.to_vec(),
+        ] {
+            let mut found = names.iter().filter(|name| self.get(name).is_some());
+            let read = found.next();
+            let others: Vec<&str> = found.copied().collect();
+            if let Some(read) = read.filter(|_| !others.is_empty()) {
+                left_out.push(format!("{read} is read, so not {}", others.join(", ")));
+            }
+        }
+        if self.get("qpos").is_none() && self.get("qvel").is_some() {
+            left_out.push("qvel is not read without qpos".to_owned());
         }
         left_out
     }
@@ -324,20 +348,12 @@ impl Arrays {
             return self.joints((name, array));
         }
         let needed = || self.no_poses();
-        let names = ["position", "positions", "pos", "xpos"];
-        let position = self.first(&names).ok_or_else(needed)?;
-        let ordered = [
-            ("quat_xyzw", QuaternionOrder::Xyzw),
-            ("quat_wxyz", QuaternionOrder::Wxyz),
-            ("xquat", QuaternionOrder::Wxyz),
-        ];
-        let mut ordered = ordered.iter();
-        let found = ordered.find_map(|(name, order)| Some((*name, self.get(name)?, *order)));
-        let (rotation, order) = match found {
-            Some((name, array, order)) => ((name, array), order),
+        let position = self.first(&POSITIONS).ok_or_else(needed)?;
+        let (rotation, order) = match self.first(&ORDERED_ROTATIONS) {
+            Some(rotation @ ("quat_xyzw", _)) => (rotation, QuaternionOrder::Xyzw),
+            Some(rotation) => (rotation, QuaternionOrder::Wxyz),
             None => {
-                let names = ["rotation", "rotations", "quaternion", "orientation", "quat"];
-                let rotation = self.first(&names).ok_or_else(needed)?;
+                let rotation = self.first(&ROTATIONS).ok_or_else(needed)?;
                 let order = options.quaternion.ok_or(RecordingError::QuaternionOrder {
                     array: rotation.0.to_owned(),
                 })?;
@@ -860,6 +876,21 @@ pub(super) mod tests {
         );
         let misspelt = notes("linear_vel");
         assert!(misspelt.contains("not read: linear_vel"), "{misspelt}");
+    }
+
+    #[test]
+    fn arrays_that_say_what_another_says_are_noted() {
+        let notes = |name, shape, values: &[f64]| {
+            let recording = with(name, shape, values).expect("sound");
+            recording.notes.join("\n")
+        };
+        let second = notes("xpos", "(10, 1, 3)", &[0.0; 30]);
+        assert!(second.contains("position is read, so not xpos"), "{second}");
+        let alone = notes("qvel", "(10, 6)", &[0.0; 60]);
+        assert!(alone.contains("qvel is not read without qpos"), "{alone}");
+        let times: Vec<f64> = (0..10).map(|frame| f64::from(frame) * 0.1).collect();
+        let step = notes("time", "(10,)", &times);
+        assert!(step.contains("time is read, so not timestep"), "{step}");
     }
 
     #[test]

@@ -49,6 +49,7 @@ pub(super) fn read(
     let layout = match Layout::of_header(number, &fields) {
         Ok(layout) => {
             poses.part_of_velocities = part_of_velocities(&fields);
+            poses.left_out.extend(layout.left_out(&fields));
             layout
         }
         Err(error) => {
@@ -166,6 +167,23 @@ impl Layout {
             count: fields.len(),
             is_ns,
         })
+    }
+
+    /// A sentence on the columns of a header that are not read. Velocities in part have their own.
+    fn left_out(&self, fields: &[&str]) -> Option<String> {
+        let is_read = |place: &usize| {
+            let is_at = |(_, at): &(&str, usize)| at == place;
+            self.numbers.iter().any(is_at)
+                || self.body == Some(*place)
+                || self.velocities.iter().flatten().any(is_at)
+        };
+        let is_velocity = |field: &str| VELOCITIES.contains(&column(field).as_str());
+        let others: Vec<&str> = (0..fields.len())
+            .filter(|place| !is_read(place))
+            .map(|place| fields[place].trim_matches('"'))
+            .filter(|field| self.velocities.is_some() || !is_velocity(field))
+            .collect();
+        (!others.is_empty()).then(|| format!("columns that are not read: {}", others.join(", ")))
     }
 
     /// Exchanges the places of x, y, z, w for those of w, x, y, z.
@@ -398,6 +416,19 @@ mod tests {
         assert!(!notes.contains("--gravity), velocities"), "{notes}");
         let motion = recording.truth.placed[0].observation.motion.motion();
         assert!(motion.twist().linear.x.abs() < 1e-6, "it is not the file's");
+    }
+
+    #[test]
+    fn columns_that_are_not_read_are_named() {
+        let text = "time,x,y,z,qx,qy,qz,qw,vel_x,colour,x\n\
+                    0,1,2,3,0,0,0,1,9,9,9\n0.1,1,2,4,0,0,0,1,9,9,9\n0.2,1,2,5,0,0,0,1,9,9,9\n";
+        let recording = read("rows", text, &ReadOptions::default()).expect("sound");
+        let notes = recording.notes.join("\n");
+        assert!(
+            notes.contains("columns that are not read: colour, x"),
+            "{notes}"
+        );
+        assert!(notes.contains("the columns vx without"), "{notes}");
     }
 
     #[test]
