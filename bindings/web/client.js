@@ -47,6 +47,8 @@ export class Client {
   #connection;
   #connecting;
   #events = [];
+  /** Unread events that were dropped, the oldest first. */
+  #eventsLeftOut = 0;
   /** Refusals that no call has thrown yet; undefined if they are events alone. */
   #refused = [];
   #refusedMore = 0;
@@ -180,7 +182,10 @@ export class Client {
   }
 
   #push(event) {
-    if (this.#events.length === EVENTS_KEPT) this.#events.shift();
+    if (this.#events.length === EVENTS_KEPT) {
+      this.#events.shift();
+      this.#eventsLeftOut += 1;
+    }
     this.#events.push(event);
   }
 
@@ -477,7 +482,7 @@ export class Client {
   get statistics() {
     const counters = this.#connection?.counters ?? {};
     const sums = COUNTERS.map((counter) => [counter, this.#counted[counter] + (counters[counter] ?? 0)]);
-    return { ...Object.fromEntries(sums), ...this.#member.statistics(now()) };
+    return { ...Object.fromEntries(sums), eventsLeftOut: this.#eventsLeftOut, ...this.#member.statistics(now()) };
   }
 
   record(tap) {

@@ -255,7 +255,10 @@ export class Client {
   /** Changes {@link JoinOptions.smooth}. */
   setSmooth(smooth: boolean): void;
 
-  /** The oldest unread event; undefined when there is none. */
+  /**
+   * The oldest unread event; undefined when there is none. At most 65,536 are kept: `eventsLeftOut` of the statistics counts
+   * those that were dropped, the oldest first.
+   */
   pollEvent(): Event | undefined;
 
   /** Present gravity, m/s². */
@@ -721,11 +724,23 @@ export interface QueryFilter {
   readonly groups?: number;
 }
 
+/** A question about the scene after the newest tick that the server has. Vectors are in metres and in the world's frame. */
 export type Query = (
+  /**
+   * The nearest bodies on a line from `origin` to `origin + translation`: `translation` is the whole way, not a direction, and
+   * not zero. A body whose surface the line only reaches with its end is not hit.
+   */
   | { readonly kind: "ray"; readonly origin: Vec3; readonly translation: Vec3 }
+  /**
+   * The nearest bodies that a shape touches on its way, unturned. A shape of a query is a ball, cuboid, rounded cuboid, capsule,
+   * cylinder or cone.
+   */
   | { readonly kind: "shapeCast"; readonly shape: Shape; readonly position: Vec3; readonly rotation?: Quat; readonly translation: Vec3 }
+  /** The bodies whose surfaces are nearest to a point, up to `distance`. Bodies that contain the point come first. */
   | { readonly kind: "projection"; readonly point: Vec3; readonly distance: number }
+  /** The bodies that a shape overlaps. */
   | { readonly kind: "overlap"; readonly shape: Shape; readonly position: Vec3; readonly rotation?: Quat }
+  /** The bodies that touch this one, the deepest contact first; none of a body that is not there. */
   | { readonly kind: "contacts"; readonly body: BodyId }
 ) & {
   readonly filter?: QueryFilter;
@@ -736,45 +751,90 @@ export type Query = (
 // ---------------------------------------------------------------------------------------------------------------------
 // Events
 
-/** `complete`: the newest complete tick when the data with which the event arrived was read. */
+/**
+ * An answer of the server, or a change of the scene.
+ *
+ * `complete`: the newest complete tick when the data with which the event arrived was read. `number`: what the call returned
+ * that sent the command or the query. `message`: a sentence for people.
+ */
 export type Event = { readonly complete: number } & (
+  /** A body was placed in the scene, or its description was replaced. */
   | { readonly kind: "bodyPlaced"; readonly id: BodyId }
-  | { readonly kind: "bodyRemoved"; readonly id: BodyId; readonly cause: string }
+  /** A body was removed: by a command, because it left the world, or because its state was not finite. */
+  | { readonly kind: "bodyRemoved"; readonly id: BodyId; readonly cause: "command" | "leftWorld" | "notFinite" }
+  /** All commands up to `through` were applied or refused; they act in the step after `tick`. */
   | { readonly kind: "applied"; readonly through: number; readonly tick: number }
+  /** A command was refused and changed nothing; `body` is one that the reason names. */
   | { readonly kind: "refused"; readonly number: number; readonly body?: BodyId; readonly reason: string; readonly message: string }
+  /** The scene up to `tick`, and this many commands of the session, survive a crash of the server. */
   | { readonly kind: "durable"; readonly commands: number; readonly tick: number }
+  /** The server granted further body ids: what threw `noIds` can be repeated. */
   | { readonly kind: "reserved" }
+  /** The server denied a request about the scene. */
   | { readonly kind: "denied"; readonly denial: DenialCode; readonly message: string }
+  /** The copy follows this stream from now on. */
   | { readonly kind: "subscriptionChanged"; readonly stream: StreamChoice }
+  /** The server moves this client to another stream because of its link; `subscriptionChanged` follows. */
   | { readonly kind: "tierChanged"; readonly to: StreamChoice; readonly cause: "linkCongested" | "linkRecovered" }
+  /** This client has authority over these bodies and no others. */
   | { readonly kind: "authorityGrant"; readonly bodies: readonly BodyId[] }
+  /** The server denied authority; what was granted before stays. `body` is one that the reason names. */
   | { readonly kind: "authorityDenied"; readonly body?: BodyId; readonly reason?: string; readonly message: string }
+  /** The answers to the queries of one call, in their order, evaluated after `tick`. */
   | { readonly kind: "queryResult"; readonly number: number; readonly tick: number; readonly answers: readonly QueryHit[][] }
+  /** None of the queries of that call is answered. */
   | { readonly kind: "queryFailed"; readonly number: number; readonly tick: number; readonly message: string }
+  /** Two bodies began to touch; or the force between them reached the threshold of `body`. */
   | { readonly kind: "contactBegan" | "contactForce"; readonly tick: number; readonly body: BodyId; readonly contact: Contact }
+  /** They ceased to touch, or one of them was removed. */
   | { readonly kind: "contactEnded"; readonly tick: number; readonly body: BodyId; readonly with: BodyId }
+  /** `body` entered or left a sensor. */
   | { readonly kind: "sensorEntered" | "sensorLeft"; readonly tick: number; readonly sensor: BodyId; readonly body: BodyId }
+  /**
+   * A body fell asleep or woke; its state was not finite, and it was removed (`bodyFault`); a character reached ground that
+   * carries it, or has none any more.
+   */
   | { readonly kind: "fellAsleep" | "woke" | "bodyFault" | "reachedGround" | "leftGround"; readonly tick: number; readonly body: BodyId }
-  | { readonly kind: "eventsMissed"; readonly tick: number; readonly count: number }
+  /**
+   * `count` events of bodies were not sent or not kept, in this tick or before it. The events that follow tell anew which pairs
+   * touch and which bodies are in sensors, but for `untold` of them.
+   */
+  | { readonly kind: "eventsMissed"; readonly tick: number; readonly count: number; readonly untold: number }
+  /** The copy differed from the server's scene, by a fault of either; it is requested anew. */
   | { readonly kind: "checksumMismatch" }
   /** The server receives nothing from the member with authority over the body: from `since` on its error bound is infinite. */
   | { readonly kind: "publisherSilent"; readonly body: BodyId; readonly since: number }
   /** It receives from that member again, or its authority has ended: from `tick` on the body has an error bound. */
   | { readonly kind: "publisherActive"; readonly body: BodyId; readonly tick: number }
-  | { readonly kind: "sceneFaulted"; readonly tick: number }
+  /**
+   * The engine failed, and the scene stands still after `tick`: the server keeps no earlier state (`noWayBack`), the engine
+   * failed again from each (`failedAgain`), or the scene was restored as often as the server allows (`tooOften`).
+   */
+  | { readonly kind: "sceneFaulted"; readonly tick: number; readonly cause: "noWayBack" | "failedAgain" | "tooOften" }
+  /** The engine failed, and the scene continues from `tick` without the commands that it failed on. */
   | { readonly kind: "sceneRestored"; readonly tick: number }
+  /** The connection ended, and the client tries to resume. */
   | { readonly kind: "interrupted"; readonly message: string }
+  /** The client continues with its session over another connection. */
   | { readonly kind: "resumed" }
+  /** The server does not know the session any more: which of its last commands were done is unknown. */
   | { readonly kind: "sessionLost" }
+  /** The membership ended; or the scene was deleted. */
   | { readonly kind: "left" | "deleted" }
+  /** The connection ended. No event follows. */
   | { readonly kind: "ended"; readonly error: RhumbError }
 );
 
+/** Where two bodies touch deepest: `body` of the event, which has the lesser id, and `with`. Metres and newtons, world frame. */
 export interface Contact {
   readonly with: BodyId;
+  /** On the surface of `body`. */
   readonly point: Vec3;
+  /** Of length 1, towards `body`. */
   readonly normal: Vec3;
+  /** Between the surfaces; negative if they overlap. */
   readonly separation: number;
+  /** The sum of the sizes of all forces between the two in that step. */
   readonly force: number;
 }
 
@@ -809,6 +869,8 @@ export interface Statistics {
   readonly sentDatagrams: number;
   readonly sentDatagramBytes: number;
   readonly sentControlBytes: number;
+  /** Unread events that were dropped, the oldest first, beyond 65,536. */
+  readonly eventsLeftOut: number;
   /** Milliseconds, as the session measures it. */
   readonly roundTrip: number;
   /** Of the present stream. */

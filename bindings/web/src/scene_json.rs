@@ -3,7 +3,7 @@
 use glam::{Quat, Vec3};
 use rhumb_protocol::Ending;
 use rhumb_protocol::message::{
-    Inspection, QueryResult, RemovalCause, StreamChoice, TierChangeCause,
+    FaultCause, Inspection, QueryResult, RemovalCause, StreamChoice, TierChangeCause,
 };
 use rhumb_protocol::scene::{
     Answer, BodyDesc, BodyEvent, BodyKind, CollisionGroups, Contact, Edges, Joint, JointFrame,
@@ -312,7 +312,14 @@ pub(crate) fn event(event: &Event) -> Option<Value> {
             }
         }),
         Event::ChecksumMismatch => object!({"kind": "checksumMismatch"}),
-        Event::SceneFaulted { tick, .. } => object!({"kind": "sceneFaulted", "tick": tick.value()}),
+        Event::SceneFaulted { tick, cause } => object!({
+            "kind": "sceneFaulted", "tick": tick.value(),
+            "cause": match cause {
+                FaultCause::NoWayBack => "noWayBack",
+                FaultCause::FailedAgain => "failedAgain",
+                FaultCause::TooOften => "tooOften",
+            }
+        }),
         Event::PublisherSilent { id, since } => {
             object!({"kind": "publisherSilent", "body": id_number(*id), "since": since.value()})
         }
@@ -330,9 +337,13 @@ pub(crate) fn event(event: &Event) -> Option<Value> {
             json["tick"] = tick.value().into();
             json
         }
-        Event::EventsMissed { tick, count, .. } => {
-            object!({"kind": "eventsMissed", "tick": tick.value(), "count": *count})
-        }
+        Event::EventsMissed {
+            tick,
+            count,
+            untold,
+        } => object!({
+            "kind": "eventsMissed", "tick": tick.value(), "count": *count, "untold": *untold
+        }),
         Event::Ended(ending) => ended(*ending),
     })
 }

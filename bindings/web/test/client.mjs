@@ -163,6 +163,21 @@ test("refusals that no call throws are kept up to a number and counted", async (
   client.poll();
 });
 
+test("events that nothing reads are dropped from the oldest on and counted", async () => {
+  const { client, server } = await joined({ refusals: "events" });
+  while (client.pollEvent() !== undefined);
+  const one = message("Refused, 2 of a body");
+  const count = 65536 + 100;
+  const all = new Uint8Array(one.length * count);
+  for (let sent = 0; sent < count; sent += 1) all.set(one, sent * one.length);
+  server.sendControl(all);
+  await pause(50);
+  assert.equal(client.statistics.eventsLeftOut, 100);
+  let kept = 0;
+  while (client.pollEvent() !== undefined) kept += 1;
+  assert.equal(kept, 65536);
+});
+
 test("a body's bound at a tick is that of its track, and known up to the complete tick", async () => {
   const client = await showing();
   const [id] = client.view.ids;
