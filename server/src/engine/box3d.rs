@@ -4,6 +4,11 @@
 //! scenes are neither stored nor restored. Invariants: queries find bodies where the last step left them; a kinematic body
 //! is awake only while it moves. Its cap of the speed of dynamic bodies is set to that of all engines, and it caps no spin.
 
+mod body;
+mod joints;
+mod native;
+mod shapes;
+
 use std::cell::OnceCell;
 use std::collections::{BTreeMap, BTreeSet};
 use std::mem;
@@ -20,11 +25,10 @@ use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Inertia, Integrator, Twist};
 use rhumb_solids::PlacedBodies;
 
-use super::box3d_body as translate;
-use super::box3d_contacts as touching;
-use super::box3d_joints::{self as joints, Box3dJoints};
-use super::box3d_native::{NativeBody, NativeShape, Placement, World};
-use super::box3d_shapes::{self as shapes, Box3dSolid};
+use self::body as translate;
+use self::joints::Box3dJoints;
+use self::native::{NativeBody, NativeShape, Placement, World};
+use self::shapes::Box3dSolid;
 use super::interface::{
     BakedShape, Baker, BodyProperties, Engine, EngineFault, EnginePart, NoEngine, Push, SPEED_MAX,
     UnanswerableQuery, UnusableShape,
@@ -537,7 +541,7 @@ impl Engine for Box3dEngine {
             let owner = |shape: NativeShape| self.owners.get(&shape).copied();
             let (centre, _) = self.world.pose(slot.body);
             let found = self.world.contacts(slot.body);
-            touching::contacts(&found, (id, centre), self.dt(), owner, out);
+            translate::contacts(&found, (id, centre), self.dt(), owner, out);
         }
     }
 

@@ -2,34 +2,9 @@
 
 #[cfg(feature = "box3d")]
 mod box3d;
-#[cfg(feature = "box3d")]
-mod box3d_body;
-#[cfg(feature = "box3d")]
-mod box3d_contacts;
-#[cfg(feature = "box3d")]
-mod box3d_joints;
-#[cfg(feature = "box3d")]
-mod box3d_native;
-#[cfg(feature = "box3d")]
-mod box3d_shapes;
 mod interface;
 mod kinematic_target;
 mod rapier;
-mod rapier_body;
-mod rapier_characters;
-mod rapier_contacts;
-mod rapier_drives;
-mod rapier_ease;
-mod rapier_held_joint;
-mod rapier_joints;
-mod rapier_motor_law;
-mod rapier_motors;
-mod rapier_query;
-mod rapier_rest;
-mod rapier_solid;
-mod rapier_spin;
-mod rapier_threads;
-mod rapier_vehicles;
 
 use std::fmt;
 use std::str::FromStr;
@@ -46,7 +21,7 @@ pub use interface::{
 };
 pub use rapier::RapierEngine;
 #[doc(hidden)]
-pub use rapier_threads::{StepThreads, StepThreadsError};
+pub use rapier::threads::{StepThreads, StepThreadsError};
 
 /// An engine by its name. A build without the feature of an engine does not know it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

@@ -3,30 +3,30 @@
 //! Wraps its `PhysicsWorld`; no type of Rapier leaves this file and its helpers. Invariants: the world takes no step
 //! after a panic, since any part may be broken. Bodies that Rapier quarantined are removed when the step returns.
 
-#[cfg(test)]
-mod chain_tests;
+mod body;
+mod characters;
 mod crossing;
-#[cfg(test)]
-mod crossing_tests;
+mod drives;
 mod half_spaces;
+mod held_joint;
 mod image;
-#[cfg(test)]
-mod motor_tests;
+mod joints;
+mod motors;
+mod reports;
+mod rest;
+mod solid;
 mod solid_way;
-mod sweeping;
-#[cfg(test)]
-mod sweeping_tests;
-#[cfg(test)]
-mod test_world;
-#[cfg(test)]
-mod tests;
-mod walking;
+mod spin;
+mod stepping;
+pub(super) mod threads;
+mod vehicles;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::mem;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use glam::{Quat, Vec3};
+use rapier3d::math::Pose as RapierPose;
 use rapier3d::prelude::{PhysicsWorld, RigidBody, RigidBodyHandle};
 use rhumb_protocol::limits::COORDINATE_MAX;
 use rhumb_protocol::message::RemovalCause;
@@ -37,21 +37,19 @@ use rhumb_protocol::scene::{
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Inertia, Integrator, Twist};
 
+use self::body as translate;
+use self::characters::RapierCharacters;
+use self::joints::RapierJoints;
+use self::rest::RapierRest;
+use self::solid::{self as solids, Solid};
+use self::spin::RapierSpin;
+use self::threads::StepThreads;
+use self::vehicles::RapierVehicles;
 use super::interface::{
     BakedShape, Baker, BodyProperties, Engine, EngineFault, FrozenEngine, Push, SPEED_MAX,
     UnanswerableQuery, UnusableShape,
 };
 use super::kinematic_target::KinematicTarget;
-use super::rapier_body as translate;
-use super::rapier_characters::RapierCharacters;
-use super::rapier_contacts as touching;
-use super::rapier_joints::RapierJoints;
-use super::rapier_query as queries;
-use super::rapier_rest::RapierRest;
-use super::rapier_solid::{self as solids, Solid};
-use super::rapier_spin::RapierSpin;
-use super::rapier_threads::StepThreads;
-use super::rapier_vehicles::RapierVehicles;
 
 /// A Rapier world.
 pub struct RapierEngine {
@@ -87,7 +85,7 @@ pub struct RapierEngine {
     /// Half-spaces.
     half_spaces: BTreeSet<BodyId>,
     /// Where bodies were at the begin of the last step: the buffer of the next one.
-    sensor_starts: crossing::Starts,
+    sensor_starts: Vec<(RigidBodyHandle, RapierPose)>,
     /// Sensors that bodies went through within the last step, with the bodies.
     crossed: BTreeSet<(BodyId, BodyId)>,
     /// True if the world has changed since its last step. Rapier's image of a world lacks some changes that are not
@@ -686,13 +684,13 @@ impl Engine for RapierEngine {
         if let Some(place) = self.place(id)
             && let Some(body) = self.body(place)
         {
-            touching::contacts(&self.world, place.handle, body, out);
+            reports::contacts(&self.world, place.handle, body, out);
         }
     }
 
     fn sensed(&self, id: BodyId, out: &mut Vec<(BodyId, BodyId)>) {
         if let Some(body) = self.place(id).and_then(|place| self.body(place)) {
-            touching::sensed(&self.world, body, out);
+            reports::sensed(&self.world, body, out);
             let crossed = self.crossed.iter().copied();
             out.extend(crossed.filter(|(sensor, inside)| [sensor, inside].contains(&&id)));
         }
@@ -700,7 +698,7 @@ impl Engine for RapierEngine {
 
     fn query(&self, query: &Query) -> Result<Answer, UnanswerableQuery> {
         // A query reads the world only, so that a panic leaves it as it is.
-        let answered = catch_unwind(AssertUnwindSafe(|| queries::answer(&self.world, query)));
+        let answered = catch_unwind(AssertUnwindSafe(|| reports::answer(&self.world, query)));
         answered.map_err(|_| UnanswerableQuery)
     }
 
@@ -720,3 +718,16 @@ impl Engine for RapierEngine {
         self.image()
     }
 }
+
+#[cfg(test)]
+mod chain_tests;
+#[cfg(test)]
+mod crossing_tests;
+#[cfg(test)]
+mod motor_tests;
+#[cfg(test)]
+mod stepping_tests;
+#[cfg(test)]
+mod test_world;
+#[cfg(test)]
+mod tests;

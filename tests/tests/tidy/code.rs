@@ -156,7 +156,7 @@ pub(crate) fn without_tests(code: &str) -> &str {
     let mut marks = code.match_indices("#[cfg(test)]\n");
     let tests = marks.find(|(start, mark)| {
         let next = code[start + mark.len()..].lines().next();
-        next.is_some_and(|line| line.contains("mod tests"))
+        next.is_some_and(|line| line.contains("mod tests {"))
     });
     &code[..tests.map_or(code.len(), |(start, _)| start)]
 }

@@ -176,7 +176,7 @@ fn only_the_engines_files_name_the_engine() {
     );
     for (word, own) in [
         ("rapier3d", "server/src/engine/rapier"),
-        ("box3d_sys", "server/src/engine/box3d_native"),
+        ("box3d_sys", "server/src/engine/box3d/native"),
     ] {
         let beside = |file: &File| file.is_in(&["server/src/engine/"]) && !file.is_in(&[own]);
         report(

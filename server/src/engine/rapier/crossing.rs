@@ -27,9 +27,6 @@ const REACH: f32 = 4e-4;
 /// between two steps: a slower one can at most graze an edge, by a sixteenth of its thickness.
 const SLOW_SHARE: f32 = 0.25;
 
-/// Poses of all bodies that may move, at the begin of a step.
-pub(super) type Starts = Vec<(RigidBodyHandle, RapierPose)>;
-
 /// A body that has gone its way through a step.
 struct Passed<'a> {
     body: &'a RigidBody,
@@ -43,7 +40,7 @@ struct Passed<'a> {
 impl RapierEngine {
     /// Poses of the bodies at the begin of a step, those that sleep too, as they may wake and move in it; none if there
     /// is no sensor. They are in the buffer of the step before.
-    pub(super) fn sensor_starts(&mut self) -> Starts {
+    pub(super) fn sensor_starts(&mut self) -> Vec<(RigidBodyHandle, RapierPose)> {
         let mut starts = mem::take(&mut self.sensor_starts);
         starts.clear();
         if self.sensors.is_empty() {
@@ -56,7 +53,7 @@ impl RapierEngine {
     }
 
     /// Adds what went through a sensor, and neither began nor ended inside it.
-    pub(super) fn note_crossed_on_the_way(&mut self, starts: Starts) {
+    pub(super) fn note_crossed_on_the_way(&mut self, starts: Vec<(RigidBodyHandle, RapierPose)>) {
         let crossed = self.crossed_on_the_way(&starts);
         self.crossed.extend(crossed);
         self.sensor_starts = starts;

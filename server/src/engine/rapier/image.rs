@@ -11,15 +11,15 @@ use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_protocol::wire::{Malformed, Wire};
 use rhumb_reckoning::BodyId;
 
+use super::characters::RapierCharacters;
+use super::joints::RapierJoints;
+use super::rest::RapierRest;
+use super::spin::RapierSpin;
+use super::threads::StepThreads;
+use super::vehicles::RapierVehicles;
 use super::{BodySlot, RapierEngine, solids};
 use crate::engine::interface::FrozenEngine;
 use crate::engine::kinematic_target::KinematicTarget;
-use crate::engine::rapier_characters::RapierCharacters;
-use crate::engine::rapier_joints::RapierJoints;
-use crate::engine::rapier_rest::RapierRest;
-use crate::engine::rapier_spin::RapierSpin;
-use crate::engine::rapier_threads::StepThreads;
-use crate::engine::rapier_vehicles::RapierVehicles;
 
 impl RapierEngine {
     /// A copy of the world; `None` unless a step was the last change.

@@ -11,7 +11,7 @@ use rapier3d::prelude::{
 use rhumb_protocol::scene::{BodyKind, Mass, Shape};
 use rhumb_solids::SolidPart;
 
-use super::interface::{BodyProperties, UnusableShape};
+use crate::engine::interface::{BodyProperties, UnusableShape};
 
 /// Solid that all bodies of one shape share.
 #[derive(Clone)]

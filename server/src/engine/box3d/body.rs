@@ -1,14 +1,15 @@
-//! Conversion of bodies to Box3D and back.
+//! Conversion of bodies to Box3D and back, and their contacts after a step.
 //!
-//! Conversion only; `box3d` keeps the list of bodies.
+//! Conversion only; `box3d` keeps the list of bodies. Box3D reports pairs of shapes, and a contact is one of bodies: of
+//! several the deepest counts, and their forces add up. Points that are still apart and bear nothing are no contact.
 
 use glam::{Mat3, Quat, Vec3};
-use rhumb_protocol::scene::{BodyKind, LockedAxes, Sleep};
+use rhumb_protocol::scene::{BodyKind, Contact, LockedAxes, Sleep};
 use rhumb_reckoning::{BodyId, BodyState, Inertia, Integrator, InvalidMotion, Pose, Twist};
 use rhumb_solids::UnitMass;
 
-use super::box3d_native::{Mobility, NativeBody, NewBody, Placement, World};
-use super::interface::{BodyProperties, Push};
+use super::native::{Mobility, NativeBody, NativeShape, NewBody, Placement, Touching, World};
+use crate::engine::interface::{BodyProperties, Push};
 
 /// The body without its shapes. A kinematic one's velocities are not Box3D's: see `kinematic_target`.
 pub(super) fn new_body(properties: &BodyProperties, motion: &BodyState) -> NewBody {
@@ -239,4 +240,53 @@ pub(super) fn push(world: &mut World, body: NativeBody, push: Push) {
         }
         Push::Force(_) | Push::Torque(_) | Push::Impulse(_) | Push::TorqueImpulse(_) => {}
     }
+}
+
+/// Adds one contact for each body that touches this one, in the order of ids.
+///
+/// `centre`: the body's centre of mass, world frame. `dt`: length of a step, seconds. `owner`: the body of a shape.
+pub(super) fn contacts(
+    pairs: &[Touching],
+    (of, centre): (BodyId, Vec3),
+    dt: f32,
+    owner: impl Fn(NativeShape) -> Option<BodyId>,
+    out: &mut Vec<Contact>,
+) {
+    let mut found = Vec::new();
+    for pair in pairs {
+        let [first, second] = pair.shapes.map(&owner);
+        let (Some(first), Some(second)) = (first, second) else {
+            continue;
+        };
+        let [on_first, on_second] = pair.anchors;
+        let (with, anchor, normal) = if first == of {
+            (second, on_first, -pair.normal)
+        } else {
+            (first, on_second, pair.normal)
+        };
+        let contact = Contact {
+            with,
+            point: centre + anchor,
+            normal,
+            separation: pair.separation,
+            force: pair.impulse / dt,
+        };
+        let touches = contact.force > 0.0 || contact.separation <= 0.0;
+        if touches && is_finite(&contact) {
+            found.push(contact);
+        }
+    }
+    found.sort_by(|a, b| (a.with.cmp(&b.with)).then(a.separation.total_cmp(&b.separation)));
+    let before = out.len();
+    for contact in found {
+        match out[before..].last_mut() {
+            Some(deepest) if deepest.with == contact.with => deepest.force += contact.force,
+            _ => out.push(contact),
+        }
+    }
+}
+
+fn is_finite(contact: &Contact) -> bool {
+    let numbers = contact.force.is_finite() && contact.separation.is_finite();
+    numbers && contact.point.is_finite() && contact.normal.is_finite()
 }

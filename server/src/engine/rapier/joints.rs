@@ -13,8 +13,8 @@ use rhumb_protocol::scene::{Joint, JointFrame, JointId, JointKind, JointStrength
 use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_protocol::wire::{Malformed, Wire};
 
-use super::rapier_body::pose;
-use super::rapier_motors::{self, JointMotors};
+use super::body::pose;
+use super::motors::{self, JointMotors};
 
 /// The joints.
 #[derive(Clone, Debug, Default)]
@@ -68,7 +68,7 @@ impl RapierJoints {
         };
         self.motors.retain(|handle, _| holds(handle));
         if !self.motors.is_empty() {
-            rapier_motors::aim(world, &mut self.motors);
+            motors::aim(world, &mut self.motors);
         }
     }
 

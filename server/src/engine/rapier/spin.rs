@@ -7,9 +7,9 @@
 use rapier3d::prelude::{PhysicsWorld, RigidBody, RigidBodyHandle};
 use rhumb_reckoning::{Inertia, Integrator, precessed};
 
-use super::interface::SPIN_MAX;
-use super::rapier_body as translate;
-use super::rapier_contacts as touching;
+use super::body as translate;
+use super::reports;
+use crate::engine::interface::SPIN_MAX;
 
 /// Change of the spin in a step that a body with contacts or joints does not need, rad/s: the solver changes it by more.
 const NEGLIGIBLE: f32 = 1e-6;
@@ -47,7 +47,7 @@ impl RapierSpin {
         let Some(inertia) = translate::inertia(body) else {
             return;
         };
-        if touching::is_bound(world, handle, body) {
+        if reports::is_bound(world, handle, body) {
             if speed2 * world.integration_parameters.dt > NEGLIGIBLE {
                 precess(&mut world.bodies[handle], &inertia, integrator, 2);
             }

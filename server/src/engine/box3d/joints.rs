@@ -9,7 +9,7 @@ use std::f32::consts::{FRAC_PI_2, PI};
 use glam::Quat;
 use rhumb_protocol::scene::{Joint, JointId, JointKind, JointLimits, JointStrength};
 
-use super::box3d_native::{JointShape, NativeBody, NativeJoint, World};
+use super::native::{JointShape, NativeBody, NativeJoint, World};
 
 /// Largest angle of a limit that Box3D allows, radians.
 const ANGLE_MAX: f32 = 0.99 * PI;

@@ -10,9 +10,9 @@ use rhumb_protocol::limits::INDICES_MAX;
 use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_protocol::wire::{Malformed, Wire};
 
-use super::rapier_body as translate;
-use super::rapier_contacts as touching;
-use super::rapier_vehicles::RapierVehicles;
+use super::body as translate;
+use super::reports;
+use super::vehicles::RapierVehicles;
 
 /// A body without a contact or a joint, and one whose motor holds a position, moves above this: m/s and rad/s.
 const FREE: f32 = 1e-4;
@@ -97,19 +97,19 @@ fn is_moved(
     let pull = translate::pull(body, world.gravity);
     let id = translate::id(body);
     let drives = vehicles.drives(id);
-    let has_joints = touching::has_joints(world, slow.handle);
-    if !has_joints && drives.is_none() && !touching::is_touched(world, body) {
+    let has_joints = reports::has_joints(world, slow.handle);
+    if !has_joints && drives.is_none() && !reports::is_touched(world, body) {
         return pull != Vec3::ZERO || fastest(body) > FREE;
     }
     // A body that is held in place may have a velocity that the solver takes back, and a place that trembles.
     let moves = fastest(body).min(drift(slow, body) / dt);
     if has_joints {
-        let motor = touching::motor(world, slow.handle);
-        if motor == Some(touching::Drive::Velocity) || motor.is_some() && moves > FREE {
+        let motor = reports::motor(world, slow.handle);
+        if motor == Some(reports::Drive::Velocity) || motor.is_some() && moves > FREE {
             return true;
         }
     }
-    let is_supported = drives.is_some() || touching::is_supported(world, slow.handle, body);
+    let is_supported = drives.is_some() || reports::is_supported(world, slow.handle, body);
     if !is_supported || pull == Vec3::ZERO {
         return moves > HUNG;
     }

@@ -22,7 +22,7 @@ use rhumb_protocol::wire::{Malformed, Wire};
 use rhumb_reckoning::BodyId;
 use rhumb_solids::Grounds;
 
-use super::interface::SPEED_MAX;
+use crate::engine::interface::SPEED_MAX;
 
 /// The characters.
 #[derive(Clone, Debug, Default)]

@@ -20,10 +20,8 @@ use rhumb_protocol::scene::{Joint, Motor};
 use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_protocol::wire::{Malformed, Wire};
 
-use super::rapier_drives::{DrivenMotion, drives};
-use super::rapier_ease::{Ease, Six};
-use super::rapier_held_joint::HeldJoint;
-use super::rapier_motor_law::{Gains, after_step, gains, mean_acceleration};
+use super::drives::{DrivenMotion, Gains, after_step, drives, gains, mean_acceleration};
+use super::held_joint::{Ease, HeldJoint, Six};
 
 /// The motors of one joint.
 #[derive(Clone, Debug)]

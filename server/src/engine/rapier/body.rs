@@ -12,7 +12,7 @@ use rhumb_protocol::limits::ANGULAR_MAX;
 use rhumb_protocol::scene::{BodyKind, Sleep};
 use rhumb_reckoning::{BodyId, BodyState, Inertia, InvalidMotion, Pose, Twist};
 
-use super::interface::{BodyProperties, Push, SPEED_MAX, SPIN_MAX};
+use crate::engine::interface::{BodyProperties, Push, SPEED_MAX, SPIN_MAX};
 
 /// The body without its solid. A kinematic one's velocities are not Rapier's: see `kinematic_target`.
 ///
@@ -67,7 +67,7 @@ pub(super) fn set_properties(body: &mut RigidBody, properties: &BodyProperties, 
     body.set_enabled(desc.enabled);
 }
 
-/// Leaves the gyroscopic forces of a body whose mass is known to `rapier_spin`, unless they are nothing, or its rotation
+/// Leaves the gyroscopic forces of a body whose mass is known to `spin`, unless they are nothing, or its rotation
 /// is locked in part.
 pub(super) fn take_over_spin(body: &mut RigidBody) {
     if inertia(body).is_some() {
@@ -75,7 +75,7 @@ pub(super) fn take_over_spin(body: &mut RigidBody) {
     }
 }
 
-/// True if `rapier_spin` turns the spin of a body, as far as its flags say.
+/// True if `spin` turns the spin of a body, as far as its flags say.
 pub(super) fn precesses(body: &RigidBody) -> bool {
     body.user_data & GYROSCOPIC != 0 && !body.gyroscopic_forces_enabled()
 }
@@ -96,7 +96,7 @@ pub(super) fn wake_touching(world: &mut PhysicsWorld, body: RigidBodyHandle) {
     }
 }
 
-/// Lets a body fall asleep by this rule, with the help of `rapier_rest`.
+/// Lets a body fall asleep by this rule, with the help of `rest`.
 fn set_sleep(body: &mut RigidBody, sleep: Sleep, dt: f32) {
     let mut of_rule = RigidBodyActivation::active();
     match sleep {
@@ -109,7 +109,7 @@ fn set_sleep(body: &mut RigidBody, sleep: Sleep, dt: f32) {
             of_rule.time_until_sleep = thresholds.seconds;
         }
     }
-    // `rapier_rest` needs some steps to see that something moves a body.
+    // `rest` needs some steps to see that something moves a body.
     let is_watched = match sleep {
         Sleep::Settled => true,
         Sleep::Never => false,

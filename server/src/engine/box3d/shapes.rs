@@ -9,8 +9,8 @@ use glam::{DVec3, Quat, Vec3};
 use rhumb_protocol::scene::{Heights, Shape};
 use rhumb_solids::{SolidPart, UnitMass};
 
-use super::box3d_native::{HullData, MeshData, NativePiece, Placement, Surface};
-use super::interface::{BodyProperties, UnusableShape};
+use super::native::{HullData, MeshData, NativePiece, Placement, Surface};
+use crate::engine::interface::{BodyProperties, UnusableShape};
 
 /// Sides of the hull of a cylinder or a cone.
 const SIDES: u16 = 24;

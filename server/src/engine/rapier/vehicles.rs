@@ -17,8 +17,8 @@ use rhumb_protocol::wire::{Malformed, Wire};
 use rhumb_reckoning::BodyId;
 use rhumb_solids::nearest_hit;
 
-use super::interface::{SPEED_MAX, SPIN_MAX};
-use super::rapier_body::share_within;
+use super::body::share_within;
+use crate::engine::interface::{SPEED_MAX, SPIN_MAX};
 
 /// The vehicles.
 #[derive(Clone, Debug, Default)]
