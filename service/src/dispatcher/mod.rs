@@ -4,6 +4,7 @@
 //! the worker of that scene. It steps no scene, so that no scene delays it. Invariants: it never waits for a worker; a worker's transmission
 //! reaches only connections of that worker; what waits for a worker is bounded for each connection.
 
+mod accounts;
 mod message;
 #[cfg(target_os = "linux")]
 mod process;
@@ -23,9 +24,12 @@ use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake, WakeReason};
 use rhumb_scene::{Greeted, Greeting, Heartbeat, Permit, SharedClock};
 
+use self::accounts::{
+    Account, Quarantined, counted, may_create, with_scenes_left, without_quota_of_scenes,
+};
 use self::message::{
-    Account, FromProcess, FromWorker, ProcessId, Quarantined, ToProcess, WorkerId, WorkerInput,
-    WorkerOutput, WorkerReport, counted, may_create, with_scenes_left, without_quota_of_scenes,
+    FromProcess, FromWorker, ProcessId, ToProcess, WorkerId, WorkerInput, WorkerOutput,
+    WorkerReport,
 };
 use self::process::Processes;
 use self::worker::{ThreadWorker, Threads};
