@@ -6,7 +6,8 @@
 //! pause apart.
 
 mod aliases;
-mod fec;
+mod fec_decoder;
+mod fec_encoder;
 mod gaps;
 mod losses;
 mod mode_decision;

@@ -19,7 +19,7 @@ use rhumb_reckoning::{BodyId, Metres, Motion, Tick, Ticks, Tolerance, Track};
 use self::lifetimes::EarlierTracks;
 use super::StreamStart;
 use super::aliases::{AliasOwner, ReceivedAliases};
-use super::fec::FecDecoder;
+use super::fec_decoder::FecDecoder;
 use super::gaps::{ErrorScaleLog, PacketGaps};
 use super::tracks::{PredictionParameters, Slot, Tracks};
 use crate::interner::{grow_to, push};
