@@ -258,22 +258,7 @@ impl Command {
                 (joint.bodies.into_iter()).try_for_each(IdOutOfRange::check_body)
             }
             Self::RemoveJoint { id } => IdOutOfRange::check_joint(id),
-            Self::SetGravity { .. } => Ok(()),
-            Self::RemoveBody { id }
-            | Self::SetPose { id, .. }
-            | Self::SetVelocity { id, .. }
-            | Self::Force { id, .. }
-            | Self::Torque { id, .. }
-            | Self::Impulse { id, .. }
-            | Self::TorqueImpulse { id, .. }
-            | Self::ForceAt { id, .. }
-            | Self::ImpulseAt { id, .. }
-            | Self::Sleep { id }
-            | Self::Wake { id }
-            | Self::SetEvents { id, .. }
-            | Self::SetLocomotion { id, .. }
-            | Self::Jump { id, .. }
-            | Self::SetWheels { id, .. } => IdOutOfRange::check_body(id),
+            _ => self.body().map_or(Ok(()), IdOutOfRange::check_body),
         }
     }
 
