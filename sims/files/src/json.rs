@@ -64,24 +64,7 @@ pub struct SceneFile {
 
 impl Default for SceneFile {
     fn default() -> Self {
-        let config = SceneConfig::default();
-        Self {
-            version: VERSION,
-            scene: "scene".to_owned(),
-            seed: 0,
-            gravity: config.gravity.to_array(),
-            step_s: config.integrator.rate.step().seconds(),
-            substeps: config.integrator.substeps.get(),
-            friction: config.material.friction,
-            restitution: config.material.restitution,
-            density: config.material.density,
-            linear_damping: config.damping.linear,
-            angular_damping: config.damping.angular,
-            sleep: SceneFileSleep::default(),
-            bodies: Vec::new(),
-            joints: Vec::new(),
-            other: BTreeMap::new(),
-        }
+        Self::without_bodies(&SceneConfig::default())
     }
 }
 
@@ -381,9 +364,19 @@ impl SceneFile {
     /// A scene as a file.
     #[must_use]
     pub fn of(scene: &LoadedScene) -> Self {
-        let config = &scene.config;
         Self {
             scene: scene.name.clone(),
+            bodies: scene.bodies.iter().map(SceneFileBody::of).collect(),
+            joints: scene.joints.iter().map(SceneFileJoint::of).collect(),
+            ..Self::without_bodies(&scene.config)
+        }
+    }
+
+    fn without_bodies(config: &SceneConfig) -> Self {
+        Self {
+            version: VERSION,
+            scene: "scene".to_owned(),
+            seed: 0,
             gravity: config.gravity.to_array(),
             step_s: config.integrator.rate.step().seconds(),
             substeps: config.integrator.substeps.get(),
@@ -393,9 +386,9 @@ impl SceneFile {
             linear_damping: config.damping.linear,
             angular_damping: config.damping.angular,
             sleep: SceneFileSleep::of(config.sleep),
-            bodies: scene.bodies.iter().map(SceneFileBody::of).collect(),
-            joints: scene.joints.iter().map(SceneFileJoint::of).collect(),
-            ..Self::default()
+            bodies: Vec::new(),
+            joints: Vec::new(),
+            other: BTreeMap::new(),
         }
     }
 }
