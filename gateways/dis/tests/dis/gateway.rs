@@ -472,8 +472,8 @@ fn an_entity_that_no_body_can_follow_is_counted_and_ends_nothing() {
     }
 }
 
-#[test]
-fn leaving_removes_the_bodies_and_says_how_many_last_states_wait() {
+/// A scene of five balls, and a gateway that sends five states a second.
+fn five_balls_and_a_slow_gateway() -> (Client, Gateway) {
     let (mut leader, member) = scene();
     for place in 0..5 {
         let ball = BodyDesc::dynamic(Shape::ball(0.3)).at(2.0 * place as f32, 8.0, 0.0);
@@ -483,7 +483,12 @@ fn leaving_removes_the_bodies_and_says_how_many_last_states_wait() {
         states_per_second: 5,
         ..publisher(1)
     };
-    let mut slow = gateway_of(member, slow);
+    (leader, gateway_of(member, slow))
+}
+
+#[test]
+fn leaving_removes_the_bodies_and_says_how_many_last_states_wait() {
+    let (mut leader, mut slow) = five_balls_and_a_slow_gateway();
     let mut buffer = [0; 2_000];
     let mut count = 0;
     leader.advance(PipelineDepth::LOCKSTEP).expect("a tick");
@@ -510,16 +515,7 @@ fn leaving_removes_the_bodies_and_says_how_many_last_states_wait() {
 
 #[test]
 fn last_states_leave_also_when_the_scene_ends_before_the_bodies_of_entities_do() {
-    let (mut leader, member) = scene();
-    for place in 0..5 {
-        let ball = BodyDesc::dynamic(Shape::ball(0.3)).at(2.0 * place as f32, 8.0, 0.0);
-        leader.add_body(ball).expect("a ball");
-    }
-    let slow = PublisherConfig {
-        states_per_second: 5,
-        ..publisher(1)
-    };
-    let mut slow = gateway_of(member, slow);
+    let (mut leader, mut slow) = five_balls_and_a_slow_gateway();
     let mut other = Publisher::new(publisher(2));
     for _ in 0..20 {
         hand(&mut other, &column(0), &mut slow, moment(0));

@@ -10,6 +10,7 @@ use rapier3d::prelude::{
 use rhumb_protocol::scene::{
     BodyDesc, BodyKind, CollisionGroups, Edges, Heights, SceneConfig, Shape, Sleep,
 };
+use rhumb_protocol::stream::Activity;
 use rhumb_reckoning::BodyId;
 
 use super::test_world::TestWorld;
@@ -396,6 +397,30 @@ fn fast_bodies_stop_at_half_spaces_as_at_slabs() {
             }
         }
     }
+}
+
+#[test]
+fn a_sleeper_that_a_swept_body_hits_stops_at_a_half_space_too() {
+    let mut world = TestWorld::new(Vec3::ZERO);
+    world.material.restitution = 1.0;
+    let ground = Shape::HalfSpace { normal: Vec3::Y };
+    world.add(BodyKind::Fixed, ground, Vec3::ZERO, |_| ());
+    world.sleep = SceneConfig::default().sleep;
+    let ball = || Shape::ball(0.1);
+    let sleeper = world.add(BodyKind::Dynamic, ball(), Vec3::Y * 0.5, |_| ());
+    world.step();
+    world.engine.set_activity(sleeper, Activity::Asleep);
+    let bullet = world.add(BodyKind::Dynamic, ball(), Vec3::Y * 3.0, |desc| {
+        desc.swept = true;
+    });
+    world.set_velocity(bullet, Vec3::Y * -200.0, Vec3::ZERO);
+    for step in 0..3 {
+        world.step();
+        let at = world.position(sleeper).y;
+        assert!(at > -0.01, "step {step}: its middle is at {at} m");
+    }
+    let speed = world.velocity(sleeper).y;
+    assert!(speed > 150.0, "it bounces: {speed} m/s");
 }
 
 #[test]
