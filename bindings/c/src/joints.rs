@@ -101,13 +101,8 @@ pub unsafe extern "C" fn rhumb_scene_add_joint(
 ) -> RhumbCode {
     // SAFETY: the caller promises the description and the memory.
     guard(|| unsafe {
-        let described = Box::new(value(desc, "desc")?.joint()?);
-        let id = JointId(joint);
-        let command = Command::AddJoint {
-            id,
-            joint: described,
-        };
-        send(scene, command, last)
+        let (id, joint) = (JointId(joint), Box::new(value(desc, "desc")?.joint()?));
+        send(scene, Command::AddJoint { id, joint }, last)
     })
 }
 
@@ -125,13 +120,8 @@ pub unsafe extern "C" fn rhumb_scene_change_joint(
 ) -> RhumbCode {
     // SAFETY: the caller promises the description and the memory.
     guard(|| unsafe {
-        let described = Box::new(value(desc, "desc")?.joint()?);
-        let id = JointId(joint);
-        let command = Command::ChangeJoint {
-            id,
-            joint: described,
-        };
-        send(scene, command, last)
+        let (id, joint) = (JointId(joint), Box::new(value(desc, "desc")?.joint()?));
+        send(scene, Command::ChangeJoint { id, joint }, last)
     })
 }
 
