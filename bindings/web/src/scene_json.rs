@@ -279,10 +279,7 @@ pub(crate) fn event(event: &Event) -> Option<Value> {
         }
         Event::TierChanged { to, cause } => object!({
             "kind": "tierChanged", "to": stream(*to),
-            "cause": match cause {
-                TierChangeCause::LinkCongested => "linkCongested",
-                TierChangeCause::LinkRecovered => "linkRecovered",
-            }
+            "cause": tier_change_cause(*cause)
         }),
         Event::Left => object!({"kind": "left"}),
         Event::Deleted => object!({"kind": "deleted"}),
@@ -305,20 +302,12 @@ pub(crate) fn event(event: &Event) -> Option<Value> {
         Event::BodyPlaced(id) => object!({"kind": "bodyPlaced", "id": id_number(*id)}),
         Event::BodyRemoved { id, cause } => object!({
             "kind": "bodyRemoved", "id": id_number(*id),
-            "cause": match cause {
-                RemovalCause::Command => "command",
-                RemovalCause::LeftWorld => "leftWorld",
-                RemovalCause::NotFinite => "notFinite",
-            }
+            "cause": removal_cause(*cause)
         }),
         Event::ChecksumMismatch => object!({"kind": "checksumMismatch"}),
         Event::SceneFaulted { tick, cause } => object!({
             "kind": "sceneFaulted", "tick": tick.value(),
-            "cause": match cause {
-                FaultCause::NoWayBack => "noWayBack",
-                FaultCause::FailedAgain => "failedAgain",
-                FaultCause::TooOften => "tooOften",
-            }
+            "cause": fault_cause(*cause)
         }),
         Event::PublisherSilent { id, since } => {
             object!({"kind": "publisherSilent", "body": id_number(*id), "since": since.value()})
@@ -346,6 +335,29 @@ pub(crate) fn event(event: &Event) -> Option<Value> {
         }),
         Event::Ended(ending) => ended(*ending),
     })
+}
+
+const fn tier_change_cause(cause: TierChangeCause) -> &'static str {
+    match cause {
+        TierChangeCause::LinkCongested => "linkCongested",
+        TierChangeCause::LinkRecovered => "linkRecovered",
+    }
+}
+
+const fn removal_cause(cause: RemovalCause) -> &'static str {
+    match cause {
+        RemovalCause::Command => "command",
+        RemovalCause::LeftWorld => "leftWorld",
+        RemovalCause::NotFinite => "notFinite",
+    }
+}
+
+const fn fault_cause(cause: FaultCause) -> &'static str {
+    match cause {
+        FaultCause::NoWayBack => "noWayBack",
+        FaultCause::FailedAgain => "failedAgain",
+        FaultCause::TooOften => "tooOften",
+    }
 }
 
 fn authority_grant(bodies: &[BodyId]) -> Value {
