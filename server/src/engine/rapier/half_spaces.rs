@@ -10,7 +10,7 @@ use rapier3d::parry::query::sweep_toi::Sweep;
 use rapier3d::prelude::{Collider, RigidBody, RigidBodyHandle};
 use rhumb_reckoning::BodyId;
 
-use super::RapierEngine;
+use super::{RapierEngine, translate};
 
 /// Share of its thickness that a body has to go in a step to be fast, as for Rapier's own sweep: a slower one meets the
 /// half-space as a contact, and its middle stays outside.
@@ -56,22 +56,28 @@ impl RapierEngine {
         movers.collect()
     }
 
-    /// Puts bodies that went into a half-space within a part of a step back to where they came in.
-    pub(super) fn stop_at_half_spaces(&mut self, starts: &[(RigidBodyHandle, RapierPose)]) {
-        if starts.is_empty() {
+    /// Puts bodies that went into a half-space within a part of a step, of so many seconds, back to where they came in.
+    pub(super) fn stop_at_half_spaces(
+        &mut self,
+        starts: &[(RigidBodyHandle, RapierPose)],
+        seconds: f32,
+    ) {
+        if self.half_spaces.is_empty() {
             return;
         }
         let half_spaces = self.half_spaces();
         let stopped: Vec<_> = starts
             .iter()
+            .copied()
+            .chain(self.woken_starts(seconds))
             .filter_map(|(handle, start)| {
-                let body = self.world.bodies.get(*handle)?;
-                let way = Sweep::from_poses(start, body.position(), body.local_center_of_mass());
+                let body = self.world.bodies.get(handle)?;
+                let way = Sweep::from_poses(&start, body.position(), body.local_center_of_mass());
                 let mut share = 1.0;
                 for half_space in &half_spaces {
-                    share = self.share_outside(half_space, (*handle, body), &way, share);
+                    share = self.share_outside(half_space, (handle, body), &way, share);
                 }
-                (share < 1.0).then(|| (*handle, way.transform_at(share)))
+                (share < 1.0).then(|| (handle, way.transform_at(share)))
             })
             .collect();
         for (handle, pose) in stopped {
@@ -79,6 +85,19 @@ impl RapierEngine {
                 body.set_position(pose, false);
             }
         }
+    }
+
+    /// The bodies that another one woke within a part of a step, and where they lay: on the line that their velocities tell.
+    fn woken_starts(&self, seconds: f32) -> impl Iterator<Item = (RigidBodyHandle, RapierPose)> {
+        let stirred = |id: BodyId| self.stirred.binary_search_by_key(&id, |place| place.id);
+        let active = self.world.active_bodies();
+        let woken = active
+            .filter(move |(_, body)| body.is_dynamic() && stirred(translate::id(body)).is_err());
+        woken.map(move |(handle, body)| {
+            let mut start = *body.position();
+            start.translation -= body.linvel() * seconds;
+            (handle, start)
+        })
     }
 
     fn half_spaces(&self) -> Vec<HalfSpace<'_>> {

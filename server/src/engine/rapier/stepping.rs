@@ -153,7 +153,7 @@ impl RapierEngine {
             let half_space_starts = self.half_space_starts();
             self.world.step_with_events(&(), &crossings);
             self.discard_quarantined(lost);
-            self.stop_at_half_spaces(&half_space_starts);
+            self.stop_at_half_spaces(&half_space_starts, part);
             left -= part;
             if share.is_none() {
                 break;
