@@ -11,7 +11,15 @@ use rhumb_bindings::{BindingError, Coordinates, ErrorKind, packed_id};
 
 /// The exception of an error.
 pub(crate) fn exception(py: Python<'_>, error: &BindingError) -> PyErr {
-    let text = error.to_string();
+    exception_of(py, error, None)
+}
+
+/// The exception of an error in the fork of a number, if there is one.
+pub(crate) fn exception_of(py: Python<'_>, error: &BindingError, fork: Option<usize>) -> PyErr {
+    let text = match fork {
+        None => error.to_string(),
+        Some(fork) => format!("fork {fork}: {error}"),
+    };
     if let BindingError::Refused { kept, left_out } = error {
         let word = |id: &BodyId| packed_id(*id);
         let rows = kept.iter().map(|record| {

@@ -13,6 +13,7 @@ mod connection;
 mod errors;
 mod event;
 mod file;
+mod forks;
 mod generated;
 mod joint;
 mod number;
@@ -42,5 +43,8 @@ fn native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(connection::connect, module)?)?;
     module.add_function(wrap_pyfunction!(file::file_settings, module)?)?;
     module.add_function(wrap_pyfunction!(connection::local, module)?)?;
+    module.add_function(wrap_pyfunction!(forks::advance_scenes, module)?)?;
+    module.add_function(wrap_pyfunction!(forks::numbers_of_scenes, module)?)?;
+    module.add_function(wrap_pyfunction!(forks::resting_of_scenes, module)?)?;
     module.add_function(wrap_pyfunction!(connection::serve, module)?)
 }

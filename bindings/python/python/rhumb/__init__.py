@@ -54,6 +54,7 @@ from .errors import (
     Timeout,
 )
 from .files import load
+from .forks import Forks
 from .page import view
 
 __all__ = [
@@ -69,6 +70,7 @@ __all__ = [
     "Error",
     "Event",
     "FaultError",
+    "Forks",
     "Hit",
     "InvalidError",
     "Joint",

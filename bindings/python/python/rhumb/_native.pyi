@@ -412,6 +412,25 @@ def file_settings(
 ) -> Tuple[Tuple[float, float, float], Optional[int], int]:
     """Gravity, ticks per second (None: no whole number) and substeps that a file asks of a new scene."""
 
+def advance_scenes(scenes: Sequence[Scene], numbers: Sequence[int], ticks: int, threads: int) -> None:
+    """Steps each of these lockstep scenes by some ticks, on as many threads, and computes their views.
+
+    Raises the error of the first of them that has one, after all were stepped as far as they can be; numbers are their names.
+    """
+
+def numbers_of_scenes(scenes: Sequence[Scene], what: str) -> npt.NDArray[np.float32]:
+    """The numbers of all bodies in all of these scenes, in one row.
+
+    what: "positions", "rotations", "linear_velocities" or "angular_velocities". Raises InvalidError if the scenes do not have
+    the same bodies.
+    """
+
+def resting_of_scenes(scenes: Sequence[Scene]) -> npt.NDArray[np.bool_]:
+    """Which bodies of all of these scenes rest, in one row.
+
+    Raises InvalidError if the scenes do not have the same bodies.
+    """
+
 @final
 class Query:
     """A question about where the bodies are, for Scene.query: Query.ray, shape_cast, projection, overlap or

@@ -15,7 +15,7 @@ use crate::open_scene::OpenScene;
 
 impl PyScene {
     /// Calls with the scene. A second thread does not wait.
-    pub(super) fn with<R>(
+    pub(crate) fn with<R>(
         &self,
         py: Python<'_>,
         call: impl FnOnce(&mut OpenScene) -> Result<R, BindingError>,
@@ -33,7 +33,7 @@ impl PyScene {
         result.map_err(|error| exception(py, &error))
     }
 
-    pub(super) fn locked<R>(
+    pub(crate) fn locked<R>(
         &self,
         call: impl FnOnce(&mut OpenScene) -> Result<R, BindingError>,
     ) -> Result<R, BindingError> {
