@@ -1,7 +1,7 @@
 // A member of a scene over a connection: moves bytes between the two, and continues over another connection when one ends.
 
 import { Connection, within } from "./connection.js";
-import { RhumbError } from "./error.js";
+import { RhumbError, wrong } from "./error.js";
 import { Member } from "./member.js";
 
 /** Events kept until they are read; beyond them the oldest are dropped. */
@@ -12,6 +12,8 @@ const REFUSALS_KEPT = 1024;
 const PAUSE_FIRST = 100;
 const PAUSE_MAX = 5000;
 const ATTEMPT = 3000;
+/** How far the moment of a poll may be from the clock: a page may have stood still within a frame. Milliseconds. */
+const CLOCK_APART_MAX = 10000;
 /** The code of a close for lack of a place. */
 const BUSY = 7;
 /** Denials by the calls that they answer; one of a stream or of more ids answers none of these. */
@@ -33,7 +35,7 @@ const COUNTERS = [
 /** Whether refusals are events alone. */
 function quiet(refusals = "throw") {
   if (refusals !== "throw" && refusals !== "events") {
-    throw new RhumbError({ code: "argument", message: `refusals: ${JSON.stringify(refusals)} is not "throw" or "events"` });
+    throw wrong("options.join.refusals", refusals, `"throw" or "events"`);
   }
   return refusals === "events";
 }
@@ -72,13 +74,18 @@ export class Client {
   /** Joins over an open connection. `connecting` opens another one. */
   static async join(connection, connecting, scene, options) {
     const client = new Client();
-    const seed = options.resumeWithin === 0 ? undefined : crypto.getRandomValues(new Uint8Array(16));
+    // The others are the member's, which refuses those that it does not know.
+    const { refusals, resumeWithin, record, ...join } = options;
+    if (resumeWithin !== undefined && !(resumeWithin >= 0 && resumeWithin < Infinity)) {
+      throw wrong("options.join.resumeWithin", resumeWithin, "seconds, finite and not negative");
+    }
+    client.record(record);
+    const seed = resumeWithin === 0 ? undefined : crypto.getRandomValues(new Uint8Array(16));
     client.scene = scene;
     client.#connecting = connecting;
-    client.#resumeWithin = options.resumeWithin;
-    client.#tap = options.record;
-    client.#refused = quiet(options.refusals) ? undefined : [];
-    client.#member = new Member(scene, { token: connecting.token, join: options, seed });
+    client.#resumeWithin = resumeWithin;
+    client.#refused = quiet(refusals) ? undefined : [];
+    client.#member = new Member(scene, { token: connecting.token, join, seed });
     const joined = new Promise((resolve, reject) => client.#waiting.joined.push({ resolve, reject }));
     client.#attach(connection);
     try {
@@ -311,6 +318,17 @@ export class Client {
     return new Promise((resolve, reject) => this.#waiting[waiting].push({ resolve, reject, ...more }));
   }
 
+  /** Limits the time of an answer; a connection that is sought anew has a limit of its own. */
+  async #answered(promise, awaited) {
+    for (;;) {
+      try {
+        return await within(promise, this.#connecting.timeout, awaited);
+      } catch (cause) {
+        if (cause.code !== "timeout" || this.#state !== "resuming") throw cause;
+      }
+    }
+  }
+
   /** Sends what a call has queued, once the calls of this task are over. */
   #flushSoon() {
     if (this.#flushing) return;
@@ -321,8 +339,13 @@ export class Client {
     });
   }
 
-  #open() {
+  /** A client that has ended takes no calls. */
+  #check() {
     if (this.#state === "ended") throw this.#ending;
+  }
+
+  #open() {
+    this.#check();
     this.#flushSoon();
     return this.#member;
   }
@@ -342,12 +365,20 @@ export class Client {
   }
 
   poll(at = now()) {
-    const shown = this.#member.poll(at);
+    this.#check();
+    // A moment of another clock would put the session's out for good.
+    if (!Number.isFinite(at) || Math.abs(at - now()) > CLOCK_APART_MAX) {
+      throw wrong("now", at, `within ${CLOCK_APART_MAX / 1000} s of performance.now(), which is ${now()}`);
+    }
+    const shown = this.#member.poll(Math.min(at, now()));
+    // To ask for bounds asks the server, too.
+    if (this.#state === "open") this.#drain();
     this.#throwRefusals();
     return shown;
   }
 
   show(ticks) {
+    this.#check();
     this.#member.show(ticks, now());
   }
 
@@ -355,7 +386,7 @@ export class Client {
     const member = this.#open();
     if (this.#fault !== undefined) throw this.#fault;
     const wanted = member.advance(now());
-    const tick = await this.#wait("ticks", { wanted });
+    const tick = await this.#answered(this.#wait("ticks", { wanted }), `tick ${wanted}`);
     this.show(tick);
     this.#throwRefusals();
     return tick;
@@ -386,14 +417,17 @@ export class Client {
   }
 
   setDelayTicks(ticks) {
+    this.#check();
     this.#member.setDelayTicks(ticks);
   }
 
   setLeadTicks(ticks) {
+    this.#check();
     this.#member.setLeadTicks(ticks);
   }
 
   setSmooth(smooth) {
+    this.#check();
     this.#member.setSmooth(smooth);
   }
 
@@ -471,12 +505,12 @@ export class Client {
 
   async inspect() {
     this.#open().inspect();
-    return this.#wait("inspected");
+    return this.#answered(this.#wait("inspected"), "inspection");
   }
 
   async delete() {
     this.#open().delete();
-    return this.#wait("deleted");
+    return this.#answered(this.#wait("deleted"), "answer");
   }
 
   get statistics() {
@@ -486,6 +520,7 @@ export class Client {
   }
 
   record(tap) {
+    if (tap !== undefined && typeof tap !== "function") throw wrong("record", tap, "a function, or undefined");
     this.#tap = tap;
   }
 

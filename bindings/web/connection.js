@@ -1,6 +1,6 @@
 // One WebTransport session to a server: the control stream, datagrams, and the end. Interprets no bytes.
 
-import { RhumbError } from "./error.js";
+import { RhumbError, wrong } from "./error.js";
 
 /** Datagrams that wait to be read: a burst of a second. The browser's own limit is one. */
 const INCOMING_DATAGRAMS = 1024;
@@ -28,10 +28,9 @@ export function within(promise, timeout, awaited, signal) {
 }
 
 function bytesOf(hash) {
-  if (typeof hash !== "string") return hash;
+  if (hash instanceof ArrayBuffer || ArrayBuffer.isView(hash)) return hash;
   if (!/^[0-9a-f]{64}$/i.test(hash)) {
-    const message = `certificateHashes: ${JSON.stringify(hash)} is not a hash of 64 hexadecimal digits, as the server prints it`;
-    throw new RhumbError({ code: "argument", message });
+    throw wrong("a hash of certificateHashes", hash, "bytes, or 64 hexadecimal digits as the server prints them");
   }
   return Uint8Array.from(hash.match(/../g), (digits) => parseInt(digits, 16));
 }

@@ -1,7 +1,7 @@
 // A member of a scene without socket or clock, and its view: a thin cover of the module's functions.
 
 import { answer, found, give, giveBytes, module, numbers, output, outputBytes } from "./module.js";
-import { RhumbError } from "./error.js";
+import { RhumbError, wrong } from "./error.js";
 
 const IDS = 0;
 const SHAPES = 1;
@@ -105,9 +105,23 @@ class View {
   }
 
   place(id) {
-    const place = module().place(this.#handle(), id);
+    const place = module().place(this.#handle(), bodyOf(id));
     return place < 0 ? undefined : place;
   }
+}
+
+/** WebAssembly would take null for the number zero. */
+const bodyOf = (id) => (typeof id === "number" ? id : NaN);
+
+function number(what, value) {
+  if (typeof value !== "number") throw wrong(what, value, "a number");
+  return value;
+}
+
+/** Milliseconds of a clock. */
+function moment(now) {
+  if (!Number.isFinite(now) || now < 0) throw wrong("now", now, "milliseconds of a clock, finite and not negative");
+  return now;
 }
 
 function hexadecimal(bytes) {
@@ -140,25 +154,25 @@ export class Member {
   }
 
   handleOpened(now) {
-    module().handle_opened(this.#handle, now);
+    module().handle_opened(this.#handle, moment(now));
   }
 
   handleControl(now, bytes) {
     giveBytes(bytes);
-    module().handle_control(this.#handle, now);
+    module().handle_control(this.#handle, moment(now));
   }
 
   handleDatagram(now, bytes) {
     giveBytes(bytes);
-    module().handle_datagram(this.#handle, now);
+    module().handle_datagram(this.#handle, moment(now));
   }
 
   handleTimeout(now) {
-    module().handle_timeout(this.#handle, now);
+    module().handle_timeout(this.#handle, moment(now));
   }
 
   handleEnded(now, closeCode) {
-    module().handle_ended(this.#handle, now, closeCode ?? -1);
+    module().handle_ended(this.#handle, moment(now), closeCode ?? -1);
   }
 
   pollTransmit() {
@@ -191,38 +205,39 @@ export class Member {
   }
 
   poll(now) {
-    const ticks = module().poll_view(this.#handle, now);
+    const ticks = module().poll_view(this.#handle, moment(now));
     if (ticks >= 0) this.view.time = ticks;
     return this.view.time;
   }
 
   show(ticks, now = 0) {
-    module().show(this.#handle, now, ticks);
+    if (!Number.isFinite(ticks) || ticks < 0) throw wrong("ticks", ticks, "finite and not negative");
+    module().show(this.#handle, moment(now), ticks);
     this.view.time = ticks;
   }
 
   body(id) {
-    return found(module().body(this.#handle, id));
+    return found(module().body(this.#handle, bodyOf(id)));
   }
 
   shape(id) {
-    return found(module().shape(this.#handle, id));
+    return found(module().shape(this.#handle, bodyOf(id)));
   }
 
   track(id) {
-    return found(module().track(this.#handle, id));
+    return found(module().track(this.#handle, bodyOf(id)));
   }
 
   errorBound(id) {
-    const bound = module().error_bound(this.#handle, id);
+    const bound = module().error_bound(this.#handle, bodyOf(id));
     return bound >= 0 ? bound : undefined;
   }
 
   tickErrorBound(id, tick) {
     if (!Number.isSafeInteger(tick) || tick < 0) {
-      throw new RhumbError({ code: "argument", message: `tick is ${tick}, and must be a whole number that is not negative` });
+      throw wrong("tick", tick, "a whole number that is not negative");
     }
-    const bound = module().tick_error_bound(this.#handle, id, tick);
+    const bound = module().tick_error_bound(this.#handle, bodyOf(id), tick);
     return bound >= 0 ? bound : undefined;
   }
 
@@ -256,7 +271,7 @@ export class Member {
   }
 
   statistics(now) {
-    return found(module().statistics(this.#handle, now));
+    return found(module().statistics(this.#handle, moment(now)));
   }
 
   /** Milliseconds for which a client of this scene tries to resume by default. */
@@ -283,14 +298,15 @@ export class Member {
   }
 
   setDelayTicks(ticks) {
-    answer(module().set_option(this.#handle, DELAY, ticks));
+    answer(module().set_option(this.#handle, DELAY, number("ticks", ticks)));
   }
 
   setLeadTicks(ticks) {
-    answer(module().set_option(this.#handle, LEAD, ticks));
+    answer(module().set_option(this.#handle, LEAD, number("ticks", ticks)));
   }
 
   setSmooth(smooth) {
+    if (typeof smooth !== "boolean") throw wrong("smooth", smooth, "true or false");
     answer(module().set_option(this.#handle, SMOOTH, smooth ? 1 : 0));
   }
 
@@ -319,12 +335,13 @@ export class Member {
   }
 
   publish(now, states) {
-    give(states.map(([id, state]) => ({ id, state })));
-    return answer(module().publish(this.#handle, now)) ?? undefined;
+    if (!Array.isArray(states)) throw wrong("states", states, "a list of pairs of a body and its state");
+    give(states.map((pair) => ({ id: pair?.[0], state: pair?.[1] })));
+    return answer(module().publish(this.#handle, moment(now))) ?? undefined;
   }
 
   advance(now) {
-    return answer(module().advance(this.#handle, now));
+    return answer(module().advance(this.#handle, moment(now)));
   }
 
   get awaitsAnswers() {

@@ -55,9 +55,20 @@ export function giveBytes(bytes) {
   new Uint8Array(exports.memory.buffer, place, bytes.length).set(bytes);
 }
 
+/** JSON has no such numbers: it would write null, and the field would count as left out. Typed arrays become lists. */
+function checked(field, value) {
+  if (typeof value === "number" && !Number.isFinite(value)) {
+    const place = /^\d*$/.test(field) ? "a number" : field;
+    throw new RhumbError({ code: "argument", message: `${place} is ${value}, and must be finite` });
+  }
+  return ArrayBuffer.isView(value) ? Array.from(value) : value;
+}
+
 /** Gives a value to the next call. */
 export function give(value) {
-  giveBytes(encoder.encode(JSON.stringify(value)));
+  const json = JSON.stringify(value, checked);
+  if (json === undefined) throw new RhumbError({ code: "argument", message: `an argument is ${String(value)}` });
+  giveBytes(encoder.encode(json));
 }
 
 /** A copy of the output of the last call. */

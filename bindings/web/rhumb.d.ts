@@ -65,7 +65,7 @@ export interface ConnectOptions {
   readonly token?: string;
   /** Cancels the attempt to connect or to join; afterwards it has no effect. */
   readonly signal?: AbortSignal;
-  /** Time limit of connecting, and again of joining, milliseconds. Default: 5000. */
+  /** Time limit of connecting, of joining, and of each later call that waits, milliseconds. Default: 5000. */
   readonly timeout?: number;
   /** Where `rhumb.wasm` is. Default: beside `rhumb.js`. */
   readonly wasm?: WasmSource;
@@ -201,8 +201,8 @@ export class Client {
   /**
    * Handles what has arrived, and computes the view of the present moment. Call it once per frame.
    *
-   * `now`: milliseconds of `performance.now()`, such as the argument of a `requestAnimationFrame` callback. Default: the
-   * present moment. Returns the moment shown, in ticks; its fraction lies between two ticks.
+   * `now`: milliseconds of `performance.now()`, such as the argument of a `requestAnimationFrame` callback; at most ten seconds
+   * from it, and a later moment counts as the present one. Default: the present moment. Returns the moment shown, in ticks; its fraction lies between two ticks.
    *
    * A lockstep scene stands still until a member advances it. Throws `refused` for what the server refused, after the view is
    * computed; the next call continues.
@@ -225,8 +225,9 @@ export class Client {
   /**
    * Steps a lockstep scene once; resolves with the tick of the view, as `Client::advance` of the Rust crate does.
    *
-   * Rejects with `refused` for what the server refused, after the tick is done and its view computed: the next call continues. Also
-   * rejects with `denied`, with `sceneFaulted` once the scene's engine has failed, and with the reason why the client
+   * Rejects with `refused` for what the server refused, after the tick is done and its view computed: the next call continues.
+   * Rejects with `timeout` if the tick does not come within the limit of `connect`: it stays requested, and the next call steps
+   * once more. Also rejects with `denied`, with `sceneFaulted` once the scene's engine has failed, and with the reason why the client
    * ends, such as `sceneDeleted`.
    */
   advance(): Promise<number>;
@@ -391,14 +392,15 @@ export interface View {
   readonly changed: Uint32Array;
   /** Bodies that were removed since the view before. */
   readonly removed: Float64Array;
-  /** Tick of each body's last update. Computed when read. */
+  /** Tick of each body's last update; zero while the client resumes. Computed when read. */
   readonly updateTicks: Float64Array;
   /**
    * How far each shown pose may be from the body's true pose at the moment of the view, metres. Infinite while nothing finite is
-   * known: a packet is missing, or the view shows a moment of which the news has not arrived. Computed when read.
+   * known: a packet is missing, the view shows a moment of which the news has not arrived, or the client resumes. Computed when
+   * read.
    */
   readonly errorBounds: Float32Array;
-  /** Tolerance of each body in this stream, metres; zero for a full stream. Computed when read. */
+  /** Tolerance of each body in this stream, metres; zero for a full stream, and while the client resumes. Computed when read. */
   readonly tolerances: Float32Array;
   /** Place of a body; undefined if it is not in this view: a typed array has `undefined` there. */
   place(id: BodyId): number | undefined;

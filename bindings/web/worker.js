@@ -6,13 +6,14 @@
 // own, and with ids, shapes, kinds and tolerances when these changed; { kind: "answer", id, value };
 // { kind: "error", id, error }.
 
-import { connect } from "./rhumb.js";
+import { wrong } from "./error.js";
+import { RhumbError, connect } from "./rhumb.js";
 
 let client;
 let generation = -1;
 
-function plain({ code, message, denial, closeCode }) {
-  return { code: code ?? "argument", message, denial, closeCode };
+function plain({ code, message, denial, closeCode, refusals, refusalsLeftOut }) {
+  return { code: code ?? "argument", message, denial, closeCode, refusals, refusalsLeftOut };
 }
 
 function events() {
@@ -24,7 +25,14 @@ function events() {
 }
 
 function frame() {
-  const time = client.poll();
+  let time;
+  try {
+    time = client.poll();
+  } catch (error) {
+    // A refusal comes after the view is computed; a client that has ended has its last view and events.
+    postMessage({ kind: "error", error: plain(error) });
+    time = client.view.time;
+  }
   const { view } = client;
   const message = {
     kind: "frame",
@@ -48,17 +56,23 @@ function frame() {
 }
 
 async function perform({ kind, id, url, options, scene, join, name, arguments: given = [] }) {
+  if (client === undefined && kind !== "connect") {
+    throw new RhumbError({ code: "notNow", message: `the message ${kind} needs a client: send connect first, and wait for joined` });
+  }
   switch (kind) {
     case "connect":
+      if (client !== undefined && client.state !== "ended") throw new RhumbError({ code: "notNow", message: "this worker has a client already" });
       client = await (await connect(url, options)).join(scene, join);
       return postMessage({ kind: "joined", config: client.config });
     case "frame":
       return frame();
     case "call":
       return postMessage({ kind: "answer", id, value: await client[name](...given) });
+    default:
+      throw wrong("kind", kind, '"connect", "frame" or "call"');
   }
 }
 
 addEventListener("message", ({ data }) => {
-  perform(data).catch((error) => postMessage({ kind: "error", id: data.id, error: plain(error) }));
+  perform(data ?? {}).catch((error) => postMessage({ kind: "error", id: data?.id, error: plain(error) }));
 });

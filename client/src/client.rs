@@ -156,24 +156,27 @@ impl Client {
     /// It is [`ErrorBound::Unknown`] as long as anything is missing: a packet, or the news of a moment that the view
     /// shows ahead of them. Without a delay, a free-running view always predicts the last moments, and nothing finite is
     /// certain of them: a command may have put a body anywhere. [`JoinOptions::delay_ticks`](crate::JoinOptions) of the
-    /// network's delay and a little more gives a finite bound.
+    /// network's delay and a little more gives a finite bound. Nor is one known while the client resumes its session.
     #[must_use]
     pub fn error_bound(&self, id: BodyId) -> Option<ErrorBound> {
-        self.view().error_bound(self.replica()?.stream(), id)
+        let stream = self.replica().map(Replica::stream);
+        self.view().error_bound(stream, id)
     }
 
     /// The bound of each body of the view, in its order: see [`Self::error_bound`].
     pub fn error_bounds(&self) -> impl Iterator<Item = ErrorBound> {
         let stream = self.replica().map(Replica::stream);
-        let bounds = stream.map(|stream| self.view().error_bounds(stream));
-        bounds.into_iter().flatten()
+        self.view().error_bounds(stream)
     }
 
     /// Bound on the error of what is known of a body at a tick, whatever the view shows: that of its track. `None` for a
     /// body that the copy does not have.
     #[must_use]
     pub fn tick_error_bound(&self, id: BodyId, tick: Tick) -> Option<ErrorBound> {
-        self.replica()?.stream().bound_at(id, tick)
+        match self.replica() {
+            Some(replica) => replica.stream().bound_at(id, tick),
+            None => self.view().error_bound(None, id),
+        }
     }
 
     /// Requests another stream at once and does not wait. [`Event::SubscriptionChanged`] reports when the copy follows

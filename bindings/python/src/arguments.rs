@@ -280,7 +280,7 @@ pub(crate) fn sleep(value: &Bound<'_, PyAny>) -> PyResult<Option<Sleep>> {
 
 /// A time in seconds.
 pub(crate) fn seconds(py: Python<'_>, seconds: f64, name: &'static str) -> PyResult<Duration> {
-    let needed = "seconds: finite and not negative";
+    let needed = "seconds, 0 to 1e19";
     Duration::try_from_secs_f64(seconds)
         .map_err(|_| exception(py, &BindingError::value(name, seconds, needed)))
 }

@@ -1,11 +1,13 @@
 //! Arguments out of JSON, which know their places, and errors for JavaScript.
 //!
-//! A wrong argument is named by its place, as in `body.shape.radius`. An error has a code for programs and a sentence for
-//! people.
+//! A wrong argument is named by its place, as in `body.shape.radius`. A field that no reader asks for is wrong, too. An error
+//! has a code for programs and a sentence for people.
 //!
 //! Objects of JSON leave absent fields out. JavaScript reads an absent field as `undefined`, and `rhumb.d.ts` says so. Null
 //! would pass as the number zero.
 
+use std::cell::RefCell;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 
 use glam::{Quat, Vec3};
@@ -123,6 +125,10 @@ pub(crate) const fn denial_code(denial: Denial) -> &'static str {
 /// Most characters of a wrong value that its error names.
 const FOUND_CHARACTERS: usize = 40;
 
+/// The fields that readers have asked each object for.
+#[derive(Debug, Default)]
+pub(crate) struct AskedFields(RefCell<BTreeMap<*const Value, BTreeSet<String>>>);
+
 /// A part of a JSON value, and its place.
 ///
 /// Functions that read a field by its name are not inlined: each inlined copy would make the module larger.
@@ -130,13 +136,46 @@ const FOUND_CHARACTERS: usize = 40;
 pub(crate) struct Argument<'a> {
     value: &'a Value,
     place: String,
+    asked: &'a AskedFields,
 }
 
 impl<'a> Argument<'a> {
-    pub(crate) fn new(value: &'a Value, place: &str) -> Self {
+    pub(crate) fn new(value: &'a Value, place: &str, asked: &'a AskedFields) -> Self {
         Self {
             value,
             place: place.to_owned(),
+            asked,
+        }
+    }
+
+    /// Refuses a field that no reader has asked for.
+    pub(crate) fn check_fields(&self) -> Result<(), Failure> {
+        match self.value {
+            Value::Array(items) => {
+                let has_fields = |item: &Value| item.is_object() || item.is_array();
+                let items = items.iter().enumerate();
+                for (index, value) in items.filter(|(_, item)| has_fields(item)) {
+                    let place = format!("{}[{index}]", self.place);
+                    Self::new(value, &place, self.asked).check_fields()?;
+                }
+                Ok(())
+            }
+            Value::Object(fields) => {
+                let place = |field: &String| format!("{}.{field}", self.place);
+                if let Some(asked) = self.asked.0.borrow().get(&std::ptr::from_ref(self.value))
+                    && let Some(unknown) = fields.keys().find(|field| !asked.contains(*field))
+                {
+                    let known: Vec<&str> = asked.iter().map(String::as_str).collect();
+                    let known = known.join(", ");
+                    let why = format_args!("is not known: the fields here are {known}");
+                    return Err(Failure::argument(&place(unknown), why));
+                }
+                let mut fields = fields.iter();
+                fields.try_for_each(|(field, value)| {
+                    Self::new(value, &place(field), self.asked).check_fields()
+                })
+            }
+            _ => Ok(()),
         }
     }
 
@@ -158,11 +197,15 @@ impl<'a> Argument<'a> {
 
     /// A field; null and an absent one are none.
     pub(crate) fn optional(&self, field: &str) -> Option<Self> {
-        let value = self.value.get(field).filter(|value| !value.is_null())?;
-        Some(Self {
-            value,
-            place: format!("{}.{field}", self.place),
-        })
+        let fields = self.value.as_object()?;
+        let mut asked = self.asked.0.borrow_mut();
+        let asked = asked.entry(std::ptr::from_ref(self.value)).or_default();
+        if !asked.contains(field) {
+            asked.insert(field.to_owned());
+        }
+        let value = fields.get(field).filter(|value| !value.is_null())?;
+        let place = format!("{}.{field}", self.place);
+        Some(Self::new(value, &place, self.asked))
     }
 
     /// A field that must be there.
@@ -174,14 +217,9 @@ impl<'a> Argument<'a> {
     /// The elements of a list.
     pub(crate) fn items(&self) -> Result<impl Iterator<Item = Self> + use<'a>, Failure> {
         let items = self.value.as_array().ok_or_else(|| self.wrong("a list"))?;
-        let place = self.place.clone();
-        Ok(items
-            .iter()
-            .enumerate()
-            .map(move |(index, value)| Argument {
-                value,
-                place: format!("{place}[{index}]"),
-            }))
+        let (place, asked) = (self.place.clone(), self.asked);
+        let items = items.iter().enumerate();
+        Ok(items.map(move |(index, value)| Self::new(value, &format!("{place}[{index}]"), asked)))
     }
 
     pub(crate) fn text(&self) -> Result<&'a str, Failure> {

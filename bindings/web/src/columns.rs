@@ -97,28 +97,29 @@ impl Columns {
         }
     }
 
-    pub(crate) fn compute_update_ticks(&mut self, replica: &Replica) {
-        let stream = replica.stream();
+    pub(crate) fn compute_update_ticks(&mut self, replica: Option<&Replica>) {
         self.update_ticks.clear();
         self.update_ticks.extend(self.known.iter().map(|id| {
-            let track = stream.track(*id);
+            let track = replica.and_then(|replica| replica.stream().track(*id));
             track.map_or(0.0, |track| track.origin.value() as f64)
         }));
     }
 
-    pub(crate) fn compute_error_bounds(&mut self, replica: &Replica, view: &View) {
+    pub(crate) fn compute_error_bounds(&mut self, replica: Option<&Replica>, view: &View) {
         self.error_bounds.clear();
-        let bounds = view.error_bounds(replica.stream());
+        let bounds = view.error_bounds(replica.map(Replica::stream));
         self.error_bounds
             .extend(bounds.map(|bound| bound.metres() as f32));
     }
 
-    pub(crate) fn compute_tolerances(&mut self, replica: &Replica) {
-        let stream = replica.stream();
-        let is_exact = replica.choice().is_exact();
+    pub(crate) fn compute_tolerances(&mut self, replica: Option<&Replica>) {
+        // A choice that is exact has none.
+        let stream = replica
+            .filter(|replica| !replica.choice().is_exact())
+            .map(Replica::stream);
         self.tolerances.clear();
         self.tolerances.extend(self.known.iter().map(|id| {
-            let metres = match stream.tolerance_of(*id).filter(|_| !is_exact) {
+            let metres = match stream.and_then(|stream| stream.tolerance_of(*id)) {
                 Some(
                     Tolerance::Surface(length)
                     | Tolerance::Parts {

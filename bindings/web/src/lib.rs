@@ -14,14 +14,14 @@ mod scene_json;
 use std::cell::RefCell;
 
 use glam::{Quat, Vec3};
-use rhumb_protocol::{Ending, Transmit};
+use rhumb_protocol::{Ending, Instant, Transmit};
 use rhumb_reckoning::Tick;
 use rhumb_view::{InvalidTicks, RenderTime};
 use serde_json::{Value, json};
 
-use crate::argument::{Argument, Failure, body_of, id_number};
+use crate::argument::{Argument, AskedFields, Failure, body_of, id_number};
 use crate::columns::Columns;
-use crate::member::{MemberOptions, WebMember, moment};
+use crate::member::{MemberOptions, WebMember};
 
 // JavaScript reads these as plain numbers in a row.
 const _: () = assert!(size_of::<Vec3>() == 12 && size_of::<Quat>() == 16);
@@ -57,7 +57,7 @@ pub extern "C" fn output_bytes() -> u32 {
 /// A member of the options in the input; 0 if they cannot be used.
 #[unsafe(no_mangle)]
 pub extern "C" fn member_new() -> u32 {
-    let options = parsed().and_then(|json| MemberOptions::read(&Argument::new(&json, "options")));
+    let options = read("options", MemberOptions::read);
     match options {
         Ok(options) => MEMBERS.with_borrow_mut(|members| {
             let member = Some(WebMember::new(options));
@@ -89,14 +89,14 @@ pub extern "C" fn member_free(member: u32) {
 /// The connection is open.
 #[unsafe(no_mangle)]
 pub extern "C" fn handle_opened(member: u32, now: f64) {
-    with(member, |member| member.handle_opened(moment(now)));
+    with_at(member, now, |member, now| member.handle_opened(now));
 }
 
 /// The input is the next bytes of the control stream.
 #[unsafe(no_mangle)]
 pub extern "C" fn handle_control(member: u32, now: f64) {
     INPUT.with_borrow(|bytes| {
-        with(member, |member| member.handle_control(moment(now), bytes));
+        with_at(member, now, |member, now| member.handle_control(now, bytes));
     });
 }
 
@@ -104,14 +104,16 @@ pub extern "C" fn handle_control(member: u32, now: f64) {
 #[unsafe(no_mangle)]
 pub extern "C" fn handle_datagram(member: u32, now: f64) {
     INPUT.with_borrow(|bytes| {
-        with(member, |member| member.handle_datagram(moment(now), bytes));
+        with_at(member, now, |member, now| {
+            member.handle_datagram(now, bytes)
+        });
     });
 }
 
 /// A moment that [`poll_timeout`] named has come.
 #[unsafe(no_mangle)]
 pub extern "C" fn handle_timeout(member: u32, now: f64) {
-    with(member, |member| member.handle_timeout(moment(now)));
+    with_at(member, now, |member, now| member.handle_timeout(now));
 }
 
 /// The connection has ended: closed by the server with a code, or broken if the code is negative.
@@ -121,7 +123,7 @@ pub extern "C" fn handle_ended(member: u32, now: f64, code: f64) {
         true => Ending::Broken,
         false => Ending::Closed(code as u32),
     };
-    with(member, |member| member.handle_ended(moment(now), ending));
+    with_at(member, now, |member, now| member.handle_ended(now, ending));
 }
 
 /// The next transmission: 0 none, 1 control bytes, 2 a datagram, 3 close, with the code as JSON.
@@ -172,7 +174,7 @@ pub extern "C" fn close(member: u32) {
 /// Computes the view of the present moment; returns it in ticks, or a negative number before the member has joined.
 #[unsafe(no_mangle)]
 pub extern "C" fn poll_view(member: u32, now: f64) -> f64 {
-    let shown = with(member, |member| member.poll(moment(now))).flatten();
+    let shown = with_at(member, now, |member, now| member.poll(now)).flatten();
     shown.unwrap_or(-1.0)
 }
 
@@ -184,7 +186,7 @@ pub extern "C" fn show(member: u32, now: f64, ticks: f64) {
         tick: Tick::new(whole as u64),
         fraction: ticks.max(0.0) - whole,
     };
-    with(member, |member| member.show(moment(now), at));
+    with_at(member, now, |member, now| member.show(now, at));
 }
 
 /// Number of bodies in the view.
@@ -323,7 +325,9 @@ pub extern "C" fn state(member: u32, part: u32) -> u32 {
 /// Statistics.
 #[unsafe(no_mangle)]
 pub extern "C" fn statistics(member: u32, now: f64) -> u32 {
-    found(with(member, |member| member.statistics_json(moment(now))))
+    found(with_at(member, now, |member, now| {
+        member.statistics_json(now)
+    }))
 }
 
 /// Milliseconds for which a client of this scene tries to resume by default.
@@ -335,19 +339,15 @@ pub extern "C" fn resume_within(member: u32) -> f64 {
 /// Requests the stream in the input.
 #[unsafe(no_mangle)]
 pub extern "C" fn change_stream(member: u32) -> u32 {
-    done(parsed().and_then(|json| {
-        let choice = scene_argument::stream(&Argument::new(&json, "stream"))?;
-        call(member, |member| member.change_stream(choice))
-    }))
+    let choice = read("stream", scene_argument::stream);
+    done(choice.and_then(|choice| call(member, |member| member.change_stream(choice))))
 }
 
 /// Sets the tier policy in the input.
 #[unsafe(no_mangle)]
 pub extern "C" fn set_tier_policy(member: u32) -> u32 {
-    done(parsed().and_then(|json| {
-        let policy = scene_argument::tier_policy(&Argument::new(&json, "policy"))?;
-        call(member, |member| member.set_tier_policy(policy))
-    }))
+    let policy = read("policy", scene_argument::tier_policy);
+    done(policy.and_then(|policy| call(member, |member| member.set_tier_policy(policy))))
 }
 
 /// Sets an option of the view: 0 the delay in ticks, 1 the lead in ticks, 2 whether corrections are smoothed.
@@ -378,10 +378,8 @@ pub extern "C" fn set_option(member: u32, option: u32, value: f64) -> u32 {
 /// Queues the command in the input; its number is the output.
 #[unsafe(no_mangle)]
 pub extern "C" fn command(member: u32) -> u32 {
-    answer(parsed().and_then(|json| {
-        let command = scene_argument::command(&Argument::new(&json, "command"))?;
-        Ok(json!(call(member, |member| member.command(command))?))
-    }))
+    let command = read("command", scene_argument::command);
+    answer(command.and_then(|command| Ok(json!(call(member, |member| member.command(command))?))))
 }
 
 /// Queues the removal of shapes that no body has; their number is the output.
@@ -393,10 +391,8 @@ pub extern "C" fn remove_unused_shapes(member: u32) -> u32 {
 /// Queues the bodies of the list in the input; their ids are the output.
 #[unsafe(no_mangle)]
 pub extern "C" fn add_bodies(member: u32) -> u32 {
-    answer(parsed().and_then(|json| {
-        let bodies = Argument::new(&json, "bodies");
-        let bodies = bodies.items()?.map(|body| scene_argument::body(&body));
-        let bodies: Vec<_> = bodies.collect::<Result<_, _>>()?;
+    let bodies = read("bodies", |bodies| bodies.each(scene_argument::body));
+    answer(bodies.and_then(|bodies| {
         let ids = call(member, |member| member.add_bodies(&bodies))?;
         Ok(ids.into_iter().map(id_number).collect())
     }))
@@ -405,24 +401,21 @@ pub extern "C" fn add_bodies(member: u32) -> u32 {
 /// Queues the queries of the list in the input; their number is the output.
 #[unsafe(no_mangle)]
 pub extern "C" fn query(member: u32) -> u32 {
-    answer(parsed().and_then(|json| {
-        let queries = Argument::new(&json, "queries");
-        let queries = queries.items()?.map(|query| scene_argument::query(&query));
-        let queries: Vec<_> = queries.collect::<Result<_, _>>()?;
-        Ok(json!(call(member, |member| member.query(queries))?))
-    }))
+    let queries = read("queries", |queries| queries.each(scene_argument::query));
+    answer(queries.and_then(|queries| Ok(json!(call(member, |member| member.query(queries))?))))
 }
 
 /// Requests authority over the `bodies` in the input, within its `tolerance`.
 #[unsafe(no_mangle)]
 pub extern "C" fn take_authority(member: u32) -> u32 {
-    done(parsed().and_then(|json| {
-        let request = Argument::new(&json, "authority");
+    let request = read("authority", |request| {
         let tolerance = scene_argument::tolerance(&request.field("tolerance")?)?;
-        let bodies = request.field("bodies")?;
-        let bodies: Vec<_> = (bodies.items()?)
-            .map(|body| body.body())
-            .collect::<Result<_, _>>()?;
+        Ok((
+            tolerance,
+            request.field("bodies")?.each(|body| body.body())?,
+        ))
+    });
+    done(request.and_then(|(tolerance, bodies)| {
         call(member, |member| member.take_authority(tolerance, &bodies))
     }))
 }
@@ -430,14 +423,15 @@ pub extern "C" fn take_authority(member: u32) -> u32 {
 /// Publishes the list of ids and states in the input; their tick is the output, or null.
 #[unsafe(no_mangle)]
 pub extern "C" fn publish(member: u32, now: f64) -> u32 {
-    answer(parsed().and_then(|json| {
-        let states = Argument::new(&json, "states");
-        let states = states.items()?.map(|pair| {
+    let states = read("states", |states| {
+        states.each(|pair| {
             let state = scene_argument::body_state(&pair.field("state")?)?;
             Ok((pair.field("id")?.body()?, state))
-        });
-        let states: Vec<_> = states.collect::<Result<_, Failure>>()?;
-        let tick = call(member, |member| member.publish(moment(now), &states))?;
+        })
+    });
+    answer(states.and_then(|states| {
+        let tick = with_at(member, now, |member, now| member.publish(now, &states))
+            .unwrap_or_else(freed)?;
         Ok(json!(tick.map(Tick::value)))
     }))
 }
@@ -445,7 +439,7 @@ pub extern "C" fn publish(member: u32, now: f64) -> u32 {
 /// Lets a lockstep scene step; the tick to wait for is the output.
 #[unsafe(no_mangle)]
 pub extern "C" fn advance(member: u32, now: f64) -> u32 {
-    let tick = call(member, |member| member.advance(moment(now)));
+    let tick = with_at(member, now, WebMember::advance).unwrap_or_else(freed);
     answer(tick.map(|tick| json!(tick.value())))
 }
 
@@ -481,18 +475,42 @@ fn with<T>(member: u32, act: impl FnOnce(&mut WebMember) -> T) -> Option<T> {
     MEMBERS.with_borrow_mut(|members| Some(act(slot(members, member)?.as_mut()?)))
 }
 
+/// The same at a moment of JavaScript's clock.
+fn with_at<T>(
+    member: u32,
+    milliseconds: f64,
+    act: impl FnOnce(&mut WebMember, Instant) -> T,
+) -> Option<T> {
+    with(member, |member| {
+        let now = member.at(milliseconds);
+        act(member, now)
+    })
+}
+
 fn call<T>(
     member: u32,
     act: impl FnOnce(&mut WebMember) -> Result<T, Failure>,
 ) -> Result<T, Failure> {
-    with(member, act).unwrap_or_else(|| Err(Failure::of("notNow", "the member was freed")))
+    with(member, act).unwrap_or_else(freed)
 }
 
-/// The JSON in the input.
-fn parsed() -> Result<Value, Failure> {
-    INPUT.with_borrow(|input| {
+fn freed<T>() -> Result<T, Failure> {
+    Err(Failure::of("notNow", "the member was freed"))
+}
+
+/// Reads the JSON in the input. `place` names it in errors.
+fn read<T>(
+    place: &str,
+    read: impl FnOnce(&Argument<'_>) -> Result<T, Failure>,
+) -> Result<T, Failure> {
+    let json: Value = INPUT.with_borrow(|input| {
         serde_json::from_slice(input).map_err(|cause| Failure::argument("input", cause))
-    })
+    })?;
+    let asked = AskedFields::default();
+    let argument = Argument::new(&json, place, &asked);
+    let value = read(&argument)?;
+    argument.check_fields()?;
+    Ok(value)
 }
 
 fn put(bytes: &[u8]) {

@@ -34,6 +34,8 @@ pub(crate) struct WebMember {
     joining: Option<Joining>,
     joined: Option<Membership>,
     events: Vec<Value>,
+    /// The latest moment of a call.
+    latest: Instant,
 }
 
 /// The state of a member.
@@ -72,6 +74,7 @@ impl WebMember {
             options: join,
             joined: None,
             events: Vec::new(),
+            latest: Instant::ZERO,
         }
     }
 
@@ -225,6 +228,13 @@ impl WebMember {
         self.complete().value() as f64
     }
 
+    /// A moment of JavaScript's clock, milliseconds. One before the latest counts as that.
+    pub(crate) fn at(&mut self, milliseconds: f64) -> Instant {
+        let moment = Instant::ZERO + Span::from_nanos((milliseconds * 1e6) as u64);
+        self.latest = self.latest.max(moment);
+        self.latest
+    }
+
     /// Computes the view of the present moment; returns it in ticks.
     pub(crate) fn poll(&mut self, now: Instant) -> Option<f64> {
         let (joined, session) = self.joined().ok()?;
@@ -261,22 +271,24 @@ impl WebMember {
     }
 
     /// Computes the columns that are not computed with each view.
-    pub(crate) fn compute(&mut self, column: fn(&mut Columns, &Replica, &View)) {
-        let Some(joined) = &mut self.joined else {
-            return;
-        };
-        if let Some(replica) = self.session.replica() {
+    pub(crate) fn compute(&mut self, column: fn(&mut Columns, Option<&Replica>, &View)) {
+        if let Some(joined) = &mut self.joined {
+            let replica = self.session.replica();
             column(&mut joined.columns, replica, joined.live_view.view());
         }
     }
 
     pub(crate) fn error_bound(&self, id: BodyId) -> Option<f64> {
         let view = self.live_view()?.view();
-        Some(view.error_bound(self.replica()?.stream(), id)?.metres())
+        Some(view.error_bound(self.stream(), id)?.metres())
     }
 
     pub(crate) fn tick_error_bound(&self, id: BodyId, tick: Tick) -> Option<f64> {
-        Some(self.stream()?.bound_at(id, tick)?.metres())
+        let bound = match self.stream() {
+            Some(stream) => stream.bound_at(id, tick),
+            None => self.live_view()?.view().error_bound(None, id),
+        };
+        Some(bound?.metres())
     }
 
     pub(crate) fn body_json(&self, id: BodyId) -> Option<Value> {
@@ -504,11 +516,6 @@ fn with_number(refusal: &RefusedRequest) -> String {
         Some(id) => sentence.replace(&id.to_string(), &format!("body {}", id_number(id))),
         None => sentence,
     }
-}
-
-/// A moment of JavaScript's clock, milliseconds.
-pub(crate) fn moment(milliseconds: f64) -> Instant {
-    Instant::ZERO + Span::from_nanos((milliseconds * 1e6) as u64)
 }
 
 /// The options of a new member.

@@ -203,11 +203,97 @@ test("refusals are events alone where the application says so", async () => {
   await assert.rejects(connection.join("golden", { refusals: "never" }), { code: "argument" });
 });
 
+test("a moment of another clock is refused and leaves the client's alone", async () => {
+  const client = await showing();
+  const { time } = client.view;
+  for (const now of [Number.NaN, -1, Infinity, "5", null, Date.now(), performance.now() - 11_000, performance.now() + 11_000]) {
+    assert.throws(() => client.poll(now), { code: "argument", message: /now is/ }, String(now));
+  }
+  client.poll(performance.now() - 5000);
+  client.poll();
+  assert.equal(client.view.time, time);
+  for (const ticks of [Number.NaN, -1, Infinity, "x"]) {
+    assert.throws(() => client.show(ticks), { code: "argument", message: /ticks is/ });
+  }
+});
+
+test("what a call does not know, and numbers that are not finite, are refused by name", async () => {
+  const { client } = await joined();
+  const body = { kind: "dynamic", shape: { kind: "ball", radius: 0.5 } };
+  for (const [call, named] of [
+    [() => client.addBody({ ...body, velocity: [5, 0, 0] }), /bodies\[0\]\.velocity is not known: the fields here are .*linearVelocity/],
+    [() => client.addBody({ ...body, shape: { kind: "ball", radius: 0.5, halfHeight: 1 } }), /bodies\[0\]\.shape\.halfHeight is/],
+    [() => client.addBody({ ...body, gravityScale: Number.NaN }), /gravityScale is NaN/],
+    [() => client.addBody({ ...body, position: [0, Infinity, 0] }), /Infinity/],
+    [() => client.command({ kind: "setGravity", gravity: [0, 0, 0], body: 1 }), /command\.body is not known/],
+    [() => client.query([{ kind: "ray", origin: [0, 0, 0], direction: [0, 1, 0], translation: [0, 1, 0] }]), /direction is not known/],
+    [() => client.changeStream({ within: 0.05, buget: 1000 }), /buget is not known/],
+    [() => client.setSmooth("no"), /smooth is "no"/],
+    [() => client.setDelayTicks(null), /ticks is null/],
+    [() => client.publish("x"), /states is "x"/],
+    [() => client.record(5), /record is 5/],
+  ]) {
+    assert.throws(call, (error) => error.code === "argument" && named.test(error.message.replace(": ", " ")) || assert.fail(error.message));
+  }
+  client.addBody({ ...body, position: new Float32Array([0, 60, 0]) });
+  for (const options of [{ tolerance: 0.001 }, { delayTick: 6 }, { resumeWithin: -1 }, { resumeWithin: Number.NaN }, { record: 5 }, null]) {
+    const connection = await connect(URL, { transport: Transport });
+    await assert.rejects(connection.join("golden", options), { code: "argument" }, JSON.stringify(options));
+  }
+  for (const options of [{ certificatHashes: [] }, { timeout: Infinity }, { timeout: 0 }, { token: 5 }, { certificateHashes: "ab" }]) {
+    await assert.rejects(connect(URL, { transport: Transport, ...options }), { code: "argument" }, JSON.stringify(options));
+  }
+});
+
+test("a call that waits ends within the time limit", async () => {
+  const connection = await connect(URL, { transport: Transport, timeout: 200 });
+  const joining = connection.join("golden", { resumeWithin: 0 });
+  servers.at(-1).play(BEGINNING);
+  const client = await joining;
+  clients.push(client);
+  for (const call of ["advance", "inspect", "delete"]) {
+    assert.equal((await settled(client[call]())).error?.code, "timeout", call);
+  }
+});
+
+test("while a client resumes, no bound is known and all arrays are of one length", async () => {
+  const connection = await connect(URL, { transport: Transport });
+  const server = servers.at(-1);
+  const joining = connection.join("golden", { resumeWithin: 60 });
+  server.play(BEGINNING);
+  const client = await joining;
+  clients.push(client);
+  server.play(FIRST_TICK);
+  await until(() => client.completeTick >= 1, "the first tick");
+  client.poll();
+  assert.ok(client.view.count > 0);
+  server.close({ closeCode: 7 });
+  await until(() => client.state === "resuming", "the end of the connection");
+  client.poll();
+  const { count, ids, errorBounds, tolerances, updateTicks } = client.view;
+  assert.ok(count > 0);
+  assert.deepEqual([errorBounds.length, tolerances.length, updateTicks.length], [count, count, count]);
+  assert.ok(errorBounds.every((bound) => bound === Infinity));
+  const [first] = client.view.ids;
+  assert.deepEqual([client.errorBound(first), client.tickErrorBound(first, 1), ids.length], [Infinity, Infinity, count]);
+});
+
+test("a client that has ended takes no calls", async () => {
+  const client = await showing();
+  client.close();
+  for (const call of [() => client.poll(), () => client.show(1), () => client.setDelayTicks(3), () => client.setSmooth(true)]) {
+    assert.throws(call, { code: "closed" });
+  }
+});
+
 test("a body that is not in the view has no place", async () => {
   const client = await showing();
   const [first] = client.view.ids;
   assert.equal(client.view.place(first), 0);
   assert.equal(client.view.place(2 ** 20 - 1), undefined);
+  for (const id of [null, "0", undefined, Number.NaN]) {
+    assert.deepEqual([client.view.place(id), client.errorBound(id), client.body(id)], [undefined, undefined, undefined]);
+  }
 });
 
 /** As a browser's: closed before it is ready, it is never ready. */

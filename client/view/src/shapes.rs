@@ -337,7 +337,11 @@ impl BodyCentres {
     /// The centre of mass of a body whose origin is here, metres.
     #[must_use]
     pub fn position_in(&self, id: BodyId, origin: Vec3, rotation: Quat) -> Vec3 {
-        origin + rotation * self.centre(id)
+        // A rotation that is not finite is refused under its own name.
+        match rotation.is_finite() {
+            true => origin + rotation * self.centre(id),
+            false => origin,
+        }
     }
 
     /// The origin of a body whose centre of mass is here, metres.

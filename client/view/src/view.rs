@@ -163,10 +163,15 @@ impl View {
     ///
     /// A free-running scene in which nothing happens says so in growing pauses. A program that asks for bounds makes its
     /// client ask the server meanwhile, some ten times a second, if the delay of the view is long enough for the answers.
+    ///
+    /// There is no stream while a client resumes its session: the view stands still, and no bound is known.
     #[must_use]
-    pub fn error_bound(&self, stream: &Subscriber, id: BodyId) -> Option<ErrorBound> {
+    pub fn error_bound(&self, stream: Option<&Subscriber>, id: BodyId) -> Option<ErrorBound> {
         self.bounds_asked.store(true, Ordering::Relaxed);
         let place = self.place(id)?;
+        let Some(stream) = stream else {
+            return Some(self.unknown());
+        };
         let shown = ShownPose {
             position: self.positions[place],
             rotation: self.rotations[place],
@@ -175,11 +180,16 @@ impl View {
     }
 
     /// The bound of each body of this view, in its order: see [`Self::error_bound`].
-    pub fn error_bounds(&self, stream: &Subscriber) -> impl Iterator<Item = ErrorBound> {
-        let since = stream.complete();
-        let unknown = ErrorBound::Unknown { since };
-        let bounds = self.ids.iter().map(|id| self.error_bound(stream, *id));
-        bounds.map(move |bound| bound.unwrap_or(unknown))
+    pub fn error_bounds(&self, stream: Option<&Subscriber>) -> impl Iterator<Item = ErrorBound> {
+        let unknown = self.unknown();
+        let bounds = self.ids.iter();
+        bounds.map(move |id| self.error_bound(stream, *id).unwrap_or(unknown))
+    }
+
+    /// No bound is known since the moment shown.
+    fn unknown(&self) -> ErrorBound {
+        let since = self.time.map_or(Tick::ZERO, |time| time.tick);
+        ErrorBound::Unknown { since }
     }
 
     /// True if a bound was asked for since the last call.

@@ -107,7 +107,10 @@ impl BodyBuilder {
     #[must_use]
     pub fn centred(mut self) -> (Self, Vec3) {
         let (shape, centre) = self.shape.centred();
-        self.position += self.rotation * centre;
+        // A rotation that is not finite is refused under its own name.
+        if self.rotation.is_finite() {
+            self.position += self.rotation * centre;
+        }
         self.shape = shape;
         (self, centre)
     }

@@ -101,7 +101,9 @@ impl Watcher {
         let replica = stage.network.client(self.index).replica();
         let stream = replica.expect("a member").stream();
         for (place, id) in view.ids().iter().enumerate() {
-            let bound = view.error_bound(stream, *id).expect("a body of the view");
+            let bound = view
+                .error_bound(Some(stream), *id)
+                .expect("a body of the view");
             self.shown.push(Shown {
                 at,
                 id: *id,
@@ -584,7 +586,7 @@ fn watch_rest(delay_ticks: f64, asks: bool, links: &str) -> (f64, u64) {
         watcher.live.show_present(session, now);
         if asks {
             let stream = session.replica().expect("a member").stream();
-            let mut bounds = watcher.live.view().error_bounds(stream);
+            let mut bounds = watcher.live.view().error_bounds(Some(stream));
             let is_known = bounds.all(|bound| bound.metres().is_finite());
             known += usize::from(is_known && frame >= 600);
         }

@@ -320,6 +320,12 @@ fn stop(server: ServerProcess, client: &mut Client) {
     while !std::iter::from_fn(|| client.poll_event()).any(|(_, event)| interrupted(&event)) {
         client.idle(Duration::from_millis(2)).expect("it tries on");
     }
+    // The view stands still, and no bound of what it shows is known.
+    let bounds: Vec<_> = client.error_bounds().collect();
+    assert_eq!(bounds.len(), client.view().ids().len());
+    assert!(bounds.iter().all(|bound| bound.metres().is_infinite()));
+    let alone = client.view().ids().iter().map(|id| client.error_bound(*id));
+    assert!(alone.eq(bounds.into_iter().map(Some)));
 }
 
 #[test]
