@@ -11,12 +11,16 @@ export function readAddress(search) {
   const given = new URLSearchParams(search);
   const wrong = [];
   const found = { wrong };
+  for (const name of new Set(given.keys())) {
+    if (!NAMES.includes(name)) wrong.push(`The address has "${name}", which is not known: it takes ${NAMES.join(", ")}`);
+    else if (given.getAll(name).length > 1) wrong.push(`The address has more than one ${name}: the first counts`);
+  }
   for (const name of ["scene", "load", "run"]) if (given.get(name)) found[name] = given.get(name);
   const tolerance = given.get("tolerance");
   if (tolerance !== null) {
     const length = /^\d*\.?\d+$/.test(tolerance) ? Number(tolerance) : NaN;
     if (length >= TOLERANCE_MIN && length <= TOLERANCE_MAX) found.tolerance = length;
-    else wrong.push(`The address asks for the tolerance "${tolerance}": it is metres from ${TOLERANCE_MIN} to ${TOLERANCE_MAX}`);
+    else wrong.push(`The address asks for the tolerance "${tolerance}": it is metres from ${TOLERANCE_MIN} to ${TOLERANCE_MAX}, as 0.05`);
   }
   const link = given.get("link");
   if (link !== null) {
@@ -34,10 +38,12 @@ export function readAddress(search) {
 /** The values of a link's condition; undefined if it is none. An empty text is a perfect link. */
 function readLink(text) {
   const link = { delay: 0, jitter: 0, loss: 0, rate: 0 };
+  const stated = new Set();
   for (const part of text.split(",").filter((part) => part !== "")) {
     const [, name, value, unit] = /^([a-z]+)=(\d*\.?\d+)([a-z%]*)$/.exec(part) ?? [];
     const [expected, greatest] = Object.hasOwn(LINK, name ?? "") ? LINK[name] : [];
-    if (expected === undefined || unit !== expected || Number(value) > greatest) return undefined;
+    if (expected === undefined || unit !== expected || Number(value) > greatest || stated.has(name)) return undefined;
+    stated.add(name);
     link[name] = Number(value);
   }
   return link;

@@ -22,8 +22,9 @@ const STEPS = 2 ** 20;
  */
 export function readMcap(bytes) {
   const file = { topics: new Map(), messages: new Map(), metadata: new Map() };
+  let isCut;
   try {
-    readRecords(bytes.subarray(MAGIC_BYTES), file);
+    isCut = readRecords(bytes.subarray(MAGIC_BYTES), file);
   } catch (cause) {
     if (cause instanceof RangeError) throw new Error("the MCAP file is damaged");
     throw cause;
@@ -34,9 +35,14 @@ export function readMcap(bytes) {
     .filter((topic) => topic.endsWith("/truth/state"))
     .map((topic) => loadOf(topic.slice(0, -"/truth/state".length), topics, file))
     .sort((one, other) => one.order - other.order);
-  if (loads.length === 0)
-    throw new Error("the MCAP file has no truth: it is no trace of rhumb-bench and no recording of a server");
-  return { loads, open: (load, run) => open(file, load, run) };
+  if (loads.length === 0) {
+    throw new Error(
+      isCut
+        ? "the MCAP file ends within its first chunk, and this page reads whole ones: rhumb-bench replay reads what is there"
+        : "the MCAP file has no truth: it is no trace of rhumb-bench and no recording of a server",
+    );
+  }
+  return { loads, open: (load, run) => open({ ...file, isCut }, load, run) };
 }
 
 /** A load by the beginning of its topics, with its runs: those over Rhumb first. */
@@ -58,7 +64,10 @@ function open(file, load, run) {
     {};
   const messages = (name) => file.messages.get(`/${load}/${name}`)?.map(([, bytes]) => fields(bytes));
   const copy = run && { seen: messages(`${run}/seen`), stats: messages(`${run}/stats`) ?? [] };
-  return new Trace(messages("truth/state"), copy, facts, run).recording();
+  const recording = new Trace(messages("truth/state"), copy, facts, run).recording();
+  // Whole chunks are there up to it.
+  if (file.isCut) recording.what += "; the file ends early";
+  return recording;
 }
 
 /** Puts messages of one topic in order of their time; those of one time stay as they are. */
@@ -67,6 +76,7 @@ function inOrder(messages) {
   if (!isSorted) messages.sort(([one], [other]) => (one < other ? -1 : one > other ? 1 : 0));
 }
 
+/** Reads whole records; true if the last one is cut. */
 function readRecords(bytes, file) {
   const data = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
   let at = 0;
@@ -75,10 +85,11 @@ function readRecords(bytes, file) {
     const opcode = data.getUint8(at);
     const length = Number(data.getBigUint64(at + 1, true));
     at += 9;
-    if (at + length > bytes.length) return;
+    if (at + length > bytes.length) return true;
     readRecord(opcode, bytes.subarray(at, at + length), file);
     at += length;
   }
+  return at + MAGIC_BYTES > bytes.length && at < bytes.length;
 }
 
 function readRecord(opcode, bytes, file) {
@@ -106,9 +117,27 @@ function readRecord(opcode, bytes, file) {
   } else if (opcode === OPCODE.chunk) {
     const size = Number(data.getBigUint64(16, true));
     const [compression, start] = text(28);
-    const packed = bytes.subarray(start + 8);
-    readRecords(unpacked(compression, packed, size), file);
+    const records = unpacked(compression, bytes.subarray(start + 8), size);
+    // Zero: the writer computed none.
+    const stated = data.getUint32(24, true);
+    if (stated !== 0 && stated !== checksum(records)) {
+      throw new Error("the MCAP file is damaged: the checksum of a chunk differs");
+    }
+    readRecords(records, file);
   }
+}
+
+/** Remainders of each byte for CRC-32, the polynomial of zlib. */
+const CRC_REMAINDERS = Uint32Array.from({ length: 256 }, (_, byte) => {
+  let remainder = byte;
+  for (let bit = 0; bit < 8; bit++) remainder = remainder & 1 ? (remainder >>> 1) ^ 0xedb88320 : remainder >>> 1;
+  return remainder;
+});
+
+function checksum(bytes) {
+  let remainder = 0xffffffff;
+  for (const byte of bytes) remainder = (remainder >>> 8) ^ CRC_REMAINDERS[(remainder ^ byte) & 255];
+  return (remainder ^ 0xffffffff) >>> 0;
 }
 
 /** The records of a chunk. */

@@ -77,12 +77,15 @@ function addressesAreValidated() {
   for (const wrong of [
     "tolerance=0", "tolerance=2", "tolerance=-0.05", "tolerance=x", "tolerance=NaN", "tolerance=1e-2", "tolerance=",
     "link=lag=1ms", "link=delay=100", "link=delay=501ms", "link=loss=31%25", "link=rate=1mbit", "link=toString=1ms", "link=delay",
+    "link=delay=100ms,delay=5ms", "tolerence=0.02", "show=present",
   ]) {
     const found = readAddress(`?${wrong}`);
     const isLeftOut = found.tolerance === undefined && found.link === undefined;
     if (!isLeftOut || found.wrong.length !== 1) throw new Error(`${wrong} is taken as ${JSON.stringify(found)}`);
   }
   check(true, "what is wrong is left out, and said");
+  const twice = readAddress("?tolerance=0.02&tolerance=0.5");
+  check(twice.tolerance === 0.02 && twice.wrong.length === 1, "of two values the first counts, and that is said");
 }
 
 /** Whatever is shown: an error beyond the tolerance has its sentence, and one within it has none of those. */
