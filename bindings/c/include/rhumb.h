@@ -815,7 +815,7 @@ typedef struct RhumbLoadedBody {
   float frame_position[3];
   // The file's frame of it to the body.
   float frame_rotation[4];
-  // Its name in the file, in UTF-8; a longer one is cut.
+  // Its name in the file, in UTF-8; a longer one is cut, and ends with # and its place.
   char name[128];
 } RhumbLoadedBody;
 
@@ -823,7 +823,7 @@ typedef struct RhumbLoadedBody {
 typedef struct RhumbLoadedJoint {
   // Its number.
   uint32_t joint;
-  // Its name in the file, in UTF-8; a longer one is cut.
+  // Its name in the file, in UTF-8; a longer one is cut, and ends with # and its place.
   char name[128];
 } RhumbLoadedJoint;
 

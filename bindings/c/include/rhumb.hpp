@@ -67,6 +67,14 @@ inline void throw_unless_ok(RhumbCode code) {
     }
 }
 
+/// The text as C reads it. A zero byte would end it there.
+inline const char* c_text(const std::string& text, const char* what) {
+    if (text.find('\0') != std::string::npos) {
+        throw Error(RHUMB_CODE_INVALID, std::string(what) + " has a zero byte, and must have none");
+    }
+    return text.c_str();
+}
+
 using Body = RhumbBody;
 using Hit = RhumbHit;
 using Event = RhumbEvent;
@@ -1196,13 +1204,13 @@ public:
         for (const std::string& folder : options.packages) {
             packages += folder + ";";
         }
-        raw.packages = packages.c_str();
+        raw.packages = c_text(packages, "packages");
         raw.density = options.density;
         raw.group = options.group;
         raw.has_first_joint = options.first_joint.has_value() ? 1 : 0;
         raw.first_joint = options.first_joint.value_or(0);
         RhumbLoaded handle = {0};
-        throw_unless_ok(rhumb_scene_load(raw_, path.c_str(), &raw, &handle));
+        throw_unless_ok(rhumb_scene_load(raw_, c_text(path, "path"), &raw, &handle));
         const auto close = [](const RhumbLoaded* one) { static_cast<void>(rhumb_loaded_close(*one)); };
         const std::unique_ptr<RhumbLoaded, decltype(close)> closed(&handle, close);
         return read(handle);
@@ -1306,10 +1314,10 @@ public:
     static Connection connect(
         const std::string& address, const Trust& trust, const std::string& token = std::string(), double timeout_s = 5.0) {
         RhumbConnectOptions options = {};
-        options.address = address.c_str();
-        options.fingerprint = trust.fingerprint_.empty() ? nullptr : trust.fingerprint_.c_str();
-        options.roots = trust.roots_.empty() ? nullptr : trust.roots_.c_str();
-        options.token = token.empty() ? nullptr : token.c_str();
+        options.address = c_text(address, "address");
+        options.fingerprint = trust.fingerprint_.empty() ? nullptr : c_text(trust.fingerprint_, "fingerprint");
+        options.roots = trust.roots_.empty() ? nullptr : c_text(trust.roots_, "roots");
+        options.token = token.empty() ? nullptr : c_text(token, "token");
         options.timeout_s = timeout_s;
         RhumbConnection raw = {0};
         throw_unless_ok(rhumb_connect(&options, &raw));
@@ -1340,7 +1348,7 @@ public:
     /// Joins a scene, and uses the connection up; wrong arguments do not.
     Scene join(const std::string& name, const JoinOptions& options = JoinOptions()) {
         RhumbScene scene = {0};
-        throw_unless_ok(rhumb_join(raw_, name.c_str(), &options, &scene));
+        throw_unless_ok(rhumb_join(raw_, c_text(name, "name"), &options, &scene));
         raw_ = RhumbConnection{0};
         return Scene(scene);
     }
@@ -1391,7 +1399,7 @@ public:
     /// is a free one. There are no tokens: an address that other machines reach must be meant to be open.
     static LocalServer serve(const std::string& listen = "127.0.0.1:0", bool open_to_network = false) {
         RhumbLocalServer raw = {0};
-        throw_unless_ok(rhumb_serve(listen.c_str(), open_to_network ? 1 : 0, &raw));
+        throw_unless_ok(rhumb_serve(c_text(listen, "listen"), open_to_network ? 1 : 0, &raw));
         return LocalServer(raw);
     }
 
@@ -1412,7 +1420,7 @@ public:
     /// Makes a scene that continues from a checkpoint, to be joined by its name. Bodies keep their ids. The scene has no members
     /// at first: it ends if none joins for ten minutes.
     void restore(const std::string& scene, const Checkpoint& checkpoint) {
-        throw_unless_ok(rhumb_local_server_restore(raw_, scene.c_str(), checkpoint.raw_));
+        throw_unless_ok(rhumb_local_server_restore(raw_, c_text(scene, "scene"), checkpoint.raw_));
     }
 
     /// Its connections and scenes stay. A second time does nothing.

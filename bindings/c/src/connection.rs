@@ -125,6 +125,6 @@ pub(crate) fn time_limit(limit: f64, argument: &'static str) -> Result<Duration,
 
 /// A time that a caller gives in seconds.
 pub(crate) fn seconds(seconds: f64, argument: &'static str) -> Result<Duration, BindingError> {
-    let needed = "seconds: finite and not negative";
+    let needed = "seconds, 0 to 1e19";
     Duration::try_from_secs_f64(seconds).map_err(|_| BindingError::value(argument, seconds, needed))
 }

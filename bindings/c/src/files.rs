@@ -70,7 +70,7 @@ pub struct RhumbLoadedBody {
     pub frame_position: [f32; 3],
     /// The file's frame of it to the body.
     pub frame_rotation: [f32; 4],
-    /// Its name in the file, in UTF-8; a longer one is cut.
+    /// Its name in the file, in UTF-8; a longer one is cut, and ends with # and its place.
     pub name: [c_char; 128],
 }
 
@@ -80,7 +80,7 @@ pub struct RhumbLoadedBody {
 pub struct RhumbLoadedJoint {
     /// Its number.
     pub joint: u32,
-    /// Its name in the file, in UTF-8; a longer one is cut.
+    /// Its name in the file, in UTF-8; a longer one is cut, and ends with # and its place.
     pub name: [c_char; 128],
 }
 
@@ -90,6 +90,16 @@ pub struct RhumbLoadedJoint {
 pub struct RhumbNote {
     /// UTF-8 that ends with a zero byte; a longer one is cut.
     pub text: [c_char; 512],
+}
+
+/// A name; one that has no room is cut and ends with its place, so that no two become equal.
+fn name_at(name: &str, place: usize) -> [c_char; RHUMB_NAME_BYTES] {
+    if name.len() < RHUMB_NAME_BYTES {
+        return copy_text(name);
+    }
+    let mark = format!("#{place}");
+    let end = name.floor_char_boundary(RHUMB_NAME_BYTES - 1 - mark.len());
+    copy_text(&format!("{}{mark}", &name[..end]))
 }
 
 static LOADED: HandleTable<LoadedFile> = HandleTable::new();
@@ -223,7 +233,7 @@ pub unsafe extern "C" fn rhumb_loaded_body(
                 body: RhumbBody(packed_id(one.id)),
                 frame_position: one.frame_position.to_array(),
                 frame_rotation: one.frame_rotation.to_array(),
-                name: copy_text(&one.name),
+                name: name_at(&one.name, place),
             })
         })?;
         // SAFETY: the caller promises the memory.
@@ -248,7 +258,7 @@ pub unsafe extern "C" fn rhumb_loaded_joint(
             let one = at(&file.joints, place)?;
             Ok(RhumbLoadedJoint {
                 joint: one.id.0,
-                name: copy_text(&one.name),
+                name: name_at(&one.name, place),
             })
         })?;
         // SAFETY: the caller promises the memory.
@@ -279,4 +289,25 @@ pub unsafe extern "C" fn rhumb_loaded_note(
 #[unsafe(no_mangle)]
 pub extern "C" fn rhumb_loaded_close(loaded: RhumbLoaded) -> RhumbCode {
     guard(|| LOADED.remove(loaded.id).map(drop))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_that_have_no_room_stay_apart() {
+        let read = |place| {
+            let name = name_at(&"ä".repeat(100), place);
+            let bytes: Vec<u8> = name.iter().map(|sign| sign.cast_unsigned()).collect();
+            let end = bytes
+                .iter()
+                .position(|byte| *byte == 0)
+                .expect("a zero byte ends it");
+            String::from_utf8(bytes[..end].to_vec()).expect("UTF-8")
+        };
+        assert_eq!(read(7), format!("{}#7", "ä".repeat(62)));
+        assert!(read(7) != read(8) && read(1_000_000).ends_with("ä#1000000"));
+        assert_eq!(name_at("arm", 3), copy_text::<RHUMB_NAME_BYTES>("arm"));
+    }
 }

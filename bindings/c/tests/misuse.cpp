@@ -35,7 +35,16 @@ void expect_error(RhumbCode code, const char* what, Call call) {
 }
 
 void handles(rhumb::Connection connection) {
+    const std::string with_zero("handles\0more", 12);
+    expect_error(RHUMB_CODE_INVALID, "a name with a zero byte", [&] { connection.join(with_zero); });
     auto scene = connection.join("handles");
+    try {
+        auto wrong = rhumb::BodyDesc::dynamic(rhumb::Shape::ball(0.5));
+        scene.add_body(wrong.rotation({NAN, 0, 0, 1}));
+        expect(false, "a rotation with NaN is refused");
+    } catch (const rhumb::Error& error) {
+        expect(std::string(error.what()).find("rotation") != std::string::npos, error.what());
+    }
     expect_error(RHUMB_CODE_CLOSED, "a connection joins once", [&] { connection.join("handles"); });
     auto moved = std::move(scene);
     expect_error(RHUMB_CODE_CLOSED, "a scene that was moved from", [&] { scene.advance(); });

@@ -1761,7 +1761,7 @@ namespace Rhumb
         /// </summary>
         public fixed float frame_rotation[4];
         /// <summary>
-        ///  Its name in the file, in UTF-8; a longer one is cut.
+        ///  Its name in the file, in UTF-8; a longer one is cut, and ends with # and its place.
         /// </summary>
         public fixed byte name[128];
     }
@@ -1777,7 +1777,7 @@ namespace Rhumb
         /// </summary>
         public uint joint;
         /// <summary>
-        ///  Its name in the file, in UTF-8; a longer one is cut.
+        ///  Its name in the file, in UTF-8; a longer one is cut, and ends with # and its place.
         /// </summary>
         public fixed byte name[128];
     }
