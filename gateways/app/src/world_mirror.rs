@@ -91,6 +91,8 @@ const PLANE: u32 = 0;
 const SHAPES_MAX: usize = 1 << 17;
 /// Bytes of these definitions, at most.
 const SHAPE_BYTES_MAX: usize = 64 << 20;
+/// Actors that are noted as changed, at most: those that are gone by then are left out.
+const CHANGED_MAX: usize = 2 * BODIES_MAX as usize;
 /// Forces and torques between two frames, at most.
 const PUSHES_MAX: usize = 1 << 16;
 /// Bit of an actor's flags: report its collisions.
@@ -322,8 +324,15 @@ impl WorldMirror {
     }
 
     pub(super) fn touch(&mut self, name: u32) {
-        if self.changed_by.insert(name, self.message_index).is_none() {
-            self.changed.push(name);
+        if self.changed_by.insert(name, self.message_index).is_some() {
+            return;
+        }
+        self.changed.push(name);
+        if self.changed.len() > CHANGED_MAX {
+            // No more actors exist than half of that: those that are gone have nothing to change.
+            let actors = &self.actors;
+            self.changed.retain(|name| actors.contains_key(name));
+            self.changed_by.retain(|name, _| actors.contains_key(name));
         }
     }
 
@@ -489,3 +498,31 @@ fn within(vector: Vec3, most: f32) -> Result<Vec3, Refusal> {
 /// its top, and thick enough that nothing passes through.
 const SLAB: f32 = 8_192.0;
 const SLAB_THICK: f32 = 20.0;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn actors_that_come_and_go_without_a_frame_take_no_more_memory() {
+        let mut mirror = WorldMirror::default();
+        let actor = || Actor::new(BodyKind::Fixed, Vec3::ZERO, Quat::IDENTITY);
+        let create = |mirror: &mut WorldMirror, name| {
+            assert_eq!(mirror.create(name, actor(), 0), Ok(()));
+        };
+        create(&mut mirror, 7);
+        create(&mut mirror, 5);
+        for name in 10..10 + CHANGED_MAX as u32 {
+            create(&mut mirror, name);
+            mirror.remove(name);
+        }
+        assert!(mirror.changed.len() <= CHANGED_MAX);
+        assert!(mirror.changed_by.len() <= CHANGED_MAX);
+        let named: Vec<_> = mirror
+            .take_touched()
+            .iter()
+            .map(|(name, _)| *name)
+            .collect();
+        assert_eq!(named[..2], [7, 5], "in the order of their first change");
+    }
+}
