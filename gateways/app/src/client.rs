@@ -100,7 +100,7 @@ impl From<ClientError> for FrameError {
 /// Ticks that one read of a client may advance: two seconds of its time. Its plug-in sends eleven frames of six ticks
 /// each second.
 const TICKS_AT_ONCE: u32 = 135;
-/// Refusals that are reported and logged between two frames; more would not help.
+/// Refusals that are reported and logged between two frames, each by itself; of more the log has the number.
 const REFUSALS_MAX: u32 = 16;
 /// Bytes of a state.
 const STATE_BYTES: usize = HEADER_BYTES + 64;
@@ -248,7 +248,7 @@ impl AppClient {
 
     /// Reports a refused message to the log and to its sender; the published plug-in ignores the report.
     fn refuse(&mut self, refused: RefusedMessage) {
-        self.refusals += 1;
+        self.refusals = self.refusals.saturating_add(1);
         if self.refusals > REFUSALS_MAX {
             return;
         }
@@ -335,7 +335,14 @@ impl AppClient {
         // A client that requests more time than allowed gets a slower clock.
         let ticks = ticks_due.min(*ticks_left);
         *ticks_left -= ticks;
-        self.refusals = 0;
+        let more = std::mem::take(&mut self.refusals).saturating_sub(REFUSALS_MAX);
+        if more > 0 {
+            tracing::warn!(
+                simulation,
+                more,
+                "further messages of an app client were not done"
+            );
+        }
         if let Some(gravity) = self.mirror.gravity
             && scene.gravity() != gravity
         {

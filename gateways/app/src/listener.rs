@@ -216,7 +216,8 @@ async fn carry(sockets: Sockets, mut ended: oneshot::Receiver<()>) {
             }
         };
         let Ok(place) = Arc::clone(&free_places).try_acquire_owned() else {
-            tracing::warn!(%from, "an app connection was refused: the gateway is full");
+            let most = CONNECTIONS_MAX;
+            tracing::warn!(%from, most, "an app connection was refused: the gateway has as many as it may");
             continue;
         };
         number += 1;
@@ -277,7 +278,11 @@ fn run(
             match transmit {
                 AppTransmit::Bytes(bytes) => {
                     if connection.send(bytes).is_err() {
-                        return tracing::warn!("an app client reads too slowly, closing");
+                        let most = WAITING_BYTES_MAX;
+                        return tracing::warn!(
+                            most,
+                            "an app client reads too slowly, closing: more bytes wait"
+                        );
                     }
                 }
                 AppTransmit::Datagram(datagram) => datagrams.send(datagram),
