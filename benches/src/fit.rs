@@ -26,8 +26,8 @@ use crate::replay::{EnabledFeatures, ReplayConfig, run, tally};
 #[derive(Clone, Debug, Args)]
 pub struct FitArguments {
     /// Recordings and how they are published, such as cubes.rhtrace.zst,tolerance=0.01,lookahead=6,weight=2; further
-    /// settings: turn (degrees), publish-interval, and load, the name of one of the file's loads. The tolerance is 0.05 m unless it
-    /// is set.
+    /// settings: turn (degrees), publish-interval, and load, the name of one of the file's loads. The tolerance is 0.05
+    /// m unless it is set.
     #[arg(required = true)]
     loads: Vec<FitLoad>,
     /// Source file whose tables are replaced; without it the tables are printed.

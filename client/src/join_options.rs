@@ -36,7 +36,7 @@ pub struct JoinOptions {
     /// lies beyond that was placed. A shorter way, and one together with a change of velocity that explains it, looks
     /// like a push, and glides.
     pub smooth: bool,
-    /// Whether the server's refusals are errors of calls, or events alone.
+    /// The server's refusals are errors of calls, or events alone.
     pub refusals: Refusals,
     /// Time for which the client tries to continue its session over another connection when one ends without its doing.
     /// Commands meanwhile are queued. At zero, the first connection is the only one, and there is no session.

@@ -140,7 +140,7 @@ impl StepEvents {
         let mut events: Vec<_> = left.by_ref().take(room).collect();
         let last = events.last().map_or(after, EventKey::of);
         let due = left.peek().map(|_| last);
-        // What began in this tick stands, too.
+        // Contacts that began in this tick stand, too.
         events.extend(&self.events);
         events.sort_by_key(EventKey::of);
         events.dedup_by_key(|event| EventKey::of(event));

@@ -349,8 +349,8 @@ impl IdRanges {
         (run.count >= least).then(|| self.take(run, share))?
     }
 
-    /// Grants a member `count` further indices, beside those that it has. `None` when no run of that length is left, when later members would
-    /// find too few, or when the member has too many.
+    /// Grants a member `count` further indices, beside those that it has. `None` when no run of that length is left,
+    /// when later members would find too few, or when the member has too many.
     pub(crate) fn reserve(
         &mut self,
         granted: &[IdRange],

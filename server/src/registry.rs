@@ -65,7 +65,7 @@ impl BodyEntry {
 }
 
 impl Registry {
-    /// Whether a shape finds a place under this id.
+    /// Checks that a shape finds a place under this id.
     pub(crate) fn check_shape(&self, id: ShapeId, shape: &Shape) -> Result<(), CommandError> {
         if id.0 >= SHAPES_MAX {
             return Err(CommandError::UnknownShape(id));

@@ -1,4 +1,4 @@
-//! What outlives a client's connection: its session; and a process: the log.
+//! Sessions, which outlive connections, and the log, which outlives a process.
 //!
 //! Knows neither streams nor connections. Invariants: a command of a session counts once; a session has at most one
 //! member; what a log or an image brings back equals what was written.

@@ -363,8 +363,8 @@ impl OverBudgetLog {
     }
 }
 
-/// Appends the snapshot from its changes of gravity on: bodies, joints, silent publishers, and the end (PROTOCOL 4.8). Its shapes go
-/// before, in the bytes of their events.
+/// Appends the snapshot from its changes of gravity on: bodies, joints, silent publishers, and the end (PROTOCOL 4.8).
+/// Its shapes go before, in the bytes of their events.
 pub(crate) fn append_snapshot(
     scene: &Scene,
     stream: &Stream,

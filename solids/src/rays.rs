@@ -3,8 +3,8 @@
 //! The library's own rays may pass between two cells of a height field or two triangles of a mesh. Here a ray that
 //! meets an edge or a post meets the surface. Other solids are left to the library.
 //!
-//! On height fields, the library's own casts may pass between two cells, and end after a few cells if the way is level. Here no triangle
-//! that the way meets is left out.
+//! On height fields, the library's own casts may pass between two cells, and end after a few cells if the way is level.
+//! Here no triangle that the way meets is left out.
 
 use core::ops::RangeInclusive;
 

@@ -1,7 +1,8 @@
 //! Arrays of NumPy: one `.npy` file, or the members of an `.npz`.
 //!
-//! Numbers become 64 bits wide, those of 16 bits too. A claimed size never makes memory grow beyond the bytes that are there. The header is read
-//! here: the library that would read it multiplies a claimed shape unchecked, and brings two dozen crates.
+//! Numbers become 64 bits wide, those of 16 bits too. A claimed size never makes memory grow beyond the bytes that are
+//! there. The header is read here: the library that would read it multiplies a claimed shape unchecked, and brings two
+//! dozen crates.
 
 use std::collections::BTreeMap;
 use std::fmt;

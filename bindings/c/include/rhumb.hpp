@@ -910,7 +910,7 @@ struct LoadedFrame {
     Quat rotation;
 };
 
-/// What a file became. A name that the file has twice, or not at all, has a number.
+/// A file that was added. A name that the file has twice, or not at all, has a number.
 struct Loaded {
     std::map<std::string, Body> bodies;
     std::map<std::string, LoadedFrame> frames;

@@ -1,4 +1,4 @@
-//! What an application asks of a scene: commands, and authority over bodies.
+//! Requests of an application to a scene: commands, and authority over bodies.
 //!
 //! Characters and wheels, which commands take, have the defaults of the scene's coordinates.
 

@@ -21,9 +21,9 @@ pub struct LoadParams {
     pub position: Vec3,
     /// The file's axes, its up upward → world.
     pub rotation: Quat,
-    /// Whether the root of a robot moves.
+    /// Fixes the root of a robot, or leaves it free.
     pub base: Base,
-    /// Whether parts of one robot touch each other.
+    /// Lets parts of one robot touch each other, or not.
     pub own_contacts: OwnContacts,
     /// Folders that are searched for `package://` names.
     pub packages: Vec<String>,

@@ -115,7 +115,7 @@ pub struct JoinParams {
     pub whole_ticks: bool,
     /// Free running only: whether corrections are shown as short glides.
     pub smooth: bool,
-    /// Whether what the server refuses is an error of the next call that computes the view, or an event alone.
+    /// A refusal of the server is an error of the next call that computes the view, or an event alone.
     pub refusals: Refusals,
     /// Time for which the client tries to resume over another connection; `None`: as the scene suggests.
     pub resume_within: Option<Duration>,

@@ -1,4 +1,4 @@
-//! What a scene tells: ids, contacts, events and refusals, as plain fields.
+//! Reports of a scene: ids, contacts, events and refusals, as plain fields.
 //!
 //! Positions, directions and lengths are in the coordinates of the application. A body's id is packed into one number, for
 //! languages without such a type; the number of no body is zero, so that memory full of zeros names none.

@@ -5,7 +5,7 @@ using System.Collections.Generic;
 
 namespace Rhumb
 {
-    /// <summary>Whether the root of a robot moves.</summary>
+    /// <summary>Fixes the root of a robot, or leaves it free.</summary>
     public enum FileBase : uint
     {
         AsFile,
@@ -13,7 +13,7 @@ namespace Rhumb
         Free,
     }
 
-    /// <summary>Whether parts of one robot touch each other.</summary>
+    /// <summary>Lets parts of one robot touch each other, or not.</summary>
     public enum OwnContacts : uint
     {
         /// <summary>As other programs read the file.</summary>
@@ -86,7 +86,7 @@ namespace Rhumb
         public Quat Rotation;
     }
 
-    /// <summary>What a file became. A name that the file has twice, or not at all, has a number.</summary>
+    /// <summary>A file that was added. A name that the file has twice, or not at all, has a number.</summary>
     public sealed class Loaded
     {
         internal unsafe Loaded(ulong id)

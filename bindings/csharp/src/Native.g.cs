@@ -610,7 +610,7 @@ namespace Rhumb
         /// <summary>
         ///  Adds a robot or a scene from a file: URDF, MJCF with their meshes, or a JSON scene of Rhumb.
         ///
-        ///  What the file says and a scene has not is listed in the result. A file that cannot be read is `RHUMB_CODE_INVALID`, with
+        ///  The result lists what the file says and a scene has not. A file that cannot be read is `RHUMB_CODE_INVALID`, with
         ///  file and line in `rhumb_last_error`, and nothing is added. Gravity and ticks are the scene's. `options` may be null.
         ///
         ///  # Safety
@@ -1711,7 +1711,7 @@ namespace Rhumb
     }
 
     /// <summary>
-    ///  What a file became in a scene. All zeros is none.
+    ///  A file that was added to a scene. All zeros is none.
     /// </summary>
     [StructLayout(LayoutKind.Sequential)]
     public unsafe partial struct RhumbLoaded

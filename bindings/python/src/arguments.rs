@@ -64,7 +64,7 @@ fn check_kept(argument: &Bound<'_, PyAny>, name: &'static str) -> PyResult<()> {
     if is_masked {
         return wrong("an array without masked entries");
     }
-    // What is no array is refused where its numbers are read.
+    // A value that is no array is refused where its numbers are read.
     let Ok(array) = get_array_module(py)?.call_method1("asarray", (argument,)) else {
         return Ok(());
     };

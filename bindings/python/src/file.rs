@@ -22,7 +22,7 @@ const BASES: [(&str, Base); 3] = [
 const OWN_CONTACTS: [(&str, OwnContacts); 2] =
     [("file", OwnContacts::AsFile), ("all", OwnContacts::All)];
 
-/// What a file became in a scene; Scene.load makes it.
+/// A file that was added to a scene; Scene.load makes it.
 ///
 /// A name that the file has twice, or not at all, has a number here.
 #[pyclass(frozen, name = "Loaded", module = "rhumb")]

@@ -1,4 +1,6 @@
 //! Scenes: bodies, commands, time, arrays, events, queries.
+//!
+//! The commands, a third of this file, are made by `bindings/table`.
 
 mod calls;
 
@@ -827,7 +829,7 @@ impl PyScene {
 
     /// Adds a robot or a scene from a file: URDF, MJCF with their meshes, or a JSON scene of Rhumb.
     ///
-    /// What the file says and a scene has not is listed in Loaded.left_out, with file and line. A file that cannot be read
+    /// Loaded.left_out lists what the file says and a scene has not, with file and line. A file that cannot be read
     /// raises InvalidError, and nothing is added. Gravity and ticks are the scene's: rhumb.load makes a scene with the file's.
     ///
     /// position, rotation: where the file's world, or a robot's root, begins; what is up in the file is up in the scene.

@@ -122,7 +122,7 @@ pub struct MadePart {
 }
 
 impl MadePart {
-    /// What stands between the two lines of this name.
+    /// The text between the two lines of this name.
     #[must_use]
     pub const fn named(name: &'static str, text: String) -> Self {
         Self {

@@ -443,7 +443,7 @@ pub extern "C" fn advance(member: u32, now: f64) -> u32 {
     answer(tick.map(|tick| json!(tick.value())))
 }
 
-/// Whether commands before the last advance are not answered yet.
+/// One while commands before the last advance are not answered yet.
 #[unsafe(no_mangle)]
 pub extern "C" fn awaits_answers(member: u32) -> u32 {
     with(member, |member| u32::from(member.awaits_answers())).unwrap_or(0)

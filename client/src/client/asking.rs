@@ -1,4 +1,4 @@
-//! What a member asks: authority over bodies, the server, its own copy.
+//! Requests of a member: authority over bodies, the server, its own copy.
 //!
 //! With authority, the caller publishes states of bodies that its own simulator moves, once per frame. States that the
 //! server predicts within tolerance are not sent.

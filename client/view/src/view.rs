@@ -493,7 +493,7 @@ impl View {
     }
 }
 
-/// Whether a body jumped at the first tick of one of the tracks since the one that began at `origin`; `None` if they are not
+/// True if a body jumped at the first tick of one of the tracks since the one that began at `origin`; `None` if they are not
 /// kept down to that one, such as those before a change of the body.
 fn new_jump(
     stream: &Subscriber,

@@ -1,4 +1,4 @@
-//! What the APP clients of one gateway share, and why messages are refused.
+//! Shared state of the APP clients of a gateway, and why messages are refused.
 //!
 //! Options, the way to scenes, and which simulation belongs to which client. A client names its simulation on TCP and,
 //! once, by a datagram, which may come first: simulation and address match the two. No state is sent to an address without

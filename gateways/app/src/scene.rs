@@ -596,7 +596,7 @@ fn state_of(copy: &Replica, id: BodyId) -> Option<BodyState> {
     }
 }
 
-/// What to say of a command that the client did not queue.
+/// The answer to a command that the client did not queue.
 fn not_queued(command: &Command, error: &ClientError) -> Result<(), CommandError> {
     match (error, command) {
         // The scene has ended, which the next tick reports.

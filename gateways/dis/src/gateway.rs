@@ -194,7 +194,8 @@ impl Gateway {
     ///
     /// # Errors
     ///
-    /// The first error of a command that removes a body, as of [`Self::handle_time`]. The last states are queued all the same; call it again for those that wait.
+    /// The first error of a command that removes a body, as of [`Self::handle_time`]. The last states are queued all
+    /// the same; call it again for those that wait.
     pub fn leave(&mut self, now: Duration) -> Result<usize, ClientError> {
         self.observed.clear();
         let mut waiting = 0;

@@ -373,7 +373,7 @@ fn run(arguments: &Arguments) -> Result<(), String> {
         period,
     };
     let served = run.serve(&mut clock, &stopped);
-    // Whatever ended it, other simulators hear of it, and the scene is left as it was.
+    // Other simulators hear of any end, and the scene is left as it was.
     let mut problems: Vec<String> = served.err().into_iter().collect();
     problems.extend(run.leave(&mut clock));
     if problems.is_empty() {
@@ -446,7 +446,7 @@ impl Run {
                     continue;
                 }
             };
-            // What still arrives is for no one.
+            // Datagrams that still arrive are dropped.
             if let Err(cause) = self.socket.receive(&mut self.buffer, self.period) {
                 problems.push(format!("receiving: {cause}"));
                 is_over = true;

@@ -389,7 +389,7 @@ fn frame_length(bytes: &[u8], offset: usize) -> Result<u16, Malformed> {
     Ok(length)
 }
 
-/// Whether this type is understood; its length must then be that of its contents.
+/// True if this type is understood; its length must then be that of its contents.
 fn check_length(
     pdu_type: PduType,
     frame: &[u8],
@@ -475,7 +475,7 @@ const HOUR_NS: u128 = 3_600_000_000_000;
 /// Units in an hour.
 const UNITS: u128 = 1 << 31;
 
-/// Whether a timestamp counts from the true hour.
+/// The moment from which a timestamp counts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TimeBase {
     /// From a moment that only the sender knows.

@@ -22,7 +22,7 @@ pub struct SocketOptions {
     pub interface: Ipv4Addr,
     /// Hops that datagrams to a group may take.
     pub hops: u32,
-    /// Whether other programs of this machine may hear the port too.
+    /// Other programs of this machine may hear the port too, or not.
     pub port: PortUse,
 }
 

@@ -1,4 +1,4 @@
-//! What a member asks for: a stream, with a policy of tiers, and authority.
+//! Requests of a member: a stream, with a policy of tiers, and authority.
 //!
 //! Names only: the server starts and ends streams, decides when a link is congested, and who may take authority over
 //! bodies; `session` encodes the motion.

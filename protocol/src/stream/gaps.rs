@@ -1,4 +1,4 @@
-//! What a subscriber knows of packets: missing ones, stated error scales.
+//! A subscriber's knowledge of packets: missing ones, stated error scales.
 //!
 //! Handles numbers only; the subscriber handles the contents. A packet is *missing* while neither it nor a refresh of
 //! it was received. It is *unread* if it was received but partly builds on a missing one. The stream is *converged*

@@ -1,4 +1,4 @@
-//! What members ask of a scene: commands, queries and inspections, authority.
+//! Requests of members to a scene: commands, queries, inspections, authority.
 //!
 //! With commands: what they change for streams and members.
 //!

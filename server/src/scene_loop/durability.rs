@@ -1,4 +1,4 @@
-//! What a scene survives: a process by its log, its engine by copies.
+//! Survival of a scene: of its process by the log, of its engine by copies.
 //!
 //! It hands its record to its command log, reports what is durable, and never waits for the disk. Snapshots are due by the
 //! time that steps have taken, so that their replay takes no longer.

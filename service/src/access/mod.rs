@@ -510,7 +510,7 @@ fn write_new(path: &Path, key: &impl FormatAsPaserk, mode: u32) -> Result<(), Ke
     let mut file = options.open(path).map_err(failed)?;
     let written = (file.write_all(text.as_bytes())).and_then(|()| file.sync_all());
     written.map_err(|cause| {
-        // What the disk has no room for is no key. If it stays, the next run says so.
+        // A file that the disk had no room for is no key. If it stays, the next run says so.
         let _ = fs::remove_file(path);
         failed(cause)
     })

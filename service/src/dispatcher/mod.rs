@@ -1,8 +1,9 @@
 //! The dispatcher: connections on one side, scene workers on the other.
 //!
 //! Reads a connection's first message, which names its scene, and carries everything else between the connection and
-//! the worker of that scene. It steps no scene, so that no scene delays it. Invariants: it never waits for a worker; a worker's transmission
-//! reaches only connections of that worker; what waits for a worker is bounded for each connection.
+//! the worker of that scene. It steps no scene, so that no scene delays it. Invariants: it never waits for a worker; a
+//! worker's transmission reaches only connections of that worker; what waits for a worker is bounded for each
+//! connection.
 
 mod accounts;
 mod message;

@@ -73,8 +73,8 @@ impl DataDir {
         })))
     }
 
-    /// Opens, in a worker process, the directory of its dispatcher. The dispatcher sees to it that a scene's files have one process
-    /// at a time, and the directory stays locked until the last process of its server has ended.
+    /// Opens, in a worker process, the directory of its dispatcher. The dispatcher sees to it that a scene's files have
+    /// one process at a time, and the directory stays locked until the last process of its server has ended.
     pub(crate) fn of_worker(path: &Path) -> Result<Self, DataError> {
         let (scenes, file) = (path.join(SCENES), path.join(KEY));
         let bytes = std::fs::read(&file).map_err(DataError::io(&file, "read"))?;

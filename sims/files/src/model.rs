@@ -16,7 +16,7 @@ use crate::inertia::{Inertia, Pose};
 use crate::mesh::TriangleMesh;
 use crate::report::{Effect, Place, Report};
 
-/// Whether the root of a robot moves.
+/// The motion of the root of a robot.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Base {
     /// A root called `world`, or one without mass, is fixed; others are free.
@@ -38,7 +38,7 @@ pub enum UpAxis {
     Y,
 }
 
-/// Whether parts of one robot touch each other.
+/// Contacts between the parts of one robot.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum OwnContacts {
     /// As programs do that read such files: not those of a URDF, those of MJCF by its bits and exclusions.
@@ -51,11 +51,11 @@ pub enum OwnContacts {
 /// The options of reading a file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LoadOptions {
-    /// Whether the root of a robot moves.
+    /// Fixes the root of a robot, or leaves it free.
     pub base: Base,
     /// The world's axis that points up.
     pub up: UpAxis,
-    /// Whether parts of one robot touch each other.
+    /// Lets parts of one robot touch each other, or not.
     pub own_contacts: OwnContacts,
     /// The position at which the root or the world of the file is added, metres; in the world's axes.
     pub position: Vec3,

@@ -193,7 +193,7 @@ impl Held {
         }
     }
 
-    /// Whether this can be released as soon as nothing waits before it.
+    /// True if this can be released as soon as nothing waits before it.
     fn is_due(&self, complete: Tick) -> bool {
         match self {
             Self::Tick(events) => events.tick <= complete,
@@ -212,7 +212,7 @@ struct HeldEvents {
     dropped: u64,
     /// The newest restoration among what was dropped, unreported so far.
     restored: Option<Tick>,
-    /// What began and has not ended, by the events before the waiting ones.
+    /// The contacts and stays in sensors that have not ended, by the events before the waiting ones.
     standing: StandingEvents,
 }
 
@@ -494,7 +494,7 @@ mod tests {
             released(&mut held, 5),
             [body(5, entered(2)), restored.clone()]
         );
-        // What stood before does not come again, also where later events are dropped.
+        // Contacts that stood before do not come again, also where later events are dropped.
         held.push(at(7, 0, EVENTS_HELD_MAX));
         let events = released(&mut held, 7);
         assert!(matches!(events[0], Event::EventsMissed { count: 1, .. }));

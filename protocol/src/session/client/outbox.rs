@@ -1,4 +1,4 @@
-//! What a client sends: messages in order, commands that are kept, pings.
+//! The outbox of a client: messages in order, commands that are kept, pings.
 //!
 //! Invariant: a control message leaves before everything that was sent after it. Commands and advances are kept in the
 //! order of sending, until the server has what the scene promises: a scene with a command log has them when they are

@@ -178,7 +178,7 @@ impl<'s> SinceJump<'s> {
     }
 }
 
-/// What is left of a displacement in a stride, where the velocities lead `before` and `after` something that happened
+/// The rest of a displacement in a stride, where the velocities lead `before` and `after` something that happened
 /// within it: a push explains a part of their difference.
 fn unexplained(moved: Errors, [before, after]: [Errors; 2]) -> Errors {
     let (left, push) = (moved - before, after - before);

@@ -22,7 +22,7 @@ struct InForce<'a> {
     origin: TrackSource,
 }
 
-/// Whether a track is known to be in force at a tick.
+/// The knowledge of a track in force at a tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Certainty {
     /// It was in force up to this tick at least.
