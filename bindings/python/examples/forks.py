@@ -1,4 +1,6 @@
-"""Steps a second of many copies of one scene, in Rhumb, MuJoCo and PyBullet; and a task for Gymnasium.
+"""Steps a second of many copies of one scene, beside MuJoCo and PyBullet.
+
+A task for Gymnasium follows.
 
     pip install rhumb-physics gymnasium mujoco==4.0.0 pybullet==3.2.7
     python forks.py [COPIES]

@@ -33,9 +33,9 @@ pub(crate) fn advance_scenes(
     if threads == 0 {
         return Err(wrong_value(py, "threads", threads, "at least 1"));
     }
-    let stepped: Vec<Stepped<'_>> = scenes
+    let stepped: Vec<SteppedFork<'_>> = scenes
         .iter()
-        .map(|scene| Stepped::new(scene.get()))
+        .map(|scene| SteppedFork::new(scene.get()))
         .collect();
     let mut left = ticks;
     while left > 0 {
@@ -53,7 +53,7 @@ pub(crate) fn advance_scenes(
 }
 
 /// A scene, and what went wrong in it.
-struct Stepped<'a> {
+struct SteppedFork<'a> {
     scene: &'a PyScene,
     outcome: Mutex<Outcome>,
 }
@@ -65,7 +65,7 @@ struct Outcome {
     refused: Option<BindingError>,
 }
 
-impl<'a> Stepped<'a> {
+impl<'a> SteppedFork<'a> {
     fn new(scene: &'a PyScene) -> Self {
         let outcome = Mutex::default();
         Self { scene, outcome }
@@ -95,7 +95,7 @@ impl<'a> Stepped<'a> {
 }
 
 /// Steps scenes on this thread and on others, each of which takes the next one that is left.
-fn advance_each(scenes: &[Stepped<'_>], ticks: u32, threads: usize) {
+fn advance_each(scenes: &[SteppedFork<'_>], ticks: u32, threads: usize) {
     let next = AtomicUsize::new(0);
     let run = || {
         while let Some(scene) = scenes.get(next.fetch_add(1, Ordering::Relaxed)) {

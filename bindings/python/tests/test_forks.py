@@ -1,4 +1,4 @@
-"""Forks are stepped together, alike to the bit, and are environments of Gymnasium."""
+"""Forks step together, alike to the bit, and are environments of Gymnasium."""
 
 import importlib.util
 
