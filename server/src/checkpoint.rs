@@ -342,6 +342,8 @@ pub(crate) enum FailedIn {
     Command,
     /// In a step.
     Step,
+    /// Before a step, which would meet a crowd: single commands are not sought, as each attempt would step nearly as many.
+    Crowd,
 }
 
 /// Time of steps after which a copy is due, as long as the scene is small. A copy takes some 0.1 % of it with 1,000
@@ -441,7 +443,11 @@ impl Rollback {
         if failed_in == FailedIn::Command {
             return Some(attempt);
         }
-        for _ in 0..CULPRITS_MAX {
+        let culprits = match failed_in {
+            FailedIn::Crowd => 0,
+            FailedIn::Command | FailedIn::Step => CULPRITS_MAX,
+        };
+        for _ in 0..culprits {
             beat();
             if attempt.steps(attempt.kept.len()) {
                 return Some(attempt);

@@ -3,6 +3,7 @@
 //! Members are not known here; their rights are checked before. Invariants: a refused command changes nothing;
 //! registry and engine have the same bodies; a scene whose engine failed takes no commands and no steps.
 
+mod crowding;
 mod image;
 mod moving;
 
@@ -49,6 +50,8 @@ pub struct Scene {
     record: RunRecord,
     /// Solids that were made beside the steps, for commands that are to come.
     baked: BakedShapes,
+    /// The most pairs that a step may meet for the first time; `None` has none counted.
+    crowding_max: Option<u32>,
     /// True after a panic outside the engine.
     broken: bool,
 }
@@ -106,6 +109,7 @@ impl Scene {
             event_monitor: EventMonitor::default(),
             record: RunRecord::default(),
             baked: BakedShapes::default(),
+            crowding_max: None,
             broken: false,
         })
     }
@@ -211,6 +215,7 @@ impl Scene {
         if self.broken {
             return Err(EngineFault::Panicked.into());
         }
+        self.check_crowding()?;
         let before = self.tick;
         let stepped = catch_unwind(AssertUnwindSafe(|| self.step_unguarded()));
         self.broken = stepped.is_err();
@@ -294,6 +299,7 @@ impl Scene {
         let properties = self.properties(desc);
         self.supported(EnginePart::Body(&properties))?;
         self.check_moment(&properties)?;
+        self.check_crowding_with(&properties, &motion)?;
         self.registry.add_body(desc, properties.damping)?;
         self.engine.add(&properties, motion);
         Ok(())
@@ -561,12 +567,23 @@ impl Scene {
 pub enum SceneFault {
     /// Its engine failed.
     Engine(EngineFault),
+    /// So many bodies overlap that a step might not end.
+    TooCrowded {
+        /// Pairs of bodies, as [`Engine::crowding`] counts them.
+        pairs: u64,
+        /// The most that may be.
+        limit: u32,
+    },
 }
 
 impl fmt::Display for SceneFault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Engine(fault) => write!(f, "the scene stands still: {fault}"),
+            Self::TooCrowded { pairs, limit } => write!(
+                f,
+                "{pairs} pairs of bodies overlap beyond 32 of each body, and limits.scene_crowding is {limit}: its bodies must be further apart"
+            ),
         }
     }
 }

@@ -540,11 +540,12 @@ impl RunningScene {
     /// `names`: names of its streams. `slot`, `load`: its place, and its share of the server's time.
     pub(crate) fn new(
         name: &SceneName,
-        scene: Scene,
+        mut scene: Scene,
         names: StreamNames,
         settings: Arc<SceneSettings>,
         (slot, load): (SceneSlot, SceneLoad),
     ) -> Self {
+        scene.bound_crowding(settings.limits.crowding());
         let (target, config) = (scene.tick(), scene.config());
         let streams = Streams::new(config.publish_schedule, settings.threads.clone());
         let period = Span::from_nanos(config.integrator.rate.step_ns());

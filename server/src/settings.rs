@@ -6,6 +6,7 @@
 use core::fmt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::thread::available_parallelism;
 
 use rhumb_protocol::limits::{
     BODIES_MAX, CONTROL_WAITING_BYTES_MAX, INDICES_MAX, MEMBERS_PER_SCENE_MAX, RATE_MAX, SCENES_MAX,
@@ -90,10 +91,10 @@ impl SceneSettings {
             Stepping::Lockstep => 0,
         };
         let substeps = u64::from(config.integrator.substeps.get());
-        let (scene_max, server_max) = (self.limits.scene_load, self.limits.server_load);
+        let (scene_max, server_max) = (self.limits.scene_load, self.limits.server_load());
         let load = &self.admission.load;
         load.of_scene((ticks, substeps), scene_max, server_max)
-            .of_tenant(scene, &self.admission.tenants, self.limits.tenant_load)
+            .of_tenant(scene, &self.admission.tenants, self.limits.tenant_load())
     }
 }
 
@@ -326,9 +327,13 @@ limits! {
     /// Ticks in a second, times substeps, times bodies, of a free-running scene: 80000 bodies at 60 ticks of 4 substeps.
     /// A scene that asks for more would only run slower than its clock.
     scene_load = 20000000, 1 to u64::MAX;
-    /// The same of all free-running scenes together. A core does a million where all bodies touch, and many times that
-    /// where they rest. A tick by itself counts as 500 steps of one body.
-    server_load = 40000000, 1 to u64::MAX;
+    /// The same of all free-running scenes together; 0 stands for 20000000 for each processor core that the server may use.
+    /// A core does a million where all bodies touch, and many times that where they rest. A tick by itself counts as 500
+    /// steps of one body.
+    server_load = 0, 0 to u64::MAX;
+    /// Pairs of bodies of a scene that may overlap when a step begins and did not before it, beyond 32 of each: some 215
+    /// equal bodies at one point. A step beyond them takes seconds and gigabytes, and cannot be cancelled.
+    scene_crowding = 16384, 1024 to 4294967295;
     /// Seconds after which a scene without members ends; 0 keeps it until a client deletes it.
     empty_scene_seconds = 600, 0 to 31536000;
     /// Seconds for a connection's first message. A client on a bad link needs a few round trips.
@@ -336,8 +341,8 @@ limits! {
     /// Scenes of one tenant at one time, unless a token says otherwise. Where tokens are asked for, scenes without a tenant
     /// count for the client that names them first.
     tenant_scenes = 128, 1 to SCENES_MAX as u64;
-    /// The part of `server_load` that the free-running scenes of one tenant may have together.
-    tenant_load = 20000000, 1 to u64::MAX;
+    /// The part of `server_load` that the free-running scenes of one tenant may have together; 0 stands for half of it.
+    tenant_load = 0, 0 to u64::MAX;
     /// MiB of a durable scene's log since its last snapshot. A scene of which there can be no snapshot, as it is not
     /// stepped, takes no more commands beyond them; at twice as many nothing more is durable until the next snapshot.
     scene_log_mib = 64, 8 to 1048576;
@@ -388,6 +393,14 @@ limits! {
     log_lines_per_second = 10, 1 to 100000;
 }
 
+/// The load that a processor core is admitted by itself.
+const LOAD_OF_CORE: u64 = 20_000_000;
+
+/// Processor cores that this process may use.
+fn cores() -> u64 {
+    available_parallelism().map_or(1, |cores| cores.get() as u64)
+}
+
 impl Limits {
     /// Checks every limit against its bounds.
     ///
@@ -421,6 +434,27 @@ impl Limits {
     #[must_use]
     pub const fn stuck(&self) -> Span {
         Span::from_millis(self.stuck_milliseconds)
+    }
+
+    /// The load of all free-running scenes together. A worker process gets the number of the whole server.
+    #[must_use]
+    pub fn server_load(&self) -> u64 {
+        match self.server_load {
+            0 => LOAD_OF_CORE.saturating_mul(cores()),
+            load => load,
+        }
+    }
+
+    /// The part of one tenant.
+    pub(crate) fn tenant_load(&self) -> u64 {
+        match self.tenant_load {
+            0 => self.server_load() / 2,
+            load => load,
+        }
+    }
+
+    pub(crate) fn crowding(&self) -> u32 {
+        u32::try_from(self.scene_crowding).unwrap_or(u32::MAX)
     }
 
     pub(crate) const fn bake(&self) -> Span {
@@ -460,6 +494,23 @@ mod tests {
         for row in Limits::ROWS {
             assert!(row.reason.len() > 20, "{}", row.name);
         }
+    }
+
+    #[test]
+    fn the_load_follows_from_the_cores_unless_it_is_set() {
+        let default = Limits::default();
+        assert_eq!(default.server_load(), cores() * 20_000_000);
+        assert_eq!(default.tenant_load(), cores() * 10_000_000);
+        let set = Limits {
+            server_load: 3_000,
+            ..default
+        };
+        assert_eq!((set.server_load(), set.tenant_load()), (3_000, 1_500));
+        let both = Limits {
+            tenant_load: 7,
+            ..set
+        };
+        assert_eq!(both.tenant_load(), 7);
     }
 
     #[test]

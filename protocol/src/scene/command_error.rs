@@ -71,6 +71,8 @@ pub enum CommandError {
         /// The server's limit, milliseconds.
         limit_ms: u32,
     },
+    /// The body would overlap so many others that a step would not end in time.
+    TooCrowded,
     /// The body is disabled and takes neither velocities nor pushes.
     BodyDisabled(BodyId),
     /// The scene has reached its limit of joints, which grows with its bodies.
@@ -124,6 +126,7 @@ impl CommandError {
             Self::Overloaded { .. } => "overloaded",
             Self::EngineFailed => "engine failed",
             Self::ShapeTooSlow { .. } => "shape too slow",
+            Self::TooCrowded => "too crowded",
             Self::BodyDisabled(_) => "body disabled",
             Self::TooManyJoints => "too many joints",
             Self::TooManySwept => "too many swept",
@@ -228,6 +231,9 @@ impl fmt::Display for CommandError {
                 f,
                 "the solid of the shape takes longer than {limit_ms} ms to make, the server's limit"
             ),
+            Self::TooCrowded => f.write_str(
+                "the body would overlap so many others that a step would not end in time, beyond the server's limits.scene_crowding: place it apart from them, or after a step",
+            ),
             Self::BodyDisabled(id) => write!(f, "{id} is disabled"),
             Self::Unsupported => f.write_str(
                 "the engine of the scene has no such shape, joint, locomotion or property of bodies",
@@ -297,6 +303,7 @@ impl Wire for CommandError {
                 to.varint(u64::from(limit_ms));
             }
             Self::Unsupported => to.u8(37),
+            Self::TooCrowded => to.u8(129),
             Self::Other(code) => to.u8(code),
         }
     }
@@ -344,6 +351,7 @@ impl Wire for CommandError {
                 limit_ms: from.varint32()?,
             },
             37 => Self::Unsupported,
+            129 => Self::TooCrowded,
             code @ OPTIONAL.. => Self::Other(code),
             _ => return Err(Malformed::UnknownCode),
         })

@@ -243,6 +243,25 @@ pub trait Engine: Send {
     /// [`UnanswerableQuery`] when the engine cannot evaluate it; nothing has changed.
     fn query(&self, query: &Query) -> Result<Answer, UnanswerableQuery>;
 
+    /// Has the engine count the pairs of bodies that the next step meets for the first time, from now on, until there are
+    /// more than `most`.
+    fn count_crowding(&mut self, most: u32) {
+        let _ = most;
+    }
+
+    /// Pairs of bodies whose boxes overlap, which the next step meets for the first time, beyond those that bodies in a heap
+    /// have; the last step's too if they are many. Zero for an engine that does not count: then nothing keeps a step from
+    /// taking any time.
+    fn crowding(&self) -> u64 {
+        0
+    }
+
+    /// The pairs that a body would add if it were added now, with this motion.
+    fn crowding_with(&self, body: &BodyProperties, motion: &BodyState) -> u64 {
+        let _ = (body, motion);
+        0
+    }
+
     /// Number of bodies awake after the last step.
     fn awake_count(&self) -> usize;
 

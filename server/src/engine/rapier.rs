@@ -6,6 +6,7 @@
 mod body;
 mod characters;
 mod crossing;
+mod crowding;
 mod drives;
 mod half_spaces;
 mod held_joint;
@@ -39,6 +40,7 @@ use rhumb_reckoning::{BodyId, BodyState, Inertia, Integrator, Twist};
 
 use self::body as translate;
 use self::characters::RapierCharacters;
+use self::crowding::{Crowded, RapierCrowding};
 use self::joints::RapierJoints;
 use self::rest::RapierRest;
 use self::solid::{self as solids, Solid};
@@ -63,6 +65,7 @@ pub struct RapierEngine {
     vehicles: RapierVehicles,
     rest: RapierRest,
     spin: RapierSpin,
+    crowding: RapierCrowding,
     /// Slots by body index.
     places: Vec<Option<BodySlot>>,
     /// Kinematic bodies that move.
@@ -129,6 +132,7 @@ impl RapierEngine {
             vehicles: RapierVehicles::default(),
             rest: RapierRest::default(),
             spin: RapierSpin::default(),
+            crowding: RapierCrowding::default(),
             places: Vec::new(),
             kinematic_targets: BTreeMap::new(),
             forced: Vec::new(),
@@ -218,6 +222,7 @@ impl RapierEngine {
         let place = BodySlot { id, handle };
         self.places[index] = Some(place);
         self.stirred.push(place);
+        self.crowding.place(&self.world, &self.world.bodies[handle]);
         self.note_motion(&new.desc);
         self.note_half_space(id, is_half_space);
         if new.desc.kind == BodyKind::Kinematic && new.desc.enabled {
@@ -255,6 +260,10 @@ impl RapierEngine {
         body.recompute_mass_properties_from_colliders(&self.world.colliders);
         translate::take_over_spin(body);
         translate::bound_forces(body, dt);
+        if reshaped || before.enabled != now.desc.enabled || before.kind != now.desc.kind {
+            let body = &self.world.bodies[place.handle];
+            self.crowding.place(&self.world, body);
+        }
         if now.desc.kind != BodyKind::Kinematic || !now.desc.enabled {
             self.kinematic_targets.remove(&place.id);
         }
@@ -269,6 +278,7 @@ impl RapierEngine {
             self.half_spaces.remove(&id);
             self.characters.remove(id);
             self.vehicles.remove(&mut self.world, id);
+            self.crowding.remove(id);
             self.world.remove_body(place.handle);
         }
     }
@@ -303,6 +313,8 @@ impl RapierEngine {
             if body.is_fixed() || !body.is_enabled() {
                 self.displaced.push(place);
             }
+            self.crowding
+                .place(&self.world, &self.world.bodies[place.handle]);
         }
     }
 
@@ -354,6 +366,10 @@ impl RapierEngine {
             awake.retain(|place| self.is_at(*place));
             self.awake = awake;
         }
+        let bodies = &self.world.bodies;
+        let awake = self.awake.iter();
+        let awake = awake.filter_map(|place| bodies.get(place.handle));
+        self.crowding.after(&self.world, awake);
     }
 
     /// Gives the bodies that contacts or joints made too fast the greatest speed, with which Rapier moves them.
@@ -700,6 +716,27 @@ impl Engine for RapierEngine {
         // A query reads the world only, so that a panic leaves it as it is.
         let answered = catch_unwind(AssertUnwindSafe(|| reports::answer(&self.world, query)));
         answered.map_err(|_| UnanswerableQuery)
+    }
+
+    fn count_crowding(&mut self, most: u32) {
+        self.crowding.begin(most);
+    }
+
+    fn crowding(&self) -> u64 {
+        self.crowding.pairs()
+    }
+
+    fn crowding_with(&self, body: &BodyProperties, motion: &BodyState) -> u64 {
+        let solid = self.solids.get(&body.desc.shape);
+        let Some(solid) = solid.filter(|_| body.desc.enabled) else {
+            return 0;
+        };
+        let of = Crowded {
+            body: body.desc.id,
+            moves: body.desc.kind != BodyKind::Fixed || body.desc.sensor,
+        };
+        let at = translate::pose_of(motion);
+        (self.crowding).pairs_with(&self.world, of, solids::boxes(solid, at))
     }
 
     fn awake_count(&self) -> usize {

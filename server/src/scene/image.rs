@@ -78,6 +78,7 @@ impl Scene {
             event_monitor: self.event_monitor.clone(),
             record: RunRecord::default(),
             baked: BakedShapes::default(),
+            crowding_max: self.crowding_max,
             broken: false,
         })
     }

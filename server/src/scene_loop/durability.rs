@@ -20,7 +20,7 @@ use crate::event_monitor::EventKey;
 use crate::hook::Incident;
 use crate::member::SessionCommands;
 use crate::record::{Author, LogEntry, SessionNumber};
-use crate::scene::{Scene, Stepped};
+use crate::scene::{Scene, SceneFault, Stepped};
 use crate::sessions::{CommandLog, Durability, Frozen};
 
 impl RunningScene {
@@ -200,10 +200,16 @@ impl RunningScene {
 
     /// Steps; a scene whose engine fails is restored first. `None` if it stands still.
     pub(super) fn step_or_restore(&mut self, clients: &mut Clients) -> Option<Stepped> {
-        if let Ok(stepped) = self.scene.step() {
-            return Some(stepped);
-        }
-        let restored = self.restore(FailedIn::Step, clients);
+        let fault = match self.scene.step() {
+            Ok(stepped) => return Some(stepped),
+            Err(fault) => fault,
+        };
+        tracing::error!(%fault, "a step failed");
+        let failed_in = match fault {
+            SceneFault::Engine(_) => FailedIn::Step,
+            SceneFault::TooCrowded { .. } => FailedIn::Crowd,
+        };
+        let restored = self.restore(failed_in, clients);
         let stepped = restored.and_then(|left_out| {
             for author in left_out {
                 Self::refuse_late(&author, clients);
@@ -236,7 +242,9 @@ impl RunningScene {
         clients: &mut Clients,
     ) -> Result<Vec<Author>, FaultCause> {
         let now = clients.now();
-        self.observer.incident(Incident::EnginePanicked);
+        if !self.scene.is_sound() {
+            self.observer.incident(Incident::EnginePanicked);
+        }
         while let Some(first) = self.restored_at.front()
             && now.since(*first) >= PERIOD
         {
@@ -259,7 +267,7 @@ impl RunningScene {
             tick = self.scene.tick().value(),
             ?failed_in,
             left_out = restoration.left_out.len(),
-            "the engine failed; the scene continues without the commands that it failed on"
+            "the scene continues without the commands on which it failed"
         );
         Ok(self.adopt(restoration, clients))
     }

@@ -10,7 +10,7 @@ use rhumb_protocol::message::{
 };
 use rhumb_protocol::scene::{CommandError, IdRange, SceneConfig, Stepping};
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
-use rhumb_reckoning::Tolerance;
+use rhumb_reckoning::{Tick, Tolerance};
 use rhumb_scene::{Limits, SceneRouter, SceneSettings};
 
 /// A router of scenes, and the links of its connections.
@@ -38,6 +38,8 @@ pub(crate) struct Counts {
     pub(crate) left: usize,
     pub(crate) snapshots: usize,
     pub(crate) inspections: usize,
+    /// Tick and bodies of the newest inspection.
+    pub(crate) inspected: Option<(Tick, u32)>,
     pub(crate) pongs: usize,
     pub(crate) bodies: usize,
     pub(crate) denied: usize,
@@ -190,7 +192,10 @@ impl Link {
                 Some(ServerMessage::Refused { error, .. }) => counts.refused = Some(error),
                 Some(ServerMessage::Left) => counts.left += 1,
                 Some(ServerMessage::SnapshotEnd) => counts.snapshots += 1,
-                Some(ServerMessage::Inspection(_)) => counts.inspections += 1,
+                Some(ServerMessage::Inspection(inspection)) => {
+                    counts.inspections += 1;
+                    counts.inspected = Some((inspection.tick, inspection.bodies));
+                }
                 Some(ServerMessage::Pong { .. }) => counts.pongs += 1,
                 Some(ServerMessage::Denied(denial)) => {
                     counts.denied += 1;

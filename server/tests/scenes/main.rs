@@ -7,6 +7,7 @@ mod baking;
 #[cfg(feature = "box3d")]
 mod box3d;
 mod checkpoints;
+mod crowding;
 mod endings;
 mod links;
 mod motion;

@@ -15,7 +15,7 @@ use rhumb_client::{Client, ClientError, JoinMode, JoinOptions, PipelineDepth, Ti
 use rhumb_tests::{Recording, ServerProcess, falling, falling_apart};
 
 use crate::SERVER;
-use crate::hostile_load::{free_address, requested};
+use crate::hostile_load::{free_address, requested, uncrowded};
 
 const ANYWHERE: &str = "127.0.0.1:0";
 const ZOO: &[u8] = include_bytes!("../../data/app/harness_zoo.zst");
@@ -270,7 +270,9 @@ fn frame(simulation: u32) -> Vec<u8> {
 #[test]
 fn a_client_that_overloads_its_scene_is_closed_and_stops_no_other() {
     let metrics = free_address();
-    let server = SERVER.serve_app(ANYWHERE, &["--metrics", &metrics]);
+    let directory = tempfile::tempdir().expect("a temporary directory");
+    let config = uncrowded(directory.path());
+    let server = SERVER.serve_app(ANYWHERE, &["--metrics", &metrics, "--config", &config]);
     let mut second = Plugin::connect_with(&server, b"no logon");
     second.send(&falling(8, 10));
     let mut heap = Plugin::connect_with(&server, b"no logon");

@@ -59,6 +59,14 @@ pub(crate) fn requested(metrics: &str, path: &str) -> String {
     answer
 }
 
+/// A configuration under which a crowd is stepped, whatever its step takes.
+pub(crate) fn uncrowded(directory: &Path) -> String {
+    let file = directory.join("uncrowded.toml");
+    let text = "[limits]\nscene_crowding = 4294967295\n";
+    std::fs::write(&file, text).expect("a temporary file");
+    file.to_str().expect("text").to_owned()
+}
+
 /// An address with a port that is free now.
 pub(crate) fn free_address() -> String {
     let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
@@ -71,7 +79,15 @@ fn a_step_that_does_not_end_stops_neither_other_scenes_nor_figures_nor_sigterm()
     let directory = tempfile::tempdir().expect("a temporary directory");
     let flights = directory.path().join("flights");
     let flight = flights.to_str().expect("text");
-    let more = ["--metrics", &metrics, "--flight", flight];
+    let config = uncrowded(directory.path());
+    let more = [
+        "--config",
+        &config,
+        "--metrics",
+        &metrics,
+        "--flight",
+        flight,
+    ];
     let server = SERVER.serve_with("127.0.0.1:0", &more);
     let mut victim = join(&server, "victim", Stepping::Lockstep);
     advance(&mut victim, 10);

@@ -17,13 +17,14 @@ use rhumb_client::{
     Trust,
 };
 use rhumb_protocol::Ending;
+use rhumb_protocol::message::Denial;
 use rhumb_protocol::scene::CommandError;
 use rhumb_protocol::session::CloseCode;
 use rhumb_tests::ServerProcess;
 
 use crate::SERVER;
 use crate::durable::{Seen, check, commands, create, digest_without_server, step, take_events};
-use crate::hostile_load::{free_address, requested};
+use crate::hostile_load::{free_address, requested, uncrowded};
 
 /// Longer than any step of these tests, on a busy machine; reached only by a failure.
 const LONG: Duration = Duration::from_secs(60);
@@ -182,7 +183,15 @@ fn a_step_that_does_not_end_ends_its_process_and_no_other() {
     let directory = tempfile::tempdir().expect("a temporary directory");
     let flights = directory.path().join("flights");
     let flight = flights.to_str().expect("text");
-    let server = serve(&["--metrics", &metrics, "--flight", flight]);
+    let config = uncrowded(directory.path());
+    let server = serve(&[
+        "--config",
+        &config,
+        "--metrics",
+        &metrics,
+        "--flight",
+        flight,
+    ]);
     let mut victim = join(&server, "victim/1", Stepping::Lockstep);
     advance(&mut victim, 10);
     let before = workers(&server);
@@ -242,7 +251,8 @@ fn assert_flight(flights: &Path) {
 fn a_durable_scene_whose_step_does_not_end_goes_on_without_the_commands_before_it() {
     let directory = tempfile::tempdir().expect("a temporary directory");
     let data = directory.path().join("data");
-    let server = serve(&["--data", data.to_str().expect("text")]);
+    let config = uncrowded(directory.path());
+    let server = serve(&["--config", &config, "--data", data.to_str().expect("text")]);
     let mut client = join(&server, "crowd/1", Stepping::Lockstep);
     let first = client.add_body(BodyDesc::dynamic(Shape::ball(0.5)));
     let first = first.expect("a body");
@@ -281,6 +291,60 @@ fn a_durable_scene_whose_step_does_not_end_goes_on_without_the_commands_before_i
     assert_eq!(checked.code, Some(0), "{}{}", checked.out, checked.log);
     let line = format!("tick 21 digest {truth:016x}");
     assert!(checked.out.contains(&line), "{line}: {}", checked.out);
+}
+
+#[test]
+fn a_crowd_is_refused_and_its_scene_and_process_continue() {
+    let server = serve(&[]);
+    let mut client = join(&server, "crowd/1", Stepping::Lockstep);
+    let process = new_worker(&server, &BTreeSet::new());
+    let balls = (0..CROWD).map(|_| BodyDesc::dynamic(Shape::ball(0.5)));
+    client.add_bodies(balls).expect("they are bodies");
+    advance(&mut client, 3);
+    let mut refused = 0;
+    while let Some((_, event)) = client.poll_event() {
+        if let Event::Refused { error, .. } = event {
+            assert_eq!(error, CommandError::TooCrowded);
+            refused += 1;
+        }
+    }
+    let inspection = client.inspect().expect("the server answers");
+    assert_eq!(inspection.tick, Tick::new(3));
+    assert_eq!(inspection.bodies as usize + refused, CROWD);
+    assert!(runs(process) && refused > CROWD / 2, "{refused}");
+}
+
+#[test]
+fn scenes_that_begin_at_once_in_many_processes_keep_to_the_limit_of_the_server() {
+    const SCENES: usize = 3;
+    let directory = tempfile::tempdir().expect("a temporary directory");
+    let file = directory.path().join("few.toml");
+    fs::write(&file, format!("[limits]\nscenes = {SCENES}\n")).expect("a temporary file");
+    let server = serve(&["--config", file.to_str().expect("text")]);
+    let options = || JoinOptions {
+        mode: JoinMode::Create(SceneConfig::default()),
+        ..JoinOptions::default()
+    };
+    let trust = Trust::Fingerprint(server.fingerprint);
+    let address = server.address.to_string();
+    let joins = (0..2 * SCENES).map(|tenant| {
+        let connection = Client::connect_within(&address, trust.clone(), LONG);
+        let connection = connection.expect("it is there");
+        thread::spawn(move || connection.join_with(&format!("tenant{tenant}/1"), options()))
+    });
+    let joins: Vec<_> = joins.collect();
+    let joined = joins.into_iter().map(|join| join.join().expect("it ends"));
+    let (joined, denied): (Vec<_>, Vec<_>) = joined.partition(Result::is_ok);
+    assert!(
+        joined.len() <= SCENES && !joined.is_empty(),
+        "{}",
+        joined.len()
+    );
+    for denied in denied {
+        let denied = denied.err();
+        let is_full = matches!(&denied, Some(OpenError::Denied { denial, .. }) if *denial == Denial::TooManyScenes);
+        assert!(is_full, "{denied:?}");
+    }
 }
 
 #[test]

@@ -18,10 +18,10 @@ use crate::engine::interface::{BodyProperties, Push, SPEED_MAX, SPIN_MAX};
 ///
 /// `dt`: length of a step, seconds.
 pub(super) fn body(properties: &BodyProperties, motion: &BodyState, dt: f32) -> RigidBody {
-    let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = motion.parts();
+    let [.., vx, vy, vz, wx, wy, wz] = motion.parts();
     let desc = &properties.desc;
     let mut builder = RigidBodyBuilder::new(body_type(desc.kind))
-        .pose(pose(Vec3::new(px, py, pz), Quat::from_xyzw(x, y, z, w)))
+        .pose(pose_of(motion))
         .user_data(tag(properties));
     if desc.kind == BodyKind::Dynamic {
         builder = builder
@@ -173,6 +173,12 @@ pub(super) fn pose(position: Vec3, rotation: Quat) -> RapierPose {
         wide.normalize().as_quat()
     };
     RapierPose::from_parts(position, rotation)
+}
+
+/// The pose of a motion.
+pub(super) fn pose_of(motion: &BodyState) -> RapierPose {
+    let [px, py, pz, x, y, z, w, ..] = motion.parts();
+    pose(Vec3::new(px, py, pz), Quat::from_xyzw(x, y, z, w))
 }
 
 /// Rounding error of a unit quaternion of f32: four squares, each rounded by at most 2⁻²⁴ relative, and the sum's

@@ -55,6 +55,7 @@ impl RapierEngine {
             vehicles: self.vehicles.clone(),
             rest: self.rest.clone(),
             spin: RapierSpin::default(),
+            crowding: self.crowding.clone(),
             places: self.places.clone(),
             kinematic_targets: self.kinematic_targets.clone(),
             forced: Vec::new(),

@@ -5,12 +5,13 @@
 use glam::Vec3;
 use rapier3d::math::Pose as RapierPose;
 use rapier3d::prelude::{
-    ActiveCollisionTypes, ActiveEvents, Collider, ColliderBuilder, Group, InteractionGroups,
+    Aabb, ActiveCollisionTypes, ActiveEvents, Collider, ColliderBuilder, Group, InteractionGroups,
     InteractionTestMode, MassProperties, PhysicsWorld, RigidBodyHandle,
 };
 use rhumb_protocol::scene::{BodyKind, Mass, Shape};
 use rhumb_solids::SolidPart;
 
+use super::crowding::weight;
 use crate::engine::interface::{BodyProperties, UnusableShape};
 
 /// Solid that all bodies of one shape share.
@@ -109,6 +110,15 @@ pub(super) fn colliders(
         };
         set_properties(&mut collider, properties, solid);
         collider
+    })
+}
+
+/// The boxes of the colliders of a body at this pose, and the weights of their pairs.
+pub(super) fn boxes(solid: &Solid, at: RapierPose) -> impl Iterator<Item = (Aabb, u64)> {
+    let parts = solid.parts.iter();
+    parts.map(move |part| {
+        let aabb = part.shape.compute_aabb(&(at * part.at));
+        (aabb, weight(&*part.shape))
     })
 }
 

@@ -1,0 +1,285 @@
+//! Scenes in which so many bodies overlap that a step would not end.
+//!
+//! Each heap is one of those that took a server down: by commands before the first step, by poses, by shapes and kinds that
+//! change, and by motion. Proved by what the scene refuses, and by the steps that it still takes. A heap at the limit is
+//! stepped, and so is every lawful scene here. Caught: 516 kB of commands ended a server of 3 GiB.
+
+use glam::{Quat, Vec3};
+use rhumb_protocol::message::ClientMessage;
+use rhumb_protocol::scene::{
+    BodyDesc, BodyKind, Command, CommandError, SceneConfig, Shape, ShapeId, Stepping,
+};
+use rhumb_protocol::{Peer, Span};
+use rhumb_reckoning::{BodyId, BodyState, Tick};
+use rhumb_scene::{Scene, SceneFault};
+
+use crate::links::Links;
+
+const LIMIT: u32 = 16_384;
+const PEER: Peer = Peer(1);
+
+fn scene(shapes: &[Shape]) -> Scene {
+    let mut scene = Scene::new(SceneConfig::default()).unwrap();
+    scene.bound_crowding(LIMIT);
+    for (id, shape) in (0..).zip(shapes) {
+        let (id, shape) = (ShapeId(id), shape.clone());
+        scene.apply(&Command::AddShape { id, shape }).unwrap();
+    }
+    scene
+}
+
+fn add(index: u32, kind: BodyKind, position: Vec3, velocity: Vec3) -> Command {
+    turned(index, kind, position, velocity, Quat::IDENTITY)
+}
+
+fn turned(index: u32, kind: BodyKind, position: Vec3, velocity: Vec3, turn: Quat) -> Command {
+    let desc = BodyDesc::plain(BodyId::new(index, 0), kind, ShapeId(0));
+    let (position, velocity) = (position.to_array(), velocity.to_array());
+    let motion = BodyState::new(position, turn.to_array(), velocity, [0.0; 3]).unwrap();
+    Command::AddBody { desc, motion }
+}
+
+/// A point of a spiral through a ball of this radius: no two are equal.
+fn spiral(index: u32, of: u32, radius: f32) -> Vec3 {
+    let height = 1.0 - 2.0 * (index as f32 + 0.5) / of as f32;
+    let (sine, cosine) = (index as f32 * 2.4).sin_cos();
+    let across = (1.0 - height * height).sqrt();
+    radius * Vec3::new(across * cosine, height, across * sine)
+}
+
+/// Adds as many bodies as the scene takes; all others must be refused for the crowd.
+fn crowd(scene: &mut Scene, commands: impl Iterator<Item = Command>) -> usize {
+    let mut taken = 0;
+    for command in commands {
+        match scene.apply(&command) {
+            Ok(()) => taken += 1,
+            Err(error) => assert_eq!(error, CommandError::TooCrowded),
+        }
+    }
+    taken
+}
+
+#[test]
+fn heaps_that_would_not_end_are_refused_beyond_the_limit_and_what_is_left_steps() {
+    let ball = |index| {
+        add(
+            index,
+            BodyKind::Dynamic,
+            spiral(index, 5_000, 0.05),
+            Vec3::ZERO,
+        )
+    };
+    let cuboid = |index| {
+        add(
+            index,
+            BodyKind::Dynamic,
+            spiral(index, 1_500, 0.1),
+            Vec3::ZERO,
+        )
+    };
+    let crossed = |index| {
+        let turn = Quat::from_rotation_y(index as f32 * 0.01) * Quat::from_rotation_z(1.57);
+        turned(
+            index,
+            BodyKind::Dynamic,
+            Vec3::Y * index as f32 * 1e-3,
+            Vec3::ZERO,
+            turn,
+        )
+    };
+    let heaps: [(&str, Shape, Vec<Command>); 4] = [
+        ("balls", Shape::ball(0.5), (0..5_000).map(ball).collect()),
+        (
+            "boxes",
+            Shape::cuboid(0.5, 0.5, 0.5),
+            (0..1_500).map(cuboid).collect(),
+        ),
+        (
+            "capsules",
+            Shape::capsule(50.0, 0.1),
+            (0..10_000).map(crossed).collect(),
+        ),
+        (
+            "cylinders",
+            Shape::cylinder(0.5, 0.5),
+            (0..1_000).map(cuboid).collect(),
+        ),
+    ];
+    for (name, shape, commands) in heaps {
+        let mut scene = scene(&[shape]);
+        let taken = crowd(&mut scene, commands.into_iter());
+        // Boxes of capsules are thin where these point along an axis.
+        assert!((100..2_000).contains(&taken), "{name}: {taken}");
+        scene.step().unwrap();
+        scene.step().unwrap();
+        assert_eq!(scene.body_count(), taken, "{name}");
+    }
+}
+
+#[test]
+fn lawful_heaps_carpets_and_bodies_on_large_ones_are_taken() {
+    let mut scene = scene(&[
+        Shape::cuboid(0.5, 0.5, 0.5),
+        Shape::cuboid(500.0, 0.5, 500.0),
+    ]);
+    for index in 0..20_000_u32 {
+        let place = Vec3::new(
+            (index % 100) as f32,
+            (index / 10_000) as f32,
+            (index / 100 % 100) as f32,
+        );
+        scene
+            .apply(&add(index, BodyKind::Dynamic, place, Vec3::ZERO))
+            .unwrap();
+    }
+    for (index, kind) in [(20_000, BodyKind::Fixed), (20_001, BodyKind::Kinematic)] {
+        let desc = BodyDesc::plain(BodyId::new(index, 0), kind, ShapeId(1));
+        let motion = BodyState::new([0.0, -1.0, 0.0], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
+        let motion = motion.unwrap();
+        scene.apply(&Command::AddBody { desc, motion }).unwrap();
+    }
+    // Fixed bodies do not meet one another.
+    for index in 30_000..31_000 {
+        let place = Vec3::new(-900.0, 0.0, 0.0);
+        scene
+            .apply(&add(index, BodyKind::Fixed, place, Vec3::ZERO))
+            .unwrap();
+    }
+    scene.step().unwrap();
+}
+
+/// Bodies that stand apart, of a scene that has been stepped.
+fn apart(count: u32, kind: BodyKind, velocity: impl Fn(Vec3) -> Vec3) -> Scene {
+    let mut scene = scene(&[Shape::ball(0.5), Shape::ball(40.0)]);
+    for index in 0..count {
+        let place = spiral(index, count, 60.0);
+        scene
+            .apply(&add(index, kind, place, velocity(place)))
+            .unwrap();
+    }
+    scene.step().unwrap();
+    scene
+}
+
+fn too_crowded(scene: &mut Scene) {
+    let (tick, digest) = (scene.tick(), scene.digest());
+    let fault = scene.step().unwrap_err();
+    assert!(
+        matches!(fault, SceneFault::TooCrowded { limit: LIMIT, .. }),
+        "{fault}"
+    );
+    assert_eq!(
+        (scene.tick(), scene.digest()),
+        (tick, digest),
+        "nothing has changed"
+    );
+}
+
+#[test]
+fn poses_shapes_kinds_and_motion_that_crowd_a_scene_fail_the_step_before_it_begins() {
+    let mut scene = apart(1_000, BodyKind::Dynamic, |_| Vec3::ZERO);
+    for index in 0..1_000 {
+        let (id, position) = (BodyId::new(index, 0), spiral(index, 1_000, 0.1));
+        let rotation = Quat::IDENTITY;
+        scene
+            .apply(&Command::SetPose {
+                id,
+                position,
+                rotation,
+            })
+            .unwrap();
+    }
+    too_crowded(&mut scene);
+
+    let mut scene = apart(1_000, BodyKind::Dynamic, |_| Vec3::ZERO);
+    for desc in scene.bodies().copied().collect::<Vec<_>>() {
+        let desc = BodyDesc {
+            shape: ShapeId(1),
+            ..desc
+        };
+        scene.apply(&Command::ChangeBody { desc }).unwrap();
+    }
+    too_crowded(&mut scene);
+
+    // At 60 Hz all of them reach the centre in the second step.
+    let mut scene = apart(1_000, BodyKind::Dynamic, |place| -place * 15.0);
+    let steps = (0..8).take_while(|_| scene.step().is_ok()).count();
+    assert!(steps < 8, "{steps}");
+    too_crowded(&mut scene);
+}
+
+#[test]
+fn a_fixed_crowd_that_begins_to_move_fails_the_step() {
+    let mut scene = scene(&[Shape::ball(0.5)]);
+    for index in 0..1_000 {
+        let place = spiral(index, 1_000, 0.1);
+        scene
+            .apply(&add(index, BodyKind::Fixed, place, Vec3::ZERO))
+            .unwrap();
+    }
+    scene.step().unwrap();
+    for desc in scene.bodies().copied().collect::<Vec<_>>() {
+        let desc = BodyDesc {
+            kind: BodyKind::Dynamic,
+            ..desc
+        };
+        scene.apply(&Command::ChangeBody { desc }).unwrap();
+    }
+    too_crowded(&mut scene);
+}
+
+#[test]
+fn a_scene_without_the_bound_steps_whatever_overlaps() {
+    let mut scene = Scene::new(SceneConfig::default()).unwrap();
+    let (id, shape) = (ShapeId(0), Shape::ball(0.5));
+    scene.apply(&Command::AddShape { id, shape }).unwrap();
+    for index in 0..300 {
+        let place = spiral(index, 300, 0.1);
+        scene
+            .apply(&add(index, BodyKind::Dynamic, place, Vec3::ZERO))
+            .unwrap();
+    }
+    scene.step().unwrap();
+}
+
+#[test]
+fn a_crowded_scene_continues_without_the_commands_that_crowd_it() {
+    let mut links = Links::new();
+    links.begin(PEER, Stepping::Lockstep);
+    let message = |command| ClientMessage::Command(command);
+    let shape = Command::AddShape {
+        id: ShapeId(0),
+        shape: Shape::ball(0.5),
+    };
+    let mut messages = vec![message(shape)];
+    let place = |index| {
+        add(
+            index,
+            BodyKind::Dynamic,
+            spiral(index, 400, 60.0),
+            Vec3::ZERO,
+        )
+    };
+    messages.extend((0..400).map(|index| message(place(index))));
+    messages.push(ClientMessage::Advance { to: Tick::new(1) });
+    links.send(PEER, &messages);
+    links.pass(Span::from_millis(20));
+    assert_eq!(links.counts(PEER).refused, None);
+    let crowd = |index| {
+        let (id, position) = (BodyId::new(index, 0), spiral(index, 400, 0.1));
+        let rotation = Quat::IDENTITY;
+        message(Command::SetPose {
+            id,
+            position,
+            rotation,
+        })
+    };
+    let mut messages: Vec<_> = (0..400).map(crowd).collect();
+    messages.push(ClientMessage::Advance { to: Tick::new(5) });
+    links.send(PEER, &messages);
+    links.pass(Span::from_millis(20));
+    links.send(PEER, &[ClientMessage::Inspect]);
+    let counts = links.counts(PEER);
+    assert_eq!(counts.refused, Some(CommandError::EngineFailed));
+    assert_eq!(counts.inspected, Some((Tick::new(5), 400)));
+}
