@@ -210,8 +210,12 @@ impl Claims {
     /// Every claim has a meaning.
     fn check(&self) -> Result<(), TokenError> {
         let wrong = |claim, expected, text: &str| Err(malformed(claim, expected, &text.into()));
-        if self.sub.is_empty() {
-            return wrong("sub", "the name of a client", &self.sub);
+        if self.sub.is_empty() || self.sub.contains(char::is_control) {
+            return wrong(
+                "sub",
+                "the name of a client, without control characters",
+                &self.sub,
+            );
         }
         if role_of(&self.role).is_none() {
             let roles = "\"observer\", \"controller\" or \"owner\"";

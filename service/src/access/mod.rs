@@ -78,6 +78,7 @@ impl Authenticator {
         let verified = keys.verify(token)?;
         let (permit, seconds) = verified.claims.permit(&keys.audience, scene, clock())?;
         verified.check_key(scene)?;
+        let permit = verified.in_account(permit);
         Ok(Admitted {
             permit: Arc::new(permit),
             valid_for: Some(Span::from_millis(seconds.min(SECONDS_MAX) * 1_000)),
@@ -135,15 +136,52 @@ pub struct InvalidKeyFile {
 struct ScopedKey {
     key: AsymmetricPublicKey<V4>,
     scenes: KeyScenes,
+    issuer: Issuer,
 }
 
-/// The claims of a token, and the scenes for which its key signs.
+/// Who signs with a key. A client's account is its name with an issuer: no other issuer can take it over.
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum Issuer {
+    /// That of the first file: its clients have the names of their tokens.
+    First,
+    /// That of another file, or this process, by its name.
+    Other(Arc<str>),
+}
+
+/// Stands between a client's name and its issuer's: no name of a client has a control character.
+const OF_ISSUER: char = '\u{1f}';
+
+impl Issuer {
+    /// That of a file by its place in the configuration. Its name does not depend on the folder or on the kind of the file.
+    fn of(place: usize, file: &KeyFile) -> Self {
+        let name = file.path.file_stem().unwrap_or(file.path.as_os_str());
+        match place {
+            0 => Self::First,
+            _ => Self::Other(name.to_string_lossy().into()),
+        }
+    }
+}
+
+/// The claims of a token, the scenes for which its key signs, and who signs with it.
 pub(crate) struct Verified {
     pub(crate) claims: Claims,
     scenes: KeyScenes,
+    issuer: Issuer,
 }
 
 impl Verified {
+    /// The permit of the client's account.
+    fn in_account(&self, permit: Permit) -> Permit {
+        let Issuer::Other(issuer) = &self.issuer else {
+            return permit;
+        };
+        let account = |client: Arc<str>| format!("{client}{OF_ISSUER}{issuer}").into();
+        Permit {
+            client: permit.client.map(account),
+            ..permit
+        }
+    }
+
     /// Refuses a scene for which the key may not sign, whatever the claims say.
     fn check_key(&self, scene: &SceneName) -> Result<(), TokenError> {
         match &self.scenes {
@@ -331,7 +369,7 @@ impl From<errors::Error> for KeyError {
 
 impl TokenKeys {
     /// Reads public keys from files. A token of any of them is accepted if it names the audience, for scenes for which its
-    /// key may sign. Clients of one name are one client, whichever key signed: keys that share scenes belong to one issuer.
+    /// key may sign. Each file is an issuer: clients of one name are one client only if the same issuer signed their tokens.
     ///
     /// # Errors
     ///
@@ -363,6 +401,7 @@ impl TokenKeys {
         self.own.push(ScopedKey {
             key: pair.public,
             scenes: KeyScenes::All,
+            issuer: Issuer::Other("server".into()),
         });
         Ok(TokenIssuer {
             key: pair.secret,
@@ -372,19 +411,20 @@ impl TokenKeys {
 
     /// The claims of a token that one of the keys has signed.
     pub(crate) fn verify(&self, token: &[u8]) -> Result<Verified, TokenError> {
-        let (payload, scenes) = self.payload(token).ok_or(TokenError::NotSigned)?;
+        let (payload, scoped) = self.payload(token).ok_or(TokenError::NotSigned)?;
         Ok(Verified {
             claims: Claims::parse(&payload)?,
-            scenes,
+            scenes: scoped.scenes,
+            issuer: scoped.issuer,
         })
     }
 
-    fn payload(&self, token: &[u8]) -> Option<(String, KeyScenes)> {
+    fn payload(&self, token: &[u8]) -> Option<(String, ScopedKey)> {
         let text = std::str::from_utf8(token).ok()?;
         let token = UntrustedToken::<Public, V4>::try_from(text).ok()?;
         let verify = |scoped: &ScopedKey| {
             let trusted = PublicToken::verify(&scoped.key, &token, None, None).ok()?;
-            Some((trusted.payload().to_owned(), scoped.scenes.clone()))
+            Some((trusted.payload().to_owned(), scoped.clone()))
         };
         let read = self.read.read().unwrap_or_else(PoisonError::into_inner);
         read.iter().chain(&self.own).find_map(verify)
@@ -394,7 +434,7 @@ impl TokenKeys {
 /// Reads keys from files. One that several files hold signs for the scenes of all of them.
 fn read_all(files: &[KeyFile]) -> Result<Vec<ScopedKey>, KeyError> {
     let mut keys: Vec<ScopedKey> = Vec::new();
-    for file in files {
+    for (place, file) in files.iter().enumerate() {
         let text = read(&file.path).map_err(|error| file.explained(error))?;
         let key = AsymmetricPublicKey::try_from(text.trim());
         let key = key.map_err(|_| KeyError::NotAKey {
@@ -406,6 +446,7 @@ fn read_all(files: &[KeyFile]) -> Result<Vec<ScopedKey>, KeyError> {
             None => keys.push(ScopedKey {
                 key,
                 scenes: file.scenes.clone(),
+                issuer: Issuer::of(place, file),
             }),
         }
     }

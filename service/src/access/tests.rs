@@ -118,7 +118,7 @@ fn a_token_of_this_process_admits_an_observer_until_it_expires() {
     };
     let admission = authenticator.admit(Some(token.as_bytes()), &scene).unwrap();
     assert_eq!(admission.permit.role, Role::Observer);
-    assert_eq!(admission.permit.client.as_deref(), Some("view"));
+    assert_eq!(admission.permit.client.as_deref(), Some("view\u{1f}server"));
     assert!(
         authenticator
             .admit(Some(signed.token().as_bytes()), &scene)
@@ -132,6 +132,34 @@ fn a_token_of_this_process_admits_an_observer_until_it_expires() {
         matches!(refused, Err(TokenError::Expired(_))),
         "{refused:?}"
     );
+}
+
+#[test]
+fn clients_of_one_name_and_two_issuers_are_two() {
+    let (first, second) = (Signed::new("issuer-first"), Signed::new("issuer-second"));
+    let other = second.folder.join("other.pub");
+    fs::copy(second.folder.join("key.pub"), &other).unwrap();
+    let account = |files: &[&PathBuf], token: &str| {
+        let files: Vec<_> = files
+            .iter()
+            .map(|file| KeyFile::for_all_scenes(PathBuf::from(file)))
+            .collect();
+        let authenticator = Authenticator::Tokens {
+            keys: TokenKeys::read(&files, "rhumb").unwrap(),
+            clock: Arc::new(|| 1_767_225_600),
+        };
+        let admitted = authenticator.admit(Some(token.as_bytes()), &"pit".parse().unwrap());
+        admitted.unwrap().permit.client.clone().unwrap()
+    };
+    let own = first.folder.join("key.pub");
+    let (one, two) = (first.token(), second.token());
+    assert_eq!(&*account(&[&own], &one), "anna");
+    // Another issuer that is admitted beside changes no account, and has its own.
+    assert_eq!(&*account(&[&own, &other], &one), "anna");
+    assert_eq!(&*account(&[&own, &other], &two), "anna\u{1f}other");
+    let guessed = first.token_of("owner", "anna\u{1f}other");
+    let keys = first.keys();
+    assert!(keys.verify(guessed.as_bytes()).is_err());
 }
 
 #[test]
