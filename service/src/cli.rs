@@ -162,6 +162,17 @@ enum Task {
         /// The scene.
         scene: SceneName,
     },
+    /// Cuts the damaged scenes of a data directory that no server uses back to their last good ticks. Says what is lost, and
+    /// asks first. The files before stay beside.
+    Repair {
+        /// The directory.
+        dir: PathBuf,
+        /// The scene; all damaged ones if none is named.
+        scene: Option<SceneName>,
+        /// Agrees beforehand.
+        #[arg(long)]
+        yes: bool,
+    },
     /// Prints the last moments of a scene before a fault, from a file that --flight wrote.
     Flight {
         /// The file.
@@ -213,6 +224,11 @@ pub fn main_with(arguments: Arguments, hooks: Option<Hooks>) -> ExitCode {
         Some(Task::Token(token)) => token_command::run(token, seconds_since_1970()),
         Some(Task::Check { dir }) => durable::check(dir, &mut std::io::stdout()),
         Some(Task::Replay { dir, scene }) => durable::replay(dir, scene, &mut std::io::stdout()),
+        Some(Task::Repair { dir, scene, yes }) => durable::repair(
+            (dir, scene.as_ref()),
+            *yes,
+            (&mut std::io::stdin().lock(), &mut std::io::stdout()),
+        ),
         Some(Task::Flight { file }) => flight::run(file, &mut std::io::stdout()),
         Some(Task::Worker { .. }) => dispatcher::run_worker(hooks, seconds_since_1970),
         #[cfg(feature = "record")]

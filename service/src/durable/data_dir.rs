@@ -188,6 +188,14 @@ impl DataDir {
         self.files(&format!("{}.{number}", escape(scene)))
     }
 
+    /// The files of a scene that takes the place of an earlier one of its name, in a directory that no server uses.
+    pub(crate) fn replace(&self, scene: &SceneName) -> Result<SceneFiles, DataError> {
+        let Opened { disk, scenes, .. } = &*self.0;
+        let names = disk.list(scenes).map_err(DataError::io(scenes, "list"))?;
+        let number = next_number(&names);
+        Ok(self.files(&format!("{}.{number}", escape(scene))))
+    }
+
     fn files(&self, directory: &str) -> SceneFiles {
         SceneFiles {
             disk: Arc::clone(&self.0.disk),

@@ -95,6 +95,23 @@ impl<'a> LogFrames<'a> {
     }
 }
 
+impl LogFrames<'_> {
+    /// The ticks of all frames that are whole, also of those behind damage.
+    pub(super) fn ticks(bytes: &[u8]) -> Vec<Tick> {
+        let (mut ticks, mut from) = (Vec::new(), 0);
+        while let Some(found) = find(bytes, from) {
+            from = match frame_at(bytes, found) {
+                Some((frame, after)) => {
+                    ticks.push(frame.tick);
+                    after
+                }
+                None => found + 1,
+            };
+        }
+        ticks
+    }
+}
+
 /// True if a frame behind a place says that the byte there was synchronised.
 fn was_synced(bytes: &[u8], place: usize) -> bool {
     let mut from = place + 1;

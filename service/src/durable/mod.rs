@@ -6,12 +6,13 @@ mod data_dir;
 mod disk;
 mod format;
 mod recovery;
+mod repair;
 mod scene_files;
 mod writer;
 
 use std::collections::BTreeMap;
 use std::error::Error;
-use std::io::Write;
+use std::io::{BufRead, Write};
 use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -223,6 +224,84 @@ pub(crate) fn replay(
     match restore(&files, ReplayStart::Oldest)? {
         Some(restored) => write_report(&restored, out),
         None => Err(format!("the creation of {scene} was never durable").into()),
+    }
+}
+
+/// Cuts the damaged scenes of a directory back to their last good ticks, or one of them. What is to be lost is said first, and
+/// asked for unless `is_agreed`. The directory of each stays beside it.
+///
+/// # Errors
+///
+/// The first scene that cannot be repaired, or was not agreed to; the others are repaired all the same.
+pub(crate) fn repair(
+    (directory, only): (&Path, Option<&SceneName>),
+    is_agreed: bool,
+    (answers, out): (&mut dyn BufRead, &mut dyn Write),
+) -> Result<(), Box<dyn Error>> {
+    let data = DataDir::open_to_read(directory)?;
+    let mut scenes = data.scenes()?;
+    if let Some(only) = only {
+        scenes.retain(|(name, _)| name == only);
+        if scenes.is_empty() {
+            return Err(format!("no scene {only} in {}", directory.display()).into());
+        }
+    }
+    let mut failed: Option<Box<dyn Error>> = None;
+    for (name, files) in scenes {
+        let repaired = repair_scene(&data, (&name, &files), is_agreed, (answers, out));
+        if let Err(error) = repaired {
+            writeln!(out, "{name}: {error}")?;
+            failed.get_or_insert(error);
+        }
+    }
+    failed.map_or(Ok(()), Err)
+}
+
+fn repair_scene(
+    data: &DataDir,
+    (name, files): (&SceneName, &SceneFiles),
+    is_agreed: bool,
+    (answers, out): (&mut dyn BufRead, &mut dyn Write),
+) -> Result<(), Box<dyn Error>> {
+    let Err(damage) = restore(files, ReplayStart::Newest) else {
+        writeln!(out, "{name}: nothing to repair")?;
+        return Ok(());
+    };
+    let Some(cut) = files.find_cut(name)? else {
+        return Err(format!("no good state is left, and nothing was changed; {damage}").into());
+    };
+    writeln!(
+        out,
+        "{name}: {damage}\n{name}: the last good tick is {}, with {} bodies and digest {}; lost are {} bytes of its log, to \
+         tick {} at least",
+        cut.tick.value(),
+        cut.bodies,
+        cut.digest,
+        cut.bytes,
+        cut.newest.value(),
+    )?;
+    if !is_agreed {
+        write!(
+            out,
+            "{name}: cut it back to tick {}? [y/N] ",
+            cut.tick.value()
+        )?;
+        out.flush()?;
+        let mut answer = String::new();
+        answers.read_line(&mut answer)?;
+        if !["y", "yes"].contains(&answer.trim()) {
+            return Err("nothing was changed; --yes agrees beforehand".into());
+        }
+    }
+    let to = data.replace(name)?;
+    let old = files.cut_back(name, &cut, &to)?;
+    match restore(&to, ReplayStart::Newest)? {
+        Some(restored) if restored.scene.digest() == cut.digest => {
+            write_report(&restored, out)?;
+            writeln!(out, "{name}: its files before are in {}", old.display())?;
+            Ok(())
+        }
+        _ => Err("the scene that was made is another one: report this".into()),
     }
 }
 

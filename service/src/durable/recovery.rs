@@ -271,7 +271,7 @@ impl SceneFiles {
         Err(first_error.unwrap_or_else(missing))
     }
 
-    fn begin(
+    pub(super) fn begin(
         &self,
         config: SceneConfig,
         workers: &StepThreads,
@@ -328,15 +328,15 @@ impl SceneFiles {
 }
 
 /// A scene during a replay, with its sessions and owners.
-struct Run {
-    scene: Scene,
+pub(super) struct Run {
+    pub(super) scene: Scene,
     sessions: Sessions,
     ownership: Ownership,
 }
 
 impl Run {
     /// Does what an entry says; `false` if the outcome is another one.
-    fn replay(&mut self, entry: &LogEntry, report: &mut Report) -> bool {
+    pub(super) fn replay(&mut self, entry: &LogEntry, report: &mut Report) -> bool {
         self.sessions.replay(entry);
         if !rhumb_scene::replay(entry, &mut self.scene, &mut self.ownership) {
             return false;

@@ -2,6 +2,7 @@
 //!
 //! Each run is recorded with the digest of every tick. Whatever is restored must equal the recorded run at its tick.
 
+mod repair;
 mod scene_log;
 mod sim_disk;
 
@@ -22,7 +23,7 @@ use ring::hmac;
 
 use self::sim_disk::SimDisk;
 use super::disk::{DataError, Disk};
-use super::format::{LogFrame, LogFrames, Snapshot};
+use super::format::{LogFrame, LogFrames, OVERHEAD, Snapshot};
 use super::recovery::{LogTail, ReplayStart, Restored};
 use super::scene_files::{LogHeader, SceneFiles, Segment};
 
@@ -234,6 +235,12 @@ impl Recorded {
             scene: frozen.encode().unwrap(),
         };
         self.files.write_snapshot(&snapshot).unwrap();
+    }
+
+    /// Bytes of the first frame, which holds the header.
+    fn first_frame(&self) -> usize {
+        let bytes = self.disk.read(&self.files.segment_path(0)).unwrap();
+        OVERHEAD + LogFrames::read(&bytes).frames[0].payload.len()
     }
 
     fn restore(&self) -> Result<Option<Restored>, DataError> {
@@ -467,12 +474,8 @@ fn a_log_cut_at_any_byte_is_never_taken_for_a_shorter_run() {
     assert_eq!(restored.scene.tick(), Tick::new(3));
 }
 
-#[test]
-fn a_log_of_another_format_is_refused_by_its_name() {
-    let mut recorded = Recorded::new(13);
-    recorded.tick();
-    recorded.write();
-    recorded.sync();
+/// Gives the first log another format.
+fn make_older(recorded: &Recorded) -> PathBuf {
     let path = recorded.files.segment_path(0);
     recorded.disk.damage(&path, |bytes| {
         let mut older = Vec::new();
@@ -486,6 +489,16 @@ fn a_log_of_another_format_is_refused_by_its_name() {
         }
         *bytes = older;
     });
+    path
+}
+
+#[test]
+fn a_log_of_another_format_is_refused_by_its_name() {
+    let mut recorded = Recorded::new(13);
+    recorded.tick();
+    recorded.write();
+    recorded.sync();
+    let path = make_older(&recorded);
     let refused = recorded.restore().err().map(|error| error.to_string());
     let expected = format!(
         "{}: written by another version, with logs of format 3",

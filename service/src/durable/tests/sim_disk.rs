@@ -235,6 +235,9 @@ impl Disk for SimDisk {
         if moved.is_empty() {
             return Err(not_found());
         }
+        if state.directories.remove(from).is_some() {
+            state.directories.insert(to.to_owned(), false);
+        }
         for path in moved {
             let below = path
                 .strip_prefix(from)
