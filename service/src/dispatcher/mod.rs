@@ -6,6 +6,7 @@
 //! connection.
 
 mod accounts;
+mod bake_pool;
 mod message;
 #[cfg(target_os = "linux")]
 mod process;
@@ -576,7 +577,7 @@ impl Dispatcher {
             return;
         };
         if message == FromWorker::Over {
-            processes.note_worker_over(id);
+            processes.note_worker_over(id, &self.settings);
         }
         // A broken process's words about another one's workers do not count.
         let is_its = |place: &Place| matches!(place, Place::Process(of) if *of == id);

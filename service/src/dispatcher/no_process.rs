@@ -56,7 +56,7 @@ impl Processes {
         match self.0 {}
     }
 
-    pub(super) fn note_worker_over(&mut self, _: ProcessId) {
+    pub(super) fn note_worker_over(&mut self, _: ProcessId, _: &DispatcherSettings) {
         match self.0 {}
     }
 

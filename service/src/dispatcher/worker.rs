@@ -11,8 +11,9 @@ use std::{io, thread};
 
 use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::{Endpoint, Instant, Peer, Span, Transmit};
-use rhumb_scene::{Bakers, Heartbeat, SceneLoop, SceneSettings, SharedClock};
+use rhumb_scene::{Heartbeat, SceneLoop, SceneSettings, SharedClock};
 
+use super::bake_pool::BakePool;
 use super::message::{FromWorker, WorkerId, WorkerInput, WorkerOutput, WorkerReport};
 use crate::durable::{DataDir, LogTail, StoredScenes, Wake};
 
@@ -187,7 +188,7 @@ impl ThreadWorker {
         };
         let wake: Arc<dyn Fn() + Send + Sync> = Arc::new(wake);
         let scenes = SceneSettings {
-            bakers: bakers(Arc::clone(&wake)),
+            bakers: threads.bake_pool.bakers(&scene, Arc::clone(&wake)),
             heartbeat: heartbeat.clone(),
             ..scenes.clone()
         };
@@ -222,22 +223,6 @@ impl ThreadWorker {
     pub(super) fn send(&self, input: WorkerInput) {
         let _ = self.inputs.send(input);
     }
-}
-
-/// Bakers with a thread for each job. `wake` is called after each.
-fn bakers(wake: Wake) -> Bakers {
-    Bakers::new(move |job| {
-        let wake = Wake::clone(&wake);
-        let work = move || {
-            job.run();
-            wake();
-        };
-        let thread = thread::Builder::new().name("rhumb-bake".to_owned());
-        // The job is lost with its thread, and refused when its time is over.
-        if let Err(cause) = thread.spawn(work) {
-            tracing::error!(%cause, "no thread for the solid of a shape");
-        }
-    })
 }
 
 impl Drop for ThreadWorker {
@@ -313,6 +298,7 @@ const REPORTS_WAITING_MAX: usize = 1_024;
 pub(super) struct WorkerThreads {
     pub(super) clock: SharedClock,
     pub(super) send: SendFromWorker,
+    pub(super) bake_pool: BakePool,
 }
 
 /// The way back from the workers' threads and processes to the dispatcher.
@@ -352,6 +338,7 @@ impl Threads {
             workers: WorkerThreads {
                 clock,
                 send: Arc::new(send),
+                bake_pool: BakePool::of_cores(),
             },
             received,
             reports,

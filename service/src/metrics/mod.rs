@@ -61,7 +61,7 @@ impl Metrics {
             heartbeat,
             load,
             scene_load_max: limits.scene_load,
-            load_max: limits.server_load,
+            load_max: limits.server_load(),
         });
     }
 

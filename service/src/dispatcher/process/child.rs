@@ -18,6 +18,7 @@ use rhumb_scene::engine::{Engines, StepThreads};
 use rhumb_scene::{Admission, Hooks, SceneSettings};
 use rhumb_transport::{Clock, ParentSender, parent_stream};
 
+use super::super::bake_pool::BakePool;
 use super::super::message::{FromProcess, FromWorker, ToProcess, Vitals, WorkerId, WorkerInput};
 use super::super::worker::{ThreadWorker, Watched};
 
@@ -147,6 +148,7 @@ impl WorkerProcess {
         let threads = WorkerThreads {
             clock: Arc::new(clock),
             send: Arc::new(sending(outlet.clone(), Arc::clone(&watched), ended)),
+            bake_pool: BakePool::of_cores(),
         };
         let life = Life {
             admission: scenes.admission.clone(),

@@ -86,6 +86,10 @@ impl Processes {
             return Err(CloseCode::SCENE_RESTORING);
         }
         process.workers += 1;
+        process.newest = worker;
+        // All processes learn of the scene before any of them may create another one.
+        self.share_out(settings);
+        let process = self.running.get_mut(&id).ok_or(CloseCode::BUSY)?;
         process.send(&ToProcess::Begin(worker, scene.clone()));
         Ok(id)
     }
@@ -144,7 +148,7 @@ impl Processes {
     }
 
     /// A worker of a process has ended; a process without workers ends too. Its files are closed by then.
-    pub(super) fn note_worker_over(&mut self, id: ProcessId) {
+    pub(super) fn note_worker_over(&mut self, id: ProcessId, settings: &DispatcherSettings) {
         let Some(process) = self.running.get_mut(&id) else {
             return;
         };
@@ -153,6 +157,7 @@ impl Processes {
             process.end();
             self.by_tenant.remove(&process.tenant);
         }
+        self.share_out(settings);
     }
 
     /// Takes a message of a process; returns that of a worker of it.
@@ -194,24 +199,32 @@ impl Processes {
     }
 
     /// Gives each process, and the dispatcher, the numbers of the rest of the server.
+    ///
+    /// A worker has a place from its begin on, as it may create its scene before it reports it: places go by the order of
+    /// begins, so that many that begin at once neither exceed the limit nor keep one another from the last place.
     fn share_out(&mut self, settings: &DispatcherSettings) {
-        let of_processes = self.running.values();
-        let (scenes, load) = of_processes.fold((0_u64, 0_u64), |(scenes, load), process| {
-            (
-                scenes.saturating_add(process.scenes),
-                load.saturating_add(process.load),
-            )
-        });
-        let scenes_here = usize::try_from(scenes).unwrap_or(usize::MAX);
-        settings.scenes.admission.slots.set_elsewhere(scenes_here);
-        settings.scenes.admission.load.set_elsewhere(load);
-        let here = (
-            settings.scenes.admission.slots.here() as u64,
-            settings.scenes.admission.load.here(),
-        );
-        for process in self.running.values_mut() {
+        let admission = &settings.scenes.admission;
+        let taken: Vec<_> = (self.running.iter())
+            .map(|(id, process)| (*id, process.newest, process.places(), process.scenes))
+            .collect();
+        let loads = self.running.values().map(|process| process.load);
+        let load = loads.fold(0, u64::saturating_add);
+        let places: u64 = taken.iter().map(|(.., places, _)| *places).sum();
+        let places = usize::try_from(places).unwrap_or(usize::MAX);
+        admission.slots.set_elsewhere(places);
+        admission.load.set_elsewhere(load);
+        let here = (admission.slots.here() as u64, admission.load.here());
+        for (id, process) in &mut self.running {
+            let others = taken.iter().filter(|(other, ..)| other != id);
+            let taken = others.map(|(_, newest, places, scenes)| {
+                if *newest < process.newest {
+                    *places
+                } else {
+                    *scenes
+                }
+            });
             let elsewhere = (
-                scenes.saturating_add(here.0) - process.scenes,
+                taken.fold(here.0, u64::saturating_add),
                 load.saturating_add(here.1) - process.load,
             );
             if elsewhere != process.elsewhere {
@@ -304,8 +317,9 @@ struct RunningProcess {
     sender: Option<ChildSender>,
     /// Looks at it since its last sign of life.
     silent_looks: u32,
-    /// Its workers.
+    /// Its workers, and the one that began last.
     workers: usize,
+    newest: WorkerId,
     /// Its scenes and their load, as it reported them last.
     scenes: u64,
     load: u64,
@@ -316,6 +330,11 @@ struct RunningProcess {
 }
 
 impl RunningProcess {
+    /// The places of its scenes: each worker has one from its begin on, as it may create its scene before it reports it.
+    fn places(&self) -> u64 {
+        self.scenes.max(self.workers as u64)
+    }
+
     /// Starts the process, and the thread that reads what it sends and waits for its end.
     ///
     /// # Errors
@@ -358,6 +377,7 @@ impl RunningProcess {
             scenes: 0,
             load: 0,
             elsewhere: (0, 0),
+            newest: WorkerId(0),
             meters: BTreeMap::new(),
             flights: BTreeMap::new(),
         })
