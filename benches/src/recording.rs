@@ -82,7 +82,9 @@ pub fn read_bytes(
         return mcap::read(name, bytes, options);
     }
     if bytes.starts_with(ZSTD) || rhtrace::is_plain(bytes) {
-        return rhtrace::read(name, bytes);
+        let mut recording = rhtrace::read(name, bytes)?;
+        recording.notes.extend(options.note_of_states());
+        return Ok(recording);
     }
     if bytes.starts_with(npy::ZIP) {
         return arrays::read_archive(name, bytes, options);

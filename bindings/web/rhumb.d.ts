@@ -204,6 +204,9 @@ export class Client {
    * `now`: milliseconds of `performance.now()`, such as the argument of a `requestAnimationFrame` callback; at most ten seconds
    * from it, and a later moment counts as the present one. Default: the present moment. Returns the moment shown, in ticks; its fraction lies between two ticks.
    *
+   * After the page stood still for seconds, what has arrived meanwhile is read only once its tasks run: the first view may be
+   * old, and says so by infinite bounds. To show none of it, let a task pass before: `await new Promise((go) => setTimeout(go))`.
+   *
    * A lockstep scene stands still until a member advances it. Throws `refused` for what the server refused, after the view is
    * computed; the next call continues.
    */

@@ -34,6 +34,7 @@ pub fn read(name: &str, bytes: &[u8], options: &ReadOptions) -> Result<Recording
     } else {
         let load = options.choose(&loads)?;
         let mut recording = of_states(bytes, &outline, load)?;
+        recording.notes.extend(options.note_of_states());
         if loads.len() > 1 && options.load.is_none() {
             recording.notes.push(format!(
                 "of the loads {} this is {load}; --load NAME chooses another, in `fit` FILE,load=NAME",
@@ -420,6 +421,27 @@ mod tests {
             let recording = read(&written(options)).expect("it is the same trace");
             assert_eq!(recording.truth.digest, digest);
         }
+    }
+
+    #[test]
+    fn what_is_for_poses_alone_is_named_where_a_file_has_states() {
+        let whole = written(WriteOptions::new());
+        let options = ReadOptions {
+            gravity: Some(glam::Vec3::ZERO),
+            missing: super::super::options::MissingPoses::Hold,
+            ..ReadOptions::default()
+        };
+        let notes = super::read("a", &whole, &options)
+            .expect("whole")
+            .notes
+            .join("\n");
+        assert!(notes.contains("not used: --gravity, --missing"), "{notes}");
+        let plain = super::read("a", &whole, &ReadOptions::default()).expect("whole");
+        assert!(
+            !plain.notes.join("\n").contains("not used"),
+            "{:?}",
+            plain.notes
+        );
     }
 
     #[test]

@@ -86,6 +86,27 @@ impl ReadOptions {
         chosen.map(String::as_str).ok_or_else(unknown)
     }
 
+    /// A sentence on what the caller states and a file with states of its own says already.
+    pub(super) fn note_of_states(&self) -> Option<String> {
+        let stated = [
+            ("--rate", self.rate.is_some()),
+            ("--resample", self.resample.is_some()),
+            ("--gravity", self.gravity.is_some()),
+            ("--shape", !self.shapes.is_empty()),
+            ("--missing", self.missing != MissingPoses::default()),
+            ("--quaternion", self.quaternion.is_some()),
+        ];
+        let stated = stated.iter().filter(|(_, is_stated)| *is_stated);
+        let flags: Vec<&str> = stated.map(|(flag, _)| *flag).collect();
+        let note = || {
+            format!(
+                "the file has states, not poses alone, so this is not used: {}",
+                flags.join(", ")
+            )
+        };
+        (!flags.is_empty()).then(note)
+    }
+
     /// The shape of a body that has none in the file: a ball of 10 cm, unless one is chosen.
     pub(super) fn shape(&self, body: &str) -> Shape {
         let of_body = |choice: &&ShapeChoice| choice.body.as_deref() == Some(body);
