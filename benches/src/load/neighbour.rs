@@ -197,7 +197,7 @@ impl Abuse {
 
     const fn text(self) -> &'static str {
         match self {
-            Self::Overlap => "300 balls in one place",
+            Self::Overlap => "200 balls in one place",
             Self::Commands => "impulses without a pause",
             Self::Queries => "rays without a pause",
             Self::Joins => "joins of 5,000 bodies without a pause",
@@ -207,7 +207,7 @@ impl Abuse {
     /// Number of balls in the scene.
     const fn balls(self) -> u32 {
         match self {
-            Self::Overlap => 300,
+            Self::Overlap => 200,
             Self::Commands | Self::Queries => 100,
             Self::Joins => 5_000,
         }
