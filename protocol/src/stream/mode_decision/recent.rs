@@ -51,6 +51,8 @@ pub(super) struct RecentMotion<'s> {
 struct SinceJump<'s> {
     /// The observed states one and two strides before, none before the jump.
     past: [Option<&'s BodyState>; 2],
+    /// The displacement since the state one stride before, whether it jumped or not.
+    moved: Option<Errors>,
     /// The reach of its velocities in a stride, before and after it, as a share of the tolerance.
     reach: f64,
     jumped: bool,
@@ -60,18 +62,21 @@ impl<'s> RecentMotion<'s> {
     pub(super) fn new(context: &'s Context<'s>, subject: &'s Subject<'s>, units: &Units) -> Self {
         let since = SinceJump::new(subject, units);
         let step_s = context.tracks.integrator().rate.step().seconds();
-        let moved = |strides: usize| match since.past[strides - 1] {
-            Some(past) => apart(&subject.truth.pose(), &observed_pose(past)),
-            None => {
-                let twist = subject.truth.twist();
-                let seconds = step_s * f64::from(subject.stride.count()) * strides as f64;
-                Errors::of([twist.linear, twist.angular]) * seconds
-            }
+        let evenly = |strides: f64| {
+            let twist = subject.truth.twist();
+            let seconds = step_s * f64::from(subject.stride.count()) * strides;
+            Errors::of([twist.linear, twist.angular]) * seconds
         };
+        let last = since.past[0].and(since.moved);
+        let both = since.past[1].map(|past| apart(&subject.truth.pose(), &observed_pose(past)));
+        let moved = [
+            last.unwrap_or_else(|| evenly(1.0)),
+            both.unwrap_or_else(|| evenly(2.0)),
+        ];
         Self {
             context,
             subject,
-            moved: [moved(1), moved(2)],
+            moved,
             since,
         }
     }
@@ -149,12 +154,14 @@ impl<'s> SinceJump<'s> {
         let Some(one) = subject.past[0] else {
             return Self {
                 past: *subject.past,
+                moved: None,
                 reach: units.share(&now) * 2.0,
                 jumped: false,
             };
         };
         let (pose, middle) = (observed_pose(one), each_stride(&observed_twist(one)));
-        let last = apart(&subject.truth.pose(), &pose) * units.still;
+        let moved = apart(&subject.truth.pose(), &pose);
+        let last = moved * units.still;
         let jumps = units.share(&unexplained(last, [middle, now])) > JUMP;
         let (mut jumped, mut is_steady) = (false, false);
         if let Some(two) = subject.past[1] {
@@ -172,6 +179,7 @@ impl<'s> SinceJump<'s> {
         };
         Self {
             past,
+            moved: Some(moved),
             reach: units.share(&now) + units.share(&middle),
             jumped: (jumps || jumped) && !is_steady,
         }
