@@ -92,7 +92,7 @@ enum Place {
 
 enum Connection {
     /// It must say hello by then.
-    Greeting(Greeting, Instant),
+    Greeting(Box<Greeting>, Instant),
     /// Its control bytes that the worker has not handled.
     Bound(WorkerId, usize),
     /// Closed by the dispatcher: only its end is still awaited.
@@ -374,7 +374,7 @@ impl Endpoint for Dispatcher {
     fn handle_opened(&mut self, now: Instant, peer: Peer) {
         let until = now + self.settings.scenes.limits.hello();
         self.greeting_until.insert((until, peer));
-        let greeting = Connection::Greeting(Greeting::default(), until);
+        let greeting = Connection::Greeting(Box::default(), until);
         self.connections.insert(peer, greeting);
         self.settings.recorders.metrics.count_opened();
         (self.settings.recorders.metrics).set_connections(self.connections.len());
