@@ -19,11 +19,13 @@ const LIMIT: u32 = 16_384;
 const PEER: Peer = Peer(1);
 
 fn scene(shapes: &[Shape]) -> Scene {
-    let mut scene = Scene::new(SceneConfig::default()).unwrap();
+    let mut scene = Scene::new(SceneConfig::default()).expect("a plain scene");
     scene.bound_crowding(LIMIT);
     for (id, shape) in (0..).zip(shapes) {
         let (id, shape) = (ShapeId(id), shape.clone());
-        scene.apply(&Command::AddShape { id, shape }).unwrap();
+        scene
+            .apply(&Command::AddShape { id, shape })
+            .expect("a sound command");
     }
     scene
 }
@@ -35,7 +37,7 @@ fn add(index: u32, kind: BodyKind, position: Vec3, velocity: Vec3) -> Command {
 fn turned(index: u32, kind: BodyKind, position: Vec3, velocity: Vec3, turn: Quat) -> Command {
     let desc = BodyDesc::plain(BodyId::new(index, 0), kind, ShapeId(0));
     let (position, velocity) = (position.to_array(), velocity.to_array());
-    let motion = BodyState::new(position, turn.to_array(), velocity, [0.0; 3]).unwrap();
+    let motion = BodyState::new(position, turn.to_array(), velocity, [0.0; 3]).expect("finite");
     Command::AddBody { desc, motion }
 }
 
@@ -110,7 +112,7 @@ fn heaps_that_would_not_end_are_refused_beyond_the_limit_and_what_is_left_steps(
         let taken = crowd(&mut scene, commands.into_iter());
         // Boxes of capsules are thin where these point along an axis.
         assert!((50..2_000).contains(&taken), "{name}: {taken}");
-        scene.step().unwrap();
+        scene.step().expect("a step of few pairs");
         assert_eq!(scene.body_count(), taken, "{name}");
     }
 }
@@ -129,22 +131,24 @@ fn lawful_heaps_carpets_and_bodies_on_large_ones_are_taken() {
         );
         scene
             .apply(&add(index, BodyKind::Dynamic, place, Vec3::ZERO))
-            .unwrap();
+            .expect("a sound command");
     }
     for (index, kind) in [(20_000, BodyKind::Fixed), (20_001, BodyKind::Kinematic)] {
         let desc = BodyDesc::plain(BodyId::new(index, 0), kind, ShapeId(1));
         let motion = BodyState::new([0.0, -1.0, 0.0], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
-        let motion = motion.unwrap();
-        scene.apply(&Command::AddBody { desc, motion }).unwrap();
+        let motion = motion.expect("finite");
+        scene
+            .apply(&Command::AddBody { desc, motion })
+            .expect("a sound command");
     }
     // Fixed bodies do not meet one another.
     for index in 30_000..31_000 {
         let place = Vec3::new(-900.0, 0.0, 0.0);
         scene
             .apply(&add(index, BodyKind::Fixed, place, Vec3::ZERO))
-            .unwrap();
+            .expect("a sound command");
     }
-    scene.step().unwrap();
+    scene.step().expect("a step of few pairs");
 }
 
 /// Bodies that stand apart, of a scene that has been stepped.
@@ -154,15 +158,15 @@ fn apart(count: u32, kind: BodyKind, velocity: impl Fn(Vec3) -> Vec3) -> Scene {
         let place = spiral(index, count, 60.0);
         scene
             .apply(&add(index, kind, place, velocity(place)))
-            .unwrap();
+            .expect("a sound command");
     }
-    scene.step().unwrap();
+    scene.step().expect("a step of few pairs");
     scene
 }
 
 fn too_crowded(scene: &mut Scene) {
     let (tick, digest) = (scene.tick(), scene.digest());
-    let fault = scene.step().unwrap_err();
+    let fault = scene.step().expect_err("it is too crowded");
     assert!(
         matches!(fault, SceneFault::TooCrowded { limit: LIMIT, .. }),
         "{fault}"
@@ -186,7 +190,7 @@ fn poses_shapes_kinds_and_motion_that_crowd_a_scene_fail_the_step_before_it_begi
                 position,
                 rotation,
             })
-            .unwrap();
+            .expect("a sound command");
     }
     too_crowded(&mut scene);
 
@@ -196,7 +200,9 @@ fn poses_shapes_kinds_and_motion_that_crowd_a_scene_fail_the_step_before_it_begi
             shape: ShapeId(1),
             ..desc
         };
-        scene.apply(&Command::ChangeBody { desc }).unwrap();
+        scene
+            .apply(&Command::ChangeBody { desc })
+            .expect("a sound command");
     }
     too_crowded(&mut scene);
 
@@ -214,31 +220,35 @@ fn a_fixed_crowd_that_begins_to_move_fails_the_step() {
         let place = spiral(index, 1_000, 0.1);
         scene
             .apply(&add(index, BodyKind::Fixed, place, Vec3::ZERO))
-            .unwrap();
+            .expect("a sound command");
     }
-    scene.step().unwrap();
+    scene.step().expect("a step of few pairs");
     for desc in scene.bodies().copied().collect::<Vec<_>>() {
         let desc = BodyDesc {
             kind: BodyKind::Dynamic,
             ..desc
         };
-        scene.apply(&Command::ChangeBody { desc }).unwrap();
+        scene
+            .apply(&Command::ChangeBody { desc })
+            .expect("a sound command");
     }
     too_crowded(&mut scene);
 }
 
 #[test]
 fn a_scene_without_the_bound_steps_whatever_overlaps() {
-    let mut scene = Scene::new(SceneConfig::default()).unwrap();
+    let mut scene = Scene::new(SceneConfig::default()).expect("a plain scene");
     let (id, shape) = (ShapeId(0), Shape::ball(0.5));
-    scene.apply(&Command::AddShape { id, shape }).unwrap();
+    scene
+        .apply(&Command::AddShape { id, shape })
+        .expect("a sound command");
     for index in 0..300 {
         let place = spiral(index, 300, 0.1);
         scene
             .apply(&add(index, BodyKind::Dynamic, place, Vec3::ZERO))
-            .unwrap();
+            .expect("a sound command");
     }
-    scene.step().unwrap();
+    scene.step().expect("a step of few pairs");
 }
 
 #[test]
