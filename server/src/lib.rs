@@ -44,6 +44,7 @@ mod admission;
 mod baking;
 mod checkpoint;
 mod clients;
+mod control_stream;
 pub mod engine;
 mod event_monitor;
 mod hook;
@@ -63,6 +64,8 @@ mod tier_controller;
 pub use admission::{Admission, SceneSlots, ServerLoad, TenantLoads, tenant_of};
 pub use baking::{BakeJob, Bakers};
 pub use checkpoint::{Checkpoint, CheckpointError, replay};
+#[doc(hidden)]
+pub use control_stream::{ControlStream, PendingOutput};
 pub use engine::{StepThreads, StepThreadsError};
 pub use event_monitor::StepEvents;
 pub use glam;

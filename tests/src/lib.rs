@@ -7,6 +7,7 @@ mod altered_script;
 mod avatar;
 #[cfg(doctest)]
 mod book;
+mod edge_stage;
 mod failing_engine;
 pub mod fuzzing;
 mod observation_history;
@@ -22,6 +23,7 @@ mod walk;
 
 pub use altered_script::AlteredScript;
 pub use avatar::Avatars;
+pub use edge_stage::{EdgeStage, Place};
 pub use failing_engine::{FailingEngine, Fails, failing_body};
 pub use observation_history::{Claim, ObservationHistory, assert_same_copy};
 pub use plugin::{PluginServer, PluginSession, Recording, falling, falling_apart, plugin_world};

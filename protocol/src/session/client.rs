@@ -70,6 +70,11 @@ impl ClientSession {
         self.handshake.token = Some(token);
     }
 
+    /// Keeps what an edge needs to answer for the stream: the bodies of its last packets. Called before the connection opens.
+    pub const fn relay(&mut self) {
+        self.membership.subscription.relay();
+    }
+
     /// Creates the scene; answered by `Created` or `Denied`.
     ///
     /// # Errors

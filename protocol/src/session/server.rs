@@ -9,7 +9,9 @@ use alloc::vec::Vec;
 use bytes::Bytes;
 
 use super::CloseCode;
-use crate::message::{ClientMessage, Frames, Grease, Role, ServerMessage, VERSIONS, Welcome};
+use crate::message::{
+    ClientMessage, Framed, Frames, Grease, Role, ServerMessage, VERSIONS, Welcome,
+};
 use crate::scene::{CommandError, SceneConfig};
 use crate::wire::Malformed;
 
@@ -30,6 +32,8 @@ enum ServerState {
 pub struct ServerSession {
     state: ServerState,
     frames: Frames,
+    /// The frame of the last message that was handed on.
+    last_frame: Option<Framed>,
     grease: Grease,
     out: Vec<u8>,
     queue: VecDeque<Bytes>,
@@ -45,6 +49,7 @@ impl ServerSession {
         Self {
             state: ServerState::Silent,
             frames: Frames::new(),
+            last_frame: None,
             grease,
             out: Vec::new(),
             queue: VecDeque::new(),
@@ -65,11 +70,16 @@ impl ServerSession {
     /// Answer it before the next call: the answer decides which messages are allowed.
     pub fn poll_message(&mut self) -> Option<Result<ClientMessage, CommandError>> {
         while self.state != ServerState::Closed {
-            let message = match self.frames.next_frame() {
+            let framed = match self.frames.next_frame() {
                 Ok(None) => return None,
-                Ok(Some(framed)) => ClientMessage::decode(&framed),
-                Err(malformed) => Err(malformed),
+                Ok(Some(framed)) => framed,
+                Err(malformed) => {
+                    self.close(malformed.into());
+                    continue;
+                }
             };
+            let message = ClientMessage::decode(&framed);
+            self.last_frame = Some(framed);
             match message {
                 Ok(None) => {}
                 Ok(Some(message)) => match self.admit(&message) {
@@ -88,6 +98,12 @@ impl ServerSession {
             }
         }
         None
+    }
+
+    /// The frame of the last message from [`Self::poll_message`], to hand it on as it is.
+    #[must_use]
+    pub const fn last_frame(&self) -> Option<&Framed> {
+        self.last_frame.as_ref()
     }
 
     /// Returns `false` for a message to drop: the client sent it before it learned that its membership had ended.

@@ -105,6 +105,11 @@ impl ReceivedAliases {
         self.now.body(alias).filter(|_| self.since(alias) <= tick)
     }
 
+    /// The alias of a body.
+    pub(crate) fn of(&self, body: u32) -> Option<u32> {
+        self.now.of(body)
+    }
+
     /// Assigns an alias to a body at a tick (PROTOCOL 6.13-7). Later assignments stay.
     ///
     /// A body with a newer track may have lost the alias since: then the alias names no body, unless it already names

@@ -344,14 +344,16 @@ impl ErrorScaleLog {
 
     /// The factor on the tolerances at a tick, if it is known.
     pub(crate) fn at(&self, tick: Tick) -> Option<f64> {
+        self.stated_at(tick)?.factor()
+    }
+
+    /// The least error scale stated for a tick.
+    pub(crate) fn stated_at(&self, tick: Tick) -> Option<ErrorScale> {
         let covering = self
             .statements
             .iter()
             .filter(|(from, to, _)| (*from..=*to).contains(&tick));
-        covering
-            .map(|(_, _, error_scale)| *error_scale)
-            .min()?
-            .factor()
+        covering.map(|(_, _, error_scale)| *error_scale).min()
     }
 }
 

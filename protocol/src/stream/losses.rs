@@ -8,6 +8,8 @@ use alloc::collections::btree_map::Entry;
 use alloc::collections::{BTreeMap, VecDeque};
 use alloc::vec::Vec;
 
+use bytes::Bytes;
+
 use super::{LossRate, Redundancy};
 use crate::endpoint::{Instant, Span};
 use crate::limits::HISTORY_PACKETS;
@@ -216,13 +218,115 @@ impl SentPackets {
     }
 }
 
+/// The bodies of the last packets that an edge has received, for refreshes.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct RelayedPackets {
+    bodies: BTreeMap<u64, Vec<u32>>,
+}
+
+impl RelayedPackets {
+    /// Notes a packet that has arrived, or was refreshed.
+    pub(crate) fn note_packet(&mut self, number: u64) {
+        self.bodies.entry(number).or_default();
+        while self.bodies.len() > HISTORY_PACKETS {
+            self.bodies.pop_first();
+        }
+    }
+
+    /// Notes a body of a packet.
+    pub(crate) fn note_body(&mut self, number: u64, index: u32) {
+        if let Some(bodies) = self.bodies.get_mut(&number)
+            && let Err(place) = bodies.binary_search(&index)
+        {
+            bodies.insert(place, index);
+        }
+    }
+
+    /// The bodies of a packet; `None` if they are not known.
+    pub(crate) fn bodies(&self, number: u64) -> Option<&[u32]> {
+        self.bodies.get(&number).map(Vec::as_slice)
+    }
+}
+
+/// Refreshes for the receivers of one stream: each is encoded once between two ticks, and none is sent to one receiver twice
+/// within a round trip.
+#[derive(Debug, Default)]
+pub struct RefreshReplies {
+    /// By number of the lost packet and count of scene events.
+    encoded: BTreeMap<(u64, u64), Vec<Bytes>>,
+    limiter: ReplyLimiter,
+}
+
+impl RefreshReplies {
+    /// Encodes refreshes anew from now on: the tracks are others.
+    pub fn begin_tick(&mut self) {
+        self.encoded.clear();
+    }
+
+    /// Drops the times of a receiver that left or starts again.
+    pub fn forget(&mut self, receiver: u64) {
+        self.limiter.forget(receiver);
+    }
+
+    /// True if a loss report is answered now. If so, the next reports within a short pause are not answered.
+    pub fn allow_report(&mut self, now: Instant, receiver: u64) -> bool {
+        self.limiter.allow_report(now, receiver)
+    }
+
+    /// Appends the refreshes of lost packets. `encode` makes the datagrams of one, and `None` for a packet that is too old.
+    pub fn refresh(
+        &mut self,
+        now: Instant,
+        to: Recipient,
+        (mut lost, scene_events): (Vec<u64>, u64),
+        encode: impl Fn(u64) -> Option<Vec<Bytes>>,
+        out: &mut Vec<Bytes>,
+    ) {
+        lost.sort_unstable();
+        lost.dedup();
+        for number in lost {
+            // A packet that is too old has no refresh. The watermark then tells the receiver how much it missed, and it
+            // requests a snapshot.
+            if let Some(refresh) = self.encoded(number, scene_events, &encode).cloned()
+                && (self.limiter).allow_refresh(now, to.id, to.round_trip, number)
+            {
+                out.extend(refresh);
+            }
+        }
+    }
+
+    fn encoded(
+        &mut self,
+        number: u64,
+        scene_events: u64,
+        encode: impl Fn(u64) -> Option<Vec<Bytes>>,
+    ) -> Option<&Vec<Bytes>> {
+        if self.encoded.len() >= HISTORY_PACKETS {
+            self.encoded.clear();
+        }
+        match self.encoded.entry((number, scene_events)) {
+            Entry::Occupied(known) => Some(known.into_mut()),
+            Entry::Vacant(place) => Some(place.insert(encode(number)?)),
+        }
+    }
+}
+
+/// A subscriber that reports a loss.
+#[derive(Clone, Copy, Debug)]
+pub struct Recipient {
+    /// The caller's number for the subscriber.
+    pub id: u64,
+    /// No packet is refreshed for it twice within this span; zero if the round trip is unknown.
+    pub round_trip: Span,
+}
+
 /// The least time between two answered reports of one receiver: half of the time that a receiver waits for reordered
 /// packets before it reports a loss.
 const REPORT_PAUSE: Span = Span::from_millis(2);
 
 /// The times of the last replies to each receiver.
 #[derive(Debug, Default)]
-pub(super) struct ReplyLimiter {
+struct ReplyLimiter {
     receivers: BTreeMap<u64, Answered>,
 }
 
@@ -235,18 +339,18 @@ struct Answered {
 
 impl ReplyLimiter {
     /// Drops the times of a receiver that left or starts again.
-    pub(super) fn forget(&mut self, receiver: u64) {
+    fn forget(&mut self, receiver: u64) {
         self.receivers.remove(&receiver);
     }
 
     /// True if a loss report is answered now. If so, the next reports within the pause are not answered.
-    pub(super) fn allow_report(&mut self, now: Instant, receiver: u64) -> bool {
+    fn allow_report(&mut self, now: Instant, receiver: u64) -> bool {
         let answered = self.receivers.entry(receiver).or_default();
         is_due(&mut answered.report, now, REPORT_PAUSE)
     }
 
     /// True if a packet is refreshed now. If so, it is not refreshed again within a round trip.
-    pub(super) fn allow_refresh(
+    fn allow_refresh(
         &mut self,
         now: Instant,
         receiver: u64,

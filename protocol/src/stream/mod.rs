@@ -32,11 +32,12 @@ use crate::packet::{LargestPacket, StreamId};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 
+pub use losses::{Recipient, RefreshReplies};
 pub use observation_history::{Activity, LOOKAHEAD_MAX, Observation, ObservationHistory};
 pub use publisher::{OverBudget, Publisher};
 pub use receiver::StreamReceiver;
 pub(crate) use receiver::{DISORDER, RetryTimer, SILENCE_MOST};
-pub use sender::{Recipient, RestingBodies, StreamSender};
+pub use sender::{RestingBodies, StreamSender};
 pub use subscriber::{ErrorBound, Replacement, ShownTrack, Subscriber, SubscriberStatistics};
 pub use tracks::PredictionParameters;
 

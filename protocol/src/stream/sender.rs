@@ -9,34 +9,22 @@
 //! has neither prefilter nor coding.
 
 use alloc::boxed::Box;
-use alloc::collections::BTreeMap;
-use alloc::collections::btree_map::Entry;
 use alloc::vec::Vec;
 
 use bytes::Bytes;
 use glam::Vec3;
 use rhumb_reckoning::{Anchor, BodyId, BodyState, Predictor, Tick, Ticks, Track};
 
-use super::losses::{LossTracker, ReplyLimiter, SentPackets};
+use super::losses::{LossTracker, Recipient, RefreshReplies, SentPackets};
 use super::observation_history::ObservationHistory;
 use super::publisher::Publisher;
 use super::tracks::PredictionParameters;
 use super::{Budget, PublisherStatistics, Silence, StreamConfig, WatermarkPolicy};
-use crate::endpoint::{Instant, Span};
-use crate::limits::HISTORY_PACKETS;
+use crate::endpoint::Instant;
 use crate::packet::{
     Datagram, FullPacket, FullRecord, Keyframe, LargestPacket, LossReport, Low16, PacketKind,
     RefreshRecord, RefreshWriter, StreamId, Watermark,
 };
-
-/// A subscriber that reports a loss.
-#[derive(Clone, Copy, Debug)]
-pub struct Recipient {
-    /// The caller's number for the subscriber.
-    pub id: u64,
-    /// No packet is refreshed for it twice within this span; zero if the round trip is unknown.
-    pub round_trip: Span,
-}
 
 /// The publisher of a stream.
 #[derive(Debug)]
@@ -71,9 +59,7 @@ pub struct StreamSender {
     /// The repair symbols after them, for receivers that lose packets.
     symbols: Vec<Bytes>,
     losses: LossTracker,
-    /// Refreshes since the last tick, by number of the lost packet and count of scene events.
-    refreshes: BTreeMap<(u64, u64), Vec<Bytes>>,
-    reply_limiter: ReplyLimiter,
+    replies: RefreshReplies,
 }
 
 impl StreamSender {
@@ -116,8 +102,7 @@ impl StreamSender {
             packets: Vec::new(),
             symbols: Vec::new(),
             losses: LossTracker::default(),
-            refreshes: BTreeMap::new(),
-            reply_limiter: ReplyLimiter::default(),
+            replies: RefreshReplies::default(),
         }
     }
 
@@ -135,7 +120,7 @@ impl StreamSender {
     /// Restarts a receiver from a snapshot: its earlier losses no longer count.
     pub fn restart_receiver(&mut self, receiver: u64) {
         self.losses.forget(receiver);
-        self.reply_limiter.forget(receiver);
+        self.replies.forget(receiver);
     }
 
     /// Places a body that came into the scene. A scene event carries its first track to every receiver. Returns `false`
@@ -175,7 +160,7 @@ impl StreamSender {
     pub fn publish(&mut self, observation_history: &ObservationHistory, scene_events: u64) -> bool {
         self.packets.clear();
         self.symbols.clear();
-        self.refreshes.clear();
+        self.replies.begin_tick();
         let before = self.tick();
         let out = &mut self.packets;
         with_publisher!(&mut self.source, publisher => {
@@ -290,31 +275,21 @@ impl StreamSender {
         scene_events: u64,
         out: &mut Vec<Bytes>,
     ) {
-        if !self.reply_limiter.allow_report(now, from.id) {
+        if !self.replies.allow_report(now, from.id) {
             return;
         }
         let next = self.next_number();
         // Symbols up to now went to receivers that were known to lose packets then.
         let sent_from = self.losses.loses_from(from.id);
         self.losses.add_report(from.id, report, next);
-        let mut lost: Vec<u64> = match &mut self.source {
+        let lost: Vec<u64> = match &mut self.source {
             Source::Reckoned(publisher) => publisher.answer_one(report, sent_from, out),
             Source::Full(_) => report.lost.iter().map(|lost| lost.expand(next)).collect(),
         };
-        lost.sort_unstable();
-        lost.dedup();
-        let Recipient { id, round_trip } = from;
-        for number in lost {
-            // A packet that is too old has no refresh. The watermark then tells the receiver how much it missed, and it
-            // requests a snapshot.
-            if let Some(refresh) = refresh(&self.source, &mut self.refreshes, number, scene_events)
-                && self
-                    .reply_limiter
-                    .allow_refresh(now, id, round_trip, number)
-            {
-                out.extend_from_slice(refresh);
-            }
-        }
+        let source = &self.source;
+        let encode =
+            |number| with_publisher!(source, publisher => publisher.refresh(number, scene_events));
+        (self.replies).refresh(now, from, (lost, scene_events), encode, out);
         out.push(self.watermark(scene_events));
     }
 
@@ -379,28 +354,6 @@ impl StreamSender {
     pub fn tracks(&self) -> Vec<(BodyId, Track)> {
         with_publisher!(&self.source, publisher => publisher.tracks().collect())
     }
-}
-
-/// The datagrams of a refresh, encoded once for all receivers that lost the same packet since the last tick. `None` for
-/// a packet that is too old.
-fn refresh<'a>(
-    source: &Source,
-    refreshes: &'a mut BTreeMap<(u64, u64), Vec<Bytes>>,
-    number: u64,
-    scene_events: u64,
-) -> Option<&'a [Bytes]> {
-    if refreshes.len() >= HISTORY_PACKETS {
-        refreshes.clear();
-    }
-    let refresh = match refreshes.entry((number, scene_events)) {
-        Entry::Occupied(known) => known.into_mut(),
-        Entry::Vacant(place) => {
-            let refresh =
-                with_publisher!(source, publisher => publisher.refresh(number, scene_events));
-            place.insert(refresh?)
-        }
-    };
-    Some(refresh)
 }
 
 /// The state of a body in the stream.

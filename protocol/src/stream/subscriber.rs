@@ -6,6 +6,7 @@
 mod in_force;
 mod lifetimes;
 mod reading;
+mod relaying;
 
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;
@@ -21,6 +22,7 @@ use super::StreamStart;
 use super::aliases::{AliasOwner, ReceivedAliases};
 use super::fec_decoder::FecDecoder;
 use super::gaps::{ErrorScaleLog, PacketGaps};
+use super::losses::RelayedPackets;
 use super::tracks::{PredictionParameters, Slot, Tracks};
 use crate::interner::{grow_to, push};
 use crate::limits::INDICES_MAX;
@@ -67,6 +69,10 @@ pub struct Subscriber {
     gaps: PacketGaps,
     fec_decoder: FecDecoder,
     scene_events: u64,
+    /// The count of scene events in the datagram of the newest tick.
+    counted_events: u64,
+    /// Set for an edge.
+    relayed_packets: Option<RelayedPackets>,
     /// Heads and bodies of datagrams that wait for scene events.
     deferred: VecDeque<(Head, Vec<u8>)>,
     /// Number of datagrams that have come.
@@ -122,6 +128,8 @@ impl Subscriber {
             gaps: PacketGaps::new(start.next),
             fec_decoder: FecDecoder::new(start.next, start.largest_packet),
             scene_events: start.scene_events,
+            counted_events: start.scene_events,
+            relayed_packets: None,
             deferred: VecDeque::new(),
             arrived: 0,
             attached_indices: Vec::new(),

@@ -12,6 +12,7 @@ mod changes_in_flight;
 mod checkpoints;
 mod controllers;
 mod copy_queries;
+mod edges;
 mod hostile;
 mod joints;
 mod lockstep_views;

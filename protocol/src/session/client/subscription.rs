@@ -51,6 +51,11 @@ impl Subscription {
         }
     }
 
+    /// Makes replicas that an edge speaks from.
+    pub(super) const fn relay(&mut self) {
+        self.replica_switch.relays = true;
+    }
+
     /// Selects another stream in place of any earlier choice.
     pub(super) fn select(&mut self, choice: StreamChoice, outbox: &mut ClientOutbox) {
         self.stream_selection.select(choice);
@@ -389,6 +394,8 @@ struct ReplicaSwitch {
     shown: Option<Replica>,
     /// The replica that a snapshot is filling, or a complete one that has not caught up with the shown one.
     next: Option<Replica>,
+    /// True for an edge: see `Subscriber::keep_relayed_packets`.
+    relays: bool,
 }
 
 /// The part of the protocol to which a scene event belongs.
@@ -405,6 +412,7 @@ impl ReplicaSwitch {
         Self {
             shown: None,
             next: None,
+            relays: false,
         }
     }
 
@@ -420,7 +428,11 @@ impl ReplicaSwitch {
 
     /// Starts a replica that the following snapshot fills.
     fn begin(&mut self, joined: &Joined) {
-        self.next = Some(Replica::new(joined));
+        let mut replica = Replica::new(joined);
+        if self.relays {
+            replica.stream_mut().keep_relayed_packets();
+        }
+        self.next = Some(replica);
     }
 
     /// Completes the snapshot. The first replica of a membership is shown at once.

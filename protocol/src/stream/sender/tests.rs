@@ -5,6 +5,7 @@ use core::num::NonZeroU32;
 use rhumb_reckoning::{Metres, Rate};
 
 use super::*;
+use crate::endpoint::Span;
 use crate::packet::Low16;
 use crate::scene::PublishSchedule;
 use crate::stream::observation_history::{Activity, Observation};

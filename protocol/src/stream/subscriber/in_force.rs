@@ -385,6 +385,9 @@ impl Subscriber {
         let scene_events = scene_events.expand(self.scene_events);
         let reached = tick + self.lookahead;
         self.lifetimes.note_count(scene_events, reached);
+        if tick >= self.newest {
+            self.counted_events = self.counted_events.max(scene_events);
+        }
     }
 
     /// The first tick of a view with a body that a scene event has placed at a tick.

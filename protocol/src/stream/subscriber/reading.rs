@@ -120,6 +120,9 @@ impl Subscriber {
                 return None;
             }
         }
+        if let Some(relayed_packets) = &mut self.relayed_packets {
+            relayed_packets.note_packet(number);
+        }
         self.statistics.packets += 1;
         self.statistics.disordered += u64::from(number < next);
         self.statistics.missed += number.saturating_sub(next);
@@ -214,7 +217,7 @@ impl Subscriber {
             return Ok(());
         }
         let of = (packet.number, packet.tick);
-        let Some((_, tick)) = self.arrive(of, packet.ends_tick, Arrival::ByItself) else {
+        let Some((number, tick)) = self.arrive(of, packet.ends_tick, Arrival::ByItself) else {
             return Ok(());
         };
         self.note_departures(packet.scene_events, tick);
@@ -224,6 +227,7 @@ impl Subscriber {
                 anchor: rhumb_reckoning::Anchor::Exact(record.motion),
                 parent: None,
             });
+            self.note_relayed(number, record.index);
             // The body was removed or has a newer state, which stays.
             let _ = self.take(record.index, tick, &payload);
         }
@@ -318,6 +322,9 @@ impl Subscriber {
     /// Applies a refresh of a missing packet. A refresh of a received packet contains nothing new.
     fn apply_refresh(&mut self, lost: u64, as_of: Tick, refresh: &Refresh, origins: &[Tick]) {
         self.statistics.refreshes += 1;
+        if let Some(relayed_packets) = &mut self.relayed_packets {
+            relayed_packets.note_packet(lost);
+        }
         for (record, origin) in refresh.records.iter().zip(origins.iter().copied()) {
             let keyframe = UpdatePayload::Keyframe(record.keyframe);
             // Without a missed alias assignment, a body's next update would apply to the wrong body.
@@ -326,6 +333,7 @@ impl Subscriber {
                 Some(alias) => self.aliases.take(alias, record.index, as_of, owner),
                 None => self.aliases.release_by(record.index, as_of),
             }
+            self.note_relayed(lost, record.index);
             self.apply_record(record.index, origin, &keyframe);
         }
         let of = RefreshId {
@@ -498,6 +506,7 @@ impl Subscriber {
             self.gaps.note_unread(number, tick, false);
             return;
         };
+        self.note_relayed(number, index);
         if batch.has(index) {
             self.apply_batch(tick, batch);
         }
@@ -520,6 +529,13 @@ impl Subscriber {
             }
             // The body was removed or has a newer track, which stays.
             Err(Unreadable::NoBody | Unreadable::Superseded) => {}
+        }
+    }
+
+    /// Notes a body of a packet, for an edge.
+    fn note_relayed(&mut self, number: u64, index: u32) {
+        if let Some(relayed_packets) = &mut self.relayed_packets {
+            relayed_packets.note_body(number, index);
         }
     }
 

@@ -1,0 +1,255 @@
+//! A client of an edge: what it may ask, and which mirror serves it.
+//!
+//! Decides which messages the edge answers, which go to the owner, and how an observer without a voice is refused. Sends nothing
+//! by itself but answers. Invariant: a member has a snapshot of its mirror before any scene event or packet of it.
+
+use std::sync::Arc;
+
+use rhumb_protocol::message::{
+    AuthorityError, ClientMessage, Denial, ServerMessage, SessionState, StreamChoice,
+};
+use rhumb_protocol::scene::{CommandError, IdRange, SceneName};
+use rhumb_scene::{ControlStream, PendingOutput, Permit};
+
+use crate::mirror::Mirror;
+use crate::voice::Voice;
+
+/// The number of a mirror.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct MirrorId(pub(crate) u64);
+
+/// One client.
+#[derive(Debug)]
+pub(crate) struct EdgeClient {
+    pub(crate) control: ControlStream,
+    pub(crate) permit: Arc<Permit>,
+    /// True if the packets of its stream reach it by a fan-out.
+    pub(crate) is_shared: bool,
+    /// The scene that its first message names.
+    pub(crate) scene: Option<SceneName>,
+    /// True for one whose role is asked for by a token.
+    pub(crate) has_token: bool,
+    /// True once it was welcomed.
+    pub(crate) is_greeted: bool,
+    /// Its connection to the owner; `None` for an observer.
+    pub(crate) voice: Option<Voice>,
+    /// A join that no snapshot has answered.
+    pub(crate) joining: Option<Joining>,
+    /// True for an observer that names a session with its join.
+    pub(crate) asks_session: bool,
+    pub(crate) member: Option<EdgeMember>,
+}
+
+/// A join that waits for a snapshot.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Joining {
+    pub(crate) choice: StreamChoice,
+    /// The indices and the scene events of the owner's answer; `None` before it.
+    pub(crate) granted: Option<(IdRange, u64)>,
+}
+
+/// A client that is a member.
+#[derive(Debug)]
+pub(crate) struct EdgeMember {
+    /// The mirror of its newest stream.
+    pub(crate) mirror: MirrorId,
+    /// That of the stream before, until the member has caught up.
+    pub(crate) previous: Option<MirrorId>,
+    /// The choice of the snapshot that it waits for.
+    pub(crate) wanted: Option<StreamChoice>,
+    pub(crate) granted: IdRange,
+    /// Commands of an observer, which are all refused.
+    commands: u64,
+    /// Queries of an observer.
+    pub(crate) queries: u64,
+}
+
+/// What is to be done with a message.
+#[derive(Debug, PartialEq)]
+pub(crate) enum Action {
+    /// Nothing more.
+    Done,
+    /// These answers.
+    Answer(Vec<ServerMessage>),
+    /// The refusal of the command of this number.
+    Refuse(u64, CommandError),
+    /// The owner decides.
+    Pass,
+    /// The mirror asks the owner.
+    Ask(ClientMessage),
+    /// The scene's time.
+    Time(rhumb_protocol::Instant),
+    /// The client joins.
+    Join(StreamChoice),
+    /// It gets another snapshot.
+    Snapshot(Option<StreamChoice>),
+    /// It has caught up with its newest stream.
+    CaughtUp(rhumb_protocol::packet::StreamId),
+    /// It is no member any more.
+    Leave,
+}
+
+impl EdgeMember {
+    pub(crate) const fn new(mirror: MirrorId, granted: IdRange) -> Self {
+        Self {
+            mirror,
+            previous: None,
+            wanted: None,
+            granted,
+            commands: 0,
+            queries: 0,
+        }
+    }
+
+    /// True if packets of a mirror are for it.
+    pub(crate) fn receives(&self, mirror: MirrorId) -> bool {
+        self.mirror == mirror || self.previous == Some(mirror)
+    }
+
+    /// Takes a snapshot of a mirror.
+    pub(crate) fn change(&mut self, mirror: MirrorId) {
+        self.wanted = None;
+        if self.mirror != mirror {
+            // A second change keeps the stream whose copy is complete.
+            self.previous = self
+                .previous
+                .or(Some(self.mirror))
+                .filter(|kept| *kept != mirror);
+            self.mirror = mirror;
+        }
+    }
+}
+
+impl EdgeClient {
+    pub(crate) const fn new(control: ControlStream, permit: Arc<Permit>) -> Self {
+        Self {
+            control,
+            permit,
+            is_shared: false,
+            scene: None,
+            has_token: false,
+            is_greeted: false,
+            voice: None,
+            joining: None,
+            asks_session: false,
+            member: None,
+        }
+    }
+
+    /// True if it is a member, and a mirror is that of its newest stream.
+    pub(crate) fn is_served_by(&self, mirror: MirrorId) -> bool {
+        let member = self.member.as_ref();
+        member.is_some_and(|member| member.mirror == mirror)
+    }
+
+    /// True if it needs a mirror of its scene: to be served by it, or to learn of the scene.
+    pub(crate) fn needs(&self, mirror: MirrorId, choice: StreamChoice) -> bool {
+        let joins = self.joining.map(|joining| joining.choice) == Some(choice);
+        let member = self.member.as_ref();
+        let is_served =
+            member.is_some_and(|member| member.receives(mirror) || member.wanted == Some(choice));
+        joins || is_served || !self.is_greeted
+    }
+
+    /// The choice of the snapshot that it waits for, and the scene events that this has to include. A join waits for the owner first.
+    pub(crate) fn awaits_copy(&self) -> Option<(StreamChoice, u64)> {
+        match (&self.joining, &self.member) {
+            (Some(joining), _) => joining.granted.map(|(_, events)| (joining.choice, events)),
+            (None, member) => member.as_ref()?.wanted.map(|choice| (choice, 0)),
+        }
+    }
+
+    /// Takes a snapshot of a mirror that is settled; the mirror serves it from then on.
+    pub(crate) fn begin_copy(
+        &mut self,
+        (id, mirror): (MirrorId, &mut Mirror),
+        out: &mut PendingOutput,
+    ) {
+        let joins = self.joining.take();
+        let granted = match (&self.member, joins.and_then(|joining| joining.granted)) {
+            (Some(member), _) => member.granted,
+            (None, Some((granted, _))) if self.voice.is_some() => granted,
+            (None, _) => mirror.granted(),
+        };
+        mirror.forget(self.control.peer());
+        let tick = mirror.scene_tick();
+        let standing = joins.and_then(|_| mirror.standing());
+        let Some(snapshot) = mirror.snapshot(granted) else {
+            return;
+        };
+        if std::mem::take(&mut self.asks_session) {
+            let state = SessionState {
+                resumed: false,
+                durable: false,
+                commands: 0,
+                tick,
+            };
+            self.control.send(&ServerMessage::Session(state), out);
+        }
+        (self.control).send(&ServerMessage::Joined(snapshot.joined), out);
+        let mut bytes = snapshot.rest.len();
+        for shape in snapshot.shapes.values() {
+            bytes += shape.len();
+            self.control.send_encoded(shape, out);
+        }
+        self.control.send_encoded(&snapshot.rest, out);
+        self.control.note_snapshot(bytes, out);
+        match &mut self.member {
+            Some(member) => member.change(id),
+            None => self.member = Some(EdgeMember::new(id, granted)),
+        }
+        if let Some(standing) = standing {
+            self.control.send(&ServerMessage::TickEvents(standing), out);
+        }
+    }
+
+    /// What a message asks for.
+    pub(crate) fn decide(&mut self, message: Result<ClientMessage, CommandError>) -> Action {
+        match message {
+            Ok(ClientMessage::Join(choice)) => Action::Join(choice),
+            Ok(ClientMessage::Resync(_)) => Action::Snapshot(None),
+            Ok(ClientMessage::Subscribe(choice)) => Action::Snapshot(Some(choice)),
+            Ok(ClientMessage::Subscribed(stream)) => Action::CaughtUp(stream),
+            // The edge moves no member to another tier.
+            Ok(ClientMessage::TierPolicy(_)) => Action::Done,
+            _ if self.voice.is_some() => Action::Pass,
+            message => self.decide_for_observer(message),
+        }
+    }
+
+    /// The same of an observer, of which the owner knows nothing.
+    fn decide_for_observer(&mut self, message: Result<ClientMessage, CommandError>) -> Action {
+        let denied = |denial| Action::Answer(vec![ServerMessage::Denied(denial)]);
+        match message {
+            Ok(
+                ClientMessage::Create(_) | ClientMessage::Delete | ClientMessage::Reserve { .. },
+            ) => denied(Denial::NotAllowed),
+            Ok(ClientMessage::Advance { .. }) => denied(Denial::AdvanceNotAllowed),
+            Ok(ClientMessage::TakeAuthority(_)) => {
+                Action::Answer(vec![ServerMessage::AuthorityDenied(
+                    AuthorityError::NotAllowed,
+                )])
+            }
+            Ok(ClientMessage::Session(_)) => {
+                self.asks_session = true;
+                Action::Done
+            }
+            Ok(ClientMessage::Ping { sent }) => Action::Time(sent),
+            Ok(ClientMessage::Leave) => Action::Leave,
+            Ok(question @ (ClientMessage::Inspect | ClientMessage::Query(_))) => {
+                Action::Ask(question)
+            }
+            Ok(ClientMessage::Command(_)) => self.refuse(CommandError::NotAllowed),
+            Err(error) => self.refuse(error),
+            Ok(_) => Action::Done,
+        }
+    }
+
+    fn refuse(&mut self, error: CommandError) -> Action {
+        let Some(member) = &mut self.member else {
+            return Action::Done;
+        };
+        member.commands += 1;
+        Action::Refuse(member.commands - 1, error)
+    }
+}

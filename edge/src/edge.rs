@@ -1,0 +1,774 @@
+//! An edge: its clients, its mirrors, and the connections to owners.
+//!
+//! Routes: what a mirror hands on goes to the members that it serves, what a client asks goes to its voice or is answered here.
+//! Two faces, one state: [`Edge`] is the endpoint of its clients, [`OwnerSide`] that of its connections to owners. Invariants: a
+//! mirror forwards a packet to each member once, as it came; no message of a client is answered before those it sent earlier.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::Arc;
+
+use bytes::Bytes;
+use rhumb_protocol::message::{
+    ClientMessage, Denial, Extension, Grease, Role, ServerMessage, StreamChoice, Token, Welcome,
+};
+use rhumb_protocol::packet::{Datagram, LossReport, PacketKind, StreamId};
+use rhumb_protocol::scene::{IdRange, SceneName};
+use rhumb_protocol::session::{CloseCode, TransportCode};
+use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake};
+use rhumb_reckoning::Tolerance;
+use rhumb_scene::{ControlStream, Limits, PendingOutput, Permit};
+
+use crate::client::{Action, EdgeClient, EdgeMember, Joining, MirrorId};
+use crate::mirror::{Forward, Mirror};
+use crate::owners::{Dial, LinkUse, Owners, to_link};
+use crate::voice::{Reply, Voice};
+
+/// Bytes of a client that wait for the owner beyond which no more are read.
+const UNREAD_BYTES: usize = 64 << 10;
+/// The stream by which an edge learns of a scene that none of its members has joined.
+const FIRST_CHOICE: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
+
+/// Settings of an edge.
+#[derive(Clone, Debug)]
+pub struct EdgeSettings {
+    /// Bounds of its clients' control streams.
+    pub limits: Limits,
+    /// What the edge itself shows the owner; an observer's suffices.
+    pub token: Option<Token>,
+    /// Rights of a client before [`Edge::admit`]. An observer is served by the edge alone; for every other one a connection to
+    /// the owner is opened, which decides.
+    pub permit: Arc<Permit>,
+}
+
+/// A packet for all that a fan-out carries it to.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SharedPacket {
+    /// The scene.
+    pub scene: SceneName,
+    /// The stream of the scene.
+    pub stream: StreamId,
+    /// The datagram.
+    pub bytes: Bytes,
+}
+
+/// An edge.
+pub struct Edge {
+    settings: EdgeSettings,
+    out: PendingOutput,
+    clients: BTreeMap<Peer, EdgeClient>,
+    owners: Owners,
+    shared: VecDeque<SharedPacket>,
+}
+
+/// The face of an edge to owners.
+pub struct OwnerSide<'a>(&'a mut Edge);
+
+impl Edge {
+    /// An edge without clients.
+    #[must_use]
+    pub fn new(settings: EdgeSettings) -> Self {
+        Self {
+            out: PendingOutput::new(settings.limits),
+            owners: Owners::new(settings.token.clone()),
+            settings,
+            clients: BTreeMap::new(),
+            shared: VecDeque::new(),
+        }
+    }
+
+    /// Sets what a new connection may do, before its first message.
+    pub fn admit(&mut self, peer: Peer, permit: Arc<Permit>) {
+        if let Some(client) = self.clients.get_mut(&peer) {
+            client.permit = permit;
+        }
+    }
+
+    /// The packets of its streams reach a client by a fan-out from now on: [`Self::poll_shared`].
+    pub fn share(&mut self, peer: Peer) {
+        if let Some(client) = self.clients.get_mut(&peer) {
+            client.is_shared = true;
+        }
+    }
+
+    /// The next connection to open.
+    pub fn poll_dial(&mut self) -> Option<Dial> {
+        self.owners.poll_dial()
+    }
+
+    /// The next packet for a fan-out.
+    pub fn poll_shared(&mut self) -> Option<SharedPacket> {
+        self.shared.pop_front()
+    }
+
+    /// A packet that a fan-out carried.
+    pub fn handle_shared(&mut self, now: Instant, packet: &SharedPacket) {
+        let receivers = self.owners.mirrors.iter_mut().filter(|(_, mirror)| {
+            mirror.scene == packet.scene && mirror.stream() == Some(packet.stream)
+        });
+        let mut ids = Vec::new();
+        for (id, mirror) in receivers {
+            mirror.handle_datagram(now, packet.bytes.clone());
+            ids.push(*id);
+        }
+        for id in ids {
+            self.serve_mirror(now, id);
+        }
+    }
+
+    /// Its face to owners.
+    pub const fn owner(&mut self) -> OwnerSide<'_> {
+        OwnerSide(self)
+    }
+
+    /// Reads the messages of a client as far as they can be answered now.
+    fn read(&mut self, now: Instant, peer: Peer) {
+        loop {
+            let Some(client) = self.clients.get_mut(&peer) else {
+                return;
+            };
+            // A client waits for its welcome and for its membership.
+            if (client.scene.is_some() && !client.is_greeted) || client.joining.is_some() {
+                return;
+            }
+            let Some(session) = client.control.session(&mut self.out) else {
+                return;
+            };
+            let Some(message) = session.poll_message() else {
+                let broken = session.poll_close();
+                if let Some(code) = broken {
+                    tracing::warn!(peer = peer.0, %code, "closing a connection that broke the protocol");
+                    self.part(peer, TransportCode::LEFT.0);
+                }
+                return;
+            };
+            let framed = session.last_frame().cloned();
+            if !client.is_greeted {
+                if let Ok(ClientMessage::Hello {
+                    scene, extensions, ..
+                }) = message
+                {
+                    client.has_token = extensions.value(Extension::TOKEN).is_some();
+                    client.scene = Some(scene.clone());
+                    if client.permit.role == Role::Observer {
+                        self.owners.mirror_of(now, &scene, FIRST_CHOICE);
+                        self.greet_observers(&scene);
+                    } else {
+                        let link = self.owners.dial(scene, LinkUse::Voice(peer));
+                        let mut voice = Voice::new(link);
+                        if let Some(framed) = &framed {
+                            voice.send_frame(framed);
+                        }
+                        if let Some(client) = self.clients.get_mut(&peer) {
+                            client.voice = Some(voice);
+                        }
+                    }
+                }
+                continue;
+            }
+            let action = client.decide(message);
+            if matches!(action, Action::Pass | Action::Join(_))
+                && let (Some(voice), Some(framed)) = (&mut client.voice, &framed)
+            {
+                voice.send_frame(framed);
+            }
+            self.act(now, peer, action);
+        }
+    }
+
+    fn act(&mut self, now: Instant, peer: Peer, action: Action) {
+        let Some(client) = self.clients.get_mut(&peer) else {
+            return;
+        };
+        match action {
+            Action::Done | Action::Pass => {}
+            Action::Answer(answers) => {
+                for answer in answers {
+                    client.control.send(&answer, &mut self.out);
+                }
+            }
+            Action::Refuse(number, error) => {
+                let mirror = client.member.as_ref().map(|member| member.mirror);
+                let (tick, _) = self.owners.time(now, mirror);
+                let refused = ServerMessage::Refused { number, error };
+                client.control.send(&refused, &mut self.out);
+                let applied = ServerMessage::Applied {
+                    through: number,
+                    tick,
+                };
+                client.control.send(&applied, &mut self.out);
+            }
+            Action::Time(sent) => {
+                let mut mirrors = self.owners.of_scene(client.scene.as_ref());
+                let mirror = mirrors.next().map(|(id, _)| id);
+                let (tick, since_tick_ns) = self.owners.time(now, mirror);
+                let pong = ServerMessage::Pong {
+                    sent,
+                    tick,
+                    since_tick_ns,
+                };
+                client.control.send(&pong, &mut self.out);
+            }
+            Action::Ask(question) => self.ask(peer, &question),
+            Action::Join(choice) => {
+                let granted = client.voice.is_none().then_some((IdRange::EMPTY, 0));
+                client.joining = Some(Joining { choice, granted });
+                self.want_copy(now, peer, choice);
+            }
+            Action::Snapshot(choice) => {
+                let present = client.member.as_ref().map(|member| member.mirror);
+                let present = present.and_then(|present| self.owners.get(present));
+                let present = present.map(|present| present.choice);
+                if let Some(member) = &mut client.member
+                    && let Some(choice) = choice.or(member.wanted).or(present)
+                {
+                    member.wanted = Some(choice);
+                    self.want_copy(now, peer, choice);
+                }
+            }
+            Action::CaughtUp(stream) => {
+                if let Some(member) = &mut client.member
+                    && self.owners.get(member.mirror).and_then(Mirror::stream) == Some(stream)
+                    && let Some(previous) = member.previous.take()
+                    && let Some(previous) = self.owners.get_mut(previous)
+                {
+                    previous.forget(peer);
+                }
+            }
+            Action::Leave => {
+                client.member = None;
+                client.control.send(&ServerMessage::Left, &mut self.out);
+            }
+        }
+    }
+
+    /// Sends a client the snapshot that it waits for, as soon as there is one.
+    fn want_copy(&mut self, now: Instant, peer: Peer, choice: StreamChoice) {
+        let scene = self
+            .clients
+            .get(&peer)
+            .and_then(|client| client.scene.clone());
+        if let Some(scene) = scene {
+            self.owners.mirror_of(now, &scene, choice);
+        }
+        self.send_snapshot(now, peer);
+    }
+
+    /// An observer's question goes to the owner by its mirror; answers come in order.
+    fn ask(&mut self, peer: Peer, question: &ClientMessage) {
+        let member = self
+            .clients
+            .get(&peer)
+            .and_then(|client| client.member.as_ref());
+        let Some(id) = member.map(|member| member.mirror) else {
+            return;
+        };
+        if let Some(mirror) = self.owners.get_mut(id) {
+            mirror.ask(peer, question);
+        }
+    }
+
+    /// Welcomes the observers of a scene, once it is known whether it exists.
+    fn greet_observers(&mut self, scene: &SceneName) {
+        let of_scene = || self.owners.of_scene(Some(scene));
+        let config = of_scene().find_map(|(_, mirror)| mirror.config());
+        let is_absent = of_scene().any(|(_, mirror)| mirror.denied.is_some());
+        if config.is_none() && !is_absent {
+            return;
+        }
+        for client in self.clients.values_mut() {
+            if client.scene.as_ref() == Some(scene) && !client.is_greeted && client.voice.is_none()
+            {
+                client.is_greeted = true;
+                let role = client.has_token.then_some(client.permit.role);
+                if let Some(session) = client.control.session(&mut self.out) {
+                    session.welcome(config, role);
+                }
+            }
+        }
+    }
+
+    /// Hands on what a mirror has received, and does what it makes possible.
+    fn serve_mirror(&mut self, now: Instant, id: MirrorId) {
+        while let Some(forward) = self.owners.get_mut(id).and_then(Mirror::poll_forward) {
+            self.forward(id, forward);
+        }
+        let Some(mirror) = self.owners.get_mut(id) else {
+            return;
+        };
+        let (answers, too_old) = mirror.answer_reports(now);
+        let (scene, denied) = (mirror.scene.clone(), mirror.denied);
+        for (peer, bytes) in answers {
+            if let Some(client) = self.clients.get(&peer) {
+                client.control.send_datagram(bytes, &mut self.out);
+            }
+        }
+        for peer in too_old {
+            self.renew(peer, id);
+        }
+        self.greet_observers(&scene);
+        if let Some(denial) = denied {
+            self.deny(id, denial);
+        }
+        self.send_snapshots(now);
+        for peer in self.clients.keys().copied().collect::<Vec<_>>() {
+            self.hear(now, peer);
+        }
+    }
+
+    fn forward(&mut self, id: MirrorId, forward: Forward) {
+        match forward {
+            Forward::Control(bytes) => {
+                for client in self.clients.values_mut() {
+                    if client.is_served_by(id) {
+                        client.control.send_encoded(&bytes, &mut self.out);
+                    }
+                }
+            }
+            Forward::Packet(bytes) => self.forward_packet(id, &bytes),
+            Forward::Answer(peer, answer) => self.answer(peer, *answer),
+            Forward::Deleted => {
+                for client in self.clients.values_mut() {
+                    if client.voice.is_none() && client.is_served_by(id) {
+                        client.member = None;
+                        client.control.send(&ServerMessage::Deleted, &mut self.out);
+                    }
+                }
+            }
+            Forward::Renewed => {
+                for peer in self.clients.keys().copied().collect::<Vec<_>>() {
+                    self.renew(peer, id);
+                }
+            }
+        }
+    }
+
+    fn forward_packet(&mut self, id: MirrorId, bytes: &Bytes) {
+        let mut is_shared = false;
+        for client in self.clients.values() {
+            if client
+                .member
+                .as_ref()
+                .is_some_and(|member| member.receives(id))
+            {
+                if client.is_shared {
+                    is_shared = true;
+                } else {
+                    client.control.send_datagram(bytes.clone(), &mut self.out);
+                }
+            }
+        }
+        if is_shared
+            && let Some(mirror) = self.owners.get(id)
+            && let Some(stream) = mirror.stream()
+        {
+            self.shared.push_back(SharedPacket {
+                scene: mirror.scene.clone(),
+                stream,
+                bytes: bytes.clone(),
+            });
+        }
+    }
+
+    /// Gives an answer of the owner to the member that asked. Queries are numbered for each member.
+    fn answer(&mut self, peer: Peer, mut answer: ServerMessage) {
+        let Some(client) = self.clients.get_mut(&peer) else {
+            return;
+        };
+        if let (ServerMessage::QueryResult(result), Some(member)) =
+            (&mut answer, &mut client.member)
+        {
+            result.number = member.queries;
+            member.queries += 1;
+        }
+        client.control.send(&answer, &mut self.out);
+    }
+
+    /// A member of a mirror gets a new snapshot, asked for or not (PROTOCOL 3.2-4).
+    fn renew(&mut self, peer: Peer, id: MirrorId) {
+        let choice = self.owners.get(id).map(|mirror| mirror.choice);
+        let member = self
+            .clients
+            .get_mut(&peer)
+            .and_then(|client| client.member.as_mut());
+        if let Some(member) = member {
+            if member.previous == Some(id) {
+                member.previous = None;
+            }
+            if member.mirror == id && member.wanted.is_none() {
+                member.wanted = choice;
+            }
+        }
+    }
+
+    /// The owner has denied a mirror's join: its members' joins are denied too.
+    fn deny(&mut self, id: MirrorId, denial: Denial) {
+        let Some(mirror) = self.owners.get(id) else {
+            return;
+        };
+        let (scene, choice) = (mirror.scene.clone(), mirror.choice);
+        for client in self.clients.values_mut() {
+            let waits = client.scene.as_ref() == Some(&scene)
+                && client
+                    .joining
+                    .is_some_and(|joining| joining.choice == choice);
+            if !waits {
+                continue;
+            }
+            if client.voice.is_none() {
+                client.joining = None;
+                client
+                    .control
+                    .send(&ServerMessage::Denied(denial), &mut self.out);
+            } else if client
+                .joining
+                .is_some_and(|joining| joining.granted.is_some())
+                && denial != Denial::NoSuchScene
+                && let Some(session) = client.control.session(&mut self.out)
+            {
+                // The owner has taken it, and its stream cannot be had.
+                session.close(CloseCode::BUSY);
+            }
+        }
+    }
+
+    /// Makes members of the clients whose mirrors are ready, and sends the snapshots that members wait for.
+    fn send_snapshots(&mut self, now: Instant) {
+        let waiting = self.clients.iter();
+        let waiting = waiting.filter(|(_, client)| client.awaits_copy().is_some());
+        for peer in waiting.map(|(peer, _)| *peer).collect::<Vec<_>>() {
+            self.send_snapshot(now, peer);
+        }
+    }
+
+    fn send_snapshot(&mut self, now: Instant, peer: Peer) {
+        let Some(client) = self.clients.get_mut(&peer) else {
+            return;
+        };
+        let Some((choice, needs)) = client.awaits_copy() else {
+            return;
+        };
+        let found = self.owners.of_choice(client.scene.as_ref(), choice);
+        let Some((id, mirror)) = found else {
+            return;
+        };
+        if !mirror.is_settled() || !client.control.may_snapshot(now) {
+            return;
+        }
+        // Both copies of a member count the same scene events.
+        let at = mirror.scene_events();
+        let is_behind = |member: &EdgeMember| {
+            let present = self.owners.get(member.mirror);
+            present.is_some_and(|present| present.is_live() && present.scene_events() != at)
+        };
+        if at < needs || client.member.as_ref().is_some_and(is_behind) {
+            return;
+        }
+        if let Some(mirror) = self.owners.get_mut(id) {
+            client.begin_copy((id, mirror), &mut self.out);
+        }
+        self.read(now, peer);
+        self.hear(now, peer);
+    }
+
+    /// Tells a client what the owner said, as far as it has the scene events before it.
+    fn hear(&mut self, now: Instant, peer: Peer) {
+        loop {
+            let Some(client) = self.clients.get_mut(&peer) else {
+                return;
+            };
+            let Some(voice) = &mut client.voice else {
+                return;
+            };
+            let reached = client
+                .member
+                .as_ref()
+                .and_then(|member| self.owners.get(member.mirror))
+                .map(Mirror::scene_events);
+            match voice.next_reply() {
+                None => return,
+                Some(Reply::Message(_, Some(events)))
+                    if reached.is_none_or(|reached| reached < *events) =>
+                {
+                    return;
+                }
+                Some(_) => {}
+            }
+            let Some(reply) = voice.take_reply() else {
+                return;
+            };
+            match reply {
+                Reply::Joined(joined) => {
+                    let granted = Some((joined.granted, joined.start.scene_events));
+                    let choice = joined.choice;
+                    client.joining = Some(Joining { choice, granted });
+                    self.want_copy(now, peer, choice);
+                }
+                Reply::Message(message, _) => self.tell(now, peer, *message),
+                Reply::Datagram(bytes) => client.control.send_datagram(bytes, &mut self.out),
+                Reply::Ended(ending) => {
+                    client.voice = None;
+                    let code = match ending {
+                        Ending::Closed(code) => CloseCode(code),
+                        Ending::TimedOut | Ending::Broken => CloseCode(TransportCode::GOING_AWAY.0),
+                    };
+                    if let Some(session) = client.control.session(&mut self.out) {
+                        session.close(code);
+                    }
+                    return;
+                }
+            }
+        }
+    }
+
+    /// Hands on a message of the owner.
+    fn tell(&mut self, now: Instant, peer: Peer, message: ServerMessage) {
+        let Some(client) = self.clients.get_mut(&peer) else {
+            return;
+        };
+        match message {
+            ServerMessage::Welcome(Welcome {
+                scene, extensions, ..
+            }) => {
+                client.is_greeted = true;
+                let role = extensions
+                    .value(Extension::TOKEN)
+                    .and_then(|role| Role::from_code(*role.first()?));
+                if let Some(session) = client.control.session(&mut self.out) {
+                    session.welcome(scene, role);
+                }
+                self.read(now, peer);
+            }
+            message => {
+                if matches!(message, ServerMessage::Left | ServerMessage::Deleted) {
+                    client.member = None;
+                }
+                let denies_join =
+                    matches!(message, ServerMessage::Denied(_)) && client.member.is_none();
+                client.control.send(&message, &mut self.out);
+                if denies_join
+                    && client
+                        .joining
+                        .take_if(|joining| joining.granted.is_none())
+                        .is_some()
+                {
+                    self.read(now, peer);
+                }
+            }
+        }
+    }
+
+    /// Ends what a client has at the owner. With code 0 its session is over.
+    fn part(&mut self, peer: Peer, code: u32) {
+        let Some(client) = self.clients.get_mut(&peer) else {
+            return;
+        };
+        client.member = None;
+        client.joining = None;
+        if let Some(mut voice) = client.voice.take() {
+            voice.close(code);
+            self.owners.end_voice(voice);
+        }
+        for mirror in self.owners.mirrors.values_mut() {
+            mirror.forget(peer);
+        }
+    }
+
+    /// Leaves the streams that no client has needed for some time.
+    fn close_unused(&mut self, now: Instant) {
+        let clients = &self.clients;
+        self.owners.close_unused(now, |id, mirror| {
+            let mut of_scene = clients
+                .values()
+                .filter(|client| client.scene.as_ref() == Some(&mirror.scene));
+            of_scene.any(|client| client.needs(id, mirror.choice))
+        });
+    }
+
+    /// Gives what came over a connection to its mirror or voice, and does what follows.
+    fn heed(
+        &mut self,
+        now: Instant,
+        link: Peer,
+        of_mirror: impl FnOnce(&mut Mirror),
+        of_voice: impl FnOnce(&mut Voice),
+    ) {
+        self.out.at(now);
+        match self.owners.links.get(&link).copied() {
+            Some(LinkUse::Mirror(id)) => {
+                self.owners.get_mut(id).map(of_mirror);
+                self.serve_mirror(now, id);
+            }
+            Some(LinkUse::Voice(peer)) => {
+                let client = self.clients.get_mut(&peer);
+                client
+                    .and_then(|client| client.voice.as_mut())
+                    .map(of_voice);
+                self.hear(now, peer);
+            }
+            None => {}
+        }
+    }
+
+    fn wake(&mut self, now: Instant) {
+        self.out.at(now);
+        for id in self.owners.wake(now) {
+            self.serve_mirror(now, id);
+        }
+        self.close_unused(now);
+        self.send_snapshots(now);
+    }
+}
+
+impl Endpoint for Edge {
+    fn handle_opened(&mut self, now: Instant, peer: Peer) {
+        self.out.at(now);
+        let seed = now.as_nanos() ^ peer.0.rotate_left(48);
+        let control = ControlStream::new(peer, Grease::new(seed), now);
+        let client = EdgeClient::new(control, Arc::clone(&self.settings.permit));
+        self.clients.insert(peer, client);
+    }
+
+    fn handle_control(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
+        self.out.at(now);
+        let client = self.clients.get_mut(&from);
+        if let Some(session) = client.and_then(|client| client.control.session(&mut self.out)) {
+            session.handle_control(bytes);
+        }
+        self.read(now, from);
+    }
+
+    fn handle_control_taken(&mut self, now: Instant, peer: Peer, bytes: usize) {
+        self.out.at(now);
+        if let Some(client) = self.clients.get_mut(&peer) {
+            client.control.note_taken(bytes, &mut self.out);
+        }
+        if bytes > 0 {
+            self.send_snapshot(now, peer);
+        }
+    }
+
+    fn wants_control(&self, from: Peer) -> bool {
+        self.clients.get(&from).is_none_or(|client| {
+            let waiting = client.voice.as_ref().map_or(0, Voice::queued_bytes);
+            client.control.unread_bytes() + waiting < UNREAD_BYTES && !client.control.is_behind()
+        })
+    }
+
+    fn handle_datagram(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
+        self.out.at(now);
+        let (Ok(datagram), Some(client)) = (Datagram::open(bytes), self.clients.get_mut(&from))
+        else {
+            return;
+        };
+        if datagram.head().kind != PacketKind::LossReport {
+            if let Some(voice) = &mut client.voice {
+                voice.send_datagram(Bytes::copy_from_slice(bytes));
+            }
+            return;
+        }
+        let Some(member) = &client.member else {
+            return;
+        };
+        let mirrors = [Some(member.mirror), member.previous];
+        for id in mirrors.into_iter().flatten() {
+            if let Some(mirror) = self.owners.get_mut(id)
+                && mirror.stream() == Some(datagram.head().stream)
+                && let Ok(report) = LossReport::decode(datagram.body())
+            {
+                mirror.handle_report(from, report);
+                return self.serve_mirror(now, id);
+            }
+        }
+    }
+
+    fn handle_link(&mut self, now: Instant, peer: Peer, _report: &LinkReport) {
+        self.out.at(now);
+        if let Some(client) = self.clients.get_mut(&peer) {
+            client.control.close_if_stalled(&mut self.out);
+        }
+    }
+
+    fn handle_ended(&mut self, now: Instant, peer: Peer, ending: Ending) {
+        self.out.at(now);
+        let code = match ending {
+            Ending::Closed(code) if code == CloseCode::DONE.0 => code,
+            Ending::Closed(_) | Ending::TimedOut | Ending::Broken => TransportCode::LEFT.0,
+        };
+        self.part(peer, code);
+        self.clients.remove(&peer);
+        self.out.forget(peer);
+        self.close_unused(now);
+    }
+
+    fn handle_timeout(&mut self, now: Instant) {
+        self.wake(now);
+    }
+
+    fn poll_transmit(&mut self) -> Option<Transmit> {
+        while let Some(peer) = self.out.next_sendable() {
+            let control = self
+                .clients
+                .get_mut(&peer)
+                .map(|client| &mut client.control);
+            let transmit = self.out.poll_control(peer, control);
+            if transmit.is_some() {
+                return transmit;
+            }
+        }
+        self.out.poll_datagram()
+    }
+
+    fn poll_timeout(&self) -> Option<Wake> {
+        self.owners.next_wake()
+    }
+}
+
+impl Endpoint for OwnerSide<'_> {
+    fn handle_opened(&mut self, now: Instant, peer: Peer) {
+        let opened = |mirror: &mut Mirror| mirror.handle_opened(now);
+        self.0.heed(now, peer, opened, Voice::handle_opened);
+    }
+
+    fn handle_control(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
+        let of_voice = |voice: &mut Voice| {
+            if voice.handle_control(bytes).is_err() {
+                voice.handle_ended(Ending::Broken);
+            }
+        };
+        let of_mirror = |mirror: &mut Mirror| mirror.handle_control(now, bytes);
+        self.0.heed(now, from, of_mirror, of_voice);
+    }
+
+    fn handle_datagram(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
+        let shared = || Bytes::copy_from_slice(bytes);
+        let of_mirror = |mirror: &mut Mirror| mirror.handle_datagram(now, shared());
+        let of_voice = |voice: &mut Voice| voice.handle_datagram(bytes);
+        self.0.heed(now, from, of_mirror, of_voice);
+    }
+
+    fn handle_ended(&mut self, now: Instant, peer: Peer, ending: Ending) {
+        let of_mirror = |mirror: &mut Mirror| mirror.handle_ended(now, ending);
+        let of_voice = |voice: &mut Voice| voice.handle_ended(ending);
+        self.0.heed(now, peer, of_mirror, of_voice);
+        self.0.owners.links.remove(&peer);
+    }
+
+    fn handle_timeout(&mut self, now: Instant) {
+        self.0.wake(now);
+    }
+
+    fn poll_transmit(&mut self) -> Option<Transmit> {
+        self.0.owners.poll_transmit().or_else(|| {
+            let clients = self.0.clients.values_mut();
+            let mut voices = clients.filter_map(|client| client.voice.as_mut());
+            voices.find_map(|voice| {
+                let transmit = voice.poll_transmit()?;
+                Some(to_link(transmit, voice.link()))
+            })
+        })
+    }
+
+    fn poll_timeout(&self) -> Option<Wake> {
+        self.0.owners.next_wake()
+    }
+}

@@ -1,0 +1,229 @@
+//! The connections of an edge to the owners of scenes, and its mirrors.
+//!
+//! Opens, reopens and ends connections; what comes over them is for the edge. Invariant: a mirror has one connection at most, and
+//! is kept as long as a client needs it.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use rhumb_protocol::message::{StreamChoice, Token};
+use rhumb_protocol::scene::SceneName;
+use rhumb_protocol::{Instant, Peer, Span, Transmit, Wake, WakeReason};
+use rhumb_reckoning::Tick;
+
+use crate::client::MirrorId;
+use crate::mirror::Mirror;
+use crate::voice::Voice;
+
+/// Pause before a mirror connects again.
+const RETRY: Span = Span::from_millis(250);
+/// Time for which a mirror without members is kept.
+const KEPT: Span = Span::from_millis(10_000);
+
+/// A connection to open to the owner of a scene; `handle_opened` of [`OwnerSide`] follows, or `handle_ended`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Dial {
+    /// The number of the connection.
+    pub link: Peer,
+    /// The scene that it will name.
+    pub scene: SceneName,
+}
+
+/// What a connection is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum LinkUse {
+    Mirror(MirrorId),
+    /// The client that it speaks for.
+    Voice(Peer),
+}
+
+/// Mirrors and connections.
+pub(crate) struct Owners {
+    pub(crate) mirrors: BTreeMap<MirrorId, Mirror>,
+    pub(crate) links: BTreeMap<Peer, LinkUse>,
+    /// What the edge itself shows.
+    token: Option<Token>,
+    next_mirror: u64,
+    next_link: u64,
+    dials: VecDeque<Dial>,
+    /// What is left to send over connections that the edge has ended.
+    last_words: VecDeque<Transmit>,
+}
+
+impl Owners {
+    pub(crate) const fn new(token: Option<Token>) -> Self {
+        Self {
+            mirrors: BTreeMap::new(),
+            links: BTreeMap::new(),
+            token,
+            next_mirror: 0,
+            next_link: 0,
+            dials: VecDeque::new(),
+            last_words: VecDeque::new(),
+        }
+    }
+
+    pub(crate) fn get(&self, id: MirrorId) -> Option<&Mirror> {
+        self.mirrors.get(&id)
+    }
+
+    pub(crate) fn get_mut(&mut self, id: MirrorId) -> Option<&mut Mirror> {
+        self.mirrors.get_mut(&id)
+    }
+
+    /// The mirrors of a scene.
+    pub(crate) fn of_scene<'a>(
+        &'a self,
+        scene: Option<&'a SceneName>,
+    ) -> impl Iterator<Item = (MirrorId, &'a Mirror)> {
+        let mirrors = self.mirrors.iter().map(|(id, mirror)| (*id, mirror));
+        mirrors.filter(move |(_, mirror)| Some(&mirror.scene) == scene)
+    }
+
+    /// The mirror of a scene for a choice.
+    pub(crate) fn of_choice(
+        &self,
+        scene: Option<&SceneName>,
+        choice: StreamChoice,
+    ) -> Option<(MirrorId, &Mirror)> {
+        self.mirrors
+            .iter()
+            .map(|(id, mirror)| (*id, mirror))
+            .find(|(_, mirror)| Some(&mirror.scene) == scene && mirror.choice == choice)
+    }
+
+    /// The time of a mirror's scene at a moment: a tick, and nanoseconds since it.
+    pub(crate) fn time(&self, now: Instant, mirror: Option<MirrorId>) -> (Tick, u64) {
+        let mirror = mirror.and_then(|id| self.get(id));
+        mirror.map_or((Tick::ZERO, 0), |mirror| mirror.time(now))
+    }
+
+    pub(crate) fn poll_dial(&mut self) -> Option<Dial> {
+        self.dials.pop_front()
+    }
+
+    pub(crate) fn dial(&mut self, scene: SceneName, use_of: LinkUse) -> Peer {
+        let link = Peer(self.next_link);
+        self.next_link += 1;
+        self.links.insert(link, use_of);
+        self.dials.push_back(Dial { link, scene });
+        link
+    }
+
+    /// The mirror of a choice, made and connected unless it is there.
+    pub(crate) fn mirror_of(
+        &mut self,
+        now: Instant,
+        scene: &SceneName,
+        choice: StreamChoice,
+    ) -> MirrorId {
+        let mut mirrors = self.mirrors.iter_mut();
+        let found = mirrors.find(|(_, mirror)| mirror.scene == *scene && mirror.choice == choice);
+        if let Some((id, mirror)) = found {
+            mirror.join_again();
+            return *id;
+        }
+        let id = MirrorId(self.next_mirror);
+        self.next_mirror += 1;
+        self.mirrors.insert(id, Mirror::new(scene.clone(), choice));
+        self.connect(now, id);
+        id
+    }
+
+    fn connect(&mut self, now: Instant, id: MirrorId) {
+        let Some(scene) = self.mirrors.get(&id).map(|mirror| mirror.scene.clone()) else {
+            return;
+        };
+        let link = self.dial(scene, LinkUse::Mirror(id));
+        let token = self.token.clone();
+        if let Some(mirror) = self.mirrors.get_mut(&id) {
+            mirror.connect(link, token);
+            mirror.retry_at = now + RETRY;
+        }
+    }
+
+    /// Forgets a client's connection, once it has sent what it has.
+    pub(crate) fn end_voice(&mut self, mut voice: Voice) {
+        let link = voice.link();
+        while let Some(transmit) = voice.poll_transmit() {
+            self.last_words.push_back(to_link(transmit, link));
+        }
+        self.links.remove(&link);
+    }
+
+    /// Leaves the streams that no client has needed for some time.
+    pub(crate) fn close_unused(
+        &mut self,
+        now: Instant,
+        is_used: impl Fn(MirrorId, &Mirror) -> bool,
+    ) {
+        for (id, mirror) in &mut self.mirrors {
+            let since = mirror.unused_since.unwrap_or(now);
+            mirror.unused_since = (!is_used(*id, mirror)).then_some(since);
+        }
+        let is_over =
+            |mirror: &Mirror| mirror.unused_since.is_some_and(|since| now >= since + KEPT);
+        let unused = self.mirrors.iter().filter(|(_, mirror)| is_over(mirror));
+        for id in unused.map(|(id, _)| *id).collect::<Vec<_>>() {
+            let Some(mut mirror) = self.mirrors.remove(&id) else {
+                continue;
+            };
+            if let Some(link) = mirror.link {
+                mirror.close();
+                while let Some(transmit) = mirror.poll_transmit() {
+                    self.last_words.push_back(to_link(transmit, link));
+                }
+                self.links.remove(&link);
+            }
+        }
+    }
+
+    /// Does what is due: returns the mirrors whose timeout has come, and connects those that have lost their connection.
+    pub(crate) fn wake(&mut self, now: Instant) -> Vec<MirrorId> {
+        let is_due = |mirror: &Mirror| mirror.poll_timeout().is_some_and(|wake| wake.at <= now);
+        let mut due = Vec::new();
+        for (id, mirror) in &mut self.mirrors {
+            if is_due(mirror) {
+                mirror.handle_timeout(now);
+                due.push(*id);
+            }
+        }
+        let is_lost = |mirror: &Mirror| mirror.link.is_none() && mirror.retry_at <= now;
+        let lost = self.mirrors.iter().filter(|(_, mirror)| is_lost(mirror));
+        for id in lost.map(|(id, _)| *id).collect::<Vec<_>>() {
+            self.connect(now, id);
+        }
+        due
+    }
+
+    pub(crate) fn next_wake(&self) -> Option<Wake> {
+        let deadline = |at| Wake {
+            at,
+            reason: WakeReason::Deadline,
+        };
+        let mirrors = || self.mirrors.values();
+        let lost = mirrors().filter(|mirror| mirror.link.is_none());
+        let retries = lost.map(|mirror| deadline(mirror.retry_at));
+        let unused = mirrors().filter_map(|mirror| Some(deadline(mirror.unused_since? + KEPT)));
+        let sessions = mirrors().filter_map(Mirror::poll_timeout);
+        (retries.chain(unused).chain(sessions)).min_by_key(|wake| wake.at)
+    }
+
+    /// The next transmission of a mirror, or of a connection that has ended.
+    pub(crate) fn poll_transmit(&mut self) -> Option<Transmit> {
+        self.last_words.pop_front().or_else(|| {
+            self.mirrors.values_mut().find_map(|mirror| {
+                let link = mirror.link?;
+                Some(to_link(mirror.poll_transmit()?, link))
+            })
+        })
+    }
+}
+
+/// The transmission of a session with one peer, for the link that carries it.
+pub(crate) fn to_link(transmit: Transmit, link: Peer) -> Transmit {
+    match transmit {
+        Transmit::Control { bytes, .. } => Transmit::Control { to: link, bytes },
+        Transmit::State { bytes, .. } => Transmit::State { to: link, bytes },
+        Transmit::Close { code, .. } => Transmit::Close { to: link, code },
+    }
+}

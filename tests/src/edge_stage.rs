@@ -1,0 +1,498 @@
+//! A scene, edges, and members of both, over simulated links in virtual time.
+//!
+//! The commander sends the commands of a script, directly or through an edge; the claims of all members are stored every few
+//! milliseconds. No checks are made here. Runs with the same seed are bit-identical.
+
+use std::cell::RefCell;
+use std::collections::{BTreeMap, VecDeque};
+use std::rc::Rc;
+use std::sync::Arc;
+
+use rhumb_edge::{Edge, EdgeSettings};
+use rhumb_netsim::{LinkConfig, SimNetwork};
+use rhumb_protocol::message::{SessionKey, StreamChoice};
+use rhumb_protocol::scene::{Command, SceneConfig, Stepping};
+use rhumb_protocol::session::{ClientSession, Replica};
+use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit, Wake};
+use rhumb_reckoning::Tick;
+use rhumb_scene::{Limits, Permit, SceneRouter, SceneSettings};
+use rhumb_sims::Script;
+
+use crate::observation_history::ObservationHistory;
+use crate::truth::{MemberRecord, SceneTruth};
+
+/// Time between two looks at what edges want to connect, and at claims.
+const INTERVAL: Span = Span::from_millis(1);
+/// Longest virtual time for an answer over the worst link.
+const ANSWER_TIME_LIMIT: Span = Span::from_millis(120_000);
+const SCENE: &str = "stage";
+
+/// Where a member is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Place {
+    /// At the server of the scene.
+    Owner,
+    /// At the edge of this number.
+    Edge(usize),
+}
+
+/// A scene with edges.
+pub struct EdgeStage {
+    owner: SimNetwork<SceneRouter, OwnerPeer>,
+    edges: Vec<EdgeNode>,
+    members: Vec<(Place, usize)>,
+    /// The history of each member.
+    pub histories: Vec<ObservationHistory>,
+    config: SceneConfig,
+    script: Box<dyn Script>,
+    scripted: Tick,
+    commands: Vec<Command>,
+    seed: u64,
+    now: Instant,
+}
+
+struct EdgeNode {
+    shared: Rc<RefCell<EdgeState>>,
+    network: SimNetwork<Face, ClientSession>,
+    /// Its connections in the owner's network.
+    links: Vec<usize>,
+}
+
+struct EdgeState {
+    edge: Edge,
+    to_owner: BTreeMap<Peer, VecDeque<Transmit>>,
+    is_alive: bool,
+}
+
+/// An edge as its members see it.
+struct Face(Rc<RefCell<EdgeState>>);
+
+/// A connection of an edge to the owner.
+struct Link(Rc<RefCell<EdgeState>>, Peer);
+
+enum OwnerPeer {
+    Member(Box<ClientSession>),
+    Link(Link),
+}
+
+impl EdgeStage {
+    /// A scene of this script without members, and so many edges. `links` are those of members and of edges.
+    #[must_use]
+    pub fn new(
+        script: Box<dyn Script>,
+        stepping: Stepping,
+        edges: usize,
+        links: LinkConfig,
+        seed: u64,
+    ) -> Self {
+        let config = SceneConfig {
+            stepping,
+            ..script.config()
+        };
+        let settings = SceneSettings::new(|| Instant::ZERO);
+        let mut stage = Self {
+            owner: SimNetwork::new(SceneRouter::new(settings), links, seed),
+            edges: Vec::new(),
+            members: Vec::new(),
+            histories: Vec::new(),
+            config,
+            script,
+            scripted: Tick::ZERO,
+            commands: Vec::new(),
+            seed,
+            now: Instant::ZERO,
+        };
+        for _ in 0..edges {
+            stage.add_edge(Permit::OPEN, links);
+        }
+        stage
+    }
+
+    /// Adds an edge whose members have this permit; returns its number.
+    pub fn add_edge(&mut self, permit: Permit, links: LinkConfig) -> usize {
+        let settings = EdgeSettings {
+            limits: Limits::default(),
+            token: None,
+            permit: Arc::new(permit),
+        };
+        let shared = Rc::new(RefCell::new(EdgeState {
+            edge: Edge::new(settings),
+            to_owner: BTreeMap::new(),
+            is_alive: true,
+        }));
+        let seed = self.seed ^ (self.edges.len() as u64 + 1) << 32;
+        let mut network = SimNetwork::new(Face(Rc::clone(&shared)), links, seed);
+        network.run_until(self.now);
+        self.edges.push(EdgeNode {
+            shared,
+            network,
+            links: Vec::new(),
+        });
+        self.edges.len() - 1
+    }
+
+    /// Connects a client and waits for its welcome.
+    pub fn connect(&mut self, place: Place) -> usize {
+        let session = ClientSession::new(SCENE.parse().expect("a valid scene name"));
+        let index = self.members.len();
+        let at = self.place(place, session);
+        self.members.push((place, at));
+        self.histories.push(ObservationHistory::default());
+        self.run_until("a welcome", |stage| stage.histories[index].welcomes > 0);
+        index
+    }
+
+    /// A client that creates the scene and sends its commands: the first member.
+    pub fn commander(&mut self, place: Place, choice: StreamChoice, key: Option<SessionKey>) {
+        let commander = self.connect(place);
+        assert_eq!(commander, 0, "the commander comes first");
+        let config = self.config;
+        self.session(0).create(config).expect("it is in the lobby");
+        self.run_until("the scene", |stage| stage.histories[0].created > 0);
+        if let Some(key) = key {
+            self.session(0)
+                .begin_session(key)
+                .expect("it is in the lobby");
+        }
+        self.join(0, choice);
+    }
+
+    /// Makes a connected client a member.
+    pub fn join(&mut self, index: usize, choice: StreamChoice) {
+        self.session(index)
+            .join(choice)
+            .expect("it is in the lobby");
+        self.run_until("a membership", |stage| {
+            stage.histories[index].granted.is_some()
+        });
+    }
+
+    /// Connects a client and makes it a member.
+    pub fn enter(&mut self, place: Place, choice: StreamChoice) -> usize {
+        let index = self.connect(place);
+        self.join(index, choice);
+        index
+    }
+
+    /// A member's session.
+    pub fn session(&mut self, index: usize) -> &mut ClientSession {
+        let (place, at) = self.members[index];
+        match place {
+            Place::Edge(edge) => self.edges[edge].network.client_mut(at),
+            Place::Owner => match self.owner.client_mut(at) {
+                OwnerPeer::Member(session) => session,
+                OwnerPeer::Link(_) => unreachable!("members are no links"),
+            },
+        }
+    }
+
+    /// The same, to read.
+    #[must_use]
+    pub fn client(&self, index: usize) -> &ClientSession {
+        let (place, at) = self.members[index];
+        match place {
+            Place::Edge(edge) => self.edges[edge].network.client(at),
+            Place::Owner => match self.owner.client(at) {
+                OwnerPeer::Member(session) => session,
+                OwnerPeer::Link(_) => unreachable!("members are no links"),
+            },
+        }
+    }
+
+    /// A member's copy.
+    ///
+    /// # Panics
+    ///
+    /// If the client is not a member.
+    #[must_use]
+    pub fn copy(&self, index: usize) -> &Replica {
+        self.client(index).replica().expect("a member has a copy")
+    }
+
+    /// The scene's server.
+    #[must_use]
+    pub fn owner(&self) -> &SceneRouter {
+        self.owner.server()
+    }
+
+    /// Number of connections that edges have opened to the owner.
+    #[must_use]
+    pub fn links(&self) -> usize {
+        self.edges.iter().map(|edge| edge.links.len()).sum()
+    }
+
+    /// Sets all links of the owner, or of an edge's members.
+    pub fn set_links(&mut self, place: Place, links: LinkConfig) {
+        match place {
+            Place::Owner => self.owner.set_config(links),
+            Place::Edge(edge) => self.edges[edge].network.set_config(links),
+        }
+    }
+
+    /// An edge's process is killed, and sends nothing more. Its members notice at once, the owner does not.
+    pub fn kill(&mut self, edge: usize) {
+        let node = &mut self.edges[edge];
+        node.shared.borrow_mut().is_alive = false;
+        for client in 0..node.network.clients() {
+            node.network.sever(client, Ending::TimedOut);
+        }
+    }
+
+    /// The connections of an edge to the owner break.
+    pub fn cut_off(&mut self, edge: usize) {
+        for link in self.edges[edge].links.clone() {
+            self.owner.sever(link, Ending::Broken);
+        }
+    }
+
+    /// A client whose connection has ended takes its session up elsewhere.
+    pub fn resume(&mut self, index: usize, place: Place) {
+        let fresh = ClientSession::new(SCENE.parse().expect("a valid scene name"));
+        let mut session = std::mem::replace(self.session(index), fresh);
+        session.reconnect().expect("it has a session");
+        let at = self.place(place, session);
+        self.members[index] = (place, at);
+    }
+
+    /// The commander sends the next commands of its script.
+    pub fn command(&mut self) {
+        let mut commands = Vec::new();
+        self.script.commands(self.scripted, &mut commands);
+        self.scripted = self.scripted.next();
+        for command in commands {
+            self.send(command);
+        }
+    }
+
+    /// The commander sends a command.
+    pub fn send(&mut self, command: Command) {
+        let number = self.session(0).command(command.clone());
+        let number = number.expect("scripts send valid commands");
+        assert_eq!(number, self.commands.len() as u64);
+        self.commands.push(command);
+    }
+
+    /// In lockstep: sends the script's commands, steps once, and waits until all members have the complete tick.
+    pub fn tick(&mut self) -> Tick {
+        self.command();
+        let wanted = self.copy(0).stream().complete().next();
+        let now = self.now;
+        self.session(0)
+            .advance(now, wanted)
+            .expect("a member may advance");
+        self.run_until("a tick", |stage| {
+            let members =
+                (0..stage.members.len()).filter_map(|index| stage.client(index).replica());
+            let mut complete = members.map(|copy| copy.stream().complete());
+            complete.all(|complete| complete >= wanted)
+        });
+        wanted
+    }
+
+    /// Lets time pass in small steps.
+    pub fn run(&mut self, span: Span) {
+        let end = self.now + span;
+        while self.now < end {
+            self.now = (self.now + INTERVAL).min(end);
+            self.owner.run_until(self.now);
+            for edge in &mut self.edges {
+                edge.network.run_until(self.now);
+                loop {
+                    let dial = edge.shared.borrow_mut().edge.poll_dial();
+                    let Some(dial) = dial else { break };
+                    let link = Link(Rc::clone(&edge.shared), dial.link);
+                    edge.links.push(self.owner.connect(OwnerPeer::Link(link)));
+                }
+            }
+            self.store_claims();
+        }
+    }
+
+    /// Runs the script for this time, with one set of commands per tick of 60 Hz.
+    pub fn run_script(&mut self, span: Span) {
+        let end = self.now + span;
+        while self.now < end {
+            self.command();
+            self.run(crate::stage::TICK);
+        }
+    }
+
+    /// Lets time pass until a condition holds.
+    ///
+    /// # Panics
+    ///
+    /// If it does not hold in time.
+    pub fn run_until(&mut self, what: &str, done: impl Fn(&Self) -> bool) {
+        let deadline = self.now + ANSWER_TIME_LIMIT;
+        self.store_claims();
+        while !done(self) {
+            assert!(self.now < deadline, "no {what} within {ANSWER_TIME_LIMIT}");
+            self.run(INTERVAL);
+        }
+    }
+
+    /// The truth up to the newest tick with a claim, after checking that the server agrees with it.
+    ///
+    /// # Panics
+    ///
+    /// When the server's checksum differs: then a command was not applied exactly once, in order, at the stated tick.
+    pub fn truth(&mut self) -> SceneTruth {
+        let sent = self.commands.len() as u64;
+        self.run_until("an answer to each command", |stage| {
+            let answered = stage.histories[0].applied.last();
+            answered.map_or(0, |(through, _)| through + 1) == sent
+        });
+        let before = self.histories[0].inspections.len();
+        self.session(0)
+            .inspect()
+            .expect("the commander is a member");
+        self.run_until("an inspection", |stage| {
+            stage.histories[0].inspections.len() > before
+        });
+        let inspected = self.histories[0].inspections[before];
+        let copies = (0..self.members.len()).filter_map(|index| self.client(index).replica());
+        let newest = copies.map(|copy| copy.stream().watermark_tick()).max();
+        for (index, history) in self.histories.iter().enumerate() {
+            assert_eq!(history.mismatches, 0, "member {index}");
+        }
+        assert_eq!(inspected.mismatches, 0);
+        let record = MemberRecord {
+            commands: self.commands.clone(),
+            applied: self.histories[0].applied.clone(),
+        };
+        let until = newest.unwrap_or_default().max(inspected.tick);
+        let truth = SceneTruth::replay(self.config, &record, until);
+        assert_eq!(
+            truth.digest(inspected.tick),
+            Some(inspected.truth),
+            "the server's checksum differs from the truth"
+        );
+        truth
+    }
+
+    fn place(&mut self, place: Place, session: ClientSession) -> usize {
+        match place {
+            Place::Owner => self.owner.connect(OwnerPeer::Member(Box::new(session))),
+            Place::Edge(edge) => self.edges[edge].network.connect(session),
+        }
+    }
+
+    fn store_claims(&mut self) {
+        for index in 0..self.members.len() {
+            let mut history = std::mem::take(&mut self.histories[index]);
+            history.take_events(self.session(index));
+            history.store_claims(self.client(index));
+            self.histories[index] = history;
+        }
+    }
+}
+
+impl Endpoint for Face {
+    fn handle_opened(&mut self, now: Instant, peer: Peer) {
+        self.0.borrow_mut().edge.handle_opened(now, peer);
+    }
+
+    fn handle_control(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
+        self.0.borrow_mut().edge.handle_control(now, from, bytes);
+    }
+
+    fn handle_datagram(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
+        self.0.borrow_mut().edge.handle_datagram(now, from, bytes);
+    }
+
+    fn handle_ended(&mut self, now: Instant, peer: Peer, ending: Ending) {
+        let mut state = self.0.borrow_mut();
+        if state.is_alive {
+            state.edge.handle_ended(now, peer, ending);
+        }
+    }
+
+    fn handle_timeout(&mut self, now: Instant) {
+        self.0.borrow_mut().edge.handle_timeout(now);
+    }
+
+    fn poll_transmit(&mut self) -> Option<Transmit> {
+        let mut state = self.0.borrow_mut();
+        state.is_alive.then(|| state.edge.poll_transmit())?
+    }
+
+    fn poll_timeout(&self) -> Option<Wake> {
+        let state = self.0.borrow();
+        state.is_alive.then(|| state.edge.poll_timeout())?
+    }
+}
+
+impl Link {
+    fn with(&self, act: impl FnOnce(&mut Edge)) {
+        let mut state = self.0.borrow_mut();
+        if state.is_alive {
+            act(&mut state.edge);
+        }
+    }
+
+    fn poll(&self) -> Option<Transmit> {
+        let mut state = self.0.borrow_mut();
+        if !state.is_alive {
+            return None;
+        }
+        while let Some(transmit) = state.edge.owner().poll_transmit() {
+            let to = match &transmit {
+                Transmit::Control { to, .. }
+                | Transmit::State { to, .. }
+                | Transmit::Close { to, .. } => *to,
+            };
+            state.to_owner.entry(to).or_default().push_back(transmit);
+        }
+        state.to_owner.get_mut(&self.1)?.pop_front()
+    }
+}
+
+impl Endpoint for OwnerPeer {
+    fn handle_opened(&mut self, now: Instant, peer: Peer) {
+        match self {
+            Self::Member(session) => session.handle_opened(now, peer),
+            Self::Link(link) => link.with(|edge| edge.owner().handle_opened(now, link.1)),
+        }
+    }
+
+    fn handle_control(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
+        match self {
+            Self::Member(session) => session.handle_control(now, from, bytes),
+            Self::Link(link) => link.with(|edge| edge.owner().handle_control(now, link.1, bytes)),
+        }
+    }
+
+    fn handle_datagram(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
+        match self {
+            Self::Member(session) => session.handle_datagram(now, from, bytes),
+            Self::Link(link) => link.with(|edge| edge.owner().handle_datagram(now, link.1, bytes)),
+        }
+    }
+
+    fn handle_ended(&mut self, now: Instant, peer: Peer, ending: Ending) {
+        match self {
+            Self::Member(session) => session.handle_ended(now, peer, ending),
+            Self::Link(link) => link.with(|edge| edge.owner().handle_ended(now, link.1, ending)),
+        }
+    }
+
+    fn handle_timeout(&mut self, now: Instant) {
+        if let Self::Member(session) = self {
+            session.handle_timeout(now);
+        }
+    }
+
+    fn poll_transmit(&mut self) -> Option<Transmit> {
+        match self {
+            Self::Member(session) => session.poll_transmit(),
+            Self::Link(link) => link.poll(),
+        }
+    }
+
+    fn poll_timeout(&self) -> Option<Wake> {
+        match self {
+            Self::Member(session) => session.poll_timeout(),
+            Self::Link(_) => None,
+        }
+    }
+}

@@ -1,0 +1,318 @@
+//! Members of edges have the copies, bounds and answers of the server's own.
+//!
+//! The tests run in virtual time. Claims of every member are judged against a replay of the commands, whose checksum must equal the
+//! server's: a command that was lost or applied twice would change it.
+
+use rhumb_netsim::LinkConfig;
+use rhumb_protocol::message::{Denial, SessionKey, StreamChoice};
+use rhumb_protocol::scene::{Command, CommandError, Stepping};
+use rhumb_protocol::{Ending, Span};
+use rhumb_reckoning::{Metres, Tolerance};
+use rhumb_scene::Permit;
+use rhumb_sims::{Script, by_name};
+use rhumb_tests::{EdgeStage, Place, assert_same_copy, seed};
+
+const NORMAL: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
+const EXACT: StreamChoice = StreamChoice::Within(Tolerance::EXACT);
+
+/// Virtual time within which every copy converges after the faults stop.
+const SETTLES_WITHIN: Span = Span::from_millis(6_000);
+const SCENES: [&str; 2] = ["ball-pit", "zoo"];
+
+fn script(name: &str) -> Box<dyn Script> {
+    by_name(name, 60, 1).expect("an existing script")
+}
+
+fn links(text: &str) -> LinkConfig {
+    text.parse().expect("a valid link configuration")
+}
+
+fn observers() -> Permit {
+    Permit {
+        role: rhumb_protocol::message::Role::Observer,
+        ..Permit::OPEN
+    }
+}
+
+fn judge_all(stage: &mut EdgeStage, scene: &str) {
+    let truth = stage.truth();
+    for (index, history) in stage.histories.iter().enumerate() {
+        let worst = history.judge(&truth, &format!("{scene}, member {index}"));
+        assert!(
+            worst > Metres::new(0.0),
+            "{scene}, member {index}: {} claims, {} unknown",
+            history.claims.len(),
+            history.unknown
+        );
+    }
+}
+
+#[test]
+fn in_lockstep_members_of_edges_have_the_server_s_copy_to_the_bit() {
+    for scene in SCENES {
+        for choice in [NORMAL, EXACT, StreamChoice::Full] {
+            let mut stage =
+                EdgeStage::new(script(scene), Stepping::Lockstep, 2, LinkConfig::PERFECT, 1);
+            stage.commander(Place::Edge(0), choice, None);
+            let direct = stage.enter(Place::Owner, choice);
+            let there = stage.enter(Place::Edge(1), choice);
+            for _ in 0..200 {
+                let tick = stage.tick();
+                for member in [0, direct, there] {
+                    assert_eq!(stage.copy(member).stream().watermark_tick(), tick);
+                }
+                assert_same_copy(stage.copy(direct), stage.copy(there));
+                assert_same_copy(stage.copy(direct), stage.copy(0));
+            }
+            let late = stage.enter(Place::Edge(0), choice);
+            for _ in 0..200 {
+                stage.tick();
+                assert_same_copy(stage.copy(direct), stage.copy(late));
+                assert_same_copy(stage.copy(direct), stage.copy(0));
+            }
+            let truth = stage.truth();
+            for history in &stage.histories {
+                history.judge(&truth, scene);
+            }
+        }
+    }
+}
+
+#[test]
+fn observers_of_an_edge_cost_the_owner_one_member() {
+    let mut stage = EdgeStage::new(
+        script("ball-pit"),
+        Stepping::FreeRunning,
+        0,
+        LinkConfig::PERFECT,
+        1,
+    );
+    let edge = stage.add_edge(observers(), LinkConfig::PERFECT);
+    stage.commander(Place::Owner, NORMAL, None);
+    let observers: Vec<_> = (0..12)
+        .map(|_| stage.enter(Place::Edge(edge), NORMAL))
+        .collect();
+    assert_eq!(stage.links(), 1);
+    stage.run_script(Span::from_millis(4_000));
+    for observer in &observers {
+        assert_same_copy(stage.copy(observers[0]), stage.copy(*observer));
+        assert_eq!(stage.copy(*observer).stream().statistics().missed, 0);
+    }
+    judge_all(&mut stage, "ball-pit");
+}
+
+#[test]
+fn an_observer_of_an_edge_acts_on_nothing() {
+    let mut stage = EdgeStage::new(
+        script("ball-pit"),
+        Stepping::FreeRunning,
+        0,
+        LinkConfig::PERFECT,
+        1,
+    );
+    let edge = stage.add_edge(observers(), LinkConfig::PERFECT);
+    let early = stage.connect(Place::Edge(edge));
+    stage
+        .session(early)
+        .join(NORMAL)
+        .expect("it is in the lobby");
+    stage.run_until("a denial", |stage| {
+        !stage.histories[early].denied.is_empty()
+    });
+    assert_eq!(stage.histories[early].denied, [Denial::NoSuchScene]);
+    let mut stage = EdgeStage::new(
+        script("ball-pit"),
+        Stepping::FreeRunning,
+        0,
+        LinkConfig::PERFECT,
+        1,
+    );
+    let edge = stage.add_edge(observers(), LinkConfig::PERFECT);
+    stage.commander(Place::Owner, NORMAL, None);
+    let observer = stage.enter(Place::Edge(edge), NORMAL);
+    let gravity = Command::SetGravity {
+        gravity: glam::Vec3::X,
+    };
+    for _ in 0..2 {
+        stage
+            .session(observer)
+            .command(gravity.clone())
+            .expect("a member may try");
+    }
+    stage
+        .session(observer)
+        .reserve(5)
+        .expect("a member may try");
+    stage.session(observer).inspect().expect("a member may");
+    stage.run_script(Span::from_millis(1_000));
+    let history = &stage.histories[observer];
+    let refused = |number| (number, CommandError::NotAllowed);
+    assert_eq!(history.refused, [refused(0), refused(1)]);
+    assert_eq!(history.denied, [Denial::NotAllowed]);
+    assert_eq!(history.inspections.len(), 1);
+    judge_all(&mut stage, "ball-pit");
+}
+
+#[test]
+fn over_lossy_links_on_both_sides_of_an_edge_every_claim_holds_and_all_converge() {
+    for (scene, seed) in SCENES
+        .into_iter()
+        .flat_map(|scene| (0..1).map(move |add| (scene, seed(7) + add)))
+    {
+        for (upper, lower) in [
+            ("rtt=20ms,loss=8%", "rtt=30ms,loss=8%"),
+            ("rtt=10ms", "rtt=60ms,loss=15%,jitter=8ms"),
+            ("rtt=40ms,loss=20%", "rtt=2ms"),
+        ] {
+            let mut stage = EdgeStage::new(
+                script(scene),
+                Stepping::FreeRunning,
+                2,
+                LinkConfig::PERFECT,
+                seed,
+            );
+            stage.commander(Place::Edge(0), NORMAL, None);
+            stage.enter(Place::Owner, NORMAL);
+            stage.enter(Place::Edge(1), NORMAL);
+            stage.enter(Place::Edge(1), EXACT);
+            // Control bytes that are lost again and again would hold the bodies back.
+            stage.run_script(Span::from_millis(500));
+            stage.set_links(Place::Owner, links(upper));
+            for edge in [0, 1] {
+                stage.set_links(Place::Edge(edge), links(lower));
+            }
+            stage.run_script(Span::from_millis(3_000));
+            // The simulated network takes a snapshot for one packet, which hardly ever arrives over such links.
+            stage.set_links(Place::Edge(1), LinkConfig::PERFECT);
+            let late = stage.enter(Place::Edge(1), NORMAL);
+            stage.set_links(Place::Edge(1), links(lower));
+            stage.run_script(Span::from_millis(3_000));
+            for place in [Place::Owner, Place::Edge(0), Place::Edge(1)] {
+                stage.set_links(place, LinkConfig::PERFECT);
+            }
+            stage.run(SETTLES_WITHIN);
+            for member in 0..=late {
+                let stream = stage.copy(member).stream();
+                assert!(
+                    stream.is_converged(),
+                    "{scene}, {upper}, {lower}, SEED={seed}: member {member}"
+                );
+            }
+            assert_same_copy(stage.copy(1), stage.copy(2));
+            assert_same_copy(stage.copy(1), stage.copy(late));
+            judge_all(&mut stage, scene);
+        }
+    }
+}
+
+#[test]
+fn a_member_of_an_edge_changes_its_stream() {
+    let mut stage = EdgeStage::new(
+        script("zoo"),
+        Stepping::FreeRunning,
+        1,
+        links("rtt=30ms,loss=5%"),
+        3,
+    );
+    stage.commander(Place::Edge(0), NORMAL, None);
+    let direct = stage.enter(Place::Owner, EXACT);
+    let other = stage.enter(Place::Edge(0), NORMAL);
+    for choice in [EXACT, NORMAL, EXACT] {
+        stage.run_script(Span::from_millis(700));
+        stage
+            .session(other)
+            .subscribe(choice)
+            .expect("a member may");
+        stage.run_script(Span::from_millis(700));
+        assert_eq!(stage.histories[other].following.last(), Some(&choice));
+    }
+    stage.set_links(Place::Owner, LinkConfig::PERFECT);
+    stage.set_links(Place::Edge(0), LinkConfig::PERFECT);
+    stage.run(SETTLES_WITHIN);
+    assert_same_copy(stage.copy(direct), stage.copy(other));
+    judge_all(&mut stage, "zoo");
+}
+
+#[test]
+fn a_killed_edge_loses_no_command_and_doubles_none() {
+    for seed in (0..4).map(|add| seed(11) + add) {
+        let mut stage = EdgeStage::new(
+            script("ball-pit"),
+            Stepping::FreeRunning,
+            3,
+            links("rtt=30ms,loss=4%"),
+            seed,
+        );
+        stage.commander(Place::Edge(0), NORMAL, Some(SessionKey([7; 16])));
+        let other = stage.enter(Place::Edge(2), NORMAL);
+        let gravity = |y| Command::SetGravity {
+            gravity: glam::Vec3::new(0.0, y, 0.0),
+        };
+        for (round, (from, to)) in [(0, 1), (1, 2), (2, 1)].into_iter().enumerate() {
+            stage.run_script(Span::from_millis(900));
+            for step in 0..20 {
+                stage.send(gravity(-9.0 - 0.1 * (round * 20 + step) as f32));
+            }
+            if from == 2 {
+                break;
+            }
+            stage.kill(from);
+            stage.run(Span::from_millis(100));
+            stage.resume(0, Place::Edge(to));
+            for _ in 0..5 {
+                stage.send(gravity(-9.81));
+            }
+            stage.run_until("a copy", |stage| stage.client(0).replica().is_some());
+        }
+        stage.run_script(Span::from_millis(1_000));
+        stage.run(SETTLES_WITHIN);
+        assert_eq!(stage.histories[0].refused, [], "SEED={seed}");
+        assert!(stage.copy(other).stream().is_converged());
+        judge_all(&mut stage, "ball-pit");
+    }
+}
+
+#[test]
+fn an_edge_that_loses_the_owner_keeps_its_observers_and_comes_back() {
+    let mut stage = EdgeStage::new(
+        script("zoo"),
+        Stepping::FreeRunning,
+        0,
+        links("rtt=20ms"),
+        5,
+    );
+    let edge = stage.add_edge(observers(), links("rtt=20ms"));
+    stage.commander(Place::Owner, NORMAL, None);
+    let observer = stage.enter(Place::Edge(edge), NORMAL);
+    for _ in 0..3 {
+        stage.run_script(Span::from_millis(1_000));
+        stage.cut_off(edge);
+        stage.run_script(Span::from_millis(1_000));
+        assert_eq!(stage.histories[observer].ended, None);
+    }
+    stage.run(SETTLES_WITHIN);
+    assert_same_copy(stage.copy(0), stage.copy(observer));
+    judge_all(&mut stage, "zoo");
+}
+
+#[test]
+fn a_member_that_acts_comes_back_by_its_session_when_its_edge_loses_the_owner() {
+    let mut stage = EdgeStage::new(
+        script("ball-pit"),
+        Stepping::FreeRunning,
+        1,
+        links("rtt=20ms"),
+        5,
+    );
+    stage.commander(Place::Edge(0), NORMAL, Some(SessionKey([9; 16])));
+    stage.run_script(Span::from_millis(1_000));
+    stage.cut_off(0);
+    stage.run_until("an end", |stage| stage.histories[0].ended.is_some());
+    let going_away = rhumb_protocol::session::TransportCode::GOING_AWAY.0;
+    assert_eq!(stage.histories[0].ended, Some(Ending::Closed(going_away)));
+    stage.resume(0, Place::Edge(0));
+    stage.run_until("a copy", |stage| stage.client(0).replica().is_some());
+    stage.run_script(Span::from_millis(2_000));
+    stage.run(SETTLES_WITHIN);
+    judge_all(&mut stage, "ball-pit");
+}
