@@ -10,7 +10,6 @@ mod client;
 mod edge;
 mod mirror;
 mod owners;
-mod standing;
 mod voice;
 
 pub use edge::{Edge, EdgeSettings, OwnerSide, SharedPacket};

@@ -7,18 +7,17 @@
 use std::collections::{BTreeMap, VecDeque};
 
 use bytes::Bytes;
+use rhumb_protocol::limits::{EVENTS_PER_TICK_MAX, STANDING_PAIRS_MAX};
 use rhumb_protocol::message::{
     ClientMessage, Denial, Extensions, Frames, Joined, SceneEvent, ServerMessage, StreamChoice,
     TickEvents, TierPolicy, Token, frame,
 };
 use rhumb_protocol::packet::{Datagram, LossReport, PacketKind, StreamId};
-use rhumb_protocol::scene::{IdRange, SceneConfig, SceneName, ShapeId, Stepping};
+use rhumb_protocol::scene::{BodyEvent, IdRange, SceneConfig, SceneName, ShapeId, Stepping};
 use rhumb_protocol::session::{ClientSession, Event, Replica};
 use rhumb_protocol::stream::{Recipient, RefreshReplies, StreamStart, Subscriber};
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit, Wake};
 use rhumb_reckoning::{BodyId, Inertia, Tick};
-
-use crate::standing::Standing;
 
 /// The peer number of the owner in a session.
 const OWNER: Peer = Peer(0);
@@ -501,4 +500,60 @@ pub(crate) struct Snapshot<'a> {
     pub(crate) joined: Joined,
     pub(crate) shapes: &'a BTreeMap<ShapeId, Bytes>,
     pub(crate) rest: Bytes,
+}
+
+/// What stands between bodies, for members that join (PROTOCOL 4.15-11): the pairs in contact and the bodies in sensors, each with
+/// the event in which it began.
+///
+/// Invariant: a pair is kept from its beginning to its end, or until one of its bodies has left the scene.
+#[derive(Debug, Default)]
+struct Standing {
+    pairs: BTreeMap<(u8, BodyId, BodyId), BodyEvent>,
+}
+
+impl Standing {
+    /// Takes the events of a tick.
+    fn handle(&mut self, events: &TickEvents) {
+        for event in &events.events {
+            match *event {
+                BodyEvent::ContactBegan { body, contact } => {
+                    self.insert((0, body, contact.with), *event);
+                }
+                BodyEvent::ContactEnded { body, with } => {
+                    self.pairs.remove(&(0, body, with));
+                }
+                BodyEvent::SensorEntered { sensor, body } => {
+                    self.insert((1, sensor, body), *event);
+                }
+                BodyEvent::SensorLeft { sensor, body } => {
+                    self.pairs.remove(&(1, sensor, body));
+                }
+                _ => {}
+            }
+        }
+    }
+
+    /// Forgets the pairs of a body that has left.
+    fn remove(&mut self, id: BodyId) {
+        self.pairs
+            .retain(|(_, first, second), _| *first != id && *second != id);
+    }
+
+    /// What stands, as the events of a tick; `None` if nothing does. A tick has one message, and what finds no place in it is left
+    /// out.
+    fn events(&self, tick: Tick) -> Option<TickEvents> {
+        let events = self.pairs.values().take(EVENTS_PER_TICK_MAX);
+        let events: Vec<_> = events.copied().collect();
+        (!events.is_empty()).then_some(TickEvents {
+            tick,
+            missed: 0,
+            events,
+        })
+    }
+
+    fn insert(&mut self, pair: (u8, BodyId, BodyId), event: BodyEvent) {
+        if self.pairs.len() < STANDING_PAIRS_MAX {
+            self.pairs.insert(pair, event);
+        }
+    }
 }

@@ -7,8 +7,8 @@ mod headers;
 use std::io::Write as _;
 use std::process::{Command, Stdio};
 
-use rhumb_table::outputs::{Output, outputs};
 use rhumb_table::table::Table;
+use rhumb_table::{Output, outputs};
 
 /// A Rust source as `cargo fmt` leaves it; `None`, with a line that says so, without rustfmt.
 fn formatted(source: &str) -> Option<String> {
