@@ -30,7 +30,11 @@ def test_the_stubs_name_every_class_and_method():
         own |= {member for member in special if vars(value).get(member) is not None}
         assert classes[name] == own, name
     functions = {node.name for node in stubs().body if isinstance(node, ast.FunctionDef)}
-    assert functions == {"connect", "file_settings", "local", "serve"}
+    assert functions == {"connect", "file_settings", "local", "serve"} | {
+        "advance_scenes",
+        "numbers_of_scenes",
+        "resting_of_scenes",
+    }
 
 
 def test_the_stubs_have_the_parameters_of_every_method():
