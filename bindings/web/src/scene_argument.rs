@@ -60,7 +60,13 @@ pub(crate) fn shape(from: &Argument<'_>) -> Result<Shape, Failure> {
         "hull" => Shape::Hull(Hull::new(&points()?).map_err(|why| from.refused(why))?),
         "heights" => {
             let rows = from.field("rows")?.u32()?;
+            let columns = from.field("columns")?.u32()?;
             let heights = from.field("heights")?.all_singles()?;
+            if heights.len() as u64 != u64::from(rows) * u64::from(columns) {
+                let count = heights.len();
+                let why = format_args!("{count} heights are not {rows} rows of {columns} columns");
+                return Err(from.refused(why));
+            }
             let spacing = [number("rowSpacing")?, number("columnSpacing")?];
             let field = Heights::new(rows, spacing[0], spacing[1], &heights);
             let field = field.map_err(|why| from.refused(why))?;

@@ -228,6 +228,10 @@ test("what a call does not know, and numbers that are not finite, are refused by
     [() => client.command({ kind: "setGravity", gravity: [0, 0, 0], body: 1 }), /command\.body is not known/],
     [() => client.query([{ kind: "ray", origin: [0, 0, 0], direction: [0, 1, 0], translation: [0, 1, 0] }]), /direction is not known/],
     [() => client.changeStream({ within: 0.05, buget: 1000 }), /buget is not known/],
+    [
+      () => client.addBody({ kind: "fixed", shape: { kind: "heights", rows: 3, columns: 3, rowSpacing: 1, columnSpacing: 1, heights: [0, 0] } }),
+      /2 heights are not 3 rows of 3 columns/,
+    ],
     [() => client.setSmooth("no"), /smooth is "no"/],
     [() => client.setDelayTicks(null), /ticks is null/],
     [() => client.publish("x"), /states is "x"/],
