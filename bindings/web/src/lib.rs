@@ -89,7 +89,7 @@ pub extern "C" fn member_free(member: u32) {
 /// The connection is open.
 #[unsafe(no_mangle)]
 pub extern "C" fn handle_opened(member: u32, now: f64) {
-    with_at(member, now, |member, now| member.handle_opened(now));
+    with_at(member, now, WebMember::handle_opened);
 }
 
 /// The input is the next bytes of the control stream.
@@ -105,7 +105,7 @@ pub extern "C" fn handle_control(member: u32, now: f64) {
 pub extern "C" fn handle_datagram(member: u32, now: f64) {
     INPUT.with_borrow(|bytes| {
         with_at(member, now, |member, now| {
-            member.handle_datagram(now, bytes)
+            member.handle_datagram(now, bytes);
         });
     });
 }
@@ -113,7 +113,7 @@ pub extern "C" fn handle_datagram(member: u32, now: f64) {
 /// A moment that [`poll_timeout`] named has come.
 #[unsafe(no_mangle)]
 pub extern "C" fn handle_timeout(member: u32, now: f64) {
-    with_at(member, now, |member, now| member.handle_timeout(now));
+    with_at(member, now, WebMember::handle_timeout);
 }
 
 /// The connection has ended: closed by the server with a code, or broken if the code is negative.
@@ -174,7 +174,7 @@ pub extern "C" fn close(member: u32) {
 /// Computes the view of the present moment; returns it in ticks, or a negative number before the member has joined.
 #[unsafe(no_mangle)]
 pub extern "C" fn poll_view(member: u32, now: f64) -> f64 {
-    let shown = with_at(member, now, |member, now| member.poll(now)).flatten();
+    let shown = with_at(member, now, WebMember::poll).flatten();
     shown.unwrap_or(-1.0)
 }
 
@@ -410,10 +410,9 @@ pub extern "C" fn query(member: u32) -> u32 {
 pub extern "C" fn take_authority(member: u32) -> u32 {
     let request = read("authority", |request| {
         let tolerance = scene_argument::tolerance(&request.field("tolerance")?)?;
-        Ok((
-            tolerance,
-            request.field("bodies")?.each(|body| body.body())?,
-        ))
+        let bodies = request.field("bodies")?;
+        let bodies: Result<Vec<_>, _> = bodies.items()?.map(|body| body.body()).collect();
+        Ok((tolerance, bodies?))
     });
     done(request.and_then(|(tolerance, bodies)| {
         call(member, |member| member.take_authority(tolerance, &bodies))
