@@ -464,7 +464,7 @@ pub(crate) fn everything(scene: &Scene) -> Vec<(BodyId, PredictionParameters, Tr
 mod tests {
     use std::io::{self, Write};
     use std::num::NonZeroU32;
-    use std::sync::{Arc, Mutex};
+    use std::sync::{Arc, Mutex, Once};
 
     use rhumb_protocol::packet::{Head, LargestPacket, PacketKind};
     use rhumb_protocol::stream::{Activity, Budget};
@@ -558,6 +558,12 @@ mod tests {
 
     /// Publishes a stream with a small budget for some seconds; returns the log at a level, and the stream.
     fn logged(level: Level, seconds: u64) -> (String, Streams) {
+        // Without it, a line that another test's thread reaches first, where nothing listens, is off for all threads.
+        static LISTENS: Once = Once::new();
+        LISTENS.call_once(|| {
+            tracing::subscriber::set_global_default(tracing_subscriber::registry())
+                .expect("no other test sets one");
+        });
         let log = Log::default();
         let writer = log.clone();
         let subscriber = tracing_subscriber::fmt()
