@@ -26,19 +26,6 @@ use crate::generated;
 pub(crate) fn shape(from: &Argument<'_>) -> Result<Shape, Failure> {
     let number = |field| from.number_of(field);
     let half_extents = || from.vector_of("halfExtents");
-    let points = || {
-        let numbers = from.field("points")?.all_singles()?;
-        let (points, rest) = numbers.as_chunks::<3>();
-        if rest.is_empty() {
-            Ok(points
-                .iter()
-                .copied()
-                .map(Vec3::from_array)
-                .collect::<Vec<_>>())
-        } else {
-            Err(from.wrong("a shape with three numbers for each point"))
-        }
-    };
     let kind = from.field("kind")?;
     Ok(match kind.text()? {
         "ball" => Shape::Ball {
@@ -57,7 +44,7 @@ pub(crate) fn shape(from: &Argument<'_>) -> Result<Shape, Failure> {
         "halfSpace" => Shape::HalfSpace {
             normal: from.vector_of("normal")?,
         },
-        "hull" => Shape::Hull(Hull::new(&points()?).map_err(|why| from.refused(why))?),
+        "hull" => Shape::Hull(Hull::new(&points(from)?).map_err(|why| from.refused(why))?),
         "heights" => {
             let rows = from.field("rows")?.u32()?;
             let columns = from.field("columns")?.u32()?;
@@ -73,16 +60,7 @@ pub(crate) fn shape(from: &Argument<'_>) -> Result<Shape, Failure> {
             Shape::Heights(field.with_edges(edges(from)?))
         }
         "mesh" => {
-            let numbers = from.field("triangles")?;
-            let numbers: Vec<u32> = numbers
-                .items()?
-                .map(|item| item.u32())
-                .collect::<Result<_, _>>()?;
-            let (triangles, rest) = numbers.as_chunks::<3>();
-            if !rest.is_empty() {
-                return Err(from.wrong("a mesh with three points for each triangle"));
-            }
-            let mesh = Mesh::new(&points()?, triangles);
+            let mesh = Mesh::new(&points(from)?, &triangles(from)?);
             let mesh = mesh.map_err(|why| from.refused(why))?;
             Shape::Mesh(mesh.with_edges(edges(from)?))
         }
@@ -94,6 +72,32 @@ pub(crate) fn shape(from: &Argument<'_>) -> Result<Shape, Failure> {
         }
         _ => return Err(kind.wrong("a kind of shape")),
     })
+}
+
+/// The points of a hull or a mesh.
+fn points(from: &Argument<'_>) -> Result<Vec<Vec3>, Failure> {
+    let numbers = from.field("points")?.all_singles()?;
+    let (points, rest) = numbers.as_chunks::<3>();
+    if rest.is_empty() {
+        Ok(points.iter().copied().map(Vec3::from_array).collect())
+    } else {
+        Err(from.wrong("a shape with three numbers for each point"))
+    }
+}
+
+/// The triangles of a mesh, as numbers of its points.
+fn triangles(from: &Argument<'_>) -> Result<Vec<[u32; 3]>, Failure> {
+    let numbers = from.field("triangles")?;
+    let numbers: Vec<u32> = numbers
+        .items()?
+        .map(|item| item.u32())
+        .collect::<Result<_, _>>()?;
+    let (triangles, rest) = numbers.as_chunks::<3>();
+    if rest.is_empty() {
+        Ok(triangles.to_vec())
+    } else {
+        Err(from.wrong("a mesh with three points for each triangle"))
+    }
 }
 
 fn edges(from: &Argument<'_>) -> Result<Edges, Failure> {
