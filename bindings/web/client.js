@@ -62,6 +62,8 @@ export class Client {
   #fault;
   #interruptedAt;
   #resumeWithin;
+  /** The last interruption: its `error`, and the moment `until` which the client tries to resume. */
+  #interruption;
   #tap;
   #counted = Object.fromEntries(COUNTERS.map((counter) => [counter, 0]));
   /** Calls that wait: for `joined`, `inspected`, `deleted`, and ticks. */
@@ -143,6 +145,17 @@ export class Client {
 
   #setTimer() {
     clearTimeout(this.#timer);
+    if (this.#state === "resuming" && this.#connection !== undefined) {
+      // A server may take the connection and never answer.
+      const { until, error } = this.#interruption;
+      this.#timer = setTimeout(
+        () => {
+          this.#connection?.close(0);
+          this.#end(error);
+        },
+        Math.max(0, until - now()),
+      );
+    }
     if (this.#state !== "open") return;
     const at = this.#member.pollTimeout();
     if (at === undefined) return;
@@ -220,6 +233,7 @@ export class Client {
     if (this.#state !== "ended" && mayResume && now() < until) {
       if (this.#state === "open") this.#push({ kind: "interrupted", message, complete });
       this.#state = "resuming";
+      this.#interruption = { until, error };
       this.#member.reconnect();
       this.#resume(until, error);
     } else {

@@ -1,6 +1,6 @@
 // A client in a worker: `new Worker(new URL("worker.js", ...), { type: "module" })`.
 //
-// Messages to it: { kind: "connect", url, options, scene, join }, once; { kind: "frame" }, for each frame that the page
+// Messages to it: { kind: "connect", url, options, scene, join }, once, and again after its client has ended; { kind: "frame" }, for each frame that the page
 // draws; { kind: "call", id, name, arguments }, any method of Client. Messages from it: { kind: "joined", config };
 // { kind: "frame", time, generation, positions, rotations, errorBounds, changed, events } with arrays that are the page's
 // own, and with ids, shapes, kinds and tolerances when these changed; { kind: "answer", id, value };
@@ -10,6 +10,7 @@ import { wrong } from "./error.js";
 import { RhumbError, connect } from "./rhumb.js";
 
 let client;
+let isConnecting = false;
 let generation = -1;
 
 function plain({ code, message, denial, closeCode, refusals, refusalsLeftOut }) {
@@ -55,15 +56,27 @@ function frame() {
   postMessage(message, arrays.map((array) => array.buffer));
 }
 
+async function begin(url, options, scene, join) {
+  if (isConnecting || (client !== undefined && client.state !== "ended")) {
+    throw new RhumbError({ code: "notNow", message: "this worker has a client already, or connects one" });
+  }
+  isConnecting = true;
+  try {
+    client = await (await connect(url, options)).join(scene, join);
+    generation = -1;
+  } finally {
+    isConnecting = false;
+  }
+  postMessage({ kind: "joined", config: client.config });
+}
+
 async function perform({ kind, id, url, options, scene, join, name, arguments: given = [] }) {
   if (client === undefined && kind !== "connect") {
     throw new RhumbError({ code: "notNow", message: `the message ${kind} needs a client: send connect first, and wait for joined` });
   }
   switch (kind) {
     case "connect":
-      if (client !== undefined && client.state !== "ended") throw new RhumbError({ code: "notNow", message: "this worker has a client already" });
-      client = await (await connect(url, options)).join(scene, join);
-      return postMessage({ kind: "joined", config: client.config });
+      return begin(url, options, scene, join);
     case "frame":
       return frame();
     case "call":

@@ -8,7 +8,8 @@ import { decompressLz4 } from "./lz4.js";
 import { AWAY } from "./roster.js";
 import { metres } from "./text.js";
 
-const MAGIC_BYTES = 8;
+/** The first bytes of a file, and its last ones if it was ended. */
+const MAGIC = [0x89, ...new TextEncoder().encode("MCAP0\r\n")];
 const OPCODE = { channel: 0x04, message: 0x05, chunk: 0x06, metadata: 0x0c };
 const KINDS = [0, 0, 1, 2];
 /** Bytes of a chunk, unpacked, at most. */
@@ -22,9 +23,9 @@ const STEPS = 2 ** 20;
  */
 export function readMcap(bytes) {
   const file = { topics: new Map(), messages: new Map(), metadata: new Map() };
-  let isCut;
+  const isCut = !isEnded(bytes);
   try {
-    isCut = readRecords(bytes.subarray(MAGIC_BYTES), file);
+    readRecords(bytes.subarray(MAGIC.length), file);
   } catch (cause) {
     if (cause instanceof RangeError) throw new Error("the MCAP file is damaged");
     throw cause;
@@ -76,7 +77,12 @@ function inOrder(messages) {
   if (!isSorted) messages.sort(([one], [other]) => (one < other ? -1 : one > other ? 1 : 0));
 }
 
-/** Reads whole records; true if the last one is cut. */
+function isEnded(bytes) {
+  const end = bytes.subarray(MAGIC.length).slice(-MAGIC.length);
+  return end.length === MAGIC.length && MAGIC.every((byte, at) => byte === end[at]);
+}
+
+/** Reads whole records, up to one that is cut. */
 function readRecords(bytes, file) {
   const data = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
   let at = 0;
@@ -85,11 +91,10 @@ function readRecords(bytes, file) {
     const opcode = data.getUint8(at);
     const length = Number(data.getBigUint64(at + 1, true));
     at += 9;
-    if (at + length > bytes.length) return true;
+    if (at + length > bytes.length) return;
     readRecord(opcode, bytes.subarray(at, at + length), file);
     at += length;
   }
-  return at + MAGIC_BYTES > bytes.length && at < bytes.length;
 }
 
 function readRecord(opcode, bytes, file) {

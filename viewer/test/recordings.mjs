@@ -174,11 +174,26 @@ async function otherForms(page, folder) {
     "without a copy there is one picture, and no numbers",
   );
   await aBodyIsPicked(page);
+  const whole = await readFile(trace);
+  const early = join(folder, "early.mcap");
+  await writeFile(early, whole.subarray(0, endOfChunks(whole)));
+  await plays(page, early, /; the file ends early/);
   const cut = join(folder, "cut.mcap");
-  await writeFile(cut, (await readFile(trace)).subarray(0, 900));
+  await writeFile(cut, whole.subarray(0, 900));
   await drop(page, cut);
   await until(page, () => document.getElementById("status").textContent.includes("cannot be played"));
   check(true, `a damaged one is refused: ${await text(page, "status")}`);
+}
+
+/** Where the last chunk of an MCAP file ends: there, a recorder that crashes leaves it. */
+function endOfChunks(file) {
+  let end = 0;
+  for (let at = 8; at + 9 <= file.length;) {
+    const isChunk = file[at] === 0x06;
+    at += 9 + Number(file.readBigUInt64LE(at + 1));
+    if (isChunk) end = at;
+  }
+  return end;
 }
 
 /** The box that stays where it is. */

@@ -14,12 +14,30 @@ pub(crate) fn exception(py: Python<'_>, error: &BindingError) -> PyErr {
     exception_of(py, error, None)
 }
 
-/// The exception of an error in the fork of a number, if there is one.
-pub(crate) fn exception_of(py: Python<'_>, error: &BindingError, fork: Option<usize>) -> PyErr {
-    let text = match fork {
-        None => error.to_string(),
-        Some(fork) => format!("fork {fork}: {error}"),
-    };
+/// A fork that has an error, and the number of those after it that have one too.
+pub(crate) struct FailedFork {
+    pub(crate) number: usize,
+    pub(crate) others: usize,
+}
+
+impl FailedFork {
+    fn text(&self, error: &BindingError) -> String {
+        let Self { number, others } = self;
+        match others {
+            0 => format!("fork {number}: {error}"),
+            1 => format!("fork {number}: {error} (1 fork more has an error)"),
+            _ => format!("fork {number}: {error} ({others} forks more have errors)"),
+        }
+    }
+}
+
+/// The exception of an error, in a fork if there is one.
+pub(crate) fn exception_of(
+    py: Python<'_>,
+    error: &BindingError,
+    fork: Option<&FailedFork>,
+) -> PyErr {
+    let text = fork.map_or_else(|| error.to_string(), |fork| fork.text(error));
     if let BindingError::Refused { kept, left_out } = error {
         let word = |id: &BodyId| packed_id(*id);
         let rows = kept.iter().map(|record| {

@@ -8,7 +8,7 @@ use pyo3::prelude::*;
 use rhumb_bindings::BindingError;
 use rhumb_bindings::rhumb_client::PipelineDepth;
 
-use crate::errors::{exception_of, wrong_value};
+use crate::errors::{FailedFork, exception_of, wrong_value};
 use crate::number;
 use crate::open_scene::{OpenScene, floats};
 use crate::scene::PyScene;
@@ -48,7 +48,14 @@ pub(crate) fn advance_scenes(
     let mut failures = failures.filter_map(|(stepped, number)| Some((number, stepped.failure()?)));
     match failures.next() {
         None => Ok(()),
-        Some((number, error)) => Err(exception_of(py, &error, Some(number))),
+        Some((number, error)) => {
+            let others = failures.count();
+            Err(exception_of(
+                py,
+                &error,
+                Some(&FailedFork { number, others }),
+            ))
+        }
     }
 }
 

@@ -105,7 +105,8 @@ def test_an_error_names_its_fork_and_the_others_are_stepped(pile):
     saved, boxes = pile
     with rhumb.Forks(saved, 3) as forks:
         forks[1].apply_impulse(boxes[0], (1e6, 0, 0))
-        with pytest.raises(rhumb.RefusedError, match="^fork 1: ") as refused:
+        forks[2].apply_impulse(boxes[0], (1e6, 0, 0))
+        with pytest.raises(rhumb.RefusedError, match="^fork 1: .*1 fork more has an error") as refused:
             forks.advance(2)
         assert refused.value.body == boxes[0]
         assert [fork.time[0] for fork in forks] == [12, 12, 12]
@@ -114,6 +115,31 @@ def test_an_error_names_its_fork_and_the_others_are_stepped(pile):
         with pytest.raises(rhumb.InvalidError, match="the same bodies"):
             forks.positions
         assert len(forks[2].positions) == 8
+
+
+def test_a_refusal_names_its_fork_and_wrong_numbers_reach_none(pile):
+    saved, boxes = pile
+    with rhumb.Forks(saved, 3) as forks, rhumb.Forks(saved, 3) as untouched:
+        one_wrong = np.full((3, 3), 50.0)
+        one_wrong[2, 1] = np.nan
+        masked = np.ma.masked_array(np.full((3, 3), 50.0), mask=np.isnan(one_wrong))
+        for wrong, words in (
+            (one_wrong, "^fork 2: .*finite"),
+            ((0, np.inf, 0), "^fork 0: .*finite"),
+            (masked, "^fork 2: .*mask"),
+            (one_wrong.astype(complex), "^fork 0: "),
+        ):
+            with pytest.raises((rhumb.InvalidError, TypeError), match=words):
+                forks.apply_impulse(boxes[0], wrong)
+        forks.advance()
+        untouched.advance()
+        np.testing.assert_array_equal(forks.positions, untouched.positions)
+        too_great = np.zeros((3, 3))
+        too_great[1, 0] = 1e12
+        with pytest.raises(rhumb.InvalidError, match=r"^fork 1: .*Forks before it have the command: \[0\]"):
+            forks.apply_impulse(boxes[0], too_great)
+        with pytest.raises(rhumb.NotInViewError, match="12345"):
+            forks.place(12345)
 
 
 needs_gymnasium = pytest.mark.skipif(importlib.util.find_spec("gymnasium") is None, reason="gymnasium is not installed")
@@ -221,3 +247,34 @@ def test_wrappers_of_gymnasium_take_it(pile):
         if "episode" in infos:
             lengths.extend(infos["episode"]["l"][infos["_episode"]])
     assert lengths == [5] * 4
+
+
+@needs_gymnasium
+def test_an_episode_that_loses_a_body_is_terminated_and_the_others_continue(pile):
+    for count in (1, 3):
+        env = hop(pile, count)
+        begun, _ = env.reset(seed=4)
+        env.forks[count - 1].remove(pile[1][2])
+        actions = np.zeros((count, 3), np.float32)
+        observation, reward, terminated, _, infos = env.step(actions)
+        assert terminated.tolist() == [False] * (count - 1) + [True]
+        assert infos["lost_body"].tolist() == terminated.tolist() and reward[-1] == 0
+        assert observation.shape == begun.shape and np.isfinite(observation).all()
+        observation, _, terminated, *_ = env.step(actions)
+        assert not terminated.any() and (pile[1][2] in env.forks[count - 1])
+        env.close()
+
+
+@needs_gymnasium
+def test_spaces_that_are_no_arrays_are_refused(pile):
+    import gymnasium
+
+    from rhumb.learning import VectorEnv
+
+    box = gymnasium.spaces.Box(-1, 1, (3,), np.float32)
+    with pytest.raises(rhumb.InvalidError, match="action_space is of Dict"):
+        VectorEnv(pile[0], 2, observation_space=box, action_space=gymnasium.spaces.Dict({"push": box}))
+    with pytest.raises(rhumb.InvalidError, match="observation_space is of Tuple"):
+        VectorEnv(pile[0], 2, observation_space=gymnasium.spaces.Tuple([box]), action_space=box)
+    for space in (gymnasium.spaces.Discrete(3), gymnasium.spaces.MultiDiscrete([2, 3]), gymnasium.spaces.MultiBinary(2)):
+        VectorEnv(pile[0], 2, observation_space=box, action_space=space).close()

@@ -361,18 +361,11 @@ pub extern "C" fn set_option(member: u32, option: u32, value: f64) -> u32 {
     if let Err(invalid) = checked {
         return done(Err(Failure::argument("ticks", invalid)));
     }
-    with(member, |member| match option {
+    done(call(member, |member| match option {
+        0 => member.set_delay_ticks(value),
         1 => member.set_lead_ticks(value),
-        option => {
-            if let Some(view) = member.live_view_mut() {
-                match option {
-                    0 => view.options.delay_ticks = value,
-                    _ => view.options.smooth = value != 0.0,
-                }
-            }
-        }
-    });
-    done(Ok(()))
+        _ => member.set_smooth(value != 0.0),
+    }))
 }
 
 /// Queues the command in the input; its number is the output.

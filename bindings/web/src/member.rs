@@ -256,14 +256,19 @@ impl WebMember {
         self.joined.as_ref().map(|joined| &joined.live_view)
     }
 
-    pub(crate) fn live_view_mut(&mut self) -> Option<&mut LiveView> {
-        self.joined.as_mut().map(|joined| &mut joined.live_view)
+    pub(crate) fn set_delay_ticks(&mut self, ticks: f64) -> Result<(), Failure> {
+        self.joined()?.0.live_view.options.delay_ticks = ticks;
+        Ok(())
     }
 
-    pub(crate) fn set_lead_ticks(&mut self, ticks: f64) {
-        if let Some(joined) = &mut self.joined {
-            joined.upstream_clock.lead_ticks = ticks;
-        }
+    pub(crate) fn set_lead_ticks(&mut self, ticks: f64) -> Result<(), Failure> {
+        self.joined()?.0.upstream_clock.lead_ticks = ticks;
+        Ok(())
+    }
+
+    pub(crate) fn set_smooth(&mut self, smooth: bool) -> Result<(), Failure> {
+        self.joined()?.0.live_view.options.smooth = smooth;
+        Ok(())
     }
 
     pub(crate) fn columns(&self) -> Option<&Columns> {

@@ -282,6 +282,20 @@ test("while a client resumes, no bound is known and all arrays are of one length
   assert.deepEqual([client.errorBound(first), client.tickErrorBound(first, 1), ids.length], [Infinity, Infinity, count]);
 });
 
+test("a client that resumes ends in time, though a server takes its connection and never answers", async () => {
+  const connection = await connect(URL, { transport: Transport });
+  const server = servers.at(-1);
+  const joining = connection.join("golden", { resumeWithin: 0.4 });
+  server.play(BEGINNING);
+  const client = await joining;
+  clients.push(client);
+  const opened = servers.length;
+  server.close({ closeCode: 7 });
+  await until(() => servers.length > opened, "the second connection");
+  await until(() => client.state === "ended", "the end of the client");
+  assert.equal(client.state, "ended");
+});
+
 test("a client that has ended takes no calls", async () => {
   const client = await showing();
   client.close();
@@ -357,4 +371,15 @@ test("a worker sends what its first lines name", async (t) => {
   await answer({ kind: "frame" });
   const later = await answer({ kind: "frame" });
   for (const name of ["ids", "shapes", "kinds", "tolerances"]) assert.ok(!(name in later), name);
+  const connect = { kind: "connect", url: URL, options: {}, scene: "golden", join: { resumeWithin: 0 } };
+  assert.equal((await answer(connect)).error?.code, "notNow", "a second client beside the first");
+  await answer({ kind: "call", id: 2, name: "close" });
+  const rejoining = answer(connect);
+  await until(() => servers.length > opened + 1, "the next connection");
+  handle({ data: connect });
+  servers.at(-1).play(BEGINNING);
+  const answers = [await rejoining, await new Promise((resolve) => (answered = resolve))];
+  assert.deepEqual(answers.map(({ kind }) => kind), ["error", "joined"], "one client at a time");
+  servers.at(-1).play(FIRST_TICK);
+  await until(async () => (await answer({ kind: "frame" })).ids?.length === count, "the ids of the next client");
 });

@@ -43,6 +43,13 @@ function nulls(value, place) {
   });
 }
 
+test("options of a view are refused before there is one", () => {
+  const member = new Member("golden", { join: { mode: "join" } });
+  for (const set of [() => member.setDelayTicks(3), () => member.setLeadTicks(3), () => member.setSmooth(true)]) {
+    assert.throws(set, { code: "notNow" });
+  }
+});
+
 test("an absent part of the scene is undefined", () => {
   const found = new Set();
   const absent = { parent: 0, acceleration: 0, limits: 0 };

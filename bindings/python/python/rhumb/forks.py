@@ -15,7 +15,7 @@ from ._native import (
     resting_of_scenes,
 )
 from .checkpoints import restore
-from .errors import InvalidError
+from .errors import Error, InvalidError, NotInViewError
 
 __all__ = ["Forks"]
 
@@ -36,6 +36,9 @@ class Forks(Sequence[Scene]):
         forks.advance()
         heights = forks.positions[:, forks.place(ball), 1]          # 64 numbers
         forks.restore(heights < 0)                                  # begin these anew
+
+    A call that is refused names the first fork that refuses it, and does nothing in that one and those after it. Masked
+    numbers and those that are not finite are refused before any fork has the command.
 
     which chooses forks: a mask, a row of numbers, or None for all; an array of numbers has a row for each of the chosen ones.
     """
@@ -103,9 +106,13 @@ class Forks(Sequence[Scene]):
         """The ids of the bodies, in the order of the arrays: those of the first fork."""
         return self._scenes[0].bodies
 
-    def place(self, body: int) -> Optional[int]:
-        """Place of a body in the arrays: forks.positions[:, forks.place(body)]. None for a body that is not in the view."""
-        return self._scenes[0].place(body)
+    def place(self, body: int) -> int:
+        """Place of a body in the arrays: forks.positions[:, forks.place(body)]. Raises NotInViewError if the first fork does not
+        have the body."""
+        place = self._scenes[0].place(body)
+        if place is None:
+            raise NotInViewError(f"body {body} is not in fork 0: it is still to come, was removed, or was never there")
+        return place
 
     @property
     def positions(self) -> npt.NDArray[np.float32]:
@@ -188,15 +195,21 @@ class Forks(Sequence[Scene]):
         shared = 1 if np.ndim(body) == 0 else 2
         rows: List[Sequence[Any]] = []
         for values in numbers:
-            array = values if values is None else np.asarray(values, dtype=np.float64)
+            # Not as numbers of another kind: a scene refuses masked and complex ones.
+            array = None if values is None else np.asanyarray(values)
             if array is None or array.ndim <= shared:
-                rows.append([array] * len(chosen))
+                rows.append([values] * len(chosen))
             elif len(array) == len(chosen):
                 rows.append(list(array))
             else:
                 raise InvalidError(f"an array has {len(array)} rows, and must have one for each of {len(chosen)} forks")
-        for fork, own in zip(chosen, zip(*rows)):
-            command(self._scenes[fork], body, *own)
+            _check_each(rows[-1], chosen)
+        for done, (fork, own) in enumerate(zip(chosen, zip(*rows))):
+            try:
+                command(self._scenes[fork], body, *own)
+            except Error as error:
+                before = f". Forks before it have the command: {chosen[:done]}" if done > 0 else ""
+                raise type(error)(f"fork {fork}: {error}{before}") from error
 
     def _chosen(self, which: _Which) -> List[int]:
         """The numbers of the chosen forks, without doubles."""
@@ -215,6 +228,15 @@ class Forks(Sequence[Scene]):
         if len(set(forks)) < len(forks) or min(forks) < 0 or max(forks) >= len(self):
             raise InvalidError(f"which has a fork twice or one that is not: each must be from 0 to {len(self) - 1}, once")
         return forks
+
+
+def _check_each(rows: Sequence[Any], chosen: Sequence[int]) -> None:
+    for fork, row in zip(chosen, rows):
+        numbers = np.asanyarray(row)
+        if np.ma.is_masked(numbers):
+            raise InvalidError(f"fork {fork}: the numbers are {row}, and must be without masked entries")
+        if np.issubdtype(numbers.dtype, np.floating) and not np.isfinite(numbers).all():
+            raise InvalidError(f"fork {fork}: the numbers are {row}, and must be finite")
 
 
 def _processors() -> int:

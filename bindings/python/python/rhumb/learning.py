@@ -8,6 +8,7 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple, Union
 import gymnasium
 import numpy as np
 import numpy.typing as npt
+from gymnasium.spaces import Box, MultiBinary, MultiDiscrete
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
@@ -38,6 +39,9 @@ class VectorEnv(gymnasium.vector.VectorEnv[_Array, _Array, Any]):
 
     A new episode begins with the checkpoint and one tick, in which the commands of begin act. Autoreset is Gymnasium's: in the
     next step, in the same step (the last observation is infos["final_obs"]), or disabled (reset takes options["reset_mask"]).
+
+    An episode whose scene lost a body, as one that fell out of the world, is terminated with infos["lost_body"] and a reward of
+    0. Its observation is that of a new beginning: the arrays of forks need the same bodies in all of them.
     """
 
     def __init__(
@@ -65,10 +69,15 @@ class VectorEnv(gymnasium.vector.VectorEnv[_Array, _Array, Any]):
         self.single_action_space = action_space
         self.observation_space = batch_space(observation_space, num_envs)
         self.action_space = batch_space(action_space, num_envs)
+        for name, batch in (("observation_space", self.observation_space), ("action_space", self.action_space)):
+            if not isinstance(batch, (Box, MultiBinary, MultiDiscrete)):
+                raise InvalidError(f"{name} is of {type(batch).__name__}, and must be of arrays: flatten it to a Box")
         self.ticks = ticks
         self.max_steps = max_steps
         self.forks = Forks(checkpoint, num_envs, **options)
         self.generators: List[np.random.Generator] = [np.random.default_rng() for _ in range(num_envs)]
+        # The bodies with which each episode began.
+        self._begun: List[npt.NDArray[np.uint64]] = [scene.bodies for scene in self.forks]
         self._steps = np.zeros(num_envs, np.int64)
         # All of them: nothing has begun.
         self._over = np.ones(num_envs, np.bool_)
@@ -120,16 +129,19 @@ class VectorEnv(gymnasium.vector.VectorEnv[_Array, _Array, Any]):
         if len(which) > 0:
             self.act(which, actions if stepped.all() else np.asarray(actions)[which])
             self.forks.advance(self.ticks, which=which)
-        if over.any():
-            self._begin(over)
         self._steps[which] += 1
+        lost = stepped & self._lost()
+        if (over | lost).any():
+            self._begin(over | lost)
         observation = self.observe()
-        reward = np.where(stepped, np.asarray(self.reward(), np.float64), 0.0)
-        terminated = stepped & np.asarray(self.terminated(), np.bool_)
+        reward = np.where(stepped & ~lost, np.asarray(self.reward(), np.float64), 0.0)
+        terminated = stepped & np.asarray(self.terminated(), np.bool_) | lost
         is_long = np.zeros_like(over) if self.max_steps is None else self._steps >= self.max_steps
         truncated = stepped & is_long & ~terminated
         self._over = terminated | truncated
         infos: Dict[str, Any] = {}
+        for fork in np.flatnonzero(lost):
+            infos = self._add_info(infos, {"lost_body": True}, int(fork))
         if self._over.any() and self.autoreset_mode is AutoresetMode.SAME_STEP:
             for fork in np.flatnonzero(self._over):
                 last = {"final_obs": observation[fork].copy(), "final_info": {}}
@@ -142,10 +154,19 @@ class VectorEnv(gymnasium.vector.VectorEnv[_Array, _Array, Any]):
         """Ends the forks."""
         self.forks.close()
 
+    def _lost(self) -> npt.NDArray[np.bool_]:
+        """The forks that no longer have all bodies with which their episodes began."""
+        def has_lost(begun: npt.NDArray[np.uint64], bodies: npt.NDArray[np.uint64]) -> bool:
+            return not np.array_equal(begun, bodies) and not np.isin(begun, bodies).all()
+
+        return np.array([has_lost(*bodies) for bodies in zip(self._begun, (scene.bodies for scene in self.forks))], np.bool_)
+
     def _begin(self, over: npt.NDArray[np.bool_]) -> None:
         which = np.flatnonzero(over)
         self.forks.restore(which)
         self.begin(which)
         self.forks.advance(which=which)
+        for fork in which:
+            self._begun[fork] = self.forks[int(fork)].bodies
         self._steps[which] = 0
         self._over = self._over & ~over
