@@ -342,7 +342,8 @@ pub(crate) enum FailedIn {
     Command,
     /// In a step.
     Step,
-    /// Before a step, which would meet a crowd: single commands are not sought, as each attempt would step nearly as many.
+    /// Before a step, or a part of one, which would meet a crowd: single commands are not sought, as each attempt would step
+    /// nearly as many.
     Crowd,
 }
 

@@ -576,11 +576,14 @@ impl Scene {
     }
 
     /// Refuses a step that would meet too many pairs.
-    fn check_crowding(&self) -> Result<(), SceneFault> {
-        let pairs = self.engine.crowding();
-        match self.crowding_max.filter(|limit| pairs > u64::from(*limit)) {
-            Some(limit) => Err(SceneFault::TooCrowded { pairs, limit }),
-            None => Ok(()),
+    fn check_crowding(&mut self) -> Result<(), SceneFault> {
+        let Some(limit) = self.crowding_max else {
+            return Ok(());
+        };
+        let pairs = self.engine.crowding_ahead();
+        match pairs > u64::from(limit) {
+            true => Err(SceneFault::TooCrowded { pairs, limit }),
+            false => Ok(()),
         }
     }
 

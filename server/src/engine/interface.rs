@@ -256,6 +256,12 @@ pub trait Engine: Send {
         0
     }
 
+    /// As [`Engine::crowding`], just before a step: with the pairs of the bodies that the step itself puts elsewhere before it
+    /// meets anything.
+    fn crowding_ahead(&mut self) -> u64 {
+        self.crowding()
+    }
+
     /// The pairs that a body would add if it were added now, with this motion.
     fn crowding_with(&self, body: &BodyProperties, motion: &BodyState) -> u64 {
         let _ = (body, motion);
@@ -332,12 +338,17 @@ pub struct UnanswerableQuery;
 pub enum EngineFault {
     /// It panicked; its state cannot be trusted any more.
     Panicked,
+    /// So many bodies met within a step that the rest of it might not end.
+    Crowded,
 }
 
 impl fmt::Display for EngineFault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Panicked => f.write_str("the physics engine panicked"),
+            Self::Crowded => f.write_str(
+                "more bodies overlapped within the step than limits.scene_crowding allows: they must be further apart",
+            ),
         }
     }
 }

@@ -163,6 +163,16 @@ impl KinematicTarget {
         (self.last, self.pose, self.kept) = (self.pose, pose, None);
     }
 
+    /// The pose to which the next step puts it without a motion; `None` if it does not.
+    pub(super) fn jump(&self, integrator: Integrator) -> Option<Pose> {
+        self.target?;
+        let mut ahead = *self;
+        match ahead.advance(integrator) {
+            KinematicStep::Jump(pose) => Some(pose),
+            KinematicStep::Move(_) => None,
+        }
+    }
+
     /// The pose at the end of the next step.
     pub(super) fn advance(&mut self, integrator: Integrator) -> KinematicStep {
         self.since = self.since.saturating_add(1);

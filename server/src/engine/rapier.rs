@@ -260,7 +260,8 @@ impl RapierEngine {
         body.recompute_mass_properties_from_colliders(&self.world.colliders);
         translate::take_over_spin(body);
         translate::bound_forces(body, dt);
-        if reshaped || before.enabled != now.desc.enabled || before.kind != now.desc.kind {
+        let meets = |desc: &BodyDesc| (desc.enabled, desc.kind, desc.sensor, desc.groups);
+        if reshaped || meets(before) != meets(&now.desc) {
             let body = &self.world.bodies[place.handle];
             self.crowding.place(&self.world, body);
         }
@@ -346,6 +347,9 @@ impl RapierEngine {
         self.turn();
         let first = lost.len();
         self.step_world(lost);
+        if self.fault.is_some() {
+            return;
+        }
         self.stirred.clear();
         self.bound_speeds();
         self.spin.after(&mut self.world, &self.integrator);
@@ -366,9 +370,13 @@ impl RapierEngine {
             awake.retain(|place| self.is_at(*place));
             self.awake = awake;
         }
-        let bodies = &self.world.bodies;
-        let awake = self.awake.iter();
-        let awake = awake.filter_map(|place| bodies.get(place.handle));
+        // Their observations lie beside one another, and bodies do not.
+        let awake = self.observed.iter().filter_map(|observed| {
+            let place = self.places.get(observed.id.index() as usize);
+            let place = place.copied().flatten()?;
+            let is_awake = observed.activity == Activity::Awake;
+            is_awake.then(|| (place.id, place.handle, translate::pose_of(&observed.motion)))
+        });
         self.crowding.after(&self.world, awake);
     }
 
@@ -719,10 +727,25 @@ impl Engine for RapierEngine {
     }
 
     fn count_crowding(&mut self, most: u32) {
-        self.crowding.begin(most);
+        self.crowding.begin(&self.world, most);
     }
 
     fn crowding(&self) -> u64 {
+        self.crowding.pairs()
+    }
+
+    fn crowding_ahead(&mut self) -> u64 {
+        for (id, target) in &self.kinematic_targets {
+            let Some(pose) = target.jump(self.integrator) else {
+                continue;
+            };
+            let place = self.places.get(id.index() as usize).copied().flatten();
+            let body = place.and_then(|place| self.world.bodies.get(place.handle));
+            if let Some(body) = body {
+                let pose = translate::nearest(translate::narrow(&pose), *body.rotation());
+                self.crowding.place_at(&self.world, body, &pose);
+            }
+        }
         self.crowding.pairs()
     }
 
@@ -733,7 +756,9 @@ impl Engine for RapierEngine {
         };
         let of = Crowded {
             body: body.desc.id,
-            moves: body.desc.kind != BodyKind::Fixed || body.desc.sensor,
+            kind: translate::body_type(body.desc.kind),
+            types: solids::collision_types(&body.desc),
+            groups: solids::groups(&body.desc),
         };
         let at = translate::pose_of(motion);
         (self.crowding).pairs_with(&self.world, of, solids::boxes(solid, at))

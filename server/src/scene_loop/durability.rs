@@ -16,6 +16,7 @@ use rhumb_reckoning::BodyId;
 use super::RunningScene;
 use crate::checkpoint::{Checkpoint, CheckpointError, FailedIn, Restoration};
 use crate::clients::Clients;
+use crate::engine::EngineFault;
 use crate::event_monitor::EventKey;
 use crate::hook::Incident;
 use crate::member::SessionCommands;
@@ -206,8 +207,10 @@ impl RunningScene {
         };
         tracing::error!(%fault, "a step failed");
         let failed_in = match fault {
-            SceneFault::Engine(_) => FailedIn::Step,
-            SceneFault::TooCrowded { .. } => FailedIn::Crowd,
+            SceneFault::Engine(EngineFault::Panicked) => FailedIn::Step,
+            SceneFault::Engine(EngineFault::Crowded) | SceneFault::TooCrowded { .. } => {
+                FailedIn::Crowd
+            }
         };
         let restored = self.restore(failed_in, clients);
         let stepped = restored.and_then(|left_out| {
@@ -242,7 +245,7 @@ impl RunningScene {
         clients: &mut Clients,
     ) -> Result<Vec<Author>, FaultCause> {
         let now = clients.now();
-        if !self.scene.is_sound() {
+        if failed_in != FailedIn::Crowd && !self.scene.is_sound() {
             self.observer.incident(Incident::EnginePanicked);
         }
         while let Some(first) = self.restored_at.front()

@@ -1,16 +1,19 @@
 //! Scenes in which so many bodies overlap that a step would not end.
 //!
-//! Each heap is one of those that took a server down: by commands before the first step, by poses, by shapes and kinds that
-//! change, and by motion. Proved by what the scene refuses, and by the steps that it still takes. A heap at the limit is
-//! stepped, and so is every lawful scene here. Caught: 516 kB of commands ended a server of 3 GiB.
+//! Each heap is one of those that took a server down: by commands before the first step, by poses, by shapes, kinds and
+//! groups that change, by motion, by spin, by the pull of joints, and within a step that has parts. Proved by what the scene refuses,
+//! and by the steps that it still takes. A heap at the limit is stepped, and so is every lawful scene here. Caught: 516 kB of
+//! commands ended a server of 3 GiB.
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::message::ClientMessage;
 use rhumb_protocol::scene::{
-    BodyDesc, BodyKind, Command, CommandError, SceneConfig, Shape, ShapeId, Stepping,
+    BodyDesc, BodyKind, CollisionGroups, Command, CommandError, Joint, JointFrame, JointId,
+    JointKind, SceneConfig, Shape, ShapeId, Stepping,
 };
 use rhumb_protocol::{Peer, Span};
 use rhumb_reckoning::{BodyId, BodyState, Tick};
+use rhumb_scene::engine::EngineFault;
 use rhumb_scene::{Scene, SceneFault};
 
 use crate::links::Links;
@@ -232,6 +235,216 @@ fn a_fixed_crowd_that_begins_to_move_fails_the_step() {
             .apply(&Command::ChangeBody { desc })
             .expect("a sound command");
     }
+    too_crowded(&mut scene);
+}
+
+/// Steps that a scene takes, of so many.
+fn steps(scene: &mut Scene, most: usize) -> usize {
+    (0..most).take_while(|_| scene.step().is_ok()).count()
+}
+
+fn apply(scene: &mut Scene, commands: impl IntoIterator<Item = Command>) {
+    for command in commands {
+        scene.apply(&command).expect("a sound command");
+    }
+}
+
+/// As [`add`], at rest, with the last word on its description.
+fn described(index: u32, place: Vec3, change: impl FnOnce(&mut BodyDesc)) -> Command {
+    let mut command = add(index, BodyKind::Kinematic, place, Vec3::ZERO);
+    if let Command::AddBody { desc, .. } = &mut command {
+        change(desc);
+    }
+    command
+}
+
+fn pose(index: u32, position: Vec3) -> Command {
+    let (id, rotation) = (BodyId::new(index, 0), Quat::IDENTITY);
+    Command::SetPose {
+        id,
+        position,
+        rotation,
+    }
+}
+
+#[test]
+fn rods_that_spin_into_one_another_are_a_crowd() {
+    for kind in [BodyKind::Dynamic, BodyKind::Kinematic] {
+        let mut scene = scene(&[Shape::capsule(50.0, 0.1)]);
+        for index in 0..400 {
+            let place = Vec3::new((index % 20) as f32, 0.0, (index / 20) as f32) * 0.5;
+            let desc = BodyDesc {
+                // Kinematic rods meet one another as sensors.
+                sensor: kind == BodyKind::Kinematic,
+                ..BodyDesc::plain(BodyId::new(index, 0), kind, ShapeId(0))
+            };
+            let (turn, spin) = (Quat::IDENTITY.to_array(), [40.0, 0.0, 40.0]);
+            let motion = BodyState::new(place.to_array(), turn, [0.0; 3], spin).expect("finite");
+            apply(&mut scene, [Command::AddBody { desc, motion }]);
+        }
+        assert_eq!(steps(&mut scene, 8), 1, "{kind:?}");
+        too_crowded(&mut scene);
+    }
+}
+
+#[test]
+fn kinematic_bodies_that_poses_put_into_a_pile_or_on_one_another_as_sensors_are_a_crowd() {
+    let mut scene = apart(300, BodyKind::Kinematic, |_| Vec3::ZERO);
+    let pile = |index| {
+        let place = Vec3::X * 90.0 + spiral(index, 150, 0.1);
+        add(300 + index, BodyKind::Dynamic, place, Vec3::ZERO)
+    };
+    apply(&mut scene, (0..150).map(pile));
+    scene.step().expect("a lawful pile");
+    let onto = Vec3::X * 90.0;
+    apply(&mut scene, (0..300).map(|index| pose(index, onto)));
+    too_crowded(&mut scene);
+
+    let mut scene = scene_of_sensors(60.0);
+    scene.step().expect("a step of few pairs");
+    apply(&mut scene, (0..400).map(|index| pose(index, Vec3::ZERO)));
+    too_crowded(&mut scene);
+}
+
+/// 400 kinematic sensors on a sphere of this radius.
+fn scene_of_sensors(radius: f32) -> Scene {
+    let mut scene = scene(&[Shape::ball(0.5)]);
+    let sensor = |index| {
+        let place = spiral(index, 400, radius);
+        described(index, place, |desc| desc.sensor = true)
+    };
+    apply(&mut scene, (0..400).map(sensor));
+    scene
+}
+
+#[test]
+fn sensors_that_gather_by_less_than_their_size_in_a_tick_are_a_crowd() {
+    let mut scene = scene_of_sensors(10.0);
+    let mut ticks = 0;
+    let fault = loop {
+        let radius = 10.0 - 0.4 * ticks as f32;
+        assert!(radius > -0.4, "all sensors are at one point");
+        let poses = (0..400).map(|index| pose(index, spiral(index, 400, radius.max(0.0))));
+        apply(&mut scene, poses);
+        ticks += 1;
+        if let Err(fault) = scene.step() {
+            break fault;
+        }
+    };
+    assert!(matches!(fault, SceneFault::TooCrowded { .. }), "{fault}");
+}
+
+#[test]
+fn bodies_that_never_touch_are_no_crowd_until_they_may() {
+    let mut scene = scene(&[Shape::ball(0.5)]);
+    let place = |index| spiral(index % 1_000, 1_000, 0.1);
+    let kinematic = |index| add(index, BodyKind::Kinematic, place(index), Vec3::ZERO);
+    let apart = |index| {
+        described(index, place(index) + Vec3::X * 10.0, |desc| {
+            desc.kind = BodyKind::Dynamic;
+            desc.groups = CollisionGroups {
+                members: 1,
+                touches: 2,
+            };
+        })
+    };
+    let sensor = |index| {
+        let place = place(index) - Vec3::X * 10.0;
+        described(index, place, |desc| {
+            (desc.kind, desc.sensor) = (BodyKind::Fixed, true);
+        })
+    };
+    apply(&mut scene, (0..1_000).map(kinematic));
+    apply(&mut scene, (1_000..2_000).map(apart));
+    apply(&mut scene, (2_000..3_000).map(sensor));
+    for _ in 0..2 {
+        scene.step().expect("pairs that nothing is made of");
+    }
+    let bodies = scene.bodies().copied().collect::<Vec<_>>();
+    let changed = bodies[1_000..2_000].iter().map(|desc| Command::ChangeBody {
+        desc: BodyDesc {
+            groups: CollisionGroups::ALL,
+            ..*desc
+        },
+    });
+    apply(&mut scene, changed);
+    too_crowded(&mut scene);
+}
+
+#[test]
+fn bodies_that_cannot_meet_are_taken_as_long_as_it_costs_little_to_find_that_out() {
+    let mut scene = scene(&[Shape::ball(0.5)]);
+    let fixed = |index| {
+        let place = spiral(index, 6_000, 0.1);
+        add(index, BodyKind::Fixed, place, Vec3::ZERO)
+    };
+    let taken = crowd(&mut scene, (0..6_000).map(fixed));
+    assert!((2_000..4_000).contains(&taken), "{taken}");
+    scene.step().expect("a step of few pairs");
+}
+
+#[test]
+fn bodies_that_joints_pull_onto_one_point_are_a_crowd() {
+    let mut scene = apart(400, BodyKind::Dynamic, |_| Vec3::ZERO);
+    let anchor = add(1_000, BodyKind::Fixed, Vec3::ZERO, Vec3::ZERO);
+    apply(&mut scene, [anchor]);
+    scene.step().expect("a step of few pairs");
+    let joints = (0..400).map(|index| {
+        let bodies = [1_000, index].map(|index| BodyId::new(index, 0));
+        let frames = [JointFrame::at(Vec3::ZERO); 2];
+        let joint = Joint::plain(JointKind::Spherical(None), bodies, frames);
+        let id = JointId(index);
+        Command::AddJoint {
+            id,
+            joint: Box::new(joint),
+        }
+    });
+    apply(&mut scene, joints);
+    assert!(steps(&mut scene, 60) < 60);
+    too_crowded(&mut scene);
+}
+
+#[test]
+fn a_crowd_in_the_middle_of_a_step_ends_it() {
+    let mut scene = scene(&[Shape::ball(0.5)]);
+    // Across a sphere of six metres within a step.
+    let ball = |index| {
+        let place = spiral(index, 400, 6.0);
+        add(index, BodyKind::Dynamic, place, -place * 120.0)
+    };
+    apply(&mut scene, (0..400).map(ball));
+    // Two swept balls meet in the middle of the step.
+    for (index, side) in [(400, -1.0), (401, 1.0)] {
+        let place = Vec3::new(side * 6.5, 100.0, 0.0);
+        let mut command = add(index, BodyKind::Dynamic, place, -Vec3::X * side * 720.0);
+        if let Command::AddBody { desc, .. } = &mut command {
+            desc.swept = true;
+        }
+        apply(&mut scene, [command]);
+    }
+    let fault = scene.step().expect_err("it is too crowded");
+    assert_eq!(fault, SceneFault::Engine(EngineFault::Crowded));
+}
+
+#[test]
+fn fast_bodies_that_stop_at_one_point_of_a_half_space_are_a_crowd() {
+    let mut scene = scene(&[Shape::ball(0.05), Shape::HalfSpace { normal: Vec3::Y }]);
+    let plane = described(1_000, Vec3::ZERO, |desc| {
+        (desc.kind, desc.shape) = (BodyKind::Fixed, ShapeId(1));
+    });
+    apply(&mut scene, [plane]);
+    let mut count = 0;
+    for index in 0..2_400 {
+        let place = spiral(index, 2_400, 3.0);
+        if place.y < 2.25 {
+            continue;
+        }
+        count += 1;
+        let ball = add(index, BodyKind::Dynamic, place, -place * 300.0);
+        apply(&mut scene, [ball]);
+    }
+    assert!(count > 250, "{count}");
+    assert_eq!(steps(&mut scene, 3), 1);
     too_crowded(&mut scene);
 }
 

@@ -33,7 +33,8 @@ pub(super) fn body(properties: &BodyProperties, motion: &BodyState, dt: f32) -> 
     body
 }
 
-const fn body_type(kind: BodyKind) -> RigidBodyType {
+/// Rapier's kind of a body.
+pub(super) const fn body_type(kind: BodyKind) -> RigidBodyType {
     match kind {
         BodyKind::Fixed => RigidBodyType::Fixed,
         BodyKind::Dynamic => RigidBodyType::Dynamic,

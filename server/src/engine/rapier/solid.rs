@@ -8,7 +8,7 @@ use rapier3d::prelude::{
     Aabb, ActiveCollisionTypes, ActiveEvents, Collider, ColliderBuilder, Group, InteractionGroups,
     InteractionTestMode, MassProperties, PhysicsWorld, RigidBodyHandle,
 };
-use rhumb_protocol::scene::{BodyKind, Mass, Shape};
+use rhumb_protocol::scene::{BodyDesc, BodyKind, Mass, Shape};
 use rhumb_solids::SolidPart;
 
 use super::crowding::weight;
@@ -122,6 +122,27 @@ pub(super) fn boxes(solid: &Solid, at: RapierPose) -> impl Iterator<Item = (Aabb
     })
 }
 
+/// The kinds of bodies that the colliders of a body meet. A sensor finds kinematic bodies too, though it may be fixed or
+/// kinematic itself.
+pub(super) fn collision_types(desc: &BodyDesc) -> ActiveCollisionTypes {
+    if desc.sensor {
+        ActiveCollisionTypes::default()
+            | ActiveCollisionTypes::KINEMATIC_FIXED
+            | ActiveCollisionTypes::KINEMATIC_KINEMATIC
+    } else {
+        ActiveCollisionTypes::default()
+    }
+}
+
+/// The groups of the colliders of a body.
+pub(super) const fn groups(desc: &BodyDesc) -> InteractionGroups {
+    InteractionGroups::new(
+        Group::from_bits_retain(desc.groups.members),
+        Group::from_bits_retain(desc.groups.touches),
+        InteractionTestMode::And,
+    )
+}
+
 /// Sets the surface and mass of a collider of a solid.
 pub(super) fn set_properties(collider: &mut Collider, properties: &BodyProperties, solid: &Solid) {
     let (desc, material) = (&properties.desc, properties.material);
@@ -134,19 +155,8 @@ pub(super) fn set_properties(collider: &mut Collider, properties: &BodyPropertie
     } else {
         ActiveEvents::empty()
     });
-    // A sensor finds kinematic bodies too, though it may be fixed or kinematic itself.
-    collider.set_active_collision_types(if desc.sensor {
-        ActiveCollisionTypes::default()
-            | ActiveCollisionTypes::KINEMATIC_FIXED
-            | ActiveCollisionTypes::KINEMATIC_KINEMATIC
-    } else {
-        ActiveCollisionTypes::default()
-    });
-    collider.set_collision_groups(InteractionGroups::new(
-        Group::from_bits_retain(desc.groups.members),
-        Group::from_bits_retain(desc.groups.touches),
-        InteractionTestMode::And,
-    ));
+    collider.set_active_collision_types(collision_types(desc));
+    collider.set_collision_groups(groups(desc));
     match solid.weighing {
         _ if own_mass(properties).is_some() => collider.set_density(0.0),
         Weighing::Plain => collider.set_density(material.density),

@@ -20,6 +20,7 @@ use rhumb_reckoning::{BodyId, Pose};
 use super::crossing::Crossings;
 use super::solid_way::SolidWay;
 use super::{BodySlot, RapierEngine, translate};
+use crate::engine::interface::EngineFault;
 use crate::engine::kinematic_target::KinematicStep;
 
 /// Most parts of a step; the last one is what remains.
@@ -129,7 +130,7 @@ impl RapierEngine {
         }
     }
 
-    /// Steps the world once, and notes the sensors that bodies crossed within the step.
+    /// Steps the world once, and notes the sensors that bodies crossed within the step. A crowd between two parts is a fault.
     pub(super) fn step_world(&mut self, lost: &mut Vec<(BodyId, RemovalCause)>) {
         let crossings = Crossings::default();
         let whole = self.world.integration_parameters.dt;
@@ -157,6 +158,14 @@ impl RapierEngine {
             left -= part;
             if share.is_none() {
                 break;
+            }
+            let active = self.world.active_bodies();
+            let active =
+                active.map(|(handle, body)| (translate::id(body), handle, *body.position()));
+            self.crowding.look(&self.world, active);
+            if self.crowding.is_beyond() {
+                self.fault = Some(EngineFault::Crowded);
+                return;
             }
         }
         self.sweep_others(&BTreeSet::new());
