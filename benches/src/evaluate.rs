@@ -25,7 +25,7 @@ use crate::{machine, scripts};
 /// Arguments: which modes to run, and where to write.
 #[derive(Clone, Debug, Args)]
 pub struct Evaluate {
-    /// Name of the script, or a file: URDF, MJCF, or a JSON scene.
+    /// Name of the script, or a file: URDF, MJCF, glTF, or a JSON scene.
     #[arg(long, value_name = "NAME|FILE", default_value = "ball-pit", value_parser = scripts::parse)]
     scene: String,
     /// Number of bodies; several loads run one after the other. Default: as fits the scene.

@@ -1234,7 +1234,7 @@ RhumbCode rhumb_scene_poll_refusal(struct RhumbScene scene,
 // `options` points to memory for a `RhumbLoadOptions`.
 RhumbCode rhumb_load_options_init(struct RhumbLoadOptions *options);
 
-// Adds a robot or a scene from a file: URDF, MJCF with their meshes, or a JSON scene of Rhumb.
+// Adds a robot or a scene from a file: URDF, MJCF with their meshes, glTF, or Rhumb's JSON.
 //
 // The result lists what the file says and a scene has not. A file that cannot be read is `RHUMB_CODE_INVALID`, with
 // file and line in `rhumb_last_error`, and nothing is added. Gravity and ticks are the scene's. `options` may be null.

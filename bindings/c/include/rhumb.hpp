@@ -1189,7 +1189,7 @@ public:
     /// Deletes the scene for all of its clients.
     void delete_scene() { throw_unless_ok(rhumb_scene_delete(raw_)); }
 
-    /// Adds a robot or a scene from a file: URDF, MJCF with their meshes, or a JSON scene of Rhumb. Gravity and ticks are the
+    /// Adds a robot or a scene from a file: URDF, MJCF with their meshes, glTF, or Rhumb's JSON. Gravity and ticks are the
     /// scene's.
     Loaded load(const std::string& path, const LoadOptions& options = LoadOptions()) {
         RhumbLoadOptions raw = {};

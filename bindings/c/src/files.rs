@@ -154,7 +154,7 @@ impl RhumbLoadOptions {
     }
 }
 
-/// Adds a robot or a scene from a file: URDF, MJCF with their meshes, or a JSON scene of Rhumb.
+/// Adds a robot or a scene from a file: URDF, MJCF with their meshes, glTF, or Rhumb's JSON.
 ///
 /// The result lists what the file says and a scene has not. A file that cannot be read is `RHUMB_CODE_INVALID`, with
 /// file and line in `rhumb_last_error`, and nothing is added. Gravity and ticks are the scene's. `options` may be null.

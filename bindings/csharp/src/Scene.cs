@@ -425,7 +425,7 @@ namespace Rhumb
         }
 
         /// <summary>
-        /// Adds a robot or a scene from a file: URDF, MJCF with their meshes, or a JSON scene of Rhumb. Gravity and ticks are the
+        /// Adds a robot or a scene from a file: URDF, MJCF with their meshes, glTF, or Rhumb's JSON. Gravity and ticks are the
         /// scene's.
         /// </summary>
         public unsafe Loaded Load(string path, LoadOptions options = null)

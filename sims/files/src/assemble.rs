@@ -17,7 +17,7 @@ use rhumb_protocol::scene::{
 use rhumb_reckoning::{BodyId, Rate};
 
 use crate::inertia::{Inertia, Pose};
-use crate::model::{Drive, LoadOptions, Model, ModelBody, ModelJoint, UpAxis};
+use crate::model::{Drive, FileUp, LoadOptions, Model, ModelBody, ModelJoint, UpAxis};
 use crate::report::{Effect, LoadError, Place, Problem, Report};
 use crate::solid::{Placement, Subject};
 
@@ -90,6 +90,9 @@ impl LoadedScene {
             let id = ShapeId(first.shape + number as u32);
             if known.is_none() {
                 shapes.push(shape);
+                if shapes.len() > SHAPES_MAX as usize {
+                    return Err(too_many("shapes", shapes.len(), SHAPES_MAX));
+                }
                 let shape = shape.clone();
                 commands.push(Command::AddShape { id, shape });
             }
@@ -110,9 +113,6 @@ impl LoadedScene {
             });
             let id = JointId(first.joint + place as u32);
             commands.push(Command::AddJoint { id, joint });
-        }
-        if shapes.len() > SHAPES_MAX as usize {
-            return Err(too_many("shapes", shapes.len(), SHAPES_MAX));
         }
         Ok(commands)
     }
@@ -151,10 +151,9 @@ pub(crate) fn assemble(
     if model.joints.len() > JOINTS_MAX as usize {
         return Err(too_many("joints", model.joints.len(), JOINTS_MAX));
     }
-    // Files that come here have z up.
-    let up = match options.up {
-        UpAxis::AsFile => DQuat::IDENTITY,
-        UpAxis::Y => DQuat::from_rotation_x(-std::f64::consts::FRAC_PI_2),
+    let up = match (options.up, model.up) {
+        (UpAxis::AsFile, _) | (UpAxis::Y, FileUp::Y) => DQuat::IDENTITY,
+        (UpAxis::Y, FileUp::Z) => DQuat::from_rotation_x(-std::f64::consts::FRAC_PI_2),
     };
     let world = Pose::new(
         options.position.as_dvec3(),

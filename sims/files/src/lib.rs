@@ -1,4 +1,4 @@
-//! Robots and scenes from files: URDF, MJCF, meshes and Rhumb's own JSON.
+//! Robots and scenes from files: URDF, MJCF, glTF, meshes and Rhumb's JSON.
 //!
 //! A file becomes a [`LoadedScene`]: shapes, bodies and joints as ordinary commands, so that the wire does not know of
 //! files. What a file says and a scene has not is listed in its [`Report`]; nothing is dropped in silence. The crate
@@ -8,6 +8,7 @@
 
 mod assemble;
 mod files;
+mod gltf;
 mod inertia;
 mod json;
 mod json_joints;

@@ -1,6 +1,6 @@
 //! The way in: a file, by its content's format, as a scene or as a script.
 //!
-//! An XML file is known by its first element, JSON by its first bracket. A script has no controller, and a joint comes with
+//! An XML file is known by its first element, JSON by its first bracket, and glTF by what it begins with or its `asset`. A script has no controller, and a joint comes with
 //! the later of its bodies. A script that only adds is such a scene too.
 
 use std::collections::BTreeMap;
@@ -14,10 +14,11 @@ use rhumb_sims::Script;
 
 use crate::assemble::{FreeIds, LoadedBody, LoadedJoint, LoadedScene, assemble};
 use crate::files::{Files, join};
+use crate::mesh::{MESH_BYTES_MAX, ending};
 use crate::model::LoadOptions;
 use crate::report::{LoadError, Place, Problem, Report};
 use crate::xml::{self, XML_BYTES_MAX};
-use crate::{json, mjcf, urdf};
+use crate::{gltf, json, mjcf, urdf};
 
 /// Reads a file as a scene.
 ///
@@ -30,12 +31,20 @@ pub fn load(
     options: &LoadOptions,
 ) -> Result<LoadedScene, LoadError> {
     let path = join("", path);
-    let bytes = files
-        .read(&path, XML_BYTES_MAX)
-        .map_err(|error| LoadError {
-            place: Place::of(&path),
-            problem: Problem::File(error),
-        })?;
+    // Meshes are in the same file, or between its lines.
+    let most = match ending(&path).as_str() {
+        "glb" | "gltf" => MESH_BYTES_MAX,
+        _ => XML_BYTES_MAX,
+    };
+    let bytes = files.read(&path, most).map_err(|error| LoadError {
+        place: Place::of(&path),
+        problem: Problem::File(error),
+    })?;
+    if bytes.starts_with(gltf::MAGIC) {
+        let mut report = Report::default();
+        let model = gltf::read_binary(&path, &bytes, files, options, &mut report)?;
+        return assemble(&model, options, report);
+    }
     load_text(files, &path, &String::from_utf8_lossy(&bytes), options)
 }
 
@@ -55,6 +64,11 @@ pub fn load_text(
         .trim_start()
         .starts_with('{')
     {
+        if gltf::is_gltf(path, text) {
+            let mut report = Report::default();
+            let model = gltf::read(path, text, files, options, &mut report)?;
+            return assemble(&model, options, report);
+        }
         return json::read(path, text, options);
     }
     let root = xml::parse(path, text)?;

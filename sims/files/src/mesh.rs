@@ -11,7 +11,7 @@ use std::io::Cursor;
 use std::rc::Rc;
 
 use glam::{DMat3, DVec3, Vec3};
-use rhumb_protocol::limits::HULL_POINTS_MAX;
+use rhumb_protocol::limits::{HULL_POINTS_MAX, MESH_POINTS_MAX, TRIANGLES_MAX};
 use rhumb_protocol::scene::{Hull, Invalid};
 
 use crate::files::{FileError, Files, folder_of, join};
@@ -20,9 +20,9 @@ use crate::report::{Effect, LoadError, Place, Problem, Report};
 use crate::xml::Element;
 
 /// Bytes of a mesh file.
-const MESH_BYTES_MAX: usize = 128 << 20;
+pub(crate) const MESH_BYTES_MAX: usize = 128 << 20;
 /// Triangles of a mesh file.
-const MESH_TRIANGLES_MAX: usize = 2_000_000;
+pub(crate) const MESH_TRIANGLES_MAX: usize = 2_000_000;
 /// A mesh with more points is thinned out before its corners are searched.
 const SEARCHED_POINTS_MAX: usize = 5_000;
 
@@ -57,7 +57,7 @@ pub(crate) fn read(files: &dyn Files, path: &str) -> Result<TriangleMesh, Proble
 }
 
 /// Checks what every mesh must keep.
-fn check(mesh: TriangleMesh) -> Result<TriangleMesh, Problem> {
+pub(crate) fn check(mesh: TriangleMesh) -> Result<TriangleMesh, Problem> {
     let wrong = |cause: &str| Err(Problem::Mesh(cause.to_owned()));
     if mesh.triangles.is_empty() || mesh.points.len() < 3 {
         return wrong("it has no triangle");
@@ -179,12 +179,47 @@ impl TriangleMesh {
         for point in &mut self.points {
             *point *= scale;
         }
-        if scale.element_product() < 0.0 {
-            for [_, second, third] in &mut self.triangles {
-                std::mem::swap(second, third);
-            }
+        match scale.element_product() < 0.0 {
+            true => self.mirrored(),
+            false => self,
+        }
+    }
+
+    /// The same points with the outside of each triangle inside.
+    pub(crate) fn mirrored(mut self) -> Self {
+        for [_, second, third] in &mut self.triangles {
+            std::mem::swap(second, third);
         }
         self
+    }
+
+    /// The mesh without most of the points that no triangle names, as files have them that share points.
+    pub(crate) fn used(self) -> Self {
+        if self.points.len() <= 3 * self.triangles.len() {
+            return self;
+        }
+        let mut one = Part::default();
+        self.triangles
+            .iter()
+            .for_each(|corners| one.add(&self.points, *corners));
+        one.mesh
+    }
+
+    /// The mesh in parts that a fixed body can have.
+    pub(crate) fn parts(self) -> Vec<Self> {
+        if self.triangles.len() <= TRIANGLES_MAX && self.points.len() <= MESH_POINTS_MAX {
+            return vec![self];
+        }
+        let mut parts = vec![Part::default()];
+        for corners in &self.triangles {
+            let last = &parts[parts.len() - 1].mesh;
+            if last.triangles.len() == TRIANGLES_MAX || last.points.len() + 3 > MESH_POINTS_MAX {
+                parts.push(Part::default());
+            }
+            let last = parts.len() - 1;
+            parts[last].add(&self.points, *corners);
+        }
+        parts.into_iter().map(|part| part.mesh).collect()
     }
 
     /// Mass of what it encloses, at a density; `None` for one that encloses nothing.
@@ -228,6 +263,27 @@ impl TriangleMesh {
         points.fold((first, first), |(least, most), at| {
             (least.min(*at), most.max(*at))
         })
+    }
+}
+
+/// Some triangles of a mesh, with the points that they name.
+#[derive(Default)]
+struct Part {
+    mesh: TriangleMesh,
+    /// The places of the points in the whole mesh, and here.
+    places: BTreeMap<u32, u32>,
+}
+
+impl Part {
+    fn add(&mut self, points: &[DVec3], corners: [u32; 3]) {
+        let own = corners.map(|corner| {
+            let next = self.mesh.points.len() as u32;
+            *self.places.entry(corner).or_insert_with(|| {
+                self.mesh.points.push(points[corner as usize]);
+                next
+            })
+        });
+        self.mesh.triangles.push(own);
     }
 }
 

@@ -31,11 +31,18 @@ pub enum Base {
 /// The world's axis that points up.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum UpAxis {
-    /// The axis of the file: z of robots, y of JSON scenes. Gravity points the other way.
+    /// The axis of the file: z of robots, y of glTF and JSON scenes. Gravity points the other way.
     #[default]
     AsFile,
     /// y: the scene is turned where its file has another.
     Y,
+}
+
+/// The axis of a file that points up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum FileUp {
+    Y,
+    Z,
 }
 
 /// Contacts between the parts of one robot.
@@ -90,6 +97,7 @@ impl Default for LoadOptions {
 #[derive(Clone, Debug)]
 pub(crate) struct Model {
     pub(crate) name: String,
+    pub(crate) up: FileUp,
     /// m/s², in the file's axes.
     pub(crate) gravity: DVec3,
     /// Seconds of a step, where the file says it.

@@ -148,7 +148,7 @@ impl fmt::Display for Problem {
             Self::Syntax(cause) => write!(f, "the text is not well formed: {cause}"),
             Self::UnknownFormat(what) => write!(
                 f,
-                "{what} is no file that is read here: URDF (robot), MJCF (mujoco) and JSON scenes are"
+                "{what} is no file that is read here: URDF (robot), MJCF (mujoco), glTF 2.0 and JSON scenes are"
             ),
             Self::Missing { element, part } => write!(f, "{element} has no {part}"),
             Self::NotANumber { attribute, text } => write!(

@@ -12,7 +12,7 @@ use crate::files::Files;
 use crate::inertia::{Inertia, Pose, along_x};
 use crate::mesh::Meshes;
 use crate::model::{
-    Base, Drive, LoadOptions, Model, ModelBody, ModelJoint, OwnContacts, Placed, Solid,
+    Base, Drive, FileUp, LoadOptions, Model, ModelBody, ModelJoint, OwnContacts, Placed, Solid,
     scale_masses, settle_masses,
 };
 use crate::report::{Effect, LoadError, Problem, Report};
@@ -56,6 +56,7 @@ pub(crate) fn read(
     let Reader { bodies, joints, .. } = reader;
     Ok(Model {
         name: robot.text("name").unwrap_or("robot").to_owned(),
+        up: FileUp::Z,
         gravity: DVec3::new(0.0, 0.0, -9.81),
         step: None,
         bodies,

@@ -9,9 +9,8 @@ use rhumb_scene_files::{
     load_text,
 };
 
-/// A text that its content names: URDF, MJCF or JSON. It may include itself and a part.
+/// A file that its content names: URDF, MJCF, glTF or JSON. It may include itself and a part.
 pub fn scene_files(data: &[u8]) {
-    let text = String::from_utf8_lossy(data);
     let mut files = MemoryFiles::default();
     files.insert("scene", data);
     files.insert(
@@ -23,7 +22,7 @@ pub fn scene_files(data: &[u8]) {
             own_contacts,
             ..LoadOptions::default()
         };
-        judge(load_text(&files, "scene", &text, &options), "scene");
+        judge(load(&files, "scene", &options), "scene");
     }
 }
 

@@ -9,9 +9,9 @@ Make a scene in this process, add bodies, and step it; the poses of all bodies a
             tick = scene.advance()
             print(tick, scene.positions[scene.place(ball)], scene.error_bound(ball))
 
-rhumb.view(scene) shows it in a browser. scene.load("robot.urdf") adds what a file has: URDF, MJCF or a scene in JSON; rhumb.load
-makes a scene of a file. rhumb.serve() makes a scene that other processes join, by the address that it prints. The scene of a
-server elsewhere is rhumb.connect(address, fingerprint=fingerprint).join("drop"), with the same calls.
+rhumb.view(scene) shows it in a browser. scene.load("robot.urdf") adds what a file has: URDF, MJCF, glTF or a scene in JSON;
+rhumb.load makes a scene of a file. rhumb.serve() makes a scene that other processes join, by the address that it prints. The
+scene of a server elsewhere is rhumb.connect(address, fingerprint=fingerprint).join("drop"), with the same calls.
 
 Units are kilograms, seconds, radians, and the unit of length of the scene's coordinates. Quaternions are x, y, z, w.
 """

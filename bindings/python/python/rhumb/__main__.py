@@ -32,7 +32,7 @@ def _robot(file: str) -> Scene:
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m rhumb", description="A ball that falls, or a file, in a browser.")
-    parser.add_argument("file", nargs="?", help="URDF, MJCF, or a JSON scene; without one a ball falls, again and again")
+    parser.add_argument("file", nargs="?", help="URDF, MJCF, glTF, or a JSON scene; without one a ball falls, again and again")
     parser.add_argument("--no-browser", action="store_true", help="prints the address of the page and opens none")
     parser.add_argument("--seconds", type=float, default=None, help="ends after so long, not at Ctrl-C")
     asked = parser.parse_args()

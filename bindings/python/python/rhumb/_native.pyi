@@ -918,7 +918,7 @@ class Scene:
         group: int = 1,
         first_joint: Optional[int] = None,
     ) -> Loaded:
-        """Adds a robot or a scene from a file: URDF, MJCF with their meshes, or a JSON scene of Rhumb.
+        """Adds a robot or a scene from a file: URDF, MJCF with their meshes, glTF, or Rhumb's JSON.
 
         Loaded.left_out lists what the file says and a scene has not, with file and line. A file that cannot be read
         raises InvalidError, and nothing is added. Gravity and ticks are the scene's: rhumb.load makes a scene with the file's.

@@ -20,7 +20,7 @@ use joints::{Hinge, connect};
 use crate::files::Files;
 use crate::inertia::{Inertia, Pose};
 use crate::model::{
-    LoadOptions, Model, ModelBody, ModelJoint, OwnContacts, Placed, Solid, add_armatures,
+    FileUp, LoadOptions, Model, ModelBody, ModelJoint, OwnContacts, Placed, Solid, add_armatures,
     bound_masses, scale_masses, settle_masses,
 };
 use crate::report::{Effect, LoadError, Place, Problem, Report};
@@ -47,6 +47,7 @@ pub(crate) fn read(
         report,
         model: Model {
             name: root.text("model").unwrap_or("world").to_owned(),
+            up: FileUp::Z,
             gravity: DVec3::new(0.0, 0.0, -9.81),
             step: Some(0.002),
             bodies: Vec::new(),

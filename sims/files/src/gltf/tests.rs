@@ -1,0 +1,530 @@
+//! glTF: places, masses, physics, and files that are refused by name.
+
+use glam::{Quat, Vec3};
+use rhumb_protocol::scene::{BodyKind, Shape};
+
+use super::*;
+use crate::assemble::LoadedScene;
+use crate::files::MemoryFiles;
+use crate::load::{load, load_text};
+use crate::model::{Base, UpAxis};
+
+/// Corners of a tetrahedron with a corner at the origin and edges of 1 m, and its four triangles.
+const CORNERS: [[f32; 3]; 4] = [
+    [0.0, 0.0, 0.0],
+    [1.0, 0.0, 0.0],
+    [0.0, 1.0, 0.0],
+    [0.0, 0.0, 1.0],
+];
+const FACES: [[u16; 3]; 4] = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]];
+
+/// The bytes of the tetrahedron: 48 of corners, 24 of indices.
+fn solid() -> Vec<u8> {
+    let corners = CORNERS
+        .iter()
+        .flatten()
+        .flat_map(|number| number.to_le_bytes());
+    let faces = FACES
+        .iter()
+        .flatten()
+        .flat_map(|number| number.to_le_bytes());
+    corners.chain(faces).collect()
+}
+
+fn base64(bytes: &[u8]) -> String {
+    const LETTERS: &[u8] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let mut text = String::new();
+    for three in bytes.chunks(3) {
+        let word = |at: usize| u32::from(three.get(at).copied().unwrap_or_default());
+        let all = word(0) << 16 | word(1) << 8 | word(2);
+        for place in 0..=three.len() {
+            text.push(char::from(LETTERS[(all >> (18 - 6 * place) & 63) as usize]));
+        }
+    }
+    text
+}
+
+/// A file with the tetrahedron as mesh 0, its buffer as said, and these nodes and other parts.
+fn file_with(buffer: &str, nodes: &str, rest: &str) -> String {
+    format!(
+        r#"{{"asset": {{"version": "2.0"}}, "buffers": [{{{buffer} "byteLength": 72}}],
+        "bufferViews": [{{"buffer": 0, "byteLength": 48}}, {{"buffer": 0, "byteOffset": 48, "byteLength": 24}}],
+        "accessors": [{{"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3"}},
+            {{"bufferView": 1, "componentType": 5123, "count": 12, "type": "SCALAR"}}],
+        "meshes": [{{"name": "tetra", "primitives": [{{"attributes": {{"POSITION": 0}}, "indices": 1}}]}}],
+        "nodes": [{nodes}]{rest}}}"#
+    )
+}
+
+fn file(nodes: &str, rest: &str) -> String {
+    let uri = format!(
+        r#""uri": "data:application/octet-stream;base64,{}","#,
+        base64(&solid())
+    );
+    file_with(&uri, nodes, rest)
+}
+
+fn read_text(text: &str) -> Result<LoadedScene, LoadError> {
+    load_text(
+        &MemoryFiles::default(),
+        "a.gltf",
+        text,
+        &LoadOptions::default(),
+    )
+}
+
+fn plain(text: &str) -> LoadedScene {
+    read_text(text).expect("a scene")
+}
+
+fn refused(text: &str) -> String {
+    read_text(text).expect_err("no scene").to_string()
+}
+
+fn points(scene: &LoadedScene, body: usize) -> Vec<Vec3> {
+    let desc = &scene.bodies[body].builder;
+    let state = desc.state().expect("a state");
+    let [x, y, z] = state.position();
+    let turn = Quat::from_array(state.rotation());
+    let points = match desc.shape() {
+        Shape::Mesh(mesh) => mesh.points().to_vec(),
+        other => panic!("{other:?} is no mesh"),
+    };
+    points
+        .into_iter()
+        .map(|point| Vec3::new(x, y, z) + turn * point)
+        .collect()
+}
+
+#[test]
+fn a_mesh_stands_where_its_nodes_put_it() {
+    let nodes = r#"{"name": "above", "translation": [10, 0, 0], "rotation": [0, 0, 0.70710678, 0.70710678], "children": [1]},
+        {"name": "rock", "translation": [1, 0, 0], "scale": [2, 3, -4], "mesh": 0}"#;
+    let scene = plain(&file(nodes, ""));
+    assert_eq!(scene.bodies.len(), 1);
+    assert_eq!(
+        (
+            scene.bodies[0].name.as_str(),
+            scene.bodies[0].builder.kind()
+        ),
+        ("rock", BodyKind::Fixed)
+    );
+    // A quarter turn about z: x becomes y, and y becomes -x.
+    let expected = [
+        [10.0, 1.0, 0.0],
+        [10.0, 3.0, 0.0],
+        [7.0, 1.0, 0.0],
+        [10.0, 1.0, -4.0],
+    ];
+    for (point, expected) in points(&scene, 0).iter().zip(expected) {
+        assert!(
+            (*point - Vec3::from_array(expected)).length() < 1e-5,
+            "{point} {expected:?}"
+        );
+    }
+    // The mirrored solid keeps its outside outside.
+    let Shape::Mesh(mesh) = scene.bodies[0].builder.shape() else {
+        panic!("a mesh");
+    };
+    assert_eq!(mesh.triangles()[0], [0, 1, 2]);
+    assert_eq!(scene.config.gravity, Vec3::new(0.0, -9.80665, 0.0));
+    assert!(scene.report.is_empty(), "{:?}", scene.report);
+
+    let matrix = r#"{"name": "rock", "matrix": [0, 2, 0, 0, -3, 0, 0, 0, 0, 0, -4, 0, 10, 1, 0, 1], "mesh": 0}"#;
+    let same = plain(&file(matrix, ""));
+    for (a, b) in points(&scene, 0).iter().zip(points(&same, 0)) {
+        assert!((*a - b).length() < 1e-5, "{a} {b}");
+    }
+}
+
+#[test]
+fn up_is_y_whatever_the_scene_asks_for() {
+    let text = file(r#"{"mesh": 0, "translation": [0, 5, 0]}"#, "");
+    for (up, base) in [(UpAxis::AsFile, Base::AsFile), (UpAxis::Y, Base::Free)] {
+        let options = LoadOptions {
+            up,
+            base,
+            ..LoadOptions::default()
+        };
+        let scene = load_text(&MemoryFiles::default(), "a.gltf", &text, &options).expect("a scene");
+        assert_eq!(points(&scene, 0)[0], Vec3::new(0.0, 5.0, 0.0));
+        assert!(scene.config.gravity.y < -9.0);
+    }
+}
+
+#[test]
+fn the_mass_of_extras_makes_one_body_of_a_node_and_those_below() {
+    let nodes = r#"{"name": "toy", "translation": [0, 3, 0], "extras": {"mass": 2.5, "colour": "red"}, "mesh": 0, "children": [1]},
+        {"name": "hat", "translation": [0, 1, 0], "mesh": 0}"#;
+    let scene = plain(&file(nodes, ""));
+    assert_eq!(scene.bodies.len(), 1);
+    let toy = &scene.bodies[0];
+    assert_eq!(toy.builder.kind(), BodyKind::Dynamic);
+    // The centre of a tetrahedron is a quarter of the way along each edge; of two, one a metre higher, between them.
+    let centre = Vec3::from_array(toy.builder.state().expect("a state").position());
+    assert!(
+        (centre - Vec3::new(0.25, 3.75, 0.25)).length() < 1e-5,
+        "{centre}"
+    );
+    assert!(
+        matches!(toy.builder.shape(), Shape::Compound(compound) if compound.parts().len() == 2)
+    );
+    let notes: Vec<String> = scene
+        .report
+        .notes()
+        .iter()
+        .map(ToString::to_string)
+        .collect();
+    assert!(
+        notes.len() == 1 && notes[0].contains("extras colour"),
+        "{notes:?}"
+    );
+}
+
+#[test]
+fn a_binary_file_and_one_beside_its_buffer_are_the_same_scene() {
+    let nodes = r#"{"name": "rock", "mesh": 0}"#;
+    let inline = plain(&file(nodes, ""));
+    let mut files = MemoryFiles::default();
+    files.insert(
+        "models/a.gltf",
+        file_with(r#""uri": "my%20rock.bin","#, nodes, ""),
+    );
+    files.insert("models/my rock.bin", solid());
+    files.insert("models/a.glb", binary(&file_with("", nodes, "")));
+    for path in ["models/a.gltf", "models/a.glb"] {
+        let scene = load(&files, path, &LoadOptions::default()).expect("a scene");
+        assert_eq!(scene.bodies[0].builder, inline.bodies[0].builder, "{path}");
+    }
+}
+
+/// A binary file of a text and the tetrahedron.
+fn binary(text: &str) -> Vec<u8> {
+    let mut text = text.as_bytes().to_vec();
+    text.resize(text.len().next_multiple_of(4), b' ');
+    let data = solid();
+    let mut bytes = MAGIC.to_vec();
+    let whole = 12 + 8 + text.len() + 8 + data.len();
+    for word in [2, whole as u32, text.len() as u32, 0x4e4f_534a] {
+        bytes.extend(word.to_le_bytes());
+    }
+    bytes.extend(text);
+    for word in [data.len() as u32, 0x004e_4942] {
+        bytes.extend(word.to_le_bytes());
+    }
+    bytes.extend(data);
+    bytes
+}
+
+#[test]
+fn strips_fans_and_meshes_without_indices_are_triangles() {
+    let nodes = r#"{"mesh": 0}"#;
+    let triangles = |from: &str, to: &str| {
+        let scene = plain(&file(nodes, "").replace(from, to));
+        let Some(Shape::Mesh(mesh)) = scene.bodies.first().map(|body| body.builder.shape()) else {
+            return Vec::new();
+        };
+        mesh.triangles().to_vec()
+    };
+    assert_eq!(triangles(r#", "indices": 1}"#, "}"), [[0, 1, 2]]);
+    assert_eq!(
+        triangles(r#", "indices": 1}"#, r#", "mode": 5}"#),
+        [[0, 1, 2], [2, 1, 3]]
+    );
+    assert_eq!(
+        triangles(r#", "indices": 1}"#, r#", "mode": 6}"#),
+        [[0, 1, 2], [0, 2, 3]]
+    );
+    assert_eq!(
+        triangles(r#", "indices": 1}"#, r#", "mode": 1}"#),
+        [[0; 3]; 0]
+    );
+}
+
+#[test]
+fn bodies_and_colliders_of_the_physics_extension_are_bodies() {
+    let nodes = r#"
+        {"name": "floor", "mesh": 0, "translation": [0, -1, 0], "extensions": {"KHR_physics_rigid_bodies": {"collider":
+            {"geometry": {"shape": 0}, "physicsMaterial": 0}}}},
+        {"name": "can", "translation": [0, 4, 0], "scale": [2, 2, 2], "children": [2], "extensions": {"KHR_physics_rigid_bodies":
+            {"motion": {"mass": 3, "inertiaDiagonal": [1, 2, 1.5], "centerOfMass": [0, 0.5, 0], "linearVelocity": [1, 0, 0]}}}},
+        {"name": "side", "extensions": {"KHR_physics_rigid_bodies": {"collider": {"geometry": {"shape": 1}}}}},
+        {"name": "gem", "translation": [9, 0, 0], "extensions": {"KHR_physics_rigid_bodies": {"motion": {"mass": 1},
+            "collider": {"geometry": {"mesh": 0, "convexHull": true}}, "joint": {"joint": 0, "connectedNode": 1}}}}"#;
+    let rest = r#", "extensionsUsed": ["KHR_physics_rigid_bodies", "KHR_implicit_shapes", "KHR_materials_unlit"], "extensions": {
+        "KHR_physics_rigid_bodies": {"physicsMaterials": [{"dynamicFriction": 0.8, "restitution": 0.5}]},
+        "KHR_implicit_shapes": {"shapes": [{"type": "box", "box": {"size": [20, 1, 20]}},
+            {"type": "cylinder", "cylinder": {"height": 1, "radiusBottom": 0.2, "radiusTop": 0.2}}]}}"#;
+    let scene = plain(&file(nodes, rest));
+    let kinds: Vec<_> = scene
+        .bodies
+        .iter()
+        .map(|body| (body.name.as_str(), body.builder.kind()))
+        .collect();
+    let (fixed, dynamic) = (BodyKind::Fixed, BodyKind::Dynamic);
+    assert_eq!(
+        kinds,
+        [("floor", fixed), ("can", dynamic), ("gem", dynamic)]
+    );
+    let half_extents = Vec3::new(10.0, 0.5, 10.0);
+    assert_eq!(
+        *scene.bodies[0].builder.shape(),
+        Shape::Cuboid { half_extents }
+    );
+    // Its centre is half a metre above its node, and its cylinder of twice the size lies along y.
+    let can = &scene.bodies[1];
+    assert_eq!(
+        can.builder.state().expect("a state").position(),
+        [0.0, 4.5, 0.0]
+    );
+    let Shape::Compound(compound) = can.builder.shape() else {
+        panic!("a compound");
+    };
+    let part = &compound.parts()[0];
+    assert_eq!(part.position, Vec3::new(0.0, -0.5, 0.0));
+    assert_eq!(part.shape, Shape::cylinder(1.0, 0.4));
+    let along = part.rotation * Vec3::Y;
+    assert!(along.y.abs() > 0.999, "{along}");
+    assert!(matches!(
+        scene.bodies[2].builder.shape(),
+        Shape::Hull(_) | Shape::Compound(_)
+    ));
+    let notes: String = scene
+        .report
+        .notes()
+        .iter()
+        .map(|note| format!("{note}\n"))
+        .collect();
+    for part in [
+        "mesh left out",
+        "velocity left out",
+        "restitution left out",
+        "joint left out",
+        "extension KHR_materials_unlit",
+    ] {
+        assert!(notes.contains(part), "{part}: {notes}");
+    }
+}
+
+#[test]
+fn what_a_scene_has_not_is_listed() {
+    let nodes = r#"{"mesh": 0, "extensions": {"EXT_mesh_gpu_instancing": {}}}, {"mesh": 0}"#;
+    let rest = r#", "animations": [{}, {}], "skins": [{}], "cameras": [{}], "materials": [{}],
+        "extensionsRequired": ["KHR_draco_mesh_compression"], "scenes": [{"name": "one", "nodes": [0]}, {"nodes": [1]}]"#;
+    let scene = plain(&file(nodes, rest));
+    assert_eq!((scene.bodies.len(), scene.name.as_str()), (1, "one"));
+    let notes: String = scene
+        .report
+        .notes()
+        .iter()
+        .map(|note| format!("{note}\n"))
+        .collect();
+    for part in [
+        "a.gltf: animation left out and 1 more",
+        "skin left out",
+        "cameras, materials and pictures left out and 1 more",
+        "extension KHR_draco_mesh_compression left out: the file requires it",
+        "extension EXT_mesh_gpu_instancing left out",
+        "scene left out",
+    ] {
+        assert!(notes.contains(part), "{part}: {notes}");
+    }
+    let packed = file(nodes, "").replace(
+        r#"{"bufferView": 0, "componentType""#,
+        r#"{"componentType""#,
+    );
+    let scene = plain(&packed);
+    let mut notes = scene.report.notes().iter().map(ToString::to_string);
+    assert!(notes.any(|note| note.contains("packed by an extension")));
+}
+
+/// Refuses each text by the words beside it.
+fn refuse(cases: &[(String, &str)]) {
+    for (text, words) in cases {
+        let said = refused(text);
+        assert!(said.contains(words), "{words}: {said}");
+    }
+}
+
+#[test]
+fn wrong_points_and_cut_texts_are_refused() {
+    let whole = file(r#"{"name": "rock", "mesh": 0}"#, "");
+    let nan = {
+        let mut bytes = solid();
+        bytes[12..16].copy_from_slice(&f32::NAN.to_le_bytes());
+        whole.replace(&base64(&solid()), &base64(&bytes))
+    };
+    let beyond = {
+        let mut bytes = solid();
+        bytes[48] = 9;
+        whole.replace(&base64(&solid()), &base64(&bytes))
+    };
+    refuse(&[
+        (
+            nan,
+            "a.gltf: the mesh cannot be read: tetra: point 1 is not finite",
+        ),
+        (beyond, "triangle 0 names a point beyond the last"),
+        (
+            whole[..whole.len() - 9].to_owned(),
+            "the text is not well formed",
+        ),
+    ]);
+}
+
+#[test]
+fn wrong_bytes_are_refused_by_the_name_of_their_buffer_or_accessor() {
+    let whole = file(r#"{"name": "rock", "mesh": 0}"#, "");
+    for (from, to, words) in [
+        (
+            r#""byteLength": 72"#,
+            r#""byteLength": 73"#,
+            "buffer 0 says 73 bytes and holds 72: it is cut",
+        ),
+        (
+            r#""count": 12"#,
+            r#""count": 13"#,
+            "accessor 1 claims more elements than its view holds",
+        ),
+        (
+            r#""count": 12"#,
+            r#""count": 18446744073709551615"#,
+            "accessor 1 claims more elements",
+        ),
+        (
+            r#""count": 4"#,
+            r#""count": 4, "byteOffset": 12"#,
+            "accessor 0 claims more elements",
+        ),
+        (
+            r#""byteLength": 24"#,
+            r#""byteLength": 25"#,
+            "accessor 1 has a view beyond its buffer",
+        ),
+        (
+            r#""byteOffset": 48"#,
+            r#""byteStride": 1"#,
+            "accessor 1 has a stride below",
+        ),
+        (
+            r#""bufferView": 1"#,
+            r#""bufferView": 7"#,
+            "accessor 1 names a view beyond the last",
+        ),
+        (
+            r#""componentType": 5126"#,
+            r#""componentType": 5120"#,
+            "accessor 0 has to be of three numbers",
+        ),
+        (
+            r#""componentType": 5123"#,
+            r#""componentType": 5126"#,
+            "accessor 1 has components of type 5126",
+        ),
+        (
+            r#""count": 4"#,
+            r#""count": 4, "sparse": {}"#,
+            "accessor 0 is sparse",
+        ),
+        (
+            r#""indices": 1"#,
+            r#""indices": 5"#,
+            "it names accessor 5, and has 2",
+        ),
+        (
+            "2.0",
+            "1.0",
+            "glTF of version \"1.0\" is no file that is read here",
+        ),
+        (";base64", ";base63", "buffer 0: its data are no base64"),
+    ] {
+        refuse(&[(whole.replacen(from, to, 1), words)]);
+    }
+}
+
+#[test]
+fn wrong_nodes_are_refused_by_their_name() {
+    let nodes = |nodes: &str| file(nodes, "");
+    refuse(&[
+        (
+            nodes(r#"{"mesh": 3}"#),
+            "a node names mesh 3, and there are 1",
+        ),
+        (
+            file(
+                r#"{"name": "a", "children": [1]}, {"children": [0]}"#,
+                r#", "scenes": [{"nodes": [0]}]"#,
+            ),
+            "a: it hangs on two nodes, or on itself",
+        ),
+        (nodes(r#"{"children": [9]}"#), "it names node 9, and has 1"),
+        (
+            nodes(r#"{"name": "a", "rotation": [0, 0, 0, 0]}"#),
+            "a: its rotation is no quaternion",
+        ),
+        (
+            nodes(
+                r#"{"name": "a", "translation": [1e300, 0, 0], "scale": [1e300, 1, 1], "mesh": 0}"#,
+            ),
+            "a.gltf",
+        ),
+        (
+            nodes(r#"{"name": "a", "translation": ["x", 0, 0]}"#),
+            "a.gltf:",
+        ),
+        (file("", r#", "scene": 2"#), "it names scene 2, and has 0"),
+        (
+            nodes(&vec!["{}"; 131_073].join(",")),
+            "the number of nodes is 131073",
+        ),
+    ]);
+    // Nodes in a ring hang on no root: the scene is empty.
+    let ring = nodes(r#"{"name": "a", "children": [1]}, {"children": [0]}"#);
+    assert!(plain(&ring).bodies.is_empty());
+}
+
+#[test]
+fn a_cut_binary_file_is_refused_and_no_byte_panics() {
+    let whole = binary(&file_with("", r#"{"name": "rock", "mesh": 0}"#, ""));
+    let mut files = MemoryFiles::default();
+    for length in MAGIC.len()..whole.len() {
+        files.insert("a.glb", &whole[..length]);
+        let error = load(&files, "a.glb", &LoadOptions::default()).expect_err("it is cut");
+        assert!(error.to_string().starts_with("a.glb"), "{length}: {error}");
+    }
+    for place in 0..whole.len() {
+        let mut bytes = whole.clone();
+        bytes[place] ^= 0x11;
+        files.insert("a.glb", bytes);
+        if let Err(error) = load(&files, "a.glb", &LoadOptions::default()) {
+            assert!(error.to_string().starts_with("a.glb"), "{place}: {error}");
+        }
+    }
+}
+
+#[test]
+fn a_mesh_with_more_triangles_than_a_body_has_is_several_bodies() {
+    let count = 70_000_u32;
+    let points: Vec<u8> = (0..count)
+        .flat_map(|place| [place as f32 * 0.01, (place % 7) as f32, 0.0])
+        .flat_map(f32::to_le_bytes)
+        .collect();
+    let text = format!(
+        r#"{{"asset": {{"version": "2.0"}}, "buffers": [{{"uri": "p.bin", "byteLength": {length}}}],
+        "bufferViews": [{{"buffer": 0, "byteLength": {length}}}],
+        "accessors": [{{"bufferView": 0, "componentType": 5126, "count": {count}, "type": "VEC3"}}],
+        "meshes": [{{"primitives": [{{"attributes": {{"POSITION": 0}}, "mode": 5}}]}}], "nodes": [{{"mesh": 0}}]}}"#,
+        length = points.len()
+    );
+    let mut files = MemoryFiles::default();
+    files.insert("p.bin", points);
+    let scene = load_text(&files, "a.gltf", &text, &LoadOptions::default()).expect("a scene");
+    let triangles = scene.bodies.iter().map(|body| match body.builder.shape() {
+        Shape::Mesh(mesh) => mesh.triangles().len(),
+        _ => 0,
+    });
+    let triangles: Vec<usize> = triangles.collect();
+    assert_eq!(triangles.len(), 2);
+    assert_eq!(triangles.iter().sum::<usize>(), 69_998);
+    assert!(scene.report.is_empty());
+}
