@@ -3,18 +3,22 @@
 //! ```text
 //!   trace.mcap, a server's recording ──▶ states of a load ───────────────────┐
 //!   .rhtrace.zst ──▶ records by frame ────────────────────────────────────────┼─▶ Recording
-//!   MCAP of others, CSV, NumPy ──▶ poses by time ──▶ frames of a constant rate ┘
+//!   MCAP of others, CSV, NumPy ──▶ poses by time ──▶ frames of a constant rate ┤
+//!   BVH, C3D ──▶ poses by frame of a stated rate ──────────────────────────────┘
 //! ```
 //! A recording is checked when it is read, so a replay can rely on it. A fact that the file lacks is a note.
 //!
 //! The file's content tells its form.
 
 mod arrays;
+mod bvh;
+mod c3d;
 mod csv;
 mod error;
 pub(crate) mod fit;
 mod foxglove;
 pub mod mcap;
+mod mocap;
 mod npy;
 mod options;
 mod poses;
@@ -22,6 +26,7 @@ mod recorded;
 pub mod rhtrace;
 mod rhtrace2;
 mod ros2;
+mod ros2_bag;
 
 use std::io::{self, Write};
 use std::num::NonZeroU32;
@@ -33,14 +38,17 @@ use rhumb_protocol::limits::{GRAVITY_MAX, SUBSTEPS_MAX};
 use rhumb_reckoning::{Damping, Metres, Radians, Rate, Tolerance};
 
 use crate::output::{self, Failure};
-use options::rate_of_hertz;
+use options::{rate_of_hertz, unit};
 
+pub use bvh::{BvhDefect, BvhError, PositionChannels};
+pub use c3d::C3dError;
 pub use error::{BodyDefect, CdrError, Place, RecordingError, RowDefect};
 pub use npy::NpyError;
 pub use options::{MissingPoses, QuaternionOrder, ReadOptions, ShapeChoice};
 pub(crate) use recorded::first_track;
 pub use recorded::{Recording, ScriptOrigin, Velocities};
 pub use rhtrace2::write as write_rhtrace;
+pub use ros2_bag::write_bag;
 
 /// The first bytes of what zstd packs.
 const ZSTD: &[u8] = &[0x28, 0xb5, 0x2f, 0xfd];
@@ -92,7 +100,11 @@ pub fn read_bytes(
     if bytes.starts_with(npy::MAGIC) {
         return arrays::read_array(name, bytes, options);
     }
+    if c3d::is_c3d(bytes) {
+        return mocap::read_c3d(name, bytes, options);
+    }
     match std::str::from_utf8(bytes) {
+        Ok(text) if bvh::is_bvh(text) => mocap::read_bvh(name, text, options),
         Ok(text) if !text.trim().is_empty() => csv::read(name, text, options),
         _ => Err(RecordingError::UnknownForm),
     }
@@ -101,7 +113,8 @@ pub fn read_bytes(
 /// The recording and the parameters of its engine.
 #[derive(Clone, Debug, Args)]
 pub struct RecordingSource {
-    /// The recording: a trace.mcap, a recording of a server, poses of bodies in MCAP, CSV, .npz or .npy, or an .rhtrace.zst.
+    /// The recording: a trace.mcap, a recording of a server, poses of bodies in MCAP, CSV, .npz, .npy, BVH or C3D, or an
+    /// .rhtrace.zst.
     trace: PathBuf,
     /// The load of a trace such as n500, the scene of a recording, or transforms, poses or scene of another program's
     /// file [default: the file's first].
@@ -126,6 +139,13 @@ pub struct RecordingSource {
     /// Arrays and rows without names: where a quaternion has its w [default: of rows last; arrays have to say it].
     #[arg(long, value_enum, value_name = "ORDER")]
     quaternion: Option<QuaternionOrder>,
+    /// BVH and C3D: the unit of positions: mm, cm, m, in, ft, or a number of metres [default: the one that the file states;
+    /// BVH files state none].
+    #[arg(long, value_name = "UNIT", value_parser = unit)]
+    unit: Option<Metres>,
+    /// BVH: the meaning of positions of joints with an offset [default: by the first frame].
+    #[arg(long, value_enum, value_name = "READING")]
+    bvh_positions: Option<PositionChannels>,
     /// Take gravity, substeps, damping, inertia and centres of mass as its poses and velocities say: see `check`.
     #[arg(long)]
     fit: bool,
@@ -161,6 +181,8 @@ impl RecordingSource {
             shapes: self.shape.clone(),
             missing: self.missing,
             quaternion: self.quaternion,
+            unit: self.unit,
+            positions: self.bvh_positions,
         };
         let mut recording = read(&self.trace, &options)?;
         print_notes(&recording);

@@ -9,13 +9,15 @@ use rhumb_protocol::scene::Invalid;
 use rhumb_reckoning::{InvalidInertia, Tick};
 use rhumb_trace::ContentsError;
 
+use super::bvh::BvhError;
+use super::c3d::C3dError;
 use super::npy::NpyError;
 
 /// The forms that are read, as an error states them.
 const FORMS: &str = "read are MCAP files (traces, recordings of a server, foxglove.FrameTransforms, FrameTransform, \
                      PoseInFrame, PosesInFrame or SceneUpdate in protobuf, and tf2_msgs/msg/TFMessage, \
                      geometry_msgs/msg/PoseStamped or nav_msgs/msg/Odometry in cdr), CSV files of time, body, x, y, z, qx, qy, \
-                     qz, qw, NumPy arrays in .npz or .npy, and .rhtrace files, packed by zstd or not";
+                     qz, qw, NumPy arrays in .npz or .npy, BVH, C3D, and .rhtrace files, packed by zstd or not";
 
 /// The error of a recording that was not read.
 #[derive(Debug)]
@@ -159,6 +161,15 @@ pub enum RecordingError {
     Bodies {
         /// The claim.
         bodies: u64,
+    },
+    /// A BVH file has a defect.
+    Bvh(BvhError),
+    /// A C3D file has a defect.
+    C3d(C3dError),
+    /// The unit of positions is unknown.
+    Unit {
+        /// The unit that the file states; empty for none.
+        stated: String,
     },
     /// An array of NumPy is not read.
     Npy(NpyError),
@@ -513,6 +524,15 @@ impl RecordingError {
                 )
             }
             Self::Npy(cause) => write!(f, "{cause}"),
+            Self::Bvh(cause) => write!(f, "{cause}"),
+            Self::C3d(cause) => write!(f, "{cause}"),
+            Self::Unit { stated } if stated.is_empty() => f.write_str(
+                "the file does not say the unit of its positions: --unit cm (as most skeletons have it), mm, m, in, ft, or a number of metres",
+            ),
+            Self::Unit { stated } => write!(
+                f,
+                "the unit {stated:?} is unknown: --unit mm, cm, m, in, ft, or a number of metres"
+            ),
             Self::Array { array, needed } => write!(f, "array {array} has to be {needed}"),
             Self::ArrayShape {
                 array,
@@ -583,11 +603,8 @@ impl RecordingError {
                 write!(f, "the MCAP file has {}; {FORMS}", found.join(", "))
             }
             Self::UnknownLoad { name, loads } => {
-                write!(
-                    f,
-                    "there is no load {name:?}; there are {}",
-                    loads.join(", ")
-                )
+                let loads = loads.join(", ");
+                write!(f, "there is no load {name:?}; there are {loads}")
             }
             Self::Cycle { frame } => write!(f, "frame {frame} is its own parent"),
             Self::NoTruth => f.write_str("the recording holds no motion: it needs two frames"),
@@ -604,6 +621,9 @@ impl RecordingError {
             | Self::TooManyBodies { .. }
             | Self::Bodies { .. }
             | Self::Npy(_)
+            | Self::Bvh(_)
+            | Self::C3d(_)
+            | Self::Unit { .. }
             | Self::Array { .. }
             | Self::ArrayShape { .. }
             | Self::ArrayNumber { .. }
@@ -633,6 +653,18 @@ impl std::error::Error for RecordingError {}
 impl From<NpyError> for RecordingError {
     fn from(cause: NpyError) -> Self {
         Self::Npy(cause)
+    }
+}
+
+impl From<BvhError> for RecordingError {
+    fn from(cause: BvhError) -> Self {
+        Self::Bvh(cause)
+    }
+}
+
+impl From<C3dError> for RecordingError {
+    fn from(cause: C3dError) -> Self {
+        Self::C3d(cause)
     }
 }
 

@@ -397,11 +397,7 @@ pub(crate) fn find(recording: &Recording, paths: &[BodyPath]) -> Found {
         }
         let tensor = found.inertias.get(&path.id).copied();
         angular.extend(spins(tensor));
-        falls.extend(
-            pairs
-                .iter()
-                .filter_map(|frame| fall_share(path, *frame, flight.acceleration, step_s)),
-        );
+        falls.extend(fall_shares(path, &pairs, &flight, step_s));
     }
     let axis = |axis: usize| median(accelerations.iter().map(|a| a[axis]).collect());
     found.gravity = axis(0)
@@ -447,6 +443,9 @@ impl Moments {
 /// Moments that differ by less than this share count as equal.
 const EQUAL_SHARE: f64 = 0.01;
 
+/// Change of a spin in a frame, as a share of it, that is the rounding of an engine in single precision.
+const KEPT_SPIN: f64 = 1e-5;
+
 /// The moments of inertia with which a body keeps this share of its angular momentum in a frame.
 fn moments(path: &BodyPath, pairs: &[usize], kept: f64) -> Option<Moments> {
     let mut matrix = [[0.0; 6]; 6];
@@ -466,6 +465,9 @@ fn moments(path: &BodyPath, pairs: &[usize], kept: f64) -> Option<Moments> {
     }
     if pairs.len() < FREE_MIN || spins / (pairs.len() as f64) < 1e-4 {
         return None;
+    }
+    if keeps_spin(path, pairs) {
+        return Some(Moments::Equal);
     }
     // Moments that the spin does not tell are taken as equal.
     let pull = 1e-9 * spins;
@@ -490,6 +492,20 @@ fn moments(path: &BodyPath, pairs: &[usize], kept: f64) -> Option<Moments> {
     }
     // No body has a moment beyond the sum of the others.
     (least > 0.0 && 2.0 * greatest <= 1.1).then_some(Moments::Unequal(moments, axes))
+}
+
+/// True for a spin about one axis of the world, but for rounding: any moments would do.
+fn keeps_spin(path: &BodyPath, pairs: &[usize]) -> bool {
+    let spin = |frame: usize| path.states[frame].motion().twist().angular;
+    let (mut before, mut both, mut after) = (0.0, 0.0, 0.0);
+    for frame in pairs {
+        let [a, b] = [spin(*frame), spin(frame + 1)];
+        before += a.length_squared();
+        both += a.dot(b);
+        after += b.length_squared();
+    }
+    // What is left of the second spins without their best share of the first ones.
+    after - both * both / before <= KEPT_SPIN * KEPT_SPIN * before
 }
 
 /// Angular momentum in the world for each part of a tensor: xx, yy, zz, xy, xz, yz.
@@ -520,16 +536,53 @@ fn kept_momentum(path: &BodyPath, frame: usize, tensor: Option<([f64; 3], DQuat)
     (before > 1e-3).then(|| momentum(frame + 1) / before)
 }
 
-/// The fall of a body in a frame beside its velocity, as a share of g·t².
-fn fall_share(path: &BodyPath, frame: usize, gravity: DVec3, step_s: f64) -> Option<f64> {
-    let strength = gravity.length();
+/// The falls of a body in these frames beside its velocity, as shares of g·t². Some engines move a body after they have damped
+/// its velocity, others before: of those the way that damping takes is no part of the fall.
+fn fall_shares(path: &BodyPath, pairs: &[usize], flight: &Flight, step_s: f64) -> Vec<f64> {
+    let strength = flight.acceleration.length();
     if strength < 0.1 {
-        return None;
+        return Vec::new();
     }
-    let velocity = path.states[frame].motion().twist().linear;
-    let moved = position(&path.states[frame + 1]) - position(&path.states[frame]);
-    let beside = moved - velocity * step_s;
-    Some(beside.dot(gravity / strength) / (strength * step_s * step_s))
+    let down = flight.acceleration / strength;
+    let square = strength * step_s * step_s;
+    // The fall, and the way at the velocity before, both in units of g·t².
+    let of = |frame: &usize| {
+        let velocity = path.states[*frame].motion().twist().linear;
+        let moved = position(&path.states[frame + 1]) - position(&path.states[*frame]);
+        let beside = moved - velocity * step_s;
+        (
+            beside.dot(down) / square,
+            velocity.dot(down) * step_s / square,
+        )
+    };
+    let falls: Vec<(f64, f64)> = pairs.iter().map(of).collect();
+    let lost = 1.0 - (-flight.damping * step_s).exp();
+    let slope = slope(&falls);
+    // Either all of it or nothing.
+    let share = if (slope + lost).abs() < slope.abs() {
+        lost
+    } else {
+        0.0
+    };
+    falls
+        .into_iter()
+        .map(|(fall, way)| fall + share * way)
+        .collect()
+}
+
+/// The slope of the line that fits these values over the second numbers best; zero where those are all one.
+fn slope(values: &[(f64, f64)]) -> f64 {
+    let count = values.len() as f64;
+    let sums = values
+        .iter()
+        .fold((0.0, 0.0), |(a, b), (x, y)| (a + x, b + y));
+    let (mean, middle) = (sums.0 / count, sums.1 / count);
+    let spread: f64 = values.iter().map(|(_, at)| (at - middle).powi(2)).sum();
+    let product: f64 = values
+        .iter()
+        .map(|(x, at)| (x - mean) * (at - middle))
+        .sum();
+    if spread > 0.0 { product / spread } else { 0.0 }
 }
 
 /// Solves equations by elimination; `None` if they have no single solution.

@@ -6,8 +6,9 @@ use std::str::FromStr;
 
 use glam::Vec3;
 use rhumb_protocol::scene::Shape;
-use rhumb_reckoning::Rate;
+use rhumb_reckoning::{Metres, Rate};
 
+use super::bvh::PositionChannels;
 use super::error::RecordingError;
 
 /// Facts that the caller states where a file does not.
@@ -27,6 +28,10 @@ pub struct ReadOptions {
     pub resample: Option<Rate>,
     /// The order of quaternions where the file does not say it.
     pub quaternion: Option<QuaternionOrder>,
+    /// The length of one unit of positions, for files of cameras, which may not say it.
+    pub unit: Option<Metres>,
+    /// The reading of a BVH file's positions; by default that of its first frame.
+    pub positions: Option<PositionChannels>,
 }
 
 /// The order of a quaternion's numbers.
@@ -95,6 +100,8 @@ impl ReadOptions {
             ("--shape", !self.shapes.is_empty()),
             ("--missing", self.missing != MissingPoses::default()),
             ("--quaternion", self.quaternion.is_some()),
+            ("--unit", self.unit.is_some()),
+            ("--bvh-positions", self.positions.is_some()),
         ];
         let stated = stated.iter().filter(|(_, is_stated)| *is_stated);
         let flags: Vec<&str> = stated.map(|(flag, _)| *flag).collect();
@@ -172,9 +179,61 @@ pub(super) fn rate_of_hertz(text: &str) -> Result<Rate, String> {
     rate.ok_or_else(|| "must be a number of hertz from 1 to 1000".to_owned())
 }
 
+/// Lengths by their names, metres; the first of each are those of the command line.
+const UNITS: [(&str, f64); 13] = [
+    ("mm", 0.001),
+    ("cm", 0.01),
+    ("m", 1.0),
+    ("in", 0.0254),
+    ("ft", 0.3048),
+    ("millimeters", 0.001),
+    ("millimetres", 0.001),
+    ("centimeters", 0.01),
+    ("centimetres", 0.01),
+    ("meters", 1.0),
+    ("metres", 1.0),
+    ("inches", 0.0254),
+    ("feet", 0.3048),
+];
+
+/// The length of this name.
+pub(super) fn unit_of_name(name: &str) -> Option<Metres> {
+    let mut units = UNITS.iter();
+    let known = units.find(|(known, _)| known.eq_ignore_ascii_case(name.trim()));
+    known.map(|(_, metres)| Metres::new(*metres))
+}
+
+/// The length of a unit on the command line: a name, or a number of metres.
+pub(super) fn unit(text: &str) -> Result<Metres, String> {
+    let number = || {
+        let metres = text.parse::<f64>().ok();
+        metres.filter(|metres| (1e-6..=1e6).contains(metres))
+    };
+    let unit = unit_of_name(text).or_else(|| number().map(Metres::new));
+    unit.ok_or_else(|| {
+        "must be mm, cm, m, in, ft, or a number of metres from 0.000001 to 1000000".to_owned()
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_unit_is_a_name_or_a_number_of_metres() {
+        for (text, metres) in [
+            ("mm", 0.001),
+            ("CM", 0.01),
+            ("m", 1.0),
+            ("0.0254", 0.0254),
+            ("feet", 0.3048),
+        ] {
+            assert_eq!(unit(text), Ok(Metres::new(metres)), "{text}");
+        }
+        for wrong in ["", "0", "-1", "NaN", "inf", "parsec", "1e7"] {
+            assert!(unit(wrong).is_err(), "{wrong}");
+        }
+    }
 
     #[test]
     fn shapes_are_chosen_for_one_body_or_for_all() {

@@ -294,48 +294,12 @@ mod tests {
     use mcap::records::MessageHeader;
 
     use super::*;
+    use crate::recording::ros2_bag::CdrWriter;
     use crate::recording::{ReadOptions, Recording, RecordingError, read_bytes};
 
-    /// Writes fields of XCDR1 in little-endian order.
-    struct Writer(Vec<u8>);
-
-    impl Writer {
-        fn new() -> Self {
-            Self(vec![0, 1, 0, 0])
-        }
-
-        fn put(mut self, align: usize, bytes: &[u8]) -> Self {
-            while !(self.0.len() - 4).is_multiple_of(align) {
-                self.0.push(0);
-            }
-            self.0.extend_from_slice(bytes);
-            self
-        }
-
-        fn u32(self, number: u32) -> Self {
-            self.put(4, &number.to_le_bytes())
-        }
-
-        fn f64s(self, numbers: &[f64]) -> Self {
-            numbers
-                .iter()
-                .fold(self, |to, number| to.put(8, &number.to_le_bytes()))
-        }
-
-        fn text(self, text: &str) -> Self {
-            let bytes = [text.as_bytes(), &[0]].concat();
-            self.u32(bytes.len() as u32).put(1, &bytes)
-        }
-
-        fn header(self, at_ms: u32, frame: &str) -> Self {
-            self.u32(at_ms / 1_000)
-                .u32(at_ms % 1_000 * 1_000_000)
-                .text(frame)
-        }
-
-        fn transform(self, at_ms: u32, parent: &str, child: &str, numbers: [f64; 7]) -> Self {
-            self.header(at_ms, parent).text(child).f64s(&numbers)
-        }
+    /// Nanoseconds of milliseconds.
+    fn ns(at_ms: u32) -> u64 {
+        u64::from(at_ms) * 1_000_000
     }
 
     /// A file of messages: topic, schema, log time in milliseconds, bytes.
@@ -384,14 +348,14 @@ mod tests {
             "/tf_static",
             TRANSFORMS,
             5,
-            Writer::new()
+            CdrWriter::new()
                 .u32(1)
                 .transform(0, "base", "lidar", at(0.0, 0.5))
                 .0,
         )];
         for frame in 0..20 {
-            let bytes = Writer::new().u32(1).transform(
-                NOW + 40 * frame,
+            let bytes = CdrWriter::new().u32(1).transform(
+                ns(NOW + 40 * frame),
                 "odom",
                 "base",
                 at(0.1 * f64::from(frame), 0.0),
@@ -426,9 +390,9 @@ mod tests {
             for frame in 0..30 {
                 let x = f64::from(step_ms * frame) * 1e-3 * speed;
                 let numbers = [x, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0];
-                let bytes = Writer::new().u32(1);
+                let bytes = CdrWriter::new().u32(1);
                 let bytes = bytes
-                    .transform(NOW + step_ms * frame, "odom", child, numbers)
+                    .transform(ns(NOW + step_ms * frame), "odom", child, numbers)
                     .0;
                 messages.push(("/tf", TRANSFORMS, u64::from(NOW + step_ms * frame), bytes));
             }
@@ -457,7 +421,9 @@ mod tests {
             .map(|frame| {
                 let y = 0.02 * f64::from(frame);
                 // Heading along y, driving at 1 m/s ahead.
-                let writer = Writer::new().header(NOW + 20 * frame, "odom").text("base");
+                let writer = CdrWriter::new()
+                    .header(ns(NOW + 20 * frame), "odom")
+                    .text("base");
                 let writer = writer
                     .f64s(&[0.0, y, 0.0, 0.0, 0.0, half, half])
                     .f64s(&[0.0; 36]);
@@ -480,7 +446,7 @@ mod tests {
 
     #[test]
     fn wrong_messages_are_refused_with_topic_and_time() {
-        let pose = |numbers: [f64; 7]| Writer::new().header(NOW, "map").f64s(&numbers).0;
+        let pose = |numbers: [f64; 7]| CdrWriter::new().header(ns(NOW), "map").f64s(&numbers).0;
         let good = pose([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]);
         let cut = good[..good.len() - 9].to_vec();
         let mut old = good.clone();
@@ -503,7 +469,7 @@ mod tests {
                 .to_string();
             assert!(error.contains(part), "{error}");
         }
-        let many = Writer::new().u32(u32::MAX).0;
+        let many = CdrWriter::new().u32(u32::MAX).0;
         let error = read(&[("/tf", TRANSFORMS, 0, many)])
             .expect_err("a claim")
             .to_string();

@@ -8,20 +8,28 @@ use std::collections::{BTreeMap, BTreeSet};
 use rhumb_bench::recording::{
     ReadOptions, Recording, RecordingError, Velocities, mcap, read_bytes, rhtrace, write_rhtrace,
 };
-use rhumb_reckoning::BodyId;
+use rhumb_reckoning::{BodyId, Metres};
 
 use super::script::Script;
 
 /// The first byte selects the form of the rest: a file of any form, a message of ROS 2, a second version of a foreign
-/// recording, packed foreign recording, unpacked foreign recording, or trace.
+/// recording, a file of any form whose unit is stated, packed foreign recording, unpacked foreign recording, or trace.
 pub fn recordings(data: &[u8]) {
     let Some((form, bytes)) = data.split_first() else {
         return;
     };
     match form {
-        200 => return any(bytes),
-        201 => return any(&ros2(bytes)),
-        202 => return any(&[b"RHTRACE2", bytes].concat()),
+        200 => return any(bytes, &ReadOptions::default()),
+        201 => return any(&ros2(bytes), &ReadOptions::default()),
+        202 => return any(&[b"RHTRACE2", bytes].concat(), &ReadOptions::default()),
+        203 => {
+            let unit = Some(Metres::new(0.01));
+            let options = ReadOptions {
+                unit,
+                ..ReadOptions::default()
+            };
+            return any(bytes, &options);
+        }
         _ => {}
     }
     match form % 4 {
@@ -41,12 +49,11 @@ fn reported<E: std::error::Error>(read: Result<Recording, E>) -> Option<Recordin
 }
 
 /// A file of any form; what is read is written, and read again as the same.
-fn any(bytes: &[u8]) {
-    let options = ReadOptions::default();
-    let read: Result<Recording, RecordingError> = read_bytes("fuzz", bytes, &options);
+fn any(bytes: &[u8], options: &ReadOptions) {
+    let read: Result<Recording, RecordingError> = read_bytes("fuzz", bytes, options);
     if let Some(recording) = reported(read) {
         let written = write_rhtrace(&recording);
-        let again = read_bytes("fuzz", &written, &options).expect("what is written is read");
+        let again = read_bytes("fuzz", &written, options).expect("what is written is read");
         assert_eq!(again.truth.digest, recording.truth.digest);
         assert_eq!(again.integrator, recording.integrator);
         assert_eq!(stays(&again), stays(&recording));
