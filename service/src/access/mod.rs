@@ -150,6 +150,8 @@ enum Issuer {
 
 /// Stands between a client's name and its issuer's: no name of a client has a control character.
 const OF_ISSUER: char = '\u{1f}';
+/// The issuer's name of this process.
+const OWN_ISSUER: &str = "server";
 
 impl Issuer {
     /// That of a file by its place in the configuration. Its name does not depend on the folder or on the kind of the file.
@@ -159,6 +161,10 @@ impl Issuer {
             0 => Self::First,
             _ => Self::Other(name.to_string_lossy().into()),
         }
+    }
+
+    fn is_own(&self) -> bool {
+        matches!(self, Self::Other(name) if **name == *OWN_ISSUER)
     }
 }
 
@@ -319,6 +325,16 @@ pub enum KeyError {
         /// Its file.
         path: PathBuf,
     },
+    /// Two files hold different keys, and their names would make one issuer of both.
+    SameIssuer {
+        /// The files.
+        paths: [PathBuf; 2],
+    },
+    /// A file's name would make its issuer this process.
+    OwnIssuer {
+        /// The file.
+        path: PathBuf,
+    },
     /// The system gives no random bytes, or the key is refused.
     Failed,
 }
@@ -354,6 +370,20 @@ impl fmt::Display for KeyError {
                     path.display()
                 )
             }
+            Self::SameIssuer {
+                paths: [one, other],
+            } => write!(
+                f,
+                "{} and {} hold different keys and have one name, which would make one issuer of both: give one of them \
+                 another name",
+                one.display(),
+                other.display()
+            ),
+            Self::OwnIssuer { path } => write!(
+                f,
+                "{} has the name of the server's own issuer: give it another one, or make it the first key",
+                path.display()
+            ),
             Self::Failed => f.write_str("the key cannot be made or used"),
         }
     }
@@ -373,7 +403,7 @@ impl TokenKeys {
     ///
     /// # Errors
     ///
-    /// [`KeyError`] for a file that cannot be read or holds no public key.
+    /// [`KeyError`] for a file that cannot be read, that holds no public key, or whose name makes it another's issuer.
     pub fn read(files: &[KeyFile], audience: &str) -> Result<Self, KeyError> {
         Ok(Self {
             read: Arc::new(RwLock::new(read_all(files)?)),
@@ -387,7 +417,7 @@ impl TokenKeys {
     ///
     /// # Errors
     ///
-    /// [`KeyError`] for a file that cannot be read or holds no public key; then nothing has changed.
+    /// [`KeyError`] as of [`TokenKeys::read`]; then nothing has changed.
     pub fn read_again(&self) -> Result<(), KeyError> {
         let keys = read_all(&self.files)?;
         *self.read.write().unwrap_or_else(PoisonError::into_inner) = keys;
@@ -401,7 +431,7 @@ impl TokenKeys {
         self.own.push(ScopedKey {
             key: pair.public,
             scenes: KeyScenes::All,
-            issuer: Issuer::Other("server".into()),
+            issuer: Issuer::Other(OWN_ISSUER.into()),
         });
         Ok(TokenIssuer {
             key: pair.secret,
@@ -431,9 +461,11 @@ impl TokenKeys {
     }
 }
 
-/// Reads keys from files. One that several files hold signs for the scenes of all of them.
+/// Reads keys from files. One that several files hold signs for the scenes of all of them; different keys have different
+/// issuers.
 fn read_all(files: &[KeyFile]) -> Result<Vec<ScopedKey>, KeyError> {
     let mut keys: Vec<ScopedKey> = Vec::new();
+    let mut paths: Vec<&Path> = Vec::new();
     for (place, file) in files.iter().enumerate() {
         let text = read(&file.path).map_err(|error| file.explained(error))?;
         let key = AsymmetricPublicKey::try_from(text.trim());
@@ -441,14 +473,25 @@ fn read_all(files: &[KeyFile]) -> Result<Vec<ScopedKey>, KeyError> {
             path: file.path.clone(),
             begins: "k4.public.",
         })?;
-        match keys.iter_mut().find(|known| known.key == key) {
-            Some(known) => known.scenes = known.scenes.and(&file.scenes),
-            None => keys.push(ScopedKey {
-                key,
-                scenes: file.scenes.clone(),
-                issuer: Issuer::of(place, file),
-            }),
+        if let Some(known) = keys.iter_mut().find(|known| known.key == key) {
+            known.scenes = known.scenes.and(&file.scenes);
+            continue;
         }
+        let issuer = Issuer::of(place, file);
+        if issuer.is_own() {
+            let path = file.path.clone();
+            return Err(KeyError::OwnIssuer { path });
+        }
+        if let Some(same) = keys.iter().position(|known| known.issuer == issuer) {
+            let paths = [paths[same], &file.path].map(Path::to_owned);
+            return Err(KeyError::SameIssuer { paths });
+        }
+        paths.push(&file.path);
+        keys.push(ScopedKey {
+            key,
+            scenes: file.scenes.clone(),
+            issuer,
+        });
     }
     Ok(keys)
 }

@@ -201,6 +201,44 @@ fn a_key_signs_for_its_scenes_alone_whatever_its_tokens_claim() {
     }
 }
 
+#[test]
+fn files_whose_names_would_make_one_issuer_of_two_keys_are_refused_with_both_paths() {
+    let [first, one, other] = ["same-first", "same-one", "same-other"].map(Signed::new);
+    let public = |signed: &Signed, name: &str| {
+        let path = signed.folder.join(name);
+        fs::copy(signed.folder.join("key.pub"), &path).unwrap();
+        path
+    };
+    let (main, acme) = (first.folder.join("key.pub"), public(&one, "token.pub"));
+    // The folder and the ending do not tell issuers apart.
+    for beta in ["token.pub", "token.paserk"] {
+        let beta = public(&other, beta);
+        let files = [&main, &acme, &beta].map(|path| KeyFile::for_all_scenes(path.clone()));
+        let refused = TokenKeys::read(&files, "rhumb").unwrap_err().to_string();
+        for path in [&acme, &beta] {
+            assert!(refused.contains(path.to_str().unwrap()), "{refused}");
+        }
+        // The first file's clients have their plain names.
+        assert!(TokenKeys::read(&files[1..], "rhumb").is_ok());
+    }
+    let server = public(&one, "server.pub");
+    let files = [&main, &server].map(|path| KeyFile::for_all_scenes(path.clone()));
+    let refused = TokenKeys::read(&files, "rhumb").unwrap_err().to_string();
+    assert!(refused.contains(server.to_str().unwrap()), "{refused}");
+    assert!(TokenKeys::read(&files[1..], "rhumb").is_ok());
+
+    // One key in two files of one name is one issuer, until one of them gets another key.
+    let beta = other.folder.join("token.pub");
+    fs::copy(&acme, &beta).unwrap();
+    let files = [&main, &acme, &beta].map(|path| KeyFile::for_all_scenes(path.clone()));
+    let keys = TokenKeys::read(&files, "rhumb").unwrap();
+    fs::copy(other.folder.join("key.pub"), &beta).unwrap();
+    let refused = keys.read_again().unwrap_err().to_string();
+    assert!(refused.contains(acme.to_str().unwrap()), "{refused}");
+    assert!(keys.verify(one.token().as_bytes()).is_ok());
+    assert!(keys.verify(other.token().as_bytes()).is_err());
+}
+
 /// An authenticator with the keys of these texts.
 fn with_keys(signed: &Signed, files: &[String]) -> Authenticator {
     let files: Vec<KeyFile> = files.iter().map(|file| file.parse().unwrap()).collect();
