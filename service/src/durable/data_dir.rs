@@ -18,7 +18,7 @@ use ring::hmac;
 use ring::rand::{SecureRandom, SystemRandom};
 
 use super::disk::{Damage, DataError, Disk, SystemDisk, parent};
-use super::scene_files::{DELETED, SceneFiles};
+use super::scene_files::{DAMAGED, DELETED, SceneFiles, UNFINISHED};
 
 const LOCK: &str = "lock";
 const KEY: &str = "key";
@@ -62,6 +62,17 @@ impl DataDir {
                 continue;
             }
             (disk.remove_directory(&directory)).map_err(DataError::io(&directory, "remove"))?;
+        }
+        let directories = names.iter().filter(|name| scenes.join(name).is_dir());
+        let directories: Vec<String> = directories.cloned().collect();
+        let older = older(&directories);
+        for name in &older {
+            let (from, to) = (scenes.join(name), scenes.join(format!("{name}.{DAMAGED}")));
+            disk.rename(&from, &to)
+                .map_err(DataError::io(&from, "rename"))?;
+        }
+        if !older.is_empty() {
+            (disk.sync_directory(&scenes)).map_err(DataError::io(&scenes, "synchronise"))?;
         }
         Ok(Self(Arc::new(Opened {
             disk,
@@ -148,15 +159,7 @@ impl DataDir {
     pub(crate) fn scenes(&self) -> Result<Vec<(SceneName, SceneFiles)>, DataError> {
         let scenes = &self.0.scenes;
         let names = (self.0.disk.list(scenes)).map_err(DataError::io(scenes, "list"))?;
-        // Of two directories of one scene, the older one was to be deleted.
-        let mut newest: BTreeMap<SceneName, (u64, &String)> = BTreeMap::new();
-        for name in &names {
-            if let Some((scene, number)) = parse(name) {
-                let entry = newest.entry(scene).or_insert((number, name));
-                *entry = (*entry).max((number, name));
-            }
-        }
-        let files = newest.into_iter();
+        let files = newest(&names).into_iter();
         Ok(files
             .map(|(scene, (_, name))| (scene, self.files(name)))
             .collect())
@@ -237,14 +240,45 @@ fn parse(directory: &str) -> Option<(SceneName, u64)> {
 
 /// The same of a directory that is being deleted.
 fn parse_deleted(directory: &str) -> Option<(SceneName, u64)> {
-    parse(directory.strip_suffix(DELETED)?.strip_suffix('.')?)
+    parse_apart(directory, DELETED)
 }
 
-/// A number above those of all creations. Directories count that are being deleted: their names are taken.
+/// The same of a directory of this ending, which is no scene.
+fn parse_apart(directory: &str, ending: &str) -> Option<(SceneName, u64)> {
+    parse(directory.strip_suffix(ending)?.strip_suffix('.')?)
+}
+
+/// The newest directory of each scene.
+fn newest(names: &[String]) -> BTreeMap<SceneName, (u64, &String)> {
+    let mut newest: BTreeMap<SceneName, (u64, &String)> = BTreeMap::new();
+    for name in names {
+        if let Some((scene, number)) = parse(name) {
+            let entry = newest.entry(scene).or_insert((number, name));
+            *entry = (*entry).max((number, name));
+        }
+    }
+    newest
+}
+
+/// The other ones: a crash kept a repair from putting them aside.
+fn older(names: &[String]) -> Vec<&String> {
+    let newest = newest(names);
+    let older = names.iter().filter(|name| {
+        let scene = scene_of(name);
+        let newest = scene.and_then(|scene| newest.get(&scene));
+        newest.is_some_and(|(_, newest)| newest != name)
+    });
+    older.collect()
+}
+
+/// A number above those of all creations. Directories count that are no scene any more, or not yet: their names are taken.
 fn next_number(names: &[String]) -> u64 {
-    let created = names.iter().filter_map(|name| parse_deleted(name));
-    let there = names.iter().filter_map(|name| parse(name));
-    let newest = created.chain(there).map(|(_, number)| number).max();
+    let numbers = names.iter().filter_map(|name| {
+        let apart = [DELETED, DAMAGED, UNFINISHED].into_iter();
+        let mut apart = apart.filter_map(|ending| parse_apart(name, ending));
+        parse(name).or_else(|| apart.next())
+    });
+    let newest = numbers.map(|(_, number)| number).max();
     newest.map_or(0, |newest| newest + 1)
 }
 
@@ -414,6 +448,32 @@ mod tests {
         }
         assert_eq!(parse("pit"), None);
         assert_eq!(parse("pit.1.deleted"), None);
+    }
+
+    #[test]
+    fn a_directory_that_is_no_scene_any_more_keeps_its_number() {
+        for ending in ["", ".deleted", ".damaged", ".unfinished"] {
+            let names = ["pit.2".to_owned(), format!("pit.7{ending}")];
+            assert_eq!(next_number(&names), 8, "{ending}");
+        }
+        assert_eq!(next_number(&["pit.7.other".to_owned()]), 0);
+    }
+
+    #[test]
+    fn an_older_directory_of_a_scene_stays_beside_the_newest_and_never_is_the_scene_again() {
+        let folder = format!("rhumb-older-{}", std::process::id());
+        let folder = std::env::temp_dir().join(folder);
+        drop(DataDir::open(&folder).unwrap());
+        for number in [0, 1] {
+            std::fs::create_dir(folder.join(SCENES).join(format!("pit.{number}"))).unwrap();
+        }
+        let data = DataDir::open(&folder).unwrap();
+        let names = SystemDisk.list(&folder.join(SCENES)).unwrap();
+        assert_eq!(names, ["pit.0.damaged", "pit.1"]);
+        let (_, files) = data.scenes().unwrap().pop().unwrap();
+        files.delete().unwrap();
+        assert!(data.scenes().unwrap().is_empty());
+        std::fs::remove_dir_all(&folder).unwrap();
     }
 
     #[test]

@@ -255,6 +255,14 @@ impl DataError {
             damage,
         }
     }
+
+    /// True if bytes are damaged or lost: the system did not refuse, and another version may not read them better.
+    pub(super) const fn is_damage(&self) -> bool {
+        match self {
+            Self::Damaged { damage, .. } => !matches!(damage, Damage::Version { .. }),
+            _ => false,
+        }
+    }
 }
 
 impl fmt::Display for DataError {

@@ -12,15 +12,10 @@ use rhumb_reckoning::Tick;
 use rhumb_scene::engine::StepThreads;
 use rhumb_scene::{Digest, LogEntry};
 
-use super::disk::{Damage, DataError, parent};
-use super::format::{DurableEnd, HeadFile, LogFrames, OVERHEAD, Tail};
+use super::disk::{DataError, parent};
+use super::format::{DurableEnd, HeadFile, LogFrames, OVERHEAD};
 use super::recovery::{Report, Run};
-use super::scene_files::{LogHeader, SceneFiles};
-
-/// Ends the name of a directory whose scene was repaired.
-const DAMAGED: &str = "damaged";
-/// Ends the name of a directory that is being made.
-const UNFINISHED: &str = "unfinished";
+use super::scene_files::{DAMAGED, LogHeader, SceneFiles, UNFINISHED};
 
 /// What is left of a damaged scene, and what is lost.
 #[derive(Debug)]
@@ -65,10 +60,11 @@ impl SceneFiles {
             return Ok(None);
         };
         cut.newest = cut.tick.max(self.newest_tick(&segments)?);
-        for number in &segments {
-            let kept = cut.segments.iter().find(|(kept, _)| kept == number);
-            let length = self.read_segment(*number)?.len() as u64;
-            cut.bytes += length.saturating_sub(kept.map_or(0, |(_, kept)| *kept));
+        // What is older than the snapshot is not needed, and what stands before the last segment is kept.
+        let (last, kept) = (cut.segments.last().copied()).unwrap_or((cut.snapshot.unwrap_or(0), 0));
+        for number in segments.into_iter().filter(|number| *number >= last) {
+            let length = self.read_segment(number)?.len() as u64;
+            cut.bytes += length - if number == last { kept } else { 0 };
         }
         Ok(Some(cut))
     }
@@ -92,13 +88,8 @@ impl SceneFiles {
     fn whole_header(&self, number: u32) -> Result<Option<LogHeader>, DataError> {
         let bytes = self.read_segment(number)?;
         match self.header_of(number, &LogFrames::read(&bytes)) {
-            Err(
-                error @ DataError::Damaged {
-                    damage: Damage::Version { .. },
-                    ..
-                },
-            ) => Err(error),
-            header => Ok(header.ok().flatten()),
+            Err(error) if error.is_damage() => Ok(None),
+            header => header,
         }
     }
 
@@ -109,12 +100,12 @@ impl SceneFiles {
         name: &SceneName,
         config: SceneConfig,
     ) -> Result<Option<Cut>, DataError> {
-        let start = match snapshot {
-            Some(number) => match self.read_snapshot(number) {
-                Ok(snapshot) => Some(snapshot),
-                Err(_) => return Ok(None),
-            },
-            None => None,
+        let start = match snapshot
+            .map(|number| self.read_snapshot(number))
+            .transpose()
+        {
+            Err(error) if error.is_damage() => return Ok(None),
+            start => start?,
         };
         let Ok(mut run) = self.begin(config, &StepThreads::default(), start) else {
             return Ok(None);
@@ -132,27 +123,41 @@ impl SceneFiles {
         };
         let first = snapshot.unwrap_or(0);
         let (segments, _) = self.numbers()?;
+        let mut headers = Vec::new();
         for number in segments.into_iter().filter(|number| *number >= first) {
-            let before = cut.segments.last().copied();
             let header = self.whole_header(number)?;
-            let Some(header) = header.filter(|header| header.scene == *name) else {
-                break;
+            let header = header.filter(|header| header.scene == *name);
+            headers.extend(header.map(|header| (number, header.previous)));
+        }
+        let mut next = (headers.first().map(|(number, _)| *number)).filter(|next| *next == first);
+        while let Some(number) = next {
+            // Of several segments that continue one, a restoration follows the newest. It states how much of the one before it counts: a tail on
+            // which a step hung does not.
+            let states = |(next, previous): &(u32, Option<(u32, u64)>)| {
+                let (before, length) = (*previous)?;
+                (before == number && *next > before).then_some((*next, length))
             };
-            if number != first && (before.is_none() || header.previous != before) {
-                break;
-            }
-            if !self.follow(number, &mut run, &mut cut)? {
-                break;
-            }
+            let after = headers.iter().rev().find_map(states);
+            let length = after.map(|(_, length)| length);
+            let is_whole = self.follow((number, length), &mut run, &mut cut)?;
+            next = after.map(|(after, _)| after).filter(|_| is_whole);
         }
         // An empty scene of which no log tells is no state of it.
         let has_state = snapshot.is_some() || !cut.segments.is_empty();
         Ok(has_state.then_some(cut))
     }
 
-    /// Follows a segment as far as it is whole; `false` if it is not whole to its end.
-    fn follow(&self, number: u32, run: &mut Run, cut: &mut Cut) -> Result<bool, DataError> {
-        let bytes = self.read_segment(number)?;
+    /// Follows a segment as far as it is whole, and to this length at most; `false` if it is not whole to there.
+    fn follow(
+        &self,
+        (number, most): (u32, Option<u64>),
+        run: &mut Run,
+        cut: &mut Cut,
+    ) -> Result<bool, DataError> {
+        let mut bytes = self.read_segment(number)?;
+        if let Some(most) = most {
+            bytes.truncate(usize::try_from(most).unwrap_or(usize::MAX));
+        }
         let frames = LogFrames::read(&bytes);
         let mut length = 0;
         for (place, frame) in frames.frames.iter().enumerate() {
@@ -168,12 +173,15 @@ impl SceneFiles {
             cut.digest = run.scene.digest();
             cut.bodies = run.scene.body_count();
         }
-        Ok(frames.tail == Tail::Whole || frames.tail == Tail::Torn)
+        Ok(most.is_none_or(|most| length == most))
     }
 
     /// The newest tick of which the head or a frame tells.
     fn newest_tick(&self, segments: &[u32]) -> Result<Tick, DataError> {
-        let head = self.read_head().ok().flatten();
+        let head = match self.read_head() {
+            Err(error) if error.is_damage() => None,
+            head => head?,
+        };
         let mut newest = head.map_or(Tick::ZERO, |head| head.tick);
         for number in segments {
             let bytes = self.read_segment(*number)?;
@@ -211,16 +219,17 @@ impl SceneFiles {
         }
         made.make_directory()?;
         self.write_cut(name, cut, &made)?;
+        let above = parent(&self.directory);
         let rename = |from: &Self, to: &Self| {
             (self.disk.rename(&from.directory, &to.directory))
-                .map_err(DataError::io(&from.directory, "rename"))
+                .map_err(DataError::io(&from.directory, "rename"))?;
+            // Before the next one: of two names that are not durable, a crash may lose either.
+            (self.disk.sync_directory(&above)).map_err(DataError::io(&above, "synchronise"))
         };
         // From here on the new directory is the newest of the scene, and counts.
         rename(&made, to)?;
         let old = with(self, DAMAGED);
         rename(self, &old)?;
-        let above = parent(&self.directory);
-        (self.disk.sync_directory(&above)).map_err(DataError::io(&above, "synchronise"))?;
         Ok(old.directory)
     }
 

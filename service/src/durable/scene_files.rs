@@ -51,6 +51,10 @@ pub(super) struct Segment {
 
 /// Ends the name of a directory whose scene was deleted.
 pub(super) const DELETED: &str = "deleted";
+/// Ends the name of a directory whose scene was repaired.
+pub(super) const DAMAGED: &str = "damaged";
+/// Ends the name of a directory that is being made.
+pub(super) const UNFINISHED: &str = "unfinished";
 /// Version of the format of headers and entries, and of what a scene makes of them: a push that was shortened by format 4
 /// acts whole.
 const FORMAT: u8 = 5;

@@ -5,13 +5,18 @@
 
 use super::*;
 
+/// The files of the repaired scene.
+fn target(recorded: &Recorded) -> SceneFiles {
+    SceneFiles {
+        directory: PathBuf::from("scenes/pit.1"),
+        ..recorded.files.clone()
+    }
+}
+
 /// Cuts a scene back; returns its files, and the tick.
 fn repaired(recorded: &Recorded) -> (SceneFiles, Tick) {
     let cut = recorded.files.find_cut(&name()).unwrap().unwrap();
-    let to = SceneFiles {
-        directory: PathBuf::from("scenes/pit.1"),
-        ..recorded.files.clone()
-    };
+    let to = target(recorded);
     let old = recorded.files.cut_back(&name(), &cut, &to).unwrap();
     assert_eq!(old, PathBuf::from("scenes/pit.0.damaged"));
     (to, cut.tick)
@@ -113,4 +118,135 @@ fn a_log_of_another_version_is_not_cut() {
     make_older(&recorded);
     let refused = recorded.files.find_cut(&name()).unwrap_err();
     assert!(refused.to_string().contains("written by another version"));
+}
+
+#[test]
+fn a_snapshot_of_another_version_or_one_that_cannot_be_read_ends_the_search() {
+    let mut recorded = run(3, 10);
+    recorded.snapshot();
+    let (_, snapshots) = recorded.files.numbers().unwrap();
+    let path = recorded.files.snapshot_path(*snapshots.last().unwrap());
+    recorded.disk.damage(&path, |bytes| {
+        bytes.truncate(bytes.len() - 32);
+        let version = bytes.windows(12).position(|text| text == b"rhumb-server");
+        bytes[version.unwrap()] = b'c';
+        let key = hmac::Key::new(hmac::HMAC_SHA256, &[7; 32]);
+        let code = hmac::sign(&key, bytes);
+        bytes.extend_from_slice(code.as_ref());
+    });
+    let refused = recorded.files.find_cut(&name()).unwrap_err().to_string();
+    assert!(
+        refused.contains("written by another version") && refused.contains("snapshot"),
+        "{refused}"
+    );
+    recorded.disk.refuse_to_read(&path);
+    let refused = recorded.files.find_cut(&name()).unwrap_err().to_string();
+    assert!(refused.starts_with("cannot read"), "{refused}");
+}
+
+#[test]
+fn a_run_that_went_on_without_a_tail_is_followed_without_it() {
+    let mut recorded = run(21, 8);
+    recorded.write();
+    recorded.sync();
+    let tick = recorded.scene.tick();
+    // Commands on which a step hung.
+    recorded.add(BodyKind::Dynamic, ShapeId(2), Vec3::Y * 9.0);
+    recorded.write();
+    recorded.sync();
+    let left_out = (ReplayStart::Newest, LogTail::LeftOut);
+    let restored = (recorded.files).restore(&StepThreads::default(), left_out, &mut || {});
+    recorded.go_on(restored.unwrap().unwrap());
+    let hour = tick.value() + 20;
+    while recorded.scene.tick().value() < hour {
+        recorded.tick();
+        recorded.write();
+        recorded.sync();
+    }
+    let newest = recorded.files.numbers().unwrap().0.pop().unwrap();
+    let path = recorded.files.segment_path(newest);
+    recorded.disk.damage(&path, |bytes| {
+        let last = bytes.len() - 1;
+        bytes[last] ^= 1;
+    });
+    assert!(recorded.restore().is_err());
+    let cut = recorded.files.find_cut(&name()).unwrap().unwrap();
+    assert_eq!(cut.tick, Tick::new(hour - 1));
+    let bytes = recorded.disk.read(&path).unwrap();
+    let lost = bytes.len() - LogFrames::read(&bytes).length;
+    assert_eq!(cut.bytes, lost as u64, "the tail was lost before");
+    let (files, tick) = repaired(&recorded);
+    recorded.files = files;
+    let restored = recorded.restore().unwrap().unwrap();
+    recorded.check(&restored).unwrap();
+    assert_eq!(restored.scene.tick(), tick);
+}
+
+#[test]
+fn segments_before_the_snapshot_of_a_cut_are_not_lost() {
+    let mut recorded = Recorded::new(8);
+    for _ in 0..6 {
+        recorded.tick();
+    }
+    recorded.snapshot();
+    for _ in 0..3 {
+        recorded.tick();
+        recorded.write();
+        recorded.sync();
+    }
+    // The first segment is damaged at its end, and a snapshot stands in for it.
+    for number in [0, 1] {
+        recorded
+            .disk
+            .damage(&recorded.files.segment_path(number), |bytes| {
+                let last = bytes.len() - 1;
+                bytes[last] ^= 1;
+            });
+    }
+    let cut = recorded.files.find_cut(&name()).unwrap().unwrap();
+    assert_eq!(cut.tick, Tick::new(8));
+    let bytes = recorded.disk.read(&recorded.files.segment_path(1)).unwrap();
+    let kept = LogFrames::read(&bytes).length;
+    assert_eq!(cut.bytes, (bytes.len() - kept) as u64);
+}
+
+#[test]
+fn a_crash_at_any_change_of_a_repair_leaves_the_scene_as_it_was_or_repaired() {
+    for seed in 0..6 {
+        for changes in 0.. {
+            let mut recorded = run(4, 12);
+            recorded.write();
+            recorded.sync();
+            recorded
+                .disk
+                .sync_directory(&PathBuf::from("scenes"))
+                .unwrap();
+            recorded
+                .disk
+                .damage(&recorded.files.segment_path(0), |bytes| {
+                    let last = bytes.len() - 1;
+                    bytes[last] ^= 1;
+                });
+            let cut = recorded.files.find_cut(&name()).unwrap().unwrap();
+            let to = target(&recorded);
+            recorded.disk.set_changes(Some(changes));
+            let is_done = recorded.files.cut_back(&name(), &cut, &to).is_ok();
+            let mut chance = Chance(seed);
+            recorded.disk.crash(|n| chance.below(n));
+            let there = recorded.disk.list(&PathBuf::from("scenes")).unwrap();
+            if there.contains(&"pit.1".to_owned()) {
+                recorded.files = to;
+                let restored = recorded.restore().unwrap().unwrap();
+                assert_eq!(restored.scene.digest(), cut.digest, "{changes}");
+            } else {
+                assert!(there.contains(&"pit.0".to_owned()), "{changes}: {there:?}");
+                let again = recorded.files.find_cut(&name()).unwrap().unwrap();
+                assert_eq!(again.digest, cut.digest, "{changes}");
+            }
+            if is_done {
+                assert!(!there.contains(&"pit.0".to_owned()), "{there:?}");
+                break;
+            }
+        }
+    }
 }

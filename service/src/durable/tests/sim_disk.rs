@@ -1,7 +1,7 @@
 //! A disk in memory that crashes, for tests.
 //!
 //! A crash keeps what was synchronised, and of the rest what a seed decides: each unsynchronised append is kept,
-//! lost, or cut, and each unsynchronised name is kept or lost.
+//! lost, or cut, and each unsynchronised name is kept or lost, and so is each new name of a directory.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -30,11 +30,17 @@ struct State {
     durable_names: BTreeMap<PathBuf, u64>,
     /// Directories; true for a name that a crash leaves.
     directories: BTreeMap<PathBuf, bool>,
+    /// Old and new names of directories, which a crash may take back.
+    renamed: Vec<(PathBuf, PathBuf)>,
     next: u64,
+    /// Changes that are still made before the power fails; `None` for all.
+    changes: Option<usize>,
     /// Bytes that may still be written before the disk is full.
     room: Option<usize>,
     /// True if no file can be synchronised.
     is_failing: bool,
+    /// A file that cannot be read.
+    unreadable: Option<PathBuf>,
     /// True if no directory can be made.
     is_refusing_directories: bool,
     /// True if no synchronisation of a file returns.
@@ -61,6 +67,33 @@ impl State {
     fn has_directory_of(&self, path: &Path) -> bool {
         let above = path.parent();
         above.is_some_and(|above| self.directories.contains_key(above))
+    }
+
+    /// Refuses a change after the power has failed.
+    fn change(&mut self) -> io::Result<()> {
+        match &mut self.changes {
+            Some(0) => return Err(io::Error::other("the power has failed")),
+            Some(left) => *left -= 1,
+            None => {}
+        }
+        Ok(())
+    }
+
+    /// Gives a directory another name, with everything in it.
+    fn move_directory(&mut self, from: &Path, to: &Path) {
+        fn moved<T>(paths: &mut BTreeMap<PathBuf, T>, from: &Path, to: &Path) {
+            *paths = std::mem::take(paths)
+                .into_iter()
+                .map(|(path, value)| match path.strip_prefix(from) {
+                    Ok(below) if below.as_os_str().is_empty() => (to.to_owned(), value),
+                    Ok(below) => (to.join(below), value),
+                    Err(_) => (path, value),
+                })
+                .collect();
+        }
+        moved(&mut self.names, from, to);
+        moved(&mut self.durable_names, from, to);
+        moved(&mut self.directories, from, to);
     }
 }
 
@@ -92,9 +125,19 @@ impl SimDisk {
         self.state().room = room;
     }
 
+    /// Lets the power fail after so many more changes.
+    pub(super) fn set_changes(&self, changes: Option<usize>) {
+        self.state().changes = changes;
+    }
+
     /// Makes every synchronisation of a file fail, or none.
     pub(super) fn set_failing(&self, is_failing: bool) {
         self.state().is_failing = is_failing;
+    }
+
+    /// Refuses to read a file.
+    pub(super) fn refuse_to_read(&self, path: &Path) {
+        self.state().unreadable = Some(path.to_owned());
     }
 
     /// Refuses every directory, or none.
@@ -125,6 +168,12 @@ impl SimDisk {
     /// Crashes: `chance(n)` gives a number below n.
     pub(super) fn crash(&self, mut chance: impl FnMut(usize) -> usize) {
         let mut state = self.state();
+        state.changes = None;
+        for (from, to) in std::mem::take(&mut state.renamed).into_iter().rev() {
+            if chance(2) == 0 {
+                state.move_directory(&to, &from);
+            }
+        }
         let mut names = state.durable_names.clone();
         for (path, id) in &state.names {
             if chance(2) == 0 {
@@ -197,6 +246,9 @@ impl Disk for SimDisk {
 
     fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
         let state = self.state();
+        if state.unreadable.as_deref() == Some(path) {
+            return Err(io::Error::other("input or output failed"));
+        }
         let id = state.names.get(path).ok_or_else(not_found)?;
         let contents = &state.files[id];
         let mut bytes = contents.durable.clone();
@@ -212,6 +264,7 @@ impl Disk for SimDisk {
 
     fn create(&self, path: &Path) -> io::Result<Box<dyn LogFile>> {
         let mut state = self.state();
+        state.change()?;
         if state.names.contains_key(path) {
             return Err(io::ErrorKind::AlreadyExists.into());
         }
@@ -228,39 +281,29 @@ impl Disk for SimDisk {
 
     fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
         let mut state = self.state();
-        let moved: Vec<PathBuf> = (state.names.keys())
-            .filter(|path| path.starts_with(from))
-            .cloned()
-            .collect();
-        if moved.is_empty() {
-            return Err(not_found());
+        state.change()?;
+        if !state.directories.contains_key(from) {
+            let id = state.names.remove(from).ok_or_else(not_found)?;
+            state.names.insert(to.to_owned(), id);
+            return Ok(());
         }
-        if state.directories.remove(from).is_some() {
-            state.directories.insert(to.to_owned(), false);
+        if state.names.keys().any(|path| path.starts_with(to)) {
+            return Err(io::ErrorKind::DirectoryNotEmpty.into());
         }
-        for path in moved {
-            let below = path
-                .strip_prefix(from)
-                .map_or(PathBuf::new(), Path::to_owned);
-            let renamed = if below.as_os_str().is_empty() {
-                to.to_owned()
-            } else {
-                to.join(below)
-            };
-            if let Some(id) = state.names.remove(&path) {
-                state.names.insert(renamed, id);
-            }
-        }
+        state.move_directory(from, to);
+        state.renamed.push((from.to_owned(), to.to_owned()));
         Ok(())
     }
 
     fn remove(&self, path: &Path) -> io::Result<()> {
         let mut state = self.state();
+        state.change()?;
         state.names.remove(path).map(drop).ok_or_else(not_found)
     }
 
     fn make_directory(&self, directory: &Path) -> io::Result<()> {
         let mut state = self.state();
+        state.change()?;
         if state.is_refusing_directories {
             return Err(io::ErrorKind::StorageFull.into());
         }
@@ -273,6 +316,7 @@ impl Disk for SimDisk {
 
     fn remove_directory(&self, directory: &Path) -> io::Result<()> {
         let mut state = self.state();
+        state.change()?;
         state.names.retain(|path, _| !path.starts_with(directory));
         state
             .directories
@@ -293,6 +337,7 @@ impl Disk for SimDisk {
 
     fn sync_directory(&self, directory: &Path) -> io::Result<()> {
         let mut state = self.state();
+        state.change()?;
         let is_in = |path: &Path| path.parent() == Some(directory);
         state.durable_names.retain(|path, _| !is_in(path));
         let names = state.names.clone();
@@ -301,6 +346,7 @@ impl Disk for SimDisk {
         for (path, is_durable) in &mut state.directories {
             *is_durable = *is_durable || is_in(path);
         }
+        state.renamed.retain(|(_, to)| !is_in(to));
         Ok(())
     }
 }
@@ -308,6 +354,7 @@ impl Disk for SimDisk {
 impl LogFile for SimFile {
     fn append(&mut self, bytes: &[u8]) -> io::Result<()> {
         let mut state = self.disk.state();
+        state.change()?;
         let room = state.room.unwrap_or(usize::MAX);
         let written = bytes.len().min(room);
         if let Some(left) = &mut state.room {
@@ -330,6 +377,7 @@ impl LogFile for SimFile {
 
     fn sync(&mut self) -> io::Result<()> {
         let mut state = self.disk.state();
+        state.change()?;
         state.held += 1;
         let released = (self.disk.released).wait_while(state, |state| state.is_holding);
         let mut state = released.unwrap_or_else(PoisonError::into_inner);
