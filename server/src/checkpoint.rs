@@ -76,6 +76,8 @@ pub enum CheckpointError {
     },
     /// The server has no place or no time for the scene, or does not take its configuration.
     NotAdmitted(String),
+    /// The scene works on something without end.
+    NoAnswer(SceneName),
     /// The server in this process is not of a kind that can be asked, or has ended.
     NoServer,
 }
@@ -104,6 +106,7 @@ impl fmt::Display for CheckpointError {
                 "the scene does not run again from tick {tick} as the checkpoint says: it was made on a machine that computes otherwise"
             ),
             Self::NotAdmitted(reason) => write!(f, "the server does not take the scene: {reason}"),
+            Self::NoAnswer(name) => write!(f, "the scene \"{name}\" does not answer"),
             Self::NoServer => f.write_str(
                 "scenes are saved and restored by a server of this process alone, and it runs no more or is of another kind",
             ),

@@ -64,7 +64,7 @@ mod top;
 mod view;
 
 pub use access::{InvalidKeyFile, KeyError, KeyFile, TokenKeys};
-pub use dispatcher::{Dispatcher, DispatcherSettings};
+pub use dispatcher::{Checkpoints, Dispatcher, DispatcherSettings};
 pub use durable::{Damage, DataDir, DataError};
 #[cfg(feature = "view")]
 pub use page_beside::PageBeside;
@@ -73,12 +73,12 @@ pub use recording::ViewersError;
 #[cfg(feature = "app")]
 pub use rhumb_app;
 pub use rhumb_scene::{
-    Activity, BakeJob, Bakers, BodyDesc, BodyId, BodyKind, BodyState, Command, CommandError,
-    Digest, Hook, HookError, Hooks, IdRange, Inertia, Instant, Invalid, InvalidLimit, Joints,
-    Limits, Metres, Observation, Peer, ProvidedScene, ProvidedScenes, RemovalCause, Scene,
-    SceneConfig, SceneFault, SceneName, SceneRouter, SceneScript, SceneSettings, Shape, ShapeId,
-    Span, StepEvents, StepThreads, StepThreadsError, Stepped, SubscriberStatistics, Tick,
-    Tolerance, UpstreamStatistics, engine, glam,
+    Activity, BakeJob, Bakers, BodyDesc, BodyId, BodyKind, BodyState, Checkpoint, CheckpointError,
+    Command, CommandError, Digest, Hook, HookError, Hooks, IdRange, Inertia, Instant, Invalid,
+    InvalidLimit, Joints, Limits, Metres, Observation, Peer, ProvidedScene, ProvidedScenes,
+    RemovalCause, Scene, SceneConfig, SceneFault, SceneName, SceneRouter, SceneScript,
+    SceneSettings, Shape, ShapeId, Span, StepEvents, StepThreads, StepThreadsError, Stepped,
+    SubscriberStatistics, Tick, Tolerance, UpstreamStatistics, engine, glam,
 };
 pub use rhumb_transport::{
     BindError, CertificateError, CertificateHashes, Fingerprint, Origins, PageOrigin, ServeError,

@@ -9,6 +9,7 @@ mod observers;
 use std::net::{SocketAddr, TcpListener};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::mpsc::Receiver;
 use std::time::SystemTime;
 use std::{fmt, io};
 
@@ -29,7 +30,7 @@ use rhumb_transport::{
 #[cfg(feature = "view")]
 use crate::access::KeyError;
 use crate::access::{Authenticator, TokenKeys};
-use crate::dispatcher::{Dispatcher, DispatcherSettings, ProcessOptions};
+use crate::dispatcher::{Checkpoints, Dispatcher, DispatcherSettings, ProcessOptions, Question};
 use crate::durable::{DataDir, DataError};
 use crate::flight::{FlightRecorders, FlightWriter};
 use crate::http;
@@ -109,6 +110,7 @@ pub struct Server {
     socket: Option<UnixServer>,
     data: Option<DataDir>,
     flight: Option<PathBuf>,
+    checkpoints: (Checkpoints, Receiver<Question>),
     #[cfg(feature = "record")]
     record: Option<PathBuf>,
     #[cfg(feature = "foxglove")]
@@ -164,6 +166,7 @@ impl Server {
         let transport = QuicServer::bind(options).map_err(RunError::Bind)?;
         let clock = Clock::start();
         Ok(Self {
+            checkpoints: Checkpoints::new(transport.waker()),
             transport,
             access,
             scenes: SceneSettings {
@@ -301,6 +304,12 @@ impl Server {
         self.flight = Some(directory);
     }
 
+    /// Saves and restores its scenes while it runs: for other threads.
+    #[must_use]
+    pub fn checkpoints(&self) -> Checkpoints {
+        self.checkpoints.0.clone()
+    }
+
     /// Serves on the calling thread, and each scene on a thread of its own, until `stop` is requested. Then every
     /// client learns that the server is going away.
     ///
@@ -346,6 +355,7 @@ impl Server {
                 Some(started.map_err(RunError::Thread)?)
             }
         };
+        dispatcher.answer_checkpoints(server.checkpoints.1);
         dispatcher.restore().map_err(RunError::Data)?;
         #[cfg(unix)]
         let listeners = (server.transport, server.socket);

@@ -1423,7 +1423,7 @@ RhumbCode rhumb_local_server_connect(struct RhumbLocalServer server,
                                      struct RhumbConnection *connection);
 
 // Saves a scene with everything that this client has sent. Scenes that `rhumb_local_server_restore` makes of it run to the
-// same bits, given the same commands before the same ticks. The scene's server must be in this process, without sockets.
+// same bits, given the same commands before the same ticks. The scene's server must be in this process.
 //
 // # Safety
 //
@@ -1452,7 +1452,7 @@ RhumbCode rhumb_checkpoint_read(const uint8_t *bytes,
 RhumbCode rhumb_checkpoint_close(struct RhumbCheckpoint checkpoint);
 
 // Makes a scene that continues from a checkpoint, to be joined by its name. Bodies keep their ids. The scene has no members at
-// first: it ends if none joins for ten minutes. The server must be without sockets.
+// first: it ends if none joins for ten minutes.
 //
 // # Safety
 //

@@ -181,7 +181,7 @@ pub struct RhumbCheckpoint {
 static CHECKPOINTS: HandleTable<Checkpoint> = HandleTable::new();
 
 /// Saves a scene with everything that this client has sent. Scenes that `rhumb_local_server_restore` makes of it run to the
-/// same bits, given the same commands before the same ticks. The scene's server must be in this process, without sockets.
+/// same bits, given the same commands before the same ticks. The scene's server must be in this process.
 ///
 /// # Safety
 ///
@@ -251,7 +251,7 @@ pub extern "C" fn rhumb_checkpoint_close(checkpoint: RhumbCheckpoint) -> RhumbCo
 }
 
 /// Makes a scene that continues from a checkpoint, to be joined by its name. Bodies keep their ids. The scene has no members at
-/// first: it ends if none joins for ten minutes. The server must be without sockets.
+/// first: it ends if none joins for ten minutes.
 ///
 /// # Safety
 ///

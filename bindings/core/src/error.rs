@@ -237,6 +237,7 @@ const fn checkpoint_kind(error: &CheckpointError) -> ErrorKind {
         | CheckpointError::Version { .. }
         | CheckpointError::Differs { .. } => ErrorKind::Invalid,
         CheckpointError::Faulted => ErrorKind::SceneGone,
+        CheckpointError::NoAnswer(_) => ErrorKind::Timeout,
         CheckpointError::NoSuchScene(_)
         | CheckpointError::SceneExists(_)
         | CheckpointError::Changed

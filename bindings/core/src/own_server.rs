@@ -18,7 +18,9 @@ use rhumb_client::{
 use rhumb_protocol::{
     Ending, Endpoint, Instant, LinkReport, Peer, Span, Transmit, Wake, WakeReason,
 };
-use rhumb_server::{Access, Identity, PageBeside, RunError, Server, Stop, ViewScene, outward_ip};
+use rhumb_server::{
+    Access, Checkpoints, Identity, PageBeside, RunError, Server, Stop, ViewScene, outward_ip,
+};
 
 use crate::error::BindingError;
 use crate::joining::address_with;
@@ -39,6 +41,7 @@ pub struct ServedScenes {
     fingerprint: Fingerprint,
     /// The page, or the reason why there is none.
     page: Result<String, &'static str>,
+    checkpoints: Checkpoints,
     stop: Stop,
     /// The reason why it stopped by itself.
     failed: Arc<OnceLock<RunError>>,
@@ -72,6 +75,7 @@ impl ServedScenes {
             Err(error) => return Err(error.into()),
         };
         let (listens, fingerprint) = (server.address(), server.fingerprint());
+        let checkpoints = server.checkpoints();
         let stop = Stop::new();
         let run = {
             let stop = stop.clone();
@@ -82,6 +86,7 @@ impl ServedScenes {
             listens,
             fingerprint,
             page,
+            checkpoints,
             stop,
             failed,
             thread: Some(thread),
@@ -194,11 +199,11 @@ impl OwnServer {
     ///
     /// # Errors
     ///
-    /// [`CheckpointError`] as [`LocalServer::save`], and for a server with sockets.
+    /// [`CheckpointError`] as [`LocalServer::save`].
     pub fn save(&self, scene: &str) -> Result<Checkpoint, CheckpointError> {
         match self {
             Self::Local(server) => server.save(scene),
-            Self::Served(_) => Err(CheckpointError::NoServer),
+            Self::Served(served) => served.checkpoints.save(scene),
         }
     }
 
@@ -206,11 +211,11 @@ impl OwnServer {
     ///
     /// # Errors
     ///
-    /// [`CheckpointError`] as [`LocalServer::restore`], and for a server with sockets.
+    /// [`CheckpointError`] as [`LocalServer::restore`].
     pub fn restore(&self, scene: &str, checkpoint: &Checkpoint) -> Result<(), CheckpointError> {
         match self {
             Self::Local(server) => server.restore(scene, checkpoint),
-            Self::Served(_) => Err(CheckpointError::NoServer),
+            Self::Served(served) => served.checkpoints.restore(scene, checkpoint),
         }
     }
 

@@ -125,7 +125,7 @@ impl RemoteScene {
     ///
     /// # Errors
     ///
-    /// [`BindingError`] if the server is elsewhere or has sockets, as [`Client::inspect`], and for a scene that cannot be
+    /// [`BindingError`] if the server is elsewhere, as [`Client::inspect`], and for a scene that cannot be
     /// saved.
     #[cfg(feature = "serve")]
     pub fn save(&mut self) -> Result<Checkpoint, BindingError> {

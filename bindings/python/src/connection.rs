@@ -308,11 +308,11 @@ const TIMEOUT: Duration = Duration::from_secs(5);
 ///
 /// listen: IP address and port of the server; port 0 is a free one. open_to_network: whether the address may be one that
 /// other machines reach. There are no tokens: each client may do everything. The rest is as of Connection.join. The
-/// server has threads of its own and ends with the scene, for every member.
+/// server has threads of its own and ends with the scene, for every member. With a checkpoint, the scene continues from it.
 #[pyfunction]
 #[pyo3(
-    signature = (scene = "main", *, listen = "127.0.0.1:0", open_to_network = false, quiet = false, **options),
-    text_signature = "(scene='main', *, listen='127.0.0.1:0', open_to_network=False, quiet=False, coordinates='rhumb', \
+    signature = (scene = "main", *, listen = "127.0.0.1:0", open_to_network = false, quiet = false, checkpoint = None, **options),
+    text_signature = "(scene='main', *, listen='127.0.0.1:0', open_to_network=False, quiet=False, checkpoint=None, coordinates='rhumb', \
         condition='create or join', tolerance=0.05, \
         stepping='lockstep', ticks_per_second=60, substeps=4, publish_interval=1, gravity=None, sleep=None, \
         delay_ticks=0.0, lead_ticks=0.0, whole_ticks=False, smooth=True, refusals='raise', resume_within=None)"
@@ -323,20 +323,25 @@ pub(crate) fn serve<'py>(
     listen: &str,
     open_to_network: bool,
     quiet: bool,
+    checkpoint: Option<&Bound<'py, PyCheckpoint>>,
     options: Option<&Bound<'py, PyDict>>,
 ) -> PyResult<Bound<'py, PyAny>> {
     let reach = match open_to_network {
         true => Reach::Network,
         false => Reach::ThisMachine,
     };
+    let checkpoint = checkpoint.map(Bound::get);
     let started = py.detach(|| {
-        let served = ServedScenes::start(listen, reach)?;
+        let served = Arc::new(ServedScenes::start(listen, reach)?);
+        let origin = OwnServer::Served(Arc::clone(&served));
+        if let Some(checkpoint) = checkpoint {
+            origin.restore(scene, &checkpoint.0)?;
+        }
         let opened = served.connect(TIMEOUT)?;
-        Ok((served, opened))
+        Ok((served.address(), origin, opened))
     });
-    let (served, opened) = started.map_err(|error| exception(py, &error))?;
-    let address = served.address();
-    let origin = Some(OwnServer::Served(Arc::new(served)));
+    let (address, origin, opened) = started.map_err(|error: BindingError| exception(py, &error))?;
+    let origin = Some(origin);
     let connection = PyConnection::new(format!("{address:?}"), opened, origin);
     let joined = Bound::new(py, connection)?.call_method("join", (scene,), options)?;
     if !quiet {

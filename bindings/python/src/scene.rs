@@ -874,7 +874,7 @@ impl PyScene {
     /// engine's own memory of them. Scenes that restore makes of it run to the same bits, given the same commands before the
     /// same ticks. A fork of a scene is rhumb.restore(scene.save()).
     ///
-    /// The server must be one of local or LocalServer.
+    /// The server must be in this process: of serve, local or LocalServer.
     fn save(&self, py: Python<'_>) -> PyResult<PyCheckpoint> {
         self.waiting(py, |opened| opened.scene.save())
             .map(PyCheckpoint)

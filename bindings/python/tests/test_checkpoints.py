@@ -31,6 +31,27 @@ def advance_alike(scenes, ticks, act=lambda scene, tick: None):
     return first
 
 
+@pytest.mark.parametrize("stepping", ["lockstep", "free running"])
+def test_a_scene_with_sockets_is_saved_and_served_anew(stepping):
+    with rhumb.serve(tolerance=0.001, quiet=True, stepping=stepping) as scene:
+        pile(scene)
+        if stepping == "lockstep":
+            for _ in range(50):
+                scene.advance()
+        saved = scene.save()
+        assert stepping != "lockstep" or saved.tick == 50
+    with rhumb.serve(checkpoint=saved, tolerance=0.001, quiet=True, condition="join") as served:
+        with rhumb.connect(served.address).join("main") as member:
+            assert len(served.bodies) == len(member.bodies) == 21
+            if stepping == "lockstep":
+                assert served.time[0] == 50
+                assert served.save() == saved
+                advance_alike([served, rhumb.restore(saved, tolerance=0.001)], 100)
+                assert served.save().tick == 150
+            with pytest.raises(rhumb.DeniedError, match="of this process alone"):
+                member.save()
+
+
 def test_forks_run_as_the_scene_that_was_saved():
     with rhumb.local(tolerance=0.001) as scene:
         bodies = pile(scene)
@@ -90,6 +111,4 @@ def test_what_is_no_checkpoint_or_cannot_be_one_is_refused_by_name():
         with pytest.raises(TypeError):
             rhumb.restore(bytes(scene.save()))
     with pytest.raises(rhumb.ClosedError):
-        scene.save()
-    with rhumb.serve(quiet=True) as scene, pytest.raises(rhumb.DeniedError, match="this process alone"):
         scene.save()

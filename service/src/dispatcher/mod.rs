@@ -7,6 +7,7 @@
 
 mod accounts;
 mod bake_pool;
+mod checkpoints;
 mod message;
 #[cfg(target_os = "linux")]
 mod process;
@@ -19,6 +20,7 @@ mod worker;
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
+use std::sync::mpsc::Receiver;
 
 use bytes::Bytes;
 use rhumb_protocol::scene::SceneName;
@@ -38,6 +40,8 @@ use self::worker::{ThreadWorker, Threads};
 use crate::access::{Admitted, TokenError};
 use crate::durable::{DataDir, DataError, LogTail};
 
+pub use self::checkpoints::Checkpoints;
+pub(crate) use self::checkpoints::Question;
 pub(crate) use self::process::{ProcessOptions, run_worker};
 pub use self::settings::DispatcherSettings;
 
@@ -57,6 +61,8 @@ pub struct Dispatcher {
     /// The worker processes, if scenes have them.
     processes: Option<Processes>,
     watchdog: Quarantined,
+    /// Questions for checkpoints, if somebody may ask.
+    questions: Option<Receiver<Question>>,
     settings: DispatcherSettings,
 }
 
@@ -131,6 +137,7 @@ impl Dispatcher {
             threads,
             processes: settings.processes.take().map(Processes::new),
             watchdog: Quarantined::default(),
+            questions: None,
             settings,
         }
     }
@@ -298,6 +305,7 @@ impl Dispatcher {
                 WorkerReport::ProcessOver(id, status) => self.note_process_over(id, &status),
             }
         }
+        self.take_questions();
         if let Some(processes) = &mut self.processes {
             processes.flush();
         }

@@ -14,6 +14,7 @@ use rhumb_protocol::{Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_scene::{Heartbeat, SceneLoop, SceneSettings, SharedClock};
 
 use super::bake_pool::BakePool;
+use super::checkpoints::Question;
 use super::message::{FromWorker, WorkerId, WorkerInput, WorkerOutput, WorkerReport};
 use crate::durable::{DataDir, LogTail, StoredScenes, Wake};
 
@@ -35,9 +36,15 @@ struct WorkerScene {
     settings: Arc<SceneSettings>,
 }
 
+/// An input of a worker's thread.
+enum ThreadInput {
+    Input(WorkerInput),
+    Question(Question),
+}
+
 /// The dispatcher's handle of a worker on a thread of its own.
 pub(super) struct ThreadWorker {
-    inputs: Sender<WorkerInput>,
+    inputs: Sender<ThreadInput>,
     pub(super) watched: Watched,
 }
 
@@ -115,7 +122,14 @@ impl WorkerScene {
         }
     }
 
-    fn handle(&mut self, now: Instant, input: WorkerInput) {
+    fn handle(&mut self, now: Instant, input: ThreadInput) {
+        let input = match input {
+            ThreadInput::Input(input) => input,
+            ThreadInput::Question(question) => {
+                self.inputs += 1;
+                return question.answer(&mut self.scene);
+            }
+        };
         match &input {
             WorkerInput::Control(peer, bytes) => {
                 *self.unhandled.entry(*peer).or_insert(0) += bytes.len();
@@ -184,7 +198,7 @@ impl ThreadWorker {
         let wake = sender.clone();
         let wake = move || {
             // A thread that has ended needs no waking.
-            let _ = wake.send(WorkerInput::Wake);
+            let _ = wake.send(ThreadInput::Input(WorkerInput::Wake));
         };
         let wake: Arc<dyn Fn() + Send + Sync> = Arc::new(wake);
         let scenes = SceneSettings {
@@ -221,7 +235,12 @@ impl ThreadWorker {
 
     /// Queues an input. The end of the thread is reported elsewhere.
     pub(super) fn send(&self, input: WorkerInput) {
-        let _ = self.inputs.send(input);
+        let _ = self.inputs.send(ThreadInput::Input(input));
+    }
+
+    /// Queues a question. If the thread has ended, whoever asked learns that no answer will come.
+    pub(super) fn ask(&self, question: Question) {
+        let _ = self.inputs.send(ThreadInput::Question(question));
     }
 }
 
@@ -234,7 +253,7 @@ impl Drop for ThreadWorker {
 /// Runs a worker until the dispatcher drops it.
 fn run(
     mut worker: WorkerScene,
-    inputs: &Receiver<WorkerInput>,
+    inputs: &Receiver<ThreadInput>,
     send: &dyn Fn(FromWorker) -> bool,
     heartbeat: &Heartbeat,
     clock: &SharedClock,
@@ -259,12 +278,14 @@ fn run(
         };
         heartbeat.beat();
         match first {
-            Ok(WorkerInput::End) | Err(RecvTimeoutError::Disconnected) => return,
+            Ok(ThreadInput::Input(WorkerInput::End)) | Err(RecvTimeoutError::Disconnected) => {
+                return;
+            }
             Err(RecvTimeoutError::Timeout) => {}
             Ok(input) => {
                 worker.handle(clock(), input);
                 for input in inputs.try_iter().take(INPUTS_PER_TURN) {
-                    if input == WorkerInput::End {
+                    if matches!(input, ThreadInput::Input(WorkerInput::End)) {
                         return;
                     }
                     heartbeat.beat();

@@ -69,6 +69,7 @@ def serve(
     listen: str = "127.0.0.1:0",
     open_to_network: bool = False,
     quiet: bool = False,
+    checkpoint: Optional[Checkpoint] = None,
     coordinates: Literal["rhumb", "unity", "unreal", "z-up"] = "rhumb",
     condition: Literal["create or join", "create", "join"] = "create or join",
     tolerance: float = 0.05,
@@ -92,7 +93,7 @@ def serve(
 
     listen: IP address and port of the server; port 0 is a free one. open_to_network: whether the address may be one that
     other machines reach. There are no tokens: each client may do everything. The rest is as of Connection.join. The
-    server has threads of its own and ends with the scene, for every member.
+    server has threads of its own and ends with the scene, for every member. With a checkpoint, the scene continues from it.
     """
 
 @final
@@ -944,7 +945,7 @@ class Scene:
         engine's own memory of them. Scenes that restore makes of it run to the same bits, given the same commands before the
         same ticks. A fork of a scene is rhumb.restore(scene.save()).
 
-        The server must be one of local or LocalServer.
+        The server must be in this process: of serve, local or LocalServer.
         """
     def close(self) -> None:
         """Leaves the scene. A second time does nothing."""
