@@ -384,6 +384,20 @@ fn bodies_that_cannot_meet_are_taken_as_long_as_it_costs_little_to_find_that_out
 }
 
 #[test]
+fn bodies_that_cannot_meet_and_gather_slowly_are_a_crowd_by_a_sample_of_them() {
+    let mut scene = scene(&[Shape::ball(0.5)]);
+    scene.bound_crowding(1_024);
+    // Less than their size in a tick, and half a second to the centre.
+    let kinematic = |index| {
+        let place = spiral(index, 2_000, 12.0);
+        add(index, BodyKind::Kinematic, place, -place * 2.0)
+    };
+    apply(&mut scene, (0..2_000).map(kinematic));
+    let taken = steps(&mut scene, 40);
+    assert!((20..32).contains(&taken), "{taken}");
+}
+
+#[test]
 fn bodies_that_joints_pull_onto_one_point_are_a_crowd() {
     let mut scene = apart(400, BodyKind::Dynamic, |_| Vec3::ZERO);
     let anchor = add(1_000, BodyKind::Fixed, Vec3::ZERO, Vec3::ZERO);

@@ -36,6 +36,8 @@ const WORLD: f32 = 1e6;
 const STANDING_SHARE: u64 = 4;
 /// Pairs of a world below which no collider of it is looked at after a step.
 const FEW: usize = 20_000;
+/// Of so many awake bodies, one is searched after a step for pairs of which nothing is made: no list has those.
+const SAMPLE: u32 = 32;
 
 /// The pairs before the next step.
 #[derive(Clone, Default)]
@@ -51,6 +53,8 @@ pub(super) struct RapierCrowding {
     seen: Vec<Seen>,
     /// Ends of pairs in the last step, by the collider: the buffer of the next one.
     ends: Vec<u32>,
+    /// The number of steps, which chooses the bodies that are searched.
+    turn: u32,
     /// The count, in parts of a pair.
     shares: u64,
 }
@@ -228,13 +232,46 @@ impl RapierCrowding {
     pub(super) fn after(
         &mut self,
         world: &PhysicsWorld,
-        awake: impl Iterator<Item = (BodyId, RigidBodyHandle, RapierPose)>,
+        awake: impl Iterator<Item = (BodyId, RigidBodyHandle, RapierPose)> + Clone,
     ) {
         if self.most.is_none() {
             return;
         }
+        self.turn = self.turn.wrapping_add(1);
+        let passed = match self.may_pass_many(world) {
+            true => self.passed_ends(world, awake.clone()),
+            false => 0,
+        };
         self.look(world, awake);
-        self.shares += self.standing_ends(world) * SHARES / STANDING_SHARE;
+        let made = self.standing_ends(world) * SHARES;
+        self.shares += (made + passed / 2) / STANDING_SHARE;
+    }
+
+    /// True if all colliders at one point would be too many, though Rapier made no pair of them.
+    fn may_pass_many(&self, world: &PhysicsWorld) -> bool {
+        let colliders = world.colliders.len() as u64;
+        let most = self.most.map_or(u64::MAX, u64::from);
+        colliders * colliders / (2 * SHARES) > most
+    }
+
+    /// Ends of pairs that Rapier finds and makes nothing of, by a sample of the awake bodies.
+    fn passed_ends(
+        &self,
+        world: &PhysicsWorld,
+        awake: impl Iterator<Item = (BodyId, RigidBodyHandle, RapierPose)>,
+    ) -> u64 {
+        let is_of_turn = |body: &BodyId| body.index() % SAMPLE == self.turn % SAMPLE;
+        let sample = awake.filter(|(body, ..)| is_of_turn(body));
+        let bodies = sample.filter_map(|(_, handle, _)| world.bodies.get(handle));
+        let ends = bodies.flat_map(|body| {
+            colliders(world, body).map(move |collider| {
+                let of = Crowded::of(body, collider);
+                let part = (collider.compute_aabb(), weight(collider.shape()));
+                // Those that are made are in the world's lists.
+                self.shares_of(world, of, part, PAIRS_PER_COLLIDER)
+            })
+        });
+        ends.sum::<u64>() * u64::from(SAMPLE)
     }
 
     /// Begins anew within a step, or after it: with the pairs of the bodies that left their boxes.
