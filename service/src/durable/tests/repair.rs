@@ -183,6 +183,39 @@ fn a_run_that_went_on_without_a_tail_is_followed_without_it() {
 }
 
 #[test]
+fn a_segment_that_never_was_durable_does_not_end_the_run() {
+    let mut recorded = run(17, 6);
+    recorded.write();
+    recorded.sync();
+    // A process that began a segment, and crashed before it was durable; another one that went on.
+    let restored = recorded.restore().unwrap().unwrap();
+    let torn = recorded.files.segment_path(restored.next_segment);
+    let mut file = recorded.disk.create(&torn).unwrap();
+    file.append(&[0; 5]).unwrap();
+    let restored = recorded.restore().unwrap().unwrap();
+    recorded.go_on(restored);
+    for _ in 0..5 {
+        recorded.tick();
+        recorded.write();
+        recorded.sync();
+    }
+    let newest = recorded.files.numbers().unwrap().0.pop().unwrap();
+    let path = recorded.files.segment_path(newest);
+    assert_ne!(path, torn);
+    recorded.disk.damage(&path, |bytes| {
+        let last = bytes.len() - 1;
+        bytes[last] ^= 1;
+    });
+    assert!(recorded.restore().is_err());
+    let tick = recorded.scene.tick().value() - 1;
+    let (files, cut) = repaired(&recorded);
+    assert_eq!(cut, Tick::new(tick));
+    recorded.files = files;
+    let restored = recorded.restore().unwrap().unwrap();
+    recorded.check(&restored).unwrap();
+}
+
+#[test]
 fn segments_before_the_snapshot_of_a_cut_are_not_lost() {
     let mut recorded = Recorded::new(8);
     for _ in 0..6 {
