@@ -37,7 +37,7 @@ const STANDING_SHARE: u64 = 4;
 /// Pairs of a world below which no collider of it is looked at after a step.
 const FEW: usize = 20_000;
 /// Of so many awake bodies, one is searched after a step for pairs of which nothing is made: no list has those.
-const SAMPLE: u32 = 32;
+const SAMPLE: u32 = 128;
 
 /// The pairs before the next step.
 #[derive(Clone, Default)]
