@@ -252,7 +252,7 @@ mod tests {
             let mut poses: Vec<_> = rows
                 .map(|one| (one.motion.position(), one.motion.rotation()))
                 .collect();
-            poses.sort_by(|a, b| format!("{a:?}").cmp(&format!("{b:?}")));
+            poses.sort_by_key(|pose| format!("{pose:?}"));
             poses
         };
         assert_eq!(poses(&again), poses(&recording));

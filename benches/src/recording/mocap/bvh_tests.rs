@@ -39,12 +39,12 @@ fn plain(text: &str, options: &ReadOptions) -> Recording {
 
 /// Position of a body in a frame, centimetres.
 fn at(recording: &Recording, body: u32, frame: usize) -> [f32; 3] {
-    let placed = recording.truth.placed.iter();
-    let mut motion = placed.clone().find(|placed| placed.desc.id.index() == body);
-    let motion = motion.as_mut().expect("a body").observation.motion;
-    let rows = recording.truth.ticks[..frame].iter().flatten();
-    let last = rows.filter(|of| of.id.index() == body).last();
-    let state = last.map_or(motion, |of| of.motion);
+    let mut placed = recording.truth.placed.iter();
+    let first = placed.find(|placed| placed.desc.id.index() == body);
+    let first = first.expect("a body").observation.motion;
+    let mut rows = recording.truth.ticks[..frame].iter().flatten();
+    let last = rows.rfind(|of| of.id.index() == body);
+    let state = last.map_or(first, |of| of.motion);
     state.position().map(|metres| (metres * 1e5).round() / 1e3)
 }
 

@@ -13,7 +13,7 @@ use std::rc::Rc;
 use glam::{DMat3, DMat4, DQuat, DVec3};
 use rhumb_protocol::limits::BODIES_MAX;
 use rhumb_protocol::scene::CollisionGroups;
-use serde_json::Value;
+use serde_json::{Map, Value};
 
 use buffers::Buffers;
 pub(crate) use buffers::MAGIC;
@@ -347,12 +347,7 @@ impl Reader<'_> {
                 "a body has no such thing",
             );
         }
-        for name in node
-            .extras
-            .as_object()
-            .into_iter()
-            .flat_map(|extras| extras.keys())
-        {
+        for name in node.extras.as_object().into_iter().flat_map(Map::keys) {
             if name != "mass" {
                 let why = "of the extras of a node the mass is read";
                 self.note(format!("extras {name}"), Effect::Left, why);
