@@ -5,11 +5,13 @@
 
 use std::sync::Arc;
 
+use bytes::Bytes;
 use rhumb_protocol::message::{
-    AuthorityError, ClientMessage, Denial, ServerMessage, SessionState, StreamChoice,
+    AuthorityError, ClientMessage, Denial, ServerMessage, SessionState, StreamChoice, TickEvents,
 };
-use rhumb_protocol::scene::{CommandError, IdRange, SceneName};
-use rhumb_scene::{ControlStream, PendingOutput, Permit};
+use rhumb_protocol::scene::{BodyEvent, CommandError, IdRange, SceneName};
+use rhumb_reckoning::Tick;
+use rhumb_scene::{ControlStream, EventKey, PendingOutput, Permit, StepEvents};
 
 use crate::mirror::Mirror;
 use crate::voice::Voice;
@@ -61,7 +63,103 @@ pub(crate) struct EdgeMember {
     /// Commands of an observer, which are all refused.
     commands: u64,
     /// Queries of an observer.
-    pub(crate) queries: u64,
+    queries: u64,
+    /// Its questions without an answer.
+    pub(crate) unanswered: usize,
+    pub(crate) events: MemberEvents,
+}
+
+/// How far a member has been reported the events of bodies (PROTOCOL 4.15).
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct MemberEvents {
+    /// The newest tick of the owner's events that it was handed or that it missed.
+    through: Tick,
+    /// The newest tick with which it was reported what stands.
+    reported: Tick,
+    /// The last event of what stands that it was reported; `None` once it knows all.
+    standing_after: Option<EventKey>,
+    missed: u64,
+}
+
+impl MemberEvents {
+    /// Nothing is reported: all that stands follows.
+    fn of(mirror: &Mirror) -> Self {
+        Self {
+            through: mirror.events_tick(),
+            reported: Tick::ZERO,
+            standing_after: Some(EventKey::FIRST),
+            missed: mirror.untold(),
+        }
+    }
+
+    /// True if it is to be reported what stands with a tick.
+    pub(crate) fn wants_standing(&self, tick: Tick) -> bool {
+        self.is_untold() && tick > self.reported
+    }
+
+    /// True if it does not know all that stands.
+    pub(crate) const fn is_untold(&self) -> bool {
+        self.standing_after.is_some()
+    }
+
+    /// Notes events that it is not reported; then all that stands follows anew.
+    pub(crate) const fn miss(&mut self, count: u64) {
+        self.missed += count;
+        if count > 0 {
+            self.standing_after = Some(EventKey::FIRST);
+        }
+    }
+
+    /// Another connection to the owner replaces that whose events it was reported; some were lost, at least one.
+    pub(crate) const fn renew(&mut self) {
+        self.miss(1);
+        (self.through, self.reported) = (Tick::ZERO, Tick::ZERO);
+    }
+
+    /// The owner tells all of them anew what stands.
+    pub(crate) const fn retell(&mut self) {
+        self.standing_after = None;
+    }
+
+    /// Takes the events of a tick; true if they are new to it.
+    pub(crate) fn reaches(&mut self, tick: Tick) -> bool {
+        let is_new = tick > self.through;
+        self.through = self.through.max(tick);
+        is_new
+    }
+
+    /// True if the owner's message is for it as it is.
+    pub(crate) const fn takes_all(&self) -> bool {
+        self.standing_after.is_none() && self.missed == 0
+    }
+
+    /// The events of a tick, and as many with them that stand as the message has room for; `None` if there is nothing to tell.
+    pub(crate) fn tell(
+        &mut self,
+        tick: Tick,
+        events: &[BodyEvent],
+        standing: &[BodyEvent],
+    ) -> Option<ServerMessage> {
+        let happened = StepEvents {
+            events: events.to_vec(),
+            ..StepEvents::default()
+        };
+        let events = match self.standing_after {
+            None => happened.events,
+            Some(after) => {
+                let (events, due) = happened.with_standing(tick, standing, after);
+                (self.standing_after, self.reported) = (due, tick);
+                events
+            }
+        };
+        let missed = std::mem::take(&mut self.missed);
+        let has_any = missed > 0 || !events.is_empty();
+        has_any.then_some(ServerMessage::TickEvents(TickEvents {
+            tick,
+            missed,
+            events,
+        }))
+    }
 }
 
 /// What is to be done with a message.
@@ -90,15 +188,26 @@ pub(crate) enum Action {
 }
 
 impl EdgeMember {
-    pub(crate) const fn new(mirror: MirrorId, granted: IdRange) -> Self {
+    fn new((id, mirror): (MirrorId, &Mirror), granted: IdRange) -> Self {
         Self {
-            mirror,
+            mirror: id,
             previous: None,
             wanted: None,
             granted,
             commands: 0,
             queries: 0,
+            unanswered: 0,
+            events: MemberEvents::of(mirror),
         }
+    }
+
+    /// Counts a question, and returns the number of its answer if that has one.
+    pub(crate) const fn count_question(&mut self, question: &ClientMessage) -> u64 {
+        self.unanswered += 1;
+        if matches!(question, ClientMessage::Query(_)) {
+            self.queries += 1;
+        }
+        self.queries.saturating_sub(1)
     }
 
     /// True if packets of a mirror are for it.
@@ -107,9 +216,14 @@ impl EdgeMember {
     }
 
     /// Takes a snapshot of a mirror.
-    pub(crate) fn change(&mut self, mirror: MirrorId) {
+    fn change(&mut self, mirror: MirrorId, events_tick: Tick) {
         self.wanted = None;
         if self.mirror != mirror {
+            // Events are counted by no stream: between two connections some may have been lost, at least one.
+            if events_tick != self.events.through {
+                self.events.miss(1);
+                self.events.through = events_tick;
+            }
             // A second change keeps the stream whose copy is complete.
             self.previous = self
                 .previous
@@ -134,6 +248,20 @@ impl EdgeClient {
             asks_session: false,
             member: None,
         }
+    }
+
+    /// True while none of its messages is read: it waits for its welcome, its membership, or so many answers.
+    pub(crate) fn waits(&self, unanswered: usize) -> bool {
+        let member = self.member.as_ref();
+        (self.scene.is_some() && !self.is_greeted)
+            || self.joining.is_some()
+            || member.is_some_and(|member| member.unanswered >= unanswered)
+    }
+
+    /// True if it is a member that does not know all that stands.
+    pub(crate) fn lacks_standing(&self) -> bool {
+        let member = self.member.as_ref();
+        member.is_some_and(|member| member.events.is_untold())
     }
 
     /// True if it is a member, and a mirror is that of its newest stream.
@@ -173,7 +301,6 @@ impl EdgeClient {
         };
         mirror.forget(self.control.peer());
         let tick = mirror.scene_tick();
-        let standing = joins.and_then(|_| mirror.standing());
         let Some(snapshot) = mirror.snapshot(granted) else {
             return;
         };
@@ -195,11 +322,51 @@ impl EdgeClient {
         self.control.send_encoded(&snapshot.rest, out);
         self.control.note_snapshot(bytes, out);
         match &mut self.member {
-            Some(member) => member.change(id),
-            None => self.member = Some(EdgeMember::new(id, granted)),
+            Some(member) => member.change(id, mirror.events_tick()),
+            None => self.member = Some(EdgeMember::new((id, &*mirror), granted)),
         }
-        if let Some(standing) = standing {
-            self.control.send(&ServerMessage::TickEvents(standing), out);
+        self.tell_standing(tick, &mirror.standing(), out);
+    }
+
+    /// Tells it with a tick what stands, as far as that has room and was not reported.
+    pub(crate) fn tell_standing(
+        &mut self,
+        tick: Tick,
+        standing: &[BodyEvent],
+        out: &mut PendingOutput,
+    ) {
+        let untold = (self.member.as_mut())
+            .filter(|member| member.events.wants_standing(tick) && !self.control.is_behind());
+        if let Some(message) = untold.and_then(|member| member.events.tell(tick, &[], standing)) {
+            self.control.send(&message, out);
+        }
+    }
+
+    /// Tells it the events of a tick: as they came, or with what stands. One that reads too slowly misses them.
+    pub(crate) fn tell_events(
+        &mut self,
+        (events, bytes): (&TickEvents, &Bytes),
+        standing: &[BodyEvent],
+        out: &mut PendingOutput,
+    ) {
+        let Some(member) = &mut self.member else {
+            return;
+        };
+        if !member.events.reaches(events.tick) {
+            return;
+        }
+        if self.control.is_behind() {
+            return (member.events).miss(events.missed + events.events.len() as u64);
+        }
+        if events.missed > 0 {
+            member.events.retell();
+        }
+        if member.events.takes_all() {
+            return self.control.send_encoded(bytes, out);
+        }
+        member.events.missed += events.missed;
+        if let Some(message) = member.events.tell(events.tick, &events.events, standing) {
+            self.control.send(&message, out);
         }
     }
 

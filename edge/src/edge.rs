@@ -4,14 +4,13 @@
 //! Two faces, one state: [`Edge`] is the endpoint of its clients, [`OwnerSide`] that of its connections to owners. Invariants: a
 //! mirror forwards a packet to each member once, as it came; no message of a client is answered before those it sent earlier.
 
-use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
 use bytes::Bytes;
 use rhumb_protocol::message::{
-    ClientMessage, Denial, Extension, Grease, Role, ServerMessage, StreamChoice, Token, Welcome,
+    ClientMessage, Extension, Grease, Role, ServerMessage, StreamChoice, Token, Welcome,
 };
-use rhumb_protocol::packet::{Datagram, LossReport, PacketKind, StreamId};
+use rhumb_protocol::packet::{Datagram, LossReport, PacketKind};
 use rhumb_protocol::scene::{IdRange, SceneName};
 use rhumb_protocol::session::{CloseCode, TransportCode};
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake};
@@ -19,12 +18,16 @@ use rhumb_reckoning::Tolerance;
 use rhumb_scene::{ControlStream, Limits, PendingOutput, Permit};
 
 use crate::client::{Action, EdgeClient, EdgeMember, Joining, MirrorId};
+use crate::clients::Clients;
 use crate::mirror::{Forward, Mirror};
 use crate::owners::{Dial, LinkUse, Owners, to_link};
+use crate::shared_queue::{SharedPacket, SharedQueue};
 use crate::voice::{Reply, Voice};
 
 /// Bytes of a client that wait for the owner beyond which no more are read.
 const UNREAD_BYTES: usize = 64 << 10;
+/// Questions of an observer that wait for the owner beyond which no more are read.
+const UNANSWERED: usize = 64;
 /// The stream by which an edge learns of a scene that none of its members has joined.
 const FIRST_CHOICE: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
 
@@ -38,26 +41,17 @@ pub struct EdgeSettings {
     /// Rights of a client before [`Edge::admit`]. An observer is served by the edge alone; for every other one a connection to
     /// the owner is opened, which decides.
     pub permit: Arc<Permit>,
-}
-
-/// A packet for all that a fan-out carries it to.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct SharedPacket {
-    /// The scene.
-    pub scene: SceneName,
-    /// The stream of the scene.
-    pub stream: StreamId,
-    /// The datagram.
-    pub bytes: Bytes,
+    /// True if a client of an owner that asks for no token is refused.
+    pub asks_tokens: bool,
 }
 
 /// An edge.
 pub struct Edge {
     settings: EdgeSettings,
     out: PendingOutput,
-    clients: BTreeMap<Peer, EdgeClient>,
+    clients: Clients,
     owners: Owners,
-    shared: VecDeque<SharedPacket>,
+    shared: SharedQueue,
 }
 
 /// The face of an edge to owners.
@@ -71,21 +65,21 @@ impl Edge {
             out: PendingOutput::new(settings.limits),
             owners: Owners::new(settings.token.clone()),
             settings,
-            clients: BTreeMap::new(),
-            shared: VecDeque::new(),
+            clients: Clients::default(),
+            shared: SharedQueue::default(),
         }
     }
 
     /// Sets what a new connection may do, before its first message.
     pub fn admit(&mut self, peer: Peer, permit: Arc<Permit>) {
-        if let Some(client) = self.clients.get_mut(&peer) {
+        if let Some(client) = self.clients.by_peer.get_mut(&peer) {
             client.permit = permit;
         }
     }
 
     /// The packets of its streams reach a client by a fan-out from now on: [`Self::poll_shared`].
     pub fn share(&mut self, peer: Peer) {
-        if let Some(client) = self.clients.get_mut(&peer) {
+        if let Some(client) = self.clients.by_peer.get_mut(&peer) {
             client.is_shared = true;
         }
     }
@@ -97,7 +91,7 @@ impl Edge {
 
     /// The next packet for a fan-out.
     pub fn poll_shared(&mut self) -> Option<SharedPacket> {
-        self.shared.pop_front()
+        self.shared.pop()
     }
 
     /// A packet that a fan-out carried.
@@ -123,11 +117,10 @@ impl Edge {
     /// Reads the messages of a client as far as they can be answered now.
     fn read(&mut self, now: Instant, peer: Peer) {
         loop {
-            let Some(client) = self.clients.get_mut(&peer) else {
+            let Some(client) = self.clients.by_peer.get_mut(&peer) else {
                 return;
             };
-            // A client waits for its welcome and for its membership.
-            if (client.scene.is_some() && !client.is_greeted) || client.joining.is_some() {
+            if client.waits(UNANSWERED) {
                 return;
             }
             let Some(session) = client.control.session(&mut self.out) else {
@@ -158,7 +151,7 @@ impl Edge {
                         if let Some(framed) = &framed {
                             voice.send_frame(framed);
                         }
-                        if let Some(client) = self.clients.get_mut(&peer) {
+                        if let Some(client) = self.clients.by_peer.get_mut(&peer) {
                             client.voice = Some(voice);
                         }
                     }
@@ -176,7 +169,7 @@ impl Edge {
     }
 
     fn act(&mut self, now: Instant, peer: Peer, action: Action) {
-        let Some(client) = self.clients.get_mut(&peer) else {
+        let Some(client) = self.clients.by_peer.get_mut(&peer) else {
             return;
         };
         match action {
@@ -208,7 +201,7 @@ impl Edge {
                 };
                 client.control.send(&pong, &mut self.out);
             }
-            Action::Ask(question) => self.ask(peer, &question),
+            Action::Ask(question) => self.ask(peer, question),
             Action::Join(choice) => {
                 let granted = client.voice.is_none().then_some((IdRange::EMPTY, 0));
                 client.joining = Some(Joining { choice, granted });
@@ -237,6 +230,7 @@ impl Edge {
             Action::Leave => {
                 client.member = None;
                 client.control.send(&ServerMessage::Left, &mut self.out);
+                self.owners.forget_questions(peer);
             }
         }
     }
@@ -245,6 +239,7 @@ impl Edge {
     fn want_copy(&mut self, now: Instant, peer: Peer, choice: StreamChoice) {
         let scene = self
             .clients
+            .by_peer
             .get(&peer)
             .and_then(|client| client.scene.clone());
         if let Some(scene) = scene {
@@ -254,16 +249,12 @@ impl Edge {
     }
 
     /// An observer's question goes to the owner by its mirror; answers come in order.
-    fn ask(&mut self, peer: Peer, question: &ClientMessage) {
-        let member = self
-            .clients
-            .get(&peer)
-            .and_then(|client| client.member.as_ref());
-        let Some(id) = member.map(|member| member.mirror) else {
-            return;
-        };
-        if let Some(mirror) = self.owners.get_mut(id) {
-            mirror.ask(peer, question);
+    fn ask(&mut self, peer: Peer, question: ClientMessage) {
+        let client = self.clients.by_peer.get_mut(&peer);
+        if let Some(member) = client.and_then(|client| client.member.as_mut())
+            && let Some(mirror) = self.owners.get_mut(member.mirror)
+        {
+            mirror.ask(peer, member.count_question(&question), question);
         }
     }
 
@@ -272,33 +263,23 @@ impl Edge {
         let of_scene = || self.owners.of_scene(Some(scene));
         let config = of_scene().find_map(|(_, mirror)| mirror.config());
         let is_absent = of_scene().any(|(_, mirror)| mirror.denied.is_some());
-        if config.is_none() && !is_absent {
-            return;
-        }
-        for client in self.clients.values_mut() {
-            if client.scene.as_ref() == Some(scene) && !client.is_greeted && client.voice.is_none()
-            {
-                client.is_greeted = true;
-                let role = client.has_token.then_some(client.permit.role);
-                if let Some(session) = client.control.session(&mut self.out) {
-                    session.welcome(config, role);
-                }
-            }
+        if config.is_some() || is_absent {
+            self.clients.greet_observers(scene, config, &mut self.out);
         }
     }
 
     /// Hands on what a mirror has received, and does what it makes possible.
     fn serve_mirror(&mut self, now: Instant, id: MirrorId) {
         while let Some(forward) = self.owners.get_mut(id).and_then(Mirror::poll_forward) {
-            self.forward(id, forward);
+            self.forward(now, id, forward);
         }
         let Some(mirror) = self.owners.get_mut(id) else {
             return;
         };
         let (answers, too_old) = mirror.answer_reports(now);
-        let (scene, denied) = (mirror.scene.clone(), mirror.denied);
+        let (scene, mirror_choice, denied) = (mirror.scene.clone(), mirror.choice, mirror.denied);
         for (peer, bytes) in answers {
-            if let Some(client) = self.clients.get(&peer) {
+            if let Some(client) = self.clients.by_peer.get(&peer) {
                 client.control.send_datagram(bytes, &mut self.out);
             }
         }
@@ -307,80 +288,85 @@ impl Edge {
         }
         self.greet_observers(&scene);
         if let Some(denial) = denied {
-            self.deny(id, denial);
+            let of = (&scene, mirror_choice);
+            self.clients.deny(of, denial, &mut self.out);
         }
         self.send_snapshots(now);
-        for peer in self.clients.keys().copied().collect::<Vec<_>>() {
+        self.tell_standing(now, id);
+        for peer in self.clients.peers() {
             self.hear(now, peer);
         }
     }
 
-    fn forward(&mut self, id: MirrorId, forward: Forward) {
+    /// Tells the members of a mirror the next part of what stands, once for a tick (PROTOCOL 4.15-11).
+    fn tell_standing(&mut self, now: Instant, id: MirrorId) {
+        if let Some(mirror) = self.owners.get_mut(id).filter(|mirror| mirror.is_live())
+            && self.clients.lack_standing(id)
+        {
+            let (tick, standing) = (mirror.scene_tick(), mirror.standing());
+            self.clients
+                .tell_standing(id, (tick, &standing), &mut self.out);
+            if self.clients.lack_standing(id) {
+                mirror.ask_watermark(now);
+            }
+        }
+    }
+
+    fn forward(&mut self, now: Instant, id: MirrorId, forward: Forward) {
         match forward {
-            Forward::Control(bytes) => {
-                for client in self.clients.values_mut() {
-                    if client.is_served_by(id) {
-                        client.control.send_encoded(&bytes, &mut self.out);
-                    }
+            Forward::Control(bytes) => self.clients.forward_control(id, &bytes, &mut self.out),
+            Forward::Events(events, bytes) => {
+                if let Some(mirror) = self.owners.get(id) {
+                    let events = (&events, &bytes);
+                    self.clients
+                        .forward_events(id, events, mirror, &mut self.out);
                 }
             }
-            Forward::Packet(bytes) => self.forward_packet(id, &bytes),
-            Forward::Answer(peer, answer) => self.answer(peer, *answer),
+            Forward::Packet(bytes) => self.forward_packet(id, bytes),
+            Forward::Answer(peer, answer) => self.answer(now, peer, &answer),
             Forward::Deleted => {
-                for client in self.clients.values_mut() {
-                    if client.voice.is_none() && client.is_served_by(id) {
-                        client.member = None;
-                        client.control.send(&ServerMessage::Deleted, &mut self.out);
-                    }
+                for peer in self.clients.end_observers(id, &mut self.out) {
+                    self.owners.forget_questions(peer);
                 }
+            }
+            Forward::Retold => {
+                let members = self.clients.members_of(id);
+                members.for_each(|member| member.events.retell());
             }
             Forward::Renewed => {
-                for peer in self.clients.keys().copied().collect::<Vec<_>>() {
+                let members = self.clients.members_of(id);
+                members.for_each(|member| member.events.renew());
+                for peer in self.clients.peers() {
                     self.renew(peer, id);
                 }
             }
         }
     }
 
-    fn forward_packet(&mut self, id: MirrorId, bytes: &Bytes) {
-        let mut is_shared = false;
-        for client in self.clients.values() {
-            if client
-                .member
-                .as_ref()
-                .is_some_and(|member| member.receives(id))
-            {
-                if client.is_shared {
-                    is_shared = true;
-                } else {
-                    client.control.send_datagram(bytes.clone(), &mut self.out);
-                }
-            }
-        }
+    fn forward_packet(&mut self, id: MirrorId, bytes: Bytes) {
+        let is_shared = self.clients.forward_packet(id, &bytes, &mut self.out);
         if is_shared
             && let Some(mirror) = self.owners.get(id)
             && let Some(stream) = mirror.stream()
         {
-            self.shared.push_back(SharedPacket {
-                scene: mirror.scene.clone(),
+            let scene = mirror.scene.clone();
+            self.shared.push(SharedPacket {
+                scene,
                 stream,
-                bytes: bytes.clone(),
+                bytes,
             });
         }
     }
 
-    /// Gives an answer of the owner to the member that asked. Queries are numbered for each member.
-    fn answer(&mut self, peer: Peer, mut answer: ServerMessage) {
-        let Some(client) = self.clients.get_mut(&peer) else {
-            return;
-        };
-        if let (ServerMessage::QueryResult(result), Some(member)) =
-            (&mut answer, &mut client.member)
+    /// Gives an answer of the owner to the member that asked.
+    fn answer(&mut self, now: Instant, peer: Peer, answer: &ServerMessage) {
+        if let Some(client) = self.clients.by_peer.get_mut(&peer)
+            && let Some(member) = &mut client.member
         {
-            result.number = member.queries;
-            member.queries += 1;
+            member.unanswered -= 1;
+            client.control.send(answer, &mut self.out);
+            self.read(now, peer);
         }
-        client.control.send(&answer, &mut self.out);
     }
 
     /// A member of a mirror gets a new snapshot, asked for or not (PROTOCOL 3.2-4).
@@ -388,6 +374,7 @@ impl Edge {
         let choice = self.owners.get(id).map(|mirror| mirror.choice);
         let member = self
             .clients
+            .by_peer
             .get_mut(&peer)
             .and_then(|client| client.member.as_mut());
         if let Some(member) = member {
@@ -400,40 +387,9 @@ impl Edge {
         }
     }
 
-    /// The owner has denied a mirror's join: its members' joins are denied too.
-    fn deny(&mut self, id: MirrorId, denial: Denial) {
-        let Some(mirror) = self.owners.get(id) else {
-            return;
-        };
-        let (scene, choice) = (mirror.scene.clone(), mirror.choice);
-        for client in self.clients.values_mut() {
-            let waits = client.scene.as_ref() == Some(&scene)
-                && client
-                    .joining
-                    .is_some_and(|joining| joining.choice == choice);
-            if !waits {
-                continue;
-            }
-            if client.voice.is_none() {
-                client.joining = None;
-                client
-                    .control
-                    .send(&ServerMessage::Denied(denial), &mut self.out);
-            } else if client
-                .joining
-                .is_some_and(|joining| joining.granted.is_some())
-                && denial != Denial::NoSuchScene
-                && let Some(session) = client.control.session(&mut self.out)
-            {
-                // The owner has taken it, and its stream cannot be had.
-                session.close(CloseCode::BUSY);
-            }
-        }
-    }
-
     /// Makes members of the clients whose mirrors are ready, and sends the snapshots that members wait for.
     fn send_snapshots(&mut self, now: Instant) {
-        let waiting = self.clients.iter();
+        let waiting = self.clients.by_peer.iter();
         let waiting = waiting.filter(|(_, client)| client.awaits_copy().is_some());
         for peer in waiting.map(|(peer, _)| *peer).collect::<Vec<_>>() {
             self.send_snapshot(now, peer);
@@ -441,7 +397,7 @@ impl Edge {
     }
 
     fn send_snapshot(&mut self, now: Instant, peer: Peer) {
-        let Some(client) = self.clients.get_mut(&peer) else {
+        let Some(client) = self.clients.by_peer.get_mut(&peer) else {
             return;
         };
         let Some((choice, needs)) = client.awaits_copy() else {
@@ -466,6 +422,7 @@ impl Edge {
         if let Some(mirror) = self.owners.get_mut(id) {
             client.begin_copy((id, mirror), &mut self.out);
         }
+        self.tell_standing(now, id);
         self.read(now, peer);
         self.hear(now, peer);
     }
@@ -473,7 +430,7 @@ impl Edge {
     /// Tells a client what the owner said, as far as it has the scene events before it.
     fn hear(&mut self, now: Instant, peer: Peer) {
         loop {
-            let Some(client) = self.clients.get_mut(&peer) else {
+            let Some(client) = self.clients.by_peer.get_mut(&peer) else {
                 return;
             };
             let Some(voice) = &mut client.voice else {
@@ -506,11 +463,16 @@ impl Edge {
                 Reply::Message(message, _) => self.tell(now, peer, *message),
                 Reply::Datagram(bytes) => client.control.send_datagram(bytes, &mut self.out),
                 Reply::Ended(ending) => {
-                    client.voice = None;
+                    if let Some(voice) = client.voice.take() {
+                        self.owners.end_voice(voice);
+                    }
                     let code = match ending {
                         Ending::Closed(code) => CloseCode(code),
                         Ending::TimedOut | Ending::Broken => CloseCode(TransportCode::GOING_AWAY.0),
                     };
+                    if !matches!(ending, Ending::Closed(_)) {
+                        self.owners.doubt(now, client.scene.as_ref());
+                    }
                     if let Some(session) = client.control.session(&mut self.out) {
                         session.close(code);
                     }
@@ -522,22 +484,11 @@ impl Edge {
 
     /// Hands on a message of the owner.
     fn tell(&mut self, now: Instant, peer: Peer, message: ServerMessage) {
-        let Some(client) = self.clients.get_mut(&peer) else {
+        let Some(client) = self.clients.by_peer.get_mut(&peer) else {
             return;
         };
         match message {
-            ServerMessage::Welcome(Welcome {
-                scene, extensions, ..
-            }) => {
-                client.is_greeted = true;
-                let role = extensions
-                    .value(Extension::TOKEN)
-                    .and_then(|role| Role::from_code(*role.first()?));
-                if let Some(session) = client.control.session(&mut self.out) {
-                    session.welcome(scene, role);
-                }
-                self.read(now, peer);
-            }
+            ServerMessage::Welcome(welcome) => self.greet(now, peer, &welcome),
             message => {
                 if matches!(message, ServerMessage::Left | ServerMessage::Deleted) {
                     client.member = None;
@@ -557,9 +508,45 @@ impl Edge {
         }
     }
 
+    /// Hands on the owner's welcome, by which the owner has admitted a client. An observer needs the owner no more.
+    fn greet(&mut self, now: Instant, peer: Peer, welcome: &Welcome) {
+        let Some(client) = self.clients.by_peer.get_mut(&peer) else {
+            return;
+        };
+        client.is_greeted = true;
+        let role = welcome.extensions.value(Extension::TOKEN);
+        let role = role.and_then(|role| Role::from_code(*role.first()?));
+        let Some(session) = client.control.session(&mut self.out) else {
+            return;
+        };
+        if role.is_none() && self.settings.asks_tokens {
+            tracing::warn!(
+                peer = peer.0,
+                "the owner asks for no token, and this edge is open to other machines: refused"
+            );
+            return session.close(CloseCode::TOKEN_MISSING);
+        }
+        session.welcome(welcome.scene, role);
+        if role == Some(Role::Observer)
+            && let Some(mut voice) = client.voice.take()
+        {
+            voice.close(CloseCode::DONE.0);
+            self.owners.end_voice(voice);
+        }
+        self.read(now, peer);
+    }
+
+    /// Clients that wait for a mirror which has lost its connection, or got none, have to come again.
+    fn turn_away(&mut self, id: MirrorId) {
+        if let Some(mirror) = self.owners.get(id) {
+            let of = (&mirror.scene, mirror.choice);
+            self.clients.turn_away(of, &mut self.out);
+        }
+    }
+
     /// Ends what a client has at the owner. With code 0 its session is over.
     fn part(&mut self, peer: Peer, code: u32) {
-        let Some(client) = self.clients.get_mut(&peer) else {
+        let Some(client) = self.clients.by_peer.get_mut(&peer) else {
             return;
         };
         client.member = None;
@@ -570,17 +557,18 @@ impl Edge {
         }
         for mirror in self.owners.mirrors.values_mut() {
             mirror.forget(peer);
+            mirror.forget_questions(peer);
         }
     }
 
     /// Leaves the streams that no client has needed for some time.
     fn close_unused(&mut self, now: Instant) {
-        let clients = &self.clients;
+        let clients = &self.clients.by_peer;
         self.owners.close_unused(now, |id, mirror| {
             let mut of_scene = clients
                 .values()
                 .filter(|client| client.scene.as_ref() == Some(&mirror.scene));
-            of_scene.any(|client| client.needs(id, mirror.choice))
+            mirror.is_asked() || of_scene.any(|client| client.needs(id, mirror.choice))
         });
     }
 
@@ -599,7 +587,7 @@ impl Edge {
                 self.serve_mirror(now, id);
             }
             Some(LinkUse::Voice(peer)) => {
-                let client = self.clients.get_mut(&peer);
+                let client = self.clients.by_peer.get_mut(&peer);
                 client
                     .and_then(|client| client.voice.as_mut())
                     .map(of_voice);
@@ -625,12 +613,12 @@ impl Endpoint for Edge {
         let seed = now.as_nanos() ^ peer.0.rotate_left(48);
         let control = ControlStream::new(peer, Grease::new(seed), now);
         let client = EdgeClient::new(control, Arc::clone(&self.settings.permit));
-        self.clients.insert(peer, client);
+        self.clients.by_peer.insert(peer, client);
     }
 
     fn handle_control(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
         self.out.at(now);
-        let client = self.clients.get_mut(&from);
+        let client = self.clients.by_peer.get_mut(&from);
         if let Some(session) = client.and_then(|client| client.control.session(&mut self.out)) {
             session.handle_control(bytes);
         }
@@ -639,7 +627,7 @@ impl Endpoint for Edge {
 
     fn handle_control_taken(&mut self, now: Instant, peer: Peer, bytes: usize) {
         self.out.at(now);
-        if let Some(client) = self.clients.get_mut(&peer) {
+        if let Some(client) = self.clients.by_peer.get_mut(&peer) {
             client.control.note_taken(bytes, &mut self.out);
         }
         if bytes > 0 {
@@ -648,15 +636,17 @@ impl Endpoint for Edge {
     }
 
     fn wants_control(&self, from: Peer) -> bool {
-        self.clients.get(&from).is_none_or(|client| {
+        self.clients.by_peer.get(&from).is_none_or(|client| {
             let waiting = client.voice.as_ref().map_or(0, Voice::queued_bytes);
-            client.control.unread_bytes() + waiting < UNREAD_BYTES && !client.control.is_behind()
+            let unread = client.control.unread_bytes() + waiting;
+            unread < UNREAD_BYTES && !client.control.is_behind()
         })
     }
 
     fn handle_datagram(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
         self.out.at(now);
-        let (Ok(datagram), Some(client)) = (Datagram::open(bytes), self.clients.get_mut(&from))
+        let (Ok(datagram), Some(client)) =
+            (Datagram::open(bytes), self.clients.by_peer.get_mut(&from))
         else {
             return;
         };
@@ -683,7 +673,7 @@ impl Endpoint for Edge {
 
     fn handle_link(&mut self, now: Instant, peer: Peer, _report: &LinkReport) {
         self.out.at(now);
-        if let Some(client) = self.clients.get_mut(&peer) {
+        if let Some(client) = self.clients.by_peer.get_mut(&peer) {
             client.control.close_if_stalled(&mut self.out);
         }
     }
@@ -695,7 +685,7 @@ impl Endpoint for Edge {
             Ending::Closed(_) | Ending::TimedOut | Ending::Broken => TransportCode::LEFT.0,
         };
         self.part(peer, code);
-        self.clients.remove(&peer);
+        self.clients.by_peer.remove(&peer);
         self.out.forget(peer);
         self.close_unused(now);
     }
@@ -708,6 +698,7 @@ impl Endpoint for Edge {
         while let Some(peer) = self.out.next_sendable() {
             let control = self
                 .clients
+                .by_peer
                 .get_mut(&peer)
                 .map(|client| &mut client.control);
             let transmit = self.out.poll_control(peer, control);
@@ -730,11 +721,7 @@ impl Endpoint for OwnerSide<'_> {
     }
 
     fn handle_control(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
-        let of_voice = |voice: &mut Voice| {
-            if voice.handle_control(bytes).is_err() {
-                voice.handle_ended(Ending::Broken);
-            }
-        };
+        let of_voice = |voice: &mut Voice| voice.handle_control(bytes);
         let of_mirror = |mirror: &mut Mirror| mirror.handle_control(now, bytes);
         self.0.heed(now, from, of_mirror, of_voice);
     }
@@ -750,7 +737,9 @@ impl Endpoint for OwnerSide<'_> {
         let of_mirror = |mirror: &mut Mirror| mirror.handle_ended(now, ending);
         let of_voice = |voice: &mut Voice| voice.handle_ended(ending);
         self.0.heed(now, peer, of_mirror, of_voice);
-        self.0.owners.links.remove(&peer);
+        if let Some(LinkUse::Mirror(id)) = self.0.owners.links.remove(&peer) {
+            self.0.turn_away(id);
+        }
     }
 
     fn handle_timeout(&mut self, now: Instant) {
@@ -759,7 +748,7 @@ impl Endpoint for OwnerSide<'_> {
 
     fn poll_transmit(&mut self) -> Option<Transmit> {
         self.0.owners.poll_transmit().or_else(|| {
-            let clients = self.0.clients.values_mut();
+            let clients = self.0.clients.by_peer.values_mut();
             let mut voices = clients.filter_map(|client| client.voice.as_mut());
             voices.find_map(|voice| {
                 let transmit = voice.poll_transmit()?;

@@ -7,10 +7,13 @@
 #![forbid(unsafe_code)]
 
 mod client;
+mod clients;
 mod edge;
 mod mirror;
 mod owners;
+mod shared_queue;
 mod voice;
 
-pub use edge::{Edge, EdgeSettings, OwnerSide, SharedPacket};
+pub use edge::{Edge, EdgeSettings, OwnerSide};
 pub use owners::Dial;
+pub use shared_queue::SharedPacket;

@@ -7,26 +7,37 @@
 use std::collections::{BTreeMap, VecDeque};
 
 use bytes::Bytes;
-use rhumb_protocol::limits::{EVENTS_PER_TICK_MAX, STANDING_PAIRS_MAX};
 use rhumb_protocol::message::{
     ClientMessage, Denial, Extensions, Frames, Joined, SceneEvent, ServerMessage, StreamChoice,
     TickEvents, TierPolicy, Token, frame,
 };
 use rhumb_protocol::packet::{Datagram, LossReport, PacketKind, StreamId};
 use rhumb_protocol::scene::{BodyEvent, IdRange, SceneConfig, SceneName, ShapeId, Stepping};
-use rhumb_protocol::session::{ClientSession, Event, Replica};
+use rhumb_protocol::session::{ClientSession, CloseCode, Event, Misuse, Replica, StandingEvents};
 use rhumb_protocol::stream::{Recipient, RefreshReplies, StreamStart, Subscriber};
-use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit, Wake};
+use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit, Wake, WakeReason};
 use rhumb_reckoning::{BodyId, Inertia, Tick};
 
 /// The peer number of the owner in a session.
 const OWNER: Peer = Peer(0);
+/// Pause before it connects again, or joins again.
+pub(crate) const RETRY: Span = Span::from_millis(250);
+/// Attempts to connect that make the pause longer.
+const ATTEMPTS_COUNTED: u32 = 4;
+/// Silence after which it asks whether the owner is there.
+const PROBES_EVERY: Span = Span::from_millis(1_000);
+/// Pause between two questions for the newest tick: several times that in which the owner answers one.
+const ASKS_EVERY: Span = Span::from_millis(50);
 
 /// What a mirror hands on to the members of its stream.
 #[derive(Debug)]
 pub(crate) enum Forward {
     /// Control bytes for all members that it serves.
     Control(Bytes),
+    /// The events of a tick, and the bytes that tell them.
+    Events(TickEvents, Bytes),
+    /// The owner tells anew what stands.
+    Retold,
     /// A datagram of the stream, as it came.
     Packet(Bytes),
     /// The answer to a member's question.
@@ -35,6 +46,17 @@ pub(crate) enum Forward {
     Deleted,
     /// What members have is out of date: a new snapshot came over another connection.
     Renewed,
+}
+
+/// What a member asked, and any member may ask.
+#[derive(Debug)]
+struct Question {
+    /// `None` for a member that has left.
+    from: Option<Peer>,
+    /// Its number among the member's queries.
+    number: u64,
+    message: ClientMessage,
+    is_sent: bool,
 }
 
 /// One membership of an edge.
@@ -46,6 +68,8 @@ pub(crate) struct Mirror {
     pub(crate) link: Option<Peer>,
     /// When it may connect again.
     pub(crate) retry_at: Instant,
+    /// Connections that have ended since it last was whole; each makes the next pause longer.
+    attempts: u32,
     /// Since when no member needs it.
     pub(crate) unused_since: Option<Instant>,
     /// The owner's refusal of the last attempt.
@@ -60,7 +84,14 @@ pub(crate) struct Mirror {
     shapes: BTreeMap<ShapeId, Bytes>,
     inertias: BTreeMap<BodyId, Inertia>,
     silences: Vec<(Tick, Vec<BodyId>)>,
-    standing: Standing,
+    /// What stands between bodies, for new members.
+    standing: StandingEvents,
+    /// The newest tick whose events it has.
+    events_tick: Tick,
+    /// The time of the next question for the newest tick.
+    asks_at: Option<Instant>,
+    /// True until the owner answers.
+    is_doubtful: bool,
     /// The newest statement of the scene's time: a moment, a tick, the time since it.
     clock: Option<(Instant, Tick, Span)>,
     replies: RefreshReplies,
@@ -68,8 +99,8 @@ pub(crate) struct Mirror {
     reports: BTreeMap<Peer, LossReport>,
     /// The last snapshot, and the tick, number and scene events of which it is.
     snapshot: Option<((Tick, u64, u64), Bytes)>,
-    /// Members whose questions the owner has not answered, oldest first.
-    askers: VecDeque<Peer>,
+    /// What the owner has not answered, oldest first.
+    questions: VecDeque<Question>,
     forwards: VecDeque<Forward>,
 }
 
@@ -82,6 +113,7 @@ impl Mirror {
             choice,
             link: None,
             retry_at: Instant::ZERO,
+            attempts: 0,
             unused_since: None,
             denied: None,
             frames: Frames::new(),
@@ -92,12 +124,15 @@ impl Mirror {
             shapes: BTreeMap::new(),
             inertias: BTreeMap::new(),
             silences: Vec::new(),
-            standing: Standing::default(),
+            standing: StandingEvents::default(),
+            events_tick: Tick::ZERO,
+            asks_at: None,
+            is_doubtful: false,
             clock: None,
             replies: RefreshReplies::default(),
             reports: BTreeMap::new(),
             snapshot: None,
-            askers: VecDeque::new(),
+            questions: VecDeque::new(),
             forwards: VecDeque::new(),
         }
     }
@@ -113,18 +148,24 @@ impl Mirror {
         self.frames = Frames::new();
         self.link = Some(link);
         self.denied = None;
+        self.is_doubtful = false;
         self.filling = false;
         self.clock = None;
-        self.askers.clear();
+        self.questions.retain(|question| question.from.is_some());
+        for question in &mut self.questions {
+            question.is_sent = false;
+        }
         self.reports.clear();
     }
 
     pub(crate) fn handle_opened(&mut self, now: Instant) {
+        self.asks_at = Some(now + PROBES_EVERY);
         self.session.handle_opened(now, OWNER);
     }
 
     /// Control bytes of the owner.
     pub(crate) fn handle_control(&mut self, now: Instant, bytes: &[u8]) {
+        self.is_doubtful = false;
         self.frames.push(bytes);
         // The session reads the same bytes and closes the connection if they are malformed.
         while let Ok(Some(framed)) = self.frames.next_frame() {
@@ -134,7 +175,7 @@ impl Mirror {
             if let Ok(Some(decoded)) = ServerMessage::decode(&framed) {
                 self.take(now, decoded, message);
             }
-            self.drain_events();
+            self.drain_events(now);
         }
         self.replies.begin_tick();
     }
@@ -144,6 +185,7 @@ impl Mirror {
         let Ok(datagram) = Datagram::open(&bytes) else {
             return;
         };
+        self.is_doubtful = false;
         self.session.handle_datagram(now, OWNER, &bytes);
         self.replies.begin_tick();
         if let Some(replica) = self.session.replica_mut() {
@@ -160,12 +202,22 @@ impl Mirror {
 
     /// The connection has ended.
     pub(crate) fn handle_ended(&mut self, now: Instant, ending: Ending) {
+        if let Ending::Closed(code) = ending {
+            let code = CloseCode(code);
+            tracing::warn!(scene = %self.scene, %code, "the owner closes the connection of an edge");
+        }
         self.session.handle_ended(now, OWNER, ending);
+        self.attempts = (self.attempts + 1).min(ATTEMPTS_COUNTED);
+        self.retry_at = now + Span::from_nanos(RETRY.as_nanos() * u64::from(self.attempts));
         self.link = None;
         self.reports.clear();
     }
 
     pub(crate) fn handle_timeout(&mut self, now: Instant) {
+        if self.asks_at.is_some_and(|at| at <= now) {
+            self.session.query_watermark(now, Span::ZERO);
+            self.asks_at = Some(now + PROBES_EVERY);
+        }
         self.session.handle_timeout(now);
     }
 
@@ -174,7 +226,13 @@ impl Mirror {
     }
 
     pub(crate) fn poll_timeout(&self) -> Option<Wake> {
-        self.link.and_then(|_| self.session.poll_timeout())
+        self.link?;
+        let asks = self.asks_at.map(|at| Wake {
+            at,
+            reason: WakeReason::Watermark,
+        });
+        let wakes = [self.session.poll_timeout(), asks].into_iter().flatten();
+        wakes.min_by_key(|wake| wake.at)
     }
 
     pub(crate) fn poll_forward(&mut self) -> Option<Forward> {
@@ -183,7 +241,7 @@ impl Mirror {
 
     /// Leaves the scene.
     pub(crate) fn close(&mut self) {
-        self.session.close(rhumb_protocol::session::CloseCode::DONE);
+        self.session.close(CloseCode::DONE);
     }
 
     /// The stream, once it is known.
@@ -210,7 +268,8 @@ impl Mirror {
 
     /// True if a snapshot can be made now.
     pub(crate) fn is_settled(&self) -> bool {
-        self.is_live() && self.subscriber().is_some_and(Subscriber::is_settled)
+        let is_sure = self.is_live() && !self.is_doubtful;
+        is_sure && self.subscriber().is_some_and(Subscriber::is_settled)
     }
 
     /// The indices that the owner granted the edge. It adds no bodies, and an observer may not.
@@ -224,6 +283,11 @@ impl Mirror {
             .map_or(Tick::ZERO, Subscriber::watermark_tick)
     }
 
+    /// True if it has members, and the owner has no place for it now.
+    pub(crate) const fn is_refused(&self) -> bool {
+        self.was_whole && self.link.is_some() && self.denied.is_some()
+    }
+
     /// Joins once more, if the owner has denied that.
     pub(crate) fn join_again(&mut self) {
         if self.link.is_some() && self.denied.take().is_some() {
@@ -232,16 +296,55 @@ impl Mirror {
         }
     }
 
-    /// Asks the owner something that any member may ask. Answers come in the order of questions.
-    pub(crate) fn ask(&mut self, peer: Peer, message: &ClientMessage) {
-        let asked = match message {
-            ClientMessage::Inspect => self.session.inspect(),
-            ClientMessage::Query(queries) => self.session.query(queries.clone()).map(drop),
-            _ => return,
-        };
-        if asked.is_ok() {
-            self.askers.push_back(peer);
+    /// Asks the owner something that any member may ask, now or once there is a connection. Answers come in the order of
+    /// questions. `number`: that of the member's queries.
+    pub(crate) fn ask(&mut self, from: Peer, number: u64, message: ClientMessage) {
+        self.questions.push_back(Question {
+            from: Some(from),
+            number,
+            message,
+            is_sent: false,
+        });
+        self.send_questions();
+    }
+
+    /// True while a member waits for an answer.
+    pub(crate) fn is_asked(&self) -> bool {
+        let mut askers = self.questions.iter().map(|question| question.from);
+        askers.any(|from| from.is_some())
+    }
+
+    /// The answers to a member that has left are dropped.
+    pub(crate) fn forget_questions(&mut self, peer: Peer) {
+        for question in &mut self.questions {
+            question.from = question.from.filter(|from| *from != peer);
         }
+        (self.questions).retain(|question| question.is_sent || question.from.is_some());
+        let is_for_it =
+            |forward: &Forward| matches!(forward, Forward::Answer(to, _) if *to == peer);
+        self.forwards.retain(|forward| !is_for_it(forward));
+    }
+
+    fn send_questions(&mut self) {
+        let waiting = self
+            .questions
+            .iter_mut()
+            .filter(|question| !question.is_sent);
+        for question in waiting {
+            let asked = match &question.message {
+                ClientMessage::Query(queries) => self.session.query(queries.clone()).map(drop),
+                _ => self.session.inspect(),
+            };
+            match asked {
+                Ok(()) => question.is_sent = true,
+                Err(Misuse::NotNow) => return,
+                Err(misuse) => {
+                    tracing::error!(scene = %self.scene, %misuse, "a question that no client may ask");
+                    question.from = None;
+                }
+            }
+        }
+        (self.questions).retain(|question| question.is_sent || question.from.is_some());
     }
 
     /// The scene's time at a moment: a tick, and nanoseconds since it.
@@ -298,10 +401,33 @@ impl Mirror {
         })
     }
 
-    /// What stands, for a new member.
-    pub(crate) fn standing(&self) -> Option<TickEvents> {
-        let tick = self.subscriber()?.watermark_tick();
-        self.standing.events(tick)
+    /// What stands between bodies, in the order of events.
+    pub(crate) fn standing(&self) -> Vec<BodyEvent> {
+        self.standing.events().collect()
+    }
+
+    /// Pairs that stand and that it does not know.
+    pub(crate) const fn untold(&self) -> u64 {
+        self.standing.untold()
+    }
+
+    /// The newest tick whose events it has handed on.
+    pub(crate) const fn events_tick(&self) -> Tick {
+        self.events_tick
+    }
+
+    /// Asks up to which tick there is nothing more to say: a tick tells the next part of what stands.
+    pub(crate) fn ask_watermark(&mut self, now: Instant) {
+        if self.asks_at.is_none_or(|at| at > now + ASKS_EVERY) {
+            self.session.query_watermark(now, Span::ZERO);
+            self.asks_at = Some(now + ASKS_EVERY);
+        }
+    }
+
+    /// Another connection to the owner broke: this one may be broken, too. It serves no snapshot before the owner answers.
+    pub(crate) fn doubt(&mut self, now: Instant) {
+        self.is_doubtful = true;
+        self.session.query_watermark(now, Span::ZERO);
     }
 
     /// Takes a loss report of a member, to be answered by [`Self::answer_reports`].
@@ -365,7 +491,8 @@ impl Mirror {
                 self.shapes.clear();
                 self.inertias.clear();
                 self.silences.clear();
-                self.standing = Standing::default();
+                self.standing.clear();
+                self.events_tick = Tick::ZERO;
             }
             ServerMessage::SnapshotEnd => self.filling = false,
             ServerMessage::SceneEvent(event) => {
@@ -376,9 +503,10 @@ impl Mirror {
                 }
             }
             ServerMessage::TickEvents(events) => {
-                self.standing.handle(&events);
-                self.forwards
-                    .push_back(Forward::Control(Bytes::from(bytes)));
+                self.standing.note(&events);
+                self.events_tick = self.events_tick.max(events.tick);
+                let bytes = Bytes::from(bytes);
+                self.forwards.push_back(Forward::Events(events, bytes));
             }
             ServerMessage::Pong {
                 sent,
@@ -388,14 +516,23 @@ impl Mirror {
                 let half = Span::from_nanos(now.since(sent).as_nanos() / 2);
                 self.clock = Some((sent + half, tick, Span::from_nanos(since_tick_ns)));
             }
-            answer @ (ServerMessage::QueryResult(_) | ServerMessage::Inspection(_)) => {
-                if let Some(peer) = self.askers.pop_front() {
-                    self.forwards
-                        .push_back(Forward::Answer(peer, Box::new(answer)));
+            mut answer @ (ServerMessage::QueryResult(_) | ServerMessage::Inspection(_)) => {
+                let Some(question) = self.questions.pop_front() else {
+                    return;
+                };
+                if let ServerMessage::QueryResult(result) = &mut answer {
+                    result.number = question.number;
+                }
+                if let Some(peer) = question.from {
+                    let answer = Box::new(answer);
+                    self.forwards.push_back(Forward::Answer(peer, answer));
                 }
             }
             ServerMessage::Deleted => {
                 self.config = None;
+                self.was_whole = false;
+                // A later join asks anew.
+                self.denied = Some(Denial::NoSuchScene);
                 self.forwards.push_back(Forward::Deleted);
             }
             _ => {}
@@ -419,10 +556,13 @@ impl Mirror {
             }
             SceneEvent::BodyRemoved { id, .. } => {
                 self.inertias.remove(id);
-                self.standing.remove(*id);
                 for (_, bodies) in &mut self.silences {
                     bodies.retain(|body| body != id);
                 }
+            }
+            SceneEvent::SceneRestored { .. } => {
+                self.standing.clear();
+                self.forwards.push_back(Forward::Retold);
             }
             SceneEvent::PublisherSilent { since, bodies } => {
                 self.silences.push((*since, bodies.clone()));
@@ -438,11 +578,13 @@ impl Mirror {
     }
 
     /// Acts on what the session reports: joins after the welcome, and notes a refusal.
-    fn drain_events(&mut self) {
+    fn drain_events(&mut self, now: Instant) {
         while let Some(event) = self.session.poll_event() {
             let acted = match event {
                 Event::Welcomed(_) => self.session.join(self.choice),
                 Event::Joined(_) => {
+                    self.attempts = 0;
+                    self.send_questions();
                     if std::mem::replace(&mut self.was_whole, true) {
                         self.forwards.push_back(Forward::Renewed);
                     }
@@ -451,6 +593,10 @@ impl Mirror {
                 Event::Denied(denial) => {
                     tracing::warn!(scene = %self.scene, %denial, "the owner refuses an edge");
                     self.denied = Some(denial);
+                    self.retry_at = now + RETRY;
+                    if denial == Denial::NoSuchScene && std::mem::take(&mut self.was_whole) {
+                        self.forwards.push_back(Forward::Deleted);
+                    }
                     Ok(())
                 }
                 _ => Ok(()),
@@ -500,60 +646,4 @@ pub(crate) struct Snapshot<'a> {
     pub(crate) joined: Joined,
     pub(crate) shapes: &'a BTreeMap<ShapeId, Bytes>,
     pub(crate) rest: Bytes,
-}
-
-/// What stands between bodies, for members that join (PROTOCOL 4.15-11): the pairs in contact and the bodies in sensors, each with
-/// the event in which it began.
-///
-/// Invariant: a pair is kept from its beginning to its end, or until one of its bodies has left the scene.
-#[derive(Debug, Default)]
-struct Standing {
-    pairs: BTreeMap<(u8, BodyId, BodyId), BodyEvent>,
-}
-
-impl Standing {
-    /// Takes the events of a tick.
-    fn handle(&mut self, events: &TickEvents) {
-        for event in &events.events {
-            match *event {
-                BodyEvent::ContactBegan { body, contact } => {
-                    self.insert((0, body, contact.with), *event);
-                }
-                BodyEvent::ContactEnded { body, with } => {
-                    self.pairs.remove(&(0, body, with));
-                }
-                BodyEvent::SensorEntered { sensor, body } => {
-                    self.insert((1, sensor, body), *event);
-                }
-                BodyEvent::SensorLeft { sensor, body } => {
-                    self.pairs.remove(&(1, sensor, body));
-                }
-                _ => {}
-            }
-        }
-    }
-
-    /// Forgets the pairs of a body that has left.
-    fn remove(&mut self, id: BodyId) {
-        self.pairs
-            .retain(|(_, first, second), _| *first != id && *second != id);
-    }
-
-    /// What stands, as the events of a tick; `None` if nothing does. A tick has one message, and what finds no place in it is left
-    /// out.
-    fn events(&self, tick: Tick) -> Option<TickEvents> {
-        let events = self.pairs.values().take(EVENTS_PER_TICK_MAX);
-        let events: Vec<_> = events.copied().collect();
-        (!events.is_empty()).then_some(TickEvents {
-            tick,
-            missed: 0,
-            events,
-        })
-    }
-
-    fn insert(&mut self, pair: (u8, BodyId, BodyId), event: BodyEvent) {
-        if self.pairs.len() < STANDING_PAIRS_MAX {
-            self.pairs.insert(pair, event);
-        }
-    }
 }

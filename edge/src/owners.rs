@@ -11,11 +11,9 @@ use rhumb_protocol::{Instant, Peer, Span, Transmit, Wake, WakeReason};
 use rhumb_reckoning::Tick;
 
 use crate::client::MirrorId;
-use crate::mirror::Mirror;
+use crate::mirror::{Mirror, RETRY};
 use crate::voice::Voice;
 
-/// Pause before a mirror connects again.
-const RETRY: Span = Span::from_millis(250);
 /// Time for which a mirror without members is kept.
 const KEPT: Span = Span::from_millis(10_000);
 
@@ -141,6 +139,21 @@ impl Owners {
         }
     }
 
+    /// The answers to a member that has left are dropped.
+    pub(crate) fn forget_questions(&mut self, peer: Peer) {
+        for mirror in self.mirrors.values_mut() {
+            mirror.forget_questions(peer);
+        }
+    }
+
+    /// A client's connection to the owner of this scene broke.
+    pub(crate) fn doubt(&mut self, now: Instant, scene: Option<&SceneName>) {
+        let mirrors = self.mirrors.values_mut();
+        for mirror in mirrors.filter(|mirror| Some(&mirror.scene) == scene) {
+            mirror.doubt(now);
+        }
+    }
+
     /// Forgets a client's connection, once it has sent what it has.
     pub(crate) fn end_voice(&mut self, mut voice: Voice) {
         let link = voice.link();
@@ -182,6 +195,10 @@ impl Owners {
         let is_due = |mirror: &Mirror| mirror.poll_timeout().is_some_and(|wake| wake.at <= now);
         let mut due = Vec::new();
         for (id, mirror) in &mut self.mirrors {
+            if mirror.is_refused() && mirror.retry_at <= now {
+                mirror.join_again();
+                mirror.retry_at = now + RETRY;
+            }
             if is_due(mirror) {
                 mirror.handle_timeout(now);
                 due.push(*id);
@@ -201,7 +218,7 @@ impl Owners {
             reason: WakeReason::Deadline,
         };
         let mirrors = || self.mirrors.values();
-        let lost = mirrors().filter(|mirror| mirror.link.is_none());
+        let lost = mirrors().filter(|mirror| mirror.link.is_none() || mirror.is_refused());
         let retries = lost.map(|mirror| deadline(mirror.retry_at));
         let unused = mirrors().filter_map(|mirror| Some(deadline(mirror.unused_since? + KEPT)));
         let sessions = mirrors().filter_map(Mirror::poll_timeout);

@@ -12,11 +12,17 @@ use rhumb_protocol::message::{
     ClientMessage, Framed, Frames, Joined, ServerMessage, TierPolicy, frame,
 };
 use rhumb_protocol::packet::{Datagram, PacketKind};
+use rhumb_protocol::session::TransportCode;
 use rhumb_protocol::wire::Malformed;
 use rhumb_protocol::{Ending, Peer, Transmit};
 
 /// The peer number of the owner on a link.
 const OWNER: Peer = Peer(0);
+/// Replies that wait for scene events beyond which the connection ends: the edge's own to the owner is late. Derived: those of
+/// a member that asks for all that it may in a second.
+const REPLIES_MAX: usize = 4_096;
+/// Replies beyond which reports for the member's upstream are dropped.
+const REPLIES_BEFORE_REPORTS: usize = 64;
 
 /// What the owner said to a member.
 #[derive(Debug)]
@@ -107,7 +113,21 @@ impl Voice {
         self.out.push_back(Transmit::Close { to: OWNER, code });
     }
 
-    pub(crate) fn handle_control(&mut self, bytes: &[u8]) -> Result<(), Malformed> {
+    /// Control bytes of the owner. Malformed ones end the connection, and so does a member whose answers wait for long.
+    pub(crate) fn handle_control(&mut self, bytes: &[u8]) {
+        let read = self.read(bytes);
+        if read.is_err() || self.replies.len() > REPLIES_MAX {
+            tracing::warn!(
+                link = self.link.0,
+                malformed = read.is_err(),
+                "closing a connection to the owner"
+            );
+            self.close(TransportCode::LEFT.0);
+            self.handle_ended(Ending::Broken);
+        }
+    }
+
+    fn read(&mut self, bytes: &[u8]) -> Result<(), Malformed> {
         self.frames.push(bytes);
         while let Some(framed) = self.frames.next_frame()? {
             if let Some(message) = ServerMessage::decode(&framed)? {
@@ -121,6 +141,7 @@ impl Voice {
         // The member's stream comes from the mirror; reports are about its upstream.
         if let Ok(datagram) = Datagram::open(bytes)
             && datagram.head().kind == PacketKind::LossReport
+            && self.replies.len() < REPLIES_BEFORE_REPORTS
         {
             let bytes = Bytes::copy_from_slice(bytes);
             self.replies.push_back(Reply::Datagram(bytes));
@@ -128,6 +149,8 @@ impl Voice {
     }
 
     pub(crate) fn handle_ended(&mut self, ending: Ending) {
+        // What waits for scene events would keep the end waiting. The member hears it again by its session.
+        self.replies.clear();
         self.replies.push_back(Reply::Ended(ending));
     }
 

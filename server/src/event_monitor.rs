@@ -128,7 +128,8 @@ impl StepEvents {
 
     /// The events of a tick, and before them as many that stand as it has room for, in the order of events. `after`: the last
     /// one that was sent, which is returned anew; `None` if none is left.
-    pub(crate) fn with_standing(
+    #[must_use]
+    pub fn with_standing(
         &self,
         tick: Tick,
         standing: &[BodyEvent],
@@ -151,11 +152,11 @@ impl StepEvents {
 
 /// The place of an event among those of a tick: its code and its bodies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) struct EventKey(u8, BodyId, BodyId);
+pub struct EventKey(u8, BodyId, BodyId);
 
 impl EventKey {
     /// Before every event: no body touches itself.
-    pub(crate) const FIRST: Self = Self(0, BodyId::new(0, 0), BodyId::new(0, 0));
+    pub const FIRST: Self = Self(0, BodyId::new(0, 0), BodyId::new(0, 0));
 
     fn of(event: &BodyEvent) -> Self {
         let none = BodyId::new(0, 0);

@@ -67,6 +67,8 @@ pub use checkpoint::{Checkpoint, CheckpointError, replay};
 #[doc(hidden)]
 pub use control_stream::{ControlStream, PendingOutput};
 pub use engine::{StepThreads, StepThreadsError};
+#[doc(hidden)]
+pub use event_monitor::EventKey;
 pub use event_monitor::StepEvents;
 pub use glam;
 pub use hook::{

@@ -114,6 +114,7 @@ impl EdgeStage {
             limits: Limits::default(),
             token: None,
             permit: Arc::new(permit),
+            asks_tokens: false,
         };
         let shared = Rc::new(RefCell::new(EdgeState {
             edge: Edge::new(settings),

@@ -2,11 +2,13 @@
 //!
 //! Takes the events of a session, and changes nothing else of it.
 
+use std::collections::BTreeSet;
+
 use rhumb_protocol::Ending;
 use rhumb_protocol::message::{
     AuthorityError, Denial, Inspection, RemovalCause, StreamChoice, TierChangeCause,
 };
-use rhumb_protocol::scene::{BodyKind, CommandError, IdRange};
+use rhumb_protocol::scene::{BodyEvent, BodyKind, CommandError, IdRange};
 use rhumb_protocol::session::{ClientSession, Event, Replica};
 use rhumb_protocol::stream::ErrorBound;
 use rhumb_reckoning::{BodyId, Metres, Pose, Tick, Tolerance};
@@ -55,6 +57,8 @@ pub struct ObservationHistory {
     pub mismatches: u64,
     /// Answers to inspect requests.
     pub inspections: Vec<Inspection>,
+    /// Numbers of the queries that were answered.
+    pub queries: Vec<u64>,
     /// The number of times that this member created the scene.
     pub created: usize,
     /// The number of times that it left the scene.
@@ -65,6 +69,12 @@ pub struct ObservationHistory {
     pub silent: Vec<(BodyId, Tick)>,
     /// Bodies whose publisher was active again, with the tick.
     pub active: Vec<(BodyId, Tick)>,
+    /// Pairs in contact, as the events tell; none after missed events.
+    pub touching: BTreeSet<(BodyId, BodyId)>,
+    /// Number of events that were missed.
+    pub events_missed: u64,
+    /// Greatest number of pairs that began in one tick.
+    pub begun_at_most: usize,
     /// The end of the connection.
     pub ended: Option<Ending>,
     /// Claims about all bodies so far.
@@ -73,6 +83,8 @@ pub struct ObservationHistory {
     pub unknown: usize,
     /// Watermark tick and packet count at the last stored claims.
     last_stored: Option<(Tick, u64)>,
+    /// The tick of the last event of a body, and how many pairs began in it.
+    begun: (Tick, usize),
 }
 
 impl ObservationHistory {
@@ -98,13 +110,16 @@ impl ObservationHistory {
                 Event::ChecksumMismatch => self.mismatches += 1,
                 Event::AuthorityGrant(bodies) => self.authority_answers.push(Ok(bodies)),
                 Event::AuthorityDenied(error) => self.authority_answers.push(Err(error)),
+                Event::Body { tick, event } => self.take_body_event(tick, event),
+                Event::EventsMissed { count, .. } => {
+                    self.touching.clear();
+                    self.events_missed += count;
+                }
+                Event::SceneRestored(_) => self.touching.clear(),
+                Event::QueryResult(result) => self.queries.push(result.number),
                 Event::Reserved(_)
                 | Event::BodyPlaced(_)
                 | Event::SceneFaulted { .. }
-                | Event::SceneRestored(_)
-                | Event::QueryResult(_)
-                | Event::Body { .. }
-                | Event::EventsMissed { .. }
                 | Event::Interrupted(_)
                 | Event::Resumed(_)
                 | Event::SessionLost(_)
@@ -112,6 +127,23 @@ impl ObservationHistory {
                 | Event::ClockSeen { .. } => {}
             }
         }
+    }
+
+    fn take_body_event(&mut self, tick: Tick, event: BodyEvent) {
+        if self.begun.0 != tick {
+            self.begun = (tick, 0);
+        }
+        match event {
+            BodyEvent::ContactBegan { body, contact } => {
+                self.touching.insert((body, contact.with));
+                self.begun.1 += 1;
+            }
+            BodyEvent::ContactEnded { body, with } => {
+                self.touching.remove(&(body, with));
+            }
+            _ => {}
+        }
+        self.begun_at_most = self.begun_at_most.max(self.begun.1);
     }
 
     /// Stores the present claims about all bodies that can move, if data arrived since the last call.

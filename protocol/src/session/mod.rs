@@ -8,6 +8,7 @@
 mod client;
 mod replica;
 mod server;
+mod standing_events;
 mod upstream;
 
 use alloc::vec::Vec;
@@ -27,6 +28,7 @@ use crate::wire::Malformed;
 pub use client::ClientSession;
 pub use replica::Replica;
 pub use server::ServerSession;
+pub use standing_events::StandingEvents;
 pub use upstream::UpstreamReceiver;
 
 /// The code with which one end closes the connection (PROTOCOL 3.4).

@@ -3,11 +3,18 @@
 //! The tests run in virtual time. Claims of every member are judged against a replay of the commands, whose checksum must equal the
 //! server's: a command that was lost or applied twice would change it.
 
+use std::collections::BTreeSet;
+
+use glam::Vec3;
 use rhumb_netsim::LinkConfig;
+use rhumb_protocol::limits::EVENTS_PER_TICK_MAX;
 use rhumb_protocol::message::{Denial, SessionKey, StreamChoice};
-use rhumb_protocol::scene::{Command, CommandError, Stepping};
+use rhumb_protocol::scene::{
+    ActiveEvents, BodyDesc, BodyKind, Command, CommandError, Query, SceneConfig, Shape, ShapeId,
+    Stepping,
+};
 use rhumb_protocol::{Ending, Span};
-use rhumb_reckoning::{Metres, Tolerance};
+use rhumb_reckoning::{BodyId, BodyState, Metres, Tick, Tolerance};
 use rhumb_scene::Permit;
 use rhumb_sims::{Script, by_name};
 use rhumb_tests::{EdgeStage, Place, assert_same_copy, seed};
@@ -130,9 +137,7 @@ fn an_observer_of_an_edge_acts_on_nothing() {
     let edge = stage.add_edge(observers(), LinkConfig::PERFECT);
     stage.commander(Place::Owner, NORMAL, None);
     let observer = stage.enter(Place::Edge(edge), NORMAL);
-    let gravity = Command::SetGravity {
-        gravity: glam::Vec3::X,
-    };
+    let gravity = Command::SetGravity { gravity: Vec3::X };
     for _ in 0..2 {
         stage
             .session(observer)
@@ -246,7 +251,7 @@ fn a_killed_edge_loses_no_command_and_doubles_none() {
         stage.commander(Place::Edge(0), NORMAL, Some(SessionKey([7; 16])));
         let other = stage.enter(Place::Edge(2), NORMAL);
         let gravity = |y| Command::SetGravity {
-            gravity: glam::Vec3::new(0.0, y, 0.0),
+            gravity: Vec3::new(0.0, y, 0.0),
         };
         for (round, (from, to)) in [(0, 1), (1, 2), (2, 1)].into_iter().enumerate() {
             stage.run_script(Span::from_millis(900));
@@ -315,4 +320,197 @@ fn a_member_that_acts_comes_back_by_its_session_when_its_edge_loses_the_owner() 
     stage.run_script(Span::from_millis(2_000));
     stage.run(SETTLES_WITHIN);
     judge_all(&mut stage, "ball-pit");
+}
+
+const FLOOR: BodyId = BodyId::new(0, 0);
+/// More pairs than two ticks tell.
+const BOXES: u32 = 2 * EVENTS_PER_TICK_MAX as u32 + 76;
+
+/// Boxes that lie on a floor, which reports its contacts.
+struct Crowd;
+
+impl Script for Crowd {
+    fn name(&self) -> &'static str {
+        "crowd"
+    }
+
+    fn config(&self) -> SceneConfig {
+        SceneConfig::default()
+    }
+
+    fn commands(&mut self, tick: Tick, out: &mut Vec<Command>) {
+        if tick != Tick::ZERO {
+            return;
+        }
+        let half = [Vec3::new(50.0, 0.5, 50.0), Vec3::splat(0.5)];
+        for (id, half) in (0..).map(ShapeId).zip(half) {
+            let shape = Shape::cuboid(half.x, half.y, half.z);
+            out.push(Command::AddShape { id, shape });
+        }
+        let mut add = |id, kind, shape, at: Vec3| {
+            let still = [0.0; 3];
+            let motion = BodyState::new(at.to_array(), [0.0, 0.0, 0.0, 1.0], still, still);
+            let desc = BodyDesc::plain(id, kind, ShapeId(shape));
+            let motion = motion.expect("a finite state");
+            out.push(Command::AddBody { desc, motion });
+        };
+        add(FLOOR, BodyKind::Fixed, 0, Vec3::Y * -0.5);
+        for number in 0..BOXES {
+            let (x, z) = (number % 48, number / 48);
+            let at = Vec3::new(x as f32 * 1.4 - 34.0, 0.5, z as f32 * 1.4 - 34.0);
+            add(BodyId::new(1 + number, 0), BodyKind::Dynamic, 1, at);
+        }
+        let events = ActiveEvents {
+            contacts: true,
+            ..ActiveEvents::NONE
+        };
+        out.push(Command::SetEvents { id: FLOOR, events });
+    }
+}
+
+/// Checks that a member knows that every box touches the floor.
+fn assert_all_touch(stage: &EdgeStage, member: usize) {
+    let boxes = (1..=BOXES).map(|index| BodyId::new(index, 0));
+    let all: BTreeSet<_> = boxes.map(|id| (FLOOR, id)).collect();
+    let known = &stage.histories[member].touching;
+    assert!(
+        *known == all,
+        "member {member} knows {} of {}",
+        known.len(),
+        all.len()
+    );
+}
+
+/// More stands than a tick tells: the next ticks tell the rest to a member of an edge, as they do to one of the server.
+#[test]
+fn a_late_member_of_an_edge_gets_all_that_stands() {
+    let mut stage = EdgeStage::new(
+        Box::new(Crowd),
+        Stepping::Lockstep,
+        2,
+        LinkConfig::PERFECT,
+        1,
+    );
+    stage.commander(Place::Edge(0), StreamChoice::Full, None);
+    for _ in 0..5 {
+        stage.tick();
+    }
+    let places = [Place::Owner, Place::Edge(0), Place::Edge(1)];
+    let late = places.map(|place| stage.enter(place, StreamChoice::Full));
+    for _ in 0..6 {
+        stage.tick();
+    }
+    for member in [&[0][..], &late].concat() {
+        assert_all_touch(&stage, member);
+        let history = &stage.histories[member];
+        assert!(history.begun_at_most <= EVENTS_PER_TICK_MAX);
+    }
+    for member in late {
+        assert_eq!(stage.histories[member].events_missed, 0, "member {member}");
+    }
+}
+
+/// In a scene in which nothing happens the ticks are rare: an edge that knows all asks for them.
+#[test]
+fn what_stands_is_known_within_a_second_while_nothing_happens() {
+    let mut stage = EdgeStage::new(
+        Box::new(Crowd),
+        Stepping::FreeRunning,
+        1,
+        links("rtt=20ms"),
+        1,
+    );
+    stage.commander(Place::Owner, NORMAL, None);
+    stage.run_script(Span::from_millis(3_000));
+    let first = stage.enter(Place::Edge(0), NORMAL);
+    stage.run(Span::from_millis(6_000));
+    assert_all_touch(&stage, first);
+    let late = stage.enter(Place::Edge(0), NORMAL);
+    stage.run(Span::from_millis(1_000));
+    assert_all_touch(&stage, late);
+    // Over another connection to the owner, and with another stream.
+    stage.cut_off(0);
+    stage.run_until("an end", |stage| stage.histories[late].ended.is_some());
+    let edge = stage.add_edge(observers(), links("rtt=20ms"));
+    let late = stage.enter(Place::Edge(edge), NORMAL);
+    for change in 0..2 {
+        match change {
+            0 => stage.cut_off(edge),
+            _ => stage.session(late).subscribe(EXACT).expect("a member may"),
+        }
+        stage.run(Span::from_millis(6_000));
+        assert_all_touch(&stage, late);
+        assert_eq!(stage.histories[late].ended, None);
+    }
+}
+
+/// Questions outlive the connection that they were asked over, but not the membership of who asked.
+#[test]
+fn an_observer_s_questions_are_answered_while_it_is_a_member() {
+    let mut stage = EdgeStage::new(
+        script("ball-pit"),
+        Stepping::FreeRunning,
+        0,
+        links("rtt=20ms"),
+        1,
+    );
+    let edge = stage.add_edge(observers(), links("rtt=20ms"));
+    stage.commander(Place::Owner, NORMAL, None);
+    let observer = stage.enter(Place::Edge(edge), NORMAL);
+    stage.run_script(Span::from_millis(500));
+    let ray = || Query::ray(Vec3::Y * 20.0, Vec3::NEG_Y * 40.0);
+    let ask = |stage: &mut EdgeStage, count: usize| {
+        for _ in 0..count {
+            let session = stage.session(observer);
+            session.query(vec![ray()]).expect("a member may");
+            session.inspect().expect("a member may");
+        }
+    };
+    ask(&mut stage, 100);
+    stage.cut_off(edge);
+    stage.run(Span::from_millis(5));
+    ask(&mut stage, 100);
+    stage.run_script(Span::from_millis(3_000));
+    let history = &stage.histories[observer];
+    assert_eq!(history.queries, (0..200).collect::<Vec<_>>());
+    assert_eq!(history.inspections.len(), 200);
+    ask(&mut stage, 3);
+    stage.session(observer).leave().expect("it is a member");
+    stage.run_until("an end", |stage| stage.histories[observer].left > 0);
+    stage.join(observer, NORMAL);
+    ask(&mut stage, 1);
+    stage.run_script(Span::from_millis(1_000));
+    let history = &stage.histories[observer];
+    assert_eq!((history.inspections.len(), history.ended), (201, None));
+    assert_eq!(history.queries[200..], [0]);
+}
+
+#[test]
+fn observers_learn_that_the_scene_has_gone_while_the_edge_was_cut_off() {
+    let mut stage = EdgeStage::new(
+        script("ball-pit"),
+        Stepping::FreeRunning,
+        0,
+        links("rtt=20ms"),
+        1,
+    );
+    let edge = stage.add_edge(observers(), links("rtt=20ms"));
+    stage.commander(Place::Owner, NORMAL, None);
+    let observer = stage.enter(Place::Edge(edge), NORMAL);
+    stage.run_script(Span::from_millis(500));
+    stage.session(0).delete().expect("it is a member");
+    stage.cut_off(edge);
+    stage.run_until("an end", |stage| stage.histories[observer].deleted > 0);
+    // The scene is made again, and the observer comes back.
+    let config = script("ball-pit").config();
+    let config = SceneConfig {
+        stepping: Stepping::FreeRunning,
+        ..config
+    };
+    stage.session(0).create(config).expect("it is in the lobby");
+    stage.run_until("the scene", |stage| stage.histories[0].created == 2);
+    stage.join(0, NORMAL);
+    stage.join(observer, NORMAL);
+    stage.run(SETTLES_WITHIN);
+    assert_same_copy(stage.copy(0), stage.copy(observer));
 }

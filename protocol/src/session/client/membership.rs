@@ -2,21 +2,22 @@
 //!
 //! Ends with the membership. Commands and their session are kept apart, because they outlive a connection. Events come
 //! on the control stream and states in datagrams, so an event may be early. Invariant: at most [`EVENTS_HELD_MAX`]
-//! events wait; beyond that the oldest tick's are dropped, and counted. The application gets what had begun by then, up to
-//! [`STANDING_PAIRS_MAX`]; the rest is counted, too. It learns that the scene was restored between the events before that
-//! and those after it.
+//! events wait; beyond that the oldest tick's are dropped, and counted. The application gets what had begun by then, as far as
+//! it is kept; the rest is counted, too. It learns that the scene was restored between the events before that and those after
+//! it.
 
-use alloc::collections::{BTreeMap, VecDeque};
+use alloc::collections::VecDeque;
 
-use rhumb_reckoning::{BodyId, Tick};
+use rhumb_reckoning::Tick;
 
 use super::outbox::ClientOutbox;
 use super::subscription::{EventTarget, Subscription};
 use super::upstream::ClientUpstream;
-use crate::limits::{EVENTS_HELD_MAX, STANDING_PAIRS_MAX};
+use crate::limits::EVENTS_HELD_MAX;
 use crate::message::{SceneEvent, ServerMessage, TickEvents};
 use crate::packet::LargestPacket;
-use crate::scene::{BodyEvent, SceneConfig};
+use crate::scene::SceneConfig;
+use crate::session::standing_events::StandingEvents;
 use crate::session::{CloseCode, Event};
 
 /// Subscription, upstream and events of a member.
@@ -262,7 +263,7 @@ impl HeldEvents {
         // After missed events the server tells anew what stands; after dropped ones this does.
         let retells = dropped > 0 && events.missed == 0;
         if count > 0 {
-            let untold = if retells { self.standing.untold } else { 0 };
+            let untold = if retells { self.standing.untold() } else { 0 };
             to.push_back(Event::EventsMissed {
                 tick,
                 count,
@@ -270,11 +271,8 @@ impl HeldEvents {
             });
         }
         if retells {
-            let standing = self.standing.pairs.values();
-            to.extend(standing.map(|event| Event::Body {
-                tick,
-                event: *event,
-            }));
+            let standing = self.standing.events();
+            to.extend(standing.map(|event| Event::Body { tick, event }));
         }
         self.standing.note(&events);
         let of_tick = events.events.into_iter();
@@ -285,64 +283,6 @@ impl HeldEvents {
         let held = self.waiting.pop_front()?;
         self.count -= held.events();
         Some(held)
-    }
-}
-
-/// The pairs that touch and the bodies in sensors, each by the event that tells so, in the order of events.
-///
-/// Invariant: at most [`STANDING_PAIRS_MAX`].
-#[derive(Debug, Default)]
-struct StandingEvents {
-    pairs: BTreeMap<(u8, BodyId, BodyId), BodyEvent>,
-    /// Pairs that began and found no place, since all were reported.
-    untold: u64,
-}
-
-impl StandingEvents {
-    /// Learns from the events of a tick. After missed ones the server tells anew what stands.
-    fn note(&mut self, events: &TickEvents) {
-        if events.missed > 0 {
-            self.clear();
-        }
-        for event in &events.events {
-            match *event {
-                BodyEvent::ContactBegan { body, contact } => {
-                    self.insert((0, body, contact.with), *event);
-                }
-                BodyEvent::ContactEnded { body, with } => {
-                    self.pairs.remove(&(0, body, with));
-                }
-                BodyEvent::ContactForce { body, contact } => {
-                    if let Some(began) = self.pairs.get_mut(&(0, body, contact.with)) {
-                        *began = BodyEvent::ContactBegan { body, contact };
-                    }
-                }
-                BodyEvent::SensorEntered { sensor, body } => {
-                    self.insert((1, sensor, body), *event);
-                }
-                BodyEvent::SensorLeft { sensor, body } => {
-                    self.pairs.remove(&(1, sensor, body));
-                }
-                BodyEvent::FellAsleep(_)
-                | BodyEvent::Woke(_)
-                | BodyEvent::Fault(_)
-                | BodyEvent::ReachedGround(_)
-                | BodyEvent::LeftGround(_) => {}
-            }
-        }
-    }
-
-    fn insert(&mut self, pair: (u8, BodyId, BodyId), event: BodyEvent) {
-        if self.pairs.len() < STANDING_PAIRS_MAX || self.pairs.contains_key(&pair) {
-            self.pairs.insert(pair, event);
-        } else {
-            self.untold += 1;
-        }
-    }
-
-    fn clear(&mut self) {
-        self.pairs.clear();
-        self.untold = 0;
     }
 }
 
