@@ -9,8 +9,9 @@
 //! peer.
 
 use std::collections::{BTreeMap, VecDeque};
+use std::fmt;
 use std::ops::AddAssign;
-use std::sync::{Arc, Condvar, Mutex, MutexGuard};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock};
 use std::time::{self, Duration};
 
 use bytes::Bytes;
@@ -71,8 +72,33 @@ pub enum Received {
 #[derive(Debug, Default)]
 pub struct Inbox {
     waiting: Mutex<InboxState>,
-    arrival: Condvar,
+    arrival: ArrivalSignal,
     space_freed: Notify,
+}
+
+/// Tells the receiver that something has come.
+#[derive(Default)]
+struct ArrivalSignal {
+    waits: Condvar,
+    hook: OnceLock<ArrivalHook>,
+}
+
+/// What a receiver that does not wait has called.
+type ArrivalHook = Box<dyn Fn() + Send + Sync>;
+
+impl ArrivalSignal {
+    fn notify_one(&self) {
+        self.waits.notify_one();
+        if let Some(hook) = self.hook.get() {
+            hook();
+        }
+    }
+}
+
+impl fmt::Debug for ArrivalSignal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("ArrivalSignal").finish_non_exhaustive()
+    }
 }
 
 #[derive(Debug, Default)]
@@ -106,6 +132,12 @@ enum ReceiverState {
 }
 
 impl Inbox {
+    /// Calls `hook` now, and from then on whenever something has come, on the thread that brings it. Only the first hook counts.
+    pub fn on_arrival(&self, hook: impl Fn() + Send + Sync + 'static) {
+        let hook = self.arrival.hook.get_or_init(|| Box::new(hook));
+        hook();
+    }
+
     /// Adds control bytes, once the bound allows. Without a receiver they are dropped.
     pub async fn put_control(&self, bytes: &Bytes) {
         while !self.try_put_control(bytes) {
@@ -165,7 +197,7 @@ impl Inbox {
             if left.is_zero() {
                 return None;
             }
-            (waiting, _) = self.arrival.wait_timeout(waiting, left).expect(LOCK);
+            (waiting, _) = self.arrival.waits.wait_timeout(waiting, left).expect(LOCK);
             if let Some(received) = self.next(&mut waiting) {
                 return Some(received);
             }
@@ -404,6 +436,8 @@ impl<T> Default for HeldBack<T> {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
     use super::*;
 
     #[test]
@@ -438,6 +472,23 @@ mod tests {
             inbox.take(Duration::ZERO),
             Some(Received::State(numbered(oldest)))
         );
+    }
+
+    #[test]
+    fn a_receiver_that_does_not_wait_is_called_for_each_arrival() {
+        let inbox = Inbox::default();
+        let bytes = Bytes::from_static(b"b");
+        inbox.put_state(&bytes);
+        let calls = Arc::new(AtomicUsize::new(0));
+        let counted = Arc::clone(&calls);
+        inbox.on_arrival(move || {
+            counted.fetch_add(1, Ordering::Relaxed);
+        });
+        assert_eq!(calls.load(Ordering::Relaxed), 1, "something came before");
+        assert!(inbox.try_put_control(&bytes));
+        inbox.put_state(&bytes);
+        inbox.put_end(Ending::TimedOut);
+        assert_eq!(calls.load(Ordering::Relaxed), 4);
     }
 
     #[test]

@@ -114,6 +114,12 @@ impl QuicClient {
         }
     }
 
+    /// Calls `hook` now, and from then on whenever there is something to receive, on the thread of the sockets. It must not wait.
+    /// Only the first hook counts.
+    pub fn on_arrival(&self, hook: impl Fn() + Send + Sync + 'static) {
+        self.inbox.on_arrival(hook);
+    }
+
     /// Received datagrams that were dropped because the caller did not take them in time.
     #[must_use]
     pub fn state_dropped(&self) -> u64 {
