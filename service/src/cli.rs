@@ -9,8 +9,7 @@ use std::net::SocketAddr;
 use std::num::NonZeroU32;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -23,16 +22,17 @@ use rhumb_scene::{Hooks, ProvidedScenes, SceneSettings};
 use rhumb_transport::{PageOrigin, Stop};
 use tracing::level_filters::LevelFilter;
 
-use crate::access::{KeyFile, TokenKeys};
+use crate::access::KeyFile;
 #[cfg(feature = "demo")]
 use crate::demo::{DemoArguments, open_browser};
 use crate::dispatcher;
 use crate::durable::{self, DataDir, DataError};
+use crate::edge::{self, EdgeArguments};
 use crate::flight;
 use crate::log;
 use crate::serve::{Access, Server, seconds_since_1970};
 use crate::settings::{ServerSettings, WorkerKind};
-use crate::signals::{self, Signal};
+use crate::signals;
 use crate::start::{self, BoundAddresses, CheckedStart, announce};
 #[cfg(feature = "demo")]
 use crate::start::{announce_opening, page_url};
@@ -148,6 +148,8 @@ enum Task {
     /// Shows a scene in a page, over the real protocol.
     #[cfg(feature = "demo")]
     Demo(DemoArguments),
+    /// Serves members of scenes that another server steps: it has one member for each stream, however many watch.
+    Edge(EdgeArguments),
     /// Makes a token for a client, or the keys for tokens.
     Token(TokenArguments),
     /// Verifies every scene of a data directory that no server uses: authentic, whole, and replayed to the same bits.
@@ -202,15 +204,9 @@ enum Task {
     Config,
 }
 
-/// A server that has not stopped so long after a signal is ended: two seconds are promised.
-const STOP_WITHIN: Duration = Duration::from_millis(1_500);
-
 /// Time for which a data directory may be in use at a start, and the pause between two attempts.
 const IN_USE: Duration = Duration::from_millis(1_000);
 const IN_USE_PAUSE: Duration = Duration::from_millis(20);
-
-/// Exit code of a server that was ended so.
-const EXIT_NOT_STOPPED: i32 = 3;
 
 /// Runs a server until SIGINT or SIGTERM. Exit code 0 after such a stop, 1 when it cannot start or fails, 3 when it
 /// does not stop in time.
@@ -221,6 +217,7 @@ pub fn main(arguments: Arguments) -> ExitCode {
 /// As [`main`], with hooks for the scenes that clients create.
 pub fn main_with(arguments: Arguments, hooks: Option<Hooks>) -> ExitCode {
     let outcome = match &arguments.task {
+        Some(Task::Edge(arguments)) => edge::run(arguments),
         Some(Task::Token(token)) => token_command::run(token, seconds_since_1970()),
         Some(Task::Check { dir }) => durable::check(dir, &mut std::io::stdout()),
         Some(Task::Replay { dir, scene }) => durable::replay(dir, scene, &mut std::io::stdout()),
@@ -428,7 +425,7 @@ fn run(settings: &ServerSettings, parts: Parts) -> Result<(), Box<dyn Error>> {
     if let Some(page) = addresses.view.map(page_url).filter(|_| parts.opens_browser) {
         announce_opening(&page, open_browser(&page));
     }
-    let running = obey_signals(&stop, keys);
+    let running = signals::obey(&stop, keys);
     let outcome = server.run(&stop);
     running.store(false, Ordering::Relaxed);
     let statistics = outcome?;
@@ -445,32 +442,6 @@ fn open_data(path: &Path) -> Result<DataDir, DataError> {
             opened => return opened,
         }
     }
-}
-
-/// Stops at SIGINT and SIGTERM. At SIGHUP it reads the keys of tokens again, or stops if there are none. The result is to
-/// be set to false when the server has stopped.
-fn obey_signals(stop: &Stop, keys: Option<TokenKeys>) -> Arc<AtomicBool> {
-    let running = Arc::new(AtomicBool::new(true));
-    let (requested, still_running) = (stop.clone(), Arc::clone(&running));
-    let on_signal = move |signal| {
-        if let (Signal::Reload, Some(keys)) = (signal, &keys) {
-            match keys.read_again() {
-                Ok(()) => tracing::info!("the keys of tokens are read again"),
-                Err(cause) => tracing::error!(%cause, "the keys of tokens stay as they were"),
-            }
-            return;
-        }
-        requested.stop();
-        thread::sleep(STOP_WITHIN);
-        if still_running.load(Ordering::Relaxed) {
-            tracing::error!("the server did not stop in time");
-            std::process::exit(EXIT_NOT_STOPPED);
-        }
-    };
-    if let Err(cause) = signals::watch(on_signal) {
-        tracing::warn!(%cause, "signals do not stop this server");
-    }
-    running
 }
 
 /// Starts recording and live viewing; returns where.

@@ -46,6 +46,7 @@ pub mod cli;
 mod demo;
 mod dispatcher;
 mod durable;
+mod edge;
 mod flight;
 mod http;
 mod log;

@@ -272,9 +272,7 @@ impl Server {
     ///
     /// [`RunError::Metrics`] for an address that cannot be used.
     pub fn answer_metrics(&mut self, address: SocketAddr) -> Result<SocketAddr, RunError> {
-        let failed = |cause| RunError::Metrics { address, cause };
-        let listener = TcpListener::bind(address).map_err(failed)?;
-        let local = listener.local_addr().map_err(failed)?;
+        let (listener, local) = bind_metrics(address)?;
         self.metrics = Some(listener);
         Ok(local)
     }
@@ -409,6 +407,14 @@ fn drive<E: Endpoint>(
     stop: &Stop,
 ) -> Result<ServerStatistics, RunError> {
     transport.run(endpoint, stop).map_err(RunError::Serve)
+}
+
+/// Listens for requests for metrics at a TCP address, which is returned.
+pub(crate) fn bind_metrics(address: SocketAddr) -> Result<(TcpListener, SocketAddr), RunError> {
+    let failed = |cause| RunError::Metrics { address, cause };
+    let listener = TcpListener::bind(address).map_err(failed)?;
+    let local = listener.local_addr().map_err(failed)?;
+    Ok((listener, local))
 }
 
 /// Refuses an engine without images, whose scenes no data directory can keep.

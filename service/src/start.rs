@@ -253,13 +253,18 @@ pub(crate) fn page_url(view: SocketAddr) -> String {
     format!("http://{view}/")
 }
 
-/// Prints the address and the fingerprint to pin. A closed standard output does not stop a server.
-pub(crate) fn announce(server: &Server, identity: &Identity, addresses: &BoundAddresses) {
-    let kind = match identity {
+/// The kind of a certificate, for a start-up line.
+pub(crate) const fn kind_of(identity: &Identity) -> &'static str {
+    match identity {
         Identity::Development => "development, made at start",
         Identity::Files { .. } => "from files",
         Identity::DevelopmentFiles { .. } => "development, kept in the data directory",
-    };
+    }
+}
+
+/// Prints the address and the fingerprint to pin. A closed standard output does not stop a server.
+pub(crate) fn announce(server: &Server, identity: &Identity, addresses: &BoundAddresses) {
+    let kind = kind_of(identity);
     let hashes = server.certificate_hashes().current();
     let hash = |hash: &Fingerprint| format!("certificate hash for browsers {hash}\n");
     let hashes: String = hashes.iter().map(hash).collect();
@@ -291,7 +296,8 @@ pub(crate) fn announce_opening(url: &str, asked: bool) {
     });
 }
 
-fn write_lines(lines: &str) {
+/// Prints lines. A closed standard output does not stop a server.
+pub(crate) fn write_lines(lines: &str) {
     let mut out = io::stdout().lock();
     if let Err(cause) = out.write_all(lines.as_bytes()).and_then(|()| out.flush()) {
         tracing::warn!("cannot write the start-up lines: {cause}");

@@ -66,6 +66,26 @@ impl Programme {
         Self::started(child, START_UP_LINES + 1)
     }
 
+    /// Starts an edge of a server, without a log unless it has metrics, and reads its start-up lines.
+    ///
+    /// # Panics
+    ///
+    /// As [`Self::serve`].
+    #[must_use]
+    pub fn edge(self, owner: &ServerProcess, listen: &str, more: &[&str]) -> ServerProcess {
+        let (owner, print) = (owner.address.to_string(), owner.fingerprint.to_string());
+        let plain = [
+            "edge",
+            "--owner",
+            &owner,
+            "--fingerprint",
+            &print,
+            "--listen",
+        ];
+        let child = self.spawn(&[&plain[..], &[listen, "--log", "warn"], more].concat());
+        Self::started(child, START_UP_LINES)
+    }
+
     /// Starts a server and reads its start-up lines.
     ///
     /// # Panics

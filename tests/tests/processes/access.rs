@@ -19,13 +19,13 @@ use crate::SERVER;
 const ANYWHERE: &str = "127.0.0.1:0";
 
 /// A server that asks for tokens, and the key that signs them.
-struct Guarded {
-    server: ServerProcess,
-    folder: PathBuf,
+pub(crate) struct Guarded {
+    pub(crate) server: ServerProcess,
+    pub(crate) folder: PathBuf,
 }
 
 impl Guarded {
-    fn start(name: &str) -> Self {
+    pub(crate) fn start(name: &str) -> Self {
         Self::start_with(name, "")
     }
 
@@ -42,7 +42,7 @@ impl Guarded {
     }
 
     /// A token of this server, with more arguments.
-    fn token(&self, client: &str, scene: &str, role: &str, more: &[&str]) -> String {
+    pub(crate) fn token(&self, client: &str, scene: &str, role: &str, more: &[&str]) -> String {
         let key = self.folder.join("key").display().to_string();
         token(&key, client, scene, role, more)
     }
@@ -90,7 +90,7 @@ fn token(key: &str, client: &str, scene: &str, role: &str, more: &[&str]) -> Str
     made.out.trim().to_owned()
 }
 
-fn close_code(refused: Result<Client, OpenError>) -> CloseCode {
+pub(crate) fn close_code(refused: Result<Client, OpenError>) -> CloseCode {
     match refused {
         Err(OpenError::Client(ClientError::Ended(Ending::Closed(code)))) => CloseCode(code),
         Err(other) => panic!("another error: {other}"),
@@ -106,7 +106,7 @@ fn joins_only() -> JoinOptions {
 }
 
 /// The answer to a command: `None` if it was applied.
-fn answer(client: &mut Client, command: Command) -> Option<CommandError> {
+pub(crate) fn answer(client: &mut Client, command: Command) -> Option<CommandError> {
     let asked = client.command(command).expect("the connection is open");
     client.flush();
     loop {

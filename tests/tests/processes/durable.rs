@@ -35,7 +35,7 @@ const LONG: Duration = Duration::from_secs(60);
 const LATER: u64 = 200;
 
 /// A number of the environment.
-fn variable(name: &str, default: u64) -> u64 {
+pub(crate) fn variable(name: &str, default: u64) -> u64 {
     let text = std::env::var(name).ok();
     text.and_then(|text| text.parse().ok()).unwrap_or(default)
 }
@@ -153,7 +153,7 @@ pub(crate) fn create(server: &ServerProcess) -> (Client, Vec<BodyId>) {
 }
 
 /// Numbers below a limit, from a seed (Knuth's generator).
-fn chance(seed: u64) -> impl FnMut(u64) -> u64 {
+pub(crate) fn chance(seed: u64) -> impl FnMut(u64) -> u64 {
     let mut state = seed;
     move |below| {
         state = state

@@ -11,6 +11,7 @@ mod bindings;
 mod body_ids;
 mod durable;
 mod durable_disk;
+mod edges;
 mod examples;
 mod hostile_load;
 #[cfg(target_os = "linux")]
