@@ -5,13 +5,15 @@
 //! one of a stream fails no step.
 
 mod asking;
+#[cfg(feature = "local")]
+mod feeding;
 #[cfg(all(test, feature = "quic"))]
 mod tests;
 
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use rhumb_protocol::message::{Denial, Inspection, StreamChoice, TierPolicy};
+use rhumb_protocol::message::{Denial, Inspection, StreamChoice};
 use rhumb_protocol::scene::{BodyBuilder, Command, IdRange, SceneConfig, Stepping};
 use rhumb_protocol::session::{CloseCode, Event, Misuse, Replica};
 use rhumb_protocol::stream::{ErrorBound, Subscriber};
@@ -24,6 +26,8 @@ use rhumb_view::{
 
 use crate::connection::{Pump, Statistics, TURNS_MAX, TapChannel, span};
 use crate::error::{ClientError, Unreported};
+#[cfg(feature = "local")]
+use crate::feeding::{Feeding, change_of};
 use crate::join_options::{JoinOptions, Refusals};
 
 /// Limit of queued events. Beyond it, the oldest events are dropped, and counted.
@@ -63,6 +67,9 @@ pub struct Client {
     interrupted: Option<(Instant, Ending)>,
     #[cfg(feature = "queries")]
     copy_queries: rhumb_view::CopyQueries,
+    /// The owner's end of the scene, if this client feeds it.
+    #[cfg(feature = "local")]
+    feeding: Option<Feeding>,
 }
 
 impl Client {
@@ -106,6 +113,8 @@ impl Client {
             interrupted: None,
             #[cfg(feature = "queries")]
             copy_queries: rhumb_view::CopyQueries::default(),
+            #[cfg(feature = "local")]
+            feeding: None,
         };
         client.show(watermark_tick);
         client
@@ -179,37 +188,6 @@ impl Client {
         }
     }
 
-    /// Requests another stream at once and does not wait. [`Event::SubscriptionChanged`] reports when the copy follows
-    /// it.
-    ///
-    /// Until then the copy follows the present stream, and no tick is missed between the two. A later request replaces
-    /// an unanswered one.
-    ///
-    /// # Errors
-    ///
-    /// [`ClientError::Ended`] when the connection is over.
-    pub fn change_stream(&mut self, choice: StreamChoice) -> Result<(), ClientError> {
-        self.check_open()?;
-        self.pump.session.subscribe(choice)?;
-        self.pump.flush();
-        Ok(())
-    }
-
-    /// Sends the range of tiers that the server may choose for this client on a link of low capacity, at once.
-    ///
-    /// Without a policy, the server may go down to the coarse tier (20 cm). [`Event::TierChanged`] reports each change,
-    /// and [`Self::tolerance`] returns the present tolerance.
-    ///
-    /// # Errors
-    ///
-    /// [`ClientError::Ended`] when the connection is over.
-    pub fn set_tier_policy(&mut self, tier_policy: TierPolicy) -> Result<(), ClientError> {
-        self.check_open()?;
-        self.pump.session.set_tier_policy(tier_policy)?;
-        self.pump.flush();
-        Ok(())
-    }
-
     /// Requests an inspection of the scene, and waits for the answer. A scene that stands still answers, too.
     ///
     /// # Errors
@@ -274,7 +252,10 @@ impl Client {
         let state = self.check_body(&body)?;
         check_centre(&body)?;
         self.reserve_ids(1)?;
-        Ok(self.ids.add_body(&mut self.pump.session, &body, state)?)
+        let id = self.ids.add_body(&mut self.pump.session, &body, state)?;
+        #[cfg(feature = "local")]
+        self.note_added(&[id]);
+        Ok(id)
     }
 
     /// Queues the addition of many bodies, and returns their ids in the same order. Equal shapes are sent once.
@@ -303,7 +284,10 @@ impl Client {
             checked.push((body, state));
         }
         self.reserve_ids(u32::try_from(checked.len()).unwrap_or(u32::MAX))?;
-        Ok(self.ids.add_bodies(&mut self.pump.session, &checked)?)
+        let ids = self.ids.add_bodies(&mut self.pump.session, &checked)?;
+        #[cfg(feature = "local")]
+        self.note_added(&ids);
+        Ok(ids)
     }
 
     /// Queues the removal of the shapes that came with bodies of this client and that no body has any more; returns their
@@ -345,7 +329,12 @@ impl Client {
     pub fn command(&mut self, command: Command) -> Result<u64, ClientError> {
         self.check_open()?;
         command.check_ids()?;
-        Ok(self.ids.command(&mut self.pump.session, command)?)
+        #[cfg(feature = "local")]
+        let fed = change_of(&command);
+        let number = self.ids.command(&mut self.pump.session, command)?;
+        #[cfg(feature = "local")]
+        self.note_change(fed);
+        Ok(number)
     }
 
     /// The number of the command that this client queued last: after [`Self::add_body`] that of the body's addition, which
@@ -430,6 +419,8 @@ impl Client {
     /// As [`Self::request_tick`].
     pub fn queue_tick(&mut self) -> Result<Tick, ClientError> {
         self.check_open()?;
+        #[cfg(feature = "local")]
+        self.check_advances()?;
         self.denied_advance = None;
         let newest = self.ids.last_command();
         self.unanswered = newest.filter(|number| Some(*number) > self.answered);
@@ -701,6 +692,8 @@ impl Client {
     fn note(&mut self, event: &Event) -> bool {
         self.live_view.note(event);
         self.upstream_clock.note(event);
+        #[cfg(feature = "local")]
+        self.note_fed(event);
         let replica = self.pump.session.replica();
         self.contacts.note(event, |id| {
             replica.is_some_and(|replica| replica.stream().body(id.index()) == Some(id))

@@ -22,6 +22,8 @@ use rhumb_protocol::session::{CloseCode, Misuse};
 use rhumb_reckoning::Tick;
 use rhumb_view::{AddError, InvalidTicks, RefusedRequest};
 
+use crate::feed_error::FeedError;
+
 /// Reason why a client did not join its scene.
 #[derive(Debug)]
 pub enum OpenError {
@@ -55,6 +57,8 @@ pub enum OpenError {
     Ticks(InvalidTicks),
     /// The text cannot be a token.
     Token(InvalidToken),
+    /// The server has no such feed.
+    Feed(FeedError),
     /// The server denied the request.
     Denied {
         /// The scene of the request.
@@ -97,6 +101,8 @@ pub enum ClientError {
     Refused(RefusedRequests),
     /// All shape numbers of the scene are in use.
     TooManyShapes,
+    /// States that are not fed, or a client that feeds no scene; nothing was handed over.
+    Feed(FeedError),
     /// Another member deleted the scene.
     SceneDeleted,
     /// The scene's engine failed; it stands still after this tick.
@@ -128,6 +134,7 @@ impl fmt::Display for OpenError {
             }
             Self::Ticks(cause) => cause.fmt(f),
             Self::Token(cause) => cause.fmt(f),
+            Self::Feed(cause) => cause.fmt(f),
             Self::Denied { scene, denial } => write!(f, "scene {scene}: {denial}"),
             #[cfg(feature = "quic")]
             Self::Random(cause) => cause.fmt(f),
@@ -167,6 +174,7 @@ impl fmt::Display for ClientError {
             Self::Denied(denial) => denial.fmt(f),
             Self::Refused(refused) => refused.fmt(f),
             Self::TooManyShapes => AddError::TooManyShapes.fmt(f),
+            Self::Feed(cause) => cause.fmt(f),
             Self::SceneDeleted => f.write_str("the scene was deleted"),
             Self::SceneFaulted(tick) => {
                 write!(f, "the scene's engine failed; it stands still after {tick}")
@@ -180,6 +188,12 @@ impl Error for ClientError {}
 impl From<Misuse> for ClientError {
     fn from(misuse: Misuse) -> Self {
         Self::Misuse(misuse)
+    }
+}
+
+impl From<FeedError> for ClientError {
+    fn from(cause: FeedError) -> Self {
+        Self::Feed(cause)
     }
 }
 

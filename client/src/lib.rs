@@ -58,6 +58,9 @@
 mod client;
 mod connection;
 mod error;
+mod feed_error;
+#[cfg(feature = "local")]
+mod feeding;
 mod join_options;
 #[cfg(feature = "local")]
 mod local;
@@ -68,6 +71,7 @@ mod server_connection;
 pub use client::Client;
 pub use connection::{Statistics, TapChannel};
 pub use error::{ClientError, MainError, OpenError, RefusedRequests};
+pub use feed_error::{FedQuantity, FeedError, OutOfRange};
 pub use glam;
 pub use join_options::{JoinOptions, Refusals};
 #[cfg(feature = "local")]
@@ -90,7 +94,7 @@ pub use rhumb_reckoning::{
     Radians, Rate, Seconds, Tick, Ticks, Tolerance, ToleranceScale, TurnBound,
 };
 #[cfg(feature = "local")]
-pub use rhumb_scene::{Checkpoint, CheckpointError};
+pub use rhumb_scene::{Checkpoint, CheckpointError, FedRequest, FedVelocities, Peer};
 pub use rhumb_view::{
     BodyCentres, DEPTH_MAX, InvalidTicks, JoinMode, PipelineDepth, RESUME_WITHIN, RefusalReason,
     RefusedRequest, RenderParams, RenderTime, SHIFT_TICKS_MAX, TouchingPair, View,

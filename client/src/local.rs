@@ -5,6 +5,7 @@
 //! with a driver of its own, such as one with sockets, has such clients beside its others.
 //! Each client counts its own bytes until the server has used them, so that one that floods takes nothing from the others.
 
+mod feeding;
 mod peers;
 
 use std::collections::BTreeMap;
@@ -20,7 +21,7 @@ use rhumb_link::{
     ClientTransport, Clock, HeldBack, Inbox, Received, TransportCode, WireStatistics,
 };
 use rhumb_protocol::{Ending, Endpoint, LinkReport, Peer, Span, Transmit};
-use rhumb_scene::{Checkpoint, CheckpointError, SceneName, SceneRouter, SceneSettings};
+use rhumb_scene::{Checkpoint, CheckpointError, Feeds, SceneName, SceneRouter, SceneSettings};
 
 use crate::client::Client;
 use crate::server_connection::ServerConnection;
@@ -48,6 +49,8 @@ const STACK_BYTES: usize = 8 << 20;
 pub struct LocalServer {
     host: Host,
     next_peer: Arc<AtomicU64>,
+    /// `None` where another driver runs the scenes.
+    feeds: Option<Feeds>,
 }
 
 impl LocalServer {
@@ -69,8 +72,9 @@ impl LocalServer {
     /// As [`Self::new`], with hooks, limits and threads of the engine as these scenes have them.
     #[must_use]
     pub fn of(scenes: SceneRouter) -> Self {
+        let feeds = scenes.feeds();
         let driver = Driver::new(scenes, Clock::start());
-        Self::at(Host::Caller(Arc::new(Mutex::new(driver))))
+        Self::at(Host::Caller(Arc::new(Mutex::new(driver))), feeds)
     }
 
     /// As [`Self::spawn`], with hooks, limits and threads of the engine as these scenes have them.
@@ -80,12 +84,13 @@ impl LocalServer {
     /// The system's, if the thread cannot start.
     pub fn spawn_of(scenes: SceneRouter) -> io::Result<Self> {
         let (sender, inputs) = channel();
+        let feeds = scenes.feeds();
         let mut driver = Driver::new(scenes, Clock::start());
         thread::Builder::new()
             .name("rhumb-local-server".to_owned())
             .stack_size(STACK_BYTES)
             .spawn(move || run(&mut driver, &inputs))?;
-        Ok(Self::at(Host::Thread(InputQueue::new(sender))))
+        Ok(Self::at(Host::Thread(InputQueue::new(sender)), feeds))
     }
 
     /// Connects a client. The connection waits for no socket and cannot fail.
@@ -156,10 +161,11 @@ impl LocalServer {
             .call(move |scenes| scenes.restore(&name, &checkpoint))
     }
 
-    fn at(host: Host) -> Self {
+    fn at(host: Host, feeds: Feeds) -> Self {
         Self {
             host,
             next_peer: Arc::default(),
+            feeds: Some(feeds),
         }
     }
 }

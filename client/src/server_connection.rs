@@ -12,12 +12,16 @@ use rhumb_protocol::message::SessionKey;
 use rhumb_protocol::message::{Denial, Token};
 use rhumb_protocol::scene::{IdRange, SceneName};
 use rhumb_protocol::session::{ClientSession, Event};
+#[cfg(feature = "local")]
+use rhumb_view::JoinMode;
 use rhumb_view::{JoinError, Joining};
 
 use crate::client::Client;
 use crate::connection::{BoxedConnection, Redial};
 use crate::connection::{Pump, span};
 use crate::error::{ClientError, OpenError};
+#[cfg(feature = "local")]
+use crate::feeding::Feeding;
 use crate::join_options::JoinOptions;
 
 /// Default time limit for an answer of the server.
@@ -29,6 +33,9 @@ pub struct ServerConnection {
     redial: Option<Redial>,
     timeout: Duration,
     token: Option<String>,
+    /// Of the client that will feed its scene.
+    #[cfg(feature = "local")]
+    feeding: Option<Feeding>,
 }
 
 impl ServerConnection {
@@ -41,6 +48,8 @@ impl ServerConnection {
             redial: None,
             timeout: ANSWER_TIMEOUT,
             token: None,
+            #[cfg(feature = "local")]
+            feeding: None,
         }
     }
 
@@ -52,7 +61,16 @@ impl ServerConnection {
             redial: Some(redial),
             timeout: ANSWER_TIMEOUT,
             token: None,
+            #[cfg(feature = "local")]
+            feeding: None,
         }
+    }
+
+    /// With the owner's end of the scene that its client will make and feed.
+    #[cfg(feature = "local")]
+    pub(crate) fn feeding(self, feeding: Feeding) -> Self {
+        let feeding = Some(feeding);
+        Self { feeding, ..self }
     }
 
     /// Sets the time limit for each answer of the server; without this, five seconds.
@@ -75,8 +93,21 @@ impl ServerConnection {
     ///
     /// [`OpenError::SceneName`] or [`OpenError::Token`].
     pub fn check_join(&self, scene: &str) -> Result<(), OpenError> {
-        scene_name(scene)?;
+        self.check_name(&scene_name(scene)?)?;
         self.parsed_token().map(drop)
+    }
+
+    /// Checks the scene that is joined: of a connection for feeding, it is the fed one.
+    #[cfg(feature = "local")]
+    fn check_name(&self, name: &SceneName) -> Result<(), OpenError> {
+        let fed = self.feeding.as_ref();
+        fed.map_or(Ok(()), |fed| fed.check_join(name).map_err(OpenError::Feed))
+    }
+
+    /// Any scene may be joined.
+    #[cfg(not(feature = "local"))]
+    const fn check_name(&self, _name: &SceneName) -> Result<(), OpenError> {
+        Ok(())
     }
 
     /// Joins a scene of this name with [`JoinOptions::default`], which creates the scene unless it exists.
@@ -95,6 +126,7 @@ impl ServerConnection {
     /// [`OpenError`] for an invalid scene name, token, delay or lead, a request that the server denies, and an answer that
     /// does not arrive in time.
     pub fn join_with(self, scene: &str, options: JoinOptions) -> Result<Client, OpenError> {
+        self.check_join(scene)?;
         let name = scene_name(scene)?;
         options.check().map_err(OpenError::Ticks)?;
         let timeout = self.timeout;
@@ -111,10 +143,21 @@ impl ServerConnection {
         // A link within one process does not break, so that no session outlives it.
         #[cfg(not(feature = "quic"))]
         let key = None;
-        let mut joining = Joining::new(options.mode, options.stream, key);
+        // A scene that is there already is fed by no one.
+        #[cfg(feature = "local")]
+        let mode = match (&self.feeding, options.mode) {
+            (Some(_), JoinMode::CreateOrJoin(config)) => JoinMode::Create(config),
+            (_, mode) => mode,
+        };
+        #[cfg(not(feature = "local"))]
+        let mode = options.mode;
+        let mut joining = Joining::new(mode, options.stream, key);
         let mut pump = Pump::new(session, self.connection, self.redial);
         let granted = await_scene(&mut pump, timeout, &mut joining)?.map_err(denied)?;
-        Ok(Client::joined(pump, timeout, &options, granted))
+        let client = Client::joined(pump, timeout, &options, granted);
+        #[cfg(feature = "local")]
+        let client = client.feeding(self.feeding);
+        Ok(client)
     }
 
     /// The key of a session that may continue over another connection; `None` for one that ends with this one.

@@ -47,6 +47,7 @@ mod clients;
 mod control_stream;
 pub mod engine;
 mod event_monitor;
+mod feed;
 mod hook;
 mod member;
 mod permit;
@@ -70,6 +71,7 @@ pub use engine::{StepThreads, StepThreadsError};
 #[doc(hidden)]
 pub use event_monitor::EventKey;
 pub use event_monitor::StepEvents;
+pub use feed::{FedRequest, FedVelocities, Feed, FeedTaken, Feeds, TICKS_APART_MAX};
 pub use glam;
 pub use hook::{
     Hook, HookError, Hooks, Incident, ObserveScenes, SceneObserver, Traffic, Unobserved,

@@ -75,6 +75,8 @@ pub(crate) struct Rights<'a> {
     pub(crate) is_faulted: bool,
     /// The client that owns the scene, if one does.
     pub(crate) owner: Option<Peer>,
+    /// True if the owner feeds the scene: to ask for a tick steps nothing then.
+    pub(crate) is_fed: bool,
     pub(crate) ownership: &'a Ownership,
     pub(crate) authority_table: &'a AuthorityTable,
     pub(crate) clients: &'a Clients,
@@ -127,7 +129,9 @@ impl Rights<'_> {
         let too_far = to.value() > self.scene.tick().value() + ADVANCE_TICKS_MAX;
         match self.scene.config().stepping {
             Stepping::FreeRunning => Err(Denial::NotLockstep),
-            Stepping::Lockstep if self.owner.is_some_and(|owner| owner != self.peer) => {
+            Stepping::Lockstep
+                if self.owner.is_some_and(|owner| owner != self.peer) && !self.is_fed =>
+            {
                 Err(Denial::Owned)
             }
             Stepping::Lockstep if self.is_faulted => Err(Denial::SceneFaulted),
@@ -648,6 +652,7 @@ mod tests {
                 scene: &self.scene,
                 is_faulted,
                 owner: None,
+                is_fed: false,
                 ownership: &self.ownership,
                 authority_table: &self.authority_table,
                 clients: &self.clients,

@@ -13,6 +13,7 @@ use rhumb_protocol::session::{CloseCode, ServerSession};
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake};
 
 use crate::checkpoint::{Checkpoint, CheckpointError};
+use crate::feed::Feeds;
 use crate::member::UpstreamStatistics;
 use crate::permit::Permit;
 use crate::scene_loop::SceneLoop;
@@ -66,6 +67,12 @@ impl SceneRouter {
         if let Some(Routed::Greeting { permit: of, .. }) = self.connections.get_mut(&peer) {
             *of = permit;
         }
+    }
+
+    /// The feeds of its scenes.
+    #[must_use]
+    pub fn feeds(&self) -> Feeds {
+        self.settings.feeds.clone()
     }
 
     /// Names of the scenes that exist.

@@ -6,6 +6,7 @@
 
 mod commands;
 mod durability;
+mod fed;
 mod members;
 mod tick;
 
@@ -26,6 +27,8 @@ use crate::admission::{self, SceneLoad, SceneSlot};
 use crate::baking::Bakery;
 use crate::checkpoint::{Checkpoint, CheckpointError, Rollback};
 use crate::clients::{AuthorityTable, Clients, Turn};
+use crate::engine::{Engine, FedEngine, NoEngine};
+use crate::feed::{FedScene, SharedFeed};
 use crate::hook::{Hook, SceneObserver, Times};
 use crate::member::{SnapshotRequest, UpstreamStatistics};
 use crate::permit::{IdRanges, Ownership, Permit};
@@ -80,6 +83,8 @@ pub(crate) struct RunningScene {
     late: bool,
     /// The client that owns the scene, if one does: it alone steps and deletes the scene, which ends with it.
     owner: Option<Peer>,
+    /// The feed of its owner, if that feeds it.
+    fed: Option<FedScene>,
     settings: Arc<SceneSettings>,
     load: SceneLoad,
     /// Held while it exists.
@@ -219,8 +224,7 @@ impl SceneLoop {
         match message {
             Ok(ClientMessage::Create(config)) => {
                 let allowed = rights::create(&permit, &config);
-                let owner = permit.owns.then_some(peer);
-                let answer = match allowed.and_then(|()| self.create_for(owner, config)) {
+                let answer = match allowed.and_then(|()| self.create_for((peer, &permit), config)) {
                     Ok(()) => ServerMessage::Created,
                     Err(denial) => ServerMessage::Denied(denial),
                 };
@@ -361,7 +365,7 @@ impl SceneLoop {
         let Some(provided) = provided.and_then(|scenes| scenes.of(&self.name)) else {
             return;
         };
-        match self.create(provided.config) {
+        match self.create(provided.config, None) {
             Ok(()) => {
                 if let Some(running) = &mut self.running {
                     running.follow_script(provided.script, &mut self.clients);
@@ -374,16 +378,22 @@ impl SceneLoop {
         }
     }
 
-    /// Creates the scene for a client: for one that owns it, or with a log if there is a store.
+    /// Creates the scene for a client: for one that owns it, or with a log if there is a store. The client that feeds the
+    /// scene owns it, and no other one creates it.
     pub(super) fn create_for(
         &mut self,
-        owner: Option<Peer>,
+        (peer, permit): (Peer, &Permit),
         config: SceneConfig,
     ) -> Result<(), Denial> {
         if self.is_damaged() {
             return Err(Denial::SceneFaulted);
         }
-        self.create(config)?;
+        let feed = self.settings.feeds.of(&self.name);
+        if feed.as_ref().is_some_and(|feed| feed.owner() != peer) {
+            return Err(Denial::NoSuchScene);
+        }
+        let owner = (permit.owns || feed.is_some()).then_some(peer);
+        self.create(config, feed)?;
         if let (Some(owner), Some(running)) = (owner, self.running.as_mut()) {
             running.give_to(owner);
         }
@@ -508,13 +518,17 @@ impl SceneLoop {
         }
     }
 
-    pub(super) fn create(&mut self, config: SceneConfig) -> Result<(), Denial> {
+    /// Creates the scene, which a feed steps if there is one.
+    fn create(&mut self, config: SceneConfig, feed: Option<Arc<SharedFeed>>) -> Result<(), Denial> {
         if self.exists() {
             return Err(Denial::SceneExists);
         }
         let (slot, load) = rights::admit_scene(&self.name, &config, &self.settings)?;
         let settings = &self.settings;
-        let engine = settings.engines.make(&config, &settings.threads);
+        let engine: Result<Box<dyn Engine>, NoEngine> = match &feed {
+            Some(feed) => Ok(Box::new(FedEngine::new(&config, Arc::clone(feed)))),
+            None => settings.engines.make(&config, &settings.threads),
+        };
         let engine = engine.map_err(|cause| {
             tracing::warn!(scene = %self.name, %cause, "a scene cannot begin");
             Denial::TooManyScenes
@@ -522,6 +536,9 @@ impl SceneLoop {
         let scene = Scene::with_engine(config, engine).map_err(Denial::InvalidConfig)?;
         tracing::info!(scene = %self.name, "scene created");
         self.run_scene(scene, slot, load);
+        if let Some(running) = &mut self.running {
+            running.fed = feed.map(FedScene::new);
+        }
         Ok(())
     }
 
@@ -573,6 +590,7 @@ impl RunningScene {
             restored_at: VecDeque::new(),
             late: false,
             owner: None,
+            fed: None,
             settings,
             load,
             _slot: slot,

@@ -19,6 +19,7 @@ use serde::{Deserialize, Serialize};
 use crate::admission::{self, Admission, SceneLoad, SceneSlot};
 use crate::baking::Bakers;
 use crate::engine::{Engines, StepThreads};
+use crate::feed::Feeds;
 use crate::hook::{Hooks, ObserveScenes, Unobserved};
 use crate::scene::Scene;
 use crate::sessions::SceneStore;
@@ -41,6 +42,8 @@ pub struct SceneSettings {
     pub hooks: Option<Hooks>,
     /// Scenes that begin when a client names them.
     pub provided: Option<ProvidedScenes>,
+    /// Scenes that their owners feed.
+    pub feeds: Feeds,
     /// The threads that make solids of large shapes; by default each is made at once.
     pub bakers: Bakers,
     /// Shares the bounds on scenes and on their load with others.
@@ -69,6 +72,7 @@ impl SceneSettings {
             largest_packet: LargestPacket::DEFAULT,
             hooks: None,
             provided: None,
+            feeds: Feeds::default(),
             bakers: Bakers::default(),
             admission: Admission::default(),
             observers: Arc::new(Unobserved),

@@ -1,12 +1,13 @@
-//! The page of scenes that another part of this process runs.
+//! The page and the door of scenes that another part of this process runs.
 //!
-//! Only this machine reaches it. Browsers connect to a socket of its own, whose endpoint carries them to the scenes.
+//! The page is reached by this machine alone. Browsers and clients connect to a socket of its own, whose endpoint carries
+//! them to the scenes.
 
 use core::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::thread::{self, JoinHandle};
 
 use rhumb_protocol::Endpoint;
-use rhumb_transport::{Origins, QuicServer, ServerOptions, Stop, Waker, WebOptions};
+use rhumb_transport::{Fingerprint, Origins, QuicServer, ServerOptions, Stop, Waker, WebOptions};
 
 use crate::http::TcpService;
 use crate::metrics::Metrics;
@@ -18,27 +19,31 @@ use crate::view::{PageListener, ViewScene};
 #[derive(Debug)]
 pub struct PageBeside {
     address: SocketAddr,
+    listens: SocketAddr,
+    fingerprint: Fingerprint,
     stop: Stop,
     thread: Option<JoinHandle<()>>,
     _page: TcpService,
 }
 
-/// Any free port of this machine.
+/// Any free port of this machine, for the page.
 const LISTEN: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 0);
 
 impl PageBeside {
-    /// Shows these scenes. `endpoint` makes what carries browsers to them; it gets what wakes its thread.
+    /// Shows these scenes, and lets clients in that reach this address: there are no tokens, and each may do everything.
+    /// `endpoint` makes what carries browsers and clients to the scenes; it gets what wakes its thread.
     ///
     /// # Errors
     ///
     /// [`RunError`] if the system refuses sockets or threads, or this build has no page.
     pub fn start<E: Endpoint + Send + 'static>(
+        listen: SocketAddr,
         scenes: Vec<ViewScene>,
         endpoint: impl FnOnce(Waker) -> E,
     ) -> Result<Self, RunError> {
         let identity = Identity::Development;
         let options = ServerOptions {
-            listen: LISTEN,
+            listen,
             certificate: identity.certificate()?,
             web: Some(WebOptions {
                 origins: Origins::loopback(),
@@ -48,6 +53,7 @@ impl PageBeside {
         let transport = QuicServer::bind(options).map_err(RunError::Bind)?;
         let page = PageListener::bind(LISTEN, transport.local_addr()).map_err(RunError::View)?;
         let address = page.address();
+        let (listens, fingerprint) = (transport.local_addr(), transport.fingerprint());
         let hashes = transport.certificate_hashes();
         let texts = move || hashes.current().iter().map(ToString::to_string).collect();
         let shown = (scenes, Metrics::default());
@@ -68,10 +74,24 @@ impl PageBeside {
             .map_err(RunError::Thread)?;
         Ok(Self {
             address,
+            listens,
+            fingerprint,
             stop,
             thread: Some(thread),
             _page: page,
         })
+    }
+
+    /// The address at which clients connect.
+    #[must_use]
+    pub const fn listens(&self) -> SocketAddr {
+        self.listens
+    }
+
+    /// The fingerprint for them to pin.
+    #[must_use]
+    pub const fn fingerprint(&self) -> Fingerprint {
+        self.fingerprint
     }
 
     /// The page's address.

@@ -10,7 +10,7 @@ use rhumb_protocol::scene::SceneConfig;
 use rhumb_protocol::session::{ClientSession, CloseCode};
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_scene::engine::Engines;
-use rhumb_scene::{Hooks, Limits, ProvidedScenes, SceneRouter, SceneSettings};
+use rhumb_scene::{Feeds, Hooks, Limits, ProvidedScenes, SceneRouter, SceneSettings};
 
 /// One unit of data between the server and a client.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -122,6 +122,12 @@ impl Table {
             limits,
             ..SceneSettings::new(|| Instant::ZERO)
         })
+    }
+
+    /// The feeds of the server's scenes.
+    #[must_use]
+    pub fn feeds(&self) -> Feeds {
+        self.server.feeds()
     }
 
     /// Connects a new session to the server.

@@ -131,6 +131,12 @@ impl Coordinates {
         self.angular_in(torque) * (self.metres_per_unit() * self.metres_per_unit())
     }
 
+    /// One of Rhumb's torques or angular impulses.
+    #[must_use]
+    pub fn torque_out(self, torque: Vec3) -> Vec3 {
+        self.angular_out(torque) * (self.units_per_metre() * self.units_per_metre())
+    }
+
     /// A rotation body → world, for a body whose own axes are in the same coordinates.
     #[must_use]
     pub fn rotation_in(self, rotation: Quat) -> Quat {

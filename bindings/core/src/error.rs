@@ -187,9 +187,10 @@ impl BindingError {
                 OpenError::Address { .. } | OpenError::Connect(_) | OpenError::Socket { .. } => {
                     ErrorKind::Connect
                 }
-                OpenError::SceneName { .. } | OpenError::Ticks(_) | OpenError::Token(_) => {
-                    ErrorKind::Invalid
-                }
+                OpenError::SceneName { .. }
+                | OpenError::Ticks(_)
+                | OpenError::Token(_)
+                | OpenError::Feed(_) => ErrorKind::Invalid,
                 OpenError::Denied { .. } => ErrorKind::Denied,
                 OpenError::Random(_) => ErrorKind::Fault,
                 OpenError::Client(error) => client_kind(error),
@@ -253,6 +254,7 @@ const fn client_kind(error: &ClientError) -> ErrorKind {
         ClientError::Misuse(_)
         | ClientError::Id(_)
         | ClientError::Ticks(_)
+        | ClientError::Feed(_)
         | ClientError::OffCentre(_) => ErrorKind::Invalid,
         ClientError::Refused(_) => ErrorKind::Refused,
         ClientError::Ended(_) => ErrorKind::Ended,

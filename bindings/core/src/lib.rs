@@ -18,6 +18,8 @@ mod joining;
 mod own_server;
 mod records;
 mod remote_scene;
+#[cfg(feature = "local")]
+mod requests;
 mod view;
 
 pub use coordinates::Coordinates;
@@ -33,5 +35,7 @@ pub use records::{
     ContactRecord, EventRecord, InvalidPackedId, RefusalRecord, packed_id, parse_packed_id,
 };
 pub use remote_scene::{HitRecord, RemoteScene};
+#[cfg(feature = "local")]
+pub use requests::RequestRecord;
 pub use rhumb_client;
 pub use view::{ObjectChange, SceneFollower};

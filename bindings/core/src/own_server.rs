@@ -12,8 +12,8 @@ use std::time::Duration;
 
 use bytes::Bytes;
 use rhumb_client::{
-    Checkpoint, CheckpointError, Client, ClientTransport, Fingerprint, LocalServer, Received,
-    ServerConnection, TransportCode, Trust,
+    Checkpoint, CheckpointError, Client, ClientTransport, FeedError, Fingerprint, LocalServer,
+    OpenError, Received, ServerConnection, TransportCode, Trust,
 };
 use rhumb_protocol::{
     Ending, Endpoint, Instant, LinkReport, Peer, Span, Transmit, Wake, WakeReason,
@@ -55,16 +55,8 @@ impl ServedScenes {
     ///
     /// [`BindingError`] for an address that cannot be used, and for one that other machines reach unless that is meant.
     pub fn start(listen: &str, reach: Reach) -> Result<Self, BindingError> {
-        let needed = "an address with a port, such as 127.0.0.1:0";
-        let listen: SocketAddr = listen
-            .parse()
-            .map_err(|_| BindingError::value("listen", format_args!("{listen:?}"), needed))?;
+        let listen = listened(listen, reach)?;
         let access = match reach {
-            Reach::ThisMachine if !listen.ip().is_loopback() => {
-                let needed = "an address of this machine alone, such as 127.0.0.1:0, unless open_to_network says that other \
-                              machines may do everything in it, without a token";
-                return Err(BindingError::value("listen", listen, needed));
-            }
             Reach::ThisMachine => Access::OpenOnLoopback,
             Reach::Network => Access::OpenToNetwork,
         };
@@ -144,6 +136,20 @@ impl ServedScenes {
     }
 }
 
+/// An address to listen at, which other machines do not reach unless that is meant.
+fn listened(listen: &str, reach: Reach) -> Result<SocketAddr, BindingError> {
+    let needed = "an address with a port, such as 127.0.0.1:0";
+    let listen: SocketAddr = listen
+        .parse()
+        .map_err(|_| BindingError::value("listen", format_args!("{listen:?}"), needed))?;
+    if reach == Reach::ThisMachine && !listen.ip().is_loopback() {
+        let needed = "an address of this machine alone, such as 127.0.0.1:0, unless open_to_network says that other \
+                      machines may do everything in it, without a token";
+        return Err(BindingError::value("listen", listen, needed));
+    }
+    Ok(listen)
+}
+
 const fn loopback(any: IpAddr) -> IpAddr {
     match any {
         IpAddr::V4(_) => IpAddr::V4(Ipv4Addr::LOCALHOST),
@@ -180,6 +186,8 @@ pub enum OwnServer {
     Local(LocalServer),
     /// With sockets.
     Served(Arc<ServedScenes>),
+    /// Without sockets of its own, beside a door for other processes: the server of scenes that a client feeds.
+    Fed(LocalServer, Arc<PageBeside>),
 }
 
 impl OwnServer {
@@ -190,8 +198,32 @@ impl OwnServer {
     /// As [`ServedScenes::connect`]; a server without sockets has none.
     pub fn connect(&self, timeout: Duration) -> Result<ServerConnection, BindingError> {
         match self {
-            Self::Local(server) => Ok(server.connect().timeout(timeout)),
+            Self::Local(server) | Self::Fed(server, _) => Ok(server.connect().timeout(timeout)),
             Self::Served(served) => served.connect(timeout),
+        }
+    }
+
+    /// A server of scenes that a client feeds, which other processes join at an address. It steps on a thread of its own.
+    ///
+    /// # Errors
+    ///
+    /// As [`ServedScenes::start`].
+    pub fn fed(listen: &str, reach: Reach, scene: &str) -> Result<Self, BindingError> {
+        let listen = listened(listen, reach)?;
+        let server = LocalServer::spawn().map_err(RunError::Thread)?;
+        let door = page_of(&server, listen, scene)?;
+        Ok(Self::Fed(server, Arc::new(door)))
+    }
+
+    /// The connection of the client that will feed a scene.
+    ///
+    /// # Errors
+    ///
+    /// As [`LocalServer::feed`].
+    pub fn feed(&self, scene: &str, timeout: Duration) -> Result<ServerConnection, BindingError> {
+        match self {
+            Self::Local(server) | Self::Fed(server, _) => Ok(server.feed(scene)?.timeout(timeout)),
+            Self::Served(_) => Err(OpenError::Feed(FeedError::NoServer).into()),
         }
     }
 
@@ -202,7 +234,7 @@ impl OwnServer {
     /// [`CheckpointError`] as [`LocalServer::save`].
     pub fn save(&self, scene: &str) -> Result<Checkpoint, CheckpointError> {
         match self {
-            Self::Local(server) => server.save(scene),
+            Self::Local(server) | Self::Fed(server, _) => server.save(scene),
             Self::Served(served) => served.checkpoints.save(scene),
         }
     }
@@ -214,7 +246,7 @@ impl OwnServer {
     /// [`CheckpointError`] as [`LocalServer::restore`].
     pub fn restore(&self, scene: &str, checkpoint: &Checkpoint) -> Result<(), CheckpointError> {
         match self {
-            Self::Local(server) => server.restore(scene, checkpoint),
+            Self::Local(server) | Self::Fed(server, _) => server.restore(scene, checkpoint),
             Self::Served(served) => served.checkpoints.restore(scene, checkpoint),
         }
     }
@@ -225,6 +257,7 @@ impl OwnServer {
         match self {
             Self::Local(_) => None,
             Self::Served(served) => Some(served.address()),
+            Self::Fed(_, door) => Some(address_with(outward(door.listens()), door.fingerprint())),
         }
     }
 }
@@ -263,31 +296,42 @@ impl SceneServer {
                 served.check()?;
                 served.page.clone().map_err(BindingError::NoPage)?
             }
+            OwnServer::Fed(_, door) => door.url(),
             OwnServer::Local(server) => match &self.page {
                 Some(page) => page.url(),
                 None => {
-                    let shown = ViewScene {
-                        name: self.scene.clone(),
-                        player: None,
-                    };
-                    let server = server.clone();
-                    let started = PageBeside::start(vec![shown], |waker| {
-                        NetworkDoor::new(move || {
-                            let waker = waker.clone();
-                            server.open(move || waker.wake())
-                        })
-                    });
-                    let started = match started {
-                        Err(RunError::View(rhumb_server::ViewError::Unavailable(reason))) => {
-                            return Err(BindingError::NoPage(reason));
-                        }
-                        started => started?,
-                    };
+                    let any = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
+                    let started = page_of(server, any, &self.scene)?;
                     self.page.insert(started).url()
                 }
             },
         };
         Ok(format!("{page}?scene={}", escaped(&self.scene)))
+    }
+}
+
+/// The page of a scene of a server without sockets, and the door to it at an address.
+fn page_of(
+    server: &LocalServer,
+    listen: SocketAddr,
+    scene: &str,
+) -> Result<PageBeside, BindingError> {
+    let shown = ViewScene {
+        name: scene.to_owned(),
+        player: None,
+    };
+    let server = server.clone();
+    let started = PageBeside::start(listen, vec![shown], |waker| {
+        NetworkDoor::new(move || {
+            let waker = waker.clone();
+            server.open(move || waker.wake())
+        })
+    });
+    match started {
+        Err(RunError::View(rhumb_server::ViewError::Unavailable(reason))) => {
+            Err(BindingError::NoPage(reason))
+        }
+        started => Ok(started?),
     }
 }
 

@@ -13,6 +13,8 @@ use rhumb_client::{
 };
 #[cfg(feature = "serve")]
 use rhumb_client::{Checkpoint, CheckpointError};
+#[cfg(feature = "local")]
+use rhumb_client::{FedVelocities, scene::CommandError};
 
 use crate::coordinates::Coordinates;
 use crate::descriptions::{BodyParams, StateRecord};
@@ -24,6 +26,8 @@ use crate::joining::{JoinParams, TICKS_NEEDED, tolerance};
 #[cfg(feature = "serve")]
 use crate::own_server::{OwnServer, SceneServer};
 use crate::records::{ContactRecord, EventRecord, RefusalRecord};
+#[cfg(feature = "local")]
+use crate::requests::RequestRecord;
 use crate::view::ConvertedView;
 
 /// Limit of unread events, the client's own. Beyond it, the oldest are dropped, and counted.
@@ -277,6 +281,12 @@ impl RemoteScene {
         if let Some(body) = twice(states.iter().map(|state| state.body)) {
             return Err(BindingError::Twice(body));
         }
+        let converted = self.states_in(states)?;
+        Ok(self.client.publish(&converted)?)
+    }
+
+    /// States in Rhumb's coordinates.
+    fn states_in(&self, states: &[StateRecord]) -> Result<Vec<(BodyId, BodyState)>, BindingError> {
         let coordinates = self.coordinates();
         let converted = states.iter().map(|state| {
             let converted = StateRecord {
@@ -296,8 +306,60 @@ impl RemoteScene {
             let body_state = self.centres.state_in(state.body, body_state)?;
             Ok((state.body, body_state))
         });
-        let converted = converted.collect::<Result<Vec<_>, BindingError>>()?;
-        Ok(self.client.publish(&converted)?)
+        converted.collect()
+    }
+
+    /// Hands over the states of one tick of a scene that this client feeds, and returns the tick: the next one if it is
+    /// `None`.
+    ///
+    /// # Errors
+    ///
+    /// As [`Client::feed`].
+    #[cfg(feature = "local")]
+    pub fn feed(
+        &mut self,
+        tick: Option<Tick>,
+        states: &[StateRecord],
+        velocities: FedVelocities,
+    ) -> Result<Tick, BindingError> {
+        self.take_events();
+        let converted = self.states_in(states)?;
+        let next = self.client.fed_tick().map_or(Tick::ZERO, Tick::next);
+        let tick = tick.unwrap_or(next);
+        self.client.feed(tick, &converted, velocities)?;
+        Ok(tick)
+    }
+
+    /// The oldest unread request of another member of a scene that this client feeds.
+    #[cfg(feature = "local")]
+    pub fn poll_request(&mut self) -> Option<RequestRecord> {
+        let coordinates = self.coordinates();
+        let request = self.client.poll_request()?;
+        Some(RequestRecord::new(request, coordinates))
+    }
+
+    /// Has the scene change as another member asked.
+    ///
+    /// # Errors
+    ///
+    /// As [`Client::accept_request`].
+    #[cfg(feature = "local")]
+    pub fn accept_request(&mut self, request: &RequestRecord) -> Result<(), BindingError> {
+        if let Some(body) = request.body {
+            self.known.add(body);
+        }
+        Ok(self.client.accept_request(request.request.clone())?)
+    }
+
+    /// Refuses what another member asked for.
+    ///
+    /// # Errors
+    ///
+    /// As [`Client::refuse_request`].
+    #[cfg(feature = "local")]
+    pub fn refuse_request(&mut self, request: &RequestRecord) -> Result<(), BindingError> {
+        let (request, reason) = (request.request.clone(), CommandError::NotAllowed);
+        Ok(self.client.refuse_request(request, reason)?)
     }
 
     /// Queues the removal of this client's shapes that no body has, and returns their number.

@@ -49,6 +49,7 @@ pub(crate) fn outcome(call: &str, result: Result<(), ClientError>) -> Error {
         | ClientError::Id(_)
         | ClientError::OffCentre(_)
         | ClientError::Ticks(_)
+        | ClientError::Feed(_)
         | ClientError::Refused(_) => Error::ERR_INVALID_PARAMETER,
         ClientError::Timeout { .. } => Error::ERR_TIMEOUT,
         ClientError::Denied(_) => Error::ERR_UNAUTHORIZED,

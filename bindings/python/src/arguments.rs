@@ -285,6 +285,11 @@ pub(crate) fn seconds(py: Python<'_>, seconds: f64, name: &'static str) -> PyRes
         .map_err(|_| exception(py, &BindingError::value(name, seconds, needed)))
 }
 
+/// A tick, or none.
+pub(crate) fn optional_tick(value: &Bound<'_, PyAny>) -> PyResult<Option<u64>> {
+    within(value, "tick", value.extract(), "0 to 18446744073709551615")
+}
+
 /// A call as Python writes it, without the keywords that were left out.
 pub(crate) fn call(name: &str, keywords: &[(&str, Option<String>)]) -> String {
     let given = keywords.iter().filter_map(|(keyword, value)| {

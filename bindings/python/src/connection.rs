@@ -18,6 +18,9 @@ use crate::file::PyCheckpoint;
 use crate::number;
 use crate::scene::PyScene;
 
+/// Longest wait for a server of this process.
+const TIMEOUT: Duration = Duration::from_secs(5);
+
 const CONDITIONS: [(&str, JoinCondition); 3] = [
     ("create or join", JoinCondition::CreateOrJoin),
     ("create", JoinCondition::Create),
@@ -236,17 +239,23 @@ impl PyLocalServer {
     }
 
     /// A connection of one more client, which joins a scene. The time limit, in seconds, holds for every later call that waits.
-    #[pyo3(signature = (*, timeout = 5.0))]
+    ///
+    /// feed: the name of the scene that the client will make when it joins, and feed: see Scene.feed.
+    #[pyo3(signature = (*, timeout = 5.0, feed = None))]
     fn connect(
         &self,
         py: Python<'_>,
         #[pyo3(from_py_with = number::double::timeout)] timeout: f64,
+        feed: Option<&str>,
     ) -> PyResult<PyConnection> {
         let timeout = seconds(py, timeout, "timeout")?;
         // Another client's call may be inside the server.
-        let opened = py.detach(|| self.server.connect());
-        let opened = opened.timeout(timeout);
         let origin = OwnServer::Local(self.server.clone());
+        let opened = py.detach(|| match feed {
+            Some(scene) => origin.feed(scene, timeout),
+            None => origin.connect(timeout),
+        });
+        let opened = opened.map_err(|error| exception(py, &error))?;
         Ok(PyConnection::new(
             "this process".to_owned(),
             opened,
@@ -279,27 +288,29 @@ const fn python(value: bool) -> &'static str {
 ///
 /// The options are those of Connection.join. The server ends with the scene. It steps within the scene's calls, so that a
 /// free-running scene moves on only while it is polled. LocalServer has several clients of one scene, and a thread.
+/// fed: whether this program has the engine, and feeds the scene: see Scene.feed.
 #[pyfunction]
 #[pyo3(
-    signature = (scene = "main", **options),
-    text_signature = "(scene='main', *, coordinates='rhumb', condition='create or join', tolerance=0.05, \
+    signature = (scene = "main", *, fed = false, **options),
+    text_signature = "(scene='main', *, fed=False, coordinates='rhumb', condition='create or join', tolerance=0.05, \
         stepping='lockstep', ticks_per_second=60, substeps=4, publish_interval=1, gravity=None, sleep=None, \
         delay_ticks=0.0, lead_ticks=0.0, whole_ticks=False, smooth=True, refusals='raise', resume_within=None)"
 )]
 pub(crate) fn local<'py>(
     py: Python<'py>,
     scene: &str,
+    fed: bool,
     options: Option<&Bound<'py, PyDict>>,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let server = LocalServer::new();
-    let opened = server.connect();
-    let origin = Some(OwnServer::Local(server));
-    let connection = PyConnection::new("this process".to_owned(), opened, origin);
+    let origin = OwnServer::Local(LocalServer::new());
+    let opened = match fed {
+        true => origin.feed(scene, TIMEOUT),
+        false => origin.connect(TIMEOUT),
+    };
+    let opened = opened.map_err(|error| exception(py, &error))?;
+    let connection = PyConnection::new("this process".to_owned(), opened, Some(origin));
     Bound::new(py, connection)?.call_method("join", (scene,), options)
 }
-
-/// Longest wait for a server of this process.
-const TIMEOUT: Duration = Duration::from_secs(5);
 
 /// A scene in this process that others join, on a server of its own: no program to start, no fingerprint to copy.
 ///
@@ -309,14 +320,20 @@ const TIMEOUT: Duration = Duration::from_secs(5);
 /// listen: IP address and port of the server; port 0 is a free one. open_to_network: whether the address may be one that
 /// other machines reach. There are no tokens: each client may do everything. The rest is as of Connection.join. The
 /// server has threads of its own and ends with the scene, for every member. With a checkpoint, the scene continues from it.
+/// fed: whether this program has the engine, and feeds the scene: see Scene.feed.
 #[pyfunction]
 #[pyo3(
-    signature = (scene = "main", *, listen = "127.0.0.1:0", open_to_network = false, quiet = false, checkpoint = None, **options),
-    text_signature = "(scene='main', *, listen='127.0.0.1:0', open_to_network=False, quiet=False, checkpoint=None, coordinates='rhumb', \
+    signature = (
+        scene = "main", *, listen = "127.0.0.1:0", open_to_network = false, quiet = false, checkpoint = None, fed = false,
+        **options
+    ),
+    text_signature = "(scene='main', *, listen='127.0.0.1:0', open_to_network=False, quiet=False, checkpoint=None, fed=False, coordinates='rhumb', \
         condition='create or join', tolerance=0.05, \
         stepping='lockstep', ticks_per_second=60, substeps=4, publish_interval=1, gravity=None, sleep=None, \
         delay_ticks=0.0, lead_ticks=0.0, whole_ticks=False, smooth=True, refusals='raise', resume_within=None)"
 )]
+// Named parameters are the interface of Python.
+#[expect(clippy::too_many_arguments)]
 pub(crate) fn serve<'py>(
     py: Python<'py>,
     scene: &str,
@@ -324,6 +341,7 @@ pub(crate) fn serve<'py>(
     open_to_network: bool,
     quiet: bool,
     checkpoint: Option<&Bound<'py, PyCheckpoint>>,
+    fed: bool,
     options: Option<&Bound<'py, PyDict>>,
 ) -> PyResult<Bound<'py, PyAny>> {
     let reach = match open_to_network {
@@ -332,17 +350,22 @@ pub(crate) fn serve<'py>(
     };
     let checkpoint = checkpoint.map(Bound::get);
     let started = py.detach(|| {
-        let served = Arc::new(ServedScenes::start(listen, reach)?);
-        let origin = OwnServer::Served(Arc::clone(&served));
+        let server = match fed {
+            true => OwnServer::fed(listen, reach, scene)?,
+            false => OwnServer::Served(Arc::new(ServedScenes::start(listen, reach)?)),
+        };
         if let Some(checkpoint) = checkpoint {
-            origin.restore(scene, &checkpoint.0)?;
+            server.restore(scene, &checkpoint.0)?;
         }
-        let opened = served.connect(TIMEOUT)?;
-        Ok((served.address(), origin, opened))
+        let opened = match fed {
+            true => server.feed(scene, TIMEOUT)?,
+            false => server.connect(TIMEOUT)?,
+        };
+        Ok((server, opened))
     });
-    let (address, origin, opened) = started.map_err(|error: BindingError| exception(py, &error))?;
-    let origin = Some(origin);
-    let connection = PyConnection::new(format!("{address:?}"), opened, origin);
+    let (server, opened) = started.map_err(|error: BindingError| exception(py, &error))?;
+    let address = server.address().unwrap_or_default();
+    let connection = PyConnection::new(format!("{address:?}"), opened, Some(server));
     let joined = Bound::new(py, connection)?.call_method("join", (scene,), options)?;
     if !quiet {
         let said = format!("rhumb.connect(\"{address}\").join(\"{scene}\") joins this scene");

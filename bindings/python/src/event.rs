@@ -1,8 +1,8 @@
-//! Events.
+//! Events, and requests of followers.
 
 use pyo3::prelude::*;
 use rhumb_bindings::rhumb_client::BodyId;
-use rhumb_bindings::{ContactRecord, EventRecord, packed_id};
+use rhumb_bindings::{ContactRecord, EventRecord, RequestRecord, packed_id};
 
 /// Something that happened, or the answer to a command. What its kind does not name is zero, None or empty.
 #[pyclass(frozen, get_all, name = "Event", module = "rhumb")]
@@ -128,6 +128,92 @@ impl PyContact {
         format!(
             "Contact(body={body}, other={other}, point={point:?}, normal={normal:?}, separation={separation}, \
              force={force}, tick={tick})"
+        )
+    }
+}
+
+/// A request of another member of a scene that this program feeds, of Scene.requests. What its kind does not name is None.
+#[pyclass(frozen, name = "Request", module = "rhumb")]
+pub(crate) struct PyRequest {
+    pub(crate) record: RequestRecord,
+}
+
+impl PyRequest {
+    pub(crate) const fn new(record: RequestRecord) -> Self {
+        Self { record }
+    }
+}
+
+#[pymethods]
+impl PyRequest {
+    /// One of: "add body", "remove body", "change body", "set pose", "set velocity", "apply force", "apply torque",
+    /// "apply impulse", "apply torque impulse", "sleep", "wake", "set gravity", "add joint", "change joint", "remove joint".
+    #[getter]
+    const fn kind(&self) -> &'static str {
+        self.record.kind
+    }
+
+    /// The body that it is about; of a joint the first one.
+    #[getter]
+    fn body(&self) -> Option<u64> {
+        self.record.body.map(packed_id)
+    }
+
+    /// The client that the member's token names, if it has one.
+    #[getter]
+    fn client(&self) -> Option<String> {
+        let client = self.record.request.client.as_ref();
+        client.map(ToString::to_string)
+    }
+
+    /// The number of the member's command.
+    #[getter]
+    const fn number(&self) -> u64 {
+        self.record.request.number
+    }
+
+    /// Of a body or a pose: the centre of mass.
+    #[getter]
+    fn position(&self) -> Option<(f32, f32, f32)> {
+        self.record.position.map(Into::into)
+    }
+
+    /// Of a body or a pose: a unit quaternion x, y, z, w, body to world.
+    #[getter]
+    fn rotation(&self) -> Option<(f32, f32, f32, f32)> {
+        self.record.rotation.map(Into::into)
+    }
+
+    /// Of a body or a velocity: units of length per second.
+    #[getter]
+    fn linear_velocity(&self) -> Option<(f32, f32, f32)> {
+        self.record.linear_velocity.map(Into::into)
+    }
+
+    /// Of a body or a velocity: rad/s about world axes.
+    #[getter]
+    fn angular_velocity(&self) -> Option<(f32, f32, f32)> {
+        self.record.angular_velocity.map(Into::into)
+    }
+
+    /// The force, torque, impulse or gravity.
+    #[getter]
+    fn vector(&self) -> Option<(f32, f32, f32)> {
+        self.record.vector.map(Into::into)
+    }
+
+    /// The point of the world where a force or an impulse acts, if not at the centre of mass.
+    #[getter]
+    fn point(&self) -> Option<(f32, f32, f32)> {
+        self.record.point.map(Into::into)
+    }
+
+    fn __repr__(&self) -> String {
+        let body = self.body().map(|body| format!(", body={body}"));
+        let (kind, number) = (self.kind(), self.number());
+        format!(
+            "Request({kind:?}, number={number}{})",
+            body.unwrap_or_default()
         )
     }
 }

@@ -37,6 +37,7 @@ fn native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<generated::PyWheelInput>()?;
     module.add_class::<event::PyEvent>()?;
     module.add_class::<event::PyContact>()?;
+    module.add_class::<event::PyRequest>()?;
     module.add_class::<file::PyLoaded>()?;
     module.add_class::<query::PyQuery>()?;
     module.add_class::<query::PyHit>()?;

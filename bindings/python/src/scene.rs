@@ -14,13 +14,13 @@ use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
 use rhumb_bindings::rhumb_client::scene::{
     ActiveEvents, Command, JointId, JumpFrom, Locomotion, Vehicle,
 };
-use rhumb_bindings::rhumb_client::{PipelineDepth, Tick};
+use rhumb_bindings::rhumb_client::{FedVelocities, PipelineDepth, Tick};
 use rhumb_bindings::{BindingError, RemoteScene, packed_id};
 
-use crate::arguments::{bodies, optional_rows, rows, seconds, single, vector};
+use crate::arguments::{bodies, optional_rows, optional_tick, rows, seconds, single, vector};
 use crate::body::{PyShape, bodies_at, plain_body, states};
 use crate::errors::{exception, wrong_value};
-use crate::event::{PyContact, PyEvent};
+use crate::event::{PyContact, PyEvent, PyRequest};
 use crate::file::{PyCheckpoint, PyLoaded, params};
 use crate::generated::{PyCharacter, PyWheel, PyWheelInput};
 use crate::joint::PyJoint;
@@ -536,6 +536,65 @@ impl PyScene {
         let states = states(body, position, [rotation, linear, angular])?;
         let tick = self.with(py, |opened| opened.scene.publish(&states))?;
         Ok(tick.map(Tick::value))
+    }
+
+    /// Hands over the states of one tick of a scene whose engine is in this program, has it step, and returns the tick.
+    ///
+    /// The scene is one of local(fed=True), serve(fed=True) or LocalServer.connect(feed=name). Call it once for each step of the
+    /// engine, with the bodies in any order. A body that is left out rests where it is, and so does one that is fed at one pose
+    /// without a velocity for five ticks; resting bodies cost nothing.
+    ///
+    /// tick: that of the states, from 1 on; None: the next one. Up to 600 ticks may be left out: the bodies then go evenly from
+    /// one state to the next. Without linear and angular, velocities follow from the poses, as for an engine whose own are of
+    /// no use.
+    ///
+    /// Followers see every pose within their tolerance. How many bytes that takes depends on gravity and substeps of join, and on
+    /// mass, moments, damping and gravity_scale of add_body.
+    #[pyo3(signature = (body, position, rotation = None, linear = None, angular = None, *, tick = None))]
+    // Named parameters are the interface of Python.
+    #[expect(clippy::too_many_arguments)]
+    fn feed(
+        &self,
+        py: Python<'_>,
+        body: &Bound<'_, PyAny>,
+        position: &Bound<'_, PyAny>,
+        rotation: Option<&Bound<'_, PyAny>>,
+        linear: Option<&Bound<'_, PyAny>>,
+        angular: Option<&Bound<'_, PyAny>>,
+        #[pyo3(from_py_with = optional_tick)] tick: Option<u64>,
+    ) -> PyResult<u64> {
+        let states = states(body, position, [rotation, linear, angular])?;
+        let velocities = match (linear, angular) {
+            (None, None) => FedVelocities::FromPoses,
+            _ => FedVelocities::Given,
+        };
+        let tick = tick.map(Tick::new);
+        self.waiting(py, |opened| {
+            Ok(opened.scene.feed(tick, &states, velocities)?.value())
+        })
+    }
+
+    /// The unread requests of other members of a scene that this program feeds, the oldest first.
+    ///
+    /// Each is a command that a member gave. One that moves a body is answered by what is fed. One that adds, changes or removes
+    /// something changes the scene once it is accepted: a body that is asked for has an id already, and is fed from then on.
+    fn requests(&self, py: Python<'_>) -> PyResult<Vec<PyRequest>> {
+        self.with(py, |opened| {
+            let requests = std::iter::from_fn(|| opened.scene.poll_request());
+            Ok(requests.map(PyRequest::new).collect())
+        })
+    }
+
+    /// Has the scene change as another member asked. The member is refused after all if the scene cannot.
+    fn accept(&self, py: Python<'_>, request: &Bound<'_, PyRequest>) -> PyResult<()> {
+        let record = &request.get().record;
+        self.waiting(py, |opened| opened.scene.accept_request(record))
+    }
+
+    /// Refuses what another member asked for: it learns of it as of any refusal.
+    fn refuse(&self, py: Python<'_>, request: &Bound<'_, PyRequest>) -> PyResult<()> {
+        let record = &request.get().record;
+        self.waiting(py, |opened| opened.scene.refuse_request(record))
     }
 
     /// Queues the removal of the shapes that came with this client's bodies and that no body has, and returns their number.

@@ -1,9 +1,9 @@
-//! Requests of a member: authority over bodies, the server, its own copy.
+//! Requests of a member: its stream, authority, the server, its own copy.
 //!
 //! With authority, the caller publishes states of bodies that its own simulator moves, once per frame. States that the
 //! server predicts within tolerance are not sent.
 
-use rhumb_protocol::message::QueryResult;
+use rhumb_protocol::message::{QueryResult, StreamChoice, TierPolicy};
 use rhumb_protocol::scene::{IdOutOfRange, Query, Stepping};
 use rhumb_protocol::session::Event;
 #[cfg(feature = "queries")]
@@ -15,6 +15,37 @@ use super::Client;
 use crate::error::ClientError;
 
 impl Client {
+    /// Requests another stream at once and does not wait. [`Event::SubscriptionChanged`] reports when the copy follows
+    /// it.
+    ///
+    /// Until then the copy follows the present stream, and no tick is missed between the two. A later request replaces
+    /// an unanswered one.
+    ///
+    /// # Errors
+    ///
+    /// [`ClientError::Ended`] when the connection is over.
+    pub fn change_stream(&mut self, choice: StreamChoice) -> Result<(), ClientError> {
+        self.check_open()?;
+        self.pump.session.subscribe(choice)?;
+        self.pump.flush();
+        Ok(())
+    }
+
+    /// Sends the range of tiers that the server may choose for this client on a link of low capacity, at once.
+    ///
+    /// Without a policy, the server may go down to the coarse tier (20 cm). [`Event::TierChanged`] reports each change,
+    /// and [`Self::tolerance`] returns the present tolerance.
+    ///
+    /// # Errors
+    ///
+    /// [`ClientError::Ended`] when the connection is over.
+    pub fn set_tier_policy(&mut self, tier_policy: TierPolicy) -> Result<(), ClientError> {
+        self.check_open()?;
+        self.pump.session.set_tier_policy(tier_policy)?;
+        self.pump.flush();
+        Ok(())
+    }
+
     /// Requests authority over these kinematic bodies, in place of the bodies that this client has authority over now.
     ///
     /// The server's bodies are then within `tolerance` of the states of [`Self::publish`]. Another member's copy is within the

@@ -31,6 +31,7 @@ impl LocalServer {
         let server = Self {
             host: Host::Thread(queue),
             next_peer: Arc::new(AtomicU64::new(FIRST_PEER)),
+            feeds: None,
         };
         (server, LocalPeers { inputs, wake })
     }

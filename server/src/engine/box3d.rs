@@ -34,6 +34,7 @@ use super::interface::{
     UnanswerableQuery, UnusableShape,
 };
 use super::kinematic_target::{KinematicStep, KinematicTarget};
+use super::mass;
 
 /// A Box3D world.
 pub struct Box3dEngine {
@@ -533,7 +534,7 @@ impl Engine for Box3dEngine {
     fn inertia(&self, id: BodyId) -> Option<Inertia> {
         let properties = &self.bodies.get(&id)?.properties;
         let solid = self.solids.get(&properties.desc.shape)?;
-        translate::inertia(properties, solid.unit)
+        mass::inertia(properties, solid.unit)
     }
 
     fn contacts(&self, id: BodyId, out: &mut Vec<Contact>) {

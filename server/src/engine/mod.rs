@@ -2,8 +2,10 @@
 
 #[cfg(feature = "box3d")]
 mod box3d;
+mod fed;
 mod interface;
 mod kinematic_target;
+mod mass;
 mod rapier;
 
 use std::fmt;
@@ -15,6 +17,7 @@ use serde::{Deserialize, Serialize};
 
 #[cfg(feature = "box3d")]
 pub use box3d::Box3dEngine;
+pub use fed::FedEngine;
 pub use interface::{
     BakedShape, Baker, BodyProperties, Engine, EngineFault, EnginePart, FrozenEngine, NoEngine,
     Push, UnanswerableQuery, UnusableShape,

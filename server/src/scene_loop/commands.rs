@@ -44,6 +44,7 @@ impl RunningScene {
             scene: &self.scene,
             is_faulted: self.faulted,
             owner: self.owner,
+            is_fed: self.fed.is_some(),
             ownership: &self.ownership,
             authority_table: &self.authority_table,
             clients,
@@ -92,6 +93,9 @@ impl RunningScene {
     ) -> Result<(), CommandError> {
         let rights = self.rights_of(peer, clients);
         rights.ok_or(CommandError::NotAllowed)?.command(command)?;
+        if self.request_of_owner((peer, number), command, clients)? {
+            return Ok(());
+        }
         if self.is_log_full() {
             let retry_seconds = admission::RETRY_SECONDS;
             return Err(CommandError::Overloaded { retry_seconds });
@@ -191,6 +195,9 @@ impl RunningScene {
     /// Removes what the scene keeps of a body that has left it.
     pub(super) fn remove_body(&mut self, id: BodyId, cause: RemovalCause, clients: &mut Clients) {
         self.streams.remove(id);
+        if let Some(fed) = &mut self.fed {
+            fed.forget(id);
+        }
         self.authority_table.remove(id, clients);
         self.ownership.remove_body(id);
         self.load.remove_body();
@@ -386,6 +393,9 @@ impl RunningScene {
         let rights = self.rights_of(peer, clients);
         let rights = rights.ok_or(AuthorityError::NotAllowed)?;
         rights.take_authority(&request.bodies)?;
+        if self.fed.is_some() {
+            return Err(AuthorityError::NotAllowed);
+        }
         let mut bodies = Vec::with_capacity(request.bodies.len());
         for id in &request.bodies {
             let now = self.scene.observation(*id);

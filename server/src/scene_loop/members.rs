@@ -14,9 +14,11 @@ use rhumb_protocol::scene::{IdRange, Stepping};
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::stream::{Recipient, StreamStart};
 use rhumb_protocol::{Instant, LinkReport, Peer, Span};
+use rhumb_reckoning::Tick;
 
 use super::{DisconnectReason, RunningScene};
 use crate::clients::Clients;
+use crate::feed::FedScene;
 use crate::hook::Incident;
 use crate::member::{Member, SnapshotRequest};
 use crate::permit::{IndexLimits, Ownership, Permit};
@@ -78,7 +80,9 @@ impl RunningScene {
             self.answer_durably(peer, clients);
         }
         self.tell_standing(peer, clients);
-        if self.next_step.is_none() {
+        if self.scene.tick() == Tick::ZERO && self.fed.is_some() {
+            self.last_step = now;
+        } else if self.next_step.is_none() && self.fed.is_none() {
             self.last_step = now;
             self.next_step = Some(now + self.step());
         }
@@ -391,7 +395,9 @@ impl RunningScene {
         append_snapshot(
             &self.scene,
             stream,
-            (clients.authorities()).filter_map(|(_, group)| group.silence()),
+            (clients.authorities())
+                .filter_map(|(_, group)| group.silence())
+                .chain(self.fed.iter().flat_map(FedScene::silences)),
             &mut rest,
         );
         clients.send(peer, &ServerMessage::Joined(joined));

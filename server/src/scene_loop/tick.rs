@@ -25,6 +25,9 @@ impl RunningScene {
         if self.faulted {
             return None;
         }
+        if let Some(fed) = &self.fed {
+            return fed.next_wake(self.config().stepping);
+        }
         match self.config().stepping {
             Stepping::Lockstep => (self.scene.tick() < self.target).then_some(Instant::ZERO),
             Stepping::FreeRunning => self.next_step,
@@ -40,8 +43,10 @@ impl RunningScene {
         clients: &mut Clients,
     ) {
         note_activity(peer, clients);
-        let steps_pending =
-            self.config().stepping == Stepping::Lockstep && self.scene.tick() < self.target;
+        // The owner of a fed scene steps it by what it feeds: no message waits for that.
+        let steps_pending = self.config().stepping == Stepping::Lockstep
+            && self.scene.tick() < self.target
+            && self.fed.is_none();
         if !steps_pending || self.faulted {
             return self.act_on(peer, message, clients);
         }
@@ -100,6 +105,9 @@ impl RunningScene {
         let Some((number, session)) = clients.begin_command(peer) else {
             return;
         };
+        if let Some(fed) = &mut self.fed {
+            fed.note_command(peer);
+        }
         if let Ok(command) = &command {
             self.observer.command(peer, number, command);
         }
@@ -160,6 +168,9 @@ impl RunningScene {
     /// Steps if a step is due.
     pub(crate) fn handle_timeout(&mut self, now: Instant, clients: &mut Clients) {
         if self.next_step().is_none_or(|due| due > now) {
+            return;
+        }
+        if self.fed.is_some() && !self.begin_fed_turn(now, clients) {
             return;
         }
         if let Some(due) = self.next_step {

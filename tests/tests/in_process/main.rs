@@ -13,6 +13,7 @@ mod checkpoints;
 mod controllers;
 mod copy_queries;
 mod edges;
+mod fed;
 mod hostile;
 mod joints;
 mod lockstep_views;

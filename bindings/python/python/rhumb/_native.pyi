@@ -41,6 +41,7 @@ def connect(
 def local(
     scene: str = "main",
     *,
+    fed: bool = False,
     coordinates: Literal["rhumb", "unity", "unreal", "z-up"] = "rhumb",
     condition: Literal["create or join", "create", "join"] = "create or join",
     tolerance: float = 0.05,
@@ -61,6 +62,7 @@ def local(
 
     The options are those of Connection.join. The server ends with the scene. It steps within the scene's calls, so that a
     free-running scene moves on only while it is polled. LocalServer has several clients of one scene, and a thread.
+    fed: whether this program has the engine, and feeds the scene: see Scene.feed.
     """
 
 def serve(
@@ -70,6 +72,7 @@ def serve(
     open_to_network: bool = False,
     quiet: bool = False,
     checkpoint: Optional[Checkpoint] = None,
+    fed: bool = False,
     coordinates: Literal["rhumb", "unity", "unreal", "z-up"] = "rhumb",
     condition: Literal["create or join", "create", "join"] = "create or join",
     tolerance: float = 0.05,
@@ -94,6 +97,7 @@ def serve(
     listen: IP address and port of the server; port 0 is a free one. open_to_network: whether the address may be one that
     other machines reach. There are no tokens: each client may do everything. The rest is as of Connection.join. The
     server has threads of its own and ends with the scene, for every member. With a checkpoint, the scene continues from it.
+    fed: whether this program has the engine, and feeds the scene: see Scene.feed.
     """
 
 @final
@@ -106,8 +110,11 @@ class LocalServer:
     """
 
     def __init__(self, *, own_thread: bool = False) -> None: ...
-    def connect(self, *, timeout: float = 5.0) -> Connection:
-        """A connection of one more client, which joins a scene. The time limit, in seconds, holds for every later call that waits."""
+    def connect(self, *, timeout: float = 5.0, feed: Optional[str] = None) -> Connection:
+        """A connection of one more client, which joins a scene. The time limit, in seconds, holds for every later call that waits.
+
+        feed: the name of the scene that the client will make when it joins, and feed: see Scene.feed.
+        """
     def restore(self, scene: str, checkpoint: Checkpoint) -> None:
         """Makes a scene that continues from a checkpoint, to be joined by its name.
 
@@ -384,6 +391,42 @@ class WheelInput:
     def __init__(self, steering: float = 0.0, force: float = 0.0, brake: float = 0.0) -> None: ...
 
 # <<< records
+
+@final
+class Request:
+    """A request of another member of a scene that this program feeds, of Scene.requests. What its kind does not name is None."""
+
+    @property
+    def kind(self) -> str:
+        """One of: "add body", "remove body", "change body", "set pose", "set velocity", "apply force", "apply torque",
+        "apply impulse", "apply torque impulse", "sleep", "wake", "set gravity", "add joint", "change joint", "remove joint"."""
+    @property
+    def body(self) -> Optional[int]:
+        """The body that it is about; of a joint the first one."""
+    @property
+    def client(self) -> Optional[str]:
+        """The client that the member's token names, if it has one."""
+    @property
+    def number(self) -> int:
+        """The number of the member's command."""
+    @property
+    def position(self) -> Optional[Tuple[float, float, float]]:
+        """Of a body or a pose: the centre of mass."""
+    @property
+    def rotation(self) -> Optional[Tuple[float, float, float, float]]:
+        """Of a body or a pose: a unit quaternion x, y, z, w, body to world."""
+    @property
+    def linear_velocity(self) -> Optional[Tuple[float, float, float]]:
+        """Of a body or a velocity: units of length per second."""
+    @property
+    def angular_velocity(self) -> Optional[Tuple[float, float, float]]:
+        """Of a body or a velocity: rad/s about world axes."""
+    @property
+    def vector(self) -> Optional[Tuple[float, float, float]]:
+        """The force, torque, impulse or gravity."""
+    @property
+    def point(self) -> Optional[Tuple[float, float, float]]:
+        """The point of the world where a force or an impulse acts, if not at the centre of mass."""
 
 @final
 class Loaded:
@@ -819,6 +862,39 @@ class Scene:
         None, and nothing is published, before the authority is granted, before the server's clock is known, and for a
         second frame of one tick. A body that is left out stands still.
         """
+    def feed(
+        self,
+        body: _Bodies,
+        position: _Vector,
+        rotation: Optional[_Rotation] = None,
+        linear: Optional[_Vector] = None,
+        angular: Optional[_Vector] = None,
+        *,
+        tick: Optional[int] = None,
+    ) -> int:
+        """Hands over the states of one tick of a scene whose engine is in this program, has it step, and returns the tick.
+
+        The scene is one of local(fed=True), serve(fed=True) or LocalServer.connect(feed=name). Call it once for each step of the
+        engine, with the bodies in any order. A body that is left out rests where it is, and so does one that is fed at one pose
+        without a velocity for five ticks; resting bodies cost nothing.
+
+        tick: that of the states, from 1 on; None: the next one. Up to 600 ticks may be left out: the bodies then go evenly from
+        one state to the next. Without linear and angular, velocities follow from the poses, as for an engine whose own are of
+        no use.
+
+        Followers see every pose within their tolerance. How many bytes that takes depends on gravity and substeps of join, and on
+        mass, moments, damping and gravity_scale of add_body.
+        """
+    def requests(self) -> List[Request]:
+        """The unread requests of other members of a scene that this program feeds, the oldest first.
+
+        Each is a command that a member gave. One that moves a body is answered by what is fed. One that adds, changes or removes
+        something changes the scene once it is accepted: a body that is asked for has an id already, and is fed from then on.
+        """
+    def accept(self, request: Request) -> None:
+        """Has the scene change as another member asked. The member is refused after all if the scene cannot."""
+    def refuse(self, request: Request) -> None:
+        """Refuses what another member asked for: it learns of it as of any refusal."""
     def remove_unused_shapes(self) -> int:
         """Queues the removal of the shapes that came with this client's bodies and that no body has, and returns their number.
 

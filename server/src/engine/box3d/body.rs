@@ -4,12 +4,13 @@
 //! several the deepest counts, and their forces add up. Points that are still apart and bear nothing are no contact.
 
 use glam::{Mat3, Quat, Vec3};
-use rhumb_protocol::scene::{BodyKind, Contact, LockedAxes, Sleep};
-use rhumb_reckoning::{BodyId, BodyState, Inertia, Integrator, InvalidMotion, Pose, Twist};
+use rhumb_protocol::scene::{BodyKind, Contact, Sleep};
+use rhumb_reckoning::{BodyId, BodyState, Integrator, InvalidMotion, Pose, Twist};
 use rhumb_solids::UnitMass;
 
 use super::native::{Mobility, NativeBody, NativeShape, NewBody, Placement, Touching, World};
 use crate::engine::interface::{BodyProperties, Push};
+use crate::engine::mass::mass_of;
 
 /// The body without its shapes. A kinematic one's velocities are not Box3D's: see `kinematic_target`.
 pub(super) fn new_body(properties: &BodyProperties, motion: &BodyState) -> NewBody {
@@ -115,32 +116,6 @@ pub(super) fn weigh(
         let inertia = axes * Mat3::from_diagonal(moments) * axes.transpose();
         world.set_mass(body, mass, inertia);
     }
-}
-
-/// Mass, principal moments, and their axes.
-fn mass_of(properties: &BodyProperties, unit: Option<UnitMass>) -> (f32, Vec3, Quat) {
-    let own = properties.desc.mass;
-    if let Some((mass, moments)) = own.and_then(|own| Some((own.mass, own.moments?))) {
-        return (mass, moments, Quat::IDENTITY);
-    }
-    let Some(unit) = unit else {
-        // A body without shape falls too: a kilogram with the moments of a ball of one metre.
-        let factor = own.map_or(1.0, |own| own.mass);
-        return (factor, Vec3::splat(0.4 * factor), Quat::IDENTITY);
-    };
-    let density = own.map_or(properties.material.density, |own| own.mass / unit.mass);
-    let mass = own.map_or(unit.mass * density, |own| own.mass);
-    (mass, unit.moments * density, unit.frame)
-}
-
-/// Moments of inertia of a body, if it rotates torque-free with unequal ones.
-pub(super) fn inertia(properties: &BodyProperties, unit: Option<UnitMass>) -> Option<Inertia> {
-    if properties.desc.kind != BodyKind::Dynamic || properties.desc.locked != LockedAxes::NONE {
-        return None;
-    }
-    let (_, moments, frame) = mass_of(properties, unit);
-    let inertia = Inertia::new(moments.to_array(), frame.to_array()).ok()?;
-    (!inertia.is_isotropic()).then_some(inertia)
 }
 
 /// A pose in f64, its rotation normalised.

@@ -1,0 +1,645 @@
+//! Scenes whose owner feeds the states of their bodies.
+//!
+//! What a follower shows is compared with what was fed, at every fed tick. The feeds are random: bodies come and go, teleport,
+//! rest, are left out, and have velocities that contradict their poses; ticks are left out. The owner's silence is tested in
+//! virtual time.
+
+use std::collections::BTreeMap;
+
+use glam::{Quat, Vec3};
+use rhumb_client::{
+    BodyId, BodyState, Client, ClientError, Event, FedVelocities, FeedError, JoinMode, JoinOptions,
+    LocalServer, Metres, OpenError, RefusalReason, Refusals, StreamChoice, Tick, Tolerance,
+};
+use rhumb_protocol::message::{AuthorityError, Denial};
+use rhumb_protocol::scene::{
+    BodyDesc, Command, CommandError, IdRange, SceneConfig, Shape, Stepping,
+};
+use rhumb_protocol::session::{ClientSession, Misuse};
+use rhumb_protocol::stream::ErrorBound;
+use rhumb_protocol::{Peer, Span};
+use rhumb_reckoning::{Divergence, Pose};
+use rhumb_scene::Feed;
+use rhumb_tests::{Dice, Table, seed};
+
+const NAME: &str = "fed";
+const RADIUS: f64 = 0.9;
+
+/// A number from −1 to 1.
+fn signed(dice: &mut Dice) -> f32 {
+    dice.below(20_001) as f32 / 10_000.0 - 1.0
+}
+
+fn vector(dice: &mut Dice, most: f32) -> Vec3 {
+    Vec3::new(signed(dice), signed(dice), signed(dice)) * most
+}
+
+/// A body of the engine that feeds, and how faithful its velocities are.
+struct Flight {
+    position: Vec3,
+    rotation: Quat,
+    linear: Vec3,
+    angular: Vec3,
+    lies: bool,
+    /// Ticks for which it stands still from now on.
+    stands: usize,
+}
+
+impl Flight {
+    fn new(dice: &mut Dice) -> Self {
+        Self {
+            position: vector(dice, 20.0),
+            rotation: Quat::from_scaled_axis(vector(dice, 1.5)),
+            linear: vector(dice, 8.0),
+            angular: vector(dice, 6.0),
+            lies: dice.below(3) == 0,
+            stands: 0,
+        }
+    }
+
+    fn step(&mut self, dice: &mut Dice) {
+        const DT: f32 = 1.0 / 60.0;
+        if self.stands > 0 {
+            self.stands -= 1;
+            return;
+        }
+        match dice.below(100) {
+            0 => self.position = vector(dice, 40.0),
+            1 => self.rotation = Quat::from_scaled_axis(vector(dice, 3.0)),
+            2 => self.linear = vector(dice, 15.0),
+            3 => self.stands = dice.below(40),
+            4 => self.lies = !self.lies,
+            _ => {}
+        }
+        self.linear.y -= 9.81 * DT;
+        self.position += self.linear * DT;
+        self.rotation = (Quat::from_scaled_axis(self.angular * DT) * self.rotation).normalize();
+    }
+
+    fn state(&self, dice: &mut Dice) -> BodyState {
+        let (linear, angular) = match (self.lies, self.stands > 0) {
+            (_, true) => (Vec3::ZERO, Vec3::ZERO),
+            (true, _) => (vector(dice, 30.0), vector(dice, 20.0)),
+            (false, _) => (self.linear, self.angular),
+        };
+        BodyState::new(
+            self.position.to_array(),
+            self.rotation.to_array(),
+            linear.to_array(),
+            angular.to_array(),
+        )
+        .expect("a finite state")
+    }
+}
+
+fn pose(state: &BodyState) -> Pose {
+    state.motion().pose()
+}
+
+/// An owner, its engine, and what it has fed.
+struct Owner {
+    client: Client,
+    tick: u64,
+    flights: BTreeMap<BodyId, Flight>,
+    fed: BTreeMap<BodyId, BodyState>,
+}
+
+impl Owner {
+    fn new(server: &LocalServer, stepping: Stepping) -> Self {
+        let config = SceneConfig {
+            stepping,
+            ..SceneConfig::default()
+        };
+        let options = JoinOptions {
+            mode: JoinMode::Create(config),
+            ..JoinOptions::default()
+        };
+        let connection = server.feed(NAME).expect("no other feed");
+        let client = connection.join_with(NAME, options).expect("a new scene");
+        Self {
+            client,
+            tick: 0,
+            flights: BTreeMap::new(),
+            fed: BTreeMap::new(),
+        }
+    }
+
+    fn add(&mut self, dice: &mut Dice) {
+        let flight = Flight::new(dice);
+        let [x, y, z] = flight.position.to_array();
+        let body = BodyDesc::dynamic(Shape::cuboid(0.8, 0.4, 0.1)).at(x, y, z);
+        let body = body.rotation(flight.rotation);
+        let state = body.state().expect("a finite state");
+        let id = self.client.add_body(body).expect("an id is left");
+        self.flights.insert(id, flight);
+        self.fed.insert(id, state);
+    }
+
+    fn remove(&mut self, dice: &mut Dice) {
+        let place = dice.below(self.flights.len());
+        let id = *self.flights.keys().nth(place).expect("one is there");
+        self.flights.remove(&id);
+        self.fed.remove(&id);
+        let removed = self.client.command(Command::RemoveBody { id });
+        removed.expect("the client is open");
+    }
+
+    /// Steps the engine, and feeds what it has; some bodies are left out.
+    fn feed(&mut self, dice: &mut Dice, velocities: FedVelocities) {
+        let apart = if dice.below(8) == 0 {
+            1 + dice.below(5)
+        } else {
+            1
+        };
+        self.tick += apart as u64;
+        let mut states = Vec::new();
+        for (id, flight) in &mut self.flights {
+            for _ in 0..apart {
+                flight.step(dice);
+            }
+            if dice.below(50) > 0 {
+                let state = flight.state(dice);
+                states.push((*id, state));
+                self.fed.insert(*id, state);
+            }
+        }
+        if dice.below(3) == 0 {
+            states.reverse();
+        }
+        let fed = self.client.feed(Tick::new(self.tick), &states, velocities);
+        fed.expect("the states are sound");
+    }
+}
+
+fn follow(server: &LocalServer, tolerance: Tolerance) -> Client {
+    let options = JoinOptions {
+        stream: StreamChoice::Within(tolerance),
+        ..JoinOptions::default()
+    };
+    let joined = server.connect().join_with(NAME, options);
+    joined.expect("the scene is there")
+}
+
+/// Compares what a follower shows with what was fed.
+fn compare(follower: &mut Client, owner: &Owner, seed: u64) {
+    follower.poll().expect("the connection is open");
+    let time = follower.view().time().expect("a view");
+    assert_eq!(time.tick.value(), owner.tick, "seed {seed}");
+    let mut ids: Vec<_> = follower.view().ids().to_vec();
+    ids.sort_unstable();
+    let expected: Vec<_> = owner.fed.keys().copied().collect();
+    assert_eq!(ids, expected, "seed {seed}");
+    for (id, truth) in &owner.fed {
+        let (position, rotation) = (follower.view().position(*id), follower.view().rotation(*id));
+        let shown = Pose {
+            position: position.expect("in the view").as_dvec3(),
+            rotation: rotation.expect("in the view").as_dquat().normalize(),
+        };
+        let off = Divergence::between(&pose(truth), &shown).surface_error(Metres::new(RADIUS));
+        let bound = follower.error_bound(*id).expect("in the view").metres();
+        // Rounding of the shown pose to 32 bits is not in the bound.
+        assert!(
+            off.metres() <= bound + 2e-5,
+            "seed {seed}, tick {}, {id}: {} > {bound}",
+            owner.tick,
+            off.metres()
+        );
+    }
+}
+
+#[test]
+fn what_is_shown_is_within_the_bound_of_what_is_fed_whatever_is_fed() {
+    for (case, velocities) in [
+        (0, FedVelocities::Given),
+        (1, FedVelocities::FromPoses),
+        (2, FedVelocities::Given),
+    ] {
+        let seed = seed(31) + case;
+        let mut dice = Dice::new(seed);
+        let server = LocalServer::new();
+        let mut owner = Owner::new(&server, Stepping::Lockstep);
+        let mut followers = vec![follow(&server, Tolerance::NORMAL)];
+        for _ in 0..12 {
+            owner.add(&mut dice);
+        }
+        for turn in 0..400 {
+            match dice.below(40) {
+                0 => owner.add(&mut dice),
+                1 if owner.flights.len() > 3 => owner.remove(&mut dice),
+                _ => {}
+            }
+            owner.feed(&mut dice, velocities);
+            if turn == 150 {
+                // One joins late, and one with a stream of its own.
+                followers.push(follow(&server, Tolerance::NORMAL));
+                followers.push(follow(&server, Tolerance::FINE));
+            }
+            for follower in &mut followers {
+                compare(follower, &owner, seed);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_body_that_stands_still_costs_nothing() {
+    let server = LocalServer::new();
+    let mut owner = Owner::new(&server, Stepping::Lockstep);
+    let mut follower = follow(&server, Tolerance::NORMAL);
+    let mut dice = Dice::new(5);
+    for _ in 0..50 {
+        owner.add(&mut dice);
+    }
+    let states: Vec<_> = owner.fed.iter().map(|(id, state)| (*id, *state)).collect();
+    let mut feed = |ticks: core::ops::RangeInclusive<u64>, follower: &mut Client| {
+        for tick in ticks {
+            let fed = owner
+                .client
+                .feed(Tick::new(tick), &states, FedVelocities::Given);
+            fed.expect("the states are sound");
+            follower.poll().expect("open");
+        }
+        follower.statistics().stream.updates
+    };
+    let settled = feed(1..=10, &mut follower);
+    assert_eq!(feed(11..=200, &mut follower), settled);
+    assert!(follower.view().resting().iter().all(|resting| *resting));
+}
+
+#[test]
+fn a_server_on_a_thread_of_its_own_takes_everything_that_is_fed() {
+    let server = LocalServer::spawn().expect("a thread can start");
+    let mut owner = Owner::new(&server, Stepping::FreeRunning);
+    let mut dice = Dice::new(8);
+    let states: Vec<_> = (0..200)
+        .map(|_| BodyDesc::dynamic(Shape::ball(0.5)))
+        .collect();
+    let ids = owner.client.add_bodies(states).expect("ids are left");
+    for tick in 1..=100 {
+        let states = ids
+            .iter()
+            .map(|id| (*id, Flight::new(&mut dice).state(&mut dice)));
+        let states: Vec<_> = states.collect();
+        let fed = owner
+            .client
+            .feed(Tick::new(tick), &states, FedVelocities::Given);
+        fed.expect("the scene has room in time");
+    }
+    let inspection = owner.client.inspect().expect("an answer");
+    // At most those wait that the scene has not taken yet.
+    assert!(inspection.tick.value() >= 96, "{inspection:?}");
+    assert_eq!(inspection.bodies, 200);
+}
+
+#[test]
+fn states_that_are_wrong_are_refused_by_name_and_the_next_ones_are_taken() {
+    let server = LocalServer::new();
+    let mut owner = Owner::new(&server, Stepping::Lockstep);
+    let mut follower = follow(&server, Tolerance::NORMAL);
+    owner.add(&mut Dice::new(1));
+    let (id, state) = owner
+        .fed
+        .iter()
+        .next()
+        .map(|(id, state)| (*id, *state))
+        .expect("one");
+    let client = &mut owner.client;
+    let mut refused = |tick: u64, states: &[(BodyId, BodyState)]| match client.feed(
+        Tick::new(tick),
+        states,
+        FedVelocities::Given,
+    ) {
+        Err(ClientError::Feed(error)) => error,
+        other => panic!("{other:?}"),
+    };
+    let unknown = BodyId::new(id.index(), 7);
+    assert!(matches!(
+        refused(1, &[(unknown, state)]),
+        FeedError::UnknownBody { place: 0, body } if body == unknown
+    ));
+    assert_eq!(
+        refused(1, &[(id, state), (id, state)]),
+        FeedError::Twice(id)
+    );
+    let (tick, newest) = (Tick::ZERO, Tick::ZERO);
+    assert_eq!(refused(0, &[]), FeedError::TickNotLater { tick, newest });
+    client
+        .feed(Tick::new(3), &[(id, state)], FedVelocities::Given)
+        .expect("the first states");
+    let advanced = client.advance(rhumb_client::PipelineDepth::LOCKSTEP);
+    assert!(matches!(
+        advanced,
+        Err(ClientError::Feed(FeedError::StepsByFeed))
+    ));
+    let not_owner = follower.feed(Tick::new(4), &[], FedVelocities::Given);
+    assert!(matches!(
+        not_owner,
+        Err(ClientError::Feed(FeedError::NotOwner))
+    ));
+    let removed = client.command(Command::RemoveBody { id });
+    removed.expect("open");
+    let gone = client.feed(Tick::new(4), &[(id, state)], FedVelocities::Given);
+    assert!(matches!(
+        gone,
+        Err(ClientError::Feed(FeedError::UnknownBody { .. }))
+    ));
+    follower.poll().expect("open");
+    assert_eq!(follower.view().time().expect("a view").tick, Tick::new(3));
+}
+
+#[test]
+fn commands_of_followers_come_to_the_owner_who_accepts_or_refuses_them() {
+    let server = LocalServer::new();
+    let mut owner = Owner::new(&server, Stepping::Lockstep);
+    owner.add(&mut Dice::new(1));
+    let known = *owner.fed.keys().next().expect("one");
+    let fed = owner.client.feed(Tick::new(1), &[], FedVelocities::Given);
+    fed.expect("no states rest everything");
+    let options = JoinOptions {
+        refusals: Refusals::Errors,
+        ..JoinOptions::default()
+    };
+    let mut follower = server.connect().join_with(NAME, options).expect("joined");
+    let impulse = Command::Impulse {
+        id: known,
+        impulse: Vec3::X,
+    };
+    follower.poll().expect("open");
+    follower.command(impulse.clone()).expect("open");
+    let wanted = follower
+        .add_body(BodyDesc::dynamic(Shape::ball(0.5)).at(1.0, 2.0, 3.0))
+        .expect("an id");
+    let denied = follower
+        .add_body(BodyDesc::dynamic(Shape::ball(0.5)).at(4.0, 2.0, 3.0))
+        .expect("an id");
+    follower.poll().expect("nothing is refused yet");
+    let request = owner.client.poll_request().expect("the impulse");
+    assert_eq!(request.command, impulse);
+    owner.client.accept_request(request).expect("open");
+    let request = owner.client.poll_request().expect("a body");
+    assert_eq!(request.command.body(), Some(wanted));
+    owner.client.accept_request(request).expect("open");
+    let request = owner.client.poll_request().expect("another body");
+    assert_eq!(request.command.body(), Some(denied));
+    let reason = CommandError::NotAllowed;
+    owner.client.refuse_request(request, reason).expect("open");
+    assert!(owner.client.poll_request().is_none());
+    let there = BodyState::new([5.0, 5.0, 5.0], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
+    let states = [(wanted, there.expect("finite"))];
+    let fed = owner
+        .client
+        .feed(Tick::new(2), &states, FedVelocities::Given);
+    fed.expect("an accepted body is fed");
+    let refused = match follower.poll() {
+        Err(ClientError::Refused(refused)) => refused,
+        other => panic!("{other:?}"),
+    };
+    let [refusal] = refused.refusals() else {
+        panic!("{refused:?}");
+    };
+    assert_eq!(refusal.reason, RefusalReason::Command(reason));
+    let shown = follower.view().position(wanted).expect("accepted");
+    assert!(shown.distance(Vec3::splat(5.0)) < 0.05);
+    assert!(follower.view().position(denied).is_none());
+}
+
+#[test]
+fn the_owner_feeds_its_bodies_and_pushes_none() {
+    let server = LocalServer::new();
+    let mut owner = Owner::new(&server, Stepping::Lockstep);
+    owner.add(&mut Dice::new(1));
+    let id = *owner.fed.keys().next().expect("one");
+    let pushed = owner.client.command(Command::Wake { id });
+    let number = pushed.expect("open");
+    owner
+        .client
+        .feed(Tick::new(1), &[], FedVelocities::Given)
+        .expect("no states rest everything");
+    let refused = std::iter::from_fn(|| owner.client.poll_event()).any(|(_, event)| {
+        event
+            == Event::Refused {
+                number,
+                error: CommandError::Unsupported,
+            }
+    });
+    assert!(refused);
+}
+
+#[test]
+fn a_name_has_one_owner_and_the_scene_ends_with_it() {
+    let server = LocalServer::new();
+    let waiting = server.feed(NAME).expect("no other feed");
+    assert!(server.feed(NAME).is_err());
+    let early = server.connect().join(NAME).err();
+    let denied = matches!(
+        &early,
+        Some(OpenError::Denied {
+            denial: Denial::NoSuchScene,
+            ..
+        })
+    );
+    assert!(denied, "it is the owner's to make: {early:?}");
+    let owner = waiting.join(NAME).expect("a new scene");
+    let mut follower = server.connect().join(NAME).expect("the scene is there");
+    drop(owner);
+    assert!(matches!(
+        follower.idle(core::time::Duration::ZERO),
+        Err(ClientError::SceneDeleted)
+    ));
+    let mut another = server
+        .feed(NAME)
+        .expect("the feed is free")
+        .join(NAME)
+        .expect("new");
+    assert!(
+        another
+            .feed(Tick::new(1), &[], FedVelocities::Given)
+            .is_ok()
+    );
+}
+
+/// A free-running fed scene in virtual time: its owner and a follower.
+struct Fed {
+    table: Table,
+    feed: Feed,
+    owner: Peer,
+    follower: Peer,
+    body: BodyId,
+}
+
+impl Fed {
+    fn new() -> Self {
+        let mut table = Table::default();
+        // The table's first connection.
+        let owner = Peer(0);
+        let feed = table.feeds().open(&NAME.parse().expect("a name"), owner);
+        let feed = feed.expect("no other feed");
+        let config = SceneConfig {
+            stepping: Stepping::FreeRunning,
+            ..SceneConfig::default()
+        };
+        assert_eq!(
+            table.create(NAME, config, StreamChoice::Within(Tolerance::NORMAL)),
+            owner
+        );
+        let body = add(table.session(owner));
+        table.run_until_idle();
+        let follower = join(&mut table);
+        Self {
+            table,
+            feed,
+            owner,
+            follower,
+            body,
+        }
+    }
+
+    fn feed(&mut self, tick: u64) {
+        let x = tick as f32 / 60.0;
+        let state = BodyState::new(
+            [x, 0.0, 0.0],
+            [0.0, 0.0, 0.0, 1.0],
+            [1.0, 0.0, 0.0],
+            [0.0; 3],
+        );
+        let states = [(self.body, state.expect("finite"))];
+        let commands = 2;
+        (self.feed).push(Tick::new(tick), &states, FedVelocities::Given, commands);
+        self.table.pass(Span::from_nanos(16_666_667));
+    }
+
+    fn bound(&mut self, peer: Peer, tick: u64) -> ErrorBound {
+        let replica = self.table.session(peer).replica().expect("a member");
+        replica
+            .stream()
+            .bound_at(self.body, Tick::new(tick))
+            .expect("a body")
+    }
+
+    /// The newest complete tick of a member.
+    fn newest(&mut self, peer: Peer) -> u64 {
+        let replica = self.table.session(peer).replica().expect("a member");
+        replica.stream().complete().value()
+    }
+
+    fn events(&mut self, peer: Peer) -> Vec<Event> {
+        let session = self.table.session(peer);
+        std::iter::from_fn(|| session.poll_event()).collect()
+    }
+}
+
+fn add(session: &mut ClientSession) -> BodyId {
+    let granted: IdRange = std::iter::from_fn(|| session.poll_event())
+        .find_map(|event| match event {
+            Event::Joined(range) => Some(range),
+            _ => None,
+        })
+        .expect("a member has ids");
+    let id = BodyId::new(granted.first(), 0);
+    let body = BodyDesc::dynamic(Shape::ball(0.5));
+    let shape = rhumb_protocol::scene::ShapeId(0);
+    let added = [
+        Command::AddShape {
+            id: shape,
+            shape: body.shape().clone(),
+        },
+        Command::AddBody {
+            desc: body.desc(id, shape),
+            motion: body.state().expect("finite"),
+        },
+    ];
+    for command in added {
+        session.command(command).expect("a member");
+    }
+    id
+}
+
+fn join(table: &mut Table) -> Peer {
+    let peer = table.connect(NAME);
+    let session = table.session(peer);
+    let choice = StreamChoice::Within(Tolerance::NORMAL);
+    session.join(choice).expect("the scene is there");
+    table.run_until_idle();
+    peer
+}
+
+#[test]
+fn members_learn_of_a_silent_owner_and_have_no_bound_until_it_is_back() {
+    let mut fed = Fed::new();
+    for tick in 1..=30 {
+        fed.feed(tick);
+    }
+    let (follower, body) = (fed.follower, fed.body);
+    let newest = fed.newest(follower);
+    assert!(newest > 10 && fed.bound(follower, newest).metres() <= 0.05);
+    fed.events(follower);
+    fed.table.pass(Span::from_millis(500));
+    let silent = Event::PublisherSilent {
+        id: body,
+        since: Tick::new(31),
+    };
+    assert!(fed.events(follower).contains(&silent));
+    assert!(fed.bound(follower, newest).metres() <= 0.05);
+    assert_eq!(fed.bound(follower, 31).metres(), f64::INFINITY);
+    // One that joins during the silence learns of it.
+    let late = join(&mut fed.table);
+    assert_eq!(fed.bound(late, 31).metres(), f64::INFINITY);
+    fed.table.pass(Span::from_millis(3_000));
+    let again = fed.events(follower);
+    assert!(!again.contains(&silent), "once: {again:?}");
+    for tick in 31..=100 {
+        fed.feed(tick);
+    }
+    for peer in [follower, late] {
+        let is_back = fed
+            .events(peer)
+            .into_iter()
+            .any(|event| matches!(event, Event::PublisherActive { id, .. } if id == body));
+        assert!(is_back);
+    }
+    let newest = fed.newest(follower);
+    assert!(newest > 31 && fed.bound(follower, newest).metres() <= 0.05);
+}
+
+#[test]
+fn a_step_waits_for_the_commands_before_it() {
+    let mut fed = Fed::new();
+    let commands = 3;
+    (fed.feed).push(Tick::new(1), &[], FedVelocities::Given, commands);
+    fed.table.pass(Span::from_millis(200));
+    assert!(!fed.feed.is_taken());
+    let gravity = Vec3::ZERO;
+    let session = fed.table.session(fed.owner);
+    session
+        .command(Command::SetGravity { gravity })
+        .expect("a member");
+    fed.table.run_until_idle();
+    assert!(fed.feed.is_taken());
+}
+
+#[test]
+fn members_take_no_authority_and_advance_nothing_in_a_fed_scene() {
+    let mut fed = Fed::new();
+    fed.feed(1);
+    let (follower, body) = (fed.follower, fed.body);
+    fed.events(follower);
+    let session = fed.table.session(follower);
+    let asked: Result<(), Misuse> = session.take_authority(Tolerance::FINE, &[body]);
+    asked.expect("a member asks");
+    fed.table.run_until_idle();
+    let denied = fed.events(follower).into_iter().any(|event| {
+        matches!(
+            event,
+            Event::AuthorityDenied(AuthorityError::NotKinematic(_) | AuthorityError::NotAllowed)
+        )
+    });
+    assert!(denied);
+    let now = fed.table.now();
+    let session = fed.table.session(follower);
+    session.advance(now, Tick::new(5)).expect("a member asks");
+    fed.table.run_until_idle();
+    assert!(
+        fed.events(follower)
+            .contains(&Event::Denied(Denial::NotLockstep))
+    );
+}
