@@ -42,7 +42,7 @@ def test_the_options_are_those_of_join():
     joined = inspect.signature(rhumb.Connection.join).parameters
     local = inspect.signature(rhumb.local).parameters
     rest = [(each.name, each.kind, each.default) for each in joined.values() if each.name not in ("self", "scene")]
-    assert [(each.name, each.kind, each.default) for each in local.values() if each.name != "scene"] == rest
+    assert [(each.name, each.kind, each.default) for each in local.values() if each.name not in ("scene", "fed")] == rest
     with rhumb.local(coordinates="z-up", gravity=(0, 0, -2), ticks_per_second=30) as scene:
         ball = scene.add_body(rhumb.Shape.ball(0.5), (0, 0, 10))
         for _ in range(30):

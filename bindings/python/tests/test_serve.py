@@ -60,7 +60,7 @@ def test_the_options_are_those_of_join_and_wrong_ones_are_errors():
     joined = inspect.signature(rhumb.Connection.join).parameters
     own = inspect.signature(rhumb.serve).parameters
     rest = [(each.name, each.kind, each.default) for each in joined.values() if each.name not in ("self", "scene")]
-    mine = ("scene", "listen", "open_to_network", "quiet", "checkpoint")
+    mine = ("scene", "listen", "open_to_network", "quiet", "checkpoint", "fed")
     assert [(each.name, each.kind, each.default) for each in own.values() if each.name not in mine] == rest
     for listen in ("nowhere", "127.0.0.1", "0.0.0.0:0"):
         with pytest.raises(rhumb.InvalidError, match="listen is"):
