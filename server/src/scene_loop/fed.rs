@@ -117,7 +117,7 @@ impl RunningScene {
 
     /// Carries out the owner's answers, and notes its silence or its return; true if a step is due.
     pub(super) fn begin_fed_turn(&mut self, now: Instant, clients: &mut Clients) -> bool {
-        let answers = self.fed.as_ref().map(|fed| fed.take_answers());
+        let answers = self.fed.as_ref().map(FedScene::take_answers);
         for answer in answers.into_iter().flatten() {
             let (request, refused) = match answer {
                 FedAnswer::Refused(request, error) => (request, Err(error)),

@@ -1,7 +1,7 @@
-//! Checkpoints of a server that runs: asked for by other threads of its process.
+//! Questions of other threads to a server that runs: for checkpoints.
 //!
 //! A question goes through the dispatcher to the worker of the scene, behind all that the worker has been given before, and the
-//! worker answers it. A question that nobody answers any more is dropped, and whoever asked learns that.
+//! worker answers it. The caller of a question that is dropped gets an error.
 
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::Duration;
@@ -9,8 +9,6 @@ use std::time::Duration;
 use rhumb_protocol::scene::SceneName;
 use rhumb_scene::{Checkpoint, CheckpointError, SceneLoop};
 use rhumb_transport::Waker;
-
-use super::{Dispatcher, Place};
 
 /// Longest wait for an answer: the thread of a scene that hangs has none, and is given up long before.
 const ANSWER_TIME: Duration = Duration::from_secs(60);
@@ -22,7 +20,7 @@ pub struct Checkpoints {
     waker: Waker,
 }
 
-/// What is asked of a scene's worker, and where the answer goes. One who waits no longer needs none.
+/// A question to a scene's worker, with the way back of the answer. A caller that waits no longer needs none.
 #[derive(Debug)]
 pub(crate) enum Question {
     Save(SceneName, Sender<Result<Checkpoint, CheckpointError>>),
@@ -86,13 +84,13 @@ impl Checkpoints {
 }
 
 impl Question {
-    const fn scene(&self) -> &SceneName {
+    pub(super) const fn scene(&self) -> &SceneName {
         match self {
             Self::Save(name, _) | Self::Restore(name, ..) => name,
         }
     }
 
-    fn refuse(self, error: CheckpointError) {
+    pub(super) fn refuse(self, error: CheckpointError) {
         let _ = match self {
             Self::Save(_, answer) => answer.send(Err(error)).is_ok(),
             Self::Restore(_, _, answer) => answer.send(Err(error)).is_ok(),
@@ -105,54 +103,5 @@ impl Question {
             Self::Save(_, answer) => answer.send(scene.save()).is_ok(),
             Self::Restore(_, checkpoint, answer) => answer.send(scene.restore(&checkpoint)).is_ok(),
         };
-    }
-}
-
-impl Dispatcher {
-    /// Answers the questions that come from now on.
-    pub(crate) fn answer_checkpoints(&mut self, questions: Receiver<Question>) {
-        self.questions = Some(questions);
-    }
-
-    /// Hands the questions to the workers.
-    pub(super) fn take_questions(&mut self) {
-        let asked = self.questions.iter().flat_map(Receiver::try_iter);
-        for question in asked.collect::<Vec<_>>() {
-            if let Err((question, error)) = self.pass_on(question) {
-                question.refuse(error);
-            }
-        }
-    }
-
-    fn pass_on(&mut self, question: Question) -> Result<(), (Question, CheckpointError)> {
-        let name = question.scene().clone();
-        let found = match (&question, self.by_scene.get(&name)) {
-            _ if self.processes.is_some() => Err(CheckpointError::NoServer),
-            (Question::Restore(..), _) if self.settings.data.is_some() => {
-                let reason = "its data directory would not have the scene";
-                Err(CheckpointError::NotAdmitted(reason.to_owned()))
-            }
-            (_, Some(id)) => Ok(*id),
-            (Question::Save(..), None) => Err(CheckpointError::NoSuchScene(name)),
-            (Question::Restore(..), None) => self
-                .worker_of(name, None)
-                .map_err(|code| CheckpointError::NotAdmitted(code.to_string())),
-        };
-        let id = match found {
-            Ok(id) if self.watchdog.is_quarantined(id) => {
-                return Err((question, CheckpointError::Faulted));
-            }
-            Ok(id) => id,
-            Err(error) => return Err((question, error)),
-        };
-        let Some(worker) = self.workers.get_mut(&id) else {
-            return Err((question, CheckpointError::NoServer));
-        };
-        let Place::Thread(thread) = &worker.place else {
-            return Err((question, CheckpointError::NoServer));
-        };
-        worker.sent += 1;
-        thread.ask(question);
-        Ok(())
     }
 }

@@ -26,7 +26,7 @@ use bytes::Bytes;
 use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake, WakeReason};
-use rhumb_scene::{Greeted, Greeting, Heartbeat, Permit, SharedClock};
+use rhumb_scene::{CheckpointError, Greeted, Greeting, Heartbeat, Permit, SharedClock};
 
 use self::accounts::{
     Account, Quarantined, counted, may_create, with_scenes_left, without_quota_of_scenes,
@@ -61,7 +61,7 @@ pub struct Dispatcher {
     /// The worker processes, if scenes have them.
     processes: Option<Processes>,
     watchdog: Quarantined,
-    /// Questions for checkpoints, if somebody may ask.
+    /// Questions for checkpoints, if they may be asked.
     questions: Option<Receiver<Question>>,
     settings: DispatcherSettings,
 }
@@ -629,6 +629,55 @@ impl Dispatcher {
                 tracing::error!(scene = %name, %code, "the scene stays in the data directory");
             }
         }
+    }
+}
+
+impl Dispatcher {
+    /// Answers the questions that come from now on.
+    pub(crate) fn answer_checkpoints(&mut self, questions: Receiver<Question>) {
+        self.questions = Some(questions);
+    }
+
+    /// Hands the questions to the workers.
+    fn take_questions(&mut self) {
+        let asked = self.questions.iter().flat_map(Receiver::try_iter);
+        for question in asked.collect::<Vec<_>>() {
+            if let Err((question, error)) = self.pass_on(question) {
+                question.refuse(error);
+            }
+        }
+    }
+
+    fn pass_on(&mut self, question: Question) -> Result<(), (Question, CheckpointError)> {
+        let name = question.scene().clone();
+        let found = match (&question, self.by_scene.get(&name)) {
+            _ if self.processes.is_some() => Err(CheckpointError::NoServer),
+            (Question::Restore(..), _) if self.settings.data.is_some() => {
+                let reason = "its data directory would not have the scene";
+                Err(CheckpointError::NotAdmitted(reason.to_owned()))
+            }
+            (_, Some(id)) => Ok(*id),
+            (Question::Save(..), None) => Err(CheckpointError::NoSuchScene(name)),
+            (Question::Restore(..), None) => self
+                .worker_of(name, None)
+                .map_err(|code| CheckpointError::NotAdmitted(code.to_string())),
+        };
+        let id = match found {
+            Ok(id) if self.watchdog.is_quarantined(id) => {
+                return Err((question, CheckpointError::Faulted));
+            }
+            Ok(id) => id,
+            Err(error) => return Err((question, error)),
+        };
+        let Some(worker) = self.workers.get_mut(&id) else {
+            return Err((question, CheckpointError::NoServer));
+        };
+        let Place::Thread(thread) = &worker.place else {
+            return Err((question, CheckpointError::NoServer));
+        };
+        worker.sent += 1;
+        thread.ask(question);
+        Ok(())
     }
 }
 

@@ -238,7 +238,7 @@ impl ThreadWorker {
         let _ = self.inputs.send(ThreadInput::Input(input));
     }
 
-    /// Queues a question. If the thread has ended, whoever asked learns that no answer will come.
+    /// Queues a question. If the thread has ended, its caller gets an error.
     pub(super) fn ask(&self, question: Question) {
         let _ = self.inputs.send(ThreadInput::Question(question));
     }

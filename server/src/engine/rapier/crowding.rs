@@ -16,8 +16,8 @@ use rapier3d::parry::bounding_volume::{Aabb, BoundingVolume};
 use rapier3d::parry::partitioning::Bvh;
 use rapier3d::parry::shape::TypedShape;
 use rapier3d::prelude::{
-    ActiveCollisionTypes, Collider, InteractionGroups, PhysicsWorld, RigidBody, RigidBodyHandle,
-    RigidBodyType, Shape, ShapeType,
+    ActiveCollisionTypes, Collider, ColliderGraphIndex, InteractionGroups, PhysicsWorld, RigidBody,
+    RigidBodyHandle, RigidBodyType, Shape, ShapeType,
 };
 use rhumb_reckoning::BodyId;
 
@@ -342,12 +342,12 @@ impl RapierCrowding {
         let contacts = world.narrow_phase.contact_graph().raw_graph();
         let nodes = contacts.raw_nodes().len();
         let ends = contacts.raw_edges().iter();
-        let ends = ends.map(|edge| [edge.source(), edge.target()].map(|end| end.index()));
+        let ends = ends.map(|edge| [edge.source(), edge.target()].map(ColliderGraphIndex::index));
         let of_contacts = self.count_ends(nodes, ends);
         let sensed = world.narrow_phase.intersection_graph().raw_graph();
         let nodes = sensed.raw_nodes().len();
         let ends = sensed.raw_edges().iter();
-        let ends = ends.map(|edge| [edge.source(), edge.target()].map(|end| end.index()));
+        let ends = ends.map(|edge| [edge.source(), edge.target()].map(ColliderGraphIndex::index));
         of_contacts + self.count_ends(nodes, ends)
     }
 
