@@ -170,11 +170,11 @@ fn survives_kills(kills_owner: bool) {
     }
     let end = run(&mut seen, 20);
     reach(&mut observer, end);
-    println!(
+    assert!(
+        seen.resumed >= kills.min(1),
         "seed {seed}: {kills} kills, {} resumptions, back after {slowest:?}",
         seen.resumed
     );
-    assert!(seen.resumed >= kills.min(1), "{}", seen.resumed);
     let truth = commander.inspect().expect("the owner answers");
     assert_eq!(truth.truth, digest_without_server(tick, &ids));
     let mut exact = observe(&owner, StreamChoice::Full);
