@@ -293,7 +293,7 @@ mod tests {
     use rhumb_reckoning::{BodyId, Tolerance};
 
     use super::*;
-    use crate::limits::LARGEST_PACKET_MIN;
+    use crate::limits::{LARGEST_PACKET_MIN, STANDING_PAIRS_MAX};
     use crate::scene::BodyEvent;
 
     #[test]
