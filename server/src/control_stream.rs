@@ -159,7 +159,8 @@ impl ControlStream {
     }
 
     /// The earliest time of a snapshot; `None` while one is under way.
-    pub(crate) fn snapshot_at(&self) -> Option<Instant> {
+    #[must_use]
+    pub fn snapshot_at(&self) -> Option<Instant> {
         self.session.as_ref()?;
         match self.taken {
             // A driver that reports nothing, as in a test, has no links to spare.

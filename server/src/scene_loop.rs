@@ -544,7 +544,9 @@ impl SceneLoop {
 
     /// Runs a scene that is new or restored.
     fn run_scene(&mut self, scene: Scene, slot: SceneSlot, load: SceneLoad) {
-        let names = StreamNames::of_scene(self.begun);
+        // One that is restored, perhaps by another server, has other names: members of edges may still get its old datagrams.
+        let number = scene.tick().value().wrapping_add(self.begun.into());
+        let names = StreamNames::of_scene(number);
         let settings = Arc::clone(&self.settings);
         let share = (slot, load);
         let running = RunningScene::new(&self.name, scene, names, settings, share);

@@ -284,9 +284,9 @@ const REST: u64 = 8;
 
 impl StreamNames {
     /// The names of the server's scene of this number: a new scene under an old name starts elsewhere.
-    pub(crate) const fn of_scene(number: u32) -> Self {
+    pub(crate) const fn of_scene(number: u64) -> Self {
         Self {
-            small: number % StreamId::SMALL.end,
+            small: (number % StreamId::SMALL.end as u64) as u32,
             large: StreamId::SMALL.end,
             given: 0,
             taken: [None; StreamId::SMALL.end as usize],

@@ -30,7 +30,7 @@ const SCENE: &str = "pit";
 /// Half the floor's width, metres: no ball rolls off it, for a command to a body that left the world would be refused.
 const FLOOR: f32 = 4_000.0;
 /// Time for an answer of a server that starts on a loaded machine.
-const LONG: Duration = Duration::from_secs(60);
+pub(crate) const LONG: Duration = Duration::from_secs(60);
 /// Bodies that are added one by one, every tenth tick.
 const LATER: u64 = 200;
 
@@ -122,8 +122,11 @@ pub(crate) fn take_events(client: &mut Client, seen: &mut Seen) {
 
 /// Steps once, however often the server is gone meanwhile.
 pub(crate) fn step(client: &mut Client) {
+    let begun = Instant::now();
     let mut stepped = client.advance(PipelineDepth::LOCKSTEP);
-    while let Err(ClientError::Timeout { .. }) = stepped {
+    while let Err(ClientError::Timeout { .. }) = stepped
+        && begun.elapsed() < LONG
+    {
         stepped = client.wait(PipelineDepth::LOCKSTEP);
     }
     if let Err(error) = stepped {

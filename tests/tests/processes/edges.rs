@@ -18,7 +18,7 @@ use rhumb_transport::DevelopmentPem;
 use crate::SERVER;
 use crate::access::{Guarded, answer, close_code};
 use crate::durable::{
-    Seen, chance, commands, create, digest_without_server, serve, step, take_events, variable,
+    LONG, Seen, chance, commands, create, digest_without_server, serve, step, take_events, variable,
 };
 
 const ANYWHERE: &str = "127.0.0.1:0";
@@ -61,7 +61,13 @@ fn observe(place: &ServerProcess, stream: StreamChoice) -> Client {
 
 /// Waits until a member has all of a tick.
 fn reach(client: &mut Client, tick: Tick) {
+    let begun = Instant::now();
     while client.statistics().complete < tick {
+        let complete = client.statistics().complete;
+        assert!(
+            begun.elapsed() < LONG,
+            "at {complete} instead of {tick} after {LONG:?}"
+        );
         client
             .idle(Duration::from_millis(1))
             .expect("the connection is open");
