@@ -10,6 +10,7 @@ use rhumb_protocol::message::{
     AuthorityError, ClientMessage, Denial, ServerMessage, SessionState, StreamChoice, TickEvents,
 };
 use rhumb_protocol::scene::{BodyEvent, CommandError, IdRange, SceneName};
+use rhumb_protocol::session::CloseCode;
 use rhumb_reckoning::Tick;
 use rhumb_scene::{ControlStream, EventKey, PendingOutput, Permit, StepEvents};
 
@@ -37,6 +38,8 @@ pub(crate) struct EdgeClient {
     pub(crate) voice: Option<Voice>,
     /// A join that no snapshot has answered.
     pub(crate) joining: Option<Joining>,
+    /// True if the scene of its membership, or of its join, is deleted, and the owner has not said so yet.
+    pub(crate) scene_is_over: bool,
     /// True for an observer that names a session with its join.
     pub(crate) asks_session: bool,
     pub(crate) member: Option<EdgeMember>,
@@ -50,6 +53,13 @@ pub(crate) struct Joining {
     pub(crate) granted: Option<(IdRange, u64)>,
 }
 
+impl Joining {
+    /// True once the owner has made the client a member, or if that needs no owner.
+    pub(crate) const fn is_granted(self) -> bool {
+        self.granted.is_some()
+    }
+}
+
 /// A client that is a member.
 #[derive(Debug)]
 pub(crate) struct EdgeMember {
@@ -59,6 +69,8 @@ pub(crate) struct EdgeMember {
     pub(crate) previous: Option<MirrorId>,
     /// The choice of the snapshot that it waits for.
     pub(crate) wanted: Option<StreamChoice>,
+    /// True if its mirror came back over another connection, and it has no snapshot of that: nothing else is for it.
+    pub(crate) is_stale: bool,
     pub(crate) granted: IdRange,
     /// Commands of an observer, which are all refused.
     commands: u64,
@@ -193,6 +205,7 @@ impl EdgeMember {
             mirror: id,
             previous: None,
             wanted: None,
+            is_stale: false,
             granted,
             commands: 0,
             queries: 0,
@@ -210,7 +223,18 @@ impl EdgeMember {
         self.queries.saturating_sub(1)
     }
 
-    /// True if packets of a mirror are for it.
+    /// Its mirror came back over another connection.
+    pub(crate) const fn renew(&mut self) {
+        self.is_stale = true;
+        self.events.renew();
+    }
+
+    /// True if packets of a mirror are for it now.
+    pub(crate) fn takes(&self, mirror: MirrorId) -> bool {
+        self.receives(mirror) && !(self.is_stale && self.mirror == mirror)
+    }
+
+    /// True if it receives a mirror's stream.
     pub(crate) fn receives(&self, mirror: MirrorId) -> bool {
         self.mirror == mirror || self.previous == Some(mirror)
     }
@@ -218,6 +242,7 @@ impl EdgeMember {
     /// Takes a snapshot of a mirror.
     fn change(&mut self, mirror: MirrorId, events_tick: Tick) {
         self.wanted = None;
+        self.is_stale = false;
         if self.mirror != mirror {
             // Events are counted by no stream: between two connections some may have been lost, at least one.
             if events_tick != self.events.through {
@@ -245,6 +270,7 @@ impl EdgeClient {
             is_greeted: false,
             voice: None,
             joining: None,
+            scene_is_over: false,
             asks_session: false,
             member: None,
         }
@@ -270,6 +296,12 @@ impl EdgeClient {
         member.is_some_and(|member| member.mirror == mirror)
     }
 
+    /// True if scene events of a mirror are for it now.
+    pub(crate) fn takes_events(&self, mirror: MirrorId) -> bool {
+        let member = self.member.as_ref();
+        member.is_some_and(|member| member.mirror == mirror && !member.is_stale)
+    }
+
     /// True if it needs a mirror of its scene: to be served by it, or to learn of the scene.
     pub(crate) fn needs(&self, mirror: MirrorId, choice: StreamChoice) -> bool {
         let joins = self.joining.map(|joining| joining.choice) == Some(choice);
@@ -285,6 +317,44 @@ impl EdgeClient {
             (Some(joining), _) => joining.granted.map(|(_, events)| (joining.choice, events)),
             (None, member) => member.as_ref()?.wanted.map(|choice| (choice, 0)),
         }
+    }
+
+    /// The stream of a choice cannot be had: denies a join, or a member's change to it. `mirror`: that of the stream, whose
+    /// members only wait. Returns true if the owner has made it a member of a scene that the mirror does not find.
+    pub(crate) fn deny(
+        &mut self,
+        (mirror, choice): (Option<MirrorId>, StreamChoice),
+        denial: Denial,
+        out: &mut PendingOutput,
+    ) -> bool {
+        if let Some(member) = &mut self.member
+            && Some(member.mirror) != mirror
+            && (member.wanted)
+                .take_if(|wanted| *wanted == choice)
+                .is_some()
+        {
+            // No other denial answers a request for a stream.
+            let answer = match denial {
+                Denial::SceneFaulted => denial,
+                _ => Denial::TooManyStreams,
+            };
+            self.control.send(&ServerMessage::Denied(answer), out);
+        }
+        let Some(joining) = self.joining.filter(|joining| joining.choice == choice) else {
+            return false;
+        };
+        if self.voice.is_none() {
+            self.joining = None;
+            self.control.send(&ServerMessage::Denied(denial), out);
+        } else if joining.is_granted() && denial == Denial::NoSuchScene {
+            return true;
+        } else if joining.is_granted()
+            && let Some(session) = self.control.session(out)
+        {
+            // The owner has taken it, and its stream cannot be had.
+            session.close(CloseCode::BUSY);
+        }
+        false
     }
 
     /// Takes a snapshot of a mirror that is settled; the mirror serves it from then on.
@@ -335,8 +405,9 @@ impl EdgeClient {
         standing: &[BodyEvent],
         out: &mut PendingOutput,
     ) {
-        let untold = (self.member.as_mut())
-            .filter(|member| member.events.wants_standing(tick) && !self.control.is_behind());
+        let untold = (self.member.as_mut()).filter(|member| {
+            !member.is_stale && member.events.wants_standing(tick) && !self.control.is_behind()
+        });
         if let Some(message) = untold.and_then(|member| member.events.tell(tick, &[], standing)) {
             self.control.send(&message, out);
         }
@@ -355,7 +426,7 @@ impl EdgeClient {
         if !member.events.reaches(events.tick) {
             return;
         }
-        if self.control.is_behind() {
+        if member.is_stale || self.control.is_behind() {
             return (member.events).miss(events.missed + events.events.len() as u64);
         }
         if events.missed > 0 {

@@ -38,7 +38,9 @@ impl Clients {
     /// Control bytes for all members that a mirror serves.
     pub(crate) fn forward_control(&mut self, id: MirrorId, bytes: &Bytes, out: &mut PendingOutput) {
         for client in self.served_by(id) {
-            client.control.send_encoded(bytes, out);
+            if client.takes_events(id) {
+                client.control.send_encoded(bytes, out);
+            }
         }
     }
 
@@ -70,7 +72,7 @@ impl Clients {
         let mut is_shared = false;
         for client in self.by_peer.values() {
             let member = client.member.as_ref();
-            if !member.is_some_and(|member| member.receives(id)) {
+            if !member.is_some_and(|member| member.takes(id)) {
                 continue;
             }
             match client.is_shared {
@@ -79,6 +81,13 @@ impl Clients {
             }
         }
         is_shared
+    }
+
+    /// True if a client needs a mirror.
+    pub(crate) fn need(&self, id: MirrorId, mirror: &Mirror) -> bool {
+        let clients = self.by_peer.values();
+        let mut of_scene = clients.filter(|client| client.scene.as_ref() == Some(&mirror.scene));
+        mirror.is_asked() || of_scene.any(|client| client.needs(id, mirror.choice))
     }
 
     /// True if a member that a mirror serves does not know all that stands.
@@ -99,9 +108,21 @@ impl Clients {
         }
     }
 
-    /// The scene of a mirror is deleted: returns the observers that are members no more. Others hear it from the owner.
-    pub(crate) fn end_observers(&mut self, id: MirrorId, out: &mut PendingOutput) -> Vec<Peer> {
+    /// The scene of a mirror is deleted: returns the observers that are members no more. Others hear it from the owner, and no
+    /// scene event precedes that any more.
+    pub(crate) fn end_scene(
+        &mut self,
+        (id, scene, choice): (MirrorId, &SceneName, StreamChoice),
+        out: &mut PendingOutput,
+    ) -> Vec<Peer> {
         let mut ended = Vec::new();
+        let of_scene =
+            (self.by_peer.values_mut()).filter(|client| client.scene.as_ref() == Some(scene));
+        for client in of_scene.filter(|client| client.voice.is_some()) {
+            let joins = client.joining.filter(|joining| joining.is_granted());
+            let joins = joins.is_some_and(|joining| joining.choice == choice);
+            client.scene_is_over |= joins || client.is_served_by(id);
+        }
         for client in self.served_by(id).filter(|client| client.voice.is_none()) {
             client.member = None;
             client.control.send(&ServerMessage::Deleted, out);
@@ -129,29 +150,21 @@ impl Clients {
         }
     }
 
-    /// The owner has denied a mirror's join: the joins of its clients are denied, too.
+    /// The owner has denied a mirror's join: the joins of its clients are denied, too, and the changes of members to its stream.
+    /// Returns true if a client waits for it all the same: the scene was created after the denial, or is deleted.
     pub(crate) fn deny(
         &mut self,
-        (scene, choice): (&SceneName, StreamChoice),
+        (id, scene, choice): (MirrorId, &SceneName, StreamChoice),
         denial: Denial,
         out: &mut PendingOutput,
-    ) {
-        for client in self.by_peer.values_mut() {
-            let joining = client.joining.filter(|joining| joining.choice == choice);
-            let Some(joining) = joining.filter(|_| client.scene.as_ref() == Some(scene)) else {
-                continue;
-            };
-            if client.voice.is_none() {
-                client.joining = None;
-                client.control.send(&ServerMessage::Denied(denial), out);
-            } else if joining.granted.is_some()
-                && denial != Denial::NoSuchScene
-                && let Some(session) = client.control.session(out)
-            {
-                // The owner has taken it, and its stream cannot be had.
-                session.close(CloseCode::BUSY);
-            }
+    ) -> bool {
+        let of = (Some(id), choice);
+        let mut is_awaited = false;
+        let of_scene = self.by_peer.values_mut();
+        for client in of_scene.filter(|client| client.scene.as_ref() == Some(scene)) {
+            is_awaited |= client.deny(of, denial, out);
         }
+        is_awaited
     }
 
     /// Closes the connections of clients that wait for a stream that cannot be had now, and of observers that wait to learn of

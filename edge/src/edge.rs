@@ -8,12 +8,12 @@ use std::sync::Arc;
 
 use bytes::Bytes;
 use rhumb_protocol::message::{
-    ClientMessage, Extension, Grease, Role, ServerMessage, StreamChoice, Token, Welcome,
+    ClientMessage, Denial, Extension, Grease, Role, ServerMessage, StreamChoice, Token, Welcome,
 };
 use rhumb_protocol::packet::{Datagram, LossReport, PacketKind};
 use rhumb_protocol::scene::{IdRange, SceneName};
 use rhumb_protocol::session::{CloseCode, TransportCode};
-use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake};
+use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake, WakeReason};
 use rhumb_reckoning::Tolerance;
 use rhumb_scene::{ControlStream, Limits, PendingOutput, Permit};
 
@@ -143,7 +143,7 @@ impl Edge {
                     client.has_token = extensions.value(Extension::TOKEN).is_some();
                     client.scene = Some(scene.clone());
                     if client.permit.role == Role::Observer {
-                        self.owners.mirror_of(now, &scene, FIRST_CHOICE);
+                        self.mirror_of(now, &scene, FIRST_CHOICE);
                         self.greet_observers(&scene);
                     } else {
                         let link = self.owners.dial(scene, LinkUse::Voice(peer));
@@ -237,15 +237,20 @@ impl Edge {
 
     /// Sends a client the snapshot that it waits for, as soon as there is one.
     fn want_copy(&mut self, now: Instant, peer: Peer, choice: StreamChoice) {
-        let scene = self
-            .clients
-            .by_peer
-            .get(&peer)
-            .and_then(|client| client.scene.clone());
-        if let Some(scene) = scene {
-            self.owners.mirror_of(now, &scene, choice);
+        let client = self.clients.by_peer.get(&peer);
+        let scene = client.and_then(|client| client.scene.clone());
+        let has_room = scene.is_none_or(|scene| self.mirror_of(now, &scene, choice));
+        if !has_room && let Some(client) = self.clients.by_peer.get_mut(&peer) {
+            client.deny((None, choice), Denial::TooManyStreams, &mut self.out);
         }
         self.send_snapshot(now, peer);
+    }
+
+    /// Makes sure that there is a mirror of a choice; false if the scene has as many as it may.
+    fn mirror_of(&mut self, now: Instant, scene: &SceneName, choice: StreamChoice) -> bool {
+        let clients = &self.clients;
+        let is_used = |id, mirror: &Mirror| clients.need(id, mirror);
+        self.owners.mirror_of(now, (scene, choice), is_used)
     }
 
     /// An observer's question goes to the owner by its mirror; answers come in order.
@@ -276,20 +281,23 @@ impl Edge {
         let Some(mirror) = self.owners.get_mut(id) else {
             return;
         };
-        let (answers, too_old) = mirror.answer_reports(now);
+        let (answers, astray) = mirror.answer_reports(now);
         let (scene, mirror_choice, denied) = (mirror.scene.clone(), mirror.choice, mirror.denied);
         for (peer, bytes) in answers {
             if let Some(client) = self.clients.by_peer.get(&peer) {
                 client.control.send_datagram(bytes, &mut self.out);
             }
         }
-        for peer in too_old {
+        for peer in astray {
             self.renew(peer, id);
         }
         self.greet_observers(&scene);
         if let Some(denial) = denied {
-            let of = (&scene, mirror_choice);
-            self.clients.deny(of, denial, &mut self.out);
+            let of = (id, &scene, mirror_choice);
+            let is_awaited = self.clients.deny(of, denial, &mut self.out);
+            if let Some(mirror) = self.owners.get_mut(id) {
+                mirror.is_awaited = is_awaited;
+            }
         }
         self.send_snapshots(now);
         self.tell_standing(now, id);
@@ -325,7 +333,11 @@ impl Edge {
             Forward::Packet(bytes) => self.forward_packet(id, bytes),
             Forward::Answer(peer, answer) => self.answer(now, peer, &answer),
             Forward::Deleted => {
-                for peer in self.clients.end_observers(id, &mut self.out) {
+                let Some(mirror) = self.owners.get(id) else {
+                    return;
+                };
+                let of = (id, &mirror.scene, mirror.choice);
+                for peer in self.clients.end_scene(of, &mut self.out) {
                     self.owners.forget_questions(peer);
                 }
             }
@@ -335,7 +347,7 @@ impl Edge {
             }
             Forward::Renewed => {
                 let members = self.clients.members_of(id);
-                members.for_each(|member| member.events.renew());
+                members.for_each(EdgeMember::renew);
                 for peer in self.clients.peers() {
                     self.renew(peer, id);
                 }
@@ -400,23 +412,10 @@ impl Edge {
         let Some(client) = self.clients.by_peer.get_mut(&peer) else {
             return;
         };
-        let Some((choice, needs)) = client.awaits_copy() else {
+        let Some(id) = self.owners.source_for(client) else {
             return;
         };
-        let found = self.owners.of_choice(client.scene.as_ref(), choice);
-        let Some((id, mirror)) = found else {
-            return;
-        };
-        if !mirror.is_settled() || !client.control.may_snapshot(now) {
-            return;
-        }
-        // Both copies of a member count the same scene events.
-        let at = mirror.scene_events();
-        let is_behind = |member: &EdgeMember| {
-            let present = self.owners.get(member.mirror);
-            present.is_some_and(|present| present.is_live() && present.scene_events() != at)
-        };
-        if at < needs || client.member.as_ref().is_some_and(is_behind) {
+        if !client.control.may_snapshot(now) {
             return;
         }
         if let Some(mirror) = self.owners.get_mut(id) {
@@ -439,12 +438,14 @@ impl Edge {
             let reached = client
                 .member
                 .as_ref()
+                .filter(|member| !member.is_stale)
                 .and_then(|member| self.owners.get(member.mirror))
                 .map(Mirror::scene_events);
+            let is_over = client.scene_is_over || (client.member.is_none() && voice.tells_end());
             match voice.next_reply() {
                 None => return,
                 Some(Reply::Message(_, Some(events)))
-                    if reached.is_none_or(|reached| reached < *events) =>
+                    if !is_over && reached.is_none_or(|reached| reached < *events) =>
                 {
                     return;
                 }
@@ -457,6 +458,7 @@ impl Edge {
                 Reply::Joined(joined) => {
                     let granted = Some((joined.granted, joined.start.scene_events));
                     let choice = joined.choice;
+                    client.scene_is_over = false;
                     client.joining = Some(Joining { choice, granted });
                     self.want_copy(now, peer, choice);
                 }
@@ -490,18 +492,24 @@ impl Edge {
         match message {
             ServerMessage::Welcome(welcome) => self.greet(now, peer, &welcome),
             message => {
-                if matches!(message, ServerMessage::Left | ServerMessage::Deleted) {
+                let ends = matches!(message, ServerMessage::Left | ServerMessage::Deleted);
+                if ends {
                     client.member = None;
+                    client.scene_is_over = false;
                 }
                 let denies_join =
                     matches!(message, ServerMessage::Denied(_)) && client.member.is_none();
+                let message = match ends && client.joining.is_some_and(Joining::is_granted) {
+                    true => ServerMessage::Denied(Denial::NoSuchScene),
+                    false => message,
+                };
                 client.control.send(&message, &mut self.out);
-                if denies_join
-                    && client
-                        .joining
-                        .take_if(|joining| joining.granted.is_none())
-                        .is_some()
-                {
+                // A join that the owner has granted ends with the membership, another one with its denial.
+                let is_answered = |joining: &mut Joining| match joining.is_granted() {
+                    true => ends,
+                    false => denies_join,
+                };
+                if client.joining.take_if(is_answered).is_some() {
                     self.read(now, peer);
                 }
             }
@@ -563,13 +571,9 @@ impl Edge {
 
     /// Leaves the streams that no client has needed for some time.
     fn close_unused(&mut self, now: Instant) {
-        let clients = &self.clients.by_peer;
-        self.owners.close_unused(now, |id, mirror| {
-            let mut of_scene = clients
-                .values()
-                .filter(|client| client.scene.as_ref() == Some(&mirror.scene));
-            mirror.is_asked() || of_scene.any(|client| client.needs(id, mirror.choice))
-        });
+        let clients = &self.clients;
+        let is_used = |id, mirror: &Mirror| clients.need(id, mirror);
+        self.owners.close_unused(now, is_used);
     }
 
     /// Gives what came over a connection to its mirror or voice, and does what follows.
@@ -595,6 +599,19 @@ impl Edge {
             }
             None => {}
         }
+    }
+
+    /// The next moment at which there is something to do: for the owners, or when a client may get the snapshot that is ready.
+    fn next_wake(&self) -> Option<Wake> {
+        let clients = self.clients.by_peer.values();
+        let ready = clients.filter(|client| self.owners.source_for(client).is_some());
+        let snapshots = ready.filter_map(|client| client.control.snapshot_at());
+        let at = snapshots.min().map(|at| Wake {
+            at,
+            reason: WakeReason::Snapshot,
+        });
+        let wakes = [at, self.owners.next_wake()].into_iter().flatten();
+        wakes.min_by_key(|wake| wake.at)
     }
 
     fn wake(&mut self, now: Instant) {
@@ -710,7 +727,7 @@ impl Endpoint for Edge {
     }
 
     fn poll_timeout(&self) -> Option<Wake> {
-        self.owners.next_wake()
+        self.next_wake()
     }
 }
 
@@ -758,6 +775,6 @@ impl Endpoint for OwnerSide<'_> {
     }
 
     fn poll_timeout(&self) -> Option<Wake> {
-        self.0.owners.next_wake()
+        self.0.next_wake()
     }
 }

@@ -8,8 +8,8 @@ use std::collections::{BTreeMap, VecDeque};
 
 use bytes::Bytes;
 use rhumb_protocol::message::{
-    ClientMessage, Denial, Extensions, Frames, Joined, SceneEvent, ServerMessage, StreamChoice,
-    TickEvents, TierPolicy, Token, frame,
+    ClientMessage, Denial, Extensions, Framed, Frames, Joined, SceneEvent, ServerMessage,
+    StreamChoice, TickEvents, TierPolicy, Token, frame,
 };
 use rhumb_protocol::packet::{Datagram, LossReport, PacketKind, StreamId};
 use rhumb_protocol::scene::{BodyEvent, IdRange, SceneConfig, SceneName, ShapeId, Stepping};
@@ -74,9 +74,17 @@ pub(crate) struct Mirror {
     pub(crate) unused_since: Option<Instant>,
     /// The owner's refusal of the last attempt.
     pub(crate) denied: Option<Denial>,
+    /// True if a client waits for it that the owner has made a member.
+    pub(crate) is_awaited: bool,
     session: ClientSession,
     frames: Frames,
     filling: bool,
+    /// True once the connection is open.
+    is_open: bool,
+    /// True once this end has closed the connection: nothing more is read.
+    has_closed: bool,
+    /// True once the owner has begun a snapshot over this connection: the next one tells nothing of what stands.
+    knows_standing: bool,
     /// True once a snapshot has been complete over any connection.
     was_whole: bool,
     config: Option<SceneConfig>,
@@ -116,8 +124,12 @@ impl Mirror {
             attempts: 0,
             unused_since: None,
             denied: None,
+            is_awaited: false,
             frames: Frames::new(),
             filling: false,
+            is_open: false,
+            has_closed: false,
+            knows_standing: false,
             was_whole: false,
             config: None,
             granted: IdRange::EMPTY,
@@ -149,7 +161,10 @@ impl Mirror {
         self.link = Some(link);
         self.denied = None;
         self.is_doubtful = false;
-        self.filling = false;
+        (self.is_open, self.has_closed) = (false, false);
+        (self.filling, self.knows_standing) = (false, false);
+        // Another scene may have the same tick and counts.
+        self.snapshot = None;
         self.clock = None;
         self.questions.retain(|question| question.from.is_some());
         for question in &mut self.questions {
@@ -159,6 +174,7 @@ impl Mirror {
     }
 
     pub(crate) fn handle_opened(&mut self, now: Instant) {
+        self.is_open = true;
         self.asks_at = Some(now + PROBES_EVERY);
         self.session.handle_opened(now, OWNER);
     }
@@ -167,8 +183,7 @@ impl Mirror {
     pub(crate) fn handle_control(&mut self, now: Instant, bytes: &[u8]) {
         self.is_doubtful = false;
         self.frames.push(bytes);
-        // The session reads the same bytes and closes the connection if they are malformed.
-        while let Ok(Some(framed)) = self.frames.next_frame() {
+        while let Some(framed) = self.next_frame() {
             let mut message = Vec::new();
             frame(framed.kind, &framed.body, &mut message);
             self.session.handle_control(now, OWNER, &message);
@@ -180,11 +195,27 @@ impl Mirror {
         self.replies.begin_tick();
     }
 
+    /// The next message. Bytes that are none end the connection.
+    fn next_frame(&mut self) -> Option<Framed> {
+        if self.has_closed {
+            return None;
+        }
+        self.frames.next_frame().unwrap_or_else(|malformed| {
+            tracing::warn!(scene = %self.scene, %malformed, "closing a connection to the owner");
+            self.has_closed = true;
+            self.session.close(CloseCode::MALFORMED);
+            None
+        })
+    }
+
     /// A datagram of the owner, or of a fan-out.
     pub(crate) fn handle_datagram(&mut self, now: Instant, bytes: Bytes) {
         let Ok(datagram) = Datagram::open(&bytes) else {
             return;
         };
+        if self.has_closed {
+            return;
+        }
         self.is_doubtful = false;
         self.session.handle_datagram(now, OWNER, &bytes);
         self.replies.begin_tick();
@@ -261,9 +292,15 @@ impl Mirror {
         self.subscriber().map_or(0, Subscriber::scene_events)
     }
 
+    /// True once its connection is open.
+    pub(crate) const fn is_open(&self) -> bool {
+        self.is_open
+    }
+
     /// True while it has a connection with a complete copy.
     pub(crate) fn is_live(&self) -> bool {
-        self.link.is_some() && !self.filling && self.subscriber().is_some()
+        let is_open = self.link.is_some() && !self.has_closed;
+        is_open && !self.filling && self.subscriber().is_some()
     }
 
     /// True if a snapshot can be made now.
@@ -285,7 +322,7 @@ impl Mirror {
 
     /// True if it has members, and the owner has no place for it now.
     pub(crate) const fn is_refused(&self) -> bool {
-        self.was_whole && self.link.is_some() && self.denied.is_some()
+        (self.was_whole || self.is_awaited) && self.link.is_some() && self.denied.is_some()
     }
 
     /// Joins once more, if the owner has denied that.
@@ -442,14 +479,15 @@ impl Mirror {
     }
 
     /// Answers the loss reports while the tracks are settled: datagrams for each member, and the members that need a snapshot,
-    /// since they lack packets from before the edge's own.
+    /// since they lack packets from before the edge's own, or know of some that the stream does not have: late datagrams of the
+    /// stream that had its name before the owner started again.
     pub(crate) fn answer_reports(&mut self, now: Instant) -> (Vec<(Peer, Bytes)>, Vec<Peer>) {
-        let (mut answers, mut too_old) = (Vec::new(), Vec::new());
+        let (mut answers, mut astray) = (Vec::new(), Vec::new());
         if self.reports.is_empty() || !self.is_settled() {
-            return (answers, too_old);
+            return (answers, astray);
         }
         let Some(replica) = self.session.replica() else {
-            return (answers, too_old);
+            return (answers, astray);
         };
         let stream = replica.stream();
         let (next, scene_events) = (stream.next_number(), stream.scene_events());
@@ -457,10 +495,10 @@ impl Mirror {
             if !self.replies.allow_report(now, peer.0) {
                 continue;
             }
-            let lost = report.lost.iter().map(|lost| lost.expand(next));
-            let lost: Vec<u64> = lost.filter(|number| *number < next).collect();
-            if lost.iter().any(|number| !stream.relays(*number)) {
-                too_old.push(peer);
+            let lost: Vec<u64> = report.lost.iter().map(|lost| lost.expand(next)).collect();
+            let is_ahead = report.next.expand(next) > next;
+            if is_ahead || lost.iter().any(|number| !stream.relays(*number)) {
+                astray.push(peer);
                 continue;
             }
             let to = Recipient {
@@ -473,7 +511,7 @@ impl Mirror {
             datagrams.push(stream.watermark());
             answers.extend(datagrams.into_iter().map(|datagram| (peer, datagram)));
         }
-        (answers, too_old)
+        (answers, astray)
     }
 
     fn subscriber(&self) -> Option<&Subscriber> {
@@ -491,8 +529,10 @@ impl Mirror {
                 self.shapes.clear();
                 self.inertias.clear();
                 self.silences.clear();
-                self.standing.clear();
-                self.events_tick = Tick::ZERO;
+                if !std::mem::replace(&mut self.knows_standing, true) {
+                    self.standing.clear();
+                    self.events_tick = Tick::ZERO;
+                }
             }
             ServerMessage::SnapshotEnd => self.filling = false,
             ServerMessage::SceneEvent(event) => {
@@ -530,7 +570,7 @@ impl Mirror {
             }
             ServerMessage::Deleted => {
                 self.config = None;
-                self.was_whole = false;
+                (self.knows_standing, self.was_whole) = (false, false);
                 // A later join asks anew.
                 self.denied = Some(Denial::NoSuchScene);
                 self.forwards.push_back(Forward::Deleted);
@@ -597,6 +637,10 @@ impl Mirror {
                     if denial == Denial::NoSuchScene && std::mem::take(&mut self.was_whole) {
                         self.forwards.push_back(Forward::Deleted);
                     }
+                    Ok(())
+                }
+                Event::Ended(_) => {
+                    self.has_closed = true;
                     Ok(())
                 }
                 _ => Ok(()),

@@ -5,12 +5,14 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
+use rhumb_protocol::limits::STREAMS_PER_SCENE_MAX;
 use rhumb_protocol::message::{StreamChoice, Token};
 use rhumb_protocol::scene::SceneName;
+use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Instant, Peer, Span, Transmit, Wake, WakeReason};
 use rhumb_reckoning::Tick;
 
-use crate::client::MirrorId;
+use crate::client::{EdgeClient, EdgeMember, MirrorId};
 use crate::mirror::{Mirror, RETRY};
 use crate::voice::Voice;
 
@@ -107,24 +109,81 @@ impl Owners {
         link
     }
 
-    /// The mirror of a choice, made and connected unless it is there.
+    /// Makes and connects the mirror of a choice, unless it is there. One that no client needs makes room for it, unless that is
+    /// being dialled. Returns false if there is no room.
     pub(crate) fn mirror_of(
         &mut self,
         now: Instant,
-        scene: &SceneName,
-        choice: StreamChoice,
-    ) -> MirrorId {
-        let mut mirrors = self.mirrors.iter_mut();
-        let found = mirrors.find(|(_, mirror)| mirror.scene == *scene && mirror.choice == choice);
-        if let Some((id, mirror)) = found {
+        (scene, choice): (&SceneName, StreamChoice),
+        is_used: impl Fn(MirrorId, &Mirror) -> bool,
+    ) -> bool {
+        let mut mirrors = self.mirrors.values_mut();
+        let found = mirrors.find(|mirror| mirror.scene == *scene && mirror.choice == choice);
+        if let Some(mirror) = found {
             mirror.join_again();
-            return *id;
+            return true;
+        }
+        if self.of_scene(Some(scene)).count() >= STREAMS_PER_SCENE_MAX {
+            let is_free = |id, mirror: &Mirror| !is_used(id, mirror) && !self.is_dialling(mirror);
+            let mut of_scene = self.mirrors.iter();
+            let unused =
+                of_scene.find(|(id, mirror)| mirror.scene == *scene && is_free(**id, mirror));
+            let Some(unused) = unused.map(|(id, _)| *id) else {
+                return false;
+            };
+            self.close(unused);
         }
         let id = MirrorId(self.next_mirror);
         self.next_mirror += 1;
         self.mirrors.insert(id, Mirror::new(scene.clone(), choice));
         self.connect(now, id);
-        id
+        true
+    }
+
+    /// True while the driver opens a mirror's connection.
+    fn is_dialling(&self, mirror: &Mirror) -> bool {
+        let is_waiting = |link| self.dials.iter().any(|dial| dial.link == link);
+        (mirror.link).is_some_and(|link| !mirror.is_open() && !is_waiting(link))
+    }
+
+    /// Leaves a stream.
+    fn close(&mut self, id: MirrorId) {
+        let Some(mut mirror) = self.mirrors.remove(&id) else {
+            return;
+        };
+        let Some(link) = mirror.link else {
+            return;
+        };
+        self.links.remove(&link);
+        let waiting = self.dials.len();
+        self.dials.retain(|dial| dial.link != link);
+        if self.dials.len() < waiting {
+            return;
+        }
+        mirror.close();
+        while let Some(transmit) = mirror.poll_transmit() {
+            self.last_words.push_back(to_link(transmit, link));
+        }
+        if !mirror.is_open() {
+            // The session knows of no connection to close.
+            let code = CloseCode::DONE.0;
+            let close = Transmit::Close { to: link, code };
+            self.last_words.push_back(close);
+        }
+    }
+
+    /// The mirror whose snapshot a client waits for and could be sent.
+    pub(crate) fn source_for(&self, client: &EdgeClient) -> Option<MirrorId> {
+        let (choice, needs) = client.awaits_copy()?;
+        let (id, mirror) = self.of_choice(client.scene.as_ref(), choice)?;
+        // Both copies of a member count the same scene events.
+        let at = mirror.scene_events();
+        let is_behind = |member: &EdgeMember| {
+            let present = self.get(member.mirror);
+            present.is_some_and(|present| present.is_live() && present.scene_events() != at)
+        };
+        let is_behind = at < needs || client.member.as_ref().is_some_and(is_behind);
+        (mirror.is_settled() && !is_behind).then_some(id)
     }
 
     fn connect(&mut self, now: Instant, id: MirrorId) {
@@ -177,16 +236,7 @@ impl Owners {
             |mirror: &Mirror| mirror.unused_since.is_some_and(|since| now >= since + KEPT);
         let unused = self.mirrors.iter().filter(|(_, mirror)| is_over(mirror));
         for id in unused.map(|(id, _)| *id).collect::<Vec<_>>() {
-            let Some(mut mirror) = self.mirrors.remove(&id) else {
-                continue;
-            };
-            if let Some(link) = mirror.link {
-                mirror.close();
-                while let Some(transmit) = mirror.poll_transmit() {
-                    self.last_words.push_back(to_link(transmit, link));
-                }
-                self.links.remove(&link);
-            }
+            self.close(id);
         }
     }
 

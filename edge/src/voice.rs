@@ -167,6 +167,12 @@ impl Voice {
         self.replies.front()
     }
 
+    /// True if the owner has ended the membership.
+    pub(crate) fn tells_end(&self) -> bool {
+        let mut replies = self.replies.iter();
+        replies.any(|reply| matches!(reply, Reply::Message(message, _) if ends(message)))
+    }
+
     pub(crate) fn take_reply(&mut self) -> Option<Reply> {
         self.replies.pop_front()
     }
@@ -209,7 +215,7 @@ impl Voice {
             }
             ServerMessage::TickEvents(_) | ServerMessage::TierChanged { .. } => {}
             message => {
-                let ends = matches!(message, ServerMessage::Left | ServerMessage::Deleted);
+                let ends = ends(&message);
                 let events = self.events;
                 self.replies
                     .push_back(Reply::Message(Box::new(message), events));
@@ -219,4 +225,8 @@ impl Voice {
             }
         }
     }
+}
+
+const fn ends(message: &ServerMessage) -> bool {
+    matches!(message, ServerMessage::Left | ServerMessage::Deleted)
 }

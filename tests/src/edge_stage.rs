@@ -9,7 +9,7 @@ use std::rc::Rc;
 use std::sync::Arc;
 
 use rhumb_edge::{Edge, EdgeSettings};
-use rhumb_netsim::{LinkConfig, SimNetwork};
+use rhumb_netsim::{Direction, Lane, LinkConfig, SimNetwork};
 use rhumb_protocol::message::{SessionKey, StreamChoice};
 use rhumb_protocol::scene::{Command, SceneConfig, Stepping};
 use rhumb_protocol::session::{ClientSession, Replica};
@@ -62,6 +62,15 @@ struct EdgeState {
     edge: Edge,
     to_owner: BTreeMap<Peer, VecDeque<Transmit>>,
     is_alive: bool,
+    /// `None` unless the edge learns what the links of its members take.
+    pacing: Option<Pacing>,
+}
+
+/// Control bytes that the links of an edge's members have taken, and of which the edge does not know.
+#[derive(Default)]
+struct Pacing {
+    is_held: bool,
+    taken: Vec<(Peer, usize)>,
 }
 
 /// An edge as its members see it.
@@ -110,8 +119,26 @@ impl EdgeStage {
 
     /// Adds an edge whose members have this permit; returns its number.
     pub fn add_edge(&mut self, permit: Permit, links: LinkConfig) -> usize {
+        self.add_edge_within((permit, Limits::default()), None, links)
+    }
+
+    /// Adds an edge that learns what the links of its members take, and sends a MiB of snapshots in a second to each.
+    pub fn add_paced_edge(&mut self, permit: Permit, links: LinkConfig) -> usize {
+        let limits = Limits {
+            snapshot_mib_per_second: 1,
+            ..Limits::default()
+        };
+        self.add_edge_within((permit, limits), Some(Pacing::default()), links)
+    }
+
+    fn add_edge_within(
+        &mut self,
+        (permit, limits): (Permit, Limits),
+        pacing: Option<Pacing>,
+        links: LinkConfig,
+    ) -> usize {
         let settings = EdgeSettings {
-            limits: Limits::default(),
+            limits,
             token: None,
             permit: Arc::new(permit),
             asks_tokens: false,
@@ -120,6 +147,7 @@ impl EdgeStage {
             edge: Edge::new(settings),
             to_owner: BTreeMap::new(),
             is_alive: true,
+            pacing,
         }));
         let seed = self.seed ^ (self.edges.len() as u64 + 1) << 32;
         let mut network = SimNetwork::new(Face(Rc::clone(&shared)), links, seed);
@@ -246,6 +274,51 @@ impl EdgeStage {
         }
     }
 
+    /// The links of a paced edge's members take nothing more.
+    pub fn hold_links(&mut self, edge: usize) {
+        let mut state = self.edges[edge].shared.borrow_mut();
+        state.pacing.get_or_insert_default().is_held = true;
+    }
+
+    /// They take what has waited, and everything from now on.
+    pub fn release_links(&mut self, edge: usize) {
+        let mut state = self.edges[edge].shared.borrow_mut();
+        state.pacing.get_or_insert_default().is_held = false;
+    }
+
+    /// Sets what an edge's connection of this number receives from the owner.
+    pub fn set_link_from_owner(&mut self, edge: usize, number: usize, link: LinkConfig) {
+        let index = self.edges[edge].links[number];
+        self.owner.set_config_of(index, Direction::Down, link);
+    }
+
+    /// A member receives a datagram that was sent long ago.
+    pub fn deliver(&mut self, index: usize, datagram: &[u8]) {
+        let now = self.now;
+        self.session(index).handle_datagram(now, Peer(0), datagram);
+    }
+
+    /// A member of an edge sends bytes that its session knows nothing of.
+    pub fn write(&mut self, index: usize, bytes: &[u8]) {
+        let (Place::Edge(edge), at) = self.members[index] else {
+            unreachable!("a member of an edge");
+        };
+        let mut state = self.edges[edge].shared.borrow_mut();
+        let from = Peer(at as u64);
+        state.edge.handle_control(self.now, from, bytes);
+    }
+
+    /// An edge receives something over its connection of this number that the owner has not sent.
+    pub fn deliver_from_owner(&mut self, edge: usize, number: usize, lane: Lane, bytes: &[u8]) {
+        let mut state = self.edges[edge].shared.borrow_mut();
+        let mut owner = state.edge.owner();
+        let link = Peer(number as u64);
+        match lane {
+            Lane::Control => owner.handle_control(self.now, link, bytes),
+            Lane::State => owner.handle_datagram(self.now, link, bytes),
+        }
+    }
+
     /// A client whose connection has ended takes its session up elsewhere.
     pub fn resume(&mut self, index: usize, place: Place) {
         let fresh = ClientSession::new(SCENE.parse().expect("a valid scene name"));
@@ -298,6 +371,7 @@ impl EdgeStage {
             self.owner.run_until(self.now);
             for edge in &mut self.edges {
                 edge.network.run_until(self.now);
+                edge.shared.borrow_mut().report_taken(self.now);
                 loop {
                     let dial = edge.shared.borrow_mut().edge.poll_dial();
                     let Some(dial) = dial else { break };
@@ -388,9 +462,24 @@ impl EdgeStage {
     }
 }
 
+impl EdgeState {
+    /// Tells a paced edge what the links of its members have taken.
+    fn report_taken(&mut self, now: Instant) {
+        if let Some(pacing) = self.pacing.as_mut().filter(|pacing| !pacing.is_held) {
+            for (peer, bytes) in pacing.taken.drain(..) {
+                self.edge.handle_control_taken(now, peer, bytes);
+            }
+        }
+    }
+}
+
 impl Endpoint for Face {
     fn handle_opened(&mut self, now: Instant, peer: Peer) {
-        self.0.borrow_mut().edge.handle_opened(now, peer);
+        let mut state = self.0.borrow_mut();
+        state.edge.handle_opened(now, peer);
+        if state.pacing.is_some() {
+            state.edge.handle_control_taken(now, peer, 0);
+        }
     }
 
     fn handle_control(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
@@ -414,7 +503,13 @@ impl Endpoint for Face {
 
     fn poll_transmit(&mut self) -> Option<Transmit> {
         let mut state = self.0.borrow_mut();
-        state.is_alive.then(|| state.edge.poll_transmit())?
+        let transmit = state.is_alive.then(|| state.edge.poll_transmit())?;
+        if let (Some(pacing), Some(Transmit::Control { to, bytes })) =
+            (&mut state.pacing, &transmit)
+        {
+            pacing.taken.push((*to, bytes.len()));
+        }
+        transmit
     }
 
     fn poll_timeout(&self) -> Option<Wake> {

@@ -6,9 +6,10 @@
 use std::collections::BTreeSet;
 
 use glam::Vec3;
-use rhumb_netsim::LinkConfig;
-use rhumb_protocol::limits::EVENTS_PER_TICK_MAX;
-use rhumb_protocol::message::{Denial, SessionKey, StreamChoice};
+use rhumb_netsim::{Lane, LinkConfig};
+use rhumb_protocol::limits::{EVENTS_PER_TICK_MAX, HISTORY_PACKETS, STREAMS_PER_SCENE_MAX};
+use rhumb_protocol::message::{ClientMessage, Denial, SessionKey, StreamChoice};
+use rhumb_protocol::packet::{Low16, Watermark};
 use rhumb_protocol::scene::{
     ActiveEvents, BodyDesc, BodyKind, Command, CommandError, Query, SceneConfig, Shape, ShapeId,
     Stepping,
@@ -513,4 +514,234 @@ fn observers_learn_that_the_scene_has_gone_while_the_edge_was_cut_off() {
     stage.join(observer, NORMAL);
     stage.run(SETTLES_WITHIN);
     assert_same_copy(stage.copy(0), stage.copy(observer));
+}
+
+/// An edge of observers in lockstep, with a commander at the server and one observer.
+fn observed(scene: Box<dyn Script>) -> (EdgeStage, usize, usize) {
+    let mut stage = EdgeStage::new(scene, Stepping::Lockstep, 0, LinkConfig::PERFECT, 1);
+    let edge = stage.add_edge(observers(), LinkConfig::PERFECT);
+    stage.commander(Place::Owner, NORMAL, None);
+    for _ in 0..20 {
+        stage.tick();
+    }
+    let observer = stage.enter(Place::Edge(edge), NORMAL);
+    (stage, edge, observer)
+}
+
+/// The watermark of a stream of the same name whose next packet is so many later.
+fn watermark_of_another(stage: &EdgeStage, member: usize, later: u64) -> Vec<u8> {
+    let stream = stage.copy(member).stream();
+    let watermark = Watermark {
+        next: Low16::of(stream.next_number() + later),
+        tick: Low16::of(stream.watermark_tick().value()),
+        scene_events: Low16::of(stream.scene_events()),
+    };
+    watermark.encode(stream.stream())
+}
+
+/// The stream that an owner has after its restart may have the name of one before. What a member has not read of that is then
+/// taken for packets of this one, which no one can send again.
+#[test]
+fn late_datagrams_of_an_earlier_stream_do_not_freeze_a_member() {
+    let (mut stage, _, observer) = observed(script("ball-pit"));
+    let late = watermark_of_another(&stage, observer, 20);
+    stage.deliver(observer, &late);
+    assert!(!stage.copy(observer).stream().is_converged());
+    stage.run(Span::from_millis(4_000));
+    assert!(stage.copy(observer).stream().is_converged());
+    for _ in 0..30 {
+        stage.tick();
+        assert_same_copy(stage.copy(0), stage.copy(observer));
+    }
+}
+
+#[test]
+fn an_edge_ends_a_malformed_connection_to_the_owner_and_comes_back() {
+    let (mut stage, edge, observer) = observed(script("ball-pit"));
+    assert_eq!(stage.links(), 1);
+    stage.deliver_from_owner(edge, 0, Lane::Control, &[0xFF; 64]);
+    stage.run(Span::from_millis(2_000));
+    assert_eq!(stage.links(), 2);
+    for _ in 0..30 {
+        stage.tick();
+        assert_same_copy(stage.copy(0), stage.copy(observer));
+    }
+}
+
+/// A server tells what stands with a membership, not with each snapshot of it.
+#[test]
+fn an_edge_that_got_a_snapshot_again_knows_what_stands() {
+    let (mut stage, edge, observer) = observed(Box::new(Crowd));
+    let late = watermark_of_another(&stage, observer, 2 * HISTORY_PACKETS as u64);
+    stage.deliver_from_owner(edge, 0, Lane::State, &late);
+    stage.run(Span::from_millis(1_000));
+    let late = stage.enter(Place::Edge(edge), NORMAL);
+    for _ in 0..6 {
+        stage.tick();
+    }
+    assert_all_touch(&stage, late);
+    assert_all_touch(&stage, observer);
+}
+
+#[test]
+fn a_snapshot_that_has_to_wait_is_sent_when_its_time_comes() {
+    let scene = by_name("ball-pit", 1_000, 1).expect("an existing script");
+    let mut stage = EdgeStage::new(scene, Stepping::Lockstep, 0, LinkConfig::PERFECT, 1);
+    let edge = stage.add_paced_edge(observers(), LinkConfig::PERFECT);
+    stage.commander(Place::Owner, NORMAL, None);
+    stage.tick();
+    let observer = stage.enter(Place::Edge(edge), NORMAL);
+    stage
+        .session(observer)
+        .subscribe(EXACT)
+        .expect("a member may");
+    stage.run(Span::from_millis(500));
+    assert_eq!(stage.histories[observer].following.last(), Some(&EXACT));
+}
+
+#[test]
+fn a_member_whose_mirror_came_back_hears_nothing_before_the_snapshot() {
+    let mut stage = EdgeStage::new(
+        script("ball-pit"),
+        Stepping::FreeRunning,
+        0,
+        LinkConfig::PERFECT,
+        1,
+    );
+    let edge = stage.add_paced_edge(observers(), LinkConfig::PERFECT);
+    stage.commander(Place::Owner, NORMAL, None);
+    stage.run_script(Span::from_millis(500));
+    // Its snapshot is on its way for long.
+    stage.hold_links(edge);
+    let observer = stage.enter(Place::Edge(edge), NORMAL);
+    stage.cut_off(edge);
+    let id = BodyId::new(3_000, 0);
+    let still = [0.0; 3];
+    let motion = BodyState::new([0.0, 90.0, 0.0], [0.0, 0.0, 0.0, 1.0], still, still);
+    stage.send(Command::AddBody {
+        desc: BodyDesc::plain(id, BodyKind::Fixed, ShapeId(0)),
+        motion: motion.expect("a finite state"),
+    });
+    stage.run(Span::from_millis(1_000));
+    stage.send(Command::RemoveBody { id });
+    stage.run(Span::from_millis(1_000));
+    assert_eq!(stage.histories[observer].ended, None);
+    assert_eq!(stage.histories[0].refused, []);
+    assert!(stage.copy(0).body(id).is_none());
+    stage.release_links(edge);
+    stage.run(SETTLES_WITHIN);
+    assert_eq!(stage.histories[observer].ended, None);
+    assert_same_copy(stage.copy(0), stage.copy(observer));
+}
+
+#[test]
+fn members_that_act_hear_that_their_scene_is_deleted() {
+    let mut stage = EdgeStage::new(
+        script("ball-pit"),
+        Stepping::FreeRunning,
+        1,
+        links("rtt=20ms"),
+        1,
+    );
+    stage.commander(Place::Edge(0), NORMAL, None);
+    let others = [0; 2].map(|_| stage.enter(Place::Edge(0), NORMAL));
+    stage.run_script(Span::from_millis(500));
+    stage.session(others[0]).delete().expect("a member may");
+    for member in [0, others[0], others[1]] {
+        stage.run_until("an end", |stage| stage.histories[member].deleted > 0);
+    }
+}
+
+#[test]
+fn a_member_learns_that_a_stream_cannot_be_had() {
+    let mut stage = EdgeStage::new(
+        script("ball-pit"),
+        Stepping::FreeRunning,
+        0,
+        links("rtt=20ms"),
+        1,
+    );
+    let edge = stage.add_edge(observers(), links("rtt=20ms"));
+    stage.commander(Place::Owner, NORMAL, None);
+    for millimetres in 1..STREAMS_PER_SCENE_MAX as u32 {
+        stage.enter(Place::Owner, within(millimetres));
+    }
+    let observer = stage.enter(Place::Edge(edge), NORMAL);
+    let session = stage.session(observer);
+    session.subscribe(within(100)).expect("a member may");
+    stage.run_until("a denial", |stage| {
+        !stage.histories[observer].denied.is_empty()
+    });
+    assert_eq!(stage.histories[observer].denied, [Denial::TooManyStreams]);
+    let session = stage.session(observer);
+    session.subscribe(within(1)).expect("a member may");
+    stage.run_until("a stream", |stage| {
+        stage.histories[observer].following.last() == Some(&within(1))
+    });
+}
+
+fn within(millimetres: u32) -> StreamChoice {
+    let tolerance = Tolerance::from_micrometres(millimetres * 1_000);
+    StreamChoice::Within(tolerance.expect("a tolerance"))
+}
+
+#[test]
+fn a_member_has_few_connections_opened_whatever_it_asks() {
+    let (mut stage, _, observer) = observed(script("ball-pit"));
+    let mut bytes = Vec::new();
+    for millimetres in 1..=200 {
+        ClientMessage::Subscribe(within(millimetres)).encode(&mut bytes);
+    }
+    stage.write(observer, &bytes);
+    stage.run(Span::from_millis(1_000));
+    assert!(
+        stage.links() <= STREAMS_PER_SCENE_MAX,
+        "{} connections",
+        stage.links()
+    );
+    // The last one counts.
+    stage.run_until("a stream", |stage| {
+        stage.copy(observer).choice() == within(200)
+    });
+    for _ in 0..10 {
+        stage.tick();
+    }
+    assert!(stage.copy(observer).stream().is_converged());
+}
+
+/// The edge asked for the scene before it was created, and hears the answer after its member's.
+#[test]
+fn a_late_denial_does_not_keep_a_member_waiting() {
+    let mut stage = EdgeStage::new(
+        script("ball-pit"),
+        Stepping::FreeRunning,
+        1,
+        links("rtt=20ms"),
+        1,
+    );
+    let (first, second) = (stage.connect(Place::Edge(0)), stage.connect(Place::Edge(0)));
+    let join = |stage: &mut EdgeStage, member| {
+        let session = stage.session(member);
+        session.join(NORMAL).expect("it is in the lobby");
+    };
+    join(&mut stage, second);
+    stage.run_until("a denial", |stage| {
+        !stage.histories[second].denied.is_empty()
+    });
+    stage.run(Span::from_millis(500));
+    stage.set_link_from_owner(0, 2, links("rtt=300ms"));
+    join(&mut stage, second);
+    stage.run(Span::from_millis(2));
+    let config = SceneConfig {
+        stepping: Stepping::FreeRunning,
+        ..script("ball-pit").config()
+    };
+    stage
+        .session(first)
+        .create(config)
+        .expect("it is in the lobby");
+    join(&mut stage, first);
+    stage.run_until("a membership", |stage| {
+        stage.histories[first].granted.is_some()
+    });
 }
