@@ -266,9 +266,7 @@ pub unsafe extern "C" fn rhumb_local_server_restore(
         // SAFETY: the caller promises the text.
         let name = unsafe { text(name, "name") }?;
         let server = SERVERS.with(server.id, |server| Ok(server.clone()))?;
-        CHECKPOINTS.with(checkpoint.id, |checkpoint| {
-            Ok(server.restore(name, checkpoint)?)
-        })
+        CHECKPOINTS.with(checkpoint.id, |checkpoint| server.restore(name, checkpoint))
     })
 }
 

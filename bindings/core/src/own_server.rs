@@ -126,6 +126,14 @@ impl ServedScenes {
         Ok(Client::connect_within(&address, trust, timeout)?)
     }
 
+    /// An answer of its scenes, or the reason why it gives none.
+    fn answered<T>(&self, answer: Result<T, CheckpointError>) -> Result<T, BindingError> {
+        if matches!(answer, Err(CheckpointError::NoServer)) {
+            self.check()?;
+        }
+        Ok(answer?)
+    }
+
     /// The address by which this machine reaches it.
     fn reached(&self) -> SocketAddr {
         let mut address = self.listens;
@@ -231,11 +239,11 @@ impl OwnServer {
     ///
     /// # Errors
     ///
-    /// [`CheckpointError`] as [`LocalServer::save`].
-    pub fn save(&self, scene: &str) -> Result<Checkpoint, CheckpointError> {
+    /// [`CheckpointError`] as [`LocalServer::save`], and [`BindingError::ServerEnded`] if the server stopped by itself.
+    pub fn save(&self, scene: &str) -> Result<Checkpoint, BindingError> {
         match self {
-            Self::Local(server) | Self::Fed(server, _) => server.save(scene),
-            Self::Served(served) => served.checkpoints.save(scene),
+            Self::Local(server) | Self::Fed(server, _) => Ok(server.save(scene)?),
+            Self::Served(served) => served.answered(served.checkpoints.save(scene)),
         }
     }
 
@@ -243,11 +251,11 @@ impl OwnServer {
     ///
     /// # Errors
     ///
-    /// [`CheckpointError`] as [`LocalServer::restore`].
-    pub fn restore(&self, scene: &str, checkpoint: &Checkpoint) -> Result<(), CheckpointError> {
+    /// [`CheckpointError`] as [`LocalServer::restore`], and [`BindingError::ServerEnded`] if the server stopped by itself.
+    pub fn restore(&self, scene: &str, checkpoint: &Checkpoint) -> Result<(), BindingError> {
         match self {
-            Self::Local(server) | Self::Fed(server, _) => server.restore(scene, checkpoint),
-            Self::Served(served) => served.checkpoints.restore(scene, checkpoint),
+            Self::Local(server) | Self::Fed(server, _) => Ok(server.restore(scene, checkpoint)?),
+            Self::Served(served) => served.answered(served.checkpoints.restore(scene, checkpoint)),
         }
     }
 
@@ -285,7 +293,7 @@ impl SceneServer {
     }
 
     /// The state of the scene.
-    pub(crate) fn save(&self) -> Result<Checkpoint, CheckpointError> {
+    pub(crate) fn save(&self) -> Result<Checkpoint, BindingError> {
         self.origin.save(&self.scene)
     }
 

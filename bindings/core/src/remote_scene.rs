@@ -136,7 +136,7 @@ impl RemoteScene {
         let origin = self.origin.as_ref().ok_or(CheckpointError::NoServer)?;
         // The answer comes after everything that was sent before.
         self.client.inspect()?;
-        Ok(origin.save()?)
+        origin.save()
     }
 
     /// The coordinates that it was joined with.
