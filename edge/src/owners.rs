@@ -19,7 +19,7 @@ use crate::voice::Voice;
 /// Time for which a mirror without members is kept.
 const KEPT: Span = Span::from_millis(10_000);
 
-/// A connection to open to the owner of a scene; `handle_opened` of [`OwnerSide`] follows, or `handle_ended`.
+/// A connection to open to the owner of a scene; `handle_opened` of [`OwnerSide`](crate::OwnerSide) follows, or `handle_ended`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Dial {
     /// The number of the connection.
