@@ -20,8 +20,8 @@ use rhumb_scene::{ControlStream, Limits, PendingOutput, Permit};
 use crate::client::{Action, EdgeClient, EdgeMember, Joining, MirrorId};
 use crate::clients::Clients;
 use crate::mirror::{Forward, Mirror};
-use crate::owners::{Dial, LinkUse, Owners, to_link};
-use crate::shared_queue::{SharedPacket, SharedQueue};
+use crate::owners::{Dial, LinkUse, MIRRORS_MAX, Owners, to_link};
+use crate::shared_queue::{SharedPacket, SharedQueue, SharedStream};
 use crate::voice::{Reply, Voice};
 
 /// Bytes of a client that wait for the owner beyond which no more are read.
@@ -94,10 +94,15 @@ impl Edge {
         self.shared.pop()
     }
 
+    /// The streams whose packets it needs.
+    pub fn streams(&self) -> impl Iterator<Item = SharedStream> {
+        self.owners.streams()
+    }
+
     /// A packet that a fan-out carried.
     pub fn handle_shared(&mut self, now: Instant, packet: &SharedPacket) {
         let receivers = self.owners.mirrors.iter_mut().filter(|(_, mirror)| {
-            mirror.scene == packet.scene && mirror.stream() == Some(packet.stream)
+            mirror.scene == packet.of.scene && mirror.stream() == Some(packet.of.stream)
         });
         let mut ids = Vec::new();
         for (id, mirror) in receivers {
@@ -143,8 +148,7 @@ impl Edge {
                     client.has_token = extensions.value(Extension::TOKEN).is_some();
                     client.scene = Some(scene.clone());
                     if client.permit.role == Role::Observer {
-                        self.mirror_of(now, &scene, FIRST_CHOICE);
-                        self.greet_observers(&scene);
+                        self.learn_of(now, peer, &scene);
                     } else {
                         let link = self.owners.dial(scene, LinkUse::Voice(peer));
                         let mut voice = Voice::new(link);
@@ -246,7 +250,25 @@ impl Edge {
         self.send_snapshot(now, peer);
     }
 
-    /// Makes sure that there is a mirror of a choice; false if the scene has as many as it may.
+    /// Welcomes an observer once it is known whether its scene exists. If that cannot be asked, it has to come again.
+    fn learn_of(&mut self, now: Instant, peer: Peer, scene: &SceneName) {
+        let has_room = self.mirror_of(now, scene, FIRST_CHOICE);
+        if has_room || self.owners.of_scene(Some(scene)).next().is_some() {
+            return self.greet_observers(scene);
+        }
+        let client = self.clients.by_peer.get_mut(&peer);
+        if let Some(session) = client.and_then(|client| client.control.session(&mut self.out)) {
+            tracing::warn!(
+                peer = peer.0,
+                %scene,
+                limit = MIRRORS_MAX,
+                "closing a connection: members of this edge receive as many streams as it may have; start another edge"
+            );
+            session.close(CloseCode::BUSY);
+        }
+    }
+
+    /// Makes sure that there is a mirror of a choice; false if its scene, or the edge, has as many as it may.
     fn mirror_of(&mut self, now: Instant, scene: &SceneName, choice: StreamChoice) -> bool {
         let clients = &self.clients;
         let is_used = |id, mirror: &Mirror| clients.need(id, mirror);
@@ -362,11 +384,8 @@ impl Edge {
             && let Some(stream) = mirror.stream()
         {
             let scene = mirror.scene.clone();
-            self.shared.push(SharedPacket {
-                scene,
-                stream,
-                bytes,
-            });
+            let of = SharedStream { scene, stream };
+            self.shared.push(SharedPacket { of, bytes });
         }
     }
 

@@ -15,5 +15,5 @@ mod shared_queue;
 mod voice;
 
 pub use edge::{Edge, EdgeSettings, OwnerSide};
-pub use owners::Dial;
-pub use shared_queue::SharedPacket;
+pub use owners::{Dial, MIRRORS_MAX};
+pub use shared_queue::{SharedPacket, SharedStream};

@@ -14,10 +14,14 @@ use rhumb_reckoning::Tick;
 
 use crate::client::{EdgeClient, EdgeMember, MirrorId};
 use crate::mirror::{Mirror, RETRY};
+use crate::shared_queue::SharedStream;
 use crate::voice::Voice;
 
 /// Time for which a mirror without members is kept.
 const KEPT: Span = Span::from_millis(10_000);
+/// Mirrors of an edge, for all scenes together. Derived: half of the connections that an owner takes from one address; the others
+/// are for members that act.
+pub const MIRRORS_MAX: usize = 256;
 
 /// A connection to open to the owner of a scene; `handle_opened` of [`OwnerSide`](crate::OwnerSide) follows, or `handle_ended`.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -70,6 +74,14 @@ impl Owners {
         self.mirrors.get_mut(&id)
     }
 
+    /// The streams of all mirrors that know theirs.
+    pub(crate) fn streams(&self) -> impl Iterator<Item = SharedStream> {
+        self.mirrors.values().filter_map(|mirror| {
+            let (scene, stream) = (mirror.scene.clone(), mirror.stream()?);
+            Some(SharedStream { scene, stream })
+        })
+    }
+
     /// The mirrors of a scene.
     pub(crate) fn of_scene<'a>(
         &'a self,
@@ -109,8 +121,7 @@ impl Owners {
         link
     }
 
-    /// Makes and connects the mirror of a choice, unless it is there. One that no client needs makes room for it, unless that is
-    /// being dialled. Returns false if there is no room.
+    /// Makes and connects the mirror of a choice, unless it is there. Returns false if there is no room for it.
     pub(crate) fn mirror_of(
         &mut self,
         now: Instant,
@@ -123,20 +134,43 @@ impl Owners {
             mirror.join_again();
             return true;
         }
-        if self.of_scene(Some(scene)).count() >= STREAMS_PER_SCENE_MAX {
-            let is_free = |id, mirror: &Mirror| !is_used(id, mirror) && !self.is_dialling(mirror);
-            let mut of_scene = self.mirrors.iter();
-            let unused =
-                of_scene.find(|(id, mirror)| mirror.scene == *scene && is_free(**id, mirror));
-            let Some(unused) = unused.map(|(id, _)| *id) else {
-                return false;
-            };
-            self.close(unused);
+        if !self.make_room(scene, is_used) {
+            return false;
         }
         let id = MirrorId(self.next_mirror);
         self.next_mirror += 1;
         self.mirrors.insert(id, Mirror::new(scene.clone(), choice));
         self.connect(now, id);
+        true
+    }
+
+    /// Returns false if a scene, or the edge, has as many mirrors as it may, and needs them all. Of those that no client needs, the
+    /// one unused for the longest time makes room, unless it is being dialled.
+    fn make_room(
+        &mut self,
+        scene: &SceneName,
+        is_used: impl Fn(MirrorId, &Mirror) -> bool,
+    ) -> bool {
+        let of_scene = self.of_scene(Some(scene)).count();
+        let is_full_scene = of_scene >= STREAMS_PER_SCENE_MAX;
+        if !is_full_scene && self.mirrors.len() < MIRRORS_MAX {
+            return true;
+        }
+        let is_candidate = |id, mirror: &Mirror| {
+            let helps = !is_full_scene || mirror.scene == *scene;
+            helps && !is_used(id, mirror) && !self.is_dialling(mirror)
+        };
+        let candidates = self.mirrors.iter();
+        let candidates = candidates.filter(|(id, mirror)| is_candidate(**id, mirror));
+        // What is not noted as unused yet was needed a moment ago.
+        let longest = candidates.min_by_key(|(_, mirror)| {
+            let since = mirror.unused_since;
+            (since.is_none(), since)
+        });
+        let Some(unused) = longest.map(|(id, _)| *id) else {
+            return false;
+        };
+        self.close(unused);
         true
     }
 
@@ -155,9 +189,7 @@ impl Owners {
             return;
         };
         self.links.remove(&link);
-        let waiting = self.dials.len();
-        self.dials.retain(|dial| dial.link != link);
-        if self.dials.len() < waiting {
+        if self.forget_dial(link) {
             return;
         }
         mirror.close();
@@ -170,6 +202,13 @@ impl Owners {
             let close = Transmit::Close { to: link, code };
             self.last_words.push_back(close);
         }
+    }
+
+    /// Returns true if the driver was yet to open this connection, and does not any more.
+    fn forget_dial(&mut self, link: Peer) -> bool {
+        let waiting = self.dials.len();
+        self.dials.retain(|dial| dial.link != link);
+        self.dials.len() < waiting
     }
 
     /// The mirror whose snapshot a client waits for and could be sent.
@@ -216,10 +255,13 @@ impl Owners {
     /// Forgets a client's connection, once it has sent what it has.
     pub(crate) fn end_voice(&mut self, mut voice: Voice) {
         let link = voice.link();
+        self.links.remove(&link);
+        if self.forget_dial(link) {
+            return;
+        }
         while let Some(transmit) = voice.poll_transmit() {
             self.last_words.push_back(to_link(transmit, link));
         }
-        self.links.remove(&link);
     }
 
     /// Leaves the streams that no client has needed for some time.

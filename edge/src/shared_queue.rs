@@ -13,13 +13,20 @@ const SHARED_BYTES: usize = 4 << 20;
 /// Cost of a packet beside its bytes.
 const PACKET_COST_BYTES: usize = 64;
 
-/// A packet for all that a fan-out carries it to.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct SharedPacket {
+/// A stream that a fan-out carries.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct SharedStream {
     /// The scene.
     pub scene: SceneName,
     /// The stream of the scene.
     pub stream: StreamId,
+}
+
+/// A packet for all that a fan-out carries it to.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SharedPacket {
+    /// Its stream.
+    pub of: SharedStream,
     /// The datagram.
     pub bytes: Bytes,
 }
@@ -57,8 +64,10 @@ mod tests {
     fn without_a_fan_out_the_oldest_packets_are_dropped() {
         let mut queue = SharedQueue::default();
         let packet = |number: u32| SharedPacket {
-            scene: "stage".parse().expect("a valid name"),
-            stream: StreamId(1),
+            of: SharedStream {
+                scene: "stage".parse().expect("a valid name"),
+                stream: StreamId(1),
+            },
             bytes: Bytes::from([number.to_be_bytes().as_slice(), &[0; 996]].concat()),
         };
         for number in 0..10_000 {

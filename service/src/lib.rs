@@ -67,12 +67,14 @@ mod view;
 pub use access::{InvalidKeyFile, KeyError, KeyFile, TokenKeys};
 pub use dispatcher::{Checkpoints, Dispatcher, DispatcherSettings};
 pub use durable::{Damage, DataDir, DataError};
+pub use edge::{Deliver, EdgeArguments, FanOut, FanOutSide, run_shared_edge};
 #[cfg(feature = "view")]
 pub use page_beside::PageBeside;
 #[cfg(feature = "foxglove")]
 pub use recording::ViewersError;
 #[cfg(feature = "app")]
 pub use rhumb_app;
+pub use rhumb_edge::{SharedPacket, SharedStream};
 pub use rhumb_scene::{
     Activity, BakeJob, Bakers, BodyDesc, BodyId, BodyKind, BodyState, Checkpoint, CheckpointError,
     Command, CommandError, Digest, Hook, HookError, Hooks, IdRange, Inertia, Instant, Invalid,

@@ -8,7 +8,8 @@ use std::collections::{BTreeMap, VecDeque};
 use std::rc::Rc;
 use std::sync::Arc;
 
-use rhumb_edge::{Edge, EdgeSettings};
+use rhumb_conformance::seed::Dice;
+use rhumb_edge::{Edge, EdgeSettings, SharedPacket};
 use rhumb_netsim::{Direction, Lane, LinkConfig, SimNetwork};
 use rhumb_protocol::message::{SessionKey, StreamChoice};
 use rhumb_protocol::scene::{Command, SceneConfig, Stepping};
@@ -38,7 +39,7 @@ pub enum Place {
 
 /// A scene with edges.
 pub struct EdgeStage {
-    owner: SimNetwork<SceneRouter, OwnerPeer>,
+    owner: SimNetwork<SceneRouter, StagePeer>,
     edges: Vec<EdgeNode>,
     members: Vec<(Place, usize)>,
     /// The history of each member.
@@ -49,19 +50,28 @@ pub struct EdgeStage {
     commands: Vec<Command>,
     seed: u64,
     now: Instant,
+    dice: Dice,
+    /// Packets of the fan-out that come later than others, with the edge to which they go.
+    delayed: Vec<(usize, SharedPacket)>,
+    /// Share of packets that the fan-out drops, percent.
+    pub fan_out_loss: usize,
 }
 
 struct EdgeNode {
     shared: Rc<RefCell<EdgeState>>,
-    network: SimNetwork<Face, ClientSession>,
-    /// Its connections in the owner's network.
+    network: SimNetwork<Face, StagePeer>,
+    /// Its connections in the owner's network, or the hub's.
     links: Vec<usize>,
+    /// The edge that is its owner, and publishes to it by the fan-out.
+    hub: Option<usize>,
 }
 
 struct EdgeState {
     edge: Edge,
     to_owner: BTreeMap<Peer, VecDeque<Transmit>>,
     is_alive: bool,
+    /// True if its members are edges, and receive packets by the fan-out.
+    is_hub: bool,
     /// `None` unless the edge learns what the links of its members take.
     pacing: Option<Pacing>,
 }
@@ -79,7 +89,7 @@ struct Face(Rc<RefCell<EdgeState>>);
 /// A connection of an edge to the owner.
 struct Link(Rc<RefCell<EdgeState>>, Peer);
 
-enum OwnerPeer {
+enum StagePeer {
     Member(Box<ClientSession>),
     Link(Link),
 }
@@ -110,6 +120,9 @@ impl EdgeStage {
             commands: Vec::new(),
             seed,
             now: Instant::ZERO,
+            dice: Dice::new(seed),
+            delayed: Vec::new(),
+            fan_out_loss: 0,
         };
         for _ in 0..edges {
             stage.add_edge(Permit::OPEN, links);
@@ -120,6 +133,14 @@ impl EdgeStage {
     /// Adds an edge whose members have this permit; returns its number.
     pub fn add_edge(&mut self, permit: Permit, links: LinkConfig) -> usize {
         self.add_edge_within((permit, Limits::default()), None, links)
+    }
+
+    /// Adds an edge whose owner is another edge, from which packets come by a fan-out. That one has such edges for members alone.
+    pub fn add_edge_behind(&mut self, hub: usize, permit: Permit, links: LinkConfig) -> usize {
+        self.edges[hub].shared.borrow_mut().is_hub = true;
+        let edge = self.add_edge(permit, links);
+        self.edges[edge].hub = Some(hub);
+        edge
     }
 
     /// Adds an edge that learns what the links of its members take, and sends a MiB of snapshots in a second to each.
@@ -147,6 +168,7 @@ impl EdgeStage {
             edge: Edge::new(settings),
             to_owner: BTreeMap::new(),
             is_alive: true,
+            is_hub: false,
             pacing,
         }));
         let seed = self.seed ^ (self.edges.len() as u64 + 1) << 32;
@@ -156,6 +178,7 @@ impl EdgeStage {
             shared,
             network,
             links: Vec::new(),
+            hub: None,
         });
         self.edges.len() - 1
     }
@@ -206,12 +229,13 @@ impl EdgeStage {
     /// A member's session.
     pub fn session(&mut self, index: usize) -> &mut ClientSession {
         let (place, at) = self.members[index];
-        match place {
+        let peer = match place {
             Place::Edge(edge) => self.edges[edge].network.client_mut(at),
-            Place::Owner => match self.owner.client_mut(at) {
-                OwnerPeer::Member(session) => session,
-                OwnerPeer::Link(_) => unreachable!("members are no links"),
-            },
+            Place::Owner => self.owner.client_mut(at),
+        };
+        match peer {
+            StagePeer::Member(session) => session,
+            StagePeer::Link(_) => unreachable!("members are no links"),
         }
     }
 
@@ -219,12 +243,13 @@ impl EdgeStage {
     #[must_use]
     pub fn client(&self, index: usize) -> &ClientSession {
         let (place, at) = self.members[index];
-        match place {
+        let peer = match place {
             Place::Edge(edge) => self.edges[edge].network.client(at),
-            Place::Owner => match self.owner.client(at) {
-                OwnerPeer::Member(session) => session,
-                OwnerPeer::Link(_) => unreachable!("members are no links"),
-            },
+            Place::Owner => self.owner.client(at),
+        };
+        match peer {
+            StagePeer::Member(session) => session,
+            StagePeer::Link(_) => unreachable!("members are no links"),
         }
     }
 
@@ -369,17 +394,57 @@ impl EdgeStage {
         while self.now < end {
             self.now = (self.now + INTERVAL).min(end);
             self.owner.run_until(self.now);
-            for edge in &mut self.edges {
-                edge.network.run_until(self.now);
-                edge.shared.borrow_mut().report_taken(self.now);
-                loop {
-                    let dial = edge.shared.borrow_mut().edge.poll_dial();
-                    let Some(dial) = dial else { break };
-                    let link = Link(Rc::clone(&edge.shared), dial.link);
-                    edge.links.push(self.owner.connect(OwnerPeer::Link(link)));
+            for edge in 0..self.edges.len() {
+                self.run_edge(edge);
+            }
+            self.fan_out();
+            self.store_claims();
+        }
+    }
+
+    fn run_edge(&mut self, edge: usize) {
+        let node = &mut self.edges[edge];
+        node.network.run_until(self.now);
+        node.shared.borrow_mut().report_taken(self.now);
+        let (shared, hub) = (Rc::clone(&node.shared), node.hub);
+        loop {
+            let dial = shared.borrow_mut().edge.poll_dial();
+            let Some(dial) = dial else { return };
+            let link = StagePeer::Link(Link(Rc::clone(&shared), dial.link));
+            let at = match hub {
+                Some(hub) => self.edges[hub].network.connect(link),
+                None => self.owner.connect(link),
+            };
+            self.edges[edge].links.push(at);
+        }
+    }
+
+    /// The fan-out drops, repeats and delays some packets.
+    fn fan_out(&mut self) {
+        let mut arrived = std::mem::take(&mut self.delayed);
+        for (hub, node) in self.edges.iter().enumerate() {
+            let mut state = node.shared.borrow_mut();
+            while let Some(packet) = state.edge.poll_shared() {
+                for (edge, _) in self
+                    .edges
+                    .iter()
+                    .enumerate()
+                    .filter(|(_, node)| node.hub == Some(hub))
+                {
+                    match self.dice.below(100) {
+                        lost if lost < self.fan_out_loss => {}
+                        95.. => arrived.extend([(edge, packet.clone()), (edge, packet.clone())]),
+                        90.. => self.delayed.push((edge, packet.clone())),
+                        _ => arrived.push((edge, packet.clone())),
+                    }
                 }
             }
-            self.store_claims();
+        }
+        for (edge, packet) in arrived {
+            let mut state = self.edges[edge].shared.borrow_mut();
+            if state.is_alive && state.edge.streams().any(|stream| stream == packet.of) {
+                state.edge.handle_shared(self.now, &packet);
+            }
         }
     }
 
@@ -446,9 +511,10 @@ impl EdgeStage {
     }
 
     fn place(&mut self, place: Place, session: ClientSession) -> usize {
+        let member = StagePeer::Member(Box::new(session));
         match place {
-            Place::Owner => self.owner.connect(OwnerPeer::Member(Box::new(session))),
-            Place::Edge(edge) => self.edges[edge].network.connect(session),
+            Place::Owner => self.owner.connect(member),
+            Place::Edge(edge) => self.edges[edge].network.connect(member),
         }
     }
 
@@ -477,6 +543,9 @@ impl Endpoint for Face {
     fn handle_opened(&mut self, now: Instant, peer: Peer) {
         let mut state = self.0.borrow_mut();
         state.edge.handle_opened(now, peer);
+        if state.is_hub {
+            state.edge.share(peer);
+        }
         if state.pacing.is_some() {
             state.edge.handle_control_taken(now, peer, 0);
         }
@@ -543,7 +612,7 @@ impl Link {
     }
 }
 
-impl Endpoint for OwnerPeer {
+impl Endpoint for StagePeer {
     fn handle_opened(&mut self, now: Instant, peer: Peer) {
         match self {
             Self::Member(session) => session.handle_opened(now, peer),

@@ -13,15 +13,19 @@ use std::sync::mpsc::{self, Receiver, Sender};
 use std::thread;
 use std::time::Duration;
 
-use rhumb_edge::{Dial, Edge};
+use rhumb_edge::{Dial, Edge, SharedPacket};
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake, WakeReason};
 use rhumb_scene::Heartbeat;
 use rhumb_transport::{ClientOptions, ClientTransport, QuicClient, Received, Trust, Waker};
 
+use super::fan_out::{Deliver, FanOutSide, Sharing};
 use crate::metrics::Metrics;
 
 /// Time to open a connection.
 const DIAL: Duration = Duration::from_secs(2);
+/// Connections that are opened at the same time, each by a thread; what the edge wants beyond them waits. Members that come and go
+/// at once would otherwise make threads without bound.
+const DIALS_MAX: usize = 64;
 /// Received pieces of one connection before the others have their turn.
 const PIECES_PER_TURN: usize = 1_024;
 
@@ -69,8 +73,11 @@ pub(super) struct EdgeDriver {
     news: News,
     arrived: Receiver<OwnerNews>,
     connections: usize,
+    /// Threads that open connections, also those that the edge has given up.
+    dialling: usize,
     metrics: Metrics,
     heartbeat: Heartbeat,
+    sharing: Option<Sharing>,
 }
 
 enum OwnerLink {
@@ -84,6 +91,8 @@ enum OwnerLink {
 enum OwnerNews {
     Opened(Peer, Result<QuicClient, String>),
     Received(Peer),
+    /// A packet that a fan-out carried.
+    Shared(SharedPacket),
 }
 
 /// Their way to it.
@@ -121,9 +130,22 @@ impl EdgeDriver {
             news: News { to, any, waker },
             arrived,
             connections: 0,
+            dialling: 0,
             metrics,
             heartbeat,
+            sharing: None,
         }
+    }
+
+    /// The way of packets to it.
+    pub(super) fn deliver(&self) -> Deliver {
+        let news = self.news.clone();
+        Deliver::new(move |packet| news.tell(OwnerNews::Shared(packet)))
+    }
+
+    /// Packets come, or go, by a fan-out from now on.
+    pub(super) fn share(&mut self, sharing: Sharing) {
+        self.sharing = Some(sharing);
     }
 
     /// Hands on what has come from the owner.
@@ -133,11 +155,18 @@ impl EdgeDriver {
             match arrived {
                 OwnerNews::Opened(link, opened) => self.open(now, link, opened),
                 OwnerNews::Received(link) => self.receive_over(now, link),
+                OwnerNews::Shared(packet) => {
+                    if let Some(sharing) = &self.sharing {
+                        sharing.taken();
+                    }
+                    self.edge.handle_shared(now, &packet);
+                }
             }
         }
     }
 
     fn open(&mut self, now: Instant, link: Peer, opened: Result<QuicClient, String>) {
+        self.dialling -= 1;
         let is_wanted = self.links.contains_key(&link);
         match opened {
             Ok(connection) if is_wanted => {
@@ -172,7 +201,12 @@ impl EdgeDriver {
             };
             let mut owner = self.edge.owner();
             match received {
-                Received::Control(bytes) => owner.handle_control(now, link, &bytes),
+                Received::Control(bytes) => {
+                    owner.handle_control(now, link, &bytes);
+                    if let Some(sharing) = &mut self.sharing {
+                        sharing.follow(&self.edge);
+                    }
+                }
                 Received::State(bytes) => owner.handle_datagram(now, link, &bytes),
                 Received::Ended(ending) => {
                     owner.handle_ended(now, link, ending);
@@ -190,7 +224,12 @@ impl EdgeDriver {
 
     /// Sends what the edge has for the owner, and opens the connections that it wants.
     fn send(&mut self) {
-        while let Some(dial) = self.edge.poll_dial() {
+        if let Some(sharing) = &mut self.sharing {
+            sharing.publish(&mut self.edge);
+        }
+        while self.dialling < DIALS_MAX
+            && let Some(dial) = self.edge.poll_dial()
+        {
             self.dial(&dial);
         }
         while let Some(transmit) = self.edge.owner().poll_transmit() {
@@ -219,6 +258,7 @@ impl EdgeDriver {
         let (link, owner, news) = (dial.link, Arc::clone(&self.owner), self.news.clone());
         tracing::debug!(scene = %dial.scene, link = link.0, "connecting to the owner");
         self.links.insert(link, OwnerLink::Dialled);
+        self.dialling += 1;
         let dialled = thread::Builder::new()
             .name("rhumb-edge-dial".into())
             .spawn(move || news.tell(OwnerNews::Opened(link, owner.dial())));
@@ -244,6 +284,10 @@ impl Endpoint for EdgeDriver {
         self.metrics.count_opened();
         self.metrics.set_connections(self.connections);
         self.edge.handle_opened(now, peer);
+        let side = self.sharing.as_ref().map(|sharing| sharing.side);
+        if side == Some(FanOutSide::Publishes) {
+            self.edge.share(peer);
+        }
     }
 
     fn handle_control(&mut self, now: Instant, from: Peer, bytes: &[u8]) {

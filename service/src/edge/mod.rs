@@ -3,6 +3,7 @@
 //! Opens the server of its members, and drives the edge until it is stopped. Steps nothing, and keeps nothing on disk.
 
 mod driver;
+mod fan_out;
 
 use std::error::Error;
 use std::net::SocketAddr;
@@ -20,6 +21,8 @@ use rhumb_transport::{
 use tracing::level_filters::LevelFilter;
 
 use self::driver::{EdgeDriver, OwnerServer};
+use self::fan_out::Sharing;
+pub use self::fan_out::{Deliver, FanOut, FanOutSide};
 use crate::http::{self, TcpService};
 use crate::log;
 use crate::metrics::Metrics;
@@ -29,7 +32,7 @@ use crate::start::{kind_of, write_lines};
 
 /// The owner of the scenes, and the members of the edge.
 #[derive(Debug, Args)]
-pub(crate) struct EdgeArguments {
+pub struct EdgeArguments {
     /// The server of the scenes.
     #[arg(long, value_name = "HOST:PORT")]
     owner: String,
@@ -141,6 +144,31 @@ impl EdgeArguments {
 
 /// Runs an edge until SIGINT or SIGTERM.
 pub(crate) fn run(arguments: &EdgeArguments) -> Result<(), Box<dyn Error>> {
+    run_with(arguments, |_| Ok(()))
+}
+
+/// Runs an edge at one end of a fan-out, until SIGINT or SIGTERM. `open` makes the fan-out, which delivers packets by its argument.
+///
+/// # Errors
+///
+/// What keeps an edge from starting, and the error of `open`.
+pub fn run_shared_edge(
+    arguments: &EdgeArguments,
+    side: FanOutSide,
+    open: impl FnOnce(Deliver) -> Result<Box<dyn FanOut>, Box<dyn Error>>,
+) -> Result<(), Box<dyn Error>> {
+    run_with(arguments, |driver| {
+        let deliver = driver.deliver();
+        let fan_out = open(deliver.clone())?;
+        driver.share(Sharing::new(side, fan_out, deliver));
+        Ok(())
+    })
+}
+
+fn run_with(
+    arguments: &EdgeArguments,
+    prepare: impl FnOnce(&mut EdgeDriver) -> Result<(), Box<dyn Error>>,
+) -> Result<(), Box<dyn Error>> {
     let (owner, settings) = (arguments.owner()?, arguments.settings()?);
     arguments.check_open()?;
     owner.resolve()?;
@@ -160,9 +188,10 @@ pub(crate) fn run(arguments: &EdgeArguments) -> Result<(), Box<dyn Error>> {
     let heartbeat = Heartbeat::new(move || clock.now());
     metrics.set_dispatcher(heartbeat.clone(), ServerLoad::default(), &settings.limits);
     let answering = answer_metrics(arguments.metrics, metrics.clone())?;
+    let (edge, waker) = (Edge::new(settings), transport.waker());
+    let mut driver = EdgeDriver::new(edge, owner.clone(), waker, (metrics, heartbeat));
+    prepare(&mut driver)?;
     announce(&transport, &identity, (&owner, answering.as_ref()));
-    let waker = transport.waker();
-    let mut driver = EdgeDriver::new(Edge::new(settings), owner, waker, (metrics, heartbeat));
     let stop = Stop::new();
     let running = signals::obey(&stop, None);
     let served = transport.run(&mut driver, &stop);

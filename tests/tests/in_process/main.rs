@@ -12,6 +12,7 @@ mod changes_in_flight;
 mod checkpoints;
 mod controllers;
 mod copy_queries;
+mod edge_members;
 mod edges;
 mod fed;
 mod hostile;

@@ -5,6 +5,7 @@
 //! another tick. `KILLS` sets how often the server is killed, `BODIES` the size of the scene, `SEED` the moments.
 
 use std::fs;
+use std::net::SocketAddr;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -142,12 +143,17 @@ pub(crate) fn serve(listen: &str, data: &Path) -> ServerProcess {
 
 /// A client that creates the scene, and the ids of all bodies that it will have.
 pub(crate) fn create(server: &ServerProcess) -> (Client, Vec<BodyId>) {
+    create_at(server.address, server)
+}
+
+/// The same by another way to the server.
+pub(crate) fn create_at(address: SocketAddr, server: &ServerProcess) -> (Client, Vec<BodyId>) {
     let trust = Trust::Fingerprint(server.fingerprint);
     let options = JoinOptions {
         mode: JoinMode::Create(SceneConfig::default()),
         ..JoinOptions::default()
     };
-    let connection = Client::connect(&server.address.to_string(), trust);
+    let connection = Client::connect(&address.to_string(), trust);
     let connection = connection.expect("the server is there");
     let mut client = connection.join_with(SCENE, options).expect("a new scene");
     let count = u32::try_from(bodies() + LATER).expect("a number of bodies");
