@@ -126,6 +126,13 @@ pub(crate) fn work_ns() -> Option<u64> {
     None
 }
 
+/// Processes that ran or waited for a processor, on average over the last minute; `None` where the system does not say. Source:
+/// proc_loadavg(5).
+pub(crate) fn load_average() -> Option<f64> {
+    let text = std::fs::read_to_string("/proc/loadavg").ok()?;
+    text.split_whitespace().next()?.parse().ok()
+}
+
 /// Processor time of a process and its children so far, microseconds; `None` if some of it cannot be read.
 ///
 /// Threads and children that have ended count too. The system counts in clock ticks of 10 ms (USER_HZ is 100): over 1,800

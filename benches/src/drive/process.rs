@@ -52,6 +52,17 @@ impl BesideListener {
     }
 }
 
+/// A signal to a server's process.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Signal {
+    /// Ends it at once, as a crash does.
+    Kill,
+    /// Freezes it.
+    Stop,
+    /// It goes on.
+    Continue,
+}
+
 /// Cores and threads of a server.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ServerCpu {
@@ -200,6 +211,33 @@ impl ServerProcess {
             bound.join()
         });
         started.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+    }
+
+    /// Sends a signal.
+    ///
+    /// # Errors
+    ///
+    /// The system refuses it, or has none.
+    #[cfg(target_os = "linux")]
+    pub(crate) fn send(&self, signal: Signal) -> io::Result<()> {
+        use rustix::process::{Pid, Signal as Sent, kill_process};
+        let sent = match signal {
+            Signal::Kill => Sent::KILL,
+            Signal::Stop => Sent::STOP,
+            Signal::Continue => Sent::CONT,
+        };
+        let id = i32::try_from(self.child.id()).ok().and_then(Pid::from_raw);
+        Ok(kill_process(id.ok_or(io::ErrorKind::NotFound)?, sent)?)
+    }
+
+    /// Sends a signal.
+    ///
+    /// # Errors
+    ///
+    /// This system has none.
+    #[cfg(not(target_os = "linux"))]
+    pub(crate) fn send(&self, _: Signal) -> io::Result<()> {
+        Err(io::ErrorKind::Unsupported.into())
     }
 
     /// Its process id.
