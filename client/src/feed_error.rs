@@ -63,7 +63,7 @@ pub enum FedQuantity {
 pub struct OutOfRange {
     /// The place among the states, and the body.
     pub state: (usize, BodyId),
-    /// What it is.
+    /// The quantity.
     pub quantity: FedQuantity,
     /// Its value.
     pub value: f32,

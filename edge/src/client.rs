@@ -174,7 +174,7 @@ impl MemberEvents {
     }
 }
 
-/// What is to be done with a message.
+/// The work that a message asks for.
 #[derive(Debug, PartialEq)]
 pub(crate) enum Action {
     /// Nothing more.
@@ -441,7 +441,7 @@ impl EdgeClient {
         }
     }
 
-    /// What a message asks for.
+    /// The action for a message.
     pub(crate) fn decide(&mut self, message: Result<ClientMessage, CommandError>) -> Action {
         match message {
             Ok(ClientMessage::Join(choice)) => Action::Join(choice),

@@ -36,7 +36,7 @@ const FIRST_CHOICE: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
 pub struct EdgeSettings {
     /// Bounds of its clients' control streams.
     pub limits: Limits,
-    /// What the edge itself shows the owner; an observer's suffices.
+    /// The token that the edge itself shows the owner; an observer's suffices.
     pub token: Option<Token>,
     /// Rights of a client before [`Edge::admit`]. An observer is served by the edge alone; for every other one a connection to
     /// the owner is opened, which decides.

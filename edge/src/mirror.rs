@@ -29,7 +29,7 @@ const PROBES_EVERY: Span = Span::from_millis(1_000);
 /// Pause between two questions for the newest tick: several times that in which the owner answers one.
 const ASKS_EVERY: Span = Span::from_millis(50);
 
-/// What a mirror hands on to the members of its stream.
+/// News that a mirror passes on to the members of its stream.
 #[derive(Debug)]
 pub(crate) enum Forward {
     /// Control bytes for all members that it serves.
@@ -44,11 +44,11 @@ pub(crate) enum Forward {
     Answer(Peer, Box<ServerMessage>),
     /// The scene was deleted.
     Deleted,
-    /// What members have is out of date: a new snapshot came over another connection.
+    /// The copies of members are out of date: a new snapshot came over another connection.
     Renewed,
 }
 
-/// What a member asked, and any member may ask.
+/// A question that any member may ask.
 #[derive(Debug)]
 struct Question {
     /// `None` for a member that has left.
@@ -92,7 +92,7 @@ pub(crate) struct Mirror {
     shapes: BTreeMap<ShapeId, Bytes>,
     inertias: BTreeMap<BodyId, Inertia>,
     silences: Vec<(Tick, Vec<BodyId>)>,
-    /// What stands between bodies, for new members.
+    /// The standing contacts and sensors, for new members.
     standing: StandingEvents,
     /// The newest tick whose events it has.
     events_tick: Tick,
@@ -107,7 +107,7 @@ pub(crate) struct Mirror {
     reports: BTreeMap<Peer, LossReport>,
     /// The last snapshot, and the tick, number and scene events of which it is.
     snapshot: Option<((Tick, u64, u64), Bytes)>,
-    /// What the owner has not answered, oldest first.
+    /// The questions that the owner has not answered, oldest first.
     questions: VecDeque<Question>,
     forwards: VecDeque<Forward>,
 }
@@ -438,7 +438,7 @@ impl Mirror {
         })
     }
 
-    /// What stands between bodies, in the order of events.
+    /// The standing contacts and sensors, in the order of events.
     pub(crate) fn standing(&self) -> Vec<BodyEvent> {
         self.standing.events().collect()
     }

@@ -32,7 +32,7 @@ pub struct Dial {
     pub scene: SceneName,
 }
 
-/// What a connection is for.
+/// The purpose of a connection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum LinkUse {
     Mirror(MirrorId),
@@ -44,12 +44,12 @@ pub(crate) enum LinkUse {
 pub(crate) struct Owners {
     pub(crate) mirrors: BTreeMap<MirrorId, Mirror>,
     pub(crate) links: BTreeMap<Peer, LinkUse>,
-    /// What the edge itself shows.
+    /// The token of the edge itself.
     token: Option<Token>,
     next_mirror: u64,
     next_link: u64,
     dials: VecDeque<Dial>,
-    /// What is left to send over connections that the edge has ended.
+    /// The last bytes for connections that the edge has ended.
     last_words: VecDeque<Transmit>,
 }
 

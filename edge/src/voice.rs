@@ -24,7 +24,7 @@ const REPLIES_MAX: usize = 4_096;
 /// Replies beyond which reports for the member's upstream are dropped.
 const REPLIES_BEFORE_REPORTS: usize = 64;
 
-/// What the owner said to a member.
+/// The owner's answer to a member.
 #[derive(Debug)]
 pub(crate) enum Reply {
     /// A message for the member, and the scene events that precede it; `None` before a membership.
@@ -149,7 +149,7 @@ impl Voice {
     }
 
     pub(crate) fn handle_ended(&mut self, ending: Ending) {
-        // What waits for scene events would keep the end waiting. The member hears it again by its session.
+        // Answers that wait for scene events would delay the end. The member hears them again by its session.
         self.replies.clear();
         self.replies.push_back(Reply::Ended(ending));
     }

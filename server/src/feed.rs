@@ -24,7 +24,7 @@ pub const TICKS_APART_MAX: u64 = 600;
 /// between two ticks, and some 20 MB.
 const REQUESTS_MAX: usize = 65_536;
 
-/// Whether the velocities of fed states are the engine's.
+/// The source of the velocities of fed states.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FedVelocities {
     /// They are the engine's.
@@ -56,7 +56,7 @@ pub struct FedRequest {
     pub member: Peer,
     /// The number of its command, which a refusal names.
     pub number: u64,
-    /// What it asks for.
+    /// The command to carry out.
     pub command: Command,
 }
 
@@ -77,7 +77,7 @@ struct FeedQueues {
     answers: VecDeque<FedAnswer>,
 }
 
-/// What the owner and its scene share.
+/// The state that the owner and its scene share.
 #[derive(Debug)]
 pub(crate) struct SharedFeed {
     owner: Peer,

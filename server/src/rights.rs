@@ -2,8 +2,8 @@
 //!
 //! Roles decide what kind of request; ownership, which bodies, shapes and joints; quotas, how much; then come the state of
 //! the scene and the limits of the server. A client learns the first reason that holds, in the order of this file.
-//! Whether the numbers of a request make sense is checked where it is carried out, and `member` bounds how fast
-//! requests may come. Invariant: a refused request reserves nothing.
+//! The numbers of a request are checked where it is carried out, and `member` bounds how fast requests may
+//! come. Invariant: a refused request reserves nothing.
 
 use std::collections::BTreeSet;
 

@@ -49,19 +49,19 @@ pub enum PositionChannels {
 pub enum BvhDefect {
     /// The file ends before this.
     Ends {
-        /// What is missing.
+        /// The missing part.
         before: String,
     },
     /// A word stands where another has to.
     Word {
         /// The word.
         found: String,
-        /// What may stand there.
+        /// The words that may stand there.
         expected: &'static str,
     },
     /// A number is none, or not finite.
     Number {
-        /// What it is a number of.
+        /// The quantity that it states.
         of: String,
         /// Its text.
         text: String,
@@ -82,7 +82,7 @@ pub enum BvhDefect {
     Frames {
         /// The rows, as far as they were counted.
         found: usize,
-        /// What the file says.
+        /// The number in the file's header.
         stated: usize,
     },
     /// No joint has a channel.

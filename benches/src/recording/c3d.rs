@@ -45,7 +45,7 @@ pub enum C3dError {
     Parameter {
         /// Its group and name.
         name: &'static str,
-        /// What it has to be.
+        /// The kind of value that is needed.
         needed: &'static str,
     },
     /// The file ends before the last frame that it counts.

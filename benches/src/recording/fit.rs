@@ -504,7 +504,7 @@ fn keeps_spin(path: &BodyPath, pairs: &[usize]) -> bool {
         both += a.dot(b);
         after += b.length_squared();
     }
-    // What is left of the second spins without their best share of the first ones.
+    // The second spins without their best share of the first ones.
     after - both * both / before <= KEPT_SPIN * KEPT_SPIN * before
 }
 

@@ -11,7 +11,7 @@ use crate::coordinates::Coordinates;
 pub struct RequestRecord {
     /// The request itself, for the answer.
     pub request: FedRequest,
-    /// What it asks for, in words.
+    /// The kind of its command, in words.
     pub kind: &'static str,
     /// The body that it is about; of a joint the first one.
     pub body: Option<BodyId>,

@@ -112,7 +112,7 @@ fn advance_each(scenes: &[SteppedFork<'_>], ticks: u32, threads: usize) {
     std::thread::scope(|scope| {
         for number in 1..threads.min(scenes.len()) {
             let thread = std::thread::Builder::new().name(format!("rhumb-forks-{number}"));
-            // What a thread that cannot start would have done, this one does.
+            // This thread does the work of one that cannot start.
             if thread.spawn_scoped(scope, run).is_err() {
                 break;
             }

@@ -1,4 +1,4 @@
-//! What stands between bodies, by the events that a server tells.
+//! Standing contacts and sensors, by the events that a server tells.
 //!
 //! The pairs in contact and the bodies in sensors (PROTOCOL 4.15-11), each with the event that tells so. For clients, and for edges,
 //! which tell it anew. Invariant: at most [`STANDING_PAIRS_MAX`]; what exceeds that is counted.

@@ -139,7 +139,7 @@ struct ScopedKey {
     issuer: Issuer,
 }
 
-/// Who signs with a key. A client's account is its name with an issuer: no other issuer can take it over.
+/// The signer of a key. A client's account is its name with an issuer: no other issuer can take it over.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Issuer {
     /// That of the first file: its clients have the names of their tokens.

@@ -13,7 +13,7 @@ use rhumb_scene::{ClientName, Limits, Permit, tenant_of};
 
 use super::message::WorkerId;
 
-/// Who has a scene.
+/// The holder of a scene.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Account {
     /// The tenant of its name.

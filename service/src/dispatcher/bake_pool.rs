@@ -18,7 +18,7 @@ use crate::durable::Wake;
 pub(crate) struct BakePool(Arc<Mutex<Queues>>);
 
 struct Queues {
-    /// What waits, by tenant; the first is the next one's.
+    /// Waiting work by tenant; the first is the next one's.
     waiting: VecDeque<(String, VecDeque<Baking>)>,
     running: usize,
     most: usize,

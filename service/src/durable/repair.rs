@@ -17,7 +17,7 @@ use super::format::{DurableEnd, HeadFile, LogFrames, OVERHEAD};
 use super::recovery::{Report, Run};
 use super::scene_files::{DAMAGED, LogHeader, SceneFiles, UNFINISHED};
 
-/// What is left of a damaged scene, and what is lost.
+/// The part of a damaged scene that is left, and the part that is lost.
 #[derive(Debug)]
 pub(crate) struct Cut {
     /// The state at which the run begins: a snapshot of this segment, or the empty scene.
@@ -60,7 +60,7 @@ impl SceneFiles {
             return Ok(None);
         };
         cut.newest = cut.tick.max(self.newest_tick(&segments)?);
-        // What is older than the snapshot is not needed, and what stands before the last segment is kept.
+        // Segments older than the snapshot are not needed; those before the last one are kept.
         let (last, kept) = (cut.segments.last().copied()).unwrap_or((cut.snapshot.unwrap_or(0), 0));
         for number in segments.into_iter().filter(|number| *number >= last) {
             let length = self.read_segment(number)?.len() as u64;

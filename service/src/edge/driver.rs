@@ -87,7 +87,7 @@ enum OwnerLink {
     Open(QuicClient, Arc<AtomicBool>),
 }
 
-/// What other threads tell the loop.
+/// News from other threads for the loop.
 enum OwnerNews {
     Opened(Peer, Result<QuicClient, String>),
     Received(Peer),

@@ -83,7 +83,7 @@ struct ArrivalSignal {
     hook: OnceLock<ArrivalHook>,
 }
 
-/// What a receiver that does not wait has called.
+/// The function that a receiver which does not wait has called.
 type ArrivalHook = Box<dyn Fn() + Send + Sync>;
 
 impl ArrivalSignal {

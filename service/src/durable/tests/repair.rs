@@ -1,7 +1,7 @@
 //! Damaged scenes that are cut back to their last good tick.
 //!
 //! After any damage that a restoration refuses, the repaired scene is restored by the ordinary way, is the recorded run at
-//! its tick, and goes on; everything that was there stays.
+//! its tick, and continues; everything that was there stays.
 
 use super::*;
 
