@@ -8,7 +8,7 @@
 use glam::{Quat, Vec3};
 use rhumb_protocol::message::ClientMessage;
 use rhumb_protocol::scene::{
-    BodyDesc, BodyKind, CollisionGroups, Command, CommandError, Joint, JointFrame, JointId,
+    BodyDesc, BodyKind, CollisionGroups, Command, CommandError, Hull, Joint, JointFrame, JointId,
     JointKind, SceneConfig, Shape, ShapeId, Stepping,
 };
 use rhumb_protocol::{Peer, Span};
@@ -152,6 +152,42 @@ fn lawful_heaps_carpets_and_bodies_on_large_ones_are_taken() {
             .expect("a sound command");
     }
     scene.step().expect("a step of few pairs");
+}
+
+#[test]
+fn a_tray_of_any_shape_under_thousands_of_balls_is_no_crowd() {
+    let corners: Vec<Vec3> = (0..8)
+        .map(|corner| {
+            let side = |bit: u32| if corner & (1 << bit) == 0 { -1.0 } else { 1.0 };
+            Vec3::new(10.0 * side(0), 0.1 * side(1), 10.0 * side(2))
+        })
+        .collect();
+    let trays = [
+        Shape::cuboid(10.0, 0.1, 10.0),
+        Shape::cylinder(0.1, 15.0),
+        Shape::Hull(Hull::new(&corners).expect("eight corners")),
+        Shape::RoundedCuboid {
+            half_extents: Vec3::new(10.0, 0.1, 10.0),
+            radius: 0.05,
+        },
+    ];
+    for tray in trays {
+        let name = format!("{tray:?}");
+        let mut scene = scene(&[Shape::ball(0.1), tray]);
+        for index in 0..3_600_u32 {
+            let across = |number: u32| (number as f32 - 29.5) * 0.21;
+            let place = Vec3::new(across(index % 60), 0.2, across(index / 60));
+            let ball = add(index, BodyKind::Dynamic, place, Vec3::ZERO);
+            scene.apply(&ball).expect("balls apart");
+        }
+        scene.step().expect("a step without pairs");
+        let desc = BodyDesc::plain(BodyId::new(3_600, 0), BodyKind::Fixed, ShapeId(1));
+        let motion = BodyState::new([0.0; 3], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
+        let motion = motion.expect("finite");
+        let added = scene.apply(&Command::AddBody { desc, motion });
+        assert_eq!(added, Ok(()), "{name}");
+        scene.step().expect("a step of few pairs");
+    }
 }
 
 /// Bodies that stand apart, of a scene that has been stepped.
@@ -516,6 +552,6 @@ fn a_crowded_scene_continues_without_the_commands_that_crowd_it() {
     links.pass(Span::from_millis(20));
     links.send(PEER, &[ClientMessage::Inspect]);
     let counts = links.counts(PEER);
-    assert_eq!(counts.refused, Some(CommandError::EngineFailed));
+    assert_eq!(counts.refused, Some(CommandError::TooCrowded));
     assert_eq!(counts.inspected, Some((Tick::new(5), 400)));
 }

@@ -179,7 +179,8 @@ impl RapierCrowding {
                 passed += 1;
             }
         }
-        pairs.saturating_sub(FREE + known) * weight * SHARES + passed
+        let counted = pairs.saturating_sub(FREE + known) * weight;
+        counted.min(PAIRS_PER_COLLIDER) * SHARES + passed
     }
 
     /// Notes where a body is.
