@@ -16,6 +16,8 @@ pub enum FeedError {
     Taken(SceneName),
     /// The connection is one for feeding another scene.
     OtherScene(SceneName),
+    /// The client that feeds a scene would join one that is there.
+    Joins,
     /// The scene steps by what its owner feeds.
     StepsByFeed,
     /// The states are of a tick that was fed already, or before it.
@@ -45,6 +47,8 @@ pub enum FeedError {
     Twice(BodyId),
     /// A number beyond its limit.
     OutOfRange(OutOfRange),
+    /// The request was accepted or refused before.
+    Answered,
 }
 
 /// A number of a fed state.
@@ -84,6 +88,10 @@ impl fmt::Display for FeedError {
             Self::OtherScene(name) => {
                 write!(f, "the connection is for feeding the scene {name}: join that one")
             }
+            Self::Joins => f.write_str(
+                "the client that feeds a scene makes it, and a scene that is there has an engine already: join with the condition to create it",
+            ),
+            Self::Answered => f.write_str("the request has an answer already: answer each once"),
             Self::StepsByFeed => f.write_str(
                 "the scene steps by what this client feeds: feed the states of the next tick instead of advancing",
             ),

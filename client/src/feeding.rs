@@ -5,7 +5,7 @@
 use rhumb_protocol::limits::{ANGULAR_MAX, COORDINATE_MAX, LINEAR_MAX};
 use rhumb_protocol::scene::{Command, CommandError, SceneName};
 use rhumb_reckoning::{BodyId, BodyState, Tick};
-use rhumb_scene::{FedRequest, FedVelocities, Feed, TICKS_APART_MAX};
+use rhumb_scene::{AnsweredBefore, FedRequest, FedVelocities, Feed, TICKS_APART_MAX};
 
 use crate::feed_error::{FedQuantity, FeedError, OutOfRange};
 
@@ -160,12 +160,29 @@ impl Feeding {
     }
 
     /// Answers a request.
-    pub(crate) fn answer(&self, request: FedRequest, refused: Option<CommandError>) {
-        match refused {
+    pub(crate) fn answer(
+        &self,
+        request: FedRequest,
+        refused: Option<CommandError>,
+    ) -> Result<(), FeedError> {
+        let answered = match refused {
             None => self.feed.accept(request),
             Some(error) => self.feed.refuse(request, error),
-        }
+        };
+        answered.map_err(|AnsweredBefore| FeedError::Answered)?;
         self.wake();
+        Ok(())
+    }
+
+    /// The oldest request that was accepted and that the scene refused. A body that it would have added is fed no more.
+    pub(crate) fn poll_failure(&mut self) -> Option<(FedRequest, CommandError)> {
+        let (request, error) = self.feed.poll_failure()?;
+        if let FedChange::Adds(id) = change_of(&request.command)
+            && !matches!(error, CommandError::BodyIdTaken(_))
+        {
+            self.bodies.remove(id);
+        }
+        Some((request, error))
     }
 
     fn wake(&self) {

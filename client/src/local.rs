@@ -20,7 +20,7 @@ use bytes::Bytes;
 use rhumb_link::{
     ClientTransport, Clock, HeldBack, Inbox, Received, TransportCode, WireStatistics,
 };
-use rhumb_protocol::{Ending, Endpoint, LinkReport, Peer, Span, Transmit};
+use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Span, Transmit};
 use rhumb_scene::{Checkpoint, CheckpointError, Feeds, SceneName, SceneRouter, SceneSettings};
 
 use crate::client::Client;
@@ -123,7 +123,7 @@ impl LocalServer {
     /// [`Self::beside`] cannot.
     pub fn save(&self, scene: &str) -> Result<Checkpoint, CheckpointError> {
         let name = name(scene)?;
-        self.host.call(move |scenes| scenes.save(&name))
+        self.host.call(move |scenes, _| scenes.save(&name))
     }
 
     /// Makes a scene that continues from a checkpoint, to be joined by its name.
@@ -158,7 +158,7 @@ impl LocalServer {
     pub fn restore(&self, scene: &str, checkpoint: &Checkpoint) -> Result<(), CheckpointError> {
         let (name, checkpoint) = (name(scene)?, checkpoint.clone());
         self.host
-            .call(move |scenes| scenes.restore(&name, &checkpoint))
+            .call(move |scenes, now| scenes.restore(now, &name, &checkpoint))
     }
 
     fn at(host: Host, feeds: Feeds) -> Self {
@@ -649,7 +649,7 @@ enum Queued {
 }
 
 /// A call of the scenes, which sends its own answer.
-type ScenesCall = Box<dyn FnOnce(&mut SceneRouter) + Send>;
+type ScenesCall = Box<dyn FnOnce(&mut SceneRouter, Instant) + Send>;
 
 /// One waiting input.
 struct QueuedInput {
@@ -678,21 +678,24 @@ impl Host {
     /// Calls the scenes, after everything that was handed over before.
     fn call<T: Send + 'static>(
         &self,
-        call: impl FnOnce(&mut SceneRouter) -> Result<T, CheckpointError> + Send + 'static,
+        call: impl FnOnce(&mut SceneRouter, Instant) -> Result<T, CheckpointError> + Send + 'static,
     ) -> Result<T, CheckpointError> {
         match self {
             Self::Caller(driver) => {
                 let mut driver = driver.lock().map_err(|_| CheckpointError::NoServer)?;
-                let called = driver.guard(|driver| call(&mut driver.server));
+                let called = driver.guard(|driver| {
+                    let now = driver.clock.now();
+                    call(&mut driver.server, now)
+                });
                 called.unwrap_or(Err(CheckpointError::NoServer))
             }
             // The scenes of another driver are not known here.
             Self::Thread(InputQueue { wake: Some(_), .. }) => Err(CheckpointError::NoServer),
             Self::Thread(queue) => {
                 let (sender, answer) = channel();
-                let call: ScenesCall = Box::new(move |scenes| {
+                let call: ScenesCall = Box::new(move |scenes, now| {
                     // A caller that panicked waits for no answer.
-                    let _ = sender.send(call(scenes));
+                    let _ = sender.send(call(scenes, now));
                 });
                 let sent = queue.sender.send(Queued::Call(call));
                 sent.map_err(|_| CheckpointError::NoServer)?;
@@ -722,7 +725,10 @@ impl Queued {
         match self {
             Self::Input(input) => driver.handle(input.from, input.input),
             Self::Call(call) => {
-                driver.guard(|driver| call(&mut driver.server));
+                driver.guard(|driver| {
+                    let now = driver.clock.now();
+                    call(&mut driver.server, now);
+                });
             }
         }
     }

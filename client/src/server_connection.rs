@@ -21,6 +21,8 @@ use crate::connection::{BoxedConnection, Redial};
 use crate::connection::{Pump, span};
 use crate::error::{ClientError, OpenError};
 #[cfg(feature = "local")]
+use crate::feed_error::FeedError;
+#[cfg(feature = "local")]
 use crate::feeding::Feeding;
 use crate::join_options::JoinOptions;
 
@@ -147,6 +149,7 @@ impl ServerConnection {
         #[cfg(feature = "local")]
         let mode = match (&self.feeding, options.mode) {
             (Some(_), JoinMode::CreateOrJoin(config)) => JoinMode::Create(config),
+            (Some(_), JoinMode::Join) => return Err(OpenError::Feed(FeedError::Joins)),
             (_, mode) => mode,
         };
         #[cfg(not(feature = "local"))]

@@ -62,6 +62,8 @@ pub enum CheckpointError {
     Changed,
     /// The scene's engine has no image.
     NoImage,
+    /// The scene is fed: its owner's engine has the state.
+    Fed,
     /// The bytes are no checkpoint, or damaged.
     Damaged,
     /// A checkpoint of another version.
@@ -95,6 +97,9 @@ impl fmt::Display for CheckpointError {
                 "the commands since the last step are not kept: save the scene right after a step",
             ),
             Self::NoImage => f.write_str("the engine of the scene cannot be saved"),
+            Self::Fed => f.write_str(
+                "the engine of the program that feeds the scene has its state: save it there",
+            ),
             Self::Damaged => f.write_str("the bytes are no checkpoint, or damaged"),
             Self::Version { found } => write!(
                 f,

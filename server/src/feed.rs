@@ -1,11 +1,12 @@
 //! The queues between a scene whose engine is elsewhere and its owner.
 //!
-//! The owner hands states over and answers requests by [`Feed`]; the scene's end is [`FedScene`], which takes a step for each tick of it. Neither end waits for the other: an owner that
-//! is ahead by four keeps its states. Invariants: ticks rise; the states of a tick are in the order of ids,
-//! each body once.
+//! The owner hands states over and answers requests by [`Feed`]; the scene's end is [`FedScene`], which takes a step for each
+//! tick of it. Neither end waits for the other: an owner that is ahead by four keeps its states. Invariants: ticks rise; the
+//! states of a tick are in the order of ids, each body once; a request has one answer.
 
 use core::fmt;
 use std::collections::{BTreeMap, VecDeque};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 
 use rhumb_protocol::limits::AUTHORITY_BODIES_MAX;
@@ -15,6 +16,8 @@ use rhumb_protocol::{Instant, Peer, Span};
 use rhumb_reckoning::{BodyId, BodyState, Tick};
 
 use crate::permit::ClientName;
+use crate::record::SessionNumber;
+use crate::sessions::REFUSALS_KEPT;
 
 /// Ticks that wait for the scene.
 const WAITING_TICKS_MAX: usize = 4;
@@ -58,7 +61,55 @@ pub struct FedRequest {
     pub number: u64,
     /// The command to carry out.
     pub command: Command,
+    /// Its member's session, which may continue over another connection.
+    pub(crate) session: Option<SessionNumber>,
+    answered: Answered,
 }
+
+impl FedRequest {
+    /// A request without an answer. `client` and `member` gave the command of this number.
+    #[must_use]
+    pub fn new(
+        client: Option<ClientName>,
+        member: Peer,
+        (number, command): (u64, Command),
+    ) -> Self {
+        Self {
+            client,
+            member,
+            number,
+            command,
+            session: None,
+            answered: Answered::default(),
+        }
+    }
+
+    pub(crate) fn of_session(self, session: Option<SessionNumber>) -> Self {
+        Self { session, ..self }
+    }
+}
+
+/// True once a request has its answer; the clones of a request share it.
+#[derive(Clone, Debug, Default)]
+struct Answered(Arc<AtomicBool>);
+
+impl PartialEq for Answered {
+    fn eq(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.0, &other.0)
+    }
+}
+
+/// Error: a request has an answer already, and keeps it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct AnsweredBefore;
+
+impl fmt::Display for AnsweredBefore {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("the request has an answer already: answer each once")
+    }
+}
+
+impl core::error::Error for AnsweredBefore {}
 
 /// The owner's answer to a request.
 #[derive(Debug)]
@@ -75,6 +126,8 @@ struct FeedQueues {
     spare: Vec<Vec<(BodyId, BodyState)>>,
     requests: VecDeque<FedRequest>,
     answers: VecDeque<FedAnswer>,
+    /// Accepted requests that the scene refused.
+    failures: VecDeque<(FedRequest, CommandError)>,
 }
 
 /// The state that the owner and its scene share.
@@ -128,6 +181,15 @@ impl SharedFeed {
     /// Takes the owner's answers.
     pub(crate) fn take_answers(&self) -> VecDeque<FedAnswer> {
         std::mem::take(&mut self.lock().answers)
+    }
+
+    /// Informs the owner that the scene has refused what it accepted.
+    pub(crate) fn fail(&self, request: FedRequest, error: CommandError) {
+        let mut queues = self.lock();
+        if queues.failures.len() == REQUESTS_MAX {
+            queues.failures.pop_front();
+        }
+        queues.failures.push_back((request, error));
     }
 
     pub(crate) fn has_answers(&self) -> bool {
@@ -240,16 +302,40 @@ impl Feed {
         self.shared.lock().requests.pop_front()
     }
 
-    /// Has the scene change as a member asked. If the scene cannot, the member's command is refused after all.
-    pub fn accept(&self, request: FedRequest) {
-        let mut queues = self.shared.lock();
-        queues.answers.push_back(FedAnswer::Accepted(request));
+    /// Has the scene change as a member asked. If the scene cannot, the member's command is refused after all, and
+    /// [`Self::poll_failure`] says so.
+    ///
+    /// # Errors
+    ///
+    /// [`AnsweredBefore`] for a request that was accepted or refused before.
+    pub fn accept(&self, request: FedRequest) -> Result<(), AnsweredBefore> {
+        self.answer(&request.answered.clone(), FedAnswer::Accepted(request))
     }
 
     /// Refuses a request.
-    pub fn refuse(&self, request: FedRequest, error: CommandError) {
-        let mut queues = self.shared.lock();
-        queues.answers.push_back(FedAnswer::Refused(request, error));
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::accept`].
+    pub fn refuse(&self, request: FedRequest, error: CommandError) -> Result<(), AnsweredBefore> {
+        self.answer(
+            &request.answered.clone(),
+            FedAnswer::Refused(request, error),
+        )
+    }
+
+    fn answer(&self, answered: &Answered, answer: FedAnswer) -> Result<(), AnsweredBefore> {
+        if answered.0.swap(true, Ordering::Relaxed) {
+            return Err(AnsweredBefore);
+        }
+        self.shared.lock().answers.push_back(answer);
+        Ok(())
+    }
+
+    /// The oldest request that was accepted and that the scene refused, with its reason, once.
+    #[must_use]
+    pub fn poll_failure(&self) -> Option<(FedRequest, CommandError)> {
+        self.shared.lock().failures.pop_front()
     }
 }
 
@@ -266,6 +352,8 @@ pub(crate) struct FedScene {
     fed: Option<Instant>,
     /// While the owner is silent: the first tick without states, and the bodies that members know to be concerned.
     silence: Option<(Tick, Vec<BodyId>)>,
+    /// Refusals of requests whose member was away, by its session.
+    unsent: BTreeMap<SessionNumber, VecDeque<(u64, CommandError)>>,
 }
 
 impl FedScene {
@@ -275,7 +363,35 @@ impl FedScene {
             commands: 0,
             fed: None,
             silence: None,
+            unsent: BTreeMap::new(),
         }
+    }
+
+    /// Keeps the refusal of a request whose member is away.
+    pub(crate) fn keep_refusal(&mut self, session: SessionNumber, refusal: (u64, CommandError)) {
+        let kept = self.unsent.entry(session).or_default();
+        if kept.len() == REFUSALS_KEPT {
+            kept.pop_front();
+        }
+        kept.push_back(refusal);
+    }
+
+    /// Takes the refusals that a session's member has not heard of.
+    pub(crate) fn take_refusals(
+        &mut self,
+        session: SessionNumber,
+    ) -> VecDeque<(u64, CommandError)> {
+        self.unsent.remove(&session).unwrap_or_default()
+    }
+
+    /// Drops the refusals of sessions that are over.
+    pub(crate) fn keep_sessions(&mut self, exists: impl Fn(SessionNumber) -> bool) {
+        self.unsent.retain(|session, _| exists(*session));
+    }
+
+    /// Informs the owner that the scene has refused what it accepted.
+    pub(crate) fn fail(&self, request: FedRequest, error: CommandError) {
+        self.feed.fail(request, error);
     }
 
     /// The connection of the owner.

@@ -71,7 +71,9 @@ pub use engine::{StepThreads, StepThreadsError};
 #[doc(hidden)]
 pub use event_monitor::EventKey;
 pub use event_monitor::StepEvents;
-pub use feed::{FedRequest, FedVelocities, Feed, FeedTaken, Feeds, TICKS_APART_MAX};
+pub use feed::{
+    AnsweredBefore, FedRequest, FedVelocities, Feed, FeedTaken, Feeds, TICKS_APART_MAX,
+};
 pub use glam;
 pub use hook::{
     Hook, HookError, Hooks, Incident, ObserveScenes, SceneObserver, Traffic, Unobserved,

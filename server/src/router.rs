@@ -107,10 +107,11 @@ impl SceneRouter {
     /// As [`SceneLoop::restore`].
     pub fn restore(
         &mut self,
+        now: Instant,
         name: &SceneName,
         checkpoint: &Checkpoint,
     ) -> Result<(), CheckpointError> {
-        self.loop_of(name).restore(checkpoint)
+        self.loop_of(name).restore(now, checkpoint)
     }
 
     fn loop_of(&mut self, name: &SceneName) -> &mut SceneLoop {

@@ -521,7 +521,9 @@ impl Scene {
             return Err(QueryError::SceneFaulted);
         }
         let answers = queries.iter().map(|query| match query.kind {
-            QueryKind::Contacts { body } => Ok(self.touching(body, query)),
+            QueryKind::Contacts { body } if self.engine.has_contacts() => {
+                Ok(self.touching(body, query))
+            }
             _ => self.engine.query(query),
         });
         answers

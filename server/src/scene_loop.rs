@@ -453,7 +453,12 @@ impl SceneLoop {
     ///
     /// [`CheckpointError`] for a scene that exists or is damaged, one that the server does not admit, and as
     /// [`Checkpoint::scene`].
-    pub fn restore(&mut self, checkpoint: &Checkpoint) -> Result<(), CheckpointError> {
+    pub fn restore(
+        &mut self,
+        now: Instant,
+        checkpoint: &Checkpoint,
+    ) -> Result<(), CheckpointError> {
+        self.clients.at(now);
         if self.exists() || self.is_damaged() {
             return Err(CheckpointError::SceneExists(self.name.clone()));
         }

@@ -21,7 +21,7 @@ use crate::record::{Batch, LogEntry, SessionNumber};
 use crate::scene::{Digest, FrozenScene, Scene};
 
 /// Refusals that a session keeps, for a client that has not seen them.
-const REFUSALS_KEPT: usize = 256;
+pub(crate) const REFUSALS_KEPT: usize = 256;
 /// Sessions that a scene keeps, twice its members at most. After a restart, all of them are without a member at first.
 const SESSIONS_MAX: usize = 512;
 /// A session whose member is away for so long is over.

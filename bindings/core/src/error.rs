@@ -243,6 +243,7 @@ const fn checkpoint_kind(error: &CheckpointError) -> ErrorKind {
         | CheckpointError::SceneExists(_)
         | CheckpointError::Changed
         | CheckpointError::NoImage
+        | CheckpointError::Fed
         | CheckpointError::NotAdmitted(_)
         | CheckpointError::NoServer => ErrorKind::Denied,
     }

@@ -326,7 +326,8 @@ impl RemoteScene {
         let converted = self.states_in(states)?;
         let next = self.client.fed_tick().map_or(Tick::ZERO, Tick::next);
         let tick = tick.unwrap_or(next);
-        self.client.feed(tick, &converted, velocities)?;
+        let fed = self.client.feed(tick, &converted, velocities);
+        self.reported(fed)?;
         Ok(tick)
     }
 
@@ -345,10 +346,11 @@ impl RemoteScene {
     /// As [`Client::accept_request`].
     #[cfg(feature = "local")]
     pub fn accept_request(&mut self, request: &RequestRecord) -> Result<(), BindingError> {
+        self.client.accept_request(request.request.clone())?;
         if let Some(body) = request.body {
             self.known.add(body);
         }
-        Ok(self.client.accept_request(request.request.clone())?)
+        Ok(())
     }
 
     /// Refuses what another member asked for.

@@ -130,12 +130,8 @@ mod tests {
                 (Command::Torque { id, torque }, torque),
             ];
             for (command, vector) in given {
-                let request = FedRequest {
-                    client: None,
-                    member: Peer(1),
-                    number: 0,
-                    command: coordinates.command_in(command),
-                };
+                let command = coordinates.command_in(command);
+                let request = FedRequest::new(None, Peer(1), (0, command));
                 let record = RequestRecord::new(request, coordinates);
                 let shown = record.vector.expect("a push has a vector");
                 assert!(shown.distance(vector) < 1e-5, "{coordinates:?}: {shown}");

@@ -550,6 +550,9 @@ impl PyScene {
     ///
     /// Followers see every pose within their tolerance. How many bytes that takes depends on gravity and substeps of join, and on
     /// mass, moments, damping and gravity_scale of add_body.
+    ///
+    /// It raises RefusedError, after it has handed the states over, for what the scene refused since the last call: commands of
+    /// this program, and requests that it accepted.
     #[pyo3(signature = (body, position, rotation = None, linear = None, angular = None, *, tick = None))]
     // Named parameters are the interface of Python.
     #[expect(clippy::too_many_arguments)]
@@ -585,7 +588,9 @@ impl PyScene {
         })
     }
 
-    /// Has the scene change as another member asked. The member is refused after all if the scene cannot.
+    /// Has the scene change as another member asked. A request has one answer: Error for a second one.
+    ///
+    /// If the scene cannot, or the member has left, the member is refused after all, and the next feed raises RefusedError.
     fn accept(&self, py: Python<'_>, request: &Bound<'_, PyRequest>) -> PyResult<()> {
         let record = &request.get().record;
         self.waiting(py, |opened| opened.scene.accept_request(record))

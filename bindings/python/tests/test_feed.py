@@ -106,6 +106,36 @@ def test_requests_of_followers_come_to_the_owner():
             assert [event.number for event in refused] == [gravity.number]
 
 
+def test_a_request_has_one_answer_and_one_that_the_scene_refuses_is_an_error_of_the_owner():
+    server = rhumb.LocalServer()
+    with server.connect(feed="fed").join("fed") as owner:
+        follower = server.connect().join("fed")
+        kept = follower.add_body(BALL, (4, 5, 6))
+        unborn = follower.add_body(BALL, (7, 8, 9))
+        follower.poll()
+        first, second = owner.requests()
+        owner.accept(first)
+        for answer in (owner.accept, owner.refuse):
+            with pytest.raises(rhumb.InvalidError, match="answer each once"):
+                answer(first)
+        owner.feed(kept, (4, 5, 6))
+        follower.poll()
+        assert follower.place(kept) is not None
+        follower.close()
+        owner.accept(second)
+        with pytest.raises(rhumb.RefusedError):
+            owner.feed(kept, (4, 5, 5))
+        with pytest.raises(rhumb.InvalidError, match="not in the scene"):
+            owner.feed([kept, unborn], (4, 5, 4))
+        assert owner.feed(kept, (4, 5, 4)) == 3
+        with pytest.raises(rhumb.Error, match="save it there"):
+            owner.save()
+    other = rhumb.LocalServer()
+    with other.connect().join("there"):
+        with pytest.raises(rhumb.Error, match="join with the condition to create it"):
+            other.connect(feed="there").join("there", condition="join")
+
+
 FOLLOWER = """
 import sys, rhumb
 with rhumb.connect(sys.argv[1]).join("main") as scene:

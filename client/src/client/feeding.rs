@@ -7,11 +7,13 @@ use rhumb_protocol::session::Event;
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::{BodyId, BodyState, Tick};
 use rhumb_scene::{FedRequest, FedVelocities};
+use rhumb_view::{RefusalReason, RefusedRequest};
 
 use super::Client;
 use crate::error::ClientError;
 use crate::feed_error::FeedError;
 use crate::feeding::{FedChange, Feeding, change_of};
+use crate::join_options::Refusals;
 
 /// Time between two looks at a scene that has not taken enough of what was fed.
 const LOOK: Span = Span::from_millis(1);
@@ -30,10 +32,13 @@ impl Client {
     ///
     /// Commands that were queued before act first. While the scene has four ticks to take, this call waits.
     ///
+    /// Refusals since the last call are an error of this one, after the states were handed over.
+    ///
     /// # Errors
     ///
     /// [`ClientError::Feed`] for a client that feeds no scene, and for states that are wrong; then none is handed over.
-    /// [`ClientError::Timeout`] if the scene takes none of them in time.
+    /// [`ClientError::Timeout`] if the scene takes none of them in time. [`ClientError::Refused`] for commands of this client,
+    /// and for requests that it has accepted.
     pub fn feed(
         &mut self,
         tick: Tick,
@@ -50,7 +55,22 @@ impl Client {
             feeding.push((tick, commands), states, velocities);
         }
         self.read_waiting();
-        self.check_open()
+        self.check_open()?;
+        self.take_failures();
+        self.report_refusals()
+    }
+
+    /// Notes the accepted requests that the scene refused.
+    fn take_failures(&mut self) {
+        while let Some((request, error)) = self.feeding.as_mut().and_then(Feeding::poll_failure) {
+            if self.refusals == Refusals::Errors {
+                self.refused.add(RefusedRequest {
+                    number: None,
+                    body: request.command.body(),
+                    reason: RefusalReason::Command(error),
+                });
+            }
+        }
     }
 
     /// The tick of the newest states that this client has fed; `None` for one that feeds no scene.
@@ -68,15 +88,16 @@ impl Client {
         self.feeding.as_ref()?.poll_request()
     }
 
-    /// Has the scene change as another member asked. The member is refused after all if the scene cannot.
+    /// Has the scene change as another member asked. If the scene cannot, the member is refused after all, and so is this
+    /// client, by its next [`Self::feed`].
     ///
     /// # Errors
     ///
-    /// [`ClientError::Feed`] for a client that feeds no scene.
+    /// [`ClientError::Feed`] for a client that feeds no scene, and for a request that has an answer.
     pub fn accept_request(&mut self, request: FedRequest) -> Result<(), ClientError> {
         let change = change_of(&request.command);
         let feeding = self.feeding.as_ref().ok_or(FeedError::NotOwner)?;
-        feeding.answer(request, None);
+        feeding.answer(request, None)?;
         self.note_change(change);
         self.read_waiting();
         self.check_open()
@@ -86,14 +107,14 @@ impl Client {
     ///
     /// # Errors
     ///
-    /// [`ClientError::Feed`] for a client that feeds no scene.
+    /// As [`Self::accept_request`].
     pub fn refuse_request(
         &mut self,
         request: FedRequest,
         reason: CommandError,
     ) -> Result<(), ClientError> {
         let feeding = self.feeding.as_ref().ok_or(FeedError::NotOwner)?;
-        feeding.answer(request, Some(reason));
+        feeding.answer(request, Some(reason))?;
         self.read_waiting();
         self.check_open()
     }
@@ -144,10 +165,21 @@ impl Client {
         }
     }
 
-    /// Notes a body that left the scene.
+    /// Notes a body that left the scene, or did not come.
     pub(super) fn note_fed(&mut self, event: &Event) {
-        if let (Some(feeding), Event::BodyRemoved { id, .. }) = (&mut self.feeding, event) {
-            feeding.remove(*id);
-        }
+        let Some(feeding) = &mut self.feeding else {
+            return;
+        };
+        let gone = match event {
+            Event::BodyRemoved { id, .. } => Some(*id),
+            // A body that has the id already is there, and is fed.
+            Event::Refused {
+                error: CommandError::BodyIdTaken(_),
+                ..
+            } => None,
+            Event::Refused { number, .. } => self.ids.refused_addition(*number),
+            _ => None,
+        };
+        gone.into_iter().for_each(|id| feeding.remove(id));
     }
 }

@@ -86,7 +86,7 @@ impl Host {
                 Ok(())
             }
             Self::Thread(queue) => {
-                let look: ScenesCall = Box::new(|_| {});
+                let look: ScenesCall = Box::new(|_, _| {});
                 let sent = queue.sender.send(Queued::Call(look));
                 sent.map_err(|_| ServerGone)
             }

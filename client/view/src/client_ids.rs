@@ -325,6 +325,14 @@ impl ClientIds {
         self.command_bodies.refusal(event)
     }
 
+    /// The body that a command would have added, before [`Self::note`] has handled its refusal; `None` for any other command.
+    #[must_use]
+    pub fn refused_addition(&self, command: u64) -> Option<BodyId> {
+        let id = self.command_bodies.get(command)?;
+        let addition = self.own_bodies.get(id)?;
+        (addition.command == command).then_some(id)
+    }
+
     fn take_event(&mut self, event: &Event, replica: Option<&Replica>) -> bool {
         let known = |id| replica.and_then(|replica| replica.shape(id));
         let is_gone = |id: BodyId| {

@@ -154,7 +154,7 @@ impl CommandBodies {
         }
     }
 
-    fn get(&self, number: u64) -> Option<BodyId> {
+    pub(crate) fn get(&self, number: u64) -> Option<BodyId> {
         let place = self.0.partition_point(|(command, _)| *command < number);
         let (command, body) = self.0.get(place)?;
         (*command == number).then_some(*body)

@@ -370,6 +370,10 @@ impl Engine for FedEngine {
 
     fn contacts(&self, _id: BodyId, _out: &mut Vec<Contact>) {}
 
+    fn has_contacts(&self) -> bool {
+        false
+    }
+
     fn sensed(&self, _id: BodyId, _out: &mut Vec<(BodyId, BodyId)>) {}
 
     fn query(&self, _query: &Query) -> Result<Answer, UnanswerableQuery> {

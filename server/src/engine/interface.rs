@@ -231,6 +231,11 @@ pub trait Engine: Send {
     /// newtons, normals towards this body.
     fn contacts(&self, id: BodyId, out: &mut Vec<Contact>);
 
+    /// False for an engine that knows no contacts: a query for them is refused.
+    fn has_contacts(&self) -> bool {
+        true
+    }
+
     /// Adds each sensor with a body inside it after the last step, of which this body is one; a pair may come more than
     /// once.
     fn sensed(&self, id: BodyId, out: &mut Vec<(BodyId, BodyId)>);

@@ -196,6 +196,9 @@ impl RunningScene {
 
     /// The state of the scene.
     pub(crate) fn save(&self) -> Result<Checkpoint, CheckpointError> {
+        if self.fed.is_some() {
+            return Err(CheckpointError::Fed);
+        }
         Checkpoint::of(&self.scene, self.rollback.way_to(&self.scene))
     }
 
@@ -214,8 +217,12 @@ impl RunningScene {
         };
         let restored = self.restore(failed_in, clients);
         let stepped = restored.and_then(|left_out| {
+            let error = match failed_in {
+                FailedIn::Crowd => CommandError::TooCrowded,
+                FailedIn::Step | FailedIn::Command => CommandError::EngineFailed,
+            };
             for author in left_out {
-                Self::refuse_late(&author, clients);
+                Self::refuse_late(&author, error, clients);
             }
             self.scene.step().map_err(|_| FaultCause::FailedAgain)
         });
@@ -394,13 +401,10 @@ impl RunningScene {
     }
 
     /// Refuses a command that was applied before.
-    fn refuse_late(author: &Author, clients: &mut Clients) {
+    fn refuse_late(author: &Author, error: CommandError, clients: &mut Clients) {
         if clients.member(author.member).is_some() {
-            let refused = ServerMessage::Refused {
-                number: author.number,
-                error: CommandError::EngineFailed,
-            };
-            clients.send(author.member, &refused);
+            let number = author.number;
+            clients.send(author.member, &ServerMessage::Refused { number, error });
         }
     }
 

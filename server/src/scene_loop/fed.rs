@@ -100,12 +100,10 @@ impl RunningScene {
             Treatment::Unsupported => Err(CommandError::Unsupported),
             Treatment::Requested => {
                 check_request(command, &self.scene)?;
-                let request = FedRequest {
-                    client: clients.name(peer).cloned(),
-                    member: peer,
-                    number,
-                    command: command.clone(),
-                };
+                let client = clients.name(peer).cloned();
+                let session = clients.member(peer).and_then(|member| member.session);
+                let request = FedRequest::new(client, peer, (number, command.clone()));
+                let request = request.of_session(session);
                 let retry_seconds = admission::RETRY_SECONDS;
                 match fed.request(request) {
                     true => Ok(true),
@@ -119,16 +117,16 @@ impl RunningScene {
     pub(super) fn begin_fed_turn(&mut self, now: Instant, clients: &mut Clients) -> bool {
         let answers = self.fed.as_ref().map(FedScene::take_answers);
         for answer in answers.into_iter().flatten() {
-            let (request, refused) = match answer {
-                FedAnswer::Refused(request, error) => (request, Err(error)),
+            match answer {
+                FedAnswer::Refused(request, error) => self.refuse_request(&request, error, clients),
                 FedAnswer::Accepted(request) => {
-                    let applied = self.apply_accepted(&request, clients);
-                    (request, applied)
+                    if let Err(error) = self.apply_accepted(&request, clients) {
+                        self.refuse_request(&request, error, clients);
+                        if let Some(fed) = &self.fed {
+                            fed.fail(request, error);
+                        }
+                    }
                 }
-            };
-            if let (Err(error), Some(_)) = (refused, clients.member(request.member)) {
-                let number = request.number;
-                clients.send(request.member, &ServerMessage::Refused { number, error });
             }
         }
         let is_due = self.fed.as_ref().is_some_and(FedScene::is_due);
@@ -147,9 +145,48 @@ impl RunningScene {
         if !changes_scene(&request.command) {
             return Ok(());
         }
+        // The member may have left since it asked, and others may have what it asked for.
+        let member = self.member_of(request).ok_or(CommandError::NotAllowed)?;
+        let rights = self.rights_of(member, clients);
+        rights
+            .ok_or(CommandError::NotAllowed)?
+            .command(&request.command)?;
         self.apply_and_announce(&request.command, clients)?;
         (self.ownership).note(request.client.as_ref(), &request.command);
         Ok(())
+    }
+
+    /// The present connection of the member that made a request; `None` while its session has none. A connection without a
+    /// session may have ended.
+    fn member_of(&self, request: &FedRequest) -> Option<Peer> {
+        let session = request.session;
+        session.map_or(Some(request.member), |session| {
+            self.sessions.member_of(session)
+        })
+    }
+
+    /// Refuses a request: at once, or when its member comes back.
+    fn refuse_request(&mut self, request: &FedRequest, error: CommandError, clients: &mut Clients) {
+        let number = request.number;
+        let member = self.member_of(request);
+        if let Some(member) = member.filter(|member| clients.member(*member).is_some()) {
+            return clients.send(member, &ServerMessage::Refused { number, error });
+        }
+        let sessions = &self.sessions;
+        if let (Some(fed), Some(session)) = (&mut self.fed, request.session) {
+            fed.keep_refusal(session, (number, error));
+            fed.keep_sessions(|session| sessions.get(session).is_some());
+        }
+    }
+
+    /// Sends a member that came back the refusals that it has not heard of.
+    pub(super) fn repeat_fed_refusals(&mut self, peer: Peer, clients: &mut Clients) {
+        let session = clients.member(peer).and_then(|member| member.session);
+        if let (Some(fed), Some(session)) = (&mut self.fed, session) {
+            for (number, error) in fed.take_refusals(session) {
+                clients.send(peer, &ServerMessage::Refused { number, error });
+            }
+        }
     }
 
     /// The scene events of an owner that became silent, or is active again.

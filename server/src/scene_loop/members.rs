@@ -73,6 +73,7 @@ impl RunningScene {
         self.send_snapshot(peer, clients);
         if let Some(request) = request {
             self.repeat_answers(peer, request.answered, clients);
+            self.repeat_fed_refusals(peer, clients);
         }
         if resumed {
             self.acknowledge_resumed(peer, clients);

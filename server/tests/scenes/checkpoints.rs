@@ -1,8 +1,12 @@
 //! A scene from a checkpoint runs to the same bits; damage is never read.
 
+use rhumb_protocol::scene::Stepping;
+use rhumb_protocol::{Endpoint, Instant, Peer, Span};
 use rhumb_reckoning::Tick;
-use rhumb_scene::{Checkpoint, CheckpointError, Scene, StepThreads};
+use rhumb_scene::{Checkpoint, CheckpointError, Limits, Scene, StepThreads};
 use rhumb_sims::{NAMES, Script, by_name};
+
+use crate::links::Links;
 
 /// A script and the scene that it commands.
 struct Run {
@@ -128,4 +132,21 @@ fn a_scene_that_was_changed_since_its_step_is_not_saved_without_what_changed_it(
     };
     run.scene.apply(&moved).expect("a valid command");
     assert_eq!(run.scene.save(), Err(CheckpointError::Changed));
+}
+
+#[test]
+fn a_scene_that_is_restored_late_waits_as_long_for_members_as_any() {
+    let mut links = Links::with_limits(Limits::default());
+    links.begin(Peer(1), Stepping::Lockstep);
+    let saved = links.server.save(&"attacked".parse().expect("a name"));
+    let saved = saved.expect("the scene is there");
+    let (late, name) = (Instant::from_nanos(3_600_000_000_000), "restored".parse());
+    let name = name.expect("a name");
+    let restored = links.server.restore(late, &name, &saved);
+    restored.expect("a free name");
+    let empty = Span::from_millis(1_000 * Limits::default().empty_scene_seconds);
+    for (after, is_there) in [(Span::from_millis(1), true), (empty, false)] {
+        links.server.handle_timeout(late + after);
+        assert_eq!(links.server.save(&name).is_ok(), is_there, "{after:?}");
+    }
 }

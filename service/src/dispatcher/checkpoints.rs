@@ -6,6 +6,7 @@
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::Duration;
 
+use rhumb_protocol::Instant;
 use rhumb_protocol::scene::SceneName;
 use rhumb_scene::{Checkpoint, CheckpointError, SceneLoop};
 use rhumb_transport::Waker;
@@ -98,10 +99,12 @@ impl Question {
     }
 
     /// Answers by the scene of a worker.
-    pub(super) fn answer(self, scene: &mut SceneLoop) {
+    pub(super) fn answer(self, now: Instant, scene: &mut SceneLoop) {
         let _ = match self {
             Self::Save(_, answer) => answer.send(scene.save()).is_ok(),
-            Self::Restore(_, checkpoint, answer) => answer.send(scene.restore(&checkpoint)).is_ok(),
+            Self::Restore(_, checkpoint, answer) => {
+                answer.send(scene.restore(now, &checkpoint)).is_ok()
+            }
         };
     }
 }

@@ -127,7 +127,7 @@ impl WorkerScene {
             ThreadInput::Input(input) => input,
             ThreadInput::Question(question) => {
                 self.inputs += 1;
-                return question.answer(&mut self.scene);
+                return question.answer(now, &mut self.scene);
             }
         };
         match &input {

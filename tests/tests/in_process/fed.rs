@@ -8,12 +8,14 @@ use std::collections::BTreeMap;
 
 use glam::{Quat, Vec3};
 use rhumb_client::{
-    BodyId, BodyState, Client, ClientError, Event, FedVelocities, FeedError, JoinMode, JoinOptions,
-    LocalServer, Metres, OpenError, RefusalReason, Refusals, StreamChoice, Tick, Tolerance,
+    BodyId, BodyState, CheckpointError, Client, ClientError, Event, FedRequest, FedVelocities,
+    FeedError, JoinMode, JoinOptions, LocalServer, Metres, OpenError, RefusalReason, Refusals,
+    StreamChoice, Tick, Tolerance,
 };
-use rhumb_protocol::message::{AuthorityError, Denial};
+use rhumb_protocol::message::{AuthorityError, Denial, QueryError, SessionKey};
 use rhumb_protocol::scene::{
-    BodyDesc, Command, CommandError, IdRange, SceneConfig, Shape, Stepping,
+    BodyDesc, BodyKind, Command, CommandError, IdRange, Query, SceneConfig, Shape, ShapeId,
+    Stepping,
 };
 use rhumb_protocol::session::{ClientSession, Misuse};
 use rhumb_protocol::stream::ErrorBound;
@@ -403,6 +405,115 @@ fn commands_of_followers_come_to_the_owner_who_accepts_or_refuses_them() {
     assert!(follower.view().position(denied).is_none());
 }
 
+/// A ball that a follower asks for, and the request.
+fn ask(owner: &mut Owner, follower: &mut Client) -> (BodyId, FedRequest) {
+    let ball = BodyDesc::dynamic(Shape::ball(0.5)).at(1.0, 2.0, 3.0);
+    let wanted = follower.add_body(ball).expect("an id");
+    follower.poll().expect("nothing is refused yet");
+    let request = owner.client.poll_request().expect("a body is asked for");
+    assert_eq!(request.command.body(), Some(wanted));
+    (wanted, request)
+}
+
+fn at_five(body: BodyId) -> [(BodyId, BodyState); 1] {
+    let state = BodyState::new([5.0; 3], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
+    [(body, state.expect("finite"))]
+}
+
+#[test]
+fn a_request_has_one_answer() {
+    let server = LocalServer::new();
+    let mut owner = Owner::new(&server, Stepping::Lockstep);
+    let mut follower = server.connect().join(NAME).expect("joined");
+    let (wanted, request) = ask(&mut owner, &mut follower);
+    let client = &mut owner.client;
+    client.accept_request(request.clone()).expect("the first");
+    let answered = |result| matches!(result, Err(ClientError::Feed(FeedError::Answered)));
+    assert!(answered(client.accept_request(request.clone())));
+    let reason = CommandError::NotAllowed;
+    assert!(answered(client.refuse_request(request, reason)));
+    let fed = client.feed(Tick::new(1), &at_five(wanted), FedVelocities::Given);
+    fed.expect("the body is there");
+    follower.poll().expect("nothing was refused");
+    assert!(follower.view().position(wanted).is_some());
+}
+
+#[test]
+fn an_accepted_request_whose_member_has_left_is_refused_to_the_owner_and_harms_no_other() {
+    let server = LocalServer::new();
+    let mut owner = Owner::new(&server, Stepping::Lockstep);
+    let mut gone = server.connect().join(NAME).expect("joined");
+    let (unborn, request) = ask(&mut owner, &mut gone);
+    drop(gone);
+    let mut follower = server.connect().join(NAME).expect("joined");
+    owner.client.accept_request(request).expect("open");
+    let fed = owner.client.feed(Tick::new(1), &[], FedVelocities::Given);
+    let Err(ClientError::Refused(refused)) = fed else {
+        panic!("{fed:?}");
+    };
+    assert_eq!(refused.first().body, Some(unborn));
+    let states = at_five(unborn);
+    let unknown = owner
+        .client
+        .feed(Tick::new(2), &states, FedVelocities::Given);
+    assert!(matches!(
+        unknown,
+        Err(ClientError::Feed(FeedError::UnknownBody { .. }))
+    ));
+    let (wanted, request) = ask(&mut owner, &mut follower);
+    assert_eq!(wanted, unborn, "the index is free again");
+    owner.client.accept_request(request).expect("open");
+    let fed = owner
+        .client
+        .feed(Tick::new(2), &at_five(wanted), FedVelocities::Given);
+    fed.expect("the body is there");
+    follower.poll().expect("it did nothing wrong");
+    assert!(follower.view().position(wanted).is_some());
+}
+
+#[test]
+fn a_body_of_the_owner_that_the_scene_refuses_is_an_error_and_is_fed_no_more() {
+    let server = LocalServer::new();
+    let mut owner = Owner::new(&server, Stepping::Lockstep);
+    let desc = BodyDesc::plain(BodyId::new(40_000, 0), BodyKind::Dynamic, ShapeId(9));
+    let motion = at_five(desc.id)[0].1;
+    let added = owner.client.command(Command::AddBody { desc, motion });
+    added.expect("a sound command");
+    let fed = owner.client.feed(Tick::new(1), &[], FedVelocities::Given);
+    assert!(matches!(fed, Err(ClientError::Refused(_))), "{fed:?}");
+    let states = at_five(desc.id);
+    let fed = owner
+        .client
+        .feed(Tick::new(2), &states, FedVelocities::Given);
+    assert!(matches!(
+        fed,
+        Err(ClientError::Feed(FeedError::UnknownBody { .. }))
+    ));
+}
+
+#[test]
+fn the_client_that_feeds_a_scene_joins_none_that_is_there() {
+    let server = LocalServer::new();
+    let there = server.connect().join(NAME).expect("a new scene");
+    let connection = server.feed(NAME).expect("no feed");
+    let options = JoinOptions {
+        mode: JoinMode::Join,
+        ..JoinOptions::default()
+    };
+    let joined = connection.join_with(NAME, options).err();
+    assert!(matches!(joined, Some(OpenError::Feed(FeedError::Joins))));
+    drop(there);
+}
+
+#[test]
+fn a_fed_scene_is_not_saved_and_says_where_its_state_is() {
+    let server = LocalServer::new();
+    let mut owner = Owner::new(&server, Stepping::Lockstep);
+    owner.add(&mut Dice::new(1));
+    owner.feed(&mut Dice::new(2), FedVelocities::Given);
+    assert_eq!(server.save(NAME).err(), Some(CheckpointError::Fed));
+}
+
 #[test]
 fn the_owner_feeds_its_bodies_and_pushes_none() {
     let server = LocalServer::new();
@@ -411,10 +522,8 @@ fn the_owner_feeds_its_bodies_and_pushes_none() {
     let id = *owner.fed.keys().next().expect("one");
     let pushed = owner.client.command(Command::Wake { id });
     let number = pushed.expect("open");
-    owner
-        .client
-        .feed(Tick::new(1), &[], FedVelocities::Given)
-        .expect("no states rest everything");
+    let fed = owner.client.feed(Tick::new(1), &[], FedVelocities::Given);
+    assert!(matches!(fed, Err(ClientError::Refused(_))), "{fed:?}");
     let refused = std::iter::from_fn(|| owner.client.poll_event()).any(|(_, event)| {
         event
             == Event::Refused {
@@ -537,7 +646,7 @@ fn add(session: &mut ClientSession) -> BodyId {
         .expect("a member has ids");
     let id = BodyId::new(granted.first(), 0);
     let body = BodyDesc::dynamic(Shape::ball(0.5));
-    let shape = rhumb_protocol::scene::ShapeId(0);
+    let shape = ShapeId(0);
     let added = [
         Command::AddShape {
             id: shape,
@@ -599,6 +708,61 @@ fn members_learn_of_a_silent_owner_and_have_no_bound_until_it_is_back() {
     }
     let newest = fed.newest(follower);
     assert!(newest > 31 && fed.bound(follower, newest).metres() <= 0.05);
+}
+
+#[test]
+fn a_query_for_contacts_is_refused() {
+    let mut fed = Fed::new();
+    fed.feed(1);
+    let (follower, body) = (fed.follower, fed.body);
+    fed.events(follower);
+    let asked = fed
+        .table
+        .session(follower)
+        .query(vec![Query::contacts(body)]);
+    asked.expect("a member may");
+    fed.table.run_until_idle();
+    let answers = fed
+        .events(follower)
+        .into_iter()
+        .find_map(|event| match event {
+            Event::QueryResult(result) => Some(result.answers),
+            _ => None,
+        });
+    assert_eq!(answers, Some(Err(QueryError::Unanswerable)));
+}
+
+#[test]
+fn a_member_that_was_away_learns_of_the_refusal_of_its_request() {
+    let mut fed = Fed::new();
+    fed.feed(1);
+    let away = fed.table.connect(NAME);
+    let session = fed.table.session(away);
+    session
+        .begin_session(SessionKey([7; 16]))
+        .expect("in the lobby");
+    let choice = StreamChoice::Within(Tolerance::NORMAL);
+    session.join(choice).expect("the scene is there");
+    fed.table.run_until_idle();
+    let gravity = Command::SetGravity {
+        gravity: Vec3::ZERO,
+    };
+    let number = fed.table.session(away).command(gravity).expect("a member");
+    fed.table.run_until_idle();
+    let request = fed.feed.poll_request().expect("for the owner");
+    fed.table.end_connection(away);
+    fed.events(away);
+    let error = CommandError::NotAllowed;
+    fed.feed.refuse(request, error).expect("the first answer");
+    fed.feed(2);
+    let back = fed.table.reconnect(away);
+    let events = fed.events(back);
+    let refused = Event::Refused { number, error };
+    assert_eq!(
+        events.iter().filter(|event| **event == refused).count(),
+        1,
+        "{events:?}"
+    );
 }
 
 #[test]

@@ -884,6 +884,9 @@ class Scene:
 
         Followers see every pose within their tolerance. How many bytes that takes depends on gravity and substeps of join, and on
         mass, moments, damping and gravity_scale of add_body.
+
+        It raises RefusedError, after it has handed the states over, for what the scene refused since the last call: commands of
+        this program, and requests that it accepted.
         """
     def requests(self) -> List[Request]:
         """The unread requests of other members of a scene that this program feeds, the oldest first.
@@ -892,7 +895,10 @@ class Scene:
         something changes the scene once it is accepted: a body that is asked for has an id already, and is fed from then on.
         """
     def accept(self, request: Request) -> None:
-        """Has the scene change as another member asked. The member is refused after all if the scene cannot."""
+        """Has the scene change as another member asked. A request has one answer: Error for a second one.
+
+        If the scene cannot, or the member has left, the member is refused after all, and the next feed raises RefusedError.
+        """
     def refuse(self, request: Request) -> None:
         """Refuses what another member asked for: it learns of it as of any refusal."""
     def remove_unused_shapes(self) -> int:
