@@ -15,7 +15,7 @@ use rhumb_protocol::limits::{HULL_POINTS_MAX, MESH_POINTS_MAX, TRIANGLES_MAX};
 use rhumb_protocol::scene::{Hull, Invalid};
 
 use crate::files::{FileError, Files, folder_of, join};
-use crate::inertia::Inertia;
+use crate::inertia::{Inertia, Pose};
 use crate::report::{Effect, LoadError, Place, Problem, Report};
 use crate::xml::Element;
 
@@ -193,16 +193,30 @@ impl TriangleMesh {
         self
     }
 
-    /// The mesh without most of the points that no triangle names, as files have them that share points.
-    pub(crate) fn used(self) -> Self {
-        if self.points.len() <= 3 * self.triangles.len() {
-            return self;
+    /// Triangles with the points that they name, of more. `point`: one of `count` points.
+    ///
+    /// Time and memory are those of the triangles: files have many small meshes of the same points.
+    pub(crate) fn of_some(
+        triangles: &[[u32; 3]],
+        count: usize,
+        point: impl Fn(usize) -> DVec3,
+    ) -> Result<Self, Problem> {
+        let wrong = |cause: String| Err(Problem::Mesh(cause));
+        if triangles.is_empty() {
+            return wrong("it has no triangle".to_owned());
         }
-        let mut one = Part::default();
-        self.triangles
-            .iter()
-            .for_each(|corners| one.add(&self.points, *corners));
-        one.mesh
+        let mut part = Part::default();
+        for (place, corners) in triangles.iter().enumerate() {
+            if corners.iter().any(|corner| *corner as usize >= count) {
+                return wrong(format!("triangle {place} names a point beyond the last"));
+            }
+            let mut points = corners.iter();
+            if let Some(corner) = points.find(|corner| !point(**corner as usize).is_finite()) {
+                return wrong(format!("point {corner} is not finite"));
+            }
+            part.add(&point, *corners);
+        }
+        Ok(part.mesh)
     }
 
     /// The mesh in parts that a fixed body can have.
@@ -217,7 +231,7 @@ impl TriangleMesh {
                 parts.push(Part::default());
             }
             let last = parts.len() - 1;
-            parts[last].add(&self.points, *corners);
+            parts[last].add(&|at| self.points[at], *corners);
         }
         parts.into_iter().map(|part| part.mesh).collect()
     }
@@ -275,11 +289,11 @@ struct Part {
 }
 
 impl Part {
-    fn add(&mut self, points: &[DVec3], corners: [u32; 3]) {
+    fn add(&mut self, point: &impl Fn(usize) -> DVec3, corners: [u32; 3]) {
         let own = corners.map(|corner| {
             let next = self.mesh.points.len() as u32;
             *self.places.entry(corner).or_insert_with(|| {
-                self.mesh.points.push(points[corner as usize]);
+                self.mesh.points.push(point(corner as usize));
                 next
             })
         });
@@ -355,20 +369,35 @@ pub(crate) fn directions(count: u32) -> impl Iterator<Item = Vec3> {
 /// Folders above a file that are searched for packages.
 const FOLDERS_ABOVE: usize = 12;
 
+/// Points and triangles of all mesh files of a scene together, each size and place of a mesh counted.
+const SCENE_ELEMENTS_MAX: usize = 16_000_000;
+
 /// Mesh files of one scene.
+///
+/// Invariant: a file is read once, and memory is bounded, in however many sizes its mesh is asked for.
 pub(crate) struct Meshes<'a> {
     files: &'a dyn Files,
     packages: &'a [String],
+    /// Meshes as they are in their files, by paths.
     read: BTreeMap<String, Rc<TriangleMesh>>,
+    /// Stretched ones, by names and scales.
+    scaled: BTreeMap<String, Rc<TriangleMesh>>,
+    /// Their points and triangles, and the most.
+    elements: usize,
+    most: usize,
 }
 
 impl<'a> Meshes<'a> {
     pub(crate) const fn new(files: &'a dyn Files, packages: &'a [String]) -> Self {
         let read = BTreeMap::new();
+        let scaled = BTreeMap::new();
         Self {
             files,
             packages,
             read,
+            scaled,
+            elements: 0,
+            most: SCENE_ELEMENTS_MAX,
         }
     }
 
@@ -413,7 +442,7 @@ impl<'a> Meshes<'a> {
         report: &mut Report,
     ) -> Result<Option<Rc<TriangleMesh>>, LoadError> {
         let key = format!("{name} {scale}");
-        if let Some(mesh) = self.read.get(&key) {
+        if let Some(mesh) = self.scaled.get(&key) {
             return Ok(Some(mesh.clone()));
         }
         if !is_read(name) {
@@ -428,16 +457,16 @@ impl<'a> Meshes<'a> {
             return Ok(None);
         }
         for path in places {
-            let read = match read(self.files, &path) {
+            let read = match self.of_file(&path) {
                 Err(Problem::File(FileError::NotFound | FileError::IsFolder)) => continue,
                 read => read,
             };
-            let read = read.map_err(|problem| LoadError {
+            let mesh = read.and_then(|mesh| self.stretched(&mesh, scale));
+            let mesh = mesh.map_err(|problem| LoadError {
                 place: Place::of(&path),
                 problem,
             })?;
-            let mesh = Rc::new(read.scaled(scale));
-            self.read.insert(key, mesh.clone());
+            self.scaled.insert(key, mesh.clone());
             return Ok(Some(mesh));
         }
         let why = "there is no such file; folders of packages can be given";
@@ -449,6 +478,49 @@ impl<'a> Meshes<'a> {
             why,
         );
         Ok(None)
+    }
+
+    fn of_file(&mut self, path: &str) -> Result<Rc<TriangleMesh>, Problem> {
+        if let Some(known) = self.read.get(path) {
+            return Ok(known.clone());
+        }
+        let mesh = Rc::new(read(self.files, path)?);
+        self.claim(&mesh)?;
+        self.read.insert(path.to_owned(), mesh.clone());
+        Ok(mesh)
+    }
+
+    fn stretched(
+        &mut self,
+        mesh: &Rc<TriangleMesh>,
+        scale: DVec3,
+    ) -> Result<Rc<TriangleMesh>, Problem> {
+        if scale == DVec3::ONE {
+            return Ok(mesh.clone());
+        }
+        self.claim(mesh)?;
+        Ok(Rc::new(TriangleMesh::clone(mesh).scaled(scale)))
+    }
+
+    /// A mesh in another place.
+    pub(crate) fn moved(
+        &mut self,
+        mesh: &TriangleMesh,
+        pose: &Pose,
+    ) -> Result<Rc<TriangleMesh>, Problem> {
+        self.claim(mesh)?;
+        let points = mesh.points.iter();
+        Ok(Rc::new(TriangleMesh {
+            points: points.map(|point| pose.point(*point)).collect(),
+            triangles: mesh.triangles.clone(),
+        }))
+    }
+
+    /// Counts a mesh before memory is taken for another size or place of it.
+    fn claim(&mut self, mesh: &TriangleMesh) -> Result<(), Problem> {
+        self.elements += mesh.points.len() + mesh.triangles.len();
+        let what = "points and triangles of all meshes in all sizes and places";
+        Problem::bound(what, self.elements, self.most)
     }
 
     /// The paths that a file of this name may have, the likeliest first.
@@ -507,6 +579,41 @@ mod tests {
             bytes.extend([0; 2]);
         }
         bytes
+    }
+
+    /// A triangle as OBJ, under any name; counts how often it is read.
+    #[derive(Default)]
+    struct Counted(std::cell::Cell<u32>);
+
+    impl Files for Counted {
+        fn read(&self, _: &str, _: usize) -> Result<Vec<u8>, FileError> {
+            self.0.set(self.0.get() + 1);
+            Ok(b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n".to_vec())
+        }
+    }
+
+    #[test]
+    fn a_mesh_in_many_sizes_is_read_once_and_bounded() {
+        let files = Counted::default();
+        let element = crate::xml::parse("a.urdf", "<mesh/>").expect("an element");
+        let mut report = Report::default();
+        let mut meshes = Meshes::new(&files, &[]);
+        // Three points and a triangle as they are, twice, and twice in another size.
+        meshes.most = 12;
+        let mut sized = |size: f64| {
+            let scale = DVec3::splat(size);
+            let mesh = meshes.get_at(&element, "a.obj", scale, "mesh", &mut report);
+            mesh.map(|mesh| mesh.expect("a file").points[1].x)
+        };
+        for size in [1.0, 2.0, 1.0, 3.0, 2.0] {
+            assert_eq!(sized(size), Ok(size));
+        }
+        let refused = sized(4.0).expect_err("sixteen").to_string();
+        let words = "a.obj: the number of points and triangles of all meshes in all sizes and places is 16 or more, and at most 12 are read";
+        assert_eq!(refused, words);
+        assert_eq!(files.0.get(), 1);
+        let mesh = TriangleMesh::default();
+        assert!(meshes.moved(&mesh, &Pose::IDENTITY).is_err(), "it is full");
     }
 
     #[test]

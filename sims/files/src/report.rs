@@ -141,6 +141,16 @@ pub enum Problem {
     },
 }
 
+impl Problem {
+    /// Compares a number of things with the most that are read.
+    pub(crate) const fn bound(what: &'static str, found: usize, most: usize) -> Result<(), Self> {
+        match found > most {
+            true => Err(Self::TooMany { what, found, most }),
+            false => Ok(()),
+        }
+    }
+}
+
 impl fmt::Display for Problem {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

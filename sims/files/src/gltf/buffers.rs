@@ -1,11 +1,16 @@
 //! The bytes of a glTF file: container, buffers, numbers of accessors.
 //!
-//! Invariant: what an accessor claims is compared with the bytes of its view before memory is taken for it.
+//! Invariants: what an accessor claims is compared with the bytes of its view before memory is taken for it. All buffers
+//! together have bounded bytes, whatever their number: a file beside is read once, and the binary chunk is not copied.
+
+use std::collections::BTreeMap;
+use std::ops::Deref;
+use std::rc::Rc;
 
 use glam::DVec3;
 
-use super::document::{Accessor, Document};
-use crate::files::{Files, folder_of, join};
+use super::document::{Accessor, Buffer, Document};
+use crate::files::{FileError, Files, folder_of, join};
 use crate::mesh::MESH_BYTES_MAX;
 use crate::report::Problem;
 
@@ -60,32 +65,104 @@ pub(super) fn container(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), Problem>
     Ok((text, binary))
 }
 
-/// The bytes of each buffer.
-pub(super) struct Buffers(Vec<Vec<u8>>);
+/// The bytes of a buffer.
+enum Bytes<'a> {
+    /// The binary chunk of the file.
+    Chunk(&'a [u8]),
+    /// Those of a file beside, which several buffers may name, or of base64.
+    Read(Rc<Vec<u8>>),
+}
 
-impl Buffers {
+impl Deref for Bytes<'_> {
+    type Target = [u8];
+
+    fn deref(&self) -> &[u8] {
+        match self {
+            Self::Chunk(bytes) => bytes,
+            Self::Read(bytes) => bytes,
+        }
+    }
+}
+
+/// The source of buffers while they are read.
+struct Sources<'a> {
+    path: &'a str,
+    files: &'a dyn Files,
+    /// Files beside, by their paths.
+    known: BTreeMap<String, Rc<Vec<u8>>>,
+    /// The most bytes of all buffers, and those that are left.
+    most: usize,
+    left: usize,
+}
+
+impl Sources<'_> {
+    fn read(&mut self, number: usize, uri: &str) -> Result<Rc<Vec<u8>>, Problem> {
+        let most = self.most;
+        let full = || {
+            wrong(format!(
+                "buffer {number}: all buffers together have more than {most} bytes, and no more are read: make several files"
+            ))
+        };
+        if let Some(data) = uri.strip_prefix("data:") {
+            let bytes = inline(data);
+            let bytes =
+                bytes.ok_or_else(|| wrong(format!("buffer {number}: its data are no base64")))?;
+            self.left = self.left.checked_sub(bytes.len()).ok_or_else(full)?;
+            return Ok(Rc::new(bytes));
+        }
+        let path = join(folder_of(self.path), &unescaped(uri));
+        if let Some(known) = self.known.get(&path) {
+            return Ok(known.clone());
+        }
+        let bytes = self
+            .files
+            .read(&path, self.left)
+            .map_err(|error| match error {
+                FileError::TooLarge { .. } => full(),
+                error => wrong(format!("buffer {number}, {path}: {error}")),
+            })?;
+        self.left -= bytes.len();
+        let bytes = Rc::new(bytes);
+        self.known.insert(path, bytes.clone());
+        Ok(bytes)
+    }
+}
+
+/// The bytes of each buffer; `None` for one that has none, as those have that an extension fills.
+pub(super) struct Buffers<'a>(Vec<Option<Bytes<'a>>>);
+
+impl<'a> Buffers<'a> {
     pub(super) fn read(
         document: &Document,
         path: &str,
         files: &dyn Files,
-        binary: Option<&[u8]>,
+        binary: Option<&'a [u8]>,
+    ) -> Result<Self, Problem> {
+        let (known, most, left) = (BTreeMap::new(), MESH_BYTES_MAX, MESH_BYTES_MAX);
+        let mut sources = Sources {
+            path,
+            files,
+            known,
+            most,
+            left,
+        };
+        Self::of(&document.buffers, binary, &mut sources)
+    }
+
+    fn of(
+        stated: &[Buffer],
+        binary: Option<&'a [u8]>,
+        sources: &mut Sources<'_>,
     ) -> Result<Self, Problem> {
         let mut buffers = Vec::new();
-        for (number, buffer) in document.buffers.iter().enumerate() {
+        for (number, buffer) in stated.iter().enumerate() {
             let bytes = match buffer.uri.as_deref() {
-                None => binary.unwrap_or_default().to_vec(),
-                Some(uri) => match uri.strip_prefix("data:") {
-                    Some(data) => inline(data)
-                        .ok_or_else(|| wrong(format!("buffer {number}: its data are no base64")))?,
-                    None => {
-                        let path = join(folder_of(path), &unescaped(uri));
-                        let read = files.read(&path, MESH_BYTES_MAX);
-                        read.map_err(|error| wrong(format!("buffer {number}, {path}: {error}")))?
-                    }
-                },
+                Some(uri) => Some(Bytes::Read(sources.read(number, uri)?)),
+                None => binary.filter(|_| number == 0).map(Bytes::Chunk),
             };
-            if bytes.len() < buffer.byte_length {
-                let (said, held) = (buffer.byte_length, bytes.len());
+            let held = bytes.as_ref().map(|bytes| bytes.len());
+            if let Some(held) = held.filter(|held| *held < buffer.byte_length) {
+                let said = buffer.byte_length;
                 return Err(wrong(format!(
                     "buffer {number} says {said} bytes and holds {held}: it is cut"
                 )));
@@ -96,19 +173,25 @@ impl Buffers {
     }
 
     /// The elements of an accessor, of so many bytes each.
-    fn elements<'a>(
-        &'a self,
+    fn elements(
+        &self,
         document: &Document,
         number: usize,
         accessor: &Accessor,
         size: usize,
-    ) -> Result<impl Iterator<Item = &'a [u8]>, Problem> {
+    ) -> Result<Elements<'_>, Problem> {
         let wrong = |cause: &str| wrong(format!("accessor {number} {cause}"));
         let view = accessor.buffer_view.ok_or_else(|| wrong("has no bytes"))?;
         let view = document.buffer_views.get(view);
         let view = view.ok_or_else(|| wrong("names a view beyond the last"))?;
         let buffer = self.0.get(view.buffer);
         let buffer = buffer.ok_or_else(|| wrong("names a buffer beyond the last"))?;
+        let buffer = buffer.as_ref().ok_or_else(|| {
+            let buffer = view.buffer;
+            wrong(&format!(
+                "is in buffer {buffer}, which has no uri; without one buffer 0 of a .glb has bytes, and no other"
+            ))
+        })?;
         let bytes = buffer.get(view.byte_offset..);
         let bytes = bytes.and_then(|bytes| bytes.get(..view.byte_length));
         let bytes = bytes.ok_or_else(|| wrong("has a view beyond its buffer"))?;
@@ -122,26 +205,31 @@ impl Buffers {
         if count > 0 && needed > bytes.len() {
             return Err(wrong("claims more elements than its view holds"));
         }
-        Ok((0..count).map(move |place| &bytes[place * stride..][..size]))
+        Ok(Elements {
+            bytes,
+            stride,
+            size,
+            count,
+        })
     }
 
     /// Points of an accessor.
-    pub(super) fn points(&self, document: &Document, number: usize) -> Result<Vec<DVec3>, Problem> {
+    pub(super) fn points(&self, document: &Document, number: usize) -> Result<Points<'_>, Problem> {
         let accessor = accessor(document, number)?;
         if accessor.component_type != FLOAT || accessor.kind != "VEC3" {
             return Err(wrong(format!(
                 "accessor {number} has to be of three numbers with a point for each position"
             )));
         }
-        let elements = self.elements(document, number, accessor, 12)?;
-        let number =
-            |four: &[u8]| f64::from(f32::from_le_bytes([four[0], four[1], four[2], four[3]]));
-        let point = |of: &[u8]| DVec3::new(number(of), number(&of[4..]), number(&of[8..]));
-        Ok(elements.map(point).collect())
+        Ok(Points(self.elements(document, number, accessor, 12)?))
     }
 
     /// Indices of an accessor.
-    pub(super) fn indices(&self, document: &Document, number: usize) -> Result<Vec<u32>, Problem> {
+    pub(super) fn indices(
+        &self,
+        document: &Document,
+        number: usize,
+    ) -> Result<Indices<'_>, Problem> {
         let accessor = accessor(document, number)?;
         let size = match accessor.component_type {
             BYTE => 1,
@@ -153,17 +241,61 @@ impl Buffers {
                 )));
             }
         };
-        let elements = self.elements(document, number, accessor, size)?;
+        Ok(Indices(self.elements(document, number, accessor, size)?))
+    }
+}
+
+/// The elements of an accessor, where they are in the file: none is read before it is asked for.
+struct Elements<'a> {
+    bytes: &'a [u8],
+    stride: usize,
+    size: usize,
+    count: usize,
+}
+
+impl Elements<'_> {
+    fn get(&self, place: usize) -> &[u8] {
+        &self.bytes[place * self.stride..][..self.size]
+    }
+}
+
+/// Points in a file.
+pub(super) struct Points<'a>(Elements<'a>);
+
+impl Points<'_> {
+    pub(super) const fn count(&self) -> usize {
+        self.0.count
+    }
+
+    /// One of them, which has to be below their count.
+    pub(super) fn get(&self, place: usize) -> DVec3 {
+        let of = self.0.get(place);
+        let number =
+            |four: &[u8]| f64::from(f32::from_le_bytes([four[0], four[1], four[2], four[3]]));
+        DVec3::new(number(of), number(&of[4..]), number(&of[8..]))
+    }
+
+    pub(super) fn all(&self) -> Vec<DVec3> {
+        (0..self.count()).map(|place| self.get(place)).collect()
+    }
+}
+
+/// Indices in a file.
+pub(super) struct Indices<'a>(Elements<'a>);
+
+impl Indices<'_> {
+    pub(super) const fn count(&self) -> usize {
+        self.0.count
+    }
+
+    pub(super) fn all(&self) -> Vec<u32> {
         let index = |bytes: &[u8]| {
-            let (low, high) = bytes.split_at(bytes.len().min(1));
-            let low = u32::from(low.first().copied().unwrap_or_default());
-            let high = high
-                .iter()
-                .rev()
-                .fold(0, |sum, byte| sum << 8 | u32::from(*byte));
-            low | high << 8
+            let bytes = bytes.iter().rev();
+            bytes.fold(0, |sum, byte| sum << 8 | u32::from(*byte))
         };
-        Ok(elements.map(index).collect())
+        (0..self.count())
+            .map(|place| index(self.0.get(place)))
+            .collect()
     }
 }
 
@@ -223,7 +355,86 @@ fn unescaped(uri: &str) -> String {
 
 #[cfg(test)]
 mod tests {
+    use std::cell::RefCell;
+
     use super::*;
+    use crate::files::MemoryFiles;
+
+    /// Files of six zeros each, and the paths that were asked for.
+    #[derive(Default)]
+    struct Counted(RefCell<Vec<String>>);
+
+    impl Files for Counted {
+        fn read(&self, path: &str, most: usize) -> Result<Vec<u8>, FileError> {
+            self.0.borrow_mut().push(path.to_owned());
+            match most {
+                0..6 => Err(FileError::TooLarge { most }),
+                _ => Ok(vec![0; 6]),
+            }
+        }
+    }
+
+    fn read<'a>(
+        files: &dyn Files,
+        uris: &[Option<&str>],
+        binary: Option<&'a [u8]>,
+        most: usize,
+    ) -> Result<Buffers<'a>, Problem> {
+        let buffer = |uri: &Option<&str>| Buffer {
+            uri: uri.map(str::to_owned),
+            byte_length: 0,
+        };
+        let stated: Vec<Buffer> = uris.iter().map(buffer).collect();
+        let mut sources = Sources {
+            path: "models/a.gltf",
+            files,
+            known: BTreeMap::new(),
+            most,
+            left: most,
+        };
+        Buffers::of(&stated, binary, &mut sources)
+    }
+
+    #[test]
+    fn a_file_is_read_once_for_all_buffers_that_name_it() {
+        let files = Counted::default();
+        let uris = [
+            Some("a.bin"),
+            Some("b.bin"),
+            Some("./a.bin"),
+            Some("%61.bin"),
+        ];
+        let buffers = read(&files, &uris, None, 12).expect("twelve bytes");
+        assert_eq!(*files.0.borrow(), ["models/a.bin", "models/b.bin"]);
+        let places = buffers.0.iter().flatten().map(|bytes| bytes.as_ptr());
+        let places: Vec<_> = places.collect();
+        assert_eq!((places[0], places.len()), (places[2], 4));
+        assert_eq!((places[0], places[0] == places[1]), (places[3], false));
+    }
+
+    #[test]
+    fn the_bytes_of_all_buffers_are_bounded_together() {
+        let files = Counted::default();
+        let six = "data:;base64,AAAAAAAA";
+        for uris in [["a", "b"], ["a", six], [six, "a"], [six, six]] {
+            let uris = uris.map(Some);
+            let refused = read(&files, &uris, None, 11).err().expect("twelve bytes");
+            let said = refused.to_string();
+            let words = "buffer 1: all buffers together have more than 11 bytes";
+            assert!(said.contains(words), "{said}");
+            assert!(read(&files, &uris, None, 12).is_ok());
+        }
+    }
+
+    #[test]
+    fn only_the_first_buffer_has_the_binary_chunk_and_none_a_copy() {
+        let chunk = [1, 2, 3];
+        let none = MemoryFiles::default();
+        let buffers = read(&none, &[None; 1_000], Some(&chunk), 0).expect("no bytes of its own");
+        let first = buffers.0[0].as_ref().expect("the chunk");
+        assert!(std::ptr::eq(&**first, &chunk[..]));
+        assert!(buffers.0[1..].iter().all(Option::is_none));
+    }
 
     #[test]
     fn inline_bytes_and_escaped_names_are_read() {

@@ -236,3 +236,11 @@ pub(super) struct Geometry {
     pub(super) mesh: Option<usize>,
     pub(super) node: Option<usize>,
 }
+
+/// The name of a node or a mesh, or its number.
+pub(super) fn title(number: usize, name: &str) -> String {
+    match name.is_empty() {
+        true => format!("{number}"),
+        false => name.to_owned(),
+    }
+}

@@ -6,8 +6,8 @@
 
 mod buffers;
 mod document;
+mod primitives;
 
-use std::collections::BTreeMap;
 use std::rc::Rc;
 
 use glam::{DMat3, DMat4, DQuat, DVec3};
@@ -17,7 +17,8 @@ use serde_json::{Map, Value};
 
 use buffers::Buffers;
 pub(crate) use buffers::MAGIC;
-use document::{Collider, Document, Motion, Node, Primitive, RigidBody};
+use document::{Collider, Document, Geometry, Motion, Node, RigidBody, title};
+use primitives::{Primitives, TRIANGLES_OF_ALL};
 
 use crate::files::Files;
 use crate::inertia::{Inertia, Pose};
@@ -25,14 +26,12 @@ use crate::mesh::{self, MESH_TRIANGLES_MAX, TriangleMesh, ending};
 use crate::model::{FileUp, LoadOptions, Model, ModelBody, Placed, Solid, settle_masses};
 use crate::report::{Effect, LoadError, Place, Problem, Report};
 
-/// Modes of primitives that are triangles.
-const TRIANGLES: u32 = 4;
-const STRIP: u32 = 5;
-const FAN: u32 = 6;
 /// Extensions that are read.
 const EXTENSIONS: [&str; 2] = ["KHR_physics_rigid_bodies", "KHR_implicit_shapes"];
 /// Difference of two radii that counts as none, metres.
 const EVEN: f64 = 1e-9;
+/// The cosine between two axes of a node that counts as none: files have rotations in single precision.
+const SQUARE: f64 = 1e-5;
 
 /// True for a file of this form: by its ending, or by the element that every one has.
 pub(crate) fn is_gltf(path: &str, text: &str) -> bool {
@@ -94,13 +93,13 @@ fn read_with(
         return Err(at(path, Problem::UnknownFormat(what)));
     }
     let buffers = Buffers::read(&document, path, files, binary);
+    let buffers = buffers.map_err(|problem| at(path, problem))?;
     let mut reader = Reader {
         place: Place::of(path),
         has_physics: document.has_physics(),
-        buffers: buffers.map_err(|problem| at(path, problem))?,
+        primitives: Primitives::new(&document, buffers),
         document: &document,
         report,
-        primitives: BTreeMap::new(),
         triangles: 0,
         bodies: Vec::new(),
         masses: Vec::new(),
@@ -150,6 +149,11 @@ impl Node {
         let mass = self.extras.get("mass").and_then(Value::as_f64);
         mass.filter(|mass| *mass > 0.0)
     }
+
+    /// True if its extras have a mass that is none.
+    fn has_wrong_mass(&self) -> bool {
+        self.mass().is_none() && self.extras.get("mass").is_some()
+    }
 }
 
 /// Place and axes of a node, without its scale.
@@ -168,11 +172,9 @@ struct Reader<'a> {
     place: Place,
     document: &'a Document,
     has_physics: bool,
-    buffers: Buffers,
+    primitives: Primitives<'a>,
     report: &'a mut Report,
-    /// Triangles of meshes, primitive by primitive, in their own axes.
-    primitives: BTreeMap<usize, Vec<Rc<TriangleMesh>>>,
-    /// Those of all bodies.
+    /// Triangles of all bodies.
     triangles: usize,
     bodies: Vec<ModelBody>,
     /// Bodies whose mass extras say, kg.
@@ -223,10 +225,7 @@ impl Reader<'_> {
     fn walk(&mut self) -> Result<String, Problem> {
         let document = self.document;
         let nodes = document.nodes.len();
-        if nodes > BODIES_MAX as usize {
-            let (what, found, most) = ("nodes", nodes, BODIES_MAX as usize);
-            return Err(Problem::TooMany { what, found, most });
-        }
+        Problem::bound("nodes", nodes, BODIES_MAX as usize)?;
         let scene = match (document.scene, document.scenes.first()) {
             (Some(number), _) => Some(document.scenes.get(number).ok_or_else(|| {
                 let count = document.scenes.len();
@@ -242,6 +241,7 @@ impl Reader<'_> {
             Some(scene) => scene.nodes.clone(),
             None => self.roots(),
         };
+        const RING: &str = "it hangs on two nodes, or on itself";
         let mut seen = vec![false; nodes];
         let mut open: Vec<_> = roots
             .iter()
@@ -256,7 +256,7 @@ impl Reader<'_> {
             };
             let name = title(number, &node.name);
             if std::mem::replace(&mut seen[number], true) {
-                let rule = "it hangs on two nodes, or on itself";
+                let rule = RING;
                 return Err(Problem::Senseless { name, rule });
             }
             let local = node.local().ok_or_else(|| Problem::Senseless {
@@ -275,6 +275,13 @@ impl Reader<'_> {
                     .rev()
                     .map(|child| (*child, world, body)),
             );
+        }
+        // Without scenes all nodes are read, but those in a ring hang on no root.
+        let missed = seen.iter().position(|seen| !seen);
+        if let Some(number) = missed.filter(|_| scene.is_none()) {
+            let name = title(number, &document.nodes[number].name);
+            let rule = RING;
+            return Err(Problem::Senseless { name, rule });
         }
         Ok(scene.map_or_else(String::new, |scene| scene.name.clone()))
     }
@@ -301,26 +308,20 @@ impl Reader<'_> {
         self.note_node(node);
         let physics = node.extensions.body.as_ref();
         let motion = physics.and_then(|body| body.motion.as_ref());
-        let inertia = match (motion, node.mass()) {
+        let body = match (motion, node.mass()) {
+            // It is a body of its own, and what is below it hangs on it.
             (Some(motion), _) if motion.is_kinematic => {
                 let why = "a body that a program moves is a fixed one here";
                 self.note("kinematic motion".to_owned(), Effect::Changed, why);
                 None
             }
-            (Some(motion), _) => Some(motion.inertia()),
+            (Some(motion), _) => Some(self.moving(name, world, motion.inertia())),
             (None, Some(mass)) => {
-                self.masses.push((self.bodies.len(), mass));
-                Some(Inertia::NONE)
-            }
-            (None, None) => None,
-        };
-        let body = match inertia {
-            None => above,
-            Some(inertia) => {
-                let body = self.body(name, pose_of(world), inertia);
-                self.bodies[body].fixed = false;
+                let body = self.moving(name, world, Inertia::NONE);
+                self.masses.push((body, mass));
                 Some(body)
             }
+            (None, None) => above,
         };
         if let Some(RigidBody {
             collider: Some(collider),
@@ -338,6 +339,13 @@ impl Reader<'_> {
         Ok(body)
     }
 
+    /// A body that moves.
+    fn moving(&mut self, name: &str, world: &DMat4, inertia: Inertia) -> usize {
+        let body = self.body(name, pose_of(world), inertia);
+        self.bodies[body].fixed = false;
+        body
+    }
+
     /// Notes what a node has and no body.
     fn note_node(&mut self, node: &Node) {
         for name in node.extensions.others.keys() {
@@ -353,9 +361,17 @@ impl Reader<'_> {
                 self.note(format!("extras {name}"), Effect::Left, why);
             }
         }
-        let Some(body) = &node.extensions.body else {
-            return;
-        };
+        if node.has_wrong_mass() {
+            let why = "a mass is a number of kilograms above zero: the node does not move by it";
+            self.note("extras mass".to_owned(), Effect::Left, why);
+        }
+        if let Some(body) = &node.extensions.body {
+            self.note_body(body);
+        }
+    }
+
+    /// Notes what the physics of a node has and no body.
+    fn note_body(&mut self, body: &RigidBody) {
         let velocities =
             |motion: &Motion| motion.linear_velocity.is_some() || motion.angular_velocity.is_some();
         let motion = body.motion.as_ref();
@@ -375,6 +391,27 @@ impl Reader<'_> {
                 motion.is_some_and(velocities),
                 "velocity",
                 "a loaded body begins at rest",
+            ),
+            (
+                motion
+                    .and_then(|motion| motion.mass)
+                    .is_some_and(|mass| mass < 0.0),
+                "mass below zero",
+                "the mass is that of the shapes",
+            ),
+            (
+                motion
+                    .and_then(|motion| motion.inertia_diagonal)
+                    .is_some_and(|moments| moments.iter().any(|moment| *moment < 0.0)),
+                "moments of inertia below zero",
+                "no solid has one",
+            ),
+            (
+                motion
+                    .and_then(|motion| motion.inertia_orientation)
+                    .is_some_and(|turn| turn == [0.0; 4]),
+                "inertia orientation",
+                "it is no quaternion",
             ),
             (
                 motion.is_some_and(|motion| {
@@ -434,50 +471,102 @@ impl Reader<'_> {
         body: Option<usize>,
     ) -> Result<(), Problem> {
         let before = self.bodies.len();
-        let geometry = &collider.geometry;
-        let of_node = geometry
-            .node
-            .and_then(|node| self.document.nodes.get(node)?.mesh);
-        if let Some(mesh) = geometry.mesh.or(of_node) {
-            self.add_mesh(name, mesh, world, body)?;
-        } else if let Some(shape) = geometry.shape {
-            let scale = DVec3::new(
-                world.x_axis.truncate().length(),
-                world.y_axis.truncate().length(),
-                world.z_axis.truncate().length(),
-            );
-            if let Some(solid) = self.implicit(name, shape, scale)? {
-                let pose = pose_of(world);
-                let body = body.unwrap_or_else(|| self.body(name, pose, Inertia::NONE));
-                let pose = self.bodies[body]
-                    .pose
-                    .inverse()
-                    .of(&pose)
-                    .of(&along_z(&solid));
-                let name = format!("collider of {name}");
-                self.bodies[body].solids.push(Placed { pose, solid, name });
-            }
+        let has_other = body.is_some_and(|body| !self.bodies[body].solids.is_empty());
+        match self.named(name, &collider.geometry)? {
+            Named::Mesh(mesh) => self.add_mesh(name, mesh, world, body)?,
+            Named::Shape(shape) => self.add_shape(name, shape, world, body)?,
+            Named::Nothing => return Ok(()),
         }
+        let friction = self.friction(name, collider)?;
+        if let Some(body) = body.filter(|_| has_other)
+            && self.bodies[body].friction != friction
+        {
+            let why = "a body has one friction: that of its last collider with one";
+            let subject = "friction of several colliders".to_owned();
+            self.note(subject, Effect::Approximated, why);
+        }
+        let own = before..self.bodies.len();
+        for place in body.into_iter().chain(own) {
+            let body = &mut self.bodies[place];
+            body.friction = friction.or(body.friction);
+        }
+        Ok(())
+    }
+
+    /// The thing that gives a collider its shape, with a note if that is nothing.
+    fn named(&mut self, name: &str, geometry: &Geometry) -> Result<Named, Problem> {
         let document = self.document;
-        let materials = document.extensions.physics.as_ref();
-        let material = collider.physics_material;
-        let material = materials
-            .zip(material)
-            .and_then(|(all, number)| all.physics_materials.get(number));
-        if let Some(material) = material {
-            let own = before..self.bodies.len();
-            for place in body.into_iter().chain(own) {
-                let friction = material.dynamic_friction.or(self.bodies[place].friction);
-                self.bodies[place].friction = friction;
-            }
-            if material
-                .restitution
-                .is_some_and(|restitution| restitution != 0.0)
-            {
-                let why = "of a material the friction is read";
-                self.note("restitution".to_owned(), Effect::Left, why);
-            }
+        let nodes = document.nodes.len();
+        let node = geometry.node.map(|number| {
+            let node = document.nodes.get(number);
+            node.ok_or_else(|| {
+                Problem::Mesh(format!(
+                    "the collider of {name} names node {number}, and there are {nodes}"
+                ))
+            })
+        });
+        let node = node.transpose()?;
+        let mesh = geometry.mesh.or(node.and_then(|node| node.mesh));
+        let why = match (mesh, geometry.shape, node) {
+            (Some(mesh), ..) => return Ok(Named::Mesh(mesh)),
+            (None, Some(shape), _) => return Ok(Named::Shape(shape)),
+            (None, None, Some(_)) => "the node that it names has no mesh",
+            (None, None, None) => "it names no shape, mesh or node",
+        };
+        self.note("collider".to_owned(), Effect::Left, why);
+        Ok(Named::Nothing)
+    }
+
+    /// The friction of a collider's material.
+    fn friction(&mut self, name: &str, collider: &Collider) -> Result<Option<f64>, Problem> {
+        let Some(number) = collider.physics_material else {
+            return Ok(None);
+        };
+        let physics = self.document.extensions.physics.as_ref();
+        let materials = physics.map_or(&[][..], |physics| &physics.physics_materials);
+        let Some(material) = materials.get(number) else {
+            let count = materials.len();
+            return Err(Problem::Mesh(format!(
+                "the collider of {name} names physics material {number}, and there are {count}"
+            )));
+        };
+        if material
+            .restitution
+            .is_some_and(|restitution| restitution != 0.0)
+        {
+            let why = "of a material the friction is read";
+            self.note("restitution".to_owned(), Effect::Left, why);
         }
+        Ok(material.dynamic_friction)
+    }
+
+    /// Adds a shape without triangles: to a body that moves, or as a fixed body of its own.
+    fn add_shape(
+        &mut self,
+        name: &str,
+        shape: usize,
+        world: &DMat4,
+        body: Option<usize>,
+    ) -> Result<(), Problem> {
+        let axes = [world.x_axis, world.y_axis, world.z_axis].map(|axis| axis.truncate());
+        let [x, y, z] = axes.map(|axis| axis.normalize_or_zero());
+        if [x.dot(y), y.dot(z), z.dot(x)]
+            .iter()
+            .any(|cosine| cosine.abs() > SQUARE)
+        {
+            let why = "a node with a turn below an uneven scale shears it: it has the lengths of the node's axes";
+            self.note("sheared collider".to_owned(), Effect::Approximated, why);
+        }
+        let scale = DVec3::from_array(axes.map(DVec3::length));
+        let Some(solid) = self.implicit(name, shape, scale)? else {
+            return Ok(());
+        };
+        let pose = pose_of(world);
+        let body = body.unwrap_or_else(|| self.body(name, pose, Inertia::NONE));
+        let inverse = self.bodies[body].pose.inverse();
+        let pose = inverse.of(&pose).of(&along_z(&solid));
+        let name = format!("collider of {name}");
+        self.bodies[body].solids.push(Placed { pose, solid, name });
         Ok(())
     }
 
@@ -550,7 +639,9 @@ impl Reader<'_> {
             None => pose_of(world),
         };
         let inverse = pose.inverse();
-        for primitive in self.primitives(number)? {
+        let (place, report) = (&self.place, &mut *self.report);
+        let mut note = |subject, why| report.again(place, subject, Effect::Left, why);
+        for primitive in self.primitives.of_mesh(number, &mut note)? {
             let points = primitive.points.iter();
             let baked = TriangleMesh {
                 points: points
@@ -559,18 +650,8 @@ impl Reader<'_> {
                 triangles: primitive.triangles.clone(),
             };
             self.triangles += baked.triangles.len();
-            if self.triangles > MESH_TRIANGLES_MAX {
-                let (what, found, most) = (
-                    "triangles of all meshes",
-                    self.triangles,
-                    MESH_TRIANGLES_MAX,
-                );
-                return Err(Problem::TooMany { what, found, most });
-            }
-            if self.bodies.len() > BODIES_MAX as usize {
-                let (what, found, most) = ("bodies", self.bodies.len(), BODIES_MAX as usize);
-                return Err(Problem::TooMany { what, found, most });
-            }
+            Problem::bound(TRIANGLES_OF_ALL, self.triangles, MESH_TRIANGLES_MAX)?;
+            Problem::bound("bodies", self.bodies.len(), BODIES_MAX as usize)?;
             let baked = match world.determinant() < 0.0 {
                 true => baked.mirrored(),
                 false => baked,
@@ -595,90 +676,13 @@ impl Reader<'_> {
         }
         Ok(())
     }
-
-    /// The primitives of a mesh that are triangles.
-    fn primitives(&mut self, number: usize) -> Result<Vec<Rc<TriangleMesh>>, Problem> {
-        if let Some(known) = self.primitives.get(&number) {
-            return Ok(known.clone());
-        }
-        let document = self.document;
-        let meshes = &document.meshes;
-        let Some(mesh) = meshes.get(number) else {
-            let count = meshes.len();
-            return Err(Problem::Mesh(format!(
-                "a node names mesh {number}, and there are {count}"
-            )));
-        };
-        let title = title(number, &mesh.name);
-        let mut read = Vec::new();
-        for primitive in &mesh.primitives {
-            if !primitive.targets.is_empty() {
-                let why = "bodies do not bend: the mesh has its first form";
-                self.note("morph targets".to_owned(), Effect::Left, why);
-            }
-            read.extend(self.triangles_of(primitive, &title)?.map(Rc::new));
-        }
-        self.primitives.insert(number, read.clone());
-        Ok(read)
-    }
-
-    fn triangles_of(
-        &mut self,
-        primitive: &Primitive,
-        title: &str,
-    ) -> Result<Option<TriangleMesh>, Problem> {
-        let mode = primitive.mode.unwrap_or(TRIANGLES);
-        if !matches!(mode, TRIANGLES | STRIP | FAN) {
-            let why = "points and lines have no surface";
-            self.note(format!("primitive of {title}"), Effect::Left, why);
-            return Ok(None);
-        }
-        let has_bytes = |number: usize| {
-            let accessor = self.document.accessors.get(number);
-            accessor.is_none_or(|accessor| accessor.buffer_view.is_some())
-        };
-        let Some(position) = primitive
-            .attributes
-            .position
-            .filter(|number| has_bytes(*number))
-        else {
-            let why = "its positions are missing, or packed by an extension";
-            self.note(format!("primitive of {title}"), Effect::Left, why);
-            return Ok(None);
-        };
-        let points = self.buffers.points(self.document, position)?;
-        let indices = match primitive.indices {
-            Some(number) => self.buffers.indices(self.document, number)?,
-            None => (0..points.len() as u32).collect(),
-        };
-        let triangles: Vec<[u32; 3]> = match mode {
-            TRIANGLES => indices.as_chunks::<3>().0.to_vec(),
-            STRIP => (indices.windows(3).enumerate())
-                .map(|(place, three)| match place % 2 {
-                    0 => [three[0], three[1], three[2]],
-                    _ => [three[1], three[0], three[2]],
-                })
-                .collect(),
-            _ => {
-                let pairs = indices.get(1..).unwrap_or_default().windows(2);
-                pairs.map(|two| [indices[0], two[0], two[1]]).collect()
-            }
-        };
-        let mesh = mesh::check(TriangleMesh { points, triangles });
-        let mesh = mesh.map_err(|problem| match problem {
-            Problem::Mesh(cause) => Problem::Mesh(format!("{title}: {cause}")),
-            other => other,
-        })?;
-        Ok(Some(mesh.used()))
-    }
 }
 
-/// Name and number of a node or a mesh.
-fn title(number: usize, name: &str) -> String {
-    match name.is_empty() {
-        true => format!("{number}"),
-        false => name.to_owned(),
-    }
+/// The thing that gives a collider its shape.
+enum Named {
+    Mesh(usize),
+    Shape(usize),
+    Nothing,
 }
 
 /// The turn of a solid whose long axis is z here, and y in the file.

@@ -198,6 +198,95 @@ fn a_binary_file_and_one_beside_its_buffer_are_the_same_scene() {
     }
 }
 
+#[test]
+fn only_the_first_buffer_of_a_binary_file_has_its_bytes() {
+    let text = file_with("", r#"{"mesh": 0}"#, "");
+    let second = text
+        .replacen(
+            r#""byteLength": 72}]"#,
+            r#""byteLength": 72}, {"byteLength": 72}]"#,
+            1,
+        )
+        .replacen(
+            r#""buffer": 0, "byteOffset""#,
+            r#""buffer": 1, "byteOffset""#,
+            1,
+        );
+    let mut files = MemoryFiles::default();
+    files.insert("a.glb", binary(&second));
+    let refused = load(&files, "a.glb", &LoadOptions::default()).expect_err("no bytes");
+    let words = "accessor 1 is in buffer 1, which has no uri";
+    assert!(refused.to_string().contains(words), "{refused}");
+    let refused = read_text(&text).expect_err("no bytes").to_string();
+    assert!(
+        refused.contains("accessor 0 is in buffer 0, which has no uri"),
+        "{refused}"
+    );
+}
+
+#[test]
+fn points_that_no_triangle_names_are_not_read() {
+    // Seven tetrahedra in a row of points whose last one is none; each primitive names the first four.
+    let mut bytes = Vec::new();
+    (0..7).for_each(|_| bytes.extend_from_slice(&solid()[..48]));
+    bytes[27 * 12..][..4].copy_from_slice(&f32::NAN.to_le_bytes());
+    bytes.extend_from_slice(&solid()[48..]);
+    let primitive = r#"{"attributes": {"POSITION": 0}, "indices": 1}"#;
+    let text = file_with(r#""uri": "p.bin","#, r#"{"mesh": 0}"#, "")
+        .replace(r#""byteLength": 48}"#, r#""byteLength": 336}"#)
+        .replace(r#""byteOffset": 48"#, r#""byteOffset": 336"#)
+        .replace(r#""byteLength": 72"#, r#""byteLength": 360"#)
+        .replace(r#""count": 4"#, r#""count": 28"#)
+        .replace(primitive, &[primitive; 3].join(","));
+    let read = |text: &str, bytes: &[u8]| {
+        let mut files = MemoryFiles::default();
+        files.insert("p.bin", bytes);
+        load_text(&files, "a.gltf", text, &LoadOptions::default())
+    };
+    let scene = read(&text, &bytes).expect("its points are finite");
+    assert_eq!(scene.bodies.len(), 3);
+    assert_eq!(points(&scene, 2).len(), 4);
+    bytes[336] = 27;
+    let refused = read(&text, &bytes).expect_err("not finite").to_string();
+    assert!(
+        refused.contains("tetra: point 27 is not finite"),
+        "{refused}"
+    );
+    bytes[336] = 28;
+    let refused = read(&text, &bytes).expect_err("beyond").to_string();
+    assert!(
+        refused.contains("tetra: triangle 0 names a point beyond the last"),
+        "{refused}"
+    );
+}
+
+#[test]
+fn triangles_that_many_primitives_name_are_counted_before_they_are_read() {
+    // A primitive of 600 points, whose last index is beyond them: reading it would be the error.
+    let primitive = r#"{"attributes": {"POSITION": 0}, "mode": 5}"#;
+    let first = r#"{"attributes": {"POSITION": 0}, "mode": 6, "indices": 1}"#;
+    let bytes: Vec<u8> = (0..600_u16)
+        .flat_map(|place| [f32::from(place), f32::from(place % 7), 0.0])
+        .flat_map(f32::to_le_bytes)
+        .collect();
+    let all = [&[primitive; 3_400][..], &[first]].concat();
+    let text = format!(
+        r#"{{"asset": {{"version": "2.0"}}, "buffers": [{{"uri": "p.bin", "byteLength": 7200}}],
+        "bufferViews": [{{"buffer": 0, "byteLength": 7200}}],
+        "accessors": [{{"bufferView": 0, "componentType": 5126, "count": 600, "type": "VEC3"}},
+            {{"bufferView": 0, "componentType": 5125, "count": 600, "type": "SCALAR"}}],
+        "meshes": [{{"primitives": [{}]}}], "nodes": [{{"mesh": 0}}]}}"#,
+        all.join(",")
+    );
+    let mut files = MemoryFiles::default();
+    files.insert("p.bin", bytes);
+    let refused =
+        load_text(&files, "a.gltf", &text, &LoadOptions::default()).expect_err("too many");
+    let words =
+        "the number of triangles of all meshes is 2000310 or more, and at most 2000000 are read";
+    assert!(refused.to_string().contains(words), "{refused}");
+}
+
 /// A binary file of a text and the tetrahedron.
 fn binary(text: &str) -> Vec<u8> {
     let mut text = text.as_bytes().to_vec();
@@ -478,9 +567,140 @@ fn wrong_nodes_are_refused_by_their_name() {
             "the number of nodes is 131073",
         ),
     ]);
-    // Nodes in a ring hang on no root: the scene is empty.
-    let ring = nodes(r#"{"name": "a", "children": [1]}, {"children": [0]}"#);
-    assert!(plain(&ring).bodies.is_empty());
+    // Nodes in a ring hang on no root.
+    refuse(&[(
+        nodes(r#"{"mesh": 0}, {"name": "a", "children": [2]}, {"children": [1]}"#),
+        "a: it hangs on two nodes, or on itself",
+    )]);
+}
+
+/// The notes of a scene, one a line.
+fn noted(scene: &LoadedScene) -> String {
+    let notes = scene.report.notes().iter();
+    notes.map(|note| format!("{note}\n")).collect()
+}
+
+/// A node with this collider, and one without a mesh.
+fn with_collider(collider: &str) -> String {
+    let nodes = format!(
+        r#"{{"name": "a", "extensions": {{"KHR_physics_rigid_bodies": {{"collider": {collider}}}}}}}, {{"name": "b"}}"#
+    );
+    let rest = r#", "extensions": {"KHR_physics_rigid_bodies": {"physicsMaterials": [{"dynamicFriction": 0.5}]},
+        "KHR_implicit_shapes": {"shapes": [{"type": "box"}]}}"#;
+    file(&nodes, rest)
+}
+
+#[test]
+fn a_collider_that_leads_nowhere_is_refused_or_noted() {
+    refuse(&[
+        (
+            with_collider(r#"{"geometry": {"node": 99}}"#),
+            "the collider of a names node 99, and there are 2",
+        ),
+        (
+            with_collider(r#"{"geometry": {"mesh": 99}}"#),
+            "a node names mesh 99, and there are 1",
+        ),
+        (
+            with_collider(r#"{"geometry": {"shape": 99}}"#),
+            "a names shape 99, and there are 1",
+        ),
+        (
+            with_collider(r#"{"geometry": {"shape": 0}, "physicsMaterial": 99}"#),
+            "the collider of a names physics material 99, and there are 1",
+        ),
+    ]);
+    for (geometry, words) in [
+        ("{}", "collider left out: it names no shape, mesh or node"),
+        (
+            r#"{"node": 1}"#,
+            "collider left out: the node that it names has no mesh",
+        ),
+    ] {
+        let scene = plain(&with_collider(&format!(r#"{{"geometry": {geometry}}}"#)));
+        assert!(scene.bodies.is_empty());
+        assert!(noted(&scene).contains(words), "{}", noted(&scene));
+    }
+}
+
+#[test]
+fn a_mass_that_is_none_is_noted() {
+    for mass in ["-1", "0", "\"5\"", "true"] {
+        let nodes = format!(r#"{{"mesh": 0, "extras": {{"mass": {mass}}}}}"#);
+        let scene = plain(&file(&nodes, ""));
+        assert_eq!(scene.bodies[0].builder.kind(), BodyKind::Fixed);
+        let notes = noted(&scene);
+        assert!(notes.contains("extras mass left out"), "{mass}: {notes}");
+    }
+    for (motion, words) in [
+        (r#""mass": -1"#, "mass below zero left out"),
+        (
+            r#""mass": 1, "inertiaDiagonal": [1, -1, 1]"#,
+            "moments of inertia below zero left out",
+        ),
+        (
+            r#""mass": 1, "inertiaOrientation": [0, 0, 0, 0]"#,
+            "inertia orientation left out",
+        ),
+    ] {
+        let nodes = format!(
+            r#"{{"extensions": {{"KHR_physics_rigid_bodies": {{"motion": {{{motion}}},
+            "collider": {{"geometry": {{"mesh": 0}}}}}}}}}}"#
+        );
+        let notes = noted(&plain(&file(&nodes, "")));
+        assert!(notes.contains(words), "{words}: {notes}");
+    }
+}
+
+#[test]
+fn a_kinematic_node_below_one_that_moves_is_no_part_of_it() {
+    let nodes = r#"
+        {"name": "cart", "children": [1], "extensions": {"KHR_physics_rigid_bodies": {"motion": {"mass": 1},
+            "collider": {"geometry": {"shape": 0}}}}},
+        {"name": "lift", "translation": [0, 5, 0], "children": [2], "extensions": {"KHR_physics_rigid_bodies":
+            {"motion": {"isKinematic": true}, "collider": {"geometry": {"shape": 0}}}}},
+        {"name": "rail", "translation": [0, 5, 0], "extensions": {"KHR_physics_rigid_bodies":
+            {"collider": {"geometry": {"shape": 0}}}}}"#;
+    let rest = r#", "extensions": {"KHR_implicit_shapes": {"shapes": [{"type": "box"}]}}"#;
+    let scene = plain(&file(nodes, rest));
+    let bodies = scene.bodies.iter().map(|body| {
+        let place = body.builder.state().expect("a state").position();
+        (body.name.as_str(), body.builder.kind(), place[1])
+    });
+    let bodies: Vec<_> = bodies.collect();
+    let (moves, stays) = (BodyKind::Dynamic, BodyKind::Fixed);
+    let expected = [
+        ("cart", moves, 0.0),
+        ("lift", stays, 5.0),
+        ("rail", stays, 10.0),
+    ];
+    assert_eq!(bodies, expected);
+}
+
+#[test]
+fn colliders_that_are_only_nearly_there_are_noted() {
+    let rest = r#", "extensions": {"KHR_physics_rigid_bodies": {"physicsMaterials": [{"dynamicFriction": 0.1}, {"dynamicFriction": 0.9}]},
+        "KHR_implicit_shapes": {"shapes": [{"type": "box"}]}}"#;
+    let moved = |first: &str, second: &str| {
+        let nodes = format!(
+            r#"{{"children": [1], "extensions": {{"KHR_physics_rigid_bodies": {{"motion": {{"mass": 1}},
+                "collider": {{"geometry": {{"shape": 0}}{first}}}}}}}}},
+            {{"translation": [3, 0, 0], "extensions": {{"KHR_physics_rigid_bodies": {{"collider": {{"geometry": {{"shape": 0}}{second}}}}}}}}}"#
+        );
+        noted(&plain(&file(&nodes, rest))).contains("friction of several colliders approximated")
+    };
+    let [low, high] = [r#", "physicsMaterial": 0"#, r#", "physicsMaterial": 1"#];
+    assert!(moved(low, high) && moved(low, "") && moved("", high));
+    assert!(!moved(low, low) && !moved("", ""));
+
+    let below = |scale: &str| {
+        let nodes = format!(
+            r#"{{"scale": {scale}, "children": [1]}}, {{"rotation": [0, 0, 0.38268343, 0.92387953],
+                "extensions": {{"KHR_physics_rigid_bodies": {{"collider": {{"geometry": {{"shape": 0}}}}}}}}}}"#
+        );
+        noted(&plain(&file(&nodes, rest))).contains("sheared collider approximated")
+    };
+    assert!(below("[8, 1, 1]") && !below("[8, 8, 1]"));
 }
 
 #[test]

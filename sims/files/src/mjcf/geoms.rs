@@ -89,16 +89,13 @@ impl Assets {
             None => inline(&element)?.map(|mesh| Rc::new(mesh.scaled(scale))),
         };
         let moved = reference(&element)?;
-        let mesh = mesh.map(|mesh| match moved {
+        let mesh = match mesh.as_ref().zip(moved) {
             None => mesh,
-            Some(pose) => {
-                let mut mesh = TriangleMesh::clone(&mesh);
-                mesh.points
-                    .iter_mut()
-                    .for_each(|point| *point = pose.point(*point));
-                Rc::new(mesh)
+            Some((mesh, pose)) => {
+                let moved = meshes.moved(mesh, &pose);
+                Some(moved.map_err(|problem| element.wrong(problem))?)
             }
-        });
+        };
         self.0.insert(name, mesh);
         Ok(())
     }
