@@ -66,6 +66,20 @@ pub enum BvhDefect {
         /// Its text.
         text: String,
     },
+    /// A count is none.
+    Count {
+        /// What it counts.
+        of: &'static str,
+        /// Its text.
+        text: String,
+    },
+    /// A joint has two position channels along one axis.
+    ChannelTwice {
+        /// The joint.
+        joint: String,
+        /// The channel.
+        channel: &'static str,
+    },
     /// A joint has no offset.
     NoOffset {
         /// The joint.
@@ -97,6 +111,15 @@ impl fmt::Display for BvhDefect {
                 write!(f, "{found:?} stands in the place of {expected}")
             }
             Self::Number { of, text } => write!(f, "{of}: {text:?} is no finite number"),
+            Self::Count { of, text } => write!(
+                f,
+                "{of}: {text:?} is no count, which is a whole number from 0 to {}",
+                u32::MAX
+            ),
+            Self::ChannelTwice { joint, channel } => write!(
+                f,
+                "joint {joint:?} has the channel {channel} twice: one of them belongs to another axis"
+            ),
             Self::NoOffset { joint } => write!(f, "joint {joint:?} has no OFFSET"),
             Self::Numbers { found, expected } => {
                 write!(
@@ -197,6 +220,14 @@ impl<'a> Text<'a> {
         number.ok_or_else(|| {
             let (of, text) = (of.to_owned(), text.to_owned());
             self.wrong(BvhDefect::Number { of, text })
+        })
+    }
+
+    fn count(&self, of: &'static str, stated: &str) -> Result<usize, BvhError> {
+        let count = stated.parse::<u32>().map(|count| count as usize);
+        count.map_err(|_| {
+            let text = stated.to_owned();
+            self.wrong(BvhDefect::Count { of, text })
         })
     }
 
@@ -319,20 +350,23 @@ impl Skeleton {
     /// Reads the channels of a joint.
     fn add(&mut self, text: &mut Text<'_>, open: &mut Open) -> Result<(), BvhError> {
         let stated = text.word("the number of CHANNELS")?;
-        let count: usize = stated.parse().map_err(|_| {
-            let (of, text_of) = ("the number of CHANNELS".to_owned(), stated.to_owned());
-            text.wrong(BvhDefect::Number { of, text: text_of })
-        })?;
+        let count = text.count("the number of CHANNELS", stated)?;
         let mut channels = Vec::new();
         for _ in 0..count {
             let word = text.word("a channel")?;
             let known = CHANNELS
                 .iter()
                 .find(|(name, _)| name.eq_ignore_ascii_case(word));
-            let Some((_, channel)) = known else {
+            let Some((name, channel)) = known else {
                 let (found, expected) = (word.to_owned(), "a channel such as Xrotation");
                 return Err(text.wrong(BvhDefect::Word { found, expected }));
             };
+            // A turn about an axis may come twice, as in zxz; of two positions one would be lost.
+            let is_position = matches!(channel, Channel::Position(_));
+            if is_position && channels.contains(channel) {
+                let (joint, channel) = (open.name.clone(), *name);
+                return Err(text.wrong(BvhDefect::ChannelTwice { joint, channel }));
+            }
             channels.push(*channel);
         }
         if count == 0 {
@@ -478,10 +512,7 @@ pub(super) struct Motion {
 impl Motion {
     fn read(text: &mut Text<'_>, skeleton: &Skeleton) -> Result<Self, BvhError> {
         let stated = after_colon(text, "Frames")?;
-        let frames: usize = stated.parse().map_err(|_| {
-            let of = "Frames".to_owned();
-            text.wrong(BvhDefect::Number { of, text: stated })
-        })?;
+        let frames = text.count("Frames", &stated)?;
         let stated = after_colon(text, "Frame Time")?;
         let step_s = text.finite("Frame Time", &stated)?;
         let mut rows = Vec::new();

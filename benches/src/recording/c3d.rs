@@ -1,8 +1,8 @@
 //! Markers of cameras as C3D: positions of points, frame by frame.
 //!
-//! Makes no poses by time. Positions are in the file's unit and its axes. Numbers of all three processors are read, as 16 bits or with a point. A
-//! marker whose residual is below zero, or whose position is not finite, is missing in that frame; its coordinates are
-//! never used. Analog channels are left out.
+//! Makes no poses by time. Positions are in the file's unit and its axes. Numbers of all three processors are read, as 16
+//! bits or with a point. A marker whose residual is below zero, or whose position is not finite, is missing in that frame;
+//! its coordinates are never used. Analog channels are left out.
 //!
 //! The header counts frames with 16 bits. A count in TRIAL comes first; where there is none and the header's is at its
 //! end, the frames are those that the file holds.
@@ -11,6 +11,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 
 use glam::DVec3;
+use rhumb_protocol::limits::BODIES_MAX;
 
 /// Bytes of a block: the header is one, and parameters and data begin with one.
 pub(super) const BLOCK: usize = 512;
@@ -18,6 +19,8 @@ pub(super) const BLOCK: usize = 512;
 pub(super) const KEY: u8 = 0x50;
 /// The most that 16 bits count.
 const COUNT_MAX: u64 = 65_535;
+/// The most blocks that come before the frames: more than any file has.
+const BLOCKS_MAX: u32 = 1 << 31;
 
 /// The reason why a C3D file is not read.
 #[derive(Clone, Debug, PartialEq)]
@@ -48,6 +51,15 @@ pub enum C3dError {
         /// The kind of value that is needed.
         needed: &'static str,
     },
+    /// A parameter that counts is no whole number, or beyond the most.
+    Count {
+        /// Its group and name.
+        name: &'static str,
+        /// The number.
+        stated: f64,
+        /// The most.
+        most: u32,
+    },
     /// The file ends before the last frame that it counts.
     Frames {
         /// Whole frames that it holds.
@@ -75,6 +87,10 @@ impl fmt::Display for C3dError {
                 )
             }
             Self::Parameter { name, needed } => write!(f, "parameter {name} has to be {needed}"),
+            Self::Count { name, stated, most } => write!(
+                f,
+                "parameter {name} is {stated:?}, and has to be a whole number from 0 to {most}"
+            ),
             Self::Frames { held, stated } => write!(
                 f,
                 "the file ends after {held} of the {stated} frames that it counts: it is cut"
@@ -310,15 +326,23 @@ pub(super) struct Markers {
     stride: usize,
     /// `None`: numbers with a point.
     scale: Option<f64>,
-    /// True if the frames are those that the file holds.
-    is_counted: bool,
+    /// The first and last frame of the header, if the frames are those that the file holds.
+    miscounted: Option<(u64, u64)>,
+}
+
+/// A number that counts, before anything is multiplied by it.
+fn whole(name: &'static str, stated: f64, most: u32) -> Result<usize, C3dError> {
+    // NaN is none.
+    let is_count = (0.0..=f64::from(most)).contains(&stated) && stated.fract() == 0.0;
+    let wrong = C3dError::Count { name, stated, most };
+    is_count.then_some(stated as usize).ok_or(wrong)
 }
 
 impl Markers {
     pub(super) fn find(file: &File<'_>) -> Result<Self, C3dError> {
         let header = |word| f64::from(file.header(word));
         let of = |name, word| file.number("POINT", name).unwrap_or_else(|| header(word));
-        let count = of("USED", 2) as usize;
+        let count = whole("POINT:USED", of("USED", 2), BODIES_MAX)?;
         let stated = file.number("POINT", "SCALE");
         let scale = stated.unwrap_or_else(|| {
             file.processor
@@ -330,7 +354,7 @@ impl Markers {
         }
         let scale = (scale > 0.0).then_some(scale);
         let width = if scale.is_some() { 2 } else { 4 };
-        let block = match of("DATA_START", 9) as usize {
+        let block = match whole("POINT:DATA_START", of("DATA_START", 9), BLOCKS_MAX)? {
             0 => usize::from(file.header(9)),
             block => block,
         };
@@ -342,7 +366,7 @@ impl Markers {
             begin,
             stride,
             scale,
-            is_counted: false,
+            miscounted: None,
         };
         markers.count_frames(file)?;
         Ok(markers)
@@ -358,7 +382,7 @@ impl Markers {
         // The header's count is at its end, or went round.
         let is_full = in_trial.is_none() && (last >= COUNT_MAX || last < first);
         if is_full && held as u64 > stated {
-            self.is_counted = true;
+            self.miscounted = Some((first, last));
             self.frames = (held - self.filling(file, held)) as u64;
             return Ok(());
         }
@@ -441,12 +465,15 @@ impl Markers {
     /// Sentences on what the file has and the recording has not.
     pub(super) fn notes(&self, file: &File<'_>) -> Vec<String> {
         let mut notes = vec!["markers have positions alone: no body turns".to_owned()];
-        if self.is_counted {
-            notes.push(format!(
-                "the header cannot count beyond {COUNT_MAX}; the file holds {} frames",
-                self.frames
-            ));
-        }
+        let frames = self.frames;
+        notes.extend(self.miscounted.map(|(first, last)| match last >= COUNT_MAX {
+            true => {
+                format!("the header cannot count beyond {COUNT_MAX}; the file holds {frames} frames")
+            }
+            false => format!(
+                "the header has the frames from {first} to {last}, which are none; the file holds {frames} frames"
+            ),
+        }));
         if file.header(3) > 0 {
             notes.push(format!(
                 "{} analog values of each frame are left out",

@@ -57,9 +57,14 @@ pub enum RecordingError {
         /// Frame count stated by the file, as far as 32 bits hold it.
         frames: u32,
     },
-    /// The step is none of a rate from 1 to 1000 Hz.
+    /// The step that the file states is none of a rate from 1 to 1000 Hz.
     Step {
         /// The step, seconds.
+        step_s: f64,
+    },
+    /// The time between frames is the step of no rate from 1 to 1000 Hz, and the caller may state one.
+    Interval {
+        /// The time, seconds.
         step_s: f64,
     },
     /// More poses would be made of those of the file than it may take.
@@ -375,6 +380,20 @@ impl fmt::Display for Place {
     }
 }
 
+/// A number that a file states, in few letters, however large or small it is.
+struct Short(f64);
+
+impl fmt::Display for Short {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let number = self.0;
+        let is_plain = number == 0.0 || (1e-9..1e15).contains(&number.abs());
+        match is_plain || !number.is_finite() {
+            true => write!(f, "{number}"),
+            false => write!(f, "{number:e}"),
+        }
+    }
+}
+
 /// A shape as NumPy writes it.
 struct Tuple<'a>(&'a [usize]);
 
@@ -418,7 +437,8 @@ impl fmt::Display for RowDefect {
             Self::OutOfRange { of } => write!(f, "the {of} is not finite or too large"),
             Self::Rotation { length } => write!(
                 f,
-                "the quaternion has length {length}, not 1: are its columns those of x, y, z, w?"
+                "the quaternion has length {}, not 1: are its columns those of x, y, z, w?",
+                Short(*length)
             ),
             Self::Twice { body, other } => {
                 write!(
@@ -465,8 +485,14 @@ impl RecordingError {
                 "the recording claims {frames} frames, more than are read"
             ),
             Self::Step { step_s } => {
-                write!(f, "{step_s} s is the step of no rate from 1 to 1000 Hz")
+                let step = Short(*step_s);
+                write!(f, "{step} s is the step of no rate from 1 to 1000 Hz")
             }
+            Self::Interval { step_s } => write!(
+                f,
+                "{} s is the step of no rate from 1 to 1000 Hz: --rate HZ states the rate of the frames",
+                Short(*step_s)
+            ),
             Self::Poses { made, most } => write!(
                 f,
                 "the file would become {made} poses, and at most {most} are made of it: a lower --resample makes fewer"
@@ -477,9 +503,10 @@ impl RecordingError {
                 place,
             } => write!(
                 f,
-                "the times keep no constant rate: {place} lies {:.0} % of a step beside the frames of {step_s} s; \
+                "the times keep no constant rate: {place} lies {:.0} % of a step beside the frames of {} s; \
                  --rate HZ states another rate, --resample HZ interpolates them",
-                share * 100.0
+                share * 100.0,
+                Short(*step_s)
             ),
             Self::Number { tick, index } => {
                 write!(f, "body {index} has an invalid number at {tick}")
@@ -553,7 +580,8 @@ impl RecordingError {
                 most,
             } => write!(
                 f,
-                "array {array} has {number}, and needs {kind} from {least} to {most}"
+                "array {array} has {}, and needs {kind} from {least} to {most}",
+                Short(*number)
             ),
             Self::ArrayBody { array, body, cause } => {
                 write!(f, "array {array}, body {body}: {cause}")
@@ -636,6 +664,7 @@ impl RecordingError {
             | Self::Long { .. }
             | Self::Frames { .. }
             | Self::Step { .. }
+            | Self::Interval { .. }
             | Self::Poses { .. }
             | Self::NoRate { .. }
             | Self::Number { .. }

@@ -6,7 +6,6 @@
 use std::collections::BTreeSet;
 
 use glam::DQuat;
-use rhumb_protocol::limits::BODIES_MAX;
 use rhumb_reckoning::{Metres, Rate};
 
 use super::bvh::{self, Motion};
@@ -81,7 +80,7 @@ fn rate_of_frames(motion: &Motion, poses: &mut TimedPoses) -> Result<Rate, Recor
     // NaN is none.
     let is_step = step_s > 0.0;
     let rate = is_step.then(|| rate_of_step(step_s, ROUNDED_S / step_s));
-    let rate = rate.flatten().ok_or(RecordingError::Step { step_s })?;
+    let rate = rate.flatten().ok_or(RecordingError::Interval { step_s })?;
     if (rate.step().seconds() / step_s - 1.0).abs() > 1e-9 {
         let hertz = f64::from(rate.ticks()) / f64::from(rate.seconds());
         let note = format!("the frame time of {step_s} s is taken as {hertz} Hz");
@@ -98,10 +97,6 @@ pub(super) fn read_c3d(
 ) -> Result<Recording, RecordingError> {
     let file = File::read(bytes)?;
     let markers = Markers::find(&file)?;
-    if markers.count > BODIES_MAX as usize {
-        let bodies = markers.count as u64;
-        return Err(RecordingError::Bodies { bodies });
-    }
     if markers.frames > u64::from(FRAMES_MAX) {
         let frames = u32::try_from(markers.frames).unwrap_or(u32::MAX);
         return Err(RecordingError::Frames { frames });
@@ -110,7 +105,7 @@ pub(super) fn read_c3d(
         Some(rate) => rate,
         None => {
             let step_s = 1.0 / markers.hertz(&file)?;
-            rate_of_step(step_s, RATE_ROUNDED).ok_or(RecordingError::Step { step_s })?
+            rate_of_step(step_s, RATE_ROUNDED).ok_or(RecordingError::Interval { step_s })?
         }
     };
     let unit = match options.unit {

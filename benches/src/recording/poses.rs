@@ -297,7 +297,7 @@ impl TimedPoses {
         let share = (2.0 * off_ns + TIMES_ROUNDED_NS) / before_ns.max(median_ns);
         let share = share.clamp(1e-9, 1e-2);
         let step_s = step_ns / 1e9;
-        rate_of_step(step_s, share).ok_or(RecordingError::Step { step_s })
+        rate_of_step(step_s, share).ok_or(RecordingError::Interval { step_s })
     }
 
     /// Puts each pose into its frame.

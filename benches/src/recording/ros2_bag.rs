@@ -7,7 +7,7 @@
 use std::collections::BTreeMap;
 use std::io::{Seek, Write};
 
-use mcap::records::MessageHeader;
+use mcap::records::{MessageHeader, Metadata};
 use mcap::{McapError, WriteOptions};
 use rhumb_protocol::scene::BodyKind;
 use rhumb_reckoning::{BodyId, BodyState};
@@ -62,12 +62,31 @@ int32 sec
 uint32 nanosec
 ";
 /// The quality of service of a topic whose last message late subscribers get, as bags hold it.
+///
+/// rosbag2 reads nine keys of a profile, and opens no bag that lacks one. Numbers are those of rmw: keep last, reliable,
+/// transient local, automatic; a duration is the endless one. Source: `convert<Rosbag2QoS>::decode` in
+/// rosbag2_storage/src/rosbag2_storage/qos.cpp of ros2/rosbag2 at 01f25dd.
 const LATCHED: &str = "\
-- history: keep_last
+- history: 1
   depth: 1
-  reliability: reliable
-  durability: transient_local
+  reliability: 1
+  durability: 1
+  deadline:
+    sec: 9223372036
+    nsec: 854775807
+  lifespan:
+    sec: 9223372036
+    nsec: 854775807
+  liveliness: 1
+  liveliness_lease_duration:
+    sec: 9223372036
+    nsec: 854775807
+  avoid_ros_namespace_conventions: false
 ";
+/// A record of this name without metadata of the bag says that policies are numbers, which every version reads; without
+/// the record newer ones expect words. Source: `MCAPStorage::read_metadata` in
+/// rosbag2_storage_mcap/src/mcap_storage.cpp of ros2/rosbag2 at 0286032.
+const OF_BAG: (&str, &str) = ("rosbag2", "serialized_metadata");
 
 /// Writes a bag.
 ///
@@ -83,7 +102,17 @@ pub fn write_bag(recording: &Recording, to: impl Write + Seek) -> Result<(), Mca
     let none = BTreeMap::new();
     let clock = writer.add_channel(clock, "/clock", "cdr", &none)?;
     let moving = writer.add_channel(transforms, "/tf", "cdr", &none)?;
-    let fixed = writer.add_channel(transforms, "/tf_static", "cdr", &latched)?;
+    let truth = &recording.truth;
+    let mut kinds = truth.placed.iter().map(|one| one.desc.kind);
+    let fixed = match kinds.any(|kind| kind == BodyKind::Fixed) {
+        true => Some(writer.add_channel(transforms, "/tf_static", "cdr", &latched)?),
+        false => None,
+    };
+    let (name, key) = OF_BAG;
+    writer.write_metadata(&Metadata {
+        name: name.to_owned(),
+        metadata: BTreeMap::from([(key.to_owned(), String::new())]),
+    })?;
     let mut put = |channel_id, sequence, at_ns, message: &CdrWriter| {
         let header = MessageHeader {
             channel_id,
@@ -93,7 +122,6 @@ pub fn write_bag(recording: &Recording, to: impl Write + Seek) -> Result<(), Mca
         };
         writer.write_to_known_channel(&header, &message.0)
     };
-    let truth = &recording.truth;
     let rate = recording.integrator.rate;
     let (mut placed, mut removed) = (
         truth.placed.iter().peekable(),
@@ -120,7 +148,7 @@ pub fn write_bag(recording: &Recording, to: impl Write + Seek) -> Result<(), Mca
         let at_ns = BEGIN_NS + (ns / u128::from(rate.ticks())) as u64;
         let sequence = frame as u32;
         put(clock, sequence, at_ns, &CdrWriter::new().time(at_ns))?;
-        if still.len() > begun {
+        if let Some(fixed) = fixed.filter(|_| still.len() > begun) {
             put(fixed, sequence, at_ns, &message(&still, at_ns))?;
         }
         put(moving, sequence, at_ns, &message(&there, at_ns))?;
@@ -256,6 +284,77 @@ mod tests {
             poses
         };
         assert_eq!(poses(&again), poses(&recording));
+    }
+
+    /// The keys of a text of YAML, each with those that it is in, and its value.
+    fn entries(text: &str) -> Vec<(String, String)> {
+        let mut above: Vec<(usize, &str)> = Vec::new();
+        let mut entries = Vec::new();
+        for line in text.lines() {
+            // An element of a list is two deeper than its mark.
+            let inner = line.trim_start_matches([' ', '-']);
+            let (key, value) = inner.split_once(':').expect("a key");
+            above.retain(|(depth, _)| *depth < line.len() - inner.len());
+            above.push((line.len() - inner.len(), key));
+            let keys: Vec<&str> = above.iter().map(|(_, key)| *key).collect();
+            entries.push((keys.join("."), value.trim().to_owned()));
+        }
+        entries
+    }
+
+    /// Keys and numbers as rosbag2 reads them: `convert<Rosbag2QoS>::decode` and `convert<rmw_time_t>::decode` in qos.cpp of
+    /// ros2/rosbag2 at 01f25dd, with the policies of rmw.
+    #[test]
+    fn a_latched_topic_has_each_key_that_rosbag2_reads() {
+        let endless = ["9223372036", "854775807"];
+        let expected = [
+            ("history", "1"),
+            ("depth", "1"),
+            ("reliability", "1"),
+            ("durability", "1"),
+            ("deadline", ""),
+            ("deadline.sec", endless[0]),
+            ("deadline.nsec", endless[1]),
+            ("lifespan", ""),
+            ("lifespan.sec", endless[0]),
+            ("lifespan.nsec", endless[1]),
+            ("liveliness", "1"),
+            ("liveliness_lease_duration", ""),
+            ("liveliness_lease_duration.sec", endless[0]),
+            ("liveliness_lease_duration.nsec", endless[1]),
+            ("avoid_ros_namespace_conventions", "false"),
+        ];
+        let expected = expected.map(|(key, value)| (key.to_owned(), value.to_owned()));
+        let mut file = Cursor::new(Vec::new());
+        write_bag(&recording(), &mut file).expect("memory");
+        let bytes = file.into_inner();
+        let summary = mcap::Summary::read(&bytes).expect("sound").expect("one");
+        let channels = summary.channels.values();
+        let profiles = channels.filter_map(|channel| {
+            let profile = channel.metadata.get("offered_qos_profiles")?;
+            Some((channel.topic.as_str(), entries(profile)))
+        });
+        let profiles: Vec<_> = profiles.collect();
+        assert_eq!(profiles, [("/tf_static", expected.to_vec())]);
+        let records = summary.metadata_indexes.iter().map(|of| of.name.as_str());
+        assert_eq!(records.collect::<Vec<_>>(), ["rosbag2"]);
+    }
+
+    #[test]
+    fn a_bag_without_fixed_bodies_has_no_topic_for_them() {
+        let text = "time,body,x,y,z,qx,qy,qz,qw\n0,a,0,0,0,0,0,0,1\n1,a,1,0,0,0,0,0,1\n";
+        let recording = read_bytes("r", text.as_bytes(), &ReadOptions::default()).expect("sound");
+        let mut file = Cursor::new(Vec::new());
+        write_bag(&recording, &mut file).expect("memory");
+        let bytes = file.into_inner();
+        let summary = mcap::Summary::read(&bytes).expect("sound").expect("one");
+        let topics = summary
+            .channels
+            .values()
+            .map(|channel| channel.topic.as_str());
+        let mut topics: Vec<_> = topics.collect();
+        topics.sort_unstable();
+        assert_eq!(topics, ["/clock", "/tf"]);
     }
 
     #[test]

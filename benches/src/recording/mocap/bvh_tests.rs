@@ -183,7 +183,12 @@ fn wrong_frames_are_refused_with_their_line() {
         (
             "Frames: 2",
             "Frames: many",
-            "line 26: Frames: \"many\" is no finite number",
+            "line 26: Frames: \"many\" is no count, which is a whole number from 0 to 4294967295",
+        ),
+        (
+            "Frames: 2",
+            "Frames: -3",
+            "line 26: Frames: \"-3\" is no count",
         ),
         (
             "Frame Time: 0.01",
@@ -198,7 +203,12 @@ fn wrong_frames_are_refused_with_their_line() {
         (
             "Frame Time: 0.01",
             "Frame Time: 0",
-            "0 s is the step of no rate",
+            "0 s is the step of no rate from 1 to 1000 Hz: --rate HZ states the rate of the frames",
+        ),
+        (
+            "Frame Time: 0.01",
+            "Frame Time: 1e300",
+            "1e300 s is the step of no rate",
         ),
     ]);
 }
@@ -230,6 +240,16 @@ fn a_wrong_skeleton_is_refused_with_its_line() {
             "CHANNELS 3",
             "CHANNELS 99999999999999999999",
             "line 8: the number of CHANNELS",
+        ),
+        (
+            "CHANNELS 3",
+            "CHANNELS -1",
+            "line 8: the number of CHANNELS: \"-1\" is no count",
+        ),
+        (
+            "Xposition Yposition",
+            "Xposition xposition",
+            "line 5: joint \"Hips\" has the channel Xposition twice",
         ),
         (
             "End Site",
@@ -269,6 +289,16 @@ fn a_cut_file_is_refused_at_its_end() {
         let text = whole.replacen("Frames: 2", &format!("Frames: {frames}"), 1);
         assert!(read_bvh("s", &text, &centimetres()).is_err(), "{frames}");
     }
+}
+
+#[test]
+fn a_joint_may_turn_twice_about_one_axis() {
+    let text = file(&ROWS, "0.01").replacen(
+        "Xrotation Yrotation Zrotation",
+        "Zrotation Xrotation Zrotation",
+        1,
+    );
+    assert_eq!(plain(&text, &centimetres()).truth.placed.len(), 3);
 }
 
 #[test]

@@ -14,6 +14,8 @@ struct Written {
     trial: Option<(u32, u32)>,
     units: &'static str,
     rate: f64,
+    /// The number of markers as one with a point.
+    used: Option<f64>,
 }
 
 const PLAIN: Written = Written {
@@ -24,6 +26,7 @@ const PLAIN: Written = Written {
     trial: None,
     units: "mm",
     rate: 120.0,
+    used: None,
 };
 
 /// Position of a marker in a frame, millimetres; no marker is there in frames 10 and 11.
@@ -67,7 +70,10 @@ impl Written {
         };
         // A parameter may come before its group.
         let scalar = |kind: i8, data: &[u8]| [&[kind.cast_unsigned(), 0][..], data, &[0]].concat();
-        record(1, "USED", &scalar(2, &self.word(2)));
+        match self.used {
+            None => record(1, "USED", &scalar(2, &self.word(2))),
+            Some(used) => record(1, "USED", &scalar(4, &self.number(used))),
+        }
         record(-1, "POINT", &[0]);
         record(1, "SCALE", &scalar(4, &self.number(self.scale)));
         record(1, "RATE", &scalar(4, &self.number(self.rate)));
@@ -262,7 +268,10 @@ fn a_rate_in_single_precision_is_that_of_the_camera() {
     for (rate, words) in [
         (0.0, "POINT:RATE"),
         (f64::NAN, "POINT:RATE"),
-        (5_000.0, "is the step of no rate"),
+        (
+            5_000.0,
+            "is the step of no rate from 1 to 1000 Hz: --rate HZ",
+        ),
     ] {
         let said = refused(&Written { rate, ..PLAIN }.bytes(), &ReadOptions::default());
         assert!(said.contains(words), "{said}");
@@ -304,6 +313,44 @@ fn wrong_counts_and_numbers_are_refused_by_name() {
         ..PLAIN
     };
     assert!(refused(&scale.bytes(), &none).contains("POINT:SCALE"));
+}
+
+#[test]
+fn a_count_that_is_none_is_refused_before_it_is_multiplied() {
+    let used = |used| Written {
+        used: Some(used),
+        ..PLAIN
+    };
+    assert_eq!(plain(&used(2.0).bytes()).truth.placed.len(), 2);
+    for (count, said_as) in [
+        (1e19, "9.999999980506448e18"),
+        (131_073.0, "131073.0"),
+        (-1.0, "-1.0"),
+        (1.5, "1.5"),
+        (f64::NAN, "NaN"),
+        (f64::INFINITY, "inf"),
+    ] {
+        let said = refused(&used(count).bytes(), &ReadOptions::default());
+        let words = format!(
+            "parameter POINT:USED is {said_as}, and has to be a whole number from 0 to 131072"
+        );
+        assert!(said.contains(&words), "{words}: {said}");
+    }
+}
+
+#[test]
+fn a_header_that_counts_no_frames_is_not_said_to_be_full() {
+    let none = Written {
+        header: (1, 0),
+        ..PLAIN
+    };
+    let recording = plain(&none.bytes());
+    let notes = recording.notes.join("; ");
+    let words = "the header has the frames from 1 to 0, which are none; the file holds 60 frames";
+    assert!(
+        notes.contains(words) && !notes.contains("cannot count"),
+        "{notes}"
+    );
 }
 
 #[test]
