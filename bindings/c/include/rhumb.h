@@ -490,6 +490,55 @@ typedef uint32_t RhumbEventKind;
 #endif // __STDC_VERSION__ >= 202311L
 #endif // __cplusplus
 
+// What a request asks for. Those that move a body are answered by what is fed; those that add, change or remove something
+// change the scene once they are accepted.
+enum RhumbRequestKind
+#if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+  : uint32_t
+#endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+ {
+  // There was no request.
+  RHUMB_REQUEST_KIND_NONE,
+  // A new body, of an id that it has already: `body`, `position`, `rotation`, `linear_velocity`, `angular_velocity`. Once it
+  // is accepted, feed it.
+  RHUMB_REQUEST_KIND_ADD_BODY,
+  // The removal of `body`.
+  RHUMB_REQUEST_KIND_REMOVE_BODY,
+  // Other properties of `body`.
+  RHUMB_REQUEST_KIND_CHANGE_BODY,
+  // `body` at `position` and `rotation`.
+  RHUMB_REQUEST_KIND_SET_POSE,
+  // `body` with `linear_velocity` and `angular_velocity`.
+  RHUMB_REQUEST_KIND_SET_VELOCITY,
+  // A force for one tick: `vector`, at `point` if `has_point` is not zero.
+  RHUMB_REQUEST_KIND_APPLY_FORCE,
+  // A torque for one tick: `vector`.
+  RHUMB_REQUEST_KIND_APPLY_TORQUE,
+  // A change of momentum: `vector`, at `point` if `has_point` is not zero.
+  RHUMB_REQUEST_KIND_APPLY_IMPULSE,
+  // A change of angular momentum: `vector`.
+  RHUMB_REQUEST_KIND_APPLY_TORQUE_IMPULSE,
+  // `body` asleep.
+  RHUMB_REQUEST_KIND_SLEEP,
+  // `body` awake.
+  RHUMB_REQUEST_KIND_WAKE,
+  // Another gravity: `vector`.
+  RHUMB_REQUEST_KIND_SET_GRAVITY,
+  // A new joint; `body` is its first one.
+  RHUMB_REQUEST_KIND_ADD_JOINT,
+  // Other limits and motors of a joint; `body` is its first one.
+  RHUMB_REQUEST_KIND_CHANGE_JOINT,
+  // The removal of a joint.
+  RHUMB_REQUEST_KIND_REMOVE_JOINT,
+};
+#ifndef __cplusplus
+#if __STDC_VERSION__ >= 202311L
+typedef enum RhumbRequestKind RhumbRequestKind;
+#else
+typedef uint32_t RhumbRequestKind;
+#endif // __STDC_VERSION__ >= 202311L
+#endif // __cplusplus
+
 // A client of one scene. All zeros is none.
 //
 // One thread at a time may use it, any thread; a call beside another one is `RHUMB_CODE_BUSY`.
@@ -769,6 +818,60 @@ typedef struct RhumbRefusal {
   char text[192];
 } RhumbRefusal;
 
+// A physics server in this process. All zeros is none.
+typedef struct RhumbLocalServer {
+  // Its number.
+  uint64_t id;
+} RhumbLocalServer;
+
+// States of bodies after a step of the caller's engine, as arrays. Begin with zeros.
+typedef struct RhumbFedStates {
+  // The tick of the states, from 1 on; zero for the next one. Up to 600 ticks may be left out: bodies then go evenly from
+  // one state to the next.
+  uint64_t tick;
+  // Number of bodies.
+  size_t count;
+  // The bodies, each once, in any order.
+  const RhumbBody *bodies;
+  // Centres of mass, or origins of hulls and compounds that this client added: x, y, z for each body.
+  const float *positions;
+  // Rotations body to world: x, y, z, w for each body. Null: none is turned.
+  const float *rotations;
+  // Velocities of centres of mass: x, y, z for each body, units of length per second. Null: zero, or both follow from the
+  // poses where `angular_velocities` is null too.
+  const float *linear_velocities;
+  // Spins about world axes: x, y, z for each body, rad/s. Null as above.
+  const float *angular_velocities;
+} RhumbFedStates;
+
+// A command of another member, which has changed nothing yet. Fields that its kind does not name are zero.
+typedef struct RhumbRequest {
+  // A `RhumbRequestKind`.
+  uint32_t kind;
+  // Not zero: `point` is where a force or an impulse acts, and not the centre of mass.
+  uint8_t has_point;
+  // Its number, for the answer.
+  uint64_t request;
+  // The number of the member's command.
+  uint64_t number;
+  // The body.
+  RhumbBody body;
+  // Centre of mass.
+  float position[3];
+  // Unit quaternion x, y, z, w: body to world.
+  float rotation[4];
+  // Units of length per second.
+  float linear_velocity[3];
+  // rad/s about world axes.
+  float angular_velocity[3];
+  // A force, torque, impulse or gravity, in world axes.
+  float vector[3];
+  // A point of the world.
+  float point[3];
+  // The client that the member's token names, a text that ends with a zero byte; empty without one. A longer one is cut.
+  char client[128];
+} RhumbRequest;
+
 // How a file is read, and where its bodies are added. Begin with `rhumb_load_options_init`.
 typedef struct RhumbLoadOptions {
   // Where the root or the world of the file begins.
@@ -903,12 +1006,6 @@ typedef struct RhumbJointDesc {
   // Torque at which the joint breaks, kg times units of length² per s².
   float break_torque;
 } RhumbJointDesc;
-
-// A physics server in this process. All zeros is none.
-typedef struct RhumbLocalServer {
-  // Its number.
-  uint64_t id;
-} RhumbLocalServer;
 
 // An address as text: of a server, or of a page.
 typedef struct RhumbAddress {
@@ -1226,6 +1323,66 @@ RhumbCode rhumb_scene_poll_event(struct RhumbScene scene,
 // `refusal` points to memory for a `RhumbRefusal`.
 RhumbCode rhumb_scene_poll_refusal(struct RhumbScene scene,
                                    struct RhumbRefusal *refusal);
+
+// Connects the client that will feed a scene: one whose engine is the caller's.
+//
+// The client makes the scene when it joins by this name, adds bodies, and hands their states over by `rhumb_scene_feed`, once
+// for each step of its engine. Other clients follow the scene as any other, each within its own tolerance. The scene ends with
+// the client. A server of `rhumb_serve` is `RHUMB_CODE_INVALID`: use `rhumb_serve_fed`. `timeout_s` is as that of
+// RhumbConnectOptions.
+//
+// # Safety
+//
+// `name` is a text that ends with a zero byte; `connection` points to what its type says.
+RhumbCode rhumb_local_server_feed(struct RhumbLocalServer server,
+                                  const char *name,
+                                  double timeout_s,
+                                  struct RhumbConnection *connection);
+
+// Makes a server in this process of a scene that the caller will feed, by this name, and that other processes join. It has
+// threads of its own. `listen` and `open_to_network` are as those of `rhumb_serve`.
+//
+// # Safety
+//
+// `name` is a text that ends with a zero byte, `listen` null or such a text; `server` points to what its type says.
+RhumbCode rhumb_serve_fed(const char *name,
+                          const char *listen,
+                          uint8_t open_to_network,
+                          struct RhumbLocalServer *server);
+
+// Hands over the states of one tick of a scene that this client feeds, and has the scene step. All arrays are copied.
+//
+// A body that is left out rests where it is. So does one that is fed at one pose without a velocity for five ticks; resting
+// bodies cost nothing. Commands that were queued before act first. `tick` may be null; otherwise it receives the tick of the
+// states. What is wrong is `RHUMB_CODE_INVALID`, and nothing of the call is fed.
+//
+// Followers see every pose within their tolerance. How many bytes that takes depends on gravity and substeps of
+// RhumbJoinOptions, and on mass, moments, damping and gravity scale of RhumbBodyDesc.
+//
+// # Safety
+//
+// `states` points to a `RhumbFedStates` whose arrays have the elements that it says; `tick` is null or points to memory for a
+// number.
+RhumbCode rhumb_scene_feed(struct RhumbScene scene,
+                           const struct RhumbFedStates *states,
+                           uint64_t *tick);
+
+// Takes the oldest unread request of another member of a scene that this client feeds. If there is none, the kind is
+// `RHUMB_REQUEST_KIND_NONE`. The last 65,536 that were read and not answered can still be answered.
+//
+// # Safety
+//
+// `request` points to memory for a `RhumbRequest`.
+RhumbCode rhumb_scene_poll_request(struct RhumbScene scene, struct RhumbRequest *request);
+
+// Has the scene change as another member asked; `request` is the field of that name. The member is refused after all if the
+// scene cannot. A request that was answered is `RHUMB_CODE_INVALID`.
+RhumbCode rhumb_scene_accept_request(struct RhumbScene scene,
+                                     uint64_t request);
+
+// Refuses what another member asked for: it learns of it as of any refusal. A request that was answered is
+// `RHUMB_CODE_INVALID`.
+RhumbCode rhumb_scene_refuse_request(struct RhumbScene scene, uint64_t request);
 
 // Makes plain options: at the origin, all as in the file.
 //

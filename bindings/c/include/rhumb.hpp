@@ -883,7 +883,6 @@ struct JoinOptions : RhumbJoinOptions {
     }
 };
 
-/// A client of one scene. Closes when it is destroyed. One thread at a time.
 /// How a file is read, and where its bodies are added.
 struct LoadOptions {
     /// Where the root or the world of the file begins.
@@ -961,6 +960,24 @@ private:
     RhumbCheckpoint raw_;
 };
 
+/// States of bodies after a step of the caller's engine, in rows of one order.
+struct FedStates {
+    /// Each once, in any order.
+    std::vector<Body> bodies;
+    std::vector<Vec3> positions;
+    /// Body to world; none at all: no body is turned.
+    std::vector<Quat> rotations;
+    /// None at all, and no angular ones: velocities follow from the poses.
+    std::vector<Vec3> linear_velocities;
+    std::vector<Vec3> angular_velocities;
+    /// From 1 on; none: the next one. Up to 600 ticks may be left out.
+    std::optional<std::uint64_t> tick;
+};
+
+/// A command of another member of a scene that this program feeds.
+using Request = RhumbRequest;
+
+/// A client of one scene. Closes when it is destroyed. One thread at a time.
 class Scene {
 public:
     explicit Scene(RhumbScene raw) noexcept : raw_(raw) {}
@@ -1084,6 +1101,48 @@ public:
         throw_unless_ok(rhumb_scene_publish(raw_, states.data(), states.size(), &published, &tick));
         return published != 0 ? std::optional<std::uint64_t>(tick) : std::nullopt;
     }
+
+    /// Hands over the states of one tick of a scene that this client feeds, has the scene step, and returns the tick: see
+    /// LocalServer::feed. A body that is left out rests where it is. Throws RefusedError for what the scene refused since the
+    /// last call, after the states are fed.
+    std::uint64_t feed(const FedStates& states) {
+        const std::size_t count = states.bodies.size();
+        RhumbFedStates raw = {};
+        raw.tick = states.tick.value_or(0);
+        if (states.tick.has_value() && raw.tick == 0) {
+            throw Error(RHUMB_CODE_INVALID, "tick is 0, and must be 1 or later");
+        }
+        raw.count = count;
+        raw.bodies = states.bodies.data();
+        raw.positions = rows(states.positions, count, "positions");
+        raw.rotations = optional_rows(states.rotations, count, "rotations");
+        raw.linear_velocities = optional_rows(states.linear_velocities, count, "linear_velocities");
+        raw.angular_velocities = optional_rows(states.angular_velocities, count, "angular_velocities");
+        return feed(raw);
+    }
+
+    /// The same of arrays that something else owns.
+    std::uint64_t feed(const RhumbFedStates& states) {
+        std::uint64_t tick = 0;
+        throw_unless_done(rhumb_scene_feed(raw_, &states, &tick));
+        return tick;
+    }
+
+    /// The oldest unread request of another member of a scene that this client feeds. One that moves a body is answered by
+    /// what is fed; the others change the scene once they are accepted.
+    std::optional<Request> poll_request() {
+        Request request = {};
+        throw_unless_ok(rhumb_scene_poll_request(raw_, &request));
+        const bool none = request.kind == static_cast<std::uint32_t>(RHUMB_REQUEST_KIND_NONE);
+        return none ? std::nullopt : std::optional<Request>(request);
+    }
+
+    /// Has the scene change as another member asked; that one, and this client by its next feed, is refused after all if the
+    /// scene cannot.
+    void accept(const Request& request) { throw_unless_ok(rhumb_scene_accept_request(raw_, request.request)); }
+
+    /// Refuses what another member asked for.
+    void refuse(const Request& request) { throw_unless_ok(rhumb_scene_refuse_request(raw_, request.request)); }
 
     /// Queues the removal of the shapes that came with this client's bodies and that no body has any more, and returns their
     /// number.
@@ -1242,6 +1301,22 @@ public:
     RhumbScene raw() const noexcept { return raw_; }
 
 private:
+    /// Rows as C reads them, one for each of `count` bodies.
+    template <typename Row>
+    static const float* rows(const std::vector<Row>& given, std::size_t count, const char* what) {
+        if (given.size() != count) {
+            throw Error(RHUMB_CODE_INVALID,
+                std::string(what) + " has " + std::to_string(given.size()) + " rows, and must have " + std::to_string(count)
+                    + ": as many as there are bodies");
+        }
+        return given.empty() ? nullptr : &given.front().x;
+    }
+
+    template <typename Row>
+    static const float* optional_rows(const std::vector<Row>& given, std::size_t count, const char* what) {
+        return given.empty() ? nullptr : rows(given, count, what);
+    }
+
     static Loaded read(RhumbLoaded handle) {
         RhumbLoadedCounts counts = {};
         throw_unless_ok(rhumb_loaded_counts(handle, &counts));
@@ -1414,6 +1489,22 @@ public:
     Connection connect(double timeout_s = 5.0) const {
         RhumbConnection raw = {0};
         throw_unless_ok(rhumb_local_server_connect(raw_, timeout_s, &raw));
+        return Connection(raw);
+    }
+
+    /// A server of a scene that this program feeds, by this name, and that other processes join: see feed.
+    static LocalServer serve_fed(
+        const std::string& name, const std::string& listen = "127.0.0.1:0", bool open_to_network = false) {
+        RhumbLocalServer raw = {0};
+        throw_unless_ok(rhumb_serve_fed(c_text(name, "name"), c_text(listen, "listen"), open_to_network ? 1 : 0, &raw));
+        return LocalServer(raw);
+    }
+
+    /// Connects the client that will feed a scene: one whose engine is this program's. It makes the scene when it joins by this
+    /// name, adds bodies, and hands their states over by Scene::feed. The scene ends with it.
+    Connection feed(const std::string& name, double timeout_s = 5.0) const {
+        RhumbConnection raw = {0};
+        throw_unless_ok(rhumb_local_server_feed(raw_, c_text(name, "name"), timeout_s, &raw));
         return Connection(raw);
     }
 

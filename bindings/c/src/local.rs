@@ -34,6 +34,28 @@ pub struct RhumbAddress {
 
 static SERVERS: HandleTable<OwnServer> = HandleTable::new();
 
+/// Gives out the handle of a server.
+pub(crate) fn insert_server(server: OwnServer) -> u64 {
+    SERVERS.insert(server)
+}
+
+/// The server of a handle.
+pub(crate) fn server_of(server: RhumbLocalServer) -> Result<OwnServer, BindingError> {
+    SERVERS.with(server.id, |server| Ok(server.clone()))
+}
+
+/// Who reaches a server's address.
+pub(crate) fn reach(open_to_network: u8) -> Result<Reach, BindingError> {
+    match open_to_network {
+        0 => Ok(Reach::ThisMachine),
+        1 => Ok(Reach::Network),
+        other => Err(BindingError::value("open_to_network", other, "0 or 1")),
+    }
+}
+
+/// A free port of this machine.
+pub(crate) const FREE_PORT: &str = "127.0.0.1:0";
+
 /// Connects to a server of the connection's own, in this process and without sockets. It steps within the calls of its
 /// client, and ends with it. Join a scene with the connection, or close it.
 ///
@@ -73,7 +95,7 @@ pub unsafe extern "C" fn rhumb_local_server_open(
             })?,
             other => return Err(BindingError::value("own_thread", other, "0 or 1")),
         };
-        let id = SERVERS.insert(OwnServer::Local(made));
+        let id = insert_server(OwnServer::Local(made));
         // SAFETY: the caller promises the memory.
         unsafe { write(server, RhumbLocalServer { id }, "server") }
     })
@@ -98,13 +120,9 @@ pub unsafe extern "C" fn rhumb_serve(
         check_out(server, "server")?;
         // SAFETY: the caller promises the text.
         let listen = unsafe { optional_text(listen, "listen") }?;
-        let reach = match open_to_network {
-            0 => Reach::ThisMachine,
-            1 => Reach::Network,
-            other => return Err(BindingError::value("open_to_network", other, "0 or 1")),
-        };
-        let served = ServedScenes::start(listen.unwrap_or("127.0.0.1:0"), reach)?;
-        let id = SERVERS.insert(OwnServer::Served(Arc::new(served)));
+        let reach = reach(open_to_network)?;
+        let served = ServedScenes::start(listen.unwrap_or(FREE_PORT), reach)?;
+        let id = insert_server(OwnServer::Served(Arc::new(served)));
         // SAFETY: the caller promises the memory.
         unsafe { write(server, RhumbLocalServer { id }, "server") }
     })
@@ -163,7 +181,7 @@ pub unsafe extern "C" fn rhumb_local_server_connect(
     guard(|| {
         check_out(connection, "connection")?;
         let timeout = time_limit(timeout_s, "timeout_s")?;
-        let server = SERVERS.with(server.id, |server| Ok(server.clone()))?;
+        let server = server_of(server)?;
         let id = insert(server.connect(timeout)?, Some(server));
         // SAFETY: the caller promises the memory.
         unsafe { write(connection, RhumbConnection { id }, "connection") }
@@ -265,7 +283,7 @@ pub unsafe extern "C" fn rhumb_local_server_restore(
     guard(|| {
         // SAFETY: the caller promises the text.
         let name = unsafe { text(name, "name") }?;
-        let server = SERVERS.with(server.id, |server| Ok(server.clone()))?;
+        let server = server_of(server)?;
         CHECKPOINTS.with(checkpoint.id, |checkpoint| server.restore(name, checkpoint))
     })
 }

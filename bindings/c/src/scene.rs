@@ -5,7 +5,9 @@ use std::ffi::c_char;
 use rhumb_bindings::rhumb_client::glam::Vec3;
 use rhumb_bindings::rhumb_client::scene::Command;
 use rhumb_bindings::rhumb_client::{PipelineDepth, Tick};
-use rhumb_bindings::{BindingError, JoinParams, RemoteScene, packed_id, parse_packed_id};
+use rhumb_bindings::{
+    BindingError, JoinParams, OpenRequests, RemoteScene, packed_id, parse_packed_id,
+};
 
 use crate::border::{
     HandleTable, RhumbCode, check_out, copy_out, elements, guard, one_of, text, value, write,
@@ -106,14 +108,28 @@ pub struct RhumbStatistics {
     pub contacts_left_out: u64,
 }
 
-static SCENES: HandleTable<RemoteScene> = HandleTable::new();
+/// What the handle of a scene names.
+struct HeldScene {
+    remote: RemoteScene,
+    requests: OpenRequests,
+}
+
+static SCENES: HandleTable<HeldScene> = HandleTable::new();
 
 /// Calls with a scene.
 pub(crate) fn with<R>(
     scene: RhumbScene,
     call: impl FnOnce(&mut RemoteScene) -> Result<R, BindingError>,
 ) -> Result<R, BindingError> {
-    SCENES.with(scene.id, call)
+    SCENES.with(scene.id, |open| call(&mut open.remote))
+}
+
+/// Calls with a scene, and with the requests of other members that may still be answered.
+pub(crate) fn with_requests<R>(
+    scene: RhumbScene,
+    call: impl FnOnce(&mut RemoteScene, &mut OpenRequests) -> Result<R, BindingError>,
+) -> Result<R, BindingError> {
+    SCENES.with(scene.id, |open| call(&mut open.remote, &mut open.requests))
 }
 
 /// Makes plain options: the scene is created unless it exists, with 60 ticks a second in lockstep, under the earth's
@@ -212,7 +228,10 @@ pub unsafe extern "C" fn rhumb_join(
         if let Some(server) = server {
             joined = joined.of(server, name);
         }
-        let id = SCENES.insert(joined);
+        let id = SCENES.insert(HeldScene {
+            remote: joined,
+            requests: OpenRequests::default(),
+        });
         // SAFETY: as above.
         unsafe { write(scene, RhumbScene { id }, "scene") }
     })

@@ -10,6 +10,8 @@
 mod coordinates;
 mod descriptions;
 mod error;
+#[cfg(feature = "local")]
+mod fed_states;
 #[cfg(feature = "files")]
 mod files;
 mod generated;
@@ -25,6 +27,8 @@ mod view;
 pub use coordinates::Coordinates;
 pub use descriptions::{BodyParams, JointFreedom, JointParams, StateRecord};
 pub use error::{BindingError, ErrorKind};
+#[cfg(feature = "local")]
+pub use fed_states::{FedArrays, Rows};
 #[cfg(feature = "files")]
 pub use files::{Base, FileSettings, LoadParams, LoadedFile, NamedBody, NamedJoint, OwnContacts};
 pub use generated::EventKind;
@@ -36,6 +40,6 @@ pub use records::{
 };
 pub use remote_scene::{HitRecord, RemoteScene};
 #[cfg(feature = "local")]
-pub use requests::RequestRecord;
+pub use requests::{OpenRequests, RequestKind, RequestRecord};
 pub use rhumb_client;
 pub use view::{ObjectChange, SceneFollower};

@@ -6,6 +6,8 @@ use std::collections::{BTreeSet, VecDeque};
 use std::time::Duration;
 
 use glam::{Quat, Vec3};
+#[cfg(feature = "local")]
+use rhumb_client::scene::CommandError;
 use rhumb_client::scene::{Answer, Command, Query};
 use rhumb_client::{
     BodyCentres, BodyId, BodyState, Client, ClientError, ErrorBound, PipelineDepth, RenderTime,
@@ -13,12 +15,12 @@ use rhumb_client::{
 };
 #[cfg(feature = "serve")]
 use rhumb_client::{Checkpoint, CheckpointError};
-#[cfg(feature = "local")]
-use rhumb_client::{FedVelocities, scene::CommandError};
 
 use crate::coordinates::Coordinates;
 use crate::descriptions::{BodyParams, StateRecord};
 use crate::error::BindingError;
+#[cfg(feature = "local")]
+use crate::fed_states::{FedArrays, FedStates};
 #[cfg(feature = "files")]
 use crate::files::{self, LoadParams, LoadedFile, NamedBody, NamedJoint};
 use crate::generated::EventKind;
@@ -62,6 +64,8 @@ pub struct RemoteScene {
     /// Of the last [`Self::error_bounds`].
     error_bounds: Vec<f32>,
     centres: BodyCentres,
+    #[cfg(feature = "local")]
+    fed: FedStates,
     /// Numbers of joints that this client has given out and not taken back.
     #[cfg(feature = "files")]
     joints: BTreeSet<rhumb_client::scene::JointId>,
@@ -92,6 +96,8 @@ impl RemoteScene {
             refusals: VecDeque::new(),
             error_bounds: Vec::new(),
             centres: BodyCentres::default(),
+            #[cfg(feature = "local")]
+            fed: FedStates::default(),
             #[cfg(feature = "files")]
             joints: BTreeSet::new(),
             #[cfg(feature = "serve")]
@@ -314,29 +320,41 @@ impl RemoteScene {
     ///
     /// # Errors
     ///
-    /// As [`Client::feed`].
+    /// As [`Client::feed`], and [`BindingError::Value`] for arrays that differ in length. After [`BindingError::Refused`], the
+    /// states were handed over.
     #[cfg(feature = "local")]
     pub fn feed(
         &mut self,
         tick: Option<Tick>,
-        states: &[StateRecord],
-        velocities: FedVelocities,
+        states: &FedArrays<'_>,
     ) -> Result<Tick, BindingError> {
         self.take_events();
-        let converted = self.states_in(states)?;
         let next = self.client.fed_tick().map_or(Tick::ZERO, Tick::next);
         let tick = tick.unwrap_or(next);
-        let fed = self.client.feed(tick, &converted, velocities);
+        let coordinates = self.coordinates();
+        let converted = self.fed.convert(states, coordinates, &self.centres)?;
+        let fed = self.client.feed(tick, converted, states.velocities());
         self.reported(fed)?;
         Ok(tick)
+    }
+
+    /// The tick of the newest states that were fed: also beside refusals.
+    #[cfg(feature = "local")]
+    #[must_use]
+    pub fn fed_tick(&self) -> Option<Tick> {
+        self.client.fed_tick()
     }
 
     /// The oldest unread request of another member of a scene that this client feeds.
     #[cfg(feature = "local")]
     pub fn poll_request(&mut self) -> Option<RequestRecord> {
         let coordinates = self.coordinates();
-        let request = self.client.poll_request()?;
-        Some(RequestRecord::new(request, coordinates))
+        loop {
+            let record = RequestRecord::new(self.client.poll_request()?, coordinates);
+            if record.is_some() {
+                return record;
+            }
+        }
     }
 
     /// Has the scene change as another member asked.

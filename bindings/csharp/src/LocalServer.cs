@@ -40,15 +40,34 @@ namespace Rhumb
             RhumbLocalServer server;
             fixed (byte* at = Utf8.Bytes(listen))
             {
-                RhumbCode code = Native.rhumb_serve(at, (byte)(openToNetwork ? 1 : 0), &server);
-                if (code != RhumbCode.Ok)
-                {
-                    // The option has the name of this language.
-                    string reason = RhumbException.LastError().Replace("open_to_network", nameof(openToNetwork));
-                    throw new RhumbException(code, reason);
-                }
+                CheckServed(Native.rhumb_serve(at, (byte)(openToNetwork ? 1 : 0), &server));
             }
             return new LocalServer(server);
+        }
+
+        /// <summary>
+        /// A server of a scene that this program feeds, by this name, and that other processes join: see Feed. listen and
+        /// openToNetwork are as those of Serve.
+        /// </summary>
+        public static unsafe LocalServer ServeFed(string scene, string listen = null, bool openToNetwork = false)
+        {
+            RhumbLocalServer server;
+            fixed (byte* name = Utf8.Bytes(scene))
+            fixed (byte* at = Utf8.Bytes(listen))
+            {
+                CheckServed(Native.rhumb_serve_fed(name, at, (byte)(openToNetwork ? 1 : 0), &server));
+            }
+            return new LocalServer(server);
+        }
+
+        private static void CheckServed(RhumbCode code)
+        {
+            if (code != RhumbCode.Ok)
+            {
+                // The option has the name of this language.
+                string reason = RhumbException.LastError().Replace("open_to_network", "openToNetwork");
+                throw new RhumbException(code, reason);
+            }
         }
 
         /// <summary>
@@ -69,6 +88,20 @@ namespace Rhumb
         {
             RhumbConnection connection;
             RhumbException.Check(Native.rhumb_local_server_connect(Raw, timeout, &connection));
+            return new Connection(connection.id);
+        }
+
+        /// <summary>
+        /// Connects the client that will feed a scene: one whose engine is this program's. It makes the scene when it joins by
+        /// this name, adds bodies, and hands their states over by Scene.Feed. The scene ends with it.
+        /// </summary>
+        public unsafe Connection Feed(string scene, double timeout = 5.0)
+        {
+            RhumbConnection connection;
+            fixed (byte* name = Utf8.Bytes(scene))
+            {
+                RhumbException.Check(Native.rhumb_local_server_feed(Raw, name, timeout, &connection));
+            }
             return new Connection(connection.id);
         }
 

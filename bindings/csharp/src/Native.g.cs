@@ -598,6 +598,75 @@ namespace Rhumb
         public static extern RhumbCode rhumb_scene_poll_refusal(RhumbScene scene, RhumbRefusal* refusal);
 
         /// <summary>
+        ///  Connects the client that will feed a scene: one whose engine is the caller's.
+        ///
+        ///  The client makes the scene when it joins by this name, adds bodies, and hands their states over by `rhumb_scene_feed`, once
+        ///  for each step of its engine. Other clients follow the scene as any other, each within its own tolerance. The scene ends with
+        ///  the client. A server of `rhumb_serve` is `RHUMB_CODE_INVALID`: use `rhumb_serve_fed`. `timeout_s` is as that of
+        ///  RhumbConnectOptions.
+        ///
+        ///  # Safety
+        ///
+        ///  `name` is a text that ends with a zero byte; `connection` points to what its type says.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_local_server_feed", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_local_server_feed(RhumbLocalServer server, byte* name, double timeout_s, RhumbConnection* connection);
+
+        /// <summary>
+        ///  Makes a server in this process of a scene that the caller will feed, by this name, and that other processes join. It has
+        ///  threads of its own. `listen` and `open_to_network` are as those of `rhumb_serve`.
+        ///
+        ///  # Safety
+        ///
+        ///  `name` is a text that ends with a zero byte, `listen` null or such a text; `server` points to what its type says.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_serve_fed", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_serve_fed(byte* name, byte* listen, byte open_to_network, RhumbLocalServer* server);
+
+        /// <summary>
+        ///  Hands over the states of one tick of a scene that this client feeds, and has the scene step. All arrays are copied.
+        ///
+        ///  A body that is left out rests where it is. So does one that is fed at one pose without a velocity for five ticks; resting
+        ///  bodies cost nothing. Commands that were queued before act first. `tick` may be null; otherwise it receives the tick of the
+        ///  states. What is wrong is `RHUMB_CODE_INVALID`, and nothing of the call is fed.
+        ///
+        ///  Followers see every pose within their tolerance. How many bytes that takes depends on gravity and substeps of
+        ///  RhumbJoinOptions, and on mass, moments, damping and gravity scale of RhumbBodyDesc.
+        ///
+        ///  # Safety
+        ///
+        ///  `states` points to a `RhumbFedStates` whose arrays have the elements that it says; `tick` is null or points to memory for a
+        ///  number.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_scene_feed", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_scene_feed(RhumbScene scene, RhumbFedStates* states, ulong* tick);
+
+        /// <summary>
+        ///  Takes the oldest unread request of another member of a scene that this client feeds. If there is none, the kind is
+        ///  `RHUMB_REQUEST_KIND_NONE`. The last 65,536 that were read and not answered can still be answered.
+        ///
+        ///  # Safety
+        ///
+        ///  `request` points to memory for a `RhumbRequest`.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_scene_poll_request", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_scene_poll_request(RhumbScene scene, RhumbRequest* request);
+
+        /// <summary>
+        ///  Has the scene change as another member asked; `request` is the field of that name. The member is refused after all if the
+        ///  scene cannot. A request that was answered is `RHUMB_CODE_INVALID`.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_scene_accept_request", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_scene_accept_request(RhumbScene scene, ulong request);
+
+        /// <summary>
+        ///  Refuses what another member asked for: it learns of it as of any refusal. A request that was answered is
+        ///  `RHUMB_CODE_INVALID`.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_scene_refuse_request", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_scene_refuse_request(RhumbScene scene, ulong request);
+
+        /// <summary>
         ///  Makes plain options: at the origin, all as in the file.
         ///
         ///  # Safety
@@ -1667,6 +1736,100 @@ namespace Rhumb
     }
 
     /// <summary>
+    ///  States of bodies after a step of the caller's engine, as arrays. Begin with zeros.
+    /// </summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public unsafe partial struct RhumbFedStates
+    {
+        /// <summary>
+        ///  The tick of the states, from 1 on; zero for the next one. Up to 600 ticks may be left out: bodies then go evenly from
+        ///  one state to the next.
+        /// </summary>
+        public ulong tick;
+        /// <summary>
+        ///  Number of bodies.
+        /// </summary>
+        public System.UIntPtr count;
+        /// <summary>
+        ///  The bodies, each once, in any order.
+        /// </summary>
+        public RhumbBody* bodies;
+        /// <summary>
+        ///  Centres of mass, or origins of hulls and compounds that this client added: x, y, z for each body.
+        /// </summary>
+        public float* positions;
+        /// <summary>
+        ///  Rotations body to world: x, y, z, w for each body. Null: none is turned.
+        /// </summary>
+        public float* rotations;
+        /// <summary>
+        ///  Velocities of centres of mass: x, y, z for each body, units of length per second. Null: zero, or both follow from the
+        ///  poses where `angular_velocities` is null too.
+        /// </summary>
+        public float* linear_velocities;
+        /// <summary>
+        ///  Spins about world axes: x, y, z for each body, rad/s. Null as above.
+        /// </summary>
+        public float* angular_velocities;
+    }
+
+    /// <summary>
+    ///  A command of another member, which has changed nothing yet. Fields that its kind does not name are zero.
+    /// </summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public unsafe partial struct RhumbRequest
+    {
+        /// <summary>
+        ///  A `RhumbRequestKind`.
+        /// </summary>
+        public uint kind;
+        /// <summary>
+        ///  Not zero: `point` is where a force or an impulse acts, and not the centre of mass.
+        /// </summary>
+        public byte has_point;
+        /// <summary>
+        ///  Its number, for the answer.
+        /// </summary>
+        public ulong request;
+        /// <summary>
+        ///  The number of the member's command.
+        /// </summary>
+        public ulong number;
+        /// <summary>
+        ///  The body.
+        /// </summary>
+        public RhumbBody body;
+        /// <summary>
+        ///  Centre of mass.
+        /// </summary>
+        public fixed float position[3];
+        /// <summary>
+        ///  Unit quaternion x, y, z, w: body to world.
+        /// </summary>
+        public fixed float rotation[4];
+        /// <summary>
+        ///  Units of length per second.
+        /// </summary>
+        public fixed float linear_velocity[3];
+        /// <summary>
+        ///  rad/s about world axes.
+        /// </summary>
+        public fixed float angular_velocity[3];
+        /// <summary>
+        ///  A force, torque, impulse or gravity, in world axes.
+        /// </summary>
+        public fixed float vector[3];
+        /// <summary>
+        ///  A point of the world.
+        /// </summary>
+        public fixed float point[3];
+        /// <summary>
+        ///  The client that the member's token names, a text that ends with a zero byte; empty without one. A longer one is cut.
+        /// </summary>
+        public fixed byte client[128];
+    }
+
+    /// <summary>
     ///  How a file is read, and where its bodies are added. Begin with `rhumb_load_options_init`.
     /// </summary>
     [StructLayout(LayoutKind.Sequential)]
@@ -2421,6 +2584,79 @@ namespace Rhumb
         ///  An event that bindings do not describe further; `text` names it.
         /// </summary>
         Other,
+    }
+
+    /// <summary>
+    ///  What a request asks for. Those that move a body are answered by what is fed; those that add, change or remove something
+    ///  change the scene once they are accepted.
+    /// </summary>
+    public enum RhumbRequestKind : uint
+    {
+        /// <summary>
+        ///  There was no request.
+        /// </summary>
+        None,
+        /// <summary>
+        ///  A new body, of an id that it has already: `body`, `position`, `rotation`, `linear_velocity`, `angular_velocity`. Once it
+        ///  is accepted, feed it.
+        /// </summary>
+        AddBody,
+        /// <summary>
+        ///  The removal of `body`.
+        /// </summary>
+        RemoveBody,
+        /// <summary>
+        ///  Other properties of `body`.
+        /// </summary>
+        ChangeBody,
+        /// <summary>
+        ///  `body` at `position` and `rotation`.
+        /// </summary>
+        SetPose,
+        /// <summary>
+        ///  `body` with `linear_velocity` and `angular_velocity`.
+        /// </summary>
+        SetVelocity,
+        /// <summary>
+        ///  A force for one tick: `vector`, at `point` if `has_point` is not zero.
+        /// </summary>
+        ApplyForce,
+        /// <summary>
+        ///  A torque for one tick: `vector`.
+        /// </summary>
+        ApplyTorque,
+        /// <summary>
+        ///  A change of momentum: `vector`, at `point` if `has_point` is not zero.
+        /// </summary>
+        ApplyImpulse,
+        /// <summary>
+        ///  A change of angular momentum: `vector`.
+        /// </summary>
+        ApplyTorqueImpulse,
+        /// <summary>
+        ///  `body` asleep.
+        /// </summary>
+        Sleep,
+        /// <summary>
+        ///  `body` awake.
+        /// </summary>
+        Wake,
+        /// <summary>
+        ///  Another gravity: `vector`.
+        /// </summary>
+        SetGravity,
+        /// <summary>
+        ///  A new joint; `body` is its first one.
+        /// </summary>
+        AddJoint,
+        /// <summary>
+        ///  Other limits and motors of a joint; `body` is its first one.
+        /// </summary>
+        ChangeJoint,
+        /// <summary>
+        ///  The removal of a joint.
+        /// </summary>
+        RemoveJoint,
     }
 
 

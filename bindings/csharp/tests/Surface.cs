@@ -32,6 +32,7 @@ internal static class Surface
         EveryKindHasAMember();
         AServerInTheProcess();
         AServerThatOthersJoin();
+        ASceneThatTheProgramFeeds();
         AForkOfAScene();
         ARobotFromAFile();
         TheVersion();
@@ -179,6 +180,61 @@ internal static class Surface
             return;
         }
         Expect(false, "a call that fails with " + code);
+    }
+
+    private static Request NextRequest(Scene owner, Scene follower)
+    {
+        Request next = default(Request);
+        for (int i = 0; i < 5000 && !owner.TryNextRequest(out next); i++)
+        {
+            follower.Idle(0.001);
+        }
+        return next;
+    }
+
+    private static void ASceneThatTheProgramFeeds()
+    {
+        using (LocalServer server = LocalServer.ServeFed("fed"))
+        using (Scene owner = server.Feed("fed").Join("fed"))
+        {
+            Body ball = owner.Add(BodyDesc.Dynamic(Shape.Ball(0.5f)));
+            var bodies = new[] { ball };
+            owner.Feed(bodies, new[] { new Vec3(1, 2, 3) });
+            var options = new JoinOptions { Refusals = RhumbRefusals.Events };
+            using (Scene follower = Connection.Open(server.Address, Trust.ByAddress).Join("fed", options))
+            {
+                follower.Send(Command.ImpulseAt(ball, new Vec3(1, 0, 0), new Vec3(0, 1, 0)));
+                follower.Send(Command.SetGravity(new Vec3(0, -3, 0)));
+                follower.Flush();
+                Request push = NextRequest(owner, follower), gravity = NextRequest(owner, follower), none;
+                Expect(push.Kind == RhumbRequestKind.ApplyImpulse && push.Body.Equals(ball), "a push");
+                Expect(push.Vector.X == 1 && push.Point.Value.Y == 1 && push.Client == "", "with its numbers");
+                Expect(gravity.Kind == RhumbRequestKind.SetGravity && gravity.Point == null, "another gravity");
+                owner.Accept(push);
+                owner.Refuse(gravity);
+                ExpectInvalid("an answer twice", () => owner.Refuse(gravity));
+                Expect(!owner.TryNextRequest(out none), "there is no further request");
+                ulong tick = owner.Feed(bodies, new[] { new Vec3(4, 5, 6) }, tick: 7);
+                Expect(tick == 7, "the tick that was given");
+                for (int i = 0; i < 5000 && follower.CompleteTick < tick; i++)
+                {
+                    follower.Idle(0.001);
+                }
+                follower.Poll();
+                Expect(Math.Abs(follower.Positions[follower.Place(ball)].X - 4) < 0.06, "the follower sees what is fed");
+                Event refused;
+                while (follower.TryNextEvent(out refused) && refused.Kind != RhumbEventKind.CommandRefused)
+                {
+                }
+                Expect(refused.Number == gravity.Number, "the refusal names the command");
+            }
+            ExpectInvalid("too few rows", () => owner.Feed(bodies, new Vec3[0]));
+            ExpectInvalid("tick 0", () => owner.Feed(bodies, new Vec3[1], tick: 0));
+        }
+        using (LocalServer server = LocalServer.Serve())
+        {
+            Fails(RhumbCode.Invalid, () => server.Feed("fed"));
+        }
     }
 
     private static void AServerInTheProcess()

@@ -8,7 +8,7 @@ use pyo3::types::{PyList, PyTuple};
 use rhumb_bindings::rhumb_client::BodyId;
 use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
 use rhumb_bindings::rhumb_client::scene::{Sleep, SleepThresholds};
-use rhumb_bindings::{BindingError, Coordinates, parse_packed_id};
+use rhumb_bindings::{BindingError, Coordinates, Rows, parse_packed_id};
 
 use crate::errors::{exception, wrong, wrong_value};
 use crate::number::{REAL, no_truth, within, written};
@@ -104,26 +104,69 @@ fn integers(argument: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Numbers
     Ok(Numbers { shape, values })
 }
 
+/// Rows of `W` numbers as they were given: one for each body, or one that stands for all.
+pub(crate) struct GivenRows<const W: usize> {
+    values: Vec<f32>,
+    stands_for_all: bool,
+}
+
+impl<const W: usize> GivenRows<W> {
+    /// Those of an argument for `count` bodies.
+    pub(crate) fn of(
+        argument: &Bound<'_, PyAny>,
+        count: usize,
+        name: &'static str,
+    ) -> PyResult<Self> {
+        let Numbers { shape, values } = numbers(argument, name)?;
+        let stands_for_all = match *shape.as_slice() {
+            [width] if width == W => true,
+            [rows_given, width] if width == W && rows_given == count => false,
+            _ => {
+                return Err(wrong_value(
+                    argument.py(),
+                    name,
+                    shape_of(&shape),
+                    format_args!(
+                        "one row of {W} numbers, or {count} such rows: as many as there are bodies"
+                    ),
+                ));
+            }
+        };
+        Ok(Self {
+            values,
+            stands_for_all,
+        })
+    }
+
+    /// The same of an argument that may be missing.
+    pub(crate) fn of_optional(
+        argument: Option<&Bound<'_, PyAny>>,
+        count: usize,
+        name: &'static str,
+    ) -> PyResult<Option<Self>> {
+        argument
+            .map(|argument| Self::of(argument, count, name))
+            .transpose()
+    }
+
+    pub(crate) fn rows(&self) -> Rows<'_, W> {
+        match self.values.as_chunks().0 {
+            [row] if self.stands_for_all => Rows::All(*row),
+            rows => Rows::Each(rows),
+        }
+    }
+}
+
 /// Rows of `W` numbers: `count` of them, or one that stands for all.
 pub(crate) fn rows<const W: usize>(
     argument: &Bound<'_, PyAny>,
     count: usize,
     name: &'static str,
 ) -> PyResult<Vec<[f32; W]>> {
-    let numbers = numbers(argument, name)?;
-    let (rows, _) = numbers.values.as_chunks::<W>();
-    match *numbers.shape.as_slice() {
-        [width] if width == W => Ok(vec![rows[0]; count]),
-        [rows_given, width] if width == W && rows_given == count => Ok(rows.to_vec()),
-        _ => Err(wrong_value(
-            argument.py(),
-            name,
-            shape_of(&numbers.shape),
-            format_args!(
-                "one row of {W} numbers, or {count} such rows: as many as there are bodies"
-            ),
-        )),
-    }
+    Ok(match GivenRows::of(argument, count, name)?.rows() {
+        Rows::All(row) => vec![row; count],
+        Rows::Each(rows) => rows.to_vec(),
+    })
 }
 
 /// The same of an argument that may be missing: then each row is the same.
@@ -222,17 +265,30 @@ pub(crate) struct Bodies {
 }
 
 pub(crate) fn bodies(argument: &Bound<'_, PyAny>) -> PyResult<Bodies> {
-    let py = argument.py();
-    let numbers = integers(argument, "body")?;
-    if numbers.shape.len() > 1 {
-        return Err(wrong(py, "body", "an id of a body, or a row of ids"));
-    }
+    let numbers = packed_ids(argument)?;
     let ids = numbers.values.iter().map(|word| parse_packed_id(*word));
     let ids: Result<Vec<_>, _> = ids.collect();
     Ok(Bodies {
-        ids: ids.map_err(|error| exception(py, &error.into()))?,
+        ids: ids.map_err(|error| exception(argument.py(), &error.into()))?,
         is_single: numbers.shape.is_empty(),
     })
+}
+
+/// Packed ids of bodies, which may be wrong ones.
+pub(crate) fn packed_bodies(argument: &Bound<'_, PyAny>) -> PyResult<Vec<u64>> {
+    Ok(packed_ids(argument)?.values)
+}
+
+fn packed_ids(argument: &Bound<'_, PyAny>) -> PyResult<Numbers<u64>> {
+    let numbers = integers(argument, "body")?;
+    match numbers.shape.len() {
+        0 | 1 => Ok(numbers),
+        _ => Err(wrong(
+            argument.py(),
+            "body",
+            "an id of a body, or a row of ids",
+        )),
+    }
 }
 
 /// One body.

@@ -9,10 +9,11 @@ use rhumb_bindings::rhumb_client::scene::{
     Mesh, Part,
 };
 use rhumb_bindings::rhumb_client::{Damping, ToleranceScale};
-use rhumb_bindings::{BodyParams, StateRecord};
+use rhumb_bindings::{BodyParams, FedArrays, Rows, StateRecord};
 
 use crate::arguments::{
-    bodies, heights, one_of, optional_rows, points, rotation, rows, sleep, triangles, vector,
+    GivenRows, bodies, heights, one_of, optional_rows, packed_bodies, points, rotation, rows,
+    sleep, triangles, vector,
 };
 use crate::errors::{check_in_any, exception, wrong_value};
 use crate::number::{self, flag, real, reals, whole, within};
@@ -395,4 +396,42 @@ pub(crate) fn states(
         angular_velocity: Vec3::from_array(angular[place]),
     };
     Ok(ids.into_iter().enumerate().map(state).collect())
+}
+
+/// The same as arrays, without a copy of each row.
+pub(crate) struct GivenStates {
+    bodies: Vec<u64>,
+    positions: GivenRows<3>,
+    rotations: Option<GivenRows<4>>,
+    linear: Option<GivenRows<3>>,
+    angular: Option<GivenRows<3>>,
+}
+
+impl GivenStates {
+    pub(crate) fn of(
+        body: &Bound<'_, PyAny>,
+        position: &Bound<'_, PyAny>,
+        [rotation, linear, angular]: [Option<&Bound<'_, PyAny>>; 3],
+    ) -> PyResult<Self> {
+        let bodies = packed_bodies(body)?;
+        let count = bodies.len();
+        Ok(Self {
+            positions: GivenRows::of(position, count, "position")?,
+            rotations: GivenRows::of_optional(rotation, count, "rotation")?,
+            linear: GivenRows::of_optional(linear, count, "linear")?,
+            angular: GivenRows::of_optional(angular, count, "angular")?,
+            bodies,
+        })
+    }
+
+    pub(crate) fn arrays(&self) -> FedArrays<'_> {
+        let unturned = Rows::All(Quat::IDENTITY.to_array());
+        FedArrays {
+            bodies: &self.bodies,
+            positions: self.positions.rows(),
+            rotations: (self.rotations.as_ref()).map_or(unturned, GivenRows::rows),
+            linear_velocities: self.linear.as_ref().map(GivenRows::rows),
+            angular_velocities: self.angular.as_ref().map(GivenRows::rows),
+        }
+    }
 }

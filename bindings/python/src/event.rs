@@ -150,7 +150,7 @@ impl PyRequest {
     /// "apply impulse", "apply torque impulse", "sleep", "wake", "set gravity", "add joint", "change joint", "remove joint".
     #[getter]
     const fn kind(&self) -> &'static str {
-        self.record.kind
+        self.record.kind.words()
     }
 
     /// The body that it is about; of a joint the first one.

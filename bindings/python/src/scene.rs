@@ -14,11 +14,11 @@ use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
 use rhumb_bindings::rhumb_client::scene::{
     ActiveEvents, Command, JointId, JumpFrom, Locomotion, Vehicle,
 };
-use rhumb_bindings::rhumb_client::{FedVelocities, PipelineDepth, Tick};
+use rhumb_bindings::rhumb_client::{PipelineDepth, Tick};
 use rhumb_bindings::{BindingError, RemoteScene, packed_id};
 
 use crate::arguments::{bodies, optional_rows, optional_tick, rows, seconds, single, vector};
-use crate::body::{PyShape, bodies_at, plain_body, states};
+use crate::body::{GivenStates, PyShape, bodies_at, plain_body, states};
 use crate::errors::{exception, wrong_value};
 use crate::event::{PyContact, PyEvent, PyRequest};
 use crate::file::{PyCheckpoint, PyLoaded, params};
@@ -566,15 +566,10 @@ impl PyScene {
         angular: Option<&Bound<'_, PyAny>>,
         #[pyo3(from_py_with = optional_tick)] tick: Option<u64>,
     ) -> PyResult<u64> {
-        let states = states(body, position, [rotation, linear, angular])?;
-        let velocities = match (linear, angular) {
-            (None, None) => FedVelocities::FromPoses,
-            _ => FedVelocities::Given,
-        };
+        let states = GivenStates::of(body, position, [rotation, linear, angular])?;
+        let states = states.arrays();
         let tick = tick.map(Tick::new);
-        self.waiting(py, |opened| {
-            Ok(opened.scene.feed(tick, &states, velocities)?.value())
-        })
+        self.waiting(py, |opened| Ok(opened.scene.feed(tick, &states)?.value()))
     }
 
     /// The unread requests of other members of a scene that this program feeds, the oldest first.

@@ -9,7 +9,7 @@ pub(crate) const HEADER: &str = "c/include/rhumb.h";
 pub(crate) const IMPORTS: &str = "csharp/src/Native.g.cs";
 
 /// Sources with functions or types that cross the border.
-const SOURCES: [&str; 13] = [
+const SOURCES: [&str; 14] = [
     "border",
     "kinds",
     "descriptions",
@@ -21,12 +21,13 @@ const SOURCES: [&str; 13] = [
     "joints",
     "poses",
     "events",
+    "feeding",
     "files",
     "queries",
 ];
 
 /// Enumerations that only fields of type `u32` hold.
-const ENUMERATIONS: [&str; 13] = [
+const ENUMERATIONS: [&str; 14] = [
     "RhumbCoordinates",
     "RhumbJoinCondition",
     "RhumbStepping",
@@ -40,6 +41,7 @@ const ENUMERATIONS: [&str; 13] = [
     "RhumbCommandKind",
     "RhumbQueryKind",
     "RhumbEventKind",
+    "RhumbRequestKind",
 ];
 
 /// The folder of bindings.

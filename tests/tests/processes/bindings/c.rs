@@ -87,7 +87,8 @@ fn link(command: &mut Command, linked: Linked) {
     match linked {
         Linked::Shared => {
             let rpath = format!("-Wl,-rpath,{}", folder.display());
-            command.arg("-L").arg(&folder).arg("-lrhumb").arg(rpath);
+            command.arg("-L").arg(&folder).args(["-lrhumb", "-lm"]);
+            command.arg(rpath);
         }
         Linked::Static => {
             // The system's own libraries for threads and numbers, as the install script says too.
@@ -135,6 +136,27 @@ fn members_of_a_server_in_the_process_take_turns_and_see_each_other_in_c_and_in_
         if let Some(program) = Compiled::new(source, Linked::Shared) {
             assert_eq!(program.run_on(&[]), expected, "{source}");
         }
+    }
+}
+
+#[test]
+fn followers_of_a_fed_scene_see_what_is_fed_and_ask_its_owner_in_c_and_in_cpp() {
+    for source in ["tests/feeding.c", "tests/feeding.cpp"] {
+        if let Some(program) = Compiled::new(source, Linked::Shared) {
+            let out = program.run_on(&[]);
+            assert_eq!(out, "the followers saw what was fed\n", "{source}");
+        }
+    }
+}
+
+#[test]
+fn the_example_of_a_fed_scene_is_within_its_tolerance() {
+    if let Some(program) = Compiled::new("examples/feed.c", Linked::Shared) {
+        let out = program.run_on(&["200".to_owned(), "2".to_owned()]);
+        let beyond = out
+            .lines()
+            .find_map(|line| line.strip_prefix("body-ticks beyond"));
+        assert_eq!(beyond.map(str::trim), Some("0"), "{out}");
     }
 }
 
