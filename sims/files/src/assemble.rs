@@ -180,8 +180,14 @@ pub(crate) fn assemble(
     }
     let held = held_masses(model);
     for joint in &model.joints {
+        let [holding, own] = joint.bodies;
+        let moved = if model.bodies[own].fixed {
+            holding
+        } else {
+            own
+        };
         let effective = Effective {
-            held: held[joint.bodies[1]],
+            held: held[moved],
             frame: joint.frame,
         };
         let places = joint.bodies.map(|place| &centres[place]);
@@ -428,13 +434,17 @@ fn joint(
     effective: &Effective,
     report: &mut Report,
 ) -> Result<LoadedJoint, LoadError> {
-    let frames = centres.map(|centre| {
+    let frame_in = |centre: &Pose, frame: &Pose| {
         let own = centre.inverse().of(frame);
         JointFrame {
             anchor: own.position.as_vec3(),
             rotation: turn(own.rotation),
         }
-    });
+    };
+    let frames = [
+        frame_in(centres[0], frame),
+        frame_in(centres[1], &frame.of(&joint.start)),
+    ];
     let kind = bounded(joint, report);
     let mut made = Joint::plain(kind, [BodyId::new(0, 0); 2], frames);
     made.collide = joint.collide;
@@ -486,7 +496,7 @@ fn motor(
 ) -> Motor {
     let subject = || format!("joint \"{}\"", joint.name);
     let most = f64::from(STIFFNESS_MAX);
-    if drive.damping > 0.0 || drive.stiffness > 0.0 {
+    if !drive.for_each_mass && (drive.damping > 0.0 || drive.stiffness > 0.0) {
         let why = "damping and stiffness of joints are forces there and accelerations here: \
             they are right for the pose of the start and a holding body that stands still, and grow up to 10 rad/s or m/s";
         report.again(
@@ -514,10 +524,16 @@ fn motor(
         let why = "stiffness and damping for the mass that they move are at most 1,000,000";
         report.add(&joint.place, subject(), value, Effect::Changed, why);
     }
-    let most = drive.stiffness * reach + drive.damping * DAMPED_SPEED;
+    let passive = drive.stiffness * reach + drive.damping * DAMPED_SPEED;
+    let most = drive.most.unwrap_or(passive);
     let force = most.min(f64::from(FORCE_MAX)) as f32;
+    let velocity = drive.velocity as f32;
     let sprung = Motor::at_position(drive.rest as f32, stiffness, damping);
-    Motor { force, ..sprung }
+    Motor {
+        velocity,
+        force,
+        ..sprung
+    }
 }
 
 /// The rate at which dry friction stops an axis, 1/s: within a substep or two.

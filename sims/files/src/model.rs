@@ -159,15 +159,17 @@ pub(crate) enum Solid {
     Plane,
 }
 
-/// A joint; at the start its frame is the same in both bodies.
+/// A joint.
 #[derive(Clone, Debug)]
 pub(crate) struct ModelJoint {
     pub(crate) name: String,
     pub(crate) place: Place,
     /// The holding one, and the held one.
     pub(crate) bodies: [usize; 2],
-    /// Frame → the file's world.
+    /// Frame in the holding body → the file's world.
     pub(crate) frame: Pose,
+    /// The frame in the held body, in that in the holding one: not the identity where the file starts a joint elsewhere.
+    pub(crate) start: Pose,
     pub(crate) kind: JointKind,
     pub(crate) drives: [Option<Drive>; 6],
     pub(crate) collide: bool,
@@ -175,7 +177,7 @@ pub(crate) struct ModelJoint {
     pub(crate) holds: bool,
 }
 
-/// Passive forces of an axis.
+/// Forces of an axis: passive ones, or those of a motor.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Drive {
     /// N/m or N·m/rad.
@@ -190,6 +192,12 @@ pub(crate) struct Drive {
     pub(crate) armature: f64,
     /// Time constant, seconds, and damping ratio of the spring, in place of stiffness and damping.
     pub(crate) timed: Option<[f64; 2]>,
+    /// True if stiffness and damping are for each kg, or kg·m², that the axis moves.
+    pub(crate) for_each_mass: bool,
+    /// The velocity to which damping leads, m/s or rad/s.
+    pub(crate) velocity: f64,
+    /// The most that it pushes, N or N·m; `None`: what springs and damping can.
+    pub(crate) most: Option<f64>,
 }
 
 impl Drive {
@@ -199,19 +207,26 @@ impl Drive {
     }
 
     /// A multiple of its forces and of its rotor.
-    pub(crate) const fn times(self, factor: f64) -> Self {
+    pub(crate) fn times(self, factor: f64) -> Self {
+        let of_forces = if self.for_each_mass { 1.0 } else { factor };
         Self {
-            stiffness: self.stiffness * factor,
-            damping: self.damping * factor,
+            stiffness: self.stiffness * of_forces,
+            damping: self.damping * of_forces,
             friction: self.friction * factor,
             armature: self.armature * factor,
+            most: self.most.map(|most| most * factor),
             ..self
         }
     }
 
-    /// The same for an inertia, kg or kg·m², that it moves: with stiffness and damping in numbers.
+    /// The same for an inertia, kg or kg·m², that it moves: with stiffness and damping in N or N·m.
     pub(crate) fn of_inertia(self, inertia: f64) -> Self {
         match self.timed {
+            None if self.for_each_mass => Self {
+                stiffness: self.stiffness * inertia,
+                damping: self.damping * inertia,
+                ..self
+            },
             None => self,
             Some([seconds, ratio]) => Self {
                 stiffness: inertia / (seconds * ratio).powi(2).max(1e-15),

@@ -246,6 +246,7 @@ impl Reader<'_> {
             place: element.place(),
             bodies: [holding, held],
             frame: pose.of(&Pose::new(DVec3::ZERO, turned)),
+            start: Pose::IDENTITY,
             kind,
             drives,
             collide: false,

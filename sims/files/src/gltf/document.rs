@@ -180,6 +180,38 @@ impl Default for Round {
 #[serde(default, rename_all = "camelCase")]
 pub(super) struct Physics {
     pub(super) physics_materials: Vec<Material>,
+    pub(super) physics_joints: Vec<PhysicsJoint>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct PhysicsJoint {
+    pub(super) limits: Vec<JointLimit>,
+    pub(super) drives: Vec<JointDrive>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+pub(super) struct JointLimit {
+    pub(super) linear_axes: Vec<usize>,
+    pub(super) angular_axes: Vec<usize>,
+    pub(super) min: Option<f64>,
+    pub(super) max: Option<f64>,
+    pub(super) stiffness: Option<f64>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+pub(super) struct JointDrive {
+    #[serde(rename = "type")]
+    pub(super) kind: String,
+    pub(super) mode: String,
+    pub(super) axis: usize,
+    pub(super) max_force: Option<f64>,
+    pub(super) position_target: Option<f64>,
+    pub(super) velocity_target: Option<f64>,
+    pub(super) stiffness: f64,
+    pub(super) damping: f64,
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -205,7 +237,15 @@ pub(super) struct RigidBody {
     pub(super) motion: Option<Motion>,
     pub(super) collider: Option<Collider>,
     pub(super) trigger: Option<IgnoredAny>,
-    pub(super) joint: Option<IgnoredAny>,
+    pub(super) joint: Option<NodeJoint>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+pub(super) struct NodeJoint {
+    pub(super) connected_node: Option<usize>,
+    pub(super) joint: Option<usize>,
+    pub(super) enable_collision: bool,
 }
 
 #[derive(Debug, Default, Deserialize)]

@@ -1,11 +1,12 @@
 //! glTF, as text or binary: nodes with meshes, and bodies of its physics.
 //!
 //! In a file without physics each mesh is a fixed body with its triangles; where the extras of a node have a `mass`, the
-//! node and all below it are one body that moves. In a file with KHR_physics_rigid_bodies its colliders are the shapes, and
-//! meshes are for drawing. y points up. What a scene has not is noted.
+//! node and all below it are one body that moves. In a file with KHR_physics_rigid_bodies its colliders are the shapes,
+//! meshes are for drawing, and its joints hold bodies together. y points up. What a scene has not is noted.
 
 mod buffers;
 mod document;
+mod joints;
 mod primitives;
 
 use std::rc::Rc;
@@ -18,6 +19,7 @@ use serde_json::{Map, Value};
 use buffers::Buffers;
 pub(crate) use buffers::MAGIC;
 use document::{Collider, Document, Geometry, Motion, Node, RigidBody, title};
+use joints::Joints;
 use primitives::{Primitives, TRIANGLES_OF_ALL};
 
 use crate::files::Files;
@@ -103,21 +105,29 @@ fn read_with(
         triangles: 0,
         bodies: Vec::new(),
         masses: Vec::new(),
+        joints: Joints::new(document.nodes.len()),
     };
     reader.note_rest();
     let name = reader.walk().map_err(|problem| at(path, problem))?;
     reader.give_masses();
     let Reader {
-        mut bodies, report, ..
+        place,
+        mut bodies,
+        joints,
+        report,
+        ..
     } = reader;
-    settle_masses(&mut bodies, &[], f64::from(options.density), report);
+    let world = || fixed("world", &place, Pose::IDENTITY, Inertia::NONE);
+    let joints = joints.made(&document, &mut bodies, world, (&place, report));
+    let joints = joints.map_err(|problem| at(path, problem))?;
+    settle_masses(&mut bodies, &joints, f64::from(options.density), report);
     Ok(Model {
         name,
         up: FileUp::Y,
         gravity: DVec3::new(0.0, -9.80665, 0.0),
         step: None,
         bodies,
-        joints: Vec::new(),
+        joints,
     })
 }
 
@@ -179,6 +189,7 @@ struct Reader<'a> {
     bodies: Vec<ModelBody>,
     /// Bodies whose mass extras say, kg.
     masses: Vec<(usize, f64)>,
+    joints: Joints<'a>,
 }
 
 impl Reader<'_> {
@@ -269,6 +280,9 @@ impl Reader<'_> {
                 return Err(Problem::Senseless { name, rule });
             }
             let body = self.visit((&name, node), &world, body)?;
+            let physics = node.extensions.body.as_ref();
+            let joint = physics.and_then(|body| body.joint.as_ref());
+            (self.joints).visit((number, &name), pose_of(&world), body, joint);
             open.extend(
                 node.children
                     .iter()
@@ -378,11 +392,6 @@ impl Reader<'_> {
         let collider = body.collider.as_ref();
         for (is_there, subject, why) in [
             (
-                body.joint.is_some(),
-                "joint",
-                "joints of this extension are not read",
-            ),
-            (
                 body.trigger.is_some(),
                 "trigger",
                 "triggers of this extension are not read",
@@ -434,16 +443,7 @@ impl Reader<'_> {
 
     /// A fixed body.
     fn body(&mut self, name: &str, pose: Pose, inertia: Inertia) -> usize {
-        self.bodies.push(ModelBody {
-            name: name.to_owned(),
-            place: self.place.clone(),
-            pose,
-            fixed: true,
-            inertia,
-            solids: Vec::new(),
-            groups: CollisionGroups::ALL,
-            friction: None,
-        });
+        self.bodies.push(fixed(name, &self.place, pose, inertia));
         self.bodies.len() - 1
     }
 
@@ -683,6 +683,20 @@ enum Named {
     Mesh(usize),
     Shape(usize),
     Nothing,
+}
+
+/// A fixed body without a shape.
+fn fixed(name: &str, place: &Place, pose: Pose, inertia: Inertia) -> ModelBody {
+    ModelBody {
+        name: name.to_owned(),
+        place: place.clone(),
+        pose,
+        fixed: true,
+        inertia,
+        solids: Vec::new(),
+        groups: CollisionGroups::ALL,
+        friction: None,
+    }
 }
 
 /// The turn of a solid whose long axis is z here, and y in the file.

@@ -74,6 +74,7 @@ impl Hinge {
             timed: element
                 .array::<2>("springdamper", "2")?
                 .filter(|[seconds, ratio]| *seconds > 0.0 && *ratio > 0.0),
+            ..Drive::default()
         };
         note_settings(&element, kind, report);
         Ok(Self {
@@ -202,6 +203,7 @@ fn single(one: &Hinge, bodies: [usize; 2], collide: bool, report: &mut Report) -
         place: one.element.place(),
         bodies,
         frame: Pose::new(one.anchor, along_x(one.axis)),
+        start: Pose::IDENTITY,
         kind,
         drives,
         collide,
@@ -274,6 +276,7 @@ fn together(
         place: first.element.place(),
         bodies,
         frame: Pose::new(anchor, DQuat::from_mat3(&axes).normalize()),
+        start: Pose::IDENTITY,
         kind: JointKind::Generic(LockedAxes::new(locked)?, limits),
         drives,
         collide,

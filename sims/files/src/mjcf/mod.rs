@@ -597,6 +597,7 @@ impl Reader<'_> {
             place: element.place(),
             bodies,
             frame: first.frame.of(&Pose::at(anchor)),
+            start: Pose::IDENTITY,
             kind,
             drives: [None; 6],
             collide: true,

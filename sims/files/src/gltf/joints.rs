@@ -1,0 +1,332 @@
+//! Joints of KHR_physics_rigid_bodies, from limits and drives of axes.
+//!
+//! The extension has no kinds of joints: limits take motions away, one by one. Those that leave nothing, one turn, one
+//! displacement or all turns are read; others are noted. The frame in the second body moves in that of the first.
+
+use std::f64::consts::TAU;
+
+use glam::{DMat3, DQuat, DVec3};
+use rhumb_protocol::scene::{JointKind, JointLimits};
+
+use super::document::{Document, JointDrive, JointLimit, NodeJoint, PhysicsJoint};
+use crate::inertia::Pose;
+use crate::model::{Drive, ModelBody, ModelJoint};
+use crate::report::{Effect, Place, Problem, Report};
+
+/// A node that was visited.
+#[derive(Clone, Copy, Debug)]
+struct Visited {
+    /// Its axes → the file's world.
+    pose: Pose,
+    /// The body that moves it; `None`: nothing does.
+    body: Option<usize>,
+}
+
+/// A joint that a node has.
+struct OfNode<'a> {
+    node: usize,
+    name: String,
+    joint: &'a NodeJoint,
+}
+
+/// The nodes that were visited, and the joints that they have.
+pub(super) struct Joints<'a> {
+    /// By number of the node.
+    visited: Vec<Option<Visited>>,
+    of_nodes: Vec<OfNode<'a>>,
+}
+
+impl<'a> Joints<'a> {
+    /// Without a visit to any of so many nodes.
+    pub(super) fn new(nodes: usize) -> Self {
+        Self {
+            visited: vec![None; nodes],
+            of_nodes: Vec::new(),
+        }
+    }
+
+    /// Notes a node with its place, the body that moves it, and its joint.
+    pub(super) fn visit(
+        &mut self,
+        (node, name): (usize, &str),
+        pose: Pose,
+        body: Option<usize>,
+        joint: Option<&'a NodeJoint>,
+    ) {
+        self.visited[node] = Some(Visited { pose, body });
+        self.of_nodes.extend(joint.map(|joint| OfNode {
+            node,
+            name: name.to_owned(),
+            joint,
+        }));
+    }
+
+    /// Makes the joints. `world` makes a body that does not move.
+    pub(super) fn made(
+        self,
+        document: &Document,
+        bodies: &mut Vec<ModelBody>,
+        world: impl Fn() -> ModelBody,
+        noted: (&Place, &mut Report),
+    ) -> Result<Vec<ModelJoint>, Problem> {
+        let mut made = Vec::new();
+        let mut still = None;
+        let (place, report) = noted;
+        let mut joiner = Joiner {
+            document,
+            place,
+            report,
+        };
+        for one in &self.of_nodes {
+            let Some((ends, joint)) = joiner.described(one, &self.visited)? else {
+                continue;
+            };
+            let bodies = ends.map(|end| {
+                end.body.unwrap_or_else(|| {
+                    *still.get_or_insert_with(|| {
+                        bodies.push(world());
+                        bodies.len() - 1
+                    })
+                })
+            });
+            made.push(ModelJoint { bodies, ..joint });
+        }
+        Ok(made)
+    }
+}
+
+/// Distance of two numbers that counts as none, metres or radians.
+const NEAR: f64 = 1e-6;
+
+/// The motions of an axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Axis {
+    Free,
+    Within(JointLimits),
+    Locked,
+}
+
+/// The motions that a joint leaves: displacements along x, y and z, then turns about them.
+#[derive(Debug)]
+struct Motions([Axis; 6]);
+
+impl Motions {
+    /// The axes that are not locked.
+    fn free(&self) -> Vec<usize> {
+        let axes = self.0.iter().enumerate();
+        let free = axes.filter(|(_, axis)| **axis != Axis::Locked);
+        free.map(|(axis, _)| axis).collect()
+    }
+
+    fn limits(&self, axis: usize) -> Option<JointLimits> {
+        match self.0[axis] {
+            Axis::Within(limits) => Some(limits),
+            _ => None,
+        }
+    }
+
+    /// The kind of joint, and the axis of the file that becomes its x.
+    fn kind(&self) -> Option<(JointKind, usize)> {
+        match *self.free() {
+            [] => Some((JointKind::Fixed, 0)),
+            [axis] if axis < 3 => Some((JointKind::Prismatic(self.limits(axis)), axis)),
+            [axis] => Some((JointKind::Revolute(self.limits(axis)), axis - 3)),
+            [3, 4, 5] if (3..6).all(|axis| self.0[axis] == Axis::Free) => {
+                Some((JointKind::Spherical(None), 0))
+            }
+            _ => None,
+        }
+    }
+}
+
+/// The turn that makes an axis of the file x, and those after it y and z.
+fn with_first(axis: usize) -> DQuat {
+    let axes = [axis, (axis + 1) % 3, (axis + 2) % 3].map(|axis| DVec3::AXES[axis]);
+    DQuat::from_mat3(&DMat3::from_cols(axes[0], axes[1], axes[2])).normalize()
+}
+
+struct Joiner<'a> {
+    document: &'a Document,
+    place: &'a Place,
+    report: &'a mut Report,
+}
+
+impl Joiner<'_> {
+    fn note(&mut self, subject: &str, effect: Effect, why: &'static str) {
+        self.report
+            .again(self.place, subject.to_owned(), effect, why);
+    }
+
+    /// The two ends of a node's joint, and the joint, whose bodies are still to be filled in.
+    fn described(
+        &mut self,
+        one: &OfNode<'_>,
+        visited: &[Option<Visited>],
+    ) -> Result<Option<([Visited; 2], ModelJoint)>, Problem> {
+        let name = format!("joint of {}", one.name);
+        let document = self.document;
+        let physics = document.extensions.physics.as_ref();
+        let all = physics.map_or(&[][..], |physics| &physics.physics_joints);
+        let missing = |what: &str, number: Option<usize>, count: usize| {
+            let named = number.map_or_else(|| "none".to_owned(), |number| number.to_string());
+            Problem::Mesh(format!(
+                "the {name} names {what} {named}, and there are {count}"
+            ))
+        };
+        let number = one.joint.joint;
+        let described = number.and_then(|number| all.get(number));
+        let described = described.ok_or_else(|| missing("joint", number, all.len()))?;
+        let other = one.joint.connected_node;
+        let second = other.and_then(|other| visited.get(other));
+        let second = second.ok_or_else(|| missing("node", other, visited.len()))?;
+        let (Some(first), Some(second)) = (visited[one.node], *second) else {
+            let why = "its other node is in another scene of the file";
+            self.note("joint", Effect::Left, why);
+            return Ok(None);
+        };
+        if first.body == second.body {
+            let why = "it joins a body with itself, or two that do not move";
+            self.note("joint", Effect::Left, why);
+            return Ok(None);
+        }
+        let motions = self.motions(&name, described)?;
+        let Some((kind, axis)) = motions.kind() else {
+            let why = "joints that leave nothing, one turn, one displacement or all turns are read";
+            self.note("joint", Effect::Left, why);
+            return Ok(None);
+        };
+        let turned = Pose::new(DVec3::ZERO, with_first(axis));
+        let frames = [first.pose, second.pose].map(|pose| pose.of(&turned));
+        let joint = ModelJoint {
+            name: one.name.clone(),
+            place: self.place.clone(),
+            bodies: [0; 2],
+            frame: frames[0],
+            start: frames[0].inverse().of(&frames[1]),
+            drives: self.drives(&kind, axis, described),
+            kind,
+            collide: one.joint.enable_collision,
+            holds: false,
+        };
+        Ok(Some(([first, second], joint)))
+    }
+
+    fn motions(&mut self, name: &str, described: &PhysicsJoint) -> Result<Motions, Problem> {
+        let mut motions = Motions([Axis::Free; 6]);
+        for limit in &described.limits {
+            let senseless = |rule| Problem::Senseless {
+                name: name.to_owned(),
+                rule,
+            };
+            let axes = limit.axes();
+            if axes.iter().any(|axis| *axis > 5) {
+                return Err(senseless("its axes are 0, 1 and 2"));
+            }
+            if limit.min.zip(limit.max).is_some_and(|(min, max)| min > max) {
+                return Err(senseless("its least limit is above its greatest"));
+            }
+            if limit.stiffness.is_some() {
+                let why = "limits are hard";
+                self.note("joint limit stiffness", Effect::Changed, why);
+            }
+            let locks = limit.max.is_some_and(|max| max.abs() < NEAR)
+                && limit.min.is_none_or(|min| min.abs() < NEAR)
+                && (limit.min.is_some() || axes.len() > 1);
+            match *axes {
+                _ if locks => axes.iter().for_each(|axis| motions.0[*axis] = Axis::Locked),
+                [axis] => match limit.range(axis) {
+                    Some(range) if motions.0[axis] == Axis::Free => {
+                        motions.0[axis] = Axis::Within(range);
+                    }
+                    Some(_) => {
+                        let why = "an axis has one limit";
+                        self.note("joint limit", Effect::Left, why);
+                    }
+                    None => {
+                        let why = "a limit of a turn has two ends, less than a whole turn apart";
+                        self.note("joint limit", Effect::Left, why);
+                    }
+                },
+                _ => {
+                    let why = "limits of two or three axes lock them, or are not read";
+                    self.note("joint limit", Effect::Left, why);
+                }
+            }
+        }
+        Ok(motions)
+    }
+
+    /// The drives of a joint whose x is this axis of the file.
+    fn drives(
+        &mut self,
+        kind: &JointKind,
+        axis: usize,
+        described: &PhysicsJoint,
+    ) -> [Option<Drive>; 6] {
+        let own = match kind {
+            JointKind::Prismatic(_) => Some((axis, 0)),
+            JointKind::Revolute(_) => Some((axis + 3, 3)),
+            _ => None,
+        };
+        let mut drives = [None; 6];
+        for drive in &described.drives {
+            match own.filter(|(axis, _)| *axis == drive.axis()) {
+                Some((_, place)) if drives[place].is_none() => drives[place] = Some(drive.drive()),
+                _ => {
+                    let why = "of a hinge or a slide the free axis has one drive";
+                    self.note("joint drive", Effect::Left, why);
+                }
+            }
+        }
+        drives
+    }
+}
+
+impl JointLimit {
+    /// Its axes: displacements from 0, turns from 3.
+    fn axes(&self) -> Vec<usize> {
+        let turns = self.angular_axes.iter().map(|axis| match *axis {
+            axis if axis < 3 => axis + 3,
+            _ => usize::MAX,
+        });
+        let ways = self.linear_axes.iter().map(|axis| match *axis {
+            axis if axis < 3 => axis,
+            _ => usize::MAX,
+        });
+        ways.chain(turns).collect()
+    }
+
+    /// Its range on one axis; `None` where a joint cannot have it.
+    fn range(&self, axis: usize) -> Option<JointLimits> {
+        let is_way = axis < 3;
+        let end = |end: Option<f64>, otherwise: f64| end.or(is_way.then_some(otherwise));
+        // A displacement without an end has one beyond the world, which is cut later.
+        let least = end(self.min, f64::from(f32::MIN))?;
+        let most = end(self.max, f64::from(f32::MAX))?;
+        (is_way || most - least < TAU).then_some(JointLimits {
+            least: least as f32,
+            most: most as f32,
+        })
+    }
+}
+
+impl JointDrive {
+    fn axis(&self) -> usize {
+        match self.kind.as_str() {
+            "angular" => self.axis.saturating_add(3),
+            _ => self.axis,
+        }
+    }
+
+    fn drive(&self) -> Drive {
+        Drive {
+            stiffness: self.stiffness.max(0.0),
+            rest: self.position_target.unwrap_or(0.0),
+            damping: self.damping.max(0.0),
+            for_each_mass: self.mode == "acceleration",
+            velocity: self.velocity_target.unwrap_or(0.0),
+            most: Some(self.max_force.unwrap_or(f64::INFINITY)),
+            ..Drive::default()
+        }
+    }
+}
