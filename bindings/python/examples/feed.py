@@ -2,20 +2,22 @@
 
     python3 feed.py numpy 10000        balls that fall and bounce, in a few lines of NumPy
     python3 feed.py mujoco 500         boxes that fall in a heap: pip install mujoco
-    python3 feed.py mujoco MODEL.xml   the bodies of a model
+    python3 feed.py mujoco MODEL.xml   the bodies of a model, whose actuators swing
     python3 feed.py pybullet 500       the boxes again: pip install pybullet
+    python3 feed.py newton 500         the boxes again, on the CPU: pip install newton
+    python3 feed.py jolt 500           the boxes again: pip install culverin
 
 The follower is a client as any other. Naive are 52 bytes for each body that moves and each tick: position, rotation, velocities.
 """
 
-import sys
+import argparse
 import time
 
 import numpy as np
 
 import rhumb
 
-RATE, SECONDS, TOLERANCE = 60, 10, 0.05
+RATE = 60
 # Of a float at 100 m, in three coordinates.
 ROUNDING = 1e-5
 SUBSTEPS = 4
@@ -49,15 +51,26 @@ class Numpy:
 
 
 class Mujoco:
-    """A heap of boxes, or a model from a file. MuJoCo's quaternions begin with w."""
+    """A heap of boxes, or copies of a model from a file, side by side. MuJoCo's quaternions begin with w."""
 
     substeps = SUBSTEPS
 
-    def __init__(self, source):
+    def __init__(self, source, copies=1):
         import mujoco
 
         self.mujoco = mujoco
-        self.model = mujoco.MjModel.from_xml_string(heap(int(source))) if source.isdigit() else mujoco.MjModel.from_xml_path(source)
+        if source.isdigit():
+            self.model = mujoco.MjModel.from_xml_string(heap(int(source)))
+        else:
+            whole = mujoco.MjSpec.from_file(source)
+            for copy in range(1, copies):
+                frame = whole.worldbody.add_frame(pos=(2 * copy, 0, 0))
+                whole.attach(mujoco.MjSpec.from_file(source), frame=frame, prefix=f"{copy}-")
+            self.model = whole.compile()
+        random = np.random.default_rng(7)
+        self.swing = random.uniform(0.5, 2, self.model.nu), random.uniform(0, 2 * np.pi, self.model.nu)
+        limited = self.model.actuator_ctrllimited.astype(bool)[:, None]
+        self.controls = np.where(limited, self.model.actuator_ctrlrange, (-1, 1))
         self.model.opt.timestep = 1 / RATE / SUBSTEPS
         self.data = mujoco.MjData(self.model)
         mujoco.mj_forward(self.model, self.data)
@@ -75,6 +88,9 @@ class Mujoco:
         return ids
 
     def step(self):
+        rate, phase = self.swing
+        share = 0.5 + 0.3 * np.sin(2 * np.pi * rate * self.data.time + phase)
+        self.data.ctrl = self.controls[:, 0] + share * (self.controls[:, 1] - self.controls[:, 0])
         self.mujoco.mj_step(self.model, self.data, SUBSTEPS)
 
     def state(self):
@@ -120,6 +136,81 @@ class Pybullet:
         return position, rotation, linear, angular
 
 
+class Newton:
+    """The same heap, by Newton's solver XPBD. Its bodies are placed by their origins, here their centres of mass."""
+
+    substeps = SUBSTEPS
+
+    def __init__(self, count):
+        import newton
+        import warp
+
+        warp.config.quiet = True
+        builder = newton.ModelBuilder()
+        builder.add_ground_plane()
+        volume = 8 * HALF[0] * HALF[1] * HALF[2]
+        of_a_kilogram = newton.ModelBuilder.ShapeConfig(density=1 / volume)
+        for at, turn in places(int(count)):
+            body = builder.add_body(xform=warp.transform(at, turn))
+            builder.add_shape_box(body, hx=HALF[0], hy=HALF[1], hz=HALF[2], cfg=of_a_kilogram)
+        self.moments = np.diagonal(np.array(builder.body_inertia[0]).reshape(3, 3))
+        model = builder.finalize(device="cpu")
+        self.now, self.next, self.control = model.state(), model.state(), model.control()
+        self.solver = newton.solvers.SolverXPBD(model)
+        self.collisions = newton.CollisionPipeline(model)
+        self.contacts = self.collisions.contacts()
+
+    def add(self, scene):
+        position, rotation, *_ = self.state()
+        return scene.add_bodies(rhumb.Shape.cuboid(*HALF), position, rotations=rotation, mass=1, moments=self.moments)
+
+    def step(self):
+        for _ in range(SUBSTEPS):
+            self.now.clear_forces()
+            self.collisions.collide(self.now, self.contacts)
+            self.solver.step(self.now, self.next, self.control, self.contacts, 1 / RATE / SUBSTEPS)
+            self.now, self.next = self.next, self.now
+
+    def state(self):
+        pose, velocity = self.now.body_q.numpy(), self.now.body_qd.numpy()
+        return pose[:, :3].copy(), pose[:, 3:].copy(), velocity[:, :3].copy(), velocity[:, 3:].copy()
+
+
+class Jolt:
+    """The same heap, by Jolt in the package culverin. Jolt takes a share of a velocity a second, and has no gyroscopic term."""
+
+    substeps = SUBSTEPS
+
+    def __init__(self, count):
+        import culverin
+
+        settings = {"gravity": (0, 0, -9.81), "max_bodies": int(count) + 1, "num_threads": 1}
+        self.world = culverin.PhysicsWorld(settings=settings)
+        ground = {"shape": culverin.SHAPE_PLANE, "motion": culverin.MOTION_STATIC}
+        self.world.create_body(pos=(0, 0, 0), size=(0, 0, 1, 0), **ground)
+        box = {"size": HALF, "shape": culverin.SHAPE_BOX, "mass": 1.0}
+        self.boxes = [self.world.create_body(pos=at, rot=tuple(turn), **box) for at, turn in places(int(count))]
+        self.world.step(1e-9)
+        self.rows = [self.world.get_index(box) for box in self.boxes]
+        of_a_substep = 0.05 / RATE / SUBSTEPS
+        self.damping = (0.05 / (1 - of_a_substep),) * 2
+
+    def add(self, scene):
+        position, rotation, *_ = self.state()
+        options = {"mass": 1, "damping": self.damping, "gyroscopic": False}
+        return scene.add_bodies(rhumb.Shape.cuboid(*HALF), position, rotations=rotation, **options)
+
+    def step(self):
+        for _ in range(SUBSTEPS):
+            self.world.step(1 / RATE / SUBSTEPS)
+
+    def state(self):
+        world = self.world
+        arrays = world.positions, world.rotations, world.velocities, world.angular_velocities
+        position, rotation, linear, angular = (np.asarray(array).reshape(-1, 4)[self.rows] for array in arrays)
+        return position[:, :3], rotation, linear[:, :3], angular[:, :3]
+
+
 HALF = (0.15, 0.1, 0.05)
 
 
@@ -143,44 +234,56 @@ def heap(count):
     return f'<mujoco><worldbody><geom type="plane" size="50 50 1"/>{"".join(boxes)}</worldbody></mujoco>'
 
 
-def main(engine, source):
-    engine = {"numpy": Numpy, "mujoco": Mujoco, "pybullet": Pybullet}[engine](source)
+ENGINES = {"numpy": Numpy, "mujoco": Mujoco, "pybullet": Pybullet, "newton": Newton, "jolt": Jolt}
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("engine", choices=ENGINES)
+    parser.add_argument("source", help="number of bodies, or a model of MuJoCo")
+    parser.add_argument("--copies", type=int, default=1, help="copies of a model (default: 1)")
+    parser.add_argument("--seconds", type=int, default=10, help="duration (default: 10)")
+    parser.add_argument("--tolerance", type=float, default=0.05, help="metres (default: 0.05)")
+    given = parser.parse_args()
+    copies = {"copies": given.copies} if given.engine == "mujoco" else {}
+    publish(ENGINES[given.engine](given.source, **copies), given.seconds, given.tolerance)
+
+
+def publish(engine, seconds, tolerance):
     server = rhumb.LocalServer(own_thread=True)
-    options = {**UP, "substeps": engine.substeps, "tolerance": TOLERANCE}
+    options = {**UP, "substeps": engine.substeps, "tolerance": tolerance}
     owner = server.connect(feed="engine").join("engine", **options)
     bodies = np.array(engine.add(owner), dtype=np.uint64)
     # The follower joins a scene that is running.
     owner.feed(bodies, *engine.state())
-    follower = server.connect().join("engine", coordinates="z-up", tolerance=TOLERANCE)
+    follower = server.connect().join("engine", coordinates="z-up", tolerance=tolerance)
     begun, worst, beyond, moving, calls = follower.statistics, 0.0, 0, 0, []
     before = engine.state()[0].copy()
-    for _ in range(SECONDS * RATE):
+    for _ in range(seconds * RATE):
         engine.step()
         state = engine.state()
         moving += int(np.any(state[0] != before, axis=1).sum())
         before = state[0].copy()
-        start = time.perf_counter()
+        start = time.thread_time()
         tick = owner.feed(bodies, *state)
-        calls.append(time.perf_counter() - start)
+        calls.append(time.thread_time() - start)
         while follower.poll()[0] < tick:
             follower.idle(0.0005)
         order = np.argsort(follower.bodies)
         truth = state[0][np.argsort(bodies)]
         error = np.linalg.norm(follower.positions[order] - truth, axis=1)
-        worst, beyond = max(worst, float(error.max())), beyond + int((error > TOLERANCE + ROUNDING).sum())
+        worst, beyond = max(worst, float(error.max())), beyond + int((error > tolerance + ROUNDING).sum())
     ended = follower.statistics
     received = ended["received_bytes"] - begun["received_bytes"]
     updates = ended["updates"] - begun["updates"]
     print(f"bodies                        {len(bodies)}")
-    print(f"follower, kB/s                {received / SECONDS / 1e3:.1f}")
-    print(f"naive, kB/s                   {52 * moving / SECONDS / 1e3:.1f}")
-    print(f"updates/s                     {updates / SECONDS:.0f}")
-    print(f"greatest error, mm            {1e3 * worst:.1f} of {1e3 * TOLERANCE:.0f}")
+    print(f"follower, kB/s                {received / seconds / 1e3:.1f}")
+    print(f"naive, kB/s                   {52 * moving / seconds / 1e3:.1f}")
+    print(f"updates/s                     {updates / seconds:.0f}")
+    print(f"greatest error, mm            {1e3 * worst:.1f} of {1e3 * tolerance:.0f}")
     print(f"body-ticks beyond             {beyond}")
-    print(f"feed, ms: median, 99 %        {1e3 * np.median(calls):.2f}, {1e3 * np.quantile(calls, 0.99):.2f}")
+    print(f"feed, ms of its thread        {1e3 * np.median(calls):.2f} in the median, {1e3 * np.quantile(calls, 0.99):.2f} in 99 %")
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 3:
-        sys.exit(__doc__)
-    main(*sys.argv[1:])
+    main()
