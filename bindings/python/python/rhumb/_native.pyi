@@ -879,8 +879,8 @@ class Scene:
         without a velocity for five ticks; resting bodies cost nothing.
 
         tick: that of the states, from 1 on; None: the next one. Up to 600 ticks may be left out: the bodies then go evenly from
-        one state to the next. Without linear and angular, velocities follow from the poses, as for an engine whose own are of
-        no use.
+        one state to the next. rotation: None for bodies that are not turned, whatever they were before. Without linear and angular,
+        velocities follow from the poses, as for an engine whose own are of no use.
 
         Followers see every pose within their tolerance. How many bytes that takes depends on gravity and substeps of join, and on
         mass, moments, damping and gravity_scale of add_body.
