@@ -40,8 +40,8 @@ pub(crate) struct EdgeClient {
     pub(crate) joining: Option<Joining>,
     /// True if the scene of its membership, or of its join, is deleted, and the owner has not said so yet.
     pub(crate) scene_is_over: bool,
-    /// True for an observer that names a session with its join.
-    pub(crate) asks_session: bool,
+    /// Of an observer that names a session with its join: the commands that it knows to be refused.
+    pub(crate) asks_session: Option<u64>,
     pub(crate) member: Option<EdgeMember>,
 }
 
@@ -271,7 +271,7 @@ impl EdgeClient {
             voice: None,
             joining: None,
             scene_is_over: false,
-            asks_session: false,
+            asks_session: None,
             member: None,
         }
     }
@@ -374,11 +374,13 @@ impl EdgeClient {
         let Some(snapshot) = mirror.snapshot(granted) else {
             return;
         };
-        if std::mem::take(&mut self.asks_session) {
+        let asked = self.asks_session.take();
+        if let Some(commands) = asked {
+            // Whichever edge or server it comes from: an observer's session holds nothing but refusals.
             let state = SessionState {
-                resumed: false,
+                resumed: true,
                 durable: false,
-                commands: 0,
+                commands,
                 tick,
             };
             self.control.send(&ServerMessage::Session(state), out);
@@ -393,7 +395,11 @@ impl EdgeClient {
         self.control.note_snapshot(bytes, out);
         match &mut self.member {
             Some(member) => member.change(id, mirror.events_tick()),
-            None => self.member = Some(EdgeMember::new((id, &*mirror), granted)),
+            None => {
+                let mut member = EdgeMember::new((id, &*mirror), granted);
+                member.commands = asked.unwrap_or_default();
+                self.member = Some(member);
+            }
         }
         self.tell_standing(tick, &mirror.standing(), out);
     }
@@ -468,8 +474,8 @@ impl EdgeClient {
                     AuthorityError::NotAllowed,
                 )])
             }
-            Ok(ClientMessage::Session(_)) => {
-                self.asks_session = true;
+            Ok(ClientMessage::Session(request)) => {
+                self.asks_session = Some(request.answered);
                 Action::Done
             }
             Ok(ClientMessage::Ping { sent }) => Action::Time(sent),

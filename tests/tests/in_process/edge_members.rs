@@ -9,7 +9,7 @@ use std::sync::Arc;
 use rhumb_edge::{Edge, EdgeSettings, MIRRORS_MAX};
 use rhumb_netsim::LinkConfig;
 use rhumb_protocol::message::{AuthorityError, Role, SessionKey, StreamChoice};
-use rhumb_protocol::scene::Stepping;
+use rhumb_protocol::scene::{Command, CommandError, Stepping};
 use rhumb_protocol::session::{ClientSession, CloseCode};
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_reckoning::{BodyId, Divergence, Tick, Ticks, Tolerance, ToleranceScale};
@@ -227,6 +227,43 @@ impl Published {
         let apart = Divergence::between(&walked.motion().pose(), &had.expect("a body").pose());
         let tolerance = CLOSE.scaled(ToleranceScale::AVATAR);
         tolerance.share(&apart, rhumb_reckoning::Metres::new(0.8))
+    }
+}
+
+/// Its session is unknown at the edge to which it comes, and holds nothing that could be lost.
+#[test]
+fn an_observer_goes_on_at_another_edge_when_its_edge_is_killed() {
+    let script = by_name("ball-pit", 60, 1).expect("an existing script");
+    let links = LinkConfig::PERFECT;
+    let mut stage = EdgeStage::new(script, Stepping::FreeRunning, 0, links, 1);
+    let observers = Permit {
+        role: Role::Observer,
+        ..Permit::OPEN
+    };
+    let [first, second] = [(); 2].map(|()| stage.add_edge(observers.clone(), links));
+    stage.commander(Place::Owner, NORMAL, None);
+    let observer = stage.connect(Place::Edge(first));
+    let begun = stage.session(observer).begin_session(SessionKey([6; 16]));
+    begun.expect("it is in the lobby");
+    stage.join(observer, NORMAL);
+    let gravity = Command::SetGravity {
+        gravity: glam::Vec3::X,
+    };
+    for (at, next) in [(first, second), (second, first)] {
+        let sent = stage.session(observer).command(gravity.clone());
+        let number = sent.expect("a member");
+        stage.run_script(Span::from_millis(1_000));
+        let refused = stage.histories[observer].refused.last();
+        assert_eq!(refused, Some(&(number, CommandError::NotAllowed)));
+        if at == second {
+            break;
+        }
+        stage.kill(at);
+        stage.resume(observer, Place::Edge(next));
+        stage.run_until("a copy", |stage| {
+            let copy = stage.client(observer).replica();
+            copy.is_some_and(|copy| copy.stream().is_converged())
+        });
     }
 }
 
