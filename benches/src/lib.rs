@@ -16,6 +16,7 @@ pub mod load;
 pub mod machine;
 pub mod numbers;
 pub mod output;
+pub mod plan;
 pub mod record;
 pub mod recording;
 pub mod replay;

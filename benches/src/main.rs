@@ -12,6 +12,7 @@ use rhumb_bench::fit::{FitArguments, fit};
 use rhumb_bench::import::{Check, Import, check, import};
 use rhumb_bench::limit::{LimitArguments, limit};
 use rhumb_bench::load::{LoadArguments, load};
+use rhumb_bench::plan::{PlanArguments, plan};
 use rhumb_bench::replay::{Replay, replay};
 use rhumb_bench::scripts::{SceneArguments, scene};
 use rhumb_server::cli::parse;
@@ -42,6 +43,8 @@ enum Task {
     Dis(DisArguments),
     /// Run a server with many scenes and members over minutes; or measure frames, settings, neighbours.
     Load(LoadArguments),
+    /// Compute the machines that a service of many scenes and members needs, and the limit that it reaches first.
+    Plan(PlanArguments),
     /// Tasks for developers of Rhumb.
     #[command(subcommand, hide = true)]
     Dev(Dev),
@@ -70,6 +73,7 @@ fn main() -> ExitCode {
         Task::Import(arguments) => import(&arguments),
         Task::Dis(arguments) => dis(&arguments),
         Task::Load(arguments) => load(&arguments),
+        Task::Plan(arguments) => plan(&arguments),
         Task::Dev(Dev::Limit(arguments)) => limit(&arguments),
         Task::Dev(Dev::Fit(arguments)) => fit(&arguments),
         Task::Dev(Dev::Scene(arguments)) => scene(&arguments),

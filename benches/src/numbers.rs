@@ -83,7 +83,7 @@ pub fn aligned(rows: &[Vec<String>]) -> String {
 }
 
 /// Cell of a figure without meaning.
-pub(super) fn dash() -> String {
+pub(crate) fn dash() -> String {
     "–".to_owned()
 }
 

@@ -1,0 +1,779 @@
+//! `rhumb-bench plan`: the machines that a service of many scenes and members needs, and the limit that it reaches first.
+//!
+//! Draws where members are, places scenes on servers and members on edges, and adds up. The costs are arguments: their
+//! defaults were measured, and `rhumb-bench load` and `cost` measure those of other scenes. No packet is simulated, and a
+//! cost is taken to grow in proportion to what causes it. Invariant: a plan is a function of its arguments.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Args;
+use rand_pcg::Pcg32;
+use rand_pcg::rand_core::Rng;
+use serde::{Deserialize, Serialize};
+
+use crate::numbers::{dash, number};
+use crate::output::{self, Failure, Provenance, ended, write};
+
+/// Most times the members that are tried for the limit that is reached first.
+const GROWTH_MAX: u32 = 1 << 16;
+/// Machines that a scene is tried on before a new one is taken, newest first.
+const OPEN_MAX: usize = 64;
+/// Allowed for the rounding of sums of shares.
+const ROUNDING: f64 = 1e-9;
+
+/// Arguments: the service, its costs, its machines, output.
+#[derive(Clone, Debug, Args)]
+pub struct PlanArguments {
+    #[command(flatten)]
+    service: ServiceArguments,
+    #[command(flatten)]
+    costs: Costs,
+    #[command(flatten)]
+    machine: Machine,
+    /// Seed of the members' places.
+    #[arg(long, default_value = "1")]
+    seed: u64,
+    /// Folder for plan.json; created if missing.
+    #[arg(long, default_value = "results/plan")]
+    out: PathBuf,
+}
+
+/// The service: members, scenes, regions.
+#[derive(Clone, Debug, Args)]
+struct ServiceArguments {
+    /// Members of all scenes together.
+    #[arg(long, default_value = "100000", value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
+    members: u32,
+    /// Number of scenes.
+    #[arg(long, default_value = "10000", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    scenes: u32,
+    /// Members of each region in proportion to each other, as 5,3,2.
+    #[arg(long, value_delimiter = ',', default_value = "1,1,1", value_parser = at_least_zero)]
+    regions: Vec<f64>,
+    /// Exponent of Zipf's law for the members of scenes: at 0 all have alike, at 1 the tenth has a tenth of the first.
+    #[arg(long, default_value = "0.8", value_parser = at_least_zero)]
+    popularity: f64,
+    /// Share of a scene's members who are in the scene's own region; the others are anywhere.
+    #[arg(long, default_value = "0.7", value_parser = share)]
+    at_home: f64,
+    /// Share of the members who only observe: an edge serves these without its owner.
+    #[arg(long, default_value = "0.9", value_parser = share)]
+    observers: f64,
+}
+
+/// Costs as measured.
+#[derive(Clone, Debug, Args, Serialize, Deserialize)]
+struct Costs {
+    /// Processor cores of a scene with its engine and one member: `cores` of `rhumb-bench load`, over its scenes.
+    #[arg(long, default_value = "0.028", value_parser = at_least_zero)]
+    scene_cores: f64,
+    /// Memory of a scene, megabytes: `MB` of `rhumb-bench load`, over its scenes.
+    #[arg(long, default_value = "6.4", value_parser = at_least_zero)]
+    scene_mb: f64,
+    /// Memory of one more member of a server or an edge, megabytes.
+    #[arg(long, default_value = "0.2", value_parser = at_least_zero)]
+    member_mb: f64,
+    /// UDP payload to a member, kbit/s: the last line of `rhumb-bench load`.
+    #[arg(long, default_value = "15.1", value_parser = at_least_zero)]
+    member_kbit: f64,
+    /// Datagrams to a member in a second.
+    #[arg(long, default_value = "26", value_parser = at_least_zero)]
+    datagrams: f64,
+    /// Processor time of a datagram to one more member, microseconds: `one more us` of `rhumb-bench cost`.
+    #[arg(long, default_value = "18.7", value_parser = at_least_zero)]
+    datagram_us: f64,
+}
+
+/// A machine with one server or one edge.
+#[derive(Clone, Debug, Args, Serialize, Deserialize)]
+struct Machine {
+    /// Its processor cores. One of them is for all of its sockets.
+    #[arg(long, default_value = "16", value_parser = above_zero)]
+    cores: f64,
+    /// Its network, Gbit/s outwards.
+    #[arg(long, default_value = "10", value_parser = above_zero)]
+    gbit: f64,
+    /// Its memory, gigabytes.
+    #[arg(long, default_value = "32", value_parser = above_zero)]
+    gb: f64,
+    /// Share of cores, network and memory that may be in use.
+    #[arg(long, default_value = "0.6", value_parser = share_above_zero)]
+    full: f64,
+    /// Scenes of one server at most (limit `scenes`).
+    #[arg(long, default_value = "256", value_parser = clap::value_parser!(u32).range(1..))]
+    server_scenes: u32,
+    /// Members of one edge at most.
+    #[arg(long, default_value = "1024", value_parser = clap::value_parser!(u32).range(1..))]
+    edge_members: u32,
+}
+
+fn at_least_zero(text: &str) -> Result<f64, String> {
+    within(text, "a number of at least 0", |value| value >= 0.0)
+}
+
+fn above_zero(text: &str) -> Result<f64, String> {
+    within(text, "a number above 0", |value| value > 0.0)
+}
+
+fn share(text: &str) -> Result<f64, String> {
+    within(text, "a share from 0 to 1", |value| {
+        (0.0..=1.0).contains(&value)
+    })
+}
+
+fn share_above_zero(text: &str) -> Result<f64, String> {
+    within(text, "a share above 0, up to 1", |value| {
+        value > 0.0 && value <= 1.0
+    })
+}
+
+fn within(text: &str, what: &str, is_right: fn(f64) -> bool) -> Result<f64, String> {
+    let value = text
+        .parse()
+        .ok()
+        .filter(|value: &f64| value.is_finite() && is_right(*value));
+    value.ok_or_else(|| format!("it has to be {what}"))
+}
+
+/// Computes a plan. Exit code 0 if it was written, 1 otherwise.
+pub fn plan(arguments: &PlanArguments) -> ExitCode {
+    ended(run(arguments))
+}
+
+fn run(arguments: &PlanArguments) -> Result<(), Failure> {
+    let service = &arguments.service;
+    if service.regions.iter().sum::<f64>() <= 0.0 {
+        return Err("--regions: no region has members; give at least one a share above 0".into());
+    }
+    let shares = Shares::of(&arguments.costs, &arguments.machine);
+    if shares.observers_in(Use::default()) < 1.0 {
+        return Err("a machine serves no member: give it more --cores, --gbit, --gb, --full or --edge-members".into());
+    }
+    output::make_folder(&arguments.out)?;
+    let plan = Plan::of(arguments, &shares);
+    let tables = [
+        ("what it takes", plan.rows()),
+        ("the limit that is reached first", plan.limits()),
+    ];
+    Ok(write(&arguments.out, "plan.json", &plan, &tables)?)
+}
+
+/// Content of `plan.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Plan {
+    /// Source of the figures.
+    #[serde(flatten)]
+    pub provenance: Provenance,
+    /// Members of the scene that has most.
+    pub largest_scene: u32,
+    /// All members at the servers.
+    pub direct: Fleet,
+    /// Observers at edges of their region.
+    pub edges: Fleet,
+}
+
+/// The machines of one way to serve.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Fleet {
+    /// Machines with scenes.
+    pub servers: Machines,
+    /// Machines with members alone.
+    pub edges: Machines,
+    /// Datagrams to members, edges included, in a second.
+    pub datagrams_s: f64,
+    /// To members and edges, Gbit/s with the headers of IPv4 and UDP.
+    pub gbit_s: f64,
+    /// Of this, between regions, Gbit/s.
+    pub between_gbit_s: f64,
+    /// Scenes that no server holds.
+    pub too_large: u32,
+    /// The times as many members with which a scene first fits no server, and the limit that it meets.
+    pub breaks: Option<Break>,
+}
+
+/// Machines of one kind.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Machines {
+    /// Their number.
+    pub number: usize,
+    /// Processor cores that they use together.
+    pub cores: f64,
+    /// The limit to which most of them are nearest.
+    pub nearest: Option<String>,
+}
+
+/// The first limit.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Break {
+    /// Times the members.
+    pub times: u32,
+    /// Members of the largest scene then.
+    pub members: u64,
+    /// The limit.
+    pub limit: String,
+}
+
+/// Use of a machine, as shares of what may be used of each thing that it has.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Use([f64; 5]);
+
+/// The things that a machine has.
+const THINGS: [&str; 5] = [
+    "processor cores",
+    "the thread of the sockets",
+    "network",
+    "memory",
+    "places",
+];
+
+impl Use {
+    fn plus(self, other: Self) -> Self {
+        Self(std::array::from_fn(|thing| self.0[thing] + other.0[thing]))
+    }
+
+    fn times(self, factor: f64) -> Self {
+        Self(self.0.map(|share| share * factor))
+    }
+
+    /// The greatest share, and its thing.
+    fn most(self) -> (f64, &'static str) {
+        let shares = self.0.into_iter().zip(THINGS);
+        shares.fold(
+            (0.0, THINGS[0]),
+            |most, of| if of.0 > most.0 { of } else { most },
+        )
+    }
+
+    fn fits(self) -> bool {
+        self.most().0 <= 1.0 + ROUNDING
+    }
+}
+
+/// Costs as shares of a machine.
+struct Shares {
+    /// A scene without members.
+    scene: Use,
+    /// A member of a server, or an edge of which it is the owner.
+    member: Use,
+    /// A member of an edge.
+    observer: Use,
+    /// A scene at an edge, whoever asked for it.
+    mirror: Use,
+    /// Processor cores of a full machine.
+    cores: f64,
+}
+
+impl Shares {
+    fn of(costs: &Costs, machine: &Machine) -> Self {
+        let full = machine.full;
+        let share = |used: f64, has: f64| used / (has * full);
+        let datagram_cores = costs.datagrams * costs.datagram_us * 1e-6;
+        let memory = |mb: f64| share(mb, machine.gb * 1e3);
+        let member = Use([
+            share(datagram_cores, machine.cores),
+            share(datagram_cores, 1.0),
+            share(with_headers(costs) * 1e-6, machine.gbit),
+            memory(costs.member_mb),
+            0.0,
+        ]);
+        let place = |most: u32| Use([0.0, 0.0, 0.0, 0.0, 1.0 / f64::from(most)]);
+        let engine = Use([
+            share((costs.scene_cores - datagram_cores).max(0.0), machine.cores),
+            0.0,
+            0.0,
+            memory(costs.scene_mb),
+            0.0,
+        ]);
+        Self {
+            scene: engine.plus(place(machine.server_scenes)),
+            member,
+            observer: member.plus(place(machine.edge_members)),
+            // It receives what a member receives, and keeps no engine.
+            mirror: member,
+            cores: machine.cores * full,
+        }
+    }
+
+    /// Observers of one scene that an edge takes beside what it has.
+    fn observers_in(&self, used: Use) -> f64 {
+        let used = used.plus(self.mirror);
+        let all = used.0.into_iter().zip(self.observer.0);
+        let rooms = all.map(|(used, one)| {
+            if one > 0.0 {
+                (1.0 - used) / one
+            } else {
+                f64::INFINITY
+            }
+        });
+        let room = rooms.fold(f64::INFINITY, f64::min);
+        (room * (1.0 + ROUNDING)).floor().max(0.0)
+    }
+}
+
+/// Kbit/s to a member with the headers of IPv4 and UDP.
+fn with_headers(costs: &Costs) -> f64 {
+    let headers = crate::summary::DATAGRAM_HEADER_BYTES as f64 * 8.0 / 1e3;
+    costs.member_kbit + costs.datagrams * headers
+}
+
+/// A scene and its members.
+#[derive(Clone, Debug, PartialEq)]
+struct Scene {
+    /// The region of its server.
+    home: usize,
+    /// Members who act, by region.
+    acting: Vec<u32>,
+    /// Members who only observe, by region.
+    observing: Vec<u32>,
+}
+
+impl Scene {
+    fn members(&self) -> u32 {
+        self.acting.iter().chain(&self.observing).sum()
+    }
+
+    fn abroad(&self, members: &[u32]) -> u32 {
+        members.iter().sum::<u32>() - members[self.home]
+    }
+}
+
+/// Numbers of members of scenes by Zipf's law, greatest first; their sum is exact.
+fn sizes(members: u32, scenes: u32, popularity: f64) -> Vec<u32> {
+    let weights: Vec<f64> = (1..=scenes)
+        .map(|rank| f64::from(rank).powf(-popularity))
+        .collect();
+    let all: f64 = weights.iter().sum();
+    let (mut given, mut due) = (0_u32, 0.0);
+    let mut take = |weight: &f64| {
+        due += weight / all * f64::from(members);
+        let size = (due.round() as u32).min(members) - given;
+        given += size;
+        size
+    };
+    let mut sizes: Vec<u32> = weights.iter().map(&mut take).collect();
+    sizes[0] += members - sizes.iter().sum::<u32>();
+    sizes
+}
+
+/// Draws regions and roles of all members.
+fn draw(service: &ServiceArguments, seed: u64) -> Vec<Scene> {
+    let mut draws = Pcg32::new(seed, 1);
+    let mut uniform = || f64::from(draws.next_u32()) / (f64::from(u32::MAX) + 1.0);
+    let all: f64 = service.regions.iter().sum();
+    let region_at = |drawn: f64| {
+        let mut left = drawn * all;
+        let place = service.regions.iter().position(|share| {
+            left -= share;
+            left < 0.0
+        });
+        place.unwrap_or(service.regions.len() - 1)
+    };
+    let scene = |size: u32| {
+        let home = region_at(uniform());
+        let (mut acting, mut observing) = (
+            vec![0; service.regions.len()],
+            vec![0; service.regions.len()],
+        );
+        for _ in 0..size {
+            let region = if uniform() < service.at_home {
+                home
+            } else {
+                region_at(uniform())
+            };
+            let kind = if uniform() < service.observers {
+                &mut observing
+            } else {
+                &mut acting
+            };
+            kind[region] += 1;
+        }
+        Scene {
+            home,
+            acting,
+            observing,
+        }
+    };
+    sizes(service.members, service.scenes, service.popularity)
+        .into_iter()
+        .map(scene)
+        .collect()
+}
+
+/// Machines of one region, as they fill.
+#[derive(Default)]
+struct Filling {
+    machines: Vec<Use>,
+}
+
+impl Filling {
+    /// Puts it on the newest machine that has room, or on a new one; `false` if it fits none.
+    fn put(&mut self, needs: Use) -> bool {
+        let room = |of: &&mut Use| of.plus(needs).fits();
+        match self.machines.iter_mut().rev().take(OPEN_MAX).find(room) {
+            Some(machine) => *machine = machine.plus(needs),
+            None if needs.fits() => self.machines.push(needs),
+            None => return false,
+        }
+        true
+    }
+
+    /// Puts observers of one scene on the newest machine and on as many new ones as they need. Returns how many machines
+    /// have some: each is a member of the scene's server.
+    fn observe(&mut self, observers: u32, shares: &Shares) -> u32 {
+        let (mut left, mut links) = (f64::from(observers), 0);
+        while left > 0.0 {
+            let room = self
+                .machines
+                .last()
+                .map_or(0.0, |newest| shares.observers_in(*newest));
+            if room < 1.0 {
+                self.machines.push(Use::default());
+                continue;
+            }
+            let taken = left.min(room);
+            if let Some(newest) = self.machines.last_mut() {
+                *newest = newest
+                    .plus(shares.mirror)
+                    .plus(shares.observer.times(taken));
+            }
+            left -= taken;
+            links += 1;
+        }
+        links
+    }
+}
+
+/// Machines of all regions together.
+fn sum(filled: &[Filling], shares: &Shares) -> Machines {
+    let all: Vec<&Use> = filled.iter().flat_map(|of| &of.machines).collect();
+    let nearest = THINGS
+        .into_iter()
+        .max_by_key(|thing| all.iter().filter(|of| of.most().1 == *thing).count());
+    Machines {
+        number: all.len(),
+        cores: all.iter().map(|of| of.0[0]).sum::<f64>() * shares.cores,
+        nearest: nearest.filter(|_| !all.is_empty()).map(str::to_owned),
+    }
+}
+
+impl Plan {
+    fn of(arguments: &PlanArguments, shares: &Shares) -> Self {
+        let scenes = draw(&arguments.service, arguments.seed);
+        Self {
+            provenance: Provenance::here(),
+            largest_scene: scenes.iter().map(Scene::members).max().unwrap_or(0),
+            direct: direct(&scenes, arguments, shares),
+            edges: through_edges(&scenes, arguments, shares),
+        }
+    }
+}
+
+/// All members at the servers of their scenes.
+fn direct(scenes: &[Scene], arguments: &PlanArguments, shares: &Shares) -> Fleet {
+    let mut servers: Vec<_> = arguments
+        .service
+        .regions
+        .iter()
+        .map(|_| Filling::default())
+        .collect();
+    let mut too_large = 0;
+    let (mut members, mut between) = (0_u64, 0_u64);
+    let needs = |scene: &Scene, times: u32| {
+        shares.scene.plus(
+            shares
+                .member
+                .times(f64::from(scene.members()) * f64::from(times)),
+        )
+    };
+    for scene in scenes {
+        too_large += u32::from(!servers[scene.home].put(needs(scene, 1)));
+        members += u64::from(scene.members());
+        between += u64::from(scene.abroad(&scene.acting) + scene.abroad(&scene.observing));
+    }
+    let kbit = with_headers(&arguments.costs);
+    Fleet {
+        servers: sum(&servers, shares),
+        edges: Machines::default(),
+        datagrams_s: members as f64 * arguments.costs.datagrams,
+        gbit_s: members as f64 * kbit * 1e-6,
+        between_gbit_s: between as f64 * kbit * 1e-6,
+        too_large,
+        breaks: first_break(scenes, needs),
+    }
+}
+
+/// Observers at edges of their region; those who act are members of the server.
+fn through_edges(scenes: &[Scene], arguments: &PlanArguments, shares: &Shares) -> Fleet {
+    let regions = arguments.service.regions.len();
+    let (mut servers, mut edges): (Vec<_>, Vec<_>) = (0..regions)
+        .map(|_| (Filling::default(), Filling::default()))
+        .unzip();
+    let mut too_large = 0;
+    let (mut receivers, mut between) = (0_u64, 0_u64);
+    for scene in scenes {
+        let mut links = scene.acting.clone();
+        for (region, edges) in edges.iter_mut().enumerate() {
+            links[region] += edges.observe(scene.observing[region], shares);
+        }
+        let served: u32 = links.iter().sum();
+        let needs = shares.scene.plus(shares.member.times(f64::from(served)));
+        too_large += u32::from(!servers[scene.home].put(needs));
+        receivers += u64::from(served) + u64::from(scene.observing.iter().sum::<u32>());
+        between += u64::from(scene.abroad(&links));
+    }
+    let kbit = with_headers(&arguments.costs);
+    let full_edge = shares.observers_in(Use::default());
+    Fleet {
+        servers: sum(&servers, shares),
+        edges: sum(&edges, shares),
+        datagrams_s: receivers as f64 * arguments.costs.datagrams,
+        gbit_s: receivers as f64 * kbit * 1e-6,
+        between_gbit_s: between as f64 * kbit * 1e-6,
+        too_large,
+        breaks: first_break(scenes, |scene, times| {
+            let edges =
+                |observers: &u32| (f64::from(*observers) * f64::from(times) / full_edge).ceil();
+            let acting = f64::from(scene.acting.iter().sum::<u32>()) * f64::from(times);
+            let links = acting + scene.observing.iter().map(edges).sum::<f64>();
+            shares.scene.plus(shares.member.times(links))
+        }),
+    }
+}
+
+/// The least growth of all scenes with which one of them fits no server.
+fn first_break(scenes: &[Scene], needs: impl Fn(&Scene, u32) -> Use) -> Option<Break> {
+    let worst = |times: u32| {
+        let all = scenes
+            .iter()
+            .map(|scene| (scene, needs(scene, times).most()));
+        all.max_by(|a, b| a.1.0.total_cmp(&b.1.0))
+            .filter(|(_, most)| most.0 > 1.0 + ROUNDING)
+    };
+    worst(GROWTH_MAX)?;
+    let (mut holds, mut breaks) = (0, GROWTH_MAX);
+    while breaks - holds > 1 {
+        let times = holds.midpoint(breaks);
+        if worst(times).is_some() {
+            breaks = times
+        } else {
+            holds = times
+        }
+    }
+    worst(breaks).map(|(scene, (_, limit))| Break {
+        times: breaks,
+        members: u64::from(scene.members()) * u64::from(breaks),
+        limit: limit.to_owned(),
+    })
+}
+
+impl Plan {
+    fn rows(&self) -> Vec<Vec<String>> {
+        let row = |name: &str, of: &Fleet| {
+            vec![
+                name.to_owned(),
+                of.servers.number.to_string(),
+                number(Some(of.servers.cores)),
+                of.servers.nearest.clone().unwrap_or_else(dash),
+                of.edges.number.to_string(),
+                number(Some(of.edges.cores)),
+                of.edges.nearest.clone().unwrap_or_else(dash),
+                number(Some(of.datagrams_s * 1e-6)),
+                number(Some(of.gbit_s)),
+                number(Some(of.between_gbit_s)),
+            ]
+        };
+        let titles = [
+            "members at",
+            "servers",
+            "cores",
+            "nearest limit",
+            "edges",
+            "cores",
+            "nearest limit",
+            "10^6 datagrams/s",
+            "Gbit/s",
+            "between regions",
+        ];
+        vec![
+            titles.map(str::to_owned).to_vec(),
+            row("servers", &self.direct),
+            row("servers and edges", &self.edges),
+        ]
+    }
+
+    fn limits(&self) -> Vec<Vec<String>> {
+        let row = |name: &str, of: &Fleet| {
+            let first = of.breaks.as_ref();
+            vec![
+                name.to_owned(),
+                self.largest_scene.to_string(),
+                of.too_large.to_string(),
+                first.map_or_else(dash, |of| of.times.to_string()),
+                first.map_or_else(dash, |of| of.members.to_string()),
+                first.map_or_else(dash, |of| of.limit.clone()),
+            ]
+        };
+        let titles = [
+            "members at",
+            "largest scene",
+            "too large",
+            "times the members",
+            "then in one scene",
+            "limit",
+        ];
+        vec![
+            titles.map(str::to_owned).to_vec(),
+            row("servers", &self.direct),
+            row("servers and edges", &self.edges),
+        ]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+
+    #[derive(Debug, Parser)]
+    struct Line {
+        #[command(flatten)]
+        plan: PlanArguments,
+    }
+
+    fn arguments(line: &str) -> PlanArguments {
+        let words = std::iter::once("plan").chain(line.split_whitespace());
+        Line::try_parse_from(words)
+            .expect("a line that is right")
+            .plan
+    }
+
+    fn planned(line: &str) -> Plan {
+        let arguments = arguments(line);
+        Plan::of(
+            &arguments,
+            &Shares::of(&arguments.costs, &arguments.machine),
+        )
+    }
+
+    #[test]
+    fn all_members_have_a_scene_whatever_the_law() {
+        for (members, scenes) in [(1, 1), (7, 3), (3, 7), (100_000, 10_000), (10, 100_000)] {
+            for popularity in [0.0, 0.5, 0.8, 1.0, 3.0] {
+                let sizes = sizes(members, scenes, popularity);
+                assert_eq!(sizes.len(), scenes as usize);
+                assert_eq!(sizes.iter().sum::<u32>(), members);
+            }
+        }
+        assert_eq!(sizes(300, 3, 0.0), [100, 100, 100]);
+        assert_eq!(sizes(1_100, 2, 10.0_f64.log2()), [1_000, 100]);
+    }
+
+    #[test]
+    fn members_are_drawn_by_their_shares() {
+        let scenes = draw(
+            &arguments("--regions 3,0,1 --at-home 0.5 --observers 0.25").service,
+            1,
+        );
+        let all: u32 = scenes.iter().map(Scene::members).sum();
+        let observing: u32 = scenes.iter().flat_map(|scene| &scene.observing).sum();
+        let second: u32 = scenes
+            .iter()
+            .map(|scene| scene.acting[1] + scene.observing[1])
+            .sum();
+        let abroad: u32 = scenes
+            .iter()
+            .map(|scene| scene.abroad(&scene.acting) + scene.abroad(&scene.observing))
+            .sum();
+        assert_eq!((all, second), (100_000, 0));
+        assert!((24_500..25_500).contains(&observing), "{observing}");
+        // Half are anywhere, of these 3/4 · 1/4 + 1/4 · 3/4 not in the region of their scene.
+        assert!((17_000..20_500).contains(&abroad), "{abroad}");
+    }
+
+    #[test]
+    fn the_sum_of_one_scene_can_be_done_by_hand() {
+        // A datagram is 1 ms of a processor, a member one of them in a second; half of everything may be used.
+        let one = "--scenes 1 --regions 1 --observers 1 --datagrams 1 --datagram-us 1000 --full 0.5 --cores 4 --gb 1 --gbit 1 \
+                   --scene-cores 0.101 --scene-mb 100 --member-mb 1 --member-kbit 999.776";
+        let plan = planned(&format!("--members 100 {one}"));
+        let direct = &plan.direct;
+        assert_eq!(
+            (
+                plan.largest_scene,
+                direct.servers.number,
+                direct.edges.number
+            ),
+            (100, 1, 0)
+        );
+        assert!((direct.servers.cores - 0.2).abs() < 1e-9);
+        assert!((direct.gbit_s - 0.1).abs() < 1e-9 && direct.between_gbit_s == 0.0);
+        assert_eq!(direct.datagrams_s, 100.0);
+        // Memory: (500 − 100) / 1 members; sockets: 0.5 / 0.001 members; network: 0.5 / 0.001 members.
+        let first = direct.breaks.as_ref().expect("a limit");
+        assert_eq!(
+            (first.times, first.members, &*first.limit),
+            (5, 500, "memory")
+        );
+        // At edges: a mirror and 499 members fill one; each is one link, so that 400 edges fill the server.
+        assert_eq!(
+            (plan.edges.edges.number, plan.edges.datagrams_s),
+            (1, 101.0)
+        );
+        assert_eq!(
+            planned(&format!("--members 500 {one}")).edges.edges.number,
+            2
+        );
+        let first = plan.edges.breaks.expect("a limit");
+        assert_eq!(
+            (first.times, &*first.limit),
+            (400 * 499 / 100 + 1, "memory")
+        );
+    }
+
+    #[test]
+    fn machines_hold_no_more_than_they_may() {
+        let arguments = arguments("--members 20000 --scenes 300 --popularity 1.2");
+        let shares = Shares::of(&arguments.costs, &arguments.machine);
+        let mut filling = Filling::default();
+        let mut links = 0;
+        for scene in draw(&arguments.service, 3) {
+            assert!(filling.put(shares.scene));
+            links += filling.observe(scene.members(), &shares);
+        }
+        assert!(
+            links >= 300
+                && filling
+                    .machines
+                    .iter()
+                    .all(|machine| machine.0.iter().all(|share| *share <= 1.0 + 1e-9))
+        );
+    }
+
+    #[test]
+    fn a_scene_beyond_every_server_is_counted_and_has_no_machine() {
+        let plan = planned("--members 30000 --scenes 2 --regions 1 --popularity 0 --observers 0");
+        assert_eq!((plan.direct.too_large, plan.direct.servers.number), (2, 0));
+        assert_eq!(plan.direct.breaks.expect("a limit").times, 1);
+    }
+
+    #[test]
+    fn what_is_out_of_range_is_refused_with_its_range() {
+        for (line, range) in [
+            ("--at-home 1.5", "a share from 0 to 1"),
+            ("--full 0", "a share above 0"),
+            ("--cores nan", "a number above 0"),
+            ("--regions 1,-1", "a number of at least 0"),
+            ("--members 0", "1..=10000000"),
+        ] {
+            let words = std::iter::once("plan").chain(line.split_whitespace());
+            let refused = Line::try_parse_from(words).expect_err(line).to_string();
+            assert!(refused.contains(range), "{refused}");
+        }
+        let empty = run(&arguments("--regions 0,0")).expect_err("no region has members");
+        assert!(empty.to_string().starts_with("--regions"));
+        let small = run(&arguments("--gbit 0.000001")).expect_err("no member fits");
+        assert!(small.to_string().contains("--gbit"));
+    }
+}
