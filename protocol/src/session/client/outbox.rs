@@ -264,13 +264,17 @@ impl Resumption {
     /// The number of the oldest unfinished messages that are done, once this number of commands is done and the scene
     /// is at this tick. A command is done after everything before it.
     fn done(&self, commands: u64, tick: Tick) -> usize {
-        let is_done = |message: &Unfinished| matches!(message, Unfinished::Command(number, _) if *number < commands);
-        let last = self.unfinished.iter().rposition(is_done);
-        let through = last.map_or(0, |last| last + 1);
-        let rest = self.unfinished.iter().skip(through);
-        let is_reached =
-            |message: &&Unfinished| matches!(message, Unfinished::Advance(to) if *to <= tick);
-        through + rest.take_while(is_reached).count()
+        let (mut through, mut reached) = (0, true);
+        // From the front, which is what is done: many more may be unfinished.
+        for (place, message) in self.unfinished.iter().enumerate() {
+            match message {
+                Unfinished::Command(number, _) if *number >= commands => break,
+                Unfinished::Command(..) => (through, reached) = (place + 1, true),
+                Unfinished::Advance(to) if reached && *to <= tick => through = place + 1,
+                Unfinished::Advance(_) => reached = false,
+            }
+        }
+        through
     }
 
     /// True if the first unfinished command is the one that the server wants next.
