@@ -41,8 +41,8 @@ use crate::certificate::{
 };
 use crate::reset_stream_at::PartialResetConfig;
 use crate::server_loop::{
-    DatagramLane, EndpointLoop, Input, PeerHandles, ServeError, ServerStatistics, ServerWatch,
-    Stop, Waker,
+    BATCHES_WAITING, DatagramLane, EndpointLoop, Input, PeerHandles, ServeError, ServerStatistics,
+    ServerWatch, StateDatagram, Stop, Waker, send_batches,
 };
 use crate::web_request::Origins;
 use crate::web_session::{SentSettings, WebRefusal, WebSession, send_settings};
@@ -118,6 +118,8 @@ pub struct QuicServer {
     inputs: mpsc::Receiver<Input>,
     wake: Sender<Input>,
     waker: Waker,
+    /// Takes the datagrams of each drain to the I/O thread.
+    batches: tokio::sync::mpsc::Sender<Vec<StateDatagram>>,
     watch: ServerWatch,
     io: IoThread,
 }
@@ -181,6 +183,7 @@ impl QuicServer {
         let local_addr = endpoint.local_addr().map_err(address)?;
         let (wake, inputs) = mpsc::channel();
         let (end, ended) = oneshot::channel();
+        let (batches, sent) = tokio::sync::mpsc::channel(BATCHES_WAITING);
         let watch = ServerWatch::default();
         let thread = thread::Builder::new()
             .name("rhumb-server-io".into())
@@ -188,6 +191,7 @@ impl QuicServer {
                 let (server_loop, watch) = (wake.clone(), watch.clone());
                 move || {
                     let _last_word = CloseOnDrop(server_loop.clone());
+                    runtime.spawn(send_batches(sent, watch.clone()));
                     runtime.block_on(accept(endpoint, origins, server_loop, watch, ended));
                 }
             })
@@ -199,6 +203,7 @@ impl QuicServer {
             inputs,
             waker: Waker::new(wake.clone()),
             wake,
+            batches,
             watch,
             io: IoThread {
                 end: Some(end),
@@ -256,8 +261,8 @@ impl QuicServer {
         let wake = self.wake.clone();
         // If the server loop has ended, there is nothing to wake.
         stop.on_stop(move || drop(wake.send(Input::Stop)));
-        let mut server_loop =
-            EndpointLoop::new(self.inputs, self.waker.clone(), self.watch.clone());
+        let (waker, watch) = (self.waker.clone(), self.watch.clone());
+        let mut server_loop = EndpointLoop::new(self.inputs, waker, self.batches, watch);
         let outcome = server_loop.run(endpoint);
         server_loop.close_all();
         drop(self.io);
@@ -511,7 +516,7 @@ async fn serve(
 ) {
     let carried = web.clone().map(|web| web as Arc<dyn CarriedSession>);
     let closing = Closing::of(&connection, carried);
-    let datagrams = DatagramLane::new(connection.clone(), web.clone());
+    let datagrams = Arc::new(DatagramLane::new(connection.clone(), web.clone()));
     let least = match web {
         None => DATAGRAM_BYTES_MIN,
         Some(_) => DATAGRAM_BYTES_MAX,
@@ -525,7 +530,7 @@ async fn serve(
     watch.opened(peer, connection.clone());
     let (control, writer) = control_queue();
     let handles = PeerHandles {
-        datagrams: datagrams.clone(),
+        datagrams: Arc::clone(&datagrams),
         control,
         closing: Arc::clone(&closing),
     };

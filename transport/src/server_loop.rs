@@ -2,7 +2,8 @@
 //!
 //! Touches no socket: the I/O thread drives the connections. The loop sleeps whenever there is nothing to do; other
 //! threads wake it. Inputs are bounded: each waiting piece holds a permit of its connection, returned when the piece
-//! is handled. Each connection has a meter of its link's recent throughput: bytes handed over minus queued.
+//! is handled. Each connection has a meter of its link's recent throughput: bytes handed over minus queued. The datagrams of
+//! a drain go to the I/O thread together, so that a tick wakes it once however many members a scene has.
 //!
 //! Other threads see a running server by its counters, and stop it. Reading changes nothing. The sums keep a connection's
 //! counts after its end. A stop may be requested from any thread, but not inside a signal handler, since it locks. A
@@ -23,6 +24,8 @@ use rhumb_link::tuning::{CLOSE_LEAVES, DATAGRAM_SEND_BYTES};
 use rhumb_link::{Clock, HeldBack, Piece, WireStatistics};
 use rhumb_protocol::session::TransportCode;
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Span, Transmit};
+use tokio::sync::mpsc;
+use tokio::sync::mpsc::error::TrySendError;
 
 use crate::web_session::WebSession;
 
@@ -44,7 +47,8 @@ pub(crate) struct EndpointLoop {
     /// share of the bound, so that flow control slows their peers down.
     held_back: HeldBack<Piece>,
     /// Datagrams of the present drain: they leave after its control bytes, so that both can share a packet.
-    states: Vec<(Peer, Bytes)>,
+    states: Vec<StateDatagram>,
+    batches: mpsc::Sender<Vec<StateDatagram>>,
     watch: ServerWatch,
 }
 
@@ -77,7 +81,12 @@ enum LoopControl {
 const INPUTS_PER_TURN: usize = 256;
 
 impl EndpointLoop {
-    pub(crate) fn new(inputs: Receiver<Input>, waker: Waker, watch: ServerWatch) -> Self {
+    pub(crate) fn new(
+        inputs: Receiver<Input>,
+        waker: Waker,
+        batches: mpsc::Sender<Vec<StateDatagram>>,
+        watch: ServerWatch,
+    ) -> Self {
         Self {
             clock: Clock::start(),
             inputs,
@@ -85,6 +94,7 @@ impl EndpointLoop {
             peers: BTreeMap::new(),
             held_back: HeldBack::default(),
             states: Vec::new(),
+            batches,
             watch,
         }
     }
@@ -236,7 +246,7 @@ impl EndpointLoop {
                     self.send_control(to, bytes);
                     handed.insert(to);
                 }
-                Transmit::State { to, bytes } => self.states.push((to, bytes)),
+                Transmit::State { to, bytes } => self.queue_state(to, bytes),
                 Transmit::Close { to, code } => {
                     self.send_states();
                     if let Some(standing) = open(&mut self.peers, to) {
@@ -282,21 +292,25 @@ impl EndpointLoop {
         }
     }
 
-    fn send_states(&mut self) {
-        for (to, bytes) in self.states.drain(..) {
-            let Some(standing) = open(&mut self.peers, to) else {
-                continue;
-            };
-            let bytes_len = bytes.len();
-            standing.handed_bytes += bytes_len as u64;
-            match standing.handles.datagrams.send(bytes) {
-                Ok(()) | Err(SendDatagramError::ConnectionLost(_)) => {}
-                Err(cause) => {
-                    self.watch.count(|counters| &counters.state_oversized);
-                    tracing::warn!(peer = to.0, bytes_len, %cause, "state datagram not sent");
-                }
-            }
+    fn queue_state(&mut self, to: Peer, bytes: Bytes) {
+        if let Some(standing) = open(&mut self.peers, to) {
+            standing.handed_bytes += bytes.len() as u64;
+            let lane = Arc::clone(&standing.handles.datagrams);
+            self.states.push(StateDatagram { to, lane, bytes });
         }
+    }
+
+    /// Hands the datagrams to the I/O thread. If that is far behind, they go to their connections, which drop the oldest.
+    fn send_states(&mut self) {
+        if self.states.is_empty() {
+            return;
+        }
+        let batch = std::mem::take(&mut self.states);
+        let unsent = match self.batches.try_send(batch) {
+            Ok(()) => return,
+            Err(TrySendError::Full(batch) | TrySendError::Closed(batch)) => batch,
+        };
+        unsent.into_iter().for_each(|state| state.send(&self.watch));
     }
 
     fn is_open(&mut self, peer: Peer) -> bool {
@@ -348,13 +362,48 @@ pub(crate) enum Input {
 /// The server thread's handles of one connection.
 #[derive(Debug)]
 pub(crate) struct PeerHandles {
-    pub(crate) datagrams: DatagramLane,
+    pub(crate) datagrams: Arc<DatagramLane>,
     pub(crate) control: ControlSender,
     pub(crate) closing: Arc<Closing>,
 }
 
+/// A datagram on its way to a connection.
+#[derive(Debug)]
+pub(crate) struct StateDatagram {
+    to: Peer,
+    lane: Arc<DatagramLane>,
+    bytes: Bytes,
+}
+
+/// Drains whose datagrams may wait for the I/O thread.
+pub(crate) const BATCHES_WAITING: usize = 1_024;
+
+impl StateDatagram {
+    fn send(self, watch: &ServerWatch) {
+        let Self { to, lane, bytes } = self;
+        let bytes_len = bytes.len();
+        match lane.send(bytes) {
+            Ok(()) | Err(SendDatagramError::ConnectionLost(_)) => {}
+            Err(cause) => {
+                watch.count(|counters| &counters.state_oversized);
+                tracing::warn!(peer = to.0, bytes_len, %cause, "state datagram not sent");
+            }
+        }
+    }
+}
+
+/// Sends the datagrams of the server thread, on the thread that drives the connections.
+pub(crate) async fn send_batches(
+    mut batches: mpsc::Receiver<Vec<StateDatagram>>,
+    watch: ServerWatch,
+) {
+    while let Some(batch) = batches.recv().await {
+        batch.into_iter().for_each(|state| state.send(&watch));
+    }
+}
+
 /// Sends and receives the datagrams of a connection.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub(crate) struct DatagramLane {
     connection: Connection,
     /// The session of a browser; `None` for a connection of this protocol alone.
