@@ -1,7 +1,8 @@
 //! `rhumb-bench load`: servers under load, as a service is judged.
 //!
 //! Plain, it runs many scenes and members over minutes. Its subcommands measure a frame by where the physics is, the
-//! cost of a server's settings, what an abused scene does to its neighbour, and a server with edges.
+//! cost of a server's settings, what an abused scene does to its neighbour, a server with edges, and how fast a scene is
+//! filled and joined.
 //!
 //! Each of the many scenes runs by the server's clock. Its owner places the bodies, and puts them back where they began
 //! every few seconds, each scene at a moment of its own. Owners and observers are members, each in a thread. The figures of
@@ -10,6 +11,7 @@
 
 mod crowd;
 mod edges;
+mod filling;
 mod frames;
 mod member;
 mod neighbour;
@@ -39,6 +41,7 @@ use rig::ServerArguments;
 use server_metrics::ServerMetrics;
 
 pub use edges::{EdgesLoad, Fault};
+pub use filling::Filling;
 pub use frames::Frames;
 pub use neighbour::Neighbour;
 pub use server_metrics::LoadRow;
@@ -65,6 +68,8 @@ enum OtherLoad {
     Neighbour(neighbour::NeighbourArguments),
     /// Measure what members cost a server that has edges, and how they come back when an edge is killed or frozen.
     Edges(edges::EdgesArguments),
+    /// Measure how fast a scene is filled and joined, and a neighbour's frames meanwhile.
+    Filling(filling::FillingArguments),
 }
 
 /// Runs a measurement. Exit code 0 if everything was measured and written, 1 otherwise.
@@ -75,6 +80,7 @@ pub fn load(arguments: &LoadArguments) -> ExitCode {
         Some(OtherLoad::Service(arguments)) => service::run(arguments),
         Some(OtherLoad::Neighbour(arguments)) => neighbour::run(arguments),
         Some(OtherLoad::Edges(arguments)) => edges::run(arguments),
+        Some(OtherLoad::Filling(arguments)) => filling::run(arguments),
     })
 }
 

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use rhumb_bench::ablate::Ablation;
 use rhumb_bench::cost::Costs;
-use rhumb_bench::load::{EdgesLoad, Load, Neighbour, ServiceCosts};
+use rhumb_bench::load::{EdgesLoad, Filling, Load, Neighbour, ServiceCosts};
 use rhumb_bench::numbers::{markdown, number};
 use rhumb_bench::output;
 use rhumb_bench::summary::{Summary, later, ratios};
@@ -186,6 +186,7 @@ fn make_block(page: &Path, folder: &Path, block: &str, file: &str) -> Result<Blo
         Some(("load", what)) => read_json::<Load>(&path)?.block(what),
         Some(("edges", what)) => read_json::<EdgesLoad>(&path)?.block(what),
         Some(("neighbour", what)) => read_json::<Neighbour>(&path)?.block(what),
+        Some(("filling", what)) => read_json::<Filling>(&path)?.block(what),
         Some(("runs", what)) => of_runs(&read_runs(&path)?, what),
         Some(("remote", what)) => of_remote(&read_json(&path)?, what),
         Some(("engines", what)) => of_engines(&read_json(&path)?, what),

@@ -32,6 +32,16 @@ use crate::output::{self, Failure, Provenance, write};
 pub(super) struct NeighbourArguments {
     #[command(flatten)]
     server: ServerArguments,
+    #[command(flatten)]
+    measured: MeasuredScene,
+    /// Folder for neighbour.json; created if missing.
+    #[arg(long, default_value = "results/neighbour")]
+    out: PathBuf,
+}
+
+/// The scene whose frames are measured, alone and beside another.
+#[derive(Clone, Debug, Args)]
+pub(super) struct MeasuredScene {
     /// The scene that is measured.
     #[arg(long, default_value = "ball-pit", value_parser = clap::builder::PossibleValuesParser::new(NAMES))]
     scene: String,
@@ -41,15 +51,12 @@ pub(super) struct NeighbourArguments {
     /// Ticks of each run.
     #[arg(long, default_value = "600", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     ticks: u32,
-    /// Runs alone, and as many beside each abuse.
+    /// Runs alone, and as many beside each other scene.
     #[arg(long, default_value = "5", value_parser = clap::value_parser!(u32).range(1..=1_000))]
-    runs: u32,
+    pub(super) runs: u32,
     /// Seed of the scene.
     #[arg(long, default_value = "1")]
     seed: u64,
-    /// Folder for neighbour.json; created if missing.
-    #[arg(long, default_value = "results/neighbour")]
-    out: PathBuf,
 }
 
 /// Content of `neighbour.json`.
@@ -91,16 +98,16 @@ fn measure(arguments: &NeighbourArguments) -> Result<Vec<AbuseFrames>, Failure> 
     let server = arguments
         .server
         .start(&["--open", "--log", "error"], None)?;
-    let runs = u64::from(arguments.runs) * 2 * Abuse::ALL.len() as u64;
+    let runs = u64::from(arguments.measured.runs) * 2 * Abuse::ALL.len() as u64;
     let bar = output::progress_bar(runs, "neighbour".to_owned());
     let mut measured = Vec::new();
     for abuse in Abuse::ALL {
         let (mut alone, mut beside, mut done) = (Vec::new(), Vec::new(), 0);
-        for _ in 0..arguments.runs {
-            step(arguments, &server, &mut alone)?;
+        for _ in 0..arguments.measured.runs {
+            arguments.measured.step(&server, &mut alone)?;
             bar.inc(1);
             let running = RunningAbuse::start(abuse, &server)?;
-            let stepped = step(arguments, &server, &mut beside);
+            let stepped = arguments.measured.step(&server, &mut beside);
             done += running.end()?;
             stepped?;
             bar.inc(1);
@@ -116,35 +123,37 @@ fn measure(arguments: &NeighbourArguments) -> Result<Vec<AbuseFrames>, Failure> 
     Ok(measured)
 }
 
-/// Steps the script once in a scene of its own, and adds the time of each frame behind the first.
-fn step(
-    arguments: &NeighbourArguments,
-    server: &ServerProcess,
-    took: &mut Vec<Duration>,
-) -> Result<(), Failure> {
-    let mut script = script(&arguments.scene, arguments.bodies, arguments.seed)?;
-    let options = JoinOptions {
-        mode: JoinMode::Create(script.config()),
-        ..JoinOptions::default()
-    };
-    let trust = Trust::Fingerprint(server.fingerprint);
-    let connection = Client::connect(&server.address.to_string(), trust)?;
-    let mut client = connection.join_with("measured/scene", options)?;
-    for tick in 0..u64::from(arguments.ticks) {
-        let mut commands = Vec::new();
-        script.commands(Tick::new(tick), &mut commands);
-        take_ids(&mut client, &commands)?;
-        let begun = Instant::now();
-        for command in commands {
-            client.command(command)?;
+impl MeasuredScene {
+    /// Steps the script once in a scene of its own, and adds the time of each frame behind the first.
+    pub(super) fn step(
+        &self,
+        server: &ServerProcess,
+        took: &mut Vec<Duration>,
+    ) -> Result<(), Failure> {
+        let mut script = script(&self.scene, self.bodies, self.seed)?;
+        let options = JoinOptions {
+            mode: JoinMode::Create(script.config()),
+            ..JoinOptions::default()
+        };
+        let trust = Trust::Fingerprint(server.fingerprint);
+        let connection = Client::connect(&server.address.to_string(), trust)?;
+        let mut client = connection.join_with("measured/scene", options)?;
+        for tick in 0..u64::from(self.ticks) {
+            let mut commands = Vec::new();
+            script.commands(Tick::new(tick), &mut commands);
+            take_ids(&mut client, &commands)?;
+            let begun = Instant::now();
+            for command in commands {
+                client.command(command)?;
+            }
+            client.advance(PipelineDepth::LOCKSTEP)?;
+            if tick > 0 {
+                took.push(begun.elapsed());
+            }
+            while client.poll_event().is_some() {}
         }
-        client.advance(PipelineDepth::LOCKSTEP)?;
-        if tick > 0 {
-            took.push(begun.elapsed());
-        }
-        while client.poll_event().is_some() {}
+        Ok(client.delete()?)
     }
-    Ok(client.delete()?)
 }
 
 impl Neighbour {
