@@ -362,8 +362,13 @@ const COPY_AFTER: Span = Span::from_millis(500);
 const COPY_AFTER_MAX: Span = Span::from_millis(1_000);
 /// Bodies from which on a scene is large.
 const LARGE: usize = 20_000;
-/// Bytes of entries after which a copy is due.
-const ENTRY_BYTES_MAX: usize = 1 << 20;
+/// Bytes of entries after which a copy of a small scene is due.
+const ENTRY_BYTES: usize = 1 << 20;
+/// The same for each body of a larger one, which takes about a kilobyte and is copied in some four microseconds: a scene
+/// that is filled doubles from one copy to the next, so that all of them take as long as two of the full scene.
+const ENTRY_BYTES_PER_BODY: usize = 160;
+/// The same for any scene: half of what its record keeps.
+const ENTRY_BYTES_MAX: usize = 8 << 20;
 /// Commands of one tick that are left out by themselves, before all of them are.
 const CULPRITS_MAX: usize = 3;
 /// Attempts with ever more commands left out, before all since the copy are.
@@ -383,8 +388,10 @@ impl Rollback {
         } else {
             COPY_AFTER_MAX
         };
+        let most = scene.body_count() * ENTRY_BYTES_PER_BODY;
+        let most = most.clamp(ENTRY_BYTES, ENTRY_BYTES_MAX);
         let bytes = scene.record().bytes_since_base();
-        let is_due = bytes.is_none_or(|bytes| bytes >= ENTRY_BYTES_MAX);
+        let is_due = bytes.is_none_or(|bytes| bytes >= most);
         if !is_due && self.stepped < after {
             return;
         }

@@ -294,6 +294,11 @@ impl Clients {
         }
     }
 
+    /// True if the link of a client has yet to take the rest of its snapshot.
+    pub(crate) fn has_snapshot_under_way(&self, peer: Peer) -> bool {
+        (self.control(peer)).is_some_and(|control| control.snapshot_at().is_none())
+    }
+
     /// True if a snapshot for a client may begin: none is under way, and the last one was long enough ago.
     pub(crate) fn may_snapshot(&self, peer: Peer) -> bool {
         (self.control(peer)).is_some_and(|control| control.may_snapshot(self.out.now()))

@@ -8,6 +8,7 @@ mod commands;
 mod durability;
 mod fed;
 mod members;
+mod pace;
 mod tick;
 
 use std::collections::{BTreeMap, VecDeque};
@@ -23,6 +24,7 @@ use rhumb_protocol::{
 };
 use rhumb_reckoning::Tick;
 
+use self::pace::CommandPace;
 use crate::admission::{self, SceneLoad, SceneSlot};
 use crate::baking::Bakery;
 use crate::checkpoint::{Checkpoint, CheckpointError, Rollback};
@@ -73,6 +75,8 @@ pub(crate) struct RunningScene {
     waiting: VecDeque<(Peer, Result<ClientMessage, CommandError>)>,
     next_step: Option<Instant>,
     last_step: Instant,
+    /// What was commanded since then.
+    pace: CommandPace,
     times: Times,
     faulted: bool,
     /// The way back if the engine fails.
@@ -591,6 +595,7 @@ impl RunningScene {
             waiting: VecDeque::new(),
             next_step: None,
             last_step: Instant::ZERO,
+            pace: CommandPace::new(),
             times: Times::default(),
             faulted: false,
             rollback: Rollback::default(),
@@ -646,6 +651,10 @@ impl Endpoint for SceneLoop {
         self.clients.at(now);
         self.clients.note_taken(peer, bytes);
         if bytes > 0 {
+            let is_sending = self.clients.has_snapshot_under_way(peer);
+            if let Some(running) = self.running.as_mut().filter(|_| is_sending) {
+                running.pace.note_snapshot();
+            }
             self.answer_pending();
             self.retry(now);
         }

@@ -409,6 +409,7 @@ impl RunningScene {
         }
         clients.send_encoded(peer, &Bytes::from(rest));
         clients.note_snapshot(peer, bytes);
+        self.pace.note_snapshot();
     }
 
     pub(super) fn stream_of(&self, peer: Peer, clients: &Clients) -> Option<&Stream> {

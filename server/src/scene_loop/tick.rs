@@ -30,7 +30,7 @@ impl RunningScene {
         }
         match self.config().stepping {
             Stepping::Lockstep => (self.scene.tick() < self.target).then_some(Instant::ZERO),
-            Stepping::FreeRunning => self.next_step,
+            Stepping::FreeRunning => Some(self.next_step?.max(self.pace.next_step())),
         }
     }
 
@@ -112,8 +112,14 @@ impl RunningScene {
             self.observer.command(peer, number, command);
         }
         let unsent = self.unsent.len();
-        let applied =
-            command.and_then(|command| self.apply_of_member((peer, number), &command, clients));
+        self.pace.note_command();
+        let applied = command.and_then(|command| {
+            self.apply_of_member((peer, number), &command, clients)?;
+            if matches!(command, Command::AddBody { .. }) {
+                self.pace.note_body(peer);
+            }
+            Ok(())
+        });
         let refused = applied.err();
         let refused = refused.map(|error| self.restore_if_failed(error, clients));
         self.observer.commanded(refused.as_ref());
@@ -187,7 +193,9 @@ impl RunningScene {
             }
         }
         self.last_step = now;
+        let begun = self.clock_now();
         self.tick(clients);
+        self.pace.note_tick(now, self.clock_now().since(begun));
         if self.config().stepping == Stepping::FreeRunning {
             clients::send_reports(now, self.scene.tick(), clients);
         }
@@ -316,9 +324,14 @@ const PENDING_BYTES_MAX: usize = PENDING_COMMANDS_MAX * MESSAGE_WEIGHT;
 const MEMBER_BEHIND_BYTES: usize = 2 << 20;
 
 impl RunningScene {
-    /// True if a member's next message must stay unread: as much as may waits for the steps of an advance, its commands
-    /// exceed its quota, or what it added to the scene still waits for slower members.
-    fn holds_back(now: Instant, peer: Peer, clients: &mut Clients) -> bool {
+    /// True if a member's next message must stay unread: the bodies that it adds wait for a step, as much as may waits for
+    /// the steps of an advance, its commands exceed its quota, or what it added to the scene still waits for slower members.
+    fn holds_back(&self, now: Instant, peer: Peer, clients: &mut Clients) -> bool {
+        // Of a scene that does not step by itself, nothing waits for a step.
+        let steps = self.config().stepping == Stepping::FreeRunning && self.next_step().is_some();
+        if steps && clients.is_paced(peer) && self.pace.holds_back(peer) {
+            return true;
+        }
         let Some(member) = clients.member_mut(peer) else {
             return false;
         };
@@ -466,7 +479,8 @@ impl SceneLoop {
         if self.clients.is_behind(peer) {
             return true;
         }
-        RunningScene::holds_back(now, peer, &mut self.clients)
+        let running = self.running.as_ref();
+        running.is_some_and(|running| running.holds_back(now, peer, &mut self.clients))
     }
 
     fn next_message(&mut self, peer: Peer) -> Option<Result<ClientMessage, CommandError>> {

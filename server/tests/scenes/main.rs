@@ -9,6 +9,7 @@ mod box3d;
 mod checkpoints;
 mod crowding;
 mod endings;
+mod filling;
 mod links;
 mod motion;
 mod order;
