@@ -89,6 +89,16 @@ impl StepCoefficients {
         }
     }
 
+    /// See [`StepCoefficientTable::narrow_row`].
+    const fn narrowed(&self) -> [f32; 4] {
+        [
+            self.reach as f32,
+            self.fall as f32,
+            self.turns[0] as f32,
+            (self.turns[1] / 3.0) as f32,
+        ]
+    }
+
     /// Half the angle turned so far by a body whose initial spin is `speed` rad/s (RECKONING 2.4).
     ///
     /// Each substep turns by twice the arctangent of `u`; its series is cut after the fifth power.
@@ -117,6 +127,8 @@ pub(crate) struct StepConstants {
 pub struct StepCoefficientTable {
     config: StepConstants,
     rows: Vec<StepCoefficients>,
+    /// See [`Self::narrow_row`].
+    narrow_rows: Vec<[f32; 4]>,
 }
 
 impl StepCoefficientTable {
@@ -137,6 +149,7 @@ impl StepCoefficientTable {
         Self {
             config,
             rows: alloc::vec![StepCoefficients::START],
+            narrow_rows: alloc::vec![StepCoefficients::START.narrowed()],
         }
     }
 
@@ -145,7 +158,9 @@ impl StepCoefficientTable {
         let wanted = ticks.min(TRACK_AGE_MAX).count() as usize;
         while self.rows.len() <= wanted {
             let last = self.rows[self.rows.len() - 1];
-            self.rows.push(last.stepped(&self.config));
+            let next = last.stepped(&self.config);
+            self.narrow_rows.push(next.narrowed());
+            self.rows.push(next);
         }
     }
 
@@ -167,6 +182,12 @@ impl StepCoefficientTable {
             last.fall + last.fall_velocity * coast.reach,
             last.fall_velocity * coast.velocity,
         )
+    }
+
+    /// The row for `ticks` as the prefilter takes it: reach, fall, the sum of the spin, and a third of that of its cube.
+    #[inline]
+    pub(crate) fn narrow_row(&self, ticks: Ticks) -> [f32; 4] {
+        self.narrow_rows[(ticks.count() as usize).min(self.narrow_rows.len() - 1)]
     }
 
     /// The row for `ticks`; the last one computed when `ticks` lies beyond it.

@@ -43,7 +43,7 @@ pub use predictor::{
     ACCELERATION_EXPONENT_MAX, ACCELERATION_LIMIT, ACCELERATION_TICKS, Conditions,
     ConstantAcceleration, Predictor, REST_DIVERGENCE_TICKS, UnforcedMotion,
 };
-pub use prefilter::{ErrorPrefilter, PrefilterInput};
+pub use prefilter::{ErrorPrefilter, PrefilterBody, PrefilterInput, PrefilterTrack};
 pub use quantiser::{
     FINE_STEPS, Grid, POSITION_LIMIT, PackedRotation, QuantisedState, RESIDUAL_LIMIT, Residual,
     TURN_LIMIT, VELOCITY_EXPONENT_MAX, VELOCITY_LIMIT, VelocityResidual,

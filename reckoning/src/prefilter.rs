@@ -1,8 +1,8 @@
 //! Fast accept test: a cheap proof that a track is within tolerance.
 //!
 //! Not normative: [`Tolerance::share`] judges every track that this test leaves undecided. Invariant: an accepted
-//! track is within the tolerance by that judgement. It works in f32, four moving bodies at a time, and subtracts its
-//! worst error.
+//! track is within the tolerance by that judgement. It works in f32, four bodies at a time, and subtracts its worst
+//! error. What depends on the track alone is computed once for each track.
 
 use alloc::vec::Vec;
 use core::f32::consts::FRAC_1_PI;
@@ -10,22 +10,18 @@ use core::f32::consts::FRAC_1_PI;
 use wide::f32x4;
 
 use crate::exact;
-use crate::free_motion::{Integrator, TRACK_AGE_MAX};
-use crate::predictor::Conditions;
+use crate::free_motion::{Integrator, StepCoefficientTable, TRACK_AGE_MAX};
+use crate::predictor::{ACCELERATION_TICKS, Conditions, Predictor};
 use crate::quantiser::{Grid, OTHERS};
 use crate::tolerance::Tolerance;
 use crate::track::{Anchor, BodyState, DenseTrack};
-use crate::units::{Metres, Tick};
+use crate::units::{Metres, Ticks};
 
-/// One body to test.
+/// What a prediction and its judgement need of a body, beside its track.
 #[derive(Clone, Copy, Debug)]
-pub struct PrefilterInput<'a> {
-    /// True state at `tick`.
-    pub truth: &'a BodyState,
-    /// Track that subscribers predict from.
-    pub track: &'a DenseTrack,
-    /// Tick of the comparison.
-    pub tick: Tick,
+pub struct PrefilterBody<'a> {
+    /// Tolerance of the body in its stream.
+    pub tolerance: Tolerance,
     /// Grid of the body in its stream.
     pub grid: &'a Grid,
     /// Radius of the least ball around the centre of mass that holds the body.
@@ -34,13 +30,53 @@ pub struct PrefilterInput<'a> {
     pub conditions: &'a Conditions<'a>,
 }
 
+/// The motion of a track after its origin.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Course {
+    Still,
+    Free,
+    /// Under a constant acceleration, which ends.
+    Accelerated,
+}
+
+/// A track in the numbers of this test, by rows that four bodies turn into columns.
+#[derive(Clone, Copy, Debug)]
+pub struct PrefilterTrack {
+    /// Position, metres; length of half a chord of one, metres.
+    start: [f32; 4],
+    /// Linear velocity, m/s; the greatest distance, metres.
+    linear: [f32; 4],
+    /// Axis of the spin, of unit length; half the angle turned in an undamped tick but for the series, radians.
+    spin: [f32; 4],
+    /// Acceleration, m/s²; the square of the tangent of half the angle turned in a substep.
+    pull: [f32; 4],
+    /// Off by 2⁻²¹ at most, if the anchor is packed.
+    rotation: [f32; 4],
+    course: Course,
+}
+
+/// One body to test.
+#[derive(Clone, Copy, Debug)]
+pub struct PrefilterInput<'a> {
+    /// True state at the tick of the comparison.
+    pub truth: &'a BodyState,
+    /// Track that subscribers predict from.
+    pub track: &'a PrefilterTrack,
+    /// Age of the track at that tick.
+    pub age: Ticks,
+    /// The table of the body's damping.
+    pub flow: &'a StepCoefficientTable,
+}
+
 /// Separates tracks that are surely within tolerance from those that need the exact judgement.
 #[derive(Clone, Debug)]
 pub struct ErrorPrefilter {
-    bounds: PrefilterBounds,
+    tolerance: Tolerance,
+    /// Bound for the sine of half the turn; two where the turn has no bound of its own.
+    half_chord: f32,
     /// Half a substep in seconds, and the number of substeps in a tick.
-    half_substep: f32,
-    substeps: f32,
+    half_substep: f64,
+    substeps: f64,
     waiting: PrefilterX4,
 }
 
@@ -51,61 +87,73 @@ impl ErrorPrefilter {
         let substeps = f64::from(integrator.substeps.get());
         let substep = integrator.rate.step().seconds() / substeps;
         Self {
-            bounds: PrefilterBounds::of(tolerance),
-            half_substep: (substep * 0.5) as f32,
-            substeps: substeps as f32,
+            tolerance,
+            half_chord: half_chord(tolerance),
+            half_substep: substep * 0.5,
+            substeps,
             waiting: PrefilterX4::default(),
         }
     }
 
-    /// Tests a track; true if it is undecided. Moving bodies are tested together: this or a later call adds the places
-    /// of undecided ones to `late`, in order.
+    /// The track of a body in the numbers of this test; `None` if only the exact judgement can compare it.
+    #[must_use]
+    pub fn track(&self, track: &DenseTrack, body: &PrefilterBody<'_>) -> Option<PrefilterTrack> {
+        let predictor = track.predictor();
+        let is_torque_free = predictor.is_torque_free() && body.conditions.inertia.is_some();
+        let (length, diameter) = match body.tolerance {
+            Tolerance::Surface(length) => (length, 2.0 * body.radius.metres()),
+            // The test has one bound for turns.
+            Tolerance::Parts { .. } if body.tolerance != self.tolerance => return None,
+            Tolerance::Parts { position, .. } => (position, 0.0),
+        };
+        if track.parent().is_some() || is_torque_free {
+            return None;
+        }
+        let course = match predictor {
+            Predictor::Rest => Course::Still,
+            Predictor::Accelerated(_) => Course::Accelerated,
+            _ => Course::Free,
+        };
+        let start = AnchorValues::of(&track.anchor(), body.grid);
+        let [x, y, z] = start.position;
+        let off = (x.abs() + y.abs() + z.abs()) * f64::from(POSITION_SLACK);
+        let length = length.metres().metres() * f64::from(LENGTH_SLACK) - off;
+        let moves = if course == Course::Still { 0.0 } else { 1.0 };
+        let [p, q, r] = start.angular;
+        let speed = exact::sqrt(p * p + q * q + r * r) * moves;
+        let tangent = speed * self.half_substep;
+        let axis = if speed > 0.0 { 1.0 / speed } else { 0.0 };
+        let pull = match predictor.acceleration() {
+            Some(acceleration) => acceleration.acceleration(),
+            None if predictor.falls() => body.conditions.gravity,
+            None => glam::DVec3::ZERO,
+        };
+        Some(PrefilterTrack {
+            start: row(start.position, 1.0, diameter),
+            linear: row(start.linear, moves, length),
+            spin: row(start.angular, axis, tangent * self.substeps),
+            pull: row(pull.to_array(), 1.0, tangent * tangent),
+            rotation: start.rotation,
+            course,
+        })
+    }
+
+    /// Tests a track; true if it is undecided. Bodies are tested together: this or a later call adds the places of
+    /// undecided ones to `late`, in order.
     #[must_use]
     pub fn test(&mut self, place: u32, case: &PrefilterInput<'_>, late: &mut Vec<u32>) -> bool {
         let track = case.track;
-        let elapsed = case.tick.since(track.origin());
-        let (Some(elapsed), None) = (elapsed, track.parent()) else {
-            return true;
-        };
-        let truth = case.truth.parts();
-        let start = AnchorF32::of(&track.anchor(), case.grid);
-        let diameter = self.bounds.diameter(case.radius);
-        if track.is_resting() {
-            let apart = |i: usize| (f64::from(truth[i]) - start.position[i]) as f32;
-            let apart = [apart(0), apart(1), apart(2)];
-            let holds = self
-                .bounds
-                .hold_still(apart, &truth, &start.rotation, diameter);
-            return !holds;
-        }
-        let is_torque_free =
-            track.predictor().is_torque_free() && case.conditions.inertia.is_some();
-        if is_torque_free || elapsed > TRACK_AGE_MAX {
+        // A moving body gets an update at this age.
+        if track.course != Course::Still && case.age >= TRACK_AGE_MAX {
             return true;
         }
-        let (row, _) = case.conditions.flow.row(elapsed);
-        let pull = track.predictor().pull(elapsed, case.conditions);
-        let (pull, fall) = match pull {
-            Some(pull) => (pull.acceleration.to_array(), pull.fall),
-            None => ([0.0; 3], 0.0),
-        };
-        let lane = self.waiting.len;
-        let batch = &mut self.waiting;
-        for i in 0..3 {
-            let moved = start.linear[i] * row.reach + pull[i] * fall;
-            let apart = f64::from(truth[i]) - (start.position[i] + moved);
-            batch.apart[i][lane] = apart as f32;
-            batch.spin[i][lane] = start.angular[i];
-            batch.turns[i][lane] = row.turns[i] as f32;
+        let mut coefficients = case.flow.narrow_row(case.age);
+        if track.course == Course::Accelerated {
+            let (fall, _) = case.flow.ended(case.age, ACCELERATION_TICKS);
+            coefficients[1] = fall as f32;
         }
-        for i in 0..4 {
-            batch.truth[i][lane] = truth[3 + i];
-            batch.start[i][lane] = start.rotation[i];
-        }
-        batch.diameter[lane] = diameter;
-        batch.places[lane] = place;
-        batch.len += 1;
-        if batch.len == LANES {
+        self.waiting.push(place, case, coefficients);
+        if self.waiting.len == LANES {
             self.finish(late);
         }
         false
@@ -116,9 +164,7 @@ impl ErrorPrefilter {
         if self.waiting.len == 0 {
             return;
         }
-        let within = self
-            .waiting
-            .hold(&self.bounds, self.half_substep, self.substeps);
+        let within = self.waiting.hold(self.half_chord);
         for lane in 0..self.waiting.len {
             if within & (1 << lane) == 0 {
                 undecided.push(self.waiting.places[lane]);
@@ -130,6 +176,9 @@ impl ErrorPrefilter {
 
 /// Factor on a length, against the roundings of its comparison: 2⁻¹² is a thousand times a dozen of them.
 const LENGTH_SLACK: f32 = 1.0 - 1.0 / 4_096.0;
+/// Taken off a length for each metre of the start, of the way and of the fall along each axis: at most five roundings,
+/// each 2⁻²⁴ of it.
+const POSITION_SLACK: f32 = 1.0 / 2_097_152.0;
 /// Factor on a chord between quaternions: an exact start may be [`UNIT_LENGTH_SLACK`](crate::UNIT_LENGTH_SLACK) from
 /// unit length. A point is at most |t − q| / |q| from the line through another.
 const CHORD_FACTOR: f32 = 1.0 + 1.0 / 512.0;
@@ -139,94 +188,46 @@ const CHORD_SLACK: f32 = 1.0 / 65_536.0;
 /// Added to a chord for each radian of half the angle turned: a dozen roundings on the way to it are 7e-7 of it.
 const ANGLE_SLACK: f32 = 1.0 / 524_288.0;
 
-/// A tolerance in the numbers of this file.
-#[derive(Clone, Copy, Debug)]
-struct PrefilterBounds {
-    /// Bound for the centre of mass and, of a surface tolerance, the chord at its radius: metres.
-    length: f32,
-    /// Bound for the sine of half the turn; two where the turn has no bound of its own.
-    half_chord: f32,
-    /// True if a turn counts as a length.
-    shared: bool,
+/// Bound for the sine of half the turn, of a tolerance of two parts.
+fn half_chord(tolerance: Tolerance) -> f32 {
+    let Tolerance::Parts { turn, .. } = tolerance else {
+        return 2.0;
+    };
+    let half = turn.radians().radians() * 0.5;
+    if half >= core::f64::consts::FRAC_PI_2 {
+        return 2.0;
+    }
+    exact::sin_cos(half).0 as f32 * LENGTH_SLACK
 }
 
-impl PrefilterBounds {
-    fn of(tolerance: Tolerance) -> Self {
-        match tolerance {
-            Tolerance::Surface(length) => Self {
-                length: length.metres().metres() as f32 * LENGTH_SLACK,
-                half_chord: 2.0,
-                shared: true,
-            },
-            Tolerance::Parts { position, turn } => {
-                let half = turn.radians().radians() * 0.5;
-                let any = half >= core::f64::consts::FRAC_PI_2;
-                Self {
-                    length: position.metres().metres() as f32 * LENGTH_SLACK,
-                    half_chord: if any {
-                        2.0
-                    } else {
-                        exact::sin_cos(half).0 as f32 * LENGTH_SLACK
-                    },
-                    shared: false,
-                }
-            }
-        }
-    }
-
-    /// Length of half a chord of one, metres.
-    fn diameter(&self, radius: Metres) -> f32 {
-        if self.shared {
-            2.0 * radius.metres() as f32
-        } else {
-            0.0
-        }
-    }
-
-    /// True if a resting track surely holds: `apart` in metres, `truth` in the order of [`BodyState`].
-    fn hold_still(
-        &self,
-        apart: [f32; 3],
-        truth: &[f32; 13],
-        start: &[f32; 4],
-        diameter: f32,
-    ) -> bool {
-        let mut dot = 0.0;
-        for i in 0..4 {
-            dot += truth[3 + i] * start[i];
-        }
-        let sign = if dot < 0.0 { -1.0 } else { 1.0 };
-        let mut chord2 = 0.0;
-        for i in 0..4 {
-            let off = truth[3 + i] - sign * start[i];
-            chord2 += off * off;
-        }
-        let half = libm::sqrtf(chord2) * CHORD_FACTOR + CHORD_SLACK;
-        let left = self.length - diameter * half;
-        let far2 = apart[0] * apart[0] + apart[1] * apart[1] + apart[2] * apart[2];
-        // Written so that NaN does not hold.
-        half <= self.half_chord && left >= 0.0 && far2 <= left * left
-    }
+/// Three numbers times a factor, and a fourth.
+fn row([x, y, z]: [f64; 3], factor: f64, fourth: f64) -> [f32; 4] {
+    [
+        (x * factor) as f32,
+        (y * factor) as f32,
+        (z * factor) as f32,
+        fourth as f32,
+    ]
 }
 
-struct AnchorF32 {
+struct AnchorValues {
     position: [f64; 3],
     linear: [f64; 3],
-    angular: [f32; 3],
+    angular: [f64; 3],
     /// Off by 2⁻²¹ at most, if the anchor is packed.
     rotation: [f32; 4],
 }
 
-impl AnchorF32 {
-    #[inline(always)]
+impl AnchorValues {
     fn of(anchor: &Anchor, grid: &Grid) -> Self {
         match anchor {
             Anchor::Exact(body_state) => {
                 let p = body_state.parts();
+                let three = |at: usize| [p[at], p[at + 1], p[at + 2]].map(f64::from);
                 Self {
-                    position: [f64::from(p[0]), f64::from(p[1]), f64::from(p[2])],
-                    linear: [f64::from(p[7]), f64::from(p[8]), f64::from(p[9])],
-                    angular: [p[10], p[11], p[12]],
+                    position: three(0),
+                    linear: three(7),
+                    angular: three(10),
                     rotation: [p[3], p[4], p[5], p[6]],
                 }
             }
@@ -242,11 +243,10 @@ impl AnchorF32 {
                 rotation[first] = a;
                 rotation[second] = b;
                 rotation[third] = c;
-                let angular = steps(quantised.angular, grid.angular());
                 Self {
                     position: steps(quantised.position, grid.fine()),
                     linear: steps(quantised.linear, grid.linear()),
-                    angular: [angular[0] as f32, angular[1] as f32, angular[2] as f32],
+                    angular: steps(quantised.angular, grid.angular()),
                     rotation,
                 }
             }
@@ -264,19 +264,21 @@ fn steps([a, b, c]: [i32; 3], step: f64) -> [f64; 3] {
 
 const LANES: usize = 4;
 
-/// Up to four moving bodies, one array for each number.
+/// Up to four bodies, by rows: one array for each body, which becomes a lane.
 #[derive(Clone, Debug, Default)]
 struct PrefilterX4 {
     len: usize,
     places: [u32; LANES],
-    /// Truth less the predicted position, metres.
-    apart: [[f32; LANES]; 3],
-    /// Spin of the track, rad/s.
-    spin: [[f32; LANES]; 3],
-    turns: [[f32; LANES]; 3],
-    start: [[f32; LANES]; 4],
-    truth: [[f32; LANES]; 4],
-    diameter: [f32; LANES],
+    /// The true position, and a number without meaning.
+    position: [[f32; 4]; LANES],
+    truth: [[f32; 4]; LANES],
+    start: [[f32; 4]; LANES],
+    linear: [[f32; 4]; LANES],
+    spin: [[f32; 4]; LANES],
+    pull: [[f32; 4]; LANES],
+    rotation: [[f32; 4]; LANES],
+    /// See [`StepCoefficientTable::narrow_row`].
+    coefficients: [[f32; 4]; LANES],
 }
 
 /// Added and taken away again, this rounds a number below 2²² to a whole one.
@@ -288,27 +290,66 @@ const PI_LOW: f32 = 9.676_536e-4;
 const STEP_ANGLE2_MAX: f32 = 1.0 / 16.0;
 
 impl PrefilterX4 {
+    #[inline]
+    fn push(&mut self, place: u32, case: &PrefilterInput<'_>, coefficients: [f32; 4]) {
+        // Already below: the remainder lets the compiler drop the bounds checks.
+        let lane = self.len % LANES;
+        let [x, y, z, a, b, c, d, ..] = case.truth.parts();
+        self.places[lane] = place;
+        self.position[lane] = [x, y, z, a];
+        self.truth[lane] = [a, b, c, d];
+        self.start[lane] = case.track.start;
+        self.linear[lane] = case.track.linear;
+        self.spin[lane] = case.track.spin;
+        self.pull[lane] = case.track.pull;
+        self.rotation[lane] = case.track.rotation;
+        self.coefficients[lane] = coefficients;
+        self.len += 1;
+    }
+
     /// One bit for each body that surely is where its track predicts it (RECKONING 3.6, in f32).
-    fn hold(&self, bounds: &PrefilterBounds, half_substep: f32, substeps: f32) -> u32 {
-        let [wx, wy, wz] = three(&self.spin);
-        let speed = (wx * wx + wy * wy + wz * wz).sqrt();
-        let u = speed * half_substep;
-        let u2 = u * u;
-        let [s1, s3, s5] = three(&self.turns);
-        let angle = (u * substeps) * (s1 - u2 * (s3 * (1.0 / 3.0) - u2 * (s5 * 0.2)));
+    fn hold(&self, half_chord: f32) -> u32 {
+        let [reach, fall, turns, cubes] = columns(&self.coefficients);
+        let [px, py, pz, tangent2] = columns(&self.pull);
+        let half = self.half_chords(turns, cubes, tangent2);
+        let [sx, sy, sz, diameter] = columns(&self.start);
+        let [lx, ly, lz, length] = columns(&self.linear);
+        let [tx, ty, tz, _] = columns(&self.position);
+        let moved = [lx * reach, ly * reach, lz * reach];
+        let fallen = [px * fall, py * fall, pz * fall];
+        let mut way = f32x4::ZERO;
+        let mut far2 = f32x4::ZERO;
+        for (axis, apart) in [tx - sx, ty - sy, tz - sz].into_iter().enumerate() {
+            let off = (apart - moved[axis]) - fallen[axis];
+            far2 += off * off;
+            way += moved[axis].abs() + fallen[axis].abs();
+        }
+        let left = (length - diameter * half) - way * POSITION_SLACK;
+        // Written so that NaN does not hold.
+        let within = half.simd_le(f32x4::splat(half_chord))
+            & left.simd_ge(f32x4::ZERO)
+            & far2.simd_le(left * left)
+            & tangent2.simd_le(f32x4::splat(STEP_ANGLE2_MAX));
+        within.to_bitmask()
+    }
+
+    /// Bounds on half the chord between the true and the predicted rotation.
+    #[inline]
+    fn half_chords(&self, turns: f32x4, cubes: f32x4, tangent2: f32x4) -> f32x4 {
+        let [ax, ay, az, tick] = columns(&self.spin);
+        let angle = tick * (turns - tangent2 * cubes);
         // Half a turn more is the same rotation with the other sign.
-        let turns = (angle * FRAC_1_PI + ROUND) - ROUND;
-        let (sine, cosine) = sin_cos((angle - turns * PI_HIGH) - turns * PI_LOW);
-        let k = sine / speed.fast_max(f32x4::splat(1e-30));
-        let (dx, dy, dz, dw) = (wx * k, wy * k, wz * k, cosine);
-        let [qx, qy, qz, qw] = four(&self.start);
+        let half_turns = (angle * FRAC_1_PI + ROUND) - ROUND;
+        let (k, dw) = sin_cos((angle - half_turns * PI_HIGH) - half_turns * PI_LOW);
+        let (dx, dy, dz) = (ax * k, ay * k, az * k);
+        let [qx, qy, qz, qw] = columns(&self.rotation);
         let predicted_motion = [
             dw * qx + dx * qw + dy * qz - dz * qy,
             dw * qy - dx * qz + dy * qw + dz * qx,
             dw * qz + dx * qy - dy * qx + dz * qw,
             dw * qw - dx * qx - dy * qy - dz * qz,
         ];
-        let truth = four(&self.truth);
+        let truth = columns(&self.truth);
         let mut dot = f32x4::ZERO;
         for i in 0..4 {
             dot += truth[i] * predicted_motion[i];
@@ -320,28 +361,18 @@ impl PrefilterX4 {
             let off = truth[i] - sign * predicted_motion[i];
             chord2 += off * off;
         }
-        let slack = f32x4::splat(CHORD_SLACK) + angle * ANGLE_SLACK;
-        let half = chord2.sqrt() * CHORD_FACTOR + slack;
-        let left = f32x4::splat(bounds.length) - f32x4::from(self.diameter) * half;
-        let [ax, ay, az] = three(&self.apart);
-        let far2 = ax * ax + ay * ay + az * az;
-        // Written so that NaN does not hold.
-        let within = half.simd_le(f32x4::splat(bounds.half_chord))
-            & left.simd_ge(f32x4::ZERO)
-            & far2.simd_le(left * left)
-            & u2.simd_le(f32x4::splat(STEP_ANGLE2_MAX));
-        within.to_bitmask()
+        // The last term of the series, which is not taken, is at most this share of the first one.
+        let cut = tangent2 * tangent2 * 0.2;
+        let slack = f32x4::splat(CHORD_SLACK) + tick * turns * (cut + ANGLE_SLACK);
+        chord2.sqrt() * CHORD_FACTOR + slack
     }
 }
 
-fn three([a, b, c]: &[[f32; LANES]; 3]) -> [f32x4; 3] {
-    let lanes = f32x4::from;
-    [lanes(*a), lanes(*b), lanes(*c)]
-}
-
-fn four([a, b, c, d]: &[[f32; LANES]; 4]) -> [f32x4; 4] {
-    let lanes = f32x4::from;
-    [lanes(*a), lanes(*b), lanes(*c), lanes(*d)]
+/// Four rows of four, as columns.
+#[inline]
+fn columns([a, b, c, d]: &[[f32; 4]; LANES]) -> [f32x4; 4] {
+    let lanes = f32x4::new;
+    f32x4::transpose([lanes(*a), lanes(*b), lanes(*c), lanes(*d)])
 }
 
 /// Sine and cosine up to a quarter turn either way, by their Taylor series: off by 3.7e-6 and 5e-7 at most.
@@ -384,7 +415,7 @@ mod tests {
     use crate::predictor::{ConstantAcceleration, Predictor};
     use crate::quantiser::QuantisedState;
     use crate::track::Track;
-    use crate::units::{Radians, Rate, Ticks};
+    use crate::units::{Radians, Rate, Tick, Ticks};
 
     const INTEGRATOR: Integrator = Integrator {
         rate: Rate::HZ_60,
@@ -471,17 +502,25 @@ mod tests {
         let truth = Motion::new(truth, Twist::ZERO).unwrap();
         let truth = body_state(&truth, length);
         let apart = Divergence::between(&truth.motion().pose(), &predicted_motion);
-        let case = PrefilterInput {
-            truth: &truth,
-            track: &DenseTrack::new(track),
-            tick,
+        let body = PrefilterBody {
+            tolerance,
             grid: &grid,
             radius,
             conditions: &conditions,
         };
         let mut undecided = Vec::new();
         let mut prefilter = ErrorPrefilter::new(tolerance, INTEGRATOR);
-        let at_once = prefilter.test(7, &case, &mut undecided);
+        let at_once = prefilter
+            .track(&DenseTrack::new(track), &body)
+            .is_none_or(|track| {
+                let case = PrefilterInput {
+                    truth: &truth,
+                    track: &track,
+                    age: Ticks::new(age),
+                    flow: &flow,
+                };
+                prefilter.test(7, &case, &mut undecided)
+            });
         prefilter.finish(&mut undecided);
         PrefilterAnswer {
             undecided: at_once || undecided == [7],

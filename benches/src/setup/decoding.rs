@@ -28,9 +28,9 @@ use rhumb_protocol::wire::Wire as _;
 use rhumb_protocol::wire::bytes::Reader;
 use rhumb_reckoning::{
     Anchor, BodyId, BodyState, Conditions, Damping, DenseTrack, ErrorPrefilter, Grid, Inertia,
-    Integrator, LaneCorrection, Metres, Motion, PredictionX4, Predictor, PrefilterInput,
-    QuantisedState, Rate, Residual, Seconds, StepCoefficientTable, TRACK_AGE_MAX, Tick, Tolerance,
-    Track, VelocityResidual,
+    Integrator, LaneCorrection, Metres, Motion, PredictionX4, Predictor, PrefilterBody,
+    PrefilterInput, PrefilterTrack, QuantisedState, Rate, Residual, Seconds, StepCoefficientTable,
+    TRACK_AGE_MAX, Tick, Tolerance, Track, VelocityResidual,
 };
 
 const GRAVITY: Vec3 = Vec3::new(0.0, -9.806_65, 0.0);
@@ -463,9 +463,8 @@ impl PredictorLoad {
 /// Tracks and truths of bodies within their tolerance.
 #[derive(Clone, Debug)]
 pub struct PrefilterLoad {
-    bodies: Vec<(DenseTrack, BodyState)>,
+    bodies: Vec<(PrefilterTrack, BodyState)>,
     prefilter: ErrorPrefilter,
-    grid: Grid,
     flow: StepCoefficientTable,
     undecided: Vec<u32>,
 }
@@ -486,6 +485,7 @@ impl PrefilterLoad {
     fn of(bodies: u32, predictor: Predictor) -> Self {
         let grid = Grid::new(Tolerance::NORMAL, RADIUS);
         let (integrator, flow) = (config().integrator, flow());
+        let prefilter = ErrorPrefilter::new(Tolerance::NORMAL, integrator);
         let body = |index| {
             let start = impulse_state(index, 0);
             let rests = predictor == Predictor::Rest;
@@ -497,12 +497,18 @@ impl PrefilterLoad {
             };
             let conditions = conditions(&flow);
             let truth = rounded(&track.at(PREDICTION_AGE, &grid, &conditions));
-            (DenseTrack::new(&track), truth)
+            let body = PrefilterBody {
+                tolerance: Tolerance::NORMAL,
+                grid: &grid,
+                radius: RADIUS,
+                conditions: &conditions,
+            };
+            let track = prefilter.track(&DenseTrack::new(&track), &body);
+            (track.expect("the prefilter tests such tracks"), truth)
         };
         Self {
             bodies: (0..bodies).map(body).collect(),
-            prefilter: ErrorPrefilter::new(Tolerance::NORMAL, integrator),
-            grid,
+            prefilter,
             flow,
             undecided: Vec::new(),
         }
@@ -511,16 +517,14 @@ impl PrefilterLoad {
     /// Tests all bodies; returns the number that the prefilter leaves undecided.
     pub fn test(&mut self) -> usize {
         self.undecided.clear();
-        let conditions = conditions(&self.flow);
+        let age = PREDICTION_AGE.since(Tick::ZERO).unwrap_or_default();
         let mut at_once = 0;
         for (place, (track, truth)) in (0..).zip(&self.bodies) {
             let input = PrefilterInput {
                 truth,
                 track,
-                tick: PREDICTION_AGE,
-                grid: &self.grid,
-                radius: RADIUS,
-                conditions: &conditions,
+                age,
+                flow: &self.flow,
             };
             at_once += usize::from(self.prefilter.test(place, &input, &mut self.undecided));
         }

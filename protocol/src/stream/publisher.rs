@@ -4,24 +4,23 @@
 //! update is encoded once for all. Ties the scan of a tick, the checks of its bodies, the budget and the packer.
 //! Invariant: after `publish`, every observed body is within the tolerance of its track, grid error included, or is
 //! reported as over budget.
-//!
-//! The scan is one pass over the observations that changes no track. Bodies that surely hold cost nothing more.
-//! Invariant: positions in `undecided` and `other_parents` rise.
 
 mod body_check;
 mod packer;
+mod scan;
 mod update_queue;
 
 use alloc::vec::Vec;
 
-use body_check::{BodyCheck, ObservedParent, ParentCandidates, PublishedTracks};
+use body_check::{BodyCheck, ObservedParent, PublishedTracks};
 use bytes::Bytes;
 use glam::Vec3;
 use packer::{Packer, PublishedTick, bits_of};
-use rhumb_reckoning::{BodyId, ErrorPrefilter, Tick, Ticks, Tolerance, Track};
+use rhumb_reckoning::{BodyId, Tick, Ticks, Tolerance, Track};
+use scan::ObservationScan;
 use update_queue::UpdateQueue;
 
-use super::observation_history::{Activity, Observation, ObservationHistory, ObservedTicks};
+use super::observation_history::{Observation, ObservationHistory, ObservedTicks};
 use super::tracks::PredictionParameters;
 use super::{Budget, Features, PublisherStatistics, Redundancy, StreamConfig, second};
 use crate::interner::push;
@@ -81,17 +80,21 @@ impl Publisher {
     /// Returns `false` if the table is full, which the scene's own limits prevent.
     #[must_use]
     pub fn place(&mut self, id: BodyId, parameters: &PredictionParameters, track: Track) -> bool {
-        self.published.place(id, parameters, track)
+        let placed = self.published.place(id, parameters, track);
+        self.scan.note_track(self.published.tracks(), id.index());
+        placed
     }
 
     /// Removes a body from the scene. Its children are updated at the next tick.
     pub fn remove(&mut self, id: BodyId) {
         self.published.remove(id);
+        self.scan.note_track(self.published.tracks(), id.index());
     }
 
     /// Changes the gravity from this tick on.
     pub fn change_gravity(&mut self, since: Tick, gravity: Vec3) {
         self.published.change_gravity(since, gravity);
+        self.scan.note_all(self.published.tracks());
     }
 
     /// Publishes the present tick and appends the datagrams to `out`: none if every track still holds, or if no tick is
@@ -152,12 +155,9 @@ impl Publisher {
             return;
         }
         let (published, scan) = (&self.published, &mut self.scan);
-        scan.scan(published, tick, observations, &self.features);
+        scan.scan(published.tracks(), tick, observations);
         self.checked += observations.len() as u64;
-        let undecided = scan
-            .undecided
-            .iter()
-            .map(|place| &observations[*place as usize]);
+        let undecided = scan.undecided().map(|place| &observations[place]);
         let strayed = undecided.filter(|observation| published.has_strayed(tick, observation));
         self.strayed
             .extend(strayed.map(|observation| observation.id));
@@ -170,14 +170,15 @@ impl Publisher {
         let (published, scan) = (&mut self.published, &mut self.scan);
         let mut strayed = core::mem::take(&mut self.strayed);
         let check = BodyCheck::new(ticks, self.features).after_straying(&strayed);
+        scan.scan(published.tracks(), ticks.tick, ticks.present);
         let mut update = |published: &mut PublishedTracks, place: usize, parent| {
             let observed = (place, &ticks.present[place]);
             if let Some(update) = check.update(published, observed, parent) {
                 push(&mut self.updates, update);
             }
         };
-        scan.scan(published, ticks.tick, ticks.present, &self.features);
         scan.add(&strayed, ticks.present);
+        scan.find_parent_candidates(published, (ticks.tick, ticks.present));
         // Possible parents are checked first, so that a child is compared with its parent's published track.
         for place in scan.parent_candidates().places() {
             update(published, place, None);
@@ -194,6 +195,7 @@ impl Publisher {
                 parent_candidates.parent_of(published.tracks(), &ticks.present[place]);
             update(published, place, parent);
         }
+        scan.note_updated(published.tracks(), &ticks);
         // The buffer is used again.
         strayed.clear();
         self.strayed = strayed;
@@ -404,157 +406,6 @@ impl Publisher {
             tick: self.tick,
             scene_events,
             error_scale: self.error_scale(),
-        }
-    }
-}
-
-/// The result of a scan, as positions among the observations. Its buffers are reused from tick to tick.
-#[derive(Clone, Debug)]
-struct ObservationScan {
-    prefilter: ErrorPrefilter,
-    /// Bodies whose tracks may not hold, in order.
-    undecided: Vec<u32>,
-    /// Undecided bodies that the prefilter tested four at a time, or that are added, in order, until they are merged into
-    /// the others.
-    tested: Vec<u32>,
-    /// Undecided bodies with children that are no parent candidates, in order.
-    other_parents: Vec<u32>,
-    parent_candidates: ParentCandidates,
-}
-
-impl ObservationScan {
-    fn new(config: &StreamConfig) -> Self {
-        Self {
-            prefilter: ErrorPrefilter::new(config.tolerance, config.integrator),
-            undecided: Vec::new(),
-            tested: Vec::new(),
-            other_parents: Vec::new(),
-            parent_candidates: ParentCandidates::new(),
-        }
-    }
-
-    /// Scans the observations of a tick.
-    fn scan(
-        &mut self,
-        published: &PublishedTracks,
-        tick: Tick,
-        observations: &[Observation],
-        features: &Features,
-    ) {
-        self.undecided.clear();
-        self.parent_candidates.clear();
-        let tracks = published.tracks();
-        let mut least = f64::INFINITY;
-        for (place, observation) in observations.iter().enumerate() {
-            let Some(slot) = published.observed(tick, observation) else {
-                continue;
-            };
-            let radius = tracks.radius(slot).metres();
-            least = least.min(radius);
-            if features.attached && slot.parent().is_none() {
-                self.parent_candidates.consider(radius, place);
-            }
-            let place = place as u32;
-            if observation.activity == Activity::Asleep || !features.prefilter {
-                self.undecided.push(place);
-                continue;
-            }
-            let observed = (place, &observation.motion);
-            let (prefilter, tested) = (&mut self.prefilter, &mut self.tested);
-            if tracks.prefilter(slot, tick, observed, prefilter, tested) {
-                self.undecided.push(place);
-            }
-        }
-        self.prefilter.finish(&mut self.tested);
-        self.merge_tested();
-        self.parent_candidates.choose(least, observations);
-    }
-
-    /// Adds bodies whose tracks are replaced in any case; they are in order, as the observations are.
-    fn add(&mut self, bodies: &[BodyId], observations: &[Observation]) {
-        for id in bodies {
-            let place = observations.binary_search_by_key(id, |observation| observation.id);
-            if let Ok(place) = place.map(|place| place as u32)
-                && self.undecided.binary_search(&place).is_err()
-            {
-                self.tested.push(place);
-            }
-        }
-        self.merge_tested();
-    }
-
-    /// Collects undecided bodies with children that are no parent candidates.
-    fn collect_other_parents(&mut self, published: &PublishedTracks, observations: &[Observation]) {
-        let other_parents = |place: &u32| {
-            let place = *place as usize;
-            published.has_children(observations[place].id.index())
-                && !self.parent_candidates.contains(place)
-        };
-        self.other_parents.clear();
-        self.other_parents
-            .extend(self.undecided.iter().copied().filter(other_parents));
-    }
-
-    /// The parent candidates.
-    const fn parent_candidates(&self) -> &ParentCandidates {
-        &self.parent_candidates
-    }
-
-    /// The same, to collect their observations.
-    const fn parent_candidates_mut(&mut self) -> &mut ParentCandidates {
-        &mut self.parent_candidates
-    }
-
-    /// The positions of undecided bodies with children that are no parent candidates, in order.
-    fn other_parents(&self) -> impl Iterator<Item = usize> {
-        self.other_parents.iter().map(|place| *place as usize)
-    }
-
-    /// The positions of the undecided bodies without those that are checked before: candidates and other parents.
-    fn others(&self) -> impl Iterator<Item = usize> {
-        let others = self.undecided.iter().filter(|place| {
-            !self.parent_candidates.contains(**place as usize)
-                && self.other_parents.binary_search(place).is_err()
-        });
-        others.map(|place| *place as usize)
-    }
-
-    /// Merges the bodies that were tested four at a time, or are added, into the others.
-    fn merge_tested(&mut self) {
-        let (mut others, mut tested) = (self.undecided.len(), self.tested.len());
-        self.undecided.resize(others + tested, 0);
-        // From the end on, so that each place is free before it is written.
-        while tested > 0 {
-            let last = others + tested - 1;
-            if others > 0 && self.undecided[others - 1] > self.tested[tested - 1] {
-                others -= 1;
-                self.undecided[last] = self.undecided[others];
-            } else {
-                tested -= 1;
-                self.undecided[last] = self.tested[tested];
-            }
-        }
-        self.tested.clear();
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use proptest::prelude::*;
-
-    use super::*;
-
-    proptest! {
-        #[test]
-        fn merged_places_rise(places in proptest::collection::btree_map(0_u32..60, any::<bool>(), 0..40)) {
-            let mut scan = ObservationScan::new(&StreamConfig::PLAIN);
-            for (place, late) in &places {
-                let to = if *late { &mut scan.tested } else { &mut scan.undecided };
-                to.push(*place);
-            }
-            scan.merge_tested();
-            prop_assert!(scan.undecided.iter().eq(places.keys()));
-            prop_assert!(scan.tested.is_empty());
         }
     }
 }

@@ -14,9 +14,10 @@ use core::num::NonZeroU32;
 
 use glam::{DVec3, Vec3};
 use rhumb_reckoning::{
-    BodyId, BodyState, Conditions, Damping, DenseTrack, ErrorPrefilter, Grid, Inertia, Integrator,
-    Metres, Motion, PredictionX4, Predictor, PrefilterInput, RotationCursor, StepCoefficientTable,
-    TRACK_AGE_MAX, Tick, Ticks, Tolerance, ToleranceScale, Track, UnforcedMotion, attached_motion,
+    BodyId, Conditions, Damping, DenseTrack, ErrorPrefilter, Grid, Inertia, Integrator, Metres,
+    Motion, PredictionX4, Predictor, PrefilterBody, PrefilterTrack, RotationCursor,
+    StepCoefficientTable, TRACK_AGE_MAX, Tick, Ticks, Tolerance, ToleranceScale, Track,
+    UnforcedMotion, attached_motion,
 };
 
 use super::state_checksum::StateChecksum;
@@ -328,6 +329,11 @@ impl Tracks {
         self.interned_parameters.get(slot.interned).radius
     }
 
+    /// The same for bodies with these parameters; see [`Slot::interned`].
+    pub(crate) fn radius_of(&self, interned: u32) -> Metres {
+        self.interned_parameters.get(interned).radius
+    }
+
     pub(crate) fn grid(&self, slot: &Slot) -> &Grid {
         &self.interned_parameters.get(slot.interned).grid
     }
@@ -426,34 +432,29 @@ impl Tracks {
         })
     }
 
-    /// Tests a body's track with the prefilter; see [`ErrorPrefilter::test`].
-    #[must_use]
-    pub(crate) fn prefilter(
+    /// A body's track as the prefilter tests it, and the number of its table of damping; see [`ErrorPrefilter::track`].
+    pub(crate) fn prefilter_track(
         &self,
         slot: &Slot,
-        tick: Tick,
-        observed: (u32, &BodyState),
-        prefilter: &mut ErrorPrefilter,
-        tested: &mut Vec<u32>,
-    ) -> bool {
-        let (place, truth) = observed;
+        prefilter: &ErrorPrefilter,
+    ) -> (Option<PrefilterTrack>, u16) {
         let interned = self.interned_parameters.get(slot.interned);
-        // A prefilter is made for one tolerance.
-        if interned.tolerance_scale != ToleranceScale::USUAL {
-            return true;
-        }
         let track = slot.dense();
-        self.with_conditions(slot, track.predictor(), track.origin(), |conditions| {
-            let case = PrefilterInput {
-                truth,
-                track,
-                tick,
+        let tested = self.with_conditions(slot, track.predictor(), track.origin(), |conditions| {
+            let body = PrefilterBody {
+                tolerance: interned.tolerance,
                 grid: &interned.grid,
                 radius: interned.radius,
                 conditions,
             };
-            prefilter.test(place, &case, tested)
-        })
+            prefilter.track(track, &body)
+        });
+        (tested, interned.flow)
+    }
+
+    /// The table of a damping by its number.
+    pub(crate) fn flow(&self, number: u16) -> &StepCoefficientTable {
+        &self.flows[usize::from(number)].table
     }
 
     /// Adds a body's own track to a batch; returns whether the batch takes such tracks.
@@ -508,6 +509,11 @@ impl Slot {
 
     pub(crate) const fn id(&self, index: u32) -> BodyId {
         BodyId::new(index, self.generation)
+    }
+
+    /// The number of its prediction parameters: bodies that share them have one number.
+    pub(crate) const fn interned(&self) -> u32 {
+        self.interned
     }
 
     /// True if the body rotates torque-free.

@@ -10,9 +10,9 @@ use glam::{DQuat, DVec3};
 use rhumb_reckoning::{
     Anchor, BodyState, Conditions, Damping, DenseTrack, Divergence, ErrorPrefilter, FINE_STEPS,
     Grid, Inertia, Integrator, LengthBound, Metres, Motion, POSITION_LIMIT, PredictionX4,
-    PrefilterInput, QuantisedState, RESIDUAL_LIMIT, Radians, Rate, Residual, RestCorrection,
-    RotationCursor, Seconds, StepCoefficientTable, TRACK_AGE_MAX, TURN_LIMIT, Tick, Ticks,
-    Tolerance, Track, VELOCITY_LIMIT,
+    PrefilterBody, PrefilterInput, QuantisedState, RESIDUAL_LIMIT, Radians, Rate, Residual,
+    RestCorrection, RotationCursor, Seconds, StepCoefficientTable, TRACK_AGE_MAX, TURN_LIMIT, Tick,
+    Ticks, Tolerance, Track, VELOCITY_LIMIT,
 };
 
 use super::payloads::{body_state, predictor, quantised};
@@ -108,7 +108,8 @@ pub fn prefilter(data: &[u8]) {
             inertia: tumbles.then_some(&inertia),
         };
         let ages = [script.below(20), script.below(1_100)];
-        let tick = track.origin + Ticks::new(script.one_of(&ages) as u32);
+        let age = Ticks::new(script.one_of(&ages) as u32);
+        let tick = track.origin + age;
         let predicted_motion = track.at(tick, &grid, &conditions);
         assert_is_motion(&predicted_motion);
         let mut cursor = RotationCursor::default();
@@ -123,15 +124,24 @@ pub fn prefilter(data: &[u8]) {
         }
         let truth = beside(&mut script, &predicted_motion, tolerance.reach(radius));
         let apart = Divergence::between(&truth.motion().pose(), &predicted_motion.pose());
-        let case = PrefilterInput {
-            truth: &truth,
-            track: &DenseTrack::new(&track),
-            tick,
+        let body = PrefilterBody {
+            tolerance,
             grid: &grid,
             radius,
             conditions: &conditions,
         };
-        if prefilter.test(place, &case, &mut late) {
+        let at_once = prefilter
+            .track(&DenseTrack::new(&track), &body)
+            .is_none_or(|track| {
+                let case = PrefilterInput {
+                    truth: &truth,
+                    track: &track,
+                    age,
+                    flow: &flow,
+                };
+                prefilter.test(place, &case, &mut late)
+            });
+        if at_once {
             undecided.push(place);
         }
         // Beyond this distance, which no body reaches, the rounding of f64 is coarser than the comparison.

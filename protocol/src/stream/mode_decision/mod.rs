@@ -443,13 +443,8 @@ impl Start {
     /// `now`: the error of the uncorrected prediction, metres and radians.
     fn new(settings: &Settings, now: Errors) -> Self {
         let units = &settings.expectation.units;
-        let rounding = if settings.features.sparse {
-            SPARSE
-        } else {
-            NEAREST
-        };
         let now = now * units.still;
-        let residual = units.residual(&now, rounding);
+        let residual = rounded(settings, &now);
         Self {
             now,
             residual,
@@ -457,6 +452,16 @@ impl Start {
             bits: Cost::of_place(&residual),
         }
     }
+}
+
+/// The correction of an error at once, in few steps.
+fn rounded(settings: &Settings, now: &Errors) -> Residual {
+    let rounding = if settings.features.sparse {
+        SPARSE
+    } else {
+        NEAREST
+    };
+    settings.expectation.units.residual(now, rounding)
 }
 
 impl SinglePass<'_> {

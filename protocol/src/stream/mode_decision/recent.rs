@@ -16,6 +16,8 @@ use crate::stream::tracks::{Slot, Tracks};
 /// Tolerances by which a displacement must differ from what the velocities explain to be a jump. A view has the same
 /// limit.
 const JUMP: f64 = 3.0;
+/// Tolerances up to which it surely is none, though turns of two strides do not quite add up.
+const SMOOTH: f64 = 0.5 * JUMP;
 /// Greatest error of the velocities that a correction implies after a jump: over a tick, as a share of the tolerance.
 const AFTER_JUMP: f64 = 1.0;
 /// The same for other bodies, and what it grows by with their speeds: a body that is hit has implied velocities of
@@ -51,24 +53,23 @@ pub(super) struct RecentMotion<'s> {
 struct SinceJump<'s> {
     /// The observed states one and two strides before, none before the jump.
     past: [Option<&'s BodyState>; 2],
-    /// The displacement since the state one stride before, whether it jumped or not.
-    moved: Option<Errors>,
-    /// The reach of its velocities in a stride, before and after it, as a share of the tolerance.
-    reach: f64,
     jumped: bool,
 }
 
 impl<'s> RecentMotion<'s> {
     pub(super) fn new(context: &'s Context<'s>, subject: &'s Subject<'s>, units: &Units) -> Self {
-        let since = SinceJump::new(subject, units);
+        let apart_from = |past: &BodyState| apart(&subject.truth.pose(), &observed_pose(past));
+        let displaced = subject.past.map(|past| past.map(apart_from));
+        let since = SinceJump::new(subject, displaced, units);
         let step_s = context.tracks.integrator().rate.step().seconds();
         let evenly = |strides: f64| {
             let twist = subject.truth.twist();
             let seconds = step_s * f64::from(subject.stride.count()) * strides;
             Errors::of([twist.linear, twist.angular]) * seconds
         };
-        let last = since.past[0].and(since.moved);
-        let both = since.past[1].map(|past| apart(&subject.truth.pose(), &observed_pose(past)));
+        let [last, both] = displaced;
+        let last = since.past[0].and(last);
+        let both = since.past[1].and(both);
         let moved = [
             last.unwrap_or_else(|| evenly(1.0)),
             both.unwrap_or_else(|| evenly(2.0)),
@@ -84,22 +85,27 @@ impl<'s> RecentMotion<'s> {
     /// True if the body may be shown with these velocities until the next tick: they differ little from its own, or it
     /// was displaced by them in both strides. A correction implies velocities; those of a jump lead beyond both places.
     pub(super) fn may_have(&self, velocities: &Twist, units: &Units) -> bool {
-        let each_tick = |twist: Twist| Errors::of([twist.linear, twist.angular]) * units.moving;
-        let (stride, shown) = (
-            1.0 / f64::from(self.subject.stride.count()),
-            each_tick(*velocities),
-        );
+        let (subject, slack) = (self.subject, self.context.slack);
+        if has_nearly(subject, velocities, units, slack) {
+            return true;
+        }
+        let stride = 1.0 / f64::from(subject.stride.count());
+        let shown = Errors::of([velocities.linear, velocities.angular]) * units.moving;
+        let own = subject.each_stride(units);
         // Shares include the slack, but what is shown does not.
         let within = if self.since.jumped {
-            AFTER_JUMP / self.context.slack
+            AFTER_JUMP / slack
         } else {
-            ODD_VELOCITY / self.context.slack + ODD_SPEEDS * self.since.reach * stride
+            let before =
+                subject.past[0].map(|past| each_stride(&observed_twist(past), subject, units));
+            let reach = units.share(&own) + units.share(&before.unwrap_or(own));
+            ODD_VELOCITY / slack + ODD_SPEEDS * reach * stride
         };
         let is_near = |moved: Errors| units.share(&(shown - moved)) <= within;
         let [last, both] = self
             .moved
             .map(|moved| moved * (units.still * f64x2::splat(stride)));
-        is_near(each_tick(self.subject.truth.twist()))
+        is_near(own * stride)
             || self.since.past[1].is_some() && is_near(last) && is_near(both - last)
     }
 
@@ -146,44 +152,78 @@ impl<'s> RecentMotion<'s> {
 }
 
 impl<'s> SinceJump<'s> {
-    fn new(subject: &Subject<'s>, units: &Units) -> Self {
-        let ticks = f64::from(subject.stride.count());
-        let each_stride =
-            |twist: &Twist| Errors::of([twist.linear, twist.angular]) * units.moving * ticks;
-        let now = each_stride(&subject.truth.twist());
-        let Some(one) = subject.past[0] else {
-            return Self {
-                past: *subject.past,
-                moved: None,
-                reach: units.share(&now) * 2.0,
-                jumped: false,
-            };
+    /// `displaced`: the displacements since the observed states one and two strides before.
+    fn new(subject: &Subject<'s>, displaced: [Option<Errors>; 2], units: &Units) -> Self {
+        let (Some(one), Some(moved)) = (subject.past[0], displaced[0]) else {
+            return Self::never(subject);
         };
-        let (pose, middle) = (observed_pose(one), each_stride(&observed_twist(one)));
-        let moved = apart(&subject.truth.pose(), &pose);
+        let middle = observed_twist(one);
         let last = moved * units.still;
-        let jumps = units.share(&unexplained(last, [middle, now])) > JUMP;
-        let (mut jumped, mut is_steady) = (false, false);
-        if let Some(two) = subject.past[1] {
-            let before = apart(&pose, &observed_pose(two)) * units.still;
-            let first = each_stride(&observed_twist(two));
-            jumped = units.share(&unexplained(before, [first, middle])) > JUMP;
-            // A body may move steadily whose engine reports no velocities.
-            is_steady = units.share(&(last - before)) <= JUMP;
-        }
-        let past = match (jumps, jumped) {
-            _ if is_steady => *subject.past,
-            (true, _) => [None; 2],
-            (_, true) => [Some(one), None],
-            _ => *subject.past,
+        let jumps = jumps(last, [&middle, &subject.truth.twist()], subject, units);
+        let Some((two, both)) = subject.past[1].zip(displaced[1]) else {
+            let past = if jumps { [None; 2] } else { *subject.past };
+            let jumped = jumps;
+            return Self { past, jumped };
         };
+        let first = observed_twist(two);
+        // The turns of two strides add up nearly, which shows that nothing jumped; all else is compared as it was.
+        let is_smooth = units
+            .share(&(both * units.still - last - each_stride(&first, subject, units)))
+            <= SMOOTH;
+        if !jumps && is_smooth {
+            return Self::never(subject);
+        }
+        let before = apart(&observed_pose(one), &observed_pose(two)) * units.still;
+        let jumped = self::jumps(before, [&first, &middle], subject, units);
+        // A body may move steadily whose engine reports no velocities.
+        if !jumps && !jumped || units.share(&(last - before)) <= JUMP {
+            return Self::never(subject);
+        }
         Self {
-            past,
-            moved: Some(moved),
-            reach: units.share(&now) + units.share(&middle),
-            jumped: (jumps || jumped) && !is_steady,
+            past: if jumps { [None; 2] } else { [Some(one), None] },
+            jumped: true,
         }
     }
+
+    /// The past of a body that did not jump.
+    const fn never(subject: &Subject<'s>) -> Self {
+        Self {
+            past: *subject.past,
+            jumped: false,
+        }
+    }
+}
+
+/// True if the velocities before and after a displacement in a stride do not explain it.
+fn jumps(
+    moved: Errors,
+    [before, after]: [&Twist; 2],
+    subject: &Subject<'_>,
+    units: &Units,
+) -> bool {
+    let before = each_stride(before, subject, units);
+    // A push takes no more off than nothing would.
+    units.share(&(moved - before)) > JUMP
+        && units.share(&unexplained(
+            moved,
+            [before, each_stride(after, subject, units)],
+        )) > JUMP
+}
+
+/// Velocities over a stride, as shares of the tolerance.
+fn each_stride(twist: &Twist, subject: &Subject<'_>, units: &Units) -> Errors {
+    let ticks = f64::from(subject.stride.count());
+    Errors::of([twist.linear, twist.angular]) * (units.moving * f64x2::splat(ticks))
+}
+
+/// True if velocities are so near to those of a body that it may be shown with them whatever happened before.
+fn has_nearly(subject: &Subject<'_>, velocities: &Twist, units: &Units, slack: f64) -> bool {
+    let own = subject.truth.twist();
+    let off = Errors::of([
+        velocities.linear - own.linear,
+        velocities.angular - own.angular,
+    ]);
+    units.share(&(off * units.moving)) <= AFTER_JUMP / slack
 }
 
 /// The rest of a displacement in a stride, where the velocities lead `before` and `after` something that happened
@@ -237,6 +277,11 @@ pub(crate) struct Subject<'a> {
 }
 
 impl Subject<'_> {
+    /// Its velocities over a stride, as shares of the tolerance.
+    fn each_stride(&self, units: &Units) -> Errors {
+        each_stride(&self.truth.twist(), self, units)
+    }
+
     /// Difference of the true and the predicted velocities, in m/s and rad/s.
     pub(super) fn velocity_error(&self) -> Errors {
         let (truth, predicted) = (self.truth.twist(), self.predicted_motion.twist());

@@ -421,6 +421,11 @@ impl PublishedTracks {
         self.child_counts.has_children(index)
     }
 
+    /// True if any body is attached to another.
+    pub(super) fn has_parents(&self) -> bool {
+        !self.child_counts.counts.is_empty()
+    }
+
     /// The slot of a body observed at a tick. None if it came later, or if another body has the index.
     #[inline]
     pub(super) fn observed(&self, tick: Tick, observation: &Observation) -> Option<&Slot> {
@@ -453,7 +458,7 @@ impl PublishedTracks {
 /// The number of parent candidates at one tick: the largest moving bodies.
 const PARENT_CANDIDATES_MAX: usize = 16;
 /// A parent is larger than its child by this factor at least.
-const PARENT_SIZE_RATIO: f64 = 1.2;
+pub(super) const PARENT_SIZE_RATIO: f64 = 1.2;
 /// A child lies within this many radii of its parent.
 const PARENT_REACH: f64 = 3.0;
 

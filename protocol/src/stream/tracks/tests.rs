@@ -1,5 +1,7 @@
 //! The table of tracks: interned parameters, gravity, sizes.
 
+use rhumb_reckoning::BodyState;
+
 use super::*;
 use crate::scene::{LockedAxes, ShapeId};
 
