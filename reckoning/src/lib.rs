@@ -38,12 +38,14 @@ pub use motion::{
     BodyId, Correction, Divergence, InvalidMotion, Motion, Pose, Twist, UNIT_LENGTH_SLACK,
     attached_motion, relative_to,
 };
-pub use prediction_x4::{LaneCorrection, PredictionX4};
+pub use prediction_x4::{LaneCorrection, PredictionX4, StartsX4, UnpackedStart};
 pub use predictor::{
     ACCELERATION_EXPONENT_MAX, ACCELERATION_LIMIT, ACCELERATION_TICKS, Conditions,
     ConstantAcceleration, Predictor, REST_DIVERGENCE_TICKS, UnforcedMotion,
 };
-pub use prefilter::{ErrorPrefilter, PrefilterBody, PrefilterInput, PrefilterTrack};
+pub use prefilter::{
+    ErrorPrefilter, PrefilterBatch, PrefilterBody, PrefilterInput, PrefilterTrack,
+};
 pub use quantiser::{
     FINE_STEPS, Grid, POSITION_LIMIT, PackedRotation, QuantisedState, RESIDUAL_LIMIT, Residual,
     TURN_LIMIT, VELOCITY_EXPONENT_MAX, VELOCITY_LIMIT, VelocityResidual,

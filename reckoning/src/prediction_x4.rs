@@ -7,15 +7,15 @@ use glam::{DQuat, DVec3};
 use wide::f64x4;
 
 use crate::exact::{ANGLE_LIMIT, COSINE, HALF_PI_HIGH, HALF_PI_LOW, SINE, TWO_OVER_PI};
-use crate::free_motion::StepConstants;
+use crate::free_motion::{StepCoefficientTable, StepCoefficients, StepConstants};
 use crate::motion::{Motion, Pose, Twist};
-use crate::predictor::{Conditions, Predictor, Pull};
+use crate::predictor::{ACCELERATION_TICKS, Conditions, Predictor, Pull};
 use crate::quantiser::{
     Grid, PACKED_STEPS, POSITION_LIMIT, PackedRotation, QuantisedState, Residual, VELOCITY_LIMIT,
     whole,
 };
 use crate::track::{Anchor, DenseTrack, elapsed};
-use crate::units::{Seconds, Tick};
+use crate::units::{Seconds, Tick, Ticks};
 
 /// Bodies side by side.
 const LANES: usize = 4;
@@ -76,9 +76,8 @@ impl PredictionX4 {
         set3(&mut self.position, lane, pose.position);
         set3(&mut self.linear, lane, twist.linear);
         set3(&mut self.angular, lane, twist.angular);
-        // A body that does not fall gets a zero that changes no number, not even the sign of another zero.
         let pull = track.predictor().pull(elapsed, conditions).unwrap_or(Pull {
-            acceleration: DVec3::splat(-0.0),
+            acceleration: NO_PULL,
             fall: row.fall,
             fall_velocity: row.fall_velocity,
         });
@@ -88,20 +87,7 @@ impl PredictionX4 {
         self.rotation[1][lane] = y;
         self.rotation[2][lane] = z;
         self.rotation[3][lane] = w;
-        let [s1, s3, s5] = row.turns;
-        let coefficients = [
-            row.reach,
-            row.velocity,
-            pull.fall,
-            pull.fall_velocity,
-            row.spin,
-            s1,
-            s3,
-            s5,
-        ];
-        for (place, coefficient) in coefficients.into_iter().enumerate() {
-            self.row[place][lane] = coefficient;
-        }
+        set_row(&mut self.row, lane, row, (pull.fall, pull.fall_velocity));
         self.config = Some(*config);
         self.keys[lane] = key;
         self.len += 1;
@@ -119,26 +105,9 @@ impl PredictionX4 {
         let Some(config) = self.config.take() else {
             return;
         };
-        let MotionX4 {
-            position,
-            rotation,
-            linear,
-            angular,
-        } = self.predicted(&config);
-        let (position, linear, angular) = (arrays(position), arrays(linear), arrays(angular));
-        let [x, y, z, w] = rotation;
-        let [x, y, z, w] = [x.to_array(), y.to_array(), z.to_array(), w.to_array()];
-        for lane in 0..self.len.min(LANES) {
-            let pose = Pose {
-                position: at3(&position, lane),
-                rotation: DQuat::from_xyzw(x[lane], y[lane], z[lane], w[lane]),
-            };
-            let twist = Twist {
-                linear: at3(&linear, lane),
-                angular: at3(&angular, lane),
-            };
-            out(self.keys[lane], Motion::from_checked(pose, twist));
-        }
+        let keys = self.keys;
+        self.predicted(&config)
+            .each(self.len, |lane, motion| out(keys[lane], motion));
         self.len = 0;
     }
 
@@ -166,12 +135,39 @@ impl PredictionX4 {
     /// Predicts all lanes, the unused ones too.
     #[inline]
     fn predicted(&self, config: &StepConstants) -> MotionX4 {
-        let position = lanes3(&self.position);
-        let (linear, gravity) = (lanes3(&self.linear), lanes3(&self.gravity));
-        let [reach, velocity, fall, fall_velocity] = first4(&self.row);
-        let went = |i: usize| (position[i] + linear[i] * reach) + gravity[i] * fall;
-        let goes = |i: usize| linear[i] * velocity + gravity[i] * fall_velocity;
-        let (rotation, angular) = self.spun(config);
+        let [x, y, z] = lanes3(&self.angular);
+        let start = StartX4 {
+            position: lanes3(&self.position),
+            rotation: normalised(lanes4(&self.rotation)),
+            linear: lanes3(&self.linear),
+            angular: [x, y, z],
+            pull: lanes3(&self.gravity),
+            speed: (x * x + y * y + z * z).sqrt(),
+        };
+        start.after(&self.row, config)
+    }
+}
+
+/// Starts side by side, their rotations normalised.
+struct StartX4 {
+    position: [f64x4; 3],
+    rotation: [f64x4; 4],
+    linear: [f64x4; 3],
+    angular: [f64x4; 3],
+    pull: [f64x4; 3],
+    /// The length of the angular velocity.
+    speed: f64x4,
+}
+
+impl StartX4 {
+    /// The motions by these coefficients; see [`PredictionX4`].
+    #[inline(always)]
+    fn after(&self, row: &[[f64; LANES]; 8], config: &StepConstants) -> MotionX4 {
+        let (position, linear, pull) = (self.position, self.linear, self.pull);
+        let [reach, velocity, fall, fall_velocity] = first4(row);
+        let went = |i: usize| (position[i] + linear[i] * reach) + pull[i] * fall;
+        let goes = |i: usize| linear[i] * velocity + pull[i] * fall_velocity;
+        let (rotation, angular) = self.spun(row, config);
         MotionX4 {
             position: [went(0), went(1), went(2)],
             rotation,
@@ -181,28 +177,198 @@ impl PredictionX4 {
     }
 
     /// Rotations and spins (RECKONING 3.6).
-    fn spun(&self, config: &StepConstants) -> ([f64x4; 4], [f64x4; 3]) {
-        let [x, y, z] = lanes3(&self.angular);
-        let speed = (x * x + y * y + z * z).sqrt();
-        let [_, _, _, _, spin, s1, s3, s5] = &self.row;
+    #[inline(always)]
+    fn spun(&self, row: &[[f64; LANES]; 8], config: &StepConstants) -> ([f64x4; 4], [f64x4; 3]) {
+        let ([x, y, z], speed) = (self.angular, self.speed);
+        let [_, _, _, _, spin, s1, s3, s5] = row;
         let (spin, s1, s3, s5) = (lanes(spin), lanes(s1), lanes(s3), lanes(s5));
         let u = speed * config.half_substep;
         let u2 = u * u;
         let series = s1 - u2 * (s3 / 3.0 - u2 * (s5 / 5.0));
         let half_angle = (u * config.substeps) * series;
-        let start_rotation = normalised([
-            lanes(&self.rotation[0]),
-            lanes(&self.rotation[1]),
-            lanes(&self.rotation[2]),
-            lanes(&self.rotation[3]),
-        ]);
         let (sine, cosine) = sin_cos(half_angle);
         let k = sine / speed;
-        let turned = normalised(product([x * k, y * k, z * k, cosine], start_rotation));
+        let turned = normalised(product([x * k, y * k, z * k, cosine], self.rotation));
         let still = half_angle.simd_eq(f64x4::splat(0.0));
-        let kept = |place: usize| choose(still, start_rotation[place], turned[place]);
+        let kept = |place: usize| choose(still, self.rotation[place], turned[place]);
         let rotation = [kept(0), kept(1), kept(2), kept(3)];
         (rotation, [x * spin, y * spin, z * spin])
+    }
+}
+
+impl MotionX4 {
+    /// Hands out the first lanes with their numbers.
+    #[inline(always)]
+    fn each(self, count: usize, mut out: impl FnMut(usize, Motion)) {
+        let (position, linear, angular) = (
+            arrays(self.position),
+            arrays(self.linear),
+            arrays(self.angular),
+        );
+        let [x, y, z, w] = self.rotation;
+        let [x, y, z, w] = [x.to_array(), y.to_array(), z.to_array(), w.to_array()];
+        for lane in 0..count.min(LANES) {
+            let pose = Pose {
+                position: at3(&position, lane),
+                rotation: DQuat::from_xyzw(x[lane], y[lane], z[lane], w[lane]),
+            };
+            let twist = Twist {
+                linear: at3(&linear, lane),
+                angular: at3(&angular, lane),
+            };
+            out(lane, Motion::from_checked(pose, twist));
+        }
+    }
+}
+
+/// The start of a moving track, unpacked once to be predicted at many ticks.
+#[derive(Clone, Copy, Debug)]
+pub struct UnpackedStart {
+    origin: Tick,
+    position: [f64; 3],
+    /// Normalised.
+    rotation: [f64; 4],
+    linear: [f64; 3],
+    angular: [f64; 3],
+    /// Acceleration: gravity, or that of the predictor.
+    pull: [f64; 3],
+    speed: f64,
+    /// True for an acceleration that ends.
+    accelerates: bool,
+}
+
+impl UnpackedStart {
+    /// The start of a track; `None` if the body needs scalar prediction. The arguments are those of
+    /// [`Track::at`](crate::Track::at).
+    #[must_use]
+    pub fn of(track: &DenseTrack, grid: &Grid, conditions: &Conditions<'_>) -> Option<Self> {
+        let predictor = track.predictor();
+        let is_torque_free = predictor.is_torque_free() && conditions.inertia.is_some();
+        if is_torque_free || predictor == Predictor::Rest {
+            return None;
+        }
+        let (pose, twist) = start(&track.anchor(), grid);
+        let pull = predictor.pull(Ticks::ZERO, conditions);
+        Some(Self {
+            origin: track.origin(),
+            position: pose.position.to_array(),
+            rotation: crate::exact::normalised(pose.rotation).to_array(),
+            linear: twist.linear.to_array(),
+            angular: twist.angular.to_array(),
+            pull: pull.map_or(NO_PULL, |pull| pull.acceleration).to_array(),
+            speed: crate::exact::length3(twist.angular),
+            accelerates: predictor.acceleration().is_some(),
+        })
+    }
+}
+
+/// A body that does not fall gets a zero that changes no number, not even the sign of another zero.
+const NO_PULL: DVec3 = DVec3::splat(-0.0);
+
+/// Up to four unpacked starts, one array for each number. The bits of their predictions are those of
+/// [`Track::at`](crate::Track::at).
+#[derive(Clone, Debug, Default)]
+pub struct StartsX4 {
+    origins: [Tick; LANES],
+    position: [[f64; LANES]; 3],
+    rotation: [[f64; LANES]; 4],
+    linear: [[f64; LANES]; 3],
+    angular: [[f64; LANES]; 3],
+    pull: [[f64; LANES]; 3],
+    speed: [f64; LANES],
+    accelerates: [bool; LANES],
+}
+
+impl StartsX4 {
+    /// Puts a start into a lane, one of [`PredictionX4::LANES`].
+    pub fn put(&mut self, lane: usize, start: &UnpackedStart) {
+        let lane = lane % LANES;
+        for axis in 0..3 {
+            self.position[axis][lane] = start.position[axis];
+            self.linear[axis][lane] = start.linear[axis];
+            self.angular[axis][lane] = start.angular[axis];
+            self.pull[axis][lane] = start.pull[axis];
+        }
+        for part in 0..4 {
+            self.rotation[part][lane] = start.rotation[part];
+        }
+        self.origins[lane] = start.origin;
+        self.speed[lane] = start.speed;
+        self.accelerates[lane] = start.accelerates;
+    }
+
+    /// The start in a lane.
+    #[must_use]
+    pub fn get(&self, lane: usize) -> UnpackedStart {
+        let lane = lane % LANES;
+        let three = |of: &[[f64; LANES]; 3]| [of[0][lane], of[1][lane], of[2][lane]];
+        UnpackedStart {
+            origin: self.origins[lane],
+            position: three(&self.position),
+            rotation: [0, 1, 2, 3].map(|part: usize| self.rotation[part][lane]),
+            linear: three(&self.linear),
+            angular: three(&self.angular),
+            pull: three(&self.pull),
+            speed: self.speed[lane],
+            accelerates: self.accelerates[lane],
+        }
+    }
+
+    /// Predicts the first lanes at a tick, one for each table of damping, and hands each out with its number.
+    pub fn predict(
+        &self,
+        tick: Tick,
+        flows: &[&StepCoefficientTable],
+        out: impl FnMut(usize, Motion),
+    ) {
+        let Some(flow) = flows.first() else {
+            return;
+        };
+        let (_, config) = flow.row(Ticks::ZERO);
+        let mut rows = [[0.0; LANES]; 8];
+        for (lane, flow) in flows.iter().enumerate().take(LANES) {
+            let elapsed = flow.within(elapsed(self.origins[lane], tick));
+            let (row, _) = flow.row(elapsed);
+            let fall = if self.accelerates[lane] {
+                flow.ended(elapsed, ACCELERATION_TICKS)
+            } else {
+                (row.fall, row.fall_velocity)
+            };
+            set_row(&mut rows, lane, row, fall);
+        }
+        let start = StartX4 {
+            position: lanes3(&self.position),
+            rotation: lanes4(&self.rotation),
+            linear: lanes3(&self.linear),
+            angular: lanes3(&self.angular),
+            pull: lanes3(&self.pull),
+            speed: lanes(&self.speed),
+        };
+        start.after(&rows, config).each(flows.len(), out);
+    }
+}
+
+/// Writes the coefficients of a lane. `fall`: factors on the acceleration.
+#[inline(always)]
+fn set_row(
+    rows: &mut [[f64; LANES]; 8],
+    lane: usize,
+    row: &StepCoefficients,
+    (fall, fall_velocity): (f64, f64),
+) {
+    let [s1, s3, s5] = row.turns;
+    let coefficients = [
+        row.reach,
+        row.velocity,
+        fall,
+        fall_velocity,
+        row.spin,
+        s1,
+        s3,
+        s5,
+    ];
+    for (place, coefficient) in coefficients.into_iter().enumerate() {
+        rows[place][lane] = coefficient;
     }
 }
 
@@ -231,6 +397,10 @@ fn lanes(from: &[f64; LANES]) -> f64x4 {
 
 fn lanes3([x, y, z]: &[[f64; LANES]; 3]) -> [f64x4; 3] {
     [lanes(x), lanes(y), lanes(z)]
+}
+
+fn lanes4([x, y, z, w]: &[[f64; LANES]; 4]) -> [f64x4; 4] {
+    [lanes(x), lanes(y), lanes(z), lanes(w)]
 }
 
 fn arrays([x, y, z]: [f64x4; 3]) -> [[f64; LANES]; 3] {
@@ -527,6 +697,17 @@ mod tests {
             batch.predict(|key, motion| predicted.push((key, bits(&motion))));
             prop_assert_eq!(predicted, expected);
             batch.predict(|_, _| unreachable!("it is empty"));
+            let mut starts = StartsX4::default();
+            for (lane, (track, _)) in tracks.iter().enumerate() {
+                let start = UnpackedStart::of(&DenseTrack::new(track), &grid(), &conditions).unwrap();
+                starts.put(lane, &start);
+                starts.put(lane, &starts.get(lane));
+            }
+            let (flows, tick) = ([&flow; 4], Tick::new(tracks[0].1));
+            let mut predicted = Vec::new();
+            starts.predict(tick, &flows[..tracks.len()], |lane, motion| predicted.push((lane, bits(&motion))));
+            let expected: Vec<_> = tracks.iter().map(|(track, _)| bits(&track.at(tick, &grid(), &conditions))).collect();
+            prop_assert_eq!(predicted, expected.into_iter().enumerate().collect::<Vec<_>>());
         }
     }
 
@@ -605,6 +786,7 @@ mod tests {
             let tick = Tick::ZERO + Ticks::new(1);
             let track = DenseTrack::new(&track);
             assert!(!PredictionX4::default().take(0, &track, tick, &grid(), &conditions));
+            assert!(UnpackedStart::of(&track, &grid(), &conditions).is_none());
         }
     }
 }

@@ -77,7 +77,6 @@ pub struct ErrorPrefilter {
     /// Half a substep in seconds, and the number of substeps in a tick.
     half_substep: f64,
     substeps: f64,
-    waiting: PrefilterX4,
 }
 
 impl ErrorPrefilter {
@@ -91,7 +90,6 @@ impl ErrorPrefilter {
             half_chord: half_chord(tolerance),
             half_substep: substep * 0.5,
             substeps,
-            waiting: PrefilterX4::default(),
         }
     }
 
@@ -138,10 +136,42 @@ impl ErrorPrefilter {
         })
     }
 
+    /// A batch of tests.
+    #[must_use]
+    pub const fn batch<'a>(&self) -> PrefilterBatch<'a> {
+        PrefilterBatch {
+            half_chord: self.half_chord,
+            lanes: None,
+            len: 0,
+        }
+    }
+}
+
+/// Bodies that are tested together, four at a time.
+#[derive(Clone, Debug)]
+pub struct PrefilterBatch<'a> {
+    half_chord: f32,
+    /// The first `len` lanes wait. The others repeat a body that was tested before.
+    lanes: Option<[PrefilterLane<'a>; LANES]>,
+    len: usize,
+}
+
+/// A body that waits for others.
+#[derive(Clone, Copy, Debug)]
+struct PrefilterLane<'a> {
+    place: u32,
+    truth: &'a BodyState,
+    track: &'a PrefilterTrack,
+    /// See [`StepCoefficientTable::narrow_row`].
+    coefficients: [f32; 4],
+}
+
+impl<'a> PrefilterBatch<'a> {
     /// Tests a track; true if it is undecided. Bodies are tested together: this or a later call adds the places of
     /// undecided ones to `late`, in order.
     #[must_use]
-    pub fn test(&mut self, place: u32, case: &PrefilterInput<'_>, late: &mut Vec<u32>) -> bool {
+    #[inline]
+    pub fn test(&mut self, place: u32, case: &PrefilterInput<'a>, late: &mut Vec<u32>) -> bool {
         let track = case.track;
         // A moving body gets an update at this age.
         if track.course != Course::Still && case.age >= TRACK_AGE_MAX {
@@ -152,8 +182,17 @@ impl ErrorPrefilter {
             let (fall, _) = case.flow.ended(case.age, ACCELERATION_TICKS);
             coefficients[1] = fall as f32;
         }
-        self.waiting.push(place, case, coefficients);
-        if self.waiting.len == LANES {
+        let lane = PrefilterLane {
+            place,
+            truth: case.truth,
+            track,
+            coefficients,
+        };
+        let lanes = self.lanes.get_or_insert([lane; LANES]);
+        // Already below: the remainder lets the compiler drop the bounds check.
+        lanes[self.len % LANES] = lane;
+        self.len += 1;
+        if self.len == LANES {
             self.finish(late);
         }
         false
@@ -161,16 +200,16 @@ impl ErrorPrefilter {
 
     /// Finishes the batch that waits, and adds its undecided places.
     pub fn finish(&mut self, undecided: &mut Vec<u32>) {
-        if self.waiting.len == 0 {
+        let Some(lanes) = &self.lanes else {
             return;
-        }
-        let within = self.waiting.hold(self.half_chord);
-        for lane in 0..self.waiting.len {
-            if within & (1 << lane) == 0 {
-                undecided.push(self.waiting.places[lane]);
+        };
+        let within = hold(lanes, self.half_chord);
+        for (number, lane) in lanes.iter().enumerate().take(self.len) {
+            if within & (1 << number) == 0 {
+                undecided.push(lane.place);
             }
         }
-        self.waiting.len = 0;
+        self.len = 0;
     }
 }
 
@@ -264,23 +303,6 @@ fn steps([a, b, c]: [i32; 3], step: f64) -> [f64; 3] {
 
 const LANES: usize = 4;
 
-/// Up to four bodies, by rows: one array for each body, which becomes a lane.
-#[derive(Clone, Debug, Default)]
-struct PrefilterX4 {
-    len: usize,
-    places: [u32; LANES],
-    /// The true position, and a number without meaning.
-    position: [[f32; 4]; LANES],
-    truth: [[f32; 4]; LANES],
-    start: [[f32; 4]; LANES],
-    linear: [[f32; 4]; LANES],
-    spin: [[f32; 4]; LANES],
-    pull: [[f32; 4]; LANES],
-    rotation: [[f32; 4]; LANES],
-    /// See [`StepCoefficientTable::narrow_row`].
-    coefficients: [[f32; 4]; LANES],
-}
-
 /// Added and taken away again, this rounds a number below 2²² to a whole one.
 const ROUND: f32 = 12_582_912.0;
 /// The first eight bits of pi, so that its multiples are exact, and the rest.
@@ -289,90 +311,77 @@ const PI_LOW: f32 = 9.676_536e-4;
 /// A faster spin needs more terms of the series than are taken: its body stays undecided.
 const STEP_ANGLE2_MAX: f32 = 1.0 / 16.0;
 
-impl PrefilterX4 {
-    #[inline]
-    fn push(&mut self, place: u32, case: &PrefilterInput<'_>, coefficients: [f32; 4]) {
-        // Already below: the remainder lets the compiler drop the bounds checks.
-        let lane = self.len % LANES;
-        let [x, y, z, a, b, c, d, ..] = case.truth.parts();
-        self.places[lane] = place;
-        self.position[lane] = [x, y, z, a];
-        self.truth[lane] = [a, b, c, d];
-        self.start[lane] = case.track.start;
-        self.linear[lane] = case.track.linear;
-        self.spin[lane] = case.track.spin;
-        self.pull[lane] = case.track.pull;
-        self.rotation[lane] = case.track.rotation;
-        self.coefficients[lane] = coefficients;
-        self.len += 1;
+/// One bit for each body that surely is where its track predicts it (RECKONING 3.6, in f32).
+fn hold(lanes: &[PrefilterLane<'_>; LANES], half_chord: f32) -> u32 {
+    let [reach, fall, turns, cubes] = columns(lanes, |lane| lane.coefficients);
+    let [px, py, pz, tangent2] = columns(lanes, |lane| lane.track.pull);
+    let half = half_chords(lanes, [turns, cubes, tangent2]);
+    let [sx, sy, sz, diameter] = columns(lanes, |lane| lane.track.start);
+    let [lx, ly, lz, length] = columns(lanes, |lane| lane.track.linear);
+    let [tx, ty, tz, _] = columns(lanes, |lane| lane.truth.first_parts());
+    let moved = [lx * reach, ly * reach, lz * reach];
+    let fallen = [px * fall, py * fall, pz * fall];
+    let mut way = f32x4::ZERO;
+    let mut far2 = f32x4::ZERO;
+    for (axis, apart) in [tx - sx, ty - sy, tz - sz].into_iter().enumerate() {
+        let off = (apart - moved[axis]) - fallen[axis];
+        far2 += off * off;
+        way += moved[axis].abs() + fallen[axis].abs();
     }
-
-    /// One bit for each body that surely is where its track predicts it (RECKONING 3.6, in f32).
-    fn hold(&self, half_chord: f32) -> u32 {
-        let [reach, fall, turns, cubes] = columns(&self.coefficients);
-        let [px, py, pz, tangent2] = columns(&self.pull);
-        let half = self.half_chords(turns, cubes, tangent2);
-        let [sx, sy, sz, diameter] = columns(&self.start);
-        let [lx, ly, lz, length] = columns(&self.linear);
-        let [tx, ty, tz, _] = columns(&self.position);
-        let moved = [lx * reach, ly * reach, lz * reach];
-        let fallen = [px * fall, py * fall, pz * fall];
-        let mut way = f32x4::ZERO;
-        let mut far2 = f32x4::ZERO;
-        for (axis, apart) in [tx - sx, ty - sy, tz - sz].into_iter().enumerate() {
-            let off = (apart - moved[axis]) - fallen[axis];
-            far2 += off * off;
-            way += moved[axis].abs() + fallen[axis].abs();
-        }
-        let left = (length - diameter * half) - way * POSITION_SLACK;
-        // Written so that NaN does not hold.
-        let within = half.simd_le(f32x4::splat(half_chord))
-            & left.simd_ge(f32x4::ZERO)
-            & far2.simd_le(left * left)
-            & tangent2.simd_le(f32x4::splat(STEP_ANGLE2_MAX));
-        within.to_bitmask()
-    }
-
-    /// Bounds on half the chord between the true and the predicted rotation.
-    #[inline]
-    fn half_chords(&self, turns: f32x4, cubes: f32x4, tangent2: f32x4) -> f32x4 {
-        let [ax, ay, az, tick] = columns(&self.spin);
-        let angle = tick * (turns - tangent2 * cubes);
-        // Half a turn more is the same rotation with the other sign.
-        let half_turns = (angle * FRAC_1_PI + ROUND) - ROUND;
-        let (k, dw) = sin_cos((angle - half_turns * PI_HIGH) - half_turns * PI_LOW);
-        let (dx, dy, dz) = (ax * k, ay * k, az * k);
-        let [qx, qy, qz, qw] = columns(&self.rotation);
-        let predicted_motion = [
-            dw * qx + dx * qw + dy * qz - dz * qy,
-            dw * qy - dx * qz + dy * qw + dz * qx,
-            dw * qz + dx * qy - dy * qx + dz * qw,
-            dw * qw - dx * qx - dy * qy - dz * qz,
-        ];
-        let truth = columns(&self.truth);
-        let mut dot = f32x4::ZERO;
-        for i in 0..4 {
-            dot += truth[i] * predicted_motion[i];
-        }
-        // One, less two where the product is negative.
-        let sign = f32x4::ONE - (dot.simd_lt(f32x4::ZERO) & f32x4::splat(2.0));
-        let mut chord2 = f32x4::ZERO;
-        for i in 0..4 {
-            let off = truth[i] - sign * predicted_motion[i];
-            chord2 += off * off;
-        }
-        // The last term of the series, which is not taken, is at most this share of the first one.
-        let cut = tangent2 * tangent2 * 0.2;
-        let slack = f32x4::splat(CHORD_SLACK) + tick * turns * (cut + ANGLE_SLACK);
-        chord2.sqrt() * CHORD_FACTOR + slack
-    }
+    let left = (length - diameter * half) - way * POSITION_SLACK;
+    // Written so that NaN does not hold.
+    let within = half.simd_le(f32x4::splat(half_chord))
+        & left.simd_ge(f32x4::ZERO)
+        & far2.simd_le(left * left)
+        & tangent2.simd_le(f32x4::splat(STEP_ANGLE2_MAX));
+    within.to_bitmask()
 }
 
-/// Four rows of four, as columns.
+/// Bounds on half the chord between the true and the predicted rotation.
+///
+/// `turns`, `cubes`: see [`StepCoefficientTable::narrow_row`]. `tangent2`: see [`PrefilterTrack::pull`].
 #[inline]
-fn columns([a, b, c, d]: &[[f32; 4]; LANES]) -> [f32x4; 4] {
-    let lanes = f32x4::new;
-    f32x4::transpose([lanes(*a), lanes(*b), lanes(*c), lanes(*d)])
+fn half_chords(lanes: &[PrefilterLane<'_>; LANES], [turns, cubes, tangent2]: [f32x4; 3]) -> f32x4 {
+    let [ax, ay, az, tick] = columns(lanes, |lane| lane.track.spin);
+    let angle = tick * (turns - tangent2 * cubes);
+    // Half a turn more is the same rotation with the other sign.
+    let half_turns = (angle * FRAC_1_PI + ROUND) - ROUND;
+    let (k, dw) = sin_cos((angle - half_turns * PI_HIGH) - half_turns * PI_LOW);
+    let (dx, dy, dz) = (ax * k, ay * k, az * k);
+    let [qx, qy, qz, qw] = columns(lanes, |lane| lane.track.rotation);
+    let predicted_motion = [
+        dw * qx + dx * qw + dy * qz - dz * qy,
+        dw * qy - dx * qz + dy * qw + dz * qx,
+        dw * qz + dx * qy - dy * qx + dz * qw,
+        dw * qw - dx * qx - dy * qy - dz * qz,
+    ];
+    let truth = columns(lanes, |lane| lane.truth.rotation());
+    let mut dot = f32x4::ZERO;
+    for i in 0..4 {
+        dot += truth[i] * predicted_motion[i];
+    }
+    // One, less two where the product is negative.
+    let sign = f32x4::ONE - (dot.simd_lt(f32x4::ZERO) & f32x4::splat(2.0));
+    let mut chord2 = f32x4::ZERO;
+    for i in 0..4 {
+        let off = truth[i] - sign * predicted_motion[i];
+        chord2 += off * off;
+    }
+    // The last term of the series, which is not taken, is at most this share of the first one.
+    let cut = tangent2 * tangent2 * 0.2;
+    let slack = f32x4::splat(CHORD_SLACK) + tick * turns * (cut + ANGLE_SLACK);
+    chord2.sqrt() * CHORD_FACTOR + slack
+}
+
+/// A row of each body, as columns.
+#[inline(always)]
+fn columns<'a>(
+    lanes: &'a [PrefilterLane<'_>; LANES],
+    row: impl Fn(&'a PrefilterLane<'_>) -> [f32; 4],
+) -> [f32x4; 4] {
+    let [a, b, c, d] = lanes;
+    let lane = |lane| f32x4::new(row(lane));
+    f32x4::transpose([lane(a), lane(b), lane(c), lane(d)])
 }
 
 /// Sine and cosine up to a quarter turn either way, by their Taylor series: off by 3.7e-6 and 5e-7 at most.
@@ -509,19 +518,19 @@ mod tests {
             conditions: &conditions,
         };
         let mut undecided = Vec::new();
-        let mut prefilter = ErrorPrefilter::new(tolerance, INTEGRATOR);
-        let at_once = prefilter
-            .track(&DenseTrack::new(track), &body)
-            .is_none_or(|track| {
-                let case = PrefilterInput {
-                    truth: &truth,
-                    track: &track,
-                    age: Ticks::new(age),
-                    flow: &flow,
-                };
-                prefilter.test(7, &case, &mut undecided)
-            });
-        prefilter.finish(&mut undecided);
+        let prefilter = ErrorPrefilter::new(tolerance, INTEGRATOR);
+        let tested = prefilter.track(&DenseTrack::new(track), &body);
+        let mut batch = prefilter.batch();
+        let at_once = tested.as_ref().is_none_or(|track| {
+            let case = PrefilterInput {
+                truth: &truth,
+                track,
+                age: Ticks::new(age),
+                flow: &flow,
+            };
+            batch.test(7, &case, &mut undecided)
+        });
+        batch.finish(&mut undecided);
         PrefilterAnswer {
             undecided: at_once || undecided == [7],
             share: tolerance.share(&apart, radius),

@@ -113,11 +113,29 @@ impl BodyState {
         [p[0], p[1], p[2]]
     }
 
+    /// The position, and one number more: four, to be read at once.
+    #[inline]
+    pub(crate) const fn first_parts(&self) -> [f32; 4] {
+        let [x, y, z, a, ..] = self.bits;
+        [
+            f32::from_bits(x),
+            f32::from_bits(y),
+            f32::from_bits(z),
+            f32::from_bits(a),
+        ]
+    }
+
     /// Quaternion x, y, z, w in the engine's precision.
     #[must_use]
-    pub fn rotation(&self) -> [f32; 4] {
-        let p = self.parts();
-        [p[3], p[4], p[5], p[6]]
+    #[inline]
+    pub const fn rotation(&self) -> [f32; 4] {
+        let [_, _, _, x, y, z, w, ..] = self.bits;
+        [
+            f32::from_bits(x),
+            f32::from_bits(y),
+            f32::from_bits(z),
+            f32::from_bits(w),
+        ]
     }
 
     /// The same pose without movement.

@@ -518,7 +518,7 @@ impl PrefilterLoad {
     pub fn test(&mut self) -> usize {
         self.undecided.clear();
         let age = PREDICTION_AGE.since(Tick::ZERO).unwrap_or_default();
-        let mut at_once = 0;
+        let (mut batch, mut at_once) = (self.prefilter.batch(), 0);
         for (place, (track, truth)) in (0..).zip(&self.bodies) {
             let input = PrefilterInput {
                 truth,
@@ -526,9 +526,9 @@ impl PrefilterLoad {
                 age,
                 flow: &self.flow,
             };
-            at_once += usize::from(self.prefilter.test(place, &input, &mut self.undecided));
+            at_once += usize::from(batch.test(place, &input, &mut self.undecided));
         }
-        self.prefilter.finish(&mut self.undecided);
+        batch.finish(&mut self.undecided);
         at_once + self.undecided.len()
     }
 }

@@ -12,6 +12,7 @@ mod contacts;
 mod copy_queries;
 mod joining;
 mod moment;
+mod movers;
 mod shapes;
 mod unanswered;
 mod view;

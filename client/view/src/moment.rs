@@ -97,7 +97,7 @@ impl MomentMotion {
 }
 
 /// The motion between those of two ticks, interpolated linearly.
-fn between(first: &Motion, second: &Motion, fraction: f64) -> Option<Motion> {
+pub(crate) fn between(first: &Motion, second: &Motion, fraction: f64) -> Option<Motion> {
     let (a, b) = (first.pose(), second.pose());
     let turn = b.rotation * a.rotation.conjugate();
     // Of the two ways round, the shorter one.

@@ -20,6 +20,7 @@ use rhumb_reckoning::{Anchor, BodyId, Correction, Motion, Pose, Seconds, Tick, T
 
 use crate::clocks::{SceneClock, ticks_or_none};
 use crate::moment::{Leap, MomentMotion, RenderTime, ShownPose, is_orphaned, shown_bound};
+use crate::movers::Movers;
 
 /// Parameters for computing a view.
 #[derive(Clone, Copy, Debug)]
@@ -49,6 +50,7 @@ pub struct View {
     origins: Vec<Tick>,
     /// By body index: the body's place in the arrays, plus one.
     places: Vec<Option<NonZeroU32>>,
+    movers: Movers,
     changed: Vec<u32>,
     removed: Vec<BodyId>,
     touched: Vec<u32>,
@@ -228,12 +230,26 @@ impl View {
         self.touched = touched;
         let mut moving = [(0, BodyId::new(0, 0)); LANES];
         let mut filled = 0;
+        if self
+            .time
+            .is_some_and(|time| time.tick > render_params.at.tick)
+        {
+            self.movers.clear();
+        }
         for place in 0..self.ids.len() {
+            if self.movers.has(place) {
+                continue;
+            }
             let gliding =
                 render_params.smooth && !self.corrections[place].is_over(render_params.now);
             if (!self.resting[place] || gliding) && !self.show_still(place, stream, render_params) {
-                moving[filled] = (place as u32, self.ids[place]);
-                filled += 1;
+                match stream.free_track(self.ids[place], render_params.at.tick) {
+                    Some(track) => self.movers.add(place, &track),
+                    None => {
+                        moving[filled] = (place as u32, self.ids[place]);
+                        filled += 1;
+                    }
+                }
             }
             if filled == LANES {
                 self.show_moving(&moving, stream, render_params);
@@ -241,6 +257,11 @@ impl View {
             }
         }
         self.show_moving(&moving[..filled], stream, render_params);
+        let movers = std::mem::take(&mut self.movers);
+        movers.predict(stream, render_params.at, |place, predicted| {
+            self.show(place, &predicted, render_params);
+        });
+        self.movers = movers;
         // Shown time never goes back, so that older tracks are not needed.
         stream.forget_before(render_params.at.tick);
         self.time = Some(render_params.at);
@@ -308,6 +329,7 @@ impl View {
                 if render_params.smooth {
                     self.begin_correction(place, stream, render_params);
                 }
+                self.movers.forget(place);
                 // This refresh then computes the pose, for the last time if the body has come to rest.
                 self.resting[place] = false;
             }
@@ -349,6 +371,7 @@ impl View {
             return;
         };
         self.places[index as usize] = None;
+        self.movers.swap_remove(place, self.ids.len() - 1);
         self.removed.push(self.ids.swap_remove(place));
         self.positions.swap_remove(place);
         self.rotations.swap_remove(place);

@@ -6,6 +6,7 @@ use std::num::NonZeroU32;
 
 use bytes::Bytes;
 use glam::Vec3;
+use proptest::prelude::*;
 use rhumb_protocol::packet::{LargestPacket, StreamId};
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{
@@ -96,7 +97,13 @@ impl Pair {
         self.publish_body(BALL, tick, motion, activity);
     }
 
-    fn publish_body(&mut self, id: BodyId, tick: u64, motion: BodyState, activity: Activity) {
+    fn publish_body(
+        &mut self,
+        id: BodyId,
+        tick: u64,
+        motion: BodyState,
+        activity: Activity,
+    ) -> Vec<Bytes> {
         let observation = Observation {
             id,
             motion,
@@ -107,9 +114,10 @@ impl Pair {
             .observe(Tick::new(tick), &[observation]);
         self.publisher
             .publish(&self.observation_history, 0, &mut out);
-        for datagram in out {
-            self.subscriber.handle_datagram(&datagram);
+        for datagram in &out {
+            self.subscriber.handle_datagram(datagram);
         }
+        out
     }
 
     fn look(&mut self, tick: u64) -> (Vec3, bool) {
@@ -296,4 +304,66 @@ fn bodies_that_a_resumed_session_lacks_are_removed() {
         (pair.view.ids(), pair.view.removed()),
         (&[BALL][..], &[][..])
     );
+}
+
+/// A scene of bodies that move, fall and rest.
+fn crowd() -> Pair {
+    let mut pair = Pair::new();
+    let parameters = PredictionParameters::plain(Metres::new(0.5));
+    for index in 10..40 {
+        let predictor = match index % 3 {
+            0 => Predictor::Rest,
+            1 => Predictor::Uniform,
+            _ => Predictor::Ballistic,
+        };
+        let start = moving(index as f32, 0.1 * (index % 7) as f32);
+        let start = if index % 3 == 0 {
+            start.stilled()
+        } else {
+            start
+        };
+        let (id, track) = (BodyId::new(index, 0), track(predictor, start, None));
+        assert!(pair.publisher.place(id, &parameters, track));
+        assert!(pair.subscriber.place(id, &parameters, track));
+    }
+    pair
+}
+
+proptest! {
+    #[test]
+    fn a_view_shows_what_the_tracks_predict_whatever_it_has_kept(
+        steps in proptest::collection::vec((0_u32..4, 10_u32..40, -3.0_f32..3.0, 0_usize..3), 1..40),
+    ) {
+        let mut pair = crowd();
+        // It is never shown, so that a new view of a copy of it begins with nothing.
+        let mut unseen = pair.subscriber.clone();
+        let mut tick = 0_u64;
+        for (what, index, speed, fraction) in steps {
+            let id = BodyId::new(index, 0);
+            let activity = if what == 2 { Activity::Asleep } else { Activity::Awake };
+            match what {
+                0 => tick += 1,
+                1 | 2 => {
+                    tick += 1;
+                    for datagram in pair.publish_body(id, tick, moving(index as f32, speed), activity) {
+                        unseen.handle_datagram(&datagram);
+                    }
+                }
+                _ => {
+                    pair.publisher.remove(id);
+                    assert_eq!(pair.subscriber.remove(id), unseen.remove(id));
+                }
+            }
+            let at = RenderTime { tick: Tick::new(tick), fraction: [0.0, 0.25, 0.5][fraction] };
+            let params = params(at, Seconds::new(tick as f64 / 60.0), false);
+            pair.view.refresh(&mut pair.subscriber, &params);
+            let mut fresh = View::default();
+            fresh.refresh(&mut unseen.clone(), &params);
+            for id in fresh.ids() {
+                prop_assert_eq!(fresh.position(*id), pair.view.position(*id), "{} at {:?}", id, at);
+                prop_assert_eq!(fresh.rotation(*id), pair.view.rotation(*id), "{} at {:?}", id, at);
+            }
+            prop_assert_eq!(fresh.ids().len(), pair.view.ids().len());
+        }
+    }
 }

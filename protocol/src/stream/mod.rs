@@ -38,7 +38,9 @@ pub use publisher::{OverBudget, Publisher};
 pub use receiver::StreamReceiver;
 pub(crate) use receiver::{DISORDER, RetryTimer, SILENCE_MOST};
 pub use sender::{RestingBodies, StreamSender};
-pub use subscriber::{ErrorBound, Replacement, ShownTrack, Subscriber, SubscriberStatistics};
+pub use subscriber::{
+    ErrorBound, FreeTrack, FreeTracksX4, Replacement, ShownTrack, Subscriber, SubscriberStatistics,
+};
 pub use tracks::PredictionParameters;
 
 /// The config of a stream.

@@ -29,7 +29,7 @@ use crate::limits::INDICES_MAX;
 use crate::packet::{Datagram, Head, LargestPacket, LossReport, Low16, StreamId, Update};
 use crate::scene::Stepping;
 
-pub use in_force::{Replacement, ShownTrack};
+pub use in_force::{FreeTrack, FreeTracksX4, Replacement, ShownTrack};
 
 /// The past that a view still shows.
 #[derive(Clone, Copy, Debug)]
@@ -460,6 +460,14 @@ impl Subscriber {
     /// Changes the gravity after a scene event.
     pub fn change_gravity(&mut self, since: Tick, gravity: Vec3) {
         self.tracks.change_gravity(since, gravity);
+        let falling = self
+            .tracks
+            .iter()
+            .filter(|(_, slot)| slot.origin() >= since);
+        let falling: Vec<u32> = falling.map(|(index, _)| index).collect();
+        for index in falling {
+            self.note_changed(index);
+        }
     }
 
     /// Notes after a scene event that the poses of bodies are guesses from a tick on, because their publisher is

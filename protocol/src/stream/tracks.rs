@@ -17,7 +17,7 @@ use rhumb_reckoning::{
     BodyId, Conditions, Damping, DenseTrack, ErrorPrefilter, Grid, Inertia, Integrator, Metres,
     Motion, PredictionX4, Predictor, PrefilterBody, PrefilterTrack, RotationCursor,
     StepCoefficientTable, TRACK_AGE_MAX, Tick, Ticks, Tolerance, ToleranceScale, Track,
-    UnforcedMotion, attached_motion,
+    UnforcedMotion, UnpackedStart, attached_motion,
 };
 
 use super::state_checksum::StateChecksum;
@@ -455,6 +455,16 @@ impl Tracks {
     /// The table of a damping by its number.
     pub(crate) fn flow(&self, number: u16) -> &StepCoefficientTable {
         &self.flows[usize::from(number)].table
+    }
+
+    /// The start of a body's own track, unpacked, and the number of its table of damping; `None` if it is predicted alone.
+    pub(crate) fn unpacked(&self, slot: &Slot) -> Option<(UnpackedStart, u16)> {
+        let interned = self.interned_parameters.get(slot.interned);
+        let track = slot.dense();
+        let start = self.with_conditions(slot, track.predictor(), track.origin(), |conditions| {
+            UnpackedStart::of(track, &interned.grid, conditions)
+        });
+        Some((start?, interned.flow))
     }
 
     /// Adds a body's own track to a batch; returns whether the batch takes such tracks.

@@ -91,10 +91,9 @@ pub fn prefilter(data: &[u8]) {
     let inertia = Inertia::new([1.0, 2.0, 2.5], [0.0, 0.0, 0.0, 1.0]).expect("a valid inertia");
     let radius = radius(&mut script);
     let grid = Grid::new(tolerance, radius);
-    let mut prefilter = ErrorPrefilter::new(tolerance, integrator);
+    let prefilter = ErrorPrefilter::new(tolerance, integrator);
     let mut batch = PredictionX4::default();
-    let (mut undecided, mut late) = (Vec::new(), Vec::new());
-    let (mut shares, mut predicted) = (Vec::new(), Vec::new());
+    let (mut shares, mut predicted, mut cases) = (Vec::new(), Vec::new(), Vec::new());
     for place in 0..4 {
         let track = track(&mut script);
         let tumbles = script.below(8) == 0;
@@ -130,20 +129,7 @@ pub fn prefilter(data: &[u8]) {
             radius,
             conditions: &conditions,
         };
-        let at_once = prefilter
-            .track(&DenseTrack::new(&track), &body)
-            .is_none_or(|track| {
-                let case = PrefilterInput {
-                    truth: &truth,
-                    track: &track,
-                    age,
-                    flow: &flow,
-                };
-                prefilter.test(place, &case, &mut late)
-            });
-        if at_once {
-            undecided.push(place);
-        }
+        cases.push((truth, prefilter.track(&DenseTrack::new(&track), &body), age));
         // Beyond this distance, which no body reaches, the rounding of f64 is coarser than the comparison.
         let is_near = predicted_motion.pose().position.abs().max_element() < FAR;
         shares.push(if is_near {
@@ -152,7 +138,21 @@ pub fn prefilter(data: &[u8]) {
             0.0
         });
     }
-    prefilter.finish(&mut late);
+    let (mut undecided, mut late) = (Vec::new(), Vec::new());
+    let mut tests = prefilter.batch();
+    for (place, (truth, track, age)) in (0..).zip(&cases) {
+        let at_once = track.as_ref().is_none_or(|track| {
+            let case = PrefilterInput {
+                truth,
+                track,
+                age: *age,
+                flow: &flow,
+            };
+            tests.test(place, &case, &mut late)
+        });
+        undecided.extend(at_once.then_some(place));
+    }
+    tests.finish(&mut late);
     undecided.extend(late);
     for (place, share) in shares.into_iter().enumerate() {
         let passed = !undecided.contains(&(place as u32));

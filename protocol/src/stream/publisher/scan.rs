@@ -125,6 +125,7 @@ impl ObservationScan {
         self.parent_candidates.clear();
         self.radii = [f64::INFINITY, 0.0];
         let mut last_size = None;
+        let mut batch = self.prefilter.batch();
         for (place, observation) in (0..).zip(observations) {
             let scanned = self.tracks.of(observation.id);
             // A body may have come later.
@@ -151,11 +152,11 @@ impl ObservationScan {
                 age: tick.since(scanned.origin).unwrap_or(AGE_MAX),
                 flow: tracks.flow(scanned.flow),
             };
-            if self.prefilter.test(place, &input, &mut self.tested) {
+            if batch.test(place, &input, &mut self.tested) {
                 self.undecided.push(place);
             }
         }
-        self.prefilter.finish(&mut self.tested);
+        batch.finish(&mut self.tested);
         self.merge_tested();
     }
 

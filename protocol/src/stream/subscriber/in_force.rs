@@ -4,7 +4,10 @@
 
 use alloc::vec::Vec;
 
-use rhumb_reckoning::{BodyId, Metres, Motion, PredictionX4, Tick, Ticks, Track, attached_motion};
+use rhumb_reckoning::{
+    BodyId, Metres, Motion, PredictionX4, StartsX4, Tick, Ticks, Track, UnpackedStart,
+    attached_motion,
+};
 
 use super::lifetimes::{Departed, DepartureTick};
 use super::{ErrorBound, Subscriber};
@@ -60,6 +63,41 @@ pub struct Replacement {
     pub after: Motion,
     /// Ticks since the older track was within its tolerance for certain: one, unless some are not published or missing.
     pub open: Ticks,
+}
+
+/// The newest track of a body that moves freely, unpacked for predictions at many ticks.
+#[derive(Clone, Copy, Debug)]
+pub struct FreeTrack {
+    start: UnpackedStart,
+    /// The number of its table of damping.
+    flow: u16,
+}
+
+/// Up to four free tracks, which are predicted side by side.
+#[derive(Clone, Debug, Default)]
+pub struct FreeTracksX4 {
+    starts: StartsX4,
+    flows: [u16; PredictionX4::LANES],
+}
+
+impl FreeTracksX4 {
+    /// The number of lanes.
+    pub const LANES: usize = PredictionX4::LANES;
+
+    /// Puts a track into a lane.
+    pub fn put(&mut self, lane: usize, track: &FreeTrack) {
+        self.starts.put(lane, &track.start);
+        self.flows[lane % Self::LANES] = track.flow;
+    }
+
+    /// The track in a lane.
+    #[must_use]
+    pub fn get(&self, lane: usize) -> FreeTrack {
+        FreeTrack {
+            start: self.starts.get(lane),
+            flow: self.flows[lane % Self::LANES],
+        }
+    }
 }
 
 impl Subscriber {
@@ -140,6 +178,30 @@ impl Subscriber {
     #[must_use]
     pub fn predicted_motion(&self, id: BodyId, tick: Tick) -> Option<Motion> {
         self.motion_by(&self.in_force(id, tick)?, id, tick)
+    }
+
+    /// The newest track of a body if it is in force at a tick, without a parent, not at rest and predicted side by side
+    /// with others. It stays the one in force at later ticks until [`Self::drain_changed`] names the body.
+    #[must_use]
+    pub fn free_track(&self, id: BodyId, tick: Tick) -> Option<FreeTrack> {
+        let slot = self.present(id, tick)?;
+        let is_free = slot.origin() <= tick && slot.parent().is_none();
+        let (start, flow) = self.tracks.unpacked(slot).filter(|_| is_free)?;
+        Some(FreeTrack { start, flow })
+    }
+
+    /// Passes the predicted motions of the first lanes to the callback with their numbers. The bits are those of
+    /// [`Self::predicted_motion`].
+    pub fn predict_free(
+        &self,
+        tracks: &FreeTracksX4,
+        lanes: usize,
+        tick: Tick,
+        out: impl FnMut(usize, Motion),
+    ) {
+        let flows = tracks.flows.map(|flow| self.tracks.flow(flow));
+        let lanes = lanes.min(flows.len());
+        tracks.starts.predict(tick, &flows[..lanes], out);
     }
 
     /// Passes the predicted motion of each body to the callback with its key, in no defined order. The bits are those
