@@ -191,7 +191,11 @@ impl StartX4 {
         let turned = normalised(product([x * k, y * k, z * k, cosine], self.rotation));
         let still = half_angle.simd_eq(f64x4::splat(0.0));
         let kept = |place: usize| choose(still, self.rotation[place], turned[place]);
-        let rotation = [kept(0), kept(1), kept(2), kept(3)];
+        let rotation = if still.any() {
+            [kept(0), kept(1), kept(2), kept(3)]
+        } else {
+            turned
+        };
         (rotation, [x * spin, y * spin, z * spin])
     }
 }
@@ -417,12 +421,14 @@ fn first4(row: &[[f64; LANES]; 8]) -> [f64x4; 4] {
 }
 
 /// As [`exact::normalised`](crate::exact::normalised).
+#[inline(always)]
 fn normalised([x, y, z, w]: [f64x4; 4]) -> [f64x4; 4] {
     let n = (x * x + y * y + z * z + w * w).sqrt();
     [x / n, y / n, z / n, w / n]
 }
 
 /// As [`exact::product`](crate::exact::product).
+#[inline(always)]
 fn product(a: [f64x4; 4], b: [f64x4; 4]) -> [f64x4; 4] {
     let ([ax, ay, az, aw], [bx, by, bz, bw]) = (a, b);
     [
@@ -443,6 +449,7 @@ fn floor(x: f64x4) -> f64x4 {
 }
 
 /// As `exact::sin_cos`.
+#[inline(always)]
 fn sin_cos(x: f64x4) -> (f64x4, f64x4) {
     let quarters = floor(x * TWO_OVER_PI + 0.5);
     let r = (x - quarters * HALF_PI_HIGH) - quarters * HALF_PI_LOW;

@@ -188,9 +188,11 @@ impl<'a> PrefilterBatch<'a> {
             track,
             coefficients,
         };
-        let lanes = self.lanes.get_or_insert([lane; LANES]);
-        // Already below: the remainder lets the compiler drop the bounds check.
-        lanes[self.len % LANES] = lane;
+        match &mut self.lanes {
+            // Already below: the remainder lets the compiler drop the bounds check.
+            Some(lanes) => lanes[self.len % LANES] = lane,
+            none => *none = Some([lane; LANES]),
+        }
         self.len += 1;
         if self.len == LANES {
             self.finish(late);

@@ -38,11 +38,15 @@ impl Movers {
     pub(crate) fn add(&mut self, place: usize, track: &FreeTrack) {
         let lane = self.places.len();
         if lane.is_multiple_of(FreeTracksX4::LANES) {
+            reserve(&mut self.tracks, 1);
             self.tracks.push(FreeTracksX4::default());
         }
         self.put(lane, track);
+        reserve(&mut self.places, 1);
         self.places.push(place as u32);
         if place >= self.lanes.len() {
+            let missing = place + 1 - self.lanes.len();
+            reserve(&mut self.lanes, missing);
             self.lanes.resize(place + 1, None);
         }
         self.lanes[place] = NonZeroU32::new(lane as u32 + 1);
@@ -105,3 +109,13 @@ impl Movers {
         }
     }
 }
+
+/// Makes room for more. The capacity grows by an eighth, since doubling leaves half of it empty.
+fn reserve<T>(list: &mut Vec<T>, more: usize) {
+    if list.len() + more > list.capacity() {
+        list.reserve_exact(more.max(list.len() / 8).max(LEAST_GROWTH));
+    }
+}
+
+/// Least growth of a list.
+const LEAST_GROWTH: usize = 16;

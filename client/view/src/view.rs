@@ -257,11 +257,7 @@ impl View {
             }
         }
         self.show_moving(&moving[..filled], stream, render_params);
-        let movers = std::mem::take(&mut self.movers);
-        movers.predict(stream, render_params.at, |place, predicted| {
-            self.show(place, &predicted, render_params);
-        });
-        self.movers = movers;
+        self.show_movers(stream, render_params);
         // Shown time never goes back, so that older tracks are not needed.
         stream.forget_before(render_params.at.tick);
         self.time = Some(render_params.at);
@@ -311,6 +307,21 @@ impl View {
                 self.show(*place as usize, &predicted, render_params);
             }
         }
+    }
+
+    /// Writes the predicted motions of the bodies that are kept side by side.
+    fn show_movers(&mut self, stream: &Subscriber, render_params: &RenderParams) {
+        let movers = std::mem::take(&mut self.movers);
+        if render_params.smooth {
+            movers.predict(stream, render_params.at, |place, predicted| {
+                self.show(place, &predicted, render_params);
+            });
+        } else {
+            movers.predict(stream, render_params.at, |place, predicted| {
+                self.show_as_it_is(place, &predicted);
+            });
+        }
+        self.movers = movers;
     }
 
     fn place_of(&self, index: u32) -> Option<usize> {
@@ -474,7 +485,12 @@ impl View {
         let glide = render_params
             .smooth
             .then(|| self.corrections[place].applied(render_params.now, predicted));
-        let motion = glide.as_ref().unwrap_or(predicted);
+        self.show_as_it_is(place, glide.as_ref().unwrap_or(predicted));
+    }
+
+    /// Writes a body's motion.
+    #[inline]
+    fn show_as_it_is(&mut self, place: usize, motion: &Motion) {
         self.linear[place] = motion.twist().linear.as_vec3();
         self.angular[place] = motion.twist().angular.as_vec3();
         let pose = motion.pose();
@@ -482,6 +498,7 @@ impl View {
     }
 
     /// Writes a pose, and records a change.
+    #[inline]
     fn put(&mut self, place: usize, position: Vec3, rotation: Quat) {
         if self.positions[place] != position || self.rotations[place] != rotation {
             self.positions[place] = position;

@@ -80,21 +80,20 @@ impl Publisher {
     /// Returns `false` if the table is full, which the scene's own limits prevent.
     #[must_use]
     pub fn place(&mut self, id: BodyId, parameters: &PredictionParameters, track: Track) -> bool {
-        let placed = self.published.place(id, parameters, track);
-        self.scan.note_track(self.published.tracks(), id.index());
-        placed
+        self.scan.forget(id.index());
+        self.published.place(id, parameters, track)
     }
 
     /// Removes a body from the scene. Its children are updated at the next tick.
     pub fn remove(&mut self, id: BodyId) {
         self.published.remove(id);
-        self.scan.note_track(self.published.tracks(), id.index());
+        self.scan.forget(id.index());
     }
 
     /// Changes the gravity from this tick on.
     pub fn change_gravity(&mut self, since: Tick, gravity: Vec3) {
         self.published.change_gravity(since, gravity);
-        self.scan.note_all(self.published.tracks());
+        self.scan.forget_all();
     }
 
     /// Publishes the present tick and appends the datagrams to `out`: none if every track still holds, or if no tick is
@@ -155,7 +154,7 @@ impl Publisher {
             return;
         }
         let (published, scan) = (&self.published, &mut self.scan);
-        scan.scan(published.tracks(), tick, observations);
+        scan.scan(published, tick, observations);
         self.checked += observations.len() as u64;
         let undecided = scan.undecided().map(|place| &observations[place]);
         let strayed = undecided.filter(|observation| published.has_strayed(tick, observation));
@@ -170,7 +169,7 @@ impl Publisher {
         let (published, scan) = (&mut self.published, &mut self.scan);
         let mut strayed = core::mem::take(&mut self.strayed);
         let check = BodyCheck::new(ticks, self.features).after_straying(&strayed);
-        scan.scan(published.tracks(), ticks.tick, ticks.present);
+        scan.scan(published, ticks.tick, ticks.present);
         let mut update = |published: &mut PublishedTracks, place: usize, parent| {
             let observed = (place, &ticks.present[place]);
             if let Some(update) = check.update(published, observed, parent) {

@@ -1,15 +1,18 @@
 //! The scan of a tick: finds the bodies whose tracks may not hold.
 //!
 //! One pass over the observations that changes no track. Bodies that surely hold cost nothing more. What the pass needs
-//! of a track is kept in one place, in the order of indices. Invariants: positions in `undecided` and `other_parents` rise;
-//! after a tick, `tracks` has what the published tracks are.
+//! of a track is kept in one place while its body is awake. Invariants: positions in `undecided` and `other_parents` rise;
+//! a track that is kept is the published one.
 
 use alloc::vec::Vec;
+use core::num::NonZeroU32;
 
-use rhumb_reckoning::{BodyId, ErrorPrefilter, PrefilterInput, PrefilterTrack, Tick, Ticks};
+use rhumb_reckoning::{
+    BodyId, ErrorPrefilter, Metres, PrefilterInput, PrefilterTrack, Tick, Ticks,
+};
 
 use super::body_check::{PARENT_SIZE_RATIO, ParentCandidates, PublishedTracks};
-use crate::interner::grow_to;
+use crate::interner::{grow_to, push};
 use crate::stream::observation_history::{Activity, Observation, ObservedTicks};
 use crate::stream::tracks::{Slot, Tracks};
 use crate::stream::{Features, StreamConfig};
@@ -30,35 +33,52 @@ struct ScannedTrack {
     interned: u32,
 }
 
-/// The tracks of all bodies, by index.
+/// The tracks of the awake bodies. Sleeping ones take no memory but a number.
 #[derive(Clone, Debug, Default)]
-struct ScannedTracks(Vec<Option<ScannedTrack>>);
+struct ScannedTracks {
+    tracks: Vec<ScannedTrack>,
+    /// By index: the place of the body's track, plus one.
+    places: Vec<Option<NonZeroU32>>,
+    free: Vec<u32>,
+}
 
 impl ScannedTracks {
-    /// Notes what stands in the table of tracks at an index.
-    fn note(&mut self, tracks: &Tracks, index: u32, prefilter: &ErrorPrefilter) {
-        let scanned = tracks.slot(index).map(|slot| {
-            let (tested, flow) = tracks.prefilter_track(slot, prefilter);
-            ScannedTrack {
-                origin: slot.origin(),
-                tested,
-                generation: slot.id(index).generation(),
-                flow,
-                interned: slot.interned(),
-            }
-        });
-        if scanned.is_some() {
-            grow_to(&mut self.0, index as usize + 1, || None);
-        }
-        if let Some(place) = self.0.get_mut(index as usize) {
-            *place = scanned;
+    /// Notes the track of a body.
+    fn note(&mut self, tracks: &Tracks, (index, slot): (u32, &Slot), prefilter: &ErrorPrefilter) {
+        let (tested, flow) = tracks.prefilter_track(slot, prefilter);
+        let scanned = ScannedTrack {
+            origin: slot.origin(),
+            tested,
+            generation: slot.id(index).generation(),
+            flow,
+            interned: slot.interned(),
+        };
+        grow_to(&mut self.places, index as usize + 1, || None);
+        let place = &mut self.places[index as usize];
+        if let Some(place) = *place {
+            self.tracks[place.get() as usize - 1] = scanned;
+        } else if let Some(free) = self.free.pop() {
+            self.tracks[free as usize] = scanned;
+            *place = NonZeroU32::new(free + 1);
+        } else {
+            push(&mut self.tracks, scanned);
+            *place = NonZeroU32::new(self.tracks.len() as u32);
         }
     }
 
-    /// The track of a body; `None` if another body or none has its index.
+    /// Forgets the track of an index.
+    fn forget(&mut self, index: u32) {
+        let place = self.places.get_mut(index as usize);
+        if let Some(place) = place.and_then(Option::take) {
+            push(&mut self.free, place.get() - 1);
+        }
+    }
+
+    /// The track of a body; `None` if it is not noted, or another body has its index.
     #[inline]
     fn of(&self, id: BodyId) -> Option<&ScannedTrack> {
-        let scanned = self.0.get(id.index() as usize)?.as_ref();
+        let place = (*self.places.get(id.index() as usize)?)?;
+        let scanned = self.tracks.get(place.get() as usize - 1);
         scanned.filter(|scanned| scanned.generation == id.generation())
     }
 }
@@ -95,48 +115,61 @@ impl ObservationScan {
         }
     }
 
-    /// Notes the track of an index, which has changed: it may have no body any more.
-    pub(super) fn note_track(&mut self, tracks: &Tracks, index: u32) {
-        self.tracks.note(tracks, index, &self.prefilter);
+    /// Forgets the track of an index, which a scene event has changed: the next scan looks it up.
+    pub(super) fn forget(&mut self, index: u32) {
+        self.tracks.forget(index);
     }
 
-    /// Notes the tracks of all bodies.
-    pub(super) fn note_all(&mut self, tracks: &Tracks) {
-        for (index, _) in tracks.iter() {
-            self.note_track(tracks, index);
-        }
+    /// Forgets all tracks.
+    pub(super) fn forget_all(&mut self) {
+        self.tracks = ScannedTracks::default();
     }
 
-    /// Notes the tracks that the updates of a tick have replaced.
+    /// Notes the tracks that the updates of a tick have replaced, and those of bodies that woke up.
     pub(super) fn note_updated(&mut self, tracks: &Tracks, ticks: &ObservedTicks<'_>) {
         let undecided = self.undecided.iter().map(|place| *place as usize);
         for place in undecided.chain(self.parent_candidates.places()) {
-            let index = ticks.present[place].id.index();
-            let origin = tracks.slot(index).map(Slot::origin);
-            if origin == Some(ticks.tick) {
-                self.tracks.note(tracks, index, &self.prefilter);
+            let Observation { id, activity, .. } = ticks.present[place];
+            match tracks.slot(id.index()) {
+                Some(slot) if activity == Activity::Awake => {
+                    if slot.origin() == ticks.tick || self.tracks.of(id).is_none() {
+                        self.tracks
+                            .note(tracks, (id.index(), slot), &self.prefilter);
+                    }
+                }
+                _ => self.tracks.forget(id.index()),
             }
         }
     }
 
     /// Scans the observations of a tick.
-    pub(super) fn scan(&mut self, tracks: &Tracks, tick: Tick, observations: &[Observation]) {
+    pub(super) fn scan(
+        &mut self,
+        published: &PublishedTracks,
+        tick: Tick,
+        observations: &[Observation],
+    ) {
+        let tracks = published.tracks();
         self.undecided.clear();
         self.parent_candidates.clear();
         self.radii = [f64::INFINITY, 0.0];
         let mut last_size = None;
         let mut batch = self.prefilter.batch();
         for (place, observation) in (0..).zip(observations) {
-            let scanned = self.tracks.of(observation.id);
-            // A body may have come later.
-            let Some(scanned) = scanned.filter(|scanned| scanned.origin <= tick) else {
+            let Some(scanned) = self.tracks.of(observation.id) else {
+                if let Some(slot) = published.observed(tick, observation) {
+                    self.radii = with_radius(self.radii, tracks.radius(slot));
+                    self.undecided.push(place);
+                }
+                continue;
+            };
+            let Some(age) = tick.value().checked_sub(scanned.origin.value()) else {
+                // The body came later.
                 continue;
             };
             if last_size != Some(scanned.interned) {
                 last_size = Some(scanned.interned);
-                let radius = tracks.radius_of(scanned.interned).metres();
-                let [least, greatest] = self.radii;
-                self.radii = [least.min(radius), greatest.max(radius)];
+                self.radii = with_radius(self.radii, tracks.radius_of(scanned.interned));
             }
             let Some(track) = &scanned.tested else {
                 self.undecided.push(place);
@@ -149,7 +182,7 @@ impl ObservationScan {
             let input = PrefilterInput {
                 truth: &observation.motion,
                 track,
-                age: tick.since(scanned.origin).unwrap_or(AGE_MAX),
+                age: u32::try_from(age).map_or(AGE_MAX, Ticks::new),
                 flow: tracks.flow(scanned.flow),
             };
             if batch.test(place, &input, &mut self.tested) {
@@ -258,6 +291,12 @@ impl ObservationScan {
         }
         self.tested.clear();
     }
+}
+
+/// The least and the greatest radius with one more, metres.
+fn with_radius([least, greatest]: [f64; 2], radius: Metres) -> [f64; 2] {
+    let radius = radius.metres();
+    [least.min(radius), greatest.max(radius)]
 }
 
 #[cfg(test)]
