@@ -32,7 +32,7 @@ pub struct PrefilterBody<'a> {
 
 /// The motion of a track after its origin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Course {
+enum TrackCourse {
     Still,
     Free,
     /// Under a constant acceleration, which ends.
@@ -52,7 +52,7 @@ pub struct PrefilterTrack {
     pull: [f32; 4],
     /// Off by 2⁻²¹ at most, if the anchor is packed.
     rotation: [f32; 4],
-    course: Course,
+    course: TrackCourse,
 }
 
 /// One body to test.
@@ -108,15 +108,19 @@ impl ErrorPrefilter {
             return None;
         }
         let course = match predictor {
-            Predictor::Rest => Course::Still,
-            Predictor::Accelerated(_) => Course::Accelerated,
-            _ => Course::Free,
+            Predictor::Rest => TrackCourse::Still,
+            Predictor::Accelerated(_) => TrackCourse::Accelerated,
+            _ => TrackCourse::Free,
         };
         let start = AnchorValues::of(&track.anchor(), body.grid);
         let [x, y, z] = start.position;
         let off = (x.abs() + y.abs() + z.abs()) * f64::from(POSITION_SLACK);
         let length = length.metres().metres() * f64::from(LENGTH_SLACK) - off;
-        let moves = if course == Course::Still { 0.0 } else { 1.0 };
+        let moves = if course == TrackCourse::Still {
+            0.0
+        } else {
+            1.0
+        };
         let [p, q, r] = start.angular;
         let speed = exact::sqrt(p * p + q * q + r * r) * moves;
         let tangent = speed * self.half_substep;
@@ -174,11 +178,11 @@ impl<'a> PrefilterBatch<'a> {
     pub fn test(&mut self, place: u32, case: &PrefilterInput<'a>, late: &mut Vec<u32>) -> bool {
         let track = case.track;
         // A moving body gets an update at this age.
-        if track.course != Course::Still && case.age >= TRACK_AGE_MAX {
+        if track.course != TrackCourse::Still && case.age >= TRACK_AGE_MAX {
             return true;
         }
         let mut coefficients = case.flow.narrow_row(case.age);
-        if track.course == Course::Accelerated {
+        if track.course == TrackCourse::Accelerated {
             let (fall, _) = case.flow.ended(case.age, ACCELERATION_TICKS);
             coefficients[1] = fall as f32;
         }

@@ -10,9 +10,9 @@ use glam::{DQuat, DVec3};
 use rhumb_reckoning::{
     Anchor, BodyState, Conditions, Damping, DenseTrack, Divergence, ErrorPrefilter, FINE_STEPS,
     Grid, Inertia, Integrator, LengthBound, Metres, Motion, POSITION_LIMIT, PredictionX4,
-    PrefilterBody, PrefilterInput, QuantisedState, RESIDUAL_LIMIT, Radians, Rate, Residual,
-    RestCorrection, RotationCursor, Seconds, StepCoefficientTable, TRACK_AGE_MAX, TURN_LIMIT, Tick,
-    Ticks, Tolerance, Track, VELOCITY_LIMIT,
+    PrefilterBody, PrefilterInput, PrefilterTrack, QuantisedState, RESIDUAL_LIMIT, Radians, Rate,
+    Residual, RestCorrection, RotationCursor, Seconds, StepCoefficientTable, TRACK_AGE_MAX,
+    TURN_LIMIT, Tick, Ticks, Tolerance, Track, VELOCITY_LIMIT,
 };
 
 use super::payloads::{body_state, predictor, quantised};
@@ -93,7 +93,7 @@ pub fn prefilter(data: &[u8]) {
     let grid = Grid::new(tolerance, radius);
     let prefilter = ErrorPrefilter::new(tolerance, integrator);
     let mut batch = PredictionX4::default();
-    let (mut shares, mut predicted, mut cases) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut predicted, mut cases) = (Vec::new(), Vec::new());
     for place in 0..4 {
         let track = track(&mut script);
         let tumbles = script.below(8) == 0;
@@ -129,36 +129,64 @@ pub fn prefilter(data: &[u8]) {
             radius,
             conditions: &conditions,
         };
-        cases.push((truth, prefilter.track(&DenseTrack::new(&track), &body), age));
         // Beyond this distance, which no body reaches, the rounding of f64 is coarser than the comparison.
         let is_near = predicted_motion.pose().position.abs().max_element() < FAR;
-        shares.push(if is_near {
+        let share = if is_near {
             tolerance.share(&apart, radius)
         } else {
             0.0
+        };
+        let track = prefilter.track(&DenseTrack::new(&track), &body);
+        cases.push(PrefilterCase {
+            truth,
+            track,
+            age,
+            share,
         });
     }
+    assert_prefilter(&prefilter, &cases, &flow);
+    assert_batch(&mut batch, predicted);
+}
+
+/// A true state beside a track.
+struct PrefilterCase {
+    truth: BodyState,
+    track: Option<PrefilterTrack>,
+    age: Ticks,
+    /// The share of the tolerance that lies between them.
+    share: f64,
+}
+
+/// Asserts that only tracks within the tolerance pass.
+fn assert_prefilter(
+    prefilter: &ErrorPrefilter,
+    cases: &[PrefilterCase],
+    flow: &StepCoefficientTable,
+) {
     let (mut undecided, mut late) = (Vec::new(), Vec::new());
-    let mut tests = prefilter.batch();
-    for (place, (truth, track, age)) in (0..).zip(&cases) {
-        let at_once = track.as_ref().is_none_or(|track| {
-            let case = PrefilterInput {
-                truth,
+    let mut batch = prefilter.batch();
+    for (place, case) in (0..).zip(cases) {
+        let at_once = case.track.as_ref().is_none_or(|track| {
+            let input = PrefilterInput {
+                truth: &case.truth,
                 track,
-                age: *age,
-                flow: &flow,
+                age: case.age,
+                flow,
             };
-            tests.test(place, &case, &mut late)
+            batch.test(place, &input, &mut late)
         });
         undecided.extend(at_once.then_some(place));
     }
-    tests.finish(&mut late);
+    batch.finish(&mut late);
     undecided.extend(late);
-    for (place, share) in shares.into_iter().enumerate() {
-        let passed = !undecided.contains(&(place as u32));
-        assert!(!passed || share <= 1.0, "{place} passed with {share}");
+    for (place, case) in (0..).zip(cases) {
+        let passed = !undecided.contains(&place);
+        assert!(
+            !passed || case.share <= 1.0,
+            "{place} passed with {}",
+            case.share
+        );
     }
-    assert_batch(&mut batch, predicted);
 }
 
 /// Asserts that a batch predicts what single predictions gave, in the same order.
