@@ -16,7 +16,7 @@ PAGE_HEAD = """# Recordings that were imported
 pinned public packages, imports all of them, and writes this page. It is no part of CI.
 
 - *Check* is what [`check`](own-recording.md#check) finds: gravity, substeps, damping (exponential, linear and angular), bodies whose spin
-  wanders and bodies that keep it, and its warnings.
+  wanders, that keep it and that are driven, and its warnings.
 - *Bytes* are those of the file, and of the `.rhtrace.zst` that `import` makes of it: every number of the states, packed.
 - *Updates* are those of a second in `replay` within 10 mm, with `--fit` where the file states no engine.
 
@@ -105,6 +105,8 @@ def checked(text):
         words.append("damping " + " and ".join(f"{float(n):.3f}".replace("-0.000", "0.000") for n in found.groups()))
     if found := re.search(r"spin: (\d+) bodies wander .*, (\d+) keep", text):
         words.append(f"{found[1]} wander, {found[2]} keep their spin")
+    if found := re.search(r"(\d+) bodies turn or accelerate as no free body", text):
+        words.append(f"{found[1]} driven")
     warnings = re.findall(r"^warning: (.*)$", text, re.MULTILINE)
     return "; ".join(words) or "nothing", "; ".join(warning.split(":")[0] for warning in warnings)
 

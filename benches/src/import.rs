@@ -103,7 +103,7 @@ pub fn findings(recording: &Recording) -> Vec<String> {
     let found = fit::find(recording, bodies);
     let rate = recording.integrator.rate;
     let mut lines = vec![format!(
-        "{} bodies that can move, {} frames at {:.6} Hz; {} of {} moving poses are of bodies in free motion",
+        "{} bodies that can move, {} frames at {:.6} Hz; {} of {} moving poses are of bodies that move as free ones do",
         bodies.len(),
         recording.ticks() + 1,
         f64::from(rate.ticks()) / f64::from(rate.seconds()),
@@ -136,10 +136,18 @@ fn engine(
     lines: &mut Vec<String>,
     warnings: &mut Vec<String>,
 ) {
+    if !found.driven.is_empty() {
+        lines.push(format!(
+            "{} bodies turn or accelerate as no free body does: motors, commands or contacts move them, and nothing of the engine follows from them",
+            found.driven.len()
+        ));
+    }
     let Some(gravity) = found.gravity else {
-        warnings.push(
-            "no body is in free motion for eight frames: of the engine nothing is found".to_owned(),
-        );
+        let sentence = match found.driven.is_empty() {
+            true => "no body is in free motion for eight frames: of the engine nothing is found",
+            false => "no body moves as a free one: of the engine nothing is found",
+        };
+        warnings.push(sentence.to_owned());
         return;
     };
     let up = [("x", DVec3::X), ("y", DVec3::Y), ("z", DVec3::Z)].into_iter();
@@ -482,6 +490,60 @@ mod tests {
             text.contains("warning: bodies wander, and the file has no inertia"),
             "{text}"
         );
+    }
+
+    /// Bodies that a program turns, and moves evenly; `lift`: accelerations of each, m/s².
+    fn driven_rows(lift: fn(f64) -> f64) -> Recording {
+        let mut text = "time,body,x,y,z,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz\n".to_owned();
+        let step = 0.01;
+        for body in 0..4 {
+            let side = f64::from(body);
+            let (mut q, mut p) = (DQuat::IDENTITY, DVec3::X * side);
+            let mut v = DVec3::new(1.0, 0.2, 0.0);
+            for frame in 0..200 {
+                let at = f64::from(frame) * step;
+                let w = DVec3::new((3.0 * at).sin(), (2.0 * at + side).cos(), 1.0 + at.sin());
+                let [turn, state] = [
+                    q.to_array().map(|part| part.to_string()).join(","),
+                    [v, w]
+                        .map(|of| of.to_array().map(|part| part.to_string()).join(","))
+                        .join(","),
+                ];
+                text += &format!("{at},b{body},{},{},{},{turn},{state}\n", p.x, p.y, p.z);
+                v.y += lift(side) * step;
+                p += v * step;
+                q = (DQuat::from_scaled_axis(w * step) * q).normalize();
+            }
+        }
+        read_bytes("rows", text.as_bytes(), &ReadOptions::default()).expect("sound")
+    }
+
+    #[test]
+    fn of_bodies_that_motors_turn_neither_moments_nor_centres_are_said() {
+        let recording = driven_rows(|_| 0.0);
+        let found = fit::find(&recording, &fit::paths(&recording).bodies);
+        assert_eq!(found.driven.len(), 4);
+        assert!(
+            found.inertias.is_empty() && found.centres.is_empty(),
+            "{found:?}"
+        );
+        let text = findings(&recording).join("\n");
+        assert!(
+            text.contains("4 bodies turn or accelerate as no free body does"),
+            "{text}"
+        );
+        assert!(
+            text.contains("warning: no body moves as a free one"),
+            "{text}"
+        );
+        assert!(!text.contains("wander"), "{text}");
+    }
+
+    #[test]
+    fn bodies_that_accelerate_differently_say_nothing_of_gravity() {
+        let recording = driven_rows(|side| 5.0 * side);
+        let found = fit::find(&recording, &fit::paths(&recording).bodies);
+        assert_eq!((found.gravity, found.driven.len()), (None, 4));
     }
 
     /// Boxes that keep their axes of spin, in an engine of single precision that damps and then moves.

@@ -4,7 +4,8 @@
 //!
 //! A body is taken as free where its centre accelerates evenly. A fit of least squares to each body's second differences
 //! finds its acceleration and the place that moves so; poses that fit badly are left out, and the fit is repeated. Then the
-//! momentum of free bodies tells their moments, and the change of velocities damping and substeps.
+//! momentum of free bodies tells their moments, and the change of velocities damping and substeps. A body that accelerates
+//! otherwise than most, or whose spin changes as no moments explain, is driven: it tells nothing.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -107,6 +108,8 @@ pub(crate) struct Found {
     pub(crate) inertias: BTreeMap<BodyId, ([f64; 3], DQuat)>,
     /// Bodies that spin freely at a constant spin, whatever their shape.
     pub(crate) constant: BTreeSet<BodyId>,
+    /// Bodies that something drives: they accelerate otherwise than most, or turn as no free body does.
+    pub(crate) driven: BTreeSet<BodyId>,
     /// Share of the linear velocity, and of the angular momentum, that stays after a second.
     pub(crate) kept: Option<[f64; 2]>,
     /// (n + 1) / 2n of n substeps: 1 for one, 0.5 for exact parabolas, 0 where the old velocity moves a body.
@@ -351,33 +354,44 @@ fn fit_flight(path: &BodyPath, frames: &[usize], step_s: f64) -> Option<(DVec3, 
     Some((acceleration, centre, x[6]))
 }
 
+/// Distance of a body's acceleration from that of most, m/s², from which on something drives it.
+const APART: f64 = 0.5;
+
+/// Flights that accelerate alike, and the bodies of the others; no flights if fewer than half are alike.
+fn alike<'a>(
+    flights: Vec<(&'a BodyPath, Flight)>,
+) -> (Vec<(&'a BodyPath, Flight)>, BTreeSet<BodyId>) {
+    let axis = |axis: usize| {
+        let along = flights.iter().map(|(_, flight)| flight.acceleration[axis]);
+        median(along.collect()).unwrap_or_default()
+    };
+    let common = DVec3::new(axis(0), axis(1), axis(2));
+    let all = flights.len();
+    let is_alike = |(_, flight): &(&BodyPath, Flight)| {
+        (flight.acceleration - common).length() <= APART + 0.05 * common.length()
+    };
+    let (mut alike, mut apart): (Vec<_>, Vec<_>) = flights.into_iter().partition(is_alike);
+    if alike.len() * 2 < all {
+        apart.append(&mut alike);
+    }
+    let apart = apart.iter().map(|(path, _)| path.id).collect();
+    (alike, apart)
+}
+
 /// Finds what the poses and velocities of free bodies say.
 pub(crate) fn find(recording: &Recording, paths: &[BodyPath]) -> Found {
     let step_s = recording.integrator.rate.step().seconds();
     let mut found = Found::default();
     let mut accelerations = Vec::new();
     let (mut falls, mut linear, mut angular) = (Vec::new(), Vec::new(), Vec::new());
-    for path in paths {
-        found.free[1] += path
-            .states
-            .windows(2)
-            .filter(|pair| pair[0] != pair[1])
-            .count();
-        let Some(flight) = flight(path, step_s) else {
-            continue;
-        };
-        found.free[0] += flight.free.len();
-        if flight.centre.length() > CENTRE_SHARE * path.radius {
-            found.centres.insert(path.id, flight.centre);
-        }
+    let moving = paths.iter().flat_map(|path| path.states.windows(2));
+    found.free[1] = moving.filter(|pair| pair[0] != pair[1]).count();
+    let flights = paths.iter();
+    let flights = flights.filter_map(|path| Some((path, flight(path, step_s)?)));
+    let (flights, apart) = alike(flights.collect());
+    found.driven = apart;
+    for (path, flight) in flights {
         let pairs = pairs(&flight.free);
-        let kept = (-flight.damping * step_s).exp();
-        accelerations.extend(pairs.iter().map(|frame| {
-            let [before, after] =
-                [0, 1].map(|next| path.states[frame + next].motion().twist().linear);
-            (after / kept - before) / step_s
-        }));
-        linear.push(kept);
         // The first moments tell the damping of the spin, and that tells the moments.
         let spins = |tensor| {
             pairs
@@ -393,8 +407,23 @@ pub(crate) fn find(recording: &Recording, paths: &[BodyPath]) -> Found {
             Some(Moments::Equal) => {
                 found.constant.insert(path.id);
             }
+            Some(Moments::Unexplained) => {
+                found.driven.insert(path.id);
+                continue;
+            }
             None => {}
         }
+        found.free[0] += flight.free.len();
+        if flight.centre.length() > CENTRE_SHARE * path.radius {
+            found.centres.insert(path.id, flight.centre);
+        }
+        let kept = (-flight.damping * step_s).exp();
+        accelerations.extend(pairs.iter().map(|frame| {
+            let [before, after] =
+                [0, 1].map(|next| path.states[frame + next].motion().twist().linear);
+            (after / kept - before) / step_s
+        }));
+        linear.push(kept);
         let tensor = found.inertias.get(&path.id).copied();
         angular.extend(spins(tensor));
         falls.extend(fall_shares(path, &pairs, &flight, step_s));
@@ -429,12 +458,14 @@ fn median(mut values: Vec<f64>) -> Option<f64> {
 enum Moments {
     Equal,
     Unequal([f64; 3], DQuat),
+    /// The spin changes as that of no free body does.
+    Unexplained,
 }
 
 impl Moments {
     const fn tensor(self) -> Option<([f64; 3], DQuat)> {
         match self {
-            Self::Equal => None,
+            Self::Equal | Self::Unexplained => None,
             Self::Unequal(moments, axes) => Some((moments, axes)),
         }
     }
@@ -446,9 +477,23 @@ const EQUAL_SHARE: f64 = 0.01;
 /// Change of a spin in a frame, as a share of it, that is the rounding of an engine in single precision.
 const KEPT_SPIN: f64 = 1e-5;
 
+/// Square of the change of a spin in a frame, as a share of it, that moments need not explain.
+const CHANGE_MIN: f64 = 1e-8;
+
+/// Part of that change that moments may leave unexplained: integrators keep momentum within far less.
+const UNEXPLAINED_MOST: f64 = 0.1;
+
+/// The square of a tensor's momentum, or of its change, by the sums of their products.
+fn quadratic(matrix: &[[f64; 6]; 6], tensor: &[f64; 6]) -> f64 {
+    let rows = matrix.iter().zip(tensor);
+    rows.map(|(row, of)| of * row.iter().zip(tensor).map(|(a, b)| a * b).sum::<f64>())
+        .sum()
+}
+
 /// The moments of inertia with which a body keeps this share of its angular momentum in a frame.
 fn moments(path: &BodyPath, pairs: &[usize], kept: f64) -> Option<Moments> {
     let mut matrix = [[0.0; 6]; 6];
+    let mut whole = [[0.0; 6]; 6];
     let mut spins = 0.0;
     for frame in pairs {
         let [a, b] = [*frame, frame + 1].map(|frame| momentum_rows(&path.states[frame]));
@@ -457,6 +502,7 @@ fn moments(path: &BodyPath, pairs: &[usize], kept: f64) -> Option<Moments> {
             for (i, line) in matrix.iter_mut().enumerate() {
                 for (j, cell) in line.iter_mut().enumerate() {
                     *cell += row[i] * row[j];
+                    whole[i][j] += a[i][axis] * a[j][axis];
                 }
             }
         }
@@ -469,6 +515,9 @@ fn moments(path: &BodyPath, pairs: &[usize], kept: f64) -> Option<Moments> {
     if keeps_spin(path, pairs) {
         return Some(Moments::Equal);
     }
+    let plain = matrix;
+    let change = |tensor: &[f64; 6]| quadratic(&plain, tensor) / quadratic(&whole, tensor);
+    let of_equal = change(&[1.0, 1.0, 1.0, 0.0, 0.0, 0.0]);
     // Moments that the spin does not tell are taken as equal.
     let pull = 1e-9 * spins;
     for (i, line) in matrix.iter_mut().enumerate() {
@@ -478,7 +527,14 @@ fn moments(path: &BodyPath, pairs: &[usize], kept: f64) -> Option<Moments> {
             *cell += pull * (same - mean);
         }
     }
-    let [xx, yy, zz, xy, xz, yz] = least_eigenvector(matrix);
+    let tensor = least_eigenvector(matrix);
+    let left = change(&tensor);
+    // A spin along one axis says nothing of the others: its tensor has no momentum, and NaN explains nothing.
+    let is_explained = left <= UNEXPLAINED_MOST * of_equal;
+    if of_equal > CHANGE_MIN && !is_explained {
+        return Some(Moments::Unexplained);
+    }
+    let [xx, yy, zz, xy, xz, yz] = tensor;
     let trace = xx + yy + zz;
     if trace.abs() < 1e-9 {
         return None;
