@@ -1,4 +1,4 @@
-//! `rhumb-bench plan`: the machines that a service of many scenes and members needs, and the limit that it reaches first.
+//! `rhumb-bench plan`: the machines that a service needs, and its first limit.
 //!
 //! Draws where members are, places scenes on servers and members on edges, and adds up. The costs are arguments: their
 //! defaults were measured, and `rhumb-bench load` and `cost` measure those of other scenes. No packet is simulated, and a
@@ -258,7 +258,7 @@ struct Shares {
     member: Use,
     /// A member of an edge.
     observer: Use,
-    /// A scene at an edge, whoever asked for it.
+    /// A scene at an edge.
     mirror: Use,
     /// Processor cores of a full machine.
     cores: f64,

@@ -63,7 +63,7 @@ pub struct FedRequest {
     pub command: Command,
     /// Its member's session, which may continue over another connection.
     pub(crate) session: Option<SessionNumber>,
-    answered: Answered,
+    answered: AnswerFlag,
 }
 
 impl FedRequest {
@@ -80,7 +80,7 @@ impl FedRequest {
             number,
             command,
             session: None,
-            answered: Answered::default(),
+            answered: AnswerFlag::default(),
         }
     }
 
@@ -91,9 +91,9 @@ impl FedRequest {
 
 /// True once a request has its answer; the clones of a request share it.
 #[derive(Clone, Debug, Default)]
-struct Answered(Arc<AtomicBool>);
+struct AnswerFlag(Arc<AtomicBool>);
 
-impl PartialEq for Answered {
+impl PartialEq for AnswerFlag {
     fn eq(&self, other: &Self) -> bool {
         Arc::ptr_eq(&self.0, &other.0)
     }
@@ -324,7 +324,7 @@ impl Feed {
         )
     }
 
-    fn answer(&self, answered: &Answered, answer: FedAnswer) -> Result<(), AnsweredBefore> {
+    fn answer(&self, answered: &AnswerFlag, answer: FedAnswer) -> Result<(), AnsweredBefore> {
         if answered.0.swap(true, Ordering::Relaxed) {
             return Err(AnsweredBefore);
         }
@@ -376,7 +376,7 @@ impl FedScene {
         kept.push_back(refusal);
     }
 
-    /// Takes the refusals that a session's member has not heard of.
+    /// Takes the refusals that a session's member has not received.
     pub(crate) fn take_refusals(
         &mut self,
         session: SessionNumber,

@@ -179,7 +179,7 @@ impl RunningScene {
         }
     }
 
-    /// Sends a member that came back the refusals that it has not heard of.
+    /// Sends a member that came back the refusals that it has not received.
     pub(super) fn repeat_fed_refusals(&mut self, peer: Peer, clients: &mut Clients) {
         let session = clients.member(peer).and_then(|member| member.session);
         if let (Some(fed), Some(session)) = (&mut self.fed, session) {

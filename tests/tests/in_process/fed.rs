@@ -415,6 +415,12 @@ fn ask(owner: &mut Owner, follower: &mut Client) -> (BodyId, FedRequest) {
     (wanted, request)
 }
 
+/// Hands the states of a tick over.
+fn hand(owner: &mut Owner, tick: u64, states: &[(BodyId, BodyState)]) -> Result<(), ClientError> {
+    let tick = Tick::new(tick);
+    owner.client.feed(tick, states, FedVelocities::Given)
+}
+
 fn at_five(body: BodyId) -> [(BodyId, BodyState); 1] {
     let state = BodyState::new([5.0; 3], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
     [(body, state.expect("finite"))]
@@ -432,7 +438,7 @@ fn a_request_has_one_answer() {
     assert!(answered(client.accept_request(request.clone())));
     let reason = CommandError::NotAllowed;
     assert!(answered(client.refuse_request(request, reason)));
-    let fed = client.feed(Tick::new(1), &at_five(wanted), FedVelocities::Given);
+    let fed = hand(&mut owner, 1, &at_five(wanted));
     fed.expect("the body is there");
     follower.poll().expect("nothing was refused");
     assert!(follower.view().position(wanted).is_some());
@@ -447,15 +453,13 @@ fn an_accepted_request_whose_member_has_left_is_refused_to_the_owner_and_harms_n
     drop(gone);
     let mut follower = server.connect().join(NAME).expect("joined");
     owner.client.accept_request(request).expect("open");
-    let fed = owner.client.feed(Tick::new(1), &[], FedVelocities::Given);
+    let fed = hand(&mut owner, 1, &[]);
     let Err(ClientError::Refused(refused)) = fed else {
         panic!("{fed:?}");
     };
     assert_eq!(refused.first().body, Some(unborn));
     let states = at_five(unborn);
-    let unknown = owner
-        .client
-        .feed(Tick::new(2), &states, FedVelocities::Given);
+    let unknown = hand(&mut owner, 2, &states);
     assert!(matches!(
         unknown,
         Err(ClientError::Feed(FeedError::UnknownBody { .. }))
@@ -463,9 +467,7 @@ fn an_accepted_request_whose_member_has_left_is_refused_to_the_owner_and_harms_n
     let (wanted, request) = ask(&mut owner, &mut follower);
     assert_eq!(wanted, unborn, "the index is free again");
     owner.client.accept_request(request).expect("open");
-    let fed = owner
-        .client
-        .feed(Tick::new(2), &at_five(wanted), FedVelocities::Given);
+    let fed = hand(&mut owner, 2, &at_five(wanted));
     fed.expect("the body is there");
     follower.poll().expect("it did nothing wrong");
     assert!(follower.view().position(wanted).is_some());
@@ -479,12 +481,10 @@ fn a_body_of_the_owner_that_the_scene_refuses_is_an_error_and_is_fed_no_more() {
     let motion = at_five(desc.id)[0].1;
     let added = owner.client.command(Command::AddBody { desc, motion });
     added.expect("a sound command");
-    let fed = owner.client.feed(Tick::new(1), &[], FedVelocities::Given);
+    let fed = hand(&mut owner, 1, &[]);
     assert!(matches!(fed, Err(ClientError::Refused(_))), "{fed:?}");
     let states = at_five(desc.id);
-    let fed = owner
-        .client
-        .feed(Tick::new(2), &states, FedVelocities::Given);
+    let fed = hand(&mut owner, 2, &states);
     assert!(matches!(
         fed,
         Err(ClientError::Feed(FeedError::UnknownBody { .. }))
@@ -522,7 +522,7 @@ fn the_owner_feeds_its_bodies_and_pushes_none() {
     let id = *owner.fed.keys().next().expect("one");
     let pushed = owner.client.command(Command::Wake { id });
     let number = pushed.expect("open");
-    let fed = owner.client.feed(Tick::new(1), &[], FedVelocities::Given);
+    let fed = hand(&mut owner, 1, &[]);
     assert!(matches!(fed, Err(ClientError::Refused(_))), "{fed:?}");
     let refused = std::iter::from_fn(|| owner.client.poll_event()).any(|(_, event)| {
         event

@@ -1,4 +1,4 @@
-//! Messages of an edge to its own subscribers, made from its tracks (PROTOCOL 14).
+//! Messages of an edge to its subscribers, from its tracks (PROTOCOL 14).
 //!
 //! An edge forwards the packets of a stream as they are. Its subscriber has the publisher's tracks, so that it makes snapshots,
 //! refreshes and watermarks in the publisher's place. Encodes no updates, and knows no receivers. Invariant: what it says is
