@@ -348,7 +348,7 @@ pub(crate) struct FedScene {
     feed: Arc<SharedFeed>,
     /// The owner's commands that were applied or refused.
     commands: u64,
-    /// When states were taken last; `None` before the first ones.
+    /// When states were taken last; before the first ones, when the scene got a member.
     fed: Option<Instant>,
     /// While the owner is silent: the first tick without states, and the bodies that members know to be concerned.
     silence: Option<(Tick, Vec<BodyId>)>,
@@ -432,6 +432,21 @@ impl FedScene {
     /// True if the owner counts as silent from now on.
     pub(crate) fn is_overdue(&self, now: Instant, stepping: Stepping) -> bool {
         self.silent_at(stepping).is_some_and(|at| at <= now)
+    }
+
+    /// Notes that the scene has its first member: silence counts from now on.
+    pub(crate) fn begin(&mut self, now: Instant) {
+        self.fed.get_or_insert(now);
+    }
+
+    /// Notes a body that comes; returns its scene event if the owner is silent.
+    pub(crate) fn include(&mut self, id: BodyId) -> Option<SceneEvent> {
+        let (since, bodies) = self.silence.as_mut()?;
+        bodies.push(id);
+        Some(SceneEvent::PublisherSilent {
+            since: *since,
+            bodies: vec![id],
+        })
     }
 
     /// Notes a command that is applied or refused now.

@@ -122,7 +122,10 @@ impl RunningScene {
         match *command {
             Command::AddShape { id, ref shape } => self.announce_shape(id, shape.clone()),
             Command::RemoveShape { id } => self.forget_shape(id),
-            Command::AddBody { desc, motion } => self.place(desc, motion, Activity::Awake),
+            Command::AddBody { desc, motion } => {
+                self.place(desc, motion, Activity::Awake);
+                self.announce_silence(&desc);
+            }
             Command::ChangeBody { desc } => {
                 if let Some(there) = self.scene.observation_at_tick(desc.id) {
                     self.place(desc, there.motion, there.activity);

@@ -5,7 +5,7 @@
 //! the owner has accepted it.
 
 use rhumb_protocol::message::{SceneEvent, ServerMessage};
-use rhumb_protocol::scene::{BodyKind, Command, CommandError};
+use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, CommandError};
 use rhumb_protocol::{Instant, Peer};
 
 use super::RunningScene;
@@ -82,6 +82,10 @@ fn check_request(command: &Command, scene: &Scene) -> Result<(), CommandError> {
         (_, Some(id)) if scene.body(id).is_some() => Ok(()),
         (_, Some(id)) => Err(CommandError::UnknownBody(id)),
     }
+}
+
+fn can_move(body: &BodyDesc) -> bool {
+    body.enabled && body.kind != BodyKind::Fixed
 }
 
 impl RunningScene {
@@ -203,8 +207,15 @@ impl RunningScene {
             return Vec::new();
         }
         tracing::warn!(%tick, "the owner of a fed scene is silent: its bodies are where they were");
-        let bodies = self.scene.bodies();
-        let can_move = bodies.filter(|body| body.enabled && body.kind != BodyKind::Fixed);
-        fed.note_silent(tick, can_move.map(|body| body.id).collect())
+        let bodies = self.scene.bodies().filter(|body| can_move(body));
+        fed.note_silent(tick, bodies.map(|body| body.id).collect())
+    }
+
+    /// Informs members of a body that comes while the owner is silent.
+    pub(super) fn announce_silence(&mut self, body: &BodyDesc) {
+        let fed = self.fed.as_mut().filter(|_| can_move(body));
+        if let Some(event) = fed.and_then(|fed| fed.include(body.id)) {
+            self.record_event(event);
+        }
     }
 }

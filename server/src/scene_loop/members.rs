@@ -81,7 +81,10 @@ impl RunningScene {
             self.answer_durably(peer, clients);
         }
         self.tell_standing(peer, clients);
-        if self.scene.tick() == Tick::ZERO && self.fed.is_some() {
+        if self.scene.tick() == Tick::ZERO
+            && let Some(fed) = &mut self.fed
+        {
+            fed.begin(now);
             self.last_step = now;
         } else if self.next_step.is_none() && self.fed.is_none() {
             self.last_step = now;

@@ -15,6 +15,7 @@ mod copy_queries;
 mod edge_members;
 mod edges;
 mod fed;
+mod fed_members;
 mod hostile;
 mod joints;
 mod lockstep_views;
