@@ -6,6 +6,7 @@
 use std::sync::Arc;
 
 use bytes::Bytes;
+use rhumb_protocol::Instant;
 use rhumb_protocol::message::{
     AuthorityError, ClientMessage, Denial, ServerMessage, SessionState, StreamChoice, TickEvents,
 };
@@ -32,6 +33,10 @@ pub(crate) struct EdgeClient {
     pub(crate) scene: Option<SceneName>,
     /// True for one whose role is asked for by a token.
     pub(crate) has_token: bool,
+    /// When its token ends, as far as that can be read of it.
+    pub(crate) token_ends: Option<Instant>,
+    /// When it is closed, and why: without a hello, or an observer when its token ends.
+    pub(crate) deadline: Option<(Instant, CloseCode)>,
     /// True once it was welcomed.
     pub(crate) is_greeted: bool,
     /// Its connection to the owner; `None` for an observer.
@@ -188,7 +193,7 @@ pub(crate) enum Action {
     /// The mirror asks the owner.
     Ask(ClientMessage),
     /// The scene's time.
-    Time(rhumb_protocol::Instant),
+    Time(Instant),
     /// The client joins.
     Join(StreamChoice),
     /// It gets another snapshot.
@@ -260,13 +265,20 @@ impl EdgeMember {
 }
 
 impl EdgeClient {
-    pub(crate) const fn new(control: ControlStream, permit: Arc<Permit>) -> Self {
+    /// Its hello has to come by `hello_until`.
+    pub(crate) const fn new(
+        control: ControlStream,
+        permit: Arc<Permit>,
+        hello_until: Instant,
+    ) -> Self {
         Self {
+            deadline: Some((hello_until, CloseCode::HELLO_LATE)),
             control,
             permit,
             is_shared: false,
             scene: None,
             has_token: false,
+            token_ends: None,
             is_greeted: false,
             voice: None,
             joining: None,

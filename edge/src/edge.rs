@@ -13,7 +13,9 @@ use rhumb_protocol::message::{
 use rhumb_protocol::packet::{Datagram, LossReport, PacketKind};
 use rhumb_protocol::scene::{IdRange, SceneName};
 use rhumb_protocol::session::{CloseCode, TransportCode};
-use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake, WakeReason};
+use rhumb_protocol::{
+    Ending, Endpoint, Instant, LinkReport, Peer, Span, Transmit, Wake, WakeReason,
+};
 use rhumb_reckoning::Tolerance;
 use rhumb_scene::{ControlStream, Limits, PendingOutput, Permit};
 
@@ -43,6 +45,9 @@ pub struct EdgeSettings {
     pub permit: Arc<Permit>,
     /// True if a client of an owner that asks for no token is refused.
     pub asks_tokens: bool,
+    /// The time for which a token is valid, by its own words: the owner has verified it. An observer is closed after that time;
+    /// where it is `None`, the observer keeps its connection to the owner, which ends it.
+    pub token_life: fn(&[u8]) -> Option<Span>,
 }
 
 /// An edge.
@@ -145,7 +150,11 @@ impl Edge {
                     scene, extensions, ..
                 }) = message
                 {
-                    client.has_token = extensions.value(Extension::TOKEN).is_some();
+                    let token = extensions.value(Extension::TOKEN);
+                    let life = token.and_then(self.settings.token_life);
+                    client.has_token = token.is_some();
+                    client.token_ends = life.map(|life| now + life);
+                    client.deadline = None;
                     client.scene = Some(scene.clone());
                     if client.permit.role == Role::Observer {
                         self.learn_of(now, peer, &scene);
@@ -555,8 +564,10 @@ impl Edge {
         }
         session.welcome(welcome.scene, role);
         if role == Some(Role::Observer)
+            && let Some(ends) = client.token_ends
             && let Some(mut voice) = client.voice.take()
         {
+            client.deadline = Some((ends, CloseCode::TOKEN_EXPIRED));
             voice.close(CloseCode::DONE.0);
             self.owners.end_voice(voice);
         }
@@ -620,7 +631,8 @@ impl Edge {
         }
     }
 
-    /// The next moment at which there is something to do: for the owners, or when a client may get the snapshot that is ready.
+    /// The next moment at which there is something to do: for the owners, when a client may get the snapshot that is ready, or
+    /// when one is closed.
     fn next_wake(&self) -> Option<Wake> {
         let clients = self.clients.by_peer.values();
         let ready = clients.filter(|client| self.owners.source_for(client).is_some());
@@ -629,7 +641,15 @@ impl Edge {
             at,
             reason: WakeReason::Snapshot,
         });
-        let wakes = [at, self.owners.next_wake()].into_iter().flatten();
+        let clients = self.clients.by_peer.values();
+        let deadlines = clients.filter_map(|client| Some(client.deadline?.0));
+        let deadline = deadlines.min().map(|at| Wake {
+            at,
+            reason: WakeReason::Deadline,
+        });
+        let wakes = [at, deadline, self.owners.next_wake()]
+            .into_iter()
+            .flatten();
         wakes.min_by_key(|wake| wake.at)
     }
 
@@ -638,8 +658,21 @@ impl Edge {
         for id in self.owners.wake(now) {
             self.serve_mirror(now, id);
         }
+        self.close_late(now);
         self.close_unused(now);
         self.send_snapshots(now);
+    }
+
+    /// Closes the clients whose deadline is over.
+    fn close_late(&mut self, now: Instant) {
+        for client in self.clients.by_peer.values_mut() {
+            let over = client.deadline.take_if(|(at, _)| *at <= now);
+            if let Some((_, code)) = over
+                && let Some(session) = client.control.session(&mut self.out)
+            {
+                session.close(code);
+            }
+        }
     }
 }
 
@@ -648,7 +681,8 @@ impl Endpoint for Edge {
         self.out.at(now);
         let seed = now.as_nanos() ^ peer.0.rotate_left(48);
         let control = ControlStream::new(peer, Grease::new(seed), now);
-        let client = EdgeClient::new(control, Arc::clone(&self.settings.permit));
+        let hello_until = now + Span::from_millis(self.settings.limits.hello_seconds * 1_000);
+        let client = EdgeClient::new(control, Arc::clone(&self.settings.permit), hello_until);
         self.clients.by_peer.insert(peer, client);
     }
 

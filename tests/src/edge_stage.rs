@@ -163,6 +163,7 @@ impl EdgeStage {
             token: None,
             permit: Arc::new(permit),
             asks_tokens: false,
+            token_life: |_| Some(Span::from_millis(3_600_000)),
         };
         let shared = Rc::new(RefCell::new(EdgeState {
             edge: Edge::new(settings),

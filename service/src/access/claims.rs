@@ -247,10 +247,15 @@ impl Claims {
         {
             return Err(TokenError::NotYet(nbf.clone()));
         }
+        let left = self.seconds_to_end(now);
+        left.ok_or_else(|| TokenError::Expired(self.exp.clone()))
+    }
+
+    /// The seconds until it ends, other clocks allowed for; `None` if it has ended.
+    pub(crate) fn seconds_to_end(&self, now: i64) -> Option<u64> {
         let ends = seconds(&self.exp).unwrap_or(i64::MIN);
         let left = ends.saturating_add(SKEW_SECONDS).saturating_sub(now);
-        let left = u64::try_from(left).ok().filter(|left| *left > 0);
-        left.ok_or_else(|| TokenError::Expired(self.exp.clone()))
+        u64::try_from(left).ok().filter(|left| *left > 0)
     }
 
     /// The permit for a scene, and the seconds for which it is valid.

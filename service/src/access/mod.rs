@@ -461,6 +461,15 @@ impl TokenKeys {
     }
 }
 
+/// The seconds for which a token is valid by its own words; `None` if it cannot be read or has ended. For a
+/// token that another server has verified.
+pub(crate) fn stated_seconds_left(token: &[u8], now: i64) -> Option<u64> {
+    let text = std::str::from_utf8(token).ok()?;
+    let token = UntrustedToken::<Public, V4>::try_from(text).ok()?;
+    let payload = std::str::from_utf8(token.untrusted_payload()).ok()?;
+    Claims::parse(payload).ok()?.seconds_to_end(now)
+}
+
 /// Reads keys from files. One that several files hold signs for the scenes of all of them; different keys have different
 /// issuers.
 fn read_all(files: &[KeyFile]) -> Result<Vec<ScopedKey>, KeyError> {

@@ -13,6 +13,7 @@ use std::sync::atomic::Ordering;
 
 use clap::Args;
 use rhumb_edge::{Edge, EdgeSettings};
+use rhumb_protocol::Span;
 use rhumb_protocol::message::{Role, Token};
 use rhumb_scene::{Heartbeat, Limits, Permit, ServerLoad};
 use rhumb_transport::{
@@ -23,10 +24,11 @@ use tracing::level_filters::LevelFilter;
 use self::driver::{EdgeDriver, OwnerServer};
 use self::fan_out::Sharing;
 pub use self::fan_out::{Deliver, FanOut, FanOutSide};
+use crate::access;
 use crate::http::{self, TcpService};
 use crate::log;
 use crate::metrics::Metrics;
-use crate::serve::{Identity, RunError, bind_metrics};
+use crate::serve::{Identity, RunError, bind_metrics, seconds_since_1970};
 use crate::signals;
 use crate::start::{kind_of, write_lines};
 
@@ -138,6 +140,10 @@ impl EdgeArguments {
                 ..Permit::OPEN
             }),
             asks_tokens: !self.open_to_network && !self.listen.ip().is_loopback(),
+            token_life: |token| {
+                let seconds = access::stated_seconds_left(token, seconds_since_1970())?;
+                Some(Span::from_millis(seconds.saturating_mul(1_000)))
+            },
         })
     }
 }

@@ -8,7 +8,9 @@ use std::sync::Arc;
 
 use rhumb_edge::{Edge, EdgeSettings, MIRRORS_MAX};
 use rhumb_netsim::LinkConfig;
-use rhumb_protocol::message::{AuthorityError, Role, SessionKey, StreamChoice};
+use rhumb_protocol::message::{
+    AuthorityError, Extensions, Role, ServerMessage, SessionKey, StreamChoice, VERSIONS, Welcome,
+};
 use rhumb_protocol::scene::{Command, CommandError, Stepping};
 use rhumb_protocol::session::{ClientSession, CloseCode};
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
@@ -21,6 +23,9 @@ const NORMAL: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
 /// The tolerance of an upstream.
 const CLOSE: Tolerance = Tolerance::FINE;
 
+/// Of the tokens of its observers.
+const TOKEN_LIFE: Span = Span::from_millis(42_000);
+
 /// An edge of observers, and the connections that it has to its owner.
 struct Crowded {
     edge: Edge,
@@ -32,16 +37,20 @@ struct Crowded {
 
 impl Crowded {
     fn new() -> Self {
-        let permit = Permit {
+        Self::with(Permit {
             role: Role::Observer,
             ..Permit::OPEN
-        };
+        })
+    }
+
+    fn with(permit: Permit) -> Self {
         Self {
             edge: Edge::new(EdgeSettings {
                 limits: Limits::default(),
                 token: None,
                 permit: Arc::new(permit),
                 asks_tokens: false,
+                token_life: |_| Some(TOKEN_LIFE),
             }),
             now: Instant::ZERO,
             links: BTreeSet::new(),
@@ -54,6 +63,10 @@ impl Crowded {
     fn enter(&mut self, number: u64) {
         let name = format!("crowd/{number}");
         let mut session = ClientSession::new(name.parse().expect("a valid scene name"));
+        self.admit(number, &mut session);
+    }
+
+    fn admit(&mut self, number: u64, session: &mut ClientSession) {
         session.handle_opened(self.now, Peer(0));
         self.edge.handle_opened(self.now, Peer(number));
         while let Some(transmit) = session.poll_transmit() {
@@ -120,6 +133,62 @@ fn clients_that_come_and_go_leave_few_connections_behind() {
     }
     assert_eq!(crowd.refused, 0);
     assert_eq!(crowd.most_links, MIRRORS_MAX);
+}
+
+/// The codes with which an edge closes its clients now.
+fn closed(edge: &mut Edge, now: Instant) -> Vec<u32> {
+    edge.handle_timeout(now);
+    let sent = std::iter::from_fn(|| edge.poll_transmit());
+    let codes = sent.filter_map(|transmit| match transmit {
+        Transmit::Close { code, .. } => Some(code),
+        _ => None,
+    });
+    codes.collect()
+}
+
+#[test]
+fn a_client_that_says_no_hello_is_closed() {
+    let mut crowd = Crowded::new();
+    let silent = Peer(1);
+    crowd.edge.handle_opened(crowd.now, silent);
+    crowd.edge.handle_control(crowd.now, silent, &[0]);
+    let late = crowd.now + Span::from_millis(1_000 * Limits::default().hello_seconds);
+    let at = crowd.edge.poll_timeout().map(|wake| wake.at);
+    assert_eq!(at, Some(late));
+    assert_eq!(closed(&mut crowd.edge, crowd.now), []);
+    assert_eq!(closed(&mut crowd.edge, late), [CloseCode::HELLO_LATE.0]);
+    crowd.enter(2);
+    let later = late + Span::from_millis(60_000);
+    assert_eq!(closed(&mut crowd.edge, later), [], "it has said its own");
+}
+
+#[test]
+fn an_observer_is_closed_when_its_token_ends() {
+    let mut crowd = Crowded::with(Permit::OPEN);
+    let mut session = ClientSession::new("crowd/1".parse().expect("a valid scene name"));
+    session.set_token("v4.public.any".parse().expect("printable"));
+    crowd.admit(1, &mut session);
+    let link = crowd.links.first().copied().expect("the owner is asked");
+    let mut extensions = Extensions::NONE;
+    assert!(extensions.insert(Role::Observer.extension()));
+    let mut welcome = Vec::new();
+    ServerMessage::Welcome(Welcome {
+        version: VERSIONS[0],
+        scene: None,
+        extensions,
+    })
+    .encode(&mut welcome);
+    let now = crowd.now;
+    crowd.edge.owner().handle_control(now, link, &welcome);
+    crowd.drive();
+    assert!(
+        crowd.links.is_empty(),
+        "an observer needs the owner no more"
+    );
+    let before = now + Span::from_millis(40_000);
+    assert_eq!(closed(&mut crowd.edge, before), []);
+    let ended = now + TOKEN_LIFE;
+    assert_eq!(closed(&mut crowd.edge, ended), [CloseCode::TOKEN_EXPIRED.0]);
 }
 
 /// A commander and an observer of an edge whose packets come by a fan-out, and a member of the owner.

@@ -11,7 +11,7 @@ mod primitives;
 
 use std::rc::Rc;
 
-use glam::{DMat3, DMat4, DQuat, DVec3};
+use glam::{DMat3, DMat4, DQuat, DVec3, DVec4};
 use rhumb_protocol::limits::BODIES_MAX;
 use rhumb_protocol::scene::CollisionGroups;
 use serde_json::{Map, Value};
@@ -548,8 +548,8 @@ impl Reader<'_> {
         world: &DMat4,
         body: Option<usize>,
     ) -> Result<(), Problem> {
-        let axes = [world.x_axis, world.y_axis, world.z_axis].map(|axis| axis.truncate());
-        let [x, y, z] = axes.map(|axis| axis.normalize_or_zero());
+        let axes = [world.x_axis, world.y_axis, world.z_axis].map(DVec4::truncate);
+        let [x, y, z] = axes.map(DVec3::normalize_or_zero);
         if [x.dot(y), y.dot(z), z.dot(x)]
             .iter()
             .any(|cosine| cosine.abs() > SQUARE)
