@@ -555,9 +555,9 @@ fn first_break(scenes: &[Scene], needs: impl Fn(&Scene, u32) -> Use) -> Option<B
     while breaks - holds > 1 {
         let times = holds.midpoint(breaks);
         if worst(times).is_some() {
-            breaks = times
+            breaks = times;
         } else {
-            holds = times
+            holds = times;
         }
     }
     worst(breaks).map(|(scene, (_, limit))| Break {

@@ -398,7 +398,7 @@ impl EdgesLoad {
     /// Text of a block of the documents; `None` if the block does not exist.
     #[must_use]
     pub fn block(&self, what: &str) -> Option<String> {
-        let [before, with] = self.machine_load.map(|load| number(load));
+        let [before, with] = self.machine_load.map(number);
         match what {
             "command" => Some(format!(
                 "{}\n\nThe machine's load was {before} before, and {with} with the edges.",

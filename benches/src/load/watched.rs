@@ -128,7 +128,12 @@ impl Watchers {
                 complete: Tick::ZERO,
                 back_from: None,
             };
-            while !shared.stop.load(Ordering::Relaxed) && member.look(&shared, &ids) {}
+            // A look waits for what comes.
+            while member.look(&shared, &ids) {
+                if shared.stop.load(Ordering::Relaxed) {
+                    break;
+                }
+            }
         }));
     }
 

@@ -358,9 +358,7 @@ fn fit_flight(path: &BodyPath, frames: &[usize], step_s: f64) -> Option<(DVec3, 
 const APART: f64 = 0.5;
 
 /// Flights that accelerate alike, and the bodies of the others; no flights if fewer than half are alike.
-fn alike<'a>(
-    flights: Vec<(&'a BodyPath, Flight)>,
-) -> (Vec<(&'a BodyPath, Flight)>, BTreeSet<BodyId>) {
+fn alike(flights: Vec<(&BodyPath, Flight)>) -> (Vec<(&BodyPath, Flight)>, BTreeSet<BodyId>) {
     let axis = |axis: usize| {
         let along = flights.iter().map(|(_, flight)| flight.acceleration[axis]);
         median(along.collect()).unwrap_or_default()

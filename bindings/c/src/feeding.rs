@@ -164,13 +164,12 @@ unsafe fn optional_rows<'a, const WIDTH: usize>(
     count: usize,
     argument: &'static str,
 ) -> Result<Option<Rows<'a, WIDTH>>, BindingError> {
-    match pointer.is_null() {
-        true => Ok(None),
-        // SAFETY: the caller promises the rows.
-        false => {
-            unsafe { elements(pointer.cast(), count, argument) }.map(|rows| Some(Rows::Each(rows)))
-        }
+    if pointer.is_null() {
+        return Ok(None);
     }
+    // SAFETY: the caller promises the rows.
+    let rows = unsafe { elements(pointer.cast(), count, argument) }?;
+    Ok(Some(Rows::Each(rows)))
 }
 
 /// The kind of a request. Those that move a body are answered by what is fed; those that add, change or remove something

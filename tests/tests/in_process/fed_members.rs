@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 use rhumb_client::{BodyId, BodyState, Event, FedVelocities, StreamChoice, Tick, Tolerance};
-use rhumb_protocol::message::{AuthorityError, QueryError, SessionKey};
+use rhumb_protocol::message::{AuthorityError, Denial, QueryError, SessionKey};
 use rhumb_protocol::scene::{
     BodyDesc, Command, CommandError, IdRange, Query, SceneConfig, Shape, ShapeId, Stepping,
 };
