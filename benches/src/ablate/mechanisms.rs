@@ -88,7 +88,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         code: &[
             "reckoning/src/motion.rs#fn attached_motion, fn relative_to",
             "protocol/src/stream/publisher/body_check.rs#const PARENT_CANDIDATES_MAX, const PARENT_SIZE_RATIO, const PARENT_REACH, struct LargeBody, struct ObservedParent, struct ParentCandidates, impl ParentCandidates, struct ChildCounts, impl ChildCounts",
-            "protocol/src/stream/publisher.rs#fn collect_other_parents",
+            "protocol/src/stream/publisher/scan.rs#fn collect_other_parents",
             "protocol/src/packet/payload.rs#fn write_parent, fn read_parent_age",
         ],
         requirements: &[
