@@ -490,7 +490,7 @@ typedef uint32_t RhumbEventKind;
 #endif // __STDC_VERSION__ >= 202311L
 #endif // __cplusplus
 
-// What a request asks for. Those that move a body are answered by what is fed; those that add, change or remove something
+// The kind of a request. Those that move a body are answered by what is fed; those that add, change or remove something
 // change the scene once they are accepted.
 enum RhumbRequestKind
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -1354,7 +1354,8 @@ RhumbCode rhumb_serve_fed(const char *name,
 //
 // A body that is left out rests where it is. So does one that is fed at one pose without a velocity for five ticks; resting
 // bodies cost nothing. Commands that were queued before act first. `tick` may be null; otherwise it receives the tick of the
-// states. What is wrong is `RHUMB_CODE_INVALID`, and nothing of the call is fed.
+// states. What is wrong is `RHUMB_CODE_INVALID`, and nothing of the call is fed. `RHUMB_CODE_REFUSED` names what the scene
+// refused since the last call, commands of this client and requests that it accepted; the states are fed.
 //
 // Followers see every pose within their tolerance. How many bytes that takes depends on gravity and substeps of
 // RhumbJoinOptions, and on mass, moments, damping and gravity scale of RhumbBodyDesc.
@@ -1375,8 +1376,9 @@ RhumbCode rhumb_scene_feed(struct RhumbScene scene,
 // `request` points to memory for a `RhumbRequest`.
 RhumbCode rhumb_scene_poll_request(struct RhumbScene scene, struct RhumbRequest *request);
 
-// Has the scene change as another member asked; `request` is the field of that name. The member is refused after all if the
-// scene cannot. A request that was answered is `RHUMB_CODE_INVALID`.
+// Has the scene change as another member asked; `request` is the field of that name. If the scene cannot, or the member has
+// left, the member is refused after all, and the next `rhumb_scene_feed` is `RHUMB_CODE_REFUSED`. A request that was answered
+// is `RHUMB_CODE_INVALID`.
 RhumbCode rhumb_scene_accept_request(struct RhumbScene scene,
                                      uint64_t request);
 

@@ -151,7 +151,15 @@ fn a_client_that_says_no_hello_is_closed() {
     let mut crowd = Crowded::new();
     let silent = Peer(1);
     crowd.edge.handle_opened(crowd.now, silent);
-    crowd.edge.handle_control(crowd.now, silent, &[0]);
+    let mut session = ClientSession::new("crowd/1".parse().expect("a valid scene name"));
+    session.handle_opened(crowd.now, Peer(0));
+    let sent = std::iter::from_fn(|| session.poll_transmit());
+    let hello = sent.filter_map(|transmit| match transmit {
+        Transmit::Control { bytes, .. } => Some(bytes),
+        _ => None,
+    });
+    let begun = hello.collect::<Vec<_>>().concat();
+    crowd.edge.handle_control(crowd.now, silent, &begun[..1]);
     let late = crowd.now + Span::from_millis(1_000 * Limits::default().hello_seconds);
     let at = crowd.edge.poll_timeout().map(|wake| wake.at);
     assert_eq!(at, Some(late));
