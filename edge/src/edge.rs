@@ -4,6 +4,8 @@
 //! Two faces, one state: [`Edge`] is the endpoint of its clients, [`OwnerSide`] that of its connections to owners. Invariants: a
 //! mirror forwards a packet to each member once, as it came; no message of a client is answered before those it sent earlier.
 
+mod owner_side;
+
 use std::sync::Arc;
 
 use bytes::Bytes;
@@ -22,9 +24,11 @@ use rhumb_scene::{ControlStream, Limits, PendingOutput, Permit};
 use crate::client::{Action, EdgeClient, EdgeMember, Joining, MirrorId};
 use crate::clients::Clients;
 use crate::mirror::{Forward, Mirror};
-use crate::owners::{Dial, LinkUse, MIRRORS_MAX, Owners, to_link};
+use crate::owners::{Dial, LinkUse, MIRRORS_MAX, Owners};
 use crate::shared_queue::{SharedPacket, SharedQueue, SharedStream};
 use crate::voice::{Reply, Voice};
+
+pub use self::owner_side::OwnerSide;
 
 /// Bytes of a client that wait for the owner beyond which no more are read.
 const UNREAD_BYTES: usize = 64 << 10;
@@ -58,9 +62,6 @@ pub struct Edge {
     owners: Owners,
     shared: SharedQueue,
 }
-
-/// The face of an edge to owners.
-pub struct OwnerSide<'a>(&'a mut Edge);
 
 impl Edge {
     /// An edge without clients.
@@ -781,53 +782,5 @@ impl Endpoint for Edge {
 
     fn poll_timeout(&self) -> Option<Wake> {
         self.next_wake()
-    }
-}
-
-impl Endpoint for OwnerSide<'_> {
-    fn handle_opened(&mut self, now: Instant, peer: Peer) {
-        let opened = |mirror: &mut Mirror| mirror.handle_opened(now);
-        self.0.heed(now, peer, opened, Voice::handle_opened);
-    }
-
-    fn handle_control(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
-        let of_voice = |voice: &mut Voice| voice.handle_control(bytes);
-        let of_mirror = |mirror: &mut Mirror| mirror.handle_control(now, bytes);
-        self.0.heed(now, from, of_mirror, of_voice);
-    }
-
-    fn handle_datagram(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
-        let shared = || Bytes::copy_from_slice(bytes);
-        let of_mirror = |mirror: &mut Mirror| mirror.handle_datagram(now, shared());
-        let of_voice = |voice: &mut Voice| voice.handle_datagram(bytes);
-        self.0.heed(now, from, of_mirror, of_voice);
-    }
-
-    fn handle_ended(&mut self, now: Instant, peer: Peer, ending: Ending) {
-        let of_mirror = |mirror: &mut Mirror| mirror.handle_ended(now, ending);
-        let of_voice = |voice: &mut Voice| voice.handle_ended(ending);
-        self.0.heed(now, peer, of_mirror, of_voice);
-        if let Some(LinkUse::Mirror(id)) = self.0.owners.links.remove(&peer) {
-            self.0.turn_away(id);
-        }
-    }
-
-    fn handle_timeout(&mut self, now: Instant) {
-        self.0.wake(now);
-    }
-
-    fn poll_transmit(&mut self) -> Option<Transmit> {
-        self.0.owners.poll_transmit().or_else(|| {
-            let clients = self.0.clients.by_peer.values_mut();
-            let mut voices = clients.filter_map(|client| client.voice.as_mut());
-            voices.find_map(|voice| {
-                let transmit = voice.poll_transmit()?;
-                Some(to_link(transmit, voice.link()))
-            })
-        })
-    }
-
-    fn poll_timeout(&self) -> Option<Wake> {
-        self.0.next_wake()
     }
 }
