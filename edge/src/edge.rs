@@ -28,8 +28,6 @@ use crate::owners::{Dial, LinkUse, MIRRORS_MAX, Owners};
 use crate::shared_queue::{SharedPacket, SharedQueue, SharedStream};
 use crate::voice::{Reply, Voice};
 
-pub use self::owner_side::OwnerSide;
-
 /// Bytes of a client that wait for the owner beyond which no more are read.
 const UNREAD_BYTES: usize = 64 << 10;
 /// Questions of an observer that wait for the owner beyond which no more are read.
@@ -62,6 +60,9 @@ pub struct Edge {
     owners: Owners,
     shared: SharedQueue,
 }
+
+/// The face of an edge to owners.
+pub struct OwnerSide<'a>(&'a mut Edge);
 
 impl Edge {
     /// An edge without clients.

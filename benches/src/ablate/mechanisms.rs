@@ -170,7 +170,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         feature: None,
         code: &[
             "reckoning/src/prefilter.rs",
-            "protocol/src/stream/publisher.rs#fn scan",
+            "protocol/src/stream/publisher/scan.rs#fn scan",
         ],
         requirements: &["PROTOCOL 6.3-7"],
     },

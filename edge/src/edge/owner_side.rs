@@ -5,13 +5,10 @@
 use bytes::Bytes;
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Transmit, Wake};
 
-use super::Edge;
+use super::OwnerSide;
 use crate::mirror::Mirror;
 use crate::owners::{LinkUse, to_link};
 use crate::voice::Voice;
-
-/// The face of an edge to owners.
-pub struct OwnerSide<'a>(pub(super) &'a mut Edge);
 
 impl Endpoint for OwnerSide<'_> {
     fn handle_opened(&mut self, now: Instant, peer: Peer) {
