@@ -325,10 +325,20 @@ impl StartsX4 {
         flows: &[&StepCoefficientTable],
         out: impl FnMut(usize, Motion),
     ) {
-        let Some(flow) = flows.first() else {
-            return;
-        };
-        let (_, config) = flow.row(Ticks::ZERO);
+        if let Some(flow) = flows.first() {
+            let (_, config) = flow.row(Ticks::ZERO);
+            self.predicted(tick, flows, config).each(flows.len(), out);
+        }
+    }
+
+    /// Predicts all lanes, the unused ones too. Browsers download one copy, which serves all callers.
+    #[cfg_attr(not(target_family = "wasm"), inline(always))]
+    fn predicted(
+        &self,
+        tick: Tick,
+        flows: &[&StepCoefficientTable],
+        config: &StepConstants,
+    ) -> MotionX4 {
         let mut rows = [[0.0; LANES]; 8];
         for (lane, flow) in flows.iter().enumerate().take(LANES) {
             let elapsed = flow.within(elapsed(self.origins[lane], tick));
@@ -348,7 +358,7 @@ impl StartsX4 {
             pull: lanes3(&self.pull),
             speed: lanes(&self.speed),
         };
-        start.after(&rows, config).each(flows.len(), out);
+        start.after(&rows, config)
     }
 }
 

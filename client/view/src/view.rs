@@ -312,15 +312,13 @@ impl View {
     /// Writes the predicted motions of the bodies that are kept side by side.
     fn show_movers(&mut self, stream: &Subscriber, render_params: &RenderParams) {
         let movers = std::mem::take(&mut self.movers);
-        if render_params.smooth {
-            movers.predict(stream, render_params.at, |place, predicted| {
+        movers.predict(stream, render_params.at, |place, predicted| {
+            if render_params.smooth {
                 self.show(place, &predicted, render_params);
-            });
-        } else {
-            movers.predict(stream, render_params.at, |place, predicted| {
+            } else {
                 self.show_as_it_is(place, &predicted);
-            });
-        }
+            }
+        });
         self.movers = movers;
     }
 
