@@ -20,8 +20,9 @@ use rhumb_reckoning::Tick;
 /// A connection, whatever carries its bytes.
 pub(crate) type BoxedConnection = Box<dyn ClientTransport>;
 
-/// Reaches the server of an ended connection again, within some time.
-pub(crate) type Redial = Arc<dyn Fn(Duration) -> Option<BoxedConnection> + Send + Sync>;
+/// Reaches the server of an ended connection again, within some time, or the server at an address that it has named.
+pub(crate) type Redial =
+    Arc<dyn Fn(Option<&str>, Duration) -> Option<BoxedConnection> + Send + Sync>;
 
 /// A connection and its session.
 pub(crate) struct Pump {
@@ -137,18 +138,43 @@ impl Pump {
 
     /// Begins to reach the server again, to continue the session; `false` if it cannot. `full_since`: the time for
     /// which it has had no place; the present one otherwise.
+    ///
+    /// A server that has named another one is not waited for: the first attempt goes there at once.
     pub(crate) fn reconnect(&mut self, full_since: Instant, until: Instant) -> bool {
+        let elsewhere = self.session.elsewhere().map(str::to_owned);
         let Some(redial) = self.redial.clone().filter(|_| self.session.can_reconnect()) else {
             return false;
         };
         let full_for = Duration::from_nanos(self.clock.now().since(full_since).as_nanos());
-        match Reconnector::start(redial, self.clock, first_pause(full_for), until) {
+        let attempts = Attempts {
+            redial,
+            elsewhere,
+            clock: self.clock,
+            pause: first_pause(full_for),
+            until,
+        };
+        match Reconnector::start(attempts) {
             Ok(reconnector) => {
                 self.reconnector = Some(reconnector);
                 self.session.reconnect().is_ok()
             }
             Err(_) => false,
         }
+    }
+
+    /// Goes with a new session to the server that the last one has named; `false` if it named none, or none that answers.
+    pub(crate) fn follow(&mut self, session: ClientSession, timeout: Duration) -> bool {
+        let place = self.session.elsewhere().map(str::to_owned);
+        let reached = (self.redial.as_ref().zip(place))
+            .and_then(|(redial, place)| redial(Some(&place), timeout));
+        let Some(connection) = reached else {
+            return false;
+        };
+        self.connection = connection;
+        self.session = session;
+        self.session.handle_opened(self.clock.now(), SERVER);
+        self.flush();
+        true
     }
 
     /// True if the attempts to reach the server again are over without success.
@@ -210,6 +236,18 @@ const PAUSE_FIRST: Duration = Duration::from_millis(100);
 const PAUSE_MAX: Duration = Duration::from_secs(5);
 /// Time for one attempt.
 const ATTEMPT: Duration = Duration::from_secs(3);
+/// Time for one attempt at a server that another one has named: it may have ended since.
+const ATTEMPT_ELSEWHERE: Duration = Duration::from_secs(1);
+
+/// Attempts to reach a server again: each after a pause, and none from a moment of the clock on.
+pub(crate) struct Attempts {
+    pub(crate) redial: Redial,
+    /// The address that the last server has named, tried first and at once.
+    pub(crate) elsewhere: Option<String>,
+    pub(crate) clock: Clock,
+    pub(crate) pause: Duration,
+    pub(crate) until: Instant,
+}
 
 /// Attempts until one succeeds or the time is over.
 pub(crate) struct Reconnector {
@@ -224,17 +262,12 @@ pub(crate) enum ReconnectProgress {
 }
 
 impl Reconnector {
-    /// Begins the attempts after a pause; none begins after a moment of this clock.
-    pub(crate) fn start(
-        redial: Redial,
-        clock: Clock,
-        pause: Duration,
-        until: Instant,
-    ) -> io::Result<Self> {
+    /// Begins the attempts.
+    pub(crate) fn start(attempts: Attempts) -> io::Result<Self> {
         let (to, connected) = sync_channel(1);
         let attempts = move || {
             // A client that is gone needs no connection: it closes when it is dropped.
-            match to.try_send(run(&redial, clock, pause, until)) {
+            match to.try_send(attempts.run()) {
                 Ok(()) | Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => {}
             }
         };
@@ -259,22 +292,25 @@ pub(crate) fn first_pause(full_for: Duration) -> Duration {
     (full_for / 2).clamp(PAUSE_FIRST, PAUSE_MAX)
 }
 
-/// Attempts to connect; `None` if none succeeds in time.
-fn run(
-    redial: &Redial,
-    clock: Clock,
-    mut pause: Duration,
-    until: Instant,
-) -> Option<BoxedConnection> {
-    loop {
-        thread::sleep(shortened(pause));
-        if clock.now() >= until {
-            return None;
-        }
-        if let Some(connection) = redial(ATTEMPT) {
+impl Attempts {
+    /// A connection; `None` if no attempt succeeds in time.
+    fn run(self) -> Option<BoxedConnection> {
+        if let Some(place) = &self.elsewhere
+            && let Some(connection) = (self.redial)(Some(place), ATTEMPT_ELSEWHERE)
+        {
             return Some(connection);
         }
-        pause = (pause * 2).min(PAUSE_MAX);
+        let mut pause = self.pause;
+        loop {
+            thread::sleep(shortened(pause));
+            if self.clock.now() >= self.until {
+                return None;
+            }
+            if let Some(connection) = (self.redial)(None, ATTEMPT) {
+                return Some(connection);
+            }
+            pause = (pause * 2).min(PAUSE_MAX);
+        }
     }
 }
 

@@ -6,6 +6,7 @@ use std::net::{SocketAddr, ToSocketAddrs};
 #[cfg(unix)]
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 #[cfg(unix)]
@@ -29,7 +30,9 @@ const UNIX_PREFIX: &str = "unix:";
 
 impl Client {
     /// Connects to the server at `address`, `host:port`, within five seconds. The same timeout holds for every later
-    /// call that waits for an answer. An address without a port means port 4433; `rhumb://` may precede it.
+    /// call that waits for an answer. An address without a port means port 4433; `rhumb://` may precede it. Servers that
+    /// share their scenes are named with commas between: the first that answers is taken, also when a connection is lost.
+    /// All of them show one certificate, for the first one's name, unless it is pinned.
     ///
     /// `unix:PATH` reaches a server of this machine by its Unix socket; the trust is then not asked, since only the user
     /// who runs the server can connect.
@@ -64,17 +67,16 @@ impl ServerConnection {
         if let Some(path) = address.strip_prefix(UNIX_PREFIX) {
             return Self::open_unix(path.into()).map(|opened| opened.timeout(timeout));
         }
-        let address = host_and_port(address);
-        let (server, others) = resolve(&address)?;
-        let options = ClientOptions {
-            server_name: host_of(&address).to_owned(),
-            others,
-            ..ClientOptions::new(server, trust)
-        };
-        let connection = QuicClient::connect(options.clone(), timeout)?;
-        let redial: Redial = Arc::new(move |timeout| {
-            let connection = QuicClient::connect(options.clone(), timeout).ok()?;
-            Some(Box::new(connection))
+        let servers = Servers::resolve(address, trust)?;
+        let connection = QuicClient::connect(servers.options(0), timeout)?;
+        let turns = AtomicUsize::new(0);
+        let redial: Redial = Arc::new(move |elsewhere, timeout| {
+            let options = match elsewhere {
+                // The one that was lost is rather not the next.
+                None => servers.options(1 + turns.fetch_add(1, Ordering::Relaxed)),
+                Some(place) => servers.elsewhere(place)?.options(0),
+            };
+            Some(Box::new(QuicClient::connect(options, timeout).ok()?))
         });
         Ok(Self::with_redial(Box::new(connection), redial).timeout(timeout))
     }
@@ -85,8 +87,56 @@ impl ServerConnection {
             path: path.clone(),
             cause,
         })?;
-        let redial: Redial = Arc::new(move |_| Some(Box::new(UnixClient::connect(&path).ok()?)));
+        let redial: Redial = Arc::new(move |elsewhere, _| match elsewhere {
+            // A server of another machine has no socket here, and this one's trust was not asked for.
+            Some(_) => None,
+            None => Some(Box::new(UnixClient::connect(&path).ok()?)),
+        });
         Ok(Self::with_redial(Box::new(connection), redial))
+    }
+}
+
+/// The servers of an address: one, or several that share their scenes.
+struct Servers {
+    /// The name that their certificate must have.
+    name: String,
+    /// Addresses of each.
+    addresses: Vec<Vec<SocketAddr>>,
+    trust: Trust,
+}
+
+impl Servers {
+    fn resolve(address: &str, trust: Trust) -> Result<Self, OpenError> {
+        let servers = address.split(',').map(|one| host_and_port(one.trim()));
+        let servers: Vec<String> = servers.collect();
+        let addresses = servers.iter().map(|server| resolve(server));
+        Ok(Self {
+            name: host_of(&servers[0]).to_owned(),
+            addresses: addresses.collect::<Result<_, _>>()?,
+            trust,
+        })
+    }
+
+    /// The way to them, another one first at each turn.
+    fn options(&self, turn: usize) -> ClientOptions {
+        let (before, from) = self.addresses.split_at(turn % self.addresses.len());
+        let mut addresses = from.iter().chain(before).flatten().copied();
+        let first = addresses.next().expect("a name resolves to an address");
+        ClientOptions {
+            server_name: self.name.clone(),
+            others: addresses.collect(),
+            ..ClientOptions::new(first, self.trust.clone())
+        }
+    }
+
+    /// The server that one of them has named (PROTOCOL 3.7). It is trusted as that one says: by its fingerprint, or as that
+    /// one was.
+    fn elsewhere(&self, place: &str) -> Option<Self> {
+        let (address, trust) = match place.split_once('#') {
+            Some((address, print)) => (address, Trust::Fingerprint(print.parse().ok()?)),
+            None => (place, self.trust.clone()),
+        };
+        Self::resolve(address, trust).ok()
     }
 }
 
@@ -102,17 +152,17 @@ fn host_and_port(address: &str) -> String {
     }
 }
 
-/// The addresses of `host:port`: the first one, and the others.
-fn resolve(server: &str) -> Result<(SocketAddr, Vec<SocketAddr>), OpenError> {
+/// The addresses of `host:port`, one at least.
+fn resolve(server: &str) -> Result<Vec<SocketAddr>, OpenError> {
     let failed = |cause| OpenError::Address {
         server: server.to_owned(),
         cause,
     };
-    let mut addresses = server.to_socket_addrs().map_err(failed)?;
-    let first = addresses
-        .next()
-        .ok_or_else(|| failed(std::io::ErrorKind::NotFound.into()))?;
-    Ok((first, addresses.collect()))
+    let addresses: Vec<_> = server.to_socket_addrs().map_err(failed)?.collect();
+    match addresses.is_empty() {
+        true => Err(failed(std::io::ErrorKind::NotFound.into())),
+        false => Ok(addresses),
+    }
 }
 
 /// The host of `host:port`, for comparison with the certificate.
@@ -124,6 +174,23 @@ fn host_of(server: &str) -> &str {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn another_server_comes_first_at_each_turn() {
+        let print = "ab".repeat(32).parse().unwrap();
+        let trust = Trust::Fingerprint(print);
+        let servers = Servers::resolve("127.0.0.1:1, rhumb://127.0.0.1:2", trust).unwrap();
+        let ports = |turn| {
+            let options = servers.options(turn);
+            let others = options.others.iter();
+            let all = std::iter::once(&options.server).chain(others);
+            all.map(SocketAddr::port).collect::<Vec<_>>()
+        };
+        assert_eq!([ports(0), ports(1), ports(2)], [[1, 2], [2, 1], [1, 2]]);
+        let named = servers.elsewhere("rhumb://127.0.0.1:3").unwrap();
+        assert_eq!(named.options(0).server.port(), 3);
+        assert!(servers.elsewhere("rhumb://127.0.0.1:3#no-print").is_none());
+    }
 
     #[test]
     fn an_address_without_a_port_has_the_default_one() {

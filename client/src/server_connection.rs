@@ -7,11 +7,12 @@ use std::time::Duration;
 use rhumb_link::ClientTransport;
 #[cfg(feature = "quic")]
 use rhumb_link::random_bytes;
+use rhumb_protocol::Ending;
 #[cfg(feature = "quic")]
 use rhumb_protocol::message::SessionKey;
 use rhumb_protocol::message::{Denial, Token};
 use rhumb_protocol::scene::{IdRange, SceneName};
-use rhumb_protocol::session::{ClientSession, Event};
+use rhumb_protocol::session::{ClientSession, CloseCode, Event};
 #[cfg(feature = "local")]
 use rhumb_view::JoinMode;
 use rhumb_view::{JoinError, Joining};
@@ -136,10 +137,15 @@ impl ServerConnection {
             scene: name.clone(),
             denial,
         };
-        let mut session = ClientSession::new(name.clone());
-        if let Some(token) = self.parsed_token()? {
-            session.set_token(token);
-        }
+        let token = self.parsed_token()?;
+        let fresh = || {
+            let mut session = ClientSession::new(name.clone());
+            if let Some(token) = token.clone() {
+                session.set_token(token);
+            }
+            session
+        };
+        let session = fresh();
         #[cfg(feature = "quic")]
         let key = self.session_key(&options)?;
         // A link within one process does not break, so that no session outlives it.
@@ -154,9 +160,22 @@ impl ServerConnection {
         };
         #[cfg(not(feature = "local"))]
         let mode = options.mode;
-        let mut joining = Joining::new(mode, options.stream, key);
         let mut pump = Pump::new(session, self.connection, self.redial);
-        let granted = await_scene(&mut pump, timeout, &mut joining)?.map_err(denied)?;
+        let mut followed = 0;
+        let granted = loop {
+            let mut joining = Joining::new(mode, options.stream, key);
+            match await_scene(&mut pump, timeout, &mut joining) {
+                Err(ClientError::Ended(ending))
+                    if is_elsewhere(ending) && followed < FOLLOWED_MAX =>
+                {
+                    followed += 1;
+                    if !pump.follow(fresh(), timeout) {
+                        return Err(ClientError::Ended(ending).into());
+                    }
+                }
+                granted => break granted?.map_err(denied)?,
+            }
+        };
         let client = Client::joined(pump, timeout, &options, granted);
         #[cfg(feature = "local")]
         let client = client.feeding(self.feeding);
@@ -177,6 +196,14 @@ impl ServerConnection {
         let token = self.token.as_ref().map(|token| token.parse::<Token>());
         token.transpose().map_err(OpenError::Token)
     }
+}
+
+/// Servers that a client asks for one scene, each named by the one before.
+const FOLLOWED_MAX: u32 = 8;
+
+/// True if a server has closed because another one has the scene.
+fn is_elsewhere(ending: Ending) -> bool {
+    ending == Ending::Closed(CloseCode::SCENE_ELSEWHERE.0)
 }
 
 /// Waits until the session has joined; each answer has the whole time limit. The inner error is the server's.

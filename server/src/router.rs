@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
 use bytes::Bytes;
-use rhumb_protocol::message::{ClientMessage, Extension, Grease};
+use rhumb_protocol::message::{ClientMessage, Extension, Grease, Role};
 use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::session::{CloseCode, ServerSession};
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake};
@@ -273,6 +273,17 @@ impl Default for Greeting {
 }
 
 impl Greeting {
+    /// The answer to a first message that names a scene of another server, and the code to close with.
+    pub fn welcome_elsewhere(&mut self, place: &str, role: Option<Role>) -> (Bytes, CloseCode) {
+        self.session.welcome_elsewhere(place, role);
+        let mut answer = Vec::new();
+        while let Some(bytes) = self.session.poll_control() {
+            answer.extend_from_slice(&bytes);
+        }
+        let code = self.session.poll_close();
+        (answer.into(), code.unwrap_or(CloseCode::SCENE_ELSEWHERE))
+    }
+
     /// Appends control bytes.
     pub fn handle_control(&mut self, bytes: &[u8]) -> Greeted {
         self.received.extend_from_slice(bytes);

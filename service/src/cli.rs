@@ -25,6 +25,7 @@ use tracing::level_filters::LevelFilter;
 use crate::access::KeyFile;
 #[cfg(feature = "demo")]
 use crate::demo::{DemoArguments, open_browser};
+use crate::directory::Endpoints;
 use crate::dispatcher;
 use crate::durable::{self, DataDir, DataError};
 use crate::edge::{self, EdgeArguments};
@@ -130,6 +131,13 @@ pub struct Arguments {
     /// the process.
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
+    /// Etcd cluster that says which of several servers has a scene, as http://host:port, with commas between. The servers share
+    /// --data.
+    #[arg(long, value_name = "ENDPOINTS")]
+    directory: Option<String>,
+    /// Address that the other servers of a directory tell clients for this one, as host:port [default: that of --listen].
+    #[arg(long, value_name = "ADDRESS", requires = "directory")]
+    advertise: Option<String>,
     /// Origin of a web page that may connect, as https://host:port, or * for all; may be repeated. Pages of this machine
     /// may always.
     #[arg(long, value_name = "ORIGIN", conflicts_with = "no_web")]
@@ -308,6 +316,8 @@ fn settings_of(arguments: &Arguments) -> Result<ServerSettings, Box<dyn Error>> 
         settings.foxglove = arguments.foxglove.or(settings.foxglove);
     }
     settings.data = arguments.data.clone().or(settings.data);
+    settings.directory = arguments.directory.clone().or(settings.directory);
+    settings.advertise = arguments.advertise.clone().or(settings.advertise);
     if arguments.cert.is_some() {
         settings.cert = arguments.cert.clone();
         settings.key = arguments.key.clone();
@@ -368,8 +378,9 @@ fn run(settings: &ServerSettings, parts: Parts) -> Result<(), Box<dyn Error>> {
         threads,
         access,
         processes,
+        directory,
     } = start::check(settings, parts.app_beyond_loopback())?;
-    let data = settings.data.as_deref().map(open_data).transpose()?;
+    let data = stored(settings, directory.as_ref())?;
     let identity = start::identity(settings, data.as_ref())?;
     let stop = Stop::new();
     let origins = settings.web_origins.iter().cloned().collect();
@@ -394,10 +405,10 @@ fn run(settings: &ServerSettings, parts: Parts) -> Result<(), Box<dyn Error>> {
     if let Some(data) = data {
         server.store_in(data);
     }
-    listen_at(&mut server, settings.socket.as_deref())?;
-    if let Some(directory) = &settings.flight {
-        server.record_flights(directory.clone());
+    if let Some(directory) = directory {
+        server.share_scenes(directory, settings.advertise.as_deref());
     }
+    listen_at(&mut server, settings.socket.as_deref())?;
     let foxglove = observe(&mut server, settings)?;
     let addresses = BoundAddresses {
         foxglove,
@@ -433,22 +444,35 @@ fn run(settings: &ServerSettings, parts: Parts) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Opens a data directory. Processes of a server that was killed end a moment later than it, and hold the lock so long.
-fn open_data(path: &Path) -> Result<DataDir, DataError> {
+/// The data directory, if there is one. Servers of one `directory` share it. Processes of a server that was killed end a moment later than it, and hold the lock so long.
+fn stored(
+    settings: &ServerSettings,
+    directory: Option<&Endpoints>,
+) -> Result<Option<DataDir>, DataError> {
+    let Some(path) = &settings.data else {
+        return Ok(None);
+    };
     let begun = Instant::now();
     loop {
-        match DataDir::open(path) {
+        let opened = match directory {
+            None => DataDir::open(path),
+            Some(_) => DataDir::open_shared(path),
+        };
+        match opened {
             Err(DataError::InUse { .. }) if begun.elapsed() < IN_USE => thread::sleep(IN_USE_PAUSE),
-            opened => return opened,
+            opened => return opened.map(Some),
         }
     }
 }
 
-/// Starts recording and live viewing; returns where.
+/// Starts flight recorders, recording and live viewing; returns where.
 fn observe(
     server: &mut Server,
     settings: &ServerSettings,
 ) -> Result<Option<SocketAddr>, Box<dyn Error>> {
+    if let Some(directory) = &settings.flight {
+        server.record_flights(directory.clone());
+    }
     #[cfg(feature = "record")]
     if let Some(directory) = &settings.record {
         server.record_scenes(directory.clone());

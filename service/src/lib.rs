@@ -44,6 +44,7 @@ mod app_arguments;
 pub mod cli;
 #[cfg(feature = "demo")]
 mod demo;
+mod directory;
 mod dispatcher;
 mod durable;
 mod edge;

@@ -17,7 +17,7 @@ use std::{fmt, io};
 use rhumb_app::{AppBindError, AppListen, AppListener, AppOptions, Gateway};
 #[cfg(feature = "app")]
 use rhumb_client::{LocalPeers, LocalServer};
-use rhumb_protocol::Endpoint;
+use rhumb_protocol::{Endpoint, Instant};
 use rhumb_scene::engine::{EngineKind, Engines, StepThreadsError};
 use rhumb_scene::{Limits, SceneSettings};
 #[cfg(unix)]
@@ -30,6 +30,7 @@ use rhumb_transport::{
 #[cfg(feature = "view")]
 use crate::access::KeyError;
 use crate::access::{Authenticator, TokenKeys};
+use crate::directory::{Endpoints, FenceClock, Keeper, ServerPlace};
 use crate::dispatcher::{Checkpoints, Dispatcher, DispatcherSettings, ProcessOptions, Question};
 use crate::durable::{DataDir, DataError};
 use crate::flight::{FlightRecorders, FlightWriter};
@@ -109,6 +110,8 @@ pub struct Server {
     #[cfg(unix)]
     socket: Option<UnixServer>,
     data: Option<DataDir>,
+    /// The directory that says which scenes are this server's, and the address that others tell its clients.
+    directory: Option<(Endpoints, ServerPlace)>,
     flight: Option<PathBuf>,
     checkpoints: (Checkpoints, Receiver<Question>),
     #[cfg(feature = "record")]
@@ -179,6 +182,7 @@ impl Server {
             #[cfg(unix)]
             socket: None,
             data: None,
+            directory: None,
             flight: None,
             #[cfg(feature = "record")]
             record: None,
@@ -297,6 +301,15 @@ impl Server {
         self.data = Some(data);
     }
 
+    /// Asks a directory which scenes are this server's. `advertise`, `host:port`: where clients of the others find it, if not
+    /// at the address that it listens at. The data directory is shared with the other servers.
+    pub(crate) fn share_scenes(&mut self, directory: Endpoints, advertise: Option<&str>) {
+        let own = self.address().to_string();
+        let address = advertise.unwrap_or(&own);
+        let place = format!("rhumb://{address}#{}", self.fingerprint());
+        self.directory = Some((directory, ServerPlace(place)));
+    }
+
     /// Writes the last moments of a scene that faults to a file of this directory, which is made if it is missing.
     pub fn record_flights(&mut self, directory: PathBuf) {
         self.flight = Some(directory);
@@ -340,9 +353,14 @@ impl Server {
         settings.authenticator = authenticator(server.access);
         settings.engine = server.engine;
         settings.processes = server.processes;
+        let directory = server.directory.zip(server.data.clone());
         settings.data = server.data;
-        let waker = server.transport.waker();
+        let (waker, of_keeper) = (server.transport.waker(), server.transport.waker());
         let mut dispatcher = Dispatcher::new(settings, move || waker.wake());
+        if let Some((directory, data)) = directory {
+            let keeper = Keeper::start(directory, data, fence_clock(), move || of_keeper.wake());
+            dispatcher.ask_directory(keeper.map_err(RunError::Thread)?);
+        }
         let answering = match server.metrics {
             None => None,
             Some(listener) => {
@@ -456,6 +474,24 @@ impl Server {
         );
         started.map(Some).map_err(RunError::Thread)
     }
+}
+
+/// A clock that counts while the machine sleeps: leases end meanwhile.
+#[cfg(target_os = "linux")]
+fn fence_clock() -> FenceClock {
+    use rustix::time::{ClockId, clock_gettime};
+    Arc::new(|| {
+        let now = clock_gettime(ClockId::Boottime);
+        let whole = u64::try_from(now.tv_sec).unwrap_or(0) * 1_000_000_000;
+        Instant::from_nanos(whole + u64::try_from(now.tv_nsec).unwrap_or(0))
+    })
+}
+
+/// The monotonic clock: this system's counts while the machine sleeps, or such machines are not put to sleep.
+#[cfg(not(target_os = "linux"))]
+fn fence_clock() -> FenceClock {
+    let clock = Clock::start();
+    Arc::new(move || clock.now())
 }
 
 fn authenticator(access: Access) -> Authenticator {

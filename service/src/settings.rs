@@ -49,6 +49,8 @@ pub(crate) struct ServerSettings {
     pub(crate) metrics: Option<SocketAddr>,
     pub(crate) view: Option<SocketAddr>,
     pub(crate) data: Option<PathBuf>,
+    pub(crate) directory: Option<String>,
+    pub(crate) advertise: Option<String>,
     pub(crate) flight: Option<PathBuf>,
     pub(crate) record: Option<PathBuf>,
     pub(crate) foxglove: Option<SocketAddr>,
@@ -190,7 +192,7 @@ impl std::error::Error for SettingsError {}
 const PREFIX: &str = "RHUMB_SERVER_";
 
 /// The settings beside the limits: name, default as the file writes it, meaning.
-const ROWS: [(&str, &str, &str); 23] = [
+const ROWS: [(&str, &str, &str); 25] = [
     (
         "listen",
         "\"127.0.0.1:4433\"",
@@ -245,6 +247,16 @@ const ROWS: [(&str, &str, &str); 23] = [
         "data",
         "\"data\"",
         "Directory for command logs and snapshots, from which scenes are restored at start; without it, scenes end with the process.",
+    ),
+    (
+        "directory",
+        "\"http://127.0.0.1:2379\"",
+        "The etcd cluster that says which of several servers has a scene, with commas between its endpoints; the servers share their data directory. Without it, all scenes are this server's.",
+    ),
+    (
+        "advertise",
+        "\"physics.example:4433\"",
+        "Address at which clients of the other servers reach this one; without it, the one that it listens on.",
     ),
     (
         "flight",
@@ -305,8 +317,19 @@ const ROWS: [(&str, &str, &str); 23] = [
 ];
 
 /// The settings that a file need not have, and that have no default.
-const OPTIONAL: [&str; 10] = [
-    "cert", "key", "socket", "metrics", "view", "data", "flight", "record", "foxglove", "workers",
+const OPTIONAL: [&str; 12] = [
+    "directory",
+    "advertise",
+    "cert",
+    "key",
+    "socket",
+    "metrics",
+    "view",
+    "data",
+    "flight",
+    "record",
+    "foxglove",
+    "workers",
 ];
 
 impl Default for ServerSettings {
@@ -323,6 +346,8 @@ impl Default for ServerSettings {
             metrics: None,
             view: None,
             data: None,
+            directory: None,
+            advertise: None,
             flight: None,
             record: None,
             foxglove: None,

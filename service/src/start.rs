@@ -13,6 +13,7 @@ use rhumb_scene::engine::StepThreads;
 use rhumb_transport::Fingerprint;
 
 use crate::access::TokenKeys;
+use crate::directory::Endpoints;
 use crate::dispatcher::ProcessOptions;
 use crate::durable::DataDir;
 use crate::serve::{Access, Identity, RunError, Server, check_images, run_on_cores};
@@ -28,6 +29,8 @@ pub(crate) struct CheckedStart {
     pub(crate) access: Access,
     /// `Some` if scenes run in worker processes.
     pub(crate) processes: Option<ProcessOptions>,
+    /// `Some` if other servers have scenes too.
+    pub(crate) directory: Option<Endpoints>,
 }
 
 /// Checks everything that refuses a start, except addresses in use and the contents of the data directory.
@@ -63,6 +66,7 @@ pub(crate) fn check(
         return Err("this system has no Unix sockets: leave out --socket".into());
     }
     let processes = processes(settings)?;
+    let directory = directory(settings)?;
     check_written("scenes", settings.data.as_deref())?;
     check_written("flight recorders", settings.flight.as_deref())?;
     check_written("recordings", settings.record.as_deref())?;
@@ -74,6 +78,7 @@ pub(crate) fn check(
         threads,
         access,
         processes,
+        directory,
     })
 }
 
@@ -109,6 +114,28 @@ fn access(settings: &ServerSettings) -> Result<Access, Box<dyn Error>> {
             Ok(Access::Tokens(keys))
         }
     }
+}
+
+/// The directory of scenes. Its servers share a data directory and know each other's addresses.
+fn directory(settings: &ServerSettings) -> Result<Option<Endpoints>, Box<dyn Error>> {
+    let Some(directory) = &settings.directory else {
+        return Ok(None);
+    };
+    if settings.data.is_none() {
+        return Err(
+            "a directory needs --data DIR, on a file system that all of its servers share: \
+            a scene comes to another server by its files"
+                .into(),
+        );
+    }
+    if settings.advertise.is_none() && settings.listen.ip().is_unspecified() {
+        let listen = settings.listen;
+        return Err(format!(
+            "--listen {listen} is no address that the directory could name to clients: give --advertise host:port"
+        )
+        .into());
+    }
+    Ok(Some(directory.parse()?))
 }
 
 /// Refuses what would let other machines in without a token, unless the operator says so.

@@ -192,7 +192,7 @@ fn body() -> (BodyDesc, BodyState) {
 fn connection() -> (ServerConnection, Arc<Mutex<Script>>) {
     let script = Arc::<Mutex<Script>>::default();
     let again = Arc::clone(&script);
-    let redial: Redial = Arc::new(move |_| Some(connect(&again)));
+    let redial: Redial = Arc::new(move |_, _| Some(connect(&again)));
     (
         ServerConnection::with_redial(connect(&script), redial),
         script,

@@ -146,6 +146,7 @@ pub const fn may_resume(ending: Ending) -> bool {
                 // The application slept while a connection was opened for it.
                 || code == CloseCode::HELLO_LATE.0
                 || code == CloseCode::SCENE_RESTORING.0
+                || code == CloseCode::SCENE_ELSEWHERE.0
         }
         Ending::TimedOut | Ending::Broken => true,
     }

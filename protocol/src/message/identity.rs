@@ -218,6 +218,8 @@ pub struct Extension {
 impl Extension {
     /// In `Hello` the client's token, as text; in `Welcome` the role that it gives, one byte (PROTOCOL 3.6).
     pub const TOKEN: u32 = 1;
+    /// The number of the address of the server that has the scene, in a `Welcome` before the connection closes.
+    pub const ELSEWHERE: u32 = 3;
 
     /// True if a peer that does not know it must refuse the message.
     #[must_use]

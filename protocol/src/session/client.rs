@@ -9,7 +9,9 @@ mod outbox;
 mod subscription;
 mod upstream;
 
+use alloc::borrow::ToOwned;
 use alloc::collections::VecDeque;
+use alloc::string::String;
 use alloc::vec::Vec;
 
 use membership::ClientMembership;
@@ -21,8 +23,8 @@ use super::{CloseCode, Event, Misuse};
 use crate::endpoint::{Ending, Endpoint, Instant, Peer, Span, Transmit, Wake};
 use crate::limits::RESERVE_MAX;
 use crate::message::{
-    ClientMessage, Denial, Frames, Grease, Joined, ServerMessage, SessionKey, StreamChoice,
-    TierPolicy, Token, VERSIONS, Welcome,
+    ClientMessage, Denial, Extension, Frames, Grease, Joined, ServerMessage, SessionKey,
+    StreamChoice, TierPolicy, Token, VERSIONS, Welcome,
 };
 use crate::packet::{Datagram, LargestPacket};
 use crate::scene::{Command, IdRange, Query, SceneConfig, SceneName, Stepping};
@@ -38,6 +40,8 @@ pub struct ClientSession {
     state: ClientState,
     handshake: ClientHandshake,
     config: Option<SceneConfig>,
+    /// The address of the server that has the scene, if this one said that it has not.
+    elsewhere: Option<String>,
     received: ServerMessages,
     granted: IdRange,
     membership: ClientMembership,
@@ -55,6 +59,7 @@ impl ClientSession {
             state: ClientState::Unconnected,
             handshake: ClientHandshake { scene, token: None },
             config: None,
+            elsewhere: None,
             received: ServerMessages::new(Frames::new()),
             granted: IdRange::EMPTY,
             membership: ClientMembership::new(LargestPacket::DEFAULT),
@@ -345,6 +350,12 @@ impl ClientSession {
         self.membership.upstream.statistics()
     }
 
+    /// The address of the server that has the scene, if this connection ended because another one has it.
+    #[must_use]
+    pub fn elsewhere(&self) -> Option<&str> {
+        self.elsewhere.as_deref()
+    }
+
     /// True if the member has a session in a scene that survives its server.
     #[must_use]
     pub const fn is_durable(&self) -> bool {
@@ -458,6 +469,10 @@ impl ClientSession {
             return Err(CloseCode::VIOLATION);
         }
         ClientHandshake::check(&welcome)?;
+        if let Some(place) = welcome.extensions.value(Extension::ELSEWHERE) {
+            self.elsewhere = place_of(place);
+            return Err(CloseCode::SCENE_ELSEWHERE);
+        }
         self.state = ClientState::Lobby;
         self.config = welcome.scene;
         self.outbox.send(&ClientMessage::Ping { sent: now });
@@ -599,6 +614,13 @@ impl Endpoint for ClientSession {
         let due = self.membership.subscription.due().into_iter().chain(ping);
         due.min_by_key(|wake| wake.at)
     }
+}
+
+/// An address as text; `None` if it is none.
+fn place_of(bytes: &[u8]) -> Option<String> {
+    let is_text = !bytes.is_empty() && bytes.iter().all(u8::is_ascii_graphic);
+    let text = core::str::from_utf8(bytes).ok().filter(|_| is_text)?;
+    Some(text.to_owned())
 }
 
 /// The statements of a client about itself.

@@ -60,6 +60,8 @@ impl CloseCode {
     pub const SCENE_RESTORING: Self = Self(9);
     /// The process of the scene has ended, and nothing of the scene was durable: it is lost, and its name is free.
     pub const SCENE_LOST: Self = Self(10);
+    /// Another server has the scene, and the last `Welcome` said where.
+    pub const SCENE_ELSEWHERE: Self = Self(11);
     /// The server requires a token, and the client's hello has none.
     pub const TOKEN_MISSING: Self = Self(16);
     /// The token is not one of this server: its form, its signature or its audience is wrong.
@@ -92,6 +94,7 @@ impl fmt::Display for CloseCode {
             Self::HELLO_LATE => "no hello in time",
             Self::SCENE_RESTORING => "the scene is restored after its process ended",
             Self::SCENE_LOST => "the scene is lost with its process",
+            Self::SCENE_ELSEWHERE => "another server has the scene",
             Self::TOKEN_MISSING => "the server requires a token",
             Self::TOKEN_INVALID => "the token is not one of this server",
             Self::TOKEN_EXPIRED => "the token has expired",

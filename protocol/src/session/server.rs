@@ -10,7 +10,7 @@ use bytes::Bytes;
 
 use super::CloseCode;
 use crate::message::{
-    ClientMessage, Framed, Frames, Grease, Role, ServerMessage, VERSIONS, Welcome,
+    ClientMessage, Extension, Framed, Frames, Grease, Role, ServerMessage, VERSIONS, Welcome,
 };
 use crate::scene::{CommandError, SceneConfig};
 use crate::wire::Malformed;
@@ -142,12 +142,33 @@ impl ServerSession {
 
     /// Answers the client's `Hello`. `scene` is the config of the scene, if it exists; `role` answers a token.
     pub fn welcome(&mut self, scene: Option<SceneConfig>, role: Option<Role>) {
+        self.welcome_with(scene, role.map(Role::extension));
+    }
+
+    /// Answers the client's `Hello` by the address of the server that has the scene, and closes.
+    ///
+    /// `place`: printable ASCII of at most as many bytes as an extension may have.
+    pub fn welcome_elsewhere(&mut self, place: &str, role: Option<Role>) {
+        let elsewhere = Extension {
+            id: Extension::ELSEWHERE,
+            value: place.as_bytes().to_vec(),
+        };
+        let role = role.map(Role::extension);
+        self.welcome_with(None, role.into_iter().chain([elsewhere]));
+        self.close(CloseCode::SCENE_ELSEWHERE);
+    }
+
+    fn welcome_with(
+        &mut self,
+        scene: Option<SceneConfig>,
+        more: impl IntoIterator<Item = Extension>,
+    ) {
         if self.state == ServerState::Greeted {
             self.state = ServerState::Lobby;
             let mut extensions = self.grease.extensions();
-            if let Some(role) = role {
-                let fits = extensions.insert(role.extension());
-                debug_assert!(fits, "two short extensions fit");
+            for extension in more {
+                let fits = extensions.insert(extension);
+                debug_assert!(fits, "a few extensions fit");
             }
             let welcome = Welcome {
                 version: VERSIONS[0],
@@ -248,7 +269,7 @@ mod tests {
     use rhumb_reckoning::Tick;
 
     use super::*;
-    use crate::message::{Extension, Extensions, StreamChoice};
+    use crate::message::{Extensions, StreamChoice};
     use crate::scene::Command;
 
     fn hello() -> ClientMessage {

@@ -9,6 +9,7 @@ mod accounts;
 mod bake_pool;
 mod checkpoints;
 mod message;
+mod placement;
 #[cfg(target_os = "linux")]
 mod process;
 #[cfg(not(target_os = "linux"))]
@@ -38,6 +39,7 @@ use self::message::{
 use self::process::Processes;
 use self::worker::{ThreadWorker, Threads};
 use crate::access::{Admitted, TokenError};
+use crate::directory::Keeper;
 use crate::durable::{DataDir, DataError, LogTail};
 
 pub use self::checkpoints::Checkpoints;
@@ -61,6 +63,8 @@ pub struct Dispatcher {
     /// The worker processes, if scenes have them.
     processes: Option<Processes>,
     watchdog: Quarantined,
+    /// Says which scenes are this server's, if there are others.
+    directory: Option<Keeper>,
     /// Questions for checkpoints, if they may be asked.
     questions: Option<Receiver<Question>>,
     settings: DispatcherSettings,
@@ -99,10 +103,21 @@ enum Place {
 enum Connection {
     /// It must say hello by then.
     Greeting(Box<Greeting>, Instant),
+    /// It has named a scene, and the directory is asked where that is.
+    Asking(Box<NamedScene>),
     /// Its control bytes that the worker has not handled.
     Bound(WorkerId, usize),
     /// Closed by the dispatcher: only its end is still awaited.
     Closed,
+}
+
+/// A connection that has named its scene, and may join it.
+struct NamedScene {
+    greeting: Greeting,
+    scene: SceneName,
+    admission: Admitted,
+    /// All control bytes so far.
+    received: Vec<u8>,
 }
 
 /// Control bytes of a connection that a worker may have unhandled; beyond them the driver holds them back.
@@ -137,6 +152,7 @@ impl Dispatcher {
             threads,
             processes: settings.processes.take().map(Processes::new),
             watchdog: Quarantined::default(),
+            directory: None,
             questions: None,
             settings,
         }
@@ -162,7 +178,7 @@ impl Dispatcher {
     fn bound(&self, peer: Peer) -> Option<WorkerId> {
         match self.connections.get(&peer)? {
             Connection::Bound(id, _) => Some(*id),
-            Connection::Greeting(..) | Connection::Closed => None,
+            Connection::Greeting(..) | Connection::Asking(_) | Connection::Closed => None,
         }
     }
 
@@ -184,7 +200,7 @@ impl Dispatcher {
             Greeted::Names(scene, token, received) => (scene, token, received),
         };
         self.greeting_until.remove(&(until, peer));
-        let paced = greeting.paced;
+        let greeting = std::mem::take(&mut **greeting);
         let admission = match self.admit(peer, token.as_deref(), &scene) {
             Ok(admission) => admission,
             Err(cause) => {
@@ -193,6 +209,22 @@ impl Dispatcher {
                 return self.close(peer, code);
             }
         };
+        let named = NamedScene {
+            greeting,
+            scene,
+            admission,
+            received: received.into(),
+        };
+        if !self.must_ask(&named.scene) {
+            return self.bind(now, peer, named);
+        }
+        self.ask_for(peer, named);
+    }
+
+    /// Gives a connection to the worker of its scene.
+    fn bind(&mut self, now: Instant, peer: Peer, named: NamedScene) {
+        let (scene, admission) = (named.scene, named.admission);
+        let (paced, received) = (named.greeting.paced, Bytes::from(named.received));
         let account = Account::of(&scene, admission.permit.client.as_ref());
         let permit = self.permit_within(admission.permit, &scene, account.as_ref());
         let id = match self.worker_of(scene, account.as_ref()) {
@@ -298,6 +330,7 @@ impl Dispatcher {
 
     /// Takes the outputs of all workers.
     fn collect(&mut self) {
+        self.take_places();
         while let Ok(report) = self.threads.received.try_recv() {
             match report {
                 WorkerReport::Worker(id, message) => self.take_message(id, message),
@@ -350,7 +383,10 @@ impl Dispatcher {
         let is_idle = |worker: &Worker| {
             worker.connections == 0 && !worker.has_scene && worker.sent == worker.taken
         };
-        if self.workers.get(&id).is_some_and(is_idle) {
+        if let Some(worker) = self.workers.get(&id).filter(|worker| is_idle(worker)) {
+            if let Some(directory) = &self.directory {
+                directory.release(&worker.scene);
+            }
             self.drop_worker(id);
         }
     }
@@ -397,6 +433,7 @@ impl Endpoint for Dispatcher {
                 let (id, bytes) = (*id, Bytes::copy_from_slice(bytes));
                 self.route(id, WorkerInput::Control(from, bytes));
             }
+            Some(Connection::Asking(named)) => named.received.extend_from_slice(bytes),
             Some(Connection::Closed) | None => {}
         }
     }
@@ -404,6 +441,7 @@ impl Endpoint for Dispatcher {
     fn handle_control_taken(&mut self, _: Instant, peer: Peer, bytes: usize) {
         match self.connections.get_mut(&peer) {
             Some(Connection::Greeting(greeting, _)) => greeting.paced = true,
+            Some(Connection::Asking(named)) => named.greeting.paced = true,
             Some(Connection::Bound(id, _)) => {
                 let id = *id;
                 self.route(id, WorkerInput::ControlTaken(peer, bytes));
@@ -415,6 +453,7 @@ impl Endpoint for Dispatcher {
     fn wants_control(&self, from: Peer) -> bool {
         match self.connections.get(&from) {
             Some(Connection::Bound(_, unhandled)) => *unhandled < UNHANDLED_BYTES_MAX,
+            Some(Connection::Asking(named)) => named.received.len() < UNHANDLED_BYTES_MAX,
             _ => true,
         }
     }
@@ -457,6 +496,7 @@ impl Endpoint for Dispatcher {
         if self.out.is_empty() {
             self.collect();
         }
+        self.keep_fence();
         self.out.pop_front()
     }
 
@@ -559,7 +599,12 @@ impl Dispatcher {
     /// # Errors
     ///
     /// [`DataError`] if the directory cannot be read.
+    ///
+    /// With a directory of scenes none begins: each comes when a client names it at the first of the servers.
     pub(crate) fn restore(&mut self) -> Result<(), DataError> {
+        if self.directory.is_some() {
+            return Ok(());
+        }
         let scenes = self
             .settings
             .data

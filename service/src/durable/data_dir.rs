@@ -27,7 +27,7 @@ const CERTIFICATE_KEY: &str = "certificate-key.pem";
 const SCENES: &str = "scenes";
 const KEY_BYTES: usize = 32;
 
-/// A data directory that this process alone uses; all clones are one.
+/// A data directory that this process alone uses, or with servers of one directory of scenes; all clones are one.
 #[derive(Clone)]
 pub struct DataDir(Arc<Opened>);
 
@@ -38,6 +38,8 @@ struct Opened {
     key: hmac::Key,
     /// Number of the next creation.
     next: AtomicU64,
+    /// True if other processes make scenes there too.
+    is_shared: bool,
     /// Held for its lock; `None` in a worker process, which has inherited it.
     lock: Option<File>,
 }
@@ -49,6 +51,42 @@ impl DataDir {
     ///
     /// [`DataError`] for a directory that cannot be written, or that another process uses.
     pub fn open(path: &Path) -> Result<Self, DataError> {
+        Self::open_alone(path)
+    }
+
+    /// Opens a directory that other servers use at the same time, each scene by one of them.
+    ///
+    /// # Errors
+    ///
+    /// [`DataError`] for a directory that cannot be written, or that a process uses alone, if only for a moment: a server that
+    /// starts clears up first.
+    pub fn open_shared(path: &Path) -> Result<Self, DataError> {
+        std::fs::create_dir_all(path).map_err(DataError::io(path, "make the directory"))?;
+        match Self::open_alone(path) {
+            Ok(alone) => drop(alone.development_certificate()?),
+            // Its others have done so.
+            Err(DataError::InUse { .. }) => {}
+            Err(other) => return Err(other),
+        }
+        let file = path.join(LOCK);
+        let lock = File::open(&file).map_err(DataError::io(&file, "open"))?;
+        let lock = taken(lock.try_lock_shared(), lock, path, &file)?;
+        let opened = Self::of_worker(path)?;
+        let Opened {
+            disk, scenes, key, ..
+        } = &*opened.0;
+        Ok(Self(Arc::new(Opened {
+            disk: Arc::clone(disk),
+            path: path.to_owned(),
+            scenes: scenes.clone(),
+            key: key.clone(),
+            next: AtomicU64::new(0),
+            is_shared: true,
+            lock: Some(lock),
+        })))
+    }
+
+    fn open_alone(path: &Path) -> Result<Self, DataError> {
         let scenes = path.join(SCENES);
         std::fs::create_dir_all(&scenes).map_err(DataError::io(&scenes, "make the directory"))?;
         let lock = lock(path)?;
@@ -80,6 +118,7 @@ impl DataDir {
             scenes,
             key,
             next: AtomicU64::new(next_number(&names)),
+            is_shared: false,
             lock: Some(lock),
         })))
     }
@@ -97,6 +136,7 @@ impl DataDir {
             scenes,
             key: key_of(&bytes, &file)?,
             next: AtomicU64::new(next_number(&names)),
+            is_shared: true,
             lock: None,
         })))
     }
@@ -128,6 +168,7 @@ impl DataDir {
             scenes: path.join(SCENES),
             key: key_of(&bytes, &file)?,
             next: AtomicU64::new(0),
+            is_shared: false,
             lock: Some(lock),
         })))
     }
@@ -187,8 +228,34 @@ impl DataDir {
 
     /// The files of a scene that is created now.
     pub(crate) fn create(&self, scene: &SceneName) -> SceneFiles {
+        if self.0.is_shared
+            && let Ok(names) = self.0.disk.list(&self.0.scenes)
+        {
+            self.0
+                .next
+                .fetch_max(next_number(&names), Ordering::Relaxed);
+        }
         let number = self.0.next.fetch_add(1, Ordering::Relaxed);
         self.files(&format!("{}.{number}", escape(scene)))
+    }
+
+    /// Gives the files of a scene, if there are any, to this server alone: another one, which had them, finds them no more, and
+    /// what it still appends to an open file comes after the end that is read here.
+    pub(crate) fn take_over(&self, scene: &SceneName) -> Result<(), DataError> {
+        let Opened { disk, scenes, .. } = &*self.0;
+        let names = disk.list(scenes).map_err(DataError::io(scenes, "list"))?;
+        let Some((_, name)) = newest(&names).remove(scene) else {
+            return Ok(());
+        };
+        let number = next_number(&names);
+        let (from, to) = (
+            scenes.join(name),
+            scenes.join(format!("{}.{number}", escape(scene))),
+        );
+        disk.rename(&from, &to)
+            .map_err(DataError::io(&from, "rename"))?;
+        disk.sync_directory(scenes)
+            .map_err(DataError::io(scenes, "synchronise"))
     }
 
     /// The files of a scene that takes the place of an earlier one of its name, in a directory that no server uses.
@@ -292,7 +359,16 @@ fn lock(path: &Path) -> Result<File, DataError> {
 
 /// Locks a directory by its file, until the file is closed.
 fn take(lock: File, path: &Path, file: &Path) -> Result<File, DataError> {
-    match lock.try_lock() {
+    taken(lock.try_lock(), lock, path, file)
+}
+
+fn taken(
+    tried: Result<(), TryLockError>,
+    lock: File,
+    path: &Path,
+    file: &Path,
+) -> Result<File, DataError> {
+    match tried {
         Ok(()) => Ok(lock),
         Err(TryLockError::WouldBlock) => Err(DataError::InUse {
             path: path.to_owned(),

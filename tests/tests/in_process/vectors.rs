@@ -273,6 +273,7 @@ fn codes_are_the_same_in_code_and_table() {
         ("HELLO_LATE", CloseCode::HELLO_LATE),
         ("SCENE_RESTORING", CloseCode::SCENE_RESTORING),
         ("SCENE_LOST", CloseCode::SCENE_LOST),
+        ("SCENE_ELSEWHERE", CloseCode::SCENE_ELSEWHERE),
         ("TOKEN_MISSING", CloseCode::TOKEN_MISSING),
         ("TOKEN_INVALID", CloseCode::TOKEN_INVALID),
         ("TOKEN_EXPIRED", CloseCode::TOKEN_EXPIRED),

@@ -148,12 +148,17 @@ pub(crate) fn create(server: &ServerProcess) -> (Client, Vec<BodyId>) {
 
 /// The same by another way to the server.
 pub(crate) fn create_at(address: SocketAddr, server: &ServerProcess) -> (Client, Vec<BodyId>) {
+    create_at_address(&address.to_string(), server)
+}
+
+/// The same by an address in text.
+pub(crate) fn create_at_address(address: &str, server: &ServerProcess) -> (Client, Vec<BodyId>) {
     let trust = Trust::Fingerprint(server.fingerprint);
     let options = JoinOptions {
         mode: JoinMode::Create(SceneConfig::default()),
         ..JoinOptions::default()
     };
-    let connection = Client::connect(&address.to_string(), trust);
+    let connection = Client::connect(address, trust);
     let connection = connection.expect("the server is there");
     let mut client = connection.join_with(SCENE, options).expect("a new scene");
     let count = u32::try_from(bodies() + LATER).expect("a number of bodies");

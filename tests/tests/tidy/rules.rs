@@ -201,6 +201,7 @@ fn sockets_and_clocks_are_used_only_in_the_crates_that_own_them() {
             "service/src/serve/",
             "service/src/cli.rs",
             "service/src/main.rs",
+            "service/src/directory/etcd.rs",
             "service/src/http.rs",
             "service/src/recording/live.rs",
             "service/src/top/reading.rs",

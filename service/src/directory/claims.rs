@@ -1,0 +1,381 @@
+//! A server's claims of scenes, held by one lease of a directory.
+//!
+//! Asks the directory nothing itself: requests go out, answers and the time come in. Invariants: it says that a scene may be
+//! published only while no other server can have claimed it, as long as clocks differ by [`DRIFT_PERCENT`] at most; a
+//! request that is late, lost or done twice never breaks this.
+//!
+//! The proof. A claim is a key of the directory that exists only with the lease of its server, and is made only where there is
+//! none. The directory ends a lease no earlier than its time after it took the last renewal, which is after that was sent. So
+//! a server counts from the sending, takes the drift and [`MARGIN`] off, and publishes only before. A claim that is given up
+//! names the key's epoch, so that a late copy of that request removes no newer claim; until it is answered, the server does
+//! not claim the scene again.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use rhumb_protocol::scene::SceneName;
+use rhumb_protocol::{Instant, Span};
+
+/// The place at which clients reach a server, as an address in text (PROTOCOL 12) without a scene.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct ServerPlace(pub(crate) String);
+
+/// The number of a claim, which rises with each claim of any scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub(crate) struct Epoch(pub(crate) u64);
+
+/// The directory's number of a lease.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub(crate) struct LeaseId(pub(crate) u64);
+
+/// The number of a request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub(crate) struct RequestId(u64);
+
+/// A question to the directory.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum DirectoryRequest {
+    /// A lease of some seconds.
+    Grant { seconds: u64 },
+    /// The lease has its whole time again.
+    Renew(LeaseId),
+    /// The lease and all its claims end.
+    Revoke(LeaseId),
+    /// The scene belongs to the lease, unless it belongs to one already.
+    Claim(LeaseId, SceneName),
+    /// The scene belongs to no lease any more, if it has this epoch.
+    Release(Epoch, SceneName),
+}
+
+/// An answer of the directory.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum DirectoryAnswer {
+    /// A lease of so many seconds, which the directory may have made longer.
+    Granted(LeaseId, u64),
+    /// The lease has so many seconds again.
+    Renewed(u64),
+    /// The lease has ended.
+    NoLease,
+    Revoked,
+    /// The scene belongs to this lease, of the server at this place.
+    Owner {
+        lease: LeaseId,
+        epoch: Epoch,
+        place: ServerPlace,
+    },
+    Released,
+    /// None came in time: the request may have been done, or may be later.
+    Failed,
+}
+
+/// The result of a claim, or its end.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum ClaimEvent {
+    /// The scene is this server's.
+    Owned(SceneName, Epoch),
+    /// Another server has it.
+    Elsewhere(SceneName, ServerPlace),
+    /// The directory does not say.
+    Unknown(SceneName),
+    /// The lease is over, and all that the server owned.
+    Lost,
+}
+
+/// Time of a lease.
+pub(crate) const LEASE: Span = Span::from_millis(5_000);
+/// Parts of a hundred by which the rates of two clocks differ at most. Quartz drifts by 0.02 %, a steered clock by 0.05 %.
+pub(crate) const DRIFT_PERCENT: u64 = 2;
+/// Time before the end of a lease at which nothing is published any more. A transport that closes lets data leave for half a
+/// second.
+pub(crate) const MARGIN: Span = Span::from_millis(1_000);
+/// Time between two renewals.
+const RENEWAL: Span = Span::from_millis(1_200);
+/// Time between a renewal, or a request for a lease, that failed, and the next.
+const RETRY: Span = Span::from_millis(250);
+/// Time for an answer.
+pub(crate) const ANSWER: Span = Span::from_millis(1_000);
+
+/// The claims of one server.
+#[derive(Debug)]
+pub(crate) struct SceneClaims {
+    /// Of this server.
+    place: ServerPlace,
+    lease: Option<Lease>,
+    /// When the lease is asked for, or renewed, next; `None` while an answer is awaited.
+    next: Option<Instant>,
+    scenes: BTreeMap<SceneName, Claim>,
+    /// Scenes that are claimed with the next lease, and until when.
+    waiting: BTreeMap<SceneName, Instant>,
+    /// Scenes whose release is asked for again, and when.
+    unreleased: BTreeMap<SceneName, Instant>,
+    /// Requests without an answer: when they were sent.
+    asked: BTreeMap<RequestId, (DirectoryRequest, Instant)>,
+    requests: u64,
+    out: VecDeque<(RequestId, DirectoryRequest)>,
+    events: VecDeque<ClaimEvent>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Lease {
+    id: LeaseId,
+    /// When it is over for this server.
+    until: Instant,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Claim {
+    Asked,
+    Owned(Epoch),
+    /// Given up; the directory has not said that it knows. `true` if it is wanted again.
+    Releasing(Epoch, bool),
+}
+
+impl SceneClaims {
+    /// None yet; it asks for a lease at once.
+    pub(crate) fn new(now: Instant, place: ServerPlace) -> Self {
+        Self {
+            place,
+            lease: None,
+            next: Some(now),
+            scenes: BTreeMap::new(),
+            waiting: BTreeMap::new(),
+            unreleased: BTreeMap::new(),
+            asked: BTreeMap::new(),
+            requests: 0,
+            out: VecDeque::new(),
+            events: VecDeque::new(),
+        }
+    }
+
+    /// SceneClaims a scene; an event says what comes of it.
+    pub(crate) fn claim(&mut self, now: Instant, scene: &SceneName) {
+        self.expire(now);
+        let Some(lease) = self.lease else {
+            let until = self.waiting.entry(scene.clone());
+            until.or_insert(now + ANSWER);
+            return;
+        };
+        match self.scenes.get_mut(scene) {
+            None => {
+                self.scenes.insert(scene.clone(), Claim::Asked);
+                self.ask(now, DirectoryRequest::Claim(lease.id, scene.clone()));
+            }
+            Some(Claim::Asked) => {}
+            Some(Claim::Owned(epoch)) => {
+                let owned = ClaimEvent::Owned(scene.clone(), *epoch);
+                self.events.push_back(owned);
+            }
+            Some(Claim::Releasing(_, is_wanted)) => *is_wanted = true,
+        }
+    }
+
+    /// Gives a scene up, of which nothing is published any more.
+    pub(crate) fn release(&mut self, now: Instant, scene: &SceneName) {
+        if let Some(claim) = self.scenes.get_mut(scene)
+            && let Claim::Owned(epoch) = *claim
+        {
+            *claim = Claim::Releasing(epoch, false);
+            self.ask(now, DirectoryRequest::Release(epoch, scene.clone()));
+        }
+    }
+
+    /// Gives everything up, of which nothing is published any more, and asks for nothing again.
+    pub(crate) fn end(&mut self, now: Instant) {
+        self.next = None;
+        self.scenes.clear();
+        self.waiting.clear();
+        if let Some(lease) = self.lease.take() {
+            self.ask(now, DirectoryRequest::Revoke(lease.id));
+        }
+    }
+
+    /// Takes an answer to a request, or that there is none.
+    pub(crate) fn handle_answer(&mut self, now: Instant, to: RequestId, answer: DirectoryAnswer) {
+        self.expire(now);
+        let Some((request, sent)) = self.asked.remove(&to) else {
+            return;
+        };
+        match request {
+            DirectoryRequest::Grant { .. } => self.handle_grant(now, sent, &answer),
+            DirectoryRequest::Renew(id) => self.handle_renewal(now, (id, sent), &answer),
+            DirectoryRequest::Revoke(_) => {}
+            DirectoryRequest::Claim(id, scene) => self.handle_claim((id, scene), answer),
+            DirectoryRequest::Release(epoch, scene) => {
+                self.handle_release(now, (epoch, scene), &answer)
+            }
+        }
+    }
+
+    /// Renews, and ends what is over.
+    pub(crate) fn handle_timeout(&mut self, now: Instant) {
+        self.expire(now);
+        for scene in take_due(&mut self.unreleased, now) {
+            if let Some(Claim::Releasing(epoch, _)) = self.scenes.get(&scene).copied() {
+                self.ask(now, DirectoryRequest::Release(epoch, scene));
+            }
+        }
+        let given_up = take_due(&mut self.waiting, now);
+        self.events
+            .extend(given_up.into_iter().map(ClaimEvent::Unknown));
+        if self.next.is_some_and(|next| next <= now) {
+            self.next = None;
+            let request = match self.lease {
+                Some(lease) => DirectoryRequest::Renew(lease.id),
+                None => DirectoryRequest::Grant {
+                    seconds: LEASE.as_nanos() / 1_000_000_000,
+                },
+            };
+            self.ask(now, request);
+        }
+    }
+
+    /// The next request to the directory.
+    pub(crate) fn poll_request(&mut self) -> Option<(RequestId, DirectoryRequest)> {
+        self.out.pop_front()
+    }
+
+    /// The next event.
+    pub(crate) fn poll_event(&mut self) -> Option<ClaimEvent> {
+        self.events.pop_front()
+    }
+
+    /// When [`Self::handle_timeout`] has something to do.
+    pub(crate) fn poll_timeout(&self) -> Option<Instant> {
+        let until = self.lease.map(|lease| lease.until);
+        let unreleased = self.unreleased.values().min().copied();
+        let waiting = self.waiting.values().min().copied();
+        [until, self.next, unreleased, waiting]
+            .into_iter()
+            .flatten()
+            .min()
+    }
+
+    /// The moment from which nothing may be published, unless a renewal moves it.
+    pub(crate) fn publishes_until(&self) -> Instant {
+        self.lease.map_or(Instant::ZERO, |lease| lease.until)
+    }
+
+    fn ask(&mut self, now: Instant, request: DirectoryRequest) {
+        let id = RequestId(self.requests);
+        self.requests += 1;
+        self.asked.insert(id, (request.clone(), now));
+        self.out.push_back((id, request));
+    }
+
+    fn handle_grant(&mut self, now: Instant, sent: Instant, answer: &DirectoryAnswer) {
+        let granted = match *answer {
+            DirectoryAnswer::Granted(id, seconds) => Some((id, until(sent, seconds))),
+            _ => None,
+        };
+        match granted {
+            Some((id, until)) if now < until => {
+                self.lease = Some(Lease { id, until });
+                self.next = Some(sent + RENEWAL);
+                for scene in std::mem::take(&mut self.waiting).into_keys() {
+                    self.claim(now, &scene);
+                }
+            }
+            // It came so late that it is of no use; it ends by itself.
+            _ => self.next = Some(now + RETRY),
+        }
+    }
+
+    fn handle_renewal(
+        &mut self,
+        now: Instant,
+        (id, sent): (LeaseId, Instant),
+        answer: &DirectoryAnswer,
+    ) {
+        let Some(lease) = self.lease.as_mut().filter(|lease| lease.id == id) else {
+            return;
+        };
+        match *answer {
+            DirectoryAnswer::Renewed(seconds) => {
+                lease.until = lease.until.max(until(sent, seconds));
+                self.next = Some(sent + RENEWAL);
+            }
+            DirectoryAnswer::NoLease => self.lose(now),
+            _ => self.next = Some(now + RETRY),
+        }
+    }
+
+    fn handle_claim(&mut self, (id, scene): (LeaseId, SceneName), answer: DirectoryAnswer) {
+        let is_held = self.lease.is_some_and(|lease| lease.id == id);
+        if !is_held || self.scenes.get(&scene) != Some(&Claim::Asked) {
+            // It was over with its lease, and that has been reported.
+            return;
+        }
+        let event = match answer {
+            DirectoryAnswer::Owner { lease, epoch, .. } if lease == id => {
+                self.scenes.insert(scene.clone(), Claim::Owned(epoch));
+                return self.events.push_back(ClaimEvent::Owned(scene, epoch));
+            }
+            DirectoryAnswer::Owner { place, .. } if place != self.place => {
+                ClaimEvent::Elsewhere(scene.clone(), place)
+            }
+            // Its own earlier lease has not ended, or the directory is silent.
+            _ => ClaimEvent::Unknown(scene.clone()),
+        };
+        self.scenes.remove(&scene);
+        self.events.push_back(event);
+    }
+
+    fn handle_release(&mut self, now: Instant, of: (Epoch, SceneName), answer: &DirectoryAnswer) {
+        let (epoch, scene) = of;
+        let Some(Claim::Releasing(pending, is_wanted)) = self.scenes.get(&scene).copied() else {
+            return;
+        };
+        if pending != epoch {
+            return;
+        }
+        if *answer != DirectoryAnswer::Released {
+            self.unreleased.insert(scene, now + RETRY);
+            return;
+        }
+        self.scenes.remove(&scene);
+        if is_wanted {
+            self.claim(now, &scene);
+        }
+    }
+
+    /// Ends a lease whose time is over.
+    fn expire(&mut self, now: Instant) {
+        if self.lease.is_some_and(|lease| lease.until <= now) {
+            self.lose(now);
+        }
+    }
+
+    /// Forgets the lease and what it held.
+    fn lose(&mut self, now: Instant) {
+        let Some(lease) = self.lease.take() else {
+            return;
+        };
+        self.unreleased.clear();
+        for (scene, claim) in std::mem::take(&mut self.scenes) {
+            if matches!(claim, Claim::Asked | Claim::Releasing(_, true)) {
+                self.events.push_back(ClaimEvent::Unknown(scene));
+            }
+        }
+        self.events.push_back(ClaimEvent::Lost);
+        self.next = Some(now);
+        // If it still exists there, the scenes are free at once.
+        self.ask(now, DirectoryRequest::Revoke(lease.id));
+    }
+}
+
+/// Takes out what is due.
+fn take_due(of: &mut BTreeMap<SceneName, Instant>, now: Instant) -> Vec<SceneName> {
+    let due = of.iter().filter(|(_, at)| **at <= now);
+    let due: Vec<_> = due.map(|(scene, _)| scene.clone()).collect();
+    of.retain(|_, at| *at > now);
+    due
+}
+
+/// The end, for this server, of a lease of so many seconds that was asked for then.
+fn until(sent: Instant, seconds: u64) -> Instant {
+    let whole = seconds.saturating_mul(1_000_000_000);
+    let drifted = whole - whole / 100 * DRIFT_PERCENT;
+    sent + Span::from_nanos(drifted.saturating_sub(MARGIN.as_nanos()))
+}
+
+#[cfg(test)]
+mod tests;

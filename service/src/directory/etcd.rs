@@ -1,0 +1,333 @@
+//! Requests to etcd through its JSON gateway, over HTTP/1.1.
+//!
+//! One connection for each request: a server asks a few times a second. The first of the endpoints that answers is asked again.
+//! Numbers are text in this JSON, and keys and values are base64 (etcd's API v3.4).
+
+use std::fmt;
+use std::str::FromStr;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use bytes::Bytes;
+use http_body_util::{BodyExt, Full, Limited};
+use hyper::client::conn::http1;
+use hyper::header::{CONTENT_TYPE, HOST};
+use hyper::{Request as HttpRequest, StatusCode, Uri};
+use hyper_util::rt::TokioIo;
+use rhumb_protocol::scene::SceneName;
+use serde_json::{Value, json};
+use tokio::net::TcpStream;
+
+use super::claims::{DirectoryAnswer, DirectoryRequest, Epoch, LeaseId, ServerPlace};
+
+/// The servers of an etcd cluster.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Endpoints(Vec<(String, u16)>);
+
+/// A text that names no endpoints.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct InvalidEndpoints(String);
+
+impl fmt::Display for InvalidEndpoints {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{:?} is no endpoint of etcd: give http://host:port, several with commas between; \
+             for https, run a proxy beside the server",
+            self.0
+        )
+    }
+}
+
+impl std::error::Error for InvalidEndpoints {}
+
+impl FromStr for Endpoints {
+    type Err = InvalidEndpoints;
+
+    fn from_str(text: &str) -> Result<Self, InvalidEndpoints> {
+        /// Where etcd listens by default.
+        const PORT: u16 = 2379;
+        let one = |text: &str| {
+            let url: Uri = text.trim().parse().ok()?;
+            let is_plain = url.scheme_str() == Some("http") && url.path() == "/";
+            let host = url.host().filter(|_| is_plain && url.query().is_none())?;
+            Some((host.to_owned(), url.port_u16().unwrap_or(PORT)))
+        };
+        let endpoints = text
+            .split(',')
+            .map(|text| one(text).ok_or_else(|| InvalidEndpoints(text.to_owned())));
+        endpoints.collect::<Result<_, _>>().map(Self)
+    }
+}
+
+/// A client of a cluster, for one server.
+pub(super) struct Etcd {
+    endpoints: Endpoints,
+    /// The endpoint that is asked first.
+    first: AtomicUsize,
+    place: ServerPlace,
+}
+
+/// Before the names of scenes.
+const PREFIX: &str = "rhumb/scenes/";
+/// Longest answer that is read.
+const ANSWER_BYTES_MAX: usize = 1 << 20;
+
+impl Etcd {
+    /// `place`: where this server is, for its claims.
+    pub(super) fn new(endpoints: Endpoints, place: ServerPlace) -> Self {
+        Self {
+            endpoints,
+            first: AtomicUsize::new(0),
+            place,
+        }
+    }
+
+    /// Asks once; [`DirectoryAnswer::Failed`] without an answer that is understood.
+    pub(super) async fn answer(&self, request: &DirectoryRequest) -> DirectoryAnswer {
+        let first = self.first.load(Ordering::Relaxed);
+        let count = self.endpoints.0.len();
+        let endpoint = &self.endpoints.0[first % count];
+        let (path, body) = self.body_of(request);
+        let answer = post(endpoint, path, &body).await;
+        let answer = answer.and_then(|(status, answer)| read(request, status, &answer));
+        answer.unwrap_or_else(|| {
+            // The next one may know more.
+            self.first.store(first.wrapping_add(1), Ordering::Relaxed);
+            DirectoryAnswer::Failed
+        })
+    }
+
+    fn body_of(&self, request: &DirectoryRequest) -> (&'static str, Value) {
+        match request {
+            DirectoryRequest::Grant { seconds } => {
+                ("/v3/lease/grant", json!({ "TTL": seconds.to_string() }))
+            }
+            DirectoryRequest::Renew(LeaseId(id)) => {
+                ("/v3/lease/keepalive", json!({ "ID": id.to_string() }))
+            }
+            DirectoryRequest::Revoke(LeaseId(id)) => {
+                ("/v3/lease/revoke", json!({ "ID": id.to_string() }))
+            }
+            DirectoryRequest::Claim(LeaseId(id), scene) => {
+                let key = key_of(scene);
+                let value = base64(self.place.0.as_bytes());
+                let put = json!({ "key": key, "value": value, "lease": id.to_string() });
+                let range = json!({ "request_range": { "key": key } });
+                let is_free = json!({ "target": "CREATE", "key": key, "create_revision": "0" });
+                let put = json!({ "request_put": put });
+                let claim = json!({
+                    "compare": [is_free], "success": [put, range], "failure": [range],
+                });
+                ("/v3/kv/txn", claim)
+            }
+            DirectoryRequest::Release(Epoch(epoch), scene) => {
+                let key = key_of(scene);
+                let epoch = epoch.to_string();
+                let is_ours = json!({ "target": "CREATE", "key": key, "create_revision": epoch });
+                let delete = json!({ "request_delete_range": { "key": key } });
+                let release = json!({ "compare": [is_ours], "success": [delete] });
+                ("/v3/kv/txn", release)
+            }
+        }
+    }
+}
+
+fn key_of(scene: &SceneName) -> String {
+    base64(format!("{PREFIX}{scene}").as_bytes())
+}
+
+async fn post(
+    (host, port): &(String, u16),
+    path: &str,
+    body: &Value,
+) -> Option<(StatusCode, Bytes)> {
+    // An address of IPv6 stands in brackets within a URL only.
+    let stream = TcpStream::connect((host.trim_matches(['[', ']']), *port)).await;
+    let (mut sender, connection) = http1::handshake(TokioIo::new(stream.ok()?)).await.ok()?;
+    let request = HttpRequest::post(path)
+        .header(HOST, format!("{host}:{port}"))
+        .header(CONTENT_TYPE, "application/json")
+        .body(Full::new(Bytes::from(body.to_string())))
+        .ok()?;
+    let exchange = async move {
+        let answer = sender.send_request(request).await.ok()?;
+        let status = answer.status();
+        let body = Limited::new(answer.into_body(), ANSWER_BYTES_MAX).collect();
+        Some((status, body.await.ok()?.to_bytes()))
+    };
+    let (answer, _) = tokio::join!(exchange, connection);
+    answer
+}
+
+/// The meaning of an answer; `None` if it has none.
+fn read(to: &DirectoryRequest, status: StatusCode, answer: &[u8]) -> Option<DirectoryAnswer> {
+    /// The code of what does not exist (gRPC).
+    const NOT_FOUND: u64 = 5;
+    let answer: Value = serde_json::from_slice(answer).ok()?;
+    if status != StatusCode::OK {
+        let is_gone = answer["code"].as_u64() == Some(NOT_FOUND);
+        return match to {
+            DirectoryRequest::Revoke(_) if is_gone => Some(DirectoryAnswer::Revoked),
+            DirectoryRequest::Claim(..) if is_gone => Some(DirectoryAnswer::NoLease),
+            _ => None,
+        };
+    }
+    Some(match to {
+        DirectoryRequest::Grant { .. } => {
+            DirectoryAnswer::Granted(LeaseId(number(&answer["ID"])?), number(&answer["TTL"])?)
+        }
+        DirectoryRequest::Renew(_) => match answer.get("result")?.get("TTL") {
+            None => DirectoryAnswer::NoLease,
+            Some(seconds) => DirectoryAnswer::Renewed(number(seconds)?),
+        },
+        DirectoryRequest::Revoke(_) => DirectoryAnswer::Revoked,
+        DirectoryRequest::Claim(..) => owner(&answer)?,
+        DirectoryRequest::Release(..) => DirectoryAnswer::Released,
+    })
+}
+
+/// The owner in the answer to a claim.
+fn owner(answer: &Value) -> Option<DirectoryAnswer> {
+    let responses = answer["responses"].as_array()?;
+    let key = &responses.last()?["response_range"]["kvs"][0];
+    let place = from_base64(key["value"].as_str()?)?;
+    Some(DirectoryAnswer::Owner {
+        lease: LeaseId(number(&key["lease"])?),
+        epoch: Epoch(number(&key["create_revision"])?),
+        place: ServerPlace(String::from_utf8(place).ok()?),
+    })
+}
+
+/// A number of 64 bits, which this JSON has as text.
+fn number(value: &Value) -> Option<u64> {
+    value.as_str()?.parse().ok()
+}
+
+const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+
+/// Bytes as base64 with padding (RFC 4648, 4).
+fn base64(bytes: &[u8]) -> String {
+    let mut text = String::new();
+    for group in bytes.chunks(3) {
+        let mut padded = [0; 3];
+        padded[..group.len()].copy_from_slice(group);
+        let [first, second, third] = padded.map(u32::from);
+        let bits = first << 16 | second << 8 | third;
+        for place in 0..4 {
+            let digit = DIGITS[(bits >> (18 - 6 * place) & 63) as usize];
+            text.push(if place > group.len() {
+                '='
+            } else {
+                char::from(digit)
+            });
+        }
+    }
+    text
+}
+
+/// The bytes of such a text.
+fn from_base64(text: &str) -> Option<Vec<u8>> {
+    let digits = text.trim_end_matches('=').bytes();
+    let (mut bytes, mut bits, mut count) = (Vec::new(), 0u32, 0);
+    for digit in digits {
+        let value = DIGITS.iter().position(|other| *other == digit)?;
+        bits = bits << 6 | u32::try_from(value).ok()?;
+        count += 6;
+        if count >= 8 {
+            count -= 8;
+            bytes.push(u8::try_from(bits >> count & 0xff).ok()?);
+        }
+    }
+    Some(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn base64_has_the_examples_of_its_document() {
+        for (bytes, text) in [
+            ("", ""),
+            ("f", "Zg=="),
+            ("fo", "Zm8="),
+            ("foo", "Zm9v"),
+            ("foob", "Zm9vYg=="),
+            ("fooba", "Zm9vYmE="),
+            ("foobar", "Zm9vYmFy"),
+        ] {
+            assert_eq!(base64(bytes.as_bytes()), text);
+            assert_eq!(from_base64(text).unwrap(), bytes.as_bytes());
+        }
+        assert_eq!(from_base64("Z g="), None);
+    }
+
+    #[test]
+    fn an_endpoint_is_a_plain_url_with_a_host() {
+        let read = |text: &str| text.parse::<Endpoints>();
+        let both = Endpoints(vec![("a".to_owned(), 2379), ("[::1]".to_owned(), 5)]);
+        assert_eq!(read("http://a,http://[::1]:5"), Ok(both));
+        for wrong in [
+            "",
+            "a:2379",
+            "https://a",
+            "http://a/v3",
+            "http://a,",
+            "etcd://a",
+        ] {
+            let refused = read(wrong).unwrap_err().to_string();
+            assert!(refused.contains("http://host:port"), "{refused}");
+        }
+    }
+
+    /// Recorded of etcd 3.4.23.
+    #[test]
+    fn answers_of_etcd_are_understood() {
+        let read = |to: &DirectoryRequest, status: u16, answer: &str| {
+            read(to, StatusCode::from_u16(status).unwrap(), answer.as_bytes())
+        };
+        let lease = LeaseId(7_587_899_251_892_517_127);
+        let claim = DirectoryRequest::Claim(lease, "pit".parse().unwrap());
+        let key = r#"{"key":"cmh1bWIvc2NlbmVzL3BpdA==","create_revision":"2","mod_revision":"2","version":"1","value":"cmh1bWI6Ly9hOjE=","lease":"7587899251892517127"}"#;
+        let range = format!(
+            r#"{{"response_range":{{"header":{{"revision":"2"}},"kvs":[{key}],"count":"1"}}}}"#
+        );
+        let owner = DirectoryAnswer::Owner {
+            lease,
+            epoch: Epoch(2),
+            place: ServerPlace("rhumb://a:1".to_owned()),
+        };
+        let refused = format!(r#"{{"header":{{}},"responses":[{range}]}}"#);
+        assert_eq!(read(&claim, 200, &refused), Some(owner.clone()));
+        let taken = format!(
+            r#"{{"header":{{}},"succeeded":true,"responses":[{{"response_put":{{}}}},{range}]}}"#
+        );
+        assert_eq!(read(&claim, 200, &taken), Some(owner));
+        let gone = r#"{"error":"etcdserver: requested lease not found","message":"etcdserver: requested lease not found","code":5}"#;
+        assert_eq!(read(&claim, 404, gone), Some(DirectoryAnswer::NoLease));
+        assert_eq!(
+            read(&DirectoryRequest::Revoke(lease), 404, gone),
+            Some(DirectoryAnswer::Revoked)
+        );
+        let renew = DirectoryRequest::Renew(lease);
+        let renewed = r#"{"result":{"header":{},"ID":"7587899251892517127","TTL":"5"}}"#;
+        assert_eq!(
+            read(&renew, 200, renewed),
+            Some(DirectoryAnswer::Renewed(5))
+        );
+        let ended = r#"{"result":{"header":{},"ID":"77"}}"#;
+        assert_eq!(read(&renew, 200, ended), Some(DirectoryAnswer::NoLease));
+        let granted = r#"{"header":{},"ID":"7587899251892517127","TTL":"5"}"#;
+        let answer = read(&DirectoryRequest::Grant { seconds: 5 }, 200, granted);
+        assert_eq!(answer, Some(DirectoryAnswer::Granted(lease, 5)));
+        for broken in ["", "{}", "[]", "<html>", r#"{"ID":7}"#] {
+            assert_eq!(
+                read(&DirectoryRequest::Grant { seconds: 5 }, 200, broken),
+                None,
+                "{broken}"
+            );
+            assert_eq!(read(&claim, 200, broken), None, "{broken}");
+            assert_eq!(read(&renew, 200, broken), None, "{broken}");
+        }
+    }
+}
