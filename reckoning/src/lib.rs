@@ -38,7 +38,7 @@ pub use motion::{
     BodyId, Correction, Divergence, InvalidMotion, Motion, Pose, Twist, UNIT_LENGTH_SLACK,
     attached_motion, relative_to,
 };
-pub use prediction_x4::{LaneCorrection, PredictionX4, StartsX4, UnpackedStart};
+pub use prediction_x4::{CorrectedX4, LaneCorrection, PredictionX4, StartsX4, UnpackedStart};
 pub use predictor::{
     ACCELERATION_EXPONENT_MAX, ACCELERATION_LIMIT, ACCELERATION_TICKS, Conditions,
     ConstantAcceleration, Predictor, REST_DIVERGENCE_TICKS, UnforcedMotion,

@@ -9,10 +9,10 @@ use wide::f64x4;
 use crate::exact::{ANGLE_LIMIT, COSINE, HALF_PI_HIGH, HALF_PI_LOW, SINE, TWO_OVER_PI};
 use crate::free_motion::{StepCoefficientTable, StepCoefficients, StepConstants};
 use crate::motion::{Motion, Pose, Twist};
-use crate::predictor::{ACCELERATION_TICKS, Conditions, Predictor, Pull};
+use crate::predictor::{ACCELERATION_TICKS, Conditions, Predictor};
 use crate::quantiser::{
-    Grid, PACKED_STEPS, POSITION_LIMIT, PackedRotation, QuantisedState, Residual, VELOCITY_LIMIT,
-    whole,
+    FINE_STEPS, Grid, OTHERS, PACKED_STEPS, POSITION_LIMIT, PackedRotation, QuantisedState,
+    Residual, VELOCITY_LIMIT,
 };
 use crate::track::{Anchor, DenseTrack, elapsed};
 use crate::units::{Seconds, Tick, Ticks};
@@ -25,9 +25,14 @@ const LANES: usize = 4;
 pub struct PredictionX4 {
     len: usize,
     keys: [u32; LANES],
+    /// In `units`, as the velocities.
     position: [[f64; LANES]; 3],
-    /// Not normalised.
+    /// Not normalised; zero for the part at `implied`.
     rotation: [[f64; LANES]; 4],
+    /// The place of the part that follows from the others; [`ALL_GIVEN`] for none.
+    implied: [f64; LANES],
+    /// Of `position`, `linear` and `angular`.
+    units: [[f64; LANES]; 3],
     linear: [[f64; LANES]; 3],
     angular: [[f64; LANES]; 3],
     /// Acceleration: gravity, or that of the predictor.
@@ -64,34 +69,66 @@ impl PredictionX4 {
         grid: &Grid,
         conditions: &Conditions<'_>,
     ) -> bool {
-        let is_torque_free = track.predictor().is_torque_free() && conditions.inertia.is_some();
-        if is_torque_free || track.predictor() == Predictor::Rest || self.is_full() {
+        let predictor = track.predictor();
+        let is_torque_free = predictor.is_torque_free() && conditions.inertia.is_some();
+        if is_torque_free || predictor == Predictor::Rest || self.is_full() {
             return false;
         }
         let elapsed = conditions.flow.within(elapsed(track.origin(), tick));
         let (row, config) = conditions.flow.row(elapsed);
         // Already below: the remainder lets the compiler drop the bounds checks of the stores below.
         let lane = self.len % LANES;
-        let (pose, twist) = start(&track.anchor(), grid);
-        set3(&mut self.position, lane, pose.position);
-        set3(&mut self.linear, lane, twist.linear);
-        set3(&mut self.angular, lane, twist.angular);
-        let pull = track.predictor().pull(elapsed, conditions).unwrap_or(Pull {
-            acceleration: NO_PULL,
-            fall: row.fall,
-            fall_velocity: row.fall_velocity,
-        });
-        set3(&mut self.gravity, lane, pull.acceleration);
-        let DQuat { x, y, z, w } = pose.rotation;
-        self.rotation[0][lane] = x;
-        self.rotation[1][lane] = y;
-        self.rotation[2][lane] = z;
-        self.rotation[3][lane] = w;
-        set_row(&mut self.row, lane, row, (pull.fall, pull.fall_velocity));
+        self.lay(lane, &track.anchor(), grid);
+        let (acceleration, fall) = match predictor.acceleration() {
+            Some(acceleration) => (
+                acceleration.acceleration(),
+                conditions.flow.ended(elapsed, ACCELERATION_TICKS),
+            ),
+            None if predictor.falls() => (conditions.gravity, (row.fall, row.fall_velocity)),
+            None => (NO_PULL, (row.fall, row.fall_velocity)),
+        };
+        set3(&mut self.gravity, lane, acceleration);
+        set_row(&mut self.row, lane, row, fall);
         self.config = Some(*config);
         self.keys[lane] = key;
         self.len += 1;
         true
+    }
+
+    /// Writes the start of a lane. Its numbers are scaled with those of the other lanes.
+    #[inline(always)]
+    fn lay(&mut self, lane: usize, anchor: &Anchor, grid: &Grid) {
+        let (position, linear, angular, units) = match anchor {
+            Anchor::Exact(body_state) => {
+                let (pose, twist) = body_state.raw();
+                for (part, value) in pose.rotation.to_array().into_iter().enumerate() {
+                    self.rotation[part][lane] = value;
+                }
+                self.implied[lane] = ALL_GIVEN;
+                (pose.position, twist.linear, twist.angular, [1.0; 3])
+            }
+            Anchor::Quantised(quantised) => {
+                let (largest, others) = quantised.rotation.parts();
+                let largest = usize::from(largest) % 4;
+                for (place, part) in OTHERS[largest].into_iter().zip(others) {
+                    self.rotation[place % 4][lane] = f64::from(part) / PACKED_STEPS;
+                }
+                self.rotation[largest][lane] = 0.0;
+                self.implied[lane] = IMPLIED[largest];
+                (
+                    numbers(quantised.position),
+                    numbers(quantised.linear),
+                    numbers(quantised.angular),
+                    [grid.fine(), grid.linear(), grid.angular()],
+                )
+            }
+        };
+        set3(&mut self.position, lane, position);
+        set3(&mut self.linear, lane, linear);
+        set3(&mut self.angular, lane, angular);
+        for (quantity, unit) in units.into_iter().enumerate() {
+            self.units[quantity][lane] = unit;
+        }
     }
 
     /// True if the batch is full.
@@ -111,42 +148,52 @@ impl PredictionX4 {
         self.len = 0;
     }
 
-    /// Predicts all bodies of the batch, hands out the corrected ones, and empties the batch.
+    /// Predicts and corrects all bodies of the batch, and empties it. `None` for an empty batch.
     ///
-    /// `corrections`: one for each body, in the order of [`Self::take`]; bodies without one are not handed out.
+    /// `corrections`: one for each body, in the order of [`Self::take`].
     pub fn correct<'a>(
         &mut self,
-        corrections: impl IntoIterator<Item = Option<LaneCorrection<'a>>>,
-        mut out: impl FnMut(u32, QuantisedState),
-    ) {
-        let Some(config) = self.config.take() else {
-            return;
-        };
+        corrections: impl IntoIterator<Item = LaneCorrection<'a>>,
+    ) -> Option<CorrectedX4> {
+        let config = self.config.take()?;
         let laid = LaneCorrections::of(corrections.into_iter().take(self.len));
-        let whole = laid.onto(&self.predicted(&config));
-        for (lane, residual) in laid.residuals.into_iter().enumerate() {
-            if let Some(residual) = residual {
-                out(self.keys[lane], residual.onto_implied(whole.at(lane)));
-            }
-        }
-        self.len = 0;
+        let len = core::mem::take(&mut self.len);
+        Some(laid.onto(&self.predicted(&config), len))
     }
 
     /// Predicts all lanes, the unused ones too.
     #[inline]
     fn predicted(&self, config: &StepConstants) -> MotionX4 {
-        let [x, y, z] = lanes3(&self.angular);
+        let [unit, linear_unit, angular_unit] = lanes3(&self.units);
+        let [x, y, z] = times(lanes3(&self.angular), angular_unit);
         let start = StartX4 {
-            position: lanes3(&self.position),
-            rotation: normalised(lanes4(&self.rotation)),
-            linear: lanes3(&self.linear),
+            position: times(lanes3(&self.position), unit),
+            rotation: normalised(self.rotation()),
+            linear: times(lanes3(&self.linear), linear_unit),
             angular: [x, y, z],
             pull: lanes3(&self.gravity),
             speed: (x * x + y * y + z * z).sqrt(),
         };
         start.after(&self.row, config)
     }
+
+    /// The rotations with all four parts, as [`PackedRotation::value`] has them before it normalises.
+    #[inline(always)]
+    fn rotation(&self) -> [f64x4; 4] {
+        let [x, y, z, w] = lanes4(&self.rotation);
+        // The zero of the implied part changes no sum.
+        let rest = f64x4::splat(1.0) - (x * x + y * y + z * z + w * w);
+        let rest = rest.fast_max(f64x4::splat(0.0)).sqrt();
+        let implied = lanes(&self.implied);
+        let with = |part: f64x4, place: usize| part | (rest & implied.simd_eq(IMPLIED[place]));
+        [with(x, 0), with(y, 1), with(z, 2), with(w, 3)]
+    }
 }
+
+/// The places of the four parts of a rotation, as lanes hold them.
+const IMPLIED: [f64; 4] = [0.0, 1.0, 2.0, 3.0];
+/// The place that no part has.
+const ALL_GIVEN: f64 = 4.0;
 
 /// Starts side by side, their rotations normalised.
 struct StartX4 {
@@ -507,45 +554,44 @@ pub struct LaneCorrection<'a> {
 }
 
 /// Corrections, as arrays by quantity and then by lane.
-struct LaneCorrections<'a> {
-    residuals: [Option<&'a Residual>; LANES],
+struct LaneCorrections {
     apart: [[f64; LANES]; 3],
     turns: [[f64; LANES]; 3],
+    /// Of the velocities, in steps of the grid.
+    linear: [[f64; LANES]; 3],
+    angular: [[f64; LANES]; 3],
+    /// True if a lane has any of those.
+    has_velocity: bool,
     /// Of the grids: `position`, `fine`, `turn`, `linear`, `angular`.
     steps: [[f64; LANES]; 5],
     over: [f64; LANES],
 }
 
-/// Steps rounded to whole numbers, as arrays by quantity and then by lane.
-struct WholeSteps {
-    position: [[f64; LANES]; 3],
-    rotation: [[f64; LANES]; 4],
-    linear: [[f64; LANES]; 3],
-    angular: [[f64; LANES]; 3],
-}
-
-impl<'a> LaneCorrections<'a> {
-    #[inline]
-    fn of(corrections: impl Iterator<Item = Option<LaneCorrection<'a>>>) -> Self {
+impl LaneCorrections {
+    #[inline(always)]
+    fn of<'a>(corrections: impl Iterator<Item = LaneCorrection<'a>>) -> Self {
         let mut laid = Self {
-            residuals: [None; LANES],
             apart: [[0.0; LANES]; 3],
             turns: [[0.0; LANES]; 3],
+            linear: [[0.0; LANES]; 3],
+            angular: [[0.0; LANES]; 3],
+            has_velocity: false,
             steps: [[1.0; LANES]; 5],
             over: [1.0; LANES],
         };
         for (lane, correction) in corrections.take(LANES).enumerate() {
-            let Some(LaneCorrection {
+            let LaneCorrection {
                 residual,
                 over,
                 grid,
-            }) = correction
-            else {
-                continue;
-            };
-            for axis in 0..3 {
-                laid.apart[axis][lane] = f64::from(residual.position[axis]);
-                laid.turns[axis][lane] = f64::from(residual.turn[axis]);
+            } = correction;
+            set3(&mut laid.apart, lane, numbers(residual.position));
+            set3(&mut laid.turns, lane, numbers(residual.turn));
+            if let Some(velocity) = &residual.velocity {
+                let [linear, angular] = velocity.steps();
+                set3(&mut laid.linear, lane, numbers(linear));
+                set3(&mut laid.angular, lane, numbers(angular));
+                laid.has_velocity = true;
             }
             laid.steps[0][lane] = grid.position();
             laid.steps[1][lane] = grid.fine();
@@ -553,55 +599,178 @@ impl<'a> LaneCorrections<'a> {
             laid.steps[3][lane] = grid.linear();
             laid.steps[4][lane] = grid.angular();
             laid.over[lane] = over.seconds();
-            laid.residuals[lane] = Some(residual);
         }
         laid
     }
 
-    /// The corrected motions, except that positions are the predicted ones.
-    #[inline]
-    fn onto(&self, predicted: &MotionX4) -> WholeSteps {
+    /// The corrected motions of the first `len` lanes; see [`Residual::onto`].
+    #[inline(always)]
+    fn onto(&self, predicted: &MotionX4, len: usize) -> CorrectedX4 {
         let step = |quantity: usize| lanes(&self.steps[quantity]);
         let rate = f64x4::splat(1.0) / lanes(&self.over);
-        let times = |[x, y, z]: [f64x4; 3], by: f64x4| [x * by, y * by, z * by];
         let turned = times(lanes3(&self.turns), step(2));
-        let [x, y, z, w] = if self.turns == [[0.0; LANES]; 3] {
+        let rotation = if self.turns == [[0.0; LANES]; 3] {
             predicted.rotation
         } else {
             turned_by(turned, predicted.rotation)
         };
-        let moved = times(times(lanes3(&self.apart), step(0)), rate);
+        let apart = lanes3(&self.apart);
+        let moved = times(times(apart, step(0)), rate);
         let spun = times(turned, rate);
-        let on = |value: f64x4, step: f64x4| floor(value / step + 0.5);
-        let three = |[x, y, z]: [f64x4; 3], [u, v, w]: [f64x4; 3], step: f64x4| {
-            arrays([on(x + u, step), on(y + v, step), on(z + w, step)])
+        let three = |[x, y, z]: [f64x4; 3], step: f64x4, limit: i32| {
+            let on = |value: f64x4| clamped(floor(value / step + 0.5), limit);
+            [on(x), on(y), on(z)]
         };
-        let [px, py, pz] = predicted.position;
-        let part = |part: f64x4| floor(part * PACKED_STEPS + 0.5).to_array();
-        WholeSteps {
-            position: arrays([on(px, step(1)), on(py, step(1)), on(pz, step(1))]),
-            rotation: [part(x), part(y), part(z), part(w)],
-            linear: three(predicted.linear, moved, step(3)),
-            angular: three(predicted.angular, spun, step(4)),
+        let [px, py, pz] = three(predicted.position, step(1), POSITION_LIMIT);
+        let mut linear = three(plus(predicted.linear, moved), step(3), VELOCITY_LIMIT);
+        let mut angular = three(plus(predicted.angular, spun), step(4), VELOCITY_LIMIT);
+        if self.has_velocity {
+            let changed = |from: [f64x4; 3], by: &[[f64; LANES]; 3]| {
+                let [x, y, z] = plus(from, lanes3(by));
+                [x, y, z].map(|steps| clamped(steps, VELOCITY_LIMIT))
+            };
+            linear = changed(linear, &self.linear);
+            angular = changed(angular, &self.angular);
+        }
+        let fine = |at: f64x4, by: f64x4| {
+            integers(clamped(at + by * f64::from(FINE_STEPS), POSITION_LIMIT))
+        };
+        let [ax, ay, az] = apart;
+        CorrectedX4 {
+            len,
+            position: [fine(px, ax), fine(py, ay), fine(pz, az)],
+            rotation: PackedX4::of(rotation, len),
+            linear: linear.map(integers),
+            angular: angular.map(integers),
         }
     }
 }
 
-impl WholeSteps {
-    #[inline]
-    fn at(&self, lane: usize) -> QuantisedState {
-        let three = |[x, y, z]: &[[f64; LANES]; 3], limit: i32| {
-            let one = |steps: &[f64; LANES]| whole(steps[lane], limit);
-            [one(x), one(y), one(z)]
-        };
-        let [x, y, z, w] = &self.rotation;
+/// Corrected motions, as arrays by quantity and then by lane.
+#[derive(Clone, Debug)]
+pub struct CorrectedX4 {
+    len: usize,
+    position: [[u64; LANES]; 3],
+    rotation: PackedX4,
+    linear: [[u64; LANES]; 3],
+    angular: [[u64; LANES]; 3],
+}
+
+impl CorrectedX4 {
+    /// The number of bodies.
+    #[must_use]
+    pub const fn len(&self) -> usize {
+        self.len
+    }
+
+    /// True without any body: no batch is.
+    #[must_use]
+    pub const fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// The motion of a body, by its place in the batch.
+    ///
+    /// # Panics
+    ///
+    /// If the batch has fewer bodies.
+    #[must_use]
+    #[inline(always)]
+    pub fn at(&self, lane: usize) -> QuantisedState {
+        assert!(lane < self.len, "the batch has this body");
+        let lane = lane % LANES;
+        let three = |of: &[[u64; LANES]; 3]| [0, 1, 2].map(|axis: usize| of[axis][lane] as i32);
         QuantisedState {
-            position: three(&self.position, POSITION_LIMIT),
-            rotation: PackedRotation::of_whole([x[lane], y[lane], z[lane], w[lane]]),
-            linear: three(&self.linear, VELOCITY_LIMIT),
-            angular: three(&self.angular, VELOCITY_LIMIT),
+            position: three(&self.position),
+            rotation: self.rotation.at(lane),
+            linear: three(&self.linear),
+            angular: three(&self.angular),
         }
     }
+}
+
+/// Rotations packed side by side.
+#[derive(Clone, Debug)]
+struct PackedX4 {
+    largest: [u64; LANES],
+    others: [[u64; LANES]; 3],
+    /// One bit for each lane, set where the packing is a fixed point.
+    stable: u32,
+}
+
+impl PackedX4 {
+    /// As [`PackedRotation::of`] for unit quaternions: their smaller parts are far from the limits.
+    #[inline(always)]
+    fn of(rotation: [f64x4; 4], len: usize) -> Self {
+        let [x, y, z, w] = rotation.map(|part| floor(part * PACKED_STEPS + 0.5));
+        let most = x.abs();
+        let second = y.abs().simd_gt(most);
+        let most = most.fast_max(y.abs());
+        let third = z.abs().simd_gt(most);
+        let most = most.fast_max(z.abs());
+        let fourth = w.abs().simd_gt(most);
+        let from_third = third | fourth;
+        let from_second = second | from_third;
+        let largest = choose(fourth, w, choose(third, z, choose(second, y, x)));
+        let sign = largest & f64x4::splat(-0.0);
+        let a = choose(from_second, x, y) ^ sign;
+        let b = choose(from_third, y, z) ^ sign;
+        let c = choose(fourth, z, w) ^ sign;
+        // As `PackedRotation::is_surely_stable`; all of these are whole and below 2⁴¹.
+        let greatest = a.abs().fast_max(b.abs()).fast_max(c.abs()) + 1.0;
+        let rest = f64x4::splat(PACKED_STEPS * PACKED_STEPS) - (a * a + b * b + c * c);
+        let stable = rest.simd_ge(greatest * greatest);
+        let one = f64x4::splat(1.0);
+        let place = (from_second & one) + (from_third & one) + (fourth & one);
+        Self {
+            largest: integers(place),
+            others: [integers(a), integers(b), integers(c)],
+            stable: stable.to_bitmask() | u32::MAX << len.min(LANES),
+        }
+    }
+
+    #[inline(always)]
+    fn at(&self, lane: usize) -> PackedRotation {
+        let others = [0, 1, 2].map(|place: usize| self.others[place][lane] as i32);
+        let packed = PackedRotation::packed(self.largest[lane] as u8, others);
+        if self.stable & 1 << lane != 0 {
+            return packed;
+        }
+        packed.stable()
+    }
+}
+
+/// Each times one factor.
+#[inline(always)]
+fn times([x, y, z]: [f64x4; 3], by: f64x4) -> [f64x4; 3] {
+    [x * by, y * by, z * by]
+}
+
+/// Component by component.
+#[inline(always)]
+fn plus([x, y, z]: [f64x4; 3], [u, v, w]: [f64x4; 3]) -> [f64x4; 3] {
+    [x + u, y + v, z + w]
+}
+
+/// Saturating at a limit. No value is NaN.
+#[inline(always)]
+fn clamped(value: f64x4, limit: i32) -> f64x4 {
+    let limit = f64::from(limit);
+    value
+        .fast_max(f64x4::splat(-limit))
+        .fast_min(f64x4::splat(limit))
+}
+
+/// Whole numbers below 2³¹, each in the low half of a word.
+#[inline(always)]
+fn integers(whole: f64x4) -> [u64; LANES] {
+    // The sum has the number, in two's complement, in the low bits of its mantissa.
+    (whole + ROUND).to_array().map(f64::to_bits)
+}
+
+fn numbers(steps: [i32; 3]) -> DVec3 {
+    let [x, y, z] = steps;
+    DVec3::new(f64::from(x), f64::from(y), f64::from(z))
 }
 
 /// Rotations, each turned by a rotation vector; a zero vector leaves its rotation as it is.
@@ -769,13 +938,14 @@ mod tests {
             for (key, ((track, tick, residual, ticks, _), grid)) in (10..).zip(all.iter().zip(&grids)) {
                 let (tick, over) = (Tick::new(*tick), Seconds::new(f64::from(*ticks) / 60.0));
                 prop_assert!(batch.take(key, &DenseTrack::new(track), tick, grid, &conditions));
-                corrections.push(Some(LaneCorrection { residual, over, grid }));
-                expected.push((key, residual.onto(&track.at(tick, grid, &conditions), over, grid)));
+                corrections.push(LaneCorrection { residual, over, grid });
+                expected.push(residual.onto(&track.at(tick, grid, &conditions), over, grid));
             }
-            let mut corrected = Vec::new();
-            batch.correct(corrections, |key, quantised| corrected.push((key, quantised)));
+            let corrected = batch.correct(corrections).unwrap();
+            let corrected: Vec<_> = (0..corrected.len()).map(|lane| corrected.at(lane)).collect();
             prop_assert_eq!(corrected, expected);
             batch.predict(|_, _| unreachable!("it is empty"));
+            prop_assert!(batch.correct([]).is_none());
         }
     }
 

@@ -117,14 +117,6 @@ fn quantise(value: f64, step: f64, limit: i32) -> i32 {
     floor_to_i32(value / step + 0.5).clamp(-limit, limit)
 }
 
-/// Casts a whole number to an integer, saturating at `limit`.
-#[inline(always)]
-pub(crate) fn whole(value: f64, limit: i32) -> i32 {
-    let limit = f64::from(limit);
-    // In range after the clamp, so the cast is exact.
-    value.clamp(-limit, limit) as i32
-}
-
 fn quantise3(value: DVec3, step: f64, limit: i32) -> [i32; 3] {
     [
         quantise(value.x, step, limit),
@@ -260,7 +252,7 @@ pub struct VelocityResidual {
 
 impl VelocityResidual {
     /// In grid steps; within limits these are within [`VELOCITY_LIMIT`].
-    fn steps(&self) -> [[i32; 3]; 2] {
+    pub(crate) fn steps(&self) -> [[i32; 3]; 2] {
         [
             each(self.linear, |steps| steps << self.velocity_exponent),
             each(self.angular, |steps| steps << self.velocity_exponent),
@@ -355,7 +347,7 @@ impl Residual {
 
     /// Completes a corrected state whose position is still the predicted one and whose velocities are the implied
     /// ones.
-    pub(crate) fn onto_implied(&self, from: QuantisedState) -> QuantisedState {
+    fn onto_implied(&self, from: QuantisedState) -> QuantisedState {
         let [x, y, z] = self.position;
         let fine = |steps: i32| steps.saturating_mul(FINE_STEPS);
         let fine = [fine(x), fine(y), fine(z)];
@@ -372,10 +364,10 @@ impl Residual {
     /// True if every part is within its limit, as every decoded residual must be.
     #[must_use]
     pub fn is_within_limits(&self) -> bool {
-        let velocity = self.velocity.unwrap_or_default();
+        let velocity = self.velocity.as_ref();
         within(self.position, RESIDUAL_LIMIT)
             && within(self.turn, TURN_LIMIT)
-            && velocity.is_within_limits()
+            && velocity.is_none_or(VelocityResidual::is_within_limits)
     }
 }
 
@@ -442,14 +434,8 @@ impl PackedRotation {
         Self::nearest(rotation).stable()
     }
 
-    /// The grid point nearest to components in whole steps.
-    pub(crate) fn of_whole(steps: [f64; 4]) -> Self {
-        // The cast saturates, far beyond what any component takes.
-        Self::of_steps(steps.map(|part| part as i32)).stable()
-    }
-
     /// Repeats the packing until it is a fixed point.
-    fn stable(self) -> Self {
+    pub(crate) fn stable(self) -> Self {
         let mut packed = self;
         // If two components tie, rounding may make the other one the largest; the second pass is then stable.
         for _ in 0..3 {
@@ -502,7 +488,7 @@ impl PackedRotation {
     }
 
     /// Packs a place and components of at most twenty bits.
-    const fn packed(largest: u8, [a, b, c]: [i32; 3]) -> Self {
+    pub(crate) const fn packed(largest: u8, [a, b, c]: [i32; 3]) -> Self {
         const MASK: u32 = (1 << 20) - 1;
         let (a, b, c) = (a as u32 & MASK, b as u32 & MASK, c as u32 & MASK);
         Self {

@@ -310,6 +310,19 @@ impl DenseTrack {
         }
     }
 
+    /// Packs a track on its grid in the world frame.
+    #[must_use]
+    #[inline]
+    pub fn on_grid(origin: Tick, predictor: Predictor, quantised: &QuantisedState) -> Self {
+        let acceleration = predictor.acceleration();
+        let acceleration = acceleration.map_or([0; 2], ConstantAcceleration::words);
+        Self {
+            words: on_grid(quantised, acceleration),
+            origin,
+            form: predictor_form(predictor),
+        }
+    }
+
     /// The track.
     #[must_use]
     #[inline]

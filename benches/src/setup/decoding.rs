@@ -379,9 +379,11 @@ impl Lanes {
             grid: &self.grid,
         };
         self.each_batch(|batch| {
-            batch.correct([Some(correction); PredictionX4::LANES], |_, quantised| {
-                black_box(quantised);
-            });
+            if let Some(corrected) = batch.correct([correction; PredictionX4::LANES]) {
+                for lane in 0..corrected.len() {
+                    black_box(corrected.at(lane));
+                }
+            }
         });
     }
 

@@ -138,7 +138,8 @@ impl Model {
             Some(class) => (0, usize::from(*class)),
             None => class_of(expected),
         };
-        let symbol = from.symbol(&ALPHABETS[contexts::group(context)][class])? as u32;
+        let group = usize::from(GROUP_OF[context]);
+        let symbol = from.symbol(&ALPHABETS[group][class])? as u32;
         let number = if symbol == ESCAPE || raw > 0 {
             read_large(symbol, raw, from)?
         } else {
@@ -148,12 +149,13 @@ impl Model {
         Ok(number)
     }
 
-    /// Reads three consecutive numbers, each with its sign.
+    /// Reads three consecutive numbers into `to`, each with its sign.
     pub(crate) fn read_three(
         &mut self,
         contexts: TripleContexts,
         from: &mut RangeReader<'_>,
-    ) -> Result<[i32; 3], Malformed> {
+        to: &mut [i32; 3],
+    ) -> Result<(), Malformed> {
         let alphabets = &ALPHABETS[contexts.group()];
         // A local copy stays in registers from number to number.
         let mut here = from.clone();
@@ -163,7 +165,8 @@ impl Model {
         let sum = sum + u64::from(y.unsigned_abs());
         let z = self.read_signed(contexts.context(2, sum), alphabets, &mut here)?;
         *from = here;
-        Ok([x, y, z])
+        *to = [x, y, z];
+        Ok(())
     }
 
     /// Reads a number with its sign, in a context of the group with these alphabets.
@@ -187,7 +190,7 @@ impl Model {
             return Ok(number);
         }
         let negative = from.fill_with_bit(symbol > 0)?;
-        self.expected[context] = learnt(expected, symbol);
+        self.expected[context] = learnt_few(expected, symbol);
         let (number, sign) = (symbol as i32, -i32::from(negative));
         Ok((number ^ sign) - sign)
     }
@@ -227,9 +230,14 @@ impl Model {
 /// The expectation after a number: an eighth of the way towards it, rounded down.
 #[inline]
 fn learnt(expected: u32, number: u32) -> u32 {
-    let observed = number.min(LEARNT_MAX) * ONE;
+    learnt_few(expected, number.min(LEARNT_MAX))
+}
+
+/// The same for a number of at most [`LEARNT_MAX`].
+#[inline]
+fn learnt_few(expected: u32, number: u32) -> u32 {
     // Both operands stay below 2²⁰.
-    let step = (observed as i32 - expected as i32) >> LEARNING_SHIFT;
+    let step = ((number * ONE) as i32 - expected as i32) >> LEARNING_SHIFT;
     expected.wrapping_add_signed(step)
 }
 
@@ -301,6 +309,18 @@ const FIRST_SHAPES: [u8; CONTEXTS] = {
         context += 1;
     }
     first
+};
+
+/// The group of each context.
+static GROUP_OF: [u8; CONTEXTS] = {
+    let mut groups = [0; CONTEXTS];
+    let mut context = 0;
+    while context < CONTEXTS {
+        // There are four.
+        groups[context] = contexts::group(context) as u8;
+        context += 1;
+    }
+    groups
 };
 
 /// The alphabets of [`SHAPES`] for reading, by group and class.

@@ -349,7 +349,8 @@ impl UpdateCoder {
             let kind = form.kind();
             let age = self.read_age(contexts::age(kind), from)?;
             let mode = self.read_mode(form, from)?;
-            let residual = self.read_residual(kind, age, from)?;
+            let mut residual = Residual::default();
+            self.read_residual((kind, age), from, &mut residual)?;
             UpdatePayload::Residual {
                 mode,
                 age,
@@ -443,33 +444,42 @@ impl UpdateCoder {
         Ok(Age::new(age))
     }
 
+    /// Reads the numbers of a form of this kind into `residual`, which has no velocity.
+    #[inline]
     fn read_residual(
         &mut self,
-        kind: usize,
-        age: Age,
+        (kind, age): (usize, Age),
         from: &mut RangeReader<'_>,
-    ) -> Result<Residual, Malformed> {
-        let mut residual = Residual::default();
+        residual: &mut Residual,
+    ) -> Result<(), Malformed> {
+        let age = age.count();
         if kind % 2 == 1 {
-            let context = contexts::velocity_exponent(kind, age.count());
+            let context = contexts::velocity_exponent(kind, age);
             residual.velocity = Some(VelocityResidual {
                 velocity_exponent: self.model.read(context, from)?,
                 ..VelocityResidual::default()
             });
         }
-        let (model, age) = (&mut self.model, age.count());
-        residual.position = model.read_three(contexts::POSITIONS, from)?;
-        let [x, y, z] = residual.position;
+        let Residual {
+            position,
+            turn,
+            velocity,
+        } = residual;
+        let model = &mut self.model;
+        model.read_three(contexts::POSITIONS, from, position)?;
+        let [x, y, z] = *position;
         let largest = x.unsigned_abs().max(y.unsigned_abs()).max(z.unsigned_abs());
-        residual.turn = model.read_three(contexts::turn(largest), from)?;
-        if let Some(velocity) = &mut residual.velocity {
-            velocity.linear = model.read_three(contexts::velocity(kind, age, 2), from)?;
-            velocity.angular = model.read_three(contexts::velocity(kind, age, 3), from)?;
+        model.read_three(contexts::turn(largest), from, turn)?;
+        if let Some(velocity) = velocity {
+            let linear = contexts::velocity(kind, age, 2);
+            model.read_three(linear, from, &mut velocity.linear)?;
+            let angular = contexts::velocity(kind, age, 3);
+            model.read_three(angular, from, &mut velocity.angular)?;
         }
         if !residual.is_within_limits() {
             return Err(Malformed::OutOfRange);
         }
-        Ok(residual)
+        Ok(())
     }
 
     fn note_form(&mut self, form: UpdateForm) {

@@ -51,6 +51,8 @@ pub(super) mod contexts {
         first: usize,
         /// The first of four contexts for the second and third numbers, chosen by the size of the numbers before.
         others: usize,
+        /// The group of all three contexts.
+        group: usize,
     }
 
     impl TripleContexts {
@@ -68,18 +70,22 @@ pub(super) mod contexts {
     impl TripleContexts {
         /// The group of all three contexts.
         pub(crate) const fn group(self) -> usize {
-            group(self.others)
+            self.group
         }
     }
 
     /// Five consecutive contexts: one for the first number, four for the others.
-    const fn three(first: usize) -> TripleContexts {
+    const fn three(first: usize, group: usize) -> TripleContexts {
         let others = first + 1;
-        TripleContexts { first, others }
+        TripleContexts {
+            first,
+            others,
+            group,
+        }
     }
 
     /// The contexts of a position.
-    pub(crate) const POSITIONS: TripleContexts = three(POSITION);
+    pub(crate) const POSITIONS: TripleContexts = three(POSITION, POSITION_GROUP);
 
     /// The contexts of a rotation; `largest` is the largest size in the position before.
     pub(crate) const fn turn(largest: u32) -> TripleContexts {
@@ -93,12 +99,14 @@ pub(super) mod contexts {
         TripleContexts {
             first: TURN + slot,
             others: TURN,
+            group: TURN_GROUP,
         }
     }
 
     /// The contexts of a linear (triple 2) or angular (triple 3) velocity, for a form with velocities.
     pub(crate) const fn velocity(kind: usize, age: u32, triple: usize) -> TripleContexts {
-        three(VELOCITY + (((kind / 2) * 2 + late(age)) * 2 + (triple - 2)) * 5)
+        let first = VELOCITY + (((kind / 2) * 2 + late(age)) * 2 + (triple - 2)) * 5;
+        three(first, VELOCITY_GROUP)
     }
 
     /// The context of the bit length of a rest correction's step, by the index of the step.
@@ -108,15 +116,19 @@ pub(super) mod contexts {
 
     /// The contexts of an acceleration.
     pub(crate) const fn acceleration() -> TripleContexts {
-        three(ACCELERATION)
+        three(ACCELERATION, VELOCITY_GROUP)
     }
+
+    const POSITION_GROUP: usize = 1;
+    const TURN_GROUP: usize = 2;
+    const VELOCITY_GROUP: usize = 3;
 
     /// The group of a context: counts, positions, rotations, velocities.
     pub(crate) const fn group(context: usize) -> usize {
         match context {
-            POSITION..TURN => 1,
-            TURN..VELOCITY => 2,
-            VELOCITY..COARSENESS | ACCELERATION..END => 3,
+            POSITION..TURN => POSITION_GROUP,
+            TURN..VELOCITY => TURN_GROUP,
+            VELOCITY..COARSENESS | ACCELERATION..END => VELOCITY_GROUP,
             _ => 0,
         }
     }

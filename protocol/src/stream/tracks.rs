@@ -288,6 +288,14 @@ impl Tracks {
         true
     }
 
+    /// Replaces the track of a body and returns the one before; `None` if no body has the index.
+    fn replace_track(&mut self, index: u32, track: DenseTrack) -> Option<DenseTrack> {
+        let slot = self.slots.get_mut(index as usize)?.as_mut()?;
+        self.state_checksum
+            .change(index, || Some((slot.id(index), slot.track())));
+        Some(core::mem::replace(&mut slot.track, track))
+    }
+
     /// Notes in the checksum that the track of an index is about to change.
     fn note_change(&mut self, index: u32) {
         let before = track_at(&self.slots, index);

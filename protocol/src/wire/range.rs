@@ -234,11 +234,12 @@ impl<'a> RangeReader<'a> {
         Ok(covering.symbol)
     }
 
-    /// Takes as many bytes as bring the range up to [`RANGE_MIN`] again.
-    ///
-    /// Without a branch on their number, which is unpredictable.
+    /// Takes as many bytes as bring the range up to [`RANGE_MIN`] again: few symbols need any.
     #[inline(always)]
     pub(crate) fn fill(&mut self) {
+        if self.range >= RANGE_MIN {
+            return;
+        }
         let (window, range) = (self.window(), u64::from(self.range) << 32);
         self.widen(window, range);
     }
@@ -250,6 +251,23 @@ impl<'a> RangeReader<'a> {
     /// As [`Self::symbol`].
     #[inline(always)]
     pub(crate) fn fill_with_bit(&mut self, there: bool) -> Result<bool, Malformed> {
+        if self.range < 2 * RANGE_MIN {
+            return self.fill_and_halve(there);
+        }
+        // Without a branch on whether there is a bit: nothing is halved for none.
+        let part = self.range >> u32::from(there);
+        let set = self.offset >= part;
+        self.offset -= if set { part } else { 0 };
+        self.range = part;
+        if self.offset >= part {
+            return Err(Malformed::NotCanonical);
+        }
+        Ok(set)
+    }
+
+    /// The same where bytes are taken, before the bit or after it.
+    #[inline(always)]
+    fn fill_and_halve(&mut self, there: bool) -> Result<bool, Malformed> {
         let (window, range) = (self.window(), u64::from(self.range) << 32);
         // If the range takes bytes, its half is exact after them; otherwise the half is rounded down.
         let rounded = u64::from(self.range >= RANGE_MIN) << 31;
@@ -376,10 +394,14 @@ pub(crate) struct Alphabet {
     near: [NearSymbols; STRETCHES],
 }
 
-/// The symbol that covers the first part of a stretch, in the highest sixteen bits. Below are the start of the second
-/// symbol after it, that of the next one, and its own. One load gives all of them.
+/// The symbol that covers the first part of a stretch, its start, and the starts of the two symbols after it.
 #[derive(Clone, Copy, Debug)]
-struct NearSymbols(u64);
+struct NearSymbols {
+    symbol: u16,
+    first: u16,
+    second: u16,
+    third: u16,
+}
 
 /// A symbol and the parts that it covers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -409,15 +431,26 @@ impl Alphabet {
             starts[place] = of[place];
             place += 1;
         }
-        let mut near = [NearSymbols(0); STRETCHES];
+        let mut near = [const {
+            NearSymbols {
+                symbol: 0,
+                first: 0,
+                second: 0,
+                third: 0,
+            }
+        }; STRETCHES];
         let (mut stretch, mut symbol) = (0, 0);
         while stretch < STRETCHES {
             while starts[symbol + 1] as usize <= stretch << STRETCH_BITS {
                 symbol += 1;
             }
-            let (first, second) = (starts[symbol] as u64, starts[symbol + 1] as u64);
-            let third = starts[symbol + 2] as u64;
-            near[stretch] = NearSymbols(first | second << 16 | third << 32 | (symbol as u64) << 48);
+            near[stretch] = NearSymbols {
+                // There are at most 32 symbols.
+                symbol: symbol as u16,
+                first: starts[symbol],
+                second: starts[symbol + 1],
+                third: starts[symbol + 2],
+            };
             stretch += 1;
         }
         Self { starts, near }
@@ -427,10 +460,9 @@ impl Alphabet {
     #[inline(always)]
     fn at(&self, part: u32) -> SymbolSpan {
         let stretch = (part >> STRETCH_BITS) as usize % STRETCHES;
-        let NearSymbols(near) = self.near[stretch];
-        let sixteen = |place: u32| (near >> (16 * place)) as u16;
-        let [first, second, third] = [0, 1, 2].map(|place| u32::from(sixteen(place)));
-        let symbol = usize::from(sixteen(3));
+        let near = &self.near[stretch];
+        let [first, second, third] = [near.first, near.second, near.third].map(u32::from);
+        let symbol = usize::from(near.symbol);
         if third <= part {
             return self.beyond(symbol, part);
         }

@@ -448,17 +448,17 @@ impl EarlierTracks {
     /// Drops all but the newest track of a body that were replaced by `end`. `origin`: that of the newest one.
     fn drop_older(&mut self, place: usize, origin: Tick, end: Tick) {
         let (mut newer, mut newer_origin, mut left) = (self.kept[place].newest, origin, 1);
-        while let Some(node) = self.node(newer).copied() {
-            let Some(older) = self.node(node.older) else {
+        while let Some(link) = self.node(newer).map(|node| node.older) {
+            let Some(older) = self.node(link).map(|older| older.track.origin()) else {
                 break;
             };
             if newer_origin <= end || left == EARLIER_TRACKS_MAX {
                 self.nodes[newer as usize - 1].older = 0;
-                self.release(node.older);
+                self.release(link);
                 break;
             }
-            newer_origin = older.track.origin();
-            newer = node.older;
+            newer_origin = older;
+            newer = link;
             left += 1;
         }
         self.kept[place].count = left;

@@ -5,7 +5,7 @@
 
 use alloc::vec::Vec;
 
-use rhumb_reckoning::{BodyId, DenseTrack, PredictionX4, Predictor, Tick};
+use rhumb_reckoning::{BodyId, DenseTrack, Predictor, Tick};
 
 use super::Subscriber;
 use crate::limits::{FEC_SPAN, TICK_JUMP_MAX, WAITING_DATAGRAMS_MAX};
@@ -465,16 +465,16 @@ impl Subscriber {
 
     /// Applies the corrections whose predictions were computed together.
     fn apply_batch(&mut self, tick: Tick, batch: &mut CorrectionsX4<'_>) {
-        let mut applied = [None; PredictionX4::LANES];
-        let mut places = applied.iter_mut();
-        self.tracks.apply_batch(batch, tick, |index, before| {
-            if let Some(place) = places.next() {
-                *place = Some((index, before));
+        let Some(corrected) = self.tracks.correct(batch) else {
+            return;
+        };
+        for lane in 0..corrected.len() {
+            let applied = self.tracks.apply_corrected(batch, &corrected, lane, tick);
+            if let Some((index, before)) = applied {
+                self.note_applied(index, Some(before));
             }
-        });
-        for (index, before) in applied.into_iter().flatten() {
-            self.note_applied(index, Some(before));
         }
+        batch.clear();
     }
 
     /// The state of the body of an alias assignment at a tick.

@@ -1,7 +1,7 @@
 //! Applies a payload to a track, at publisher and subscriber alike.
 
 use rhumb_reckoning::{
-    Anchor, BodyId, DenseTrack, Grid, LaneCorrection, Motion, PredictionX4, Predictor,
+    Anchor, BodyId, CorrectedX4, DenseTrack, Grid, LaneCorrection, Motion, PredictionX4, Predictor,
     QuantisedState, Residual, RestCorrection, Seconds, TRACK_AGE_MAX, Tick, Track, attached_motion,
     relative_to,
 };
@@ -165,7 +165,7 @@ impl Tracks {
 #[derive(Debug, Default)]
 pub(crate) struct CorrectionsX4<'a> {
     batch: PredictionX4,
-    /// By key in the batch. Entries after the batch's bodies have no meaning.
+    /// In the order of the batch. Entries after the batch's bodies have no meaning.
     queued: [QueuedCorrection<'a>; PredictionX4::LANES],
     len: usize,
 }
@@ -174,19 +174,28 @@ pub(crate) struct CorrectionsX4<'a> {
 #[derive(Clone, Copy, Debug, Default)]
 struct QueuedCorrection<'a> {
     index: u32,
+    /// The number of the body's parameters.
+    interned: u32,
+    /// The new predictor, the divergence time and the correction.
     correction: Option<(Predictor, Seconds, &'a Residual)>,
 }
 
-impl<'a> CorrectionsX4<'a> {
+impl CorrectionsX4<'_> {
     /// True if the correction of a body is queued.
+    #[inline]
     pub(crate) fn has(&self, index: u32) -> bool {
         let queued = &self.queued[..self.len];
         queued.iter().any(|queued| queued.index == index)
     }
 
-    /// True if [`Tracks::apply_batch`] is due.
+    /// True if the corrections are due.
     pub(crate) const fn is_full(&self) -> bool {
         self.batch.is_full()
+    }
+
+    /// Empties the queue.
+    pub(crate) const fn clear(&mut self) {
+        self.len = 0;
     }
 }
 
@@ -226,50 +235,56 @@ impl Tracks {
         if tick <= origin || !of_age || !free {
             return false;
         }
-        let key = batch.len as u32;
-        if !self.take(&mut batch.batch, key, slot, tick) {
+        let Some(place) = batch.queued.get_mut(batch.len) else {
+            return false;
+        };
+        if !self.take(&mut batch.batch, index, slot, tick) {
             return false;
         }
         let over = tick.since(origin).unwrap_or(TRACK_AGE_MAX);
         let over = was.divergence_time(over, self.integrator.rate);
-        let correction = Some((predictor, over, residual));
-        batch.queued[batch.len] = QueuedCorrection { index, correction };
+        *place = QueuedCorrection {
+            index,
+            interned: slot.interned,
+            correction: Some((predictor, over, residual)),
+        };
         batch.len += 1;
         true
     }
 
-    /// Applies the queued corrections, and passes out each body with its earlier track.
-    pub(crate) fn apply_batch(
-        &mut self,
-        batch: &mut CorrectionsX4<'_>,
-        tick: Tick,
-        mut out: impl FnMut(u32, DenseTrack),
-    ) {
+    /// Computes the queued corrections, which stay queued until [`CorrectionsX4::clear`].
+    pub(crate) fn correct(&self, batch: &mut CorrectionsX4<'_>) -> Option<CorrectedX4> {
         let CorrectionsX4 { batch, queued, len } = batch;
-        let corrections = queued[..*len].iter().map(|queued| {
+        let corrections = queued[..*len].iter().filter_map(|queued| {
             let (_, over, residual) = queued.correction?;
-            let slot = self.slot(queued.index)?;
-            let grid = &self.interned_parameters.get(slot.interned).grid;
+            let grid = &self.interned_parameters.get(queued.interned).grid;
             Some(LaneCorrection {
                 residual,
                 over,
                 grid,
             })
         });
-        let mut corrected = [None; PredictionX4::LANES];
-        batch.correct(corrections, |key, quantised| {
-            corrected[key as usize] = Some(quantised);
-        });
-        for (queued, corrected) in queued[..*len].iter().zip(corrected) {
-            let (Some(quantised), Some((predictor, ..))) = (corrected, queued.correction) else {
-                continue;
-            };
-            if let Some(before) = self.slot(queued.index).map(|slot| *slot.dense()) {
-                self.set_track(queued.index, on_grid(tick, predictor, None, quantised));
-                out(queued.index, before);
-            }
-        }
-        *len = 0;
+        batch.correct(corrections)
+    }
+
+    /// Applies one of the corrections; returns the body and its earlier track.
+    #[inline]
+    pub(crate) fn apply_corrected(
+        &mut self,
+        batch: &CorrectionsX4<'_>,
+        corrected: &CorrectedX4,
+        lane: usize,
+        tick: Tick,
+    ) -> Option<(u32, DenseTrack)> {
+        let queued = batch.queued.get(lane)?;
+        let (predictor, ..) = queued.correction?;
+        let quantised = corrected.at(lane);
+        let quantised = match predictor {
+            Predictor::Rest => quantised.stilled(),
+            _ => quantised,
+        };
+        let track = DenseTrack::on_grid(tick, predictor, &quantised);
+        Some((queued.index, self.replace_track(queued.index, track)?))
     }
 }
 
