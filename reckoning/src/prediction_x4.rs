@@ -61,6 +61,7 @@ impl PredictionX4 {
     /// The arguments are those of [`Track::at`](crate::Track::at); all bodies of a batch belong to scenes with the
     /// same integrator.
     #[must_use]
+    #[inline]
     pub fn take(
         &mut self,
         key: u32,

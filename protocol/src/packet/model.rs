@@ -158,64 +158,62 @@ impl Model {
     ) -> Result<(), Malformed> {
         let alphabets = &ALPHABETS[contexts.group()];
         // A local copy stays in registers from number to number.
-        let mut here = from.clone();
-        let x = self.read_signed(contexts.context(0, 0), alphabets, &mut here)?;
-        let sum = u64::from(x.unsigned_abs());
-        let y = self.read_signed(contexts.context(1, sum), alphabets, &mut here)?;
-        let sum = sum + u64::from(y.unsigned_abs());
-        let z = self.read_signed(contexts.context(2, sum), alphabets, &mut here)?;
-        *from = here;
-        *to = [x, y, z];
+        let (mut here, mut sum) = (from.span(), 0);
+        for (part, number) in to.iter_mut().enumerate() {
+            let context = contexts.context(part, sum);
+            let expected = self.expected[context];
+            let Some(class) = CLOSE.get((expected / (ONE / 16)) as usize) else {
+                from.set_span(here);
+                *number = self.read_large_signed(context, from)?;
+                sum += u64::from(number.unsigned_abs());
+                here = from.span();
+                continue;
+            };
+            let symbol = here.symbol(&alphabets[usize::from(*class)])? as u32;
+            if symbol == ESCAPE {
+                from.set_span(here);
+                *number = self.read_escaped_signed(context, from)?;
+                sum += u64::from(number.unsigned_abs());
+                here = from.span();
+                continue;
+            }
+            let negative = if here.is_wide() {
+                here.bit(symbol > 0)?
+            } else {
+                from.set_span(here);
+                let negative = from.fill_with_bit(symbol > 0)?;
+                here = from.span();
+                negative
+            };
+            self.expected[context] = learnt_few(expected, symbol);
+            sum += u64::from(symbol);
+            let sign = -i32::from(negative);
+            *number = (symbol as i32 ^ sign) - sign;
+        }
+        from.set_span(here);
         Ok(())
     }
 
-    /// Reads a number with its sign, in a context of the group with these alphabets.
-    #[inline(always)]
-    fn read_signed(
+    /// A number with its sign, with raw low bits.
+    #[inline(never)]
+    fn read_large_signed(
         &mut self,
         context: usize,
-        alphabets: &[Alphabet; CLASSES],
         from: &mut RangeReader<'_>,
     ) -> Result<i32, Malformed> {
-        let expected = self.expected[context];
-        let Some(class) = CLOSE.get((expected / (ONE / 16)) as usize) else {
-            let number;
-            (number, *from) = self.read_large_signed(context, from.clone())?;
-            return Ok(number);
-        };
-        let symbol = from.symbol_unfilled(&alphabets[usize::from(*class)])? as u32;
-        if symbol == ESCAPE {
-            let number;
-            (number, *from) = self.read_escaped_signed(context, from.clone())?;
-            return Ok(number);
-        }
-        let negative = from.fill_with_bit(symbol > 0)?;
-        self.expected[context] = learnt_few(expected, symbol);
-        let (number, sign) = (symbol as i32, -i32::from(negative));
-        Ok((number ^ sign) - sign)
-    }
-
-    /// As [`Self::read_signed`], with raw low bits. Takes and returns the reader by value, so that it stays in
-    /// registers.
-    #[inline(never)]
-    fn read_large_signed<'a>(
-        &mut self,
-        context: usize,
-        mut from: RangeReader<'a>,
-    ) -> Result<(i32, RangeReader<'a>), Malformed> {
-        let size = self.read(context, &mut from)?;
+        let size = self.read(context, from)?;
         with_sign(size, from)
     }
 
-    /// As [`Self::read_signed`], after an escape symbol.
+    /// The rest of a number and its sign, after an escape symbol.
     #[inline(never)]
-    fn read_escaped_signed<'a>(
+    fn read_escaped_signed(
         &mut self,
         context: usize,
-        mut from: RangeReader<'a>,
-    ) -> Result<(i32, RangeReader<'a>), Malformed> {
+        from: &mut RangeReader<'_>,
+    ) -> Result<i32, Malformed> {
         from.fill();
-        let size = read_large(ESCAPE, 0, &mut from)?;
+        let size = read_large(ESCAPE, 0, from)?;
         self.learn(context, size);
         with_sign(size, from)
     }
@@ -393,10 +391,10 @@ fn write_rest(rest: u32, to: &mut RangeWriter) {
 }
 
 /// Reads the sign that follows a non-zero size and returns the signed number.
-fn with_sign(size: u32, mut from: RangeReader<'_>) -> Result<(i32, RangeReader<'_>), Malformed> {
+fn with_sign(size: u32, from: &mut RangeReader<'_>) -> Result<i32, Malformed> {
     let number = i32::try_from(size).map_err(|_| Malformed::OutOfRange)?;
     let negative = from.fill_with_bit(size > 0)?;
-    Ok((if negative { -number } else { number }, from))
+    Ok(if negative { -number } else { number })
 }
 
 /// Reads the bits after the symbol of a large number: the excess of an escaped one, and the raw bits.

@@ -309,56 +309,64 @@ impl UpdateCoder {
         }
     }
 
-    /// Reads an update: its alias gap, the body if it is given, and the payload; `None` at the end of the updates.
+    /// Reads an update and hands out its alias gap, the body if it is given, and the payload. Returns `false` at the end of
+    /// the updates.
     ///
     /// # Errors
     ///
-    /// [`Malformed`] if the payload is not within the limits.
+    /// [`Malformed`] if the payload is not within the limits, and errors of `take`.
+    #[inline]
     pub(crate) fn read(
         &mut self,
         from: &mut RangeReader<'_>,
-    ) -> Result<Option<(u32, Option<u32>, UpdatePayload)>, Malformed> {
+        mut take: impl FnMut(u32, Option<u32>, UpdatePayload) -> Result<(), Malformed>,
+    ) -> Result<bool, Malformed> {
         let mut code = self.read_code(from)?;
         if code == END {
-            return Ok(None);
+            return Ok(false);
         }
         let aliased = code == ASSIGN_ALIAS;
         if aliased {
             code = self.read_code(from)?;
         }
         let gap = self.model.read(contexts::gap(self.has_updates), from)?;
-        let mut body = None;
-        if aliased {
-            body = Some(from.raw(INDEX_BITS)?);
-        }
-        let form = *UpdateForm::ALL.get(code).ok_or(Malformed::NotCanonical)?;
-        let payload = if form == UpdateForm::Keyframe {
-            if body.is_some() {
-                return Err(Malformed::NotCanonical);
-            }
-            body = Some(from.raw(INDEX_BITS)?);
-            UpdatePayload::Keyframe(Keyframe::decode(from)?)
-        } else if form == UpdateForm::Resting {
-            let age = self.read_age(contexts::REST_AGE, from)?;
-            let rest_correction = self.read_rest_correction(from)?;
-            UpdatePayload::Resting {
-                age,
-                rest_correction,
-            }
+        let body = if aliased {
+            Some(from.raw(INDEX_BITS)?)
         } else {
-            let kind = form.kind();
-            let age = self.read_age(contexts::age(kind), from)?;
-            let mode = self.read_mode(form, from)?;
-            let mut residual = Residual::default();
-            self.read_residual((kind, age), from, &mut residual)?;
-            UpdatePayload::Residual {
-                mode,
-                age,
-                residual,
-            }
+            None
         };
+        let form = *UpdateForm::ALL.get(code).ok_or(Malformed::NotCanonical)?;
+        match form {
+            UpdateForm::Keyframe if aliased => return Err(Malformed::NotCanonical),
+            UpdateForm::Keyframe => {
+                let body = Some(from.raw(INDEX_BITS)?);
+                take(gap, body, UpdatePayload::Keyframe(Keyframe::decode(from)?))?;
+            }
+            UpdateForm::Resting => {
+                let age = self.read_age(contexts::REST_AGE, from)?;
+                let rest_correction = self.read_rest_correction(from)?;
+                let payload = UpdatePayload::Resting {
+                    age,
+                    rest_correction,
+                };
+                take(gap, body, payload)?;
+            }
+            UpdateForm::Same { .. } | UpdateForm::World { .. } | UpdateForm::Attached => {
+                let kind = form.kind();
+                let age = self.read_age(contexts::age(kind), from)?;
+                let mode = self.read_mode(form, from)?;
+                let mut residual = Residual::default();
+                self.read_residual((kind, age), from, &mut residual)?;
+                let payload = UpdatePayload::Residual {
+                    mode,
+                    age,
+                    residual,
+                };
+                take(gap, body, payload)?;
+            }
+        }
         self.note_form(form);
-        Ok(Some((gap, body, payload)))
+        Ok(true)
     }
 
     fn read_mode(

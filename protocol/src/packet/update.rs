@@ -224,7 +224,7 @@ impl<'a> UpdatePacket<'a> {
         out.clear();
         let mut coder = UpdateCoder::default();
         let mut next_alias = 0_u32;
-        while let Some((gap, body, payload)) = coder.read(&mut self.range_reader)? {
+        while coder.read(&mut self.range_reader, |gap, body, payload| {
             if out.len() == UPDATES_PER_PACKET_MAX {
                 return Err(Malformed::TooLong);
             }
@@ -238,7 +238,8 @@ impl<'a> UpdatePacket<'a> {
                 payload,
             });
             next_alias = alias + 1;
-        }
+            Ok(())
+        })? {}
         self.range_reader.finish()
     }
 }

@@ -63,7 +63,7 @@ impl RangeWriter {
         assert!(size > 0, "a symbol without probability cannot be coded");
         let part = self.range >> TOTAL_BITS;
         let (low, range) = (self.low.wrapping_add(part * start), part * size);
-        // As in `RangeReader::fill_with_bit`.
+        // A range that gives bytes away has an exact half after them; otherwise the half is rounded down.
         let rounded = u64::from(range >= RANGE_MIN) << 31;
         let range = u64::from(range) << 32;
         let part = match bit {
@@ -186,42 +186,25 @@ pub(crate) struct RangeReader<'a> {
     bytes: &'a [u8],
     /// Bytes taken, with those beyond the end, which count as zeros.
     taken: u32,
+    span: Span,
+}
+
+/// The range of a reader. Symbols that need no bytes change nothing else.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Span {
     /// The read number, from the low end of the range on.
     offset: u32,
     range: u32,
 }
 
-impl<'a> RangeReader<'a> {
-    pub(crate) fn new(bytes: &'a [u8]) -> Self {
-        let mut reader = Self {
-            bytes,
-            taken: 4,
-            offset: 0,
-            range: u32::MAX,
-        };
-        reader.offset = four_at(bytes, 0);
-        reader
-    }
-
-    /// The next symbol.
+impl Span {
+    /// The next symbol, without renormalisation: [`RangeReader::fill`] must follow, or a bit.
     ///
     /// # Errors
     ///
-    /// [`Malformed::NotCanonical`] for bytes that no symbol encodes to.
+    /// As [`RangeReader::symbol`].
     #[inline(always)]
     pub(crate) fn symbol(&mut self, of: &Alphabet) -> Result<usize, Malformed> {
-        let symbol = self.symbol_unfilled(of)?;
-        self.fill();
-        Ok(symbol)
-    }
-
-    /// The same without renormalisation: [`Self::fill`] or [`Self::fill_with_bit`] must follow.
-    ///
-    /// # Errors
-    ///
-    /// As [`Self::symbol`].
-    #[inline(always)]
-    pub(crate) fn symbol_unfilled(&mut self, of: &Alphabet) -> Result<usize, Malformed> {
         let unit = self.range >> TOTAL_BITS;
         let part = self.offset / unit;
         // Division leaves a remainder at the upper end that no symbol encodes to.
@@ -234,26 +217,19 @@ impl<'a> RangeReader<'a> {
         Ok(covering.symbol)
     }
 
-    /// Takes as many bytes as bring the range up to [`RANGE_MIN`] again: few symbols need any.
+    /// True if no bytes are due before a bit or after it.
     #[inline(always)]
-    pub(crate) fn fill(&mut self) {
-        if self.range >= RANGE_MIN {
-            return;
-        }
-        let (window, range) = (self.window(), u64::from(self.range) << 32);
-        self.widen(window, range);
+    pub(crate) const fn is_wide(self) -> bool {
+        self.range >= 2 * RANGE_MIN
     }
 
-    /// The same, then a raw bit if `there` is set; otherwise returns an unset bit.
+    /// A raw bit of a filled span if `there` is set; otherwise returns an unset bit.
     ///
     /// # Errors
     ///
-    /// As [`Self::symbol`].
+    /// As [`RangeReader::symbol`].
     #[inline(always)]
-    pub(crate) fn fill_with_bit(&mut self, there: bool) -> Result<bool, Malformed> {
-        if self.range < 2 * RANGE_MIN {
-            return self.fill_and_halve(there);
-        }
+    pub(crate) fn bit(&mut self, there: bool) -> Result<bool, Malformed> {
         // Without a branch on whether there is a bit: nothing is halved for none.
         let part = self.range >> u32::from(there);
         let set = self.offset >= part;
@@ -264,41 +240,68 @@ impl<'a> RangeReader<'a> {
         }
         Ok(set)
     }
+}
 
-    /// The same where bytes are taken, before the bit or after it.
-    #[inline(always)]
-    fn fill_and_halve(&mut self, there: bool) -> Result<bool, Malformed> {
-        let (window, range) = (self.window(), u64::from(self.range) << 32);
-        // If the range takes bytes, its half is exact after them; otherwise the half is rounded down.
-        let rounded = u64::from(self.range >= RANGE_MIN) << 31;
-        // Without a branch on whether there is a bit: nothing is halved for none.
-        let part = if there {
-            (range >> 1) & !rounded
-        } else {
-            range
+impl<'a> RangeReader<'a> {
+    pub(crate) fn new(bytes: &'a [u8]) -> Self {
+        let mut reader = Self {
+            bytes,
+            taken: 4,
+            span: Span {
+                offset: 0,
+                range: u32::MAX,
+            },
         };
-        let set = window >= part;
-        let window = window - if set { part } else { 0 };
-        if window >= part {
-            return Err(Malformed::NotCanonical);
+        reader.span.offset = four_at(bytes, 0);
+        reader
+    }
+
+    /// The range, to be given back by [`Self::set_span`].
+    #[inline(always)]
+    pub(crate) const fn span(&self) -> Span {
+        self.span
+    }
+
+    #[inline(always)]
+    pub(crate) const fn set_span(&mut self, span: Span) {
+        self.span = span;
+    }
+
+    /// The next symbol.
+    ///
+    /// # Errors
+    ///
+    /// [`Malformed::NotCanonical`] for bytes that no symbol encodes to.
+    #[inline(always)]
+    pub(crate) fn symbol(&mut self, of: &Alphabet) -> Result<usize, Malformed> {
+        let symbol = self.span.symbol(of)?;
+        self.fill();
+        Ok(symbol)
+    }
+
+    /// Takes as many bytes as bring the range up to [`RANGE_MIN`] again: few symbols need any, and few of those two.
+    #[inline(always)]
+    pub(crate) fn fill(&mut self) {
+        while self.span.range < RANGE_MIN {
+            let byte = self.bytes.get(self.taken as usize).copied();
+            self.span.offset = self.span.offset << 8 | u32::from(byte.unwrap_or_default());
+            self.span.range <<= 8;
+            self.taken += 1;
         }
-        self.widen(window, part);
+    }
+
+    /// The same, then a raw bit if `there` is set; otherwise returns an unset bit.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::symbol`].
+    #[inline(always)]
+    pub(crate) fn fill_with_bit(&mut self, there: bool) -> Result<bool, Malformed> {
+        // If the range takes bytes, its half is exact after them; otherwise the half is rounded down.
+        self.fill();
+        let set = self.span.bit(there)?;
+        self.fill();
         Ok(set)
-    }
-
-    /// The offset, followed by the next bytes.
-    #[inline(always)]
-    fn window(&self) -> u64 {
-        u64::from(self.offset) << 32 | u64::from(four_at(self.bytes, self.taken))
-    }
-
-    /// Continues with a window and a range, each with 32 bits below, once they are wide enough.
-    #[inline(always)]
-    fn widen(&mut self, window: u64, range: u64) {
-        let bits = missing_bits(range);
-        self.offset = ((window << bits) >> 32) as u32;
-        self.range = ((range << bits) >> 32) as u32;
-        self.taken += bits / 8;
     }
 
     /// The next `count` raw bits; `count` is at most 32.
@@ -328,13 +331,13 @@ impl<'a> RangeReader<'a> {
 
     #[inline]
     fn step(&mut self, bits: u32) -> Result<u32, Malformed> {
-        let unit = self.range >> bits;
-        let value = self.offset / unit;
+        let unit = self.span.range >> bits;
+        let value = self.span.offset / unit;
         if value >> bits != 0 {
             return Err(Malformed::NotCanonical);
         }
-        self.offset -= unit * value;
-        self.range = unit;
+        self.span.offset -= unit * value;
+        self.span.range = unit;
         self.fill();
         Ok(value)
     }
@@ -348,13 +351,13 @@ impl<'a> RangeReader<'a> {
         if self.bytes.len() > self.taken as usize {
             return Err(Malformed::Trailing);
         }
-        if self.offset >= self.range {
+        if self.span.offset >= self.span.range {
             return Err(Malformed::NotCanonical);
         }
         let window = i64::from(four_at(self.bytes, self.taken - 4));
-        let low = window - i64::from(self.offset);
+        let low = window - i64::from(self.span.offset);
         let ends_in_zero = self.bytes.last() == Some(&0);
-        if ends_in_zero || shortest_tail(low, self.range) != window {
+        if ends_in_zero || shortest_tail(low, self.span.range) != window {
             return Err(Malformed::NotCanonical);
         }
         Ok(())
@@ -680,8 +683,11 @@ mod tests {
                             if symbol == unless { Some(0) } else { plain.symbol(&bit, 1) }
                         });
                         let both = symbol.zip(set).map(|(symbol, set)| symbol * 2 + set);
-                        let read = reader.symbol_unfilled(&ALPHABET).and_then(|symbol| {
-                            let set = reader.fill_with_bit(symbol != unless)?;
+                        let read = reader.span.symbol(&ALPHABET).and_then(|symbol| {
+                            let set = match reader.span.is_wide() {
+                                true => reader.span.bit(symbol != unless)?,
+                                false => reader.fill_with_bit(symbol != unless)?,
+                            };
                             Ok(symbol * 2 + usize::from(set))
                         });
                         (both, read)
@@ -692,7 +698,7 @@ mod tests {
                     break;
                 }
                 prop_assert_eq!(
-                    (reader.offset, reader.range, reader.taken as usize),
+                    (reader.span.offset, reader.span.range, reader.taken as usize),
                     (plain.offset, plain.range, plain.taken)
                 );
             }

@@ -108,9 +108,11 @@ proptest! {
         prop_assert!(bytes.len() * 8 * 256 <= cost as usize + cost as usize / 8 + 16 * 256);
         let (mut coder, mut reader) = (UpdateCoder::default(), RangeReader::new(&bytes));
         let mut read = Vec::new();
-        while let Some(update) = coder.read(&mut reader).unwrap() {
-            read.push(update);
-        }
+        let mut take = |gap, body, payload| {
+            read.push((gap, body, payload));
+            Ok(())
+        };
+        while coder.read(&mut reader, &mut take).unwrap() {}
         prop_assert_eq!(read, payloads);
         prop_assert_eq!(reader.finish(), Ok(()));
     }
@@ -120,9 +122,13 @@ proptest! {
         let (mut coder, mut reader) = (UpdateCoder::default(), RangeReader::new(&bytes));
         let mut read = Vec::new();
         let ended = loop {
-            match coder.read(&mut reader) {
-                Ok(Some(update)) if read.len() < 64 => read.push(update),
-                Ok(None) => break true,
+            let more = coder.read(&mut reader, |gap, body, payload| {
+                read.push((gap, body, payload));
+                Ok(())
+            });
+            match more {
+                Ok(true) if read.len() <= 64 => {}
+                Ok(false) => break true,
                 _ => break false,
             }
         };
