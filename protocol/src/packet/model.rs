@@ -158,31 +158,31 @@ impl Model {
     ) -> Result<(), Malformed> {
         let alphabets = &ALPHABETS[contexts.group()];
         // A local copy stays in registers from number to number.
-        let (mut here, mut sum) = (from.span(), 0);
+        let (mut here, mut sum) = (from.state(), 0);
         for (part, number) in to.iter_mut().enumerate() {
             let context = contexts.context(part, sum);
             let expected = self.expected[context];
             let Some(class) = CLOSE.get((expected / (ONE / 16)) as usize) else {
-                from.set_span(here);
+                from.set_state(here);
                 *number = self.read_large_signed(context, from)?;
                 sum += u64::from(number.unsigned_abs());
-                here = from.span();
+                here = from.state();
                 continue;
             };
             let symbol = here.symbol(&alphabets[usize::from(*class)])? as u32;
             if symbol == ESCAPE {
-                from.set_span(here);
+                from.set_state(here);
                 *number = self.read_escaped_signed(context, from)?;
                 sum += u64::from(number.unsigned_abs());
-                here = from.span();
+                here = from.state();
                 continue;
             }
             let negative = if here.is_wide() {
                 here.bit(symbol > 0)?
             } else {
-                from.set_span(here);
+                from.set_state(here);
                 let negative = from.fill_with_bit(symbol > 0)?;
-                here = from.span();
+                here = from.state();
                 negative
             };
             self.expected[context] = learnt_few(expected, symbol);
@@ -190,7 +190,7 @@ impl Model {
             let sign = -i32::from(negative);
             *number = (symbol as i32 ^ sign) - sign;
         }
-        from.set_span(here);
+        from.set_state(here);
         Ok(())
     }
 

@@ -63,6 +63,9 @@ impl RangeWriter {
         assert!(size > 0, "a symbol without probability cannot be coded");
         let part = self.range >> TOTAL_BITS;
         let (low, range) = (self.low.wrapping_add(part * start), part * size);
+        if range >= 2 * RANGE_MIN {
+            return self.narrow(low, range, bit);
+        }
         // A range that gives bytes away has an exact half after them; otherwise the half is rounded down.
         let rounded = u64::from(range >= RANGE_MIN) << 31;
         let range = u64::from(range) << 32;
@@ -72,6 +75,18 @@ impl RangeWriter {
         };
         let upper = if bit == Some(true) { part } else { 0 };
         self.widen((u64::from(low) << 32).wrapping_add(upper), part);
+    }
+
+    /// Continues with an end of the range and a range so wide that no bytes are due, before a raw bit or after it.
+    #[inline(always)]
+    fn narrow(&mut self, low: u32, range: u32, bit: Option<bool>) {
+        let part = range >> u32::from(bit.is_some());
+        let low = low.wrapping_add(if bit == Some(true) { part } else { 0 });
+        // The range shrinks from its low end only: a lower end is one that has passed 2³².
+        if low < self.low {
+            self.carry();
+        }
+        (self.low, self.range) = (low, part);
     }
 
     /// Continues with an end of the range and a range, each with 32 bits below, once they are wide enough. Writes the
@@ -186,18 +201,18 @@ pub(crate) struct RangeReader<'a> {
     bytes: &'a [u8],
     /// Bytes taken, with those beyond the end, which count as zeros.
     taken: u32,
-    span: Span,
+    state: RangeState,
 }
 
 /// The range of a reader. Symbols that need no bytes change nothing else.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Span {
+pub(crate) struct RangeState {
     /// The read number, from the low end of the range on.
     offset: u32,
     range: u32,
 }
 
-impl Span {
+impl RangeState {
     /// The next symbol, without renormalisation: [`RangeReader::fill`] must follow, or a bit.
     ///
     /// # Errors
@@ -223,7 +238,7 @@ impl Span {
         self.range >= 2 * RANGE_MIN
     }
 
-    /// A raw bit of a filled span if `there` is set; otherwise returns an unset bit.
+    /// A raw bit of a filled state if `there` is set; otherwise returns an unset bit.
     ///
     /// # Errors
     ///
@@ -247,24 +262,24 @@ impl<'a> RangeReader<'a> {
         let mut reader = Self {
             bytes,
             taken: 4,
-            span: Span {
+            state: RangeState {
                 offset: 0,
                 range: u32::MAX,
             },
         };
-        reader.span.offset = four_at(bytes, 0);
+        reader.state.offset = four_at(bytes, 0);
         reader
     }
 
-    /// The range, to be given back by [`Self::set_span`].
+    /// The range, to be given back by [`Self::set_state`].
     #[inline(always)]
-    pub(crate) const fn span(&self) -> Span {
-        self.span
+    pub(crate) const fn state(&self) -> RangeState {
+        self.state
     }
 
     #[inline(always)]
-    pub(crate) const fn set_span(&mut self, span: Span) {
-        self.span = span;
+    pub(crate) const fn set_state(&mut self, state: RangeState) {
+        self.state = state;
     }
 
     /// The next symbol.
@@ -274,7 +289,7 @@ impl<'a> RangeReader<'a> {
     /// [`Malformed::NotCanonical`] for bytes that no symbol encodes to.
     #[inline(always)]
     pub(crate) fn symbol(&mut self, of: &Alphabet) -> Result<usize, Malformed> {
-        let symbol = self.span.symbol(of)?;
+        let symbol = self.state.symbol(of)?;
         self.fill();
         Ok(symbol)
     }
@@ -282,10 +297,10 @@ impl<'a> RangeReader<'a> {
     /// Takes as many bytes as bring the range up to [`RANGE_MIN`] again: few symbols need any, and few of those two.
     #[inline(always)]
     pub(crate) fn fill(&mut self) {
-        while self.span.range < RANGE_MIN {
+        while self.state.range < RANGE_MIN {
             let byte = self.bytes.get(self.taken as usize).copied();
-            self.span.offset = self.span.offset << 8 | u32::from(byte.unwrap_or_default());
-            self.span.range <<= 8;
+            self.state.offset = self.state.offset << 8 | u32::from(byte.unwrap_or_default());
+            self.state.range <<= 8;
             self.taken += 1;
         }
     }
@@ -299,7 +314,7 @@ impl<'a> RangeReader<'a> {
     pub(crate) fn fill_with_bit(&mut self, there: bool) -> Result<bool, Malformed> {
         // If the range takes bytes, its half is exact after them; otherwise the half is rounded down.
         self.fill();
-        let set = self.span.bit(there)?;
+        let set = self.state.bit(there)?;
         self.fill();
         Ok(set)
     }
@@ -331,13 +346,13 @@ impl<'a> RangeReader<'a> {
 
     #[inline]
     fn step(&mut self, bits: u32) -> Result<u32, Malformed> {
-        let unit = self.span.range >> bits;
-        let value = self.span.offset / unit;
+        let unit = self.state.range >> bits;
+        let value = self.state.offset / unit;
         if value >> bits != 0 {
             return Err(Malformed::NotCanonical);
         }
-        self.span.offset -= unit * value;
-        self.span.range = unit;
+        self.state.offset -= unit * value;
+        self.state.range = unit;
         self.fill();
         Ok(value)
     }
@@ -351,13 +366,13 @@ impl<'a> RangeReader<'a> {
         if self.bytes.len() > self.taken as usize {
             return Err(Malformed::Trailing);
         }
-        if self.span.offset >= self.span.range {
+        if self.state.offset >= self.state.range {
             return Err(Malformed::NotCanonical);
         }
         let window = i64::from(four_at(self.bytes, self.taken - 4));
-        let low = window - i64::from(self.span.offset);
+        let low = window - i64::from(self.state.offset);
         let ends_in_zero = self.bytes.last() == Some(&0);
-        if ends_in_zero || shortest_tail(low, self.span.range) != window {
+        if ends_in_zero || shortest_tail(low, self.state.range) != window {
             return Err(Malformed::NotCanonical);
         }
         Ok(())
@@ -683,9 +698,9 @@ mod tests {
                             if symbol == unless { Some(0) } else { plain.symbol(&bit, 1) }
                         });
                         let both = symbol.zip(set).map(|(symbol, set)| symbol * 2 + set);
-                        let read = reader.span.symbol(&ALPHABET).and_then(|symbol| {
-                            let set = match reader.span.is_wide() {
-                                true => reader.span.bit(symbol != unless)?,
+                        let read = reader.state.symbol(&ALPHABET).and_then(|symbol| {
+                            let set = match reader.state.is_wide() {
+                                true => reader.state.bit(symbol != unless)?,
                                 false => reader.fill_with_bit(symbol != unless)?,
                             };
                             Ok(symbol * 2 + usize::from(set))
@@ -698,7 +713,7 @@ mod tests {
                     break;
                 }
                 prop_assert_eq!(
-                    (reader.span.offset, reader.span.range, reader.taken as usize),
+                    (reader.state.offset, reader.state.range, reader.taken as usize),
                     (plain.offset, plain.range, plain.taken)
                 );
             }

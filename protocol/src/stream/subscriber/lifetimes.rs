@@ -361,6 +361,9 @@ impl EarlierTracks {
             }
         };
         let older = self.kept[place].newest;
+        if track.origin() <= shown_from && self.node(older).is_some() {
+            return self.keep_only(place, track);
+        }
         self.kept[place].newest = self.add(Node {
             track,
             sure_until: SURE,
@@ -368,6 +371,19 @@ impl EarlierTracks {
         });
         self.kept[place].count += 1;
         self.drop_older(place, track.origin(), shown_from);
+    }
+
+    /// Keeps one track of a body in place of all that it has.
+    fn keep_only(&mut self, place: usize, track: DenseTrack) {
+        let Body { newest, count, .. } = &mut self.kept[place];
+        *count = 1;
+        let node = Node {
+            track,
+            sure_until: SURE,
+            older: 0,
+        };
+        let before = core::mem::replace(&mut self.nodes[*newest as usize - 1], node);
+        self.release(before.older);
     }
 
     /// Adds a track that was overtaken by the present one, where no track has its origin. Of the older ones, those stay
