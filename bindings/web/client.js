@@ -58,7 +58,7 @@ export class Client {
   #flushing = false;
   #state = "open";
   #ending;
-  /** Why the scene steps no more. */
+  /** Why the scene has stopped. */
   #fault;
   #interruptedAt;
   #resumeWithin;

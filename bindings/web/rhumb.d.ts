@@ -932,7 +932,7 @@ export type ErrorCode =
   | "broken"
   /** A member deleted the scene: the client has ended. */
   | "sceneDeleted"
-  /** The scene's engine failed: the scene steps no more, but the client continues. */
+  /** The scene's engine failed: the scene has stopped, but the client continues. */
   | "sceneFaulted";
 
 export type DenialCode =

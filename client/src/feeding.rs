@@ -12,7 +12,7 @@ use crate::feed_error::{FedQuantity, FeedError, OutOfRange};
 /// A scene that its client feeds.
 pub(crate) struct Feeding {
     feed: Feed,
-    /// Has the scene look at what was handed over.
+    /// Wakes the scene for the changes that were handed over.
     wake: Box<dyn Fn(&Feed) + Send>,
     bodies: FedBodies,
 }

@@ -21,9 +21,9 @@ use crate::registry::Registry;
 #[derive(Clone, Debug, Default)]
 pub(crate) struct EventMonitor {
     active: BTreeMap<BodyId, ActiveEvents>,
-    /// Those of them that report contacts or their forces.
+    /// The bodies that report contacts or their forces.
     touch_reporters: BTreeSet<BodyId>,
-    /// Those of them that report sensors.
+    /// The bodies that report sensors.
     sensor_reporters: BTreeSet<BodyId>,
     asleep: BTreeSet<BodyId>,
     /// Bodies whose events were turned on since the last step.

@@ -207,7 +207,7 @@ impl SharedFeed {
 pub struct Feeds(Arc<Mutex<BTreeMap<SceneName, Weak<SharedFeed>>>>);
 
 impl Feeds {
-    /// Has the next scene of a name be fed, by the member that is behind this connection. It alone can create the scene,
+    /// The next scene of a name is fed, by the member that is behind this connection. It alone can create the scene,
     /// which ends with it.
     ///
     /// # Errors
@@ -302,7 +302,7 @@ impl Feed {
         self.shared.lock().requests.pop_front()
     }
 
-    /// Has the scene change as a member asked. If the scene cannot, the member's command is refused after all, and
+    /// Changes the scene as a member asked. If the scene cannot, the member's command is refused after all, and
     /// [`Self::poll_failure`] says so.
     ///
     /// # Errors

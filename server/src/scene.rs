@@ -606,7 +606,7 @@ impl Scene {
     }
 }
 
-/// Reason why a scene takes no more steps.
+/// Reason why a scene has stopped stepping.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SceneFault {
     /// Its engine failed.

@@ -75,7 +75,7 @@ pub(crate) struct RunningScene {
     waiting: VecDeque<(Peer, Result<ClientMessage, CommandError>)>,
     next_step: Option<Instant>,
     last_step: Instant,
-    /// What was commanded since then.
+    /// The commands since then.
     pace: CommandPace,
     times: Times,
     faulted: bool,

@@ -459,7 +459,7 @@ function showRecording(elapsed, now) {
   const isBeside = element("beside").checked && beside !== undefined;
   const other = isBeside ? { ...beside, judged: judgedOf(beside.frame) } : undefined;
   showPast({ frame, errors, judged: errors && judgedOf(frame), beside: other }, now);
-  if (live === undefined) element("live").textContent = player.isPaused ? "Go on" : "Pause";
+  if (live === undefined) element("live").textContent = player.isPaused ? "Continue" : "Pause";
   if (!recording.isCompared) return;
   const { tolerance } = recording;
   if (!figures.count({ now: seconds, bytes, naive, worst, besideWorst: beside.worst, tolerance })) return;

@@ -17,15 +17,13 @@ use rhumb_bench::output;
 use rhumb_bench::summary::{Summary, later, ratios};
 use serde::Deserialize;
 
-use crate::analysis::{Analysis, PaperResults};
+use crate::analysis::{self, Analysis, PaperFigure, PaperResults};
 use crate::experiment::sentences;
-use crate::figures::{self, PaperFigure};
 use crate::gap::{self, GapResults};
 use crate::hardware::{self, HardwareResults};
 use crate::page::Table;
 use crate::remote::{self, RemoteResults};
-use crate::settings::{PaperError, Settings};
-use crate::store::{ExperimentTrial, parse};
+use crate::settings::{ExperimentTrial, PaperError, Settings, parse};
 use crate::tables;
 
 /// Arguments of the page task.
@@ -332,7 +330,7 @@ fn of_hardware(results: &HardwareResults, what: &str) -> Option<String> {
 }
 
 fn figure(results: &PaperResults, name: &str) -> Option<PaperFigure> {
-    [figures::sim_fps(results), figures::phys_ft(results)]
+    [analysis::sim_fps(results), analysis::phys_ft(results)]
         .into_iter()
         .find(|figure| figure.name == name)
 }

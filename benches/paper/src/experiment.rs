@@ -21,11 +21,10 @@ use rhumb_server::run_on_cores;
 use crate::analysis::{ALPHA, Analysis, ModeAnalysis, PaperResults};
 use crate::page::{Table, figure_html, page};
 use crate::processor::CoreAssignment;
-use crate::settings::{Loads, PaperError, Settings, tolerance};
+use crate::settings::{ExperimentTrial, Loads, PaperError, Settings, Store, tolerance};
 use crate::statistics::rejected;
-use crate::store::{ExperimentTrial, Store};
 use crate::trial::{self, FRAMES_PER_SECOND, STEPS, Staging};
-use crate::{figures, tables};
+use crate::{analysis, tables};
 
 /// Arguments of the experiment.
 #[derive(Clone, Debug, Args)]
@@ -267,7 +266,7 @@ pub(crate) fn html(results: &PaperResults) -> String {
         let _ = writeln!(body, "<li>{}</li>", escape(&sentence));
     }
     body.push_str("</ul>\n");
-    for figure in [figures::sim_fps(results), figures::phys_ft(results)] {
+    for figure in [analysis::sim_fps(results), analysis::phys_ft(results)] {
         body.push_str(&figure_html(&figure));
     }
     for table in all_tables(results) {

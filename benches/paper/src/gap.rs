@@ -17,11 +17,10 @@ use rhumb_server::run_on_cores;
 use rhumb_transport::Clock;
 use serde::{Deserialize, Serialize};
 
-use crate::figures;
+use crate::analysis;
 use crate::page::{Provenance, Table};
 use crate::processor::CoreAssignment;
-use crate::settings::{PaperError, tolerance};
-use crate::store::ModeOutcome;
+use crate::settings::{ModeOutcome, PaperError, tolerance};
 use crate::trial::{Pit, bodies_placed, outcome};
 
 /// Arguments of the gap task.
@@ -112,7 +111,7 @@ fn cases(load: u32) -> Vec<GapCase> {
             ..app(
                 AS_LONG,
                 Mode::AppAll,
-                Defects::AS_PUBLISHED.with_listed(figures::published_list(load)),
+                Defects::AS_PUBLISHED.with_listed(analysis::published_list(load)),
             )
         },
         app("rhumb", Mode::Rhumb, Defects::SOUND),
@@ -307,7 +306,7 @@ pub(crate) fn shares_table(results: &GapResults) -> Table {
         let GapShares { all, each } = parts;
         let share = |part: f64| Some(100.0 * part / all);
         let together = all - each.iter().sum::<f64>();
-        let papers = figures::published(load).and_then(|row| row.frame_ms);
+        let papers = analysis::published(load).and_then(|row| row.frame_ms);
         let papers = papers.map(|(integrated, distributed)| distributed - integrated);
         let mut cells = vec![
             load.to_string(),
@@ -351,13 +350,13 @@ pub(crate) fn published_table(results: &GapResults) -> Table {
     loads.dedup();
     for load in loads {
         let row = |client| row_of(results, load, client);
-        let papers = figures::published(load).and_then(|row| row.frame_ms);
+        let papers = analysis::published(load).and_then(|row| row.frame_ms);
         let Some((integrated, distributed)) = papers else {
             continue;
         };
         let gap = distributed - integrated;
         let beyond = |client| Some(beyond_ms(&row(client)?.outcome));
-        let placing = |client| Some(figures::spread_ms(row(client)?.placing_s, load));
+        let placing = |client| Some(analysis::spread_ms(row(client)?.placing_s, load));
         let capped = placing("cap")
             .zip(placing(SOUND))
             .map(|(cap, sound)| cap - sound);
@@ -376,7 +375,7 @@ pub(crate) fn published_table(results: &GapResults) -> Table {
             part(GapShares::BUFFER),
             number(beyond(AS_PUBLISHED)),
             number(of_gap(beyond(AS_PUBLISHED))),
-            figures::published_list(load).to_string(),
+            analysis::published_list(load).to_string(),
             number(long),
             number(of_gap(long)),
             number(median),

@@ -18,8 +18,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::page::{Table, page};
 use crate::processor::CoreAssignment;
-use crate::settings::{PaperError, Settings, tolerance};
-use crate::store::{ModeOutcome, parse};
+use crate::settings::{ModeOutcome, PaperError, Settings, parse, tolerance};
 use crate::trial::{self, FRAMES_PER_SECOND, STEPS, Staging};
 
 /// Arguments of the hardware task.

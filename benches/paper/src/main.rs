@@ -6,7 +6,6 @@
 mod analysis;
 mod document;
 mod experiment;
-mod figures;
 mod gap;
 mod hardware;
 mod page;
@@ -14,7 +13,6 @@ mod processor;
 mod remote;
 mod settings;
 mod statistics;
-mod store;
 mod tables;
 mod trial;
 

@@ -10,7 +10,7 @@ use rhumb_bench::report::{STYLE, escape};
 use rhumb_bench::{machine, output};
 use serde::{Deserialize, Serialize};
 
-use crate::figures::PaperFigure;
+use crate::analysis::PaperFigure;
 use crate::processor::CoreAssignment;
 use crate::settings::PaperError;
 

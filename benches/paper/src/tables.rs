@@ -9,8 +9,8 @@ use rhumb_bench::output::OutputError;
 use rhumb_bench::record::Mode;
 use serde::Serialize;
 
+use crate::analysis;
 use crate::analysis::{ALPHA, DEGRADED_FPS, Degradation, ModeAnalysis, PaperResults};
-use crate::figures;
 use crate::page::Table;
 use crate::settings::PaperError;
 use crate::statistics::{Comparison, Sample, Test};
@@ -34,7 +34,7 @@ fn by_mode(
     results: &PaperResults,
     title: &str,
     own: fn(&ModeAnalysis) -> &Sample,
-    theirs: fn(&figures::Published) -> Option<(f64, f64)>,
+    theirs: fn(&analysis::Published) -> Option<(f64, f64)>,
     digits: Digits,
 ) -> Table {
     let modes = results.settings.modes.iter().map(String::as_str);
@@ -49,7 +49,7 @@ fn by_mode(
             let found = load.modes.iter().find(|found| found.mode == *mode);
             row.push(found.map_or_else(|| NONE.to_owned(), |found| digits.spread(own(found))));
         }
-        let published = figures::published(load.load).and_then(theirs);
+        let published = analysis::published(load.load).and_then(theirs);
         row.push(digits.show(published.map(|pair| pair.0)));
         row.push(digits.show(published.map(|pair| pair.1)));
         table.rows.push(row);
@@ -116,8 +116,8 @@ pub(crate) fn degradation(results: &PaperResults) -> Table {
             .push(vec![mode.clone(), cell(*mdl), cell(*sustained_mdl)]);
     }
     for (mode, mdl) in [
-        ("paper: integrated", figures::MDL_INTEGRATED),
-        ("paper: distributed", figures::MDL_DISTRIBUTED),
+        ("paper: integrated", analysis::MDL_INTEGRATED),
+        ("paper: distributed", analysis::MDL_DISTRIBUTED),
     ] {
         table
             .rows

@@ -21,8 +21,7 @@ use rhumb_sims::{BallPit, Script};
 use rhumb_transport::Clock;
 
 use crate::processor::{Weakness, pause, work};
-use crate::settings::{PaperError, Settings};
-use crate::store::{ExperimentTrial, LoadOutcome, ModeOutcome};
+use crate::settings::{ExperimentTrial, LoadOutcome, ModeOutcome, PaperError, Settings};
 
 /// Progress of a trial.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

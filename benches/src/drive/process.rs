@@ -59,7 +59,7 @@ pub(crate) enum Signal {
     Kill,
     /// Freezes it.
     Stop,
-    /// It goes on.
+    /// It continues.
     Continue,
 }
 

@@ -19,7 +19,7 @@ use rhumb_reckoning::Tolerance;
 use rhumb_transport::{ClientOptions, ClientTransport, QuicClient, Received, Trust};
 
 use super::member::Place;
-use super::server_metrics::LIMIT;
+use super::rig::LIMIT;
 use crate::output::Failure;
 
 /// Followers of one place, which a thread drives.
@@ -29,7 +29,7 @@ pub(super) struct Crowd {
     counts: Arc<Counts>,
 }
 
-/// What a crowd has received so far.
+/// Counts of what a crowd has received so far.
 #[derive(Debug, Default)]
 struct Counts {
     packets: AtomicU64,
@@ -159,7 +159,7 @@ impl RunningCrowd {
             .map(|follower| thread::spawn(move || drop(follower)))
             .collect();
         for closed in closing {
-            // What is not closed in order ends with the process.
+            // A connection that is not closed in order ends with the process.
             let _ = closed.join();
         }
     }

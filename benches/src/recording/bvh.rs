@@ -40,7 +40,7 @@ pub enum PositionChannels {
     Replace,
     /// They are added to its offset.
     Add,
-    /// Those below the root are not read.
+    /// Channels below the root are not read.
     Ignore,
 }
 
@@ -68,7 +68,7 @@ pub enum BvhDefect {
     },
     /// A count is none.
     Count {
-        /// What it counts.
+        /// The counted thing.
         of: &'static str,
         /// Its text.
         text: String,

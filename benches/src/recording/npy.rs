@@ -90,7 +90,7 @@ pub(super) struct Array {
 /// The arrays of an archive.
 #[derive(Debug, Default)]
 pub(super) struct Archive {
-    /// Those that were wanted, by name.
+    /// The wanted arrays, by name.
     pub(super) arrays: BTreeMap<String, Array>,
     /// The names of all.
     pub(super) names: Vec<String>,

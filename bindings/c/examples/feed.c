@@ -57,7 +57,7 @@ static size_t step(float *at, float *speed, size_t count) {
     return moved;
 }
 
-// What followers ask: a push changes a speed, and all else is refused.
+// Requests of followers: a push changes a speed, and all else is refused.
 static int answer(RhumbScene owner, const RhumbBody *bodies, float *speed, size_t count) {
     RhumbRequest request;
     for (;;) {

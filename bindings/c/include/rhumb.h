@@ -1376,7 +1376,7 @@ RhumbCode rhumb_scene_feed(struct RhumbScene scene,
 // `request` points to memory for a `RhumbRequest`.
 RhumbCode rhumb_scene_poll_request(struct RhumbScene scene, struct RhumbRequest *request);
 
-// Has the scene change as another member asked; `request` is the field of that name. If the scene cannot, or the member has
+// Changes the scene as another member asked; `request` is the field of that name. If the scene cannot, or the member has
 // left, the member is refused after all, and the next `rhumb_scene_feed` is `RHUMB_CODE_REFUSED`. A request that was answered
 // is `RHUMB_CODE_INVALID`.
 RhumbCode rhumb_scene_accept_request(struct RhumbScene scene,

@@ -1137,7 +1137,7 @@ public:
         return none ? std::nullopt : std::optional<Request>(request);
     }
 
-    /// Has the scene change as another member asked; that one, and this client by its next feed, is refused after all if the
+    /// Changes the scene as another member asked; that one, and this client by its next feed, is refused after all if the
     /// scene cannot.
     void accept(const Request& request) { throw_unless_ok(rhumb_scene_accept_request(raw_, request.request)); }
 

@@ -44,7 +44,7 @@ pub(crate) fn server_of(server: RhumbLocalServer) -> Result<OwnServer, BindingEr
     SERVERS.with(server.id, |server| Ok(server.clone()))
 }
 
-/// Who reaches a server's address.
+/// The machines that reach a server's address.
 pub(crate) fn reach(open_to_network: u8) -> Result<Reach, BindingError> {
     match open_to_network {
         0 => Ok(Reach::ThisMachine),

@@ -108,7 +108,7 @@ pub struct RhumbStatistics {
     pub contacts_left_out: u64,
 }
 
-/// What the handle of a scene names.
+/// The scene that a handle names, and its requests.
 struct HeldScene {
     remote: RemoteScene,
     requests: OpenRequests,

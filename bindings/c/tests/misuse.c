@@ -359,7 +359,7 @@ static void ids_of_no_scene(RhumbScene scene, RhumbBody body) {
     EXPECT(RHUMB_CODE_OK, rhumb_scene_place(scene, body, &count));
 }
 
-// What the server refuses is the code of the next advance, which does its work all the same.
+// A refusal of the server is the code of the next advance, which does its work all the same.
 static void refusals(RhumbScene scene, RhumbBody body) {
     uint64_t before, tick, number;
     RhumbRefusal refusal;

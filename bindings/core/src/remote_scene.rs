@@ -357,7 +357,7 @@ impl RemoteScene {
         }
     }
 
-    /// Has the scene change as another member asked.
+    /// Changes the scene as another member asked.
     ///
     /// # Errors
     ///

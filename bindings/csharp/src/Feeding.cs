@@ -123,7 +123,7 @@ namespace Rhumb
         }
 
         /// <summary>
-        /// Has the scene change as another member asked; that one, and this client by its next Feed, is refused after all if the
+        /// Changes the scene as another member asked; that one, and this client by its next Feed, is refused after all if the
         /// scene cannot.
         /// </summary>
         public void Accept(Request request)

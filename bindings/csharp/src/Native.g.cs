@@ -654,7 +654,7 @@ namespace Rhumb
         public static extern RhumbCode rhumb_scene_poll_request(RhumbScene scene, RhumbRequest* request);
 
         /// <summary>
-        ///  Has the scene change as another member asked; `request` is the field of that name. If the scene cannot, or the member has
+        ///  Changes the scene as another member asked; `request` is the field of that name. If the scene cannot, or the member has
         ///  left, the member is refused after all, and the next `rhumb_scene_feed` is `RHUMB_CODE_REFUSED`. A request that was answered
         ///  is `RHUMB_CODE_INVALID`.
         /// </summary>

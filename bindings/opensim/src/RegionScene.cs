@@ -245,7 +245,7 @@ namespace Rhumb.Plugin
             return results;
         }
 
-        /// <summary>Has an actor say its state at the next frame.</summary>
+        /// <summary>An actor says its state at the next frame.</summary>
         internal void Changed(RegionActor actor)
         {
             lock (Gate)
@@ -254,7 +254,7 @@ namespace Rhumb.Plugin
             }
         }
 
-        /// <summary>Has an actor get a new body at the next frame.</summary>
+        /// <summary>An actor gets a new body at the next frame.</summary>
         internal void Rebuild(RegionActor actor)
         {
             lock (Gate)

@@ -583,7 +583,7 @@ impl PyScene {
         })
     }
 
-    /// Has the scene change as another member asked. A request has one answer: Error for a second one.
+    /// Changes the scene as another member asked. A request has one answer: Error for a second one.
     ///
     /// If the scene cannot, or the member has left, the member is refused after all, and the next feed raises RefusedError.
     fn accept(&self, py: Python<'_>, request: &Bound<'_, PyRequest>) -> PyResult<()> {

@@ -88,7 +88,7 @@ impl Client {
         self.feeding.as_ref()?.poll_request()
     }
 
-    /// Has the scene change as another member asked. If the scene cannot, the member is refused after all, and so is this
+    /// Changes the scene as another member asked. If the scene cannot, the member is refused after all, and so is this
     /// client, by its next [`Self::feed`].
     ///
     /// # Errors

@@ -1,6 +1,6 @@
 //! The face of an edge to owners.
 //!
-//! What comes over a connection is for its mirror or its voice; what those have to say goes out over it.
+//! A connection belongs to a mirror or a voice: its input goes there, and their output goes out over it.
 
 use bytes::Bytes;
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Transmit, Wake};

@@ -19,7 +19,7 @@ pub(super) struct KinematicTarget {
     twist: Twist,
     /// Pose that it goes to.
     target: Option<Target>,
-    /// Velocities after the last step, unless those of its way go on.
+    /// Velocities after the last step, unless those of its way continue.
     kept: Option<Twist>,
     /// Steps since the last command of a pose; more than the rhythm counts if there is none.
     since: u32,
@@ -139,7 +139,7 @@ impl KinematicTarget {
         self.is_moving() || past <= INTERVAL_SECONDS_MAX
     }
 
-    /// Its velocities after the last step, unless those of its way go on: then the engine has them.
+    /// Its velocities after the last step, unless those of its way continue: then the engine has them.
     pub(super) const fn kept(&self) -> Option<Twist> {
         self.kept
     }

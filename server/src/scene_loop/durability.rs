@@ -362,7 +362,7 @@ impl RunningScene {
         }
     }
 
-    /// Removes what is there no more, and bodies whose shape changes under them; returns those bodies.
+    /// Removes bodies that were deleted or whose shape changes under them; returns those bodies.
     fn remove_differing(&mut self, before: &Scene, clients: &mut Clients) -> BTreeSet<BodyId> {
         let reshaped = self.differing_shapes(before);
         let is_gone =

@@ -10,11 +10,11 @@ use std::collections::BTreeSet;
 
 use rhumb_protocol::{Instant, Peer, Span};
 
-/// What was commanded since the last step, and what may be before the next.
+/// The commands since the last step, and how many may follow before the next.
 #[derive(Debug)]
 pub(crate) struct CommandPace {
     commands: usize,
-    /// True if a snapshot was begun or went on.
+    /// True if a snapshot was begun or continued.
     is_sending: bool,
     bodies: usize,
     /// The members that added them.

@@ -1,7 +1,7 @@
 //! Commands beside the steps of a scene that runs by the clock.
 //!
 //! Proved on a router of scenes without sockets, whose driver reports what the links take. The time of a tick is that of a
-//! clock that goes on each time it is read.
+//! clock that advances each time it is read.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};

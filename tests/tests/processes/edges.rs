@@ -144,7 +144,7 @@ fn members_of_two_edges_have_each_body_within_its_tolerance() {
     assert_eq!(truth.truth, digest_without_server(tick, &ids));
 }
 
-/// What is killed again and again.
+/// The process that is killed again and again.
 #[derive(Clone, Copy, PartialEq)]
 enum Victim {
     Owner,
@@ -237,7 +237,7 @@ fn members_of_edges_outlive_a_killed_owner() {
     survives_kills(Victim::Owner);
 }
 
-/// What a frozen edge has not read it hands on when it continues, while its member has gone elsewhere.
+/// A frozen edge hands on unread bytes when it continues, while its member has gone elsewhere.
 #[test]
 fn an_edge_that_was_frozen_doubles_no_command_when_it_goes_on() {
     let folder = tempfile::tempdir().expect("a temporary directory");

@@ -216,7 +216,7 @@ mod tests {
     use super::*;
     use crate::analysis::Analysis;
     use crate::settings::tests::settings;
-    use crate::store::{ExperimentTrial, LoadOutcome, ModeOutcome};
+    use crate::settings::{ExperimentTrial, LoadOutcome, ModeOutcome};
 
     /// Trials with these frame times of integrated, rhumb and rhumb-pipelined at 500 and 1,000 balls, milliseconds;
     /// engine steps take half the integrated frame.

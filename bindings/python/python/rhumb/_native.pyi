@@ -895,7 +895,7 @@ class Scene:
         something changes the scene once it is accepted: a body that is asked for has an id already, and is fed from then on.
         """
     def accept(self, request: Request) -> None:
-        """Has the scene change as another member asked. A request has one answer: Error for a second one.
+        """Changes the scene as another member asked. A request has one answer: Error for a second one.
 
         If the scene cannot, or the member has left, the member is refused after all, and the next feed raises RefusedError.
         """

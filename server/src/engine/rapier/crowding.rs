@@ -268,7 +268,7 @@ impl RapierCrowding {
             colliders(world, body).map(move |collider| {
                 let of = Crowded::of(body, collider);
                 let part = (collider.compute_aabb(), weight(collider.shape()));
-                // Those that are made are in the world's lists.
+                // Pairs that exist are in the world's lists.
                 self.shares_of(world, of, part, PAIRS_PER_COLLIDER)
             })
         });

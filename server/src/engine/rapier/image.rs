@@ -12,7 +12,7 @@ use rhumb_protocol::wire::{Malformed, Wire};
 use rhumb_reckoning::BodyId;
 
 use super::characters::RapierCharacters;
-use super::joints::RapierJoints;
+use super::motors::RapierJoints;
 use super::rest::RapierRest;
 use super::spin::RapierSpin;
 use super::threads::StepThreads;

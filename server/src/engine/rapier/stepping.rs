@@ -17,8 +17,7 @@ use rapier3d::prelude::{Collider, QueryFilter, RigidBody, RigidBodyHandle};
 use rhumb_protocol::message::RemovalCause;
 use rhumb_reckoning::{BodyId, Pose};
 
-use super::crossing::Crossings;
-use super::solid_way::SolidWay;
+use super::crossing::{Crossings, SolidWay};
 use super::{BodySlot, RapierEngine, translate};
 use crate::engine::interface::EngineFault;
 use crate::engine::kinematic_target::KinematicStep;
