@@ -9,6 +9,7 @@ The tests of the package run all of it with stand-ins for rclpy and the messages
 not run with ROS itself.
 """
 
+import itertools
 import pathlib
 import sys
 import tempfile
@@ -103,7 +104,9 @@ class Bridge:
             self.node.get_logger().info(line)
 
     def spawn(self, request, response):
-        name = request.name or f"entity_{len(self.entities)}"
+        name = request.name or next(
+            name for number in itertools.count() if (name := f"entity_{number}") not in self.entities
+        )
         if name in self.entities and not request.allow_renaming:
             return failed(response, SpawnEntity.Response.NAME_NOT_UNIQUE, f"{name} is there")
         while name in self.entities:
@@ -129,11 +132,15 @@ class Bridge:
         return done(response)
 
     def delete(self, request, response):
-        links = self.entities.pop(request.entity, None)
+        links = self.entities.get(request.entity)
         if links is None:
             return failed(response, Result.RESULT_NOT_FOUND, f"there is no {request.entity}")
-        self.scene.remove([body for body, *_ in links.values()])
-        self.scene.wait()
+        try:
+            self.scene.remove([body for body, *_ in links.values()])
+            self.scene.wait()
+        except rhumb.Error as error:
+            return failed(response, Result.RESULT_OPERATION_FAILED, str(error))
+        del self.entities[request.entity]
         return done(response)
 
     def names(self, request, response):
@@ -145,7 +152,9 @@ class Bridge:
         links = self.entities.get(request.entity)
         if links is None:
             return failed(response, Result.RESULT_NOT_FOUND, f"there is no {request.entity}")
-        where = next(iter(links.values()))
+        where = next(iter(links.values()), None)
+        if where is None:
+            return failed(response, Result.RESULT_INCORRECT_STATE, f"{request.entity} has no body")
         pose = self.pose(*where)
         if pose is None:
             return failed(response, Result.RESULT_INCORRECT_STATE, f"{request.entity} is seen after the next step")
@@ -165,8 +174,11 @@ class Bridge:
         return done(response)
 
     def step(self, request, response):
-        for _ in range(request.steps):
-            self.advance()
+        try:
+            for _ in range(request.steps):
+                self.advance()
+        except rhumb.Error as error:
+            return failed(response, Result.RESULT_OPERATION_FAILED, str(error))
         return done(response)
 
     def reset(self, request, response):

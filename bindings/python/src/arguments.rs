@@ -77,9 +77,24 @@ fn check_kept(argument: &Bound<'_, PyAny>, name: &'static str) -> PyResult<()> {
 fn numbers(argument: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Numbers<f32>> {
     let py = argument.py();
     check_kept(argument, name)?;
-    let dtype = numpy::dtype::<f32>(py);
-    let array = get_array_module(py)?.call_method1("asarray", (argument, dtype));
-    Numbers::of(&within(argument, name, array, REAL)?)
+    let array_of = |dtype| get_array_module(py)?.call_method1("asarray", (argument, dtype));
+    let numbers = Numbers::<f32>::of(&within(
+        argument,
+        name,
+        array_of(numpy::dtype::<f32>(py)),
+        REAL,
+    )?)?;
+    if numbers.values.iter().any(|number| number.is_infinite()) {
+        // What is no infinity before it is rounded is a number out of range, and is named as it was given.
+        let given = Numbers::<f64>::of(&array_of(numpy::dtype::<f64>(py))?)?;
+        let mut pairs = given.values.iter().zip(&numbers.values);
+        if let Some((given, _)) =
+            pairs.find(|(given, number)| given.is_finite() && number.is_infinite())
+        {
+            return Err(wrong_value(py, name, format_args!("{given:e}"), REAL));
+        }
+    }
+    Ok(numbers)
 }
 
 /// Whole numbers. A negative one becomes greater than any place or id. A float is refused: its fraction would be lost.

@@ -320,7 +320,7 @@ pub(crate) fn local<'py>(
 /// listen: IP address and port of the server; port 0 is a free one. open_to_network: whether the address may be one that
 /// other machines reach. There are no tokens: each client may do everything. The rest is as of Connection.join. The
 /// server has threads of its own and ends with the scene, for every member. With a checkpoint, the scene continues from it.
-/// fed: whether this program has the engine, and feeds the scene: see Scene.feed.
+/// fed: whether this program has the engine, and feeds the scene: see Scene.feed; not with a checkpoint.
 #[pyfunction]
 #[pyo3(
     signature = (
@@ -348,6 +348,18 @@ pub(crate) fn serve<'py>(
         true => Reach::Network,
         false => Reach::ThisMachine,
     };
+    if checkpoint.is_some() {
+        let creates = options.map_or(Ok(None), |options| options.get_item("condition"))?;
+        let creates = creates.is_some_and(|condition| condition.eq("create").unwrap_or(false));
+        if fed {
+            let needed = "left out with a checkpoint: a fed scene is one of its owner's engine, and has none";
+            return Err(wrong_value(py, "fed", "True", needed));
+        }
+        if creates {
+            let needed = "'create or join' or 'join' with a checkpoint, of which the scene is made";
+            return Err(wrong_value(py, "condition", "'create'", needed));
+        }
+    }
     let checkpoint = checkpoint.map(Bound::get);
     let started = py.detach(|| {
         let server = match fed {

@@ -266,6 +266,28 @@ def test_an_episode_that_loses_a_body_is_terminated_and_the_others_continue(pile
 
 
 @needs_gymnasium
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+def test_an_episode_that_loses_a_body_begins_once(pile, mode):
+    env = hop(pile, 2, autoreset_mode=mode)
+    begun = []
+    begin = env.begin
+    env.begin = lambda which: (begun.append(which.tolist()), begin(which))
+    env.reset(seed=4)
+    env.forks[1].remove(pile[1][2])
+    actions = np.zeros((2, 3), np.float32)
+    seen, *_ = env.step(actions)
+    if mode == "NextStep":
+        again, _, terminated, truncated, _ = env.step(actions)
+        # The beginning that was seen is that of the episode.
+        np.testing.assert_array_equal(again[1], seen[1])
+        assert not terminated.any() and not truncated.any()
+    assert begun == [[0, 1], [1]]
+    env.step(actions)
+    assert begun == [[0, 1], [1]]
+    env.close()
+
+
+@needs_gymnasium
 def test_spaces_that_are_no_arrays_are_refused(pile):
     import gymnasium
 

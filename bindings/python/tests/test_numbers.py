@@ -52,6 +52,8 @@ NUMBERS = [
     (lambda scene: scene.remove(10**30), "body is 1000.*whole numbers"),
     (lambda scene: scene.contacts(4711), "body 4711 is not in the view"),
     (lambda scene: scene.set_gravity((0, 0, BEYOND)), "gravity is .*must be finite"),
+    (lambda scene: scene.set_gravity((0, 0, 1e39)), "gravity is 1e39, and must be finite, and from -3.4e38"),
+    (lambda scene: scene.add_bodies(rhumb.Shape.ball(1), np.array([[0, -2e300, 0]])), "positions is -2e300, and must be finite"),
     (lambda scene: scene.add_body(rhumb.Shape.ball(1), mass=BEYOND), "mass is 1000"),
     (lambda scene: scene.add_body(rhumb.Shape.ball(1), moments=(1, 2)), "moments is 2 numbers, and must be 3"),
     (lambda scene: scene.add_body(rhumb.Shape.ball(1), groups=(-1, 1)), "groups is .*32 bits"),

@@ -62,6 +62,7 @@ def bridge(monkeypatch):
     sys.modules["simulation_interfaces.msg"].Result.RESULT_OK = 1
     sys.modules["simulation_interfaces.msg"].Result.RESULT_NOT_FOUND = 2
     sys.modules["simulation_interfaces.msg"].Result.RESULT_INCORRECT_STATE = 3
+    sys.modules["simulation_interfaces.msg"].Result.RESULT_OPERATION_FAILED = 4
     sys.modules["simulation_interfaces.srv"].SpawnEntity.Response = types.SimpleNamespace(**codes)
     monkeypatch.syspath_prepend(str(EXAMPLES))
     monkeypatch.delitem(sys.modules, "ros2_bridge", raising=False)
@@ -115,3 +116,23 @@ def test_what_cannot_be_is_answered_with_a_code_and_a_sentence(bridge):
     assert ask(bridge, "get_entity_state", entity="ball").result.result == 3
     assert ask(bridge, "delete_entity", entity="ball").result.result == 1
     assert ask(bridge, "get_entities").entities == []
+
+
+def test_entities_without_a_name_get_free_ones(bridge):
+    for _ in range(2):
+        assert spawn(bridge, "", BALL).result.result == 1
+    assert ask(bridge, "delete_entity", entity="entity_0").result.result == 1
+    assert spawn(bridge, "", BALL).result.result == 1
+    assert sorted(ask(bridge, "get_entities").entities) == ["entity_0", "entity_1"]
+
+
+def test_what_the_scene_refuses_is_answered_and_the_bridge_continues(bridge):
+    spawn(bridge, "ball", BALL)
+    ((body, *_),) = bridge.entities["ball"].values()
+    bridge.scene.remove(body)
+    bridge.scene.wait()
+    refused = ask(bridge, "delete_entity", entity="ball").result
+    assert refused.result == 4 and refused.error_message
+    assert ask(bridge, "step_simulation", steps=1).result.result == 1
+    bridge.entities["empty"] = {}
+    assert ask(bridge, "get_entity_state", entity="empty").result.result == 3

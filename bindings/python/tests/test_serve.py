@@ -192,3 +192,11 @@ def test_a_file_is_shown_from_one_command_and_a_wrong_one_is_an_error(tmp_path):
     assert "visual" in ended.stdout and "http://127.0.0.1:" in ended.stdout, ended.stderr
     ended = run_module(str(tmp_path / "nothing.urdf"))
     assert ended.returncode == 1 and ended.stderr.startswith("error: ") and "no such file" in ended.stderr
+
+
+def test_a_checkpoint_with_what_it_cannot_go_with_is_refused_by_both_names():
+    with rhumb.local() as scene:
+        saved = scene.save()
+    for options, said in (({"fed": True}, "fed is True.*checkpoint"), ({"condition": "create"}, "condition is 'create'.*checkpoint")):
+        with pytest.raises(rhumb.InvalidError, match=said):
+            rhumb.serve(checkpoint=saved, quiet=True, **options)

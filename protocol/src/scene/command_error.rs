@@ -79,7 +79,8 @@ pub enum CommandError {
     TooManyJoints,
     /// The scene has reached its limit of bodies that are swept against moving ones.
     TooManySwept,
-    /// The engine of the scene has no such shape, joint, locomotion or property of bodies.
+    /// The engine of the scene has no such shape, joint, locomotion or property of bodies. A fed scene has no engine: no
+    /// events, forces, characters or vehicles.
     Unsupported,
     /// The body is not kinematic, and only a kinematic one can be a character.
     NotKinematic(BodyId),
@@ -236,7 +237,7 @@ impl fmt::Display for CommandError {
             ),
             Self::BodyDisabled(id) => write!(f, "{id} is disabled"),
             Self::Unsupported => f.write_str(
-                "the engine of the scene has no such shape, joint, locomotion or property of bodies",
+                "the engine of the scene has no such shape, joint, locomotion or property of bodies; a scene that its owner feeds has no events, forces, characters or vehicles",
             ),
             Self::NotKinematic(id) => {
                 write!(f, "{id} is not kinematic, and a character needs to be")

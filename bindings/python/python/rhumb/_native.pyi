@@ -97,7 +97,7 @@ def serve(
     listen: IP address and port of the server; port 0 is a free one. open_to_network: whether the address may be one that
     other machines reach. There are no tokens: each client may do everything. The rest is as of Connection.join. The
     server has threads of its own and ends with the scene, for every member. With a checkpoint, the scene continues from it.
-    fed: whether this program has the engine, and feeds the scene: see Scene.feed.
+    fed: whether this program has the engine, and feeds the scene: see Scene.feed; not with a checkpoint.
     """
 
 @final

@@ -81,6 +81,8 @@ class VectorEnv(gymnasium.vector.VectorEnv[_Array, _Array, Any]):
         self._steps = np.zeros(num_envs, np.int64)
         # All of them: nothing has begun.
         self._over = np.ones(num_envs, np.bool_)
+        # Episodes that lost a body have begun anew at once, since what is left of them cannot be observed.
+        self._begun_early = np.zeros(num_envs, np.bool_)
 
     def begin(self, which: npt.NDArray[np.intp]) -> None:
         """Queues commands in forks whose episodes begin. Without it, all episodes begin alike."""
@@ -131,14 +133,16 @@ class VectorEnv(gymnasium.vector.VectorEnv[_Array, _Array, Any]):
             self.forks.advance(self.ticks, which=which)
         self._steps[which] += 1
         lost = stepped & self._lost()
-        if (over | lost).any():
-            self._begin(over | lost)
+        due = over & ~self._begun_early | lost
+        if due.any():
+            self._begin(due)
         observation = self.observe()
         reward = np.where(stepped & ~lost, np.asarray(self.reward(), np.float64), 0.0)
         terminated = stepped & np.asarray(self.terminated(), np.bool_) | lost
         is_long = np.zeros_like(over) if self.max_steps is None else self._steps >= self.max_steps
         truncated = stepped & is_long & ~terminated
         self._over = terminated | truncated
+        self._begun_early = lost
         infos: Dict[str, Any] = {}
         for fork in np.flatnonzero(lost):
             infos = self._add_info(infos, {"lost_body": True}, int(fork))
@@ -146,7 +150,9 @@ class VectorEnv(gymnasium.vector.VectorEnv[_Array, _Array, Any]):
             for fork in np.flatnonzero(self._over):
                 last = {"final_obs": observation[fork].copy(), "final_info": {}}
                 infos = self._add_info(infos, last, int(fork))
-            self._begin(self._over)
+            if (self._over & ~lost).any():
+                self._begin(self._over & ~lost)
+            self._over[:] = False
             observation = self.observe()
         return observation, reward, terminated, truncated, infos
 
