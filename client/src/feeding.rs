@@ -174,13 +174,16 @@ impl Feeding {
         Ok(())
     }
 
-    /// The oldest request that was accepted and that the scene refused. A body that it would have added is fed no more.
+    /// The oldest request that was accepted and that the scene refused. A body that it would have added is fed no more,
+    /// and one that it would have removed is fed again.
     pub(crate) fn poll_failure(&mut self) -> Option<(FedRequest, CommandError)> {
         let (request, error) = self.feed.poll_failure()?;
-        if let FedChange::Adds(id) = change_of(&request.command)
-            && !matches!(error, CommandError::BodyIdTaken(_))
-        {
-            self.bodies.remove(id);
+        match (change_of(&request.command), error) {
+            (FedChange::Adds(_), CommandError::BodyIdTaken(_))
+            | (FedChange::Removes(_), CommandError::UnknownBody(_))
+            | (FedChange::None, _) => {}
+            (FedChange::Adds(id), _) => self.bodies.remove(id),
+            (FedChange::Removes(id), _) => self.bodies.add(id),
         }
         Some((request, error))
     }

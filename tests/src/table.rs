@@ -2,7 +2,7 @@
 //!
 //! There is no network, and time passes only in `pass`. Clients are real sessions or raw peers.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use bytes::Bytes;
 use rhumb_protocol::message::StreamChoice;
@@ -60,6 +60,8 @@ pub struct Table {
     late: BTreeMap<Peer, Bytes>,
     /// Filters of datagrams to the server, by sender; every action except `Arrives` loses the datagram.
     uplink_filters: BTreeMap<Peer, LossFilter>,
+    /// Those whose links report what they take, as real ones do.
+    paced: BTreeSet<Peer>,
     next: u64,
 }
 
@@ -84,6 +86,7 @@ impl Table {
             downlink_filters: BTreeMap::new(),
             late: BTreeMap::new(),
             uplink_filters: BTreeMap::new(),
+            paced: BTreeSet::new(),
             next: 0,
         }
     }
@@ -188,6 +191,12 @@ impl Table {
     pub fn datagram(&mut self, from: Peer, bytes: &[u8]) {
         self.server.handle_datagram(self.now, from, bytes);
         self.run_until_idle();
+    }
+
+    /// Has the link of a connection report what it takes from now on, which is everything at once.
+    pub fn pace(&mut self, peer: Peer) {
+        self.paced.insert(peer);
+        self.server.handle_control_taken(self.now, peer, 0);
     }
 
     /// Filters datagrams from the server to a peer from now on.
@@ -304,7 +313,12 @@ impl Table {
 
     fn hand_over(&mut self, transmit: Transmit) {
         let (to, sent) = match transmit {
-            Transmit::Control { to, bytes } => (to, Delivered::Control(bytes)),
+            Transmit::Control { to, bytes } => {
+                if self.paced.contains(&to) {
+                    self.server.handle_control_taken(self.now, to, bytes.len());
+                }
+                (to, Delivered::Control(bytes))
+            }
             Transmit::State { to, bytes } => return self.hand_over_datagram(to, bytes),
             Transmit::Close { to, code } => {
                 self.closed.insert(to, CloseCode(code));

@@ -103,7 +103,7 @@ pub const RHUMB_REASON_BYTES: usize = 32;
 pub struct RhumbRefusal {
     /// Zero: there is no further refusal, and all other fields are zero.
     pub exists: u8,
-    /// Not zero: `number` is that of a command. Zero: the request was for authority.
+    /// Not zero: `number` is that of a command. Zero: the request was for authority, or of another member.
     pub is_command: u8,
     /// The command's number.
     pub number: u64,
@@ -199,6 +199,7 @@ mod tests {
     fn a_refusal_keeps_its_numbers_and_its_sentences() {
         let record = RefusalRecord {
             number: Some(0),
+            subject: "command",
             body: Some(BodyId::new(4, 0)),
             reason: "unknown body",
             text: "the scene has no body 5".to_owned(),

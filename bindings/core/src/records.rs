@@ -267,8 +267,10 @@ const fn removal(cause: RemovalCause) -> &'static str {
 /// A request that the server refused, and that changed nothing.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RefusalRecord {
-    /// The command's number; `None` for a request for authority.
+    /// The command's number; `None` for a request for authority, or of another member.
     pub number: Option<u64>,
+    /// What was refused: [`RefusalReason::subject`].
+    pub subject: &'static str,
     /// The body that the request is about, if that is known.
     pub body: Option<BodyId>,
     /// The reason in one or a few words, for programs.
@@ -284,6 +286,7 @@ impl RefusalRecord {
         let (body, reason) = (refusal.body, refusal.reason);
         Self {
             number: refusal.number,
+            subject: reason.subject(),
             body,
             reason: reason.word(),
             text: sentence(reason),
@@ -293,10 +296,9 @@ impl RefusalRecord {
 
 impl fmt::Display for RefusalRecord {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("the server refused ")?;
-        match self.number {
-            Some(number) => write!(f, "command {number}")?,
-            None => f.write_str("the authority")?,
+        write!(f, "the server refused {}", self.subject)?;
+        if let Some(number) = self.number {
+            write!(f, " {number}")?;
         }
         if let Some(body) = self.body {
             write!(f, " about body {}", packed_id(body))?;

@@ -35,7 +35,7 @@ namespace Rhumb
     /// <summary>A request that the server refused, and that changed nothing.</summary>
     public struct Refusal
     {
-        /// <summary>The command's number; null for a request for authority.</summary>
+        /// <summary>The command's number; null for a request for authority, or of another member.</summary>
         public ulong? Number;
 
         /// <summary>The body that the request is about; none if that is not known.</summary>

@@ -13,7 +13,7 @@ use rhumb_bindings::{
 };
 
 use crate::arguments::{COORDINATES, one_of, seconds, sleep as sleep_rule, vector};
-use crate::errors::exception;
+use crate::errors::{exception, wrong_value};
 use crate::file::PyCheckpoint;
 use crate::number;
 use crate::scene::PyScene;

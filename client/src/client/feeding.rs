@@ -46,6 +46,8 @@ impl Client {
         velocities: FedVelocities,
     ) -> Result<(), ClientError> {
         self.check_open()?;
+        // What the scene has refused since decides which bodies are there.
+        self.take_failures();
         let feeding = self.feeding.as_mut().ok_or(FeedError::NotOwner)?;
         feeding.check(tick, states)?;
         self.pump.flush();
@@ -67,7 +69,7 @@ impl Client {
                 self.refused.add(RefusedRequest {
                     number: None,
                     body: request.command.body(),
-                    reason: RefusalReason::Command(error),
+                    reason: RefusalReason::Request(error),
                 });
             }
         }

@@ -67,7 +67,7 @@ impl<T> Unanswered<T> {
 /// A request that the server refused, and that changed nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RefusedRequest {
-    /// The command's number; `None` for a request for authority.
+    /// The command's number; `None` for a request for authority, or of another member.
     pub number: Option<u64>,
     /// The body that the request is about: for a shape the body with which it came. `None` where that is not known.
     pub body: Option<BodyId>,
@@ -82,14 +82,26 @@ pub enum RefusalReason {
     Command(CommandError),
     /// Of a request for authority.
     Authority(AuthorityError),
+    /// Of another member's request, which this client accepted as the owner of a fed scene.
+    Request(CommandError),
 }
 
 impl RefusalReason {
+    /// What was refused, for a sentence that begins with "the server refused".
+    #[must_use]
+    pub const fn subject(&self) -> &'static str {
+        match self {
+            Self::Command(_) => "command",
+            Self::Authority(_) => "the authority",
+            Self::Request(_) => "the request of another member, which was accepted,",
+        }
+    }
+
     /// Its name in languages without enumerations.
     #[must_use]
     pub const fn word(&self) -> &'static str {
         match self {
-            Self::Command(error) => error.word(),
+            Self::Command(error) | Self::Request(error) => error.word(),
             Self::Authority(error) => error.word(),
         }
     }
@@ -100,16 +112,19 @@ impl fmt::Display for RefusalReason {
         match self {
             Self::Command(error) => error.fmt(f),
             Self::Authority(error) => error.fmt(f),
+            Self::Request(CommandError::NotAllowed) => f.write_str(
+                "the member has left, or may not do that; what it asked for was not done",
+            ),
+            Self::Request(error) => error.fmt(f),
         }
     }
 }
 
 impl fmt::Display for RefusedRequest {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("the server refused ")?;
-        match self.number {
-            Some(number) => write!(f, "command {number}")?,
-            None => f.write_str("the authority")?,
+        write!(f, "the server refused {}", self.reason.subject())?;
+        if let Some(number) = self.number {
+            write!(f, " {number}")?;
         }
         if let Some(body) = self.body {
             write!(f, " about {body}")?;

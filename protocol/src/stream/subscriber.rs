@@ -385,10 +385,11 @@ impl Subscriber {
         self.attached_indices = attached;
     }
 
-    /// Replaces another replica of the same scene: every index of that one counts as changed, and its mismatches are
-    /// added.
+    /// Replaces another replica of the same scene: every index of that one and of those that it replaced counts as
+    /// changed, and its mismatches are added.
     pub(crate) fn succeed(&mut self, old: &Self) {
-        for index in 0..old.index_end() as u32 {
+        let end = old.index_end().max(old.marked.len());
+        for index in 0..end as u32 {
             self.note_changed(index);
         }
         self.statistics.mismatches += old.statistics.mismatches;

@@ -327,8 +327,10 @@ impl RunningScene {
     /// True if a member's next message must stay unread: the bodies that it adds wait for a step, as much as may waits for
     /// the steps of an advance, its commands exceed its quota, or what it added to the scene still waits for slower members.
     fn holds_back(&self, now: Instant, peer: Peer, clients: &mut Clients) -> bool {
-        // Of a scene that does not step by itself, nothing waits for a step.
-        let steps = self.config().stepping == Stepping::FreeRunning && self.next_step().is_some();
+        // Of a scene that does not step by itself, nothing waits for a step; the step of a fed one waits for commands.
+        let steps = self.config().stepping == Stepping::FreeRunning
+            && self.fed.is_none()
+            && self.next_step().is_some();
         if steps && clients.is_paced(peer) && self.pace.holds_back(peer) {
             return true;
         }

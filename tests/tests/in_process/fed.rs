@@ -468,6 +468,32 @@ fn an_accepted_request_whose_member_has_left_is_refused_to_the_owner_and_harms_n
 }
 
 #[test]
+fn a_removal_that_the_scene_refuses_after_all_leaves_a_body_that_is_fed() {
+    let server = LocalServer::new();
+    let mut owner = Owner::new(&server, Stepping::Lockstep);
+    let mut gone = server.connect().join(NAME).expect("joined");
+    let (body, request) = ask(&mut owner, &mut gone);
+    owner.client.accept_request(request).expect("open");
+    hand(&mut owner, 1, &at_five(body)).expect("the body is there");
+    let removal = Command::RemoveBody { id: body };
+    gone.command(removal).expect("a sound command");
+    gone.poll().expect("open");
+    let request = owner.client.poll_request().expect("a request");
+    drop(gone);
+    owner.client.accept_request(request).expect("open");
+    let Err(ClientError::Refused(refused)) = hand(&mut owner, 2, &at_five(body)) else {
+        panic!("the scene refuses what a member that has left asked for");
+    };
+    let first = refused.first();
+    assert_eq!((first.number, first.body), (None, Some(body)));
+    let reason = RefusalReason::Request(CommandError::NotAllowed);
+    assert_eq!(first.reason, reason);
+    assert!(first.to_string().contains("the member has left"), "{first}");
+    hand(&mut owner, 3, &at_five(body)).expect("the body is there still");
+    assert_eq!(owner.client.fed_tick(), Some(Tick::new(3)));
+}
+
+#[test]
 fn a_body_of_the_owner_that_the_scene_refuses_is_an_error_and_is_fed_no_more() {
     let server = LocalServer::new();
     let mut owner = Owner::new(&server, Stepping::Lockstep);

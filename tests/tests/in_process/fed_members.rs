@@ -9,8 +9,10 @@ use rhumb_protocol::scene::{
 use rhumb_protocol::session::{ClientSession, Misuse};
 use rhumb_protocol::stream::ErrorBound;
 use rhumb_protocol::{Peer, Span};
+use rhumb_reckoning::{Damping, Seconds};
 use rhumb_scene::Feed;
 use rhumb_tests::Table;
+use rhumb_view::{RenderParams, RenderTime, View};
 
 const NAME: &str = "fed";
 
@@ -70,6 +72,21 @@ impl Fed {
             .stream()
             .bound_at(self.body, Tick::new(tick))
             .expect("a body")
+    }
+
+    /// Shows the newest complete tick of the follower.
+    fn look(&mut self, view: &mut View) {
+        let session = self.table.session(self.follower);
+        while session.poll_event().is_some() {}
+        let replica = session.replica_mut().expect("a member");
+        let stream = replica.stream_mut();
+        let params = RenderParams {
+            at: RenderTime::at(stream.complete()),
+            now: Seconds::new(0.0),
+            smooth: false,
+            step: Seconds::new(1.0 / 60.0),
+        };
+        view.refresh(stream, &params);
     }
 
     /// The newest complete tick of a member.
@@ -278,4 +295,85 @@ fn an_owner_that_never_feeds_is_silent_and_so_are_bodies_that_it_adds() {
     let replica = fed.table.session(follower).replica().expect("a member");
     let bound = replica.stream().bound_at(second, Tick::new(30));
     assert_eq!(bound.expect("a body").metres(), f64::INFINITY);
+}
+
+#[test]
+fn many_bodies_that_an_owner_adds_come_before_its_next_states() {
+    let mut fed = Fed::new();
+    fed.table.pace(fed.owner);
+    fed.feed(1);
+    let body = BodyDesc::dynamic(Shape::ball(0.5));
+    let added = 2_000;
+    for place in 1..=added {
+        let id = BodyId::new(fed.body.index() + place, 0);
+        let added = fed.table.session(fed.owner).command(Command::AddBody {
+            desc: body.desc(id, ShapeId(0)),
+            motion: body.state().expect("finite"),
+        });
+        added.expect("a member");
+    }
+    let state = BodyState::new([1.0; 3], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
+    let states: Vec<_> = (0..=added)
+        .map(|place| BodyId::new(fed.body.index() + place, 0))
+        .map(|id| (id, state.expect("finite")))
+        .collect();
+    let commands = 2 + u64::from(added);
+    (fed.feed).push(Tick::new(2), &states, FedVelocities::Given, commands);
+    // Well before its owner counts as silent.
+    fed.table.pass(Span::from_millis(100));
+    let follower = fed.follower;
+    assert!(fed.newest(follower) >= 2);
+    let is_silent = |event: &Event| matches!(event, Event::PublisherSilent { .. });
+    assert!(!fed.events(follower).iter().any(is_silent));
+    let replica = fed.table.session(follower).replica().expect("a member");
+    let shown = replica.stream();
+    let is_there = |(id, _): &(BodyId, BodyState)| shown.body(id.index()) == Some(*id);
+    assert!(states.iter().all(is_there));
+}
+
+#[test]
+fn a_body_that_is_removed_while_a_stream_gives_way_to_the_next_leaves_every_view() {
+    for switches in [1, 2, 3] {
+        let mut fed = Fed::new();
+        let (owner, follower, first) = (fed.owner, fed.follower, fed.body);
+        let second = BodyId::new(first.index() + 1, 0);
+        let body = BodyDesc::dynamic(Shape::ball(0.5)).at(9.0, 9.0, 9.0);
+        let mut desc = body.desc(second, ShapeId(0));
+        // A damping of its own, whose table goes with the body.
+        desc.damping = Some(Damping {
+            linear: 0.1,
+            angular: 0.2,
+        });
+        let motion = body.state().expect("finite");
+        let added = fed.table.session(owner);
+        let added = added.command(Command::AddBody { desc, motion });
+        added.expect("a member");
+        for tick in 1..=5 {
+            fed.feed(tick);
+        }
+        let mut view = View::default();
+        fed.look(&mut view);
+        assert_eq!(view.ids(), [first, second]);
+        let removed = fed.table.session(owner);
+        let removed = removed.command(Command::RemoveBody { id: second });
+        removed.expect("a member");
+        let mut tick = 5;
+        let tolerances = [Tolerance::FINE, Tolerance::EXACT, Tolerance::NORMAL];
+        for tolerance in tolerances.into_iter().take(switches) {
+            let session = fed.table.session(follower);
+            let choice = StreamChoice::Within(tolerance);
+            session.subscribe(choice).expect("a member");
+            for _ in 0..3 {
+                tick += 1;
+                fed.feed(tick);
+                fed.table.pass(Span::from_millis(150));
+            }
+        }
+        fed.look(&mut view);
+        assert_eq!(
+            view.ids(),
+            [first],
+            "{switches} streams since the last view"
+        );
+    }
 }
