@@ -323,7 +323,8 @@ impl EdgeClient {
         joins || is_served || !self.is_greeted
     }
 
-    /// The choice of the snapshot that it waits for, and the scene events that this has to include. A join waits for the owner first.
+    /// The choice of the snapshot that it waits for, and the scene events that this has to include. A join waits for the
+    /// owner first.
     pub(crate) fn awaits_copy(&self) -> Option<(StreamChoice, u64)> {
         match (&self.joining, &self.member) {
             (Some(joining), _) => joining.granted.map(|(_, events)| (joining.choice, events)),

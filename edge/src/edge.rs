@@ -683,7 +683,7 @@ impl Endpoint for Edge {
         self.out.at(now);
         let seed = now.as_nanos() ^ peer.0.rotate_left(48);
         let control = ControlStream::new(peer, Grease::new(seed), now);
-        let hello_until = now + Span::from_millis(self.settings.limits.hello_seconds * 1_000);
+        let hello_until = now + self.settings.limits.hello();
         let client = EdgeClient::new(control, Arc::clone(&self.settings.permit), hello_until);
         self.clients.by_peer.insert(peer, client);
     }

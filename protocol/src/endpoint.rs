@@ -234,10 +234,12 @@ impl Span {
         Self { ns }
     }
 
-    /// A span of milliseconds.
+    /// A span of milliseconds; the longest span, 584 years, for more than it has.
     #[must_use]
     pub const fn from_millis(ms: u64) -> Self {
-        Self { ns: ms * 1_000_000 }
+        Self {
+            ns: ms.saturating_mul(1_000_000),
+        }
     }
 
     /// Nanoseconds.
@@ -251,5 +253,24 @@ impl fmt::Display for Span {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let micros = self.ns / 1_000;
         write!(f, "{}.{:03} ms", micros / 1_000, micros % 1_000)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn spans_and_moments_beyond_what_they_hold_are_the_last_ones() {
+        let longest = Span::from_nanos(u64::MAX);
+        for ms in [18_446_744_073_710, 253_402_300_800_000, u64::MAX] {
+            assert_eq!(Span::from_millis(ms), longest);
+        }
+        let span = Span::from_millis(18_446_744_073_709);
+        assert!(span < longest);
+        assert_eq!(
+            Instant::from_nanos(7) + longest,
+            Instant::from_nanos(u64::MAX)
+        );
     }
 }

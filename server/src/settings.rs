@@ -431,7 +431,7 @@ impl Limits {
     /// The latest time of a connection's first message.
     #[must_use]
     pub const fn hello(&self) -> Span {
-        Span::from_millis(self.hello_seconds * 1_000)
+        Span::from_millis(self.hello_seconds.saturating_mul(1_000))
     }
 
     /// The time after which a scene that does not answer is stuck.

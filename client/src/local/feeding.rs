@@ -14,8 +14,8 @@ use crate::server_connection::ServerConnection;
 impl LocalServer {
     /// Connects the client that will feed a scene: one whose engine is elsewhere, such as MuJoCo or an engine of one's own.
     ///
-    /// The client makes the scene when it joins, adds the bodies, and hands their states over with [`Client::feed`](crate::Client::feed), once a
-    /// tick. Other clients follow the scene as any other, within the tolerance of their stream and nothing besides; what they
+    /// The client makes the scene when it joins, adds the bodies, and hands their states over with
+    /// [`Client::feed`](crate::Client::feed), once a tick. Other clients follow the scene as any other, within the tolerance of their stream and nothing besides; what they
     /// ask for comes to [`Client::poll_request`](crate::Client::poll_request). The scene ends with the client.
     ///
     /// # Errors

@@ -3,8 +3,9 @@
 //! Commands and steps share the thread of a scene. On a scene that is late, commands get as much time as its ticks: without
 //! that, a scene that is filled takes one turn of commands for each tick, however long the tick is. A body makes the next
 //! step longer by more than its command takes, the more so if many stand on one: so the bodies that are added between two
-//! steps are bounded by how long the steps before were. A snapshot has the same time, since it leaves in pieces as its link takes them. Reads no clock. A driver that does not report what links take, as in a
-//! simulated network, has no bound.
+//! steps are bounded by how long the steps before were. A snapshot has the same time, since it leaves in pieces as its
+//! link takes them; that slows a scene on time, too, if its ticks fill more than half of their time. Reads no clock. A
+//! driver that does not report what links take, as in a simulated network, has no bound.
 
 use std::collections::BTreeSet;
 

@@ -200,7 +200,7 @@ impl SceneClaims {
             DirectoryRequest::Revoke(_) => {}
             DirectoryRequest::Claim(id, scene) => self.handle_claim((id, scene), answer),
             DirectoryRequest::Release(epoch, scene) => {
-                self.handle_release(now, (epoch, scene), &answer)
+                self.handle_release(now, (epoch, scene), &answer);
             }
         }
     }

@@ -239,7 +239,7 @@ fn another_server_has_the_scene_of_a_killed_one_soon_after_its_lease() {
     let address = other.server.address.to_string();
     let mut late = loop {
         let trust = Trust::Fingerprint(other.server.fingerprint);
-        let connection = Client::connect_within(&address, trust, Duration::from_secs(1));
+        let connection = Client::connect_within(&address, trust, Duration::from_secs(10));
         let options = JoinOptions {
             mode: JoinMode::Join,
             ..JoinOptions::default()
