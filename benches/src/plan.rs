@@ -103,9 +103,15 @@ struct Machine {
     /// Scenes of one server at most (limit `scenes`).
     #[arg(long, default_value = "256", value_parser = clap::value_parser!(u32).range(1..))]
     server_scenes: u32,
+    /// Connections of one server at most: those of members, and of edges for each of their scenes.
+    #[arg(long, default_value = "1024", value_parser = clap::value_parser!(u32).range(1..))]
+    server_connections: u32,
     /// Members of one edge at most.
     #[arg(long, default_value = "1024", value_parser = clap::value_parser!(u32).range(1..))]
     edge_members: u32,
+    /// Streams of one edge at most, over all of its scenes.
+    #[arg(long, default_value = "256", value_parser = clap::value_parser!(u32).range(1..))]
+    edge_streams: u32,
 }
 
 fn at_least_zero(text: &str) -> Result<f64, String> {
@@ -188,7 +194,8 @@ pub struct Fleet {
     pub between_gbit_s: f64,
     /// Scenes that no server holds.
     pub too_large: u32,
-    /// The times as many members with which a scene first fits no server, and the limit that it meets.
+    /// The times as many members with which a scene first fits no server, and the limit that it meets. `None`: above
+    /// 65,536 times.
     pub breaks: Option<Break>,
 }
 
@@ -216,15 +223,16 @@ pub struct Break {
 
 /// Use of a machine, as shares of what may be used of each thing that it has.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Use([f64; 5]);
+struct Use([f64; 6]);
 
 /// The things that a machine has.
-const THINGS: [&str; 5] = [
+const THINGS: [&str; 6] = [
     "processor cores",
     "the thread of the sockets",
     "network",
     "memory",
     "places",
+    "connections",
 ];
 
 impl Use {
@@ -270,27 +278,30 @@ impl Shares {
         let share = |used: f64, has: f64| used / (has * full);
         let datagram_cores = costs.datagrams * costs.datagram_us * 1e-6;
         let memory = |mb: f64| share(mb, machine.gb * 1e3);
-        let member = Use([
+        let stream = Use([
             share(datagram_cores, machine.cores),
             share(datagram_cores, 1.0),
             share(with_headers(costs) * 1e-6, machine.gbit),
             memory(costs.member_mb),
             0.0,
+            0.0,
         ]);
-        let place = |most: u32| Use([0.0, 0.0, 0.0, 0.0, 1.0 / f64::from(most)]);
+        let place = |most: u32| Use([0.0, 0.0, 0.0, 0.0, 1.0 / f64::from(most), 0.0]);
+        let connection = |most: u32| Use([0.0, 0.0, 0.0, 0.0, 0.0, 1.0 / f64::from(most)]);
         let engine = Use([
             share((costs.scene_cores - datagram_cores).max(0.0), machine.cores),
             0.0,
             0.0,
             memory(costs.scene_mb),
             0.0,
+            0.0,
         ]);
         Self {
             scene: engine.plus(place(machine.server_scenes)),
-            member,
-            observer: member.plus(place(machine.edge_members)),
+            member: stream.plus(connection(machine.server_connections)),
+            observer: stream.plus(place(machine.edge_members)),
             // It receives what a member receives, and keeps no engine.
-            mirror: member,
+            mirror: stream.plus(connection(machine.edge_streams)),
             cores: machine.cores * full,
         }
     }
@@ -298,6 +309,9 @@ impl Shares {
     /// Observers of one scene that an edge takes beside what it has.
     fn observers_in(&self, used: Use) -> f64 {
         let used = used.plus(self.mirror);
+        if !used.fits() {
+            return 0.0;
+        }
         let all = used.0.into_iter().zip(self.observer.0);
         let rooms = all.map(|(used, one)| {
             if one > 0.0 {
@@ -609,7 +623,7 @@ impl Plan {
                 name.to_owned(),
                 self.largest_scene.to_string(),
                 of.too_large.to_string(),
-                first.map_or_else(dash, |of| of.times.to_string()),
+                first.map_or_else(|| format!("> {GROWTH_MAX}"), |of| of.times.to_string()),
                 first.map_or_else(dash, |of| of.members.to_string()),
                 first.map_or_else(dash, |of| of.limit.clone()),
             ]
@@ -730,6 +744,20 @@ mod tests {
             (first.times, &*first.limit),
             (400 * 499 / 100 + 1, "memory")
         );
+    }
+
+    #[test]
+    fn connections_are_a_limit_of_servers_and_streams_of_edges() {
+        let free =
+            "--datagram-us 0 --scene-cores 0 --scene-mb 0 --member-mb 0 --regions 1 --popularity 0";
+        let plan = planned(&format!("--members 3000 --scenes 3 --observers 0 {free}"));
+        assert_eq!(plan.direct.servers.number, 3);
+        let first = plan.direct.breaks.expect("a limit");
+        assert_eq!((first.times, &*first.limit), (2, "connections"));
+        let few = planned(&format!("--members 600 --scenes 300 --observers 1 {free}"));
+        assert_eq!(few.edges.edges.number, 2, "300 streams, 256 at an edge");
+        assert_eq!(few.edges.breaks, None);
+        assert_eq!(few.limits()[2][3], "> 65536");
     }
 
     #[test]
