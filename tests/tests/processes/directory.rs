@@ -48,7 +48,7 @@ impl Etcd {
         let Ok(mut child) = child else {
             let all = std::env::var("RHUMB_TEST_LANGUAGES").is_ok_and(|which| which == "all");
             assert!(!all, "etcd is not installed");
-            println!("left out: etcd is not installed");
+            eprintln!("left out: etcd is not installed");
             return None;
         };
         let log = child.stderr.take().expect("it is piped");
@@ -208,7 +208,7 @@ fn ends_often(times: u64, end: impl Fn(ServerProcess)) {
     }
     let resumed = run.end();
     pauses.sort();
-    println!("{resumed} resumptions; pauses {pauses:?}");
+    eprintln!("{resumed} resumptions; pauses {pauses:?}");
     assert!(resumed >= times);
 }
 
@@ -249,7 +249,7 @@ fn another_server_has_the_scene_of_a_killed_one_soon_after_its_lease() {
             Err(error) => assert!(killed.elapsed() < LONG, "{error}"),
         }
     };
-    println!("there after {:?}", killed.elapsed());
+    eprintln!("there after {:?}", killed.elapsed());
     assert_eq!(late.inspect().expect("an answer").truth, truth);
 }
 
