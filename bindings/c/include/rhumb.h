@@ -806,7 +806,7 @@ typedef struct RhumbEvent {
 typedef struct RhumbRefusal {
   // Zero: there is no further refusal, and all other fields are zero.
   uint8_t exists;
-  // Not zero: `number` is that of a command. Zero: the request was for authority.
+  // Not zero: `number` is that of a command. Zero: the request was for authority, or of another member.
   uint8_t is_command;
   // The command's number.
   uint64_t number;

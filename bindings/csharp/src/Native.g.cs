@@ -1716,7 +1716,7 @@ namespace Rhumb
         /// </summary>
         public byte exists;
         /// <summary>
-        ///  Not zero: `number` is that of a command. Zero: the request was for authority.
+        ///  Not zero: `number` is that of a command. Zero: the request was for authority, or of another member.
         /// </summary>
         public byte is_command;
         /// <summary>
