@@ -109,8 +109,13 @@ impl Owners {
         mirror.map_or((Tick::ZERO, 0), |mirror| mirror.time(now))
     }
 
+    /// The next connection to open: one of a mirror, for which all of its observers wait, before those that speak for one
+    /// client.
     pub(crate) fn poll_dial(&mut self) -> Option<Dial> {
-        self.dials.pop_front()
+        let is_mirrors =
+            |dial: &Dial| matches!(self.links.get(&dial.link), Some(LinkUse::Mirror(_)));
+        let place = self.dials.iter().position(is_mirrors).unwrap_or(0);
+        self.dials.remove(place)
     }
 
     pub(crate) fn dial(&mut self, scene: SceneName, use_of: LinkUse) -> Peer {
@@ -334,5 +339,23 @@ pub(crate) fn to_link(transmit: Transmit, link: Peer) -> Transmit {
         Transmit::Control { bytes, .. } => Transmit::Control { to: link, bytes },
         Transmit::State { bytes, .. } => Transmit::State { to: link, bytes },
         Transmit::Close { code, .. } => Transmit::Close { to: link, code },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn mirrors_are_dialled_before_voices_and_each_kind_in_its_order() {
+        let mut owners = Owners::new(None);
+        let voice = |client| LinkUse::Voice(Peer(client));
+        let mirror = |id| LinkUse::Mirror(MirrorId(id));
+        let scene: SceneName = "pit".parse().expect("a name");
+        let uses = [voice(1), mirror(0), voice(2), mirror(1)];
+        let links = uses.map(|use_of| owners.dial(scene.clone(), use_of));
+        let dialled = std::iter::from_fn(|| owners.poll_dial()).map(|dial| dial.link);
+        let order = [1, 3, 0, 2].map(|place: usize| links[place]);
+        assert_eq!(dialled.collect::<Vec<_>>(), order);
     }
 }

@@ -198,6 +198,7 @@ pub(super) struct JointLimit {
     pub(super) min: Option<f64>,
     pub(super) max: Option<f64>,
     pub(super) stiffness: Option<f64>,
+    pub(super) damping: Option<f64>,
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -206,7 +207,7 @@ pub(super) struct JointDrive {
     #[serde(rename = "type")]
     pub(super) kind: String,
     pub(super) mode: String,
-    pub(super) axis: usize,
+    pub(super) axis: Option<usize>,
     pub(super) max_force: Option<f64>,
     pub(super) position_target: Option<f64>,
     pub(super) velocity_target: Option<f64>,

@@ -203,7 +203,7 @@ impl Joiner<'_> {
             bodies: [0; 2],
             frame: frames[0],
             start: frames[0].inverse().of(&frames[1]),
-            drives: self.drives(&kind, axis, described),
+            drives: self.drives(&name, (&kind, axis), described)?,
             kind,
             collide: one.joint.enable_collision,
             holds: false,
@@ -225,9 +225,12 @@ impl Joiner<'_> {
             if limit.min.zip(limit.max).is_some_and(|(min, max)| min > max) {
                 return Err(senseless("its least limit is above its greatest"));
             }
-            if limit.stiffness.is_some() {
-                let why = "limits are hard";
-                self.note("joint limit stiffness", Effect::Changed, why);
+            let soft = [
+                (limit.stiffness, "joint limit stiffness"),
+                (limit.damping, "joint limit damping"),
+            ];
+            for (_, subject) in soft.into_iter().filter(|(number, _)| number.is_some()) {
+                self.note(subject, Effect::Changed, "limits are hard");
             }
             let locks = limit.max.is_some_and(|max| max.abs() < NEAR)
                 && limit.min.is_none_or(|min| min.abs() < NEAR)
@@ -259,10 +262,10 @@ impl Joiner<'_> {
     /// The drives of a joint whose x is this axis of the file.
     fn drives(
         &mut self,
-        kind: &JointKind,
-        axis: usize,
+        name: &str,
+        (kind, axis): (&JointKind, usize),
         described: &PhysicsJoint,
-    ) -> [Option<Drive>; 6] {
+    ) -> Result<[Option<Drive>; 6], Problem> {
         let own = match kind {
             JointKind::Prismatic(_) => Some((axis, 0)),
             JointKind::Revolute(_) => Some((axis + 3, 3)),
@@ -270,6 +273,11 @@ impl Joiner<'_> {
         };
         let mut drives = [None; 6];
         for drive in &described.drives {
+            let senseless = |rule| Problem::Senseless {
+                name: name.to_owned(),
+                rule,
+            };
+            drive.check().map_err(senseless)?;
             match own.filter(|(axis, _)| *axis == drive.axis()) {
                 Some((_, place)) if drives[place].is_none() => drives[place] = Some(drive.drive()),
                 _ => {
@@ -278,7 +286,7 @@ impl Joiner<'_> {
                 }
             }
         }
-        drives
+        Ok(drives)
     }
 }
 
@@ -311,18 +319,48 @@ impl JointLimit {
 }
 
 impl JointDrive {
+    /// Checks what the extension fixes; the error is the broken rule.
+    fn check(&self) -> Result<(), &'static str> {
+        let rules = [
+            (
+                matches!(&*self.kind, "linear" | "angular"),
+                "the type of a drive is linear or angular",
+            ),
+            (
+                matches!(&*self.mode, "force" | "acceleration"),
+                "the mode of a drive is force or acceleration",
+            ),
+            (
+                self.axis.is_some_and(|axis| axis < 3),
+                "the axis of a drive is 0, 1 or 2",
+            ),
+            (
+                self.stiffness >= 0.0 && self.damping >= 0.0,
+                "stiffness and damping of a drive are at least 0",
+            ),
+            (
+                self.max_force.is_none_or(|most| most >= 0.0),
+                "maxForce of a drive is at least 0",
+            ),
+        ];
+        let broken = rules.into_iter().find(|(holds, _)| !holds);
+        broken.map_or(Ok(()), |(_, rule)| Err(rule))
+    }
+
+    /// Displacements from 0, turns from 3.
     fn axis(&self) -> usize {
+        let axis = self.axis.unwrap_or(usize::MAX);
         match self.kind.as_str() {
-            "angular" => self.axis.saturating_add(3),
-            _ => self.axis,
+            "angular" => axis.saturating_add(3),
+            _ => axis,
         }
     }
 
     fn drive(&self) -> Drive {
         Drive {
-            stiffness: self.stiffness.max(0.0),
+            stiffness: self.stiffness,
             rest: self.position_target.unwrap_or(0.0),
-            damping: self.damping.max(0.0),
+            damping: self.damping,
             for_each_mass: self.mode == "acceleration",
             velocity: self.velocity_target.unwrap_or(0.0),
             most: Some(self.max_force.unwrap_or(f64::INFINITY)),

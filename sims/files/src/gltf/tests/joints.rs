@@ -107,17 +107,18 @@ fn joints_that_leave_nothing_or_all_turns_are_read_and_others_are_listed() {
     let fixed = format!(r#"{{"limits": [{HELD}, {{"angularAxes": [0, 1, 2], "max": 0}}]}}"#);
     assert_eq!(kind(&fixed, "3").0, Some(JointKind::Fixed));
     let ball = format!(
-        r#"{{"limits": [{HELD}], "drives": [{{"type": "angular", "axis": 0, "stiffness": 1}}]}}"#
+        r#"{{"limits": [{HELD}], "drives": [{{"type": "angular", "mode": "force", "axis": 0, "stiffness": 1}}]}}"#
     );
     let (kind_of_ball, listed) = kind(&ball, "3");
     assert_eq!(kind_of_ball, Some(JointKind::Spherical(None)));
     assert!(listed.contains("joint drive left out"), "{listed}");
     let soft = format!(
-        r#"{{"limits": [{HELD}, {{"angularAxes": [0, 2], "max": 0}}, {{"angularAxes": [1], "min": -7, "max": 0.5, "stiffness": 9}}]}}"#
+        r#"{{"limits": [{HELD}, {{"angularAxes": [0, 2], "max": 0}}, {{"angularAxes": [1], "min": -7, "max": 0.5, "stiffness": 9, "damping": 1}}]}}"#
     );
     let (hinge, listed) = kind(&soft, "3");
     assert_eq!(hinge, Some(JointKind::Revolute(None)));
     assert!(listed.contains("joint limit stiffness"), "{listed}");
+    assert!(listed.contains("joint limit damping"), "{listed}");
     assert!(listed.contains("joint limit left out"), "{listed}");
     for (joint, other) in [
         (
@@ -165,5 +166,43 @@ fn a_joint_that_names_nothing_or_makes_no_sense_is_refused_by_name() {
     ] {
         let error = refused(joints, other);
         assert!(error.contains(sentence), "{sentence}: {error}");
+    }
+}
+
+#[test]
+fn a_drive_that_the_extension_does_not_know_is_refused_by_its_rule() {
+    let right = r#""type": "angular", "mode": "force", "axis": 1, "stiffness": 4, "damping": 1, "maxForce": 2"#;
+    let loaded = |drive: &str| {
+        let joint = format!(
+            r#"{{"limits": [{HELD}, {{"angularAxes": [0, 2], "max": 0}}], "drives": [{{{drive}}}]}}"#
+        );
+        let files = MemoryFiles::default();
+        let text = joined(&joint, ["3", ""]);
+        load_text(&files, "a.gltf", &text, &LoadOptions::default())
+    };
+    assert!(loaded(right).is_ok());
+    for (own, wrong, rule) in [
+        (r#""type": "angular", "#, "", "the type of a drive is"),
+        ("angular", "turning", "the type of a drive is"),
+        (r#""mode": "force", "#, "", "the mode of a drive is"),
+        ("force", "velocity", "the mode of a drive is"),
+        (r#""axis": 1"#, r#""axis": 5"#, "the axis of a drive is"),
+        (r#""axis": 1, "#, "", "the axis of a drive is"),
+        ("4", "-4", "stiffness and damping of a drive are"),
+        (
+            r#""damping": 1"#,
+            r#""damping": -1"#,
+            "stiffness and damping",
+        ),
+        (
+            r#""maxForce": 2"#,
+            r#""maxForce": -2"#,
+            "maxForce of a drive is",
+        ),
+    ] {
+        let drive = right.replacen(own, wrong, 1);
+        let error = loaded(&drive).expect_err("it is wrong").to_string();
+        let sentence = format!("joint of pivot: {rule}");
+        assert!(error.contains(&sentence), "{sentence}: {error}");
     }
 }
