@@ -265,10 +265,13 @@ async function carry(page, x, y, pixels) {
 /** Clicks into the copy's picture, at one place after another, until a body is hit. */
 async function aBodyIsClicked(page, { left, top, width, height }) {
   const at = await middle(page);
-  for (let attempt = 0; attempt < 20; attempt++) {
-    await page.mouse.click(left + width * (at - 0.05 + 0.005 * attempt), top + height * 0.6);
-    await page.waitForTimeout(200);
-    if ((await text(page, "body-facts")).includes("position")) return;
+  // Balls in flight may leave a whole row free.
+  for (const row of [0.6, 0.65, 0.7, 0.55, 0.5]) {
+    for (let attempt = 0; attempt < 20; attempt++) {
+      await page.mouse.click(left + width * (at - 0.05 + 0.005 * attempt), top + height * row);
+      await page.waitForTimeout(200);
+      if ((await text(page, "body-facts")).includes("position")) return;
+    }
   }
   throw new Error("no body is hit");
 }
