@@ -65,9 +65,6 @@ async function besideIs(page, isShown) {
   await until(page, `document.getElementById("pictures").classList.contains("two") === ${isShown}`);
 }
 
-/** Where the middle of the copy's picture is, as a share of the width. */
-const middle = (page) => page.evaluate(() => (document.getElementById("pictures").classList.contains("two") ? 0.75 : 0.5));
-
 /** The two pictures of the burst, and the two large numbers above them. */
 async function fullStatesAreFurtherOff(page) {
   await until(page, "d.time > 110 && d.moving > 250 && d.sums.besideWorst > 1 && d.sums.worst > 0");
@@ -211,15 +208,36 @@ const bodyAt = (page, id) =>
     return place < 0 ? undefined : { time, position: Array.from(positions.subarray(3 * place, 3 * place + 3)) };
   }, id);
 
+/**
+ * Where a body that can move is seen in the copy's picture, pixels of the page: one at rest if there is one, with room above;
+ * undefined if none is seen. `attempt`: another number, another body.
+ */
+const aBodyInSight = (page, attempt) =>
+  page.evaluate((attempt) => {
+    const d = rhumbDiagnostics;
+    const canvas = document.getElementById("view");
+    const { top, height } = canvas.getBoundingClientRect();
+    const inSight = [];
+    const { kinds, layout, resting } = d.shown;
+    const movable = layout?.movable ?? Array.from(kinds).flatMap((kind, place) => (kind === 0 ? [] : [place]));
+    for (const place of movable) {
+      if (d.drawnPosition(place) === undefined) continue;
+      const [x, y] = d.screenOf(place);
+      if (y < top + 0.35 * height || document.elementFromPoint(x, y) !== canvas) continue;
+      inSight.push({ x, y, isResting: resting[place] });
+    }
+    inSight.sort((one, other) => other.isResting - one.isResting);
+    return inSight[attempt % Math.max(1, inSight.length)];
+  }, attempt);
+
 async function bodiesAreCarried(page) {
-  const view = await page.evaluate(() => document.getElementById("view").getBoundingClientRect().toJSON());
-  const [x, y] = [view.left + view.width * (await middle(page)), view.top + view.height * 0.55];
+  const { height } = await page.evaluate(() => document.getElementById("view").getBoundingClientRect().toJSON());
   // The present moment advances at each frame; a complete tick may be long in coming.
   await choose(page, "shown", "predicted");
   // The bodies move, and go back now and then: another try may hit another one.
   let points = 0;
   for (let attempt = 0; attempt < 10 && points < 5; attempt++) {
-    await page.mouse.click(x, y);
+    await aBodyIsClicked(page);
     for (let tries = 0; tries < 200 && points < 5; tries++) {
       await page.waitForTimeout(50);
       ({ points } = await page.evaluate(() => rhumbDiagnostics.trail));
@@ -229,11 +247,8 @@ async function bodiesAreCarried(page) {
   check(points >= 5, "and draws its way");
   let carried = { way: 0 };
   for (let attempt = 0; attempt < 20 && !(carried.way >= 1 && carried.isPicked); attempt++) {
-    // A row may be free for a while.
-    const row = y + 0.04 * view.height * (attempt % 4);
-    await page.mouse.click(x, row);
-    carried = await carry(page, x, row, 0.3 * view.height);
-    await page.waitForTimeout(100);
+    const { x, y } = await aBodyIsClicked(page, attempt);
+    carried = await carry(page, x, y, 0.3 * height);
   }
   check(carried.way >= 1, "a body is carried with shift and the mouse");
   await until(page, "d.trail.marks > 0");
@@ -243,7 +258,7 @@ async function bodiesAreCarried(page) {
 
 /**
  * Carries the body at a point of the screen upwards; resolves with the metres by which it has risen, at most one, and whether
- * it is the picked one.
+ * it is the picked one. Without a body there nothing is moved: the mouse would move the camera.
  */
 async function carry(page, x, y, pixels) {
   await page.keyboard.down("Shift");
@@ -251,7 +266,7 @@ async function carry(page, x, y, pixels) {
   await page.mouse.down();
   const id = await page.evaluate(() => rhumbDiagnostics.carried);
   const before = id === undefined ? undefined : await bodyAt(page, id);
-  await page.mouse.move(x, y - pixels, { steps: 4 });
+  if (before !== undefined) await page.mouse.move(x, y - pixels, { steps: 4 });
   let way = 0;
   for (let tries = 0; before !== undefined && tries < 100 && way < 1; tries++) {
     await page.waitForTimeout(50);
@@ -265,16 +280,16 @@ async function carry(page, x, y, pixels) {
   return { way, isPicked };
 }
 
-/** Clicks into the copy's picture, at one place after another, until a body is hit. */
-async function aBodyIsClicked(page, { left, top, width, height }) {
-  const at = await middle(page);
-  // Balls in flight may leave a whole row free.
-  for (const row of [0.6, 0.65, 0.7, 0.55, 0.5]) {
-    for (let attempt = 0; attempt < 20; attempt++) {
-      await page.mouse.click(left + width * (at - 0.05 + 0.005 * attempt), top + height * row);
-      await page.waitForTimeout(200);
-      if ((await text(page, "body-facts")).includes("position")) return;
+/** Clicks on bodies of the copy's picture, one after another, until one is hit; resolves with where. */
+async function aBodyIsClicked(page, first = 0) {
+  for (let attempt = first; attempt < first + 40; attempt++) {
+    await until(page, "d.shown !== undefined");
+    const at = await aBodyInSight(page, attempt);
+    if (at !== undefined) {
+      await page.mouse.click(at.x, at.y);
+      if ((await page.evaluate(() => rhumbDiagnostics.picked)) !== undefined) return at;
     }
+    await page.waitForTimeout(100);
   }
   throw new Error("no body is hit");
 }
@@ -414,11 +429,12 @@ async function theLastMinuteIsKept(page) {
     compared++;
   }
   check(compared > 0, `${compared} frames are the same as when they were live`);
-  const view = await page.evaluate(() => document.getElementById("view").getBoundingClientRect().toJSON());
-  await aBodyIsClicked(page, view);
+  await aBodyIsClicked(page);
+  await until(page, () => document.getElementById("body-facts").textContent.includes("position"));
+  check(true, "a body of the last minute is picked");
   for (let on = 0; on < 4; on++) await page.keyboard.press("ArrowRight");
   await until(page, "d.trail.points > 0");
-  check(true, "a body of the last minute is picked, and its way drawn");
+  check(true, "and its way drawn");
   await page.keyboard.press("KeyP");
   check((await text(page, "moment")) === "live", "and left again");
 }
