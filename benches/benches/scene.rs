@@ -6,8 +6,9 @@ use std::cell::LazyCell;
 use std::time::Duration;
 
 use criterion::{BatchSize, Criterion, SamplingMode};
-use rhumb_bench::setup::publishing::{ObservedRun, PublishCost, SCENARIOS, SleepLoad, TIERS};
-use rhumb_bench::setup::{AddLoad, HandOverLoad, JoinLoad};
+use rhumb_bench::setup::{
+    AddLoad, HandOverLoad, JoinLoad, ObservedRun, PublishCost, SCENARIOS, SleepLoad, TIERS,
+};
 use rhumb_reckoning::Tolerance;
 
 use support::{Group, ProcessorTime, bodies, criterion, quick};

@@ -36,9 +36,7 @@ use crate::machine::time_of;
 use crate::numbers::{self, markdown, number};
 use crate::output::{self, Failure, Provenance, ended, write};
 use crate::setup::decoding::{DecodeLoad, Lanes, RenderLoad, TICKS, config, impulse_state, track};
-use crate::setup::publishing::{
-    MEASURED, ObservedRun, PublishCost, SCENARIOS, Scenario, SleepLoad, TIERS,
-};
+use crate::setup::{MEASURED, ObservedRun, PublishCost, SCENARIOS, Scenario, SleepLoad, TIERS};
 
 /// Arguments: bodies, members, repeats, output.
 #[derive(Clone, Debug, Args)]

@@ -11,7 +11,6 @@
 //! since a body's last update.
 
 mod context;
-mod fit;
 mod segments;
 
 use std::collections::BTreeMap;

@@ -16,9 +16,7 @@ mod frames;
 mod member;
 mod neighbour;
 mod rig;
-mod server_metrics;
 mod service;
-mod watched;
 
 use std::net::SocketAddr;
 use std::num::NonZeroU32;
@@ -37,16 +35,15 @@ use crate::drive::{BesideListener, ServerProcess};
 use crate::numbers::{markdown, number};
 use crate::output::{self, Failure, Provenance, ended, write};
 use member::{Contents, Member, MemberEnd, Place};
-use rig::ServerArguments;
-use server_metrics::ServerMetrics;
+use rig::{ServerArguments, ServerMetrics};
 
 pub use edges::{EdgesLoad, Fault};
 pub use filling::Filling;
 pub use frames::Frames;
+pub use member::Judged;
 pub use neighbour::Neighbour;
-pub use server_metrics::LoadRow;
+pub use rig::LoadRow;
 pub use service::ServiceCosts;
-pub use watched::Judged;
 
 /// Arguments: those of many scenes, or another measurement.
 #[derive(Clone, Debug, Args)]

@@ -7,7 +7,7 @@ use rhumb_protocol::scene::{Command, CommandError, SceneName};
 use rhumb_reckoning::{BodyId, BodyState, Tick};
 use rhumb_scene::{AnsweredBefore, FedRequest, FedVelocities, Feed, TICKS_APART_MAX};
 
-use crate::feed_error::{FedQuantity, FeedError, OutOfRange};
+use crate::error::{FedQuantity, FeedError, OutOfRange};
 
 /// A scene that its client feeds.
 pub(crate) struct Feeding {
@@ -174,8 +174,8 @@ impl Feeding {
         Ok(())
     }
 
-    /// The oldest request that was accepted and that the scene refused. A body that it would have added is fed no more,
-    /// and one that it would have removed is fed again.
+    /// The oldest request that was accepted and that the scene refused. A body that it would have added is no longer
+    /// fed, and one that it would have removed is fed again.
     pub(crate) fn poll_failure(&mut self) -> Option<(FedRequest, CommandError)> {
         let (request, error) = self.feed.poll_failure()?;
         match (change_of(&request.command), error) {

@@ -58,7 +58,6 @@
 mod client;
 mod connection;
 mod error;
-mod feed_error;
 #[cfg(feature = "local")]
 mod feeding;
 mod join_options;
@@ -70,8 +69,9 @@ mod server_connection;
 
 pub use client::Client;
 pub use connection::{Statistics, TapChannel};
-pub use error::{ClientError, MainError, OpenError, RefusedRequests};
-pub use feed_error::{FedQuantity, FeedError, OutOfRange};
+pub use error::{
+    ClientError, FedQuantity, FeedError, MainError, OpenError, OutOfRange, RefusedRequests,
+};
 pub use glam;
 pub use join_options::{JoinOptions, Refusals};
 #[cfg(feature = "local")]
@@ -79,16 +79,15 @@ pub use local::{LocalPeers, LocalServer, WithLocalPeers, is_local_peer};
 #[cfg(feature = "quic")]
 pub use rhumb_link::{CertificateError, ConnectError, Fingerprint, FingerprintError, Trust};
 pub use rhumb_link::{ClientTransport, Received, TransportCode, WireStatistics};
-pub use rhumb_protocol::Ending;
 pub use rhumb_protocol::message::{
     AuthorityError, Denial, Inspection, InvalidToken, QueryError, QueryResult, RemovalCause,
     StageTimes, StreamChoice, TierChangeCause, TierPolicy,
 };
-pub use rhumb_protocol::scene;
 pub use rhumb_protocol::session::{CloseCode, Event, Misuse, Replica};
 pub use rhumb_protocol::stream::{
     Budget, ErrorBound, PublisherStatistics, Subscriber, SubscriberStatistics,
 };
+pub use rhumb_protocol::{Ending, scene};
 pub use rhumb_reckoning::{
     BodyId, BodyState, Damping, Integrator, InvalidMotion, InvalidTolerance, LengthBound, Metres,
     Radians, Rate, Seconds, Tick, Ticks, Tolerance, ToleranceScale, TurnBound,

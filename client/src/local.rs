@@ -5,7 +5,6 @@
 //! with a driver of its own, such as one with sockets, has such clients beside its others.
 //! Each client counts its own bytes until the server has used them, so that one that floods takes nothing from the others.
 
-mod feeding;
 mod peers;
 
 use std::collections::BTreeMap;
@@ -427,7 +426,7 @@ struct LocalClient {
 #[derive(Default)]
 struct InboxBytes {
     waiting: AtomicUsize,
-    /// Those of them that do not count as taken.
+    /// The inputs that do not count as taken.
     unreported: AtomicUsize,
 }
 

@@ -18,11 +18,10 @@ use rhumb_view::JoinMode;
 use rhumb_view::{JoinError, Joining};
 
 use crate::client::Client;
-use crate::connection::{BoxedConnection, Redial};
-use crate::connection::{Pump, span};
-use crate::error::{ClientError, OpenError};
+use crate::connection::{BoxedConnection, Pump, Redial, span};
 #[cfg(feature = "local")]
-use crate::feed_error::FeedError;
+use crate::error::FeedError;
+use crate::error::{ClientError, OpenError};
 #[cfg(feature = "local")]
 use crate::feeding::Feeding;
 use crate::join_options::JoinOptions;

@@ -21,8 +21,7 @@ use rhumb_protocol::{
 use rhumb_reckoning::Tolerance;
 use rhumb_scene::{ControlStream, Limits, PendingOutput, Permit};
 
-use crate::client::{Action, EdgeClient, EdgeMember, Joining, MirrorId};
-use crate::clients::Clients;
+use crate::client::{Action, Clients, EdgeClient, EdgeMember, Joining, MirrorId};
 use crate::mirror::{Forward, Mirror};
 use crate::owners::{Dial, LinkUse, MIRRORS_MAX, Owners};
 use crate::shared_queue::{SharedPacket, SharedQueue, SharedStream};
@@ -546,7 +545,7 @@ impl Edge {
         }
     }
 
-    /// Hands on the owner's welcome, by which the owner has admitted a client. An observer needs the owner no more.
+    /// Hands on the owner's welcome, by which the owner has admitted a client. An observer no longer needs the owner.
     fn greet(&mut self, now: Instant, peer: Peer, welcome: &Welcome) {
         let Some(client) = self.clients.by_peer.get_mut(&peer) else {
             return;

@@ -7,7 +7,6 @@
 #![forbid(unsafe_code)]
 
 mod client;
-mod clients;
 mod edge;
 mod mirror;
 mod owners;

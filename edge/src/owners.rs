@@ -167,7 +167,7 @@ impl Owners {
         };
         let candidates = self.mirrors.iter();
         let candidates = candidates.filter(|(id, mirror)| is_candidate(**id, mirror));
-        // What is not noted as unused yet was needed a moment ago.
+        // A stream that is not noted as unused yet was needed a moment ago.
         let longest = candidates.min_by_key(|(_, mirror)| {
             let since = mirror.unused_since;
             (since.is_none(), since)

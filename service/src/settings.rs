@@ -297,7 +297,7 @@ const ROWS: [(&str, &str, &str); 25] = [
     (
         "share_worker",
         "false",
-        "Has all scenes without a tenant share one worker process; without this, each has its own.",
+        "All scenes without a tenant share one worker process; without this, each has its own.",
     ),
     (
         "largest_packet",

@@ -9,8 +9,7 @@ use rhumb_reckoning::{
     attached_motion, relative_to,
 };
 
-use super::context::{Path, PredictorKind, SegmentContext, SegmentStart};
-use super::fit::fit;
+use super::context::{Path, PredictorKind, SegmentContext, SegmentStart, fit};
 
 /// Shortest segment, in frames, from which an acceleration is fitted.
 const ACCELERATION_FRAMES: usize = 4;

@@ -19,7 +19,7 @@ use rhumb_reckoning::Tolerance;
 use rhumb_transport::{ClientOptions, ClientTransport, QuicClient, Received, Trust};
 
 use super::member::Place;
-use super::server_metrics::LIMIT;
+use super::rig::LIMIT;
 use crate::output::Failure;
 
 /// Followers of one place, which a thread drives.

@@ -6,13 +6,12 @@
 //! of the server had each of them, and by when those of the edges had it. At the end one edge is killed, and another one is frozen
 //! for a while.
 
-use std::fs;
 use std::num::NonZeroU32;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread;
 use std::time::{Duration, Instant};
+use std::{fs, thread};
 
 use clap::Args;
 use rhumb_client::{JoinMode, StreamChoice};
@@ -22,10 +21,8 @@ use rhumb_transport::DevelopmentPem;
 use serde::{Deserialize, Serialize};
 
 use super::crowd::Crowd;
-use super::member::{Contents, Member, Place};
-use super::rig::ServerArguments;
-use super::server_metrics::ServerMetrics;
-use super::watched::{Judged, Watch, Watchers};
+use super::member::{Contents, Judged, Member, Place, Watch, Watchers};
+use super::rig::{ServerArguments, ServerMetrics};
 
 use crate::drive::{BesideListener, ServerProcess, Signal};
 use crate::machine::{load_average, worked_us};
@@ -156,7 +153,7 @@ struct Rig<'a> {
     crowds: Vec<Crowd>,
 }
 
-/// What a part of the time took.
+/// The cost of a part of the time.
 struct Part {
     server_us: Option<f64>,
     edges_us: Option<f64>,

@@ -1,8 +1,13 @@
-//! The server, the script and the frame times of a load.
+//! The server of a load: its script, frame times and stated figures.
+//!
+//! Processor time and memory are those that the system states for its processes.
 
+use std::collections::BTreeMap;
+use std::io::{Read, Write};
+use std::net::{SocketAddr, TcpStream};
 use std::path::PathBuf;
 use std::process::Command as Program;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use clap::Args;
 use rhumb_client::Client;
@@ -11,6 +16,7 @@ use rhumb_sims::{Script, by_name};
 use serde::{Deserialize, Serialize};
 
 use crate::drive::{BesideListener, ServerProcess};
+use crate::machine::{memory_bytes, worked_us};
 use crate::numbers;
 use crate::output::Failure;
 
@@ -90,5 +96,209 @@ impl FrameTimes {
             p99_us: percentile(99),
             max_us: percentile(100),
         }
+    }
+}
+
+/// Time for an answer.
+pub(super) const LIMIT: Duration = Duration::from_secs(10);
+
+/// The figures of a part of the time.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LoadRow {
+    /// Its end, seconds since the last member joined.
+    pub seconds: f64,
+    /// Ticks of the scene that stepped least, as a share of those due by its step.
+    pub least_ticks_share: f64,
+    /// Steps that began more than a step late, as a share of all.
+    pub late_share: f64,
+    /// Mean step of the engine, microseconds.
+    pub step_mean_us: f64,
+    /// Bound below which 99 % of the steps lie, microseconds; `None` beyond the greatest bound that the server counts.
+    pub step_p99_below_us: Option<f64>,
+    /// Bodies awake at its end, in all scenes.
+    pub awake: u64,
+    /// Processor time of the server, cores.
+    pub server_cores: Option<f64>,
+    /// Memory of the server at its end, megabytes.
+    pub server_mb: Option<f64>,
+    /// Packets and control messages to all members, kilobytes a second.
+    pub sent_kb_s: f64,
+}
+
+/// The metrics at one moment.
+pub(super) struct ServerMetrics {
+    at: Instant,
+    /// Each scene by its name.
+    scenes: BTreeMap<String, SceneMetrics>,
+    pub(super) worked_us: Option<u64>,
+    memory_bytes: Option<u64>,
+}
+
+/// The metrics of a scene.
+#[derive(Clone, Debug, Default, PartialEq)]
+struct SceneMetrics {
+    tick: f64,
+    late: f64,
+    awake: f64,
+    sent_bytes: f64,
+    step_period: f64,
+    steps: f64,
+    step_seconds: f64,
+    /// Steps of at most this many microseconds.
+    within: BTreeMap<u64, f64>,
+}
+
+impl ServerMetrics {
+    /// Asks the server at its metrics address, and the system.
+    pub(super) fn read(metrics: SocketAddr, process: u32) -> Result<Self, Failure> {
+        let mut stream = TcpStream::connect_timeout(&metrics, LIMIT)?;
+        stream.set_read_timeout(Some(LIMIT))?;
+        write!(
+            stream,
+            "GET /metrics HTTP/1.1\r\nHost: {metrics}\r\nConnection: close\r\n\r\n"
+        )?;
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer)?;
+        Ok(Self {
+            at: Instant::now(),
+            scenes: scenes(&answer),
+            worked_us: worked_us(process),
+            memory_bytes: memory_bytes(process),
+        })
+    }
+
+    /// The newest tick of all scenes.
+    pub(super) fn newest_tick(&self) -> f64 {
+        let ticks = self.scenes.values().map(|scene| scene.tick);
+        ticks.fold(0.0, f64::max)
+    }
+
+    /// The row of the time since `before`; `begun` is the moment from which its end counts.
+    pub(super) fn since(&self, before: &Self, begun: Instant) -> LoadRow {
+        let seconds = (self.at - before.at).as_secs_f64();
+        let (mut least, mut steps, mut late, mut step_seconds, mut sent) =
+            (f64::INFINITY, 0.0, 0.0, 0.0, 0.0);
+        let mut within: BTreeMap<u64, f64> = BTreeMap::new();
+        for (name, now) in &self.scenes {
+            let earlier = before.scenes.get(name).cloned().unwrap_or_default();
+            let due = seconds / now.step_period;
+            least = least.min((now.tick - earlier.tick) / due);
+            steps += now.steps - earlier.steps;
+            late += now.late - earlier.late;
+            step_seconds += now.step_seconds - earlier.step_seconds;
+            sent += now.sent_bytes - earlier.sent_bytes;
+            for (bound, count) in &now.within {
+                let earlier = earlier.within.get(bound).copied().unwrap_or_default();
+                *within.entry(*bound).or_default() += count - earlier;
+            }
+        }
+        let p99 = within.iter().find(|(_, count)| **count >= steps * 0.99);
+        let worked = self.worked_us.zip(before.worked_us);
+        LoadRow {
+            seconds: (self.at - begun).as_secs_f64(),
+            least_ticks_share: least,
+            late_share: late / steps.max(1.0),
+            step_mean_us: step_seconds * 1e6 / steps.max(1.0),
+            step_p99_below_us: p99.map(|(bound, _)| *bound as f64),
+            awake: self.scenes.values().map(|scene| scene.awake as u64).sum(),
+            server_cores: worked
+                .map(|(now, before)| now.saturating_sub(before) as f64 * 1e-6 / seconds),
+            server_mb: self.memory_bytes.map(|bytes| bytes as f64 * 1e-6),
+            sent_kb_s: sent * 1e-3 / seconds,
+        }
+    }
+}
+
+/// The scenes in the text of an answer.
+fn scenes(text: &str) -> BTreeMap<String, SceneMetrics> {
+    let mut scenes: BTreeMap<String, SceneMetrics> = BTreeMap::new();
+    for line in text.lines() {
+        let Some((name, rest)) = line.split_once("{scene=\"") else {
+            continue;
+        };
+        let Some((labels, value)) = rest.rsplit_once("} ") else {
+            continue;
+        };
+        let (Some((scene, more)), Ok(value)) = (labels.split_once('"'), value.parse()) else {
+            continue;
+        };
+        let metrics = scenes.entry(scene.to_owned()).or_default();
+        match name {
+            "rhumb_scene_tick" => metrics.tick = value,
+            "rhumb_scene_late_total" => metrics.late = value,
+            "rhumb_scene_bodies_awake" => metrics.awake = value,
+            "rhumb_scene_sent_bytes_total" => metrics.sent_bytes = value,
+            "rhumb_scene_step_period_seconds" => metrics.step_period = value,
+            "rhumb_scene_step_seconds_count" => metrics.steps = value,
+            "rhumb_scene_step_seconds_sum" => metrics.step_seconds = value,
+            "rhumb_scene_step_seconds_bucket" => {
+                let bound = more.trim_start_matches(",le=").trim_matches('"');
+                // Steps beyond the greatest bound are those that none of the others has.
+                if let Ok(seconds) = bound.parse::<f64>()
+                    && seconds.is_finite()
+                {
+                    metrics.within.insert((seconds * 1e6).round() as u64, value);
+                }
+            }
+            _ => {}
+        }
+    }
+    scenes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_metrics_of_each_scene_are_found_in_an_answer() {
+        let text = "HTTP/1.1 200 OK\r\n\r\n# TYPE rhumb_scene_tick gauge\n\
+            rhumb_connections 3\n\
+            rhumb_scene_tick{scene=\"load/1\"} 70\n\
+            rhumb_scene_tick{scene=\"load/2\"} 80\n\
+            rhumb_scene_step_period_seconds{scene=\"load/1\"} 0.02\n\
+            rhumb_scene_step_seconds_bucket{scene=\"load/1\",le=\"0.0005\"} 60\n\
+            rhumb_scene_step_seconds_bucket{scene=\"load/1\",le=\"+Inf\"} 70\n\
+            rhumb_scene_step_seconds_count{scene=\"load/1\"} 70\n";
+        let scenes = scenes(text);
+        assert_eq!(scenes["load/2"].tick, 80.0);
+        let expected = SceneMetrics {
+            tick: 70.0,
+            step_period: 0.02,
+            steps: 70.0,
+            within: BTreeMap::from([(500, 60.0)]),
+            ..SceneMetrics::default()
+        };
+        assert_eq!(scenes["load/1"], expected);
+    }
+
+    #[test]
+    fn a_row_holds_the_difference_of_two_moments() {
+        let begun = Instant::now();
+        let scene = |tick: f64, steps: f64| SceneMetrics {
+            tick,
+            steps,
+            step_period: 0.02,
+            step_seconds: steps * 0.001,
+            within: BTreeMap::from([(500, steps / 2.0), (2_000, steps)]),
+            ..SceneMetrics::default()
+        };
+        let moment = |seconds, scenes: [(f64, f64); 2], worked| ServerMetrics {
+            at: begun + Duration::from_secs(seconds),
+            scenes: (["a", "b"].into_iter().zip(scenes))
+                .map(|(name, (tick, steps))| (name.to_owned(), scene(tick, steps)))
+                .collect(),
+            worked_us: Some(worked),
+            memory_bytes: Some(7_000_000),
+        };
+        let before = moment(1, [(10.0, 10.0), (0.0, 0.0)], 500_000);
+        let row = moment(3, [(110.0, 110.0), (50.0, 50.0)], 1_500_000).since(&before, begun);
+        assert_eq!(row.seconds, 3.0);
+        // 100 ticks are due in two seconds.
+        assert_eq!(row.least_ticks_share, 0.5);
+        assert!((row.step_mean_us - 1_000.0).abs() < 1e-6);
+        assert_eq!(row.step_p99_below_us, Some(2_000.0));
+        assert_eq!(row.server_cores, Some(0.5));
+        assert_eq!(row.server_mb, Some(7.0));
     }
 }

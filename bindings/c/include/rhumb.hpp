@@ -921,7 +921,7 @@ struct Loaded {
 /// The whole state of a scene.
 class Checkpoint {
 public:
-    /// What is damaged, or of another version, is refused. The checksum finds damage and no malice.
+    /// Bytes that are damaged, or of another version, are refused. The checksum finds damage and no malice.
     static Checkpoint read(const std::vector<std::uint8_t>& bytes) {
         RhumbCheckpoint raw = {0};
         throw_unless_ok(rhumb_checkpoint_read(bytes.data(), bytes.size(), &raw));

@@ -9,11 +9,11 @@
 #![deny(unsafe_op_in_unsafe_fn)]
 #![warn(clippy::undocumented_unsafe_blocks)]
 
+mod answers;
 mod border;
 mod commands;
 mod connection;
 mod descriptions;
-mod events;
 mod feeding;
 mod files;
 mod generated;
@@ -21,14 +21,13 @@ mod joints;
 mod kinds;
 mod local;
 mod poses;
-mod queries;
 mod scene;
 
+pub use answers::*;
 pub use border::*;
 pub use commands::*;
 pub use connection::*;
 pub use descriptions::*;
-pub use events::*;
 pub use feeding::*;
 pub use files::*;
 pub use generated::*;
@@ -36,5 +35,4 @@ pub use joints::*;
 pub use kinds::*;
 pub use local::*;
 pub use poses::*;
-pub use queries::*;
 pub use scene::*;

@@ -11,7 +11,7 @@ mod coordinates;
 mod descriptions;
 mod error;
 #[cfg(feature = "local")]
-mod fed_states;
+mod feeding;
 #[cfg(feature = "files")]
 mod files;
 mod generated;
@@ -20,15 +20,13 @@ mod joining;
 mod own_server;
 mod records;
 mod remote_scene;
-#[cfg(feature = "local")]
-mod requests;
 mod view;
 
 pub use coordinates::Coordinates;
 pub use descriptions::{BodyParams, JointFreedom, JointParams, StateRecord};
 pub use error::{BindingError, ErrorKind};
 #[cfg(feature = "local")]
-pub use fed_states::{FedArrays, Rows};
+pub use feeding::{FedArrays, OpenRequests, RequestKind, RequestRecord, Rows};
 #[cfg(feature = "files")]
 pub use files::{Base, FileSettings, LoadParams, LoadedFile, NamedBody, NamedJoint, OwnContacts};
 pub use generated::EventKind;
@@ -39,7 +37,5 @@ pub use records::{
     ContactRecord, EventRecord, InvalidPackedId, RefusalRecord, packed_id, parse_packed_id,
 };
 pub use remote_scene::{HitRecord, RemoteScene};
-#[cfg(feature = "local")]
-pub use requests::{OpenRequests, RequestKind, RequestRecord};
 pub use rhumb_client;
 pub use view::{ObjectChange, SceneFollower};

@@ -20,7 +20,7 @@ use crate::coordinates::Coordinates;
 use crate::descriptions::{BodyParams, StateRecord};
 use crate::error::BindingError;
 #[cfg(feature = "local")]
-use crate::fed_states::{FedArrays, FedStates};
+use crate::feeding::{FedArrays, FedStates, RequestRecord};
 #[cfg(feature = "files")]
 use crate::files::{self, LoadParams, LoadedFile, NamedBody, NamedJoint};
 use crate::generated::EventKind;
@@ -28,8 +28,6 @@ use crate::joining::{JoinParams, TICKS_NEEDED, tolerance};
 #[cfg(feature = "serve")]
 use crate::own_server::{OwnServer, SceneServer};
 use crate::records::{ContactRecord, EventRecord, RefusalRecord};
-#[cfg(feature = "local")]
-use crate::requests::RequestRecord;
 use crate::view::ConvertedView;
 
 /// Limit of unread events, the client's own. Beyond it, the oldest are dropped, and counted.

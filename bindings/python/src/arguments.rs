@@ -126,7 +126,7 @@ pub(crate) struct GivenRows<const W: usize> {
 }
 
 impl<const W: usize> GivenRows<W> {
-    /// Those of an argument for `count` bodies.
+    /// The values of an argument for `count` bodies.
     pub(crate) fn of(
         argument: &Bound<'_, PyAny>,
         count: usize,

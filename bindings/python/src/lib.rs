@@ -7,18 +7,16 @@
 //! - Two threads in calls of one scene are an error of the second one, at once.
 #![warn(clippy::undocumented_unsafe_blocks)]
 
+mod answers;
 mod arguments;
 mod body;
 mod connection;
 mod errors;
-mod event;
 mod file;
 mod forks;
 mod generated;
-mod joint;
 mod number;
 mod open_scene;
-mod query;
 mod scene;
 
 use pyo3::prelude::*;
@@ -31,16 +29,16 @@ fn native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<file::PyCheckpoint>()?;
     module.add_class::<scene::PyScene>()?;
     module.add_class::<body::PyShape>()?;
-    module.add_class::<joint::PyJoint>()?;
+    module.add_class::<body::PyJoint>()?;
     module.add_class::<generated::PyCharacter>()?;
     module.add_class::<generated::PyWheel>()?;
     module.add_class::<generated::PyWheelInput>()?;
-    module.add_class::<event::PyEvent>()?;
-    module.add_class::<event::PyContact>()?;
-    module.add_class::<event::PyRequest>()?;
+    module.add_class::<answers::PyEvent>()?;
+    module.add_class::<answers::PyContact>()?;
+    module.add_class::<answers::PyRequest>()?;
     module.add_class::<file::PyLoaded>()?;
-    module.add_class::<query::PyQuery>()?;
-    module.add_class::<query::PyHit>()?;
+    module.add_class::<answers::PyQuery>()?;
+    module.add_class::<answers::PyHit>()?;
     module.add_function(wrap_pyfunction!(connection::connect, module)?)?;
     module.add_function(wrap_pyfunction!(file::file_settings, module)?)?;
     module.add_function(wrap_pyfunction!(connection::local, module)?)?;

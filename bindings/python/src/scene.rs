@@ -17,16 +17,14 @@ use rhumb_bindings::rhumb_client::scene::{
 use rhumb_bindings::rhumb_client::{PipelineDepth, Tick};
 use rhumb_bindings::{BindingError, RemoteScene, packed_id};
 
+use crate::answers::{PyContact, PyEvent, PyHit, PyQuery, PyRequest};
 use crate::arguments::{bodies, optional_rows, optional_tick, rows, seconds, single, vector};
-use crate::body::{GivenStates, PyShape, bodies_at, plain_body, states};
+use crate::body::{GivenStates, PyJoint, PyShape, bodies_at, plain_body, states};
 use crate::errors::{exception, wrong_value};
-use crate::event::{PyContact, PyEvent, PyRequest};
 use crate::file::{PyCheckpoint, PyLoaded, params};
 use crate::generated::{PyCharacter, PyWheel, PyWheelInput};
-use crate::joint::PyJoint;
 use crate::number::{self, optional_real, real};
 use crate::open_scene::{OpenScene, dictionary, floats};
-use crate::query::{PyHit, PyQuery};
 
 /// A client of one scene. It leaves the scene at the end of a with block.
 ///

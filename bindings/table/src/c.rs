@@ -3,9 +3,9 @@
 //! The header and the imports of C# are read out of the file that it makes.
 
 use crate::table::{
-    Call, CallField, EVENTS, FieldKind, Lengths, Owner, RecordMember, Table, ValueRecord, meaning,
+    Call, CallField, EVENTS, FieldKind, Lengths, Owner, RecordMember, Table, ValueRecord, capital,
+    comment, fill, meaning, pascal, snake,
 };
-use crate::text::{capital, comment, fill, pascal, snake};
 
 const HEAD: &str = "\
 //! Commands, records and kinds of events of C.

@@ -1,7 +1,9 @@
 //! Code of all bindings: commands, their conversions, and the kinds of events.
 
-use crate::table::{Call, CallField, EVENTS, FieldKind, Owner, RecordMember, Table, ValueRecord};
-use crate::text::{camel, comment, fill, pascal, snake};
+use crate::table::{
+    Call, CallField, EVENTS, FieldKind, Owner, RecordMember, Table, ValueRecord, camel, comment,
+    fill, pascal, snake,
+};
 
 /// The command of a call, whose body is `id` and whose fields have these values.
 #[must_use]

@@ -2,9 +2,9 @@
 
 use crate::c::{choice_name, slot};
 use crate::table::{
-    Call, CallField, FieldKind, Lengths, Owner, RecordMember, Table, ValueRecord, meaning,
+    Call, CallField, FieldKind, Lengths, MadePart, Owner, RecordMember, Table, ValueRecord,
+    capital, comment, meaning, pascal, snake, snake_of_pascal,
 };
-use crate::text::{MadePart, capital, comment, pascal, snake, snake_of_pascal};
 
 /// The parts of `bindings/c/include/rhumb.hpp`.
 #[must_use]

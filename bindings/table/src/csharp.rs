@@ -2,9 +2,9 @@
 
 use crate::c::{choice_name, slot};
 use crate::table::{
-    Call, CallField, FieldKind, Lengths, Owner, RecordMember, Table, ValueRecord, meaning,
+    Call, CallField, FieldKind, Lengths, Owner, RecordMember, Table, ValueRecord, camel, capital,
+    comment, fill, meaning, pascal, snake,
 };
-use crate::text::{camel, capital, comment, fill, pascal, snake};
 
 const HEAD: &str = "\
 // Commands, characters, wheels, and the calls of a scene that take them.

@@ -2,9 +2,9 @@
 
 use crate::core::made;
 use crate::table::{
-    Call, CallField, FieldKind, Lengths, Owner, RecordMember, Table, ValueRecord, meaning,
+    Call, CallField, FieldKind, Lengths, Owner, RecordMember, Table, ValueRecord, capital, comment,
+    fill, meaning, pascal, snake,
 };
-use crate::text::{capital, comment, fill, pascal, snake};
 
 /// Calls whose name a property of the node has, or its setter.
 const RENAMED: [(&str, &str); 3] = [

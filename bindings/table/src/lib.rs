@@ -13,11 +13,9 @@ pub mod csharp;
 pub mod godot;
 pub mod python;
 pub mod table;
-pub mod text;
 pub mod web;
 
-use crate::table::Table;
-use crate::text::MadePart;
+use crate::table::{MadePart, Table};
 
 /// A file, and what is made of it.
 #[derive(Debug)]

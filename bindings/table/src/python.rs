@@ -3,9 +3,9 @@
 use crate::c::choice_name;
 use crate::core::{made, plain};
 use crate::table::{
-    Call, CallField, EVENTS, FieldKind, Lengths, Owner, RecordMember, Table, ValueRecord, meaning,
+    Call, CallField, EVENTS, FieldKind, Lengths, MadePart, Owner, RecordMember, Table, ValueRecord,
+    fill, meaning, number, pascal, snake, wrapped,
 };
-use crate::text::{MadePart, fill, number, pascal, snake, wrapped};
 
 const HEAD: &str = "\
 //! Values that commands take, as classes of Python.

@@ -2,9 +2,9 @@
 
 use crate::core::made;
 use crate::table::{
-    Call, CallField, FieldKind, Lengths, Owner, RecordMember, Table, ValueRecord, meaning,
+    Call, CallField, FieldKind, Lengths, MadePart, Owner, RecordMember, Table, ValueRecord, camel,
+    capital, fill, meaning, number, pascal, snake, wrapped,
 };
-use crate::text::{MadePart, camel, capital, fill, number, pascal, snake, wrapped};
 
 const HEAD: &str = "\
 //! Commands out of JSON, in the words of `rhumb.d.ts`.

@@ -10,8 +10,7 @@ use rhumb_scene::{FedRequest, FedVelocities};
 use rhumb_view::{RefusalReason, RefusedRequest};
 
 use super::Client;
-use crate::error::ClientError;
-use crate::feed_error::FeedError;
+use crate::error::{ClientError, FeedError};
 use crate::feeding::{FedChange, Feeding, change_of};
 use crate::join_options::Refusals;
 

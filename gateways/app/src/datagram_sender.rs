@@ -22,8 +22,7 @@ use rhumb_link::PIECE_COST_BYTES;
 use tokio::sync::Notify;
 use tokio::time::{Instant, sleep_until};
 
-use crate::pace::DatagramPace;
-use crate::send_queue::{AppDatagram, CoalescingKey, Urgency};
+use crate::send_queue::{AppDatagram, CoalescingKey, DatagramPace, Urgency};
 
 /// The queues between the two threads.
 #[derive(Debug)]

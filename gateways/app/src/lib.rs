@@ -12,7 +12,6 @@ mod client;
 mod datagram_sender;
 mod gateway;
 mod listener;
-mod pace;
 mod scene;
 mod send_queue;
 mod shape_definition;

@@ -28,8 +28,7 @@ use tokio::time::{sleep, timeout};
 use crate::client::AppClient;
 use crate::datagram_sender::DatagramSender;
 use crate::gateway::Gateway;
-use crate::pace::limiter_of_bytes;
-use crate::send_queue::AppTransmit;
+use crate::send_queue::{AppTransmit, limiter_of_bytes};
 
 /// Address and rate of the APP listener.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -15,6 +15,7 @@ use alloc::string::String;
 use alloc::vec::Vec;
 
 use membership::ClientMembership;
+pub use membership::StandingEvents;
 use outbox::{ClientOutbox, ClockSampler, Resumption};
 use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance};
 

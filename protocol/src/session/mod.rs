@@ -8,7 +8,6 @@
 mod client;
 mod replica;
 mod server;
-mod standing_events;
 mod upstream;
 
 use alloc::vec::Vec;
@@ -25,10 +24,9 @@ use crate::message::{
 use crate::scene::{BodyEvent, CommandError, IdRange, Invalid};
 use crate::wire::Malformed;
 
-pub use client::ClientSession;
+pub use client::{ClientSession, StandingEvents};
 pub use replica::Replica;
 pub use server::ServerSession;
-pub use standing_events::StandingEvents;
 pub use upstream::UpstreamReceiver;
 
 /// The code with which one end closes the connection (PROTOCOL 3.4).

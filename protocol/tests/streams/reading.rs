@@ -276,7 +276,7 @@ fn parts_of_a_stale_refresh_do_not_count() {
         for part in &stale {
             subscriber.handle_datagram(part);
         }
-        assert_eq!(subscriber.missing(), 1, "a smaller name counts no more");
+        assert_eq!(subscriber.missing(), 1, "a smaller name no longer counts");
         for part in &newest[1..] {
             subscriber.handle_datagram(part);
         }

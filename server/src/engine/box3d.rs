@@ -5,9 +5,7 @@
 //! is awake only while it moves. Its cap of the speed of dynamic bodies is set to that of all engines, and it caps no spin.
 
 mod body;
-mod joints;
 mod native;
-mod shapes;
 
 use std::cell::OnceCell;
 use std::collections::{BTreeMap, BTreeSet};
@@ -25,16 +23,13 @@ use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Inertia, Integrator, Twist};
 use rhumb_solids::PlacedBodies;
 
-use self::body as translate;
-use self::joints::Box3dJoints;
+use self::body::{self as translate, Box3dJoints, Box3dSolid};
 use self::native::{NativeBody, NativeShape, Placement, World};
-use self::shapes::Box3dSolid;
 use super::interface::{
     BakedShape, Baker, BodyProperties, Engine, EngineFault, EnginePart, NoEngine, Push, SPEED_MAX,
-    UnanswerableQuery, UnusableShape,
+    UnanswerableQuery, UnusableShape, inertia,
 };
 use super::kinematic_target::{KinematicStep, KinematicTarget};
-use super::mass;
 
 /// A Box3D world.
 pub struct Box3dEngine {
@@ -122,7 +117,7 @@ impl Box3dEngine {
         let Some(solid) = self.solids.get(&slot.properties.desc.shape) else {
             return;
         };
-        let surface = shapes::surface(&slot.properties);
+        let surface = translate::surface(&slot.properties);
         for piece in &solid.pieces {
             if let Some(shape) = self.world.attach(slot.body, piece, &surface) {
                 slot.shapes.push(shape);
@@ -316,21 +311,21 @@ impl Box3dEngine {
 impl Engine for Box3dEngine {
     fn supports(&self, part: EnginePart<'_>) -> bool {
         match part {
-            EnginePart::Shape(shape) => shapes::supports(shape),
+            EnginePart::Shape(shape) => translate::supports_shape(shape),
             // Box3D has no dominance, and always has gyroscopic forces.
             EnginePart::Body(body) => body.desc.dominance == 0 && body.desc.gyroscopic,
-            EnginePart::Joint(joint) => joints::supports(joint),
+            EnginePart::Joint(joint) => translate::supports_joint(joint),
             EnginePart::Locomotion(locomotion) => matches!(locomotion, Locomotion::None),
         }
     }
 
     fn add_shape(&mut self, id: ShapeId, shape: &Shape) -> Result<(), UnusableShape> {
-        self.solids.insert(id, shapes::solid(shape)?);
+        self.solids.insert(id, translate::solid(shape)?);
         Ok(())
     }
 
     fn baker(&self) -> Option<Baker> {
-        Some(|shape| shapes::solid(shape).map(BakedShape::new))
+        Some(|shape| translate::solid(shape).map(BakedShape::new))
     }
 
     fn add_baked(&mut self, id: ShapeId, baked: BakedShape) -> Result<(), UnusableShape> {
@@ -534,7 +529,7 @@ impl Engine for Box3dEngine {
     fn inertia(&self, id: BodyId) -> Option<Inertia> {
         let properties = &self.bodies.get(&id)?.properties;
         let solid = self.solids.get(&properties.desc.shape)?;
-        mass::inertia(properties, solid.unit)
+        inertia(properties, solid.unit)
     }
 
     fn contacts(&self, id: BodyId, out: &mut Vec<Contact>) {

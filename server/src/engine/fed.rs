@@ -22,8 +22,8 @@ use rhumb_solids::UnitMass;
 
 use super::interface::{
     BodyProperties, Engine, EngineFault, EnginePart, Push, UnanswerableQuery, UnusableShape,
+    inertia,
 };
-use super::mass;
 use crate::feed::{FedTick, FedVelocities, SharedFeed};
 
 /// Ticks at one pose without a velocity after which a body sleeps. Chosen: an engine that pauses for a step does not have
@@ -365,7 +365,7 @@ impl Engine for FedEngine {
     fn inertia(&self, id: BodyId) -> Option<Inertia> {
         let properties = &self.body(id)?.properties;
         let unit = self.masses.get(&properties.desc.shape)?;
-        mass::inertia(properties, *unit)
+        inertia(properties, *unit)
     }
 
     fn contacts(&self, _id: BodyId, _out: &mut Vec<Contact>) {}

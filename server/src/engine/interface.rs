@@ -10,11 +10,12 @@ use glam::{Quat, Vec3};
 use rhumb_protocol::limits::{ANGULAR_MAX, LINEAR_MAX};
 use rhumb_protocol::message::RemovalCause;
 use rhumb_protocol::scene::{
-    Answer, BodyDesc, BodyEvent, Contact, Joint, JointId, JumpFrom, Locomotion, Material, Query,
-    Shape, ShapeId, Sleep, WheelInput,
+    Answer, BodyDesc, BodyEvent, BodyKind, Contact, Joint, JointId, JumpFrom, LockedAxes,
+    Locomotion, Material, Query, Shape, ShapeId, Sleep, WheelInput,
 };
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Damping, Inertia, Twist};
+use rhumb_solids::UnitMass;
 
 /// A body's description for an engine, with the scene's defaults filled in.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -248,7 +249,7 @@ pub trait Engine: Send {
     /// [`UnanswerableQuery`] when the engine cannot evaluate it; nothing has changed.
     fn query(&self, query: &Query) -> Result<Answer, UnanswerableQuery>;
 
-    /// Has the engine count the pairs of bodies that the next step meets for the first time, from now on, until there are
+    /// Counts, from now on, the pairs of bodies that the next step meets for the first time, until there are
     /// more than `most`.
     fn count_crowding(&mut self, most: u32) {
         let _ = most;
@@ -276,7 +277,7 @@ pub trait Engine: Send {
     /// Number of bodies awake after the last step.
     fn awake_count(&self) -> usize;
 
-    /// The fault, if it takes no more steps.
+    /// The fault, if it has stopped stepping.
     fn fault(&self) -> Option<EngineFault>;
 
     /// A copy that steps on to the same bits. `None` while something has changed since the last step, and for an engine
@@ -338,7 +339,7 @@ impl core::error::Error for NoEngine {}
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct UnanswerableQuery;
 
-/// Reason why an engine takes no more steps.
+/// Reason why an engine has stopped stepping.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum EngineFault {
     /// It panicked; its state cannot be trusted any more.
@@ -359,3 +360,30 @@ impl fmt::Display for EngineFault {
 }
 
 impl core::error::Error for EngineFault {}
+
+/// Mass, principal moments, and their axes: kg, kg·m², principal axes → body.
+pub(super) fn mass_of(properties: &BodyProperties, unit: Option<UnitMass>) -> (f32, Vec3, Quat) {
+    let own = properties.desc.mass;
+    if let Some((mass, moments)) = own.and_then(|own| Some((own.mass, own.moments?))) {
+        return (mass, moments, Quat::IDENTITY);
+    }
+    let Some(unit) = unit else {
+        // A body without shape falls too: a kilogram with the moments of a ball of one metre.
+        let factor = own.map_or(1.0, |own| own.mass);
+        return (factor, Vec3::splat(0.4 * factor), Quat::IDENTITY);
+    };
+    let density = own.map_or(properties.material.density, |own| own.mass / unit.mass);
+    let mass = own.map_or(unit.mass * density, |own| own.mass);
+    (mass, unit.moments * density, unit.frame)
+}
+
+/// Moments of inertia of a body, if it rotates torque-free with unequal ones.
+pub(super) fn inertia(properties: &BodyProperties, unit: Option<UnitMass>) -> Option<Inertia> {
+    let desc = &properties.desc;
+    if desc.kind != BodyKind::Dynamic || desc.locked != LockedAxes::NONE || !desc.gyroscopic {
+        return None;
+    }
+    let (_, moments, frame) = mass_of(properties, unit);
+    let inertia = Inertia::new(moments.to_array(), frame.to_array()).ok()?;
+    (!inertia.is_isotropic()).then_some(inertia)
+}

@@ -5,7 +5,6 @@ mod box3d;
 mod fed;
 mod interface;
 mod kinematic_target;
-mod mass;
 mod rapier;
 
 use std::fmt;

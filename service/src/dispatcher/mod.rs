@@ -7,7 +7,6 @@
 
 mod accounts;
 mod bake_pool;
-mod checkpoints;
 mod message;
 mod placement;
 #[cfg(target_os = "linux")]
@@ -42,8 +41,8 @@ use crate::access::{Admitted, TokenError};
 use crate::directory::Keeper;
 use crate::durable::{DataDir, DataError, LogTail};
 
-pub use self::checkpoints::Checkpoints;
-pub(crate) use self::checkpoints::Question;
+pub use self::message::Checkpoints;
+pub(crate) use self::message::Question;
 pub(crate) use self::process::{ProcessOptions, run_worker};
 pub use self::settings::DispatcherSettings;
 

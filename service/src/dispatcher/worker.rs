@@ -14,8 +14,7 @@ use rhumb_protocol::{Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_scene::{Heartbeat, SceneLoop, SceneSettings, SharedClock};
 
 use super::bake_pool::BakePool;
-use super::checkpoints::Question;
-use super::message::{FromWorker, WorkerId, WorkerInput, WorkerOutput, WorkerReport};
+use super::message::{FromWorker, Question, WorkerId, WorkerInput, WorkerOutput, WorkerReport};
 use crate::durable::{DataDir, LogTail, StoredScenes, Wake};
 
 /// Inputs of one turn, before outputs and ticks.

@@ -90,7 +90,7 @@ enum Job {
     Written(u32, Result<(), DataError>),
     /// The scene is deleted.
     Delete,
-    /// The scene hands over no more.
+    /// The scene hands over nothing more.
     End,
 }
 

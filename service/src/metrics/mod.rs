@@ -3,7 +3,7 @@
 //! A metric is an atomic number: a tick stores some ten of them and waits for nothing. [`Metrics::text`] writes them in
 //! the text format of Prometheus.
 //!
-//! Those of the process are those of the process that answers: worker processes have their own. A system without
+//! Metrics of the process are those of the process that answers: worker processes have their own. A system without
 //! `/proc` has none but the program's.
 
 mod scene;

@@ -3,7 +3,6 @@
 //! It reads `/metrics` and `/health` of a server as any other program could, once a second. Rates are differences of two
 //! readings. It changes nothing at the server.
 
-mod columns;
 mod reading;
 
 use std::error::Error;
@@ -24,11 +23,10 @@ use ratatui::style::{Color, Style, Stylize};
 use ratatui::text::Line;
 use ratatui::widgets::{Block, Cell, Paragraph, Row, Table, TableState, Wrap};
 
-use self::columns::{
-    COLUMNS, NAME_TITLE, NAME_WIDTH, SceneChange, SortOrder, count, fitting, milliseconds, number,
-    percent,
+use self::reading::{
+    COLUMNS, MetricsReader, MetricsUrl, NAME_TITLE, NAME_WIDTH, ReadError, Reading, SceneChange,
+    SortOrder, count, fitting, milliseconds, number, percent,
 };
-use self::reading::{MetricsReader, MetricsUrl, ReadError, Reading};
 use crate::signals;
 
 /// Time between two readings.

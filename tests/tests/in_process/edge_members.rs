@@ -194,7 +194,7 @@ fn an_observer_is_closed_when_its_token_ends() {
     crowd.drive();
     assert!(
         crowd.links.is_empty(),
-        "an observer needs the owner no more"
+        "an observer no longer needs the owner"
     );
     let before = now + Span::from_millis(40_000);
     assert!(closed(&mut crowd.edge, before).is_empty());
@@ -292,7 +292,7 @@ impl Published {
             let state = Avatars::walk(0, tick);
             let session = self.stage.session(0);
             let published = session.publish(tick, &[(Self::AVATAR, state)]);
-            taken += u32::from(published.expect("its session goes on"));
+            taken += u32::from(published.expect("its session continues"));
             self.stage.run(TICK);
         }
         taken

@@ -194,7 +194,7 @@ fn sockets_and_clocks_are_used_only_in_the_crates_that_own_them() {
             "benches/",
             "gateways/app/src/datagram_sender.rs",
             "gateways/app/src/listener.rs",
-            "gateways/app/src/pace.rs",
+            "gateways/app/src/send_queue.rs",
             "gateways/dis/src/main.rs",
             "gateways/dis/src/socket.rs",
             "service/src/serve.rs",

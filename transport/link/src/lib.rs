@@ -8,7 +8,6 @@
 #![forbid(unsafe_code)]
 
 mod client_transport;
-mod clock;
 #[cfg(feature = "quic")]
 #[doc(hidden)]
 pub mod connection;
@@ -30,12 +29,10 @@ pub use client_transport::{
     ByteCredit, CONTROL_IN_FLIGHT_BYTES, ClientTransport, HeldBack, Inbox, PIECE_COST_BYTES, Piece,
     Received, WireStatistics,
 };
-pub use clock::Clock;
 #[cfg(feature = "quic")]
-pub use quic_client::ConnectError;
-#[cfg(feature = "quic")]
-pub use quic_client::{ClientOptions, QuicClient};
+pub use quic_client::{ClientOptions, ConnectError, QuicClient};
 pub use rhumb_protocol::session::TransportCode;
+pub use system::Clock;
 #[cfg(feature = "quic")]
 pub use system::{bind_udp, io_runtime, outward_ip, random_bytes};
 #[cfg(feature = "quic")]

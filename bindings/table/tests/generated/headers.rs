@@ -9,7 +9,7 @@ pub(crate) const HEADER: &str = "c/include/rhumb.h";
 pub(crate) const IMPORTS: &str = "csharp/src/Native.g.cs";
 
 /// Sources with functions or types that cross the border.
-const SOURCES: [&str; 14] = [
+const SOURCES: [&str; 13] = [
     "border",
     "kinds",
     "descriptions",
@@ -20,10 +20,9 @@ const SOURCES: [&str; 14] = [
     "commands",
     "joints",
     "poses",
-    "events",
     "feeding",
     "files",
-    "queries",
+    "answers",
 ];
 
 /// Enumerations that only fields of type `u32` hold.

@@ -1,16 +1,24 @@
-//! Conversion of bodies to Box3D and back, and their contacts after a step.
+//! Bodies, shapes and joints of a Box3D world, and contacts after a step.
 //!
 //! Conversion only; `box3d` keeps the list of bodies. Box3D reports pairs of shapes, and a contact is one of bodies: of
 //! several the deepest counts, and their forces add up. Points that are still apart and bear nothing are no contact.
 
-use glam::{Mat3, Quat, Vec3};
-use rhumb_protocol::scene::{BodyKind, Contact, Sleep};
-use rhumb_reckoning::{BodyId, BodyState, Integrator, InvalidMotion, Pose, Twist};
-use rhumb_solids::UnitMass;
+use std::collections::BTreeMap;
+use std::f32::consts::{FRAC_PI_2, PI};
+use std::sync::Arc;
 
-use super::native::{Mobility, NativeBody, NativeShape, NewBody, Placement, Touching, World};
-use crate::engine::interface::{BodyProperties, Push};
-use crate::engine::mass::mass_of;
+use glam::{DVec3, Mat3, Quat, Vec3};
+use rhumb_protocol::scene::{
+    BodyKind, Contact, Heights, Joint, JointId, JointKind, JointLimits, JointStrength, Shape, Sleep,
+};
+use rhumb_reckoning::{BodyId, BodyState, Integrator, InvalidMotion, Pose, Twist};
+use rhumb_solids::{SolidPart, UnitMass};
+
+use super::native::{
+    HullData, JointShape, MeshData, Mobility, NativeBody, NativeJoint, NativePiece, NativeShape,
+    NewBody, Placement, Surface, Touching, World,
+};
+use crate::engine::interface::{BodyProperties, Push, UnusableShape, mass_of};
 
 /// The body without its shapes. A kinematic one's velocities are not Box3D's: see `kinematic_target`.
 pub(super) fn new_body(properties: &BodyProperties, motion: &BodyState) -> NewBody {
@@ -264,4 +272,234 @@ pub(super) fn contacts(
 fn is_finite(contact: &Contact) -> bool {
     let numbers = contact.force.is_finite() && contact.separation.is_finite();
     numbers && contact.point.is_finite() && contact.normal.is_finite()
+}
+
+/// Largest angle of a limit that Box3D allows, radians.
+const ANGLE_MAX: f32 = 0.99 * PI;
+
+/// True if Box3D has such a joint: springs, motors, limits of balls and free combinations of axes are not its own.
+pub(super) fn supports_joint(joint: &Joint) -> bool {
+    joint.motors.iter().all(Option::is_none) && shape(&joint.kind).is_some()
+}
+
+/// The joints.
+#[derive(Default)]
+pub(super) struct Box3dJoints(BTreeMap<JointId, PresentJoint>);
+
+struct PresentJoint {
+    joint: NativeJoint,
+    strength: Option<JointStrength>,
+}
+
+impl Box3dJoints {
+    /// Joins two bodies, in place of an earlier joint of the id, and wakes them.
+    pub(super) fn add(
+        &mut self,
+        world: &mut World,
+        bodies: [NativeBody; 2],
+        (id, joint): (JointId, &Joint),
+    ) {
+        self.remove(world, id);
+        let Some(shape) = shape(&joint.kind) else {
+            return;
+        };
+        // Box3D turns about the frame's z axis, the protocol about its x axis.
+        let turn = match shape {
+            JointShape::Hinge(_) => Quat::from_rotation_y(FRAC_PI_2),
+            _ => Quat::IDENTITY,
+        };
+        let frames = joint
+            .frames
+            .map(|frame| (frame.anchor, frame.rotation * turn));
+        if let Some(native) = world.join(bodies, frames, (&shape, joint.collide)) {
+            let strength = joint.strength;
+            let present = PresentJoint {
+                joint: native,
+                strength,
+            };
+            self.0.insert(id, present);
+        }
+    }
+
+    /// Removes a joint, if it is there, and wakes its bodies.
+    pub(super) fn remove(&mut self, world: &mut World, id: JointId) {
+        if let Some(present) = self.0.remove(&id) {
+            world.part(present.joint);
+        }
+    }
+
+    /// Adds the joints whose load in the last step was above their strength, in the order of ids.
+    pub(super) fn overloaded(&self, world: &World, out: &mut Vec<JointId>) {
+        let is_overloaded = |(id, present): (&JointId, &PresentJoint)| {
+            let strength = present.strength?;
+            let (force, torque) = world.load(present.joint)?;
+            let is_over = force.length() > strength.force || torque.length() > strength.torque;
+            is_over.then_some(*id)
+        };
+        out.extend(self.0.iter().filter_map(is_overloaded));
+    }
+}
+
+/// A kind of joint as Box3D has it.
+fn shape(kind: &JointKind) -> Option<JointShape> {
+    let range = |limits: JointLimits| [limits.least, limits.most];
+    Some(match *kind {
+        JointKind::Fixed => JointShape::Weld,
+        JointKind::Spherical(None) => JointShape::Ball,
+        // Box3D measures a hinge within half a turn of its first frame.
+        JointKind::Revolute(Some(limits)) if range(limits).iter().any(|at| at.abs() > PI) => {
+            return None;
+        }
+        JointKind::Revolute(limits) => {
+            let angles = |limits| range(limits).map(|angle| angle.clamp(-ANGLE_MAX, ANGLE_MAX));
+            JointShape::Hinge(limits.map(angles))
+        }
+        JointKind::Prismatic(limits) => JointShape::Slider(limits.map(range)),
+        JointKind::Rope(length) => JointShape::Rope(length),
+        JointKind::Spherical(Some(_)) | JointKind::Spring(_) | JointKind::Generic(..) => {
+            return None;
+        }
+    })
+}
+
+/// Sides of the hull of a cylinder or a cone.
+const SIDES: u16 = 24;
+
+/// Solid that all bodies of one shape share.
+pub(super) struct Box3dSolid {
+    pub(super) pieces: Vec<NativePiece>,
+    /// Mass at density one; `None` for a shape without volume.
+    pub(super) unit: Option<UnitMass>,
+    /// The same solid for queries.
+    pub(super) parts: Vec<SolidPart>,
+}
+
+/// True if Box3D has such a shape, and such parts.
+pub(super) fn supports_shape(shape: &Shape) -> bool {
+    match shape {
+        Shape::RoundedCuboid { .. } | Shape::HalfSpace { .. } => false,
+        Shape::Compound(compound) => compound
+            .parts()
+            .iter()
+            .all(|part| supports_shape(&part.shape)),
+        _ => true,
+    }
+}
+
+/// The solid of a shape; bodies share it.
+///
+/// # Errors
+///
+/// [`UnusableShape`] for a shape without faces, with a hull of too many points, or without normal mass and moments.
+pub(super) fn solid(shape: &Shape) -> Result<Box3dSolid, UnusableShape> {
+    let mut pieces = Vec::new();
+    add_pieces(shape, (Vec3::ZERO, Quat::IDENTITY), &mut pieces)?;
+    let parts = rhumb_solids::parts(shape).ok_or(UnusableShape)?;
+    let has_volume = shape.is_solid() && !parts.is_empty();
+    let unit = UnitMass::of(&parts).filter(|_| has_volume);
+    if has_volume && unit.is_none() {
+        return Err(UnusableShape);
+    }
+    Ok(Box3dSolid {
+        pieces,
+        unit,
+        parts,
+    })
+}
+
+/// Adds the pieces of a shape at a pose of its body.
+fn add_pieces(
+    shape: &Shape,
+    (centre, turn): Placement,
+    pieces: &mut Vec<NativePiece>,
+) -> Result<(), UnusableShape> {
+    let place = |point: Vec3| centre + turn * point;
+    let hull = |points: &mut dyn Iterator<Item = Vec3>| {
+        let points: Vec<_> = points.map(place).collect();
+        let hull = HullData::new(&points).ok_or(UnusableShape)?;
+        Ok(NativePiece::Hull(Arc::new(hull)))
+    };
+    let piece = match shape {
+        Shape::Ball { radius } => NativePiece::Sphere(centre, *radius),
+        Shape::Capsule {
+            half_height,
+            radius,
+        } => {
+            let end = Vec3::Y * *half_height;
+            NativePiece::Capsule([place(-end), place(end)], *radius)
+        }
+        Shape::Cuboid { half_extents } => NativePiece::Cuboid(*half_extents, (centre, turn)),
+        Shape::Cylinder {
+            half_height: h,
+            radius,
+        } => hull(&mut ring(*radius, -h).chain(ring(*radius, *h)))?,
+        Shape::Cone {
+            half_height: h,
+            radius,
+        } => {
+            let tip = Vec3::new(0.0, h * 1.5, 0.0);
+            hull(&mut ring(*radius, -h * 0.5).chain([tip]))?
+        }
+        Shape::Hull(of) => hull(&mut of.points().iter().copied())?,
+        Shape::Heights(heights) => {
+            let (points, triangles) = ground(heights);
+            mesh(points.into_iter().map(place), &triangles)?
+        }
+        Shape::Mesh(of) => mesh(of.points().iter().copied().map(place), of.triangles())?,
+        Shape::Compound(compound) => {
+            for part in compound.parts() {
+                let at = (place(part.position), turn * part.rotation);
+                add_pieces(&part.shape, at, pieces)?;
+            }
+            return Ok(());
+        }
+        Shape::RoundedCuboid { .. } | Shape::HalfSpace { .. } => return Err(UnusableShape),
+    };
+    pieces.push(piece);
+    Ok(())
+}
+
+/// Points on a circle around the y axis.
+fn ring(radius: f32, height: f32) -> impl Iterator<Item = Vec3> {
+    (0..SIDES).map(move |side| {
+        let angle = f32::from(side) / f32::from(SIDES) * core::f32::consts::TAU;
+        Quat::from_rotation_y(angle) * Vec3::new(radius, height, 0.0)
+    })
+}
+
+fn mesh(
+    points: impl Iterator<Item = Vec3>,
+    triangles: &[[u32; 3]],
+) -> Result<NativePiece, UnusableShape> {
+    let points: Vec<_> = points.collect();
+    let mesh = MeshData::new(&points, triangles).ok_or(UnusableShape)?;
+    Ok(NativePiece::Mesh(Arc::new(mesh)))
+}
+
+/// The posts of a height field and two triangles for each cell, whose fronts are up.
+fn ground(heights: &Heights) -> (Vec<Vec3>, Vec<[u32; 3]>) {
+    let points = heights.posts().map(DVec3::as_vec3).collect();
+    let (rows, columns) = (heights.rows(), heights.columns());
+    let mut triangles = Vec::new();
+    for row in 0..rows - 1 {
+        for column in 0..columns - 1 {
+            let near = row * columns + column;
+            let far = near + columns;
+            triangles.push([near, near + 1, far]);
+            triangles.push([far, near + 1, far + 1]);
+        }
+    }
+    (points, triangles)
+}
+
+/// The surface and the filter of a body's shapes.
+pub(super) const fn surface(properties: &BodyProperties) -> Surface {
+    let (desc, material) = (&properties.desc, properties.material);
+    Surface {
+        friction: material.friction,
+        restitution: material.restitution,
+        members: desc.groups.members,
+        touches: desc.groups.touches,
+        is_sensor: desc.sensor,
+    }
 }

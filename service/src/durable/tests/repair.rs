@@ -187,7 +187,7 @@ fn a_segment_that_never_was_durable_does_not_end_the_run() {
     let mut recorded = run(17, 6);
     recorded.write();
     recorded.sync();
-    // A process that began a segment, and crashed before it was durable; another one that went on.
+    // A process that began a segment, and crashed before it was durable; another one that continued.
     let restored = recorded.restore().unwrap().unwrap();
     let torn = recorded.files.segment_path(restored.next_segment);
     let mut file = recorded.disk.create(&torn).unwrap();

@@ -7,7 +7,6 @@
 mod buffers;
 mod document;
 mod joints;
-mod primitives;
 
 use std::rc::Rc;
 
@@ -16,11 +15,10 @@ use rhumb_protocol::limits::BODIES_MAX;
 use rhumb_protocol::scene::CollisionGroups;
 use serde_json::{Map, Value};
 
-use buffers::Buffers;
 pub(crate) use buffers::MAGIC;
+use buffers::{Buffers, Primitives, TRIANGLES_OF_ALL};
 use document::{Collider, Document, Geometry, Motion, Node, RigidBody, title};
 use joints::Joints;
-use primitives::{Primitives, TRIANGLES_OF_ALL};
 
 use crate::files::Files;
 use crate::inertia::{Inertia, Pose};
