@@ -539,6 +539,87 @@ typedef uint32_t RhumbRequestKind;
 #endif // __STDC_VERSION__ >= 202311L
 #endif // __cplusplus
 
+// A part of a compound shape, in the axes of its body.
+typedef struct RhumbPart {
+  // From the origin of the compound, in the scene's unit of length.
+  float position[3];
+  // Unit quaternion x, y, z, w: part to body.
+  float rotation[4];
+  // Its shape, which is not a compound.
+  const struct RhumbShape *shape;
+} RhumbPart;
+
+// A shape. Fields that its kind does not name are ignored. Lengths are in the scene's unit.
+typedef struct RhumbShape {
+  // A `RhumbShapeKind`.
+  uint32_t kind;
+  // Half the edge lengths along the axes.
+  float half_extents[3];
+  // Half the length along the axis that points up.
+  float half_height;
+  // Radius.
+  float radius;
+  // Unit vector out of a half-space.
+  float normal[3];
+  // Three coordinates for each point, or one height for each post.
+  const float *points;
+  // Number of points or posts, not of floats.
+  size_t point_count;
+  // Three places of points for each triangle.
+  const uint32_t *triangles;
+  // Number of triangles.
+  size_t triangle_count;
+  // Rows of posts.
+  uint32_t rows;
+  // Distance between rows.
+  float row_spacing;
+  // Distance between the posts of a row.
+  float column_spacing;
+  // A `RhumbEdges`, of a mesh or heights.
+  uint32_t edges;
+  // Parts of a compound.
+  const struct RhumbPart *parts;
+  // Number of parts.
+  size_t part_count;
+} RhumbShape;
+
+// A body of a scene, for as long as the scene lives. Zero is no body.
+//
+// The server gives the numbers out: one more than an index below 1,048,576, with a generation above the low 33 bits.
+typedef uint64_t RhumbBody;
+
+// A question about where the bodies are. Begin with `rhumb_query_init`. Fields that its kind does not name are ignored.
+typedef struct RhumbQuery {
+  // A `RhumbQueryKind`.
+  uint32_t kind;
+  // Most bodies in its answer, 1 to 64.
+  uint32_t hits;
+  // Beginning of a line or way, or the point.
+  float position[3];
+  // Unit quaternion x, y, z, w: of the shape.
+  float rotation[4];
+  // From the beginning to the end of the line or way. A ray that only reaches a surface with its end does not hit it.
+  float translation[3];
+  // Units of length.
+  float distance;
+  // Ball, cuboid, rounded cuboid, capsule, cylinder or cone.
+  struct RhumbShape shape;
+  // Not zero: fixed bodies do not count.
+  uint8_t without_fixed;
+  // Not zero: dynamic bodies do not count.
+  uint8_t without_dynamic;
+  // Not zero: kinematic bodies do not count.
+  uint8_t without_kinematic;
+  // Not zero: sensors count.
+  uint8_t with_sensors;
+  // Only bodies in one of these collision groups count.
+  uint32_t groups;
+  // A body that does not count; zero for none.
+  RhumbBody except;
+  // The body whose contacts are asked for.
+  RhumbBody body;
+} RhumbQuery;
+
 // A client of one scene. All zeros is none.
 //
 // One thread at a time may use it, any thread; a call beside another one is `RHUMB_CODE_BUSY`.
@@ -547,10 +628,62 @@ typedef struct RhumbScene {
   uint64_t id;
 } RhumbScene;
 
-// A body of a scene, for as long as the scene lives. Zero is no body.
-//
-// The server gives the numbers out: one more than an index below 1,048,576, with a generation above the low 33 bits.
-typedef uint64_t RhumbBody;
+// A body that a query found.
+typedef struct RhumbHit {
+  // The body.
+  RhumbBody body;
+  // Place of the query in the call.
+  uint32_t query;
+  // Units of length along the way, from the point to the surface, or from surface to surface, negative inside; zero for an
+  // overlap.
+  float distance;
+  // On the body's surface, of a contact on that of the body that is asked about; zero for an overlap.
+  float point[3];
+  // Outward from the surface, unit; zero where there is none.
+  float normal[3];
+} RhumbHit;
+
+// An event. Fields that its kind does not name are zero.
+typedef struct RhumbEvent {
+  // A `RhumbEventKind`.
+  uint32_t kind;
+  // Of a contact: units of length; negative if the bodies overlap.
+  float separation;
+  // The newest complete tick when the event was read. No view of an earlier tick shows its effect.
+  uint64_t after;
+  // The tick in which it happened, if the server says so; otherwise `after`.
+  uint64_t tick;
+  // The number that the kind names.
+  uint64_t number;
+  // The body.
+  RhumbBody body;
+  // The other body.
+  RhumbBody other;
+  // Of a contact: a point on `body`.
+  float point[3];
+  // Of a contact: from `other` towards `body`, unit.
+  float normal[3];
+  // Of a contact: the sum of all forces between the bodies.
+  float force;
+  // A sentence in UTF-8 that ends with a zero byte; a longer one is cut.
+  char text[192];
+} RhumbEvent;
+
+// A request that the server refused, and that changed nothing.
+typedef struct RhumbRefusal {
+  // Zero: there is no further refusal, and all other fields are zero.
+  uint8_t exists;
+  // Not zero: `number` is that of a command. Zero: the request was for authority, or of another member.
+  uint8_t is_command;
+  // The command's number.
+  uint64_t number;
+  // The body that the request is about; zero if that is not known.
+  RhumbBody body;
+  // The reason in one or a few words, such as "unknown body"; it ends with a zero byte.
+  char reason[32];
+  // The reason, a sentence in UTF-8 that ends with a zero byte; a longer one is cut.
+  char text[192];
+} RhumbRefusal;
 
 // A command, for `rhumb_scene_command`. Fields that its kind does not name are ignored. Units are kilograms, seconds,
 // radians, and the scene's unit of length.
@@ -669,50 +802,6 @@ typedef struct RhumbConnection {
   uint64_t id;
 } RhumbConnection;
 
-// A part of a compound shape, in the axes of its body.
-typedef struct RhumbPart {
-  // From the origin of the compound, in the scene's unit of length.
-  float position[3];
-  // Unit quaternion x, y, z, w: part to body.
-  float rotation[4];
-  // Its shape, which is not a compound.
-  const struct RhumbShape *shape;
-} RhumbPart;
-
-// A shape. Fields that its kind does not name are ignored. Lengths are in the scene's unit.
-typedef struct RhumbShape {
-  // A `RhumbShapeKind`.
-  uint32_t kind;
-  // Half the edge lengths along the axes.
-  float half_extents[3];
-  // Half the length along the axis that points up.
-  float half_height;
-  // Radius.
-  float radius;
-  // Unit vector out of a half-space.
-  float normal[3];
-  // Three coordinates for each point, or one height for each post.
-  const float *points;
-  // Number of points or posts, not of floats.
-  size_t point_count;
-  // Three places of points for each triangle.
-  const uint32_t *triangles;
-  // Number of triangles.
-  size_t triangle_count;
-  // Rows of posts.
-  uint32_t rows;
-  // Distance between rows.
-  float row_spacing;
-  // Distance between the posts of a row.
-  float column_spacing;
-  // A `RhumbEdges`, of a mesh or heights.
-  uint32_t edges;
-  // Parts of a compound.
-  const struct RhumbPart *parts;
-  // Number of parts.
-  size_t part_count;
-} RhumbShape;
-
 // A body to add. Begin with `rhumb_body_desc_init`, which makes a plain one.
 typedef struct RhumbBodyDesc {
   // A `RhumbBodyKind`.
@@ -775,48 +864,6 @@ typedef struct RhumbBodyDesc {
   // Seconds for which it must be as slow as that.
   float sleep_seconds;
 } RhumbBodyDesc;
-
-// An event. Fields that its kind does not name are zero.
-typedef struct RhumbEvent {
-  // A `RhumbEventKind`.
-  uint32_t kind;
-  // Of a contact: units of length; negative if the bodies overlap.
-  float separation;
-  // The newest complete tick when the event was read. No view of an earlier tick shows its effect.
-  uint64_t after;
-  // The tick in which it happened, if the server says so; otherwise `after`.
-  uint64_t tick;
-  // The number that the kind names.
-  uint64_t number;
-  // The body.
-  RhumbBody body;
-  // The other body.
-  RhumbBody other;
-  // Of a contact: a point on `body`.
-  float point[3];
-  // Of a contact: from `other` towards `body`, unit.
-  float normal[3];
-  // Of a contact: the sum of all forces between the bodies.
-  float force;
-  // A sentence in UTF-8 that ends with a zero byte; a longer one is cut.
-  char text[192];
-} RhumbEvent;
-
-// A request that the server refused, and that changed nothing.
-typedef struct RhumbRefusal {
-  // Zero: there is no further refusal, and all other fields are zero.
-  uint8_t exists;
-  // Not zero: `number` is that of a command. Zero: the request was for authority, or of another member.
-  uint8_t is_command;
-  // The command's number.
-  uint64_t number;
-  // The body that the request is about; zero if that is not known.
-  RhumbBody body;
-  // The reason in one or a few words, such as "unknown body"; it ends with a zero byte.
-  char reason[32];
-  // The reason, a sentence in UTF-8 that ends with a zero byte; a longer one is cut.
-  char text[192];
-} RhumbRefusal;
 
 // A physics server in this process. All zeros is none.
 typedef struct RhumbLocalServer {
@@ -1070,53 +1117,6 @@ typedef struct RhumbPoseBuffers {
   uint8_t *resting;
 } RhumbPoseBuffers;
 
-// A question about where the bodies are. Begin with `rhumb_query_init`. Fields that its kind does not name are ignored.
-typedef struct RhumbQuery {
-  // A `RhumbQueryKind`.
-  uint32_t kind;
-  // Most bodies in its answer, 1 to 64.
-  uint32_t hits;
-  // Beginning of a line or way, or the point.
-  float position[3];
-  // Unit quaternion x, y, z, w: of the shape.
-  float rotation[4];
-  // From the beginning to the end of the line or way. A ray that only reaches a surface with its end does not hit it.
-  float translation[3];
-  // Units of length.
-  float distance;
-  // Ball, cuboid, rounded cuboid, capsule, cylinder or cone.
-  struct RhumbShape shape;
-  // Not zero: fixed bodies do not count.
-  uint8_t without_fixed;
-  // Not zero: dynamic bodies do not count.
-  uint8_t without_dynamic;
-  // Not zero: kinematic bodies do not count.
-  uint8_t without_kinematic;
-  // Not zero: sensors count.
-  uint8_t with_sensors;
-  // Only bodies in one of these collision groups count.
-  uint32_t groups;
-  // A body that does not count; zero for none.
-  RhumbBody except;
-  // The body whose contacts are asked for.
-  RhumbBody body;
-} RhumbQuery;
-
-// A body that a query found.
-typedef struct RhumbHit {
-  // The body.
-  RhumbBody body;
-  // Place of the query in the call.
-  uint32_t query;
-  // Units of length along the way, from the point to the surface, or from surface to surface, negative inside; zero for an
-  // overlap.
-  float distance;
-  // On the body's surface, of a contact on that of the body that is asked about; zero for an overlap.
-  float point[3];
-  // Outward from the surface, unit; zero where there is none.
-  float normal[3];
-} RhumbHit;
-
 // How to join a scene. Begin with `rhumb_join_options_init`.
 typedef struct RhumbJoinOptions {
   // A `RhumbCoordinates`: of every position, velocity, length and force of this client.
@@ -1195,6 +1195,49 @@ typedef struct RhumbStatistics {
 #ifdef __cplusplus
 extern "C" {
 #endif // __cplusplus
+
+// Makes a plain query: a ray downwards of length zero that finds one body of any kind.
+//
+// # Safety
+//
+// `query` points to memory for a `RhumbQuery`.
+RhumbCode rhumb_query_init(struct RhumbQuery *query);
+
+// Sends `count` queries with all queued commands, waits for the answer, and writes what was found to `hits`, in the order
+// of the queries; the nearest of each comes first.
+//
+// `hit_count` receives the number of hits, also if `capacity` is too small for them. The sum of the queries' `hits` is
+// always enough. `tick` may be null; otherwise it receives the tick whose scene was asked.
+//
+// # Safety
+//
+// `queries` points to `count` queries, `hits` to memory for `capacity` hits, `hit_count` to memory for a number; `tick` is
+// null or points to memory for a number.
+RhumbCode rhumb_scene_query(struct RhumbScene scene,
+                            const struct RhumbQuery *queries,
+                            size_t count,
+                            struct RhumbHit *hits,
+                            size_t capacity,
+                            size_t *hit_count,
+                            uint64_t *tick);
+
+// Takes the oldest unread event. If there is none, the kind is `RHUMB_EVENT_KIND_NONE`. At most 65,536 unread events are
+// kept; `events_left_out` of the statistics counts those that were dropped, the oldest first.
+//
+// # Safety
+//
+// `event` points to memory for a `RhumbEvent`.
+RhumbCode rhumb_scene_poll_event(struct RhumbScene scene,
+                                 struct RhumbEvent *event);
+
+// Takes the oldest refusal of the last call that was `RHUMB_CODE_REFUSED`, of which 1,024 are kept. Its sentences are those
+// of `rhumb_last_error`, which names the first and tells how many others there are.
+//
+// # Safety
+//
+// `refusal` points to memory for a `RhumbRefusal`.
+RhumbCode rhumb_scene_poll_refusal(struct RhumbScene scene,
+                                   struct RhumbRefusal *refusal);
 
 // The sentence of the last error of the calling thread: what was wrong, where, and what to do. Empty before the first.
 //
@@ -1305,24 +1348,6 @@ RhumbCode rhumb_body_desc_init(struct RhumbBodyDesc *desc);
 // `shape` points to a `RhumbShape`, its pointers to as much as it says, and `centre` to memory for three floats.
 RhumbCode rhumb_shape_centre(const struct RhumbShape *shape,
                              float *centre);
-
-// Takes the oldest unread event. If there is none, the kind is `RHUMB_EVENT_KIND_NONE`. At most 65,536 unread events are
-// kept; `events_left_out` of the statistics counts those that were dropped, the oldest first.
-//
-// # Safety
-//
-// `event` points to memory for a `RhumbEvent`.
-RhumbCode rhumb_scene_poll_event(struct RhumbScene scene,
-                                 struct RhumbEvent *event);
-
-// Takes the oldest refusal of the last call that was `RHUMB_CODE_REFUSED`, of which 1,024 are kept. Its sentences are those
-// of `rhumb_last_error`, which names the first and tells how many others there are.
-//
-// # Safety
-//
-// `refusal` points to memory for a `RhumbRefusal`.
-RhumbCode rhumb_scene_poll_refusal(struct RhumbScene scene,
-                                   struct RhumbRefusal *refusal);
 
 // Connects the client that will feed a scene: one whose engine is the caller's.
 //
@@ -1649,31 +1674,6 @@ RhumbCode rhumb_scene_copy_poses(struct RhumbScene scene,
 //
 // `place` points to memory for a number.
 RhumbCode rhumb_scene_place(struct RhumbScene scene, RhumbBody body, size_t *place);
-
-// Makes a plain query: a ray downwards of length zero that finds one body of any kind.
-//
-// # Safety
-//
-// `query` points to memory for a `RhumbQuery`.
-RhumbCode rhumb_query_init(struct RhumbQuery *query);
-
-// Sends `count` queries with all queued commands, waits for the answer, and writes what was found to `hits`, in the order
-// of the queries; the nearest of each comes first.
-//
-// `hit_count` receives the number of hits, also if `capacity` is too small for them. The sum of the queries' `hits` is
-// always enough. `tick` may be null; otherwise it receives the tick whose scene was asked.
-//
-// # Safety
-//
-// `queries` points to `count` queries, `hits` to memory for `capacity` hits, `hit_count` to memory for a number; `tick` is
-// null or points to memory for a number.
-RhumbCode rhumb_scene_query(struct RhumbScene scene,
-                            const struct RhumbQuery *queries,
-                            size_t count,
-                            struct RhumbHit *hits,
-                            size_t capacity,
-                            size_t *hit_count,
-                            uint64_t *tick);
 
 // Makes plain options: the scene is created unless it exists, with 60 ticks a second in lockstep, under the earth's
 // gravity; copies are within 5 cm; coordinates are Rhumb's.

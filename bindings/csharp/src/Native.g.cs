@@ -576,28 +576,6 @@ namespace Rhumb
         public static extern RhumbCode rhumb_scene_place(RhumbScene scene, RhumbBody body, System.UIntPtr* place);
 
         /// <summary>
-        ///  Takes the oldest unread event. If there is none, the kind is `RHUMB_EVENT_KIND_NONE`. At most 65,536 unread events are
-        ///  kept; `events_left_out` of the statistics counts those that were dropped, the oldest first.
-        ///
-        ///  # Safety
-        ///
-        ///  `event` points to memory for a `RhumbEvent`.
-        /// </summary>
-        [DllImport(__DllName, EntryPoint = "rhumb_scene_poll_event", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
-        public static extern RhumbCode rhumb_scene_poll_event(RhumbScene scene, RhumbEvent* @event);
-
-        /// <summary>
-        ///  Takes the oldest refusal of the last call that was `RHUMB_CODE_REFUSED`, of which 1,024 are kept. Its sentences are those
-        ///  of `rhumb_last_error`, which names the first and tells how many others there are.
-        ///
-        ///  # Safety
-        ///
-        ///  `refusal` points to memory for a `RhumbRefusal`.
-        /// </summary>
-        [DllImport(__DllName, EntryPoint = "rhumb_scene_poll_refusal", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
-        public static extern RhumbCode rhumb_scene_poll_refusal(RhumbScene scene, RhumbRefusal* refusal);
-
-        /// <summary>
         ///  Connects the client that will feed a scene: one whose engine is the caller's.
         ///
         ///  The client makes the scene when it joins by this name, adds bodies, and hands their states over by `rhumb_scene_feed`, once
@@ -761,6 +739,28 @@ namespace Rhumb
         /// </summary>
         [DllImport(__DllName, EntryPoint = "rhumb_scene_query", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
         public static extern RhumbCode rhumb_scene_query(RhumbScene scene, RhumbQuery* queries, System.UIntPtr count, RhumbHit* hits, System.UIntPtr capacity, System.UIntPtr* hit_count, ulong* tick);
+
+        /// <summary>
+        ///  Takes the oldest unread event. If there is none, the kind is `RHUMB_EVENT_KIND_NONE`. At most 65,536 unread events are
+        ///  kept; `events_left_out` of the statistics counts those that were dropped, the oldest first.
+        ///
+        ///  # Safety
+        ///
+        ///  `event` points to memory for a `RhumbEvent`.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_scene_poll_event", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_scene_poll_event(RhumbScene scene, RhumbEvent* @event);
+
+        /// <summary>
+        ///  Takes the oldest refusal of the last call that was `RHUMB_CODE_REFUSED`, of which 1,024 are kept. Its sentences are those
+        ///  of `rhumb_last_error`, which names the first and tells how many others there are.
+        ///
+        ///  # Safety
+        ///
+        ///  `refusal` points to memory for a `RhumbRefusal`.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_scene_poll_refusal", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_scene_poll_refusal(RhumbScene scene, RhumbRefusal* refusal);
 
 
     }
@@ -1654,90 +1654,6 @@ namespace Rhumb
     }
 
     /// <summary>
-    ///  An event. Fields that its kind does not name are zero.
-    /// </summary>
-    [StructLayout(LayoutKind.Sequential)]
-    public unsafe partial struct RhumbEvent
-    {
-        /// <summary>
-        ///  A `RhumbEventKind`.
-        /// </summary>
-        public uint kind;
-        /// <summary>
-        ///  Of a contact: units of length; negative if the bodies overlap.
-        /// </summary>
-        public float separation;
-        /// <summary>
-        ///  The newest complete tick when the event was read. No view of an earlier tick shows its effect.
-        /// </summary>
-        public ulong after;
-        /// <summary>
-        ///  The tick in which it happened, if the server says so; otherwise `after`.
-        /// </summary>
-        public ulong tick;
-        /// <summary>
-        ///  The number that the kind names.
-        /// </summary>
-        public ulong number;
-        /// <summary>
-        ///  The body.
-        /// </summary>
-        public RhumbBody body;
-        /// <summary>
-        ///  The other body.
-        /// </summary>
-        public RhumbBody other;
-        /// <summary>
-        ///  Of a contact: a point on `body`.
-        /// </summary>
-        public fixed float point[3];
-        /// <summary>
-        ///  Of a contact: from `other` towards `body`, unit.
-        /// </summary>
-        public fixed float normal[3];
-        /// <summary>
-        ///  Of a contact: the sum of all forces between the bodies.
-        /// </summary>
-        public float force;
-        /// <summary>
-        ///  A sentence in UTF-8 that ends with a zero byte; a longer one is cut.
-        /// </summary>
-        public fixed byte text[192];
-    }
-
-    /// <summary>
-    ///  A request that the server refused, and that changed nothing.
-    /// </summary>
-    [StructLayout(LayoutKind.Sequential)]
-    public unsafe partial struct RhumbRefusal
-    {
-        /// <summary>
-        ///  Zero: there is no further refusal, and all other fields are zero.
-        /// </summary>
-        public byte exists;
-        /// <summary>
-        ///  Not zero: `number` is that of a command. Zero: the request was for authority, or of another member.
-        /// </summary>
-        public byte is_command;
-        /// <summary>
-        ///  The command's number.
-        /// </summary>
-        public ulong number;
-        /// <summary>
-        ///  The body that the request is about; zero if that is not known.
-        /// </summary>
-        public RhumbBody body;
-        /// <summary>
-        ///  The reason in one or a few words, such as "unknown body"; it ends with a zero byte.
-        /// </summary>
-        public fixed byte reason[32];
-        /// <summary>
-        ///  The reason, a sentence in UTF-8 that ends with a zero byte; a longer one is cut.
-        /// </summary>
-        public fixed byte text[192];
-    }
-
-    /// <summary>
     ///  States of bodies after a step of the caller's engine, as arrays. Begin with zeros.
     /// </summary>
     [StructLayout(LayoutKind.Sequential)]
@@ -2050,6 +1966,90 @@ namespace Rhumb
         ///  Outward from the surface, unit; zero where there is none.
         /// </summary>
         public fixed float normal[3];
+    }
+
+    /// <summary>
+    ///  An event. Fields that its kind does not name are zero.
+    /// </summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public unsafe partial struct RhumbEvent
+    {
+        /// <summary>
+        ///  A `RhumbEventKind`.
+        /// </summary>
+        public uint kind;
+        /// <summary>
+        ///  Of a contact: units of length; negative if the bodies overlap.
+        /// </summary>
+        public float separation;
+        /// <summary>
+        ///  The newest complete tick when the event was read. No view of an earlier tick shows its effect.
+        /// </summary>
+        public ulong after;
+        /// <summary>
+        ///  The tick in which it happened, if the server says so; otherwise `after`.
+        /// </summary>
+        public ulong tick;
+        /// <summary>
+        ///  The number that the kind names.
+        /// </summary>
+        public ulong number;
+        /// <summary>
+        ///  The body.
+        /// </summary>
+        public RhumbBody body;
+        /// <summary>
+        ///  The other body.
+        /// </summary>
+        public RhumbBody other;
+        /// <summary>
+        ///  Of a contact: a point on `body`.
+        /// </summary>
+        public fixed float point[3];
+        /// <summary>
+        ///  Of a contact: from `other` towards `body`, unit.
+        /// </summary>
+        public fixed float normal[3];
+        /// <summary>
+        ///  Of a contact: the sum of all forces between the bodies.
+        /// </summary>
+        public float force;
+        /// <summary>
+        ///  A sentence in UTF-8 that ends with a zero byte; a longer one is cut.
+        /// </summary>
+        public fixed byte text[192];
+    }
+
+    /// <summary>
+    ///  A request that the server refused, and that changed nothing.
+    /// </summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public unsafe partial struct RhumbRefusal
+    {
+        /// <summary>
+        ///  Zero: there is no further refusal, and all other fields are zero.
+        /// </summary>
+        public byte exists;
+        /// <summary>
+        ///  Not zero: `number` is that of a command. Zero: the request was for authority, or of another member.
+        /// </summary>
+        public byte is_command;
+        /// <summary>
+        ///  The command's number.
+        /// </summary>
+        public ulong number;
+        /// <summary>
+        ///  The body that the request is about; zero if that is not known.
+        /// </summary>
+        public RhumbBody body;
+        /// <summary>
+        ///  The reason in one or a few words, such as "unknown body"; it ends with a zero byte.
+        /// </summary>
+        public fixed byte reason[32];
+        /// <summary>
+        ///  The reason, a sentence in UTF-8 that ends with a zero byte; a longer one is cut.
+        /// </summary>
+        public fixed byte text[192];
     }
 
 
