@@ -13,10 +13,10 @@ import rhumb
 
 
 class Server:
-    """A server process of its own, on a free port of this machine."""
+    """A server process of its own, on a free port of this machine; of `words`: an edge."""
 
-    def __init__(self):
-        command = [os.environ["RHUMB_TEST_SERVER"], "--open", "--listen", "127.0.0.1:0", "--log", "off"]
+    def __init__(self, *words):
+        command = [os.environ["RHUMB_TEST_SERVER"], *(words or ["--open"]), "--listen", "127.0.0.1:0", "--log", "off"]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         self.address = self.fingerprint = None
         while self.address is None or self.fingerprint is None:
@@ -49,6 +49,21 @@ def own_server():
     one = Server()
     yield one
     one.end()
+
+
+@pytest.fixture
+def edge():
+    """Starts an edge of a server."""
+    edges = []
+
+    def start(address):
+        owner, fingerprint = address.split("#")
+        edges.append(Server("edge", "--owner", owner, "--fingerprint", fingerprint))
+        return edges[-1]
+
+    yield start
+    for one in edges:
+        one.end()
 
 
 @pytest.fixture

@@ -19,8 +19,9 @@ def falling(owner, ids, ticks, follower):
     for tick in range(1, ticks + 1):
         speed = -9.81 * tick / 60
         position[:, 1] = height - 9.81 * tick * (tick + 1) / 2 / 3600
-        owner.feed(ids, position, linear=(0, speed, 0))
-        follower.poll()
+        fed = owner.feed(ids, position, linear=(0, speed, 0))
+        while follower.poll()[0] < fed:
+            follower.idle(0.001)
         places = [follower.place(body) for body in ids]
         worst = max(worst, float(np.abs(follower.positions[places] - position).max()))
     return worst
@@ -154,3 +155,17 @@ def test_another_process_follows_a_served_scene():
         said = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
         assert np.allclose([float(part) for part in said.stdout.split()], (29, 2, 3), atol=0.05)
         assert rhumb.view(scene, browser=False).startswith("http://127.0.0.1:")
+
+
+def test_members_of_an_edge_follow_a_fed_scene_and_ask_its_owner(edge):
+    with rhumb.serve("fed", fed=True, substeps=1, quiet=True) as owner:
+        ids = owner.add_bodies(BALL, np.zeros((20, 3)))
+        owner.feed(ids, (0, 0, 0))
+        with edge(owner.address).connect().join("fed", tolerance=0.01, condition="join") as follower:
+            assert falling(owner, ids, 60, follower) <= 0.0101
+            follower.apply_impulse(ids[3], (1, 2, 3))
+            asked = []
+            while not asked:
+                follower.idle(0.001)
+                asked = owner.requests()
+            assert [(one.kind, one.body, one.vector) for one in asked] == [("apply impulse", ids[3], (1, 2, 3))]
