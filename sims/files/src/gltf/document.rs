@@ -193,8 +193,8 @@ pub(super) struct PhysicsJoint {
 #[derive(Debug, Default, Deserialize)]
 #[serde(default, rename_all = "camelCase")]
 pub(super) struct JointLimit {
-    pub(super) linear_axes: Vec<usize>,
-    pub(super) angular_axes: Vec<usize>,
+    pub(super) linear_axes: Option<Vec<usize>>,
+    pub(super) angular_axes: Option<Vec<usize>>,
     pub(super) min: Option<f64>,
     pub(super) max: Option<f64>,
     pub(super) stiffness: Option<f64>,

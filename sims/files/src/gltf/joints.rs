@@ -218,13 +218,8 @@ impl Joiner<'_> {
                 name: name.to_owned(),
                 rule,
             };
+            limit.check().map_err(senseless)?;
             let axes = limit.axes();
-            if axes.iter().any(|axis| *axis > 5) {
-                return Err(senseless("its axes are 0, 1 and 2"));
-            }
-            if limit.min.zip(limit.max).is_some_and(|(min, max)| min > max) {
-                return Err(senseless("its least limit is above its greatest"));
-            }
             let soft = [
                 (limit.stiffness, "joint limit stiffness"),
                 (limit.damping, "joint limit damping"),
@@ -291,17 +286,43 @@ impl Joiner<'_> {
 }
 
 impl JointLimit {
-    /// Its axes: displacements from 0, turns from 3.
+    /// Checks what the extension fixes; the error is the broken rule.
+    fn check(&self) -> Result<(), &'static str> {
+        let named = self.linear_axes.as_ref().or(self.angular_axes.as_ref());
+        let axes = named.map_or(&[][..], Vec::as_slice);
+        let is_repeated = |place: usize| axes[..place].contains(&axes[place]);
+        let not_negative = |number: Option<f64>| number.is_none_or(|number| number >= 0.0);
+        let rules = [
+            (
+                self.linear_axes.is_some() != self.angular_axes.is_some(),
+                "a limit has linearAxes or angularAxes, one of both",
+            ),
+            (
+                axes.iter().all(|axis| *axis < 3),
+                "the axes of a limit are 0, 1 and 2",
+            ),
+            (
+                !axes.is_empty() && !(0..axes.len()).any(is_repeated),
+                "a limit has one to three axes, each once",
+            ),
+            (
+                self.min.zip(self.max).is_none_or(|(min, max)| min <= max),
+                "the min of a limit is at most its max",
+            ),
+            (
+                not_negative(self.stiffness) && not_negative(self.damping),
+                "stiffness and damping of a limit are at least 0",
+            ),
+        ];
+        let broken = rules.into_iter().find(|(holds, _)| !holds);
+        broken.map_or(Ok(()), |(_, rule)| Err(rule))
+    }
+
+    /// Its axes, once checked: displacements from 0, turns from 3.
     fn axes(&self) -> Vec<usize> {
-        let turns = self.angular_axes.iter().map(|axis| match *axis {
-            axis if axis < 3 => axis + 3,
-            _ => usize::MAX,
-        });
-        let ways = self.linear_axes.iter().map(|axis| match *axis {
-            axis if axis < 3 => axis,
-            _ => usize::MAX,
-        });
-        ways.chain(turns).collect()
+        let [ways, turns] =
+            [&self.linear_axes, &self.angular_axes].map(|axes| axes.iter().flatten());
+        ways.copied().chain(turns.map(|axis| axis + 3)).collect()
     }
 
     /// Its range on one axis; `None` where a joint cannot have it.

@@ -78,6 +78,7 @@ pub(crate) fn read(
         reader.parts(&all, element, None)?;
         reader.bodies(&all, None)?;
     }
+    reader.note_pairs(&root);
     let Model { bodies, joints, .. } = &mut reader.model;
     settle_masses(bodies, joints, f64::from(options.density), reader.report);
     let Compiler {
@@ -505,10 +506,28 @@ impl Reader<'_> {
         all.contype |= bits.contype;
         all.conaffinity |= bits.conaffinity;
         let own = &mut self.model.bodies[body];
+        if own.friction.is_some_and(|other| other != friction) {
+            let why = "a body has one friction: the greatest of its geoms";
+            let subject = "geom friction of several geoms".to_owned();
+            self.report
+                .again(&element.place(), subject, Effect::Approximated, why);
+        }
         own.friction = Some(own.friction.map_or(friction, |other| other.max(friction)));
         let pose = own.pose.inverse().of(&pose);
         own.solids.push(Placed { pose, solid, name });
         Ok(())
+    }
+
+    /// Notes that two frictions act otherwise here, once for a file that has two.
+    fn note_pairs(&mut self, root: &Element) {
+        let mut all = self.model.bodies.iter().filter_map(|body| body.friction);
+        let first = all.next();
+        if all.any(|friction| Some(friction) != first) {
+            let why = "of two bodies that touch, the mean of both frictions acts, not the greater";
+            let subject = "friction of pairs".to_owned();
+            self.report
+                .again(&root.place(), subject, Effect::Changed, why);
+        }
     }
 
     fn named(&self, element: &Element, attribute: &'static str) -> Result<Held, LoadError> {

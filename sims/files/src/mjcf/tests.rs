@@ -80,6 +80,23 @@ fn flags_of_the_options_hold() {
 }
 
 #[test]
+fn frictions_that_differ_are_listed_and_equal_ones_are_not() {
+    let subjects = |ground: &str, ball: &str| {
+        let scene = read(&format!(
+            "<worldbody><geom type='plane' size='1 1 1' friction='{ground}'/>
+              <body><freejoint/><geom size='0.1' friction='0.5'/><geom size='0.2' friction='{ball}'/></body></worldbody>"
+        ));
+        let notes = scene.expect("a world").report;
+        let notes = notes.notes().iter();
+        notes.map(|note| note.subject.clone()).collect::<Vec<_>>()
+    };
+    assert!(subjects("0.5", "0.5").is_empty());
+    assert_eq!(subjects("0.9", "0.5"), ["friction of pairs"]);
+    let both = ["geom friction of several geoms", "friction of pairs"];
+    assert_eq!(subjects("0.5", "0.9"), both);
+}
+
+#[test]
 fn a_passive_joint_pushes_no_more_than_its_spring_and_its_damping_can() {
     let body =
         |joint: &str| format!("<worldbody><body>{joint}<geom size='0.1'/></body></worldbody>");

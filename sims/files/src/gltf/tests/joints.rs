@@ -156,12 +156,12 @@ fn a_joint_that_names_nothing_or_makes_no_sense_is_refused_by_name() {
         (
             r#"{"limits": [{"linearAxes": [3], "max": 0}]}"#,
             "3",
-            "joint of pivot: its axes are 0, 1 and 2",
+            "joint of pivot: the axes of a limit are 0, 1 and 2",
         ),
         (
             r#"{"limits": [{"linearAxes": [0], "min": 1, "max": 0}]}"#,
             "3",
-            "its least limit is above its greatest",
+            "the min of a limit is at most its max",
         ),
     ] {
         let error = refused(joints, other);
@@ -204,5 +204,40 @@ fn a_drive_that_the_extension_does_not_know_is_refused_by_its_rule() {
         let error = loaded(&drive).expect_err("it is wrong").to_string();
         let sentence = format!("joint of pivot: {rule}");
         assert!(error.contains(&sentence), "{sentence}: {error}");
+    }
+}
+
+#[test]
+fn a_limit_that_the_extension_does_not_know_is_refused_by_its_rule() {
+    let loaded = |limit: &str| {
+        let joint = format!(r#"{{"limits": [{HELD}, {{{limit}}}]}}"#);
+        let files = MemoryFiles::default();
+        let text = joined(&joint, ["3", ""]);
+        load_text(&files, "a.gltf", &text, &LoadOptions::default())
+    };
+    let right = r#""angularAxes": [0, 2], "min": 0, "max": 0, "stiffness": 9, "damping": 1"#;
+    assert!(loaded(right).is_ok());
+    for (own, wrong, rule) in [
+        (r#""angularAxes": [0, 2], "#, "", "a limit has linearAxes"),
+        (
+            "[0, 2]",
+            r#"[0, 2], "linearAxes": [0]"#,
+            "a limit has linearAxes",
+        ),
+        ("[0, 2]", "[]", "a limit has one to three axes"),
+        ("[0, 2]", "[0, 0]", "a limit has one to three axes"),
+        ("[0, 2]", "[0, 3]", "the axes of a limit are"),
+        (r#""max": 0"#, r#""max": -1"#, "the min of a limit is"),
+        ("9", "-9", "stiffness and damping of a limit"),
+        (
+            r#""damping": 1"#,
+            r#""damping": -1"#,
+            "stiffness and damping of a limit",
+        ),
+    ] {
+        let limit = right.replacen(own, wrong, 1);
+        let error = loaded(&limit).expect_err("it is wrong").to_string();
+        let sentence = format!("joint of pivot: {rule}");
+        assert!(error.contains(&sentence), "{limit}: {error}");
     }
 }
