@@ -18,7 +18,7 @@ pinned public packages, imports all of them, and writes this page. It is no part
 - *Check* is what [`check`](own-recording.md#check) finds: gravity, substeps, damping (exponential, linear and angular), bodies whose spin
   wanders, that keep it and that are driven, and its warnings.
 - *Bytes* are those of the file, and of the `.rhtrace.zst` that `import` makes of it: every number of the states, packed.
-- *Updates* are those of a second in `replay` within 10 mm, with `--fit` where the file states no engine.
+- *Updates* are those of a second in `replay` within 10 mm, with `--fit` for recordings of engines, and where gravity was found.
 
 """
 
@@ -120,7 +120,7 @@ def row(name, package, path, options):
     check = run(BENCH, "check", path, *options).stdout
     bodies = re.search(r"(\d+) bodies", done.stdout)[1]
     rate = float(re.search(r"at ([\d.]+) Hz", check)[1])
-    fit = ["--fit"] if "--gravity" in check or path.suffix == ".npz" else []
+    fit = ["--fit"] if "--gravity" in check or path.suffix in (".npz", ".rhtrace") else []
     replayed = run(BENCH, "replay", path, *options, *fit, "--tolerance", "0.01", "--no-limit", "--no-trace", "--out", MADE / "replay")
     cells = re.findall(r"^10 mm  .*$", replayed.stdout, re.MULTILINE)
     updates = re.split(r"\s{2,}", cells[0])[3] if cells else replayed.stderr.strip().splitlines()[-1].removeprefix("error: ")

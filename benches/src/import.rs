@@ -13,7 +13,10 @@ use clap::Args;
 use glam::{DQuat, DVec3};
 
 use crate::output::{Failure, OutputError, ended, print_text};
-use crate::recording::fit::{self, BodyPath, Found, Paths};
+use crate::recording::algebra::ShortTurn;
+use crate::recording::fit::{self, Found};
+use crate::recording::instants::First;
+use crate::recording::paths::{BodyPath, Paths, paths};
 use crate::recording::{Recording, RecordingSource, Velocities, write_bag, write_rhtrace};
 
 /// Arguments: the recording, the file to write.
@@ -98,7 +101,7 @@ fn check_one(arguments: &Check) -> Result<(), Failure> {
 /// The findings, a line each; warnings last.
 #[must_use]
 pub fn findings(recording: &Recording) -> Vec<String> {
-    let paths = fit::paths(recording);
+    let paths = paths(recording);
     let Paths { bodies, frames } = &paths;
     let found = fit::find(recording, bodies);
     let rate = recording.integrator.rate;
@@ -180,6 +183,15 @@ fn engine(
         lines.push(format!(
             "damping: exponential {:.4} and {:.4} 1/s (linear, angular); by Bullet's formula {:.4} and {:.4}",
             rates[0], rates[1], shares[0], shares[1]
+        ));
+    }
+    if found.instants.first == First::Damped {
+        lines.push("a body is damped before it moves in a tick".to_owned());
+    }
+    if found.instants.behind != 0.0 {
+        lines.push(format!(
+            "angular velocities are those of {:.3} ticks before their poses",
+            found.instants.behind
         ));
     }
     spins(recording, found, lines, warnings);
@@ -273,17 +285,6 @@ fn samples(paths: &[BodyPath], step_s: f64) -> Vec<Sample> {
         }
     }
     samples
-}
-
-/// The axis times the angle of the shorter way.
-trait ShortTurn {
-    fn to_scaled_axis_short(self) -> DVec3;
-}
-
-impl ShortTurn for DQuat {
-    fn to_scaled_axis_short(self) -> DVec3 {
-        if self.w < 0.0 { -self } else { self }.to_scaled_axis()
-    }
 }
 
 /// The distance of a reading from what the poses say: the median, as a share of the median speed.
@@ -460,7 +461,7 @@ mod tests {
     #[test]
     fn gravity_substeps_and_moments_are_found_in_poses_and_velocities() {
         let recording = rows(|_| ());
-        let found = fit::find(&recording, &fit::paths(&recording).bodies);
+        let found = fit::find(&recording, &paths(&recording).bodies);
         let gravity = found.gravity.expect("it falls");
         assert!((gravity - DVec3::NEG_Y * 9.81).length() < 0.02, "{gravity}");
         assert_eq!(found.fall.and_then(fit::substeps), Some(1));
@@ -521,7 +522,7 @@ mod tests {
     #[test]
     fn of_bodies_that_motors_turn_neither_moments_nor_centres_are_said() {
         let recording = driven_rows(|_| 0.0);
-        let found = fit::find(&recording, &fit::paths(&recording).bodies);
+        let found = fit::find(&recording, &paths(&recording).bodies);
         assert_eq!(found.driven.len(), 4);
         assert!(
             found.inertias.is_empty() && found.centres.is_empty(),
@@ -542,7 +543,7 @@ mod tests {
     #[test]
     fn bodies_that_accelerate_differently_say_nothing_of_gravity() {
         let recording = driven_rows(|side| 5.0 * side);
-        let found = fit::find(&recording, &fit::paths(&recording).bodies);
+        let found = fit::find(&recording, &paths(&recording).bodies);
         assert_eq!((found.gravity, found.driven.len()), (None, 4));
     }
 
@@ -576,7 +577,7 @@ mod tests {
     #[test]
     fn damped_bodies_that_keep_their_spin_do_not_wander_and_fall_by_one_substep() {
         let recording = damped_rows();
-        let found = fit::find(&recording, &fit::paths(&recording).bodies);
+        let found = fit::find(&recording, &paths(&recording).bodies);
         assert_eq!((found.inertias.len(), found.constant.len()), (0, 40));
         assert_eq!(
             found.fall.and_then(fit::substeps),
@@ -587,6 +588,66 @@ mod tests {
         let text = findings(&recording).join("\n");
         assert!(text.contains("exponential 0.0500 and 0.0500 1/s"), "{text}");
         assert!(!text.contains("wander, and the file"), "{text}");
+    }
+
+    /// Boxes whose axes of spin wander, in an engine that damps first and turns a body by its new spin.
+    fn late_rows() -> Recording {
+        let mut text = "time,body,x,y,z,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz\n".to_owned();
+        let step = 1.0 / 60.0;
+        let kept = f64::powf(0.96, step);
+        let moments = DVec3::new(1.0, 2.0, 2.4);
+        for body in 0..8 {
+            let side = f64::from(body);
+            let mut q = DQuat::from_rotation_y(side);
+            let mut w = DVec3::new(2.0, 3.0 + side / 4.0, -1.0);
+            let (mut p, mut v) = (DVec3::new(side, 60.0, 0.0), DVec3::new(0.5, side, -1.0));
+            for frame in 0..120 {
+                let at = f64::from(frame) * step;
+                let turn = q.to_array().map(|part| part.to_string()).join(",");
+                let state =
+                    [p, v, w].map(|of| of.to_array().map(|part| part.to_string()).join(","));
+                let [place, linear, angular] = state;
+                text += &format!("{at},b{body},{place},{turn},{linear},{angular}\n");
+                v = v * kept + DVec3::NEG_Y * (9.81 * step);
+                p += v * step;
+                let own = q.conjugate() * w * kept;
+                w = q * (own + (moments * own).cross(own) / moments * step);
+                q = (DQuat::from_scaled_axis(w * step) * q).normalize();
+            }
+        }
+        read_bytes("rows", text.as_bytes(), &ReadOptions::default()).expect("sound")
+    }
+
+    #[test]
+    fn velocities_become_those_of_this_project_s_step() {
+        let mut recording = late_rows();
+        let found = fit::find(&recording, &paths(&recording).bodies);
+        let is_near = |gravity: f64| (gravity + 9.81).abs() < 1e-3;
+        assert!(found.gravity.is_some_and(|gravity| is_near(gravity.y)));
+        assert_eq!(found.instants.first, First::Damped);
+        assert!((found.instants.behind - 0.5).abs() < 0.02, "{found:?}");
+        let text = findings(&recording).join("\n");
+        let parts = [
+            "damped before it moves",
+            "those of 0.5",
+            "exponential 0.0408 and",
+            "1 substeps",
+        ];
+        assert!(parts.iter().all(|part| text.contains(part)), "{text}");
+        fit::apply(&mut recording, &found);
+        assert!(is_near(f64::from(recording.gravity.y)));
+        let again = fit::find(&recording, &paths(&recording).bodies);
+        assert!(again.instants.is_own(), "{again:?}");
+        // A step of this project's moves a body by its velocity before the step, and by all of gravity's.
+        for path in paths(&recording).bodies {
+            let step = recording.integrator.rate.step().seconds();
+            for pair in path.states.windows(2).skip(1) {
+                let [before, after] = [0, 1].map(|place| pair[place].motion());
+                let fall = recording.gravity.as_dvec3() * (step * step);
+                let to = before.pose().position + before.twist().linear * step + fall;
+                assert!((after.pose().position - to).length() < 2e-5);
+            }
+        }
     }
 
     #[test]
@@ -624,7 +685,7 @@ mod tests {
             let arm = DQuat::from_slice(&row[3..7]) * DVec3::new(0.05, 0.0, -0.02);
             (0..3).for_each(|axis| row[axis] -= arm[axis]);
         });
-        let found = fit::find(&recording, &fit::paths(&recording).bodies);
+        let found = fit::find(&recording, &paths(&recording).bodies);
         assert_eq!(found.centres.len(), 2);
         let centre = found.centres.values().next().expect("two");
         assert!(
@@ -632,7 +693,7 @@ mod tests {
             "{centre}"
         );
         fit::apply(&mut recording, &found);
-        let found = fit::find(&recording, &fit::paths(&recording).bodies);
+        let found = fit::find(&recording, &paths(&recording).bodies);
         assert!(found.centres.is_empty(), "{:?}", found.centres);
         assert_eq!(recording.inertias.len(), 2);
         assert!((recording.gravity.y + 9.81).abs() < 0.02);

@@ -10,6 +10,7 @@
 //!
 //! The file's content tells its form.
 
+pub(crate) mod algebra;
 mod arrays;
 mod bvh;
 mod c3d;
@@ -17,10 +18,12 @@ mod csv;
 mod error;
 pub(crate) mod fit;
 mod foxglove;
+pub(crate) mod instants;
 pub mod mcap;
 mod mocap;
 mod npy;
 mod options;
+pub(crate) mod paths;
 mod poses;
 mod recorded;
 pub mod rhtrace;
@@ -187,7 +190,7 @@ impl RecordingSource {
         let mut recording = read(&self.trace, &options)?;
         print_notes(&recording);
         if self.fit {
-            let found = fit::find(&recording, &fit::paths(&recording).bodies);
+            let found = fit::find(&recording, &paths::paths(&recording).bodies);
             let known = recording.notes.len();
             fit::apply(&mut recording, &found);
             print_some_notes(&recording, known);

@@ -4,98 +4,21 @@
 //!
 //! A body is taken as free where its centre accelerates evenly. A fit of least squares to each body's second differences
 //! finds its acceleration and the place that moves so; poses that fit badly are left out, and the fit is repeated. Then the
-//! momentum of free bodies tells their moments, and the change of velocities damping and substeps. A body that accelerates
-//! otherwise than most, or whose spin changes as no moments explain, is driven: it tells nothing.
+//! momentum of free bodies tells their moments, and the change of velocities gravity, damping and substeps. A body that
+//! accelerates otherwise than most, or whose spin changes as no moments explain, is driven: it tells nothing. If the velocities
+//! hold for other moments than this project's, all is found again from those of this project's moments.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use glam::{DMat3, DQuat, DVec3};
 use rhumb_protocol::limits::{DAMPING_MAX, GRAVITY_MAX};
-use rhumb_protocol::scene::BodyKind;
 use rhumb_protocol::stream::Observation;
 use rhumb_reckoning::{BodyId, BodyState, Inertia};
 
-use super::recorded::{Recording, set_digest};
-
-/// One body in every frame of its stay.
-pub(crate) struct BodyPath {
-    pub(crate) id: BodyId,
-    pub(crate) states: Vec<BodyState>,
-    /// Bounding radius, metres.
-    pub(crate) radius: f64,
-}
-
-/// The states of all bodies that can move, frame by frame.
-pub(crate) struct Paths {
-    pub(crate) bodies: Vec<BodyPath>,
-    /// Frames from the first that were read.
-    pub(crate) frames: usize,
-}
-
-/// Most states of all paths: a body that rests has no records and yet a state in each frame. More hardly change a fit.
-const STATES_MAX: usize = 10_000_000;
-
-/// The states of all bodies that can move, as long as there are not too many.
-pub(crate) fn paths(recording: &Recording) -> Paths {
-    paths_within(recording, STATES_MAX)
-}
-
-fn paths_within(recording: &Recording, most: usize) -> Paths {
-    let truth = &recording.truth;
-    let mut open: BTreeMap<BodyId, BodyPath> = BTreeMap::new();
-    let mut done = Vec::new();
-    let (mut placed, mut removed) = (0, 0);
-    let (mut states, mut frames) = (0, 0);
-    for frame in 0..=truth.ticks.len() {
-        states += open.len();
-        if states > most {
-            break;
-        }
-        frames += 1;
-        for path in open.values_mut() {
-            path.states.extend(path.states.last().copied());
-        }
-        let row = frame
-            .checked_sub(1)
-            .map_or(&[][..], |row| &truth.ticks[row]);
-        for observation in row {
-            if let Some(last) = open
-                .get_mut(&observation.id)
-                .and_then(|path| path.states.last_mut())
-            {
-                *last = observation.motion;
-            }
-        }
-        while let Some(one) = truth
-            .placed
-            .get(placed)
-            .filter(|one| one.tick.value() <= frame as u64)
-        {
-            placed += 1;
-            if one.desc.kind != BodyKind::Fixed {
-                let path = BodyPath {
-                    id: one.desc.id,
-                    states: vec![one.observation.motion],
-                    radius: one.shape.bounding_radius().metres(),
-                };
-                open.insert(one.desc.id, path);
-            }
-        }
-        while let Some((_, id)) = truth
-            .removed
-            .get(removed)
-            .filter(|(tick, _)| tick.value() <= frame as u64)
-        {
-            removed += 1;
-            done.extend(open.remove(id));
-        }
-    }
-    done.extend(open.into_values());
-    Paths {
-        bodies: done,
-        frames,
-    }
-}
+use super::algebra::{least_eigenvector, median, principal_axes, solve};
+use super::instants::{self, Fall, First, Instants, Kept};
+use super::paths::BodyPath;
+use super::recorded::{Recording, Velocities, set_digest};
 
 /// The parameters that were found.
 #[derive(Clone, Debug, Default)]
@@ -114,6 +37,8 @@ pub(crate) struct Found {
     pub(crate) kept: Option<[f64; 2]>,
     /// (n + 1) / 2n of n substeps: 1 for one, 0.5 for exact parabolas, 0 where the old velocity moves a body.
     pub(crate) fall: Option<f64>,
+    /// What the recorded velocities stand for; all else is of velocities of this project's step.
+    pub(crate) instants: Instants,
     /// Frames in which a body was free, of all in which it moved.
     pub(crate) free: [usize; 2],
 }
@@ -214,6 +139,7 @@ pub(crate) fn apply(recording: &mut Recording, found: &Found) {
             }
         }
     }
+    own_velocities(recording, &found);
     let centred = |observation: &mut Observation| {
         if let Some(centre) = found.centres.get(&observation.id) {
             let motion = observation.motion.motion();
@@ -236,6 +162,54 @@ pub(crate) fn apply(recording: &mut Recording, found: &Found) {
         .for_each(|placed| centred(&mut placed.observation));
     recording.truth.ticks.iter_mut().flatten().for_each(centred);
     set_digest(&mut recording.truth);
+}
+
+/// The inertia that a file states for a body, or else the one that was found; none of a body that keeps its spin.
+fn known_moments(recording: &Recording, found: &Found) -> BTreeMap<BodyId, instants::Moments> {
+    let of = |moments: [f64; 3], axes: DQuat| instants::Moments { moments, axes };
+    let fitted = found.inertias.iter();
+    let mut known: BTreeMap<BodyId, instants::Moments> = fitted
+        .map(|(id, (moments, axes))| (*id, of(*moments, *axes)))
+        .collect();
+    for placed in &recording.truth.placed {
+        let id = placed.desc.id;
+        let stated = placed
+            .inertia
+            .or_else(|| recording.inertias.get(&id).copied());
+        if let Some(inertia) = stated.filter(|_| !found.constant.contains(&id)) {
+            let axes = DQuat::from_array(inertia.frame().map(f64::from)).normalize();
+            known.insert(id, of(inertia.moments().map(f64::from), axes));
+        }
+    }
+    known
+}
+
+/// Shares of the velocities that stay after a tick.
+fn kept_in_tick(found: &Found, step_s: f64) -> Kept {
+    let [linear, angular] = found.kept.unwrap_or([1.0; 2]).map(|kept| kept.powf(step_s));
+    Kept { linear, angular }
+}
+
+/// Gives the free bodies of a recording the velocities that this project's step would have.
+fn own_velocities(recording: &mut Recording, found: &Found) {
+    if found.instants.is_own() {
+        return;
+    }
+    let step_s = recording.integrator.rate.step().seconds();
+    let known = known_moments(recording, found);
+    let kept = kept_in_tick(found, step_s);
+    let own = |observation: &mut Observation| {
+        let id = observation.id;
+        if !found.driven.contains(&id) {
+            let moments = known.get(&id).copied();
+            observation.motion = found
+                .instants
+                .own(&observation.motion, kept, moments, step_s);
+        }
+    };
+    let placed = recording.truth.placed.iter_mut();
+    placed.for_each(|placed| own(&mut placed.observation));
+    recording.truth.ticks.iter_mut().flatten().for_each(own);
 }
 
 fn position(state: &BodyState) -> DVec3 {
@@ -378,29 +352,66 @@ fn alike(flights: Vec<(&BodyPath, Flight)>) -> (Vec<(&BodyPath, Flight)>, BTreeS
 
 /// Finds what the poses and velocities of free bodies say.
 pub(crate) fn find(recording: &Recording, paths: &[BodyPath]) -> Found {
+    let found = look(recording, paths);
+    if found.instants.is_own() {
+        return found;
+    }
+    let step_s = recording.integrator.rate.step().seconds();
+    let known = known_moments(recording, &found);
+    let kept = kept_in_tick(&found, step_s);
+    let own = |path: &BodyPath| {
+        let moments = known.get(&path.id).copied();
+        let own = |state| found.instants.own(state, kept, moments, step_s);
+        BodyPath {
+            id: path.id,
+            states: path.states.iter().map(own).collect(),
+            radius: path.radius,
+        }
+    };
+    let own: Vec<BodyPath> = paths.iter().map(own).collect();
+    Found {
+        instants: found.instants,
+        ..look(recording, &own)
+    }
+}
+
+/// What free bodies say, one after another.
+#[derive(Default)]
+struct Evidence {
+    /// Velocities before and after a tick.
+    steps: Vec<[DVec3; 2]>,
+    /// Shares of the linear velocity that stay after a tick, by the poses.
+    linear: Vec<f64>,
+    /// Shares of the angular momentum.
+    angular: Vec<f64>,
+    falls: Vec<f64>,
+    /// Bodies that are damped before they move, less the others.
+    damped: i64,
+}
+
+/// Finds what poses and velocities say as they are.
+fn look(recording: &Recording, paths: &[BodyPath]) -> Found {
     let step_s = recording.integrator.rate.step().seconds();
     let mut found = Found::default();
-    let mut accelerations = Vec::new();
-    let (mut falls, mut linear, mut angular) = (Vec::new(), Vec::new(), Vec::new());
+    let mut evidence = Evidence::default();
     let moving = paths.iter().flat_map(|path| path.states.windows(2));
     found.free[1] = moving.filter(|pair| pair[0] != pair[1]).count();
     let flights = paths.iter();
     let flights = flights.filter_map(|path| Some((path, flight(path, step_s)?)));
     let (flights, apart) = alike(flights.collect());
     found.driven = apart;
-    for (path, flight) in flights {
+    let mut wandering = Vec::new();
+    for (path, flight) in &flights {
         let pairs = pairs(&flight.free);
-        // The first moments tell the damping of the spin, and that tells the moments.
-        let spins = |tensor| {
-            pairs
-                .iter()
-                .filter_map(move |frame| kept_momentum(path, *frame, tensor))
-        };
-        let first = moments(path, &pairs, 1.0).and_then(Moments::tensor);
-        let turn_kept = median(spins(first).collect()).unwrap_or(1.0);
-        match moments(path, &pairs, turn_kept) {
+        let kept = kept_spins(path, &pairs);
+        match moments(path, &pairs, median(kept).unwrap_or(1.0)) {
             Some(Moments::Unequal(moments, axes)) => {
                 found.inertias.insert(path.id, (moments, axes));
+                wandering.extend(
+                    pairs
+                        .iter()
+                        .map(|frame| [*frame, frame + 1].map(|of| &path.states[of])),
+                );
             }
             Some(Moments::Equal) => {
                 found.constant.insert(path.id);
@@ -415,29 +426,122 @@ pub(crate) fn find(recording: &Recording, paths: &[BodyPath]) -> Found {
         if flight.centre.length() > CENTRE_SHARE * path.radius {
             found.centres.insert(path.id, flight.centre);
         }
-        let kept = (-flight.damping * step_s).exp();
-        accelerations.extend(pairs.iter().map(|frame| {
-            let [before, after] =
-                [0, 1].map(|next| path.states[frame + next].motion().twist().linear);
-            (after / kept - before) / step_s
-        }));
-        linear.push(kept);
         let tensor = found.inertias.get(&path.id).copied();
-        angular.extend(spins(tensor));
-        falls.extend(fall_shares(path, &pairs, &flight, step_s));
+        let spins = pairs.iter();
+        evidence
+            .angular
+            .extend(spins.filter_map(|frame| kept_momentum(path, *frame, tensor)));
+        evidence.take(path, &pairs, flight, step_s);
     }
-    let axis = |axis: usize| median(accelerations.iter().map(|a| a[axis]).collect());
-    found.gravity = axis(0)
-        .zip(axis(1))
-        .zip(axis(2))
-        .map(|((x, y), z)| DVec3::new(x, y, z));
-    let second = |kept: f64| kept.powf(1.0 / step_s);
-    found.kept = match (median(linear), median(angular)) {
-        (None, None) => None,
-        (linear, angular) => Some([linear, angular].map(|kept| kept.map_or(1.0, second))),
+    let Some(kept) = evidence.kept(recording.velocities) else {
+        return found;
     };
-    found.fall = median(falls);
+    found.gravity = evidence.gravity(recording.velocities, kept.linear, step_s);
+    found.kept = Some([kept.linear, kept.angular].map(|kept| kept.powf(1.0 / step_s)));
+    found.fall = median(evidence.falls);
+    if recording.velocities == Velocities::Recorded {
+        let first = if evidence.damped > 0 {
+            First::Damped
+        } else {
+            First::Moved
+        };
+        let share = |pair| instants::turn_share(pair, kept.angular, first, step_s);
+        found.instants = Instants::new(first, wandering.into_iter().filter_map(share).collect());
+    }
     found
+}
+
+/// Shares of its angular momentum that a body keeps, by the moments that fit it without damping.
+fn kept_spins(path: &BodyPath, pairs: &[usize]) -> Vec<f64> {
+    // The first moments tell the damping of the spin, and that tells the moments.
+    let tensor = moments(path, pairs, 1.0).and_then(Moments::tensor);
+    let pairs = pairs.iter();
+    pairs
+        .filter_map(|frame| kept_momentum(path, *frame, tensor))
+        .collect()
+}
+
+impl Evidence {
+    /// Takes what a body's free part says of its linear velocity.
+    fn take(&mut self, path: &BodyPath, pairs: &[usize], flight: &Flight, step_s: f64) {
+        let velocity = |frame: usize| path.states[frame].motion().twist().linear;
+        let steps = pairs.iter();
+        self.steps
+            .extend(steps.map(|frame| [velocity(*frame), velocity(frame + 1)]));
+        let kept = (-flight.damping * step_s).exp();
+        self.linear.push(kept);
+        let falls = falls(path, pairs, flight, step_s);
+        if falls.is_empty() {
+            return;
+        }
+        let lost = 1.0 - kept;
+        let first = instants::first(&falls, lost);
+        self.damped += if first == First::Damped { 1 } else { -1 };
+        // Of those that damp first the way that damping takes is no part of the fall.
+        let share = if first == First::Damped { lost } else { 0.0 };
+        self.falls
+            .extend(falls.iter().map(|fall| fall.beside + share * fall.way));
+    }
+
+    /// What stays after a tick; `None` if nothing was said.
+    fn kept(&self, source: Velocities) -> Option<Kept> {
+        let linear = match source {
+            Velocities::Recorded => linear_flow(&self.steps).map(|(kept, _)| kept),
+            Velocities::Fitted => median(self.linear.clone()),
+        };
+        let angular = median(self.angular.clone());
+        (linear.is_some() || angular.is_some()).then(|| Kept {
+            linear: linear.unwrap_or(1.0),
+            angular: angular.unwrap_or(1.0),
+        })
+    }
+
+    /// Gravity: a step adds it to the velocity, of which damping then leaves a share.
+    fn gravity(&self, source: Velocities, kept: f64, step_s: f64) -> Option<DVec3> {
+        if source == Velocities::Recorded {
+            return linear_flow(&self.steps).map(|(kept, added)| added / (kept * step_s));
+        }
+        let axis = |axis: usize| {
+            let steps = self.steps.iter();
+            median(
+                steps
+                    .map(|[before, after]| (after[axis] / kept - before[axis]) / step_s)
+                    .collect(),
+            )
+        };
+        Some(DVec3::new(axis(0)?, axis(1)?, axis(2)?))
+    }
+}
+
+/// Rounds of a fit of velocities, each without those that fitted worst before.
+const FLOW_ROUNDS: usize = 3;
+
+/// The share of a velocity that stays after a tick, and what the tick adds to it, by least squares.
+fn linear_flow(steps: &[[DVec3; 2]]) -> Option<(f64, DVec3)> {
+    let mut taken: Vec<[DVec3; 2]> = steps.to_vec();
+    let mut fitted = None;
+    for _ in 0..FLOW_ROUNDS {
+        if taken.is_empty() {
+            return None;
+        }
+        let count = taken.len() as f64;
+        let mean = |place: usize| taken.iter().map(|step| step[place]).sum::<DVec3>() / count;
+        let [before, after] = [mean(0), mean(1)];
+        // Without a change of speed damping is unknown, and taken as none.
+        let pull = 1e-9 * count;
+        let (mut both, mut spread) = (pull, pull);
+        for step in &taken {
+            both += (step[0] - before).dot(step[1] - after);
+            spread += (step[0] - before).length_squared();
+        }
+        let kept = both / spread;
+        let added = after - before * kept;
+        fitted = Some((kept, added));
+        let off = |step: &[DVec3; 2]| (step[1] - step[0] * kept - added).length();
+        let middle = median(taken.iter().map(off).collect())?;
+        taken.retain(|step| off(step) <= 4.0 * middle);
+    }
+    fitted
 }
 
 /// Frames that are free together with the next one.
@@ -446,11 +550,6 @@ fn pairs(free: &[usize]) -> Vec<usize> {
         .filter(|pair| pair[1] == pair[0] + 1)
         .map(|pair| pair[0])
         .collect()
-}
-
-fn median(mut values: Vec<f64>) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied()
 }
 
 enum Moments {
@@ -590,137 +689,64 @@ fn kept_momentum(path: &BodyPath, frame: usize, tensor: Option<([f64; 3], DQuat)
     (before > 1e-3).then(|| momentum(frame + 1) / before)
 }
 
-/// The falls of a body in these frames beside its velocity, as shares of g·t². Some engines move a body after they have damped
-/// its velocity, others before: of those the way that damping takes is no part of the fall.
-fn fall_shares(path: &BodyPath, pairs: &[usize], flight: &Flight, step_s: f64) -> Vec<f64> {
+/// The falls of a body in these frames; none where it hardly falls.
+fn falls(path: &BodyPath, pairs: &[usize], flight: &Flight, step_s: f64) -> Vec<Fall> {
     let strength = flight.acceleration.length();
     if strength < 0.1 {
         return Vec::new();
     }
     let down = flight.acceleration / strength;
     let square = strength * step_s * step_s;
-    // The fall, and the way at the velocity before, both in units of g·t².
     let of = |frame: &usize| {
         let velocity = path.states[*frame].motion().twist().linear;
         let moved = position(&path.states[frame + 1]) - position(&path.states[*frame]);
-        let beside = moved - velocity * step_s;
-        (
-            beside.dot(down) / square,
-            velocity.dot(down) * step_s / square,
-        )
+        Fall {
+            beside: (moved - velocity * step_s).dot(down) / square,
+            way: velocity.dot(down) * step_s / square,
+        }
     };
-    let falls: Vec<(f64, f64)> = pairs.iter().map(of).collect();
-    let lost = 1.0 - (-flight.damping * step_s).exp();
-    let slope = slope(&falls);
-    // Either all of it or nothing.
-    let share = if (slope + lost).abs() < slope.abs() {
-        lost
-    } else {
-        0.0
-    };
-    falls
-        .into_iter()
-        .map(|(fall, way)| fall + share * way)
-        .collect()
-}
-
-/// The slope of the line that fits these values over the second numbers best; zero where those are all one.
-fn slope(values: &[(f64, f64)]) -> f64 {
-    let count = values.len() as f64;
-    let sums = values
-        .iter()
-        .fold((0.0, 0.0), |(a, b), (x, y)| (a + x, b + y));
-    let (mean, middle) = (sums.0 / count, sums.1 / count);
-    let spread: f64 = values.iter().map(|(_, at)| (at - middle).powi(2)).sum();
-    let product: f64 = values
-        .iter()
-        .map(|(x, at)| (x - mean) * (at - middle))
-        .sum();
-    if spread > 0.0 { product / spread } else { 0.0 }
-}
-
-/// Solves equations by elimination; `None` if they have no single solution.
-fn solve<const N: usize>(mut matrix: [[f64; N]; N], mut right: [f64; N]) -> Option<[f64; N]> {
-    for column in 0..N {
-        let pivot = (column..N).max_by(|a, b| {
-            matrix[*a][column]
-                .abs()
-                .total_cmp(&matrix[*b][column].abs())
-        })?;
-        if matrix[pivot][column].abs() < 1e-300 {
-            return None;
-        }
-        matrix.swap(column, pivot);
-        right.swap(column, pivot);
-        for row in column + 1..N {
-            let factor = matrix[row][column] / matrix[column][column];
-            let above = matrix[column];
-            for (cell, above) in matrix[row].iter_mut().zip(above) {
-                *cell -= factor * above;
-            }
-            right[row] -= factor * right[column];
-        }
-    }
-    for row in (0..N).rev() {
-        let known: f64 = (row + 1..N)
-            .map(|column| matrix[row][column] * right[column])
-            .sum();
-        right[row] = (right[row] - known) / matrix[row][row];
-    }
-    right.iter().all(|x| x.is_finite()).then_some(right)
-}
-
-/// Sweeps of rotations; symmetric matrices of six rows need some ten.
-const SWEEPS: usize = 32;
-
-/// Eigenvalues of a symmetric matrix, and their vectors as columns, by Jacobi's rotations.
-fn eigen<const N: usize>(mut a: [[f64; N]; N]) -> ([f64; N], [[f64; N]; N]) {
-    let mut vectors = [[0.0; N]; N];
-    for (place, row) in vectors.iter_mut().enumerate() {
-        row[place] = 1.0;
-    }
-    for _ in 0..SWEEPS {
-        for p in 0..N {
-            for q in p + 1..N {
-                if a[p][q] == 0.0 {
-                    continue;
-                }
-                let theta = (a[q][q] - a[p][p]) / (2.0 * a[p][q]);
-                let t = theta.signum() / (theta.abs() + theta.hypot(1.0));
-                let t = if theta == 0.0 { 1.0 } else { t };
-                let cos = 1.0 / t.hypot(1.0);
-                let sin = t * cos;
-                for row in &mut a {
-                    (row[p], row[q]) = (cos * row[p] - sin * row[q], sin * row[p] + cos * row[q]);
-                }
-                let (x, y) = (a[p], a[q]);
-                a[p] = std::array::from_fn(|column| cos * x[column] - sin * y[column]);
-                a[q] = std::array::from_fn(|column| sin * x[column] + cos * y[column]);
-                for row in &mut vectors {
-                    (row[p], row[q]) = (cos * row[p] - sin * row[q], sin * row[p] + cos * row[q]);
-                }
-            }
-        }
-    }
-    (std::array::from_fn(|place| a[place][place]), vectors)
-}
-
-/// The eigenvector of the least eigenvalue of a symmetric matrix.
-fn least_eigenvector<const N: usize>(matrix: [[f64; N]; N]) -> [f64; N] {
-    let (values, vectors) = eigen(matrix);
-    let least = (0..N).min_by(|a, b| values[*a].total_cmp(&values[*b]));
-    let least = least.unwrap_or_default();
-    vectors.map(|row| row[least])
-}
-
-/// Principal moments of a tensor, and the rotation principal axes → body.
-fn principal_axes(tensor: [[f64; 3]; 3]) -> ([f64; 3], DQuat) {
-    let (moments, vectors) = eigen(tensor);
-    let column = |place: usize| DVec3::from_array(vectors.map(|row| row[place]));
-    let (x, y) = (column(0).normalize(), column(1).normalize());
-    let axes = DMat3::from_cols(x, y, x.cross(y));
-    (moments, DQuat::from_mat3(&axes).normalize())
+    pairs.iter().map(of).collect()
 }
 
 #[cfg(test)]
-mod tests;
+mod tests {
+    use super::*;
+    use crate::recording::paths::tests::recording;
+
+    #[test]
+    fn what_no_scene_can_have_is_not_taken_and_said() {
+        let before = recording(20);
+        let id = before.truth.placed[0].desc.id;
+        let wild = [
+            Found {
+                gravity: Some(DVec3::new(0.0, -2e3, 0.0)),
+                ..Found::default()
+            },
+            Found {
+                gravity: Some(DVec3::NAN),
+                ..Found::default()
+            },
+            Found {
+                kept: Some([1.0, 0.0]),
+                ..Found::default()
+            },
+            Found {
+                kept: Some([f64::NAN, 1.0]),
+                ..Found::default()
+            },
+            Found {
+                centres: BTreeMap::from([(id, DVec3::splat(1e300))]),
+                ..Found::default()
+            },
+        ];
+        for found in wild {
+            let mut recording = before.clone();
+            apply(&mut recording, &found);
+            assert_eq!(recording.gravity, before.gravity, "{found:?}");
+            assert_eq!(recording.damping, before.damping, "{found:?}");
+            assert_eq!(recording.truth.digest, before.truth.digest, "{found:?}");
+            let notes = recording.notes.len() - before.notes.len();
+            assert_eq!(notes, 1, "{found:?}");
+        }
+    }
+}
