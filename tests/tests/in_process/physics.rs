@@ -5,6 +5,7 @@
 
 mod bodies;
 mod characters;
+mod gltf_joints;
 mod joints;
 mod vehicles;
 
