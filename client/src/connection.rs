@@ -162,11 +162,15 @@ impl Pump {
         }
     }
 
-    /// Goes with a new session to the server that the last one has named; `false` if it named none, or none that answers.
+    /// Goes with a new session to the server that the last one has named, or again to one of its own if that does not answer;
+    /// `false` if it named none, or none answers.
     pub(crate) fn follow(&mut self, session: ClientSession, timeout: Duration) -> bool {
         let place = self.session.elsewhere().map(str::to_owned);
-        let reached = (self.redial.as_ref().zip(place))
-            .and_then(|(redial, place)| redial(Some(&place), timeout));
+        // The named one may have ended, and its lease may be about to.
+        let reached = (self.redial.as_ref().zip(place)).and_then(|(redial, place)| {
+            let named = redial(Some(&place), timeout.min(ATTEMPT_ELSEWHERE));
+            named.or_else(|| redial(None, timeout))
+        });
         let Some(connection) = reached else {
             return false;
         };

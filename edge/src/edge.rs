@@ -494,6 +494,18 @@ impl Edge {
                 Reply::Message(message, _) => self.tell(now, peer, *message),
                 Reply::Datagram(bytes) => client.control.send_datagram(bytes, &mut self.out),
                 Reply::Ended(ending) => {
+                    let elsewhere = voice.elsewhere().map(str::to_owned);
+                    if let Some(scene) = &client.scene {
+                        self.owners.note_end(scene, ending, elsewhere.as_deref());
+                        // Its member has not been welcomed yet.
+                        if elsewhere.is_some() && !client.is_greeted {
+                            self.owners.links.remove(&voice.link());
+                            let link = self.owners.dial(scene.clone(), LinkUse::Voice(peer));
+                            if voice.follow(link) {
+                                return;
+                            }
+                        }
+                    }
                     if let Some(voice) = client.voice.take() {
                         self.owners.end_voice(voice);
                     }

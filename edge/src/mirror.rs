@@ -244,6 +244,20 @@ impl Mirror {
         self.reports.clear();
     }
 
+    /// The address that the owner gave for its scene, if the connection ended with that.
+    pub(crate) fn elsewhere(&self) -> Option<&str> {
+        self.session.elsewhere()
+    }
+
+    /// Its scene has moved: it is to be connected there at once, unless it is sent from server to server. True if it is.
+    pub(crate) fn follow(&mut self, now: Instant) -> bool {
+        let follows = self.attempts <= 1;
+        if follows {
+            self.retry_at = now;
+        }
+        follows
+    }
+
     pub(crate) fn handle_timeout(&mut self, now: Instant) {
         if self.asks_at.is_some_and(|at| at <= now) {
             self.session.query_watermark(now, Span::ZERO);

@@ -9,7 +9,7 @@ use rhumb_protocol::limits::STREAMS_PER_SCENE_MAX;
 use rhumb_protocol::message::{StreamChoice, Token};
 use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::session::CloseCode;
-use rhumb_protocol::{Instant, Peer, Span, Transmit, Wake, WakeReason};
+use rhumb_protocol::{Ending, Instant, Peer, Span, Transmit, Wake, WakeReason};
 use rhumb_reckoning::Tick;
 
 use crate::client::{EdgeClient, EdgeMember, MirrorId};
@@ -23,6 +23,9 @@ const KEPT: Span = Span::from_millis(10_000);
 /// are for members that act.
 pub const MIRRORS_MAX: usize = 256;
 
+/// Addresses of moved scenes beyond which all are forgotten, and learned anew.
+const MOVED_MAX: usize = 1_024;
+
 /// A connection to open to the owner of a scene; `handle_opened` of [`OwnerSide`](crate::OwnerSide) follows, or `handle_ended`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Dial {
@@ -30,6 +33,8 @@ pub struct Dial {
     pub link: Peer,
     /// The scene that it will name.
     pub scene: SceneName,
+    /// The address of the server that has the scene (PROTOCOL 3.7), if it is not the owner that the edge was given.
+    pub elsewhere: Option<String>,
 }
 
 /// The purpose of a connection.
@@ -49,6 +54,8 @@ pub(crate) struct Owners {
     next_mirror: u64,
     next_link: u64,
     dials: VecDeque<Dial>,
+    /// Addresses of scenes that have moved.
+    moved: BTreeMap<SceneName, String>,
     /// The last bytes for connections that the edge has ended.
     last_words: VecDeque<Transmit>,
 }
@@ -62,6 +69,7 @@ impl Owners {
             next_mirror: 0,
             next_link: 0,
             dials: VecDeque::new(),
+            moved: BTreeMap::new(),
             last_words: VecDeque::new(),
         }
     }
@@ -122,8 +130,41 @@ impl Owners {
         let link = Peer(self.next_link);
         self.next_link += 1;
         self.links.insert(link, use_of);
-        self.dials.push_back(Dial { link, scene });
+        let elsewhere = self.moved.get(&scene).cloned();
+        self.dials.push_back(Dial {
+            link,
+            scene,
+            elsewhere,
+        });
         link
+    }
+
+    /// Notes where a scene is, by the end of a connection that named it. If nothing answers there, the scene is asked for at the
+    /// edge's own owner again.
+    pub(crate) fn note_end(&mut self, scene: &SceneName, ending: Ending, elsewhere: Option<&str>) {
+        match (ending, elsewhere) {
+            (Ending::Closed(_), None) => {}
+            (Ending::Closed(_), Some(address)) => {
+                // Each entry is of a scene that a client has named, and scenes that are over are few.
+                if self.moved.len() >= MOVED_MAX {
+                    self.moved.clear();
+                }
+                self.moved.insert(scene.clone(), address.to_owned());
+            }
+            (Ending::TimedOut | Ending::Broken, _) => drop(self.moved.remove(scene)),
+        }
+    }
+
+    /// Notes the end of a mirror's connection. One whose scene has moved is connected at once; true if it is.
+    pub(crate) fn note_mirror_end(&mut self, now: Instant, id: MirrorId, ending: Ending) -> bool {
+        let Some(mirror) = self.mirrors.get_mut(&id) else {
+            return false;
+        };
+        let elsewhere = mirror.elsewhere().map(str::to_owned);
+        let follows = elsewhere.is_some() && mirror.follow(now);
+        let scene = mirror.scene.clone();
+        self.note_end(&scene, ending, elsewhere.as_deref());
+        follows
     }
 
     /// Makes and connects the mirror of a choice, unless it is there. Returns false if there is no room for it.
@@ -357,5 +398,23 @@ mod tests {
         let dialled = std::iter::from_fn(|| owners.poll_dial()).map(|dial| dial.link);
         let order = [1, 3, 0, 2].map(|place: usize| links[place]);
         assert_eq!(dialled.collect::<Vec<_>>(), order);
+    }
+
+    #[test]
+    fn a_scene_that_moved_is_dialled_there_until_nothing_answers() {
+        let mut owners = Owners::new(None);
+        let scene: SceneName = "pit".parse().expect("a name");
+        let dialled = |owners: &mut Owners| {
+            owners.dial(scene.clone(), LinkUse::Voice(Peer(1)));
+            owners.poll_dial().and_then(|dial| dial.elsewhere)
+        };
+        assert_eq!(dialled(&mut owners), None);
+        let moved = Ending::Closed(CloseCode::SCENE_ELSEWHERE.0);
+        owners.note_end(&scene, moved, Some("rhumb://b:1"));
+        assert_eq!(dialled(&mut owners).as_deref(), Some("rhumb://b:1"));
+        owners.note_end(&scene, Ending::Closed(CloseCode::BUSY.0), None);
+        assert_eq!(dialled(&mut owners).as_deref(), Some("rhumb://b:1"));
+        owners.note_end(&scene, Ending::Broken, None);
+        assert_eq!(dialled(&mut owners), None);
     }
 }

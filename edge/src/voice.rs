@@ -9,7 +9,7 @@ use std::collections::VecDeque;
 
 use bytes::Bytes;
 use rhumb_protocol::message::{
-    ClientMessage, Framed, Frames, Joined, ServerMessage, TierPolicy, frame,
+    ClientMessage, Extension, Framed, Frames, Joined, ServerMessage, TierPolicy, frame,
 };
 use rhumb_protocol::packet::{Datagram, PacketKind};
 use rhumb_protocol::session::TransportCode;
@@ -21,6 +21,8 @@ const OWNER: Peer = Peer(0);
 /// Replies that wait for scene events beyond which the connection ends: the edge's own to the owner is late. Derived: those of
 /// a member that asks for all that it may in a second.
 const REPLIES_MAX: usize = 4_096;
+/// Servers that a connection is sent on by, one after the other.
+const FOLLOWED_MAX: u32 = 8;
 /// Replies beyond which reports for the member's upstream are dropped.
 const REPLIES_BEFORE_REPORTS: usize = 64;
 
@@ -53,6 +55,12 @@ pub(crate) struct Voice {
     out: VecDeque<Transmit>,
     queued_bytes: usize,
     replies: VecDeque<Reply>,
+    /// The member's hello, for another server.
+    hello: Vec<u8>,
+    /// The address of the server that has the scene, if the owner gave one.
+    elsewhere: Option<String>,
+    /// Servers that have sent it on.
+    followed: u32,
 }
 
 impl Voice {
@@ -69,7 +77,31 @@ impl Voice {
             out: VecDeque::new(),
             queued_bytes: 0,
             replies: VecDeque::new(),
+            hello: Vec::new(),
+            elsewhere: None,
+            followed: 0,
         }
+    }
+
+    /// The address of the server that has the scene, if the owner gave one.
+    pub(crate) fn elsewhere(&self) -> Option<&str> {
+        self.elsewhere.as_deref()
+    }
+
+    /// Goes to the server that has the scene by another connection; false if it has been sent on too often.
+    pub(crate) fn follow(&mut self, link: Peer) -> bool {
+        self.followed += 1;
+        if self.followed > FOLLOWED_MAX {
+            return false;
+        }
+        (self.link, self.is_open) = (link, false);
+        self.frames = Frames::new();
+        self.before_open = self.hello.clone();
+        self.out.clear();
+        self.queued_bytes = 0;
+        self.replies.clear();
+        self.elsewhere = None;
+        true
     }
 
     pub(crate) const fn link(&self) -> Peer {
@@ -91,6 +123,9 @@ impl Voice {
     pub(crate) fn send_frame(&mut self, framed: &Framed) {
         let mut bytes = Vec::new();
         frame(framed.kind, &framed.body, &mut bytes);
+        if self.hello.is_empty() {
+            self.hello.clone_from(&bytes);
+        }
         self.push_control(bytes);
     }
 
@@ -214,6 +249,15 @@ impl Voice {
                 self.events = self.events.map(|events| events + 1);
             }
             ServerMessage::TickEvents(_) | ServerMessage::TierChanged { .. } => {}
+            // The owner closes next; the member stays with the edge.
+            ServerMessage::Moved { address } => self.elsewhere = String::from_utf8(address).ok(),
+            ServerMessage::Welcome(welcome)
+                if welcome.extensions.value(Extension::ELSEWHERE).is_some() =>
+            {
+                let address = welcome.extensions.value(Extension::ELSEWHERE);
+                let address = address.and_then(|address| std::str::from_utf8(address).ok());
+                self.elsewhere = address.map(str::to_owned);
+            }
             message => {
                 let ends = ends(&message);
                 let events = self.events;

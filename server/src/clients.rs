@@ -10,7 +10,7 @@ use std::sync::Arc;
 
 use bytes::Bytes;
 use rhumb_protocol::message::{ClientMessage, Grease, SceneEvent, ServerMessage, SessionRequest};
-use rhumb_protocol::session::{ServerSession, UpstreamReceiver};
+use rhumb_protocol::session::{CloseCode, ServerSession, UpstreamReceiver};
 use rhumb_protocol::{Instant, Peer, Transmit};
 use rhumb_reckoning::{BodyId, Tick};
 
@@ -199,6 +199,22 @@ impl Clients {
             ready.map(|(member, control)| (control.peer(), &mut member.snapshot_request));
         let requests = requests.filter_map(|(peer, request)| Some((peer, request.take()?)));
         requests.collect()
+    }
+
+    /// Tells all clients that another server has their scene, and closes them.
+    pub(crate) fn send_elsewhere(&mut self, to: &str) {
+        let moved = ServerMessage::Moved {
+            address: to.as_bytes().to_vec(),
+        };
+        for client in self.clients.values_mut() {
+            client.turn = Turn::Over;
+            if client.is_greeted {
+                client.control.send(&moved, &mut self.out);
+            }
+            if let Some(session) = client.control.session(&mut self.out) {
+                session.close(CloseCode::SCENE_ELSEWHERE);
+            }
+        }
     }
 
     /// Number of members.

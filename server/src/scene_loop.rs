@@ -504,6 +504,18 @@ impl SceneLoop {
         Ok(())
     }
 
+    /// Gives the scene up to the server at an address, for which its log is complete on return. Its clients learn the address,
+    /// and are closed.
+    pub fn move_to(&mut self, now: Instant, to: &str) {
+        self.clients.at(now);
+        if let Some(running) = self.running.take() {
+            let tick = running.scene.tick().value();
+            running.leave_to_log(&mut self.clients);
+            tracing::info!(scene = %self.name, tick, to = to, "the scene moves to another server");
+        }
+        self.clients.send_elsewhere(to);
+    }
+
     /// Tells members what has become durable.
     pub fn report_durable(&mut self) {
         if let Some(running) = &mut self.running {

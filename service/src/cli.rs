@@ -19,19 +19,19 @@ use rhumb_protocol::packet::LargestPacket;
 use rhumb_protocol::scene::SceneName;
 use rhumb_scene::engine::EngineKind;
 use rhumb_scene::{Hooks, ProvidedScenes, SceneSettings};
-use rhumb_transport::{PageOrigin, Stop};
+use rhumb_transport::{IdleLimit, PageOrigin, Stop};
 use tracing::level_filters::LevelFilter;
 
 use crate::access::KeyFile;
 #[cfg(feature = "demo")]
 use crate::demo::{DemoArguments, open_browser};
-use crate::directory::Endpoints;
+use crate::directory::{DrainArguments, Endpoints, MoveArguments, run_drain, run_move};
 use crate::dispatcher;
 use crate::durable::{self, DataDir, DataError};
 use crate::edge::{self, EdgeArguments};
 use crate::flight;
 use crate::log;
-use crate::serve::{Access, Server, seconds_since_1970};
+use crate::serve::{Access, Identity, RunError, Server, seconds_since_1970};
 use crate::settings::{ServerSettings, WorkerKind};
 use crate::signals;
 use crate::start::{self, BoundAddresses, CheckedStart, announce};
@@ -183,6 +183,10 @@ enum Task {
         #[arg(long)]
         yes: bool,
     },
+    /// Moves a scene from the server that has it to another one of their directory, while it runs.
+    Move(MoveArguments),
+    /// Moves all scenes of a server to the others of their directory, and has it take no scene any more until it ends.
+    Drain(DrainArguments),
     /// Prints the last moments of a scene before a fault, from a file that --flight wrote.
     Flight {
         /// The file.
@@ -234,6 +238,8 @@ pub fn main_with(arguments: Arguments, hooks: Option<Hooks>) -> ExitCode {
             *yes,
             (&mut std::io::stdin().lock(), &mut std::io::stdout()),
         ),
+        Some(Task::Move(order)) => run_move(order, &mut std::io::stdout()),
+        Some(Task::Drain(order)) => run_drain(order, &mut std::io::stdout()),
         Some(Task::Flight { file }) => flight::run(file, &mut std::io::stdout()),
         Some(Task::Worker { .. }) => dispatcher::run_worker(hooks, seconds_since_1970),
         #[cfg(feature = "record")]
@@ -373,6 +379,21 @@ impl Parts {
     }
 }
 
+fn bind(
+    settings: &ServerSettings,
+    identity: &Identity,
+    access: Access,
+) -> Result<Server, RunError> {
+    let origins = settings.web_origins.iter().cloned().collect();
+    let origins = settings.web.then_some(origins);
+    // Clients of one of several servers are to notice soon that it is gone.
+    let idle_limit = match settings.directory {
+        Some(_) => IdleLimit::Short,
+        None => IdleLimit::Usual,
+    };
+    Server::bind_among(settings.listen, identity, access, (origins, idle_limit))
+}
+
 fn run(settings: &ServerSettings, parts: Parts) -> Result<(), Box<dyn Error>> {
     let CheckedStart {
         threads,
@@ -383,13 +404,11 @@ fn run(settings: &ServerSettings, parts: Parts) -> Result<(), Box<dyn Error>> {
     let data = stored(settings, directory.as_ref())?;
     let identity = start::identity(settings, data.as_ref())?;
     let stop = Stop::new();
-    let origins = settings.web_origins.iter().cloned().collect();
-    let origins = settings.web.then_some(origins);
     let keys = match &access {
         Access::Tokens(keys) => Some(keys.clone()),
         Access::OpenOnLoopback | Access::OpenToNetwork => None,
     };
-    let mut server = Server::bind_with_origins(settings.listen, &identity, access, origins)?;
+    let mut server = bind(settings, &identity, access)?;
     server.set_engine(settings.engine);
     server.scenes = SceneSettings {
         threads,

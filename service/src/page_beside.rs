@@ -43,12 +43,11 @@ impl PageBeside {
     ) -> Result<Self, RunError> {
         let identity = Identity::Development;
         let options = ServerOptions {
-            listen,
-            certificate: identity.certificate()?,
             web: Some(WebOptions {
                 origins: Origins::loopback(),
                 certificate: identity.web(),
             }),
+            ..ServerOptions::new(listen, identity.certificate()?)
         };
         let transport = QuicServer::bind(options).map_err(RunError::Bind)?;
         let page = PageListener::bind(LISTEN, transport.local_addr()).map_err(RunError::View)?;

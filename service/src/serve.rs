@@ -23,8 +23,9 @@ use rhumb_scene::{Limits, SceneSettings};
 #[cfg(unix)]
 use rhumb_transport::UnixServer;
 use rhumb_transport::{
-    BindError, Certificate, CertificateError, CertificateHashes, Clock, Fingerprint, Origins,
-    QuicServer, ServeError, ServerOptions, ServerStatistics, Stop, WebIdentity, WebOptions,
+    BindError, Certificate, CertificateError, CertificateHashes, Clock, Fingerprint, IdleLimit,
+    Origins, QuicServer, ServeError, ServerOptions, ServerStatistics, Stop, WebIdentity,
+    WebOptions,
 };
 
 #[cfg(feature = "view")]
@@ -150,6 +151,16 @@ impl Server {
         access: Access,
         origins: Option<Origins>,
     ) -> Result<Self, RunError> {
+        Self::bind_among(listen, identity, access, (origins, IdleLimit::Usual))
+    }
+
+    /// The same with the silence after which clients consider the server lost.
+    pub(crate) fn bind_among(
+        listen: SocketAddr,
+        identity: &Identity,
+        access: Access,
+        (origins, idle_limit): (Option<Origins>, IdleLimit),
+    ) -> Result<Self, RunError> {
         if matches!(access, Access::OpenOnLoopback) && !listen.ip().is_loopback() {
             return Err(RunError::OpenToNetwork {
                 address: listen,
@@ -165,6 +176,7 @@ impl Server {
             listen,
             certificate,
             web,
+            idle_limit,
         };
         let transport = QuicServer::bind(options).map_err(RunError::Bind)?;
         let clock = Clock::start();

@@ -27,9 +27,9 @@ pub use child_stream::{
 pub use rhumb_link::UnixClient;
 pub use rhumb_link::{
     ByteCredit, CertificateError, ClientOptions, ClientTransport, Clock, ConnectError,
-    DATAGRAM_BYTES_MIN, Fingerprint, FingerprintError, HeldBack, Inbox, PIECE_COST_BYTES, Piece,
-    QuicClient, Received, TransportCode, Trust, WireStatistics, bind_udp, io_runtime, outward_ip,
-    random_bytes,
+    DATAGRAM_BYTES_MIN, Fingerprint, FingerprintError, HeldBack, IdleLimit, Inbox,
+    PIECE_COST_BYTES, Piece, QuicClient, Received, TransportCode, Trust, WireStatistics, bind_udp,
+    io_runtime, outward_ip, random_bytes,
 };
 pub use server::{BindError, QuicServer, ServerOptions};
 pub use server_loop::{LinkMeter, ServeError, ServerStatistics, ServerWatch, Stop, Waker};

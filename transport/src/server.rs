@@ -28,7 +28,8 @@ use rhumb_link::tuning::{
     HANDSHAKES_UNPROVEN_MAX, SETUP, STATE_IN_FLIGHT_BYTES, WEB_ALPN,
 };
 use rhumb_link::{
-    ByteCredit, CONTROL_IN_FLIGHT_BYTES, CertificateError, Fingerprint, Piece, bind_udp, io_runtime,
+    ByteCredit, CONTROL_IN_FLIGHT_BYTES, CertificateError, Fingerprint, IdleLimit, Piece, bind_udp,
+    io_runtime,
 };
 use rhumb_protocol::limits::DATAGRAM_BYTES_MAX;
 use rhumb_protocol::session::TransportCode;
@@ -56,6 +57,8 @@ pub struct ServerOptions {
     pub certificate: Certificate,
     /// Its options for browsers; `None`: they find no server.
     pub web: Option<WebOptions>,
+    /// The silence after which its clients consider it lost.
+    pub idle_limit: IdleLimit,
 }
 
 impl ServerOptions {
@@ -66,6 +69,7 @@ impl ServerOptions {
             listen,
             certificate,
             web: None,
+            idle_limit: IdleLimit::Usual,
         }
     }
 
@@ -165,6 +169,7 @@ impl QuicServer {
             listen,
             certificate,
             web,
+            idle_limit,
         } = options;
         let origins = web.map(|web| Arc::new(web.origins));
         let address = |cause| BindError::Address { listen, cause };
@@ -172,7 +177,7 @@ impl QuicServer {
         let mut local = EndpointConfig::new(Arc::new(certificate.reset_key()));
         local.cid_generator(move || Box::new(Short::new(Arc::clone(&provider))));
         let crypto = tls.crypto().map_err(BindError::Tls)?;
-        let config = tuning::server(crypto, tls.streams);
+        let config = tuning::server(crypto, tls.streams, idle_limit);
         let socket = bind_udp(listen).map_err(address)?;
         let runtime = io_runtime().map_err(BindError::Thread)?;
         let endpoint = {

@@ -34,7 +34,9 @@ impl Endpoint for OwnerSide<'_> {
         let of_voice = |voice: &mut Voice| voice.handle_ended(ending);
         self.0.heed(now, peer, of_mirror, of_voice);
         if let Some(LinkUse::Mirror(id)) = self.0.owners.links.remove(&peer) {
-            self.0.turn_away(id);
+            if !self.0.owners.note_mirror_end(now, id, ending) {
+                self.0.turn_away(id);
+            }
         }
     }
 

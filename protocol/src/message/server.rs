@@ -14,7 +14,7 @@ use super::member::{AuthorityError, AuthorityGrant, StreamChoice, TierChangeCaus
 use super::scene_event::SceneEvent;
 use super::{Framed, frame, put};
 use crate::endpoint::Instant;
-use crate::limits::{EVENTS_PER_TICK_MAX, QUERY_COST_MAX};
+use crate::limits::{EVENTS_PER_TICK_MAX, EXTENSION_BYTES_MAX, QUERY_COST_MAX};
 use crate::packet::{LargestPacket, StreamId};
 use crate::scene::{
     Answer, BodyEvent, CommandError, IdRange, Invalid, Quantity, Rule, SceneConfig,
@@ -120,6 +120,11 @@ pub enum ServerMessage {
         /// The tick.
         tick: Tick,
     },
+    /// Another server has the scene from now on, and this one closes.
+    Moved {
+        /// Its address in text (PROTOCOL 12), without a scene.
+        address: Vec<u8>,
+    },
 }
 
 /// Type bytes.
@@ -144,6 +149,7 @@ mod kind {
     pub(super) const TICK_EVENTS: u8 = 18;
     pub(super) const SESSION: u8 = 32;
     pub(super) const DURABLE: u8 = 33;
+    pub(super) const MOVED: u8 = 128;
 }
 
 impl Wire for Welcome {
@@ -266,6 +272,10 @@ impl ServerMessage {
                 body.varint(tick.value());
                 kind::DURABLE
             }
+            Self::Moved { address } => {
+                body.sized(address);
+                kind::MOVED
+            }
         };
         frame(kind, &body.into_bytes(), to);
     }
@@ -313,6 +323,9 @@ impl ServerMessage {
             kind::DURABLE => Self::Durable {
                 commands: from.count()?,
                 tick: Tick::new(from.count()?),
+            },
+            kind::MOVED => Self::Moved {
+                address: from.sized(EXTENSION_BYTES_MAX)?.to_vec(),
             },
             OPTIONAL.. => return Ok(None),
             _ => return Err(Malformed::UnknownCode),

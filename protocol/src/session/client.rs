@@ -455,6 +455,8 @@ impl ClientSession {
                 self.resumption.finish(commands, tick);
                 self.events.push_back(Event::Durable { commands, tick });
             }
+            // The server closes next.
+            ServerMessage::Moved { address } => self.elsewhere = place_of(&address),
             about_scene => {
                 let config = self.config.as_ref();
                 let (outbox, events) = (&mut self.outbox, &mut self.events);

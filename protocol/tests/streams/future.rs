@@ -188,7 +188,7 @@ fn an_unknown_scene_event_changes_nothing_and_counts() {
 fn unknown_messages_and_reasons_are_accepted() {
     let mut session = member();
     let mut bytes = Vec::new();
-    frame(0x80, &[], &mut bytes);
+    frame(0x81, &[], &mut bytes);
     frame(0xff, &[3; 300], &mut bytes);
     session.handle_control(Instant::from_nanos(10), PEER, &bytes);
     assert_eq!(events(&mut session), []);
@@ -205,6 +205,21 @@ fn unknown_messages_and_reasons_are_accepted() {
         Event::Denied(Denial::Other(0x81)),
     ];
     assert_eq!(events(&mut session), expected);
+}
+
+#[test]
+fn a_member_whose_scene_moves_knows_where_to_go() {
+    for (address, expected) in [
+        ("rhumb://b:1", Some("rhumb://b:1")),
+        ("", None),
+        ("a b", None),
+    ] {
+        let mut session = member();
+        let address = address.as_bytes().to_vec();
+        receive(&mut session, &[ServerMessage::Moved { address }]);
+        assert_eq!(session.elsewhere(), expected);
+        assert_eq!(events(&mut session), []);
+    }
 }
 
 #[test]

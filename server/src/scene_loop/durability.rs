@@ -174,6 +174,20 @@ impl RunningScene {
         }
     }
 
+    /// Ends the scene here, with everything in its log, and with its memberships.
+    pub(super) fn leave_to_log(mut self, clients: &mut Clients) {
+        self.commit(clients);
+        for (peer, member) in clients.take_members() {
+            self.observer.left(peer);
+            if let Some(group) = member.authority {
+                group.log_end(peer);
+            }
+        }
+        // The log waits until all is written; answers that waited for it may go then.
+        drop(self);
+        clients.release(|_| true);
+    }
+
     /// Removes the files of a scene that has ended.
     pub(super) fn delete_log(&mut self, clients: &mut Clients) {
         if let Some(durability) = self.durability.take() {

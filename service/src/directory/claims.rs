@@ -16,7 +16,7 @@ use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::{Instant, Span};
 
 /// The place at which clients reach a server, as an address in text (PROTOCOL 12) without a scene.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct ServerPlace(pub(crate) String);
 
 /// The number of a claim, which rises with each claim of any scene.
@@ -166,6 +166,16 @@ impl SceneClaims {
             }
             Some(Claim::Releasing(_, is_wanted)) => *is_wanted = true,
         }
+    }
+
+    /// True for a scene that is this server's.
+    pub(crate) fn owns(&self, scene: &SceneName) -> bool {
+        matches!(self.scenes.get(scene), Some(Claim::Owned(_)))
+    }
+
+    /// The lease that holds the claims.
+    pub(crate) fn lease(&self) -> Option<LeaseId> {
+        self.lease.map(|lease| lease.id)
     }
 
     /// Gives a scene up, of which nothing is published any more.

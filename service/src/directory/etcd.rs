@@ -6,6 +6,7 @@
 use std::fmt;
 use std::str::FromStr;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
 
 use bytes::Bytes;
 use http_body_util::{BodyExt, Full, Limited};
@@ -16,6 +17,7 @@ use hyper_util::rt::TokioIo;
 use rhumb_protocol::scene::SceneName;
 use serde_json::{Value, json};
 use tokio::net::TcpStream;
+use tokio::time::timeout;
 
 use super::claims::{DirectoryAnswer, DirectoryRequest, Epoch, LeaseId, ServerPlace};
 
@@ -59,81 +61,108 @@ impl FromStr for Endpoints {
     }
 }
 
-/// A client of a cluster, for one server.
+/// A client of a cluster.
 pub(super) struct Etcd {
     endpoints: Endpoints,
     /// The endpoint that is asked first.
     first: AtomicUsize,
-    place: ServerPlace,
 }
 
+/// Time for an answer that no lease waits for.
+const ANSWER_TIME: Duration = Duration::from_secs(1);
 /// Before the names of scenes.
-const PREFIX: &str = "rhumb/scenes/";
+pub(super) const SCENES: &str = "rhumb/scenes/";
 /// Longest answer that is read.
 const ANSWER_BYTES_MAX: usize = 1 << 20;
 
 impl Etcd {
-    /// `place`: where this server is, for its claims.
-    pub(super) fn new(endpoints: Endpoints, place: ServerPlace) -> Self {
+    pub(super) fn new(endpoints: Endpoints) -> Self {
         Self {
             endpoints,
             first: AtomicUsize::new(0),
-            place,
         }
     }
 
-    /// Asks once; [`DirectoryAnswer::Failed`] without an answer that is understood.
-    pub(super) async fn answer(&self, request: &DirectoryRequest) -> DirectoryAnswer {
-        let first = self.first.load(Ordering::Relaxed);
-        let count = self.endpoints.0.len();
-        let endpoint = &self.endpoints.0[first % count];
-        let (path, body) = self.body_of(request);
-        let answer = post(endpoint, path, &body).await;
+    /// Asks once for the server at a place; [`DirectoryAnswer::Failed`] without an answer that is understood.
+    pub(super) async fn answer(
+        &self,
+        place: &ServerPlace,
+        request: &DirectoryRequest,
+    ) -> DirectoryAnswer {
+        let (path, body) = body_of(request, place);
+        let answer = self.post_to_first(path, &body).await;
         let answer = answer.and_then(|(status, answer)| read(request, status, &answer));
         answer.unwrap_or_else(|| {
-            // The next one may know more.
-            self.first.store(first.wrapping_add(1), Ordering::Relaxed);
+            self.try_another();
             DirectoryAnswer::Failed
         })
     }
 
-    fn body_of(&self, request: &DirectoryRequest) -> (&'static str, Value) {
-        match request {
-            DirectoryRequest::Grant { seconds } => {
-                ("/v3/lease/grant", json!({ "TTL": seconds.to_string() }))
-            }
-            DirectoryRequest::Renew(LeaseId(id)) => {
-                ("/v3/lease/keepalive", json!({ "ID": id.to_string() }))
-            }
-            DirectoryRequest::Revoke(LeaseId(id)) => {
-                ("/v3/lease/revoke", json!({ "ID": id.to_string() }))
-            }
-            DirectoryRequest::Claim(LeaseId(id), scene) => {
-                let key = key_of(scene);
-                let value = base64(self.place.0.as_bytes());
-                let put = json!({ "key": key, "value": value, "lease": id.to_string() });
-                let range = json!({ "request_range": { "key": key } });
-                let is_free = json!({ "target": "CREATE", "key": key, "create_revision": "0" });
-                let put = json!({ "request_put": put });
-                let claim = json!({
-                    "compare": [is_free], "success": [put, range], "failure": [range],
-                });
-                ("/v3/kv/txn", claim)
-            }
-            DirectoryRequest::Release(Epoch(epoch), scene) => {
-                let key = key_of(scene);
-                let epoch = epoch.to_string();
-                let is_ours = json!({ "target": "CREATE", "key": key, "create_revision": epoch });
-                let delete = json!({ "request_delete_range": { "key": key } });
-                let release = json!({ "compare": [is_ours], "success": [delete] });
-                ("/v3/kv/txn", release)
-            }
+    /// Asks once for anything else; `None` without a good answer.
+    pub(super) async fn ask(&self, path: &str, body: &Value) -> Option<Value> {
+        let asked = timeout(ANSWER_TIME, self.post_to_first(path, body)).await;
+        let answer = asked.ok().flatten().and_then(|(status, answer)| {
+            let answer = serde_json::from_slice(&answer).ok()?;
+            (status == StatusCode::OK).then_some(answer)
+        });
+        if answer.is_none() {
+            self.try_another();
+        }
+        answer
+    }
+
+    async fn post_to_first(&self, path: &str, body: &Value) -> Option<(StatusCode, Bytes)> {
+        let first = self.first.load(Ordering::Relaxed);
+        post(
+            &self.endpoints.0[first % self.endpoints.0.len()],
+            path,
+            body,
+        )
+        .await
+    }
+
+    /// The next endpoint may know more.
+    fn try_another(&self) {
+        self.first.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+fn body_of(request: &DirectoryRequest, place: &ServerPlace) -> (&'static str, Value) {
+    match request {
+        DirectoryRequest::Grant { seconds } => {
+            ("/v3/lease/grant", json!({ "TTL": seconds.to_string() }))
+        }
+        DirectoryRequest::Renew(LeaseId(id)) => {
+            ("/v3/lease/keepalive", json!({ "ID": id.to_string() }))
+        }
+        DirectoryRequest::Revoke(LeaseId(id)) => {
+            ("/v3/lease/revoke", json!({ "ID": id.to_string() }))
+        }
+        DirectoryRequest::Claim(LeaseId(id), scene) => {
+            let key = key_of(scene);
+            let value = base64(place.0.as_bytes());
+            let put = json!({ "key": key, "value": value, "lease": id.to_string() });
+            let range = json!({ "request_range": { "key": key } });
+            let is_free = json!({ "target": "CREATE", "key": key, "create_revision": "0" });
+            let put = json!({ "request_put": put });
+            let claim = json!({
+                "compare": [is_free], "success": [put, range], "failure": [range],
+            });
+            ("/v3/kv/txn", claim)
+        }
+        DirectoryRequest::Release(Epoch(epoch), scene) => {
+            let key = key_of(scene);
+            let epoch = epoch.to_string();
+            let is_ours = json!({ "target": "CREATE", "key": key, "create_revision": epoch });
+            let delete = json!({ "request_delete_range": { "key": key } });
+            let release = json!({ "compare": [is_ours], "success": [delete] });
+            ("/v3/kv/txn", release)
         }
     }
 }
 
 fn key_of(scene: &SceneName) -> String {
-    base64(format!("{PREFIX}{scene}").as_bytes())
+    base64(format!("{SCENES}{scene}").as_bytes())
 }
 
 async fn post(
@@ -199,14 +228,14 @@ fn owner(answer: &Value) -> Option<DirectoryAnswer> {
 }
 
 /// A number of 64 bits, which this JSON has as text.
-fn number(value: &Value) -> Option<u64> {
+pub(super) fn number(value: &Value) -> Option<u64> {
     value.as_str()?.parse().ok()
 }
 
 const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
 
 /// Bytes as base64 with padding (RFC 4648, 4).
-fn base64(bytes: &[u8]) -> String {
+pub(super) fn base64(bytes: &[u8]) -> String {
     let mut text = String::new();
     for group in bytes.chunks(3) {
         let mut padded = [0; 3];
@@ -226,7 +255,7 @@ fn base64(bytes: &[u8]) -> String {
 }
 
 /// The bytes of such a text.
-fn from_base64(text: &str) -> Option<Vec<u8>> {
+pub(super) fn from_base64(text: &str) -> Option<Vec<u8>> {
     let digits = text.trim_end_matches('=').bytes();
     let (mut bytes, mut bits, mut count) = (Vec::new(), 0u32, 0);
     for digit in digits {

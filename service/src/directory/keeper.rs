@@ -3,6 +3,7 @@
 //! The dispatcher never waits for it: questions go in by a queue, events come back by another. Before a scene is said to be
 //! owned, its files have become this server's.
 
+use std::collections::BTreeMap;
 use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -10,14 +11,17 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
-use rhumb_protocol::Instant;
 use rhumb_protocol::scene::SceneName;
+use rhumb_protocol::{Instant, Span};
 use rhumb_transport::io_runtime;
 use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
 use tokio::time::{sleep, timeout};
 
-use super::claims::{ANSWER, ClaimEvent, DirectoryAnswer, RequestId, SceneClaims, ServerPlace};
+use super::claims::{
+    ANSWER, ClaimEvent, DirectoryAnswer, Epoch, RequestId, SceneClaims, ServerPlace,
+};
 use super::etcd::{Endpoints, Etcd};
+use super::handovers::{Board, HandoverStep, Handovers, Notice};
 use crate::durable::DataDir;
 
 /// A clock that also counts while the machine sleeps.
@@ -26,7 +30,7 @@ pub(crate) type FenceClock = Arc<dyn Fn() -> Instant + Send + Sync>;
 /// The dispatcher's handle. When it is dropped, all claims are given up.
 pub(crate) struct Keeper {
     asks: Option<UnboundedSender<Ask>>,
-    events: Receiver<ClaimEvent>,
+    events: Receiver<DirectoryEvent>,
     /// The moment from which nothing may be published, in nanoseconds.
     until: Arc<AtomicU64>,
     clock: FenceClock,
@@ -36,7 +40,29 @@ pub(crate) struct Keeper {
 enum Ask {
     Claim(SceneName),
     Release(SceneName),
+    Ready(SceneName),
 }
+
+/// News of the directory for the dispatcher.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum DirectoryEvent {
+    Claim(ClaimEvent),
+    Handover(HandoverStep),
+}
+
+/// An answer of the directory for the keeper.
+enum DirectoryNews {
+    Request(RequestId, DirectoryAnswer),
+    /// `None` without an answer.
+    Board(Option<Board>),
+}
+
+/// Time between two looks at the board.
+const BOARD: Span = Span::from_millis(500);
+/// The same while a scene comes or goes.
+const BUSY_BOARD: Span = Span::from_millis(50);
+/// Time between two claims of a scene that its server is about to give up.
+const AWAITED: Span = Span::from_millis(15);
 
 /// Time for the directory to take the end of the claims.
 const END: Duration = Duration::from_millis(500);
@@ -57,10 +83,17 @@ impl Keeper {
         let (asks, asked) = unbounded_channel();
         let (to, events) = channel();
         let until = Arc::new(AtomicU64::new(0));
+        let (answers, answered) = unbounded_channel();
         let keeping = Keeping {
             claims: SceneClaims::new(clock(), place.clone()),
-            etcd: Arc::new(Etcd::new(endpoints, place)),
+            handovers: Handovers::new(place.clone()),
+            place,
+            etcd: Arc::new(Etcd::new(endpoints)),
+            answers,
+            board_at: Some(clock()),
+            claims_at: Instant::ZERO,
             data,
+            taken: BTreeMap::new(),
             clock: Arc::clone(&clock),
             until: Arc::clone(&until),
             events: to,
@@ -68,7 +101,7 @@ impl Keeper {
         };
         let thread = thread::Builder::new()
             .name("rhumb-directory".to_owned())
-            .spawn(move || runtime.block_on(keeping.run(asked)))?;
+            .spawn(move || runtime.block_on(keeping.run(asked, answered)))?;
         Ok(Self {
             asks: Some(asks),
             events,
@@ -88,8 +121,13 @@ impl Keeper {
         self.ask(Ask::Release(scene.clone()));
     }
 
+    /// Says that a scene which is to come could be taken at once.
+    pub(crate) fn ready(&self, scene: &SceneName) {
+        self.ask(Ask::Ready(scene.clone()));
+    }
+
     /// The next event.
-    pub(crate) fn poll_event(&self) -> Option<ClaimEvent> {
+    pub(crate) fn poll_event(&self) -> Option<DirectoryEvent> {
         self.events.try_recv().ok()
     }
 
@@ -123,56 +161,198 @@ impl Drop for Keeper {
 
 struct Keeping {
     claims: SceneClaims,
+    handovers: Handovers,
+    place: ServerPlace,
     etcd: Arc<Etcd>,
+    answers: UnboundedSender<DirectoryNews>,
+    /// When the board is read next; `None` while it is.
+    board_at: Option<Instant>,
+    /// When the awaited scenes are asked for next.
+    claims_at: Instant,
     data: DataDir,
+    /// The claims with which the files of scenes were taken over.
+    taken: BTreeMap<SceneName, Epoch>,
     clock: FenceClock,
     until: Arc<AtomicU64>,
-    events: Sender<ClaimEvent>,
+    events: Sender<DirectoryEvent>,
     wake: Box<dyn Fn() + Send>,
 }
 
 impl Keeping {
-    async fn run(mut self, mut asked: UnboundedReceiver<Ask>) {
-        let (answers, mut answered) = unbounded_channel();
+    async fn run(
+        mut self,
+        mut asked: UnboundedReceiver<Ask>,
+        mut answered: UnboundedReceiver<DirectoryNews>,
+    ) {
         loop {
             let now = (self.clock)();
             self.claims.handle_timeout(now);
-            self.settle(&answers);
-            let next = self.claims.poll_timeout();
-            let wait = next.map_or(ANSWER, |next| next.since((self.clock)()));
+            self.claim_awaited(now);
+            self.look_at_board(now);
+            self.settle();
+            let now = (self.clock)();
+            let wait = self.next_wake().map_or(ANSWER, |next| next.since(now));
             tokio::select! {
                 ask = asked.recv() => match ask {
-                    Some(Ask::Claim(scene)) => self.claims.claim((self.clock)(), &scene),
-                    Some(Ask::Release(scene)) => self.claims.release((self.clock)(), &scene),
+                    Some(ask) => self.take(ask),
                     None => return self.end().await,
                 },
-                Some((id, answer)) = answered.recv() => {
-                    self.claims.handle_answer((self.clock)(), id, answer);
-                }
+                Some(answered) = answered.recv() => self.take_answer(answered),
                 () = sleep(Duration::from_nanos(wait.as_nanos())) => {}
             }
         }
     }
 
+    fn next_wake(&self) -> Option<Instant> {
+        let awaits = self.handovers.awaited().next().is_some();
+        let claims = awaits.then_some(self.claims_at);
+        let wakes = [self.claims.poll_timeout(), self.board_at, claims];
+        wakes.into_iter().flatten().min()
+    }
+
+    fn take(&mut self, ask: Ask) {
+        let now = (self.clock)();
+        match ask {
+            Ask::Claim(scene) => match self.handovers.instead().cloned() {
+                Some(other) if !self.claims.owns(&scene) => {
+                    self.tell(DirectoryEvent::Claim(ClaimEvent::Elsewhere(scene, other)));
+                    (self.wake)();
+                }
+                _ => self.claims.claim(now, &scene),
+            },
+            Ask::Release(scene) => {
+                self.taken.remove(&scene);
+                self.claims.release(now, &scene);
+            }
+            Ask::Ready(scene) => {
+                if let Some(notice) = self.handovers.note_ready(&scene) {
+                    self.post(notice);
+                }
+            }
+        }
+    }
+
+    fn take_answer(&mut self, answered: DirectoryNews) {
+        let now = (self.clock)();
+        match answered {
+            DirectoryNews::Request(id, answer) => self.claims.handle_answer(now, id, answer),
+            DirectoryNews::Board(None) => self.board_at = Some(now + BOARD),
+            DirectoryNews::Board(Some(board)) => self.take_board(now, &board),
+        }
+    }
+
+    fn take_board(&mut self, now: Instant, board: &Board) {
+        let owns = |scene: &SceneName| self.claims.owns(scene);
+        let steps = self.handovers.take_board(board, owns);
+        for done in self.handovers.done(board, owns) {
+            self.remove(done);
+        }
+        if let Some(lease) = self.claims.lease() {
+            for notice in self.handovers.missing(board, lease) {
+                self.post(notice);
+            }
+        }
+        // A server without a lease is not on the board yet.
+        let pause = match self.handovers.is_busy() || self.claims.lease().is_none() {
+            true => BUSY_BOARD,
+            false => BOARD,
+        };
+        self.board_at = Some(now + pause);
+        self.hand_on(steps);
+    }
+
+    fn hand_on(&mut self, steps: Vec<HandoverStep>) {
+        let any = !steps.is_empty();
+        for step in steps {
+            self.tell(DirectoryEvent::Handover(step));
+        }
+        if any {
+            (self.wake)();
+        }
+    }
+
+    /// Claims the scenes that their servers are about to give up.
+    fn claim_awaited(&mut self, now: Instant) {
+        if now < self.claims_at {
+            return;
+        }
+        let awaited: Vec<_> = self.handovers.awaited().cloned().collect();
+        for scene in &awaited {
+            self.claims.claim(now, scene);
+        }
+        self.claims_at = now + AWAITED;
+    }
+
+    fn look_at_board(&mut self, now: Instant) {
+        if self.board_at.is_none_or(|at| now < at) {
+            return;
+        }
+        self.board_at = None;
+        let (etcd, answers) = (Arc::clone(&self.etcd), self.answers.clone());
+        tokio::spawn(async move {
+            // A keeper that has ended needs none.
+            let _ = answers.send(DirectoryNews::Board(etcd.read_board().await));
+        });
+    }
+
+    /// Posts a notice. One that is lost is missed at the next look at the board.
+    fn post(&self, notice: Notice) {
+        let (etcd, lease) = (Arc::clone(&self.etcd), self.claims.lease());
+        if let Some(lease) = lease {
+            tokio::spawn(async move { etcd.post(lease, &notice).await });
+        }
+    }
+
+    /// Takes a notice off the board. If that is lost, the notice ends with its lease.
+    fn remove(&self, notice: Notice) {
+        let etcd = Arc::clone(&self.etcd);
+        tokio::spawn(async move { etcd.remove(&notice).await });
+    }
+
+    /// A dispatcher that has ended needs no news.
+    fn tell(&self, event: DirectoryEvent) {
+        let _ = self.events.send(event);
+    }
+
     /// Sends requests, and hands events on.
-    fn settle(&mut self, answers: &UnboundedSender<(RequestId, DirectoryAnswer)>) {
+    fn settle(&mut self) {
         while let Some((id, request)) = self.claims.poll_request() {
-            let (etcd, answers) = (Arc::clone(&self.etcd), answers.clone());
+            let (etcd, answers) = (Arc::clone(&self.etcd), self.answers.clone());
+            let place = self.place.clone();
             tokio::spawn(async move {
                 let limit = Duration::from_nanos(ANSWER.as_nanos());
-                let answer = timeout(limit, etcd.answer(&request)).await;
+                let answer = timeout(limit, etcd.answer(&place, &request)).await;
+                let answer = answer.unwrap_or(DirectoryAnswer::Failed);
                 // A keeper that has ended needs none.
-                let _ = answers.send((id, answer.unwrap_or(DirectoryAnswer::Failed)));
+                let _ = answers.send(DirectoryNews::Request(id, answer));
             });
         }
         let until = self.claims.publishes_until().since(Instant::ZERO);
         self.until.store(until.as_nanos(), Ordering::Release);
         let mut has_events = false;
         while let Some(event) = self.claims.poll_event() {
+            if let ClaimEvent::Elsewhere(scene, _) | ClaimEvent::Unknown(scene) = &event
+                && self.handovers.awaits(scene)
+            {
+                // It is asked for again in a moment.
+                continue;
+            }
             has_events = true;
             let event = self.take_files(event);
-            // A dispatcher that has ended needs none.
-            let _ = self.events.send(event);
+            match &event {
+                ClaimEvent::Owned(scene, _) => {
+                    for notice in self.handovers.note_owned(scene) {
+                        self.remove(notice);
+                    }
+                }
+                ClaimEvent::Lost => {
+                    self.taken.clear();
+                    let steps = self.handovers.lose();
+                    self.hand_on(steps);
+                }
+                ClaimEvent::Elsewhere(..) | ClaimEvent::Unknown(_) => {}
+            }
+            self.tell(DirectoryEvent::Claim(event));
         }
         if has_events {
             (self.wake)();
@@ -184,9 +364,14 @@ impl Keeping {
         let ClaimEvent::Owned(scene, epoch) = event else {
             return event;
         };
+        if self.taken.get(&scene) == Some(&epoch) {
+            // Another client has asked, and the scene may be served already.
+            return ClaimEvent::Owned(scene, epoch);
+        }
         match self.data.take_over(&scene) {
             Ok(()) => {
                 tracing::info!(%scene, epoch = epoch.0, "the directory gives this server the scene");
+                self.taken.insert(scene.clone(), epoch);
                 ClaimEvent::Owned(scene, epoch)
             }
             Err(error) => {
@@ -202,7 +387,9 @@ impl Keeping {
         self.claims.end((self.clock)());
         let requests = std::iter::from_fn(|| self.claims.poll_request());
         for (_, request) in requests.collect::<Vec<_>>() {
-            if timeout(END, self.etcd.answer(&request)).await != Ok(DirectoryAnswer::Revoked) {
+            if timeout(END, self.etcd.answer(&self.place, &request)).await
+                != Ok(DirectoryAnswer::Revoked)
+            {
                 tracing::warn!(
                     "the directory does not know that this server ends: its scenes are free when its lease ends"
                 );

@@ -1,12 +1,18 @@
 //! Which of several servers has a scene, by a directory that all of them ask.
 //!
 //! The servers share one data directory. The directory, an etcd cluster, has a key for each scene that a server has. `claims`
-//! is what holds at any time, without I/O; `etcd` speaks to the store, `keeper` runs both on a thread.
+//! is what holds at any time, `handovers` moves scenes by order, both without I/O; `etcd` and `board` speak to the store, `keeper`
+//! runs all on a thread, and `command` is the operator's end.
 
+mod board;
 mod claims;
+mod command;
 mod etcd;
+mod handovers;
 mod keeper;
 
 pub(crate) use claims::{ClaimEvent, ServerPlace};
+pub(crate) use command::{DrainArguments, MoveArguments, run_drain, run_move};
 pub(crate) use etcd::Endpoints;
-pub(crate) use keeper::{FenceClock, Keeper};
+pub(crate) use handovers::HandoverStep;
+pub(crate) use keeper::{DirectoryEvent, FenceClock, Keeper};

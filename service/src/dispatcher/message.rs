@@ -15,6 +15,7 @@ use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Span, Transmit
 use rhumb_scene::{Checkpoint, CheckpointError, Permit, SceneLoop};
 use rhumb_transport::Waker;
 
+use crate::directory::ServerPlace;
 use crate::durable::LogTail;
 use crate::flight::FlightCause;
 use crate::metrics::SceneValues;
@@ -26,6 +27,16 @@ pub(super) struct WorkerId(pub(super) u32);
 /// Number of a worker process; not used again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(super) struct ProcessId(pub(super) u32);
+
+/// The part of a worker in a move from server to server.
+pub(super) enum Duty {
+    /// None.
+    Serve,
+    /// It follows the scene of another server, and has no connections.
+    StandBy,
+    /// It gives its scene up to this server, by the input of this number.
+    Leave(ServerPlace, u64),
+}
 
 /// One input of a worker.
 #[derive(Clone, Debug, PartialEq)]
@@ -39,6 +50,10 @@ pub(super) enum WorkerInput {
     Ended(Peer, Ending),
     /// The worker is to restore its scene from the data directory, if it is there.
     Restore(LogTail),
+    /// The worker is to have its scene as another server's log has it, from now on, until it is to restore it.
+    Follow,
+    /// The worker is to give its scene up to the server at a place.
+    Move(ServerPlace),
     /// The worker polls its scene again; the message itself says nothing.
     Wake,
     /// The dispatcher needs the worker no longer.
@@ -55,6 +70,8 @@ pub(super) struct WorkerOutput {
     pub(super) inputs: u64,
     /// True if its scene exists, damaged or not.
     pub(super) has_scene: bool,
+    /// True if it follows a scene and is hardly behind.
+    pub(super) is_ready: bool,
 }
 
 /// A message of a worker's thread.
@@ -125,7 +142,8 @@ impl WorkerInput {
             Self::Link(peer, report) => to.handle_link(now, peer, &report),
             Self::Ended(peer, ending) => to.handle_ended(now, peer, ending),
             Self::Wake => to.handle_wake(now),
-            Self::Restore(..) | Self::End => {}
+            Self::Move(place) => to.move_to(now, &place.0),
+            Self::Restore(..) | Self::Follow | Self::End => {}
         }
     }
 }

@@ -32,7 +32,7 @@ use self::accounts::{
     Account, Quarantined, counted, may_create, with_scenes_left, without_quota_of_scenes,
 };
 use self::message::{
-    FromProcess, FromWorker, ProcessId, ToProcess, WorkerId, WorkerInput, WorkerOutput,
+    Duty, FromProcess, FromWorker, ProcessId, ToProcess, WorkerId, WorkerInput, WorkerOutput,
     WorkerReport,
 };
 use self::process::Processes;
@@ -64,6 +64,8 @@ pub struct Dispatcher {
     watchdog: Quarantined,
     /// Says which scenes are this server's, if there are others.
     directory: Option<Keeper>,
+    /// The workers that follow scenes of other servers.
+    standbys: BTreeMap<SceneName, WorkerId>,
     /// Questions for checkpoints, if they may be asked.
     questions: Option<Receiver<Question>>,
     settings: DispatcherSettings,
@@ -81,6 +83,7 @@ struct Worker {
     has_scene: bool,
     /// The connections of clients that may create its scene.
     creators: BTreeSet<Peer>,
+    duty: Duty,
 }
 
 impl Worker {
@@ -152,6 +155,7 @@ impl Dispatcher {
             processes: settings.processes.take().map(Processes::new),
             watchdog: Quarantined::default(),
             directory: None,
+            standbys: BTreeMap::new(),
             questions: None,
             settings,
         }
@@ -214,6 +218,11 @@ impl Dispatcher {
             admission,
             received: received.into(),
         };
+        if let Some(place) = self.goes_to(&named.scene) {
+            self.connections
+                .insert(peer, Connection::Asking(Box::new(named)));
+            return self.send_on(peer, &place);
+        }
         if !self.must_ask(&named.scene) {
             return self.bind(now, peer, named);
         }
@@ -374,13 +383,15 @@ impl Dispatcher {
                 *unhandled = unhandled.saturating_sub(bytes);
             }
         }
+        self.note_handover(id, (output.inputs, output.is_ready));
         self.retire_if_idle(id);
     }
 
     /// Ends a worker that has neither a connection nor a scene.
     fn retire_if_idle(&mut self, id: WorkerId) {
         let is_idle = |worker: &Worker| {
-            worker.connections == 0 && !worker.has_scene && worker.sent == worker.taken
+            let serves = matches!(worker.duty, Duty::Serve);
+            serves && worker.connections == 0 && !worker.has_scene && worker.sent == worker.taken
         };
         if let Some(worker) = self.workers.get(&id).filter(|worker| is_idle(worker)) {
             if let Some(directory) = &self.directory {
@@ -393,7 +404,10 @@ impl Dispatcher {
     /// Forgets a worker; its thread ends as soon as it can.
     fn drop_worker(&mut self, id: WorkerId) {
         if let Some(worker) = self.workers.remove(&id) {
-            self.by_scene.remove(&worker.scene);
+            match worker.duty {
+                Duty::StandBy => self.standbys.remove(&worker.scene),
+                Duty::Serve | Duty::Leave(..) => self.by_scene.remove(&worker.scene),
+            };
             if let (Place::Process(process), Some(processes)) = (worker.place, &mut self.processes)
             {
                 processes.send(process, &ToProcess::Input(id, WorkerInput::End));
@@ -548,6 +562,19 @@ impl Dispatcher {
         (scene, account): (SceneName, Option<Account>),
         tail: LogTail,
     ) -> Result<WorkerId, CloseCode> {
+        let id = self.place_worker((scene, account), Duty::Serve)?;
+        if self.settings.data.is_some() {
+            self.route(id, WorkerInput::Restore(tail));
+        }
+        Ok(id)
+    }
+
+    /// Starts a worker on a thread or in a process.
+    fn place_worker(
+        &mut self,
+        (scene, account): (SceneName, Option<Account>),
+        duty: Duty,
+    ) -> Result<WorkerId, CloseCode> {
         let id = WorkerId(self.next_worker);
         let threads = &self.threads;
         let place = match &mut self.processes {
@@ -563,10 +590,7 @@ impl Dispatcher {
                 })?)
             }
         };
-        self.add_worker(id, (scene, account), place);
-        if self.settings.data.is_some() {
-            self.route(id, WorkerInput::Restore(tail));
-        }
+        self.add_worker(id, (scene, account), (place, duty));
         Ok(id)
     }
 
@@ -574,10 +598,13 @@ impl Dispatcher {
         &mut self,
         id: WorkerId,
         (scene, account): (SceneName, Option<Account>),
-        place: Place,
+        (place, duty): (Place, Duty),
     ) {
         self.next_worker += 1;
-        self.by_scene.insert(scene.clone(), id);
+        match duty {
+            Duty::StandBy => self.standbys.insert(scene.clone(), id),
+            Duty::Serve | Duty::Leave(..) => self.by_scene.insert(scene.clone(), id),
+        };
         let worker = Worker {
             scene,
             account,
@@ -587,6 +614,7 @@ impl Dispatcher {
             taken: 0,
             has_scene: false,
             creators: BTreeSet::new(),
+            duty,
         };
         self.workers.insert(id, worker);
     }
@@ -655,6 +683,13 @@ impl Dispatcher {
             .filter(|(_, worker)| matches!(worker.place, Place::Process(of) if of == id))
             .map(|(id, worker)| (*id, (worker.scene.clone(), worker.account.clone())))
             .collect();
+        // What was only followed is not this server's to restore.
+        let is_followed = |id: &WorkerId| self.standbys.values().any(|standby| standby == id);
+        let (followed, died): (Vec<_>, Vec<_>) =
+            died.into_iter().partition(|(id, _)| is_followed(id));
+        for (worker, _) in followed {
+            self.drop_worker(worker);
+        }
         for (worker, _) in &died {
             self.close_connections_of(*worker, code);
             self.drop_worker(*worker);

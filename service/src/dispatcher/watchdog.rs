@@ -61,6 +61,10 @@ impl Dispatcher {
     }
 
     fn quarantine(&mut self, id: WorkerId) {
+        if self.standbys.values().any(|standby| *standby == id) {
+            // It was only followed: it is not this server's.
+            return self.drop_worker(id);
+        }
         self.close_connections_of(id, CloseCode::SCENE_QUARANTINED);
         let Some(worker) = self.workers.remove(&id) else {
             return;
@@ -91,6 +95,9 @@ impl Dispatcher {
             {
                 tracing::error!(%scene, %code, "the scene stays in the data directory");
             }
+        }
+        if self.has_left(id) {
+            return self.end_leaving(id);
         }
         if self.workers.contains_key(&id) {
             self.close_connections_of(id, CloseCode::SCENE_QUARANTINED);

@@ -15,7 +15,7 @@ use rhumb_scene::{Heartbeat, SceneLoop, SceneSettings, SharedClock};
 
 use super::bake_pool::BakePool;
 use super::message::{FromWorker, Question, WorkerId, WorkerInput, WorkerOutput, WorkerReport};
-use crate::durable::{DataDir, LogTail, StoredScenes, Wake};
+use crate::durable::{DataDir, Followed, LogTail, StoredScenes, Wake};
 
 /// Inputs of one turn, before outputs and ticks.
 const INPUTS_PER_TURN: usize = 256;
@@ -32,8 +32,23 @@ struct WorkerScene {
     inputs: u64,
     /// The data directory, if there is one.
     stored: Option<Arc<StoredScenes>>,
+    /// The scene of another server that it is to take.
+    standby: Option<Standby>,
     settings: Arc<SceneSettings>,
 }
+
+/// A scene of another server whose log a worker follows.
+struct Standby {
+    /// `None` before its files are read.
+    followed: Option<Followed>,
+    /// When its log is read next.
+    next: Instant,
+    /// True once a look at the log took no longer than the pause between two.
+    is_ready: bool,
+}
+
+/// Time between two looks at the log of a scene that is followed: what is left to be done when it comes.
+const LOOK: Span = Span::from_millis(20);
 
 /// An input of a worker's thread.
 enum ThreadInput {
@@ -117,8 +132,34 @@ impl WorkerScene {
             unhandled: BTreeMap::new(),
             inputs: 0,
             stored,
+            standby: None,
             settings,
         }
+    }
+
+    /// When it has something to do without an input.
+    fn next_wake(&self) -> Option<Instant> {
+        let scene = self.scene.poll_timeout().map(|wake| wake.at);
+        let standby = self.standby.as_ref().map(|standby| standby.next);
+        scene.into_iter().chain(standby).min()
+    }
+
+    /// Looks at the log of the scene that it follows, if that is due.
+    fn follow(&mut self, now: Instant) {
+        let (Some(stored), Some(standby)) = (&self.stored, &mut self.standby) else {
+            return;
+        };
+        if now < standby.next {
+            return;
+        }
+        let (clock, heartbeat) = (&*self.settings.clock, &self.settings.heartbeat);
+        let was_read = standby.followed.is_some();
+        let followed = standby.followed.take();
+        let name = self.scene.name();
+        standby.followed = stored.follow(name, followed, clock, &mut || heartbeat.beat());
+        let end = clock();
+        standby.is_ready |= was_read && standby.followed.is_some() && end.since(now) <= LOOK;
+        standby.next = end + LOOK;
     }
 
     fn handle(&mut self, now: Instant, input: ThreadInput) {
@@ -143,6 +184,13 @@ impl WorkerScene {
         }
         match input {
             WorkerInput::Restore(tail) => self.restore(tail),
+            WorkerInput::Follow => {
+                self.standby = Some(Standby {
+                    followed: None,
+                    next: now,
+                    is_ready: false,
+                });
+            }
             input => input.apply(now, &mut self.scene),
         }
     }
@@ -151,8 +199,10 @@ impl WorkerScene {
     fn restore(&mut self, tail: LogTail) {
         let (clock, heartbeat) = (&*self.settings.clock, &self.settings.heartbeat);
         let name = self.scene.name();
+        let followed = self.standby.take().and_then(|standby| standby.followed);
+        let from = (tail, followed);
         let restored = (self.stored.as_ref())
-            .and_then(|stored| stored.restore(name, tail, clock, &mut || heartbeat.beat()));
+            .and_then(|stored| stored.restore(name, from, clock, &mut || heartbeat.beat()));
         if let Some(restored) = restored {
             self.scene.add_restored(restored);
         }
@@ -177,6 +227,7 @@ impl WorkerScene {
             handled,
             inputs: self.inputs,
             has_scene: scene.exists() || scene.is_damaged(),
+            is_ready: (self.standby.as_ref()).is_some_and(|standby| standby.is_ready),
         }
     }
 }
@@ -257,21 +308,21 @@ fn run(
     heartbeat: &Heartbeat,
     clock: &SharedClock,
 ) {
-    let mut reported = (0, false);
+    let mut reported = (0, false, false);
     loop {
         let output = worker.output();
         heartbeat.rest();
-        let state = (output.inputs, output.has_scene);
+        let state = (output.inputs, output.has_scene, output.is_ready);
         let has_news =
             !output.transmits.is_empty() || !output.handled.is_empty() || state != reported;
         reported = state;
         if has_news && !send(FromWorker::Output(output)) {
             return;
         }
-        let first = match worker.scene.poll_timeout() {
+        let first = match worker.next_wake() {
             None => inputs.recv().map_err(|_| RecvTimeoutError::Disconnected),
             Some(wake) => {
-                let until = Duration::from_nanos(wake.at.since(clock()).as_nanos());
+                let until = Duration::from_nanos(wake.since(clock()).as_nanos());
                 inputs.recv_timeout(until)
             }
         };
@@ -293,6 +344,7 @@ fn run(
             }
         }
         run_due(&mut worker.scene, heartbeat, clock);
+        worker.follow(clock());
     }
 }
 

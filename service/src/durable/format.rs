@@ -57,6 +57,11 @@ pub(super) struct LogFrames<'a> {
 }
 
 impl LogFrame<'_> {
+    /// Its bytes in a file.
+    pub(super) const fn bytes(&self) -> usize {
+        OVERHEAD + self.payload.len()
+    }
+
     /// Appends the frame.
     pub(super) fn encode(&self, to: &mut Vec<u8>) {
         to.extend_from_slice(&FRAME_MAGIC);

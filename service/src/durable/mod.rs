@@ -4,6 +4,7 @@
 
 mod data_dir;
 mod disk;
+mod follow;
 mod format;
 mod recovery;
 mod repair;
@@ -16,8 +17,8 @@ use std::io::{BufRead, Write};
 use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use rhumb_protocol::Instant;
 use rhumb_protocol::scene::{SceneConfig, SceneName};
+use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::Tick;
 use rhumb_scene::engine::StepThreads;
 use rhumb_scene::{CommandLog, Limits, RestoredScene, SceneStore};
@@ -31,6 +32,13 @@ pub(crate) use self::recovery::LogTail;
 pub use data_dir::DataDir;
 pub use disk::{Damage, DataError};
 pub(crate) use writer::Wake;
+
+/// A scene of another server, as far as its log was read.
+pub(crate) struct Followed {
+    scene: Box<Restored>,
+    /// Time that this has taken, which is that of a restoration.
+    took: Span,
+}
 
 /// The data directory, and the scenes in it that cannot be served.
 pub(crate) struct StoredScenes {
@@ -59,11 +67,61 @@ impl StoredScenes {
         }
     }
 
-    /// Restores a scene from its files, if it has any. `beat` is called before each step.
+    /// Has a scene of another server as its files are now. `None`: not yet, and it begins anew.
+    pub(crate) fn follow(
+        &self,
+        name: &SceneName,
+        followed: Option<Followed>,
+        clock: &dyn Fn() -> Instant,
+        beat: &mut dyn FnMut(),
+    ) -> Option<Followed> {
+        let begun = clock();
+        let before = (followed.as_ref()).map_or(Span::ZERO, |followed| followed.took);
+        let follow = |files: &SceneFiles, beat: &mut dyn FnMut()| match followed {
+            None => files.begin_to_follow(&self.workers, beat),
+            Some(followed) => files.catch_up(*followed.scene, beat).map(Some),
+        };
+        let files = self.files(name);
+        match files.and_then(|files| files.map_or(Ok(None), |files| follow(&files, beat))) {
+            Ok(followed) => followed.map(|scene| Followed {
+                scene: Box::new(scene),
+                took: after(before, clock().since(begun)),
+            }),
+            Err(error) => {
+                // Its owner may have removed the segment meanwhile.
+                tracing::info!(scene = %name, %error, "a scene that is to come is read anew");
+                None
+            }
+        }
+    }
+
+    /// A followed scene with the rest of its log; `None` if the files have to be read from their newest snapshot.
+    fn finish(
+        &self,
+        name: &SceneName,
+        files: &SceneFiles,
+        (followed, beat): (Followed, &mut dyn FnMut()),
+    ) -> Option<Restored> {
+        let followed = files.catch_up(*followed.scene, beat);
+        let at_end = followed.and_then(|scene| Ok((files.is_at_end(&scene)?, scene)));
+        match at_end {
+            Ok((true, scene)) => Some(scene),
+            Ok((false, _)) => {
+                tracing::info!(scene = %name, "a followed scene lacks the end of its log, and is restored");
+                None
+            }
+            Err(error) => {
+                tracing::info!(scene = %name, %error, "a followed scene is not used, and restored");
+                None
+            }
+        }
+    }
+
+    /// Restores a scene from its files, if it has any, or from what was followed of them. `beat` is called before each step.
     pub(crate) fn restore(
         &self,
         name: &SceneName,
-        tail: LogTail,
+        (tail, followed): (LogTail, Option<Followed>),
         clock: &dyn Fn() -> Instant,
         beat: &mut dyn FnMut(),
     ) -> Option<RestoredScene> {
@@ -77,10 +135,18 @@ impl StoredScenes {
             }
         };
         let begun = clock();
-        match files.restore(&self.workers, (ReplayStart::Newest, tail), beat) {
+        let before = (followed.as_ref()).map_or(Span::ZERO, |followed| followed.took);
+        let finished =
+            followed.and_then(|followed| self.finish(name, &files, (followed, &mut *beat)));
+        let restored = match finished {
+            Some(finished) => Ok(Some(finished)),
+            None => files.restore(&self.workers, (ReplayStart::Newest, tail), beat),
+        };
+        match restored {
             Ok(Some(restored)) => {
                 let took = clock().since(begun);
                 report(&restored, took.as_nanos() / 1_000_000);
+                let took = after(before, took);
                 let log = self.start(files, restored.origin());
                 Some(RestoredScene {
                     scene: restored.scene,
@@ -164,6 +230,11 @@ impl SceneStore for StoredScenes {
     fn damaged(&self) -> usize {
         self.lock().len()
     }
+}
+
+/// Two spans one after the other.
+const fn after(before: Span, span: Span) -> Span {
+    Span::from_nanos(before.as_nanos() + span.as_nanos())
 }
 
 /// Logs what a restoration found. `ms`: the time that it took.
@@ -357,7 +428,7 @@ mod store_tests {
         fs::remove_dir(&scenes).unwrap();
         fs::write(&scenes, "no directory").unwrap();
         let clock = || Instant::ZERO;
-        let restored = stored.restore(&name, LogTail::Kept, &clock, &mut || {});
+        let restored = stored.restore(&name, (LogTail::Kept, None), &clock, &mut || {});
         assert!(restored.is_none() && stored.is_damaged(&name));
         assert!(
             !stored.delete_damaged(&name),
@@ -369,7 +440,7 @@ mod store_tests {
         // One that is looked for and not found is new.
         assert!(
             stored
-                .restore(&name, LogTail::Kept, &clock, &mut || {})
+                .restore(&name, (LogTail::Kept, None), &clock, &mut || {})
                 .is_none()
         );
         assert!(!stored.is_damaged(&name));

@@ -4,7 +4,7 @@
 //! that the recorded run went through, with nothing lost that was synchronised, or there is an error; damaged files
 //! never panic.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use rhumb_protocol::scene::{CommandError, SceneConfig, SceneName};
 use rhumb_reckoning::Tick;
@@ -12,7 +12,7 @@ use rhumb_scene::engine::StepThreads;
 use rhumb_scene::{LogEntry, Ownership, Scene, Sessions};
 
 use super::disk::{Damage, DataError};
-use super::format::{DurableEnd, LogFrames, OVERHEAD, Snapshot, Tail};
+use super::format::{DurableEnd, LogFrame, LogFrames, OVERHEAD, Snapshot, Tail};
 use super::scene_files::{LogHeader, SceneFiles};
 use super::writer::Origin;
 
@@ -66,6 +66,29 @@ impl Restored {
             previous: Some(self.last),
         }
     }
+
+    /// Does everything in more frames of its log.
+    pub(super) fn replay(
+        self,
+        path: &Path,
+        frames: &[LogFrame<'_>],
+        beat: &mut dyn FnMut(),
+    ) -> Result<Self, DataError> {
+        let mut report = self.report;
+        let mut run = Run {
+            scene: self.scene,
+            sessions: self.sessions,
+            ownership: self.ownership,
+        };
+        replay(path, frames, &mut run, &mut report, beat)?;
+        Ok(Self {
+            scene: run.scene,
+            sessions: run.sessions,
+            ownership: run.ownership,
+            report,
+            ..self
+        })
+    }
 }
 
 /// A segment that belongs to the run.
@@ -110,7 +133,11 @@ impl SceneFiles {
         let mut run = self.begin(config, workers, snapshot)?;
         report.from = run.scene.tick();
         for link in chain.iter().filter(|link| link.number >= first) {
-            self.replay(link, &mut run, &mut report, beat)?;
+            let frames = LogFrames::read(&link.bytes[..link.length]);
+            let path = self.segment_path(link.number);
+            // The first one is the header.
+            let frames = frames.frames.get(1..).unwrap_or_default();
+            replay(&path, frames, &mut run, &mut report, beat)?;
         }
         Ok(Some(Restored {
             name,
@@ -296,35 +323,33 @@ impl SceneFiles {
             ownership: snapshot.ownership,
         })
     }
+}
 
-    /// Does everything in a segment again.
-    fn replay(
-        &self,
-        link: &ChainLink,
-        run: &mut Run,
-        report: &mut Report,
-        beat: &mut dyn FnMut(),
-    ) -> Result<(), DataError> {
-        let path = self.segment_path(link.number);
-        let frames = LogFrames::read(&link.bytes[..link.length]);
-        for frame in frames.frames.iter().skip(1) {
-            let diverged = |at| DataError::damaged(&path, Damage::Diverged { at });
-            if frame.tick != run.scene.tick() {
-                return Err(diverged(frame.tick));
-            }
-            let unreadable = Damage::Unreadable { after: frame.tick };
-            let entries = LogEntry::decode_all(frame.payload)
-                .map_err(|_| DataError::damaged(&path, unreadable))?;
-            for entry in entries {
-                let next = run.scene.tick().next();
-                beat();
-                if !run.replay(&entry, report) {
-                    return Err(diverged(next));
-                }
+/// Does everything in the frames of a segment again.
+fn replay(
+    path: &Path,
+    frames: &[LogFrame<'_>],
+    run: &mut Run,
+    report: &mut Report,
+    beat: &mut dyn FnMut(),
+) -> Result<(), DataError> {
+    for frame in frames {
+        let diverged = |at| DataError::damaged(path, Damage::Diverged { at });
+        if frame.tick != run.scene.tick() {
+            return Err(diverged(frame.tick));
+        }
+        let unreadable = Damage::Unreadable { after: frame.tick };
+        let entries = LogEntry::decode_all(frame.payload)
+            .map_err(|_| DataError::damaged(path, unreadable))?;
+        for entry in entries {
+            let next = run.scene.tick().next();
+            beat();
+            if !run.replay(&entry, report) {
+                return Err(diverged(next));
             }
         }
-        Ok(())
     }
+    Ok(())
 }
 
 /// A scene during a replay, with its sessions and owners.

@@ -2,6 +2,7 @@
 //!
 //! Each run is recorded with the digest of every tick. Whatever is restored must equal the recorded run at its tick.
 
+mod follow;
 mod repair;
 mod scene_log;
 mod sim_disk;

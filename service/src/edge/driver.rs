@@ -59,7 +59,27 @@ impl OwnerServer {
         })
     }
 
-    fn dial(&self) -> Result<QuicClient, String> {
+    /// The server at an address that this one has named. It is trusted as that says: by its fingerprint, or as this one is.
+    fn at(&self, address: &str) -> Result<Self, String> {
+        let (server, trust) = match address.split_once('#') {
+            None => (address, self.trust.clone()),
+            Some((server, print)) => {
+                let print = print.parse();
+                let print = print.map_err(|_| format!("{address} has no fingerprint"))?;
+                (server, Trust::Fingerprint(print))
+            }
+        };
+        let server = server.strip_prefix("rhumb://").unwrap_or(server);
+        Ok(Self {
+            address: server.to_owned(),
+            trust,
+        })
+    }
+
+    fn dial(&self, elsewhere: Option<&str>) -> Result<QuicClient, String> {
+        if let Some(address) = elsewhere {
+            return self.at(address)?.dial(None);
+        }
         let options = self.resolve()?;
         QuicClient::connect(options, DIAL).map_err(|cause| cause.to_string())
     }
@@ -256,12 +276,16 @@ impl EdgeDriver {
 
     fn dial(&mut self, dial: &Dial) {
         let (link, owner, news) = (dial.link, Arc::clone(&self.owner), self.news.clone());
+        let elsewhere = dial.elsewhere.clone();
         tracing::debug!(scene = %dial.scene, link = link.0, "connecting to the owner");
         self.links.insert(link, OwnerLink::Dialled);
         self.dialling += 1;
         let dialled = thread::Builder::new()
             .name("rhumb-edge-dial".into())
-            .spawn(move || news.tell(OwnerNews::Opened(link, owner.dial())));
+            .spawn(move || {
+                let opened = owner.dial(elsewhere.as_deref());
+                news.tell(OwnerNews::Opened(link, opened));
+            });
         if let Err(cause) = dialled {
             let failed = Err(format!("no thread: {cause}"));
             self.news.tell(OwnerNews::Opened(link, failed));

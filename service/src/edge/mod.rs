@@ -17,7 +17,8 @@ use rhumb_protocol::Span;
 use rhumb_protocol::message::{Role, Token};
 use rhumb_scene::{Heartbeat, Limits, Permit, ServerLoad};
 use rhumb_transport::{
-    Clock, Fingerprint, Origins, PageOrigin, QuicServer, ServerOptions, Stop, Trust, WebOptions,
+    Clock, Fingerprint, IdleLimit, Origins, PageOrigin, QuicServer, ServerOptions, Stop, Trust,
+    WebOptions,
 };
 use tracing::level_filters::LevelFilter;
 
@@ -188,6 +189,7 @@ fn run_with(
         listen: arguments.listen,
         certificate: identity.certificate()?,
         web,
+        idle_limit: IdleLimit::Usual,
     })
     .map_err(RunError::Bind)?;
     let (metrics, clock) = (Metrics::default(), Clock::start());

@@ -440,7 +440,7 @@ impl CaseList {
             let name = format!("a critical type {kind} that is unknown");
             self.add(kind, name, &[&[1]]);
         }
-        for kind in [0x80, 0x8a, 0xff] {
+        for kind in [0x81, 0x8a, 0xff] {
             let name = format!("an optional type {kind} that is unknown");
             self.add(kind, name, &[&[1, 2, 3]]);
         }

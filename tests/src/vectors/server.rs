@@ -168,6 +168,14 @@ fn sessions(cases: &mut CaseList) {
     }
     cases.add(33, "Durable", &[&v(300), &v(70_000)]);
     cases.add(33, "Durable, no tick", &[&v(300)]);
+    let address = b"rhumb://10.0.0.2:4433";
+    cases.add(128, "Moved", &[&v(21), address]);
+    cases.add(128, "Moved, no address", &[&v(0)]);
+    cases.add(128, "Moved, cut off", &[&v(22), address]);
+    for (word, bytes) in [("the most", 768), ("one too many", 769)] {
+        let name = format!("Moved, {word}");
+        cases.add(128, name, &[&v(bytes as u64), &vec![b'a'; bytes]]);
+    }
 }
 
 fn welcomes(cases: &mut CaseList) {

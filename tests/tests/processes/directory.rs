@@ -1,8 +1,8 @@
 //! Two servers that share their scenes by a directory.
 //!
 //! The directory is an etcd of the test's own; a test is left out where etcd is not installed, unless `RHUMB_TEST_LANGUAGES` is
-//! `all`. The run is that of `durable`: equal digests mean that no command was lost, doubled or moved to another tick. `KILLS`
-//! and `MOVES` say how often the scene's server ends, `BODIES` the size of the scene, `SEED` the moments.
+//! `all`. The run is that of `durable`: equal digests mean that no command was lost, doubled or moved to another tick. `KILLS`,
+//! `STOPS` and `MOVES` say how often the scene's server ends or the scene moves, `BODIES` the size of the scene, `SEED` the moments.
 
 use std::io::{BufRead, BufReader};
 use std::path::Path;
@@ -96,8 +96,12 @@ struct Placed {
 
 impl Placed {
     fn start(listen: &str, data: &Path, etcd: &Etcd) -> Self {
+        Self::start_with(listen, data, etcd, &[])
+    }
+
+    fn start_with(listen: &str, data: &Path, etcd: &Etcd, settings: &[&str]) -> Self {
         let (metrics, data) = (free_address(), data.to_str().expect("text"));
-        let more = [
+        let own = [
             "--data",
             data,
             "--directory",
@@ -105,13 +109,24 @@ impl Placed {
             "--metrics",
             &metrics,
         ];
-        let server = SERVER.serve_with(listen, &more);
+        let server = SERVER.serve_with(listen, &[&own, settings].concat());
         Self { server, metrics }
     }
 
     fn has_the_scene(&self) -> bool {
         let figures = requested(&self.metrics, "/metrics");
         figures.lines().any(|line| line == "rhumb_scenes 1")
+    }
+}
+
+/// The place of the server that has the scene, once its figures show it.
+fn owner_of(servers: &[Placed; 2]) -> usize {
+    let begun = Instant::now();
+    loop {
+        if let Some(place) = servers.iter().position(Placed::has_the_scene) {
+            return place;
+        }
+        assert!(begun.elapsed() < LONG, "one of them has the scene");
     }
 }
 
@@ -125,10 +140,31 @@ fn addresses(servers: &[Placed; 2]) -> String {
     format!("{},{}", one.server.address, other.server.address)
 }
 
+/// Two servers of one directory whose scenes run in worker processes.
+fn pair_of_processes(data: &Path, etcd: &Etcd) -> [Placed; 2] {
+    let settings = ["--workers", "processes"];
+    [(); 2].map(|()| Placed::start_with("127.0.0.1:0", data, etcd, &settings))
+}
+
+/// Moves the scene to a server, by the operator's command.
+fn move_to(server: &ServerProcess, etcd: &Etcd) {
+    let to = server.address.to_string();
+    let order = ["move", "pit", "--to", &to, "--directory", &etcd.endpoint];
+    let moved = SERVER.run(&order);
+    assert_eq!(moved.code, Some(0), "{}{}", moved.out, moved.log);
+}
+
+/// The place of a share of all values in their order.
+fn share(sorted: &[Duration], percent: usize) -> Duration {
+    sorted[(sorted.len() * percent / 100).min(sorted.len() - 1)]
+}
+
 /// Ticks of a client that steps its scene until it is stopped.
 struct Run {
     stop: Arc<AtomicBool>,
     ticks: Arc<AtomicU64>,
+    /// The longest step, nanoseconds.
+    slowest: Arc<AtomicU64>,
     thread: JoinHandle<(u64, u64, Seen)>,
     ids: Vec<BodyId>,
 }
@@ -137,13 +173,17 @@ impl Run {
     fn start(mut client: Client, ids: Vec<BodyId>) -> Self {
         let (stop, ticks) = (Arc::<AtomicBool>::default(), Arc::<AtomicU64>::default());
         let (ended, shown, of_client) = (Arc::clone(&stop), Arc::clone(&ticks), ids.clone());
+        let slowest = Arc::<AtomicU64>::default();
+        let longest = Arc::clone(&slowest);
         let thread = thread::spawn(move || {
             let (mut seen, mut tick) = (Seen::default(), 0);
             while !ended.load(Ordering::Relaxed) {
                 for command in commands(tick, &of_client) {
                     client.command(command).expect("the session continues");
                 }
+                let begun = Instant::now();
                 step(&mut client);
+                longest.fetch_max(begun.elapsed().as_nanos() as u64, Ordering::Relaxed);
                 take_events(&mut client, &mut seen);
                 tick += 1;
                 shown.store(tick, Ordering::Relaxed);
@@ -155,6 +195,7 @@ impl Run {
         Self {
             stop,
             ticks,
+            slowest,
             thread,
             ids,
         }
@@ -171,6 +212,11 @@ impl Run {
         begun.elapsed()
     }
 
+    /// The longest step since the last call.
+    fn slowest(&self) -> Duration {
+        Duration::from_nanos(self.slowest.swap(0, Ordering::Relaxed))
+    }
+
     /// Ends, and compares the scene with the run without a server; how often the client resumed its session.
     fn end(self) -> u64 {
         self.stop.store(true, Ordering::Relaxed);
@@ -180,8 +226,158 @@ impl Run {
     }
 }
 
+/// The scene of a client that steps it goes from server to server so often.
+fn moves_often(times: u64, pair: impl Fn(&Path, &Etcd) -> [Placed; 2]) {
+    let Some(etcd) = Etcd::start() else { return };
+    let data = tempfile::tempdir().expect("a temporary directory");
+    let servers = pair(data.path(), &etcd);
+    let (client, ids) = create_at_address(&addresses(&servers), &servers[0].server);
+    let run = Run::start(client, ids);
+    let mut chance = chance(variable("SEED", 1));
+    let mut pauses = Vec::new();
+    for time in 0..times {
+        run.go(1 + chance(100));
+        let to = (1 + time as usize) % 2;
+        run.slowest();
+        move_to(&servers[to].server, &etcd);
+        run.go(2);
+        pauses.push(run.slowest());
+        let begun = Instant::now();
+        while owner_of(&servers) != to {
+            assert!(begun.elapsed() < LONG, "the scene has moved");
+        }
+    }
+    let resumed = run.end();
+    pauses.sort();
+    let [p50, p90, p99] = [50, 90, 99].map(|percent| share(&pauses, percent));
+    eprintln!("{resumed} resumptions; pauses p50 {p50:?}, p90 {p90:?}, p99 {p99:?}; {pauses:?}");
+    assert_eq!(resumed, times);
+}
+
+#[test]
+fn a_scene_moves_by_command_while_it_is_stepped_and_no_command_is_lost_or_doubled() {
+    moves_often(variable("MOVES", 4), pair);
+}
+
+#[test]
+fn a_scene_of_a_worker_process_moves_too() {
+    moves_often(variable("MOVES", 2), pair_of_processes);
+}
+
+#[test]
+fn a_drained_server_has_no_scenes_and_takes_none() {
+    let Some(etcd) = Etcd::start() else { return };
+    let data = tempfile::tempdir().expect("a temporary directory");
+    let servers = pair(data.path(), &etcd);
+    let [one, other] = servers.each_ref().map(|placed| &placed.server);
+    let (client, ids) = create_at_address(&one.address.to_string(), one);
+    let run = Run::start(client, ids);
+    run.go(20);
+    let address = one.address.to_string();
+    let drain = ["drain", &address, "--directory", &etcd.endpoint];
+    let drained = SERVER.run(&drain);
+    assert_eq!(drained.code, Some(0), "{}{}", drained.out, drained.log);
+    assert!(drained.out.contains("1 moved"), "{}", drained.out);
+    assert!(!servers[0].has_the_scene() && servers[1].has_the_scene());
+    run.go(20);
+    let connection = Client::connect(&address, Trust::Fingerprint(one.fingerprint));
+    let another = connection.expect("it answers").join("another");
+    let mut another = another.expect("it is sent on");
+    step(&mut another);
+    let figures = requested(&servers[1].metrics, "/metrics");
+    assert!(figures.lines().any(|line| line == "rhumb_scenes 2"));
+    assert_eq!(run.end(), 1);
+    let alone = SERVER.run(&[
+        "drain",
+        &other.address.to_string(),
+        "--directory",
+        &etcd.endpoint,
+    ]);
+    assert!(alone.log.contains("no other server"), "{}", alone.log);
+}
+
+#[test]
+fn an_order_that_cannot_be_says_why() {
+    let Some(etcd) = Etcd::start() else { return };
+    let data = tempfile::tempdir().expect("a temporary directory");
+    let servers = pair(data.path(), &etcd);
+    let refused = |order: &[&str]| {
+        let ended = SERVER.run(&[order, &["--directory", &etcd.endpoint]].concat());
+        assert_eq!(ended.code, Some(1), "{}", ended.out);
+        ended.log
+    };
+    let address = servers[0].server.address.to_string();
+    // A server is on the board a moment after its start.
+    let begun = Instant::now();
+    while !refused(&["move", "pit", "--to", &address]).contains("no server has the scene") {
+        assert!(begun.elapsed() < LONG, "the server is on the board");
+    }
+    let nowhere = refused(&["move", "pit", "--to", "127.0.0.1:1"]);
+    assert!(nowhere.contains(&address), "{nowhere}");
+}
+
+#[test]
+fn a_server_that_is_frozen_for_two_seconds_is_not_taken_for_dead() {
+    let Some(etcd) = Etcd::start() else { return };
+    let data = tempfile::tempdir().expect("a temporary directory");
+    let servers = pair(data.path(), &etcd);
+    let (client, ids) = create_at_address(&addresses(&servers), &servers[0].server);
+    let run = Run::start(client, ids);
+    run.go(50);
+    servers[0].server.signal("STOP");
+    let frozen = Instant::now();
+    while frozen.elapsed() < Duration::from_secs(2) {
+        thread::yield_now();
+    }
+    servers[0].server.signal("CONT");
+    run.go(50);
+    assert_eq!(run.end(), 0, "nothing was resumed");
+}
+
+#[test]
+fn an_edge_follows_a_scene_that_moves() {
+    let Some(etcd) = Etcd::start() else { return };
+    let data = tempfile::tempdir().expect("a temporary directory");
+    let servers = pair(data.path(), &etcd);
+    let [one, other] = servers.each_ref().map(|placed| &placed.server);
+    let watching = SERVER.edge(one, "127.0.0.1:0", &["--observers"]);
+    let acting = SERVER.edge(one, "127.0.0.1:0", &[]);
+    let (client, ids) = create_at_address(&acting.address.to_string(), &acting);
+    let run = Run::start(client, ids);
+    run.go(20);
+    let options = JoinOptions {
+        mode: JoinMode::Join,
+        ..JoinOptions::default()
+    };
+    let trust = Trust::Fingerprint(watching.fingerprint);
+    let connection = Client::connect(&watching.address.to_string(), trust);
+    let mut observer = (connection.expect("it answers"))
+        .join_with("pit", options)
+        .expect("the scene is there");
+    for to in [other, one] {
+        move_to(to, &etcd);
+        run.go(20);
+        let (tick, begun) = (run.ticks.load(Ordering::Relaxed), Instant::now());
+        while observer.statistics().complete < Tick::new(tick) {
+            assert!(begun.elapsed() < LONG, "the observer sees the scene");
+            observer
+                .idle(Duration::from_millis(1))
+                .expect("it is there");
+            while observer.poll_event().is_some() {}
+        }
+    }
+    assert_eq!(run.end(), 2);
+    // An edge whose server has never had the scene finds it too.
+    move_to(other, &etcd);
+    let late = SERVER.edge(one, "127.0.0.1:0", &[]);
+    let trust = Trust::Fingerprint(late.fingerprint);
+    let connection = Client::connect(&late.address.to_string(), trust);
+    let joined = (connection.expect("it answers")).join_with("pit", options);
+    joined.expect("the scene is found");
+}
+
 /// The scene's server ends so often, and begins again without the scene.
-fn ends_often(times: u64, end: impl Fn(ServerProcess)) {
+fn ends_often(times: u64, pair: impl Fn(&Path, &Etcd) -> [Placed; 2], end: impl Fn(ServerProcess)) {
     let Some(etcd) = Etcd::start() else { return };
     let data = tempfile::tempdir().expect("a temporary directory");
     let mut servers = pair(data.path(), &etcd);
@@ -191,8 +387,7 @@ fn ends_often(times: u64, end: impl Fn(ServerProcess)) {
     let mut pauses = Vec::new();
     for _ in 0..times {
         run.go(1 + chance(100));
-        let place = servers.iter().position(Placed::has_the_scene);
-        let place = place.expect("one of them has the scene");
+        let place = owner_of(&servers);
         let [one, other] = servers;
         let (victim, rest) = if place == 0 {
             (one, other)
@@ -214,7 +409,12 @@ fn ends_often(times: u64, end: impl Fn(ServerProcess)) {
 
 #[test]
 fn the_scene_of_a_killed_server_goes_on_at_another_and_no_command_is_lost_or_doubled() {
-    ends_often(variable("KILLS", 2), ServerProcess::kill);
+    ends_often(variable("KILLS", 2), pair, ServerProcess::kill);
+}
+
+#[test]
+fn so_does_that_of_a_worker_process() {
+    ends_often(variable("KILLS", 1), pair_of_processes, ServerProcess::kill);
 }
 
 #[test]
@@ -259,7 +459,7 @@ fn a_stopped_server_leaves_its_scene_to_another_at_once() {
         server.signal("TERM");
         assert_eq!(server.wait().code, Some(0));
     };
-    ends_often(variable("MOVES", 3), stop);
+    ends_often(variable("STOPS", 3), pair, stop);
 }
 
 #[test]
@@ -316,8 +516,7 @@ fn a_server_that_was_frozen_does_not_go_on_with_what_another_one_has() {
     let (client, ids) = create_at_address(&addresses(&servers), &servers[0].server);
     let run = Run::start(client, ids);
     run.go(50);
-    let owner = servers.iter().position(Placed::has_the_scene);
-    let owner = &servers[owner.expect("one of them has the scene")];
+    let owner = &servers[owner_of(&servers)];
     owner.server.signal("STOP");
     run.go(50);
     owner.server.signal("CONT");

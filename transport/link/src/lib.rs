@@ -38,6 +38,6 @@ pub use system::{bind_udp, io_runtime, outward_ip, random_bytes};
 #[cfg(feature = "quic")]
 pub use trust::{CertificateError, Fingerprint, FingerprintError, Trust};
 #[cfg(feature = "quic")]
-pub use tuning::DATAGRAM_BYTES_MIN;
+pub use tuning::{DATAGRAM_BYTES_MIN, IdleLimit};
 #[cfg(all(unix, feature = "quic"))]
 pub use unix::UnixClient;

@@ -30,6 +30,23 @@ pub const DATAGRAM_BYTES_MIN: usize = 1_162;
 /// Silence after which a connection is considered lost.
 const IDLE_MS: VarInt = VarInt::from_u32(10_000);
 
+/// The same at a server whose scenes another one takes up. It is longer than a machine that is busy stands still, and shorter
+/// than the lease by which such servers have their scenes: a client is there when the scene comes back.
+const SHORT_IDLE_MS: VarInt = VarInt::from_u32(4_000);
+
+/// Such a server breaks silence after this long, as its scene may have nothing to say and its clients may not know.
+const SHORT_KEEP_ALIVE: Duration = Duration::from_secs(1);
+
+/// The silence after which clients of a server consider it lost.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum IdleLimit {
+    /// Ten seconds.
+    #[default]
+    Usual,
+    /// Four seconds: clients have another server to go to.
+    Short,
+}
+
 /// The client breaks silence after this long (PROTOCOL 1.4-2): three attempts before `IDLE_MS`. None is needed while a
 /// quiet scene sends a watermark every two and a half seconds.
 const KEEP_ALIVE: Duration = Duration::from_secs(3);
@@ -106,9 +123,19 @@ impl ClientStreams {
 }
 
 /// A server's configuration from its TLS side. `streams`: those that a client may open.
-pub fn server(crypto: Arc<dyn crypto::ServerConfig>, streams: ClientStreams) -> ServerConfig {
+pub fn server(
+    crypto: Arc<dyn crypto::ServerConfig>,
+    streams: ClientStreams,
+    idle_limit: IdleLimit,
+) -> ServerConfig {
     let mut config = ServerConfig::with_crypto(crypto);
     let mut transport = common();
+    if idle_limit == IdleLimit::Short {
+        // Of the two ends' idle timeouts the shorter one holds at both.
+        transport
+            .max_idle_timeout(Some(IdleTimeout::from(SHORT_IDLE_MS)))
+            .keep_alive_interval(Some(SHORT_KEEP_ALIVE));
+    }
     transport
         .max_concurrent_bidi_streams(streams.bidirectional)
         .max_concurrent_uni_streams(streams.unidirectional)

@@ -127,7 +127,8 @@ impl ClientMembership {
             | ServerMessage::Refused { .. }
             | ServerMessage::Pong { .. }
             | ServerMessage::Session(_)
-            | ServerMessage::Durable { .. } => {}
+            | ServerMessage::Durable { .. }
+            | ServerMessage::Moved { .. } => {}
         }
         Ok(())
     }

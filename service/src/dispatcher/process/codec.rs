@@ -22,6 +22,7 @@ use tracing::level_filters::LevelFilter;
 use super::super::message::{
     FromProcess, FromWorker, ToProcess, Vitals, WorkerId, WorkerInput, WorkerOutput,
 };
+use crate::directory::ServerPlace;
 use crate::durable::LogTail;
 use crate::metrics::{SCENE_VALUES, SceneValues};
 
@@ -40,6 +41,8 @@ mod to {
     pub(super) const RESTORE: u8 = 8;
     pub(super) const WAKE: u8 = 9;
     pub(super) const END: u8 = 10;
+    pub(super) const FOLLOW: u8 = 11;
+    pub(super) const MOVE: u8 = 12;
 }
 
 mod from {
@@ -123,6 +126,11 @@ fn encode_input(id: WorkerId, input: &WorkerInput, to: &mut Writer) {
             begin(to::RESTORE, None);
             to.u8(u8::from(*tail == LogTail::LeftOut));
         }
+        WorkerInput::Follow => begin(to::FOLLOW, None),
+        WorkerInput::Move(place) => {
+            begin(to::MOVE, None);
+            to.sized(place.0.as_bytes());
+        }
         WorkerInput::Wake => begin(to::WAKE, None),
         WorkerInput::End => begin(to::END, None),
     }
@@ -175,6 +183,11 @@ fn decode_to_in(frame: &Bytes, from: &mut Reader<'_>) -> Result<ToProcess, Malfo
                 true => LogTail::LeftOut,
             };
             WorkerInput::Restore(tail)
+        }
+        to::FOLLOW => WorkerInput::Follow,
+        to::MOVE => {
+            let place = String::from_utf8(from.sized(from.rest().len())?.to_vec());
+            WorkerInput::Move(ServerPlace(place.map_err(|_| Malformed::Text)?))
         }
         to::WAKE => WorkerInput::Wake,
         to::END => WorkerInput::End,
@@ -287,6 +300,7 @@ fn encode_output(id: WorkerId, output: &WorkerOutput, send: &mut dyn FnMut(&[u8]
         to.varint(u64::from(id.0));
         to.varint(output.inputs);
         to.u8(u8::from(output.has_scene));
+        to.u8(u8::from(output.is_ready));
         let mut shared = SharedPayloads::default();
         while to.len() < SPLIT_BYTES
             && let Some(transmit) = transmits.next()
@@ -393,7 +407,7 @@ pub(super) fn decode_from(frame: &Bytes) -> Result<FromProcess, Malformed> {
 
 fn decode_output(frame: &Bytes, from: &mut Reader<'_>) -> Result<FromProcess, Malformed> {
     let id = WorkerId(from.varint32()?);
-    let (inputs, has_scene) = (from.varint()?, flag(from)?);
+    let (inputs, has_scene, is_ready) = (from.varint()?, flag(from)?, flag(from)?);
     let (mut transmits, mut payloads) = (Vec::new(), Vec::new());
     loop {
         let kind = from.u8()?;
@@ -426,6 +440,7 @@ fn decode_output(frame: &Bytes, from: &mut Reader<'_>) -> Result<FromProcess, Ma
         handled,
         inputs,
         has_scene,
+        is_ready,
     };
     Ok(FromProcess::Worker(id, FromWorker::Output(output)))
 }

@@ -13,6 +13,7 @@ use super::super::message::{
     FromProcess, FromWorker, ToProcess, Vitals, WorkerId, WorkerInput, WorkerOutput,
 };
 use super::codec::{decode_from, decode_to, encode_from, encode_to};
+use crate::directory::ServerPlace;
 use crate::durable::LogTail;
 use crate::flight::FlightCause;
 use crate::metrics::{SCENE_VALUES, SceneValues};
@@ -75,6 +76,8 @@ fn input() -> impl Strategy<Value = WorkerInput> {
         (peer(), link).prop_map(|(peer, link)| WorkerInput::Link(peer, link)),
         (peer(), ending).prop_map(|(peer, ending)| WorkerInput::Ended(peer, ending)),
         tail.prop_map(WorkerInput::Restore),
+        Just(WorkerInput::Follow),
+        "[ -~]{0,60}".prop_map(|place| WorkerInput::Move(ServerPlace(place))),
         Just(WorkerInput::Wake),
         Just(WorkerInput::End),
     ]
@@ -93,29 +96,32 @@ fn output() -> impl Strategy<Value = WorkerOutput> {
     let payloads = proptest::collection::vec(bytes(), 1..4);
     let transmits = proptest::collection::vec(any::<(u8, u64, u8, u32)>(), 0..40);
     let handled = proptest::collection::vec(any::<(u64, usize)>(), 0..4);
-    let rest = (handled, any::<u64>(), any::<bool>());
-    (payloads, transmits, rest).prop_map(|(payloads, transmits, (handled, inputs, has_scene))| {
-        let transmits = transmits.into_iter().map(|(kind, peer, place, code)| {
-            let (to, bytes) = (
-                Peer(peer),
-                payloads[usize::from(place) % payloads.len()].clone(),
-            );
-            match kind % 3 {
-                0 => Transmit::Control { to, bytes },
-                1 => Transmit::State { to, bytes },
-                _ => Transmit::Close { to, code },
+    let rest = (handled, any::<u64>(), any::<[bool; 2]>());
+    (payloads, transmits, rest).prop_map(
+        |(payloads, transmits, (handled, inputs, [has_scene, is_ready]))| {
+            let transmits = transmits.into_iter().map(|(kind, peer, place, code)| {
+                let (to, bytes) = (
+                    Peer(peer),
+                    payloads[usize::from(place) % payloads.len()].clone(),
+                );
+                match kind % 3 {
+                    0 => Transmit::Control { to, bytes },
+                    1 => Transmit::State { to, bytes },
+                    _ => Transmit::Close { to, code },
+                }
+            });
+            WorkerOutput {
+                transmits: transmits.collect(),
+                handled: handled
+                    .into_iter()
+                    .map(|(peer, bytes)| (Peer(peer), bytes))
+                    .collect(),
+                inputs,
+                has_scene,
+                is_ready,
             }
-        });
-        WorkerOutput {
-            transmits: transmits.collect(),
-            handled: handled
-                .into_iter()
-                .map(|(peer, bytes)| (Peer(peer), bytes))
-                .collect(),
-            inputs,
-            has_scene,
-        }
-    })
+        },
+    )
 }
 
 fn from_process() -> impl Strategy<Value = FromProcess> {
@@ -188,6 +194,7 @@ fn a_packet_for_many_members_is_written_once() {
         handled: Vec::new(),
         inputs: 1,
         has_scene: true,
+        is_ready: false,
     };
     let message = FromProcess::Worker(WorkerId(1), FromWorker::Output(output));
     let frames = frames(&message);
@@ -206,6 +213,7 @@ fn a_long_output_is_divided_and_reports_its_input_once() {
         handled: vec![(Peer(1), 5)],
         inputs: 9,
         has_scene: true,
+        is_ready: false,
     };
     let message = FromProcess::Worker(WorkerId(1), FromWorker::Output(output.clone()));
     let frames = frames(&message);

@@ -1,0 +1,295 @@
+//! Scenes that move by command, from one server to another.
+//!
+//! Decides, and asks the directory nothing itself: what is on the board comes in, as do readiness and claims. An operator orders
+//! a move on the board. The new server restores the scene beside the old one and follows its log, then it says on the board
+//! that it stands by. Only then the old one gives the scene up, and the new one claims it like any other: that a scene never has
+//! two servers rests on claims alone, whatever the board says.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use rhumb_protocol::scene::SceneName;
+
+use super::claims::{LeaseId, ServerPlace};
+
+/// What servers and operators tell each other by the directory. Each notice ends with a lease.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(super) struct Board {
+    /// Servers that run, with their leases.
+    pub(super) servers: BTreeMap<ServerPlace, LeaseId>,
+    /// Servers that are to have no scenes any more.
+    pub(super) drained: BTreeSet<ServerPlace>,
+    /// Scenes that are to move, each to this server.
+    pub(super) orders: BTreeMap<SceneName, ServerPlace>,
+    /// Scenes that a server follows and could take at once.
+    pub(super) standbys: BTreeMap<SceneName, ServerPlace>,
+}
+
+/// One notice on the board.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Notice {
+    Server(ServerPlace),
+    Drained(ServerPlace),
+    Order(SceneName, ServerPlace),
+    Standby(SceneName, ServerPlace),
+}
+
+/// What a server does about a move.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum HandoverStep {
+    /// Restore a scene of another server, and follow its log.
+    Prepare(SceneName),
+    /// The scene does not come: forget it.
+    Forget(SceneName),
+    /// Give a scene up: this server stands by.
+    Leave(SceneName, ServerPlace),
+}
+
+/// The moves that concern one server.
+#[derive(Debug)]
+pub(super) struct Handovers {
+    place: ServerPlace,
+    /// Scenes that come; true for those that could be taken at once.
+    coming: BTreeMap<SceneName, bool>,
+    /// Scenes that are to go, each to this server.
+    going: BTreeMap<SceneName, ServerPlace>,
+    /// True if a scene is ordered to go.
+    is_ordered: bool,
+    /// True if this server is to have no scenes.
+    is_drained: bool,
+    /// Another server that takes scenes, if there is one.
+    other: Option<ServerPlace>,
+}
+
+impl Handovers {
+    pub(super) const fn new(place: ServerPlace) -> Self {
+        Self {
+            place,
+            coming: BTreeMap::new(),
+            going: BTreeMap::new(),
+            is_ordered: false,
+            is_drained: false,
+            other: None,
+        }
+    }
+
+    /// Takes the board, and says what is to be done. `owns`: true for a scene that is this server's.
+    pub(super) fn take_board(
+        &mut self,
+        board: &Board,
+        owns: impl Fn(&SceneName) -> bool,
+    ) -> Vec<HandoverStep> {
+        self.is_drained = board.drained.contains(&self.place);
+        let takes = |place: &&ServerPlace| **place != self.place && !board.drained.contains(*place);
+        self.other = board.servers.keys().find(takes).cloned();
+        let goes = |(scene, to): (&SceneName, &ServerPlace)| *to != self.place && owns(scene);
+        self.is_ordered = board.orders.iter().any(goes);
+        let mut steps = Vec::new();
+        let is_ordered = |scene: &SceneName| board.orders.get(scene) == Some(&self.place);
+        let over: Vec<_> = (self.coming.keys())
+            .filter(|scene| !is_ordered(scene))
+            .cloned()
+            .collect();
+        for scene in over {
+            self.coming.remove(&scene);
+            steps.push(HandoverStep::Forget(scene));
+        }
+        // A later order may be the same as one that is done.
+        (self.going).retain(|scene, to| board.orders.get(scene) == Some(to) && owns(scene));
+        for (scene, to) in &board.orders {
+            match (*to == self.place, owns(scene)) {
+                (true, false) if !self.coming.contains_key(scene) => {
+                    self.coming.insert(scene.clone(), false);
+                    steps.push(HandoverStep::Prepare(scene.clone()));
+                }
+                (false, true) if board.standbys.get(scene) == Some(to) => {
+                    if self.going.insert(scene.clone(), to.clone()).is_none() {
+                        steps.push(HandoverStep::Leave(scene.clone(), to.clone()));
+                    }
+                }
+                _ => {}
+            }
+        }
+        steps
+    }
+
+    /// Orders on a board that are done, as the scenes are this server's.
+    pub(super) fn done(&self, board: &Board, owns: impl Fn(&SceneName) -> bool) -> Vec<Notice> {
+        let orders = board.orders.iter();
+        let done = orders.filter(|(scene, to)| **to == self.place && owns(scene));
+        done.map(|(scene, to)| Notice::Order(scene.clone(), to.clone()))
+            .collect()
+    }
+
+    /// The notices that the board lacks of this server, which has this lease.
+    pub(super) fn missing(&self, board: &Board, lease: LeaseId) -> Vec<Notice> {
+        let is_there = board.servers.get(&self.place) == Some(&lease);
+        let server = (!is_there).then(|| Notice::Server(self.place.clone()));
+        let standbys = self
+            .awaited()
+            .filter(|scene| board.standbys.get(*scene) != Some(&self.place));
+        let standbys = standbys.map(|scene| Notice::Standby(scene.clone(), self.place.clone()));
+        server.into_iter().chain(standbys).collect()
+    }
+
+    /// Everything is over with the lease; the scenes that do not come.
+    pub(super) fn lose(&mut self) -> Vec<HandoverStep> {
+        self.going.clear();
+        let coming = std::mem::take(&mut self.coming).into_keys();
+        coming.map(HandoverStep::Forget).collect()
+    }
+
+    /// Notes that a scene that comes could be taken at once; the notice of it, unless it does not come any more.
+    pub(super) fn note_ready(&mut self, scene: &SceneName) -> Option<Notice> {
+        let ready = self.coming.get_mut(scene)?;
+        *ready = true;
+        Some(Notice::Standby(scene.clone(), self.place.clone()))
+    }
+
+    /// Notes that a scene is this server's; the notices that are of no use any more.
+    pub(super) fn note_owned(&mut self, scene: &SceneName) -> Vec<Notice> {
+        match self.coming.remove(scene) {
+            None => Vec::new(),
+            Some(_) => {
+                let place = &self.place;
+                vec![
+                    Notice::Order(scene.clone(), place.clone()),
+                    Notice::Standby(scene.clone(), place.clone()),
+                ]
+            }
+        }
+    }
+
+    /// True for a scene that is asked for again until it is this server's.
+    pub(super) fn awaits(&self, scene: &SceneName) -> bool {
+        self.coming.get(scene) == Some(&true)
+    }
+
+    /// The scenes that are to be asked for again.
+    pub(super) fn awaited(&self) -> impl Iterator<Item = &SceneName> {
+        let ready = self.coming.iter().filter(|(_, ready)| **ready);
+        ready.map(|(scene, _)| scene)
+    }
+
+    /// True while a scene comes or goes, so that the board is read often.
+    pub(super) fn is_busy(&self) -> bool {
+        self.is_ordered || !self.coming.is_empty() || !self.going.is_empty()
+    }
+
+    /// The server to which clients that ask for a scene of none are sent, if this one is to have no scenes.
+    pub(super) fn instead(&self) -> Option<&ServerPlace> {
+        self.other.as_ref().filter(|_| self.is_drained)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn place(name: &str) -> ServerPlace {
+        ServerPlace(name.to_owned())
+    }
+
+    fn pit() -> SceneName {
+        "pit".parse().expect("a name")
+    }
+
+    /// A board on which the pit is to move from `a` to `b`.
+    fn ordered() -> Board {
+        let servers = [(place("a"), LeaseId(1)), (place("b"), LeaseId(2))];
+        Board {
+            servers: servers.into(),
+            orders: [(pit(), place("b"))].into(),
+            ..Board::default()
+        }
+    }
+
+    #[test]
+    fn a_scene_leaves_once_the_other_server_stands_by() {
+        let (mut from, mut to) = (Handovers::new(place("a")), Handovers::new(place("b")));
+        let mut board = ordered();
+        assert_eq!(from.take_board(&board, |_| true), []);
+        let prepare = [HandoverStep::Prepare(pit())];
+        assert_eq!(to.take_board(&board, |_| false), prepare);
+        assert_eq!(to.take_board(&board, |_| false), [], "it does so already");
+        assert!(!to.awaits(&pit()));
+        let standby = to.note_ready(&pit());
+        assert_eq!(standby, Some(Notice::Standby(pit(), place("b"))));
+        assert!(to.awaits(&pit()));
+        board.standbys.insert(pit(), place("b"));
+        let leave = [HandoverStep::Leave(pit(), place("b"))];
+        assert_eq!(from.take_board(&board, |_| true), leave);
+        assert_eq!(from.take_board(&board, |_| true), [], "once");
+        assert_eq!(from.take_board(&board, |_| false), [], "it is gone");
+        assert_eq!(from.take_board(&board, |_| true), leave, "it is back");
+        let useless = [
+            Notice::Order(pit(), place("b")),
+            Notice::Standby(pit(), place("b")),
+        ];
+        assert_eq!(to.note_owned(&pit()), useless);
+        assert!(!to.is_busy());
+    }
+
+    #[test]
+    fn an_order_that_ends_is_forgotten_at_both_ends() {
+        let (mut from, mut to) = (Handovers::new(place("a")), Handovers::new(place("b")));
+        let mut board = ordered();
+        to.take_board(&board, |_| false);
+        to.note_ready(&pit());
+        board.standbys.insert(pit(), place("b"));
+        from.take_board(&board, |_| true);
+        assert!(from.is_busy());
+        let nothing = Board::default();
+        assert_eq!(from.take_board(&nothing, |_| true), []);
+        let forget = [HandoverStep::Forget(pit())];
+        assert_eq!(to.take_board(&nothing, |_| false), forget);
+        assert!(!from.is_busy() && !to.is_busy());
+        assert_eq!(to.note_ready(&pit()), None, "it came too late");
+    }
+
+    #[test]
+    fn a_standby_of_a_third_server_moves_nothing() {
+        let mut from = Handovers::new(place("a"));
+        let mut board = ordered();
+        board.standbys.insert(pit(), place("c"));
+        assert_eq!(from.take_board(&board, |_| true), []);
+        let mut third = Handovers::new(place("c"));
+        assert_eq!(third.take_board(&board, |_| false), []);
+    }
+
+    #[test]
+    fn an_order_to_the_server_that_has_the_scene_is_done() {
+        let mut to = Handovers::new(place("b"));
+        assert_eq!(to.take_board(&ordered(), |_| true), []);
+        let done = [Notice::Order(pit(), place("b"))];
+        assert_eq!(to.done(&ordered(), |_| true), done);
+    }
+
+    #[test]
+    fn notices_that_were_lost_are_posted_again() {
+        let mut to = Handovers::new(place("b"));
+        let board = ordered();
+        assert_eq!(to.missing(&board, LeaseId(2)), []);
+        let server = [Notice::Server(place("b"))];
+        assert_eq!(to.missing(&board, LeaseId(3)), server, "a later lease");
+        to.take_board(&board, |_| false);
+        to.note_ready(&pit());
+        let standby = [Notice::Standby(pit(), place("b"))];
+        assert_eq!(to.missing(&board, LeaseId(2)), standby);
+        assert_eq!(to.lose(), [HandoverStep::Forget(pit())]);
+        assert_eq!(to.missing(&board, LeaseId(2)), []);
+    }
+
+    #[test]
+    fn a_drained_server_names_one_that_takes_scenes() {
+        let mut drained = Handovers::new(place("a"));
+        let mut board = ordered();
+        drained.take_board(&board, |_| false);
+        assert_eq!(drained.instead(), None);
+        board.drained.insert(place("a"));
+        drained.take_board(&board, |_| false);
+        assert_eq!(drained.instead(), Some(&place("b")));
+        board.drained.insert(place("b"));
+        drained.take_board(&board, |_| false);
+        assert_eq!(drained.instead(), None, "none is left");
+    }
+}
