@@ -43,12 +43,15 @@ struct Standby {
     followed: Option<Followed>,
     /// When its log is read next.
     next: Instant,
-    /// True once a look at the log took no longer than the pause between two.
+    /// True once a look at the log took no longer than [`BEHIND_MAX`].
     is_ready: bool,
 }
 
 /// Time between two looks at the log of a scene that is followed: what is left to be done when it comes.
 const LOOK: Span = Span::from_millis(20);
+
+/// Time of such a look with which the scene may come: a scene that is stepped without a pause is never nearer.
+const BEHIND_MAX: Span = Span::from_millis(80);
 
 /// An input of a worker's thread.
 enum ThreadInput {
@@ -158,7 +161,7 @@ impl WorkerScene {
         let name = self.scene.name();
         standby.followed = stored.follow(name, followed, clock, &mut || heartbeat.beat());
         let end = clock();
-        standby.is_ready |= was_read && standby.followed.is_some() && end.since(now) <= LOOK;
+        standby.is_ready |= was_read && standby.followed.is_some() && end.since(now) <= BEHIND_MAX;
         standby.next = end + LOOK;
     }
 
