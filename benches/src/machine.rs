@@ -126,8 +126,8 @@ pub(crate) fn work_ns() -> Option<u64> {
     None
 }
 
-/// Processes that ran or waited for a processor, on average over the last minute; `None` where the system does not say. Source:
-/// proc_loadavg(5).
+/// Processes that ran or waited for a processor, on average over the last minute; `None` where the system does not say.
+/// Source: proc_loadavg(5).
 pub(crate) fn load_average() -> Option<f64> {
     let text = std::fs::read_to_string("/proc/loadavg").ok()?;
     text.split_whitespace().next()?.parse().ok()

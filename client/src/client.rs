@@ -379,9 +379,10 @@ impl Client {
     /// The scene steps to the next published tick, and depth counts published ticks. At depth 0, the server's answers to the
     /// commands before it are there, too.
     ///
-    /// Returns the tick of the view, which is later than requested if later ticks are already complete. The view of a tick has
-    /// the bodies of that tick: what commands add, remove or change after it appears in the next published one. A member
-    /// that joins is the exception: its snapshot already has the changes of later commands, and does not tell when they come.
+    /// Returns the tick of the view, which is later than requested if later ticks are already complete. The view of a
+    /// tick has the bodies of that tick: what commands add, remove or change after it appears in the next published
+    /// one. A member that joins is the exception: its snapshot already has the changes of later commands, and does not
+    /// tell when they come.
     ///
     /// # Errors
     ///

@@ -128,7 +128,8 @@ impl LocalServer {
     /// Makes a scene that continues from a checkpoint, to be joined by its name.
     ///
     /// Given the same commands before the same ticks, it runs to the same bits as the scene that was saved, here and on
-    /// another machine. Bodies keep their ids. It has no members at first: a server ends it if no client joins for ten minutes.
+    /// another machine. Bodies keep their ids. It has no members at first: a server ends it if no client joins for ten
+    /// minutes.
     ///
     /// # Errors
     ///

@@ -1,7 +1,8 @@
 //! A client of an edge: what it may ask, and which mirror serves it.
 //!
-//! Decides which messages the edge answers, which go to the owner, and how an observer without a voice is refused. Sends nothing
-//! by itself but answers. Invariant: a member has a snapshot of its mirror before any scene event or packet of it.
+//! Decides which messages the edge answers, which go to the owner, and how an observer without a voice is refused.
+//! Sends nothing by itself but answers. Invariant: a member has a snapshot of its mirror before any scene event or
+//! packet of it.
 //!
 //! Hands what a mirror received to the members that it serves. Knows mirrors by their numbers and asks no owner. Invariant: a
 //! packet, a scene event and the events of a tick reach each of these members once.
@@ -154,7 +155,8 @@ impl MemberEvents {
         self.standing_after.is_none() && self.missed == 0
     }
 
-    /// The events of a tick, and as many with them that stand as the message has room for; `None` if there is nothing to tell.
+    /// The events of a tick, and as many with them that stand as the message has room for; `None` if there is nothing
+    /// to tell.
     pub(crate) fn tell(
         &mut self,
         tick: Tick,
@@ -607,8 +609,8 @@ impl Clients {
         }
     }
 
-    /// The scene of a mirror is deleted: returns the observers that are no longer members. Others hear it from the owner, and no
-    /// scene event precedes that any more.
+    /// The scene of a mirror is deleted: returns the observers that are no longer members. Others hear it from the
+    /// owner, and no scene event precedes that any more.
     pub(crate) fn end_scene(
         &mut self,
         (id, scene, choice): (MirrorId, &SceneName, StreamChoice),
@@ -649,8 +651,9 @@ impl Clients {
         }
     }
 
-    /// The owner has denied a mirror's join: the joins of its clients are denied, too, and the changes of members to its stream.
-    /// Returns true if a client waits for it all the same: the scene was created after the denial, or is deleted.
+    /// The owner has denied a mirror's join: the joins of its clients are denied, too, and the changes of members to
+    /// its stream. Returns true if a client waits for it all the same: the scene was created after the denial, or is
+    /// deleted.
     pub(crate) fn deny(
         &mut self,
         (id, scene, choice): (MirrorId, &SceneName, StreamChoice),
@@ -666,8 +669,8 @@ impl Clients {
         is_awaited
     }
 
-    /// Closes the connections of clients that wait for a stream that cannot be had now, and of observers that wait to learn of
-    /// its scene.
+    /// Closes the connections of clients that wait for a stream that cannot be had now, and of observers that wait to
+    /// learn of its scene.
     pub(crate) fn turn_away(
         &mut self,
         (scene, choice): (&SceneName, StreamChoice),

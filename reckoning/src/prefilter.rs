@@ -17,7 +17,7 @@ use crate::tolerance::Tolerance;
 use crate::track::{Anchor, BodyState, DenseTrack};
 use crate::units::{Metres, Ticks};
 
-/// What a prediction and its judgement need of a body, beside its track.
+/// The numbers of a body, beside its track, that a prediction and its judgement need.
 #[derive(Clone, Copy, Debug)]
 pub struct PrefilterBody<'a> {
     /// Tolerance of the body in its stream.

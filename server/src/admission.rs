@@ -1,9 +1,9 @@
 //! Admission of scenes: by their number, and by their predicted cost.
 //!
-//! Only free-running scenes cost something. The prediction is ticks in a second, times substeps, times bodies; a tick by itself costs [`STEPS_OF_TICK`], and each
-//! character and wheel in it. A scene reserves its part before it begins and before a body is added, and gives it back when
-//! the body goes or the scene ends. All threads of a process share both sums; the parts of other processes are as old as
-//! their last report.
+//! Only free-running scenes cost something. The prediction is ticks in a second, times substeps, times bodies; a tick
+//! by itself costs [`STEPS_OF_TICK`], and each character and wheel in it. A scene reserves its part before it begins
+//! and before a body is added, and gives it back when the body goes or the scene ends. All threads of a process share
+//! both sums; the parts of other processes are as old as their last report.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};

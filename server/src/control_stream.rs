@@ -1,8 +1,8 @@
 //! The control stream of a client, and what goes out beside it.
 //!
-//! Knows sessions, neither scenes nor members. Datagrams are shared: one packet for many members is one allocation. Invariant: a
-//! driver that reports what links take is handed at most [`WINDOW_BYTES`] and one piece beyond that for a connection. What
-//! else waits is counted here, and a connection whose peer does not read is closed.
+//! Knows sessions, neither scenes nor members. Datagrams are shared: one packet for many members is one allocation.
+//! Invariant: a driver that reports what links take is handed at most [`WINDOW_BYTES`] and one piece beyond that for a
+//! connection. What else waits is counted here, and a connection whose peer does not read is closed.
 
 use std::collections::{BTreeSet, VecDeque};
 
@@ -309,7 +309,8 @@ impl PendingOutput {
         self.sendable.remove(&peer);
     }
 
-    /// A client whose control stream may have data to send. These go first: datagrams may belong to a stream that they announce.
+    /// A client whose control stream may have data to send. These go first: datagrams may belong to a stream that they
+    /// announce.
     #[must_use]
     pub fn next_sendable(&self) -> Option<Peer> {
         self.sendable.first().copied()

@@ -271,8 +271,8 @@ impl Feed {
         queues.ticks.is_empty() && queues.answers.is_empty()
     }
 
-    /// Hands over the states of a tick: later than the newest one, by [`TICKS_APART_MAX`] at most. Each body has one state, in
-    /// any order; a body that is not in the scene is left out.
+    /// Hands over the states of a tick: later than the newest one, by [`TICKS_APART_MAX`] at most. Each body has one
+    /// state, in any order; a body that is not in the scene is left out.
     ///
     /// `commands`: the number of the owner's commands that come before.
     pub fn push(

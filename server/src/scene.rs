@@ -565,8 +565,9 @@ impl Scene {
 
 /// The bound on bodies that overlap.
 ///
-/// A step cannot be cancelled: one that would meet too many pairs of bodies for the first time is not begun, and a body that would
-/// bring them is not added. A scene without the bound counts nothing, so that a log is replayed under any limit.
+/// A step cannot be cancelled: one that would meet too many pairs of bodies for the first time is not begun, and a body
+/// that would bring them is not added. A scene without the bound counts nothing, so that a log is replayed under any
+/// limit.
 impl Scene {
     /// Bounds the pairs of bodies that a step may meet for the first time, as the engine counts them.
     ///

@@ -219,8 +219,8 @@ const DEFAULT_VIEW: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST)
 /// The scene to show first, and where.
 #[derive(Debug, Args)]
 pub(crate) struct DemoArguments {
-    /// The scene: ball-pit, ragdolls, cubes, tumbler or asteroids; or a file: URDF, MJCF, glTF or a JSON scene. The page has the
-    /// others too.
+    /// The scene: ball-pit, ragdolls, cubes, tumbler or asteroids; or a file: URDF, MJCF, glTF or a JSON scene. The
+    /// page has the others too.
     #[arg(default_value = "ball-pit")]
     scene: FirstScene,
     /// TCP address of the page.

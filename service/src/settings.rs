@@ -409,8 +409,8 @@ impl ServerSettings {
         Ok(settings)
     }
 
-    /// Where scenes run. Unless it is said, tenants whose clients show tokens have processes of their own: a thread whose step
-    /// does not end cannot be killed, and neither its time nor its memory is bounded.
+    /// Where scenes run. Unless it is said, tenants whose clients show tokens have processes of their own: a thread
+    /// whose step does not end cannot be killed, and neither its time nor its memory is bounded.
     pub(crate) fn worker_kind(&self) -> WorkerKind {
         let separates = !self.token_keys.is_empty() && self.foxglove.is_none();
         self.workers.unwrap_or({

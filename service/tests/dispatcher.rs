@@ -223,7 +223,8 @@ fn the_thread_of_a_scene_that_expires_ends() {
     (0..3).for_each(|_| threaded.expect(state_to(peer)));
     let now = threaded.now();
     (threaded.dispatcher).handle_ended(now, peer, Ending::TimedOut);
-    // With no thread to watch, the dispatcher waits for nothing. The clock passes slowly: a thread that computes is not stuck.
+    // With no thread to watch, the dispatcher waits for nothing. The clock passes slowly: a thread that computes is not
+    // stuck.
     let mut looks = 0;
     while threaded.dispatcher.poll_timeout().is_some() {
         looks += 1;

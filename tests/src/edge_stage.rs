@@ -135,7 +135,8 @@ impl EdgeStage {
         self.add_edge_within((permit, Limits::default()), None, links)
     }
 
-    /// Adds an edge whose owner is another edge, from which packets come by a fan-out. That one has such edges for members alone.
+    /// Adds an edge whose owner is another edge, from which packets come by a fan-out. That one has such edges for
+    /// members alone.
     pub fn add_edge_behind(&mut self, hub: usize, permit: Permit, links: LinkConfig) -> usize {
         self.edges[hub].shared.borrow_mut().is_hub = true;
         let edge = self.add_edge(permit, links);

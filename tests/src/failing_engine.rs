@@ -1,7 +1,7 @@
 //! An engine that panics where a test wants it to.
 //!
-//! The server's own engine steps the world. Bodies of some collision groups stand for a fault of the engine: one panics when it is
-//! added, others panic in a later step for as long as they are there.
+//! The server's own engine steps the world. Bodies of some collision groups stand for a fault of the engine: one panics
+//! when it is added, others panic in a later step for as long as they are there.
 
 use std::collections::BTreeMap;
 

@@ -193,7 +193,7 @@ impl Table {
         self.run_until_idle();
     }
 
-    /// Has the link of a connection report what it takes from now on, which is everything at once.
+    /// Makes the link of a connection report from now on what it takes, which is everything at once.
     pub fn pace(&mut self, peer: Peer) {
         self.paced.insert(peer);
         self.server.handle_control_taken(self.now, peer, 0);

@@ -1,7 +1,8 @@
 //! Followers of a stream without a copy of it, in any number.
 //!
-//! A follower joins as an observer does, and then counts its packets in place of reading them: a thousand copies of two thousand
-//! bodies would measure the copies. It reports no losses. When its connection ends it comes back, as often as that happens.
+//! A follower joins as an observer does, and then counts its packets in place of reading them: a thousand copies of two
+//! thousand bodies would measure the copies. It reports no losses. When its connection ends it comes back, as often as
+//! that happens.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};

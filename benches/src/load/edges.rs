@@ -1,10 +1,10 @@
 //! `rhumb-bench load edges`: what members cost a server that has edges.
 //!
-//! One scene runs by the server's clock. At first it has its owner and one observer; then so many observers come through edges,
-//! processes of their own. Most of them only count packets; of each edge some have copies, which are compared with the server's
-//! states. The delay that an edge adds is measured in the packets, which are the same bytes at every member: by when the observer
-//! of the server had each of them, and by when those of the edges had it. At the end one edge is killed, and another one is frozen
-//! for a while.
+//! One scene runs by the server's clock. At first it has its owner and one observer; then so many observers come
+//! through edges, processes of their own. Most of them only count packets; of each edge some have copies, which are
+//! compared with the server's states. The delay that an edge adds is measured in the packets, which are the same bytes
+//! at every member: by when the observer of the server had each of them, and by when those of the edges had it. At the
+//! end one edge is killed, and another one is frozen for a while.
 
 use std::num::NonZeroU32;
 use std::path::PathBuf;

@@ -1,8 +1,8 @@
 //! `rhumb-bench load filling`: how fast a scene is filled and joined.
 //!
-//! One client adds many bodies to a scene that runs by the server's clock; then others join it, and a smaller scene. A body is
-//! added once its adder sees it. Meanwhile the frames of a lockstep client of another scene are measured as
-//! by `load neighbour`: alone, and beside a client that fills a scene again and again.
+//! One client adds many bodies to a scene that runs by the server's clock; then others join it, and a smaller scene. A
+//! body is added once its adder sees it. Meanwhile the frames of a lockstep client of another scene are measured as by
+//! `load neighbour`: alone, and beside a client that fills a scene again and again.
 
 use std::path::PathBuf;
 use std::sync::Arc;

@@ -2,8 +2,8 @@
 //!
 //! Each has a thread, and is a member until the load ends. Measures nothing but its own traffic.
 //!
-//! Each has a thread. What they note is shared, and evaluated by the caller at the end of a part. Invariant: a copy is compared
-//! at a tick of which it has all, so that every breach is a fault.
+//! Each has a thread. What they note is shared, and evaluated by the caller at the end of a part. Invariant: a copy is
+//! compared at a tick of which it has all, so that every breach is a fault.
 
 use std::collections::hash_map::RandomState;
 use std::collections::{BTreeMap, HashMap};
@@ -207,11 +207,11 @@ const LOOK: Duration = Duration::from_millis(5);
 /// Rounding of f32 numbers in an error, as a share of the tolerance.
 const ROUNDING: f64 = 1e-3;
 
-/// Whose member it is.
+/// The end to which a member is connected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Watch {
     Server,
-    /// An edge's, by its number.
+    /// An edge, by its number.
     Edge(usize),
 }
 

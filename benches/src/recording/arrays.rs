@@ -1,7 +1,8 @@
 //! Poses of bodies as arrays of NumPy, and trajectories of MuJoCo.
 //!
-//! The first index is the frame. An array of a known name that does not fit is refused by that name. A frame whose pose has a NaN is a gap. Gravity, shapes and inertia are taken from the
-//! archive if it has them; the order of quaternions is in their array's name, or the caller states it.
+//! The first index is the frame. An array of a known name that does not fit is refused by that name. A frame whose pose
+//! has a NaN is a gap. Gravity, shapes and inertia are taken from the archive if it has them; the order of quaternions
+//! is in their array's name, or the caller states it.
 
 use std::collections::BTreeMap;
 

@@ -19,10 +19,10 @@ use crate::scene::{RhumbScene, with, with_requests};
 
 /// Connects the client that will feed a scene: one whose engine is the caller's.
 ///
-/// The client makes the scene when it joins by this name, adds bodies, and hands their states over by `rhumb_scene_feed`, once
-/// for each step of its engine. Other clients follow the scene as any other, each within its own tolerance. The scene ends with
-/// the client. A server of `rhumb_serve` is `RHUMB_CODE_INVALID`: use `rhumb_serve_fed`. `timeout_s` is as that of
-/// RhumbConnectOptions.
+/// The client makes the scene when it joins by this name, adds bodies, and hands their states over by
+/// `rhumb_scene_feed`, once for each step of its engine. Other clients follow the scene as any other, each within its
+/// own tolerance. The scene ends with the client. A server of `rhumb_serve` is `RHUMB_CODE_INVALID`: use
+/// `rhumb_serve_fed`. `timeout_s` is as that of RhumbConnectOptions.
 ///
 /// # Safety
 ///
@@ -105,8 +105,8 @@ pub struct RhumbFedStates {
 ///
 /// # Safety
 ///
-/// `states` points to a `RhumbFedStates` whose arrays have the elements that it says; `tick` is null or points to memory for a
-/// number.
+/// `states` points to a `RhumbFedStates` whose arrays have the elements that it says; `tick` is null or points to
+/// memory for a number.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn rhumb_scene_feed(
     scene: RhumbScene,
@@ -179,8 +179,8 @@ unsafe fn optional_rows<'a, const WIDTH: usize>(
 pub enum RhumbRequestKind {
     /// There was no request.
     None,
-    /// A new body, of an id that it has already: `body`, `position`, `rotation`, `linear_velocity`, `angular_velocity`. Once it
-    /// is accepted, feed it.
+    /// A new body, of an id that it has already: `body`, `position`, `rotation`, `linear_velocity`, `angular_velocity`.
+    /// Once it is accepted, feed it.
     AddBody,
     /// The removal of `body`.
     RemoveBody,
@@ -325,9 +325,9 @@ pub unsafe extern "C" fn rhumb_scene_poll_request(
     })
 }
 
-/// Changes the scene as another member asked; `request` is the field of that name. If the scene cannot, or the member has
-/// left, the member is refused after all, and the next `rhumb_scene_feed` is `RHUMB_CODE_REFUSED`. A request that was answered
-/// is `RHUMB_CODE_INVALID`.
+/// Changes the scene as another member asked; `request` is the field of that name. If the scene cannot, or the member
+/// has left, the member is refused after all, and the next `rhumb_scene_feed` is `RHUMB_CODE_REFUSED`. A request that
+/// was answered is `RHUMB_CODE_INVALID`.
 #[unsafe(no_mangle)]
 pub extern "C" fn rhumb_scene_accept_request(scene: RhumbScene, request: u64) -> RhumbCode {
     guard(|| {

@@ -128,8 +128,8 @@ pub unsafe extern "C" fn rhumb_serve(
     })
 }
 
-/// The one text by which other processes connect: address and fingerprint, for `RhumbConnectOptions`. It is empty for a server
-/// without sockets.
+/// The one text by which other processes connect: address and fingerprint, for `RhumbConnectOptions`. It is empty for a
+/// server without sockets.
 ///
 /// # Safety
 ///
@@ -268,8 +268,8 @@ pub extern "C" fn rhumb_checkpoint_close(checkpoint: RhumbCheckpoint) -> RhumbCo
     guard(|| CHECKPOINTS.remove(checkpoint.id).map(drop))
 }
 
-/// Makes a scene that continues from a checkpoint, to be joined by its name. Bodies keep their ids. The scene has no members at
-/// first: it ends if none joins for ten minutes.
+/// Makes a scene that continues from a checkpoint, to be joined by its name. Bodies keep their ids. The scene has no
+/// members at first: it ends if none joins for ten minutes.
 ///
 /// # Safety
 ///

@@ -21,7 +21,8 @@ pub struct RhumbPoses {
     pub count: usize,
     /// The bodies.
     pub bodies: *const RhumbBody,
-    /// Centres of mass, or origins of this client's hulls and compounds: x, y, z for each body, in the scene's unit of length.
+    /// Centres of mass, or origins of this client's hulls and compounds: x, y, z for each body, in the scene's unit of
+    /// length.
     pub positions: *const f32,
     /// Rotations body to world: x, y, z, w for each body.
     pub rotations: *const f32,

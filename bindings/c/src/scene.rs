@@ -319,7 +319,8 @@ pub extern "C" fn rhumb_scene_flush(scene: RhumbScene) -> RhumbCode {
 /// Steps a lockstep scene once, and computes the view.
 ///
 /// At depth 0, the view is of the tick that this call requests. At depth 1, it is of the tick before, and the server
-/// computes the requested one meanwhile. A greater depth, up to 64, hides a link whose round trip is longer than a tick. `tick` may be null; otherwise it receives the tick of the view.
+/// computes the requested one meanwhile. A greater depth, up to 64, hides a link whose round trip is longer than a
+/// tick. `tick` may be null; otherwise it receives the tick of the view.
 ///
 /// After `RHUMB_CODE_TIMEOUT`, `rhumb_scene_wait` continues to wait for the same tick. After `RHUMB_CODE_REFUSED`, the tick
 /// is done and its view computed.

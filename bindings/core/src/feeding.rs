@@ -1,10 +1,10 @@
 //! A scene that a program feeds: its states in, requests of followers out.
 //!
-//! A binding whose requests are objects keeps each in its own; one whose requests are flat keeps them in [`OpenRequests`], and
-//! answers by number.
+//! A binding whose requests are objects keeps each in its own; one whose requests are flat keeps them in
+//! [`OpenRequests`], and answers by number.
 //!
-//! Whether bodies are in the scene, whether one has two states, and the limits of numbers are checked by the client. Invariant:
-//! a feed of no more bodies than one before allocates nothing here.
+//! Whether bodies are in the scene, whether one has two states, and the limits of numbers are checked by the client.
+//! Invariant: a feed of no more bodies than one before allocates nothing here.
 
 use std::collections::BTreeMap;
 

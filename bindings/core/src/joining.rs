@@ -28,8 +28,8 @@ pub fn address_with(address: impl std::fmt::Display, fingerprint: Fingerprint) -
 ///
 /// # Errors
 ///
-/// [`BindingError`] for a text that is no fingerprint, for two fingerprints, for one and roots, and for neither; for either of
-/// them beside a Unix socket, where neither would be checked.
+/// [`BindingError`] for a text that is no fingerprint, for two fingerprints, for one and roots, and for neither; for
+/// either of them beside a Unix socket, where neither would be checked.
 pub fn server_of<'a>(
     address: &'a str,
     fingerprint: Option<&str>,

@@ -269,7 +269,7 @@ const fn removal(cause: RemovalCause) -> &'static str {
 pub struct RefusalRecord {
     /// The command's number; `None` for a request for authority, or of another member.
     pub number: Option<u64>,
-    /// What was refused: [`RefusalReason::subject`].
+    /// The refused request: [`RefusalReason::subject`].
     pub subject: &'static str,
     /// The body that the request is about, if that is known.
     pub body: Option<BodyId>,

@@ -318,8 +318,8 @@ impl RemoteScene {
     ///
     /// # Errors
     ///
-    /// As [`Client::feed`], and [`BindingError::Value`] for arrays that differ in length. After [`BindingError::Refused`], the
-    /// states were handed over.
+    /// As [`Client::feed`], and [`BindingError::Value`] for arrays that differ in length. After
+    /// [`BindingError::Refused`], the states were handed over.
     #[cfg(feature = "local")]
     pub fn feed(
         &mut self,

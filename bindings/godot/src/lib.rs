@@ -1,7 +1,7 @@
 //! An extension for Godot: nodes for the bodies of a remote physics scene.
 //!
-//! The physics runs in a Rhumb server. A node `RhumbScene` joins a scene, adds the nodes `RhumbBody` below it, makes nodes for
-//! the bodies of others, and moves all of them.
+//! The physics runs in a Rhumb server. A node `RhumbScene` joins a scene, adds the nodes `RhumbBody` below it, makes
+//! nodes for the bodies of others, and moves all of them.
 //!
 //! Positions are in metres, in Godot's own axes, which are Rhumb's: right-handed, y up.
 #![deny(unsafe_op_in_unsafe_fn)]

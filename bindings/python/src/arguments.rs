@@ -85,7 +85,7 @@ fn numbers(argument: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Numbers<
         REAL,
     )?)?;
     if numbers.values.iter().any(|number| number.is_infinite()) {
-        // What is no infinity before it is rounded is a number out of range, and is named as it was given.
+        // A number that becomes infinite only when it is rounded is out of range, and is named as it was given.
         let given = Numbers::<f64>::of(&array_of(numpy::dtype::<f64>(py))?)?;
         let mut pairs = given.values.iter().zip(&numbers.values);
         if let Some((given, _)) =

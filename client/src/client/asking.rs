@@ -48,9 +48,9 @@ impl Client {
 
     /// Requests authority over these kinematic bodies, in place of the bodies that this client has authority over now.
     ///
-    /// The server's bodies are then within `tolerance` of the states of [`Self::publish`]. Another member's copy is within the
-    /// sum of this tolerance and that of its stream; its error bound is about the server's body. One member may have
-    /// authority over 256 bodies. An empty list ends the authority.
+    /// The server's bodies are then within `tolerance` of the states of [`Self::publish`]. Another member's copy is
+    /// within the sum of this tolerance and that of its stream; its error bound is about the server's body. One member
+    /// may have authority over 256 bodies. An empty list ends the authority.
     ///
     /// Sends at once and does not wait: [`Event::AuthorityGrant`](crate::Event::AuthorityGrant) or
     /// [`Event::AuthorityDenied`](crate::Event::AuthorityDenied) reports the result. During the authority, no command

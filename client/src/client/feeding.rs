@@ -21,9 +21,9 @@ impl Client {
     /// Hands over the states of one tick, and has the scene step to it: see
     /// [`LocalServer::feed`](crate::LocalServer::feed). Call it once for each step of the engine.
     ///
-    /// Each body may have one state, in any order. One without a state rests where it is, and so does one that is fed at one
-    /// pose without a velocity for five ticks; resting bodies cost nothing. Ticks may be left out, 600 at most: the bodies then
-    /// go evenly from one state to the next.
+    /// Each body may have one state, in any order. One without a state rests where it is, and so does one that is fed
+    /// at one pose without a velocity for five ticks; resting bodies cost nothing. Ticks may be left out, 600 at most:
+    /// the bodies then go evenly from one state to the next.
     ///
     /// Members see every pose within the tolerance of their stream. How many bytes that takes depends on what predicts the
     /// bodies: gravity and substeps of the scene's configuration, mass, moments, damping and gravity scale of each body, and
@@ -36,8 +36,8 @@ impl Client {
     /// # Errors
     ///
     /// [`ClientError::Feed`] for a client that feeds no scene, and for states that are wrong; then none is handed over.
-    /// [`ClientError::Timeout`] if the scene takes none of them in time. [`ClientError::Refused`] for commands of this client,
-    /// and for requests that it has accepted.
+    /// [`ClientError::Timeout`] if the scene takes none of them in time. [`ClientError::Refused`] for commands of this
+    /// client, and for requests that it has accepted.
     pub fn feed(
         &mut self,
         tick: Tick,
@@ -45,7 +45,7 @@ impl Client {
         velocities: FedVelocities,
     ) -> Result<(), ClientError> {
         self.check_open()?;
-        // What the scene has refused since decides which bodies are there.
+        // Refusals of the scene since then decide which bodies are there.
         self.take_failures();
         let feeding = self.feeding.as_mut().ok_or(FeedError::NotOwner)?;
         feeding.check(tick, states)?;

@@ -87,7 +87,7 @@ pub enum RefusalReason {
 }
 
 impl RefusalReason {
-    /// What was refused, for a sentence that begins with "the server refused".
+    /// The refused request, for a sentence that begins with "the server refused".
     #[must_use]
     pub const fn subject(&self) -> &'static str {
         match self {

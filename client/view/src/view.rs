@@ -161,7 +161,8 @@ impl View {
     /// The bound is that of the stream at this moment, plus the distance from the shown pose to the one that the stream
     /// has for it now: what a glide has still to cover, or an update that was read since the view was computed.
     ///
-    /// Between two published ticks of a longer publish interval it is known while one track leads from the first to the second.
+    /// Between two published ticks of a longer publish interval it is known while one track leads from the first to the
+    /// second.
     ///
     /// A free-running scene in which nothing happens says so in growing pauses. A program that asks for bounds makes its
     /// client ask the server meanwhile, some ten times a second, if the delay of the view is long enough for the answers.

@@ -1,9 +1,9 @@
 //! A gateway of the ARCHIMEDES Physics Protocol to scenes.
 //!
-//! OpenSimulator's RemotePhysics plug-in uses this protocol with a physics server: big-endian, control on TCP, state
-//! on UDP. The book describes it (`operating/app.md`). A [`Gateway`] has a scene for each such client, joins it over the client
-//! interface like any other member, and has no sockets; [`AppListener`] owns the sockets, and a thread for each client. No
-//! engine and no server: the server may be in the same process or elsewhere.
+//! OpenSimulator's RemotePhysics plug-in uses this protocol with a physics server: big-endian, control on TCP, state on
+//! UDP. The book describes it (`operating/app.md`). A [`Gateway`] has a scene for each such client, joins it over the
+//! client interface like any other member, and has no sockets; [`AppListener`] owns the sockets, and a thread for each
+//! client. No engine and no server: the server may be in the same process or elsewhere.
 #![forbid(unsafe_code)]
 
 mod actor;

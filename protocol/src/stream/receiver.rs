@@ -89,9 +89,9 @@ impl StreamReceiver {
         self.silence.begin_for(now, span);
     }
 
-    /// Restarts the timeout after a datagram; nothing else that arrives restarts it. The next one arrives at the latest with
-    /// the watermark of a free-running stream. A datagram that waits for scene events is no news: the timeout is then shorter,
-    /// and no other such datagram restarts it.
+    /// Restarts the timeout after a datagram; nothing else that arrives restarts it. The next one arrives at the latest
+    /// with the watermark of a free-running stream. A datagram that waits for scene events is no news: the timeout is
+    /// then shorter, and no other such datagram restarts it.
     pub fn expect_watermark(&mut self, now: Instant) {
         let waits = self.subscriber.waits_for_scene_events();
         let arrived = self.subscriber.arrived();
@@ -307,8 +307,8 @@ impl RetryTimer {
         self.fired = None;
     }
 
-    /// Begins pauses that have grown to the longest one anew: the message is due again after the shortest one, and is then the
-    /// first. Shorter ones grow on, so that answers on a full link do not make more of them.
+    /// Begins pauses that have grown to the longest one anew: the message is due again after the shortest one, and is
+    /// then the first. Shorter ones grow on, so that answers on a full link do not make more of them.
     fn begin_anew(&mut self, now: Instant) {
         if self.span < self.most {
             return;

@@ -1,9 +1,9 @@
 //! The engine of a scene that its owner feeds: it moves nothing by itself.
 //!
-//! A step takes the states that the owner has handed over for its tick. Between two fed ticks that are apart, bodies go evenly
-//! from one state to the next. It has neither contacts nor queries, and no images: such a scene is neither stored nor
-//! restored. Invariants: a body without a state at its tick rests where it is; one that has stood still for [`STILL_TICKS`]
-//! sleeps, and wakes when it is fed elsewhere or with a velocity.
+//! A step takes the states that the owner has handed over for its tick. Between two fed ticks that are apart, bodies go
+//! evenly from one state to the next. It has neither contacts nor queries, and no images: such a scene is neither
+//! stored nor restored. Invariants: a body without a state at its tick rests where it is; one that has stood still for
+//! [`STILL_TICKS`] sleeps, and wakes when it is fed elsewhere or with a velocity.
 
 use std::collections::BTreeMap;
 use std::mem;

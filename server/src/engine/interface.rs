@@ -262,8 +262,8 @@ pub trait Engine: Send {
         0
     }
 
-    /// As [`Engine::crowding`], just before a step: with the pairs of the bodies that the step itself puts elsewhere before it
-    /// meets anything.
+    /// As [`Engine::crowding`], just before a step: with the pairs of the bodies that the step itself puts elsewhere
+    /// before it meets anything.
     fn crowding_ahead(&mut self) -> u64 {
         self.crowding()
     }

@@ -1,9 +1,9 @@
 //! Scenes in which so many bodies overlap that a step would not end.
 //!
 //! Each heap is one of those that took a server down: by commands before the first step, by poses, by shapes, kinds and
-//! groups that change, by motion, by spin, by the pull of joints, and within a step that has parts. Proved by what the scene refuses,
-//! and by the steps that it still takes. A heap at the limit is stepped, and so is every lawful scene here. Caught: 516 kB of
-//! commands ended a server of 3 GiB.
+//! groups that change, by motion, by spin, by the pull of joints, and within a step that has parts. Proved by what the
+//! scene refuses, and by the steps that it still takes. A heap at the limit is stepped, and so is every lawful scene
+//! here. Caught: 516 kB of commands ended a server of 3 GiB.
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::message::ClientMessage;

@@ -298,8 +298,8 @@ pub(crate) fn replay(
     }
 }
 
-/// Cuts the damaged scenes of a directory back to their last good ticks, or one of them. What is to be lost is said first, and
-/// asked for unless `is_agreed`. The directory of each stays beside it.
+/// Cuts the damaged scenes of a directory back to their last good ticks, or one of them. What is to be lost is said
+/// first, and asked for unless `is_agreed`. The directory of each stays beside it.
 ///
 /// # Errors
 ///

@@ -9,11 +9,11 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use rhumb_edge::{Edge, SharedPacket, SharedStream};
 
-/// Packets of a fan-out that wait for the edge; beyond them the newest are dropped, as a network drops them. Derived: 4 MiB of
-/// packets of the usual size.
+/// Packets of a fan-out that wait for the edge; beyond them the newest are dropped, as a network drops them. Derived: 4
+/// MiB of packets of the usual size.
 const WAITING_MAX: usize = 4_096;
 
-/// What carries packets.
+/// A carrier of packets.
 pub trait FanOut: Send {
     /// Hands a packet to all that follow its stream. Does not wait; what cannot be sent now is dropped.
     fn publish(&mut self, packet: SharedPacket);

@@ -1,7 +1,8 @@
 //! The way in: a file, by its content's format, as a scene or as a script.
 //!
-//! An XML file is known by its first element, JSON by its first bracket, and glTF by what it begins with or its `asset`. A script has no controller, and a joint comes with
-//! the later of its bodies. A script that only adds is such a scene too.
+//! An XML file is known by its first element, JSON by its first bracket, and glTF by what it begins with or its
+//! `asset`. A script has no controller, and a joint comes with the later of its bodies. A script that only adds is such
+//! a scene too.
 
 use std::collections::BTreeMap;
 use std::error::Error;

@@ -1,7 +1,7 @@
 //! The requirements that no case tests, with reasons.
 //!
-//! The reasons are in `tests/conformance/data/uncovered.json`, by document and requirement. A test holds that each requirement has
-//! a case or a reason, and that every citation names an existing requirement.
+//! The reasons are in `tests/conformance/data/uncovered.json`, by document and requirement. A test holds that each
+//! requirement has a case or a reason, and that every citation names an existing requirement.
 
 use std::collections::{BTreeMap, BTreeSet};
 

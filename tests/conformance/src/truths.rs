@@ -1,8 +1,8 @@
 //! Recorded bit-exact results of some scenes in this project's physics engine.
 //!
-//! `tests/conformance/data/truths.json` has checksums of the motion of each dynamic body, at chosen ticks, by the index of the
-//! body in its member's id range. The checksums are computed in this process without a connection, so that a server
-//! and its packets are compared with the engine alone. A test compares the file with a new computation;
+//! `tests/conformance/data/truths.json` has checksums of the motion of each dynamic body, at chosen ticks, by the index
+//! of the body in its member's id range. The checksums are computed in this process without a connection, so that a
+//! server and its packets are compared with the engine alone. A test compares the file with a new computation;
 //! `UPDATE_VECTORS=1 cargo test -p rhumb-conformance --lib truths` writes it.
 
 use std::collections::BTreeMap;

@@ -1,7 +1,7 @@
 //! Crowds at edges, members behind a fan-out, and publishers whose edge ends.
 //!
-//! A crowd speaks to an edge without a network: what counts is which connections the edge asks its driver for. All else runs in
-//! virtual time.
+//! A crowd speaks to an edge without a network: what counts is which connections the edge asks its driver for. All else
+//! runs in virtual time.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;

@@ -1,7 +1,7 @@
 //! Members of edges have the copies, bounds and answers of the server's own.
 //!
-//! The tests run in virtual time. Claims of every member are judged against a replay of the commands, whose checksum must equal the
-//! server's: a command that was lost or applied twice would change it.
+//! The tests run in virtual time. Claims of every member are judged against a replay of the commands, whose checksum
+//! must equal the server's: a command that was lost or applied twice would change it.
 
 use std::collections::BTreeSet;
 

@@ -1,7 +1,7 @@
 //! Scenes whose owner feeds the states of their bodies.
 //!
-//! The poses of a follower are compared with those that were fed, at every fed tick. The feeds are random: bodies come and go, teleport,
-//! rest, are left out, and have velocities that contradict their poses; ticks are left out.
+//! The poses of a follower are compared with those that were fed, at every fed tick. The feeds are random: bodies come
+//! and go, teleport, rest, are left out, and have velocities that contradict their poses; ticks are left out.
 
 use std::collections::BTreeMap;
 

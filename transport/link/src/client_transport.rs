@@ -45,8 +45,8 @@ pub trait ClientTransport: Send {
     /// The connection's traffic so far.
     fn statistics(&self) -> WireStatistics;
 
-    /// True if the server can use more control bytes now. A program that carries the connection for another one holds them back
-    /// otherwise.
+    /// True if the server can use more control bytes now. A program that carries the connection for another one holds
+    /// them back otherwise.
     fn wants_control(&self) -> bool {
         true
     }
@@ -132,7 +132,8 @@ enum ReceiverState {
 }
 
 impl Inbox {
-    /// Calls `hook` now, and from then on whenever something has come, on the thread that brings it. Only the first hook counts.
+    /// Calls `hook` now, and from then on whenever something has come, on the thread that brings it. Only the first
+    /// hook counts.
     pub fn on_arrival(&self, hook: impl Fn() + Send + Sync + 'static) {
         let hook = self.arrival.hook.get_or_init(|| Box::new(hook));
         hook();

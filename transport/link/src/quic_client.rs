@@ -114,8 +114,8 @@ impl QuicClient {
         }
     }
 
-    /// Calls `hook` now, and from then on whenever there is something to receive, on the thread of the sockets. It must not wait.
-    /// Only the first hook counts.
+    /// Calls `hook` now, and from then on whenever there is something to receive, on the thread of the sockets. It must
+    /// not wait. Only the first hook counts.
     pub fn on_arrival(&self, hook: impl Fn() + Send + Sync + 'static) {
         self.inbox.on_arrival(hook);
     }

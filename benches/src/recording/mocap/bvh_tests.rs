@@ -130,7 +130,7 @@ fn a_frame_time_of_few_decimals_is_that_of_a_whole_rate() {
         rate: Rate::new(50, 1),
         ..centimetres()
     };
-    // Whatever the file says.
+    // A rate that is given comes before the one of the file.
     assert_eq!(
         plain(&file(&ROWS, "0"), &options).integrator.rate.ticks(),
         50

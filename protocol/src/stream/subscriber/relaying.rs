@@ -1,8 +1,8 @@
 //! Messages of an edge to its subscribers, from its tracks (PROTOCOL 14).
 //!
-//! An edge forwards the packets of a stream as they are. Its subscriber has the publisher's tracks, so that it makes snapshots,
-//! refreshes and watermarks in the publisher's place. Encodes no updates, and knows no receivers. Invariant: what it says is
-//! true of the publisher's stream at the tick that it names, so it speaks only while it is settled.
+//! An edge forwards the packets of a stream as they are. Its subscriber has the publisher's tracks, so that it makes
+//! snapshots, refreshes and watermarks in the publisher's place. Encodes no updates, and knows no receivers. Invariant:
+//! what it says is true of the publisher's stream at the tick that it names, so it speaks only while it is settled.
 
 use alloc::vec::Vec;
 

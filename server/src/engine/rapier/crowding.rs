@@ -27,8 +27,8 @@ use super::body::id;
 const FREE: u64 = 32;
 /// Greatest count of one collider: a floor or a lift under thousands of bodies is no crowd.
 const PAIRS_PER_COLLIDER: u64 = 4_096;
-/// Pairs that Rapier finds, and makes nothing of, for one that it makes: bodies that are fixed, or kinematic, or of groups that do
-/// not touch.
+/// Pairs that Rapier finds, and makes nothing of, for one that it makes: bodies that are fixed, or kinematic, or of
+/// groups that do not touch.
 const SHARES: u64 = 256;
 /// Half the size of the world in which boxes are compared, metres: those of half-spaces have no end.
 const WORLD: f32 = 1e6;
@@ -313,7 +313,8 @@ impl RapierCrowding {
         self.shares += ends / 2;
     }
 
-    /// The parts of pairs of the colliders of a body that have left their boxes; `None` if the world's tree has them elsewhere.
+    /// The parts of pairs of the colliders of a body that have left their boxes; `None` if the world's tree has them
+    /// elsewhere.
     fn ends_of(&self, world: &PhysicsWorld, body: &RigidBody, before: &RapierPose) -> Option<u64> {
         let mut ends = 0;
         for handle in body.colliders() {
@@ -400,8 +401,8 @@ fn thickness(shape: &dyn Shape) -> f32 {
     }
 }
 
-/// The distance of two unit quaternions, the nearer of each two that are one rotation. A point at a metre from the axis goes less than twice
-/// as far, in metres.
+/// The distance of two unit quaternions, the nearer of each two that are one rotation. A point at a metre from the axis
+/// goes less than twice as far, in metres.
 fn chord(one: Quat, other: Quat) -> f32 {
     (one - other).length().min((one + other).length())
 }

@@ -1,9 +1,10 @@
 //! The law of a motor, and the motions that motors of one joint drive.
 //!
-//! A motor accelerates its own axis and leaves the others to their motors. Where the bodies are not balanced about the axes, a
-//! torque about one accelerates all. So motors of several rotations are laid along the axes in which the bodies are balanced,
-//! and those of a body that is driven along and about every axis at its centre of mass. With equal stiffness and damping that is
-//! the same law; what different ones make is added as a force. The law itself knows numbers only, neither bodies nor joints.
+//! A motor accelerates its own axis and leaves the others to their motors. Where the bodies are not balanced about the
+//! axes, a torque about one accelerates all. So motors of several rotations are laid along the axes in which the bodies
+//! are balanced, and those of a body that is driven along and about every axis at its centre of mass. With equal
+//! stiffness and damping that is the same law; what different ones make is added as a force. The law itself knows
+//! numbers only, neither bodies nor joints.
 
 use std::f64::consts::PI;
 
@@ -182,7 +183,8 @@ impl DrivenMotion {
 /// A smaller share of a motor in a drive counts for none.
 const SHARE_MIN: f64 = 0.01;
 
-/// Distance past its limit at which a motor along its own axis aims in a step, metres or radians, so that it carries a load there.
+/// Distance past its limit at which a motor along its own axis aims in a step, metres or radians, so that it carries a
+/// load there.
 const PAST: f64 = 0.02;
 
 /// The drives of a joint's motors, one for each.

@@ -279,7 +279,8 @@ fn a_motor_gives_no_more_than_its_torque() {
     assert!((spin - 3.0 / inertia).abs() < 0.05, "{spin}");
 }
 
-/// A joint that leaves these axes free, with this motor on each of them, about the second body's own `lever` behind its centre.
+/// A joint that leaves these axes free, with this motor on each of them, about the second body's own `lever` behind its
+/// centre.
 fn driven(
     world: &mut TestWorld,
     shape: Shape,
@@ -366,7 +367,8 @@ fn a_shoulder_holds_its_arm_still_against_gravity() {
                 }
                 let rotation = world.rotation(arm);
                 let parts = [rotation.x, rotation.y, rotation.z];
-                // Gravity accelerates the arm by less than 9.81 / 0.5 rad/s², a stiffness of 100/s² gives way by as much less.
+                // Gravity accelerates the arm by less than 9.81 / 0.5 rad/s², a stiffness of 100/s² gives way by as
+                // much less.
                 for (part, to) in parts.into_iter().zip(targets) {
                     let turn = 2.0 * part.asin();
                     assert!(

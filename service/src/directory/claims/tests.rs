@@ -119,7 +119,7 @@ impl Directory {
 struct SimServer {
     claims: SceneClaims,
     owned: BTreeMap<SceneName, Epoch>,
-    /// Which of its lives this is.
+    /// The number of this life.
     life: u64,
     /// The rate of its clock, in parts of a thousand.
     rate: u64,
@@ -313,7 +313,7 @@ impl SimWorld {
         true
     }
 
-    /// The server that does not see a event before it goes on, and when that is.
+    /// The server that does not see an event before it resumes, and the moment at which it does.
     fn frozen(&self, event: &SimEvent) -> Option<(usize, u64)> {
         let (SimEvent::Answered(server, ..)
         | SimEvent::Look(server, _)

@@ -1,7 +1,8 @@
 //! A worker process: the scenes of one tenant, and a stream to the dispatcher.
 //!
-//! The main thread reads what the dispatcher sends. The scenes' threads write their outputs themselves. A thread of its own
-//! gives a sign of life, whatever the scenes do. The process has no sockets and no keys of tokens, and ends with the dispatcher.
+//! The main thread reads what the dispatcher sends. The scenes' threads write their outputs themselves. A thread of its
+//! own gives a sign of life, whatever the scenes do. The process has no sockets and no keys of tokens, and ends with
+//! the dispatcher.
 
 use std::collections::BTreeMap;
 use std::error::Error;
@@ -40,8 +41,8 @@ const END: Duration = Duration::from_millis(500);
 /// Bytes of a scene's entries that wait to be handed to the dispatcher.
 const FLIGHT_BYTES_WAITING_MAX: usize = 64 << 10;
 
-/// Runs a worker process, which a dispatcher has started, until the dispatcher needs it no longer. `seconds`: the system's time
-/// since 1970.
+/// Runs a worker process, which a dispatcher has started, until the dispatcher needs it no longer. `seconds`: the
+/// system's time since 1970.
 ///
 /// # Errors
 ///

@@ -1,6 +1,7 @@
 //! The trajectory of a body under the authority of a client under test.
 //!
-//! It is specified in `docs/book/src/implementing.md`, so that clients in all languages have the same one, except for rounding.
+//! It is specified in `docs/book/src/implementing.md`, so that clients in all languages have the same one, except for
+//! rounding.
 
 use rhumb_reckoning::{BodyState, Tick};
 
