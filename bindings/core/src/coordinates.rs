@@ -444,6 +444,39 @@ impl Coordinates {
     }
 }
 
+/// How far a pose may be from the view's by the rounding of the coordinates in which it is handed out, units of length.
+///
+/// Each component of a position is rounded by half a unit in its last place where it is scaled. That of a body's origin is
+/// rounded as often where the turned centre is taken from it; that one has an error of its own, below four such roundings
+/// of its length.
+pub(crate) fn rounding(position: Vec3, centre: Vec3, coordinates: Coordinates) -> f64 {
+    let ulp = |value: f32| f64::from(value.abs().next_up() - value.abs());
+    let scale = f64::from(1.0 / coordinates.metres_per_unit());
+    let length = centre.length();
+    let mut squares = 0.0;
+    for component in position.to_array() {
+        let component = component.abs() + length;
+        let mut error = 0.0;
+        if coordinates == Coordinates::Unreal {
+            error += 0.5 * ulp(coordinates.length_out(component));
+        }
+        if centre != Vec3::ZERO {
+            error += scale * (0.5 * ulp(component) + 4.0 * ulp(length));
+        }
+        squares += error * error;
+    }
+    squares.sqrt()
+}
+
+/// A bound rounded up, so that it stays a bound.
+pub(crate) fn units_up(exact: f64) -> f32 {
+    let near = exact as f32;
+    match f64::from(near) < exact {
+        true => near.next_up(),
+        false => near,
+    }
+}
+
 #[cfg(test)]
 mod joint_tests;
 #[cfg(test)]

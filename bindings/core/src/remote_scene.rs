@@ -16,37 +16,21 @@ use rhumb_client::{
 #[cfg(feature = "serve")]
 use rhumb_client::{Checkpoint, CheckpointError};
 
-use crate::coordinates::Coordinates;
+use crate::coordinates::{Coordinates, rounding, units_up};
 use crate::descriptions::{BodyParams, StateRecord};
 use crate::error::BindingError;
 #[cfg(feature = "local")]
 use crate::feeding::{FedArrays, FedStates, RequestRecord};
 #[cfg(feature = "files")]
 use crate::files::{self, LoadParams, LoadedFile, NamedBody, NamedJoint};
-use crate::generated::EventKind;
 use crate::joining::{JoinParams, TICKS_NEEDED, tolerance};
 #[cfg(feature = "serve")]
 use crate::own_server::{OwnServer, SceneServer};
-use crate::records::{ContactRecord, EventRecord, RefusalRecord};
+use crate::records::{ContactRecord, EventRecord, HitRecord, KnownBodies, RefusalRecord};
 use crate::view::ConvertedView;
 
 /// Limit of unread events, the client's own. Beyond it, the oldest are dropped, and counted.
 const EVENTS_KEPT: usize = 65_536;
-
-/// A body that a query found.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct HitRecord {
-    /// Place of the query in its batch.
-    pub query: u32,
-    /// The body.
-    pub body: BodyId,
-    /// Units of length along the way, or from the point to the surface; zero for an overlap.
-    pub distance: f32,
-    /// On the body's surface; zero for an overlap.
-    pub point: Vec3,
-    /// Outward from the surface, of unit length, or zero where there is none.
-    pub normal: Vec3,
-}
 
 /// A client of one scene.
 pub struct RemoteScene {
@@ -726,69 +710,6 @@ fn twice(mut bodies: impl Iterator<Item = BodyId>) -> Option<BodyId> {
     bodies.find(|body| !seen.insert(*body))
 }
 
-/// How far a pose may be from the view's by the rounding of the coordinates in which it is handed out, units of length.
-///
-/// Each component of a position is rounded by half a unit in its last place where it is scaled. That of a body's origin is
-/// rounded as often where the turned centre is taken from it; that one has an error of its own, below four such roundings
-/// of its length.
-fn rounding(position: Vec3, centre: Vec3, coordinates: Coordinates) -> f64 {
-    let ulp = |value: f32| f64::from(value.abs().next_up() - value.abs());
-    let scale = f64::from(1.0 / coordinates.metres_per_unit());
-    let length = centre.length();
-    let mut squares = 0.0;
-    for component in position.to_array() {
-        let component = component.abs() + length;
-        let mut error = 0.0;
-        if coordinates == Coordinates::Unreal {
-            error += 0.5 * ulp(coordinates.length_out(component));
-        }
-        if centre != Vec3::ZERO {
-            error += scale * (0.5 * ulp(component) + 4.0 * ulp(length));
-        }
-        squares += error * error;
-    }
-    squares.sqrt()
-}
-
-/// A bound rounded up, so that it stays a bound.
-fn units_up(exact: f64) -> f32 {
-    let near = exact as f32;
-    match f64::from(near) < exact {
-        true => near.next_up(),
-        false => near,
-    }
-}
-
-/// By index: one more than the latest generation, or zero.
-#[derive(Debug, Default)]
-pub(crate) struct KnownBodies(Vec<u32>);
-
-impl KnownBodies {
-    /// Adds a body, and those before it under its index.
-    pub(crate) fn add(&mut self, body: BodyId) {
-        let place = body.index() as usize;
-        if place >= self.0.len() {
-            self.0.resize(place + 1, 0);
-        }
-        self.0[place] = self.0[place].max(u32::from(body.generation()) + 1);
-    }
-
-    /// Learns from an event.
-    pub(crate) fn note(&mut self, event: &EventRecord) {
-        if let (EventKind::BodyPlaced | EventKind::BodyRemoved, Some(body)) =
-            (event.kind, event.body)
-        {
-            self.add(body);
-        }
-    }
-
-    /// True for a body that was added.
-    pub(crate) fn has(&self, body: BodyId) -> bool {
-        let latest = self.0.get(body.index() as usize);
-        latest.is_some_and(|latest| u32::from(body.generation()) < *latest)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -798,48 +719,5 @@ mod tests {
         let [first, second] = [BodyId::new(1, 0), BodyId::new(1, 1)];
         assert_eq!(twice([first, second].into_iter()), None);
         assert_eq!(twice([first, second, first].into_iter()), Some(first));
-    }
-
-    #[test]
-    fn a_bound_counts_what_the_handed_out_position_is_rounded_by_far_out() {
-        let turn = Quat::from_axis_angle(Vec3::new(0.6, 0.0, 0.8), 1.1);
-        for coordinates in Coordinates::EACH {
-            let scale = f64::from(1.0 / coordinates.metres_per_unit());
-            for centre in [
-                Vec3::ZERO,
-                Vec3::new(1.2345, 0.37, 0.11),
-                Vec3::splat(900.0),
-            ] {
-                for step in 0..200 {
-                    let step = step as f32;
-                    let position = Vec3::new(98_765.2 + step, -99_000.3 - step, 3.1 * step);
-                    let exact = position.as_dvec3() - turn.as_dquat() * centre.as_dvec3();
-                    let origin = position - turn * centre;
-                    let shown = coordinates.vector_out(origin).as_dvec3();
-                    let back = coordinates.direction_in(shown.as_vec3()).as_dvec3();
-                    let error = (back - exact * scale).length();
-                    let bound = rounding(position, centre, coordinates);
-                    assert!(
-                        error <= bound,
-                        "{coordinates:?}, {centre}: {error} > {bound}"
-                    );
-                }
-            }
-        }
-        let near = rounding(
-            Vec3::new(99_000.0, 1.0, 1.0),
-            Vec3::ZERO,
-            Coordinates::Rhumb,
-        );
-        assert_eq!(near, 0.0, "what is handed out as it is");
-    }
-
-    #[test]
-    fn a_body_is_known_with_those_before_it_and_not_with_later_ones() {
-        let mut known = KnownBodies::default();
-        known.add(BodyId::new(3, 1));
-        let has = |index, generation| known.has(BodyId::new(index, generation));
-        assert_eq!([has(3, 0), has(3, 1), has(3, 2)], [true, true, false]);
-        assert_eq!([has(0, 0), has(4, 0)], [false, false]);
     }
 }

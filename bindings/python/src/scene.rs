@@ -1,6 +1,7 @@
 //! Scenes: bodies, commands, time, arrays, events, queries.
 //!
-//! The commands, a third of this file, are made by `bindings/table`.
+//! The commands, a third of this file, are made by `bindings/table`. PyO3 takes the methods of a class in one block, so this
+//! file is longer than others.
 
 mod calls;
 

@@ -264,3 +264,37 @@ fn commands_and_queries_are_converted_as_a_whole() {
     );
     assert_eq!(Coordinates::ZUp.query_in(query).unwrap(), expected);
 }
+
+#[test]
+fn a_bound_counts_what_the_handed_out_position_is_rounded_by_far_out() {
+    let turn = Quat::from_axis_angle(Vec3::new(0.6, 0.0, 0.8), 1.1);
+    for coordinates in Coordinates::EACH {
+        let scale = f64::from(1.0 / coordinates.metres_per_unit());
+        for centre in [
+            Vec3::ZERO,
+            Vec3::new(1.2345, 0.37, 0.11),
+            Vec3::splat(900.0),
+        ] {
+            for step in 0..200 {
+                let step = step as f32;
+                let position = Vec3::new(98_765.2 + step, -99_000.3 - step, 3.1 * step);
+                let exact = position.as_dvec3() - turn.as_dquat() * centre.as_dvec3();
+                let origin = position - turn * centre;
+                let shown = coordinates.vector_out(origin).as_dvec3();
+                let back = coordinates.direction_in(shown.as_vec3()).as_dvec3();
+                let error = (back - exact * scale).length();
+                let bound = rounding(position, centre, coordinates);
+                assert!(
+                    error <= bound,
+                    "{coordinates:?}, {centre}: {error} > {bound}"
+                );
+            }
+        }
+    }
+    let near = rounding(
+        Vec3::new(99_000.0, 1.0, 1.0),
+        Vec3::ZERO,
+        Coordinates::Rhumb,
+    );
+    assert_eq!(near, 0.0, "what is handed out as it is");
+}
