@@ -9,7 +9,6 @@
 //! the server are those that it states at its metrics address, and the processor time and memory that the system states
 //! for its processes.
 
-mod crowd;
 mod edges;
 mod filling;
 mod frames;

@@ -259,87 +259,6 @@ pub(crate) struct PaperResults {
     pub(crate) analysis: Analysis,
 }
 
-#[cfg(test)]
-pub(crate) mod tests {
-    use super::*;
-    use crate::settings::LoadOutcome;
-    use crate::settings::tests::settings;
-
-    /// A trial with these frame rates of integrated and naive at 500 and 1,000 balls.
-    pub(crate) fn trial(number: u32, fps: [[f64; 2]; 2]) -> ExperimentTrial {
-        let outcome = |mode: &str, fps: f64| ModeOutcome {
-            mode: mode.to_owned(),
-            frames: 10,
-            sim_fps: fps,
-            sustained_fps: fps / 2.0,
-            phys_ft_ms: 1e3 / fps,
-            bytes_down: 1_000,
-            ..ModeOutcome::default()
-        };
-        let load = |load, fps: [f64; 2]| LoadOutcome {
-            load,
-            modes: vec![outcome("integrated", fps[0]), outcome("naive", fps[1])],
-        };
-        ExperimentTrial {
-            number,
-            seed: u64::from(number),
-            wall_s: 1.0,
-            loads: vec![load(500, fps[0]), load(1_000, fps[1])],
-        }
-    }
-
-    #[test]
-    fn degradation_begins_at_the_smallest_load_with_a_mean_below_nine() {
-        let trials = [
-            trial(1, [[11.0, 9.5], [9.2, 8.0]]),
-            trial(2, [[11.0, 8.5], [8.8, 7.0]]),
-        ];
-        let analysis = Analysis::of(&settings(), &trials);
-        let mdl = |mode: &str| {
-            let found = analysis.degradation.iter().find(|found| found.mode == mode);
-            found.map(|found| (found.mdl, found.sustained_mdl)).unwrap()
-        };
-        // Integrated: means 11 and exactly 9, which is not below. Naive: exactly 9 at 500, 7.5 at 1,000.
-        assert_eq!(mdl("integrated"), (None, Some(500)));
-        assert_eq!(mdl("naive"), (Some(1_000), Some(500)));
-        assert_eq!(mdl("rhumb"), (None, None));
-        let naive = analysis.mode(1_000, "naive").unwrap();
-        assert_eq!((naive.sim_fps.count, naive.sim_fps.mean), (2, 7.5));
-        let against = naive.against_integrated.unwrap();
-        assert!((against.sim_fps.difference + 1.5).abs() < 1e-12);
-        // Frames of 1/8 and 1/7 s beside 1/9.2 and 1/8.8 s: √(9.2/8 · 8.8/7).
-        let paired = against.paired.unwrap();
-        assert_eq!(paired.pairs, 2);
-        assert!((paired.ratio - (1.15_f64 * 8.8 / 7.0).sqrt()).abs() < 1e-12);
-        assert_eq!(
-            analysis.mode(500, "integrated").unwrap().against_integrated,
-            None
-        );
-        assert_eq!(naive.bytes_down.mean, 100.0);
-    }
-
-    #[test]
-    fn a_void_outcome_is_excluded_and_listed() {
-        let mut trials = [
-            trial(1, [[11.0, 10.0], [10.0, 10.0]]),
-            trial(2, [[11.0, 1.0], [10.0, 10.0]]),
-        ];
-        trials[1].loads[0].modes[1].void = true;
-        let analysis = Analysis::of(&settings(), &trials);
-        let naive = analysis.mode(500, "naive").unwrap();
-        assert_eq!((naive.sim_fps.count, naive.sim_fps.mean), (1, 10.0));
-        let named = Void {
-            trial: 2,
-            seed: 2,
-            load: 500,
-            mode: "naive".to_owned(),
-        };
-        assert_eq!(analysis.void, [named]);
-        trials[0].loads[0].modes[1].void = true;
-        assert_eq!(Analysis::of(&settings(), &trials).mode(500, "naive"), None);
-    }
-}
-
 /// A load of the paper's table.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Published {
@@ -585,5 +504,86 @@ impl Drawn {
 
     fn loads(&self) -> Axis {
         Axis::linear("balls", 0.0, self.points.iter().map(|point| point.0))
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use crate::settings::LoadOutcome;
+    use crate::settings::tests::settings;
+
+    /// A trial with these frame rates of integrated and naive at 500 and 1,000 balls.
+    pub(crate) fn trial(number: u32, fps: [[f64; 2]; 2]) -> ExperimentTrial {
+        let outcome = |mode: &str, fps: f64| ModeOutcome {
+            mode: mode.to_owned(),
+            frames: 10,
+            sim_fps: fps,
+            sustained_fps: fps / 2.0,
+            phys_ft_ms: 1e3 / fps,
+            bytes_down: 1_000,
+            ..ModeOutcome::default()
+        };
+        let load = |load, fps: [f64; 2]| LoadOutcome {
+            load,
+            modes: vec![outcome("integrated", fps[0]), outcome("naive", fps[1])],
+        };
+        ExperimentTrial {
+            number,
+            seed: u64::from(number),
+            wall_s: 1.0,
+            loads: vec![load(500, fps[0]), load(1_000, fps[1])],
+        }
+    }
+
+    #[test]
+    fn degradation_begins_at_the_smallest_load_with_a_mean_below_nine() {
+        let trials = [
+            trial(1, [[11.0, 9.5], [9.2, 8.0]]),
+            trial(2, [[11.0, 8.5], [8.8, 7.0]]),
+        ];
+        let analysis = Analysis::of(&settings(), &trials);
+        let mdl = |mode: &str| {
+            let found = analysis.degradation.iter().find(|found| found.mode == mode);
+            found.map(|found| (found.mdl, found.sustained_mdl)).unwrap()
+        };
+        // Integrated: means 11 and exactly 9, which is not below. Naive: exactly 9 at 500, 7.5 at 1,000.
+        assert_eq!(mdl("integrated"), (None, Some(500)));
+        assert_eq!(mdl("naive"), (Some(1_000), Some(500)));
+        assert_eq!(mdl("rhumb"), (None, None));
+        let naive = analysis.mode(1_000, "naive").unwrap();
+        assert_eq!((naive.sim_fps.count, naive.sim_fps.mean), (2, 7.5));
+        let against = naive.against_integrated.unwrap();
+        assert!((against.sim_fps.difference + 1.5).abs() < 1e-12);
+        // Frames of 1/8 and 1/7 s beside 1/9.2 and 1/8.8 s: √(9.2/8 · 8.8/7).
+        let paired = against.paired.unwrap();
+        assert_eq!(paired.pairs, 2);
+        assert!((paired.ratio - (1.15_f64 * 8.8 / 7.0).sqrt()).abs() < 1e-12);
+        assert_eq!(
+            analysis.mode(500, "integrated").unwrap().against_integrated,
+            None
+        );
+        assert_eq!(naive.bytes_down.mean, 100.0);
+    }
+
+    #[test]
+    fn a_void_outcome_is_excluded_and_listed() {
+        let mut trials = [
+            trial(1, [[11.0, 10.0], [10.0, 10.0]]),
+            trial(2, [[11.0, 1.0], [10.0, 10.0]]),
+        ];
+        trials[1].loads[0].modes[1].void = true;
+        let analysis = Analysis::of(&settings(), &trials);
+        let naive = analysis.mode(500, "naive").unwrap();
+        assert_eq!((naive.sim_fps.count, naive.sim_fps.mean), (1, 10.0));
+        let named = Void {
+            trial: 2,
+            seed: 2,
+            load: 500,
+            mode: "naive".to_owned(),
+        };
+        assert_eq!(analysis.void, [named]);
+        trials[0].loads[0].modes[1].void = true;
+        assert_eq!(Analysis::of(&settings(), &trials).mode(500, "naive"), None);
     }
 }

@@ -20,7 +20,7 @@ use rhumb_sims::NAMES;
 use rhumb_transport::DevelopmentPem;
 use serde::{Deserialize, Serialize};
 
-use super::crowd::Crowd;
+use super::member::Crowd;
 use super::member::{Contents, Judged, Member, Place, Watch, Watchers};
 use super::rig::{ServerArguments, ServerMetrics};
 

@@ -11,10 +11,10 @@ use crate::border::{
     RhumbCode, check_out, copy_text, elements, guard, optional_text, text, value, write,
     write_if_wanted,
 };
+use crate::connection::{FREE_PORT, RhumbLocalServer, insert_server, reach, server_of};
 use crate::connection::{RhumbConnection, insert, time_limit};
 use crate::descriptions::RhumbBody;
 use crate::files::RHUMB_NAME_BYTES;
-use crate::local::{FREE_PORT, RhumbLocalServer, insert_server, reach, server_of};
 use crate::scene::{RhumbScene, with, with_requests};
 
 /// Connects the client that will feed a scene: one whose engine is the caller's.

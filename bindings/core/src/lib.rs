@@ -34,7 +34,8 @@ pub use joining::{JoinCondition, JoinParams, address_with, server_of};
 #[cfg(feature = "serve")]
 pub use own_server::{OwnServer, Reach, ServedScenes};
 pub use records::{
-    ContactRecord, EventRecord, HitRecord, InvalidPackedId, RefusalRecord, packed_id, parse_packed_id,
+    ContactRecord, EventRecord, HitRecord, InvalidPackedId, RefusalRecord, packed_id,
+    parse_packed_id,
 };
 pub use remote_scene::RemoteScene;
 pub use rhumb_client;

@@ -5,7 +5,6 @@
 //! fail return 0 and leave an error as JSON in the output. Moments are milliseconds of one clock of the caller.
 
 mod argument;
-mod columns;
 mod generated;
 mod member;
 mod scene_argument;
@@ -20,7 +19,7 @@ use rhumb_view::{InvalidTicks, RenderTime};
 use serde_json::{Value, json};
 
 use crate::argument::{Argument, AskedFields, Failure, body_of, id_number};
-use crate::columns::Columns;
+use crate::member::Columns;
 use crate::member::{MemberOptions, WebMember};
 
 // JavaScript reads these as plain numbers in a row.

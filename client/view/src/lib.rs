@@ -12,7 +12,6 @@ mod contacts;
 mod copy_queries;
 mod joining;
 mod moment;
-mod movers;
 mod shapes;
 mod unanswered;
 mod view;

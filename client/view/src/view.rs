@@ -19,8 +19,8 @@ use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::{Anchor, BodyId, Correction, Motion, Pose, Seconds, Tick, Ticks, Twist};
 
 use crate::clocks::{SceneClock, ticks_or_none};
+use crate::moment::Movers;
 use crate::moment::{Leap, MomentMotion, RenderTime, ShownPose, is_orphaned, shown_bound};
-use crate::movers::Movers;
 
 /// Parameters for computing a view.
 #[derive(Clone, Copy, Debug)]

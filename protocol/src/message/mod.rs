@@ -6,7 +6,6 @@
 
 mod client;
 mod identity;
-mod member;
 mod scene_event;
 mod server;
 
@@ -16,12 +15,12 @@ use crate::limits::{LONG_MESSAGE_BYTES_MAX, MESSAGE_BYTES_MAX};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 
-pub use client::{ClientMessage, ResyncCause};
+pub use client::{
+    AuthorityError, AuthorityGrant, ClientMessage, ResyncCause, StreamChoice, TakeAuthority,
+    TierChangeCause, TierPolicy,
+};
 pub use identity::{Extension, Extensions, Grease, is_no_version};
 pub use identity::{InvalidToken, Role, SessionKey, SessionRequest, SessionState, Token};
-pub use member::{
-    AuthorityError, AuthorityGrant, StreamChoice, TakeAuthority, TierChangeCause, TierPolicy,
-};
 pub use scene_event::{FaultCause, RemovalCause, SceneEvent};
 pub use server::{
     Denial, Inspection, Joined, QueryError, QueryResult, ServerMessage, StageTimes, TickEvents,

@@ -9,8 +9,8 @@ use core::fmt;
 use glam::Vec3;
 use rhumb_reckoning::Tick;
 
+use super::client::{AuthorityError, AuthorityGrant, StreamChoice, TierChangeCause};
 use super::identity::{Extensions, SessionState};
-use super::member::{AuthorityError, AuthorityGrant, StreamChoice, TierChangeCause};
 use super::scene_event::SceneEvent;
 use super::{Framed, frame, put};
 use crate::endpoint::Instant;

@@ -6,7 +6,6 @@
 mod in_force;
 mod lifetimes;
 mod reading;
-mod relaying;
 
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;

@@ -7,9 +7,7 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::free_motion::{Damping, Integrator, StepCoefficientTable, TRACK_AGE_MAX};
-use crate::quantiser::{
-    QuantisedState, RESIDUAL_LIMIT, Residual, TURN_LIMIT, VelocityResidual,
-};
+use crate::quantiser::{QuantisedState, RESIDUAL_LIMIT, Residual, TURN_LIMIT, VelocityResidual};
 use crate::tolerance::Tolerance;
 use crate::track::{BodyState, Track};
 use crate::units::{Metres, Rate, Seconds, Ticks};
@@ -34,8 +32,7 @@ fn track() -> impl Strategy<Value = Track> {
         .prop_map(
             |(position, turn, linear, angular, predictor, quantised, length)| {
                 let rotation = DQuat::from_scaled_axis(turn);
-                let motion =
-                    Motion::new(Pose { position, rotation }, Twist { linear, angular });
+                let motion = Motion::new(Pose { position, rotation }, Twist { linear, angular });
                 let motion = motion.unwrap();
                 let anchor = if quantised || predictor.acceleration().is_some() {
                     Anchor::Quantised(QuantisedState::of(&motion, &grid()))

@@ -4,12 +4,12 @@
 //! after a panic, since any part may be broken. Bodies that Rapier quarantined are removed when the step returns.
 
 mod body;
-mod characters;
 mod crossing;
 mod crowding;
 mod drives;
 mod held_joint;
 mod image;
+mod locomotion;
 mod motors;
 mod reports;
 mod rest;
@@ -17,7 +17,6 @@ mod solid;
 mod spin;
 mod stepping;
 pub(super) mod threads;
-mod vehicles;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::mem;
@@ -36,14 +35,14 @@ use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Inertia, Integrator, Twist};
 
 use self::body as translate;
-use self::characters::RapierCharacters;
 use self::crowding::{Crowded, RapierCrowding};
+use self::locomotion::RapierCharacters;
+use self::locomotion::RapierVehicles;
 use self::motors::RapierJoints;
 use self::rest::RapierRest;
 use self::solid::{self as solids, Solid};
 use self::spin::RapierSpin;
 use self::threads::StepThreads;
-use self::vehicles::RapierVehicles;
 use super::interface::{
     BakedShape, Baker, BodyProperties, Engine, EngineFault, FrozenEngine, Push, SPEED_MAX,
     UnanswerableQuery, UnusableShape,
@@ -786,7 +785,5 @@ mod crossing_tests;
 mod motor_tests;
 #[cfg(test)]
 mod stepping_tests;
-#[cfg(test)]
-mod test_world;
 #[cfg(test)]
 mod tests;

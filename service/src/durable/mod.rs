@@ -7,7 +7,6 @@ mod disk;
 mod follow;
 mod format;
 mod recovery;
-mod repair;
 mod scene_files;
 mod writer;
 

@@ -1,6 +1,5 @@
 //! The paper's protocol as a mode: its client and the measurement of it.
 
-mod polled;
 mod replica;
 mod sockets;
 
@@ -14,8 +13,8 @@ use rhumb_protocol::scene::{Command, SceneConfig};
 use rhumb_reckoning::{BodyId, Tick};
 use rhumb_transport::Clock;
 
-use self::polled::Polled;
 use self::replica::AppReplica;
+use self::sockets::Polled;
 use self::sockets::{Count, Direct, Sockets, WireCounter};
 use crate::drive::DriveError;
 use crate::drive::compare::{RecentTruth, compare};

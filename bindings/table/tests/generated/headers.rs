@@ -9,17 +9,14 @@ pub(crate) const HEADER: &str = "c/include/rhumb.h";
 pub(crate) const IMPORTS: &str = "csharp/src/Native.g.cs";
 
 /// Sources with functions or types that cross the border.
-const SOURCES: [&str; 13] = [
+const SOURCES: [&str; 10] = [
     "border",
     "kinds",
     "descriptions",
     "connection",
-    "local",
     "scene",
     "generated",
     "commands",
-    "joints",
-    "poses",
     "feeding",
     "files",
     "answers",

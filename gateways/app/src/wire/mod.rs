@@ -4,17 +4,15 @@
 //! it accepts. Bytes from a peer cannot panic, and cannot make memory grow beyond its limits.
 
 mod codec;
-mod frames;
 mod message;
 
 pub use codec::{
     HEADER_BYTES, Id, Kind, MESSAGE_BYTES_MAX, MalformedMessage, POINTS_MAX, POSTS_MAX, Surface,
     TEXT_BYTES_MAX, TRIANGLES_MAX,
 };
-pub use frames::{FramedMessage, MessageFraming};
-pub(crate) use frames::{Session, SessionError};
 pub use message::{
     ActorsCollided, AddJoint, ApplyForce, ApplyTorque, AttachShape, Byte, ConvexMesh,
-    CreateDynamicActor, CreateStaticActor, DetachShape, ErrorReport, Grip, HeightGrid, Logon,
-    Message, Motion, Place, SetWorld, Surfacing, TriangleMesh,
+    CreateDynamicActor, CreateStaticActor, DetachShape, ErrorReport, FramedMessage, Grip,
+    HeightGrid, Logon, Message, MessageFraming, Motion, Place, SetWorld, Surfacing, TriangleMesh,
 };
+pub(crate) use message::{Session, SessionError};

@@ -15,7 +15,6 @@
 //! correction at the published tick and its cost, so that a mode adds its form and its lifetime alone.
 
 mod candidates;
-mod cost;
 mod forecast;
 mod recent;
 
@@ -26,7 +25,7 @@ use rhumb_reckoning::{
 use self::candidates::{
     ACCELERATED, ATTACHED, Attached, Candidates, FALLING, FLOATING, Prediction, REST, WorldModes,
 };
-use self::cost::{Beside, CorrectionRanker, Cost, NEAREST, Settings, VELOCITY_EXPONENTS};
+use self::candidates::{Beside, CorrectionRanker, Cost, NEAREST, Settings, VELOCITY_EXPONENTS};
 use self::forecast::{Errors, Expectation, Units, apart};
 use self::recent::{FallGrowth, Growth, RecentMotion};
 use super::Features;

@@ -6,7 +6,7 @@ use rhumb_protocol::scene::{
 };
 use rhumb_reckoning::BodyId;
 
-use super::test_world::TestWorld;
+use super::tests::TestWorld;
 
 const GRAVITY: f32 = 9.81;
 /// Half the length of a link, metres.

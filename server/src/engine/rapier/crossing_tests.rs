@@ -4,7 +4,7 @@ use glam::{Quat, Vec3};
 use rhumb_protocol::scene::{BodyKind, Compound, Part, Shape};
 use rhumb_reckoning::BodyId;
 
-use super::test_world::TestWorld;
+use super::tests::TestWorld;
 use crate::engine::interface::Engine;
 
 /// Ticks a second.

@@ -11,12 +11,12 @@ use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_protocol::wire::{Malformed, Wire};
 use rhumb_reckoning::BodyId;
 
-use super::characters::RapierCharacters;
+use super::locomotion::RapierCharacters;
+use super::locomotion::RapierVehicles;
 use super::motors::RapierJoints;
 use super::rest::RapierRest;
 use super::spin::RapierSpin;
 use super::threads::StepThreads;
-use super::vehicles::RapierVehicles;
 use super::{BodySlot, RapierEngine, solids};
 use crate::engine::interface::FrozenEngine;
 use crate::engine::kinematic_target::KinematicTarget;

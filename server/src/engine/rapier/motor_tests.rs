@@ -6,7 +6,7 @@ use rhumb_protocol::scene::{
 };
 use rhumb_reckoning::BodyId;
 
-use super::test_world::TestWorld;
+use super::tests::TestWorld;
 
 /// The law by itself: where a motor is after each tick.
 fn law(motor: &Motor, ticks: usize) -> Vec<f64> {

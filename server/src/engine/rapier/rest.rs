@@ -11,8 +11,8 @@ use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_protocol::wire::{Malformed, Wire};
 
 use super::body as translate;
+use super::locomotion::RapierVehicles;
 use super::reports;
-use super::vehicles::RapierVehicles;
 
 /// A body without a contact or a joint, and one whose motor holds a position, moves above this: m/s and rad/s.
 const FREE: f32 = 1e-4;

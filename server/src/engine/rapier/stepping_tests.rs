@@ -13,7 +13,7 @@ use rhumb_protocol::scene::{
 use rhumb_protocol::stream::Activity;
 use rhumb_reckoning::BodyId;
 
-use super::test_world::TestWorld;
+use super::tests::TestWorld;
 use crate::engine::interface::Engine;
 
 /// Two bodies that fly at each other along x, and where each is after the meeting.
