@@ -12,9 +12,8 @@ mod image;
 mod locomotion;
 mod motors;
 mod reports;
-mod rest;
+mod rest_and_spin;
 mod solid;
-mod spin;
 mod stepping;
 pub(super) mod threads;
 
@@ -39,9 +38,9 @@ use self::crowding::{Crowded, RapierCrowding};
 use self::locomotion::RapierCharacters;
 use self::locomotion::RapierVehicles;
 use self::motors::RapierJoints;
-use self::rest::RapierRest;
+use self::rest_and_spin::RapierRest;
+use self::rest_and_spin::RapierSpin;
 use self::solid::{self as solids, Solid};
-use self::spin::RapierSpin;
 use self::threads::StepThreads;
 use super::interface::{
     BakedShape, Baker, BodyProperties, Engine, EngineFault, FrozenEngine, Push, SPEED_MAX,
