@@ -2,9 +2,9 @@
 //!
 //! Ends with the membership. Commands and their session are kept apart, because they outlive a connection. Events come
 //! on the control stream and states in datagrams, so an event may be early. Invariant: at most [`EVENTS_HELD_MAX`]
-//! events wait; beyond that the oldest tick's are dropped, and counted. The application gets what had begun by then, as
-//! far as it is kept; the rest is counted, too. It learns that the scene was restored between the events before that
-//! and those after it.
+//! events wait; beyond that the oldest tick's are dropped, and counted. The application gets what had begun by then, as far as
+//! it is kept; the rest is counted, too. It learns that the scene was restored between the events before that and those after
+//! it.
 
 use alloc::collections::{BTreeMap, VecDeque};
 
