@@ -27,7 +27,7 @@ pub use edge_stage::{EdgeStage, Place};
 pub use failing_engine::{FailingEngine, Fails, failing_body};
 pub use observation_history::{Claim, ObservationHistory, assert_same_copy};
 pub use plugin::{PluginServer, PluginSession, Recording, falling, falling_apart, plugin_world};
-pub use process::{Ended, Programme, ServerProcess};
+pub use process::{Ended, Programme, ServerProcess, signal};
 pub use raw_peer::RawPeer;
 pub use rhumb_conformance::seed::{Dice, seed};
 pub use scripted_session::ScriptedSession;

@@ -217,11 +217,7 @@ impl ServerProcess {
     ///
     /// When the system has no `kill` command, or when it fails.
     pub fn signal(&self, name: &str) {
-        let status = Command::new("kill")
-            .arg(format!("-{name}"))
-            .arg(self.id().to_string())
-            .status();
-        assert!(status.expect("running the kill command").success());
+        signal(self.id(), name);
     }
 
     /// Ends the process at once, as a crash does.
@@ -262,6 +258,17 @@ impl ServerProcess {
             (fields.next()?.parse().ok()?, fields.next()?.parse().ok()?);
         Some(user + system)
     }
+}
+
+/// Sends a signal to a process, by its name without `SIG`.
+///
+/// # Panics
+///
+/// When the system has no `kill` command, or when it fails.
+pub fn signal(process: u32, name: &str) {
+    let arguments = [format!("-{name}"), process.to_string()];
+    let status = Command::new("kill").args(arguments).status();
+    assert!(status.expect("running the kill command").success());
 }
 
 impl Drop for ServerProcess {

@@ -23,15 +23,13 @@ use std::time::{Duration, Instant};
 use bytes::Bytes;
 use glam::{Quat, Vec3};
 use rhumb_client::{Client, Event, JoinMode, JoinOptions, StreamChoice, TapChannel, Trust};
-use rhumb_protocol::message::{
-    ClientMessage, Extensions, Frames, ServerMessage, StreamChoice, VERSIONS,
-};
+use rhumb_protocol::message::{ClientMessage, Extensions, Frames, ServerMessage, VERSIONS};
 use rhumb_protocol::packet::{Datagram, PacketKind};
 use rhumb_protocol::scene::{BodyKind, Command, SceneConfig, SceneName, Stepping};
 use rhumb_reckoning::{
     BodyId, BodyState, Divergence, Metres, Motion, Tick, Tolerance, ToleranceScale,
 };
-use rhumb_transport::{ClientOptions, ClientTransport, Fingerprint, QuicClient, Received, Trust};
+use rhumb_transport::{ClientOptions, ClientTransport, Fingerprint, QuicClient, Received};
 use serde::{Deserialize, Serialize};
 
 use super::rig::{LIMIT, script, take_ids};

@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 
 use rhumb_client::{Client, JoinMode, JoinOptions, Tick, Trust};
 use rhumb_reckoning::BodyId;
-use rhumb_tests::ServerProcess;
+use rhumb_tests::{ServerProcess, signal};
 use tempfile::TempDir;
 
 use crate::SERVER;
@@ -77,15 +77,6 @@ impl Drop for Etcd {
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
-}
-
-fn signal(process: u32, name: &str) {
-    let mut kill = Command::new("kill");
-    let status = kill
-        .arg(format!("-{name}"))
-        .arg(process.to_string())
-        .status();
-    assert!(status.expect("the kill command runs").success());
 }
 
 /// A server of the directory, and the address of its figures.

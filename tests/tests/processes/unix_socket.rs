@@ -7,6 +7,7 @@ use rhumb_client::scene::{BodyDesc, Command, Shape};
 use rhumb_client::{
     Client, ClientError, JoinMode, JoinOptions, OpenError, PipelineDepth, Tick, Trust,
 };
+use rhumb_tests::signal;
 
 use crate::SERVER;
 
@@ -48,12 +49,6 @@ fn a_unix_socket_reaches_the_same_scenes() {
 
 /// Ticks for which a program is stopped: 100 s at 60 Hz.
 const STOPPED: u64 = 6_000;
-
-fn signal(child: &Child, name: &str) {
-    let (name, id) = (format!("-{name}"), child.id().to_string());
-    let status = process::Command::new("kill").args([name, id]).status();
-    assert!(status.expect("running the kill command").success());
-}
 
 /// A program that steps a scene, and the ticks that it has written.
 struct Stepping {
@@ -97,7 +92,7 @@ fn a_program_that_was_stopped_for_100_seconds_of_ticks_comes_back_to_the_present
     let address = format!("unix:{path}");
     let mut stopped = Stepping::begin(&address, &server.fingerprint.to_string(), "stopped");
     let (first, _) = stopped.next();
-    signal(&stopped.child, "STOP");
+    signal(stopped.child.id(), "STOP");
     let options = JoinOptions {
         mode: JoinMode::Join,
         ..JoinOptions::default()
@@ -115,7 +110,7 @@ fn a_program_that_was_stopped_for_100_seconds_of_ticks_comes_back_to_the_present
         removed.expect("a member may");
     }
     let present = leader.inspect().expect("an answer").tick.value();
-    signal(&stopped.child, "CONT");
+    signal(stopped.child.id(), "CONT");
     // It had written some ticks before it was stopped. Each of its calls asks for one tick more than the call before, and
     // shows the newest one that has come, so that it is back before it has asked for all that it missed.
     let mut calls: u64 = 1;

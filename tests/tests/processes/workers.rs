@@ -5,7 +5,6 @@
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
-use std::process::Command as Programme;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread;
@@ -20,7 +19,7 @@ use rhumb_protocol::Ending;
 use rhumb_protocol::message::Denial;
 use rhumb_protocol::scene::CommandError;
 use rhumb_protocol::session::CloseCode;
-use rhumb_tests::ServerProcess;
+use rhumb_tests::{ServerProcess, signal};
 
 use crate::SERVER;
 use crate::durable::{Seen, check, commands, create, digest_without_server, step, take_events};
@@ -99,12 +98,6 @@ fn new_worker(server: &ServerProcess, before: &BTreeSet<u32>) -> u32 {
     let worker = *new.next().expect("a new process");
     assert_eq!(new.next(), None);
     worker
-}
-
-fn signal(process: u32, name: &str) {
-    let arguments = [format!("-{name}"), process.to_string()];
-    let status = Programme::new("kill").args(arguments).status();
-    assert!(status.expect("running the kill command").success());
 }
 
 /// Waits until a condition holds.
