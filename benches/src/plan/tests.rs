@@ -1,4 +1,4 @@
-//! Plans of services whose sums can be done by hand, and arguments out of range.
+//! Plans whose sums can be done by hand, and arguments out of range.
 
 use clap::Parser;
 

@@ -1,4 +1,4 @@
-//! The plug-in: its systems, where they run, and the entities of a scene's bodies.
+//! The plug-in: its systems, and the entities of a scene's bodies.
 //!
 //! The plug-in writes the components. What an application writes into them changes no body: commands do. An entity that the
 //! application has despawned is left alone; its body lives on.

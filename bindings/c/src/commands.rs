@@ -1,4 +1,4 @@
-//! Requests of an application to a scene: commands, joints, authority over bodies.
+//! Requests of an application: commands, joints, authority over bodies.
 //!
 //! Characters and wheels, which commands take, have the defaults of the scene's coordinates.
 

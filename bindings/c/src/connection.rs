@@ -1,4 +1,4 @@
-//! Connections before they join a scene: to a server, and to one in this process.
+//! Connections before they join: to a server, and to one in this process.
 
 use std::ffi::c_char;
 use std::path::Path;
@@ -6,13 +6,12 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use rhumb_bindings::rhumb_client::{Checkpoint, Client, LocalServer, ServerConnection, Trust};
-use rhumb_bindings::{BindingError, OwnServer, Reach, RemoteScene, ServedScenes};
+use rhumb_bindings::{BindingError, OwnServer, Reach, ServedScenes};
 
 use crate::border::{
     HandleTable, RhumbCode, check_out, copy_out, copy_text, elements, guard, optional_text, text,
     value, write,
 };
-use crate::scene::{RhumbScene, with};
 
 /// A connection to a server that has joined no scene. All zeros is none.
 #[repr(C)]
@@ -269,25 +268,6 @@ pub unsafe extern "C" fn rhumb_local_server_address(
     })
 }
 
-/// The address of the page that shows the scene to browsers of this machine, until the scene is closed. Its server must be in
-/// this process.
-///
-/// # Safety
-///
-/// `address` points to what its type says.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn rhumb_scene_page(
-    scene: RhumbScene,
-    address: *mut RhumbAddress,
-) -> RhumbCode {
-    guard(|| {
-        check_out(address, "address")?;
-        let text = copy_text(&with(scene, RemoteScene::page)?);
-        // SAFETY: the caller promises the memory.
-        unsafe { write(address, RhumbAddress { text }, "address") }
-    })
-}
-
 /// Connects one more client. `timeout_s` is as that of RhumbConnectOptions.
 ///
 /// # Safety
@@ -317,26 +297,7 @@ pub struct RhumbCheckpoint {
     pub id: u64,
 }
 
-static CHECKPOINTS: HandleTable<Checkpoint> = HandleTable::new();
-
-/// Saves a scene with everything that this client has sent. Scenes that `rhumb_local_server_restore` makes of it run to the
-/// same bits, given the same commands before the same ticks. The scene's server must be in this process.
-///
-/// # Safety
-///
-/// `checkpoint` points to what its type says.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn rhumb_scene_save(
-    scene: RhumbScene,
-    checkpoint: *mut RhumbCheckpoint,
-) -> RhumbCode {
-    guard(|| {
-        check_out(checkpoint, "checkpoint")?;
-        let id = CHECKPOINTS.insert(with(scene, RemoteScene::save)?);
-        // SAFETY: the caller promises the memory.
-        unsafe { write(checkpoint, RhumbCheckpoint { id }, "checkpoint") }
-    })
-}
+pub(crate) static CHECKPOINTS: HandleTable<Checkpoint> = HandleTable::new();
 
 /// The bytes of a checkpoint, for a file. `count` receives their number, also if `capacity` is too small for them.
 ///

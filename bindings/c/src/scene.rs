@@ -1,4 +1,4 @@
-//! Calls of a scene, and the arrays of a view, lent or written to buffers of the caller.
+//! Calls of a scene, and the arrays of a view: lent, or written to buffers.
 
 use std::ffi::c_char;
 
@@ -10,10 +10,12 @@ use rhumb_bindings::{
 };
 
 use crate::border::{
-    HandleTable, RhumbCode, check_out, copy_out, elements, guard, one_of, text, value, write,
-    write_if_wanted,
+    HandleTable, RhumbCode, check_out, copy_out, copy_text, elements, guard, one_of, text, value,
+    write, write_if_wanted,
 };
-use crate::connection::{HeldConnection, RhumbConnection, seconds, take_for};
+use crate::connection::{
+    CHECKPOINTS, HeldConnection, RhumbAddress, RhumbCheckpoint, RhumbConnection, seconds, take_for,
+};
 use crate::descriptions::{RhumbBody, RhumbBodyDesc, sleep};
 use crate::kinds::{CONDITIONS, COORDINATES, REFUSALS, RhumbSleep, STEPPINGS};
 
@@ -537,6 +539,44 @@ pub(crate) unsafe fn send_all(
         Some(number) => unsafe { write_if_wanted(last, number, "last") },
         None => Ok(()),
     }
+}
+
+/// The address of the page that shows the scene to browsers of this machine, until the scene is closed. Its server must be in
+/// this process.
+///
+/// # Safety
+///
+/// `address` points to what its type says.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn rhumb_scene_page(
+    scene: RhumbScene,
+    address: *mut RhumbAddress,
+) -> RhumbCode {
+    guard(|| {
+        check_out(address, "address")?;
+        let text = copy_text(&with(scene, RemoteScene::page)?);
+        // SAFETY: the caller promises the memory.
+        unsafe { write(address, RhumbAddress { text }, "address") }
+    })
+}
+
+/// Saves a scene with everything that this client has sent. Scenes that `rhumb_local_server_restore` makes of it run to the
+/// same bits, given the same commands before the same ticks. The scene's server must be in this process.
+///
+/// # Safety
+///
+/// `checkpoint` points to what its type says.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn rhumb_scene_save(
+    scene: RhumbScene,
+    checkpoint: *mut RhumbCheckpoint,
+) -> RhumbCode {
+    guard(|| {
+        check_out(checkpoint, "checkpoint")?;
+        let id = CHECKPOINTS.insert(with(scene, RemoteScene::save)?);
+        // SAFETY: the caller promises the memory.
+        unsafe { write(checkpoint, RhumbCheckpoint { id }, "checkpoint") }
+    })
 }
 
 /// The arrays of a view. They have one order, which changes from view to view.

@@ -4,6 +4,7 @@
 //! fall asleep. Commands and scene events act at every tick, whatever the schedule of its streams.
 
 mod body;
+mod body_builder;
 mod body_event;
 mod checks;
 mod command;
@@ -32,7 +33,8 @@ use crate::limits::{
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 
-pub use body::{BodyBuilder, BodyDesc, BodyKind, CollisionGroups, LockedAxes, Mass};
+pub use body::{BodyDesc, BodyKind, CollisionGroups, LockedAxes, Mass};
+pub use body_builder::BodyBuilder;
 pub use body_event::{ActiveEvents, BodyEvent, Contact};
 pub use checks::{Invalid, Quantity, Rule};
 pub use command::Command;

@@ -1,4 +1,4 @@
-//! Modes that apply to a body, with their forecast, and the price of a correction.
+//! Modes that apply to a body, their forecast, the price of a correction.
 //!
 //! The modes are rest, uniform, falling, accelerated and attached; each has a number. The moving modes differ only by
 //! their acceleration, so that they share one unaccelerated forecast. An engine's velocities are exact, so that the

@@ -1,4 +1,4 @@
-//! Datagrams of a subscriber: read, applied and recovered; made again for an edge.
+//! Datagrams of a subscriber: read and applied; made again for an edge.
 //!
 //! A datagram is decoded completely before it is applied. A malformed one is counted and never guessed at. Packets
 //! that build on a missing one wait for it.

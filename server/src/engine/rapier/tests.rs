@@ -1,4 +1,4 @@
-//! A world of a few bodies for tests; the engine after a panic, and after a breakdown.
+//! A world for tests; the engine after a panic and after a breakdown.
 
 use glam::{Quat, Vec3};
 use rapier3d::prelude::RigidBodyType;
