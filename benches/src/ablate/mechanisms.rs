@@ -111,7 +111,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         name: "sparse corrections",
         switch: Switch::Off(Feature::Sparse),
         feature: None,
-        code: &["protocol/src/stream/mode_decision/cost.rs#fn leave_out_steps"],
+        code: &["protocol/src/stream/mode_decision/candidates.rs#fn leave_out_steps"],
         requirements: &[],
     },
     Mechanism {
@@ -120,7 +120,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         feature: None,
         code: &[
             "protocol/src/stream/mod.rs#fn steps",
-            "protocol/src/stream/mode_decision/cost.rs#const VELOCITY_EXPONENTS",
+            "protocol/src/stream/mode_decision/candidates.rs#const VELOCITY_EXPONENTS",
         ],
         requirements: &["PROTOCOL 5.6-8", "RECKONING 4.4-3"],
     },
