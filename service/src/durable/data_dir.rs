@@ -58,8 +58,8 @@ impl DataDir {
     ///
     /// # Errors
     ///
-    /// [`DataError`] for a directory that cannot be written, or that a process uses alone, if only for a moment: a
-    /// server that starts clears up first.
+    /// [`DataError`] for a directory that cannot be written, or that a process uses alone, if only for a moment: a server that
+    /// starts clears up first.
     pub fn open_shared(path: &Path) -> Result<Self, DataError> {
         std::fs::create_dir_all(path).map_err(DataError::io(path, "make the directory"))?;
         match Self::open_alone(path) {
@@ -239,8 +239,8 @@ impl DataDir {
         self.files(&format!("{}.{number}", escape(scene)))
     }
 
-    /// Gives the files of a scene, if there are any, to this server alone: another one, which had them, finds them no
-    /// more, and what it still appends to an open file comes after the end that is read here.
+    /// Gives the files of a scene, if there are any, to this server alone: another one, which had them, finds them no more, and
+    /// what it still appends to an open file comes after the end that is read here.
     pub(crate) fn take_over(&self, scene: &SceneName) -> Result<(), DataError> {
         let Opened { disk, scenes, .. } = &*self.0;
         let names = disk.list(scenes).map_err(DataError::io(scenes, "list"))?;

@@ -7,6 +7,7 @@ mod disk;
 mod follow;
 mod format;
 mod recovery;
+mod repair;
 mod scene_files;
 mod writer;
 
@@ -297,8 +298,8 @@ pub(crate) fn replay(
     }
 }
 
-/// Cuts the damaged scenes of a directory back to their last good ticks, or one of them. What is to be lost is said
-/// first, and asked for unless `is_agreed`. The directory of each stays beside it.
+/// Cuts the damaged scenes of a directory back to their last good ticks, or one of them. What is to be lost is said first, and
+/// asked for unless `is_agreed`. The directory of each stays beside it.
 ///
 /// # Errors
 ///
