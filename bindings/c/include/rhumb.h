@@ -27,6 +27,9 @@
 // Bytes of the reason of a refusal, with the zero byte that ends it.
 #define RHUMB_REASON_BYTES 32
 
+// Bytes of an address, with the zero byte that ends it.
+#define RHUMB_ADDRESS_BYTES 320
+
 // Bytes of a name, with the zero byte that ends it.
 #define RHUMB_NAME_BYTES 128
 
@@ -45,9 +48,6 @@
 
 // Bit of `events`: it falls asleep and wakes.
 #define RHUMB_EVENTS_SLEEP 8
-
-// Bytes of an address, with the zero byte that ends it.
-#define RHUMB_ADDRESS_BYTES 320
 
 // The result of a call.
 enum RhumbCode
@@ -499,8 +499,8 @@ enum RhumbRequestKind
  {
   // There was no request.
   RHUMB_REQUEST_KIND_NONE,
-  // A new body, of an id that it has already: `body`, `position`, `rotation`, `linear_velocity`, `angular_velocity`. Once it
-  // is accepted, feed it.
+  // A new body, of an id that it has already: `body`, `position`, `rotation`, `linear_velocity`, `angular_velocity`.
+  // Once it is accepted, feed it.
   RHUMB_REQUEST_KIND_ADD_BODY,
   // The removal of `body`.
   RHUMB_REQUEST_KIND_REMOVE_BODY,
@@ -781,6 +781,65 @@ typedef struct RhumbWheel {
   float side_friction;
 } RhumbWheel;
 
+// Frame of a joint in one of its bodies.
+typedef struct RhumbJointFrame {
+  // From the origin of the body's shape, along its axes, in the scene's unit of length.
+  float anchor[3];
+  // Unit quaternion x, y, z, w: frame to body.
+  float rotation[4];
+} RhumbJointFrame;
+
+// A joint of two bodies. Begin with `rhumb_joint_desc_init`.
+//
+// Arrays of six have translations along x, y and z of the frames first, then rotations about them. Bits of a set of axes
+// have the same order.
+typedef struct RhumbJointDesc {
+  // A `RhumbJointKind`.
+  uint32_t kind;
+  // Not zero: the two bodies also collide with each other.
+  uint8_t collide;
+  // Not zero: the joint breaks at `break_force` or `break_torque`.
+  uint8_t has_strength;
+  // The first body.
+  RhumbBody first;
+  // The second body, another one.
+  RhumbBody second;
+  // Frame in the first body.
+  struct RhumbJointFrame first_frame;
+  // Frame in the second body.
+  struct RhumbJointFrame second_frame;
+  // Of a generic joint: bits of the axes without motion.
+  uint32_t locked_axes;
+  // Bits of the axes that `least` and `most` limit.
+  uint32_t limited_axes;
+  // Bits of the axes with a motor.
+  uint32_t motor_axes;
+  // Units of length, or radians.
+  float least[6];
+  // Units of length, or radians.
+  float most[6];
+  // Position that the motor drives to: units of length, or radians.
+  float motor_position[6];
+  // Velocity that the motor drives to: units of length per second, or rad/s.
+  float motor_velocity[6];
+  // Acceleration for what the position lacks, 1/s²; zero for a motor that drives the velocity alone.
+  float motor_stiffness[6];
+  // Acceleration for what the velocity lacks, 1/s.
+  float motor_damping[6];
+  // Greatest force or torque of the motor.
+  float motor_force[6];
+  // Of a rope: most distance of the anchors. Of a spring: the distance at which it does not pull.
+  float length;
+  // Of a spring: N/m.
+  float stiffness;
+  // Of a spring: N s/m.
+  float damping;
+  // Force at which the joint breaks, kg times units of length per s².
+  float break_force;
+  // Torque at which the joint breaks, kg times units of length² per s².
+  float break_torque;
+} RhumbJointDesc;
+
 // How to reach a server, and which one to trust: by `fingerprint` or by `roots`, one of the two. The address may end with
 // `#` and the fingerprint. `unix:` and a path reach a server of this machine and user, which needs neither.
 typedef struct RhumbConnectOptions {
@@ -801,6 +860,24 @@ typedef struct RhumbConnection {
   // Its number.
   uint64_t id;
 } RhumbConnection;
+
+// A physics server in this process. All zeros is none.
+typedef struct RhumbLocalServer {
+  // Its number.
+  uint64_t id;
+} RhumbLocalServer;
+
+// An address as text: of a server, or of a page.
+typedef struct RhumbAddress {
+  // UTF-8 that ends with a zero byte; empty where there is none.
+  char text[320];
+} RhumbAddress;
+
+// The whole state of a scene. All zeros is none.
+typedef struct RhumbCheckpoint {
+  // Its number.
+  uint64_t id;
+} RhumbCheckpoint;
 
 // A body to add. Begin with `rhumb_body_desc_init`, which makes a plain one.
 typedef struct RhumbBodyDesc {
@@ -864,12 +941,6 @@ typedef struct RhumbBodyDesc {
   // Seconds for which it must be as slow as that.
   float sleep_seconds;
 } RhumbBodyDesc;
-
-// A physics server in this process. All zeros is none.
-typedef struct RhumbLocalServer {
-  // Its number.
-  uint64_t id;
-} RhumbLocalServer;
 
 // States of bodies after a step of the caller's engine, as arrays. Begin with zeros.
 typedef struct RhumbFedStates {
@@ -995,128 +1066,6 @@ typedef struct RhumbWheelInput {
   float brake;
 } RhumbWheelInput;
 
-// Frame of a joint in one of its bodies.
-typedef struct RhumbJointFrame {
-  // From the origin of the body's shape, along its axes, in the scene's unit of length.
-  float anchor[3];
-  // Unit quaternion x, y, z, w: frame to body.
-  float rotation[4];
-} RhumbJointFrame;
-
-// A joint of two bodies. Begin with `rhumb_joint_desc_init`.
-//
-// Arrays of six have translations along x, y and z of the frames first, then rotations about them. Bits of a set of axes
-// have the same order.
-typedef struct RhumbJointDesc {
-  // A `RhumbJointKind`.
-  uint32_t kind;
-  // Not zero: the two bodies also collide with each other.
-  uint8_t collide;
-  // Not zero: the joint breaks at `break_force` or `break_torque`.
-  uint8_t has_strength;
-  // The first body.
-  RhumbBody first;
-  // The second body, another one.
-  RhumbBody second;
-  // Frame in the first body.
-  struct RhumbJointFrame first_frame;
-  // Frame in the second body.
-  struct RhumbJointFrame second_frame;
-  // Of a generic joint: bits of the axes without motion.
-  uint32_t locked_axes;
-  // Bits of the axes that `least` and `most` limit.
-  uint32_t limited_axes;
-  // Bits of the axes with a motor.
-  uint32_t motor_axes;
-  // Units of length, or radians.
-  float least[6];
-  // Units of length, or radians.
-  float most[6];
-  // Position that the motor drives to: units of length, or radians.
-  float motor_position[6];
-  // Velocity that the motor drives to: units of length per second, or rad/s.
-  float motor_velocity[6];
-  // Acceleration for what the position lacks, 1/s²; zero for a motor that drives the velocity alone.
-  float motor_stiffness[6];
-  // Acceleration for what the velocity lacks, 1/s.
-  float motor_damping[6];
-  // Greatest force or torque of the motor.
-  float motor_force[6];
-  // Of a rope: most distance of the anchors. Of a spring: the distance at which it does not pull.
-  float length;
-  // Of a spring: N/m.
-  float stiffness;
-  // Of a spring: N s/m.
-  float damping;
-  // Force at which the joint breaks, kg times units of length per s².
-  float break_force;
-  // Torque at which the joint breaks, kg times units of length² per s².
-  float break_torque;
-} RhumbJointDesc;
-
-// An address as text: of a server, or of a page.
-typedef struct RhumbAddress {
-  // UTF-8 that ends with a zero byte; empty where there is none.
-  char text[320];
-} RhumbAddress;
-
-// The whole state of a scene. All zeros is none.
-typedef struct RhumbCheckpoint {
-  // Its number.
-  uint64_t id;
-} RhumbCheckpoint;
-
-// The arrays of a view. They have one order, which changes from view to view.
-//
-// The pointers are valid until the next call with this scene that computes a view (advance, wait, poll) or closes it.
-// Copy what you keep longer. All are aligned for their type, and not null, also for no bodies.
-typedef struct RhumbPoses {
-  // The tick at or before the moment of the view.
-  uint64_t tick;
-  // Part of the step to the next tick, 0 to 1.
-  double fraction;
-  // Number of bodies.
-  size_t count;
-  // The bodies.
-  const RhumbBody *bodies;
-  // Centres of mass, or origins of this client's hulls and compounds: x, y, z for each body, in the scene's unit of length.
-  const float *positions;
-  // Rotations body to world: x, y, z, w for each body.
-  const float *rotations;
-  // Velocities of centres of mass: x, y, z for each body, units of length per second.
-  const float *linear_velocities;
-  // Spins about world axes: x, y, z for each body, rad/s.
-  const float *angular_velocities;
-  // One byte for each body; not zero: it rests, and its pose does not change until it wakes.
-  const uint8_t *resting;
-  // Places of the bodies whose pose differs from that of the last view.
-  const uint32_t *changed;
-  // Number of these places.
-  size_t changed_count;
-  // Bodies that were removed since the last view.
-  const RhumbBody *removed;
-  // Number of these bodies.
-  size_t removed_count;
-} RhumbPoses;
-
-// Buffers of a caller for the arrays of a view. A null pointer leaves an array out.
-typedef struct RhumbPoseBuffers {
-  // Bodies that each buffer has room for.
-  size_t capacity;
-  // One for each body.
-  RhumbBody *bodies;
-  // Three for each body.
-  float *positions;
-  // Four for each body.
-  float *rotations;
-  // Three for each body.
-  float *linear_velocities;
-  // Three for each body.
-  float *angular_velocities;
-  // One for each body.
-  uint8_t *resting;
-} RhumbPoseBuffers;
-
 // How to join a scene. Begin with `rhumb_join_options_init`.
 typedef struct RhumbJoinOptions {
   // A `RhumbCoordinates`: of every position, velocity, length and force of this client.
@@ -1191,6 +1140,58 @@ typedef struct RhumbStatistics {
   // Pairs of bodies that touch and that the calls about contacts lack: a client knows 32,768.
   uint64_t contacts_left_out;
 } RhumbStatistics;
+
+// The arrays of a view. They have one order, which changes from view to view.
+//
+// The pointers are valid until the next call with this scene that computes a view (advance, wait, poll) or closes it.
+// Copy what you keep longer. All are aligned for their type, and not null, also for no bodies.
+typedef struct RhumbPoses {
+  // The tick at or before the moment of the view.
+  uint64_t tick;
+  // Part of the step to the next tick, 0 to 1.
+  double fraction;
+  // Number of bodies.
+  size_t count;
+  // The bodies.
+  const RhumbBody *bodies;
+  // Centres of mass, or origins of this client's hulls and compounds: x, y, z for each body, in the scene's unit of
+  // length.
+  const float *positions;
+  // Rotations body to world: x, y, z, w for each body.
+  const float *rotations;
+  // Velocities of centres of mass: x, y, z for each body, units of length per second.
+  const float *linear_velocities;
+  // Spins about world axes: x, y, z for each body, rad/s.
+  const float *angular_velocities;
+  // One byte for each body; not zero: it rests, and its pose does not change until it wakes.
+  const uint8_t *resting;
+  // Places of the bodies whose pose differs from that of the last view.
+  const uint32_t *changed;
+  // Number of these places.
+  size_t changed_count;
+  // Bodies that were removed since the last view.
+  const RhumbBody *removed;
+  // Number of these bodies.
+  size_t removed_count;
+} RhumbPoses;
+
+// Buffers of a caller for the arrays of a view. A null pointer leaves an array out.
+typedef struct RhumbPoseBuffers {
+  // Bodies that each buffer has room for.
+  size_t capacity;
+  // One for each body.
+  RhumbBody *bodies;
+  // Three for each body.
+  float *positions;
+  // Four for each body.
+  float *rotations;
+  // Three for each body.
+  float *linear_velocities;
+  // Three for each body.
+  float *angular_velocities;
+  // One for each body.
+  uint8_t *resting;
+} RhumbPoseBuffers;
 
 #ifdef __cplusplus
 extern "C" {
@@ -1318,6 +1319,42 @@ RhumbCode rhumb_character_init(struct RhumbCharacter *character,
 RhumbCode rhumb_wheel_init(struct RhumbWheel *wheel,
                            uint32_t coordinates);
 
+// Makes a plain description: a fixed joint of no bodies at their centres, without limits and motors, that never breaks.
+//
+// # Safety
+//
+// `desc` points to memory for a `RhumbJointDesc`.
+RhumbCode rhumb_joint_desc_init(struct RhumbJointDesc *desc);
+
+// Queues the addition of a joint under a number of the application's, below 65,536, that no joint of the scene has.
+//
+// `last` may be null; otherwise it receives the number of the command, which events name.
+//
+// # Safety
+//
+// `desc` points to a description; `last` is null or points to memory for a number.
+RhumbCode rhumb_scene_add_joint(struct RhumbScene scene,
+                                uint32_t joint,
+                                const struct RhumbJointDesc *desc,
+                                uint64_t *last);
+
+// Queues the replacement of a joint, its limits and motors among others. The description is whole.
+//
+// # Safety
+//
+// As `rhumb_scene_add_joint`.
+RhumbCode rhumb_scene_change_joint(struct RhumbScene scene,
+                                   uint32_t joint,
+                                   const struct RhumbJointDesc *desc,
+                                   uint64_t *last);
+
+// Queues the removal of a joint. A joint goes with either of its bodies too.
+//
+// # Safety
+//
+// `last` is null or points to memory for a number.
+RhumbCode rhumb_scene_remove_joint(struct RhumbScene scene, uint32_t joint, uint64_t *last);
+
 // Connects to a server. Join a scene with the connection, or close it.
 //
 // Every text ends with a zero byte and is UTF-8. All are copied.
@@ -1329,6 +1366,88 @@ RhumbCode rhumb_connect(const struct RhumbConnectOptions *options, struct RhumbC
 
 // Closes a connection that has joined no scene.
 RhumbCode rhumb_connection_close(struct RhumbConnection connection);
+
+// Connects to a server of the connection's own, in this process and without sockets. It steps within the calls of its
+// client, and ends with it. Join a scene with the connection, or close it.
+//
+// # Safety
+//
+// `connection` points to what its type says.
+RhumbCode rhumb_local(struct RhumbConnection *connection);
+
+// Makes a server in this process for any number of connections.
+//
+// `own_thread`: 0 has it step within the calls of its clients. Clients on several threads take turns then: each waits while
+// another one's call steps. 1 has it step on a thread of its own, so that a free-running scene moves on between calls.
+//
+// # Safety
+//
+// `server` points to what its type says.
+RhumbCode rhumb_local_server_open(uint8_t own_thread,
+                                  struct RhumbLocalServer *server);
+
+// Makes a server in this process that other processes join too. It has threads of its own; a scene that is joined here goes
+// over a socket of this machine.
+//
+// `listen`: IP address and port; port 0 is a free one; null for a free port of this machine. `open_to_network`: 1 for an
+// address that other machines reach. There are no tokens: each client may do everything.
+//
+// # Safety
+//
+// `listen` is null or a text that ends with a zero byte; `server` points to what its type says.
+RhumbCode rhumb_serve(const char *listen,
+                      uint8_t open_to_network,
+                      struct RhumbLocalServer *server);
+
+// The one text by which other processes connect: address and fingerprint, for `RhumbConnectOptions`. It is empty for a
+// server without sockets.
+//
+// # Safety
+//
+// `address` points to what its type says.
+RhumbCode rhumb_local_server_address(struct RhumbLocalServer server, struct RhumbAddress *address);
+
+// Connects one more client. `timeout_s` is as that of RhumbConnectOptions.
+//
+// # Safety
+//
+// `connection` points to what its type says.
+RhumbCode rhumb_local_server_connect(struct RhumbLocalServer server,
+                                     double timeout_s,
+                                     struct RhumbConnection *connection);
+
+// The bytes of a checkpoint, for a file. `count` receives their number, also if `capacity` is too small for them.
+//
+// # Safety
+//
+// `bytes` points to memory for `capacity` bytes, `count` to what its type says.
+RhumbCode rhumb_checkpoint_bytes(struct RhumbCheckpoint checkpoint, uint8_t *bytes, size_t capacity, size_t *count);
+
+// Reads a checkpoint from its bytes; what is damaged, or of another version, is refused. The checksum finds damage and no
+// malice: read bytes of those whose programs you would run.
+//
+// # Safety
+//
+// `bytes` points to `count` bytes, `checkpoint` to what its type says.
+RhumbCode rhumb_checkpoint_read(const uint8_t *bytes,
+                                size_t count,
+                                struct RhumbCheckpoint *checkpoint);
+
+// Closes a checkpoint. Scenes that were made of it stay.
+RhumbCode rhumb_checkpoint_close(struct RhumbCheckpoint checkpoint);
+
+// Makes a scene that continues from a checkpoint, to be joined by its name. Bodies keep their ids. The scene has no
+// members at first: it ends if none joins for ten minutes.
+//
+// # Safety
+//
+// `name` is a text that ends with a zero byte.
+RhumbCode rhumb_local_server_restore(struct RhumbLocalServer server,
+                                     const char *name,
+                                     struct RhumbCheckpoint checkpoint);
+
+// Closes the handle of a server. The server itself ends with the last of its connections and scenes.
+RhumbCode rhumb_local_server_close(struct RhumbLocalServer server);
 
 // Makes a plain description: a dynamic ball of radius one half, at rest at the origin.
 //
@@ -1351,10 +1470,10 @@ RhumbCode rhumb_shape_centre(const struct RhumbShape *shape,
 
 // Connects the client that will feed a scene: one whose engine is the caller's.
 //
-// The client makes the scene when it joins by this name, adds bodies, and hands their states over by `rhumb_scene_feed`, once
-// for each step of its engine. Other clients follow the scene as any other, each within its own tolerance. The scene ends with
-// the client. A server of `rhumb_serve` is `RHUMB_CODE_INVALID`: use `rhumb_serve_fed`. `timeout_s` is as that of
-// RhumbConnectOptions.
+// The client makes the scene when it joins by this name, adds bodies, and hands their states over by
+// `rhumb_scene_feed`, once for each step of its engine. Other clients follow the scene as any other, each within its
+// own tolerance. The scene ends with the client. A server of `rhumb_serve` is `RHUMB_CODE_INVALID`: use
+// `rhumb_serve_fed`. `timeout_s` is as that of RhumbConnectOptions.
 //
 // # Safety
 //
@@ -1387,8 +1506,8 @@ RhumbCode rhumb_serve_fed(const char *name,
 //
 // # Safety
 //
-// `states` points to a `RhumbFedStates` whose arrays have the elements that it says; `tick` is null or points to memory for a
-// number.
+// `states` points to a `RhumbFedStates` whose arrays have the elements that it says; `tick` is null or points to
+// memory for a number.
 RhumbCode rhumb_scene_feed(struct RhumbScene scene,
                            const struct RhumbFedStates *states,
                            uint64_t *tick);
@@ -1401,11 +1520,10 @@ RhumbCode rhumb_scene_feed(struct RhumbScene scene,
 // `request` points to memory for a `RhumbRequest`.
 RhumbCode rhumb_scene_poll_request(struct RhumbScene scene, struct RhumbRequest *request);
 
-// Changes the scene as another member asked; `request` is the field of that name. If the scene cannot, or the member has
-// left, the member is refused after all, and the next `rhumb_scene_feed` is `RHUMB_CODE_REFUSED`. A request that was answered
-// is `RHUMB_CODE_INVALID`.
-RhumbCode rhumb_scene_accept_request(struct RhumbScene scene,
-                                     uint64_t request);
+// Changes the scene as another member asked; `request` is the field of that name. If the scene cannot, or the member
+// has left, the member is refused after all, and the next `rhumb_scene_feed` is `RHUMB_CODE_REFUSED`. A request that
+// was answered is `RHUMB_CODE_INVALID`.
+RhumbCode rhumb_scene_accept_request(struct RhumbScene scene, uint64_t request);
 
 // Refuses what another member asked for: it learns of it as of any refusal. A request that was answered is
 // `RHUMB_CODE_INVALID`.
@@ -1511,170 +1629,6 @@ RhumbCode rhumb_scene_set_wheels(struct RhumbScene scene,
                                  size_t count,
                                  uint64_t *last);
 
-// Makes a plain description: a fixed joint of no bodies at their centres, without limits and motors, that never breaks.
-//
-// # Safety
-//
-// `desc` points to memory for a `RhumbJointDesc`.
-RhumbCode rhumb_joint_desc_init(struct RhumbJointDesc *desc);
-
-// Queues the addition of a joint under a number of the application's, below 65,536, that no joint of the scene has.
-//
-// `last` may be null; otherwise it receives the number of the command, which events name.
-//
-// # Safety
-//
-// `desc` points to a description; `last` is null or points to memory for a number.
-RhumbCode rhumb_scene_add_joint(struct RhumbScene scene,
-                                uint32_t joint,
-                                const struct RhumbJointDesc *desc,
-                                uint64_t *last);
-
-// Queues the replacement of a joint, its limits and motors among others. The description is whole.
-//
-// # Safety
-//
-// As `rhumb_scene_add_joint`.
-RhumbCode rhumb_scene_change_joint(struct RhumbScene scene,
-                                   uint32_t joint,
-                                   const struct RhumbJointDesc *desc,
-                                   uint64_t *last);
-
-// Queues the removal of a joint. A joint goes with either of its bodies too.
-//
-// # Safety
-//
-// `last` is null or points to memory for a number.
-RhumbCode rhumb_scene_remove_joint(struct RhumbScene scene, uint32_t joint, uint64_t *last);
-
-// Connects to a server of the connection's own, in this process and without sockets. It steps within the calls of its
-// client, and ends with it. Join a scene with the connection, or close it.
-//
-// # Safety
-//
-// `connection` points to what its type says.
-RhumbCode rhumb_local(struct RhumbConnection *connection);
-
-// Makes a server in this process for any number of connections.
-//
-// `own_thread`: 0 has it step within the calls of its clients. Clients on several threads take turns then: each waits while
-// another one's call steps. 1 has it step on a thread of its own, so that a free-running scene moves on between calls.
-//
-// # Safety
-//
-// `server` points to what its type says.
-RhumbCode rhumb_local_server_open(uint8_t own_thread,
-                                  struct RhumbLocalServer *server);
-
-// Makes a server in this process that other processes join too. It has threads of its own; a scene that is joined here goes
-// over a socket of this machine.
-//
-// `listen`: IP address and port; port 0 is a free one; null for a free port of this machine. `open_to_network`: 1 for an
-// address that other machines reach. There are no tokens: each client may do everything.
-//
-// # Safety
-//
-// `listen` is null or a text that ends with a zero byte; `server` points to what its type says.
-RhumbCode rhumb_serve(const char *listen,
-                      uint8_t open_to_network,
-                      struct RhumbLocalServer *server);
-
-// The one text by which other processes connect: address and fingerprint, for `RhumbConnectOptions`. It is empty for a server
-// without sockets.
-//
-// # Safety
-//
-// `address` points to what its type says.
-RhumbCode rhumb_local_server_address(struct RhumbLocalServer server,
-                                     struct RhumbAddress *address);
-
-// The address of the page that shows the scene to browsers of this machine, until the scene is closed. Its server must be in
-// this process.
-//
-// # Safety
-//
-// `address` points to what its type says.
-RhumbCode rhumb_scene_page(struct RhumbScene scene,
-                           struct RhumbAddress *address);
-
-// Connects one more client. `timeout_s` is as that of RhumbConnectOptions.
-//
-// # Safety
-//
-// `connection` points to what its type says.
-RhumbCode rhumb_local_server_connect(struct RhumbLocalServer server,
-                                     double timeout_s,
-                                     struct RhumbConnection *connection);
-
-// Saves a scene with everything that this client has sent. Scenes that `rhumb_local_server_restore` makes of it run to the
-// same bits, given the same commands before the same ticks. The scene's server must be in this process.
-//
-// # Safety
-//
-// `checkpoint` points to what its type says.
-RhumbCode rhumb_scene_save(struct RhumbScene scene,
-                           struct RhumbCheckpoint *checkpoint);
-
-// The bytes of a checkpoint, for a file. `count` receives their number, also if `capacity` is too small for them.
-//
-// # Safety
-//
-// `bytes` points to memory for `capacity` bytes, `count` to what its type says.
-RhumbCode rhumb_checkpoint_bytes(struct RhumbCheckpoint checkpoint, uint8_t *bytes, size_t capacity, size_t *count);
-
-// Reads a checkpoint from its bytes; what is damaged, or of another version, is refused. The checksum finds damage and no
-// malice: read bytes of those whose programs you would run.
-//
-// # Safety
-//
-// `bytes` points to `count` bytes, `checkpoint` to what its type says.
-RhumbCode rhumb_checkpoint_read(const uint8_t *bytes,
-                                size_t count,
-                                struct RhumbCheckpoint *checkpoint);
-
-// Closes a checkpoint. Scenes that were made of it stay.
-RhumbCode rhumb_checkpoint_close(struct RhumbCheckpoint checkpoint);
-
-// Makes a scene that continues from a checkpoint, to be joined by its name. Bodies keep their ids. The scene has no members at
-// first: it ends if none joins for ten minutes.
-//
-// # Safety
-//
-// `name` is a text that ends with a zero byte.
-RhumbCode rhumb_local_server_restore(struct RhumbLocalServer server,
-                                     const char *name,
-                                     struct RhumbCheckpoint checkpoint);
-
-// Closes the handle of a server. The server itself ends with the last of its connections and scenes.
-RhumbCode rhumb_local_server_close(struct RhumbLocalServer server);
-
-// Lends the arrays of the view that the last advance, wait or poll computed.
-//
-// In Rhumb's own coordinates, these are the client's own arrays of poses. In others, they are converted by this call.
-//
-// # Safety
-//
-// `poses` points to memory for a `RhumbPoses`.
-RhumbCode rhumb_scene_poses(struct RhumbScene scene, struct RhumbPoses *poses);
-
-// Writes the arrays of the view to buffers of the caller. `count` receives the number of bodies, also if the buffers are
-// too small; then nothing is written to them.
-//
-// # Safety
-//
-// `buffers` points to a `RhumbPoseBuffers` whose pointers are null or have room for `capacity` bodies; `count` points to
-// memory for a number.
-RhumbCode rhumb_scene_copy_poses(struct RhumbScene scene,
-                                 const struct RhumbPoseBuffers *buffers,
-                                 size_t *count);
-
-// Writes the place of a body in the arrays of the view. A body that is not in it is `RHUMB_CODE_INVALID`.
-//
-// # Safety
-//
-// `place` points to memory for a number.
-RhumbCode rhumb_scene_place(struct RhumbScene scene, RhumbBody body, size_t *place);
-
 // Makes plain options: the scene is created unless it exists, with 60 ticks a second in lockstep, under the earth's
 // gravity; copies are within 5 cm; coordinates are Rhumb's.
 //
@@ -1736,7 +1690,8 @@ RhumbCode rhumb_scene_flush(struct RhumbScene scene);
 // Steps a lockstep scene once, and computes the view.
 //
 // At depth 0, the view is of the tick that this call requests. At depth 1, it is of the tick before, and the server
-// computes the requested one meanwhile. A greater depth, up to 64, hides a link whose round trip is longer than a tick. `tick` may be null; otherwise it receives the tick of the view.
+// computes the requested one meanwhile. A greater depth, up to 64, hides a link whose round trip is longer than a
+// tick. `tick` may be null; otherwise it receives the tick of the view.
 //
 // After `RHUMB_CODE_TIMEOUT`, `rhumb_scene_wait` continues to wait for the same tick. After `RHUMB_CODE_REFUSED`, the tick
 // is done and its view computed.
@@ -1804,6 +1759,51 @@ RhumbCode rhumb_scene_set_lead_ticks(struct RhumbScene scene, double ticks);
 //
 // `statistics` points to memory for a `RhumbStatistics`.
 RhumbCode rhumb_scene_statistics(struct RhumbScene scene, struct RhumbStatistics *statistics);
+
+// The address of the page that shows the scene to browsers of this machine, until the scene is closed. Its server must be in
+// this process.
+//
+// # Safety
+//
+// `address` points to what its type says.
+RhumbCode rhumb_scene_page(struct RhumbScene scene,
+                           struct RhumbAddress *address);
+
+// Saves a scene with everything that this client has sent. Scenes that `rhumb_local_server_restore` makes of it run to the
+// same bits, given the same commands before the same ticks. The scene's server must be in this process.
+//
+// # Safety
+//
+// `checkpoint` points to what its type says.
+RhumbCode rhumb_scene_save(struct RhumbScene scene,
+                           struct RhumbCheckpoint *checkpoint);
+
+// Lends the arrays of the view that the last advance, wait or poll computed.
+//
+// In Rhumb's own coordinates, these are the client's own arrays of poses. In others, they are converted by this call.
+//
+// # Safety
+//
+// `poses` points to memory for a `RhumbPoses`.
+RhumbCode rhumb_scene_poses(struct RhumbScene scene, struct RhumbPoses *poses);
+
+// Writes the arrays of the view to buffers of the caller. `count` receives the number of bodies, also if the buffers are
+// too small; then nothing is written to them.
+//
+// # Safety
+//
+// `buffers` points to a `RhumbPoseBuffers` whose pointers are null or have room for `capacity` bodies; `count` points to
+// memory for a number.
+RhumbCode rhumb_scene_copy_poses(struct RhumbScene scene,
+                                 const struct RhumbPoseBuffers *buffers,
+                                 size_t *count);
+
+// Writes the place of a body in the arrays of the view. A body that is not in it is `RHUMB_CODE_INVALID`.
+//
+// # Safety
+//
+// `place` points to memory for a number.
+RhumbCode rhumb_scene_place(struct RhumbScene scene, RhumbBody body, size_t *place);
 
 #ifdef __cplusplus
 }  // extern "C"

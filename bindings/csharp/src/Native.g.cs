@@ -133,8 +133,8 @@ namespace Rhumb
         public static extern RhumbCode rhumb_serve(byte* listen, byte open_to_network, RhumbLocalServer* server);
 
         /// <summary>
-        ///  The one text by which other processes connect: address and fingerprint, for `RhumbConnectOptions`. It is empty for a server
-        ///  without sockets.
+        ///  The one text by which other processes connect: address and fingerprint, for `RhumbConnectOptions`. It is empty for a
+        ///  server without sockets.
         ///
         ///  # Safety
         ///
@@ -142,17 +142,6 @@ namespace Rhumb
         /// </summary>
         [DllImport(__DllName, EntryPoint = "rhumb_local_server_address", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
         public static extern RhumbCode rhumb_local_server_address(RhumbLocalServer server, RhumbAddress* address);
-
-        /// <summary>
-        ///  The address of the page that shows the scene to browsers of this machine, until the scene is closed. Its server must be in
-        ///  this process.
-        ///
-        ///  # Safety
-        ///
-        ///  `address` points to what its type says.
-        /// </summary>
-        [DllImport(__DllName, EntryPoint = "rhumb_scene_page", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
-        public static extern RhumbCode rhumb_scene_page(RhumbScene scene, RhumbAddress* address);
 
         /// <summary>
         ///  Connects one more client. `timeout_s` is as that of RhumbConnectOptions.
@@ -163,17 +152,6 @@ namespace Rhumb
         /// </summary>
         [DllImport(__DllName, EntryPoint = "rhumb_local_server_connect", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
         public static extern RhumbCode rhumb_local_server_connect(RhumbLocalServer server, double timeout_s, RhumbConnection* connection);
-
-        /// <summary>
-        ///  Saves a scene with everything that this client has sent. Scenes that `rhumb_local_server_restore` makes of it run to the
-        ///  same bits, given the same commands before the same ticks. The scene's server must be in this process.
-        ///
-        ///  # Safety
-        ///
-        ///  `checkpoint` points to what its type says.
-        /// </summary>
-        [DllImport(__DllName, EntryPoint = "rhumb_scene_save", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
-        public static extern RhumbCode rhumb_scene_save(RhumbScene scene, RhumbCheckpoint* checkpoint);
 
         /// <summary>
         ///  The bytes of a checkpoint, for a file. `count` receives their number, also if `capacity` is too small for them.
@@ -203,8 +181,8 @@ namespace Rhumb
         public static extern RhumbCode rhumb_checkpoint_close(RhumbCheckpoint checkpoint);
 
         /// <summary>
-        ///  Makes a scene that continues from a checkpoint, to be joined by its name. Bodies keep their ids. The scene has no members at
-        ///  first: it ends if none joins for ten minutes.
+        ///  Makes a scene that continues from a checkpoint, to be joined by its name. Bodies keep their ids. The scene has no
+        ///  members at first: it ends if none joins for ten minutes.
         ///
         ///  # Safety
         ///
@@ -295,7 +273,8 @@ namespace Rhumb
         ///  Steps a lockstep scene once, and computes the view.
         ///
         ///  At depth 0, the view is of the tick that this call requests. At depth 1, it is of the tick before, and the server
-        ///  computes the requested one meanwhile. A greater depth, up to 64, hides a link whose round trip is longer than a tick. `tick` may be null; otherwise it receives the tick of the view.
+        ///  computes the requested one meanwhile. A greater depth, up to 64, hides a link whose round trip is longer than a
+        ///  tick. `tick` may be null; otherwise it receives the tick of the view.
         ///
         ///  After `RHUMB_CODE_TIMEOUT`, `rhumb_scene_wait` continues to wait for the same tick. After `RHUMB_CODE_REFUSED`, the tick
         ///  is done and its view computed.
@@ -376,6 +355,62 @@ namespace Rhumb
         /// </summary>
         [DllImport(__DllName, EntryPoint = "rhumb_scene_statistics", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
         public static extern RhumbCode rhumb_scene_statistics(RhumbScene scene, RhumbStatistics* statistics);
+
+        /// <summary>
+        ///  The address of the page that shows the scene to browsers of this machine, until the scene is closed. Its server must be in
+        ///  this process.
+        ///
+        ///  # Safety
+        ///
+        ///  `address` points to what its type says.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_scene_page", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_scene_page(RhumbScene scene, RhumbAddress* address);
+
+        /// <summary>
+        ///  Saves a scene with everything that this client has sent. Scenes that `rhumb_local_server_restore` makes of it run to the
+        ///  same bits, given the same commands before the same ticks. The scene's server must be in this process.
+        ///
+        ///  # Safety
+        ///
+        ///  `checkpoint` points to what its type says.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_scene_save", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_scene_save(RhumbScene scene, RhumbCheckpoint* checkpoint);
+
+        /// <summary>
+        ///  Lends the arrays of the view that the last advance, wait or poll computed.
+        ///
+        ///  In Rhumb's own coordinates, these are the client's own arrays of poses. In others, they are converted by this call.
+        ///
+        ///  # Safety
+        ///
+        ///  `poses` points to memory for a `RhumbPoses`.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_scene_poses", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_scene_poses(RhumbScene scene, RhumbPoses* poses);
+
+        /// <summary>
+        ///  Writes the arrays of the view to buffers of the caller. `count` receives the number of bodies, also if the buffers are
+        ///  too small; then nothing is written to them.
+        ///
+        ///  # Safety
+        ///
+        ///  `buffers` points to a `RhumbPoseBuffers` whose pointers are null or have room for `capacity` bodies; `count` points to
+        ///  memory for a number.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_scene_copy_poses", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_scene_copy_poses(RhumbScene scene, RhumbPoseBuffers* buffers, System.UIntPtr* count);
+
+        /// <summary>
+        ///  Writes the place of a body in the arrays of the view. A body that is not in it is `RHUMB_CODE_INVALID`.
+        ///
+        ///  # Safety
+        ///
+        ///  `place` points to memory for a number.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_scene_place", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_scene_place(RhumbScene scene, RhumbBody body, System.UIntPtr* place);
 
         /// <summary>
         ///  Queues a command: makes a character or a vehicle an ordinary body again.
@@ -542,46 +577,12 @@ namespace Rhumb
         public static extern RhumbCode rhumb_scene_remove_joint(RhumbScene scene, uint joint, ulong* last);
 
         /// <summary>
-        ///  Lends the arrays of the view that the last advance, wait or poll computed.
-        ///
-        ///  In Rhumb's own coordinates, these are the client's own arrays of poses. In others, they are converted by this call.
-        ///
-        ///  # Safety
-        ///
-        ///  `poses` points to memory for a `RhumbPoses`.
-        /// </summary>
-        [DllImport(__DllName, EntryPoint = "rhumb_scene_poses", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
-        public static extern RhumbCode rhumb_scene_poses(RhumbScene scene, RhumbPoses* poses);
-
-        /// <summary>
-        ///  Writes the arrays of the view to buffers of the caller. `count` receives the number of bodies, also if the buffers are
-        ///  too small; then nothing is written to them.
-        ///
-        ///  # Safety
-        ///
-        ///  `buffers` points to a `RhumbPoseBuffers` whose pointers are null or have room for `capacity` bodies; `count` points to
-        ///  memory for a number.
-        /// </summary>
-        [DllImport(__DllName, EntryPoint = "rhumb_scene_copy_poses", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
-        public static extern RhumbCode rhumb_scene_copy_poses(RhumbScene scene, RhumbPoseBuffers* buffers, System.UIntPtr* count);
-
-        /// <summary>
-        ///  Writes the place of a body in the arrays of the view. A body that is not in it is `RHUMB_CODE_INVALID`.
-        ///
-        ///  # Safety
-        ///
-        ///  `place` points to memory for a number.
-        /// </summary>
-        [DllImport(__DllName, EntryPoint = "rhumb_scene_place", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
-        public static extern RhumbCode rhumb_scene_place(RhumbScene scene, RhumbBody body, System.UIntPtr* place);
-
-        /// <summary>
         ///  Connects the client that will feed a scene: one whose engine is the caller's.
         ///
-        ///  The client makes the scene when it joins by this name, adds bodies, and hands their states over by `rhumb_scene_feed`, once
-        ///  for each step of its engine. Other clients follow the scene as any other, each within its own tolerance. The scene ends with
-        ///  the client. A server of `rhumb_serve` is `RHUMB_CODE_INVALID`: use `rhumb_serve_fed`. `timeout_s` is as that of
-        ///  RhumbConnectOptions.
+        ///  The client makes the scene when it joins by this name, adds bodies, and hands their states over by
+        ///  `rhumb_scene_feed`, once for each step of its engine. Other clients follow the scene as any other, each within its
+        ///  own tolerance. The scene ends with the client. A server of `rhumb_serve` is `RHUMB_CODE_INVALID`: use
+        ///  `rhumb_serve_fed`. `timeout_s` is as that of RhumbConnectOptions.
         ///
         ///  # Safety
         ///
@@ -614,8 +615,8 @@ namespace Rhumb
         ///
         ///  # Safety
         ///
-        ///  `states` points to a `RhumbFedStates` whose arrays have the elements that it says; `tick` is null or points to memory for a
-        ///  number.
+        ///  `states` points to a `RhumbFedStates` whose arrays have the elements that it says; `tick` is null or points to
+        ///  memory for a number.
         /// </summary>
         [DllImport(__DllName, EntryPoint = "rhumb_scene_feed", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
         public static extern RhumbCode rhumb_scene_feed(RhumbScene scene, RhumbFedStates* states, ulong* tick);
@@ -632,9 +633,9 @@ namespace Rhumb
         public static extern RhumbCode rhumb_scene_poll_request(RhumbScene scene, RhumbRequest* request);
 
         /// <summary>
-        ///  Changes the scene as another member asked; `request` is the field of that name. If the scene cannot, or the member has
-        ///  left, the member is refused after all, and the next `rhumb_scene_feed` is `RHUMB_CODE_REFUSED`. A request that was answered
-        ///  is `RHUMB_CODE_INVALID`.
+        ///  Changes the scene as another member asked; `request` is the field of that name. If the scene cannot, or the member
+        ///  has left, the member is refused after all, and the next `rhumb_scene_feed` is `RHUMB_CODE_REFUSED`. A request that
+        ///  was answered is `RHUMB_CODE_INVALID`.
         /// </summary>
         [DllImport(__DllName, EntryPoint = "rhumb_scene_accept_request", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
         public static extern RhumbCode rhumb_scene_accept_request(RhumbScene scene, ulong request);
@@ -1230,6 +1231,106 @@ namespace Rhumb
     }
 
     /// <summary>
+    ///  The arrays of a view. They have one order, which changes from view to view.
+    ///
+    ///  The pointers are valid until the next call with this scene that computes a view (advance, wait, poll) or closes it.
+    ///  Copy what you keep longer. All are aligned for their type, and not null, also for no bodies.
+    /// </summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public unsafe partial struct RhumbPoses
+    {
+        /// <summary>
+        ///  The tick at or before the moment of the view.
+        /// </summary>
+        public ulong tick;
+        /// <summary>
+        ///  Part of the step to the next tick, 0 to 1.
+        /// </summary>
+        public double fraction;
+        /// <summary>
+        ///  Number of bodies.
+        /// </summary>
+        public System.UIntPtr count;
+        /// <summary>
+        ///  The bodies.
+        /// </summary>
+        public RhumbBody* bodies;
+        /// <summary>
+        ///  Centres of mass, or origins of this client's hulls and compounds: x, y, z for each body, in the scene's unit of
+        ///  length.
+        /// </summary>
+        public float* positions;
+        /// <summary>
+        ///  Rotations body to world: x, y, z, w for each body.
+        /// </summary>
+        public float* rotations;
+        /// <summary>
+        ///  Velocities of centres of mass: x, y, z for each body, units of length per second.
+        /// </summary>
+        public float* linear_velocities;
+        /// <summary>
+        ///  Spins about world axes: x, y, z for each body, rad/s.
+        /// </summary>
+        public float* angular_velocities;
+        /// <summary>
+        ///  One byte for each body; not zero: it rests, and its pose does not change until it wakes.
+        /// </summary>
+        public byte* resting;
+        /// <summary>
+        ///  Places of the bodies whose pose differs from that of the last view.
+        /// </summary>
+        public uint* changed;
+        /// <summary>
+        ///  Number of these places.
+        /// </summary>
+        public System.UIntPtr changed_count;
+        /// <summary>
+        ///  Bodies that were removed since the last view.
+        /// </summary>
+        public RhumbBody* removed;
+        /// <summary>
+        ///  Number of these bodies.
+        /// </summary>
+        public System.UIntPtr removed_count;
+    }
+
+    /// <summary>
+    ///  Buffers of a caller for the arrays of a view. A null pointer leaves an array out.
+    /// </summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public unsafe partial struct RhumbPoseBuffers
+    {
+        /// <summary>
+        ///  Bodies that each buffer has room for.
+        /// </summary>
+        public System.UIntPtr capacity;
+        /// <summary>
+        ///  One for each body.
+        /// </summary>
+        public RhumbBody* bodies;
+        /// <summary>
+        ///  Three for each body.
+        /// </summary>
+        public float* positions;
+        /// <summary>
+        ///  Four for each body.
+        /// </summary>
+        public float* rotations;
+        /// <summary>
+        ///  Three for each body.
+        /// </summary>
+        public float* linear_velocities;
+        /// <summary>
+        ///  Three for each body.
+        /// </summary>
+        public float* angular_velocities;
+        /// <summary>
+        ///  One for each body.
+        /// </summary>
+        public byte* resting;
+    }
+
+    /// <summary>
     ///  A command, for `rhumb_scene_command`. Fields that its kind does not name are ignored. Units are kilograms, seconds,
     ///  radians, and the scene's unit of length.
     /// </summary>
@@ -1552,105 +1653,6 @@ namespace Rhumb
         ///  Torque at which the joint breaks, kg times units of length² per s².
         /// </summary>
         public float break_torque;
-    }
-
-    /// <summary>
-    ///  The arrays of a view. They have one order, which changes from view to view.
-    ///
-    ///  The pointers are valid until the next call with this scene that computes a view (advance, wait, poll) or closes it.
-    ///  Copy what you keep longer. All are aligned for their type, and not null, also for no bodies.
-    /// </summary>
-    [StructLayout(LayoutKind.Sequential)]
-    public unsafe partial struct RhumbPoses
-    {
-        /// <summary>
-        ///  The tick at or before the moment of the view.
-        /// </summary>
-        public ulong tick;
-        /// <summary>
-        ///  Part of the step to the next tick, 0 to 1.
-        /// </summary>
-        public double fraction;
-        /// <summary>
-        ///  Number of bodies.
-        /// </summary>
-        public System.UIntPtr count;
-        /// <summary>
-        ///  The bodies.
-        /// </summary>
-        public RhumbBody* bodies;
-        /// <summary>
-        ///  Centres of mass, or origins of this client's hulls and compounds: x, y, z for each body, in the scene's unit of length.
-        /// </summary>
-        public float* positions;
-        /// <summary>
-        ///  Rotations body to world: x, y, z, w for each body.
-        /// </summary>
-        public float* rotations;
-        /// <summary>
-        ///  Velocities of centres of mass: x, y, z for each body, units of length per second.
-        /// </summary>
-        public float* linear_velocities;
-        /// <summary>
-        ///  Spins about world axes: x, y, z for each body, rad/s.
-        /// </summary>
-        public float* angular_velocities;
-        /// <summary>
-        ///  One byte for each body; not zero: it rests, and its pose does not change until it wakes.
-        /// </summary>
-        public byte* resting;
-        /// <summary>
-        ///  Places of the bodies whose pose differs from that of the last view.
-        /// </summary>
-        public uint* changed;
-        /// <summary>
-        ///  Number of these places.
-        /// </summary>
-        public System.UIntPtr changed_count;
-        /// <summary>
-        ///  Bodies that were removed since the last view.
-        /// </summary>
-        public RhumbBody* removed;
-        /// <summary>
-        ///  Number of these bodies.
-        /// </summary>
-        public System.UIntPtr removed_count;
-    }
-
-    /// <summary>
-    ///  Buffers of a caller for the arrays of a view. A null pointer leaves an array out.
-    /// </summary>
-    [StructLayout(LayoutKind.Sequential)]
-    public unsafe partial struct RhumbPoseBuffers
-    {
-        /// <summary>
-        ///  Bodies that each buffer has room for.
-        /// </summary>
-        public System.UIntPtr capacity;
-        /// <summary>
-        ///  One for each body.
-        /// </summary>
-        public RhumbBody* bodies;
-        /// <summary>
-        ///  Three for each body.
-        /// </summary>
-        public float* positions;
-        /// <summary>
-        ///  Four for each body.
-        /// </summary>
-        public float* rotations;
-        /// <summary>
-        ///  Three for each body.
-        /// </summary>
-        public float* linear_velocities;
-        /// <summary>
-        ///  Three for each body.
-        /// </summary>
-        public float* angular_velocities;
-        /// <summary>
-        ///  One for each body.
-        /// </summary>
-        public byte* resting;
     }
 
     /// <summary>
@@ -2599,8 +2601,8 @@ namespace Rhumb
         /// </summary>
         None,
         /// <summary>
-        ///  A new body, of an id that it has already: `body`, `position`, `rotation`, `linear_velocity`, `angular_velocity`. Once it
-        ///  is accepted, feed it.
+        ///  A new body, of an id that it has already: `body`, `position`, `rotation`, `linear_velocity`, `angular_velocity`.
+        ///  Once it is accepted, feed it.
         /// </summary>
         AddBody,
         /// <summary>
