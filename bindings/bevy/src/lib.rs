@@ -60,10 +60,12 @@
 #![forbid(unsafe_code)]
 
 mod client;
+mod entities;
 mod plugin;
 
 pub use client::{RhumbClient, RhumbEnded, RhumbJoin, RhumbJoinFailed, RhumbMessage};
-pub use plugin::{RhumbBodyId, RhumbErrorBound, RhumbPlugin, RhumbState, RhumbSystems};
+pub use entities::{RhumbBodyId, RhumbErrorBound, RhumbState};
+pub use plugin::{RhumbPlugin, RhumbSystems};
 pub use rhumb_client;
 
 /// The code of the book's page.
