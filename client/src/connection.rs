@@ -34,6 +34,8 @@ pub(crate) struct Pump {
     clock: Clock,
     /// True if the server could not be reached again.
     gave_up: bool,
+    /// Attempts in a row that began at a server that another one had named.
+    followed: u32,
     /// Called with all bytes in both directions, for recording.
     tap: Option<Tap>,
 }
@@ -75,6 +77,7 @@ impl Pump {
             redial,
             reconnector: None,
             gave_up: false,
+            followed: 0,
             clock: Clock::start(),
             tap: None,
         };
@@ -139,9 +142,12 @@ impl Pump {
     /// Begins to reach the server again, to continue the session; `false` if it cannot. `full_since`: the time for
     /// which it has had no place; the present one otherwise.
     ///
-    /// A server that has named another one is not waited for: the first attempt goes there at once.
+    /// A server that has named another one is not waited for: the first attempt goes there at once. After [`FOLLOWED_MAX`] in a
+    /// row there is a pause, as servers may name each other.
     pub(crate) fn reconnect(&mut self, full_since: Instant, until: Instant) -> bool {
-        let elsewhere = self.session.elsewhere().map(str::to_owned);
+        let named = self.session.elsewhere().map(str::to_owned);
+        let elsewhere = named.filter(|_| self.followed < FOLLOWED_MAX);
+        self.followed = elsewhere.as_ref().map_or(0, |_| self.followed + 1);
         let Some(redial) = self.redial.clone().filter(|_| self.session.can_reconnect()) else {
             return false;
         };
@@ -162,15 +168,19 @@ impl Pump {
         }
     }
 
-    /// Goes with a new session to the server that the last one has named, or again to one of its own if that does not answer;
-    /// `false` if it named none, or none answers.
+    /// Goes with a new session to the server that the last one has named; `false` if it named none, or none that answers.
     pub(crate) fn follow(&mut self, session: ClientSession, timeout: Duration) -> bool {
         let place = self.session.elsewhere().map(str::to_owned);
-        // The named one may have ended, and its lease may be about to.
-        let reached = (self.redial.as_ref().zip(place)).and_then(|(redial, place)| {
-            let named = redial(Some(&place), timeout.min(ATTEMPT_ELSEWHERE));
-            named.or_else(|| redial(None, timeout))
-        });
+        place.is_some_and(|place| self.open(Some(&place), session, timeout))
+    }
+
+    /// Goes with a new session to one of the servers of its own address; `false` if none answers.
+    pub(crate) fn ask_again(&mut self, session: ClientSession, timeout: Duration) -> bool {
+        self.open(None, session, timeout)
+    }
+
+    fn open(&mut self, place: Option<&str>, session: ClientSession, timeout: Duration) -> bool {
+        let reached = (self.redial.as_ref()).and_then(|redial| redial(place, timeout));
         let Some(connection) = reached else {
             return false;
         };
@@ -234,12 +244,14 @@ pub(crate) fn span(duration: Duration) -> Span {
     Span::from_nanos(u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX))
 }
 
+/// Servers that a client asks for one scene, each named by the one before, before it waits.
+pub(crate) const FOLLOWED_MAX: u32 = 8;
 /// First pause.
-const PAUSE_FIRST: Duration = Duration::from_millis(100);
+pub(crate) const PAUSE_FIRST: Duration = Duration::from_millis(100);
 /// Longest pause.
 const PAUSE_MAX: Duration = Duration::from_secs(5);
 /// Time for one attempt.
-const ATTEMPT: Duration = Duration::from_secs(3);
+pub(crate) const ATTEMPT: Duration = Duration::from_secs(3);
 /// Time for one attempt at a server that another one has named: it may have ended since.
 const ATTEMPT_ELSEWHERE: Duration = Duration::from_secs(1);
 

@@ -2,6 +2,7 @@
 //!
 //! Joining takes up to three answers: welcome, creation, snapshot. Each must arrive within the connection's timeout.
 
+use std::thread;
 use std::time::Duration;
 
 use rhumb_link::ClientTransport;
@@ -18,7 +19,7 @@ use rhumb_view::JoinMode;
 use rhumb_view::{JoinError, Joining};
 
 use crate::client::Client;
-use crate::connection::{BoxedConnection, Pump, Redial, span};
+use crate::connection::{ATTEMPT, BoxedConnection, FOLLOWED_MAX, PAUSE_FIRST, Pump, Redial, span};
 #[cfg(feature = "local")]
 use crate::error::FeedError;
 use crate::error::{ClientError, OpenError};
@@ -160,7 +161,9 @@ impl ServerConnection {
         #[cfg(not(feature = "local"))]
         let mode = options.mode;
         let mut pump = Pump::new(session, self.connection, self.redial);
+        let begun = pump.now();
         let mut followed = 0;
+        let mut pause = PAUSE_FIRST;
         let granted = loop {
             let mut joining = Joining::new(mode, options.stream, key);
             match await_scene(&mut pump, timeout, &mut joining) {
@@ -168,7 +171,14 @@ impl ServerConnection {
                     if is_elsewhere(ending) && followed < FOLLOWED_MAX =>
                 {
                     followed += 1;
-                    if !pump.follow(fresh(), timeout) {
+                    if pump.follow(fresh(), timeout.min(ATTEMPT)) {
+                        continue;
+                    }
+                    // It may just have ended: one of the others has the scene before long.
+                    thread::sleep(pause);
+                    pause *= 2;
+                    let is_over = pump.now() >= begun + span(timeout);
+                    if is_over || !pump.ask_again(fresh(), timeout) {
                         return Err(ClientError::Ended(ending).into());
                     }
                 }
@@ -196,9 +206,6 @@ impl ServerConnection {
         token.transpose().map_err(OpenError::Token)
     }
 }
-
-/// Servers that a client asks for one scene, each named by the one before.
-const FOLLOWED_MAX: u32 = 8;
 
 /// True if a server has closed because another one has the scene.
 fn is_elsewhere(ending: Ending) -> bool {

@@ -136,7 +136,7 @@ pub struct Arguments {
     #[arg(long, value_name = "ENDPOINTS")]
     directory: Option<String>,
     /// Address that the other servers of a directory tell clients for this one, as host:port [default: that of --listen].
-    #[arg(long, value_name = "ADDRESS", requires = "directory")]
+    #[arg(long, value_name = "ADDRESS")]
     advertise: Option<String>,
     /// Origin of a web page that may connect, as https://host:port, or * for all; may be repeated. Pages of this machine
     /// may always.

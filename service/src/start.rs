@@ -9,6 +9,7 @@ use std::io::{self, Write};
 use std::net::SocketAddr;
 use std::path::Path;
 
+use hyper::http::uri::Authority;
 use rhumb_scene::engine::StepThreads;
 use rhumb_transport::Fingerprint;
 
@@ -119,7 +120,13 @@ fn access(settings: &ServerSettings) -> Result<Access, Box<dyn Error>> {
 /// The directory of scenes. Its servers share a data directory and know each other's addresses.
 fn directory(settings: &ServerSettings) -> Result<Option<Endpoints>, Box<dyn Error>> {
     let Some(directory) = &settings.directory else {
-        return Ok(None);
+        return match &settings.advertise {
+            None => Ok(None),
+            Some(address) => Err(format!(
+                "--advertise {address} names this server to the others of a directory: give --directory too"
+            )
+            .into()),
+        };
     };
     if settings.data.is_none() {
         return Err(
@@ -128,14 +135,33 @@ fn directory(settings: &ServerSettings) -> Result<Option<Endpoints>, Box<dyn Err
                 .into(),
         );
     }
-    if settings.advertise.is_none() && settings.listen.ip().is_unspecified() {
-        let listen = settings.listen;
-        return Err(format!(
-            "--listen {listen} is no address that the directory could name to clients: give --advertise host:port"
-        )
-        .into());
+    let listen = settings.listen;
+    match &settings.advertise {
+        None if listen.ip().is_unspecified() => {
+            return Err(format!(
+                "--listen {listen} is no address that the directory could name to clients: give --advertise host:port"
+            )
+            .into());
+        }
+        Some(address) if !is_host_and_port(address) => {
+            return Err(format!(
+                "--advertise {address:?} is no address of a server: give host:port, of 255 characters at most"
+            )
+            .into());
+        }
+        _ => {}
     }
     Ok(Some(directory.parse()?))
+}
+
+/// True for a name or an address with a port, and nothing else.
+fn is_host_and_port(address: &str) -> bool {
+    let authority = address.parse::<Authority>().ok();
+    authority.is_some_and(|authority| {
+        let has_port = authority.port_u16().is_some_and(|port| port > 0);
+        let has_user = address.contains('@');
+        has_port && !has_user && !authority.host().is_empty() && address.len() <= 255
+    })
 }
 
 /// Refuses what would let other machines in without a token, unless the operator says so.

@@ -12,7 +12,7 @@ use glam::Vec3;
 use rhumb_link::{ClientTransport, Received, WireStatistics};
 use rhumb_protocol::Ending;
 use rhumb_protocol::message::{
-    AuthorityGrant, ClientMessage, Extensions, Frames, Joined, QueryResult, SceneEvent,
+    AuthorityGrant, ClientMessage, Extension, Extensions, Frames, Joined, QueryResult, SceneEvent,
     ServerMessage, SessionState, StreamChoice, VERSIONS, Welcome,
 };
 use rhumb_protocol::packet::{LargestPacket, StreamId};
@@ -43,7 +43,16 @@ struct Script {
     /// Messages of queries at which the connection breaks instead of an answer.
     breaks: u64,
     commands: u64,
+    /// True for a server that says that another one has the scene.
+    names_another: bool,
+    /// Of each attempt to connect again: true if it was to the named server.
+    attempts: Vec<bool>,
+    /// Attempts at the named server that fail.
+    unreachable: usize,
 }
+
+/// Where the script says that another server is.
+const ANOTHER: &str = "rhumb://another:1";
 
 /// A connection to the script.
 struct ScriptedConnection(Arc<Mutex<Script>>);
@@ -61,11 +70,19 @@ impl Script {
 
     fn handle(&mut self, message: &ClientMessage) {
         match message {
-            ClientMessage::Hello { .. } => self.send(&ServerMessage::Welcome(Welcome {
-                version: VERSIONS[0],
-                scene: Some(SceneConfig::default()),
-                extensions: Extensions::NONE,
-            })),
+            ClientMessage::Hello { .. } => {
+                let mut extensions = Extensions::NONE;
+                if self.names_another {
+                    let id = Extension::ELSEWHERE;
+                    let value = ANOTHER.as_bytes().to_vec();
+                    assert!(extensions.insert(Extension { id, value }));
+                }
+                self.send(&ServerMessage::Welcome(Welcome {
+                    version: VERSIONS[0],
+                    scene: Some(SceneConfig::default()),
+                    extensions,
+                }));
+            }
             ClientMessage::Session(_) => self.send(&ServerMessage::Session(SessionState {
                 resumed: self.connections > 1,
                 durable: false,
@@ -176,6 +193,9 @@ fn connect(script: &Arc<Mutex<Script>>) -> BoxedConnection {
         connections: fresh.connections + 1,
         commands: fresh.commands,
         breaks: fresh.breaks,
+        names_another: fresh.names_another,
+        attempts: std::mem::take(&mut fresh.attempts),
+        unreachable: fresh.unreachable,
         ..Script::default()
     };
     Box::new(ScriptedConnection(Arc::clone(script)))
@@ -192,7 +212,16 @@ fn body() -> (BodyDesc, BodyState) {
 fn connection() -> (ServerConnection, Arc<Mutex<Script>>) {
     let script = Arc::<Mutex<Script>>::default();
     let again = Arc::clone(&script);
-    let redial: Redial = Arc::new(move |_, _| Some(connect(&again)));
+    let redial: Redial = Arc::new(move |place, _| {
+        let mut script = lock(&again);
+        script.attempts.push(place == Some(ANOTHER));
+        if place.is_some() && script.unreachable > 0 {
+            script.unreachable -= 1;
+            return None;
+        }
+        drop(script);
+        Some(connect(&again))
+    });
     (
         ServerConnection::with_redial(connect(&script), redial),
         script,
@@ -320,4 +349,39 @@ fn an_answer_that_has_arrived_counts_though_its_time_is_over() {
         matches!(advanced, Err(ClientError::Timeout { .. })),
         "{advanced:?}"
     );
+}
+
+#[test]
+fn servers_that_name_each_other_are_asked_with_pauses() {
+    let (mut client, script) = member();
+    lock(&script).names_another = true;
+    interrupt(&mut client, &script);
+    while lock(&script).attempts.len() < 20 {
+        client.idle(Duration::from_millis(1)).expect("it tries on");
+    }
+    lock(&script).names_another = false;
+    resume(&mut client);
+    let attempts = lock(&script).attempts.clone();
+    // Each turn begins after a pause.
+    let mut turns = attempts.split(|is_named| !is_named).skip(1);
+    assert!(!attempts[0], "the first attempt has no other server to try");
+    assert!(turns.all(|turn| turn.len() <= 8), "{attempts:?}");
+}
+
+#[test]
+fn a_join_asks_the_first_server_again_where_the_named_one_does_not_answer() {
+    let (connection, script) = connection();
+    (lock(&script).names_another, lock(&script).unreachable) = (true, 1);
+    let of_server = Arc::clone(&script);
+    let joined = std::thread::spawn(move || {
+        let options = JoinOptions::default();
+        connection.join_with("script", options).map(|_| ())
+    });
+    // The first server has the scene as soon as it is asked again.
+    while lock(&of_server).attempts.is_empty() {
+        std::thread::yield_now();
+    }
+    lock(&of_server).names_another = false;
+    joined.join().expect("it does not panic").expect("a scene");
+    assert_eq!(lock(&script).attempts, [true, false]);
 }

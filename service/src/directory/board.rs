@@ -7,7 +7,7 @@ use rhumb_protocol::scene::SceneName;
 use serde_json::{Value, json};
 
 use super::claims::{LeaseId, ServerPlace};
-use super::etcd::{Etcd, SCENES, base64, from_base64, number};
+use super::etcd::{Etcd, SCENES, base64, from_base64, is_place, number};
 use super::handovers::{Board, Notice};
 
 /// Before the keys of all notices.
@@ -37,12 +37,15 @@ impl Notice {
 }
 
 impl Board {
-    /// Adds a notice; others than ours are passed over.
+    /// Adds a notice; others than ours are passed over, and addresses that no client could read.
     fn add(&mut self, entry: Entry) {
         let of_board = entry.key.strip_prefix(BOARD);
         let Some((kind, name)) = of_board.and_then(|key| key.split_once('/')) else {
             return;
         };
+        if !is_place(name) || !is_place(&entry.value) {
+            return;
+        }
         let (place, value) = (ServerPlace(name.to_owned()), ServerPlace(entry.value));
         match (kind, name.parse::<SceneName>()) {
             ("server", _) => drop(self.servers.insert(place, entry.lease)),
@@ -198,6 +201,12 @@ mod tests {
             standbys: [(scene, place)].into(),
         };
         assert_eq!(board, expected);
+        board.add(Entry {
+            key: format!("{BOARD}order/pit"),
+            value: "a b".to_owned(),
+            lease: LeaseId(7),
+        });
+        assert_eq!(board, expected, "no client could read the address");
     }
 
     /// Recorded of etcd 3.4.23.

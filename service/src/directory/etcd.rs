@@ -14,6 +14,7 @@ use hyper::client::conn::http1;
 use hyper::header::{CONTENT_TYPE, HOST};
 use hyper::{Request as HttpRequest, StatusCode, Uri};
 use hyper_util::rt::TokioIo;
+use rhumb_protocol::limits::EXTENSION_BYTES_MAX;
 use rhumb_protocol::scene::SceneName;
 use serde_json::{Value, json};
 use tokio::net::TcpStream;
@@ -52,7 +53,14 @@ impl FromStr for Endpoints {
             let url: Uri = text.trim().parse().ok()?;
             let is_plain = url.scheme_str() == Some("http") && url.path() == "/";
             let host = url.host().filter(|_| is_plain && url.query().is_none())?;
-            Some((host.to_owned(), url.port_u16().unwrap_or(PORT)))
+            let port = url.port_u16().unwrap_or(PORT);
+            // Neither a user nor a port that is none is passed over.
+            let with = |port: &str| {
+                url.authority()
+                    .is_some_and(|all| *all == format!("{host}{port}"))
+            };
+            let is_all = with("") || with(&format!(":{port}"));
+            is_all.then(|| (host.to_owned(), port))
         };
         let endpoints = text
             .split(',')
@@ -219,12 +227,24 @@ fn read(to: &DirectoryRequest, status: StatusCode, answer: &[u8]) -> Option<Dire
 fn owner(answer: &Value) -> Option<DirectoryAnswer> {
     let responses = answer["responses"].as_array()?;
     let key = &responses.last()?["response_range"]["kvs"][0];
-    let place = from_base64(key["value"].as_str()?)?;
+    let place = String::from_utf8(from_base64(key["value"].as_str()?)?).ok()?;
+    if !is_place(&place) {
+        tracing::warn!(
+            "the directory has a server whose address no client could read: its key was not written by a server"
+        );
+        return None;
+    }
     Some(DirectoryAnswer::Owner {
         lease: LeaseId(number(&key["lease"])?),
         epoch: Epoch(number(&key["create_revision"])?),
-        place: ServerPlace(String::from_utf8(place).ok()?),
+        place: ServerPlace(place),
     })
+}
+
+/// True for a text that a client can be sent as the address of a server.
+pub(super) fn is_place(text: &str) -> bool {
+    (1..=EXTENSION_BYTES_MAX).contains(&text.len())
+        && text.bytes().all(|byte| byte.is_ascii_graphic())
 }
 
 /// A number of 64 bits, which this JSON has as text.
@@ -303,6 +323,8 @@ mod tests {
             "http://a/v3",
             "http://a,",
             "etcd://a",
+            "http://a:70000",
+            "http://user@a",
         ] {
             let refused = read(wrong).unwrap_err().to_string();
             assert!(refused.contains("http://host:port"), "{refused}");
@@ -332,6 +354,15 @@ mod tests {
             r#"{{"header":{{}},"succeeded":true,"responses":[{{"response_put":{{}}}},{range}]}}"#
         );
         assert_eq!(read(&claim, 200, &taken), Some(owner));
+        for place in [
+            String::new(),
+            "grün".to_owned(),
+            "a b".to_owned(),
+            "a".repeat(900),
+        ] {
+            let named = refused.replace("cmh1bWI6Ly9hOjE=", &base64(place.as_bytes()));
+            assert_eq!(read(&claim, 200, &named), None, "{place:?}");
+        }
         let gone = r#"{"error":"etcdserver: requested lease not found","message":"etcdserver: requested lease not found","code":5}"#;
         assert_eq!(read(&claim, 404, gone), Some(DirectoryAnswer::NoLease));
         assert_eq!(

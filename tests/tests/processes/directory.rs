@@ -427,19 +427,15 @@ fn another_server_has_the_scene_of_a_killed_one_soon_after_its_lease() {
     let truth = client.inspect().expect("an answer").truth;
     one.server.kill();
     let killed = Instant::now();
+    // The other one first names the server that was killed, for as long as its lease lasts.
     let address = other.server.address.to_string();
-    let mut late = loop {
-        let trust = Trust::Fingerprint(other.server.fingerprint);
-        let connection = Client::connect_within(&address, trust, Duration::from_secs(10));
-        let options = JoinOptions {
-            mode: JoinMode::Join,
-            ..JoinOptions::default()
-        };
-        match connection.expect("it answers").join_with("pit", options) {
-            Ok(client) => break client,
-            Err(error) => assert!(killed.elapsed() < LONG, "{error}"),
-        }
+    let trust = Trust::Fingerprint(other.server.fingerprint);
+    let connection = Client::connect_within(&address, trust, LONG).expect("it answers");
+    let options = JoinOptions {
+        mode: JoinMode::Join,
+        ..JoinOptions::default()
     };
+    let mut late = connection.join_with("pit", options).expect("it is there");
     eprintln!("there after {:?}", killed.elapsed());
     assert_eq!(late.inspect().expect("an answer").truth, truth);
 }
@@ -533,4 +529,35 @@ fn a_server_says_what_its_directory_lacks() {
     let data = data.path().to_str().expect("text");
     let wrong = refused(&["etcd:2379", "--data", data]);
     assert!(wrong.contains("http://host:port"), "{wrong}");
+    let long = format!("{}:1", "a".repeat(300));
+    for advertised in [
+        "",
+        ":",
+        "a",
+        "a b:1",
+        "größe:1",
+        "h:0",
+        "h:99999",
+        "rhumb://h:1",
+        "u@h:1",
+        &long,
+    ] {
+        let wrong = refused(&[
+            "http://127.0.0.1:1",
+            "--data",
+            data,
+            "--advertise",
+            advertised,
+        ]);
+        assert!(wrong.contains("give host:port"), "{advertised}: {wrong}");
+    }
+    for advertised in ["physics.example:4433", "10.0.0.1:1", "[::1]:4433"] {
+        let more = ["--directory", "http://127.0.0.1:1", "--data", data];
+        let advertise = ["--open", "--check-config", "--advertise", advertised];
+        let ended = SERVER.run(&[&advertise[..], &more].concat());
+        assert_eq!(ended.code, Some(0), "{}", ended.log);
+    }
+    let alone = SERVER.run(&["--open", "--check-config", "--advertise", "a:1"]);
+    assert_eq!(alone.code, Some(1));
+    assert!(alone.log.contains("give --directory too"), "{}", alone.log);
 }
