@@ -327,7 +327,7 @@ impl ServerMessage {
             kind::MOVED => Self::Moved {
                 address: from.sized(EXTENSION_BYTES_MAX)?.to_vec(),
             },
-            OPTIONAL.. => return Ok(None),
+            kind if kind >= OPTIONAL => return Ok(None),
             _ => return Err(Malformed::UnknownCode),
         };
         from.finish()?;
