@@ -33,10 +33,10 @@ impl Endpoint for OwnerSide<'_> {
         let of_mirror = |mirror: &mut Mirror| mirror.handle_ended(now, ending);
         let of_voice = |voice: &mut Voice| voice.handle_ended(ending);
         self.0.heed(now, peer, of_mirror, of_voice);
-        if let Some(LinkUse::Mirror(id)) = self.0.owners.links.remove(&peer) {
-            if !self.0.owners.note_mirror_end(now, id, ending) {
-                self.0.turn_away(id);
-            }
+        if let Some(LinkUse::Mirror(id)) = self.0.owners.links.remove(&peer)
+            && !self.0.owners.note_mirror_end(now, id, ending)
+        {
+            self.0.turn_away(id);
         }
     }
 
