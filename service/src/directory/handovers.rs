@@ -101,10 +101,11 @@ impl Handovers {
                     self.coming.insert(scene.clone(), false);
                     steps.push(HandoverStep::Prepare(scene.clone()));
                 }
-                (false, true) if board.standbys.get(scene) == Some(to) => {
-                    if self.going.insert(scene.clone(), to.clone()).is_none() {
-                        steps.push(HandoverStep::Leave(scene.clone(), to.clone()));
-                    }
+                (false, true)
+                    if board.standbys.get(scene) == Some(to) && !self.going.contains_key(scene) =>
+                {
+                    self.going.insert(scene.clone(), to.clone());
+                    steps.push(HandoverStep::Leave(scene.clone(), to.clone()));
                 }
                 _ => {}
             }
