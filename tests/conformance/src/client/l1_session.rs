@@ -381,7 +381,7 @@ fn skips(trial: &mut Trial<'_>) -> CaseResult {
         ..hand::welcome()
     }));
     server.send_bytes(&[4, 0xfa, 0x00, 0x01, 0x02]);
-    server.send_bytes(&[2, 0x80, 0x01]);
+    server.send_bytes(&[2, 0xef, 0x01]);
     server.await_message("join", |message| {
         matches!(message, ClientMessage::Join(_)).then_some(())
     })?;
