@@ -146,7 +146,7 @@ impl SceneClaims {
         }
     }
 
-    /// SceneClaims a scene; an event says what comes of it.
+    /// Claims a scene; an event says what comes of it.
     pub(crate) fn claim(&mut self, now: Instant, scene: &SceneName) {
         self.expire(now);
         let Some(lease) = self.lease else {
@@ -208,7 +208,7 @@ impl SceneClaims {
             DirectoryRequest::Grant { .. } => self.handle_grant(now, sent, &answer),
             DirectoryRequest::Renew(id) => self.handle_renewal(now, (id, sent), &answer),
             DirectoryRequest::Revoke(_) => {}
-            DirectoryRequest::Claim(id, scene) => self.handle_claim((id, scene), answer),
+            DirectoryRequest::Claim(id, scene) => self.handle_claim(now, (id, scene), answer),
             DirectoryRequest::Release(epoch, scene) => {
                 self.handle_release(now, (epoch, scene), &answer);
             }
@@ -308,7 +308,12 @@ impl SceneClaims {
         }
     }
 
-    fn handle_claim(&mut self, (id, scene): (LeaseId, SceneName), answer: DirectoryAnswer) {
+    fn handle_claim(
+        &mut self,
+        now: Instant,
+        (id, scene): (LeaseId, SceneName),
+        answer: DirectoryAnswer,
+    ) {
         let is_held = self.lease.is_some_and(|lease| lease.id == id);
         if !is_held || self.scenes.get(&scene) != Some(&Claim::Asked) {
             // It was over with its lease, and that has been reported.
@@ -319,6 +324,7 @@ impl SceneClaims {
                 self.scenes.insert(scene.clone(), Claim::Owned(epoch));
                 return self.events.push_back(ClaimEvent::Owned(scene, epoch));
             }
+            DirectoryAnswer::NoLease => return self.lose(now),
             DirectoryAnswer::Owner { place, .. } if place != self.place => {
                 ClaimEvent::Elsewhere(scene.clone(), place)
             }
@@ -354,11 +360,11 @@ impl SceneClaims {
         }
     }
 
-    /// Forgets the lease and what it held.
+    /// Forgets the lease and what it held. It ends by itself: what was sent before may still be on its way.
     fn lose(&mut self, now: Instant) {
-        let Some(lease) = self.lease.take() else {
+        if self.lease.take().is_none() {
             return;
-        };
+        }
         self.unreleased.clear();
         for (scene, claim) in std::mem::take(&mut self.scenes) {
             if matches!(claim, Claim::Asked | Claim::Releasing(_, true)) {
@@ -367,8 +373,6 @@ impl SceneClaims {
         }
         self.events.push_back(ClaimEvent::Lost);
         self.next = Some(now);
-        // If it still exists there, the scenes are free at once.
-        self.ask(now, DirectoryRequest::Revoke(lease.id));
     }
 }
 

@@ -15,17 +15,15 @@ use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::{Instant, Span};
 use rhumb_transport::io_runtime;
 use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
-use tokio::time::{sleep, timeout};
+use tokio::time::sleep;
 
 use super::claims::{
     ANSWER, ClaimEvent, DirectoryAnswer, Epoch, RequestId, SceneClaims, ServerPlace,
 };
 use super::etcd::{Endpoints, Etcd};
 use super::handovers::{Board, HandoverStep, Handovers, Notice};
-use crate::durable::DataDir;
-
-/// A clock that also counts while the machine sleeps.
-pub(crate) type FenceClock = Arc<dyn Fn() -> Instant + Send + Sync>;
+use super::takeover::{self, FenceClock, FilesTaken, FilesWanted};
+use crate::durable::{DataDir, Generation};
 
 /// The dispatcher's handle. When it is dropped, all claims are given up.
 pub(crate) struct Keeper {
@@ -46,13 +44,23 @@ enum Ask {
 /// News of the directory for the dispatcher.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum DirectoryEvent {
-    Claim(ClaimEvent),
+    /// The scene is this server's, and its files have this number from now on.
+    Owned(SceneName, Generation),
+    /// The thread knows that a scene was given up; what it said before was older.
+    Released(SceneName),
+    /// Another server has the scene.
+    Elsewhere(SceneName, ServerPlace),
+    /// The directory does not say, or the files cannot be had.
+    Unknown(SceneName),
+    /// The lease is over, and all that the server owned.
+    Lost,
     Handover(HandoverStep),
 }
 
-/// An answer of the directory for the keeper.
+/// An answer of the directory for the keeper, or of the thread of files.
 enum DirectoryNews {
     Request(RequestId, DirectoryAnswer),
+    Files(FilesTaken),
     /// `None` without an answer.
     Board(Option<Board>),
 }
@@ -84,7 +92,13 @@ impl Keeper {
         let (to, events) = channel();
         let until = Arc::new(AtomicU64::new(0));
         let (answers, answered) = unbounded_channel();
+        let taken = answers.clone();
+        let take = move |files| {
+            // A keeper that has ended needs none.
+            let _ = taken.send(DirectoryNews::Files(files));
+        };
         let keeping = Keeping {
+            wanted: takeover::start(data, Arc::clone(&clock), take)?,
             claims: SceneClaims::new(clock(), place.clone()),
             handovers: Handovers::new(place.clone()),
             place,
@@ -92,7 +106,6 @@ impl Keeper {
             answers,
             board_at: Some(clock()),
             claims_at: Instant::ZERO,
-            data,
             taken: BTreeMap::new(),
             clock: Arc::clone(&clock),
             until: Arc::clone(&until),
@@ -131,10 +144,14 @@ impl Keeper {
         self.events.try_recv().ok()
     }
 
-    /// True if what the server owns may be published at this moment.
-    pub(crate) fn may_publish(&self) -> bool {
-        let until = Instant::from_nanos(self.until.load(Ordering::Acquire));
-        (self.clock)() < until
+    /// The moment from which nothing may be published that the server owned when this moment was asked for.
+    pub(crate) fn publishes_until(&self) -> Instant {
+        Instant::from_nanos(self.until.load(Ordering::Acquire))
+    }
+
+    /// True before a moment of the clock of leases.
+    pub(crate) fn is_before(&self, moment: Instant) -> bool {
+        (self.clock)() < moment
     }
 
     fn ask(&self, ask: Ask) {
@@ -169,9 +186,10 @@ struct Keeping {
     board_at: Option<Instant>,
     /// When the awaited scenes are asked for next.
     claims_at: Instant,
-    data: DataDir,
-    /// The claims with which the files of scenes were taken over.
-    taken: BTreeMap<SceneName, Epoch>,
+    /// To the thread of files.
+    wanted: Sender<FilesWanted>,
+    /// The claims with which the files of scenes are taken over, and what these have become; `None` as long as that is awaited.
+    taken: BTreeMap<SceneName, (Epoch, Option<Generation>)>,
     clock: FenceClock,
     until: Arc<AtomicU64>,
     events: Sender<DirectoryEvent>,
@@ -215,7 +233,7 @@ impl Keeping {
         match ask {
             Ask::Claim(scene) => match self.handovers.instead().cloned() {
                 Some(other) if !self.claims.owns(&scene) => {
-                    self.tell(DirectoryEvent::Claim(ClaimEvent::Elsewhere(scene, other)));
+                    self.tell(DirectoryEvent::Elsewhere(scene, other));
                     (self.wake)();
                 }
                 _ => self.claims.claim(now, &scene),
@@ -223,6 +241,7 @@ impl Keeping {
             Ask::Release(scene) => {
                 self.taken.remove(&scene);
                 self.claims.release(now, &scene);
+                self.tell(DirectoryEvent::Released(scene));
             }
             Ask::Ready(scene) => {
                 if let Some(notice) = self.handovers.note_ready(&scene) {
@@ -236,6 +255,7 @@ impl Keeping {
         let now = (self.clock)();
         match answered {
             DirectoryNews::Request(id, answer) => self.claims.handle_answer(now, id, answer),
+            DirectoryNews::Files(files) => self.take_files(files),
             DirectoryNews::Board(None) => self.board_at = Some(now + BOARD),
             DirectoryNews::Board(Some(board)) => self.take_board(now, &board),
         }
@@ -321,65 +341,94 @@ impl Keeping {
             let place = self.place.clone();
             tokio::spawn(async move {
                 let limit = Duration::from_nanos(ANSWER.as_nanos());
-                let answer = timeout(limit, etcd.answer(&place, &request)).await;
-                let answer = answer.unwrap_or(DirectoryAnswer::Failed);
+                let answer = etcd.answer(&place, &request, limit).await;
                 // A keeper that has ended needs none.
                 let _ = answers.send(DirectoryNews::Request(id, answer));
             });
         }
         let until = self.claims.publishes_until().since(Instant::ZERO);
         self.until.store(until.as_nanos(), Ordering::Release);
-        let mut has_events = false;
         while let Some(event) = self.claims.poll_event() {
-            if let ClaimEvent::Elsewhere(scene, _) | ClaimEvent::Unknown(scene) = &event
-                && self.handovers.awaits(scene)
-            {
-                // It is asked for again in a moment.
-                continue;
-            }
-            has_events = true;
-            let event = self.take_files(event);
-            match &event {
-                ClaimEvent::Owned(scene, _) => {
-                    for notice in self.handovers.note_owned(scene) {
-                        self.remove(notice);
-                    }
-                }
-                ClaimEvent::Lost => {
-                    self.taken.clear();
-                    let steps = self.handovers.lose();
-                    self.hand_on(steps);
-                }
-                ClaimEvent::Elsewhere(..) | ClaimEvent::Unknown(_) => {}
-            }
-            self.tell(DirectoryEvent::Claim(event));
-        }
-        if has_events {
-            (self.wake)();
+            self.take_claim(event);
         }
     }
 
-    /// Makes the files of an owned scene this server's: from then on an earlier owner finds them no more.
-    fn take_files(&mut self, event: ClaimEvent) -> ClaimEvent {
-        let ClaimEvent::Owned(scene, epoch) = event else {
-            return event;
+    fn take_claim(&mut self, event: ClaimEvent) {
+        let event = match event {
+            ClaimEvent::Elsewhere(scene, _) | ClaimEvent::Unknown(scene)
+                if self.handovers.awaits(&scene) =>
+            {
+                // It is asked for again in a moment.
+                return;
+            }
+            ClaimEvent::Elsewhere(scene, place) => DirectoryEvent::Elsewhere(scene, place),
+            ClaimEvent::Unknown(scene) => DirectoryEvent::Unknown(scene),
+            ClaimEvent::Owned(scene, epoch) => match self.taken.get(&scene) {
+                Some((taken, None)) if *taken == epoch => return,
+                // Another client has asked, and the scene may be served already.
+                Some((taken, Some(generation))) if *taken == epoch => {
+                    DirectoryEvent::Owned(scene, *generation)
+                }
+                _ => return self.want_files(scene, epoch),
+            },
+            ClaimEvent::Lost => {
+                for (scene, (_, generation)) in std::mem::take(&mut self.taken) {
+                    if generation.is_none() {
+                        self.tell(DirectoryEvent::Unknown(scene));
+                    }
+                }
+                let steps = self.handovers.lose();
+                self.hand_on(steps);
+                DirectoryEvent::Lost
+            }
         };
-        if self.taken.get(&scene) == Some(&epoch) {
-            // Another client has asked, and the scene may be served already.
-            return ClaimEvent::Owned(scene, epoch);
+        self.tell(event);
+        (self.wake)();
+    }
+
+    /// Has the files of an owned scene made this server's: from then on an earlier owner finds them no more.
+    fn want_files(&mut self, scene: SceneName, epoch: Epoch) {
+        self.taken.insert(scene.clone(), (epoch, None));
+        let until = self.claims.publishes_until();
+        let wanted = FilesWanted {
+            scene,
+            epoch,
+            until,
+        };
+        if let Err(unsent) = self.wanted.send(wanted) {
+            tracing::error!("the thread that takes files over has ended: no scene comes any more");
+            let FilesWanted { scene, epoch, .. } = unsent.0;
+            self.take_files(FilesTaken {
+                scene,
+                epoch,
+                generation: None,
+            });
         }
-        match self.data.take_over(&scene) {
-            Ok(()) => {
-                tracing::info!(%scene, epoch = epoch.0, "the directory gives this server the scene");
-                self.taken.insert(scene.clone(), epoch);
-                ClaimEvent::Owned(scene, epoch)
-            }
-            Err(error) => {
-                tracing::error!(%scene, %error, "the files of the scene cannot be taken over");
-                self.claims.release((self.clock)(), &scene);
-                ClaimEvent::Unknown(scene)
-            }
+    }
+
+    fn take_files(&mut self, files: FilesTaken) {
+        let FilesTaken {
+            scene,
+            epoch,
+            generation,
+        } = files;
+        if self.taken.get(&scene) != Some(&(epoch, None)) {
+            // That claim is over.
+            return;
         }
+        if let Some(generation) = generation {
+            tracing::info!(%scene, epoch = epoch.0, files = generation.0, "the directory gives this server the scene");
+            for notice in self.handovers.note_owned(&scene) {
+                self.remove(notice);
+            }
+            self.taken.insert(scene.clone(), (epoch, Some(generation)));
+            self.tell(DirectoryEvent::Owned(scene, generation));
+        } else {
+            self.taken.remove(&scene);
+            self.claims.release((self.clock)(), &scene);
+            self.tell(DirectoryEvent::Unknown(scene));
+        }
+        (self.wake)();
     }
 
     /// Gives all claims up, once nothing is published any more.
@@ -387,13 +436,55 @@ impl Keeping {
         self.claims.end((self.clock)());
         let requests = std::iter::from_fn(|| self.claims.poll_request());
         for (_, request) in requests.collect::<Vec<_>>() {
-            if timeout(END, self.etcd.answer(&self.place, &request)).await
-                != Ok(DirectoryAnswer::Revoked)
-            {
+            if self.etcd.answer(&self.place, &request, END).await != DirectoryAnswer::Revoked {
                 tracing::warn!(
                     "the directory does not know that this server ends: its scenes are free when its lease ends"
                 );
             }
+        }
+    }
+}
+
+#[cfg(test)]
+pub(super) mod puppet {
+    use super::*;
+
+    /// The other end of a keeper without a thread: the test says what the directory says.
+    pub(crate) struct Puppet {
+        pub(crate) events: Sender<DirectoryEvent>,
+        pub(crate) until: Arc<AtomicU64>,
+        asks: UnboundedReceiver<Ask>,
+    }
+
+    impl Puppet {
+        /// A keeper whose clock stands, and its other end.
+        pub(crate) fn new(clock: Instant) -> (Keeper, Self) {
+            let (asks, asked) = unbounded_channel();
+            let (to, events) = channel();
+            let until = Arc::new(AtomicU64::new(0));
+            let keeper = Keeper {
+                asks: Some(asks),
+                events,
+                until: Arc::clone(&until),
+                clock: Arc::new(move || clock),
+                thread: None,
+            };
+            let puppet = Self {
+                events: to,
+                until,
+                asks: asked,
+            };
+            (keeper, puppet)
+        }
+
+        /// The scenes that were given up since the last call.
+        pub(crate) fn released(&mut self) -> Vec<SceneName> {
+            let asks = std::iter::from_fn(|| self.asks.try_recv().ok());
+            asks.filter_map(|ask| match ask {
+                Ask::Release(scene) => Some(scene),
+                Ask::Claim(_) | Ask::Ready(_) => None,
+            })
+            .collect()
         }
     }
 }

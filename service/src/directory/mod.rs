@@ -2,7 +2,7 @@
 //!
 //! The servers share one data directory. The directory, an etcd cluster, has a key for each scene that a server has. `claims`
 //! is what holds at any time, `handovers` moves scenes by order, both without I/O; `etcd` and `board` speak to the store, `keeper`
-//! runs all on a thread, and `command` is the operator's end.
+//! runs all on a thread, `takeover` has the files on another, and `command` is the operator's end.
 
 mod board;
 mod claims;
@@ -10,9 +10,13 @@ mod command;
 mod etcd;
 mod handovers;
 mod keeper;
+mod takeover;
 
-pub(crate) use claims::{ClaimEvent, ServerPlace};
+pub(crate) use claims::ServerPlace;
 pub(crate) use command::{DrainArguments, MoveArguments, run_drain, run_move};
 pub(crate) use etcd::Endpoints;
 pub(crate) use handovers::HandoverStep;
-pub(crate) use keeper::{DirectoryEvent, FenceClock, Keeper};
+#[cfg(test)]
+pub(crate) use keeper::puppet::Puppet;
+pub(crate) use keeper::{DirectoryEvent, Keeper};
+pub(crate) use takeover::FenceClock;

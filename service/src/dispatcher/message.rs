@@ -16,7 +16,7 @@ use rhumb_scene::{Checkpoint, CheckpointError, Permit, SceneLoop};
 use rhumb_transport::Waker;
 
 use crate::directory::ServerPlace;
-use crate::durable::LogTail;
+use crate::durable::{Generation, LogTail};
 use crate::flight::FlightCause;
 use crate::metrics::SceneValues;
 
@@ -48,8 +48,9 @@ pub(super) enum WorkerInput {
     Datagram(Peer, Bytes),
     Link(Peer, LinkReport),
     Ended(Peer, Ending),
-    /// The worker is to restore its scene from the data directory, if it is there.
-    Restore(LogTail),
+    /// The worker is to restore its scene from the data directory, if it is there. With a directory of scenes, from these
+    /// files alone.
+    Restore(LogTail, Option<Generation>),
     /// The worker is to have its scene as another server's log has it, from now on, until it is to restore it.
     Follow,
     /// The worker is to give its scene up to the server at a place.

@@ -8,6 +8,7 @@
 mod accounts;
 mod bake_pool;
 mod message;
+mod owned;
 mod placement;
 #[cfg(target_os = "linux")]
 mod process;
@@ -35,6 +36,7 @@ use self::message::{
     Duty, FromProcess, FromWorker, ProcessId, ToProcess, WorkerId, WorkerInput, WorkerOutput,
     WorkerReport,
 };
+use self::owned::OwnedScenes;
 use self::process::Processes;
 use self::worker::{ThreadWorker, Threads};
 use crate::access::{Admitted, TokenError};
@@ -64,6 +66,7 @@ pub struct Dispatcher {
     watchdog: Quarantined,
     /// Says which scenes are this server's, if there are others.
     directory: Option<Keeper>,
+    owned: OwnedScenes,
     /// The workers that follow scenes of other servers.
     standbys: BTreeMap<SceneName, WorkerId>,
     /// Questions for checkpoints, if they may be asked.
@@ -155,6 +158,7 @@ impl Dispatcher {
             processes: settings.processes.take().map(Processes::new),
             watchdog: Quarantined::default(),
             directory: None,
+            owned: OwnedScenes::default(),
             standbys: BTreeMap::new(),
             questions: None,
             settings,
@@ -338,7 +342,6 @@ impl Dispatcher {
 
     /// Takes the outputs of all workers.
     fn collect(&mut self) {
-        self.take_places();
         while let Ok(report) = self.threads.received.try_recv() {
             match report {
                 WorkerReport::Worker(id, message) => self.take_message(id, message),
@@ -394,9 +397,8 @@ impl Dispatcher {
             serves && worker.connections == 0 && !worker.has_scene && worker.sent == worker.taken
         };
         if let Some(worker) = self.workers.get(&id).filter(|worker| is_idle(worker)) {
-            if let Some(directory) = &self.directory {
-                directory.release(&worker.scene);
-            }
+            let scene = worker.scene.clone();
+            self.release(&scene);
             self.drop_worker(id);
         }
     }
@@ -506,10 +508,11 @@ impl Endpoint for Dispatcher {
     }
 
     fn poll_transmit(&mut self) -> Option<Transmit> {
+        let until = self.take_places();
         if self.out.is_empty() {
             self.collect();
         }
-        self.keep_fence();
+        self.keep_fence(until);
         self.out.pop_front()
     }
 
@@ -562,9 +565,10 @@ impl Dispatcher {
         (scene, account): (SceneName, Option<Account>),
         tail: LogTail,
     ) -> Result<WorkerId, CloseCode> {
+        let generation = self.generation_of(&scene)?;
         let id = self.place_worker((scene, account), Duty::Serve)?;
         if self.settings.data.is_some() {
-            self.route(id, WorkerInput::Restore(tail));
+            self.route(id, WorkerInput::Restore(tail, generation));
         }
         Ok(id)
     }
@@ -698,14 +702,14 @@ impl Dispatcher {
             return;
         }
         for (worker, scene) in died {
-            let tail = if death.stuck == Some(worker) {
-                LogTail::LeftOut
-            } else {
-                LogTail::Kept
+            let tail = match death.stuck == Some(worker) {
+                true => LogTail::LeftOut,
+                false => LogTail::Kept,
             };
             let name = scene.0.clone();
             if let Err(code) = self.start_worker(scene, tail) {
                 tracing::error!(scene = %name, %code, "the scene stays in the data directory");
+                self.release(&name);
             }
         }
     }

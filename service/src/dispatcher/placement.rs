@@ -1,17 +1,19 @@
 //! Connections whose scene may be another server's: it is asked for first.
 //!
-//! A scene that has a worker is this server's, unless the worker stands by for a scene that is to come. Invariant: from the moment at which its lease may be over, nothing of any scene
-//! leaves this server, and its workers end; their scenes go on elsewhere, or here under the next lease.
+//! A scene that has a worker is this server's, unless the worker stands by for a scene that is to come. Invariants: a worker
+//! serves only what the directory has given this server, in the files of that claim; from the moment at which its lease may be
+//! over, nothing of any scene leaves this server, and its workers end; their scenes go on elsewhere, or here under the next
+//! lease.
 
 use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::session::CloseCode;
-use rhumb_protocol::{Peer, Transmit};
+use rhumb_protocol::{Instant, Peer, Transmit};
 
 use super::accounts::Account;
 use super::message::{Duty, WorkerId, WorkerInput};
 use super::{Connection, Dispatcher, NamedScene};
-use crate::directory::{ClaimEvent, DirectoryEvent, HandoverStep, Keeper, ServerPlace};
-use crate::durable::LogTail;
+use crate::directory::{DirectoryEvent, HandoverStep, Keeper, ServerPlace};
+use crate::durable::{Generation, LogTail};
 
 impl Dispatcher {
     /// Serves only scenes that the directory gives this server, and names the servers of others to clients.
@@ -33,11 +35,29 @@ impl Dispatcher {
         self.connections.insert(peer, asking);
     }
 
-    /// Takes what the directory has said.
-    pub(super) fn take_places(&mut self) {
+    /// Takes what the directory has said. Returns the moment from which nothing may be published, as it was before: if that is
+    /// of another lease already, the end of the one before it is among what was said.
+    pub(super) fn take_places(&mut self) -> Option<Instant> {
+        let until = self.directory.as_ref().map(Keeper::publishes_until);
         while let Some(event) = self.directory.as_ref().and_then(Keeper::poll_event) {
             match event {
-                DirectoryEvent::Claim(event) => self.take_claim(event),
+                DirectoryEvent::Owned(scene, generation) => {
+                    if self.owned.give(&scene, generation) {
+                        self.serve(&scene);
+                    }
+                }
+                DirectoryEvent::Released(scene) => self.owned.note_released(&scene),
+                DirectoryEvent::Elsewhere(scene, place) => {
+                    for peer in self.asking_for(&scene) {
+                        self.send_on(peer, &place);
+                    }
+                }
+                DirectoryEvent::Unknown(scene) => {
+                    for peer in self.asking_for(&scene) {
+                        self.close(peer, CloseCode::BUSY);
+                    }
+                }
+                DirectoryEvent::Lost => self.lose_scenes(),
                 DirectoryEvent::Handover(HandoverStep::Prepare(scene)) => self.prepare(scene),
                 DirectoryEvent::Handover(HandoverStep::Forget(scene)) => self.forget(&scene),
                 DirectoryEvent::Handover(HandoverStep::Leave(scene, to)) => {
@@ -45,33 +65,37 @@ impl Dispatcher {
                 }
             }
         }
+        until
     }
 
-    fn take_claim(&mut self, event: ClaimEvent) {
-        match event {
-            ClaimEvent::Owned(scene, _) => self.serve(&scene),
-            ClaimEvent::Elsewhere(scene, place) => {
-                for peer in self.asking_for(&scene) {
-                    self.send_on(peer, &place);
-                }
-            }
-            ClaimEvent::Unknown(scene) => {
-                for peer in self.asking_for(&scene) {
-                    self.close(peer, CloseCode::BUSY);
-                }
-            }
-            ClaimEvent::Lost => self.lose_scenes(),
-        }
-    }
-
-    /// Ends everything that is published without a lease.
-    pub(super) fn keep_fence(&mut self) {
-        let Some(directory) = &self.directory else {
+    /// Ends everything that is published without a lease. `until`: the moment from which that is so, as it was before the
+    /// directory's events were taken.
+    pub(super) fn keep_fence(&mut self, until: Option<Instant>) {
+        let (Some(directory), Some(until)) = (&self.directory, until) else {
             return;
         };
-        if !self.workers.is_empty() && !directory.may_publish() {
+        if !self.workers.is_empty() && !directory.is_before(until) {
             self.lose_scenes();
         }
+    }
+
+    /// Gives a scene up, if it is this server's.
+    pub(super) fn release(&mut self, scene: &SceneName) {
+        if self.owned.release(scene)
+            && let Some(directory) = &self.directory
+        {
+            directory.release(scene);
+        }
+    }
+
+    /// The number of a scene's files with a directory; an error if that does not give this server the scene.
+    pub(super) fn generation_of(&self, scene: &SceneName) -> Result<Option<Generation>, CloseCode> {
+        let generation = self.owned.generation(scene);
+        if self.directory.is_some() && generation.is_none() {
+            tracing::error!(%scene, "the directory does not give this server the scene");
+            return Err(CloseCode::BUSY);
+        }
+        Ok(generation)
     }
 
     fn asking_for(&self, scene: &SceneName) -> Vec<Peer> {
@@ -88,21 +112,18 @@ impl Dispatcher {
         {
             worker.duty = Duty::Serve;
             self.by_scene.insert(scene.clone(), id);
-            self.route(id, WorkerInput::Restore(LogTail::Kept));
+            let generation = self.owned.generation(scene);
+            self.route(id, WorkerInput::Restore(LogTail::Kept, generation));
         }
-        let waiting = self.asking_for(scene);
-        if waiting.is_empty()
-            && self.must_ask(scene)
-            && let Some(directory) = &self.directory
-        {
-            // Its clients have gone.
-            directory.release(scene);
-        }
-        for peer in waiting {
+        for peer in self.asking_for(scene) {
             if let Some(Connection::Asking(named)) = self.connections.remove(&peer) {
                 self.connections.insert(peer, Connection::Closed);
                 self.bind(now, peer, *named);
             }
+        }
+        if self.must_ask(scene) {
+            // Its clients have gone, or it can have no worker here.
+            self.release(scene);
         }
     }
 
@@ -134,6 +155,9 @@ impl Dispatcher {
             self.close_connections_of(worker, CloseCode::SCENE_RESTORING);
             self.drop_worker(worker);
         }
+        // What hangs ends by itself, and does not come back from the files.
+        self.by_scene.clear();
+        self.owned.lose();
     }
 }
 
@@ -211,8 +235,134 @@ impl Dispatcher {
         self.close_connections_of(id, CloseCode::SCENE_ELSEWHERE);
         let scene = self.workers.get(&id).map(|worker| worker.scene.clone());
         self.drop_worker(id);
-        if let (Some(directory), Some(scene)) = (&self.directory, scene) {
-            directory.release(&scene);
+        if let Some(scene) = scene {
+            self.release(&scene);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::Ordering;
+
+    use rhumb_protocol::Endpoint;
+    use rhumb_protocol::message::{ClientMessage, Extensions, VERSIONS};
+
+    use super::*;
+    use crate::directory::Puppet;
+    use crate::dispatcher::DispatcherSettings;
+    use crate::durable::DataDir;
+
+    const NOW: Instant = Instant::from_nanos(1_000_000_000);
+
+    fn pit() -> SceneName {
+        "pit".parse().unwrap()
+    }
+
+    fn dispatcher(data: Option<DataDir>) -> (Dispatcher, Puppet) {
+        let mut settings = DispatcherSettings::new(|| NOW);
+        settings.data = data;
+        let mut dispatcher = Dispatcher::new(settings, || {});
+        let (keeper, puppet) = Puppet::new(NOW);
+        dispatcher.ask_directory(keeper);
+        puppet
+            .until
+            .store(NOW.since(Instant::ZERO).as_nanos() * 2, Ordering::SeqCst);
+        (dispatcher, puppet)
+    }
+
+    fn say_hello(dispatcher: &mut Dispatcher, peer: Peer) {
+        dispatcher.handle_opened(NOW, peer);
+        let mut bytes = Vec::new();
+        let hello = ClientMessage::Hello {
+            versions: VERSIONS.to_vec(),
+            scene: pit(),
+            extensions: Extensions::NONE,
+        };
+        hello.encode(&mut bytes);
+        dispatcher.handle_control(NOW, peer, &bytes);
+    }
+
+    #[test]
+    fn packets_of_a_lease_that_ended_unseen_do_not_leave_under_the_next_one() {
+        let (mut dispatcher, puppet) = dispatcher(None);
+        say_hello(&mut dispatcher, Peer(1));
+        let owned = DirectoryEvent::Owned(pit(), Generation(5));
+        puppet.events.send(owned).unwrap();
+        assert_eq!(dispatcher.poll_transmit(), None);
+        assert_eq!(dispatcher.workers.len(), 1);
+        let state = Transmit::Control {
+            to: Peer(1),
+            bytes: b"state"[..].into(),
+        };
+        dispatcher.out.push_back(state);
+        puppet.events.send(DirectoryEvent::Lost).unwrap();
+        puppet.until.fetch_add(1, Ordering::SeqCst);
+        let code = CloseCode::SCENE_RESTORING.0;
+        let close = Transmit::Close { to: Peer(1), code };
+        assert_eq!(dispatcher.poll_transmit(), Some(close));
+        assert_eq!(dispatcher.poll_transmit(), None);
+    }
+
+    #[test]
+    fn a_quarantined_scene_whose_lease_ends_does_not_come_back_by_itself() {
+        let directory = tempfile::tempdir().unwrap();
+        let data = DataDir::open_shared(directory.path()).unwrap();
+        let (mut dispatcher, puppet) = dispatcher(Some(data));
+        let id = WorkerId(77);
+        assert!(dispatcher.owned.give(&pit(), Generation(5)));
+        dispatcher.by_scene.insert(pit(), id);
+        let quarantined = &mut dispatcher.watchdog.quarantined;
+        quarantined.insert(id, (pit(), None));
+        puppet.events.send(DirectoryEvent::Lost).unwrap();
+        assert_eq!(dispatcher.poll_transmit(), None);
+        assert!(dispatcher.must_ask(&pit()));
+        dispatcher.note_over(id);
+        assert!(dispatcher.workers.is_empty());
+    }
+
+    #[test]
+    fn the_end_of_a_quarantined_worker_leaves_the_next_one_of_its_scene_alone() {
+        let (mut dispatcher, puppet) = dispatcher(None);
+        let old = WorkerId(77);
+        let quarantined = &mut dispatcher.watchdog.quarantined;
+        quarantined.insert(old, (pit(), None));
+        say_hello(&mut dispatcher, Peer(1));
+        let owned = DirectoryEvent::Owned(pit(), Generation(6));
+        puppet.events.send(owned).unwrap();
+        assert_eq!(dispatcher.poll_transmit(), None);
+        dispatcher.note_over(old);
+        assert!(!dispatcher.must_ask(&pit()));
+        assert_eq!(dispatcher.workers.len(), 1);
+    }
+
+    #[test]
+    fn a_scene_that_can_have_no_worker_is_given_up() {
+        let (mut dispatcher, mut puppet) = dispatcher(None);
+        dispatcher.settings.scenes.limits.quarantined_scenes = 0;
+        say_hello(&mut dispatcher, Peer(1));
+        let owned = DirectoryEvent::Owned(pit(), Generation(5));
+        puppet.events.send(owned).unwrap();
+        let code = CloseCode::BUSY.0;
+        let close = Transmit::Close { to: Peer(1), code };
+        assert_eq!(dispatcher.poll_transmit(), Some(close));
+        assert_eq!(puppet.released(), [pit()]);
+    }
+
+    #[test]
+    fn what_was_said_before_a_scene_was_given_up_gives_it_to_no_worker() {
+        let (mut dispatcher, mut puppet) = dispatcher(None);
+        let owned = |generation| DirectoryEvent::Owned(pit(), Generation(generation));
+        puppet.events.send(owned(5)).unwrap();
+        assert_eq!(dispatcher.poll_transmit(), None);
+        assert_eq!(puppet.released(), [pit()], "no client waits for it");
+        say_hello(&mut dispatcher, Peer(1));
+        puppet.events.send(owned(5)).unwrap();
+        assert_eq!(dispatcher.poll_transmit(), None);
+        assert!(dispatcher.workers.is_empty());
+        puppet.events.send(DirectoryEvent::Released(pit())).unwrap();
+        puppet.events.send(owned(6)).unwrap();
+        assert_eq!(dispatcher.poll_transmit(), None);
+        assert_eq!(dispatcher.workers.len(), 1);
     }
 }

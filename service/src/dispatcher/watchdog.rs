@@ -88,12 +88,18 @@ impl Dispatcher {
     pub(super) fn note_over(&mut self, id: WorkerId) {
         if let Some((scene, account)) = self.watchdog.quarantined.remove(&id) {
             tracing::warn!(%scene, worker = id.0, "a quarantined thread has ended");
-            self.by_scene.remove(&scene);
+            // If not, the directory has given the scene to another server meanwhile, or to another worker of this one.
+            let is_its = self.by_scene.get(&scene) == Some(&id);
+            if is_its {
+                self.by_scene.remove(&scene);
+            }
             (self.settings.recorders.metrics).set_quarantined(self.watchdog.quarantined.len());
-            if self.settings.data.is_some()
+            if is_its
+                && self.settings.data.is_some()
                 && let Err(code) = self.start_worker((scene.clone(), account), LogTail::LeftOut)
             {
                 tracing::error!(%scene, %code, "the scene stays in the data directory");
+                self.release(&scene);
             }
         }
         if self.has_left(id) {

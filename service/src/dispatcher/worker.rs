@@ -15,7 +15,7 @@ use rhumb_scene::{Heartbeat, SceneLoop, SceneSettings, SharedClock};
 
 use super::bake_pool::BakePool;
 use super::message::{FromWorker, Question, WorkerId, WorkerInput, WorkerOutput, WorkerReport};
-use crate::durable::{DataDir, Followed, LogTail, StoredScenes, Wake};
+use crate::durable::{DataDir, Followed, Generation, LogTail, StoredScenes, Wake};
 
 /// Inputs of one turn, before outputs and ticks.
 const INPUTS_PER_TURN: usize = 256;
@@ -186,7 +186,7 @@ impl WorkerScene {
             self.inputs += 1;
         }
         match input {
-            WorkerInput::Restore(tail) => self.restore(tail),
+            WorkerInput::Restore(tail, generation) => self.restore(tail, generation),
             WorkerInput::Follow => {
                 self.standby = Some(Standby {
                     followed: None,
@@ -199,7 +199,10 @@ impl WorkerScene {
     }
 
     /// Restores the scene from the data directory, if it is there.
-    fn restore(&mut self, tail: LogTail) {
+    fn restore(&mut self, tail: LogTail, generation: Option<Generation>) {
+        if let (Some(stored), Some(generation)) = (&self.stored, generation) {
+            stored.take(generation);
+        }
         let (clock, heartbeat) = (&*self.settings.clock, &self.settings.heartbeat);
         let name = self.scene.name();
         let followed = self.standby.take().and_then(|standby| standby.followed);

@@ -31,6 +31,10 @@ const KEY_BYTES: usize = 32;
 #[derive(Clone)]
 pub struct DataDir(Arc<Opened>);
 
+/// The number in the name of a scene's directory: the greatest one has the scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct Generation(pub(crate) u64);
+
 struct Opened {
     disk: Arc<dyn Disk>,
     path: PathBuf,
@@ -239,23 +243,88 @@ impl DataDir {
         self.files(&format!("{}.{number}", escape(scene)))
     }
 
-    /// Gives the files of a scene, if there are any, to this server alone: another one, which had them, finds them no more, and
-    /// what it still appends to an open file comes after the end that is read here.
-    pub(crate) fn take_over(&self, scene: &SceneName) -> Result<(), DataError> {
+    /// Gives the files of claimed scenes, where there are any, to this server alone: each has them in a directory named by its
+    /// claim's epoch, or by a greater number. Another server, which had them, finds them no more, and what it still appends to
+    /// an open file comes after the end that is read here. `is_held`: true while no other server can have claimed the scenes.
+    pub(crate) fn take_over(
+        &self,
+        claims: &[(SceneName, u64)],
+        is_held: &dyn Fn() -> bool,
+    ) -> Result<Vec<Result<Generation, DataError>>, DataError> {
         let Opened { disk, scenes, .. } = &*self.0;
         let names = disk.list(scenes).map_err(DataError::io(scenes, "list"))?;
-        let Some((_, name)) = newest(&names).remove(scene) else {
-            return Ok(());
+        // If the claims are over, the names may be those of another server's claims.
+        let is_held = is_held();
+        let numbered = by_scene(&names);
+        let none = Vec::new();
+        let take = |(scene, epoch): &(SceneName, u64)| {
+            let directories = numbered.get(scene).unwrap_or(&none);
+            self.take_one((scene, *epoch), directories, is_held)
         };
-        let number = next_number(&names);
-        let (from, to) = (
-            scenes.join(name),
-            scenes.join(format!("{}.{number}", escape(scene))),
-        );
-        disk.rename(&from, &to)
-            .map_err(DataError::io(&from, "rename"))?;
+        let taken = claims.iter().map(take).collect();
         disk.sync_directory(scenes)
-            .map_err(DataError::io(scenes, "synchronise"))
+            .map_err(DataError::io(scenes, "synchronise"))?;
+        Ok(taken)
+    }
+
+    fn take_one(
+        &self,
+        (scene, epoch): (&SceneName, u64),
+        directories: &[Numbered<'_>],
+        is_held: bool,
+    ) -> Result<Generation, DataError> {
+        let Opened { disk, scenes, .. } = &*self.0;
+        let greatest = directories.iter().map(|of| of.number).max();
+        let own = match greatest.filter(|greatest| *greatest >= epoch) {
+            None => epoch,
+            Some(greatest) if is_held => {
+                tracing::warn!(%scene, epoch, greatest, "the scene's directory has a greater number than its claim, as after a new beginning of etcd: numbers go on from it");
+                greatest + 1
+            }
+            Some(greatest) => {
+                let path = scenes.join(format!("{}.{greatest}", escape(scene)));
+                return Err(DataError::TakenOver { path });
+            }
+        };
+        let mut of_scene: Vec<_> = directories.iter().filter(|of| of.is_scene).collect();
+        of_scene.sort_by_key(|of| of.number);
+        let Some(newest) = of_scene.pop() else {
+            return Ok(Generation(own));
+        };
+        let rename = |from: &str, to: String| {
+            let from = scenes.join(from);
+            let renamed = disk.rename(&from, &scenes.join(to));
+            renamed.map_err(DataError::io(&from, "rename"))
+        };
+        rename(newest.name, format!("{}.{own}", escape(scene)))?;
+        for older in of_scene {
+            // Of an owner that woke late: the scene must not go on from there if the newest is deleted.
+            rename(older.name, format!("{}.{DAMAGED}", older.name))?;
+        }
+        Ok(Generation(own))
+    }
+
+    /// The files of a scene that was taken over: `None` if it has none.
+    pub(super) fn files_of(
+        &self,
+        scene: &SceneName,
+        generation: Generation,
+    ) -> Result<Option<SceneFiles>, DataError> {
+        let files = self.files_to_make(scene, generation);
+        let names = self.0.disk.list(&files.directory);
+        let names = names.map_err(DataError::io(&files.directory, "list"))?;
+        Ok((!names.is_empty()).then(|| SceneFiles {
+            is_there: Some(Arc::new(AtomicBool::new(true))),
+            ..files
+        }))
+    }
+
+    /// The files of a scene that was taken over without any, and is created now.
+    pub(super) fn files_to_make(&self, scene: &SceneName, generation: Generation) -> SceneFiles {
+        SceneFiles {
+            is_there: Some(Arc::default()),
+            ..self.files(&format!("{}.{}", escape(scene), generation.0))
+        }
     }
 
     /// The files of a scene that takes the place of an earlier one of its name, in a directory that no server uses.
@@ -271,6 +340,7 @@ impl DataDir {
             disk: Arc::clone(&self.0.disk),
             directory: self.0.scenes.join(directory),
             key: self.0.key.clone(),
+            is_there: None,
         }
     }
 }
@@ -340,13 +410,39 @@ fn older(names: &[String]) -> Vec<&String> {
 
 /// A number above those of all creations. Directories count that are no scene any more, or not yet: their names are taken.
 fn next_number(names: &[String]) -> u64 {
-    let numbers = names.iter().filter_map(|name| {
-        let apart = [DELETED, DAMAGED, UNFINISHED].into_iter();
-        let mut apart = apart.filter_map(|ending| parse_apart(name, ending));
-        parse(name).or_else(|| apart.next())
-    });
+    let numbers = names.iter().filter_map(|name| parse_any(name));
     let newest = numbers.map(|(_, number)| number).max();
     newest.map_or(0, |newest| newest + 1)
+}
+
+/// The scene and number of a directory, which may be no scene any more, or not yet.
+fn parse_any(name: &str) -> Option<(SceneName, u64)> {
+    let apart = [DELETED, DAMAGED, UNFINISHED].into_iter();
+    let mut apart = apart.filter_map(|ending| parse_apart(name, ending));
+    parse(name).or_else(|| apart.next())
+}
+
+/// A directory with the number of its name.
+struct Numbered<'a> {
+    number: u64,
+    name: &'a str,
+    /// False if it is no scene any more, or not yet.
+    is_scene: bool,
+}
+
+/// The directories of each scene.
+fn by_scene(names: &[String]) -> BTreeMap<SceneName, Vec<Numbered<'_>>> {
+    let mut by_scene: BTreeMap<_, Vec<_>> = BTreeMap::new();
+    for name in names {
+        if let Some((scene, number)) = parse_any(name) {
+            by_scene.entry(scene).or_default().push(Numbered {
+                number,
+                name,
+                is_scene: parse(name).is_some(),
+            });
+        }
+    }
+    by_scene
 }
 
 fn lock(path: &Path) -> Result<File, DataError> {
@@ -550,6 +646,73 @@ mod tests {
         files.delete().unwrap();
         assert!(data.scenes().unwrap().is_empty());
         std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    /// A directory of several servers with these directories of scenes, each with a file.
+    fn shared(names: &[&str]) -> (tempfile::TempDir, DataDir) {
+        let directory = tempfile::tempdir().unwrap();
+        let data = DataDir::open_shared(directory.path()).unwrap();
+        for name in names {
+            let scene = directory.path().join(SCENES).join(name);
+            std::fs::create_dir(&scene).unwrap();
+            std::fs::write(scene.join("head"), name).unwrap();
+        }
+        (directory, data)
+    }
+
+    fn names(directory: &tempfile::TempDir) -> Vec<String> {
+        SystemDisk.list(&directory.path().join(SCENES)).unwrap()
+    }
+
+    fn take(data: &DataDir, epoch: u64, is_held: bool) -> Result<Generation, DataError> {
+        let claims = [("pit".parse().unwrap(), epoch)];
+        data.take_over(&claims, &|| is_held).unwrap().pop().unwrap()
+    }
+
+    #[test]
+    fn files_that_are_taken_over_have_the_epoch_of_the_claim_and_earlier_owners_find_none() {
+        let (directory, data) = shared(&["pit.0", "hall.3"]);
+        let scene = "pit".parse().unwrap();
+        assert_eq!(take(&data, 7, true).unwrap(), Generation(7));
+        assert_eq!(take(&data, 9, true).unwrap(), Generation(9));
+        assert_eq!(names(&directory), ["hall.3", "pit.9"]);
+        assert!(data.files_of(&scene, Generation(7)).unwrap().is_none());
+        assert!(data.files_of(&scene, Generation(9)).unwrap().is_some());
+    }
+
+    #[test]
+    fn a_claim_that_is_over_takes_no_newer_files() {
+        let (directory, data) = shared(&["pit.6"]);
+        let refused = take(&data, 5, false);
+        assert!(matches!(refused, Err(DataError::TakenOver { .. })));
+        assert_eq!(names(&directory), ["pit.6"]);
+    }
+
+    #[test]
+    fn after_a_new_beginning_of_etcd_the_newest_files_stay_the_newest() {
+        let (directory, data) = shared(&["pit.900", "pit.904.deleted"]);
+        assert_eq!(take(&data, 3, true).unwrap(), Generation(905));
+        assert_eq!(names(&directory), ["pit.904.deleted", "pit.905"]);
+    }
+
+    #[test]
+    fn a_scene_that_a_late_owner_creates_is_never_the_newest() {
+        let (directory, stale) = shared(&[]);
+        let owner = DataDir::open_shared(directory.path()).unwrap();
+        let scene: SceneName = "pit".parse().unwrap();
+        let late = take(&stale, 5, true).unwrap();
+        // Frozen here; its lease ends.
+        let now = take(&owner, 6, true).unwrap();
+        let files = [(&owner, now), (&stale, late)];
+        for (data, generation) in files {
+            let files = data.files_to_make(&scene, generation);
+            files.make_directory().unwrap();
+            std::fs::write(files.head_path(), generation.0.to_string()).unwrap();
+        }
+        let next = take(&owner, 8, true).unwrap();
+        let files = owner.files_of(&scene, next).unwrap().unwrap();
+        assert_eq!(std::fs::read(files.head_path()).unwrap(), b"6");
+        assert_eq!(names(&directory), ["pit.5.damaged", "pit.8"]);
     }
 
     #[test]

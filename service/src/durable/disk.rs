@@ -186,6 +186,11 @@ pub enum DataError {
         /// The directory.
         path: PathBuf,
     },
+    /// Another server has taken the files of a scene over.
+    TakenOver {
+        /// Their directory.
+        path: PathBuf,
+    },
     /// No certificate for development can be made.
     Certificate(CertificateError),
     /// A file of a scene is not what was written.
@@ -284,6 +289,11 @@ impl fmt::Display for DataError {
             Self::InUse { path } => {
                 write!(f, "another process uses the directory {}", path.display())
             }
+            Self::TakenOver { path } => write!(
+                f,
+                "another server has taken {} over: this one claimed the scene before, and its lease has ended",
+                path.display()
+            ),
             Self::Certificate(cause) => cause.fmt(f),
             Self::Damaged { path, damage } => write!(f, "{}: {damage}", path.display()),
         }

@@ -15,7 +15,7 @@ use std::collections::BTreeMap;
 use std::error::Error;
 use std::io::{BufRead, Write};
 use std::path::Path;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 
 use rhumb_protocol::scene::{SceneConfig, SceneName};
 use rhumb_protocol::{Instant, Span};
@@ -30,6 +30,7 @@ use self::writer::{Origin, SceneLog};
 
 pub(crate) use self::recovery::LogTail;
 pub use data_dir::DataDir;
+pub(crate) use data_dir::Generation;
 pub use disk::{Damage, DataError};
 pub(crate) use writer::Wake;
 
@@ -46,6 +47,8 @@ pub(crate) struct StoredScenes {
     room: Room,
     workers: StepThreads,
     wake: Wake,
+    /// Of the files that a directory of scenes has given this server; no others are opened to be written.
+    generation: OnceLock<Generation>,
     /// Without files if the directory could not be read.
     damaged: Mutex<BTreeMap<SceneName, Option<SceneFiles>>>,
 }
@@ -63,11 +66,18 @@ impl StoredScenes {
             data,
             workers,
             wake,
+            generation: OnceLock::new(),
             damaged,
         }
     }
 
-    /// Has a scene of another server as its files are now. `None`: not yet, and it begins anew.
+    /// Restores and creates from now on in the directory of this number alone.
+    pub(crate) fn take(&self, generation: Generation) {
+        // A worker has one claim.
+        self.generation.get_or_init(|| generation);
+    }
+
+    /// Has a scene of another server as its files are now, and changes none. `None`: not yet, and it begins anew.
     pub(crate) fn follow(
         &self,
         name: &SceneName,
@@ -81,7 +91,7 @@ impl StoredScenes {
             None => files.begin_to_follow(&self.workers, beat),
             Some(followed) => files.catch_up(*followed.scene, beat).map(Some),
         };
-        let files = self.files(name);
+        let files = self.newest_files(name);
         match files.and_then(|files| files.map_or(Ok(None), |files| follow(&files, beat))) {
             Ok(followed) => followed.map(|scene| Followed {
                 scene: Box::new(scene),
@@ -171,8 +181,15 @@ impl StoredScenes {
         }
     }
 
-    /// The files of a scene; `None` if it has none.
+    /// The files that a scene has here; `None` if it has none.
     fn files(&self, name: &SceneName) -> Result<Option<SceneFiles>, DataError> {
+        match self.generation.get() {
+            Some(generation) => self.data.files_of(name, *generation),
+            None => self.newest_files(name),
+        }
+    }
+
+    fn newest_files(&self, name: &SceneName) -> Result<Option<SceneFiles>, DataError> {
         let mut scenes = self.data.scenes()?.into_iter();
         Ok(scenes.find_map(|(scene, files)| (scene == *name).then_some(files)))
     }
@@ -203,7 +220,22 @@ impl SceneStore for StoredScenes {
             segment: 0,
             previous: None,
         };
-        self.start(self.data.create(scene), origin)
+        let files = match self.generation.get() {
+            None => self.data.create(scene),
+            Some(generation) => match self.data.files_of(scene, *generation) {
+                Ok(None) => self.data.files_to_make(scene, *generation),
+                Ok(Some(files)) => {
+                    let path = files.directory.display();
+                    tracing::error!(%scene, %path, "the files of a deleted scene are still there; nothing is durable");
+                    return None;
+                }
+                Err(error) => {
+                    tracing::error!(%scene, %error, "a scene's files cannot be made; nothing is durable");
+                    return None;
+                }
+            },
+        };
+        self.start(files, origin)
     }
 
     fn is_damaged(&self, scene: &SceneName) -> bool {

@@ -6,6 +6,7 @@
 
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use rhumb_protocol::scene::{SceneConfig, SceneName};
 use rhumb_protocol::wire::bytes::{Reader, Writer};
@@ -23,6 +24,9 @@ pub(crate) struct SceneFiles {
     pub(super) disk: Arc<dyn Disk>,
     pub(super) directory: PathBuf,
     pub(super) key: hmac::Key,
+    /// With a directory of scenes: true once the files were there. They are not made again, as another server may have taken
+    /// them over.
+    pub(super) is_there: Option<Arc<AtomicBool>>,
 }
 
 /// The first record of a segment.
@@ -99,8 +103,15 @@ impl SceneFiles {
 
     /// Makes the directory, unless it exists; its name is durable on return.
     pub(super) fn make_directory(&self) -> Result<(), DataError> {
+        let is_there = self.is_there.as_deref();
+        if is_there.is_some_and(|is_there| is_there.load(Ordering::Relaxed)) {
+            return Ok(());
+        }
         (self.disk.make_directory(&self.directory))
             .map_err(DataError::io(&self.directory, "make the directory"))?;
+        if let Some(is_there) = is_there {
+            is_there.store(true, Ordering::Relaxed);
+        }
         self.sync_name()
     }
 

@@ -50,6 +50,7 @@ fn name() -> SceneName {
 
 fn files(disk: &SimDisk) -> SceneFiles {
     SceneFiles {
+        is_there: None,
         disk: Arc::new(disk.clone()),
         directory: PathBuf::from("scenes/pit.0"),
         key: hmac::Key::new(hmac::HMAC_SHA256, &[7; 32]),

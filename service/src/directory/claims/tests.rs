@@ -447,3 +447,37 @@ fn a_claim_waits_a_moment_for_the_first_lease() {
     let asked = claims.poll_request().map(|(_, request)| request);
     assert_eq!(asked, Some(DirectoryRequest::Claim(LeaseId(7), scene)));
 }
+
+/// Claims with a lease of 5 s.
+fn leased() -> (SceneClaims, LeaseId) {
+    let (mut claims, now) = (SceneClaims::new(Instant::ZERO, place(0)), Instant::ZERO);
+    claims.handle_timeout(now);
+    let (id, _) = claims.poll_request().unwrap();
+    claims.handle_answer(now, id, DirectoryAnswer::Granted(LeaseId(7), 5));
+    (claims, LeaseId(7))
+}
+
+#[test]
+fn a_lease_that_is_over_is_left_to_end_by_itself() {
+    let (mut claims, _) = leased();
+    let over = claims.publishes_until();
+    claims.handle_timeout(over);
+    assert_eq!(claims.poll_event(), Some(ClaimEvent::Lost));
+    let asked: Vec<_> = std::iter::from_fn(|| claims.poll_request()).collect();
+    let revokes = |request: &DirectoryRequest| matches!(request, DirectoryRequest::Revoke(_));
+    assert!(!asked.iter().any(|(_, request)| revokes(request)));
+}
+
+#[test]
+fn a_claim_that_is_answered_by_no_lease_ends_the_lease_at_once() {
+    let (mut claims, lease) = leased();
+    let scene: SceneName = "pit".parse().unwrap();
+    claims.claim(Instant::ZERO, &scene);
+    let (id, request) = claims.poll_request().unwrap();
+    assert_eq!(request, DirectoryRequest::Claim(lease, scene.clone()));
+    claims.handle_answer(Instant::ZERO, id, DirectoryAnswer::NoLease);
+    assert_eq!(claims.publishes_until(), Instant::ZERO);
+    let events = std::iter::from_fn(|| claims.poll_event());
+    let lost = [ClaimEvent::Unknown(scene), ClaimEvent::Lost];
+    assert_eq!(events.collect::<Vec<_>>(), lost);
+}

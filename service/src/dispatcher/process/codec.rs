@@ -23,7 +23,7 @@ use super::super::message::{
     FromProcess, FromWorker, ToProcess, Vitals, WorkerId, WorkerInput, WorkerOutput,
 };
 use crate::directory::ServerPlace;
-use crate::durable::LogTail;
+use crate::durable::{Generation, LogTail};
 use crate::metrics::{SCENE_VALUES, SceneValues};
 
 /// Bytes from which on the rest of an output goes into another frame.
@@ -122,9 +122,10 @@ fn encode_input(id: WorkerId, input: &WorkerInput, to: &mut Writer) {
             to.u8(kind);
             to.varint(u64::from(code));
         }
-        WorkerInput::Restore(tail) => {
+        WorkerInput::Restore(tail, generation) => {
             begin(to::RESTORE, None);
             to.u8(u8::from(*tail == LogTail::LeftOut));
+            encode_optional(generation.map(|generation| generation.0), to);
         }
         WorkerInput::Follow => begin(to::FOLLOW, None),
         WorkerInput::Move(place) => {
@@ -182,7 +183,7 @@ fn decode_to_in(frame: &Bytes, from: &mut Reader<'_>) -> Result<ToProcess, Malfo
                 false => LogTail::Kept,
                 true => LogTail::LeftOut,
             };
-            WorkerInput::Restore(tail)
+            WorkerInput::Restore(tail, decode_optional(from)?.map(Generation))
         }
         to::FOLLOW => WorkerInput::Follow,
         to::MOVE => {
@@ -207,22 +208,22 @@ fn encode_permit(permit: &Permit, to: &mut Writer) {
         scenes,
     } = permit.quotas;
     for quota in [bodies, commands, members, scenes] {
-        encode_quota(quota.map(u64::from), to);
+        encode_optional(quota.map(u64::from), to);
     }
-    encode_quota(load, to);
+    encode_optional(load, to);
     to.u8(u8::from(permit.owns));
 }
 
-fn encode_quota(quota: Option<u64>, to: &mut Writer) {
-    to.u8(u8::from(quota.is_some()));
-    quota.into_iter().for_each(|quota| to.varint(quota));
+fn encode_optional(number: Option<u64>, to: &mut Writer) {
+    to.u8(u8::from(number.is_some()));
+    number.into_iter().for_each(|number| to.varint(number));
 }
 
 fn decode_permit(from: &mut Reader<'_>) -> Result<Permit, Malformed> {
     let client = decode_client_of(from)?;
     let role = Role::from_code(from.u8()?).ok_or(Malformed::UnknownCode)?;
     let small = |from: &mut Reader<'_>| {
-        let quota = decode_quota(from)?.map(u32::try_from).transpose();
+        let quota = decode_optional(from)?.map(u32::try_from).transpose();
         quota.map_err(|_| Malformed::OutOfRange)
     };
     let [bodies, commands, members, scenes] =
@@ -232,7 +233,7 @@ fn decode_permit(from: &mut Reader<'_>) -> Result<Permit, Malformed> {
         commands,
         members,
         scenes,
-        load: decode_quota(from)?,
+        load: decode_optional(from)?,
     };
     let owns = flag(from)?;
     Ok(Permit {
@@ -243,7 +244,7 @@ fn decode_permit(from: &mut Reader<'_>) -> Result<Permit, Malformed> {
     })
 }
 
-fn decode_quota(from: &mut Reader<'_>) -> Result<Option<u64>, Malformed> {
+fn decode_optional(from: &mut Reader<'_>) -> Result<Option<u64>, Malformed> {
     flag(from)?.then(|| from.varint()).transpose()
 }
 

@@ -14,7 +14,7 @@ use super::super::message::{
 };
 use super::codec::{decode_from, decode_to, encode_from, encode_to};
 use crate::directory::ServerPlace;
-use crate::durable::LogTail;
+use crate::durable::{Generation, LogTail};
 use crate::flight::FlightCause;
 use crate::metrics::{SCENE_VALUES, SceneValues};
 
@@ -75,7 +75,8 @@ fn input() -> impl Strategy<Value = WorkerInput> {
         (peer(), bytes()).prop_map(|(peer, bytes)| WorkerInput::Datagram(peer, bytes)),
         (peer(), link).prop_map(|(peer, link)| WorkerInput::Link(peer, link)),
         (peer(), ending).prop_map(|(peer, ending)| WorkerInput::Ended(peer, ending)),
-        tail.prop_map(WorkerInput::Restore),
+        (tail, any::<Option<u64>>())
+            .prop_map(|(tail, generation)| WorkerInput::Restore(tail, generation.map(Generation))),
         Just(WorkerInput::Follow),
         "[ -~]{0,60}".prop_map(|place| WorkerInput::Move(ServerPlace(place))),
         Just(WorkerInput::Wake),

@@ -8,6 +8,7 @@ use super::*;
 /// The files of the repaired scene.
 fn target(recorded: &Recorded) -> SceneFiles {
     SceneFiles {
+        is_there: None,
         directory: PathBuf::from("scenes/pit.1"),
         ..recorded.files.clone()
     }

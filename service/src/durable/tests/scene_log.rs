@@ -8,12 +8,13 @@ use rhumb_protocol::scene::{Command, SceneConfig, Shape, ShapeId};
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::Tick;
 use rhumb_scene::engine::StepThreads;
-use rhumb_scene::{Batch, CommandLog, Frozen, Limits, Ownership};
+use rhumb_scene::{Batch, CommandLog, Frozen, Limits, Ownership, SceneStore};
 use rhumb_transport::Clock;
 
 use super::sim_disk::SimDisk;
 use super::{Recorded, files, name};
-use crate::durable::data_dir::Room;
+use crate::durable::StoredScenes;
+use crate::durable::data_dir::{DataDir, Generation, Room};
 use crate::durable::disk::Disk;
 use crate::durable::recovery::{LogTail, ReplayStart};
 use crate::durable::writer::{Origin, SceneLog, WAITING_BYTES_MAX};
@@ -260,4 +261,80 @@ fn a_log_in_a_full_directory_waits_for_room_and_goes_on() {
     disk.remove(file.as_ref()).expect("it is there");
     logged.mend();
     logged.must_be_restored();
+}
+
+/// A directory of several servers, and a log that one of them begins there by a claim of epoch 5.
+fn of_a_claim() -> (tempfile::TempDir, DataDir, Logged) {
+    let folder = tempfile::tempdir().expect("a directory");
+    let data = DataDir::open_shared(folder.path()).expect("it is free");
+    let origin = Origin {
+        name: name(),
+        config: SceneConfig::default(),
+        tick: Tick::ZERO,
+        segment: 0,
+        previous: None,
+    };
+    let room = Room::new(data.scenes_on_disk(), &Limits::default());
+    let files = data.files_to_make(&name(), Generation(5));
+    let log = SceneLog::start((files, room), origin, Arc::new(|| {}));
+    let logged = Logged {
+        recorded: Recorded::new(11),
+        disk: SimDisk::default(),
+        log: log.expect("the log has a thread"),
+    };
+    (folder, data, logged)
+}
+
+fn take(data: &DataDir, epoch: u64) -> Generation {
+    let taken = data.take_over(&[(name(), epoch)], &|| true);
+    let taken = taken.expect("the directory is there").pop();
+    taken.expect("one scene").expect("its files are there")
+}
+
+#[test]
+fn a_log_whose_files_were_taken_over_makes_no_others() {
+    let (folder, data, mut logged) = of_a_claim();
+    let first = logged.append();
+    wait_until("durable", || logged.log.durable() == first);
+    assert_eq!(take(&data, 6), Generation(6));
+    logged.snapshot();
+    wait_until("broken", || logged.log.is_broken());
+    logged.append();
+    logged.snapshot();
+    logged.append();
+    drop(logged.log);
+    let names = std::fs::read_dir(folder.path().join("scenes")).expect("it is there");
+    let names = names.map(|entry| entry.expect("a name").file_name());
+    assert_eq!(names.collect::<Vec<_>>(), ["pit.6"]);
+}
+
+#[test]
+fn a_restoration_under_a_claim_that_is_over_leaves_the_files_of_the_owner_alone() {
+    let (folder, data, mut logged) = of_a_claim();
+    let first = logged.append();
+    wait_until("durable at first", || logged.log.durable() == first);
+    let stale = DataDir::open_shared(folder.path()).expect("it is shared");
+    let stored = StoredScenes::new(
+        (stale, &Limits::default()),
+        StepThreads::default(),
+        Arc::new(|| {}),
+    );
+    // Its server had the scene, was frozen and has just been woken; then it ends.
+    stored.take(Generation(4));
+    let newest = (LogTail::Kept, None);
+    let restored = stored.restore(&name(), newest, &|| Instant::ZERO, &mut || {});
+    assert!(restored.is_none() && !stored.is_damaged(&name()));
+    for _ in 0..5 {
+        let last = logged.append();
+        wait_until("durable", || logged.log.durable() == last);
+    }
+    let tick = logged.recorded.scene.tick();
+    drop(logged.log);
+    let generation = take(&data, 8);
+    let files = data.files_of(&name(), generation).expect("it is read");
+    let newest = (ReplayStart::Newest, LogTail::Kept);
+    let restored =
+        (files.expect("it is there")).restore(&StepThreads::default(), newest, &mut || {});
+    let restored = restored.expect("it is whole").expect("it is there");
+    assert_eq!(restored.scene.tick(), tick);
 }
