@@ -29,8 +29,8 @@ enum PartTuple<'py> {
     Plain(Bound<'py, PyShape>, Bound<'py, PyAny>),
 }
 
-/// A shape. Its origin is its body's centre of mass, but for hulls and compounds: see centre. Long axes point up.
-/// Lengths are in the scene's unit.
+/// A shape. Its origin is its body's centre of mass, but for hulls and compounds: see centre. Long axes point up. Lengths are in
+/// the scene's unit.
 ///
 /// Make one with Shape.ball, cuboid, rounded_cuboid, capsule, cylinder, cone, half_space, hull, mesh, heights or compound.
 /// Each extent is 0.001 to 10,000 metres.
@@ -471,8 +471,8 @@ type Motors = BTreeMap<usize, (f32, f32, f32, f32, Option<f32>)>;
 /// and its greatest force or torque, or None for any. For a motor that keeps a speed, the stiffness is 0:
 /// motors={3: (0, 2.0, 0, 10.0, None)} turns a hinge at 2 rad/s.
 ///
-/// collide: whether the two bodies also collide with each other. breaks_at: the force and the torque at which it
-/// breaks, N and N m, or kg cm/s² and kg cm²/s² in Unreal's coordinates.
+/// collide: whether the two bodies also collide with each other. breaks_at: the force and the torque at which it breaks, N and
+/// N m, or kg cm/s² and kg cm²/s² in Unreal's coordinates.
 #[pyclass(frozen, name = "Joint", module = "rhumb")]
 pub(crate) struct PyJoint {
     kind: String,

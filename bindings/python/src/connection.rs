@@ -91,9 +91,9 @@ impl PyConnection {
     /// resume_within: seconds for which the client tries to continue over another connection; None: as the scene suggests.
     ///
     /// Of a new scene are: stepping, "lockstep" (advance steps it) or "free running" (the server's clock does);
-    /// ticks_per_second, 1 to 1000; substeps of each tick, 1 to 16; publish_interval, the ticks from one that is sent
-    /// to the next; gravity, three numbers, the earth's if it is None; sleep, as of add_body, of bodies without one,
-    /// "settled" if it is None.
+    /// ticks_per_second, 1 to 1000; substeps of each tick, 1 to 16; publish_interval, the ticks from one that is sent to the
+    /// next; gravity, three numbers, the earth's if it is None; sleep, as of add_body, of bodies without one, "settled" if it is
+    /// None.
     ///
     /// Of a free-running view are: delay_ticks, by which it stays behind the server's clock, so that nothing of it is
     /// guessed; whole_ticks, whether only whole ticks are shown; smooth, whether corrections are shown as short glides;
@@ -238,8 +238,7 @@ impl PyLocalServer {
         Ok(Self { server, own_thread })
     }
 
-    /// A connection of one more client, which joins a scene. The time limit, in seconds, holds for every later call
-    /// that waits.
+    /// A connection of one more client, which joins a scene. The time limit, in seconds, holds for every later call that waits.
     ///
     /// feed: the name of the scene that the client will make when it joins, and feed: see Scene.feed.
     #[pyo3(signature = (*, timeout = 5.0, feed = None))]

@@ -144,7 +144,7 @@ pub(crate) fn numbers_of_scenes<'py>(
     of_scenes(py, &scenes, numbers)
 }
 
-/// True for each body that rests, of all of these scenes in one row.
+/// Which bodies of all of these scenes rest, in one row.
 ///
 /// Raises InvalidError if the scenes do not have the same bodies.
 #[pyfunction]

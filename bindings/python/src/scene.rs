@@ -63,9 +63,8 @@ impl PyScene {
 impl PyScene {
     /// Adds a body, and returns its id: an int, for place and every call that takes a body.
     ///
-    /// position: the origin of its shape, which is its centre of mass but for hulls and compounds; rotation: a unit
-    /// quaternion x, y, z, w, body to world; linear_velocity: units of length per second; angular_velocity: rad/s about
-    /// world axes.
+    /// position: the origin of its shape, which is its centre of mass but for hulls and compounds; rotation: a unit quaternion
+    /// x, y, z, w, body to world; linear_velocity: units of length per second; angular_velocity: rad/s about world axes.
     ///
     /// shape: a Shape. kind: "dynamic" (the engine moves it), "fixed" (nothing does), or "kinematic" (commands do).
     /// mass: kilograms; None: volume times density. moments: of inertia about its own axes, kg m², beside a mass; None:
@@ -517,9 +516,9 @@ impl PyScene {
 
     /// Publishes the states of all bodies under this client's authority, once per frame; returns their tick.
     ///
-    /// Give the states of now. In a lockstep scene their tick is the one that the next advance makes. In a free-running
-    /// scene it is the tick nearest to now by the server's clock, plus lead_ticks; positions are moved to it by their
-    /// velocities, by half a tick at most.
+    /// Give the states of now. In a lockstep scene their tick is the one that the next advance makes. In a free-running scene
+    /// it is the tick nearest to now by the server's clock, plus lead_ticks; positions are moved to it by their velocities, by
+    /// half a tick at most.
     ///
     /// None, and nothing is published, before the authority is granted, before the server's clock is known, and for a
     /// second frame of one tick. A body that is left out stands still.
@@ -540,19 +539,19 @@ impl PyScene {
 
     /// Hands over the states of one tick of a scene whose engine is in this program, has it step, and returns the tick.
     ///
-    /// The scene is one of local(fed=True), serve(fed=True) or LocalServer.connect(feed=name). Call it once for each
-    /// step of the engine, with the bodies in any order. A body that is left out rests where it is, and so does one
-    /// that is fed at one pose without a velocity for five ticks; resting bodies cost nothing.
+    /// The scene is one of local(fed=True), serve(fed=True) or LocalServer.connect(feed=name). Call it once for each step of the
+    /// engine, with the bodies in any order. A body that is left out rests where it is, and so does one that is fed at one pose
+    /// without a velocity for five ticks; resting bodies cost nothing.
     ///
-    /// tick: that of the states, from 1 on; None: the next one. Up to 600 ticks may be left out: the bodies then go
-    /// evenly from one state to the next. rotation: None for bodies that are not turned, whatever they were before.
-    /// Without linear and angular, velocities follow from the poses, as for an engine whose own are of no use.
+    /// tick: that of the states, from 1 on; None: the next one. Up to 600 ticks may be left out: the bodies then go evenly from
+    /// one state to the next. rotation: None for bodies that are not turned, whatever they were before. Without linear and angular,
+    /// velocities follow from the poses, as for an engine whose own are of no use.
     ///
-    /// Followers see every pose within their tolerance. How many bytes that takes depends on gravity and substeps of
-    /// join, and on mass, moments, damping and gravity_scale of add_body.
+    /// Followers see every pose within their tolerance. How many bytes that takes depends on gravity and substeps of join, and on
+    /// mass, moments, damping and gravity_scale of add_body.
     ///
-    /// It raises RefusedError, after it has handed the states over, for what the scene refused since the last call:
-    /// commands of this program, and requests that it accepted.
+    /// It raises RefusedError, after it has handed the states over, for what the scene refused since the last call: commands of
+    /// this program, and requests that it accepted.
     #[pyo3(signature = (body, position, rotation = None, linear = None, angular = None, *, tick = None))]
     // Named parameters are the interface of Python.
     #[expect(clippy::too_many_arguments)]
@@ -574,9 +573,8 @@ impl PyScene {
 
     /// The unread requests of other members of a scene that this program feeds, the oldest first.
     ///
-    /// Each is a command that a member gave. One that moves a body is answered by what is fed. One that adds, changes
-    /// or removes something changes the scene once it is accepted: a body that is asked for has an id already, and is
-    /// fed from then on.
+    /// Each is a command that a member gave. One that moves a body is answered by what is fed. One that adds, changes or removes
+    /// something changes the scene once it is accepted: a body that is asked for has an id already, and is fed from then on.
     fn requests(&self, py: Python<'_>) -> PyResult<Vec<PyRequest>> {
         self.with(py, |opened| {
             let requests = std::iter::from_fn(|| opened.scene.poll_request());
@@ -890,8 +888,7 @@ impl PyScene {
     /// Adds a robot or a scene from a file: URDF, MJCF with their meshes, glTF, or Rhumb's JSON.
     ///
     /// Loaded.left_out lists what the file says and a scene has not, with file and line. A file that cannot be read
-    /// raises InvalidError, and nothing is added. Gravity and ticks are the scene's: rhumb.load makes a scene with the
-    /// file's.
+    /// raises InvalidError, and nothing is added. Gravity and ticks are the scene's: rhumb.load makes a scene with the file's.
     ///
     /// position, rotation: where the file's world, or a robot's root, begins; what is up in the file is up in the scene.
     /// base: whether the root of a robot moves: "fixed", "free", or as the file has it. own_contacts: whether parts of a
