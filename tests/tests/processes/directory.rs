@@ -121,6 +121,15 @@ fn owner_of(servers: &[Placed; 2]) -> usize {
     }
 }
 
+/// Waits: figures are those of a moment ago.
+fn until(holds: impl Fn() -> bool) {
+    let begun = Instant::now();
+    while !holds() {
+        assert!(begun.elapsed() < LONG, "it does not come to hold");
+        thread::yield_now();
+    }
+}
+
 /// Two servers of one directory.
 fn pair(data: &Path, etcd: &Etcd) -> [Placed; 2] {
     [(); 2].map(|()| Placed::start("127.0.0.1:0", data, etcd))
@@ -269,14 +278,16 @@ fn a_drained_server_has_no_scenes_and_takes_none() {
     let drained = SERVER.run(&drain);
     assert_eq!(drained.code, Some(0), "{}{}", drained.out, drained.log);
     assert!(drained.out.contains("1 moved"), "{}", drained.out);
-    assert!(!servers[0].has_the_scene() && servers[1].has_the_scene());
+    until(|| !servers[0].has_the_scene() && servers[1].has_the_scene());
     run.go(20);
     let connection = Client::connect(&address, Trust::Fingerprint(one.fingerprint));
     let another = connection.expect("it answers").join("another");
     let mut another = another.expect("it is sent on");
     step(&mut another);
-    let figures = requested(&servers[1].metrics, "/metrics");
-    assert!(figures.lines().any(|line| line == "rhumb_scenes 2"));
+    until(|| {
+        let figures = requested(&servers[1].metrics, "/metrics");
+        figures.lines().any(|line| line == "rhumb_scenes 2")
+    });
     assert_eq!(run.end(), 1);
     let alone = SERVER.run(&[
         "drain",
@@ -473,7 +484,7 @@ fn a_client_of_any_server_reaches_the_scene() {
     let mut follower = connection.join_with("pit", options).expect("it is sent on");
     let truth = |client: &mut Client| client.inspect().expect("an answer").truth;
     assert_eq!(truth(&mut follower), truth(&mut client));
-    assert!(servers[0].has_the_scene() && !servers[1].has_the_scene());
+    until(|| servers[0].has_the_scene() && !servers[1].has_the_scene());
 }
 
 #[test]
