@@ -490,6 +490,12 @@ impl SceneFileBody {
             .map(|[linear, angular]| Damping { linear, angular });
         desc.gravity_scale = self.gravity_scale;
         let moments = self.moments.map(Vec3::from_array);
+        if self.mass.is_none() && moments.is_some() {
+            return Err(senseless(
+                name,
+                "moments without mass: give both, or neither, for those of the shape",
+            ));
+        }
         desc.mass = self.mass.map(|mass| Mass { mass, moments });
         if let Some([members, touches]) = self.groups {
             desc.groups = CollisionGroups { members, touches };

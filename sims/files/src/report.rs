@@ -3,6 +3,7 @@
 //! Errors are a closed set. Each sentence names the value, the limit, and the place. A report lists the parts of a file that
 //! a scene has not, with their places; equal remarks about several elements are one entry with a count.
 
+use std::collections::BTreeMap;
 use std::error::Error;
 use std::fmt;
 
@@ -216,7 +217,7 @@ impl fmt::Display for LoadError {
 impl Error for LoadError {}
 
 /// The treatment of a part of a file.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Effect {
     /// It is not in the scene.
     Left,
@@ -270,6 +271,8 @@ impl fmt::Display for Note {
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Report {
     notes: Vec<Note>,
+    /// The first note of each subject, treatment and reason.
+    kinds: BTreeMap<(String, Effect, &'static str), usize>,
 }
 
 /// Notes that are kept apart; further ones only raise counts of their kind.
@@ -300,7 +303,7 @@ impl Report {
         if self.notes.len() >= NOTES_MAX {
             return self.again(place, subject, effect, why);
         }
-        self.notes.push(Note {
+        self.push(Note {
             place: place.clone(),
             subject,
             value,
@@ -308,6 +311,12 @@ impl Report {
             why,
             count: 1,
         });
+    }
+
+    fn push(&mut self, note: Note) {
+        let kind = (note.subject.clone(), note.effect, note.why);
+        self.kinds.entry(kind).or_insert(self.notes.len());
+        self.notes.push(note);
     }
 
     /// Adds a note about a kind of things: equal ones are counted.
@@ -318,23 +327,21 @@ impl Report {
         effect: Effect,
         why: &'static str,
     ) {
-        let is_same =
-            |note: &&mut Note| note.why == why && note.effect == effect && note.subject == subject;
-        if let Some(note) = self.notes.iter_mut().find(is_same) {
+        let kind = (subject, effect, why);
+        let known = self.kinds.get(&kind).copied();
+        let last = NOTES_MAX - 1;
+        let full = (self.notes.len() > last).then_some(last);
+        if let Some(note) = known.or(full).and_then(|at| self.notes.get_mut(at)) {
             note.count = note.count.saturating_add(1);
             return;
         }
-        let full = self.notes.len() >= NOTES_MAX;
-        match self.notes.last_mut().filter(|_| full) {
-            Some(last) => last.count = last.count.saturating_add(1),
-            None => self.notes.push(Note {
-                place: place.clone(),
-                subject,
-                value: String::new(),
-                effect,
-                why,
-                count: 1,
-            }),
-        }
+        self.push(Note {
+            place: place.clone(),
+            subject: kind.0,
+            value: String::new(),
+            effect,
+            why,
+            count: 1,
+        });
     }
 }

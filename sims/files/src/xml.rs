@@ -17,6 +17,10 @@ pub(crate) const XML_BYTES_MAX: usize = 32 << 20;
 const NODES_MAX: u32 = 2_000_000;
 /// Elements inside each other.
 const DEPTH_MAX: usize = 200;
+/// Attributes of an element, each of which the parser compares with all others.
+const ATTRIBUTES_MAX: usize = 1_000;
+/// Namespaces of a file, which the parser copies into each element that has one.
+const NAMESPACES_MAX: usize = 1_000;
 /// Numbers beyond this are no lengths, masses or angles.
 const NUMBER_MAX: f64 = 1e20;
 
@@ -30,13 +34,14 @@ pub(crate) struct Element {
     line: u32,
 }
 
-/// Reads a file as a tree.
-pub(crate) fn read(files: &dyn Files, path: &str) -> Result<Element, LoadError> {
+/// Reads a file as a tree; returns its bytes too.
+pub(crate) fn read(files: &dyn Files, path: &str) -> Result<(Element, usize), LoadError> {
     let bytes = files.read(path, XML_BYTES_MAX).map_err(|error| LoadError {
         place: Place::of(path),
         problem: Problem::File(error),
     })?;
-    parse(path, &String::from_utf8_lossy(&bytes))
+    let root = parse(path, &String::from_utf8_lossy(&bytes))?;
+    Ok((root, bytes.len()))
 }
 
 /// Reads a text as a tree.
@@ -49,6 +54,13 @@ pub(crate) fn parse(path: &str, text: &str) -> Result<Element, LoadError> {
     let whole = text.trim_start_matches('\u{feff}');
     let text = whole.trim_start();
     let before = whole[..whole.len() - text.len()].matches('\n').count();
+    check_attributes(text).map_err(|(problem, at)| LoadError {
+        place: Place {
+            file: path.to_owned(),
+            line: Some((before + 1 + text[..at].matches('\n').count()) as u32),
+        },
+        problem,
+    })?;
     let document = Document::parse_with_options(text, options).map_err(|error| LoadError {
         place: Place {
             file: path.to_owned(),
@@ -64,6 +76,50 @@ pub(crate) fn parse(path: &str, text: &str) -> Result<Element, LoadError> {
         before,
     };
     tree.element(document.root_element(), 0)
+}
+
+/// Bounds attributes and namespaces before the parser sees them; else a problem, and the byte where it is.
+fn check_attributes(text: &str) -> Result<(), (Problem, usize)> {
+    let spaces = text.match_indices("xmlns").nth(NAMESPACES_MAX);
+    if let Some((at, _)) = spaces {
+        let what = "namespaces";
+        let (found, most) = (NAMESPACES_MAX + 1, NAMESPACES_MAX);
+        return Err((Problem::TooMany { what, found, most }, at));
+    }
+    let mut at = 0;
+    while let Some(start) = text[at..].find('<').map(|start| at + start) {
+        let inside = &text[start..];
+        let skipped = [("<!--", "-->"), ("<![CDATA[", "]]>"), ("<?", "?>")];
+        let skipped = skipped.iter().find(|(first, _)| inside.starts_with(first));
+        at = match skipped {
+            Some((first, last)) => {
+                let end = inside[first.len()..].find(last);
+                end.map_or(text.len(), |end| start + first.len() + end)
+            }
+            None => start + tag(inside).map_err(|problem| (problem, start))?,
+        };
+        // The last byte of what was skipped is none that begins another one.
+        at = text.len().min(at + 1);
+    }
+    Ok(())
+}
+
+/// The byte of a tag's end.
+fn tag(inside: &str) -> Result<usize, Problem> {
+    let (mut quote, mut count) = (None, 0);
+    for (at, byte) in inside.bytes().enumerate() {
+        match (quote, byte) {
+            (None, b'>') => return Ok(at),
+            (None, b'"' | b'\'') => {
+                quote = Some(byte);
+                count += 1;
+                Problem::bound("attributes of an element", count, ATTRIBUTES_MAX)?;
+            }
+            (Some(own), byte) if own == byte => quote = None,
+            _ => {}
+        }
+    }
+    Ok(inside.len())
 }
 
 /// A file while its tree is built: where its lines begin.
@@ -149,6 +205,16 @@ impl Element {
         }
     }
 
+    /// The element with another value of its attribute `name`, if it has one.
+    pub(crate) fn named_by(mut self, change: impl Fn(&str) -> String) -> Self {
+        for (name, value) in &mut self.attributes {
+            if name == "name" {
+                *value = change(value);
+            }
+        }
+        self
+    }
+
     /// The element under another name.
     pub(crate) fn renamed(&self, name: &str) -> Self {
         let name = name.to_owned();
@@ -156,6 +222,12 @@ impl Element {
             name,
             ..self.with(Vec::new())
         }
+    }
+
+    /// Bytes of its attributes.
+    pub(crate) fn attribute_bytes(&self) -> usize {
+        let each = self.attributes.iter();
+        each.map(|(name, value)| name.len() + value.len()).sum()
     }
 
     /// The first child of a name.
@@ -292,5 +364,23 @@ mod tests {
             let error = parse("a.xml", &text).expect_err("it is not read");
             assert!(error.to_string().starts_with("a.xml"), "{error}");
         }
+    }
+
+    #[test]
+    fn attributes_that_the_parser_compares_with_each_other_are_bounded() {
+        let many = |count: usize| -> String {
+            let each = (0..count).map(|number| format!(" a{number}='>'"));
+            each.collect()
+        };
+        let comment = format!("<!--><x{}-->", many(2_000));
+        let text = format!("<!-- ' --><![CDATA[']]>{comment}\n<b{}/>", many(1_000));
+        parse("a.xml", &format!("<a>{text}</a>")).expect("they are as many as may be");
+        let wrong = parse("a.xml", &format!("<a>{text}\n<b{}/></a>", many(400_000)));
+        let wrong = wrong.expect_err("they are too many").to_string();
+        let expected = "a.xml:3: the number of attributes of an element is 1001 or more, and at most 1000 are read";
+        assert_eq!(wrong, expected);
+        let spaces = "<b xmlns:x='y'/>".repeat(1_001);
+        let wrong = parse("a.xml", &format!("<a>{spaces}</a>")).expect_err("they are too many");
+        assert!(wrong.to_string().contains("namespaces is 1001"), "{wrong}");
     }
 }

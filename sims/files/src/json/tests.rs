@@ -126,6 +126,8 @@ fn unknown_fields_are_noted_and_wrong_ones_refused_by_name() {
     for (text, word) in [
         (body(", \"mass\": -1"), "body 0: mass is -1"),
         (body(", \"mass\": 1e60"), "mass"),
+        (body(", \"moments\": [5, 6, 7]"), "body 0: moments without mass"),
+        (body("").replace("0.5", "0.5, \"colour\": 1"), "unknown field `colour`"),
         (body(", \"mass\": \"much\""), "invalid type"),
         (body("").replace("0.5", "0"), "radius of a ball"),
         (body("").replace(": 1,", ": 2,"), "version above 1"),

@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 
 use glam::{DMat3, DQuat, DVec3};
 
+use super::copies::Work;
 use crate::files::{FileError, Files, folder_of, join};
 use crate::inertia::Pose;
 use crate::report::{LoadError, Problem};
@@ -17,12 +18,20 @@ const INCLUDES_DEEP: usize = 16;
 const DEPTH_MAX: usize = 300;
 /// Files in all.
 const INCLUDES_MAX: usize = 1_000;
+/// Attributes of an element's class.
+const ATTRIBUTES_MAX: usize = 1_000;
 
 /// Replaces includes by what they include. `main`: the file that everything is relative to.
-pub(crate) fn expand(root: Element, files: &dyn Files, main: &str) -> Result<Element, LoadError> {
+pub(crate) fn expand(
+    root: Element,
+    files: &dyn Files,
+    main: &str,
+    work: &mut Work,
+) -> Result<Element, LoadError> {
     let mut expander = Expander {
         files,
         main,
+        work,
         open: vec![main.to_owned()],
         count: 0,
         depth: 0,
@@ -33,6 +42,7 @@ pub(crate) fn expand(root: Element, files: &dyn Files, main: &str) -> Result<Ele
 struct Expander<'a> {
     files: &'a dyn Files,
     main: &'a str,
+    work: &'a mut Work,
     open: Vec<String>,
     count: usize,
     depth: usize,
@@ -40,6 +50,7 @@ struct Expander<'a> {
 
 impl Expander<'_> {
     fn expand(&mut self, mut element: Element) -> Result<Element, LoadError> {
+        self.work.add(&element, element.attribute_bytes())?;
         self.depth += 1;
         if self.depth > DEPTH_MAX {
             return Err(element.wrong(Problem::TooMany {
@@ -85,7 +96,8 @@ impl Expander<'_> {
                 return Err(element.wrong(Problem::IncludeLoop(path)));
             }
             match xml::read(self.files, &path) {
-                Ok(root) => {
+                Ok((root, bytes)) => {
+                    self.work.add(element, bytes)?;
                     self.open.push(path);
                     let whole = self.expand(root)?;
                     self.open.pop();
@@ -111,23 +123,34 @@ struct Class(BTreeMap<String, BTreeMap<String, String>>);
 #[derive(Debug, Default)]
 pub(crate) struct Classes(BTreeMap<String, Class>);
 
+fn bytes(attributes: &BTreeMap<String, String>) -> usize {
+    let each = attributes.iter();
+    each.map(|(name, value)| name.len() + value.len()).sum()
+}
+
 /// The class of elements that have none.
 const MAIN: &str = "main";
 
 impl Classes {
     /// Reads all classes of a file.
-    pub(crate) fn read(root: &Element) -> Result<Self, LoadError> {
+    pub(crate) fn read(root: &Element, work: &mut Work) -> Result<Self, LoadError> {
         let mut classes = Self::default();
         classes.0.insert(MAIN.to_owned(), Class::default());
         for element in root.each("default") {
             let name = element.text("class").unwrap_or(MAIN).to_owned();
             let from = classes.0.get(MAIN).cloned().unwrap_or_default();
-            classes.add(element, name, from)?;
+            classes.add(element, name, from, work)?;
         }
         Ok(classes)
     }
 
-    fn add(&mut self, element: &Element, name: String, from: Class) -> Result<(), LoadError> {
+    fn add(
+        &mut self,
+        element: &Element,
+        name: String,
+        from: Class,
+        work: &mut Work,
+    ) -> Result<(), LoadError> {
         let mut class = from;
         for child in element
             .children
@@ -136,13 +159,28 @@ impl Classes {
         {
             let own = class.0.entry(child.name.clone()).or_default();
             own.extend(child.attributes.iter().cloned());
+            let what = "attributes of a default class";
+            let problem = Problem::bound(what, own.len(), ATTRIBUTES_MAX);
+            problem.map_err(|problem| child.wrong(problem))?;
         }
+        // Each class has a copy of all that it inherits.
+        work.add(element, class.0.values().map(bytes).sum())?;
         self.0.insert(name, class.clone());
         for child in element.each("default") {
             let name = child.needs("class")?.to_owned();
-            self.add(child, name, class.clone())?;
+            self.add(child, name, class.clone(), work)?;
         }
         Ok(())
+    }
+
+    /// Bytes of an element with the attributes of its class.
+    pub(crate) fn bytes_of(&self, element: &Element, outer: Option<&str>) -> usize {
+        let name = element.text("class").or(outer).unwrap_or(MAIN);
+        let class = self
+            .0
+            .get(name)
+            .and_then(|class| class.0.get(&element.name));
+        element.attribute_bytes() + class.map_or(0, bytes)
     }
 
     /// An element with the attributes of its class. `outer`: the class of its body, for one that names none.

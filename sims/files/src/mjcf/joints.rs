@@ -77,6 +77,7 @@ impl Hinge {
             ..Drive::default()
         };
         note_settings(&element, kind, report);
+        note_powers(&element, report)?;
         Ok(Self {
             kind,
             anchor: body.point(element.vector("pos")?.unwrap_or_default()),
@@ -142,6 +143,19 @@ fn note_settings(element: &Element, kind: Kind, report: &mut Report) {
             report.again(&element.place(), format!("joint {name}"), Effect::Left, why);
         }
     }
+}
+
+/// Notes forces that grow with more than the first power.
+fn note_powers(element: &Element, report: &mut Report) -> Result<(), LoadError> {
+    for name in ["stiffness", "damping"] {
+        let numbers = element.numbers(name)?.unwrap_or_default();
+        if numbers.iter().skip(1).any(|number| *number != 0.0) {
+            let why = "springs and damping of a scene grow with the first power alone";
+            let subject = format!("joint {name} of higher powers");
+            report.again(&element.place(), subject, Effect::Left, why);
+        }
+    }
+    Ok(())
 }
 
 fn limits_of([least, most]: [f64; 2]) -> JointLimits {

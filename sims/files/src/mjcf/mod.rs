@@ -4,16 +4,19 @@
 //! Parts of the format beyond bodies, joints, shapes and their contacts are noted.
 
 mod classes;
+mod copies;
 mod geoms;
 mod joints;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
+use std::rc::Rc;
 
 use glam::{DMat3, DVec3};
 use rhumb_protocol::limits::BODIES_MAX;
 use rhumb_protocol::scene::{CollisionGroups, JointKind};
 
 use classes::{Classes, Compiler, InertiaFrom, expand, truth};
+use copies::{CopyOf, Held, Names, Work};
 use geoms::{Assets, Bits, Rules, groups, note_settings};
 use joints::{Hinge, connect};
 
@@ -26,8 +29,6 @@ use crate::model::{
 use crate::report::{Effect, LoadError, Place, Problem, Report};
 use crate::xml::Element;
 
-/// Elements after replication.
-const ELEMENTS_MAX: usize = 500_000;
 /// Bodies inside each other.
 const DEPTH_MAX: usize = 200;
 
@@ -39,10 +40,11 @@ pub(crate) fn read(
     report: &mut Report,
 ) -> Result<Model, LoadError> {
     let main = root.place();
-    let root = expand(root, files, &main.file)?;
+    let mut work = Work::default();
+    let root = expand(root, files, &main.file, &mut work)?;
     let mut reader = Reader {
         compiler: Compiler::read(&root)?,
-        classes: Classes::read(&root)?,
+        classes: Classes::read(&root, &mut work)?,
         assets: Assets::default(),
         report,
         model: Model {
@@ -56,10 +58,10 @@ pub(crate) fn read(
         without_contacts: false,
         without_gravity: false,
         bits: Vec::new(),
-        names: BTreeMap::new(),
+        names: Names::default(),
         anchor: None,
         apart: BTreeSet::new(),
-        elements: 0,
+        work,
         depth: 0,
     };
     reader.sections(&root)?;
@@ -74,8 +76,14 @@ pub(crate) fn read(
     reader.assets = Assets::read(&root, files, options, &rules, reader.report)?;
     for element in root.each("worldbody") {
         let mut all = Vec::new();
-        reader.flatten(element, Pose::IDENTITY, None, &mut all)?;
-        reader.parts(&all, element, None)?;
+        let world = Inner {
+            element,
+            frame: Pose::IDENTITY,
+            class: None,
+            copy: Rc::default(),
+        };
+        reader.flatten(&world, &mut all)?;
+        reader.parts(&all, None)?;
         reader.bodies(&all, None)?;
     }
     reader.note_pairs(&root);
@@ -98,15 +106,6 @@ pub(crate) fn read(
     Ok(reader.model)
 }
 
-/// The body that holds what is read, and the frame of the element around it.
-#[derive(Clone, Copy)]
-struct Held {
-    /// `None`: the world.
-    body: Option<usize>,
-    /// In the file's world.
-    frame: Pose,
-}
-
 struct Reader<'a> {
     compiler: Compiler,
     classes: Classes,
@@ -118,13 +117,12 @@ struct Reader<'a> {
     without_gravity: bool,
     /// Of each body of the model.
     bits: Vec<Bits>,
-    /// Body of each name, and its frame in the file's world.
-    names: BTreeMap<String, Held>,
+    names: Names,
     /// A body without shape to which joints of the world are made.
     anchor: Option<usize>,
     /// Pairs that a chain of joints connects.
     apart: BTreeSet<(usize, usize)>,
-    elements: usize,
+    work: Work,
     depth: usize,
 }
 
@@ -133,8 +131,7 @@ struct Inner<'a> {
     element: &'a Element,
     frame: Pose,
     class: Option<&'a str>,
-    /// Number of the copy, for names.
-    copy: usize,
+    copy: Rc<CopyOf>,
 }
 
 impl Reader<'_> {
@@ -193,56 +190,68 @@ impl Reader<'_> {
     /// All elements of a body, those of its frames and copies among them.
     fn flatten<'b>(
         &mut self,
-        element: &'b Element,
-        frame: Pose,
-        class: Option<&'b str>,
+        around: &Inner<'b>,
         out: &mut Vec<Inner<'b>>,
     ) -> Result<(), LoadError> {
-        for child in &element.children {
-            match child.name.as_str() {
+        for element in &around.element.children {
+            let class = element.text("childclass").or(around.class);
+            let bytes = self.classes.bytes_of(element, around.class);
+            self.work.add(element, bytes + around.copy.bytes())?;
+            let (frame, copy) = (around.frame, around.copy.clone());
+            match element.name.as_str() {
                 "frame" => {
-                    let frame = frame.of(&self.compiler.pose(child)?);
-                    let class = child.text("childclass").or(class);
-                    self.flatten(child, frame, class, out)?;
-                }
-                "replicate" => {
-                    let count = child.needs_number("count")?;
-                    let offset = child.vector("offset")?.unwrap_or_default();
-                    let euler = child.vector("euler")?.unwrap_or_default();
-                    let mut turn = child.with(Vec::new());
-                    turn.attributes.retain(|(name, _)| name == "euler");
-                    let step = Pose::new(offset, self.compiler.pose(&turn)?.rotation);
-                    if !(0.0..=ELEMENTS_MAX as f64).contains(&count) {
-                        return Err(too_many(child, count.clamp(0.0, 1e18) as usize));
-                    }
-                    let mut at = Pose::IDENTITY;
-                    for copy in 0..count as usize {
-                        let before = out.len();
-                        self.flatten(child, frame.of(&at), class, out)?;
-                        out[before..].iter_mut().for_each(|inner| inner.copy = copy);
-                        // The offset is along the axes of the first copy, the turns add up.
-                        let position = at.position + offset;
-                        let rotation = (at.rotation * step.rotation).normalize();
-                        at = match euler == DVec3::ZERO {
-                            true => Pose::new(position, rotation),
-                            false => Pose::new(at.rotation * offset + at.position, rotation),
-                        };
-                    }
-                }
-                _ => {
-                    self.elements += 1;
-                    if self.elements > ELEMENTS_MAX {
-                        return Err(too_many(child, self.elements));
-                    }
-                    let copy = 0;
-                    out.push(Inner {
-                        element: child,
+                    let frame = frame.of(&self.compiler.pose(element)?);
+                    let inner = Inner {
+                        element,
                         frame,
                         class,
                         copy,
-                    });
+                    };
+                    self.flatten(&inner, out)?;
                 }
+                "replicate" => self.replicate(element, around, out)?,
+                _ => out.push(Inner {
+                    element,
+                    frame,
+                    class: around.class,
+                    copy,
+                }),
             }
+        }
+        Ok(())
+    }
+
+    /// All elements of the copies that an element makes of those inside.
+    fn replicate<'b>(
+        &mut self,
+        element: &'b Element,
+        around: &Inner<'b>,
+        out: &mut Vec<Inner<'b>>,
+    ) -> Result<(), LoadError> {
+        let count = element.needs_number("count")?.max(0.0) as usize;
+        let offset = element.vector("offset")?.unwrap_or_default();
+        let euler = element.vector("euler")?.unwrap_or_default();
+        let mut turn = element.with(Vec::new());
+        turn.attributes.retain(|(name, _)| name == "euler");
+        let step = self.compiler.pose(&turn)?.rotation;
+        let mut at = Pose::IDENTITY;
+        for number in 0..count {
+            let copy = around.copy.within(element, number, count);
+            self.work.add(element, copy.bytes())?;
+            let inner = Inner {
+                element,
+                frame: around.frame.of(&at),
+                class: around.class,
+                copy: Rc::new(copy),
+            };
+            self.flatten(&inner, out)?;
+            // The offset is along the axes of the first copy, the turns add up.
+            let rotation = (at.rotation * step).normalize();
+            let position = match euler == DVec3::ZERO {
+                true => at.position + offset,
+                false => at.rotation * offset + at.position,
+            };
+            at = Pose::new(position, rotation);
         }
         Ok(())
     }
@@ -256,16 +265,11 @@ impl Reader<'_> {
     }
 
     /// Reads geoms and inertia among the elements of a body or the world.
-    fn parts(
-        &mut self,
-        all: &[Inner<'_>],
-        holder: &Element,
-        body: Option<usize>,
-    ) -> Result<(), LoadError> {
+    fn parts(&mut self, all: &[Inner<'_>], body: Option<usize>) -> Result<(), LoadError> {
         let from_geoms = match self.compiler.inertia {
             InertiaFrom::Geoms => true,
             InertiaFrom::Inertial => false,
-            InertiaFrom::Either => holder.child("inertial").is_none(),
+            InertiaFrom::Either => all.iter().all(|inner| inner.element.name != "inertial"),
         };
         for inner in all {
             match inner.element.name.as_str() {
@@ -298,7 +302,15 @@ impl Reader<'_> {
         }
         let class = element.text("childclass").or(inner.class);
         let frame = inner.frame.of(&self.compiler.pose(element)?);
-        let hinges = self.hinges(element, class, &frame)?;
+        let mut all = Vec::new();
+        let inside = Inner {
+            element,
+            frame,
+            class,
+            copy: inner.copy.clone(),
+        };
+        self.flatten(&inside, &mut all)?;
+        let hinges = self.hinges(element, &all)?;
         let is_held = !hinges.is_empty() && !hinges.iter().any(Hinge::is_free);
         let holder = match (is_held, holding) {
             (false, _) => None,
@@ -307,30 +319,23 @@ impl Reader<'_> {
         };
         let own = match hinges.is_empty() {
             true => None,
-            false => Some(self.push(element, inner.copy, frame, false)?),
+            false => Some(self.push(element, &inner.copy, frame, false)?),
         };
-        let mut all = Vec::new();
-        self.flatten(element, frame, class, &mut all)?;
-        self.parts(&all, element, own.or(holding))?;
+        self.parts(&all, own.or(holding))?;
         let now = match (holder, own) {
             (Some(holder), Some(own)) => Some(self.join(holder, own, &hinges, holding.is_none())),
             (_, own) => own,
         };
         let body = now.or(holding);
         if let Some(name) = element.text("name") {
-            self.names.insert(name.to_owned(), Held { body, frame });
+            self.names.insert(name, &inner.copy, Held { body, frame });
         }
         self.bodies(&all, body)?;
         self.depth -= 1;
         Ok(())
     }
 
-    fn hinges(
-        &mut self,
-        element: &Element,
-        class: Option<&str>,
-        frame: &Pose,
-    ) -> Result<Vec<Hinge>, LoadError> {
+    fn hinges(&mut self, element: &Element, all: &[Inner<'_>]) -> Result<Vec<Hinge>, LoadError> {
         if truth(element, "mocap")? == Some(true) {
             let why = "a body that a program moves is fixed here: a command can make it kinematic";
             let place = element.place();
@@ -338,11 +343,17 @@ impl Reader<'_> {
                 .add(&place, element.title(), String::new(), Effect::Changed, why);
         }
         let mut hinges = Vec::new();
-        for joint in &element.children {
-            if matches!(joint.name.as_str(), "joint" | "freejoint") {
-                let joint = self.classes.apply(joint, class)?;
-                hinges.push(Hinge::read(joint, &self.compiler, frame, self.report)?);
-            }
+        let is_joint =
+            |inner: &&Inner<'_>| matches!(inner.element.name.as_str(), "joint" | "freejoint");
+        for inner in all.iter().filter(is_joint) {
+            let joint = self.classes.apply(inner.element, inner.class)?;
+            let joint = joint.named_by(|name| inner.copy.name(name));
+            hinges.push(Hinge::read(
+                joint,
+                &self.compiler,
+                &inner.frame,
+                self.report,
+            )?);
         }
         Ok(hinges)
     }
@@ -365,7 +376,7 @@ impl Reader<'_> {
     fn push(
         &mut self,
         element: &Element,
-        copy: usize,
+        copy: &CopyOf,
         pose: Pose,
         fixed: bool,
     ) -> Result<usize, LoadError> {
@@ -375,10 +386,7 @@ impl Reader<'_> {
         }
         let name = element.text("name").map_or_else(
             || format!("{} {place}", element.name),
-            |name| match copy {
-                0 => name.to_owned(),
-                copy => format!("{name} {copy}"),
-            },
+            |name| copy.name(name),
         );
         self.model.bodies.push(ModelBody {
             name,
@@ -400,7 +408,7 @@ impl Reader<'_> {
             return Ok(anchor);
         }
         let world = Element::named("world", place);
-        let anchor = self.push(&world, 0, Pose::IDENTITY, true)?;
+        let anchor = self.push(&world, &CopyOf::default(), Pose::IDENTITY, true)?;
         self.anchor = Some(anchor);
         Ok(anchor)
     }
@@ -494,7 +502,7 @@ impl Reader<'_> {
         let friction = friction.first().copied().unwrap_or(1.0);
         let body = match body {
             Some(body) => body,
-            None => self.push(element, inner.copy, pose, true)?,
+            None => self.push(element, &inner.copy, pose, true)?,
         };
         let all = &mut self.bits[body];
         if *all != bits && *all != Bits::default() {
@@ -530,18 +538,6 @@ impl Reader<'_> {
         }
     }
 
-    fn named(&self, element: &Element, attribute: &'static str) -> Result<Held, LoadError> {
-        let name = element.needs(attribute)?;
-        if name == "world" {
-            let (body, frame) = (None, Pose::IDENTITY);
-            return Ok(Held { body, frame });
-        }
-        self.names.get(name).copied().ok_or_else(|| {
-            let (what, name) = ("body", name.to_owned());
-            element.wrong(Problem::UnknownName { what, name })
-        })
-    }
-
     /// Pairs of bodies that do not touch, the lower place first.
     fn excluded(&mut self, root: &Element) -> Result<BTreeSet<(usize, usize)>, LoadError> {
         let mut pairs = std::mem::take(&mut self.apart);
@@ -553,14 +549,13 @@ impl Reader<'_> {
                     .again(&element.place(), subject, Effect::Left, why);
                 continue;
             }
-            let ends = [
-                self.named(element, "body1")?.body,
-                self.named(element, "body2")?.body,
-            ];
-            if let [Some(a), Some(b)] = ends
-                && a != b
-            {
-                pairs.insert((a.min(b), a.max(b)));
+            element.needs("body2")?;
+            for ends in self.names.pairs(element, &mut self.work)? {
+                if let [Some(a), Some(b)] = ends.map(|end| end.body)
+                    && a != b
+                {
+                    pairs.insert((a.min(b), a.max(b)));
+                }
             }
         }
         Ok(pairs)
@@ -583,20 +578,22 @@ impl Reader<'_> {
                     continue;
                 }
             };
-            self.loop_joint(element, kind)?;
+            for ends in self.names.pairs(element, &mut self.work)? {
+                self.loop_joint(element, kind, ends)?;
+            }
         }
         Ok(())
     }
 
-    fn loop_joint(&mut self, element: &Element, kind: JointKind) -> Result<(), LoadError> {
-        let first = self.named(element, "body1")?;
-        let second = match element.text("body2") {
-            Some(_) => self.named(element, "body2")?.body,
-            None => None,
-        };
+    fn loop_joint(
+        &mut self,
+        element: &Element,
+        kind: JointKind,
+        ends: [Held; 2],
+    ) -> Result<(), LoadError> {
         let mut bodies = [0; 2];
-        for (place, body) in bodies.iter_mut().zip([first.body, second]) {
-            *place = match body {
+        for (place, end) in bodies.iter_mut().zip(ends) {
+            *place = match end.body {
                 Some(body) => body,
                 None => self.world_anchor(&element.place())?,
             };
@@ -615,7 +612,7 @@ impl Reader<'_> {
             name: element.text("name").unwrap_or("equality").to_owned(),
             place: element.place(),
             bodies,
-            frame: first.frame.of(&Pose::at(anchor)),
+            frame: ends[0].frame.of(&Pose::at(anchor)),
             start: Pose::IDENTITY,
             kind,
             drives: [None; 6],
@@ -628,7 +625,7 @@ impl Reader<'_> {
 
 fn too_many(element: &Element, found: usize) -> LoadError {
     element.wrong(Problem::TooMany {
-        what: "elements and bodies after replication",
+        what: "bodies after replication",
         found,
         most: BODIES_MAX as usize,
     })

@@ -128,6 +128,21 @@ fn a_passive_joint_pushes_no_more_than_its_spring_and_its_damping_can() {
 }
 
 #[test]
+fn forces_of_higher_powers_are_listed() {
+    let subjects = |joint: &str| {
+        let body = format!("<body><joint {joint}/><geom size='0.1'/></body>");
+        let scene = read(&format!("<worldbody>{body}</worldbody>")).expect("a world");
+        let notes = scene.report.notes().iter();
+        notes.map(|note| note.subject.clone()).collect::<Vec<_>>()
+    };
+    let plain = subjects("stiffness='5 0 0' damping='1 0'");
+    assert_eq!(plain, ["damping of joints"]);
+    let higher = subjects("stiffness='5 3 2' damping='0 2'");
+    let of = |name: &str| format!("joint {name} of higher powers");
+    assert_eq!(higher[..2], [of("stiffness"), of("damping")]);
+}
+
+#[test]
 fn the_armature_of_a_joint_is_in_the_moments_of_the_body_that_it_turns() {
     let ball = 0.4 * 0.01;
     for (joint, moments, effect) in [
@@ -359,11 +374,180 @@ fn ten_million_bodies_by_replication_are_refused_at_once() {
             sentence.starts_with(&format!("m.xml:{line}:")),
             "{sentence}"
         );
-        assert!(sentence.contains("replication"), "{sentence}");
+        assert!(sentence.contains("all files and copies"), "{sentence}");
     }
+    let empty = "<replicate count='500000'>".repeat(3) + &"</replicate>".repeat(3);
+    let sep = "x".repeat(1_000_000);
+    let long = format!("<replicate count='900000' sep='{sep}'><body/></replicate>");
+    let frames = "<frame/>".repeat(1_000);
+    let frames = format!("<replicate count='900000'>{frames}</replicate>");
+    let wide = format!("<replicate count='900000'><geom user='{sep}' size='1'/></replicate>");
+    let other =
+        format!("<replicate count='1000'>{ball}</replicate>").replace("<body", "<body name='a'");
+    let pairs = "<contact><exclude body1='a' body2='a'/></contact>".repeat(1_000);
+    for (text, what) in [
+        (empty, "elements"),
+        (long, "bytes"),
+        (frames, "elements"),
+        (wide, "bytes"),
+    ] {
+        let sentence = read(&format!("<worldbody>\n{text}</worldbody>"));
+        let sentence = sentence.expect_err("too many").to_string();
+        let start = format!("m.xml:3: the number of {what} of all files and copies");
+        assert!(sentence.starts_with(&start), "{sentence}");
+    }
+    let sentence = read(&format!("<worldbody>{other}</worldbody>{pairs}"));
+    let sentence = sentence.expect_err("too many").to_string();
+    assert!(sentence.contains("elements of all files"), "{sentence}");
     let few =
         format!("<worldbody><replicate count='4' offset='1 0 0'>{ball}</replicate></worldbody>");
     assert_eq!(read(&few).expect("four").bodies.len(), 4);
+}
+
+#[test]
+fn elements_of_all_included_files_are_counted_together() {
+    let mut files = MemoryFiles::default();
+    let geoms = "<geom size='1'/>".repeat(20_000);
+    let text = format!("<mujocoinclude><worldbody>{geoms}</worldbody></mujocoinclude>");
+    files.insert("b.xml", text);
+    let includes = "<include file='b.xml'/>".repeat(900);
+    files.insert("m.xml", format!("<mujoco>{includes}</mujoco>"));
+    let error = load(&files, "m.xml", &LoadOptions::default()).expect_err("too many");
+    let sentence = error.to_string();
+    assert!(
+        sentence.starts_with("b.xml:1: the number of elements of all files"),
+        "{sentence}"
+    );
+    let spaces = " ".repeat(10 << 20);
+    files.insert("b.xml", format!("<mujocoinclude>{spaces}</mujocoinclude>"));
+    let error = load(&files, "m.xml", &LoadOptions::default()).expect_err("too many");
+    let sentence = error.to_string();
+    assert!(
+        sentence.starts_with("m.xml:1: the number of bytes of all files"),
+        "{sentence}"
+    );
+    let value = "x".repeat(1 << 20);
+    let classes: String = (0..900)
+        .map(|number| format!("<default class='{number}'/>"))
+        .collect();
+    let nested = format!("<default><geom user='{value}'/>{classes}</default>");
+    let sentence = read(&nested).expect_err("too many").to_string();
+    assert!(sentence.contains("bytes of all files"), "{sentence}");
+}
+
+/// Names of the pairs of a world's bodies that do not touch, of those that touch others.
+fn apart(scene: &LoadedScene) -> Vec<[&str; 2]> {
+    let groups = |place: usize| {
+        let desc = scene.bodies[place]
+            .builder
+            .desc(BodyId::new(0, 0), ShapeId(0));
+        desc.groups
+    };
+    let mut pairs = Vec::new();
+    for one in 0..scene.bodies.len() {
+        for other in one + 1..scene.bodies.len() {
+            let (a, b) = (groups(one), groups(other));
+            if a.members & b.touches == 0 || b.members & a.touches == 0 {
+                pairs.push([one, other].map(|place| scene.bodies[place].name.as_str()));
+            }
+        }
+    }
+    pairs
+}
+
+/// Names and pairs are those of MuJoCo 4.0.0.
+#[test]
+fn exclusions_and_loops_hold_in_each_copy_as_in_mujoco() {
+    let body = |name: &str, inner: &str| {
+        format!("<body name='{name}'><freejoint name='j{name}'/><geom size='0.1'/>{inner}</body>")
+    };
+    let copies = |count: usize, inner: &str| {
+        format!("<replicate count='{count}' offset='1 0 0'>{inner}</replicate>")
+    };
+    let two = body("a", "") + &body("b", "");
+    let world = |inside: String, pair: [&str; 2]| {
+        let [one, other] = pair;
+        let pair = format!("body1='{one}' body2='{other}'");
+        read(&format!(
+            "<worldbody>{inside}</worldbody><contact><exclude {pair}/></contact><equality><weld {pair}/></equality>"
+        ))
+        .expect("a world")
+    };
+    for (inside, pair, expected) in [
+        (
+            copies(3, &two),
+            ["a", "b"],
+            vec![["a0", "b0"], ["a1", "b1"], ["a2", "b2"]],
+        ),
+        (copies(3, &two), ["a0", "b1"], vec![["a0", "b1"]]),
+        (
+            body("o", "") + &copies(2, &body("a", "")),
+            ["a", "o"],
+            vec![["o", "a0"], ["o", "a1"]],
+        ),
+        (
+            copies(2, &(body("a", "") + &copies(2, &body("b", "")))),
+            ["a", "b"],
+            vec![["a0", "b00"], ["a0", "b10"], ["a1", "b01"], ["a1", "b11"]],
+        ),
+        (
+            copies(2, &copies(2, &two)),
+            ["a", "b"],
+            vec![
+                ["a00", "b00"],
+                ["a10", "b10"],
+                ["a01", "b01"],
+                ["a11", "b11"],
+            ],
+        ),
+    ] {
+        let scene = world(inside, pair);
+        assert_eq!(apart(&scene), expected);
+        let welds = scene.joints.iter().map(|joint| {
+            let mut ends = joint.bodies;
+            ends.sort_unstable();
+            ends.map(|place| scene.bodies[place].name.as_str())
+        });
+        assert_eq!(welds.collect::<Vec<_>>(), expected);
+    }
+}
+
+#[test]
+fn copies_have_the_names_that_mujoco_gives_them() {
+    let ball = "<body name='a'><joint name='j'/><geom size='0.1'/></body>";
+    let scene = read(&format!(
+        "<worldbody><replicate count='2' sep='_'><replicate count='10' sep='-'>{ball}</replicate></replicate></worldbody>"
+    ))
+    .expect("a world");
+    let names: Vec<_> = scene.bodies[1..]
+        .iter()
+        .map(|body| body.name.as_str())
+        .collect();
+    assert_eq!(
+        [names[0], names[9], names[10]],
+        ["a-00_0", "a-09_0", "a-00_1"]
+    );
+    assert_eq!(scene.joints[11].name, "j-01_1");
+    let twice = "<worldbody><body name='a'/><body name='a'/></worldbody>\n<contact><exclude body1='a' body2='a'/></contact>";
+    let sentence = read(twice).expect_err("two have one name").to_string();
+    assert_eq!(sentence, "m.xml:3: two have the name of body \"a\"");
+}
+
+/// Pose and axis of the joint, and the mass, are those of MuJoCo 4.0.0.
+#[test]
+fn joints_and_inertias_inside_frames_are_those_of_their_body() {
+    let frame = "<frame pos='1 0 0' euler='90 0 0'>";
+    let joint = "<joint name='x' pos='0 0 1' axis='0 1 0'/>";
+    let mass = "<inertial mass='3' pos='0 0 1' diaginertia='1 1 1'/>";
+    let scene = read(&format!(
+        "<worldbody><body name='q'>{frame}{joint}{mass}<geom size='1'/></frame></body></worldbody>"
+    ))
+    .expect("a world");
+    assert_eq!((scene.bodies.len(), scene.joints.len()), (2, 1));
+    assert_eq!(self::mass(&scene, 1), 3.0);
+    let frame = scene.joints[0].joint.frames[0];
+    assert!((frame.anchor - Vec3::new(1.0, -1.0, 0.0)).length() < 1e-6);
+    assert!((frame.rotation * Vec3::X - Vec3::Z).length() < 1e-6);
 }
 
 #[test]
