@@ -35,8 +35,7 @@ pub struct FedEngine {
     feed: Arc<SharedFeed>,
     /// Steps taken.
     now: Tick,
-    /// Seconds of a step.
-    dt: f64,
+    stride: Stride,
     /// `None` for a shape without volume.
     masses: BTreeMap<ShapeId, Option<UnitMass>>,
     /// By index.
@@ -47,6 +46,29 @@ pub struct FedEngine {
     observed: Vec<Observation>,
 }
 
+/// A step, as far as velocities at its end follow from poses.
+#[derive(Clone, Copy)]
+struct Stride {
+    /// Seconds.
+    dt: f64,
+    /// Time from the middle of the substeps' displacements to the end of the step, seconds: a substep moves a body by the
+    /// velocity at its end.
+    late: f64,
+    gravity: DVec3,
+}
+
+impl Stride {
+    fn new(config: &SceneConfig) -> Self {
+        let dt = config.integrator.rate.step().seconds();
+        let substeps = f64::from(config.integrator.substeps.get());
+        Self {
+            dt,
+            late: dt * (substeps - 1.0) / (2.0 * substeps),
+            gravity: config.gravity.as_dvec3(),
+        }
+    }
+}
+
 struct FedBody {
     properties: BodyProperties,
     state: BodyState,
@@ -55,6 +77,8 @@ struct FedBody {
     still: u32,
     /// The last step in which it was fed; `None` before the first one.
     fed: Option<Tick>,
+    /// Its displacement over the time of the last step, m/s; `None` where velocities do not follow from poses.
+    mean: Option<DVec3>,
 }
 
 impl FedBody {
@@ -67,6 +91,34 @@ impl FedBody {
     fn rest(&mut self) {
         self.state = self.state.stilled();
         self.activity = Activity::Asleep;
+        self.mean = None;
+    }
+
+    /// A state with the velocities that led to its pose in a step.
+    fn led_to(&mut self, state: &BodyState, stride: &Stride) -> BodyState {
+        let before = self.mean.take();
+        let [from, to] = [&self.state, state].map(|of| of.motion().pose().position);
+        let mean = (to - from) / stride.dt;
+        let gained = before.map_or(DVec3::ZERO, |before| (mean - before) / stride.dt);
+        let fall = self.fall(mean, stride);
+        // It falls if it gains the velocity of a fall rather than none.
+        let rest = match gained.distance(fall) < gained.length() {
+            true => fall * stride.late,
+            false => DVec3::ZERO,
+        };
+        self.mean = Some(mean);
+        moved(&self.state, state, stride.dt, rest)
+    }
+
+    /// The acceleration of a fall at this velocity, m/s².
+    fn fall(&self, velocity: DVec3, stride: &Stride) -> DVec3 {
+        match self.properties.desc.kind {
+            BodyKind::Dynamic => {
+                let gravity = stride.gravity * f64::from(self.properties.desc.gravity_scale);
+                gravity - velocity * f64::from(self.properties.damping.linear)
+            }
+            _ => DVec3::ZERO,
+        }
     }
 
     const fn observation(&self) -> Observation {
@@ -119,7 +171,7 @@ impl FedEngine {
         Self {
             feed,
             now: Tick::ZERO,
-            dt: config.integrator.rate.step().seconds(),
+            stride: Stride::new(config),
             masses: BTreeMap::new(),
             bodies: Vec::new(),
             active: Vec::new(),
@@ -146,7 +198,7 @@ impl FedEngine {
 
     /// Takes the states of this step; `apart`: the ticks to theirs, at least one.
     fn take(&mut self, fed: &FedTick, apart: u64) {
-        let (now, dt) = (self.now, self.dt);
+        let (now, stride) = (self.now, self.stride);
         for (id, state) in &fed.states {
             // The scene may have lost the body, or refused it, since its owner handed the state over.
             let Some(body) = body_of(&mut self.bodies, *id) else {
@@ -158,10 +210,14 @@ impl FedEngine {
             };
             let state = match fed.velocities {
                 FedVelocities::Given => state,
-                FedVelocities::FromPoses => moved(&body.state, &state, dt),
+                FedVelocities::FromPoses => body.led_to(&state, &stride),
             };
             if body.take(now, state) {
                 self.observed.push(body.observation());
+            }
+            // Between ticks that are apart it goes evenly, and does not fall.
+            if apart > 1 || fed.velocities == FedVelocities::Given {
+                body.mean = None;
             }
         }
     }
@@ -201,9 +257,9 @@ fn between(from: &BodyState, to: &BodyState, share: f64) -> BodyState {
     rounded(position, rotation, twist).unwrap_or(*from)
 }
 
-/// A pose with the velocities that led to it from another one in a step; without any if they exceed the limits of commands,
-/// as after a teleport.
-fn moved(from: &BodyState, to: &BodyState, dt: f64) -> BodyState {
+/// A pose with the velocities that led to it from another one in a step, and a rest that they have gained beyond; without any
+/// if they exceed the limits of commands, as after a teleport.
+fn moved(from: &BodyState, to: &BodyState, dt: f64, rest: DVec3) -> BodyState {
     if is_at(from, to) {
         return to.stilled();
     }
@@ -211,7 +267,7 @@ fn moved(from: &BodyState, to: &BodyState, dt: f64) -> BodyState {
     let turn = pose.rotation * from.rotation.conjugate();
     let turn = if turn.w < 0.0 { -turn } else { turn };
     let twist = Twist {
-        linear: (pose.position - from.position) / dt,
+        linear: (pose.position - from.position) / dt + rest,
         angular: turn.normalize().to_scaled_axis() / dt,
     };
     let most = |of: DVec3| of.abs().max_element();
@@ -271,6 +327,7 @@ impl Engine for FedEngine {
             activity: Activity::Awake,
             still: 0,
             fed: None,
+            mean: None,
         };
         if fed.can_move() {
             self.active.push(id);
@@ -286,7 +343,7 @@ impl Engine for FedEngine {
             return;
         };
         slot.properties = *body;
-        slot.still = 0;
+        (slot.still, slot.mean) = (0, None);
         if !slot.can_move() {
             self.calm(id);
         }
@@ -312,7 +369,7 @@ impl Engine for FedEngine {
         };
         if !is_at(&body.state, &put) {
             body.state = put;
-            body.still = 0;
+            (body.still, body.mean) = (0, None);
             self.calm(id);
         }
     }
@@ -327,7 +384,9 @@ impl Engine for FedEngine {
 
     fn push(&mut self, _id: BodyId, _push: Push) {}
 
-    fn set_gravity(&mut self, _gravity: Vec3) {}
+    fn set_gravity(&mut self, gravity: Vec3) {
+        self.stride.gravity = gravity.as_dvec3();
+    }
 
     fn step(&mut self, _lost: &mut Vec<(BodyId, RemovalCause)>) -> Result<(), EngineFault> {
         let before = self.now.value();
@@ -404,9 +463,12 @@ mod tests {
 
     /// A scene of balls at rest in a row, and the feed of it.
     fn scene(count: u32) -> (Scene, Feed) {
+        scene_of(SceneConfig::default(), count)
+    }
+
+    fn scene_of(config: SceneConfig, count: u32) -> (Scene, Feed) {
         let (feeds, name) = (Feeds::default(), "fed".parse().unwrap());
         let feed = feeds.open(&name, Peer(1)).unwrap();
-        let config = SceneConfig::default();
         let engine = FedEngine::new(&config, feeds.of(&name).unwrap());
         let mut scene = Scene::with_engine(config, Box::new(engine)).unwrap();
         let (shape, ball) = (ShapeId(0), Shape::ball(0.5));
@@ -479,10 +541,55 @@ mod tests {
         let dt = 1.0 / 60.0;
         let turned = DQuat::from_rotation_z(3.0 * dt).as_quat().to_array();
         let to = BodyState::new([0.1, 0.0, 0.0], turned, [9.0; 3], [9.0; 3]).unwrap();
-        let [.., vx, vy, vz, wx, wy, wz] = moved(&state(0.0, [0.0; 3]), &to, dt).parts();
+        let [.., vx, vy, vz, wx, wy, wz] =
+            moved(&state(0.0, [0.0; 3]), &to, dt, DVec3::ZERO).parts();
         let off = Vec3::new(vx - 6.0, vy, vz).length() + Vec3::new(wx, wy, wz - 3.0).length();
         assert!(off < 1e-4, "{off}");
         let far = state(900.0, [1.0; 3]);
-        assert_eq!(moved(&state(0.0, [0.0; 3]), &far, dt), far.stilled());
+        assert_eq!(
+            moved(&state(0.0, [0.0; 3]), &far, dt, DVec3::ZERO),
+            far.stilled()
+        );
+    }
+
+    /// A substep adds gravity to the velocity, damps it, and moves the body by it.
+    #[test]
+    fn velocities_that_follow_from_the_poses_of_a_fall_are_those_of_the_substeps() {
+        let mut config = SceneConfig::default();
+        config.integrator.substeps = std::num::NonZeroU32::new(4).unwrap();
+        (config.gravity, config.damping.linear) = (Vec3::new(0.0, -9.81, 0.0), 0.1);
+        let (mut scene, mut feed) = scene_of(config, 2);
+        let dt = config.integrator.rate.step().seconds();
+        let part = dt / 4.0;
+        let (mut place, mut velocity) = ([0.0, 30.0, 0.0], [3.0, 0.0, 0.0]);
+        for tick in 1..=40_u64 {
+            for _ in 0..4 {
+                velocity[1] -= 9.81 * part;
+                for (place, velocity) in place.iter_mut().zip(&mut velocity) {
+                    *velocity /= 1.0 + part * 0.1;
+                    *place += *velocity * part;
+                }
+            }
+            // The other one goes evenly, as on a table.
+            let even = [2.0 * dt * tick as f64, 0.0, 5.0];
+            let states = [place, even].map(|at| {
+                let at = at.map(|part| part as f32);
+                BodyState::new(at, [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]).unwrap()
+            });
+            let states = [0, 1].map(|index| (BodyId::new(index, 0), states[index as usize]));
+            feed.push(Tick::new(tick), &states, FedVelocities::FromPoses, 0);
+            scene.step().unwrap();
+            if tick < 3 {
+                continue;
+            }
+            let off = |index: u32, expected: [f64; 3]| {
+                let mut seen = scene.observations().iter();
+                let seen = seen.find(|seen| seen.id.index() == index).unwrap();
+                let twist = seen.motion.motion().twist();
+                (twist.linear - DVec3::from_array(expected)).length()
+            };
+            assert!(off(0, velocity) < 2e-3, "{tick}: {}", off(0, velocity));
+            assert!(off(1, [2.0, 0.0, 0.0]) < 1e-3, "{tick}");
+        }
     }
 }
