@@ -102,7 +102,8 @@ impl RemoteScene {
         self.origin.as_ref().and_then(SceneServer::address)
     }
 
-    /// The address of the page that shows the scene to browsers of this machine, until the scene is closed.
+    /// The address of the page that shows the scene to browsers of this machine, until the scene is closed. What is queued
+    /// is sent first.
     ///
     /// # Errors
     ///
@@ -110,7 +111,9 @@ impl RemoteScene {
     #[cfg(feature = "serve")]
     pub fn page(&mut self) -> Result<String, BindingError> {
         let origin = self.origin.as_mut();
-        origin.ok_or(BindingError::PageElsewhere)?.page()
+        let address = origin.ok_or(BindingError::PageElsewhere)?.page()?;
+        self.client.flush();
+        Ok(address)
     }
 
     /// The whole state of the scene, with everything that this client has sent: any number of scenes continue from it.

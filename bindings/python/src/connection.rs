@@ -380,7 +380,15 @@ pub(crate) fn serve<'py>(
     let connection = PyConnection::new(format!("{address:?}"), opened, Some(server));
     let joined = Bound::new(py, connection)?.call_method("join", (scene,), options)?;
     if !quiet {
-        let said = format!("rhumb.connect(\"{address}\").join(\"{scene}\") joins this scene");
+        let coordinates = match options {
+            Some(options) => options.get_item("coordinates")?,
+            None => None,
+        };
+        let axes = match coordinates {
+            Some(coordinates) => format!(", coordinates={}", coordinates.repr()?),
+            None => String::new(),
+        };
+        let said = format!("rhumb.connect(\"{address}\").join(\"{scene}\"{axes}) joins this scene");
         py.import("builtins")?.call_method1("print", (said,))?;
     }
     Ok(joined)

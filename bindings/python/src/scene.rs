@@ -922,8 +922,8 @@ impl PyScene {
 
     /// The address of the page that shows this scene to browsers of this machine, until the scene is closed.
     ///
-    /// The server must be in this process: serve, local or LocalServer. While a browser shows a scene of local, the scene's
-    /// server is looked at between calls too, so that one that runs free moves on.
+    /// What is queued is sent first. The server must be in this process: serve, local or LocalServer. While a browser shows a
+    /// scene of local, the scene's server is looked at between calls too, so that one that runs free moves on.
     fn page(&self, py: Python<'_>) -> PyResult<String> {
         self.waiting(py, |opened| opened.scene.page())
     }

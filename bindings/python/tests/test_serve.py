@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 import textwrap
+import time
 import urllib.error
 import urllib.request
 import webbrowser
@@ -45,13 +46,19 @@ def test_another_process_joins_by_the_address_alone(served):
     assert len(served) == 1 and served.error_bound(served.bodies[0]) <= np.float32(0.05)
 
 
-def test_what_it_prints_is_what_another_process_runs(capsys):
-    with rhumb.serve("printed") as scene:
+@pytest.mark.parametrize(("options", "up"), [({}, 1), ({"coordinates": "z-up"}, 2)])
+def test_what_it_prints_is_what_another_process_runs(capsys, options, up):
+    with rhumb.serve("printed", **options) as scene:
+        at = [0.0, 0.0, 0.0]
+        at[up] = 5.0
+        ball = scene.add_body(rhumb.Shape.ball(0.5), at, "fixed")
+        scene.advance()
         line = capsys.readouterr().out
-        call, words = line.strip().split(" ", 1)
+        call, words = line.strip().split(") ", 1)
         assert words == "joins this scene" and scene.address in call
-        with eval(call, {"rhumb": rhumb}) as other:
-            assert other.address is None
+        with eval(call + ")", {"rhumb": rhumb}) as other:
+            other.advance()
+            assert other.address is None and other.positions[other.place(ball)][up] == 5.0
     with rhumb.serve(quiet=True):
         assert capsys.readouterr().out == ""
 
@@ -143,6 +150,21 @@ def test_the_page_of_a_scene_opens_names_it_and_ends_with_it(made, monkeypatch):
         assert scenes == [{"name": "shown/here"}]
     with pytest.raises(urllib.error.URLError):
         read(address)
+
+
+def test_a_page_shows_what_was_queued_before_it():
+    with rhumb.serve("queued", stepping="free running", quiet=True) as scene:
+        scene.add_body(rhumb.Shape.ball(0.5), (0, 9, 0), "fixed")
+        try:
+            rhumb.view(scene, browser=False)
+        except rhumb.DeniedError as missing:
+            pytest.skip(str(missing))
+        with rhumb.connect(scene.address).join("queued") as other:
+            ends = time.monotonic() + 20
+            while not len(other):
+                assert time.monotonic() < ends, "the body is not there"
+                other.idle(0.02)
+                other.poll()
 
 
 def test_the_page_of_a_server_elsewhere_is_not_known_here(served):

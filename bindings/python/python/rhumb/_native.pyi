@@ -1019,8 +1019,8 @@ class Scene:
     def page(self) -> str:
         """The address of the page that shows this scene to browsers of this machine, until the scene is closed.
 
-        The server must be in this process: serve, local or LocalServer. While a browser shows a scene of local, the scene's
-        server is looked at between calls too, so that one that runs free moves on.
+        What is queued is sent first. The server must be in this process: serve, local or LocalServer. While a browser shows a
+        scene of local, the scene's server is looked at between calls too, so that one that runs free moves on.
         """
     def save(self) -> Checkpoint:
         """The whole state of the scene, with everything that this client has sent: bodies, joints, sleep, contacts, and the
