@@ -291,7 +291,9 @@ fn body(
         true => BodyDesc::fixed(shape),
         false => BodyDesc::dynamic(shape).mass_of(mass(body, moments, report)),
     };
-    builder = builder.collision_groups(body.groups);
+    builder = builder
+        .collision_groups(body.groups)
+        .gravity_scale(body.gravity_scale as f32);
     if let Some(friction) = body.friction {
         builder = builder.material(Material {
             friction: friction.clamp(0.0, f64::from(FRICTION_MAX)) as f32,

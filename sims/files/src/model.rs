@@ -120,6 +120,8 @@ pub(crate) struct ModelBody {
     pub(crate) groups: CollisionGroups,
     /// Coefficient, where the file says it.
     pub(crate) friction: Option<f64>,
+    /// Factor on gravity.
+    pub(crate) gravity_scale: f64,
 }
 
 /// A solid of a body.

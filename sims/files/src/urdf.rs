@@ -209,6 +209,7 @@ impl Reader<'_> {
             solids: Vec::new(),
             groups,
             friction: None,
+            gravity_scale: 1.0,
         });
         self.of_link[link] = (place, Pose::IDENTITY);
         place

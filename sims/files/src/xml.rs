@@ -9,7 +9,7 @@ use glam::DVec3;
 use roxmltree::{Document, Node, ParsingOptions};
 
 use crate::files::Files;
-use crate::report::{LoadError, Place, Problem};
+use crate::report::{Effect, LoadError, Place, Problem, Report};
 
 /// Bytes of a file of elements.
 pub(crate) const XML_BYTES_MAX: usize = 32 << 20;
@@ -264,6 +264,16 @@ impl Element {
                 part: name,
             })
         })
+    }
+
+    /// Notes attributes that no reader knows, as left out.
+    pub(crate) fn note_unread(&self, known: &[&[&str]], why: &'static str, report: &mut Report) {
+        for (name, _) in &self.attributes {
+            if !known.iter().any(|names| names.contains(&name.as_str())) {
+                let subject = format!("{} {name}", self.name);
+                report.again(&self.place(), subject, Effect::Left, why);
+            }
+        }
     }
 
     /// All numbers of an attribute; `None` where it is not given.

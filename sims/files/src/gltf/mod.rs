@@ -694,6 +694,7 @@ fn fixed(name: &str, place: &Place, pose: Pose, inertia: Inertia) -> ModelBody {
         solids: Vec::new(),
         groups: CollisionGroups::ALL,
         friction: None,
+        gravity_scale: 1.0,
     }
 }
 

@@ -88,6 +88,8 @@ impl CopyOf {
 pub(crate) struct Held {
     /// `None`: the world.
     pub(crate) body: Option<usize>,
+    /// The file's body, which may be one here with others; zero: the world.
+    pub(crate) part: usize,
     /// In the file's world.
     pub(crate) frame: Pose,
 }
@@ -178,9 +180,13 @@ impl Names {
 }
 
 fn world() -> Named {
-    let (body, frame) = (None, Pose::IDENTITY);
+    let held = Held {
+        body: None,
+        part: 0,
+        frame: Pose::IDENTITY,
+    };
     Named {
         copy: Rc::default(),
-        held: Held { body, frame },
+        held,
     }
 }

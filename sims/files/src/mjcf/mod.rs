@@ -4,6 +4,7 @@
 //! Parts of the format beyond bodies, joints, shapes and their contacts are noted.
 
 mod classes;
+mod contacts;
 mod copies;
 mod geoms;
 mod joints;
@@ -16,8 +17,9 @@ use rhumb_protocol::limits::BODIES_MAX;
 use rhumb_protocol::scene::{CollisionGroups, JointKind};
 
 use classes::{Classes, Compiler, InertiaFrom, expand, truth};
+use contacts::{Bits, Excluded, Parts, groups};
 use copies::{CopyOf, Held, Names, Work};
-use geoms::{Assets, Bits, Rules, groups, note_settings};
+use geoms::{Assets, Rules, note_settings};
 use joints::{Hinge, connect};
 
 use crate::files::Files;
@@ -31,6 +33,35 @@ use crate::xml::Element;
 
 /// Bodies inside each other.
 const DEPTH_MAX: usize = 200;
+
+/// Why an attribute is left out that nothing here knows.
+const UNREAD: &str = "the format has no such attribute, or it is not read";
+
+/// Attributes of a pose.
+const POSE: [&str; 6] = ["pos", "quat", "axisangle", "xyaxes", "zaxis", "euler"];
+
+/// Settings of the compiler that are read, or that say nothing of physics.
+const COMPILER: [&str; 19] = [
+    "angle",
+    "coordinate",
+    "eulerseq",
+    "autolimits",
+    "strippath",
+    "meshdir",
+    "assetdir",
+    "texturedir",
+    "inertiafromgeom",
+    "inertiagrouprange",
+    "settotalmass",
+    "boundmass",
+    "boundinertia",
+    "balanceinertia",
+    "discardvisual",
+    "convexhull",
+    "fusestatic",
+    "usethread",
+    "saveinertial",
+];
 
 /// Reads a world.
 pub(crate) fn read(
@@ -60,7 +91,8 @@ pub(crate) fn read(
         bits: Vec::new(),
         names: Names::default(),
         anchor: None,
-        apart: BTreeSet::new(),
+        parts: Parts::default(),
+        part: 0,
         work,
         depth: 0,
     };
@@ -83,6 +115,7 @@ pub(crate) fn read(
             copy: Rc::default(),
         };
         reader.flatten(&world, &mut all)?;
+        reader.part = 0;
         reader.parts(&all, None)?;
         reader.bodies(&all, None)?;
     }
@@ -96,6 +129,7 @@ pub(crate) fn read(
     scale_masses(bodies, joints, reader.report);
     add_armatures(bodies, joints, reader.report);
     let excluded = reader.excluded(&root)?;
+    reader.name_geoms();
     reader.equalities(&root)?;
     if options.own_contacts == OwnContacts::AsFile {
         let groups = groups(&reader.bits, &excluded, &main, reader.report);
@@ -120,8 +154,9 @@ struct Reader<'a> {
     names: Names,
     /// A body without shape to which joints of the world are made.
     anchor: Option<usize>,
-    /// Pairs that a chain of joints connects.
-    apart: BTreeSet<(usize, usize)>,
+    parts: Parts,
+    /// The number of the file's body whose geoms are read.
+    part: usize,
     work: Work,
     depth: usize,
 }
@@ -137,11 +172,26 @@ struct Inner<'a> {
 impl Reader<'_> {
     /// Options, and notes on sections that a scene has nothing for.
     fn sections(&mut self, root: &Element) -> Result<(), LoadError> {
+        const EMPTY: [&str; 6] = [
+            "actuator",
+            "sensor",
+            "tendon",
+            "keyframe",
+            "custom",
+            "extension",
+        ];
         for section in &root.children {
             match section.name.as_str() {
-                "compiler" | "default" | "worldbody" | "asset" | "contact" | "equality" => {}
+                "default" | "worldbody" | "asset" | "contact" | "equality" => {}
                 "size" | "visual" | "statistic" => {}
+                "compiler" => section.note_unread(&[&COMPILER], UNREAD, self.report),
                 "option" => self.option(section)?,
+                name if section.children.is_empty() && !EMPTY.contains(&name) => {
+                    let why = "the format has no such section, or it is not read";
+                    let place = section.place();
+                    self.report
+                        .again(&place, name.to_owned(), Effect::Left, why);
+                }
                 name => {
                     for element in &section.children {
                         let why = "a scene has no such thing";
@@ -200,6 +250,8 @@ impl Reader<'_> {
             let (frame, copy) = (around.frame, around.copy.clone());
             match element.name.as_str() {
                 "frame" => {
+                    let known = [POSE.as_slice(), &["name", "childclass"]];
+                    element.note_unread(&known, UNREAD, self.report);
                     let frame = frame.of(&self.compiler.pose(element)?);
                     let inner = Inner {
                         element,
@@ -300,6 +352,8 @@ impl Reader<'_> {
                 most: DEPTH_MAX,
             }));
         }
+        let known = ["name", "childclass", "mocap", "gravcomp", "user"];
+        element.note_unread(&[&POSE, &known], UNREAD, self.report);
         let class = element.text("childclass").or(inner.class);
         let frame = inner.frame.of(&self.compiler.pose(element)?);
         let mut all = Vec::new();
@@ -321,17 +375,43 @@ impl Reader<'_> {
             true => None,
             false => Some(self.push(element, &inner.copy, frame, false)?),
         };
-        self.parts(&all, own.or(holding))?;
+        let part = self.parts.begin();
+        self.part = part;
+        let owner = own.or(holding);
+        let before = owner.map_or(0.0, |body| self.model.bodies[body].inertia.mass);
+        self.parts(&all, owner)?;
+        if let Some(owner) = owner {
+            self.lift(element, owner, before)?;
+        }
         let now = match (holder, own) {
             (Some(holder), Some(own)) => Some(self.join(holder, own, &hinges, holding.is_none())),
             (_, own) => own,
         };
         let body = now.or(holding);
         if let Some(name) = element.text("name") {
-            self.names.insert(name, &inner.copy, Held { body, frame });
+            self.names
+                .insert(name, &inner.copy, Held { body, part, frame });
         }
         self.bodies(&all, body)?;
         self.depth -= 1;
+        Ok(())
+    }
+
+    /// Takes from the gravity of a body what the file compensates. `before`: its mass without the element's own, kg.
+    fn lift(&mut self, element: &Element, body: usize, before: f64) -> Result<(), LoadError> {
+        let own = 1.0 - element.number("gravcomp")?.unwrap_or_default();
+        let body = &mut self.model.bodies[body];
+        let mass = body.inertia.mass;
+        if before <= 0.0 {
+            body.gravity_scale = own;
+        } else if own != body.gravity_scale && mass > before {
+            let whole = before * body.gravity_scale + (mass - before) * own;
+            body.gravity_scale = whole / mass;
+            let why = "parts that nothing moves against each other are one body, which gravity pulls at its centre of mass";
+            let subject = "body gravcomp".to_owned();
+            self.report
+                .again(&element.place(), subject, Effect::Approximated, why);
+        }
         Ok(())
     }
 
@@ -365,8 +445,9 @@ impl Reader<'_> {
         if now != own {
             self.bits.resize(now + 1, Bits::default());
             self.bits.swap(own, now);
+            self.parts.moved(self.part, own, now);
             if !collide {
-                self.apart.insert((holder, now));
+                self.parts.add_chain(holder, now);
             }
         }
         now
@@ -397,6 +478,7 @@ impl Reader<'_> {
             solids: Vec::new(),
             groups: CollisionGroups::ALL,
             friction: None,
+            gravity_scale: 1.0,
         });
         self.bits.resize(place + 1, Bits::default());
         Ok(place)
@@ -413,8 +495,10 @@ impl Reader<'_> {
         Ok(anchor)
     }
 
-    fn inertial(&self, inner: &Inner<'_>) -> Result<Inertia, LoadError> {
+    fn inertial(&mut self, inner: &Inner<'_>) -> Result<Inertia, LoadError> {
         let element = inner.element;
+        let known = ["mass", "diaginertia", "fullinertia"];
+        element.note_unread(&[&POSE, &known], UNREAD, self.report);
         let mass = element.needs_number("mass")?;
         let tensor = match element.array::<6>("fullinertia", "6")? {
             Some([xx, yy, zz, xy, xz, yz]) => DMat3::from_cols(
@@ -504,6 +588,7 @@ impl Reader<'_> {
             Some(body) => body,
             None => self.push(element, &inner.copy, pose, true)?,
         };
+        self.parts.add(self.part, body);
         let all = &mut self.bits[body];
         if *all != bits && *all != Bits::default() {
             let why = "contact bits are those of a body: of its geoms together";
@@ -540,7 +625,7 @@ impl Reader<'_> {
 
     /// Pairs of bodies that do not touch, the lower place first.
     fn excluded(&mut self, root: &Element) -> Result<BTreeSet<(usize, usize)>, LoadError> {
-        let mut pairs = std::mem::take(&mut self.apart);
+        let mut excluded = Vec::new();
         for element in root.each("contact").flat_map(|contact| &contact.children) {
             if element.name != "exclude" {
                 let why = "bodies touch by groups, not by pairs";
@@ -550,15 +635,42 @@ impl Reader<'_> {
                 continue;
             }
             element.needs("body2")?;
+            element.note_unread(&[&["name", "body1", "body2"]], UNREAD, self.report);
             for ends in self.names.pairs(element, &mut self.work)? {
-                if let [Some(a), Some(b)] = ends.map(|end| end.body)
-                    && a != b
-                {
-                    pairs.insert((a.min(b), a.max(b)));
+                let [one, other] = ends.map(|end| self.parts.bodies(end.part));
+                for (one, other) in one.iter().flat_map(|one| other.iter().map(|b| (*one, *b))) {
+                    self.work.add(element, 0)?;
+                    excluded.push(Excluded::new(
+                        [one, other],
+                        ends.map(|end| end.part),
+                        element,
+                    ));
                 }
             }
         }
-        Ok(pairs)
+        let joints = self.model.joints.iter().filter(|joint| !joint.collide);
+        let joined = joints.map(|joint| joint.bodies.into()).collect();
+        let parts = std::mem::take(&mut self.parts);
+        Ok(parts.apart(&excluded, &joined, self.report))
+    }
+
+    /// Names the fixed bodies of geoms so that a body's name is the body's.
+    fn name_geoms(&mut self) {
+        let bodies = &mut self.model.bodies;
+        let own = bodies.iter().filter(|body| !body.fixed);
+        let taken: BTreeSet<_> = own.map(|body| body.name.clone()).collect();
+        for body in bodies.iter_mut().filter(|body| body.fixed) {
+            let subject = format!("geom \"{}\"", body.name);
+            while taken.contains(&body.name) {
+                body.name = format!("geom {}", body.name);
+            }
+            if subject != format!("geom \"{}\"", body.name) {
+                let why = "a body has that name too, and keeps it";
+                let value = format!("now \"{}\"", body.name);
+                self.report
+                    .add(&body.place, subject, value, Effect::Changed, why);
+            }
+        }
     }
 
     fn equalities(&mut self, root: &Element) -> Result<(), LoadError> {
@@ -591,6 +703,14 @@ impl Reader<'_> {
         kind: JointKind,
         ends: [Held; 2],
     ) -> Result<(), LoadError> {
+        let known = [
+            "name", "class", "active", "body1", "body2", "anchor", "relpose",
+        ];
+        element.note_unread(
+            &[&known],
+            "a joint that closes a loop has no such setting",
+            self.report,
+        );
         let mut bodies = [0; 2];
         for (place, end) in bodies.iter_mut().zip(ends) {
             *place = match end.body {
@@ -631,5 +751,7 @@ fn too_many(element: &Element, found: usize) -> LoadError {
     })
 }
 
+#[cfg(test)]
+mod body_tests;
 #[cfg(test)]
 mod tests;

@@ -10,7 +10,7 @@ use crate::load::{load, load_text};
 use crate::model::LoadOptions;
 use crate::report::{Effect, LoadError};
 
-fn read(inside: &str) -> Result<LoadedScene, LoadError> {
+pub(super) fn read(inside: &str) -> Result<LoadedScene, LoadError> {
     let text = format!("<mujoco model='m'>\n{inside}</mujoco>");
     load_text(
         &MemoryFiles::default(),
@@ -20,7 +20,7 @@ fn read(inside: &str) -> Result<LoadedScene, LoadError> {
     )
 }
 
-fn mass(scene: &LoadedScene, body: usize) -> f32 {
+pub(super) fn mass(scene: &LoadedScene, body: usize) -> f32 {
     let desc = scene.bodies[body]
         .builder
         .desc(BodyId::new(0, 0), ShapeId(0));
@@ -436,7 +436,7 @@ fn elements_of_all_included_files_are_counted_together() {
 }
 
 /// Names of the pairs of a world's bodies that do not touch, of those that touch others.
-fn apart(scene: &LoadedScene) -> Vec<[&str; 2]> {
+pub(super) fn apart(scene: &LoadedScene) -> Vec<[&str; 2]> {
     let groups = |place: usize| {
         let desc = scene.bodies[place]
             .builder
