@@ -211,8 +211,8 @@ impl ShownPose {
 /// The bound on the error of a body that is shown with this pose at this moment.
 ///
 /// The truth between two ticks lies between those of the ticks: its position on the straight line, its rotation on the
-/// shortest turn. A body that jumps at the next tick is at its first place until then. The rounding of poses to 32 bits does
-/// not count. `step`: the time between two ticks.
+/// shortest turn. A body that jumps at the next tick is at its first place until then. The rounding of the shown pose to 32
+/// bits counts from [`COUNTED_ROUNDING`] on. `step`: the time between two ticks.
 pub(crate) fn shown_bound(
     stream: &Subscriber,
     id: BodyId,
@@ -257,12 +257,18 @@ fn finite_bound(
 
 /// The distance of any point of a body at the shown pose from where the stream has it, at most.
 fn distance(shown: &ShownPose, known: &Motion, radius: Metres) -> f64 {
-    if *shown == ShownPose::of(known) {
+    let apart = Divergence::between(&shown.exactly(), &known.pose());
+    let off = apart.surface_error(radius).metres();
+    let is_rounded = *shown == ShownPose::of(known);
+    if is_rounded && off < COUNTED_ROUNDING {
         return 0.0;
     }
-    let apart = Divergence::between(&shown.exactly(), &known.pose());
-    apart.surface_error(radius).metres()
+    off
 }
+
+/// Rounding of a shown pose that is in its bound, metres: the unit of tolerances on the wire. Within some metres of the
+/// origin rounding is less, and a bound is that of the stream.
+const COUNTED_ROUNDING: f64 = 1e-6;
 
 /// The bound at a moment of a motion, in metres; `ends`: the greater bound of its ticks.
 fn bound_at_moment(motion: &MomentMotion, ends: f64, radius: Metres, fraction: f64) -> f64 {
