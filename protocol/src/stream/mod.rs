@@ -255,6 +255,11 @@ impl TokenBucket {
         self.left = self.left.saturating_sub(bytes as i64 * BILLION);
     }
 
+    /// True if at least half of the burst is unspent.
+    const fn is_half_full(&self) -> bool {
+        self.left >= self.most / 2
+    }
+
     /// The unspent whole bytes.
     fn left(&self) -> u64 {
         (self.left.max(0) / BILLION) as u64

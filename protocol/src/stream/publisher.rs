@@ -66,11 +66,9 @@ impl Publisher {
 
     /// Holds the stream to a budget from now on.
     ///
-    /// Attachment is switched off, so that each update is useful alone. Repair symbols are switched off, because they
-    /// would take bytes from updates.
+    /// Attachment is switched off, so that each update is useful alone.
     pub fn limit(&mut self, budget: Budget) {
         self.features.attached = false;
-        self.packer.stop_repair_symbols();
         let rate = self.published.tracks().integrator().rate;
         self.queue = Some(UpdateQueue::new(budget, rate));
     }
@@ -235,9 +233,14 @@ impl Publisher {
         }
     }
 
-    /// Encodes the repair symbols that are due after a published tick, silent or not, and appends them to `out`.
+    /// Encodes the repair symbols that are due after a published tick, silent or not, and appends them to `out`. A budget
+    /// pays for them, and has none while it does not suffice for updates.
     pub fn encode_repair_symbols(&mut self, redundancy: Redundancy, out: &mut Vec<Bytes>) {
+        let spares = self.queue.as_ref().is_none_or(UpdateQueue::spares);
+        let redundancy = if spares { redundancy } else { Redundancy::Off };
+        let first = out.len();
         self.packer.encode_repair_symbols(redundancy, out);
+        self.pay(out[first..].iter().map(Bytes::len).sum());
     }
 
     /// Answers the only receiver of a stream, which is sent all repair symbols: see `answer_one`.

@@ -13,7 +13,7 @@ use rhumb_protocol::packet::{LargestPacket, StreamId};
 use rhumb_protocol::scene::{PublishSchedule, Stepping};
 use rhumb_protocol::stream::{
     Activity, Budget, ErrorBound, Features, Observation, ObservationHistory, PredictionParameters,
-    Publisher, StreamConfig,
+    Publisher, Redundancy, StreamConfig,
 };
 use rhumb_reckoning::{BodyId, BodyState, Integrator, Metres, Rate, Tick, Tolerance, Track};
 use rhumb_sims::by_name;
@@ -72,6 +72,19 @@ fn bounds_are_true_while_a_budget_does_not_suffice() {
             stage.histories[member].judge(&truth, &what);
         }
     }
+}
+
+#[test]
+fn losses_are_restored_from_repair_symbols_that_an_ample_budget_pays() {
+    let links = "rtt=80ms,loss=5%,jitter=10ms";
+    let choice = capped(40_000);
+    let mut stage = stage("tumbler", choice, Stepping::FreeRunning, links, seed(31));
+    stage.run_script(Span::from_millis(12_000));
+    let truth = stage.truth();
+    stage.histories[COMMANDER].judge(&truth, "the member with a budget");
+    let read = stage.copy(COMMANDER).stream().statistics();
+    assert!(read.rebuilt > 10, "{read:?}");
+    assert!(read.rebuilt > 2 * read.refreshes, "{read:?}");
 }
 
 #[test]
@@ -195,6 +208,15 @@ impl CappedStream {
         }
     }
 
+    /// Publishes one tick on a link that loses much; returns the bytes of its packets, and of its repair symbols.
+    fn step_with_symbols(&mut self) -> [usize; 2] {
+        let packets = self.step();
+        let mut symbols = Vec::new();
+        self.publisher
+            .encode_repair_symbols(Redundancy::Thick, &mut symbols);
+        [packets, symbols.iter().map(Bytes::len).sum()]
+    }
+
     /// Publishes one tick; returns the bytes of its packets.
     fn step(&mut self) -> usize {
         self.tick += 1;
@@ -264,6 +286,28 @@ fn other_datagrams_count_against_the_budget() {
     let (alone, beside) = (sent(0), sent(100));
     assert!(alone > 20 * 500, "{alone}");
     assert!(alone - beside > 20 * 90, "{beside} of {alone}");
+}
+
+#[test]
+fn repair_symbols_are_paid_from_a_budget_that_suffices() {
+    // The bodies of a tick take some 400 bytes, so the first budget never suffices and the second one always does.
+    for (bytes_per_second, suffices) in [(600, false), (100_000, true)] {
+        let burst = (bytes_per_second / 4).max(1_150);
+        let budget = Budget::new(bytes_per_second, burst).expect("within the limits");
+        let mut stage = CappedStream::new(budget);
+        let mut sent = [0; 2];
+        for _ in 0..20 * SECOND {
+            let [packets, symbols] = stage.step_with_symbols();
+            sent = [sent[0] + packets, sent[1] + symbols];
+        }
+        let over_budget = stage.publisher.statistics().over_budget;
+        assert_eq!(over_budget == 0, suffices, "{over_budget}");
+        assert_eq!(sent[1] > sent[0] / 2, suffices, "{sent:?}");
+        // Where it does not suffice, half of the first burst is all that symbols may take.
+        assert!(suffices || sent[1] < burst as usize, "{sent:?}");
+        let most = 20 * bytes_per_second as usize + burst as usize;
+        assert!(sent[0] + sent[1] <= most, "{sent:?} of {most}");
+    }
 }
 
 #[test]

@@ -67,11 +67,6 @@ impl Packer {
         }
     }
 
-    /// Makes no repair symbols from now on.
-    pub(super) const fn stop_repair_symbols(&mut self) {
-        self.redundancy = false;
-    }
-
     /// Splits the updates of one tick into datagrams.
     ///
     /// An update that builds on another body's track comes after that body, in the same packet or a later one.
@@ -499,30 +494,6 @@ mod tests {
         fn a_packet_that_was_never_sent_has_no_refresh() {
             let packer = Packer::new(StreamId(1), LargestPacket::DEFAULT, &Features::ALL);
             assert_eq!(packer.refresh(0, &AT, |_| None), None);
-        }
-
-        #[test]
-        fn a_packer_that_stopped_repair_symbols_makes_none() {
-            for stops in [false, true] {
-                let mut packer = Packer::new(StreamId(1), LargestPacket::DEFAULT, &Features::ALL);
-                if stops {
-                    packer.stop_repair_symbols();
-                }
-                let mut out = Vec::new();
-                let (mut updates, alias_table) = updates(3);
-                packer.pack(&AT, &mut updates, alias_table.aliases(), &mut out);
-                let report = LossReport {
-                    next: Low16::of(1),
-                    abandoned: Low16::of(0),
-                    repair_symbols: 1,
-                    lost: alloc::vec![Low16::of(0)],
-                };
-                let mut answer = Vec::new();
-                let refreshed = packer.answer(&report, None, &mut answer);
-                let is_symbol = |datagram: &Bytes| kind(datagram) == PacketKind::RepairSymbol;
-                assert_eq!(answer.iter().any(is_symbol), !stops);
-                assert_eq!(refreshed.contains(&0), stops);
-            }
         }
     }
 

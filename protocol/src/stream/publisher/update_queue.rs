@@ -161,6 +161,11 @@ impl UpdateQueue {
         self.token_bucket.spend(bytes);
     }
 
+    /// True if no body waits, and half of the burst is unspent: then repair symbols take nothing from updates.
+    pub(super) fn spares(&self) -> bool {
+        self.waiting.is_empty() && self.token_bucket.is_half_full()
+    }
+
     /// Pays for the packets of a tick, which state the error scale.
     pub(super) fn pay_packets(&mut self, bytes: usize) {
         self.pay(bytes);
