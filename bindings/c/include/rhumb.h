@@ -490,8 +490,8 @@ typedef uint32_t RhumbEventKind;
 #endif // __STDC_VERSION__ >= 202311L
 #endif // __cplusplus
 
-// The kind of a request. Those that move a body are answered by what is fed; those that add, change or remove something
-// change the scene once they are accepted.
+// The kind of a request. Those that move a body are answered by what is fed; those that add, change or remove
+// something change the scene once they are accepted.
 enum RhumbRequestKind
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
   : uint32_t
@@ -510,11 +510,11 @@ enum RhumbRequestKind
   RHUMB_REQUEST_KIND_SET_POSE,
   // `body` with `linear_velocity` and `angular_velocity`.
   RHUMB_REQUEST_KIND_SET_VELOCITY,
-  // A force for one tick: `vector`, at `point` if `has_point` is not zero.
+  // A force for one tick: `vector`, at `point` if it has one.
   RHUMB_REQUEST_KIND_APPLY_FORCE,
   // A torque for one tick: `vector`.
   RHUMB_REQUEST_KIND_APPLY_TORQUE,
-  // A change of momentum: `vector`, at `point` if `has_point` is not zero.
+  // A change of momentum: `vector`, at `point` if it has one.
   RHUMB_REQUEST_KIND_APPLY_IMPULSE,
   // A change of angular momentum: `vector`.
   RHUMB_REQUEST_KIND_APPLY_TORQUE_IMPULSE,

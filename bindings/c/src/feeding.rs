@@ -3,9 +3,7 @@
 use std::ffi::c_char;
 
 use rhumb_bindings::rhumb_client::{BodyId, Tick};
-use rhumb_bindings::{
-    BindingError, FedArrays, OwnServer, RequestKind, RequestRecord, Rows, packed_id,
-};
+use rhumb_bindings::{BindingError, FedArrays, OwnServer, RequestRecord, Rows, packed_id};
 
 use crate::border::{
     RhumbCode, check_out, copy_text, elements, guard, optional_text, text, value, write,
@@ -15,6 +13,7 @@ use crate::connection::{FREE_PORT, RhumbLocalServer, insert_server, reach, serve
 use crate::connection::{RhumbConnection, insert, time_limit};
 use crate::descriptions::RhumbBody;
 use crate::files::RHUMB_NAME_BYTES;
+use crate::generated::RhumbRequestKind;
 use crate::scene::{RhumbScene, with, with_requests};
 
 /// Connects the client that will feed a scene: one whose engine is the caller's.
@@ -170,68 +169,6 @@ unsafe fn optional_rows<'a, const WIDTH: usize>(
     // SAFETY: the caller promises the rows.
     let rows = unsafe { elements(pointer.cast(), count, argument) }?;
     Ok(Some(Rows::Each(rows)))
-}
-
-/// The kind of a request. Those that move a body are answered by what is fed; those that add, change or remove something
-/// change the scene once they are accepted.
-#[repr(u32)]
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum RhumbRequestKind {
-    /// There was no request.
-    None,
-    /// A new body, of an id that it has already: `body`, `position`, `rotation`, `linear_velocity`, `angular_velocity`.
-    /// Once it is accepted, feed it.
-    AddBody,
-    /// The removal of `body`.
-    RemoveBody,
-    /// Other properties of `body`.
-    ChangeBody,
-    /// `body` at `position` and `rotation`.
-    SetPose,
-    /// `body` with `linear_velocity` and `angular_velocity`.
-    SetVelocity,
-    /// A force for one tick: `vector`, at `point` if `has_point` is not zero.
-    ApplyForce,
-    /// A torque for one tick: `vector`.
-    ApplyTorque,
-    /// A change of momentum: `vector`, at `point` if `has_point` is not zero.
-    ApplyImpulse,
-    /// A change of angular momentum: `vector`.
-    ApplyTorqueImpulse,
-    /// `body` asleep.
-    Sleep,
-    /// `body` awake.
-    Wake,
-    /// Another gravity: `vector`.
-    SetGravity,
-    /// A new joint; `body` is its first one.
-    AddJoint,
-    /// Other limits and motors of a joint; `body` is its first one.
-    ChangeJoint,
-    /// The removal of a joint.
-    RemoveJoint,
-}
-
-impl RhumbRequestKind {
-    const fn of(kind: RequestKind) -> Self {
-        match kind {
-            RequestKind::AddBody => Self::AddBody,
-            RequestKind::RemoveBody => Self::RemoveBody,
-            RequestKind::ChangeBody => Self::ChangeBody,
-            RequestKind::SetPose => Self::SetPose,
-            RequestKind::SetVelocity => Self::SetVelocity,
-            RequestKind::ApplyForce => Self::ApplyForce,
-            RequestKind::ApplyTorque => Self::ApplyTorque,
-            RequestKind::ApplyImpulse => Self::ApplyImpulse,
-            RequestKind::ApplyTorqueImpulse => Self::ApplyTorqueImpulse,
-            RequestKind::Sleep => Self::Sleep,
-            RequestKind::Wake => Self::Wake,
-            RequestKind::SetGravity => Self::SetGravity,
-            RequestKind::AddJoint => Self::AddJoint,
-            RequestKind::ChangeJoint => Self::ChangeJoint,
-            RequestKind::RemoveJoint => Self::RemoveJoint,
-        }
-    }
 }
 
 /// A command of another member, which has changed nothing yet. Fields that its kind does not name are zero.

@@ -1,4 +1,4 @@
-//! Commands, records and kinds of events of C.
+//! Commands, records and kinds of events and requests of C.
 //!
 //! Made by `bindings/table` from `spec/tables/protocol.json`; do not edit.
 
@@ -7,7 +7,7 @@ use rhumb_bindings::rhumb_client::scene::{
     ActiveEvents, Character, CharacterStep, Command, JumpFrom, Locomotion, Vehicle, Wheel,
     WheelInput,
 };
-use rhumb_bindings::{BindingError, EventKind, parse_packed_id};
+use rhumb_bindings::{BindingError, EventKind, RequestKind, parse_packed_id};
 
 use crate::border::{RhumbCode, elements, guard, one_of, value};
 use crate::descriptions::RhumbBody;
@@ -590,6 +590,68 @@ impl RhumbEventKind {
             EventKind::Denied => Self::Denied,
             EventKind::Ended => Self::Ended,
             EventKind::Other => Self::Other,
+        }
+    }
+}
+
+/// The kind of a request. Those that move a body are answered by what is fed; those that add, change or remove
+/// something change the scene once they are accepted.
+#[repr(u32)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RhumbRequestKind {
+    /// There was no request.
+    None,
+    /// A new body, of an id that it has already: `body`, `position`, `rotation`, `linear_velocity`, `angular_velocity`.
+    /// Once it is accepted, feed it.
+    AddBody,
+    /// The removal of `body`.
+    RemoveBody,
+    /// Other properties of `body`.
+    ChangeBody,
+    /// `body` at `position` and `rotation`.
+    SetPose,
+    /// `body` with `linear_velocity` and `angular_velocity`.
+    SetVelocity,
+    /// A force for one tick: `vector`, at `point` if it has one.
+    ApplyForce,
+    /// A torque for one tick: `vector`.
+    ApplyTorque,
+    /// A change of momentum: `vector`, at `point` if it has one.
+    ApplyImpulse,
+    /// A change of angular momentum: `vector`.
+    ApplyTorqueImpulse,
+    /// `body` asleep.
+    Sleep,
+    /// `body` awake.
+    Wake,
+    /// Another gravity: `vector`.
+    SetGravity,
+    /// A new joint; `body` is its first one.
+    AddJoint,
+    /// Other limits and motors of a joint; `body` is its first one.
+    ChangeJoint,
+    /// The removal of a joint.
+    RemoveJoint,
+}
+
+impl RhumbRequestKind {
+    pub(crate) const fn of(kind: RequestKind) -> Self {
+        match kind {
+            RequestKind::AddBody => Self::AddBody,
+            RequestKind::RemoveBody => Self::RemoveBody,
+            RequestKind::ChangeBody => Self::ChangeBody,
+            RequestKind::SetPose => Self::SetPose,
+            RequestKind::SetVelocity => Self::SetVelocity,
+            RequestKind::ApplyForce => Self::ApplyForce,
+            RequestKind::ApplyTorque => Self::ApplyTorque,
+            RequestKind::ApplyImpulse => Self::ApplyImpulse,
+            RequestKind::ApplyTorqueImpulse => Self::ApplyTorqueImpulse,
+            RequestKind::Sleep => Self::Sleep,
+            RequestKind::Wake => Self::Wake,
+            RequestKind::SetGravity => Self::SetGravity,
+            RequestKind::AddJoint => Self::AddJoint,
+            RequestKind::ChangeJoint => Self::ChangeJoint,
+            RequestKind::RemoveJoint => Self::RemoveJoint,
         }
     }
 }

@@ -15,68 +15,10 @@ use rhumb_client::{BodyCentres, BodyId, BodyState, FedRequest, FedVelocities};
 use crate::coordinates::Coordinates;
 use crate::descriptions::StateRecord;
 use crate::error::BindingError;
+use crate::generated::RequestKind;
 use crate::records::parse_packed_id;
 
-/// The kind of a request.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum RequestKind {
-    /// A new body, of an id that it has already.
-    AddBody,
-    /// The removal of a body.
-    RemoveBody,
-    /// Other properties of a body.
-    ChangeBody,
-    /// A body at a pose.
-    SetPose,
-    /// A body with these velocities.
-    SetVelocity,
-    /// A force for one tick.
-    ApplyForce,
-    /// A torque for one tick.
-    ApplyTorque,
-    /// A change of momentum.
-    ApplyImpulse,
-    /// A change of angular momentum.
-    ApplyTorqueImpulse,
-    /// A body asleep.
-    Sleep,
-    /// A body awake.
-    Wake,
-    /// Another gravity.
-    SetGravity,
-    /// A new joint.
-    AddJoint,
-    /// Other limits and motors of a joint.
-    ChangeJoint,
-    /// The removal of a joint.
-    RemoveJoint,
-}
-
-impl RequestKind {
-    /// In words, as languages without enumerations have it.
-    #[must_use]
-    pub const fn words(self) -> &'static str {
-        match self {
-            Self::AddBody => "add body",
-            Self::RemoveBody => "remove body",
-            Self::ChangeBody => "change body",
-            Self::SetPose => "set pose",
-            Self::SetVelocity => "set velocity",
-            Self::ApplyForce => "apply force",
-            Self::ApplyTorque => "apply torque",
-            Self::ApplyImpulse => "apply impulse",
-            Self::ApplyTorqueImpulse => "apply torque impulse",
-            Self::Sleep => "sleep",
-            Self::Wake => "wake",
-            Self::SetGravity => "set gravity",
-            Self::AddJoint => "add joint",
-            Self::ChangeJoint => "change joint",
-            Self::RemoveJoint => "remove joint",
-        }
-    }
-}
-
-/// A request: a command that another member gave. What its kind does not name is `None`.
+/// A request: a command that another member gave. Fields that its kind does not name are `None`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RequestRecord {
     /// The request itself, for the answer.

@@ -1,4 +1,4 @@
-//! Commands in other coordinates, and the kinds of events.
+//! Commands in other coordinates, and the kinds of events and requests.
 //!
 //! Made by `bindings/table` from `spec/tables/protocol.json`; do not edit.
 
@@ -265,6 +265,66 @@ impl EventKind {
             Self::Denied => "denied",
             Self::Ended => "ended",
             Self::Other => "other",
+        }
+    }
+}
+
+/// The kind of a request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RequestKind {
+    /// A new body, of an id that it has already: `body`, `position`, `rotation`, `linear_velocity`, `angular_velocity`.
+    /// Once it is accepted, feed it.
+    AddBody,
+    /// The removal of `body`.
+    RemoveBody,
+    /// Other properties of `body`.
+    ChangeBody,
+    /// `body` at `position` and `rotation`.
+    SetPose,
+    /// `body` with `linear_velocity` and `angular_velocity`.
+    SetVelocity,
+    /// A force for one tick: `vector`, at `point` if it has one.
+    ApplyForce,
+    /// A torque for one tick: `vector`.
+    ApplyTorque,
+    /// A change of momentum: `vector`, at `point` if it has one.
+    ApplyImpulse,
+    /// A change of angular momentum: `vector`.
+    ApplyTorqueImpulse,
+    /// `body` asleep.
+    Sleep,
+    /// `body` awake.
+    Wake,
+    /// Another gravity: `vector`.
+    SetGravity,
+    /// A new joint; `body` is its first one.
+    AddJoint,
+    /// Other limits and motors of a joint; `body` is its first one.
+    ChangeJoint,
+    /// The removal of a joint.
+    RemoveJoint,
+}
+
+impl RequestKind {
+    /// Its name in languages without enumerations.
+    #[must_use]
+    pub const fn word(self) -> &'static str {
+        match self {
+            Self::AddBody => "add body",
+            Self::RemoveBody => "remove body",
+            Self::ChangeBody => "change body",
+            Self::SetPose => "set pose",
+            Self::SetVelocity => "set velocity",
+            Self::ApplyForce => "apply force",
+            Self::ApplyTorque => "apply torque",
+            Self::ApplyImpulse => "apply impulse",
+            Self::ApplyTorqueImpulse => "apply torque impulse",
+            Self::Sleep => "sleep",
+            Self::Wake => "wake",
+            Self::SetGravity => "set gravity",
+            Self::AddJoint => "add joint",
+            Self::ChangeJoint => "change joint",
+            Self::RemoveJoint => "remove joint",
         }
     }
 }

@@ -26,10 +26,10 @@ pub use coordinates::Coordinates;
 pub use descriptions::{BodyParams, JointFreedom, JointParams, StateRecord};
 pub use error::{BindingError, ErrorKind};
 #[cfg(feature = "local")]
-pub use feeding::{FedArrays, OpenRequests, RequestKind, RequestRecord, Rows};
+pub use feeding::{FedArrays, OpenRequests, RequestRecord, Rows};
 #[cfg(feature = "files")]
 pub use files::{Base, FileSettings, LoadParams, LoadedFile, NamedBody, NamedJoint, OwnContacts};
-pub use generated::EventKind;
+pub use generated::{EventKind, RequestKind};
 pub use joining::{JoinCondition, JoinParams, address_with, server_of};
 #[cfg(feature = "serve")]
 pub use own_server::{OwnServer, Reach, ServedScenes};

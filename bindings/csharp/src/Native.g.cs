@@ -2591,8 +2591,8 @@ namespace Rhumb
     }
 
     /// <summary>
-    ///  The kind of a request. Those that move a body are answered by what is fed; those that add, change or remove something
-    ///  change the scene once they are accepted.
+    ///  The kind of a request. Those that move a body are answered by what is fed; those that add, change or remove
+    ///  something change the scene once they are accepted.
     /// </summary>
     public enum RhumbRequestKind : uint
     {
@@ -2622,7 +2622,7 @@ namespace Rhumb
         /// </summary>
         SetVelocity,
         /// <summary>
-        ///  A force for one tick: `vector`, at `point` if `has_point` is not zero.
+        ///  A force for one tick: `vector`, at `point` if it has one.
         /// </summary>
         ApplyForce,
         /// <summary>
@@ -2630,7 +2630,7 @@ namespace Rhumb
         /// </summary>
         ApplyTorque,
         /// <summary>
-        ///  A change of momentum: `vector`, at `point` if `has_point` is not zero.
+        ///  A change of momentum: `vector`, at `point` if it has one.
         /// </summary>
         ApplyImpulse,
         /// <summary>

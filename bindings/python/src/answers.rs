@@ -390,7 +390,7 @@ impl PyRequest {
     /// "apply impulse", "apply torque impulse", "sleep", "wake", "set gravity", "add joint", "change joint", "remove joint".
     #[getter]
     const fn kind(&self) -> &'static str {
-        self.record.kind.words()
+        self.record.kind.word()
     }
 
     /// The body that it is about; of a joint the first one.

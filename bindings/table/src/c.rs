@@ -1,14 +1,14 @@
-//! Commands, records and kinds of events of C.
+//! Commands, records and kinds of events and requests of C.
 //!
 //! The header and the imports of C# are read out of the file that it makes.
 
 use crate::table::{
-    Call, CallField, EVENTS, FieldKind, Lengths, Owner, RecordMember, Table, ValueRecord, capital,
-    comment, fill, meaning, pascal, snake,
+    Call, CallField, EVENTS, FieldKind, Lengths, Owner, REQUESTS, RecordMember, Reported, Table,
+    ValueRecord, capital, comment, fill, meaning, pascal, snake,
 };
 
 const HEAD: &str = "\
-//! Commands, records and kinds of events of C.
+//! Commands, records and kinds of events and requests of C.
 //!
 //! Made by `bindings/table` from `spec/tables/protocol.json`; do not edit.
 
@@ -16,7 +16,7 @@ use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
 use rhumb_bindings::rhumb_client::scene::{
     ActiveEvents, Character, CharacterStep, Command, JumpFrom, Locomotion, Vehicle, Wheel, WheelInput,
 };
-use rhumb_bindings::{BindingError, EventKind, parse_packed_id};
+use rhumb_bindings::{BindingError, EventKind, RequestKind, parse_packed_id};
 
 use crate::border::{RhumbCode, elements, guard, one_of, value};
 use crate::descriptions::RhumbBody;
@@ -88,23 +88,8 @@ impl RhumbCommand {
 
 @records@
 @calls@
-/// The kind of an event.
-#[repr(u32)]
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum RhumbEventKind {
-    /// There was no event.
-    None,
 @event_kinds@
-}
-
-impl RhumbEventKind {
-    pub(crate) const fn of(kind: EventKind) -> Self {
-        match kind {
-@event_arms@
-        }
-    }
-}
-";
+@request_kinds@";
 
 /// `bindings/c/src/generated.rs`.
 #[must_use]
@@ -120,8 +105,6 @@ pub fn generated(table: &Table) -> String {
         comment("    ///", &doc) + &format!("{} = {},\n", call.name(), call.code)
     };
     let (bits, events) = events_of(table.record("active events"));
-    let arm = |name: &str| format!("EventKind::{name} => Self::{name},\n");
-    let event = |name: &str, doc: &str| comment("    ///", doc) + &format!("{},\n", pascal(name));
     let all = |each: &dyn Fn(&ValueRecord) -> String| table.made().map(each).collect::<String>();
     let texts = [
         ("bits", bits),
@@ -136,11 +119,11 @@ pub fn generated(table: &Table) -> String {
         ("calls", others.map(function).collect()),
         (
             "event_kinds",
-            EVENTS.iter().map(|one| event(one.name, one.doc)).collect(),
+            kinds_of(("an event", "EventKind", "event"), "", &EVENTS),
         ),
         (
-            "event_arms",
-            EVENTS.iter().map(|one| arm(&pascal(one.name))).collect(),
+            "request_kinds",
+            kinds_of(("a request", "RequestKind", "request"), ACCEPTED, &REQUESTS),
         ),
     ];
     fill(
@@ -247,6 +230,53 @@ fn command(call: &Call) -> String {
     }
     let name = call.name();
     format!("RhumbCommandKind::{name} => Command::{name} {{ {fields} }},\n")
+}
+
+/// The use of requests, behind the first sentence of their kinds.
+const ACCEPTED: &str = " Those that move a body are answered by what is fed; those that add, change or remove something \
+    change the scene once they are accepted.";
+
+const KINDS: &str = "\
+@doc@\
+#[repr(u32)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Rhumb@name@ {
+    /// There was no @one@.
+    None,
+@kinds@
+}
+
+impl Rhumb@name@ {
+    pub(crate) const fn of(kind: @name@) -> Self {
+        match kind {
+@arms@
+        }
+    }
+}
+";
+
+/// An enumeration of kinds, and zero for none.
+fn kinds_of((what, name, one): (&str, &str, &str), more: &str, of: &[Reported]) -> String {
+    let kind = |of: &Reported| comment("    ///", of.doc) + &format!("{},\n", pascal(of.name));
+    let arm = |of: &str| format!("{name}::{of} => Self::{of},\n");
+    fill(
+        KINDS,
+        &[
+            (
+                "doc",
+                &comment("///", &format!("The kind of {what}.{more}")),
+            ),
+            ("name", name),
+            ("one", one),
+            ("kinds", &of.iter().map(kind).collect::<String>()),
+            (
+                "arms",
+                &of.iter()
+                    .map(|one| arm(&pascal(one.name)))
+                    .collect::<String>(),
+            ),
+        ],
+    )
 }
 
 /// The bits of events, and how they are read.

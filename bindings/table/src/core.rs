@@ -1,8 +1,8 @@
-//! Code of all bindings: commands, their conversions, and the kinds of events.
+//! Code of all bindings: commands, conversions, kinds of events and requests.
 
 use crate::table::{
-    Call, CallField, EVENTS, FieldKind, Owner, RecordMember, Table, ValueRecord, camel, comment,
-    fill, pascal, snake,
+    Call, CallField, EVENTS, FieldKind, Owner, REQUESTS, RecordMember, Reported, Table,
+    ValueRecord, camel, comment, fill, pascal, snake,
 };
 
 /// The command of a call, whose body is `id` and whose fields have these values.
@@ -60,7 +60,7 @@ pub fn plain<'a>(table: &'a Table, record: &ValueRecord) -> &'a Call {
 }
 
 const HEAD: &str = "\
-//! Commands in other coordinates, and the kinds of events.
+//! Commands in other coordinates, and the kinds of events and requests.
 //!
 //! Made by `bindings/table` from `spec/tables/protocol.json`; do not edit.
 
@@ -90,16 +90,49 @@ impl Coordinates {
 @records@\
 }
 
-/// The kind of an event.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum EventKind {
-@kinds@\
+@events@
+@requests@";
+
+/// `bindings/core/src/generated.rs`.
+#[must_use]
+pub fn generated(table: &Table) -> String {
+    let converted =
+        |call: &&Call| call.alternative.is_none() && call.fields.iter().any(is_converted);
+    let arms: String = table.calls.iter().filter(converted).map(arm).collect();
+    let records: String = table.records.iter().map(record).collect();
+    let each: Vec<_> = EVENTS
+        .iter()
+        .map(|event| format!("Self::{}", pascal(event.name)))
+        .collect();
+    let each = format!(
+        "/// Each of them, in the order of their numbers in C.\npub const EACH: [Self; {}] = [{}];\n\n",
+        EVENTS.len(),
+        each.join(", ")
+    );
+    fill(
+        HEAD,
+        &[
+            ("arms", &arms),
+            ("locomotions", LOCOMOTIONS),
+            ("records", &records),
+            ("events", &kinds(("an event", "EventKind"), &EVENTS, &each)),
+            (
+                "requests",
+                &kinds(("a request", "RequestKind"), &REQUESTS, ""),
+            ),
+        ],
+    )
 }
 
-impl EventKind {
-    /// Each of them, in the order of their numbers in C.
-    pub const EACH: [Self; @count@] = [@each@];
+const KINDS: &str = "\
+/// The kind of @what@.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum @name@ {
+@kinds@
+}
 
+impl @name@ {
+@each@
     /// Its name in languages without enumerations.
     #[must_use]
     pub const fn word(self) -> &'static str {
@@ -110,32 +143,21 @@ impl EventKind {
 }
 ";
 
-/// `bindings/core/src/generated.rs`.
-#[must_use]
-pub fn generated(table: &Table) -> String {
-    let converted =
-        |call: &&Call| call.alternative.is_none() && call.fields.iter().any(is_converted);
-    let arms: String = table.calls.iter().filter(converted).map(arm).collect();
-    let records: String = table.records.iter().map(record).collect();
-    let kinds = EVENTS
+/// An enumeration of kinds, each with its word.
+fn kinds((what, name): (&str, &str), of: &[Reported], each: &str) -> String {
+    let kinds = of
         .iter()
-        .map(|event| comment("///", event.doc) + &pascal(event.name) + ",\n");
+        .map(|one| comment("///", one.doc) + &pascal(one.name) + ",\n");
     let word = |name: &str| format!("Self::{} => {name:?},\n", pascal(name));
-    let words: String = EVENTS.iter().map(|event| word(event.name)).collect();
-    let each: Vec<_> = EVENTS
-        .iter()
-        .map(|event| format!("Self::{}", pascal(event.name)))
-        .collect();
+    let words: String = of.iter().map(|one| word(one.name)).collect();
     fill(
-        HEAD,
+        KINDS,
         &[
-            ("arms", &arms),
-            ("locomotions", LOCOMOTIONS),
-            ("records", &records),
+            ("what", what),
+            ("name", name),
             ("kinds", &kinds.collect::<String>()),
+            ("each", each),
             ("words", &words),
-            ("count", &EVENTS.len().to_string()),
-            ("each", &each.join(", ")),
         ],
     )
 }

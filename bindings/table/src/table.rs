@@ -467,12 +467,12 @@ fn in_scene(unit: &str) -> &'static str {
     }
 }
 
-/// An event: its name in words, and what it says.
+/// A kind of events or requests: its name in words, and what it says.
 #[derive(Clone, Copy, Debug)]
 pub struct Reported {
     /// In small letters.
     pub name: &'static str,
-    /// A sentence, in which fields of the event have accents.
+    /// A sentence, in which fields of the record have accents.
     pub doc: &'static str,
 }
 
@@ -575,6 +575,44 @@ pub const EVENTS: [Reported; 30] = [
         "other",
         "An event that bindings do not describe further; `text` names it.",
     ),
+];
+
+/// The requests of followers to a scene that a program feeds, in the order of their numbers.
+pub const REQUESTS: [Reported; 15] = [
+    reported(
+        "add body",
+        "A new body, of an id that it has already: `body`, `position`, `rotation`, `linear_velocity`, `angular_velocity`. \
+         Once it is accepted, feed it.",
+    ),
+    reported("remove body", "The removal of `body`."),
+    reported("change body", "Other properties of `body`."),
+    reported("set pose", "`body` at `position` and `rotation`."),
+    reported(
+        "set velocity",
+        "`body` with `linear_velocity` and `angular_velocity`.",
+    ),
+    reported(
+        "apply force",
+        "A force for one tick: `vector`, at `point` if it has one.",
+    ),
+    reported("apply torque", "A torque for one tick: `vector`."),
+    reported(
+        "apply impulse",
+        "A change of momentum: `vector`, at `point` if it has one.",
+    ),
+    reported(
+        "apply torque impulse",
+        "A change of angular momentum: `vector`.",
+    ),
+    reported("sleep", "`body` asleep."),
+    reported("wake", "`body` awake."),
+    reported("set gravity", "Another gravity: `vector`."),
+    reported("add joint", "A new joint; `body` is its first one."),
+    reported(
+        "change joint",
+        "Other limits and motors of a joint; `body` is its first one.",
+    ),
+    reported("remove joint", "The removal of a joint."),
 ];
 
 /// Columns of a comment.
