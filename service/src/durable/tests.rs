@@ -254,7 +254,7 @@ impl Recorded {
     }
 
     /// Continues with a restored scene, in a new segment.
-    fn go_on(&mut self, restored: Restored) {
+    fn continue_from(&mut self, restored: Restored) {
         let (number, tick) = (restored.next_segment, restored.scene.tick());
         let header = header(Some(restored.last));
         self.segment = Some(self.files.begin_segment(number, tick, &header).unwrap());
@@ -265,6 +265,26 @@ impl Recorded {
         for entry in restored.unnoted {
             self.note(entry);
         }
+    }
+
+    /// A tick that is durable.
+    fn tick_durably(&mut self) {
+        self.tick();
+        self.write();
+        self.sync();
+    }
+
+    /// Checks that the files give the recorded scene back after some more ticks.
+    fn check_after(&mut self, ticks: usize) -> Result<Restored, TestCaseError> {
+        for _ in 0..ticks {
+            self.tick();
+            self.write();
+        }
+        self.sync();
+        let again = self.restore().unwrap().unwrap();
+        self.check(&again)?;
+        prop_assert_eq!(again.scene.tick(), self.scene.tick());
+        Ok(again)
     }
 
     /// Checks that a restored scene is the recorded one at its tick.
@@ -366,7 +386,7 @@ proptest! {
         prop_assert!(restored.scene.tick() >= recorded.durable);
         // A second life, and a second crash.
         recorded.digests.truncate(restored.scene.tick().value() as usize + 1);
-        recorded.go_on(restored);
+        recorded.continue_from(restored);
         for _ in 0..20 {
             recorded.tick();
             recorded.write();
@@ -404,19 +424,12 @@ proptest! {
         let restored = restored.unwrap().unwrap();
         recorded.check(&restored)?;
         prop_assert_eq!((restored.scene.tick(), restored.scene.body_count()), (tick, bodies));
-        recorded.go_on(restored);
+        recorded.continue_from(restored);
         let session = recorded.sessions.get(SESSION).unwrap();
         prop_assert_eq!(session.commands, done + behind + 1);
         prop_assert_eq!(session.refusals_from(done).count() as u64, behind + 1);
         // The log continues from there.
-        for _ in 0..10 {
-            recorded.tick();
-            recorded.write();
-        }
-        recorded.sync();
-        let again = recorded.restore().unwrap().unwrap();
-        recorded.check(&again)?;
-        prop_assert_eq!(again.scene.tick(), recorded.scene.tick());
+        let again = recorded.check_after(10)?;
         prop_assert_eq!(&again.sessions, &recorded.sessions);
     }
 
@@ -450,9 +463,7 @@ proptest! {
 fn a_log_cut_at_any_byte_is_never_taken_for_a_shorter_run() {
     let mut recorded = Recorded::new(5);
     for _ in 0..3 {
-        recorded.tick();
-        recorded.write();
-        recorded.sync();
+        recorded.tick_durably();
     }
     let path = recorded.files.segment_path(0);
     let bytes = recorded.disk.read(&path).unwrap();
@@ -497,9 +508,7 @@ fn make_older(recorded: &Recorded) -> PathBuf {
 #[test]
 fn a_log_of_another_format_is_refused_by_its_name() {
     let mut recorded = Recorded::new(13);
-    recorded.tick();
-    recorded.write();
-    recorded.sync();
+    recorded.tick_durably();
     let path = make_older(&recorded);
     let refused = recorded.restore().err().map(|error| error.to_string());
     let expected = format!(

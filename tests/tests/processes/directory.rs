@@ -1,26 +1,23 @@
 //! Two servers that share their scenes by a directory.
 //!
-//! The directory is an etcd of the test's own; a test is left out where etcd is not installed, unless `RHUMB_TEST_LANGUAGES` is
-//! `all`. The run is that of `durable`: equal digests mean that no command was lost, doubled or moved to another tick. `KILLS`,
-//! `STOPS` and `MOVES` say how often the scene's server ends or the scene moves, `BODIES` the size of the scene, `SEED` the moments.
+//! The directory is an etcd of the test's own; a test is left out where etcd is not installed, unless
+//! `RHUMB_TEST_LANGUAGES` is `all`. The run is that of `durable`: equal digests mean that no command was lost, doubled or
+//! moved to another tick. `KILLS`, `STOPS` and `MOVES` say how often the scene's server ends or the scene moves, `BODIES`
+//! the size of the scene, `SEED` the moments.
 
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::thread::{self, JoinHandle};
+use std::thread;
 use std::time::{Duration, Instant};
 
 use rhumb_client::{Client, JoinMode, JoinOptions, Tick, Trust};
-use rhumb_reckoning::BodyId;
 use rhumb_tests::{ServerProcess, signal};
 use tempfile::TempDir;
 
 use crate::SERVER;
 use crate::durable::{
-    LONG, Seen, chance, commands, create_at_address, digest_without_server, step, take_events,
-    variable,
+    LONG, Run, Seen, chance, commands, create_at_address, step, take_events, until, variable,
 };
 use crate::hostile_load::{free_address, requested};
 
@@ -66,7 +63,7 @@ impl Etcd {
         })
     }
 
-    /// Stops it without its end, or lets it go on.
+    /// Stops it without its end, or lets it run again.
     fn signal(&self, name: &str) {
         signal(self.child.id(), name);
     }
@@ -121,15 +118,6 @@ fn owner_of(servers: &[Placed; 2]) -> usize {
     }
 }
 
-/// Waits: figures are those of a moment ago.
-fn until(holds: impl Fn() -> bool) {
-    let begun = Instant::now();
-    while !holds() {
-        assert!(begun.elapsed() < LONG, "it does not come to hold");
-        thread::yield_now();
-    }
-}
-
 /// Two servers of one directory.
 fn pair(data: &Path, etcd: &Etcd) -> [Placed; 2] {
     [(); 2].map(|()| Placed::start("127.0.0.1:0", data, etcd))
@@ -159,73 +147,6 @@ fn share(sorted: &[Duration], percent: usize) -> Duration {
     sorted[(sorted.len() * percent / 100).min(sorted.len() - 1)]
 }
 
-/// Ticks of a client that steps its scene until it is stopped.
-struct Run {
-    stop: Arc<AtomicBool>,
-    ticks: Arc<AtomicU64>,
-    /// The longest step, nanoseconds.
-    slowest: Arc<AtomicU64>,
-    thread: JoinHandle<(u64, u64, Seen)>,
-    ids: Vec<BodyId>,
-}
-
-impl Run {
-    fn start(mut client: Client, ids: Vec<BodyId>) -> Self {
-        let (stop, ticks) = (Arc::<AtomicBool>::default(), Arc::<AtomicU64>::default());
-        let (ended, shown, of_client) = (Arc::clone(&stop), Arc::clone(&ticks), ids.clone());
-        let slowest = Arc::<AtomicU64>::default();
-        let longest = Arc::clone(&slowest);
-        let thread = thread::spawn(move || {
-            let (mut seen, mut tick) = (Seen::default(), 0);
-            while !ended.load(Ordering::Relaxed) {
-                for command in commands(tick, &of_client) {
-                    client.command(command).expect("the session continues");
-                }
-                let begun = Instant::now();
-                step(&mut client);
-                longest.fetch_max(begun.elapsed().as_nanos() as u64, Ordering::Relaxed);
-                take_events(&mut client, &mut seen);
-                tick += 1;
-                shown.store(tick, Ordering::Relaxed);
-            }
-            let truth = client.inspect().expect("the server answers");
-            assert_eq!(truth.tick, Tick::new(tick));
-            (tick, truth.truth, seen)
-        });
-        Self {
-            stop,
-            ticks,
-            slowest,
-            thread,
-            ids,
-        }
-    }
-
-    /// Waits for so many ticks more; the time that they took.
-    fn go(&self, ticks: u64) -> Duration {
-        let (begun, from) = (Instant::now(), self.ticks.load(Ordering::Relaxed));
-        while self.ticks.load(Ordering::Relaxed) < from + ticks {
-            assert!(!self.thread.is_finished(), "the client failed");
-            assert!(begun.elapsed() < LONG, "the scene stands still");
-            thread::yield_now();
-        }
-        begun.elapsed()
-    }
-
-    /// The longest step since the last call.
-    fn slowest(&self) -> Duration {
-        Duration::from_nanos(self.slowest.swap(0, Ordering::Relaxed))
-    }
-
-    /// Ends, and compares the scene with the run without a server; how often the client resumed its session.
-    fn end(self) -> u64 {
-        self.stop.store(true, Ordering::Relaxed);
-        let (tick, truth, seen) = self.thread.join().expect("the client's thread");
-        assert_eq!(truth, digest_without_server(tick, &self.ids));
-        seen.resumed
-    }
-}
-
 /// The scene of a client that steps it goes from server to server so often.
 fn moves_often(times: u64, pair: impl Fn(&Path, &Etcd) -> [Placed; 2]) {
     let Some(etcd) = Etcd::start() else { return };
@@ -242,12 +163,9 @@ fn moves_often(times: u64, pair: impl Fn(&Path, &Etcd) -> [Placed; 2]) {
         move_to(&servers[to].server, &etcd);
         run.go(2);
         pauses.push(run.slowest());
-        let begun = Instant::now();
-        while owner_of(&servers) != to {
-            assert!(begun.elapsed() < LONG, "the scene has moved");
-        }
+        until("the scene has moved", || owner_of(&servers) == to);
     }
-    let resumed = run.end();
+    let resumed = run.end().seen.resumed;
     pauses.sort();
     let [p50, p90, p99] = [50, 90, 99].map(|percent| share(&pauses, percent));
     eprintln!("{resumed} resumptions; pauses p50 {p50:?}, p90 {p90:?}, p99 {p99:?}; {pauses:?}");
@@ -278,17 +196,19 @@ fn a_drained_server_has_no_scenes_and_takes_none() {
     let drained = SERVER.run(&drain);
     assert_eq!(drained.code, Some(0), "{}{}", drained.out, drained.log);
     assert!(drained.out.contains("1 moved"), "{}", drained.out);
-    until(|| !servers[0].has_the_scene() && servers[1].has_the_scene());
+    until("the other server has the scene", || {
+        !servers[0].has_the_scene() && servers[1].has_the_scene()
+    });
     run.go(20);
     let connection = Client::connect(&address, Trust::Fingerprint(one.fingerprint));
     let another = connection.expect("it answers").join("another");
     let mut another = another.expect("it is sent on");
     step(&mut another);
-    until(|| {
+    until("the other server has both scenes", || {
         let figures = requested(&servers[1].metrics, "/metrics");
         figures.lines().any(|line| line == "rhumb_scenes 2")
     });
-    assert_eq!(run.end(), 1);
+    assert_eq!(run.end().seen.resumed, 1);
     let alone = SERVER.run(&[
         "drain",
         &other.address.to_string(),
@@ -333,7 +253,7 @@ fn a_server_that_is_frozen_for_two_seconds_is_not_taken_for_dead() {
     }
     servers[0].server.signal("CONT");
     run.go(50);
-    assert_eq!(run.end(), 0, "nothing was resumed");
+    assert_eq!(run.end().seen.resumed, 0, "nothing was resumed");
 }
 
 #[test]
@@ -359,7 +279,7 @@ fn an_edge_follows_a_scene_that_moves() {
     for to in [other, one] {
         move_to(to, &etcd);
         run.go(20);
-        let (tick, begun) = (run.ticks.load(Ordering::Relaxed), Instant::now());
+        let (tick, begun) = (run.ticks(), Instant::now());
         while observer.statistics().complete < Tick::new(tick) {
             assert!(begun.elapsed() < LONG, "the observer sees the scene");
             observer
@@ -368,7 +288,7 @@ fn an_edge_follows_a_scene_that_moves() {
             while observer.poll_event().is_some() {}
         }
     }
-    assert_eq!(run.end(), 2);
+    assert_eq!(run.end().seen.resumed, 2);
     // An edge whose server has never had the scene finds it too.
     move_to(other, &etcd);
     let late = SERVER.edge(one, "127.0.0.1:0", &[]);
@@ -403,7 +323,7 @@ fn ends_often(times: u64, pair: impl Fn(&Path, &Etcd) -> [Placed; 2], end: impl 
         pauses.push(ended.elapsed());
         servers = [rest, Placed::start(&listen, data.path(), &etcd)];
     }
-    let resumed = run.end();
+    let resumed = run.end().seen.resumed;
     pauses.sort();
     eprintln!("{resumed} resumptions; pauses {pauses:?}");
     assert!(resumed >= times);
@@ -484,7 +404,9 @@ fn a_client_of_any_server_reaches_the_scene() {
     let mut follower = connection.join_with("pit", options).expect("it is sent on");
     let truth = |client: &mut Client| client.inspect().expect("an answer").truth;
     assert_eq!(truth(&mut follower), truth(&mut client));
-    until(|| servers[0].has_the_scene() && !servers[1].has_the_scene());
+    until("the first server alone has the scene", || {
+        servers[0].has_the_scene() && !servers[1].has_the_scene()
+    });
 }
 
 #[test]
@@ -496,14 +418,12 @@ fn without_its_directory_a_server_ends_its_scenes_and_goes_on_with_it() {
     let run = Run::start(client, ids);
     run.go(50);
     etcd.signal("STOP");
-    let stopped = Instant::now();
-    while servers.iter().any(Placed::has_the_scene) {
-        assert!(stopped.elapsed() < LONG, "its lease is over");
-        thread::yield_now();
-    }
+    until("its lease is over", || {
+        !servers.iter().any(Placed::has_the_scene)
+    });
     etcd.signal("CONT");
     run.go(50);
-    assert!(run.end() >= 1);
+    assert!(run.end().seen.resumed >= 1);
 }
 
 #[test]
@@ -518,13 +438,9 @@ fn a_server_that_was_frozen_does_not_go_on_with_what_another_one_has() {
     owner.server.signal("STOP");
     run.go(50);
     owner.server.signal("CONT");
-    let woken = Instant::now();
-    while owner.has_the_scene() {
-        assert!(woken.elapsed() < LONG, "its lease is over");
-        thread::yield_now();
-    }
+    until("its lease is over", || !owner.has_the_scene());
     run.go(50);
-    assert!(run.end() >= 1);
+    assert!(run.end().seen.resumed >= 1);
 }
 
 #[test]

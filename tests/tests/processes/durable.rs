@@ -9,7 +9,7 @@ use std::net::SocketAddr;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::thread;
+use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use glam::Vec3;
@@ -21,6 +21,7 @@ use rhumb_client::{
     Client, ClientError, Event, JoinMode, JoinOptions, PipelineDepth, Refusals, Tick, Tolerance,
     Trust,
 };
+use rhumb_protocol::message::Inspection;
 use rhumb_reckoning::{BodyId, BodyState};
 use rhumb_scene::Scene;
 use rhumb_tests::{Ended, ServerProcess};
@@ -177,6 +178,105 @@ pub(crate) fn chance(seed: u64) -> impl FnMut(u64) -> u64 {
     }
 }
 
+/// Waits until a condition holds.
+pub(crate) fn until(what: &str, mut holds: impl FnMut() -> bool) {
+    let end = Instant::now() + LONG;
+    while !holds() {
+        assert!(Instant::now() < end, "{what}");
+        thread::yield_now();
+    }
+}
+
+/// A client that steps its scene on a thread, with the commands of each tick, until it is stopped.
+pub(crate) struct Run {
+    stop: Arc<AtomicBool>,
+    ticks: Arc<AtomicU64>,
+    /// The longest step, nanoseconds.
+    slowest: Arc<AtomicU64>,
+    thread: JoinHandle<EndedRun>,
+    ids: Vec<BodyId>,
+}
+
+/// The end of a [`Run`]: its last answer, and its events.
+pub(crate) struct EndedRun {
+    pub(crate) tick: u64,
+    pub(crate) truth: Inspection,
+    pub(crate) seen: Seen,
+}
+
+impl Run {
+    pub(crate) fn start(client: Client, ids: Vec<BodyId>) -> Self {
+        Self::counting(client, ids, |_| true)
+    }
+
+    /// Counts only the ticks after events of which `counts` is true.
+    pub(crate) fn counting(
+        mut client: Client,
+        ids: Vec<BodyId>,
+        counts: impl Fn(&Seen) -> bool + Send + 'static,
+    ) -> Self {
+        let (stop, ticks) = (Arc::<AtomicBool>::default(), Arc::<AtomicU64>::default());
+        let (ended, shown, of_client) = (Arc::clone(&stop), Arc::clone(&ticks), ids.clone());
+        let slowest = Arc::<AtomicU64>::default();
+        let longest = Arc::clone(&slowest);
+        let thread = thread::spawn(move || {
+            let (mut seen, mut tick) = (Seen::default(), 0);
+            while !ended.load(Ordering::Relaxed) {
+                for command in commands(tick, &of_client) {
+                    client.command(command).expect("the session continues");
+                }
+                let begun = Instant::now();
+                step(&mut client);
+                longest.fetch_max(begun.elapsed().as_nanos() as u64, Ordering::Relaxed);
+                take_events(&mut client, &mut seen);
+                tick += 1;
+                if counts(&seen) {
+                    shown.store(tick, Ordering::Relaxed);
+                }
+            }
+            let truth = client.inspect().expect("the server answers");
+            EndedRun { tick, truth, seen }
+        });
+        Self {
+            stop,
+            ticks,
+            slowest,
+            thread,
+            ids,
+        }
+    }
+
+    /// Ticks so far.
+    pub(crate) fn ticks(&self) -> u64 {
+        self.ticks.load(Ordering::Relaxed)
+    }
+
+    /// Waits for so many ticks more; the time that they took.
+    pub(crate) fn go(&self, ticks: u64) -> Duration {
+        let (begun, from) = (Instant::now(), self.ticks());
+        until("the scene continues", || {
+            assert!(!self.thread.is_finished(), "the client failed");
+            self.ticks() >= from + ticks
+        });
+        begun.elapsed()
+    }
+
+    /// The longest step since the last call.
+    pub(crate) fn slowest(&self) -> Duration {
+        Duration::from_nanos(self.slowest.swap(0, Ordering::Relaxed))
+    }
+
+    /// Ends, and compares the scene with the run without a server.
+    pub(crate) fn end(self) -> EndedRun {
+        self.stop.store(true, Ordering::Relaxed);
+        let ended = self.thread.join().expect("the client's thread");
+        assert_eq!(ended.truth.tick, Tick::new(ended.tick));
+        let without = digest_without_server(ended.tick, &self.ids);
+        assert_eq!(ended.truth.truth, without);
+        ended
+    }
+}
+
 /// Verifies a data directory.
 pub(crate) fn check(data: &Path) -> Ended {
     SERVER.run(&["check", data.to_str().expect("text")])
@@ -190,60 +290,30 @@ fn a_server_killed_at_any_moment_loses_and_doubles_no_command() {
     let mut chance = chance(seed);
     let mut server = serve("127.0.0.1:0", &data);
     let (listen, fingerprint) = (server.address.to_string(), server.fingerprint);
-    let (mut client, ids) = create(&server);
-    let (stop, ticks) = (
-        Arc::new(AtomicBool::new(false)),
-        Arc::new(AtomicU64::new(0)),
-    );
-    let (ended, shown, of_client) = (Arc::clone(&stop), Arc::clone(&ticks), ids.clone());
-    let running = thread::spawn(move || {
-        let mut seen = Seen::default();
-        let mut tick = 0;
-        while !ended.load(Ordering::Relaxed) {
-            for command in commands(tick, &of_client) {
-                client.command(command).expect("the session continues");
-            }
-            step(&mut client);
-            take_events(&mut client, &mut seen);
-            tick += 1;
-            shown.store(tick, Ordering::Relaxed);
-        }
-        let truth = client.inspect().expect("the server answers");
-        (tick, truth, seen)
-    });
+    let (client, ids) = create(&server);
+    let run = Run::start(client, ids);
     let mut slowest = Duration::ZERO;
     for _ in 0..kills {
-        let before = ticks.load(Ordering::Relaxed);
-        while ticks.load(Ordering::Relaxed) < before + 1 + chance(100) {
-            assert!(!running.is_finished(), "the client failed");
-            thread::yield_now();
-        }
+        run.go(1 + chance(100));
         // Somewhere within a tick.
         for _ in 0..chance(2_000) {
             thread::yield_now();
         }
         server.kill();
         let killed = Instant::now();
-        let at = ticks.load(Ordering::Relaxed);
         server = serve(&listen, &data);
         assert_eq!(
             server.fingerprint, fingerprint,
             "clients pin the certificate"
         );
-        while ticks.load(Ordering::Relaxed) < at + 2 {
-            assert!(!running.is_finished(), "the client failed");
-            thread::yield_now();
-        }
+        run.go(2);
         slowest = slowest.max(killed.elapsed());
     }
-    stop.store(true, Ordering::Relaxed);
-    let (tick, truth, seen) = running.join().expect("the client's thread");
+    let EndedRun { tick, truth, seen } = run.end();
     println!(
         "seed {seed}: {tick} ticks, {} bodies, {kills} kills, {} resumptions, the slowest after {slowest:?}",
         truth.bodies, seen.resumed
     );
-    assert_eq!(truth.tick, Tick::new(tick));
-    assert_eq!(truth.truth, digest_without_server(tick, &ids));
     assert!(seen.resumed >= kills.min(1) && seen.durable > 0);
     server.kill();
     let checked = check(&data);

@@ -5,8 +5,6 @@
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -22,11 +20,12 @@ use rhumb_protocol::session::CloseCode;
 use rhumb_tests::{ServerProcess, signal};
 
 use crate::SERVER;
-use crate::durable::{Seen, check, commands, create, digest_without_server, step, take_events};
+use crate::durable::{
+    EndedRun, LONG, Run, Seen, check, commands, create, digest_without_server, step, take_events,
+    until, variable,
+};
 use crate::hostile_load::{free_address, requested, uncrowded};
 
-/// Longer than any step of these tests, on a busy machine; reached only by a failure.
-const LONG: Duration = Duration::from_secs(60);
 /// Bodies at one point: their first step does not end in the time that it has.
 const CROWD: usize = 5_000;
 
@@ -98,15 +97,6 @@ fn new_worker(server: &ServerProcess, before: &BTreeSet<u32>) -> u32 {
     let worker = *new.next().expect("a new process");
     assert_eq!(new.next(), None);
     worker
-}
-
-/// Waits until a condition holds.
-fn until(what: &str, mut holds: impl FnMut() -> bool) {
-    let end = Instant::now() + LONG;
-    while !holds() {
-        assert!(Instant::now() < end, "{what}");
-        thread::yield_now();
-    }
 }
 
 /// True if a process runs; one that was not waited for does not.
@@ -383,59 +373,25 @@ fn a_process_killed_under_load_loses_and_doubles_no_command() {
         "--config",
         config.to_str().expect("text"),
     ]);
-    let kills = std::env::var("KILLS")
-        .ok()
-        .and_then(|text| text.parse().ok());
-    let kills: u64 = kills.unwrap_or(3);
-    let (mut client, ids) = create(&server);
-    let (stop, ticks) = (
-        Arc::new(AtomicBool::new(false)),
-        Arc::new(AtomicU64::new(0)),
-    );
-    let (ended, shown, of_client) = (Arc::clone(&stop), Arc::clone(&ticks), ids.clone());
-    let running = thread::spawn(move || {
-        let (mut seen, mut tick) = (Seen::default(), 0);
-        while !ended.load(Ordering::Relaxed) {
-            for command in commands(tick, &of_client) {
-                client.command(command).expect("the session continues");
-            }
-            step(&mut client);
-            take_events(&mut client, &mut seen);
-            tick += 1;
-            // Before its creation is durable, a scene can be lost.
-            if seen.durable > 0 {
-                shown.store(tick, Ordering::Relaxed);
-            }
-        }
-        let truth = client.inspect().expect("the server answers");
-        (tick, truth, seen)
-    });
+    let kills = variable("KILLS", 3);
+    let (client, ids) = create(&server);
+    // Before its creation is durable, a scene can be lost.
+    let run = Run::counting(client, ids, |seen| seen.durable > 0);
     let mut slowest = Duration::ZERO;
     for kill in 0..kills {
-        let before = ticks.load(Ordering::Relaxed);
-        until("the scene continues", || {
-            assert!(!running.is_finished(), "the client failed");
-            ticks.load(Ordering::Relaxed) > before + 1 + kill * 37 % 100
-        });
+        run.go(2 + kill * 37 % 100);
         let process = workers(&server).first().copied().expect("a process");
         signal(process, "KILL");
         let killed = Instant::now();
         until("the process ends", || !runs(process));
-        let at = ticks.load(Ordering::Relaxed);
-        until("the scene comes back", || {
-            assert!(!running.is_finished(), "the client failed");
-            ticks.load(Ordering::Relaxed) > at + 1
-        });
+        run.go(2);
         slowest = slowest.max(killed.elapsed());
     }
-    stop.store(true, Ordering::Relaxed);
-    let (tick, truth, seen) = running.join().expect("the client's thread");
+    let EndedRun { tick, seen, .. } = run.end();
     println!(
         "{tick} ticks, {kills} kills, {} resumptions, the slowest after {slowest:?}",
         seen.resumed
     );
-    assert_eq!(truth.tick, Tick::new(tick));
-    assert_eq!(truth.truth, digest_without_server(tick, &ids));
     assert!(seen.resumed >= kills.min(1) && seen.durable > 0);
     server.signal("TERM");
     assert_eq!(server.wait().code, Some(0));

@@ -66,15 +66,8 @@ proptest! {
         recorded.check(&restored)?;
         prop_assert_eq!(restored.scene.tick(), tick);
         recorded.digests.truncate(tick.value() as usize + 1);
-        recorded.go_on(restored);
-        for _ in 0..5 {
-            recorded.tick();
-            recorded.write();
-        }
-        recorded.sync();
-        let again = recorded.restore().unwrap().unwrap();
-        recorded.check(&again)?;
-        prop_assert_eq!(again.scene.tick(), recorded.scene.tick());
+        recorded.continue_from(restored);
+        recorded.check_after(5)?;
     }
 }
 
@@ -84,9 +77,7 @@ fn a_log_cut_at_any_byte_comes_back_to_the_tick_before_the_cut() {
     let mut ends = Vec::new();
     let path = recorded.files.segment_path(0);
     for tick in 1..4 {
-        recorded.tick();
-        recorded.write();
-        recorded.sync();
+        recorded.tick_durably();
         ends.push((recorded.disk.read(&path).unwrap().len(), tick));
     }
     let bytes = recorded.disk.read(&path).unwrap();
@@ -113,9 +104,7 @@ fn a_log_cut_at_any_byte_comes_back_to_the_tick_before_the_cut() {
 #[test]
 fn a_log_of_another_version_is_not_cut() {
     let mut recorded = Recorded::new(13);
-    recorded.tick();
-    recorded.write();
-    recorded.sync();
+    recorded.tick_durably();
     make_older(&recorded);
     let refused = recorded.files.find_cut(&name()).unwrap_err();
     assert!(refused.to_string().contains("written by another version"));
@@ -157,12 +146,10 @@ fn a_run_that_went_on_without_a_tail_is_followed_without_it() {
     recorded.sync();
     let left_out = (ReplayStart::Newest, LogTail::LeftOut);
     let restored = (recorded.files).restore(&StepThreads::default(), left_out, &mut || {});
-    recorded.go_on(restored.unwrap().unwrap());
+    recorded.continue_from(restored.unwrap().unwrap());
     let hour = tick.value() + 20;
     while recorded.scene.tick().value() < hour {
-        recorded.tick();
-        recorded.write();
-        recorded.sync();
+        recorded.tick_durably();
     }
     let newest = recorded.files.numbers().unwrap().0.pop().unwrap();
     let path = recorded.files.segment_path(newest);
@@ -194,11 +181,9 @@ fn a_segment_that_never_was_durable_does_not_end_the_run() {
     let mut file = recorded.disk.create(&torn).unwrap();
     file.append(&[0; 5]).unwrap();
     let restored = recorded.restore().unwrap().unwrap();
-    recorded.go_on(restored);
+    recorded.continue_from(restored);
     for _ in 0..5 {
-        recorded.tick();
-        recorded.write();
-        recorded.sync();
+        recorded.tick_durably();
     }
     let newest = recorded.files.numbers().unwrap().0.pop().unwrap();
     let path = recorded.files.segment_path(newest);
@@ -224,9 +209,7 @@ fn segments_before_the_snapshot_of_a_cut_are_not_lost() {
     }
     recorded.snapshot();
     for _ in 0..3 {
-        recorded.tick();
-        recorded.write();
-        recorded.sync();
+        recorded.tick_durably();
     }
     // The first segment is damaged at its end, and a snapshot stands in for it.
     for number in [0, 1] {

@@ -1,6 +1,6 @@
 //! The log of a scene whose disk breaks or hangs, and works again.
 //!
-//! The log's own thread writes on a simulated disk. What is restored at the end must equal the recorded run.
+//! The log's own thread writes on a simulated disk. The scene that is restored at the end must equal the recorded run.
 
 use std::sync::Arc;
 
@@ -14,9 +14,10 @@ use rhumb_transport::Clock;
 use super::sim_disk::SimDisk;
 use super::{Recorded, files, name};
 use crate::durable::StoredScenes;
-use crate::durable::data_dir::{DataDir, Generation, Room};
+use crate::durable::data_dir::{DataDir, Room};
 use crate::durable::disk::Disk;
 use crate::durable::recovery::{LogTail, ReplayStart};
+use crate::durable::scene_files::Generation;
 use crate::durable::writer::{Origin, SceneLog, WAITING_BYTES_MAX};
 
 fn wait_until(what: &str, is_so: impl Fn() -> bool) {
