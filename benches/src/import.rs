@@ -1,9 +1,9 @@
 //! `rhumb-bench import` and `check`: recordings of other programs.
 //!
-//! An import becomes an `.rhtrace`, or a bag of ROS 2. A check says what a recording tells of the engine behind it. Velocities are compared
-//! with poses under several readings: exchanged, along the body's axes, in degrees, of rotations with w first. If another
-//! reading than the usual one fits, a warning says so: the recording would pass as it is, and cost two to three times the
-//! bytes.
+//! An import becomes an `.rhtrace`, or a bag of ROS 2. A check says what a recording tells of the engine behind it.
+//! Velocities are compared with poses under several readings: exchanged, along the body's axes, in degrees, of rotations
+//! with w first. If another reading than the usual one fits, a warning says so: the recording would pass as it is, and
+//! cost two to three times the bytes.
 
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -16,7 +16,7 @@ use crate::output::{Failure, OutputError, ended, print_text};
 use crate::recording::algebra::ShortTurn;
 use crate::recording::fit::{self, Found};
 use crate::recording::instants::First;
-use crate::recording::paths::{BodyPath, Paths, paths};
+use crate::recording::recorded::{BodyPath, Paths, paths};
 use crate::recording::{Recording, RecordingSource, Velocities, write_bag, write_rhtrace};
 
 /// Arguments: the recording, the file to write.

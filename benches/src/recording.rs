@@ -23,13 +23,10 @@ pub mod mcap;
 mod mocap;
 mod npy;
 mod options;
-pub(crate) mod paths;
 mod poses;
-mod recorded;
+pub(crate) mod recorded;
 pub mod rhtrace;
-mod rhtrace2;
 mod ros2;
-mod ros2_bag;
 
 use std::io::{self, Write};
 use std::num::NonZeroU32;
@@ -50,8 +47,8 @@ pub use npy::NpyError;
 pub use options::{MissingPoses, QuaternionOrder, ReadOptions, ShapeChoice};
 pub(crate) use recorded::first_track;
 pub use recorded::{Recording, ScriptOrigin, Velocities};
-pub use rhtrace2::write as write_rhtrace;
-pub use ros2_bag::write_bag;
+pub use rhtrace::write as write_rhtrace;
+pub use ros2::write_bag;
 
 /// The first bytes of what zstd packs.
 const ZSTD: &[u8] = &[0x28, 0xb5, 0x2f, 0xfd];
@@ -190,7 +187,7 @@ impl RecordingSource {
         let mut recording = read(&self.trace, &options)?;
         print_notes(&recording);
         if self.fit {
-            let found = fit::find(&recording, &paths::paths(&recording).bodies);
+            let found = fit::find(&recording, &recorded::paths(&recording).bodies);
             let known = recording.notes.len();
             fit::apply(&mut recording, &found);
             print_some_notes(&recording, known);

@@ -1,8 +1,9 @@
 //! An edge: its clients, its mirrors, and the connections to owners.
 //!
-//! Routes: what a mirror hands on goes to the members that it serves, what a client asks goes to its voice or is answered here.
-//! Two faces, one state: [`Edge`] is the endpoint of its clients, [`OwnerSide`] that of its connections to owners. Invariants: a
-//! mirror forwards a packet to each member once, as it came; no message of a client is answered before those it sent earlier.
+//! Routes: what a mirror hands on goes to the members that it serves, what a client asks goes to its voice or is answered
+//! here. Two faces, one state: [`Edge`] is the endpoint of its clients, [`OwnerSide`] that of its connections to owners.
+//! Invariants: a mirror forwards a packet to each member once, as it came; no message of a client is answered before
+//! those it sent earlier.
 
 mod owner_side;
 
@@ -23,8 +24,7 @@ use rhumb_scene::{ControlStream, Limits, PendingOutput, Permit};
 
 use crate::client::{Action, Clients, EdgeClient, EdgeMember, Joining, MirrorId};
 use crate::mirror::{Forward, Mirror};
-use crate::owners::{Dial, LinkUse, MIRRORS_MAX, Owners};
-use crate::shared_queue::{SharedPacket, SharedQueue, SharedStream};
+use crate::owners::{Dial, LinkUse, MIRRORS_MAX, Owners, SharedPacket, SharedQueue, SharedStream};
 use crate::voice::{Reply, Voice};
 
 /// Bytes of a client that wait for the owner beyond which no more are read.
@@ -46,8 +46,8 @@ pub struct EdgeSettings {
     pub permit: Arc<Permit>,
     /// True if a client of an owner that asks for no token is refused.
     pub asks_tokens: bool,
-    /// The time for which a token is valid, by its own words: the owner has verified it. An observer is closed after that time;
-    /// where it is `None`, the observer keeps its connection to the owner, which ends it.
+    /// The time for which a token is valid, by its own words: the owner has verified it. An observer is closed after that
+    /// time; where it is `None`, the observer keeps its connection to the owner, which ends it.
     pub token_life: fn(&[u8]) -> Option<Span>,
 }
 

@@ -1,12 +1,14 @@
 //! The connections of an edge to the owners of scenes, and its mirrors.
 //!
-//! Opens, reopens and ends connections; what comes over them is for the edge. Invariant: a mirror has one connection at most, and
-//! is kept as long as a client needs it.
+//! Opens, reopens and ends connections; what comes over them is for the edge. Invariant: a mirror has one connection at
+//! most, and is kept as long as a client needs it.
 
 use std::collections::{BTreeMap, VecDeque};
 
+use bytes::Bytes;
 use rhumb_protocol::limits::STREAMS_PER_SCENE_MAX;
 use rhumb_protocol::message::{StreamChoice, Token};
+use rhumb_protocol::packet::StreamId;
 use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Ending, Instant, Peer, Span, Transmit, Wake, WakeReason};
@@ -14,19 +16,19 @@ use rhumb_reckoning::Tick;
 
 use crate::client::{EdgeClient, EdgeMember, MirrorId};
 use crate::mirror::{Mirror, RETRY};
-use crate::shared_queue::SharedStream;
 use crate::voice::Voice;
 
 /// Time for which a mirror without members is kept.
 const KEPT: Span = Span::from_millis(10_000);
-/// Mirrors of an edge, for all scenes together. Derived: half of the connections that an owner takes from one address; the others
-/// are for members that act.
+/// Mirrors of an edge, for all scenes together. Derived: half of the connections that an owner takes from one address;
+/// the others are for members that act.
 pub const MIRRORS_MAX: usize = 256;
 
 /// Addresses of moved scenes beyond which all are forgotten, and learned anew.
 const MOVED_MAX: usize = 1_024;
 
-/// A connection to open to the owner of a scene; `handle_opened` of [`OwnerSide`](crate::OwnerSide) follows, or `handle_ended`.
+/// A connection to open to the owner of a scene; `handle_opened` of [`OwnerSide`](crate::OwnerSide) follows, or
+/// `handle_ended`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Dial {
     /// The number of the connection.
@@ -139,8 +141,8 @@ impl Owners {
         link
     }
 
-    /// Notes where a scene is, by the end of a connection that named it. If nothing answers there, the scene is asked for at the
-    /// edge's own owner again.
+    /// Notes where a scene is, by the end of a connection that named it. If nothing answers there, the scene is asked for
+    /// at the edge's own owner again.
     pub(crate) fn note_end(&mut self, scene: &SceneName, ending: Ending, elsewhere: Option<&str>) {
         match (ending, elsewhere) {
             (Ending::Closed(_), None) => {}
@@ -190,8 +192,8 @@ impl Owners {
         true
     }
 
-    /// Returns false if a scene, or the edge, has as many mirrors as it may, and needs them all. Of those that no client needs, the
-    /// one unused for the longest time makes room, unless it is being dialled.
+    /// Returns false if a scene, or the edge, has as many mirrors as it may, and needs them all. Of those that no client
+    /// needs, the one unused for the longest time makes room, unless it is being dialled.
     fn make_room(
         &mut self,
         scene: &SceneName,
@@ -383,6 +385,56 @@ pub(crate) fn to_link(transmit: Transmit, link: Peer) -> Transmit {
     }
 }
 
+/// Bytes that wait for a fan-out, with the cost of each packet. Derived: those of a client that does not read.
+const SHARED_BYTES: usize = 4 << 20;
+/// Cost of a packet beside its bytes.
+const PACKET_COST_BYTES: usize = 64;
+
+/// A stream that a fan-out carries.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct SharedStream {
+    /// The scene.
+    pub scene: SceneName,
+    /// The stream of the scene.
+    pub stream: StreamId,
+}
+
+/// A packet for all that a fan-out carries it to.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SharedPacket {
+    /// Its stream.
+    pub of: SharedStream,
+    /// The datagram.
+    pub bytes: Bytes,
+}
+
+/// Packets that wait for a fan-out, oldest first.
+///
+/// At most [`SHARED_BYTES`] wait; the oldest are dropped for newer ones, as a network drops them.
+#[derive(Debug, Default)]
+pub(crate) struct SharedQueue {
+    waiting: VecDeque<SharedPacket>,
+    cost_bytes: usize,
+}
+
+impl SharedQueue {
+    pub(crate) fn push(&mut self, packet: SharedPacket) {
+        self.cost_bytes += cost(&packet);
+        self.waiting.push_back(packet);
+        while self.cost_bytes > SHARED_BYTES && self.pop().is_some() {}
+    }
+
+    pub(crate) fn pop(&mut self) -> Option<SharedPacket> {
+        let packet = self.waiting.pop_front()?;
+        self.cost_bytes -= cost(&packet);
+        Some(packet)
+    }
+}
+
+fn cost(packet: &SharedPacket) -> usize {
+    packet.bytes.len() + PACKET_COST_BYTES
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -416,5 +468,25 @@ mod tests {
         assert_eq!(dialled(&mut owners).as_deref(), Some("rhumb://b:1"));
         owners.note_end(&scene, Ending::Broken, None);
         assert_eq!(dialled(&mut owners), None);
+    }
+
+    #[test]
+    fn without_a_fan_out_the_oldest_packets_are_dropped() {
+        let mut queue = SharedQueue::default();
+        let packet = |number: u32| SharedPacket {
+            of: SharedStream {
+                scene: "stage".parse().expect("a valid name"),
+                stream: StreamId(1),
+            },
+            bytes: Bytes::from([number.to_be_bytes().as_slice(), &[0; 996]].concat()),
+        };
+        for number in 0..10_000 {
+            queue.push(packet(number));
+        }
+        let kept = SHARED_BYTES / (1_000 + PACKET_COST_BYTES);
+        let left: Vec<_> = std::iter::from_fn(|| queue.pop()).collect();
+        assert_eq!(left.len(), kept);
+        assert_eq!(left[0], packet(10_000 - kept as u32));
+        assert_eq!(queue.cost_bytes, 0);
     }
 }

@@ -8,7 +8,6 @@ mod commands;
 mod durability;
 mod fed;
 mod members;
-mod pace;
 mod tick;
 
 use std::collections::{BTreeMap, VecDeque};
@@ -24,8 +23,7 @@ use rhumb_protocol::{
 };
 use rhumb_reckoning::Tick;
 
-use self::pace::CommandPace;
-use crate::admission::{self, SceneLoad, SceneSlot};
+use crate::admission::{self, CommandPace, SceneLoad, SceneSlot};
 use crate::baking::Bakery;
 use crate::checkpoint::{Checkpoint, CheckpointError, Rollback};
 use crate::clients::{AuthorityTable, Clients, Turn};

@@ -3,9 +3,6 @@
 //! The function of the `rhumb-server` binary, callable by programs that embed it. With it: reasons for which a server
 //! does not start, or stops by itself.
 
-#[cfg(feature = "record")]
-mod observers;
-
 use std::net::{SocketAddr, TcpListener};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -40,6 +37,8 @@ use crate::http;
 use crate::http::TcpService;
 #[cfg(feature = "view")]
 use crate::metrics::Metrics;
+#[cfg(feature = "record")]
+use crate::recording::{Recorder, RecordingLimits, SceneTaps};
 #[cfg(feature = "view")]
 use crate::view::{PageListener, ViewError, ViewScene};
 
@@ -327,6 +326,32 @@ impl Server {
         self.flight = Some(directory);
     }
 
+    /// Records every scene in MCAP files of this directory, which is made if it is missing.
+    #[cfg(feature = "record")]
+    pub fn record_scenes(&mut self, directory: PathBuf) {
+        self.record = Some(directory);
+    }
+
+    /// Shows every scene to Foxglove's viewers, over WebSockets at a TCP address, which is returned. It has no tokens:
+    /// bind it where only those reach it who may see all scenes. Web pages pass if they are of this machine, of Foxglove,
+    /// or among `pages`.
+    ///
+    /// # Errors
+    ///
+    /// [`RunError::Foxglove`] for an address that cannot be used.
+    #[cfg(feature = "foxglove")]
+    pub fn show_in_foxglove(
+        &mut self,
+        address: SocketAddr,
+        pages: Origins,
+    ) -> Result<SocketAddr, RunError> {
+        let bound = crate::recording::BoundViewers::bind(address, pages);
+        let viewers = bound.map_err(RunError::Foxglove)?;
+        let local = viewers.address();
+        self.foxglove = Some(viewers);
+        Ok(local)
+    }
+
     /// Saves and restores its scenes while it runs: for other threads.
     #[must_use]
     pub fn checkpoints(&self) -> Checkpoints {
@@ -409,6 +434,38 @@ impl Server {
         drop(observers);
         served
     }
+
+    /// Starts the threads that read the states of later scenes.
+    #[cfg(feature = "record")]
+    fn start_observers(&mut self, taps: &SceneTaps) -> Result<Observers, RunError> {
+        let limits = RecordingLimits::of(&self.scenes.limits);
+        let recorder = match self.record.take() {
+            None => None,
+            Some(directory) => {
+                let started = Recorder::start(directory.clone(), limits, seconds_since_1970, taps);
+                let failed = |cause| RunError::Record { directory, cause };
+                Some(started.map_err(failed)?)
+            }
+        };
+        #[cfg(feature = "foxglove")]
+        let viewers = match self.foxglove.take() {
+            None => None,
+            Some(bound) => Some(bound.start(limits, taps).map_err(RunError::Thread)?),
+        };
+        Ok(Observers {
+            _recorder: recorder,
+            #[cfg(feature = "foxglove")]
+            _viewers: viewers,
+        })
+    }
+}
+
+/// The threads that read the scenes' states; dropping them ends them.
+#[cfg(feature = "record")]
+struct Observers {
+    _recorder: Option<Recorder>,
+    #[cfg(feature = "foxglove")]
+    _viewers: Option<crate::recording::LiveViewers>,
 }
 
 /// Runs an endpoint behind the sockets.

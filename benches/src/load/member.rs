@@ -2,7 +2,7 @@
 //!
 //! Each has a thread, and is a member until the load ends. Measures nothing but its own traffic.
 //!
-//! Each has a thread. What they note is shared, and evaluated by the caller at the end of a part. Invariant: a copy is
+//! Each has a thread. Their notes are shared, and evaluated by the caller at the end of a part. Invariant: a copy is
 //! compared at a tick of which it has all, so that every breach is a fault.
 //!
 //! A follower joins as an observer does, and then counts its packets in place of reading them: a thousand copies of two

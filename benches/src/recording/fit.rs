@@ -3,10 +3,10 @@
 //! Gravity, centre of mass, inertia, damping, substeps.
 //!
 //! A body is taken as free where its centre accelerates evenly. A fit of least squares to each body's second differences
-//! finds its acceleration and the place that moves so; poses that fit badly are left out, and the fit is repeated. Then the
-//! momentum of free bodies tells their moments, and the change of velocities gravity, damping and substeps. A body that
-//! accelerates otherwise than most, or whose spin changes as no moments explain, is driven: it tells nothing. If the velocities
-//! hold for other moments than this project's, all is found again from those of this project's moments.
+//! finds its acceleration and the place that moves so; poses that fit badly are left out, and the fit is repeated. Then
+//! the momentum of free bodies tells their moments, and the change of velocities gravity, damping and substeps. A body
+//! that accelerates otherwise than most, or whose spin changes as no moments explain, is driven: it tells nothing. If the
+//! velocities hold for other moments than this project's, all is found again from those of this project's moments.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -17,7 +17,7 @@ use rhumb_reckoning::{BodyId, BodyState, Inertia};
 
 use super::algebra::{least_eigenvector, median, principal_axes, solve};
 use super::instants::{self, Fall, First, Instants, Kept};
-use super::paths::BodyPath;
+use super::recorded::BodyPath;
 use super::recorded::{Recording, Velocities, set_digest};
 
 /// The parameters that were found.
@@ -37,7 +37,7 @@ pub(crate) struct Found {
     pub(crate) kept: Option<[f64; 2]>,
     /// (n + 1) / 2n of n substeps: 1 for one, 0.5 for exact parabolas, 0 where the old velocity moves a body.
     pub(crate) fall: Option<f64>,
-    /// What the recorded velocities stand for; all else is of velocities of this project's step.
+    /// The moment of the recorded velocities; all else is of velocities of this project's step.
     pub(crate) instants: Instants,
     /// Frames in which a body was free, of all in which it moved.
     pub(crate) free: [usize; 2],
@@ -375,7 +375,7 @@ pub(crate) fn find(recording: &Recording, paths: &[BodyPath]) -> Found {
     }
 }
 
-/// What free bodies say, one after another.
+/// The findings of free bodies, one after another.
 #[derive(Default)]
 struct Evidence {
     /// Velocities before and after a tick.
@@ -483,7 +483,7 @@ impl Evidence {
             .extend(falls.iter().map(|fall| fall.beside + share * fall.way));
     }
 
-    /// What stays after a tick; `None` if nothing was said.
+    /// The part of a velocity that stays after a tick; `None` if nothing was said.
     fn kept(&self, source: Velocities) -> Option<Kept> {
         let linear = match source {
             Velocities::Recorded => linear_flow(&self.steps).map(|(kept, _)| kept),
@@ -711,7 +711,7 @@ fn falls(path: &BodyPath, pairs: &[usize], flight: &Flight, step_s: f64) -> Vec<
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::recording::paths::tests::recording;
+    use crate::recording::recorded::tests::recording;
 
     #[test]
     fn what_no_scene_can_have_is_not_taken_and_said() {

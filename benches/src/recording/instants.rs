@@ -1,15 +1,15 @@
 //! The moments for which the velocities of a recording hold.
 //!
-//! This project's step moves a body and damps it afterwards, and its velocities hold at the moment of their pose. Other engines damp
-//! first, or report the angular velocity that turned the body in the last step: that of half a step before. How poses follow
-//! from velocities tells both, and then the velocities of this project's step follow from theirs.
+//! This project's step moves a body and damps it afterwards, and its velocities hold at the moment of their pose. Other
+//! engines damp first, or report the angular velocity that turned the body in the last step: that of half a step before.
+//! How poses follow from velocities tells both, and then the velocities of this project's step follow from theirs.
 
 use glam::{DQuat, DVec3};
 use rhumb_reckoning::BodyState;
 
 use super::algebra::{ShortTurn, median, slope};
 
-/// What an engine does first to a body in a tick.
+/// The first act of an engine on a body in a tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum First {
     /// It is moved by the velocity of the last tick.
@@ -19,7 +19,7 @@ pub(crate) enum First {
     Damped,
 }
 
-/// What the velocities of a recording stand for.
+/// The moments of a recording's velocities.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Instants {
     pub(crate) first: First,
@@ -103,7 +103,7 @@ pub(crate) struct Fall {
     pub(crate) way: f64,
 }
 
-/// What comes first in a tick, as a body's falls say; `lost`: the share of its velocity that a tick's damping takes.
+/// The engine's first act in a tick, by a body's falls; `lost`: the share of its velocity that a tick's damping takes.
 pub(crate) fn first(falls: &[Fall], lost: f64) -> First {
     let pairs: Vec<(f64, f64)> = falls.iter().map(|fall| (fall.beside, fall.way)).collect();
     let slope = slope(&pairs);

@@ -1,28 +1,28 @@
-//! Foreign recordings: `.rhtrace` 1, of boxes; packed by zstd or not.
+//! Foreign recordings: `.rhtrace` 1 and 2; packed by zstd or not.
 //!
-//! `spec/RHTRACE.md` has the layout. A body without a record in a
-//! frame has not changed, so it sleeps whatever its last flag. Damping is not stored and taken as zero, with one
-//! substep.
+//! `spec/RHTRACE.md` has both layouts. Version 1 has boxes: a body without a record in a frame has not changed, so it sleeps
+//! whatever its last flag; damping is not stored and taken as zero, with one substep. Version 2 has the parameters that
+//! predictions need. Reading it turns poses into those of the centres of mass, and damping into this project's formula.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::num::NonZeroU32;
 
-use glam::Vec3;
-use rhumb_protocol::limits::BODIES_MAX;
+use glam::{Quat, Vec3};
+use rhumb_protocol::limits::{BODIES_MAX, GRAVITY_MAX, SUBSTEPS_MAX};
 use rhumb_protocol::scene::{BodyDesc, BodyKind, Shape, ShapeId};
 use rhumb_protocol::stream::{Activity, Observation};
-use rhumb_reckoning::{BodyId, BodyState, Damping, Integrator, Tick};
+use rhumb_reckoning::{BodyId, BodyState, Damping, Inertia, Integrator, Rate, Tick};
 
-use super::error::RecordingError;
+use super::error::{Place, RecordingError, RowDefect};
 use super::options::rate_of_step;
-use super::recorded::{self, FRAMES_MAX, Recording, Velocities, activity_from_records, set_digest};
-use super::rhtrace2::{self, ByteReader};
+use super::recorded;
+use super::recorded::{FRAMES_MAX, Recording, Velocities, activity_from_records, set_digest};
 use crate::record::{Placed, Truth};
 
 /// Largest relative change of a step by rounding to single precision, with a margin of two.
 const ROUNDED: f64 = 1.2e-7;
 
-/// Magic number at the start of the file.
+/// Magic number at the start of a file of version 1.
 pub const MAGIC: [u8; 8] = *b"RHTRACE1";
 
 /// Limit of the decompressed size: two gigabytes.
@@ -35,7 +35,7 @@ const GONE: u8 = 2;
 
 /// True for bytes that begin as an `.rhtrace` of either version.
 pub(super) fn is_plain(bytes: &[u8]) -> bool {
-    bytes.starts_with(&MAGIC) || bytes.starts_with(&rhtrace2::MAGIC)
+    bytes.starts_with(&MAGIC) || bytes.starts_with(&MAGIC_2)
 }
 
 /// Reads a recording.
@@ -60,8 +60,8 @@ pub fn read(name: &str, bytes: &[u8]) -> Result<Recording, RecordingError> {
 fn read_plain(name: &str, bytes: &[u8]) -> Result<Recording, RecordingError> {
     let mut reader = ByteReader::new(bytes);
     let magic: [u8; 8] = reader.take()?;
-    if magic == rhtrace2::MAGIC {
-        return rhtrace2::read(name, &bytes[magic.len()..]);
+    if magic == MAGIC_2 {
+        return read_second(name, &bytes[magic.len()..]);
     }
     if magic != MAGIC {
         return Err(RecordingError::NotARecording);
@@ -83,14 +83,14 @@ fn read_plain(name: &str, bytes: &[u8]) -> Result<Recording, RecordingError> {
     let rate = rate_of_step(step_s, ROUNDED).ok_or(RecordingError::Step { step_s })?;
     let mut shapes = Vec::new();
     for index in 0..bodies {
-        shapes.push(shape(&mut reader, index)?);
+        shapes.push(box_shape(&mut reader, index)?);
     }
     let mut truth = Truth::default();
     let mut there = vec![Stay::default(); shapes.len()];
     for frame in 0..u64::from(frames) {
         reader.begin(frame);
         let tick = Tick::new(frame);
-        let row = row(&mut reader, tick, &shapes, (&mut there, &mut truth))?;
+        let row = first_row(&mut reader, tick, &shapes, (&mut there, &mut truth))?;
         if frame > 0 {
             truth.ticks.push(row);
         }
@@ -132,7 +132,7 @@ struct Stay {
     generation: u16,
 }
 
-fn shape(reader: &mut ByteReader<'_>, index: u32) -> Result<Shape, RecordingError> {
+fn box_shape(reader: &mut ByteReader<'_>, index: u32) -> Result<Shape, RecordingError> {
     let half_extents = Vec3::from_array(reader.f32s()?);
     let radius = f64::from(reader.f32()?);
     let shape = Shape::Cuboid { half_extents };
@@ -145,7 +145,7 @@ fn shape(reader: &mut ByteReader<'_>, index: u32) -> Result<Shape, RecordingErro
 }
 
 /// The records of a frame. A body's first record places it; all of frame 0 are such.
-fn row(
+fn first_row(
     reader: &mut ByteReader<'_>,
     tick: Tick,
     shapes: &[Shape],
@@ -193,4 +193,682 @@ fn row(
         }
     }
     Ok(row)
+}
+
+/// Magic number at the start of the file.
+const MAGIC_2: [u8; 8] = *b"RHTRACE2";
+
+/// Largest damping, 1/s.
+const DAMPING_MAX: f64 = 1_000.0;
+/// Largest distance of the centre of mass from the origin, metres.
+const CENTRE_MAX: f32 = 1_000.0;
+
+/// The body has not changed in this frame: the record says that it is gone, and no more.
+const UNCHANGED: u8 = 4;
+
+/// The axis of a body's spin wanders as its moments say.
+const GYROSCOPIC: u8 = 1;
+/// Moments of inertia follow.
+const MOMENTS: u8 = 2;
+
+/// The formula by which damping takes velocity in a tick of this many seconds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum DampingFormula {
+    /// v / (1 + d·t): Rapier, and this project.
+    Implicit,
+    /// v·exp(−d·t).
+    Exponential,
+    /// v·(1 − d·t): Jolt, Bullet's older ones.
+    Explicit,
+    /// v·(1 − d)^t: PyBullet, cannon-es.
+    Share,
+}
+
+impl DampingFormula {
+    fn of(number: u8) -> Option<Self> {
+        let all = [
+            Self::Implicit,
+            Self::Exponential,
+            Self::Explicit,
+            Self::Share,
+        ];
+        all.get(usize::from(number)).copied()
+    }
+
+    /// The damping of our formula that takes as much in a tick.
+    fn ours(self, damping: f32, step_s: f64) -> Option<f32> {
+        let d = f64::from(damping);
+        let kept = match self {
+            Self::Implicit => return (0.0..=DAMPING_MAX).contains(&d).then_some(damping),
+            Self::Exponential => (-d * step_s).exp(),
+            Self::Explicit => 1.0 - d * step_s,
+            Self::Share => (1.0 - d).max(0.0).powf(step_s),
+        };
+        let ours = (1.0 / kept - 1.0) / step_s;
+        (0.0..=DAMPING_MAX).contains(&ours).then_some(ours as f32)
+    }
+}
+
+/// The point of a body to which the velocities of a file belong.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum VelocityPoint {
+    Centre,
+    Origin,
+    None,
+}
+
+/// A body's constants.
+struct Body {
+    desc: BodyDesc,
+    shape: Shape,
+    inertia: Option<Inertia>,
+    /// From the origin, body axes.
+    centre: Vec3,
+    is_there: bool,
+    generation: u16,
+}
+
+/// Reads the bytes behind the magic number.
+fn read_second(name: &str, bytes: &[u8]) -> Result<Recording, RecordingError> {
+    let mut reader = ByteReader::new(bytes);
+    let (bodies, frames) = (reader.u32()?, reader.u32()?);
+    if frames < 2 {
+        return Err(RecordingError::NoTruth);
+    }
+    if frames > FRAMES_MAX {
+        return Err(RecordingError::Frames { frames });
+    }
+    if bodies > BODIES_MAX {
+        return Err(RecordingError::Bodies {
+            bodies: u64::from(bodies),
+        });
+    }
+    let (ticks, seconds) = (reader.u32()?, reader.u32()?);
+    let step_s = f64::from(seconds) / f64::from(ticks);
+    let rate = Rate::new(ticks, seconds).filter(|_| (0.001..=1.0).contains(&step_s));
+    let rate = rate.ok_or(RecordingError::Step { step_s })?;
+    let head = |of| RecordingError::Row {
+        place: Place::Whole,
+        defect: RowDefect::OutOfRange { of },
+    };
+    let substeps = reader.u32()?.max(1);
+    let substeps = NonZeroU32::new(substeps).filter(|count| count.get() <= SUBSTEPS_MAX);
+    let substeps = substeps.ok_or_else(|| head("number of substeps (1 to 16)"))?;
+    let gravity = Vec3::from_array(reader.f32s()?);
+    if !gravity.is_finite() || gravity.abs().max_element() > GRAVITY_MAX {
+        return Err(head("gravity"));
+    }
+    let [formula, point] = reader.take()?;
+    let formula = DampingFormula::of(formula).ok_or_else(|| head("damping formula"))?;
+    let point = match point {
+        0 => VelocityPoint::Centre,
+        1 => VelocityPoint::Origin,
+        2 => VelocityPoint::None,
+        _ => return Err(head("point of the velocities")),
+    };
+    let mut all = Vec::new();
+    for index in 0..bodies {
+        all.push(body(&mut reader, index, (formula, step_s))?);
+    }
+    let mut truth = Truth::default();
+    for frame in 0..u64::from(frames) {
+        reader.begin(frame);
+        let row = row(&mut reader, frame, &mut all, (point, &mut truth))?;
+        if frame > 0 {
+            truth.ticks.push(row);
+        }
+    }
+    reader.end()?;
+    activity_from_records(&mut truth);
+    let mut recording = Recording {
+        name: name.to_owned(),
+        played: None,
+        truth,
+        integrator: Integrator { rate, substeps },
+        gravity,
+        damping: Damping::default(),
+        inertias: BTreeMap::new(),
+        velocities: Velocities::Recorded,
+        notes: Vec::new(),
+    };
+    if point == VelocityPoint::None {
+        let note = "the file has no velocities, so they are fitted to the poses";
+        recording.notes.push(note.to_owned());
+        recorded::derive(&mut recording)?;
+    }
+    set_digest(&mut recording.truth);
+    Ok(recording)
+}
+
+fn body(
+    reader: &mut ByteReader<'_>,
+    index: u32,
+    (formula, step_s): (DampingFormula, f64),
+) -> Result<Body, RecordingError> {
+    let wrong = |of| RecordingError::Row {
+        place: Place::Record {
+            frame: 0,
+            body: u64::from(index),
+        },
+        defect: RowDefect::OutOfRange { of },
+    };
+    let [kind, flags] = reader.take()?;
+    let kind = match kind {
+        0 => BodyKind::Fixed,
+        1 => BodyKind::Dynamic,
+        2 => BodyKind::Kinematic,
+        _ => return Err(wrong("kind")),
+    };
+    let [linear, angular, gravity_scale] = reader.f32s()?;
+    let ours = |damping| {
+        formula
+            .ours(damping, step_s)
+            .ok_or_else(|| wrong("damping"))
+    };
+    let damping = Damping {
+        linear: ours(linear)?,
+        angular: ours(angular)?,
+    };
+    let centre = Vec3::from_array(reader.f32s()?);
+    // NaN is none.
+    let is_near = centre.abs().max_element() <= CENTRE_MAX;
+    if !is_near || !centre.is_finite() {
+        return Err(wrong("centre of mass"));
+    }
+    let mut inertia = None;
+    if flags & MOMENTS != 0 {
+        let (moments, frame) = (reader.f32s()?, reader.f32s()?);
+        let read = Inertia::new(moments, frame);
+        inertia = Some(read.map_err(|_| wrong("moments of inertia"))?);
+    }
+    let shape = shape(reader)?;
+    let shape = shape.filter(|shape| shape.check().is_ok());
+    let shape = shape.ok_or_else(|| wrong("shape"))?;
+    let shape = if centre == Vec3::ZERO {
+        shape
+    } else {
+        // Only the bounding radius matters, which is that about the centre.
+        let radius = shape.bounding_radius().metres() as f32 + centre.length();
+        Shape::Ball { radius }
+    };
+    let desc = BodyDesc {
+        damping: Some(damping),
+        gravity_scale,
+        gyroscopic: flags & GYROSCOPIC != 0,
+        ..BodyDesc::plain(BodyId::new(index, 0), kind, ShapeId(index))
+    };
+    desc.check().map_err(|_| wrong("gravity factor"))?;
+    Ok(Body {
+        desc,
+        shape,
+        inertia: inertia.filter(|inertia| !inertia.is_isotropic()),
+        centre,
+        is_there: false,
+        generation: 0,
+    })
+}
+
+/// A shape; `None` for an unknown one.
+fn shape(reader: &mut ByteReader<'_>) -> Result<Option<Shape>, RecordingError> {
+    let [number] = reader.take()?;
+    Ok(Some(match number {
+        // Any shape within this distance of the origin.
+        0 | 1 => Shape::Ball {
+            radius: reader.f32()?,
+        },
+        2 => Shape::Cuboid {
+            half_extents: Vec3::from_array(reader.f32s()?),
+        },
+        3..=5 => {
+            let [half_height, radius] = reader.f32s()?;
+            match number {
+                3 => Shape::Capsule {
+                    half_height,
+                    radius,
+                },
+                4 => Shape::Cylinder {
+                    half_height,
+                    radius,
+                },
+                _ => Shape::Cone {
+                    half_height,
+                    radius,
+                },
+            }
+        }
+        6 => Shape::RoundedCuboid {
+            half_extents: Vec3::from_array(reader.f32s()?),
+            radius: reader.f32()?,
+        },
+        _ => return Ok(None),
+    }))
+}
+
+/// True for flags that stand for something. A body that goes without a change was there.
+const fn is_sound(flags: u8, is_there: bool) -> bool {
+    let is_known = flags & !(AWAKE | GONE | UNCHANGED) == 0;
+    is_known && (flags & UNCHANGED == 0 || flags & GONE != 0 && is_there)
+}
+
+/// The records of a frame. A body's first record places it.
+fn row(
+    reader: &mut ByteReader<'_>,
+    frame: u64,
+    bodies: &mut [Body],
+    (point, truth): (VelocityPoint, &mut Truth),
+) -> Result<Vec<Observation>, RecordingError> {
+    let tick = Tick::new(frame);
+    let mut row = Vec::new();
+    let mut last = None;
+    for _ in 0..reader.u32()? {
+        let index = reader.u32()?;
+        let (position, rotation) = (reader.f32s()?, reader.f32s()?);
+        let (linear, angular) = (reader.f32s()?, reader.f32s()?);
+        let [flags] = reader.take()?;
+        let in_order = last.is_none_or(|last| last < index);
+        let (Some(body), true) = (bodies.get_mut(index as usize), in_order) else {
+            return Err(RecordingError::Record { tick, index });
+        };
+        if !is_sound(flags, body.is_there) {
+            return Err(RecordingError::Flags { tick, index, flags });
+        }
+        last = Some(index);
+        let turn = Quat::from_array(rotation);
+        let arm = turn * body.centre;
+        let position = Vec3::from_array(position) + arm;
+        let angular = Vec3::from_array(angular);
+        let (linear, spin) = match point {
+            VelocityPoint::Centre => (Vec3::from_array(linear), angular),
+            VelocityPoint::Origin => (Vec3::from_array(linear) + angular.cross(arm), angular),
+            VelocityPoint::None => (Vec3::ZERO, Vec3::ZERO),
+        };
+        let motion = BodyState::new(
+            position.to_array(),
+            rotation,
+            linear.to_array(),
+            spin.to_array(),
+        );
+        let id = BodyId::new(index, body.generation);
+        let observation = Observation {
+            id,
+            motion: motion.map_err(|_| RecordingError::Number { tick, index })?,
+            activity: if flags & AWAKE == 0 {
+                Activity::Asleep
+            } else {
+                Activity::Awake
+            },
+        };
+        if body.is_there {
+            row.extend((flags & UNCHANGED == 0).then_some(observation));
+        } else {
+            body.is_there = true;
+            truth.placed.push(Placed {
+                tick,
+                desc: BodyDesc { id, ..body.desc },
+                shape: body.shape.clone(),
+                observation,
+                inertia: body.inertia.filter(|_| body.desc.gyroscopic),
+            });
+        }
+        if flags & GONE != 0 {
+            truth.removed.push((tick, id));
+            body.is_there = false;
+            body.generation = body.generation.wrapping_add(1);
+        }
+    }
+    Ok(row)
+}
+
+/// The bytes of a recording, whose bodies have the indices 0, 1, 2 and so on.
+#[must_use]
+pub fn write(recording: &Recording) -> Vec<u8> {
+    let truth = &recording.truth;
+    let mut placed: BTreeMap<u32, &Placed> = BTreeMap::new();
+    for one in &truth.placed {
+        placed.entry(one.desc.id.index()).or_insert(one);
+    }
+    let indices: BTreeMap<u32, u32> = placed.keys().copied().zip(0..).collect();
+    let mut to = MAGIC_2.to_vec();
+    let Integrator { rate, substeps } = recording.integrator;
+    let frames = truth.ticks.len() as u32 + 1;
+    for number in [
+        placed.len() as u32,
+        frames,
+        rate.ticks(),
+        rate.seconds(),
+        substeps.get(),
+    ] {
+        to.extend(number.to_le_bytes());
+    }
+    put(&mut to, &recording.gravity.to_array());
+    to.extend([0, 0]);
+    for one in placed.values() {
+        put_body(&mut to, recording, one);
+    }
+    let mut starts = truth.placed.iter().peekable();
+    let gone = last_frames(truth);
+    let mut last: BTreeMap<u32, Observation> = BTreeMap::new();
+    for frame in 0..u64::from(frames) {
+        let mut row: BTreeMap<u32, (Observation, u8)> = BTreeMap::new();
+        let observed = frame
+            .checked_sub(1)
+            .map(|before| &truth.ticks[before as usize]);
+        for observation in observed.into_iter().flatten() {
+            row.insert(observation.id.index(), (*observation, 0));
+        }
+        while let Some(one) = starts.next_if(|one| one.tick.value() <= frame) {
+            row.insert(one.desc.id.index(), (one.observation, 0));
+        }
+        for (_, id) in gone.range((frame, BodyId::new(0, 0))..(frame + 1, BodyId::new(0, 0))) {
+            let known = last.get(&id.index()).map(|known| (*known, UNCHANGED));
+            let record = row.get(&id.index()).copied().or(known);
+            if let Some((observation, flags)) = record.filter(|(known, _)| known.id == *id) {
+                row.insert(id.index(), (observation, flags | GONE));
+            }
+        }
+        to.extend((row.len() as u32).to_le_bytes());
+        for (index, (observation, flags)) in row {
+            to.extend(indices[&index].to_le_bytes());
+            put(&mut to, &observation.motion.parts());
+            let awake = observation.activity == Activity::Awake;
+            to.push((u8::from(awake) * AWAKE) | flags);
+            last.insert(index, observation);
+        }
+    }
+    to
+}
+
+/// The last frame of each body that was removed: the one before, where another of its index is placed in that of the removal.
+fn last_frames(truth: &Truth) -> BTreeSet<(u64, BodyId)> {
+    let placed = truth.placed.iter();
+    let begins: BTreeSet<(u64, u32)> = placed
+        .map(|one| (one.tick.value(), one.desc.id.index()))
+        .collect();
+    let first: BTreeMap<BodyId, u64> = truth
+        .placed
+        .iter()
+        .map(|one| (one.desc.id, one.tick.value()))
+        .collect();
+    let removed = truth.removed.iter().map(|(tick, id)| {
+        let frame = tick.value();
+        let is_own = first.get(id) == Some(&frame);
+        let follows = !is_own && begins.contains(&(frame, id.index()));
+        (frame.saturating_sub(u64::from(follows)), *id)
+    });
+    removed.collect()
+}
+
+fn put_body(to: &mut Vec<u8>, recording: &Recording, placed: &Placed) {
+    let desc = &placed.desc;
+    let inertia = placed
+        .inertia
+        .or_else(|| recording.inertias.get(&desc.id).copied());
+    to.push(match desc.kind {
+        BodyKind::Fixed => 0,
+        BodyKind::Dynamic => 1,
+        BodyKind::Kinematic => 2,
+    });
+    to.push((u8::from(desc.gyroscopic) * GYROSCOPIC) | (u8::from(inertia.is_some()) * MOMENTS));
+    let damping = desc.damping.unwrap_or(recording.damping);
+    put(to, &[damping.linear, damping.angular, desc.gravity_scale]);
+    put(to, &[0.0; 3]);
+    if let Some(inertia) = inertia {
+        put(to, &inertia.moments());
+        put(to, &inertia.frame());
+    }
+    let (number, numbers): (u8, Vec<f32>) = match &placed.shape {
+        Shape::Ball { radius } => (1, vec![*radius]),
+        Shape::Cuboid { half_extents } => (2, half_extents.to_array().to_vec()),
+        Shape::Capsule {
+            half_height,
+            radius,
+        } => (3, vec![*half_height, *radius]),
+        Shape::Cylinder {
+            half_height,
+            radius,
+        } => (4, vec![*half_height, *radius]),
+        Shape::Cone {
+            half_height,
+            radius,
+        } => (5, vec![*half_height, *radius]),
+        Shape::RoundedCuboid {
+            half_extents: Vec3 { x, y, z },
+            radius,
+        } => (6, vec![*x, *y, *z, *radius]),
+        other => (0, vec![other.bounding_radius().metres() as f32]),
+    };
+    to.push(number);
+    put(to, &numbers);
+}
+
+fn put(to: &mut Vec<u8>, numbers: &[f32]) {
+    to.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
+}
+
+/// Reader over the remaining bytes.
+pub(super) struct ByteReader<'a> {
+    rest: &'a [u8],
+    /// The frame that is being read; none in the head of the file.
+    frame: Option<u64>,
+}
+
+impl<'a> ByteReader<'a> {
+    pub(super) const fn new(rest: &'a [u8]) -> Self {
+        Self { rest, frame: None }
+    }
+
+    /// Begins a frame: errors that follow name it.
+    pub(super) const fn begin(&mut self, frame: u64) {
+        self.frame = Some(frame);
+    }
+
+    pub(super) fn take<const COUNT: usize>(&mut self) -> Result<[u8; COUNT], RecordingError> {
+        let short = || RecordingError::Short {
+            within: (self.frame)
+                .map_or_else(|| "its head".to_owned(), |frame| format!("frame {frame}")),
+        };
+        let (taken, rest) = self.rest.split_first_chunk().ok_or_else(short)?;
+        self.rest = rest;
+        Ok(*taken)
+    }
+
+    pub(super) fn u16(&mut self) -> Result<u16, RecordingError> {
+        self.take().map(u16::from_le_bytes)
+    }
+
+    pub(super) fn u32(&mut self) -> Result<u32, RecordingError> {
+        self.take().map(u32::from_le_bytes)
+    }
+
+    pub(super) fn f32(&mut self) -> Result<f32, RecordingError> {
+        self.take().map(f32::from_le_bytes)
+    }
+
+    pub(super) fn f32s<const COUNT: usize>(&mut self) -> Result<[f32; COUNT], RecordingError> {
+        let mut all = [0.0; COUNT];
+        for one in &mut all {
+            *one = self.f32()?;
+        }
+        Ok(all)
+    }
+
+    /// Refuses bytes behind the last frame.
+    pub(super) const fn end(&self) -> Result<(), RecordingError> {
+        match self.rest.len() {
+            0 => Ok(()),
+            bytes => Err(RecordingError::Long { bytes }),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::recording::{ReadOptions, read_bytes};
+
+    fn recording() -> Recording {
+        let text = "time,body,x,y,z,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz\n\
+                    0,a,0,0,0,0,0,0,1,1,0,0,0,0,2\n0,b,5,0,0,0,0,0,1,0,0,0,0,0,0\n\
+                    0.02,a,0.02,0,0,0,0,0.02,0.9998,1,0,0,0,0,2\n0.04,a,0.04,0,0,0,0,0.04,0.9992,1,0,0,0,0,2\n";
+        let options = ReadOptions {
+            shapes: vec!["cuboid:1,2,3".parse().expect("a shape")],
+            gravity: Some(Vec3::new(0.0, -1.5, 0.0)),
+            ..ReadOptions::default()
+        };
+        let mut recording = read_bytes("r", text.as_bytes(), &options).expect("sound");
+        let inertia = Inertia::new([1.0, 2.0, 2.5], Inertia::OWN_AXES).expect("sound");
+        recording.truth.placed[0].inertia = Some(inertia);
+        recording.damping.linear = 0.5;
+        recording
+    }
+
+    #[test]
+    fn what_is_written_is_read_as_it_was() {
+        let recording = recording();
+        let bytes = write(&recording);
+        let again = read_bytes("r", &bytes, &ReadOptions::default()).expect("sound");
+        assert_eq!(again.truth.digest, recording.truth.digest);
+        assert_eq!(again.truth.removed, recording.truth.removed);
+        assert_eq!(again.integrator, recording.integrator);
+        assert_eq!(again.gravity, recording.gravity);
+        let placed = &again.truth.placed[0];
+        assert_eq!(placed.inertia, recording.truth.placed[0].inertia);
+        assert_eq!(placed.shape, recording.truth.placed[0].shape);
+        assert_eq!(placed.desc.damping.map(|damping| damping.linear), Some(0.5));
+        assert_eq!(again.truth.placed[1].desc.kind, BodyKind::Fixed);
+        assert_eq!(write(&again), bytes);
+    }
+
+    #[test]
+    fn a_body_that_rests_when_it_goes_is_gone_and_its_index_is_another_s_at_once() {
+        let mut recording = recording();
+        let first = recording.truth.placed[0].clone();
+        let id = first.desc.id;
+        // The other body has no record after its first.
+        let still = recording.truth.placed[1].desc.id;
+        let other = BodyId::new(id.index(), 1);
+        let mut second = first;
+        second.tick = Tick::new(2);
+        second.desc.id = other;
+        second.observation.id = other;
+        recording.truth.placed.push(second);
+        recording.truth.ticks[1].clear();
+        recording.truth.removed = vec![(Tick::new(1), still), (Tick::new(2), id)];
+        activity_from_records(&mut recording.truth);
+        set_digest(&mut recording.truth);
+        let bytes = write(&recording);
+        let again = read_bytes("r", &bytes, &ReadOptions::default()).expect("sound");
+        // The last frame of a body whose index begins anew in that of its removal is the one before.
+        let removed = [(Tick::new(1), id), (Tick::new(1), still)];
+        assert_eq!(again.truth.removed, removed);
+        assert_eq!(again.truth.digest, recording.truth.digest);
+        let ids = again.truth.placed.iter().map(|placed| placed.desc.id);
+        assert_eq!(ids.collect::<Vec<_>>(), [id, still, other]);
+        assert_eq!(write(&again), bytes);
+    }
+
+    #[test]
+    fn flags_that_stand_for_nothing_are_refused() {
+        let whole = write(&recording());
+        let sound = read_bytes("r", &whole, &ReadOptions::default()).is_ok();
+        assert!(sound);
+        // The last byte is the flags of the last record, of a body that is there.
+        let last = whole.len() - 1;
+        let with = |at: usize, flags: u8| {
+            let mut bytes = whole.clone();
+            bytes[at] = flags;
+            read_bytes("r", &bytes, &ReadOptions::default()).map_err(|error| error.to_string())
+        };
+        for flags in [AWAKE, GONE, AWAKE | GONE, GONE | UNCHANGED] {
+            assert!(with(last, flags).is_ok(), "{flags}");
+        }
+        for flags in [UNCHANGED, AWAKE | UNCHANGED, 8, 0x80 | AWAKE, 255] {
+            let error = with(last, flags).expect_err("no such flags");
+            assert!(error.contains(&format!("has the flags {flags}")), "{error}");
+        }
+        // A first record places its body: two frames of one record follow the one of two.
+        let record = 4 + 13 * 4 + 1;
+        let second = whole.len() - 2 * (4 + record) - 1;
+        assert_eq!(with(second, AWAKE).map(|_| ()), Ok(()));
+        for flags in [UNCHANGED, GONE | UNCHANGED] {
+            let error = with(second, flags).expect_err("it was not there");
+            assert!(error.contains("body 1 at"), "{error}");
+        }
+    }
+
+    #[test]
+    fn substeps_and_gravity_beyond_a_scene_s_are_refused() {
+        let whole = write(&recording());
+        for (at, with, part) in [
+            (24, 17_u32.to_le_bytes(), "number of substeps (1 to 16)"),
+            (24, u32::MAX.to_le_bytes(), "number of substeps (1 to 16)"),
+            (28, 2e3_f32.to_le_bytes(), "the gravity"),
+        ] {
+            let mut bytes = whole.clone();
+            bytes[at..at + 4].copy_from_slice(&with);
+            let read = read_bytes("r", &bytes, &ReadOptions::default());
+            let error = read.expect_err(part).to_string();
+            assert!(error.contains(part), "{error}");
+        }
+    }
+
+    #[test]
+    fn every_cut_and_claim_is_refused_with_its_place() {
+        let bytes = write(&recording());
+        for cut in 0..bytes.len() {
+            let read = read_bytes("r", &bytes[..cut], &ReadOptions::default());
+            assert!(read.is_err(), "{cut}");
+        }
+        let error = |at: usize, with: &[u8]| {
+            let mut bytes = bytes.clone();
+            bytes[at..at + with.len()].copy_from_slice(with);
+            let read = read_bytes("r", &bytes, &ReadOptions::default());
+            read.expect_err("it is wrong").to_string()
+        };
+        let many = error(8, &10_000_000_u32.to_le_bytes());
+        assert_eq!(
+            many,
+            "the file claims 10000000 bodies, and a scene has 131072 at most"
+        );
+        let nan = f32::NAN.to_le_bytes();
+        assert!(error(28, &nan).contains("the gravity"));
+        assert!(error(40, &[9]).contains("damping formula"));
+        // The first body's gravity factor and centre.
+        assert!(error(52, &nan).contains("body 0 of frame 0: the gravity factor"));
+        assert!(error(56, &nan).contains("body 0 of frame 0: the centre of mass"));
+    }
+
+    #[test]
+    fn poses_of_an_origin_become_those_of_the_centre() {
+        let mut bytes = write(&recording());
+        bytes[41] = 1;
+        // A metre along the body's x.
+        bytes[56..60].copy_from_slice(&1.0_f32.to_le_bytes());
+        let read = read_bytes("r", &bytes, &ReadOptions::default()).expect("sound");
+        let motion = read.truth.placed[0].observation.motion;
+        assert_eq!(motion.position(), [1.0, 0.0, 0.0]);
+        let velocity = motion.motion().twist().linear;
+        // The spin of 2 rad/s about z moves it.
+        assert!(
+            (velocity - glam::DVec3::new(1.0, 2.0, 0.0)).length() < 1e-6,
+            "{velocity}"
+        );
+    }
+
+    #[test]
+    fn each_damping_formula_takes_as_much_in_a_tick_as_ours() {
+        let step = 0.01;
+        for (number, d, kept) in [
+            (0, 0.5_f32, 1.0 / 1.005),
+            (1, 0.5, (-0.005_f64).exp()),
+            (2, 0.5, 0.995),
+            (3, 0.5, 0.5_f64.powf(0.01)),
+        ] {
+            let ours = DampingFormula::of(number).and_then(|formula| formula.ours(d, step));
+            let ours = f64::from(ours.expect("in range"));
+            assert!((1.0 / (1.0 + ours * step) - kept).abs() < 1e-8, "{number}");
+        }
+        assert_eq!(DampingFormula::Share.ours(1.0, step), None);
+        assert_eq!(DampingFormula::Implicit.ours(f32::NAN, step), None);
+    }
 }

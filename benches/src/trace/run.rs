@@ -17,7 +17,6 @@ use rhumb_trace::{
     TickStats, Topic, TraceFile, TraceSink, log_time_ns,
 };
 
-use super::metadata::direction_name;
 use crate::numbers::rank;
 use crate::record::{
     Breach, CapturedPacket, Cause, Frame, Load, Mode, PacketDirection, Placed, Run, Truth,
@@ -600,5 +599,15 @@ impl Time {
     /// Ticks that a body lies still before it is drawn on `resting`.
     pub(super) fn rest_delay_ticks(&self) -> u64 {
         (self.rest_delay_s / self.rate.step().seconds()).round() as u64
+    }
+}
+
+/// Last part of the topic name for packets of one direction.
+const fn direction_name(direction: PacketDirection) -> &'static str {
+    match direction {
+        PacketDirection::StateDown => "state-down",
+        PacketDirection::StateUp => "state-up",
+        PacketDirection::ControlDown => "control-down",
+        PacketDirection::ControlUp => "control-up",
     }
 }

@@ -16,9 +16,10 @@ use rhumb_protocol::scene::{
 };
 use rhumb_reckoning::BodyId;
 
+use crate::codec::Surface;
 use crate::gateway::Refusal;
+use crate::message::{AddJoint, Grip};
 use crate::shape_definition::ShapeDefinition;
-use crate::wire::{AddJoint, Grip, Surface};
 
 /// An actor.
 #[derive(Clone, Debug)]
@@ -475,7 +476,8 @@ fn in_body(grip: &Grip, frame: &Frame, turn: Quat) -> Result<JointFrame, Refusal
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::wire::{ConvexMesh, Id};
+    use crate::codec::Id;
+    use crate::message::ConvexMesh;
 
     const STONE: Material = Material {
         friction: 0.2,

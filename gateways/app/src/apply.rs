@@ -21,8 +21,8 @@ use crate::actor::{
     keeps_upright,
 };
 use crate::gateway::{Refusal, RefusedMessage};
+use crate::message::AddJoint;
 use crate::scene::{CommandSubject, OwnScene, Sent};
-use crate::wire::AddJoint;
 use crate::world_mirror::{JointRecord, MATERIAL, WorldMirror};
 
 /// Results of a frame for the client.

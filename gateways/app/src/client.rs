@@ -19,12 +19,13 @@ use rhumb_protocol::scene::{
 };
 use rhumb_reckoning::{Damping, Integrator, Rate};
 
+use crate::codec::{HEADER_BYTES, Id};
 use crate::gateway::Gateway;
 use crate::gateway::{Refusal, RefusedMessage, TimeAdvanced};
+use crate::message::{ErrorReport, FramedMessage, Message, Session, SessionError};
 use crate::scene::OwnScene;
 use crate::send_queue::{AppTransmit, SendQueue};
 use crate::state_reporter::{FrameOutput, ReportOptions, StateReporter, Transport};
-use crate::wire::{ErrorReport, FramedMessage, HEADER_BYTES, Id, Message, Session, SessionError};
 use crate::world_mirror::{ActorPush, MATERIAL, Reply, WorldMirror};
 
 /// An APP client. Dropping it ends its scene.

@@ -12,7 +12,7 @@ use std::sync::{Arc, Mutex, MutexGuard};
 use rhumb_client::{OpenError, ServerConnection};
 use rhumb_protocol::scene::{CommandError, Invalid};
 
-use crate::wire::Message;
+use crate::message::Message;
 
 /// Reaches the server that has the scenes, once for each client.
 type Connect = Box<dyn Fn() -> Result<ServerConnection, OpenError> + Send + Sync>;

@@ -9,18 +9,27 @@
 mod actor;
 mod apply;
 mod client;
+mod codec;
 mod datagram_sender;
 mod gateway;
 mod listener;
+mod message;
 mod scene;
 mod send_queue;
 mod shape_definition;
 mod state_reporter;
-mod wire;
 mod world_mirror;
 
 pub use client::AppClient;
+pub use codec::{
+    HEADER_BYTES, Id, Kind, MESSAGE_BYTES_MAX, MalformedMessage, POINTS_MAX, POSTS_MAX, Surface,
+    TEXT_BYTES_MAX, TRIANGLES_MAX,
+};
 pub use gateway::{AppOptions, Datagrams, Gateway, States, TimeAdvanced};
 pub use listener::{AppBindError, AppListen, AppListener};
+pub use message::{
+    ActorsCollided, AddJoint, ApplyForce, ApplyTorque, AttachShape, Byte, ConvexMesh,
+    CreateDynamicActor, CreateStaticActor, DetachShape, ErrorReport, FramedMessage, Grip,
+    HeightGrid, Logon, Message, MessageFraming, Motion, Place, SetWorld, Surfacing, TriangleMesh,
+};
 pub use send_queue::{AppDatagram, AppTransmit, CoalescingKey, Urgency};
-pub use wire::*;

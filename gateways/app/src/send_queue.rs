@@ -15,7 +15,7 @@ use bytes::Bytes;
 use tokio::time::{Instant, sleep_until};
 
 use crate::gateway::Datagrams;
-use crate::wire::Message;
+use crate::message::Message;
 
 /// Queued messages of one client.
 #[derive(Debug, Default)]
@@ -319,7 +319,8 @@ mod tests {
     use glam::{Quat, Vec3};
 
     use super::*;
-    use crate::wire::{Id, Motion};
+    use crate::codec::Id;
+    use crate::message::Motion;
 
     fn drain(send_queue: &mut SendQueue) -> (Vec<usize>, Vec<usize>) {
         let pieces = std::iter::from_fn(|| send_queue.poll_bytes()).map(|b| b.len());

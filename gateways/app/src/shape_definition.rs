@@ -16,8 +16,8 @@ use rhumb_protocol::wire::bytes::Writer;
 use rhumb_solids::UnitMass;
 
 use crate::gateway::Refusal;
+use crate::message::{ConvexMesh, HeightGrid, TriangleMesh};
 use crate::scene::OwnScene;
-use crate::wire::{ConvexMesh, HeightGrid, TriangleMesh};
 
 /// Mass properties of a shape with volume, at density one.
 #[derive(Clone, Copy, Debug, PartialEq)]

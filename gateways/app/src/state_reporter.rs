@@ -17,9 +17,10 @@ use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::BodyId;
 
 use crate::actor::Actor;
+use crate::codec::Id;
 use crate::gateway::States;
+use crate::message::{ActorsCollided, Message, Motion};
 use crate::scene::{FrameStep, OwnScene};
-use crate::wire::{ActorsCollided, Id, Message, Motion};
 use crate::world_mirror::{ContactActor, WorldMirror};
 
 /// Last sent states of a client's actors, and pending ones.

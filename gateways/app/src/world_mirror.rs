@@ -15,9 +15,10 @@ use rhumb_protocol::scene::{BodyKind, JointId, Material};
 use rhumb_reckoning::BodyId;
 
 use crate::actor::{Actor, ActorPart, check_joint, keeps_upright, mass, material, unit};
+use crate::codec::Surface;
 use crate::gateway::Refusal;
+use crate::message::{AddJoint, AttachShape, FramedMessage, Message, Motion, SetWorld};
 use crate::shape_definition::{ShapeCache, ShapeDefinition};
-use crate::wire::{AddJoint, AttachShape, FramedMessage, Message, Motion, SetWorld, Surface};
 
 /// All objects of one client.
 #[derive(Debug, Default)]

@@ -1,6 +1,7 @@
 //! `rhumb-server move` and `drain`: orders in the directory.
 //!
-//! Who may write to the directory may order: no server has a door for this. An order ends by itself if nothing comes of it.
+//! Everyone who may write to the directory may order: no server has a door for this. An order ends by itself if nothing
+//! comes of it.
 
 use std::collections::BTreeMap;
 use std::error::Error;

@@ -1,9 +1,9 @@
 //! Scenes that move by command, from one server to another.
 //!
-//! Decides, and asks the directory nothing itself: what is on the board comes in, as do readiness and claims. An operator orders
-//! a move on the board. The new server restores the scene beside the old one and follows its log, then it says on the board
-//! that it stands by. Only then the old one gives the scene up, and the new one claims it like any other: that a scene never has
-//! two servers rests on claims alone, whatever the board says.
+//! Decides, and asks the directory nothing itself: what is on the board comes in, as do readiness and claims. An operator
+//! orders a move on the board. The new server restores the scene beside the old one and follows its log, then it says on
+//! the board that it stands by. Only then the old one gives the scene up, and the new one claims it like any other: that
+//! a scene never has two servers rests on claims alone, whatever the board says.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -11,7 +11,7 @@ use rhumb_protocol::scene::SceneName;
 
 use super::claims::{LeaseId, ServerPlace};
 
-/// What servers and operators tell each other by the directory. Each notice ends with a lease.
+/// The notices of servers and operators in the directory. Each notice ends with a lease.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(super) struct Board {
     /// Servers that run, with their leases.
@@ -33,7 +33,7 @@ pub(super) enum Notice {
     Standby(SceneName, ServerPlace),
 }
 
-/// What a server does about a move.
+/// One act of a server in a move.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum HandoverStep {
     /// Restore a scene of another server, and follow its log.

@@ -1,15 +1,15 @@
-//! A thread that keeps a server's claims, and what the dispatcher asks of it.
+//! A thread that keeps a server's claims, and one that takes their files over.
 //!
-//! The dispatcher never waits for it: questions go in by a queue, events come back by another. Before a scene is said to be
+//! The dispatcher never waits for them: questions go in by a queue, events come back by another. Before a scene is said to be
 //! owned, its files have become this server's.
 
 use std::collections::BTreeMap;
-use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
-use std::thread::{self, JoinHandle};
+use std::thread::JoinHandle;
 use std::time::Duration;
+use std::{io, thread};
 
 use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::{Instant, Span};
@@ -22,8 +22,7 @@ use super::claims::{
 };
 use super::etcd::{Endpoints, Etcd};
 use super::handovers::{Board, HandoverStep, Handovers, Notice};
-use super::takeover::{self, FenceClock, FilesTaken, FilesWanted};
-use crate::durable::{DataDir, Generation};
+use crate::durable::{DataDir, DataError, Generation};
 
 /// The dispatcher's handle. When it is dropped, all claims are given up.
 pub(crate) struct Keeper {
@@ -98,7 +97,7 @@ impl Keeper {
             let _ = taken.send(DirectoryNews::Files(files));
         };
         let keeping = Keeping {
-            wanted: takeover::start(data, Arc::clone(&clock), take)?,
+            wanted: start_taking_over(data, Arc::clone(&clock), take)?,
             claims: SceneClaims::new(clock(), place.clone()),
             handovers: Handovers::new(place.clone()),
             place,
@@ -188,7 +187,8 @@ struct Keeping {
     claims_at: Instant,
     /// To the thread of files.
     wanted: Sender<FilesWanted>,
-    /// The claims with which the files of scenes are taken over, and what these have become; `None` as long as that is awaited.
+    /// The claims with which the files of scenes are taken over, and what these have become; `None` as long as that is
+    /// awaited.
     taken: BTreeMap<SceneName, (Epoch, Option<Generation>)>,
     clock: FenceClock,
     until: Arc<AtomicU64>,
@@ -386,7 +386,7 @@ impl Keeping {
         (self.wake)();
     }
 
-    /// Has the files of an owned scene made this server's: from then on an earlier owner finds them no more.
+    /// Requests that the files of an owned scene become this server's: from then on an earlier owner finds them no more.
     fn want_files(&mut self, scene: SceneName, epoch: Epoch) {
         self.taken.insert(scene.clone(), (epoch, None));
         let until = self.claims.publishes_until();
@@ -485,6 +485,120 @@ pub(super) mod puppet {
                 Ask::Claim(_) | Ask::Ready(_) => None,
             })
             .collect()
+        }
+    }
+}
+
+/// A clock that also counts while the machine sleeps.
+pub(crate) type FenceClock = Arc<dyn Fn() -> Instant + Send + Sync>;
+
+/// A claim whose files are to be taken over.
+struct FilesWanted {
+    scene: SceneName,
+    epoch: Epoch,
+    /// The moment to which no other server can have the scene, by the newest renewal.
+    until: Instant,
+}
+
+/// The end of a taking-over.
+struct FilesTaken {
+    scene: SceneName,
+    epoch: Epoch,
+    /// The number of the files; `None` if they could not be taken, which the log says.
+    generation: Option<Generation>,
+}
+
+/// Starts the thread that takes the files of claimed scenes over. It ends with the sender, and nothing waits for it: what it
+/// does late harms no other server.
+///
+/// A file system may be slow, or hang, and no renewal of a lease waits for it. It looks at the directory of all scenes once
+/// for all claims that have come meanwhile.
+fn start_taking_over(
+    data: DataDir,
+    clock: FenceClock,
+    tell: impl Fn(FilesTaken) + Send + 'static,
+) -> io::Result<Sender<FilesWanted>> {
+    let (wanted, asked) = channel();
+    thread::Builder::new()
+        .name("rhumb-takeover".to_owned())
+        .spawn(move || take_over_all(&asked, (&data, &clock), &tell))?;
+    Ok(wanted)
+}
+
+fn take_over_all(
+    asked: &Receiver<FilesWanted>,
+    (data, clock): (&DataDir, &FenceClock),
+    tell: &dyn Fn(FilesTaken),
+) {
+    while let Ok(first) = asked.recv() {
+        let all: Vec<_> = std::iter::once(first).chain(asked.try_iter()).collect();
+        take_all(all, (data, clock), tell);
+    }
+}
+
+fn take_all(
+    all: Vec<FilesWanted>,
+    (data, clock): (&DataDir, &FenceClock),
+    tell: &dyn Fn(FilesTaken),
+) {
+    let claims: Vec<_> = (all.iter())
+        .map(|of| (of.scene.clone(), of.epoch.0))
+        .collect();
+    let is_held = || all.iter().all(|of| clock() < of.until);
+    let generations: Vec<_> = match data.take_over(&claims, &is_held) {
+        Ok(taken) => taken.into_iter().map(generation_of).collect(),
+        Err(error) => {
+            tracing::error!(scenes = claims.len(), %error, "no scene can be taken over");
+            vec![None; claims.len()]
+        }
+    };
+    for (of, generation) in all.into_iter().zip(generations) {
+        tell(FilesTaken {
+            scene: of.scene,
+            epoch: of.epoch,
+            generation,
+        });
+    }
+}
+
+fn generation_of(taken: Result<Generation, DataError>) -> Option<Generation> {
+    taken
+        .inspect_err(|error| tracing::error!(%error, "a scene's files cannot be taken over"))
+        .ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use super::*;
+
+    #[test]
+    fn a_thousand_scenes_that_are_claimed_at_once_are_taken_over() {
+        let directory = tempfile::tempdir().unwrap();
+        let data = DataDir::open_shared(directory.path()).unwrap();
+        let scenes = directory.path().join("scenes");
+        for n in 0..1_000 {
+            std::fs::create_dir(scenes.join(format!("s{n}.0"))).unwrap();
+        }
+        let (tell, ended) = channel();
+        let tell = move |files| tell.send(files).unwrap();
+        let wanted = start_taking_over(data, Arc::new(|| Instant::ZERO), tell).unwrap();
+        for n in 0..1_000 {
+            let wants = FilesWanted {
+                scene: format!("s{n}").parse().unwrap(),
+                epoch: Epoch(n + 2),
+                until: Instant::from_nanos(1),
+            };
+            wanted.send(wants).unwrap();
+        }
+        drop(wanted);
+        let taken = ended.iter().map(|files| (files.scene, files.generation));
+        let taken: BTreeMap<_, _> = taken.collect();
+        for n in 0..1_000 {
+            let scene: SceneName = format!("s{n}").parse().unwrap();
+            assert_eq!(taken[&scene], Some(Generation(n + 2)));
+            assert!(scenes.join(format!("s{n}.{}", n + 2)).exists());
         }
     }
 }

@@ -1,16 +1,14 @@
 //! Which of several servers has a scene, by a directory that all of them ask.
 //!
 //! The servers share one data directory. The directory, an etcd cluster, has a key for each scene that a server has. `claims`
-//! is what holds at any time, `handovers` moves scenes by order, both without I/O; `etcd` and `board` speak to the store, `keeper`
-//! runs all on a thread, `takeover` has the files on another, and `command` is the operator's end.
+//! is what holds at any time, `handovers` moves scenes by order, both without I/O; `etcd` speaks to the store, `keeper`
+//! runs all on a thread, and the files on another, and `command` is the operator's end.
 
-mod board;
 mod claims;
 mod command;
 mod etcd;
 mod handovers;
 mod keeper;
-mod takeover;
 
 pub(crate) use claims::ServerPlace;
 pub(crate) use command::{DrainArguments, MoveArguments, run_drain, run_move};
@@ -18,5 +16,4 @@ pub(crate) use etcd::Endpoints;
 pub(crate) use handovers::HandoverStep;
 #[cfg(test)]
 pub(crate) use keeper::puppet::Puppet;
-pub(crate) use keeper::{DirectoryEvent, Keeper};
-pub(crate) use takeover::FenceClock;
+pub(crate) use keeper::{DirectoryEvent, FenceClock, Keeper};

@@ -1,9 +1,9 @@
-//! Accounts: who has a scene, and how many scenes each may have.
+//! Whose a scene is: the account for which it counts, this server's scenes.
 //!
 //! A scene counts for an account: its tenant, or the client that named it first. Where tokens are asked for, each
 //! account has a part of the server's scenes, and of the places of quarantined ones.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use rhumb_protocol::Instant;
@@ -12,6 +12,7 @@ use rhumb_protocol::scene::SceneName;
 use rhumb_scene::{ClientName, Limits, Permit, tenant_of};
 
 use super::message::WorkerId;
+use crate::durable::Generation;
 
 /// The holder of a scene.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -90,6 +91,52 @@ pub(super) fn counted<'a>(
     }
     let parts = counts.values().map(|count| (*count).min(part));
     without + parts.sum::<u64>()
+}
+
+/// The scenes that the directory has given this server, with their files. Asks the directory nothing.
+///
+/// Invariant: a scene that was given up is this server's again only by a later word of the directory's thread than that it
+/// knows of it.
+#[derive(Debug, Default)]
+pub(super) struct OwnedScenes {
+    generations: BTreeMap<SceneName, Generation>,
+    /// Scenes that were given up; the directory's thread has not taken that yet, and what it says of them is older.
+    releasing: BTreeSet<SceneName>,
+}
+
+impl OwnedScenes {
+    /// Takes that the directory gives a scene; false if that was said before the scene was given up.
+    pub(super) fn give(&mut self, scene: &SceneName, generation: Generation) -> bool {
+        let is_new = !self.releasing.contains(scene);
+        if is_new {
+            self.generations.insert(scene.clone(), generation);
+        }
+        is_new
+    }
+
+    /// Gives a scene up; false if it is not this server's.
+    pub(super) fn release(&mut self, scene: &SceneName) -> bool {
+        let is_owned = self.generations.remove(scene).is_some();
+        if is_owned {
+            self.releasing.insert(scene.clone());
+        }
+        is_owned
+    }
+
+    /// Takes that the directory's thread knows that a scene was given up.
+    pub(super) fn note_released(&mut self, scene: &SceneName) {
+        self.releasing.remove(scene);
+    }
+
+    /// Forgets all scenes, which have ended with their lease.
+    pub(super) fn lose(&mut self) {
+        self.generations.clear();
+    }
+
+    /// The number of a scene's files; `None` for a scene that is not this server's.
+    pub(super) fn generation(&self, scene: &SceneName) -> Option<Generation> {
+        self.generations.get(scene).copied()
+    }
 }
 
 #[cfg(test)]

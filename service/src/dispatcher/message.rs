@@ -2,8 +2,8 @@
 //!
 //! Plain data: numbers, names and bytes, and nothing of the engine or of a session.
 //!
-//! A question goes through the dispatcher to the worker of the scene, behind all that the worker has been given before, and the
-//! worker answers it. The caller of a question that is dropped gets an error.
+//! A question goes through the dispatcher to the worker of the scene, behind all that the worker has been given before,
+//! and the worker answers it. The caller of a question that is dropped gets an error.
 
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};

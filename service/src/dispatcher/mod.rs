@@ -8,7 +8,6 @@
 mod accounts;
 mod bake_pool;
 mod message;
-mod owned;
 mod placement;
 #[cfg(target_os = "linux")]
 mod process;
@@ -30,13 +29,13 @@ use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake
 use rhumb_scene::{CheckpointError, Greeted, Greeting, Heartbeat, Permit, SharedClock};
 
 use self::accounts::{
-    Account, Quarantined, counted, may_create, with_scenes_left, without_quota_of_scenes,
+    Account, OwnedScenes, Quarantined, counted, may_create, with_scenes_left,
+    without_quota_of_scenes,
 };
 use self::message::{
     Duty, FromProcess, FromWorker, ProcessId, ToProcess, WorkerId, WorkerInput, WorkerOutput,
     WorkerReport,
 };
-use self::owned::OwnedScenes;
 use self::process::Processes;
 use self::worker::{ThreadWorker, Threads};
 use crate::access::{Admitted, TokenError};
@@ -687,7 +686,7 @@ impl Dispatcher {
             .filter(|(_, worker)| matches!(worker.place, Place::Process(of) if of == id))
             .map(|(id, worker)| (*id, (worker.scene.clone(), worker.account.clone())))
             .collect();
-        // What was only followed is not this server's to restore.
+        // A scene that was only followed is not this server's to restore.
         let is_followed = |id: &WorkerId| self.standbys.values().any(|standby| standby == id);
         let (followed, died): (Vec<_>, Vec<_>) =
             died.into_iter().partition(|(id, _)| is_followed(id));

@@ -2,8 +2,8 @@
 //!
 //! A scene that has a worker is this server's, unless the worker stands by for a scene that is to come. Invariants: a worker
 //! serves only what the directory has given this server, in the files of that claim; from the moment at which its lease may be
-//! over, nothing of any scene leaves this server, and its workers end; their scenes go on elsewhere, or here under the next
-//! lease.
+//! over, nothing of any scene leaves this server, and its workers end; their scenes continue elsewhere, or here under the
+//! next lease.
 
 use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::session::CloseCode;
@@ -155,14 +155,14 @@ impl Dispatcher {
             self.close_connections_of(worker, CloseCode::SCENE_RESTORING);
             self.drop_worker(worker);
         }
-        // What hangs ends by itself, and does not come back from the files.
+        // A worker that hangs ends by itself, and its scene does not come back from the files.
         self.by_scene.clear();
         self.owned.lose();
     }
 }
 
 impl Dispatcher {
-    /// Has a worker follow the scene of another server.
+    /// Tells a worker to follow the scene of another server.
     fn prepare(&mut self, scene: SceneName) {
         if self.standbys.contains_key(&scene) || self.by_scene.contains_key(&scene) {
             return;
@@ -174,7 +174,7 @@ impl Dispatcher {
         }
     }
 
-    /// A scene that was to come does not.
+    /// Gives a move to this server up: the scene stays where it is.
     fn forget(&mut self, scene: &SceneName) {
         tracing::info!(%scene, "a scene that was to come stays where it is");
         if let Some(id) = self.standbys.get(scene).copied() {
@@ -188,7 +188,7 @@ impl Dispatcher {
         }
     }
 
-    /// Has a worker give its scene up.
+    /// Tells a worker to give its scene up.
     fn leave(&mut self, scene: &SceneName, to: ServerPlace) {
         let id = self.by_scene.get(scene).copied();
         let Some((id, worker)) = id.and_then(|id| Some((id, self.workers.get_mut(&id)?))) else {
@@ -207,7 +207,7 @@ impl Dispatcher {
         }
     }
 
-    /// Goes on with a move by what a worker has done.
+    /// Continues a move once a worker has done its part.
     pub(super) fn note_handover(&mut self, id: WorkerId, (taken, is_ready): (u64, bool)) {
         let Some(worker) = self.workers.get_mut(&id) else {
             return;

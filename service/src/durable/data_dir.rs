@@ -4,7 +4,6 @@
 //! Each log looks for itself, on its own thread, so that processes need not tell each other. Between two looks a log grows by
 //! [`LOOK_BYTES`] at most.
 
-use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -18,7 +17,11 @@ use ring::hmac;
 use ring::rand::{SecureRandom, SystemRandom};
 
 use super::disk::{Damage, DataError, Disk, SystemDisk, parent};
-use super::scene_files::{DAMAGED, DELETED, SceneFiles, UNFINISHED};
+use super::scene_files::{
+    DAMAGED, Generation, Numbered, SceneFiles, directories_by_scene, directory_name,
+    newest_directories, next_number, older_directories, parse_deleted_directory, parse_directory,
+    scene_of,
+};
 
 const LOCK: &str = "lock";
 const KEY: &str = "key";
@@ -30,10 +33,6 @@ const KEY_BYTES: usize = 32;
 /// A data directory that this process alone uses, or with servers of one directory of scenes; all clones are one.
 #[derive(Clone)]
 pub struct DataDir(Arc<Opened>);
-
-/// The number in the name of a scene's directory: the greatest one has the scene.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) struct Generation(pub(crate) u64);
 
 struct Opened {
     disk: Arc<dyn Disk>,
@@ -97,7 +96,10 @@ impl DataDir {
         let key = read_or_make_key(path)?;
         let disk: Arc<dyn Disk> = Arc::new(SystemDisk);
         let names = (disk.list(&scenes)).map_err(DataError::io(&scenes, "list"))?;
-        for name in names.iter().filter(|name| parse_deleted(name).is_some()) {
+        for name in names
+            .iter()
+            .filter(|name| parse_deleted_directory(name).is_some())
+        {
             let directory = scenes.join(name);
             if !directory.is_dir() {
                 // A file of someone else.
@@ -107,7 +109,7 @@ impl DataDir {
         }
         let directories = names.iter().filter(|name| scenes.join(name).is_dir());
         let directories: Vec<String> = directories.cloned().collect();
-        let older = older(&directories);
+        let older = older_directories(&directories);
         for name in &older {
             let (from, to) = (scenes.join(name), scenes.join(format!("{name}.{DAMAGED}")));
             disk.rename(&from, &to)
@@ -204,7 +206,7 @@ impl DataDir {
     pub(crate) fn scenes(&self) -> Result<Vec<(SceneName, SceneFiles)>, DataError> {
         let scenes = &self.0.scenes;
         let names = (self.0.disk.list(scenes)).map_err(DataError::io(scenes, "list"))?;
-        let files = newest(&names).into_iter();
+        let files = newest_directories(&names).into_iter();
         Ok(files
             .map(|(scene, (_, name))| (scene, self.files(name)))
             .collect())
@@ -214,7 +216,9 @@ impl DataDir {
     pub(crate) fn bytes(&self) -> io::Result<u64> {
         let Opened { disk, scenes, .. } = &*self.0;
         let bytes = disk.list(scenes)?.into_iter().map(|name| {
-            let is_own = parse(&name).or_else(|| parse_deleted(&name)).is_some();
+            let is_own = parse_directory(&name)
+                .or_else(|| parse_deleted_directory(&name))
+                .is_some();
             match disk.bytes_in(&scenes.join(&name)) {
                 // It was deleted meanwhile.
                 Err(cause) if cause.kind() == io::ErrorKind::NotFound => Ok(0),
@@ -240,7 +244,7 @@ impl DataDir {
                 .fetch_max(next_number(&names), Ordering::Relaxed);
         }
         let number = self.0.next.fetch_add(1, Ordering::Relaxed);
-        self.files(&format!("{}.{number}", escape(scene)))
+        self.files(&directory_name(scene, number))
     }
 
     /// Gives the files of claimed scenes, where there are any, to this server alone: each has them in a directory named by its
@@ -255,7 +259,7 @@ impl DataDir {
         let names = disk.list(scenes).map_err(DataError::io(scenes, "list"))?;
         // If the claims are over, the names may be those of another server's claims.
         let is_held = is_held();
-        let numbered = by_scene(&names);
+        let numbered = directories_by_scene(&names);
         let none = Vec::new();
         let take = |(scene, epoch): &(SceneName, u64)| {
             let directories = numbered.get(scene).unwrap_or(&none);
@@ -278,11 +282,11 @@ impl DataDir {
         let own = match greatest.filter(|greatest| *greatest >= epoch) {
             None => epoch,
             Some(greatest) if is_held => {
-                tracing::warn!(%scene, epoch, greatest, "the scene's directory has a greater number than its claim, as after a new beginning of etcd: numbers go on from it");
+                tracing::warn!(%scene, epoch, greatest, "the scene's directory has a greater number than its claim, as after a new beginning of etcd: its directory gets the next number");
                 greatest + 1
             }
             Some(greatest) => {
-                let path = scenes.join(format!("{}.{greatest}", escape(scene)));
+                let path = scenes.join(directory_name(scene, greatest));
                 return Err(DataError::TakenOver { path });
             }
         };
@@ -296,9 +300,9 @@ impl DataDir {
             let renamed = disk.rename(&from, &scenes.join(to));
             renamed.map_err(DataError::io(&from, "rename"))
         };
-        rename(newest.name, format!("{}.{own}", escape(scene)))?;
+        rename(newest.name, directory_name(scene, own))?;
         for older in of_scene {
-            // Of an owner that woke late: the scene must not go on from there if the newest is deleted.
+            // Of an owner that woke late: the scene must not continue from there if the newest is deleted.
             rename(older.name, format!("{}.{DAMAGED}", older.name))?;
         }
         Ok(Generation(own))
@@ -323,7 +327,7 @@ impl DataDir {
     pub(super) fn files_to_make(&self, scene: &SceneName, generation: Generation) -> SceneFiles {
         SceneFiles {
             is_there: Some(Arc::default()),
-            ..self.files(&format!("{}.{}", escape(scene), generation.0))
+            ..self.files(&directory_name(scene, generation.0))
         }
     }
 
@@ -332,7 +336,7 @@ impl DataDir {
         let Opened { disk, scenes, .. } = &*self.0;
         let names = disk.list(scenes).map_err(DataError::io(scenes, "list"))?;
         let number = next_number(&names);
-        Ok(self.files(&format!("{}.{number}", escape(scene))))
+        Ok(self.files(&directory_name(scene, number)))
     }
 
     fn files(&self, directory: &str) -> SceneFiles {
@@ -343,106 +347,6 @@ impl DataDir {
             is_there: None,
         }
     }
-}
-
-/// The name of a directory for a scene. Some file systems do not tell capitals from small letters, and a dot separates.
-fn escape(scene: &SceneName) -> String {
-    let mut escaped = String::new();
-    for byte in scene.as_str().bytes() {
-        match byte {
-            b'a'..=b'z' | b'0'..=b'9' | b'-' | b'_' => escaped.push(char::from(byte)),
-            _ => escaped.push_str(&format!("%{byte:02x}")),
-        }
-    }
-    escaped
-}
-
-/// The scene of a directory.
-fn scene_of(directory: &str) -> Option<SceneName> {
-    Some(parse(directory)?.0)
-}
-
-/// The scene of a directory, and the number of its creation.
-fn parse(directory: &str) -> Option<(SceneName, u64)> {
-    let (escaped, number) = directory.rsplit_once('.')?;
-    let mut parts = escaped.split('%');
-    let mut name = parts.next()?.to_owned();
-    for part in parts {
-        let (code, rest) = part.split_at_checked(2)?;
-        name.push(char::from(u8::from_str_radix(code, 16).ok()?));
-        name.push_str(rest);
-    }
-    Some((name.parse().ok()?, number.parse().ok()?))
-}
-
-/// The same of a directory that is being deleted.
-fn parse_deleted(directory: &str) -> Option<(SceneName, u64)> {
-    parse_apart(directory, DELETED)
-}
-
-/// The same of a directory of this ending, which is no scene.
-fn parse_apart(directory: &str, ending: &str) -> Option<(SceneName, u64)> {
-    parse(directory.strip_suffix(ending)?.strip_suffix('.')?)
-}
-
-/// The newest directory of each scene.
-fn newest(names: &[String]) -> BTreeMap<SceneName, (u64, &String)> {
-    let mut newest: BTreeMap<SceneName, (u64, &String)> = BTreeMap::new();
-    for name in names {
-        if let Some((scene, number)) = parse(name) {
-            let entry = newest.entry(scene).or_insert((number, name));
-            *entry = (*entry).max((number, name));
-        }
-    }
-    newest
-}
-
-/// The other ones: a crash kept a repair from putting them aside.
-fn older(names: &[String]) -> Vec<&String> {
-    let newest = newest(names);
-    let older = names.iter().filter(|name| {
-        let scene = scene_of(name);
-        let newest = scene.and_then(|scene| newest.get(&scene));
-        newest.is_some_and(|(_, newest)| newest != name)
-    });
-    older.collect()
-}
-
-/// A number above those of all creations. Directories count that are no scene any more, or not yet: their names are taken.
-fn next_number(names: &[String]) -> u64 {
-    let numbers = names.iter().filter_map(|name| parse_any(name));
-    let newest = numbers.map(|(_, number)| number).max();
-    newest.map_or(0, |newest| newest + 1)
-}
-
-/// The scene and number of a directory, which may be no scene any more, or not yet.
-fn parse_any(name: &str) -> Option<(SceneName, u64)> {
-    let apart = [DELETED, DAMAGED, UNFINISHED].into_iter();
-    let mut apart = apart.filter_map(|ending| parse_apart(name, ending));
-    parse(name).or_else(|| apart.next())
-}
-
-/// A directory with the number of its name.
-struct Numbered<'a> {
-    number: u64,
-    name: &'a str,
-    /// False if it is no scene any more, or not yet.
-    is_scene: bool,
-}
-
-/// The directories of each scene.
-fn by_scene(names: &[String]) -> BTreeMap<SceneName, Vec<Numbered<'_>>> {
-    let mut by_scene: BTreeMap<_, Vec<_>> = BTreeMap::new();
-    for name in names {
-        if let Some((scene, number)) = parse_any(name) {
-            by_scene.entry(scene).or_default().push(Numbered {
-                number,
-                name,
-                is_scene: parse(name).is_some(),
-            });
-        }
-    }
-    by_scene
 }
 
 fn lock(path: &Path) -> Result<File, DataError> {
@@ -609,27 +513,6 @@ impl Room {
 mod tests {
     use super::*;
     use crate::durable::disk::SystemDisk;
-
-    #[test]
-    fn a_scene_s_name_round_trips_through_its_directory() {
-        for name in ["pit", "Pit", "a/b", "x.0", "_-.A/z"] {
-            let scene: SceneName = name.parse().unwrap();
-            let directory = format!("{}.12", escape(&scene));
-            assert!(!directory.contains('/'));
-            assert_eq!(parse(&directory), Some((scene, 12)), "{directory}");
-        }
-        assert_eq!(parse("pit"), None);
-        assert_eq!(parse("pit.1.deleted"), None);
-    }
-
-    #[test]
-    fn a_directory_that_is_no_scene_any_more_keeps_its_number() {
-        for ending in ["", ".deleted", ".damaged", ".unfinished"] {
-            let names = ["pit.2".to_owned(), format!("pit.7{ending}")];
-            assert_eq!(next_number(&names), 8, "{ending}");
-        }
-        assert_eq!(next_number(&["pit.7.other".to_owned()]), 0);
-    }
 
     #[test]
     fn an_older_directory_of_a_scene_stays_beside_the_newest_and_never_is_the_scene_again() {

@@ -4,7 +4,6 @@
 
 mod data_dir;
 mod disk;
-mod follow;
 mod format;
 mod recovery;
 mod repair;
@@ -30,8 +29,8 @@ use self::writer::{Origin, SceneLog};
 
 pub(crate) use self::recovery::LogTail;
 pub use data_dir::DataDir;
-pub(crate) use data_dir::Generation;
 pub use disk::{Damage, DataError};
+pub(crate) use scene_files::Generation;
 pub(crate) use writer::Wake;
 
 /// A scene of another server, as far as its log was read.
@@ -77,7 +76,7 @@ impl StoredScenes {
         self.generation.get_or_init(|| generation);
     }
 
-    /// Has a scene of another server as its files are now, and changes none. `None`: not yet, and it begins anew.
+    /// Reads a scene of another server as its files are now, and changes none. `None`: not yet, and it begins anew.
     pub(crate) fn follow(
         &self,
         name: &SceneName,
@@ -330,7 +329,7 @@ pub(crate) fn replay(
     }
 }
 
-/// Cuts the damaged scenes of a directory back to their last good ticks, or one of them. What is to be lost is said first, and
+/// Cuts the damaged scenes of a directory back to their last good ticks, or one of them. The loss is stated first, and
 /// asked for unless `is_agreed`. The directory of each stays beside it.
 ///
 /// # Errors

@@ -131,8 +131,8 @@ impl SceneFiles {
         }
         let mut next = (headers.first().map(|(number, _)| *number)).filter(|next| *next == first);
         while let Some(number) = next {
-            // Of several segments that continue one, a restoration follows the newest. It states how much of the one before it counts: a tail on
-            // which a step hung does not.
+            // Of several segments that continue one, a restoration follows the newest. It states how much of the one
+            // before it counts: a tail on which a step hung does not.
             let states = |(next, previous): &(u32, Option<(u32, u64)>)| {
                 let (before, length) = (*previous)?;
                 (before == number && *next > before).then_some((*next, length))

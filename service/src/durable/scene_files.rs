@@ -1,9 +1,10 @@
-//! The files of one scene: segments of its command log, and snapshots.
+//! The files of a scene: its directory's name, its log's segments, snapshots.
 //!
 //! Segment n is `n.log`, and the state at its beginning `n.snapshot`; segment 0 begins with an empty scene. A segment
 //! is never appended to by a later process. Its first frame states where the segment before it ends, so that a torn end
 //! of that one differs from damage; for the newest one, the head does.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -53,12 +54,6 @@ pub(super) struct Segment {
     head: Option<HeadFile>,
 }
 
-/// Ends the name of a directory whose scene was deleted.
-pub(super) const DELETED: &str = "deleted";
-/// Ends the name of a directory whose scene was repaired.
-pub(super) const DAMAGED: &str = "damaged";
-/// Ends the name of a directory that is being made.
-pub(super) const UNFINISHED: &str = "unfinished";
 /// Version of the format of headers and entries, and of what a scene makes of them: a push that was shortened by format 4
 /// acts whole.
 const FORMAT: u8 = 5;
@@ -308,5 +303,151 @@ impl Wire for LogHeader {
             config,
             previous,
         })
+    }
+}
+
+/// The number in the name of a scene's directory: the greatest one has the scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct Generation(pub(crate) u64);
+
+/// Ends the name of a directory whose scene was deleted.
+pub(super) const DELETED: &str = "deleted";
+/// Ends the name of a directory whose scene was repaired.
+pub(super) const DAMAGED: &str = "damaged";
+/// Ends the name of a directory that is being made.
+pub(super) const UNFINISHED: &str = "unfinished";
+
+/// The name of the directory of a scene, with the number of its creation.
+pub(super) fn directory_name(scene: &SceneName, number: u64) -> String {
+    format!("{}.{number}", escape(scene))
+}
+
+/// A scene's name in that of a directory. Some file systems do not tell capitals from small letters, and a dot separates.
+fn escape(scene: &SceneName) -> String {
+    let mut escaped = String::new();
+    for byte in scene.as_str().bytes() {
+        match byte {
+            b'a'..=b'z' | b'0'..=b'9' | b'-' | b'_' => escaped.push(char::from(byte)),
+            _ => escaped.push_str(&format!("%{byte:02x}")),
+        }
+    }
+    escaped
+}
+
+/// The scene of a directory.
+pub(super) fn scene_of(directory: &str) -> Option<SceneName> {
+    Some(parse_directory(directory)?.0)
+}
+
+/// The scene of a directory, and the number of its creation.
+pub(super) fn parse_directory(directory: &str) -> Option<(SceneName, u64)> {
+    let (escaped, number) = directory.rsplit_once('.')?;
+    let mut parts = escaped.split('%');
+    let mut name = parts.next()?.to_owned();
+    for part in parts {
+        let (code, rest) = part.split_at_checked(2)?;
+        name.push(char::from(u8::from_str_radix(code, 16).ok()?));
+        name.push_str(rest);
+    }
+    Some((name.parse().ok()?, number.parse().ok()?))
+}
+
+/// The same of a directory that is being deleted.
+pub(super) fn parse_deleted_directory(directory: &str) -> Option<(SceneName, u64)> {
+    parse_directory_apart(directory, DELETED)
+}
+
+/// The same of a directory of this ending, which is no scene.
+fn parse_directory_apart(directory: &str, ending: &str) -> Option<(SceneName, u64)> {
+    parse_directory(directory.strip_suffix(ending)?.strip_suffix('.')?)
+}
+
+/// The newest directory of each scene.
+pub(super) fn newest_directories(names: &[String]) -> BTreeMap<SceneName, (u64, &String)> {
+    let mut newest: BTreeMap<SceneName, (u64, &String)> = BTreeMap::new();
+    for name in names {
+        if let Some((scene, number)) = parse_directory(name) {
+            let entry = newest.entry(scene).or_insert((number, name));
+            *entry = (*entry).max((number, name));
+        }
+    }
+    newest
+}
+
+/// The other ones: a crash kept a repair from putting them aside.
+pub(super) fn older_directories(names: &[String]) -> Vec<&String> {
+    let newest = newest_directories(names);
+    let older = names.iter().filter(|name| {
+        let scene = scene_of(name);
+        let newest = scene.and_then(|scene| newest.get(&scene));
+        newest.is_some_and(|(_, newest)| newest != name)
+    });
+    older.collect()
+}
+
+/// A number above those of all creations. Directories count that are no scene any more, or not yet: their names are taken.
+pub(super) fn next_number(names: &[String]) -> u64 {
+    let numbers = names.iter().filter_map(|name| parse_any_directory(name));
+    let newest = numbers.map(|(_, number)| number).max();
+    newest.map_or(0, |newest| newest + 1)
+}
+
+/// The scene and number of a directory, which may be no scene any more, or not yet.
+fn parse_any_directory(name: &str) -> Option<(SceneName, u64)> {
+    let apart = [DELETED, DAMAGED, UNFINISHED].into_iter();
+    let mut apart = apart.filter_map(|ending| parse_directory_apart(name, ending));
+    parse_directory(name).or_else(|| apart.next())
+}
+
+/// A directory with the number of its name.
+pub(super) struct Numbered<'a> {
+    pub(super) number: u64,
+    pub(super) name: &'a str,
+    /// False if it is no scene any more, or not yet.
+    pub(super) is_scene: bool,
+}
+
+/// The directories of each scene.
+pub(super) fn directories_by_scene(names: &[String]) -> BTreeMap<SceneName, Vec<Numbered<'_>>> {
+    let mut by_scene: BTreeMap<_, Vec<_>> = BTreeMap::new();
+    for name in names {
+        if let Some((scene, number)) = parse_any_directory(name) {
+            by_scene.entry(scene).or_default().push(Numbered {
+                number,
+                name,
+                is_scene: parse_directory(name).is_some(),
+            });
+        }
+    }
+    by_scene
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_scene_s_name_round_trips_through_its_directory() {
+        for name in ["pit", "Pit", "a/b", "x.0", "_-.A/z"] {
+            let scene: SceneName = name.parse().unwrap();
+            let directory = directory_name(&scene, 12);
+            assert!(!directory.contains('/'));
+            assert_eq!(
+                parse_directory(&directory),
+                Some((scene, 12)),
+                "{directory}"
+            );
+        }
+        assert_eq!(parse_directory("pit"), None);
+        assert_eq!(parse_directory("pit.1.deleted"), None);
+    }
+
+    #[test]
+    fn a_directory_that_is_no_scene_any_more_keeps_its_number() {
+        for ending in ["", ".deleted", ".damaged", ".unfinished"] {
+            let names = ["pit.2".to_owned(), format!("pit.7{ending}")];
+            assert_eq!(next_number(&names), 8, "{ending}");
+        }
+        assert_eq!(next_number(&["pit.7.other".to_owned()]), 0);
     }
 }

@@ -331,7 +331,7 @@ impl LogWriter {
     fn begin_snapshot(&mut self, frozen: Frozen, point: SnapshotPoint) {
         self.batches = point.batches;
         match self.segment.take().filter(|_| !self.shared.is_broken()) {
-            Some(before) => self.go_on(&before, frozen),
+            Some(before) => self.continue_after(&before, frozen),
             None if point.given_up == self.shared.given_up() => {
                 self.begin_anew(frozen, point.given_up);
             }
@@ -363,7 +363,7 @@ impl LogWriter {
     }
 
     /// Writes the snapshot beside the log, which continues after a segment.
-    fn go_on(&mut self, before: &Segment, frozen: Frozen) {
+    fn continue_after(&mut self, before: &Segment, frozen: Frozen) {
         let number = self.next;
         self.begin_segment(frozen.tick, Some((before.number, before.length)));
         if self.segment.is_none() {

@@ -198,7 +198,6 @@ fn sockets_and_clocks_are_used_only_in_the_crates_that_own_them() {
             "gateways/dis/src/main.rs",
             "gateways/dis/src/socket.rs",
             "service/src/serve.rs",
-            "service/src/serve/",
             "service/src/cli.rs",
             "service/src/main.rs",
             "service/src/directory/etcd.rs",
@@ -226,7 +225,6 @@ fn sockets_and_clocks_are_used_only_in_the_crates_that_own_them() {
         let names_addresses = [
             "client/src/network.rs",
             "service/src/edge/",
-            "service/src/serve/observers.rs",
             "service/src/settings.rs",
             "service/src/start.rs",
             "trace/src/live.rs",

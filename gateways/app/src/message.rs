@@ -13,7 +13,7 @@ use core::fmt;
 
 use glam::{Quat, Vec3};
 
-use super::codec::{
+use crate::codec::{
     Field, FieldReader, HEADER_BYTES, Header, Id, Kind, MalformedMessage, POINTS_MAX, POSTS_MAX,
     Surface, TEXT_BYTES_MAX, TRIANGLES_MAX, fields,
 };

@@ -1,6 +1,8 @@
 //! Headers, big-endian fields and their limits, and malformed messages.
 //!
-//! Decoding checks every length and never asserts: any peer may be the sender.
+//! Neither clock nor socket. Decoding follows the published plug-in, its faults included; encoding stays within what it
+//! accepts. Bytes from a peer cannot panic, and cannot make memory grow beyond its limits: every length is checked, and
+//! nothing asserts.
 
 use core::fmt;
 
@@ -125,15 +127,15 @@ macro_rules! fields {
             $($(#[$doc])* pub $field: $type,)+
         }
 
-        impl $crate::wire::codec::Field for $name {
+        impl $crate::codec::Field for $name {
             fn put(&self, to: &mut Vec<u8>) {
-                $($crate::wire::codec::Field::put(&self.$field, to);)+
+                $($crate::codec::Field::put(&self.$field, to);)+
             }
 
             fn take(
-                from: &mut $crate::wire::codec::FieldReader<'_>,
-            ) -> Result<Self, $crate::wire::codec::MalformedMessage> {
-                Ok(Self { $($field: $crate::wire::codec::Field::take(from)?,)+ })
+                from: &mut $crate::codec::FieldReader<'_>,
+            ) -> Result<Self, $crate::codec::MalformedMessage> {
+                Ok(Self { $($field: $crate::codec::Field::take(from)?,)+ })
             }
         }
     };
