@@ -142,8 +142,8 @@ impl Pump {
     /// Begins to reach the server again, to continue the session; `false` if it cannot. `full_since`: the time for
     /// which it has had no place; the present one otherwise.
     ///
-    /// A server that has named another one is not waited for: the first attempt goes there at once. After [`FOLLOWED_MAX`] in a
-    /// row there is a pause, as servers may name each other.
+    /// A server that has named another one is not waited for: the first attempt goes there at once. After
+    /// [`FOLLOWED_MAX`] in a row there is a pause, as servers may name each other.
     pub(crate) fn reconnect(&mut self, full_since: Instant, until: Instant) -> bool {
         let named = self.session.elsewhere().map(str::to_owned);
         let elsewhere = named.filter(|_| self.followed < FOLLOWED_MAX);

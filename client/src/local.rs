@@ -506,7 +506,7 @@ impl<E> Driver<E> {
 }
 
 impl Driver<SceneRouter> {
-    /// Hands an input to the server. What it transmits waits for [`Self::run`].
+    /// Hands an input to the server. Its transmissions wait for [`Self::run`].
     fn handle(&mut self, from: Peer, input: LocalInput) {
         if self.broken
             && let LocalInput::Opened(client) = &input

@@ -1,8 +1,8 @@
 //! An edge's membership of one stream: what it holds, and what it sends.
 //!
-//! Reads what the owner sends twice: the session keeps the tracks, and the messages and packets themselves are handed on. Knows
-//! no members of the edge but as numbers. Invariant: a snapshot is made only while the tracks are settled, so that it equals the
-//! owner's at that tick.
+//! Reads what the owner sends twice: the session keeps the tracks, and the messages and packets themselves are handed on.
+//! Knows no members of the edge but as numbers. Invariant: a snapshot is made only while the tracks are settled, so that
+//! it equals the owner's at that tick.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -492,9 +492,9 @@ impl Mirror {
         self.replies.forget(peer.0);
     }
 
-    /// Answers the loss reports while the tracks are settled: datagrams for each member, and the members that need a snapshot,
-    /// since they lack packets from before the edge's own, or know of some that the stream does not have: late datagrams of the
-    /// stream that had its name before the owner started again.
+    /// Answers the loss reports while the tracks are settled: datagrams for each member, and the members that need a
+    /// snapshot, since they lack packets from before the edge's own, or know of some that the stream does not have: late
+    /// datagrams of the stream that had its name before the owner started again.
     pub(crate) fn answer_reports(&mut self, now: Instant) -> (Vec<(Peer, Bytes)>, Vec<Peer>) {
         let (mut answers, mut astray) = (Vec::new(), Vec::new());
         if self.reports.is_empty() || !self.is_settled() {

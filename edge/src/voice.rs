@@ -2,8 +2,9 @@
 //!
 //! Requests that act on the scene go there, and the answers come back.
 //!
-//! Frames pass as they are. Of what the owner sends to every member, it counts the scene events and drops the rest: the mirror has
-//! it. Invariant: an answer waits until the member has the scene events before it, as if both had come over one connection.
+//! Frames pass as they are. Of what the owner sends to every member, it counts the scene events and drops the rest: the
+//! mirror has it. Invariant: an answer waits until the member has the scene events before it, as if both had come over
+//! one connection.
 
 use std::collections::VecDeque;
 

@@ -2,7 +2,7 @@
 //!
 //! Knows sessions, neither scenes nor members. Datagrams are shared: one packet for many members is one allocation.
 //! Invariant: a driver that reports what links take is handed at most [`WINDOW_BYTES`] and one piece beyond that for a
-//! connection. What else waits is counted here, and a connection whose peer does not read is closed.
+//! connection. All other waiting bytes are counted here, and a connection whose peer does not read is closed.
 
 use std::collections::{BTreeSet, VecDeque};
 

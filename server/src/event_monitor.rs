@@ -3,7 +3,7 @@
 //! Only bodies whose events are on are looked at, and of the dynamic ones only those that the engine observed: no contact
 //! of a body changes while it sleeps; what is in a sensor may. One whose events were just turned on is looked at once all
 //! the same. Knows no members. Invariant: a tick has at most [`EVENTS_PER_TICK_MAX`] events; what exceeds that is counted,
-//! but for forces, which take turns. What stands is what began and has not ended: those who missed the beginning get it.
+//! but for forces, which take turns. A standing event has begun and not ended: those who missed the beginning get it.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -324,7 +324,7 @@ impl EventMonitor {
         touching.retain(|pair| {
             let may_differ = |id| stepped.may_differ(id);
             let end = |pair| events.push(end(pair));
-            self.goes_on((*pair, stepped), (reports, may_differ), over, end)
+            self.note_continued((*pair, stepped), (reports, may_differ), over, end)
         });
         let reported = touches.iter().filter(|(_, touch)| touch.reported);
         touching.extend(reported.map(|(pair, _)| *pair));
@@ -384,14 +384,14 @@ impl EventMonitor {
             // Others move while it sleeps: each of them is looked at.
             let may_differ = |_| true;
             let end = |pair| events.push(end(pair));
-            self.goes_on((*pair, stepped), (reports, may_differ), over, end)
+            self.note_continued((*pair, stepped), (reports, may_differ), over, end)
         });
         inside.extend(now.iter().copied());
         self.inside = inside;
     }
 
     /// True if a pair of the step before is still one; reports its end.
-    fn goes_on(
+    fn note_continued(
         &self,
         (pair, stepped): ((BodyId, BodyId), &SteppedScene<'_>),
         (reports, may_differ): (impl Fn(&ActiveEvents) -> bool, impl Fn(BodyId) -> bool),

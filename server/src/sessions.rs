@@ -3,7 +3,7 @@
 //! Knows neither streams nor connections. Invariants: a command of a session counts once; a session has at most one
 //! member; what a log or an image brings back equals what was written.
 //!
-//! By its command log and the store of all, a scene survives its process. What keeps them is elsewhere: files, another
+//! By its command log and the store of all, a scene survives its process. They are kept elsewhere: in files, by another
 //! process. Invariant: neither a log nor a store makes a scene wait.
 
 use std::cmp::Reverse;

@@ -115,7 +115,8 @@ pub struct Arguments {
     /// Physics engine of all scenes: rapier, or one that this program was built with by a feature [default: rapier].
     #[arg(long, value_name = "NAME")]
     engine: Option<EngineKind>,
-    /// Number of threads to step and publish on, shared by all scenes; more than one needs the feature `parallel` [default: 1].
+    /// Number of threads to step and publish on, shared by all scenes; more than one needs the feature `parallel`
+    /// [default: 1].
     #[arg(long)]
     threads: Option<NonZeroU32>,
     /// Runs scenes on threads of the server, or in processes, one for each tenant [default: threads].
@@ -463,7 +464,8 @@ fn run(settings: &ServerSettings, parts: Parts) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// The data directory, if there is one. Servers of one `directory` share it. Processes of a server that was killed end a moment later than it, and hold the lock so long.
+/// The data directory, if there is one. Servers of one `directory` share it. Processes of a server that was killed end a
+/// moment later than it, and hold the lock so long.
 fn stored(
     settings: &ServerSettings,
     directory: Option<&Endpoints>,

@@ -292,7 +292,7 @@ const RESET_SECONDS: u32 = 20;
 const FILE_STILL_SECONDS: u32 = 4;
 
 impl FileScene {
-    /// Reads a file. What would fall for ever gets a floor.
+    /// Reads a file. A scene whose bodies would fall for ever gets a floor.
     pub(crate) fn read(path: &str) -> Result<Self, LoadError> {
         let options = LoadOptions {
             up: UpAxis::Y,

@@ -364,7 +364,7 @@ pub(crate) enum PageError {
     Io(PathBuf, io::Error),
 }
 
-/// Writes the page, and says how to look at it. What it refuses leaves nothing behind.
+/// Writes the page, and says how to look at it. A refusal leaves nothing behind.
 pub(crate) fn write_page(arguments: &PageArguments, out: &mut impl Write) -> Result<(), PageError> {
     let PageArguments { folder, recordings } = arguments;
     let at = |path: &Path| {

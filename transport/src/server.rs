@@ -297,7 +297,8 @@ impl Drop for IoThread {
 }
 
 /// Bytes of a connection's id: packets to a server need one, so that a connection survives a change of address. Guessing
-/// an id gains nothing, since every packet is authenticated. With some 5,000 in use at most, one draw in a million is repeated.
+/// an id gains nothing, since every packet is authenticated. With some 5,000 in use at most, one draw in a million is
+/// repeated.
 const SERVER_ID_BYTES: usize = 4;
 
 /// Generates random ids.

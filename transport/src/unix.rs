@@ -444,8 +444,8 @@ struct WaitingBytes {
 impl Credit {
     /// Waits until the bound allows more bytes, or until their connection has ended.
     ///
-    /// The server holds bytes back until it learns of the end, which comes after the last of them. What has arrived
-    /// before the end is what a socket's buffer takes at most, and needs no other bound.
+    /// The server holds bytes back until it learns of the end, which comes after the last of them. Before the end
+    /// no more arrives than a socket's buffer takes, which needs no other bound.
     pub(crate) fn admit(
         self: &Arc<Self>,
         bytes: Bytes,

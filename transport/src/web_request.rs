@@ -269,7 +269,7 @@ struct FieldLine<'a> {
     value: Option<FieldText<'a>>,
 }
 
-/// Copies fields line by line, as `copy` does. What cannot be read is copied as it is, for the codec to refuse.
+/// Copies fields line by line, as `copy` does. A line that cannot be read is copied as it is, for the codec to refuse.
 fn edited(fields: &[u8], mut copy: impl FnMut(FieldLine<'_>, &mut Vec<u8>)) -> Vec<u8> {
     let mut edited = Vec::with_capacity(fields.len());
     let mut rest = fields;

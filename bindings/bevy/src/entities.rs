@@ -1,6 +1,6 @@
 //! The entities of a scene's bodies: components, spawning, moving, despawning.
 //!
-//! The plug-in writes the components. What an application writes into them changes no body: commands do. An entity that the
+//! The plug-in writes the components. An application that writes into them changes no body: commands do. An entity that the
 //! application has despawned is left alone; its body lives on.
 //!
 //! In a lockstep scene, the transform follows the state by one fixed step at most. A step without a new tick holds the

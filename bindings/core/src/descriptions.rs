@@ -156,7 +156,7 @@ pub enum JointFreedom {
     Generic,
 }
 
-/// A joint. What its freedom does not name is ignored, except limits and motors of axes that it does not leave free.
+/// A joint. Fields that its freedom does not name are ignored, except limits and motors of axes that it does not leave free.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JointParams {
     /// The motions that it leaves free.

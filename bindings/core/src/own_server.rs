@@ -1,7 +1,7 @@
 //! Servers in the process of the application, and the page of their scenes.
 //!
 //! Compiled by the feature `serve`. [`ServedScenes`] has sockets, so that other processes join; a [`LocalServer`] has none,
-//! and its page has some of its own. What a peer of the network sends to such a server passes unread.
+//! and its page has some of its own. Bytes that a peer of the network sends to such a server pass unread.
 
 use core::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::collections::BTreeMap;

@@ -90,7 +90,7 @@ fn refuse_truth(
     }
 }
 
-/// Numbers of an argument, read by Python's rules. What is beyond its type is wrong; `needed` says what it can be.
+/// Numbers of an argument, read by Python's rules. A number beyond its type is wrong; `needed` says what it can be.
 pub(crate) fn within<T>(
     value: &Bound<'_, PyAny>,
     name: &'static str,

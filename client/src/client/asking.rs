@@ -58,7 +58,7 @@ impl Client {
     /// then stands still.
     ///
     /// A client whose session was interrupted requests the authority again when the session continues, without bodies that
-    /// it cannot have any more; the same events report the result. What it requests meanwhile is sent then.
+    /// it cannot have any more; the same events report the result. Requests meanwhile are sent then.
     ///
     /// # Errors
     ///

@@ -82,8 +82,8 @@ impl SceneClock {
                     self.jumps = true;
                     known.clamp(origin - half(round_trip), origin + half(round_trip))
                 } else if !times(best, round_trip) {
-                    // The samples so far were those of a bad moment, such as a member that did not poll. What they left
-                    // open by more than a tick is known now, and shown at once.
+                    // The samples so far were those of a bad moment, such as a member that did not poll. A rest
+                    // of more than a tick that they left open is known now, and shown at once.
                     self.jumps |= half(best) > half(round_trip) + DRIFT_TICKS;
                     origin
                 } else if times(round_trip, best) {

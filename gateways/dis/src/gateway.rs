@@ -2,7 +2,7 @@
 //!
 //! Bodies leave as states, entities of others come in as bodies. Datagrams and moments are arguments, datagrams leave by
 //! [`Gateway::poll_datagram`]. Foreign entities are kinematic bodies that this member adds, has authority over, and removes.
-//! They are not sent back. What other members do to these bodies never ends the gateway: a body that is removed or refused
+//! They are not sent back. No act of other members on these bodies ends the gateway: a body that is removed or refused
 //! is tried again a second later. [`Report`] tells the traffic in a line.
 
 use std::collections::{BTreeMap, BTreeSet};

@@ -203,11 +203,11 @@ impl KinematicTarget {
             self.since = u32::MAX;
         }
         // From there it has the velocity that was set. Without one, only a way that continues the last one is kept.
-        let goes_on = !is_jump
+        let continues = !is_jump
             && (target.is_timed || !target.is_first)
             && self.twist == Twist::ZERO
             && self.continues(next, integrator);
-        self.kept = (!goes_on).then_some(self.twist);
+        self.kept = (!continues).then_some(self.twist);
         (self.last, self.pose) = (self.pose, next);
         if is_jump {
             KinematicStep::Jump(next)
@@ -616,7 +616,7 @@ mod tests {
     }
 
     #[test]
-    fn a_motion_of_poses_faster_than_a_jump_goes_on_once_it_has_begun() {
+    fn a_motion_of_poses_faster_than_a_jump_continues_once_it_has_begun() {
         // A copy under authority: a velocity of zero after each pose has it there in that step.
         let mut kinematic_target = KinematicTarget::at(Pose::IDENTITY);
         for step in 1..6 {
@@ -633,7 +633,7 @@ mod tests {
     }
 
     #[test]
-    fn poses_back_and_forth_are_no_motion_that_goes_on() {
+    fn poses_back_and_forth_are_no_motion_that_continues() {
         for follows in [None, Some(Twist::ZERO)] {
             let mut kinematic_target = KinematicTarget::at(Pose::IDENTITY);
             for x in [0.8, 0.0, 1.2, 0.4, 0.4, -0.4] {

@@ -1,7 +1,7 @@
 //! Commands that move bodies: velocities, impulses, characters, vehicles.
 //!
 //! Invariant: no command makes a body faster than a velocity that can be set, along any axis, unless the body was faster
-//! already. What exceeds that is refused, never shortened.
+//! already. A command that exceeds that is refused, never shortened.
 
 use glam::{DVec3, Vec3};
 use rhumb_protocol::limits::{ANGULAR_MAX, LINEAR_MAX};

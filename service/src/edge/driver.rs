@@ -1,8 +1,8 @@
 //! Drives an edge: its connections to the owner, beside those of its members.
 //!
-//! The server's loop calls it as its endpoint. A connection to an owner is opened on a thread of its own, and wakes the loop when
-//! something has come. Invariant: what came over a connection is handed on in its order, and nothing after its end; a connection
-//! that the edge has given up while it was opened is closed.
+//! The server's loop calls it as its endpoint. A connection to an owner is opened on a thread of its own, and wakes the
+//! loop when something has come. Invariant: what came over a connection is handed on in its order, and nothing after its
+//! end; a connection that the edge has given up while it was opened is closed.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -23,8 +23,8 @@ use crate::metrics::Metrics;
 
 /// Time to open a connection.
 const DIAL: Duration = Duration::from_secs(2);
-/// Connections that are opened at the same time, each by a thread; what the edge wants beyond them waits. Members that come and go
-/// at once would otherwise make threads without bound.
+/// Connections that are opened at the same time, each by a thread; what the edge wants beyond them waits. Members that
+/// come and go at once would otherwise make threads without bound.
 const DIALS_MAX: usize = 64;
 /// Received pieces of one connection before the others have their turn.
 const PIECES_PER_TURN: usize = 1_024;

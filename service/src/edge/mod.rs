@@ -154,11 +154,12 @@ pub(crate) fn run(arguments: &EdgeArguments) -> Result<(), Box<dyn Error>> {
     run_with(arguments, |_| Ok(()))
 }
 
-/// Runs an edge at one end of a fan-out, until SIGINT or SIGTERM. `open` makes the fan-out, which delivers packets by its argument.
+/// Runs an edge at one end of a fan-out, until SIGINT or SIGTERM. `open` makes the fan-out, which delivers packets by its
+/// argument.
 ///
 /// # Errors
 ///
-/// What keeps an edge from starting, and the error of `open`.
+/// The reason why an edge cannot start, and the error of `open`.
 pub fn run_shared_edge(
     arguments: &EdgeArguments,
     side: FanOutSide,

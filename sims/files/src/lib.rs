@@ -1,7 +1,7 @@
 //! Robots and scenes from files: URDF, MJCF, glTF, meshes and Rhumb's JSON.
 //!
 //! A file becomes a [`LoadedScene`]: shapes, bodies and joints as ordinary commands, so that the wire does not know of
-//! files. What a file says and a scene has not is listed in its [`Report`]; nothing is dropped in silence. The crate
+//! files. A part of a file that a scene cannot have is listed in its [`Report`]; nothing is dropped in silence. The crate
 //! opens no file itself: it asks a [`Files`]. Invariants: no input panics; depth, sizes and numbers are bounded; an
 //! error names the file and the line.
 #![forbid(unsafe_code)]

@@ -1,6 +1,6 @@
 //! Solids of files as shapes of the protocol, and their mass.
 //!
-//! Long axes of files lie along z, those of the protocol along y. What has no shape of its own becomes a hull, and the
+//! Long axes of files lie along z, those of the protocol along y. A solid without a shape of its own becomes a hull, and the
 //! report says how far off it is.
 
 use std::f64::consts::{FRAC_PI_2, PI};

@@ -539,8 +539,8 @@ fn watermark_of_another(stage: &EdgeStage, member: usize, later: u64) -> Vec<u8>
     watermark.encode(stream.stream())
 }
 
-/// The stream that an owner has after its restart may have the name of one before. What a member has not read of that is then
-/// taken for packets of this one, which no one can send again.
+/// The stream that an owner has after its restart may have the name of one before. Packets of that one which a member has
+/// not read are then taken for packets of this one, which no one can send again.
 #[test]
 fn late_datagrams_of_an_earlier_stream_do_not_freeze_a_member() {
     let (mut stage, _, observer) = observed(script("ball-pit"));

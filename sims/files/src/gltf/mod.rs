@@ -2,7 +2,8 @@
 //!
 //! In a file without physics each mesh is a fixed body with its triangles; where the extras of a node have a `mass`, the
 //! node and all below it are one body that moves. In a file with KHR_physics_rigid_bodies its colliders are the shapes,
-//! meshes are for drawing, and its joints hold bodies together. y points up. What a scene has not is noted.
+//! meshes are for drawing, and its joints hold bodies together. y points up. A part of the file that a scene cannot have
+//! is noted.
 
 mod buffers;
 mod document;

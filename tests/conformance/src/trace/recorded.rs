@@ -1,6 +1,6 @@
 //! Judges the states of a recording that has no client's copy: a server's.
 //!
-//! Nothing of the promise can be compared there. What is judged is that a reader can rely on the file: ticks follow each
+//! Nothing of the promise can be compared there. Judged is whether a reader can rely on the file: ticks follow each
 //! other, bodies are placed before they move, and every state is one.
 
 use std::collections::BTreeSet;
