@@ -1,6 +1,6 @@
 //! Shapes of many points: convex hulls, triangle meshes, height fields.
 //!
-//! Faces of a hull are not known here: engines find them. One pass over the points checks them; only the engine can
+//! A hull does not know its faces: engines find them. One pass over the points checks them; only the engine can
 //! tell whether a solid can be made of them. Cheap to copy: copies share their points. Corners are found by adding the
 //! farthest point to a solid until none is outside. Points that lie within rounding of a face count as inside.
 //!
@@ -61,6 +61,14 @@ impl Hull {
             points: points.into(),
             radius,
         }
+    }
+
+    /// Triangles of the convex hull of some points, each with the places of its corners, counterclockwise from outside;
+    /// `None` for points that are not finite, or within rounding of a plane.
+    #[must_use]
+    pub fn triangles_of(points: &[Vec3]) -> Option<Vec<[usize; 3]>> {
+        let convex = Convex::of(points)?;
+        Some(convex.faces.iter().map(|face| face.corners).collect())
     }
 
     /// The points, in the order in which they were given.

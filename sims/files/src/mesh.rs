@@ -6,7 +6,7 @@
 //! File names with `package://` are searched in given folders, then in the folders above the scene's file. A mesh is read
 //! once.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::Cursor;
 use std::rc::Rc;
 
@@ -236,6 +236,86 @@ impl TriangleMesh {
         parts.into_iter().map(|part| part.mesh).collect()
     }
 
+    /// The same points with the triangles of their hull; `None` for points in a plane.
+    pub(crate) fn with_hull(&self) -> Option<Self> {
+        let (least, most) = self.bounds();
+        let middle = (least + most) * 0.5;
+        let near = self.points.iter().map(|at| (*at - middle).as_vec3());
+        let near: Vec<_> = near.collect();
+        let places: Vec<_> = match near.len() > SEARCHED_POINTS_MAX {
+            true => farthest(&near).into_iter().collect(),
+            false => (0..near.len()).collect(),
+        };
+        let kept: Vec<_> = places.iter().map(|place| near[*place]).collect();
+        let triangles = Hull::triangles_of(&kept)?.into_iter();
+        let triangles = triangles.map(|corners| corners.map(|at| places[at] as u32));
+        Some(Self {
+            points: self.points.clone(),
+            triangles: triangles.collect(),
+        })
+    }
+
+    /// Mass by one of MuJoCo's rules, at a density; `None` for one that encloses nothing.
+    pub(crate) fn inertia_by(&self, rule: MeshInertia, density: f64) -> Option<Inertia> {
+        match rule {
+            MeshInertia::Enclosed => self.inertia(density),
+            MeshInertia::Surface => {
+                let centre = self.surface_centre()?;
+                let (mut area, mut second) = (0.0, DMat3::ZERO);
+                for [a, b, c] in self.corners_from(centre) {
+                    let own = (b - a).cross(c - a).length() * 0.5;
+                    let squares = outer(a + b + c) + outer(a) + outer(b) + outer(c);
+                    second += squares * (own / 12.0);
+                    area += own;
+                }
+                Some(inertia_of(second * density, area * density, centre))
+            }
+            MeshInertia::Apart => {
+                let around = self.surface_centre()?;
+                let (mut volume, mut moment) = (0.0, DVec3::ZERO);
+                for [a, b, c] in self.corners_from(around) {
+                    let own = a.dot(b.cross(c)).abs() / 6.0;
+                    volume += own;
+                    moment += (a + b + c) * (own / 4.0);
+                }
+                self.is_solid(volume).then_some(())?;
+                let centre = around + moment / volume;
+                let (mut volume, mut second) = (0.0, DMat3::ZERO);
+                for [a, b, c] in self.corners_from(centre) {
+                    let own = a.dot(b.cross(c)).abs() / 6.0;
+                    let squares = outer(a + b + c) + outer(a) + outer(b) + outer(c);
+                    second += squares * (own / 20.0);
+                    volume += own;
+                }
+                Some(inertia_of(second * density, volume * density, centre))
+            }
+        }
+    }
+
+    /// The corners of each triangle, from a point.
+    fn corners_from(&self, point: DVec3) -> impl Iterator<Item = [DVec3; 3]> {
+        let corners =
+            move |triangle: &[u32; 3]| triangle.map(|at| self.points[at as usize] - point);
+        self.triangles.iter().map(corners)
+    }
+
+    /// The centre of the triangles by their areas; `None` for a mesh without area.
+    fn surface_centre(&self) -> Option<DVec3> {
+        let (mut area, mut moment) = (0.0, DVec3::ZERO);
+        for [a, b, c] in self.corners_from(DVec3::ZERO) {
+            let own = (b - a).cross(c - a).length();
+            area += own;
+            moment += (a + b + c) * (own / 3.0);
+        }
+        (area > 0.0).then(|| moment / area)
+    }
+
+    /// True if a volume, m³, is more than rounding of this mesh.
+    fn is_solid(&self, volume: f64) -> bool {
+        let (least, most) = self.bounds();
+        volume > (most - least).element_product() * 1e-6 && volume > 1e-15
+    }
+
     /// Mass of what it encloses, at a density; `None` for one that encloses nothing.
     pub(crate) fn inertia(&self, density: f64) -> Option<Inertia> {
         let (least, most) = self.bounds();
@@ -250,24 +330,13 @@ impl TriangleMesh {
             let squares = outer(sum) + outer(a) + outer(b) + outer(c);
             second += squares * (six / 120.0);
         }
-        let box_volume = (most - least).element_product();
-        if !(volume.abs() > box_volume * 1e-6 && volume.abs() > 1e-15) {
-            return None;
-        }
+        self.is_solid(volume.abs()).then_some(())?;
         // A mesh turned inside out weighs as its mirror image.
         let density = density * volume.signum();
         let mass = volume * density;
         let centre = moment / volume;
-        let trace = second.x_axis.x + second.y_axis.y + second.z_axis.z;
-        let origin = (DMat3::from_diagonal(DVec3::splat(trace)) - second) * density;
-        let squared = DMat3::from_diagonal(DVec3::splat(centre.length_squared()));
-        let tensor = origin - (squared - outer(centre)) * mass;
-        let centre = centre + middle;
-        Some(Inertia {
-            mass,
-            centre,
-            tensor,
-        })
+        let second = second * density - outer(centre) * mass;
+        Some(inertia_of(second, mass, centre + middle))
     }
 
     /// The corners of the least box around it.
@@ -301,6 +370,28 @@ impl Part {
     }
 }
 
+/// The mass of a mesh, as MuJoCo has it. Of its hull, too: by the hull's triangles.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum MeshInertia {
+    /// That of what it encloses.
+    #[default]
+    Enclosed,
+    /// That of the solids between each triangle and the centre, all counted: more where a mesh is not convex.
+    Apart,
+    /// That of its triangles, kg/m² for each unit of density.
+    Surface,
+}
+
+/// Inertia of second moments about the centre.
+fn inertia_of(second: DMat3, mass: f64, centre: DVec3) -> Inertia {
+    let trace = second.x_axis.x + second.y_axis.y + second.z_axis.z;
+    Inertia {
+        mass,
+        centre,
+        tensor: DMat3::from_diagonal(DVec3::splat(trace)) - second,
+    }
+}
+
 fn outer(arm: DVec3) -> DMat3 {
     DMat3::from_cols(arm * arm.x, arm * arm.y, arm * arm.z)
 }
@@ -321,16 +412,17 @@ pub(crate) fn hull(points: &[Vec3]) -> Result<(Hull, f32), Invalid> {
             Err(_) => {}
         }
     }
-    let kept = farthest(&distinct);
+    let kept = farthest(&distinct).into_iter();
+    let kept: Vec<_> = kept.map(|place| distinct[place]).collect();
     let hull = Hull::new(&kept)?;
     let loss = |direction: Vec3| support(&distinct, direction) - support(&kept, direction);
     let lost = directions(501).map(loss).fold(0.0, f32::max);
     Ok((hull, lost))
 }
 
-/// Points that are the farthest in some direction, as many as a hull may have.
-fn farthest(points: &[Vec3]) -> Vec<Vec3> {
-    let mut places = std::collections::BTreeSet::new();
+/// Places of points that are the farthest in some direction, as many as a hull may have.
+fn farthest(points: &[Vec3]) -> BTreeSet<usize> {
+    let mut places = BTreeSet::new();
     for count in [96, 255, 677] {
         for direction in directions(count) {
             let far = |a: &usize, b: &usize| {
@@ -344,7 +436,7 @@ fn farthest(points: &[Vec3]) -> Vec<Vec3> {
             places.extend((0..points.len()).max_by(far));
         }
     }
-    places.into_iter().map(|place| points[place]).collect()
+    places
 }
 
 fn support(points: &[Vec3], direction: Vec3) -> f32 {
@@ -659,6 +751,72 @@ mod tests {
             wrong[at..at + 4].copy_from_slice(&with.to_le_bytes());
             files.insert("m.msh", wrong);
             assert!(read(&files, "m.msh").is_err(), "{at}");
+        }
+    }
+
+    /// Two boxes, which make an L; masses, centres and moments are those of MuJoCo 4.0.0.
+    #[test]
+    fn a_mesh_that_is_not_convex_weighs_by_mujocos_rules() {
+        let (mut points, mut triangles) = (Vec::new(), Vec::new());
+        for (centre, half) in [
+            (DVec3::ZERO, DVec3::new(1.0, 0.1, 0.1)),
+            (DVec3::new(0.9, 0.0, 1.1), DVec3::new(0.1, 0.1, 1.0)),
+        ] {
+            let first = points.len() as u32;
+            let sign = |at: u32, bit: u32| f64::from(at >> bit & 1) * 2.0 - 1.0;
+            let corner = |at| centre + half * DVec3::new(sign(at, 2), sign(at, 1), sign(at, 0));
+            points.extend((0..8).map(corner));
+            for [a, b, c, d] in [
+                [0, 1, 3, 2],
+                [4, 6, 7, 5],
+                [0, 4, 5, 1],
+                [2, 3, 7, 6],
+                [0, 2, 6, 4],
+                [1, 5, 7, 3],
+            ] {
+                triangles.extend([[a, b, c], [a, c, d]].map(|own| own.map(|at: u32| at + first)));
+            }
+        }
+        let mesh = TriangleMesh { points, triangles };
+        let hull = mesh.with_hull().expect("it has volume");
+        for (mesh, rule, mass, centre, moments) in [
+            (
+                &mesh,
+                MeshInertia::Enclosed,
+                160.0,
+                [0.45, 0.55],
+                [27.466_67, 108.266_67, 134.666_67],
+            ),
+            (
+                &mesh,
+                MeshInertia::Apart,
+                383.333_33,
+                [0.407_142_86, 0.544_642_86],
+                [50.878_465, 185.659_48, 234.577_94],
+            ),
+            (
+                &mesh,
+                MeshInertia::Surface,
+                3_360.0,
+                [0.45, 0.55],
+                [646.133_33, 2_342.933_33, 2_945.333_33],
+            ),
+            (
+                &hull,
+                MeshInertia::Enclosed,
+                520.0,
+                [0.276_923_08, 0.7],
+                [76.384_81, 218.671_58, 291.589_72],
+            ),
+        ] {
+            let own = mesh.inertia_by(rule, 1_000.0).expect("it has mass");
+            assert!((own.mass / mass - 1.0).abs() < 1e-6, "{rule:?}: {own:?}");
+            let off = own.centre - DVec3::new(centre[0], 0.0, centre[1]);
+            assert!(off.length() < 1e-6, "{rule:?}: {own:?}");
+            let mut found = own.principal().0.to_array();
+            found.sort_by(f64::total_cmp);
+            let off = DVec3::from_array(found) / DVec3::from_array(moments) - 1.0;
+            assert!(off.abs().max_element() < 1e-6, "{rule:?}: {found:?}");
         }
     }
 

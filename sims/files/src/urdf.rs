@@ -37,6 +37,7 @@ pub(crate) fn read(
 ) -> Result<Model, LoadError> {
     let links: Vec<_> = robot.each("link").collect();
     note_rest(robot, report);
+    note_attributes(robot, report);
     let edges = edges(robot, &links)?;
     let order = order(robot, &links, &edges)?;
     let mut reader = Reader {
@@ -73,6 +74,42 @@ fn note_rest(robot: &Element, report: &mut Report) {
             _ => "a scene has no such thing",
         };
         report.again(&element.place(), element.name.clone(), Effect::Left, why);
+    }
+}
+
+/// Elements of links and joints with the attributes that are read, or that say nothing of physics.
+const READ: [(&str, &[&str]); 20] = [
+    ("link", &["name", "type"]),
+    ("joint", &["name", "type"]),
+    ("origin", &["xyz", "rpy"]),
+    ("parent", &["link"]),
+    ("child", &["link"]),
+    ("axis", &["xyz"]),
+    ("dynamics", &["damping", "friction"]),
+    ("limit", &["lower", "upper", "effort", "velocity"]),
+    ("inertial", &[]),
+    ("mass", &["value"]),
+    ("inertia", &["ixx", "iyy", "izz", "ixy", "ixz", "iyz"]),
+    ("collision", &["name", "group"]),
+    ("geometry", &[]),
+    ("box", &["size"]),
+    ("sphere", &["radius"]),
+    ("cylinder", &["length", "radius"]),
+    ("capsule", &["length", "radius"]),
+    ("mesh", &["filename", "scale"]),
+    ("plane", &["normal"]),
+    ("lateral_friction", &["value"]),
+];
+
+/// Notes attributes that are not read, of elements that are.
+fn note_attributes(element: &Element, report: &mut Report) {
+    let why = "the format has no such attribute, or it is not read";
+    for part in &element.children {
+        let known = READ.iter().find(|(name, _)| *name == part.name);
+        if let Some((_, known)) = known {
+            part.note_unread(&[known], why, report);
+            note_attributes(part, report);
+        }
     }
 }
 
@@ -241,7 +278,10 @@ impl Reader<'_> {
             _ => return Err(element.unknown_word("type")),
         };
         let mut drives = [None; 6];
-        drives[axis] = element.child("dynamics").map(dynamics).transpose()?;
+        let dynamics = element.child("dynamics");
+        drives[axis] = dynamics
+            .map(|part| self.dynamics(element, part))
+            .transpose()?;
         self.joints.push(ModelJoint {
             name: element.text("name").unwrap_or_default().to_owned(),
             place: element.place(),
@@ -305,6 +345,25 @@ impl Reader<'_> {
         }
         let [least, most] = [least, most].map(|limit| limit as f32);
         Ok(Some(JointLimits { least, most }))
+    }
+
+    /// The passive forces of a joint; those below zero would drive it, and are left out.
+    fn dynamics(&mut self, joint: &Element, element: &Element) -> Result<Drive, LoadError> {
+        let mut part = |name| -> Result<f64, LoadError> {
+            let found = element.number(name)?.unwrap_or_default();
+            if found < 0.0 {
+                let why = "damping and friction are not below zero";
+                let (subject, value) = (format!("{} {name}", joint.title()), found.to_string());
+                self.report
+                    .add(&element.place(), subject, value, Effect::Left, why);
+            }
+            Ok(found.max(0.0))
+        };
+        Ok(Drive {
+            damping: part("damping")?,
+            friction: part("friction")?,
+            ..Drive::default()
+        })
     }
 
     /// Adds mass and shapes of a link to its body.
@@ -503,15 +562,6 @@ fn plane() -> JointKind {
     JointKind::Generic(x | y_turn | z_turn, [None; 6])
 }
 
-fn dynamics(element: &Element) -> Result<Drive, LoadError> {
-    let part = |name| element.number(name).map(|one| one.unwrap_or(0.0).max(0.0));
-    Ok(Drive {
-        damping: part("damping")?,
-        friction: part("friction")?,
-        ..Drive::default()
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use glam::{Quat, Vec3};
@@ -540,6 +590,31 @@ mod tests {
             "<robot name='r'>\n<link name='a'>{MASS}</link>\n<link name='b'>{MASS}</link>\n\
             <joint name='j' {joint}<parent link='a'/><child link='b'/></joint></robot>"
         )
+    }
+
+    #[test]
+    fn what_a_joint_says_and_cannot_have_is_listed() {
+        for (joint, subjects) in [
+            (
+                "<dynamics damping='-3' friction='-1'/>",
+                vec!["joint \"j\" damping", "joint \"j\" friction"],
+            ),
+            ("<dynamics dampng='3'/>", vec!["dynamics dampng"]),
+            ("<limit lowr='-1' upper='1'/>", vec!["limit lowr"]),
+            ("<limit lower='-1' upper='1'/>", vec![]),
+        ] {
+            let kind = match joint.contains("limit") {
+                true => "revolute",
+                false => "continuous",
+            };
+            let scene = read(&two_links(&format!("type='{kind}'>{joint}"))).expect("a robot");
+            let notes = scene.report.notes().iter();
+            let found: Vec<_> = notes.map(|note| note.subject.as_str()).collect();
+            assert_eq!(found, subjects);
+            assert!(
+                scene.joints[0].joint.motors.iter().all(Option::is_none) || !joint.contains('-')
+            );
+        }
     }
 
     #[test]

@@ -23,7 +23,9 @@ pub(crate) const MAGIC: &[u8] = b"glTF";
 const JSON: u32 = 0x4e4f_534a;
 const BINARY: u32 = 0x004e_4942;
 /// Component types of accessors.
+const SIGNED_BYTE: u32 = 5_120;
 const BYTE: u32 = 5_121;
+const SIGNED_SHORT: u32 = 5_122;
 const SHORT: u32 = 5_123;
 const INT: u32 = 5_125;
 const FLOAT: u32 = 5_126;
@@ -220,8 +222,9 @@ impl<'a> Buffers<'a> {
     pub(super) fn points(&self, document: &Document, number: usize) -> Result<Points<'_>, Problem> {
         let accessor = accessor(document, number)?;
         if accessor.component_type != FLOAT || accessor.kind != "VEC3" {
+            let (kind, component) = (&accessor.kind, accessor.component_type);
             return Err(wrong(format!(
-                "accessor {number} has to be of three numbers with a point for each position"
+                "accessor {number} is {kind} of component type {component}, and positions are VEC3 of {FLOAT}"
             )));
         }
         Ok(Points(self.elements(document, number, accessor, 12)?))
@@ -414,6 +417,31 @@ impl<'a> Primitives<'a> {
         Ok(read)
     }
 
+    /// Why a primitive is not read that the format allows; `None` for one that is.
+    fn unread(&self, primitive: &Primitive) -> Option<&'static str> {
+        if !matches!(primitive.mode.unwrap_or(TRIANGLES), TRIANGLES | STRIP | FAN) {
+            return Some("points and lines have no surface");
+        }
+        let accessors = &self.document.accessors;
+        let Some(position) = primitive.attributes.position else {
+            return Some("its positions are missing, or packed by an extension");
+        };
+        let points = accessors.get(position)?;
+        let indices = primitive.indices.and_then(|number| accessors.get(number));
+        if points.sparse.is_some() || indices.is_some_and(|indices| indices.sparse.is_some()) {
+            return Some("sparse accessors are not read");
+        }
+        if points.buffer_view.is_none() {
+            return Some("its positions are missing, or packed by an extension");
+        }
+        let is_whole = matches!(
+            points.component_type,
+            SIGNED_BYTE | BYTE | SIGNED_SHORT | SHORT
+        );
+        let is_whole = is_whole && points.kind == "VEC3";
+        is_whole.then_some("positions of whole numbers (KHR_mesh_quantization) are not read")
+    }
+
     fn triangles_of(
         &mut self,
         primitive: &Primitive,
@@ -421,22 +449,11 @@ impl<'a> Primitives<'a> {
         note: &mut dyn FnMut(String, &'static str),
     ) -> Result<Option<TriangleMesh>, Problem> {
         let mode = primitive.mode.unwrap_or(TRIANGLES);
-        if !matches!(mode, TRIANGLES | STRIP | FAN) {
-            let why = "points and lines have no surface";
-            note(format!("primitive of {title}"), why);
-            return Ok(None);
-        }
-        let has_bytes = |number: usize| {
-            let accessor = self.document.accessors.get(number);
-            accessor.is_none_or(|accessor| accessor.buffer_view.is_some())
-        };
-        let Some(position) = primitive
-            .attributes
-            .position
-            .filter(|number| has_bytes(*number))
-        else {
-            let why = "its positions are missing, or packed by an extension";
-            note(format!("primitive of {title}"), why);
+        let why = self.unread(primitive);
+        let position = primitive.attributes.position;
+        let Some(position) = position.filter(|_| why.is_none()) else {
+            why.into_iter()
+                .for_each(|why| note(format!("primitive of {title}"), why));
             return Ok(None);
         };
         let document = self.document;

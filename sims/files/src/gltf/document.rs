@@ -29,6 +29,8 @@ pub(super) struct Document {
 #[serde(default)]
 pub(super) struct Asset {
     pub(super) version: String,
+    #[serde(rename = "minVersion")]
+    pub(super) min_version: Option<String>,
 }
 
 #[derive(Debug, Default, Deserialize)]

@@ -93,6 +93,11 @@ fn read_with(
         let what = format!("glTF of version {version:?}");
         return Err(at(path, Problem::UnknownFormat(what)));
     }
+    let needed = document.asset.min_version.as_deref();
+    if let Some(needed) = needed.filter(|needed| *needed != "2.0") {
+        let what = format!("glTF that needs version {needed:?}");
+        return Err(at(path, Problem::UnknownFormat(what)));
+    }
     let buffers = Buffers::read(&document, path, files, binary);
     let buffers = buffers.map_err(|problem| at(path, problem))?;
     let mut reader = Reader {
@@ -289,6 +294,7 @@ impl Reader<'_> {
                     .map(|child| (*child, world, body)),
             );
         }
+        self.note_missed(&seen);
         // Without scenes all nodes are read, but those in a ring hang on no root.
         let missed = seen.iter().position(|seen| !seen);
         if let Some(number) = missed.filter(|_| scene.is_none()) {
@@ -297,6 +303,16 @@ impl Reader<'_> {
             return Err(Problem::Senseless { name, rule });
         }
         Ok(scene.map_or_else(String::new, |scene| scene.name.clone()))
+    }
+
+    /// Notes nodes that the only scene of a file has not.
+    fn note_missed(&mut self, seen: &[bool]) {
+        if self.document.scenes.len() == 1 {
+            for _ in seen.iter().filter(|seen| !**seen) {
+                let why = "it is not in the scene of the file";
+                self.note("node".to_owned(), Effect::Left, why);
+            }
+        }
     }
 
     /// The nodes that hang on no other.

@@ -10,6 +10,7 @@ use crate::load::{load, load_text};
 use crate::model::{Base, UpAxis};
 
 mod joints;
+mod unread;
 
 /// Corners of a tetrahedron with a corner at the origin and edges of 1 m, and its four triangles.
 const CORNERS: [[f32; 3]; 4] = [
@@ -503,18 +504,13 @@ fn wrong_bytes_are_refused_by_the_name_of_their_buffer_or_accessor() {
         ),
         (
             r#""componentType": 5126"#,
-            r#""componentType": 5120"#,
-            "accessor 0 has to be of three numbers",
+            r#""componentType": 5125"#,
+            "accessor 0 is VEC3 of component type 5125, and positions are VEC3 of 5126",
         ),
         (
             r#""componentType": 5123"#,
             r#""componentType": 5126"#,
             "accessor 1 has components of type 5126",
-        ),
-        (
-            r#""count": 4"#,
-            r#""count": 4, "sparse": {}"#,
-            "accessor 0 is sparse",
         ),
         (
             r#""indices": 1"#,
@@ -525,6 +521,11 @@ fn wrong_bytes_are_refused_by_the_name_of_their_buffer_or_accessor() {
             "2.0",
             "1.0",
             "glTF of version \"1.0\" is no file that is read here",
+        ),
+        (
+            r#""version": "2.0""#,
+            r#""version": "2.5", "minVersion": "2.5""#,
+            "glTF that needs version \"2.5\" is no file that is read here",
         ),
         (";base64", ";base63", "buffer 0: its data are no base64"),
     ] {

@@ -1,4 +1,4 @@
-//! Bodies of MJCF beside those of MuJoCo 4.0.0: exclusions, gravity, names, and what is listed.
+//! Bodies of MJCF beside MuJoCo 4.0.0: exclusions, gravity, names, notes.
 
 use rhumb_protocol::scene::ShapeId;
 use rhumb_reckoning::BodyId;
@@ -155,4 +155,75 @@ fn attributes_and_sections_that_nothing_reads_are_listed() {
     let plain = "<compiler angle='radian'/><actuator/><size/><visual/>";
     let scene = read(&(world(&format!(">{ball}")) + plain)).expect("a world");
     assert!(scene.report.is_empty(), "{:?}", scene.report);
+}
+
+/// MuJoCo's legs turn alone; here a light body that must turn several heavy ones drives them apart.
+#[test]
+fn armatures_of_many_joints_on_a_light_body_are_reduced_to_what_it_carries() {
+    let leg = "<body><joint axis='0 0 1' armature='1'/><geom size='0.08' mass='0.04'/>\
+        <body><joint axis='0 1 0' armature='1'/><geom size='0.08' mass='0.04'/></body></body>";
+    let torso = 0.4 * 0.3 * 0.0625;
+    let leg_moment = 0.4 * 0.04 * 0.0064;
+    for (legs, base, added) in [
+        (1, "<freejoint/>", 1.0),
+        (2, "<freejoint/>", 1.0),
+        (3, "<freejoint/>", 8.0 * torso / 3.0),
+        (4, "<freejoint/>", 8.0 * torso / 4.0),
+        (4, "", 1.0),
+    ] {
+        let legs = leg.repeat(legs);
+        let scene = read(&format!(
+            "<worldbody><body>{base}<geom size='0.25' mass='0.3'/>{legs}</body></worldbody>"
+        ))
+        .expect("a world");
+        // The fixed ball is a body of its own, and the joints are made to the world.
+        let first = if base.is_empty() { 2 } else { 1 };
+        let most = |place: usize| {
+            let desc = &scene.bodies[place].builder;
+            let desc = desc.desc(BodyId::new(0, 0), ShapeId(0));
+            let moments = desc.mass.and_then(|mass| mass.moments).expect("moments");
+            f64::from(moments.max_element())
+        };
+        // The least moments of a solid with this one are half of it each.
+        for (body, right) in [(first, leg_moment + added), (first + 1, leg_moment + 1.0)] {
+            let off = most(body) / right - 1.0;
+            assert!(off.abs() < 1e-3, "{} {right}", most(body));
+        }
+        let notes = scene.report.notes().iter();
+        let notes = notes.filter(|note| note.subject == "joint \"joint\" armature");
+        let values: Vec<_> = notes.map(|note| note.value.as_str()).collect();
+        let reduced = if added < 1.0 {
+            scene.joints.len() / 2
+        } else {
+            0
+        };
+        assert_eq!(values.len(), reduced);
+        let start = |value: &&str| value.starts_with("1 kg m², now 0.0");
+        assert!(values.iter().all(start), "{values:?}");
+    }
+}
+
+/// Mass and centre are those of MuJoCo 4.0.0.
+#[test]
+fn points_without_triangles_weigh_as_their_hull_and_by_the_rule_of_the_mesh() {
+    for (rule, mass, centre) in [
+        ("", 1_000.0 / 6.0, 0.25),
+        ("inertia='convex'", 1_000.0 / 6.0, 0.25),
+        ("inertia='exact'", 1_000.0 / 6.0, 0.25),
+        ("inertia='shell'", 2_366.025_4, 0.262_891_71),
+    ] {
+        let mesh = format!("<mesh name='m' vertex='0 0 0 1 0 0 0 1 0 0 0 1' {rule}/>");
+        let scene = read(&format!(
+            "<asset>{mesh}</asset><worldbody><body><freejoint/><geom type='mesh' mesh='m'/></body></worldbody>"
+        ))
+        .expect("a world");
+        let own = super::tests::mass(&scene, 0);
+        assert!((own / mass - 1.0).abs() < 1e-6, "{rule}: {own}");
+        let [x, y, z, ..] = scene.bodies[0].builder.state().expect("sound").parts();
+        assert!(
+            [x, y, z].iter().all(|at| (at - centre).abs() < 1e-6),
+            "{rule}"
+        );
+        assert!(scene.report.is_empty(), "{:?}", scene.report);
+    }
 }

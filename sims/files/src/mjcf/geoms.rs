@@ -9,15 +9,15 @@ use glam::{DQuat, DVec3};
 
 use super::classes::{Classes, Compiler, along_z};
 use crate::files::{Files, folder_of, join};
-use crate::inertia::Pose;
-use crate::mesh::{Meshes, TriangleMesh};
+use crate::inertia::{Inertia, Pose};
+use crate::mesh::{MeshInertia, Meshes, TriangleMesh};
 use crate::model::{LoadOptions, Solid};
 use crate::report::{Effect, LoadError, Place, Problem, Report};
 use crate::xml::Element;
 
-/// Meshes of a file, by name; `None` for one that is not read.
+/// Meshes of a file, by name, and how they weigh; `None` for one that is not read.
 #[derive(Debug, Default)]
-pub(crate) struct Assets(BTreeMap<String, Option<Rc<TriangleMesh>>>);
+pub(crate) struct Assets(BTreeMap<String, (Option<Rc<TriangleMesh>>, MeshInertia)>);
 
 /// The settings by which assets are read.
 pub(crate) struct Rules<'a> {
@@ -28,7 +28,7 @@ pub(crate) struct Rules<'a> {
 }
 
 /// Settings of a mesh that are read, or that are about drawing alone.
-const OF_MESHES: [&str; 13] = [
+const OF_MESHES: [&str; 14] = [
     "name",
     "class",
     "file",
@@ -42,6 +42,7 @@ const OF_MESHES: [&str; 13] = [
     "smoothnormal",
     "material",
     "content_type",
+    "inertia",
 ];
 
 impl Assets {
@@ -110,8 +111,35 @@ impl Assets {
                 Some(moved.map_err(|problem| element.wrong(problem))?)
             }
         };
-        self.0.insert(name, mesh);
+        let (rule, by_hull) = match element.text("inertia") {
+            None | Some("legacy") => (MeshInertia::Apart, false),
+            Some("exact") => (MeshInertia::Enclosed, false),
+            Some("convex") => (MeshInertia::Enclosed, true),
+            Some("shell") => (MeshInertia::Surface, false),
+            Some(_) => return Err(element.unknown_word("inertia")),
+        };
+        // Points without triangles are a hull there, too.
+        let mesh = mesh.map(|mesh| {
+            let needs = by_hull || mesh.triangles.is_empty();
+            let hull = needs.then(|| mesh.with_hull()).flatten();
+            hull.map_or(mesh, Rc::new)
+        });
+        self.0.insert(name, (mesh, rule));
         Ok(())
+    }
+
+    /// The mass of a geom's solid at a density; `None` for one without an inside.
+    pub(crate) fn inertia(
+        &self,
+        element: &Element,
+        solid: &Solid,
+        density: f64,
+    ) -> Option<Inertia> {
+        let asset = element.text("mesh").and_then(|name| self.0.get(name));
+        match (solid, asset) {
+            (Solid::Hull(mesh), Some((_, rule))) => mesh.inertia_by(*rule, density),
+            _ => solid.inertia(density),
+        }
     }
 
     /// The solid of a geom and its pose in the body; `None` with a note for one that is not read.
@@ -143,7 +171,7 @@ impl Assets {
                 report.again(&place, "geom mesh".to_owned(), Effect::Approximated, why);
             }
             let name = element.needs("mesh")?;
-            let mesh = self.0.get(name).ok_or_else(|| {
+            let (mesh, _) = self.0.get(name).ok_or_else(|| {
                 let (what, name) = ("mesh", name.to_owned());
                 element.wrong(Problem::UnknownName { what, name })
             })?;

@@ -120,14 +120,7 @@ pub(crate) fn read(
         reader.bodies(&all, None)?;
     }
     reader.note_pairs(&root);
-    let Model { bodies, joints, .. } = &mut reader.model;
-    settle_masses(bodies, joints, f64::from(options.density), reader.report);
-    let Compiler {
-        bounds, total_mass, ..
-    } = reader.compiler;
-    bound_masses(bodies, bounds, total_mass);
-    scale_masses(bodies, joints, reader.report);
-    add_armatures(bodies, joints, reader.report);
+    reader.settle(options);
     let excluded = reader.excluded(&root)?;
     reader.name_geoms();
     reader.equalities(&root)?;
@@ -203,6 +196,15 @@ impl Reader<'_> {
             }
         }
         Ok(())
+    }
+
+    /// Masses and moments that every body can have.
+    fn settle(&mut self, options: &LoadOptions) {
+        let Model { bodies, joints, .. } = &mut self.model;
+        settle_masses(bodies, joints, f64::from(options.density), self.report);
+        bound_masses(bodies, self.compiler.bounds, self.compiler.total_mass);
+        scale_masses(bodies, joints, self.report);
+        add_armatures(bodies, joints, self.report);
     }
 
     fn option(&mut self, element: &Element) -> Result<(), LoadError> {
@@ -547,7 +549,8 @@ impl Reader<'_> {
         if from_geoms && body.is_some() && (least..=most).contains(&group) {
             let density = element.number("density")?.unwrap_or(1_000.0);
             let given = element.number("mass")?;
-            let own = solid.inertia(if given.is_some() { 1.0 } else { density });
+            let density = if given.is_some() { 1.0 } else { density };
+            let own = self.assets.inertia(&element, &solid, density);
             let own = own.map(|own| given.map_or(own, |mass| own.times(mass / own.mass)));
             if let Some(own) = own.filter(|own| own.mass.is_finite()) {
                 self.add_inertia(body, &own.moved(&pose));
