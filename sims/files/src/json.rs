@@ -251,27 +251,9 @@ pub struct SceneFilePart {
     pub shape: SceneFileShape,
 }
 
-/// Reads a scene.
-pub(crate) fn read(
-    path: &str,
-    text: &str,
-    options: &LoadOptions,
-) -> Result<LoadedScene, LoadError> {
-    let file: SceneFile =
-        serde_json::from_str(text.trim_start_matches('\u{feff}')).map_err(|error| {
-            let line = u32::try_from(error.line()).ok();
-            let place = Place {
-                file: path.to_owned(),
-                line,
-            };
-            let problem = Problem::Syntax(error.to_string());
-            LoadError { place, problem }
-        })?;
-    file.load(path, options)
-}
-
 impl SceneFile {
-    fn load(&self, path: &str, options: &LoadOptions) -> Result<LoadedScene, LoadError> {
+    /// The scene that it says. `path`: of errors and notes.
+    pub(crate) fn load(&self, path: &str, options: &LoadOptions) -> Result<LoadedScene, LoadError> {
         let place = Place::of(path);
         let wrong = |problem| LoadError {
             place: place.clone(),
@@ -393,7 +375,7 @@ impl SceneFile {
     }
 }
 
-fn title(what: &str, number: usize, name: &str) -> String {
+pub(crate) fn title(what: &str, number: usize, name: &str) -> String {
     match name.is_empty() {
         true => format!("{what} {number}"),
         false => format!("{what} {number} \"{name}\""),

@@ -16,6 +16,7 @@ use rhumb_protocol::scene::{Hull, Invalid};
 
 use crate::files::{FileError, Files, folder_of, join};
 use crate::inertia::{Inertia, Pose};
+use crate::obj::{self, Surface};
 use crate::report::{Effect, LoadError, Place, Problem, Report};
 use crate::xml::Element;
 
@@ -49,7 +50,10 @@ pub(crate) fn read(files: &dyn Files, path: &str) -> Result<TriangleMesh, Proble
     let bytes = files.read(path, MESH_BYTES_MAX).map_err(Problem::File)?;
     let mesh = match ending(path).as_str() {
         "stl" => stl(bytes)?,
-        "obj" => obj(&bytes)?,
+        "obj" => {
+            let Surface { points, triangles } = obj::read(&bytes)?;
+            TriangleMesh { points, triangles }
+        }
         "msh" => msh(&bytes)?,
         _ => return Err(Problem::UnknownFormat(path.to_owned())),
     };
@@ -113,33 +117,6 @@ fn stl(mut bytes: Vec<u8>) -> Result<TriangleMesh, Problem> {
             })
             .collect(),
     })
-}
-
-fn obj(bytes: &[u8]) -> Result<TriangleMesh, Problem> {
-    let options = tobj::LoadOptions {
-        triangulate: true,
-        ignore_points: true,
-        ignore_lines: true,
-        ..tobj::LoadOptions::default()
-    };
-    // Materials are about drawing alone.
-    let none = |_: &std::path::Path| Err(tobj::LoadError::OpenFileFailed);
-    let read = tobj::load_obj_buf(&mut Cursor::new(bytes), &options, none);
-    let (models, _) = read.map_err(|error| Problem::Mesh(error.to_string()))?;
-    let mut mesh = TriangleMesh::default();
-    for model in &models {
-        let first = mesh.points.len() as u32;
-        let (points, _) = model.mesh.positions.as_chunks::<3>();
-        mesh.points
-            .extend(points.iter().map(|at| DVec3::from_array(at.map(f64::from))));
-        let (triangles, _) = model.mesh.indices.as_chunks::<3>();
-        mesh.triangles.extend(
-            triangles
-                .iter()
-                .map(|at| at.map(|one| one.saturating_add(first))),
-        );
-    }
-    Ok(mesh)
 }
 
 /// MuJoCo's own form: counts of points, normals, texture places and triangles, then these, each number of 32 bits.

@@ -52,6 +52,13 @@ pub enum Problem {
     File(FileError),
     /// Its text is not well formed; the parser's sentence.
     Syntax(String),
+    /// A field that is not what it has to be.
+    WrongField {
+        /// The field and the body or joint that has it.
+        name: String,
+        /// The parser's sentence, in words of the format.
+        cause: String,
+    },
     /// No reader knows such a file: its first element, or its ending.
     UnknownFormat(String),
     /// An element lacks an attribute or a part.
@@ -196,6 +203,7 @@ impl fmt::Display for Problem {
             Self::IncludeLoop(file) => write!(f, "{file} includes itself"),
             Self::Mesh(cause) => write!(f, "the mesh cannot be read: {cause}"),
             Self::Unsupported(what) => write!(f, "{what} is not read by this version"),
+            Self::WrongField { name, cause } => write!(f, "{name}: {cause}"),
             Self::Refused { name, invalid } => write!(f, "{name}: {invalid}"),
             Self::OffCentre { name, centre } => write!(
                 f,
