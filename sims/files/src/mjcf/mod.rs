@@ -73,29 +73,7 @@ pub(crate) fn read(
     let main = root.place();
     let mut work = Work::default();
     let root = expand(root, files, &main.file, &mut work)?;
-    let mut reader = Reader {
-        compiler: Compiler::read(&root)?,
-        classes: Classes::read(&root, &mut work)?,
-        assets: Assets::default(),
-        report,
-        model: Model {
-            name: root.text("model").unwrap_or("world").to_owned(),
-            up: FileUp::Z,
-            gravity: DVec3::new(0.0, 0.0, -9.81),
-            step: Some(0.002),
-            bodies: Vec::new(),
-            joints: Vec::new(),
-        },
-        without_contacts: false,
-        without_gravity: false,
-        bits: Vec::new(),
-        names: Names::default(),
-        anchor: None,
-        parts: Parts::default(),
-        part: 0,
-        work,
-        depth: 0,
-    };
+    let mut reader = Reader::new(&root, report, work)?;
     reader.sections(&root)?;
     if reader.without_gravity {
         reader.model.gravity = DVec3::ZERO;
@@ -160,6 +138,35 @@ struct Inner<'a> {
     frame: Pose,
     class: Option<&'a str>,
     copy: Rc<CopyOf>,
+}
+
+impl<'a> Reader<'a> {
+    /// A reader of a world that has read nothing but its classes and the compiler's settings.
+    fn new(root: &Element, report: &'a mut Report, mut work: Work) -> Result<Self, LoadError> {
+        Ok(Self {
+            compiler: Compiler::read(root)?,
+            classes: Classes::read(root, &mut work)?,
+            assets: Assets::default(),
+            report,
+            model: Model {
+                name: root.text("model").unwrap_or("world").to_owned(),
+                up: FileUp::Z,
+                gravity: DVec3::new(0.0, 0.0, -9.81),
+                step: Some(0.002),
+                bodies: Vec::new(),
+                joints: Vec::new(),
+            },
+            without_contacts: false,
+            without_gravity: false,
+            bits: Vec::new(),
+            names: Names::default(),
+            anchor: None,
+            parts: Parts::default(),
+            part: 0,
+            work,
+            depth: 0,
+        })
+    }
 }
 
 impl Reader<'_> {
