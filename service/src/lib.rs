@@ -39,8 +39,6 @@
 #![forbid(unsafe_code)]
 
 mod access;
-#[cfg(feature = "app")]
-mod app_arguments;
 pub mod cli;
 #[cfg(feature = "demo")]
 mod demo;
