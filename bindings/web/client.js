@@ -1,6 +1,6 @@
 // A member of a scene over a connection: moves bytes between the two, and continues over another connection when one ends.
 
-import { Connection, within } from "./connection.js";
+import { Connection, placeOf, within } from "./connection.js";
 import { RhumbError, wrong } from "./error.js";
 import { Member } from "./member.js";
 
@@ -12,6 +12,10 @@ const REFUSALS_KEPT = 1024;
 const PAUSE_FIRST = 100;
 const PAUSE_MAX = 5000;
 const ATTEMPT = 3000;
+/** Time of one attempt at a server that another one has named: it may have ended since. Milliseconds. */
+const ATTEMPT_ELSEWHERE = 1000;
+/** Servers that are asked for a scene, each named by the one before, before there is a pause. */
+const FOLLOWED_MAX = 8;
 /** How far the moment of a poll may be from the clock: a page may have stood still within a frame. Milliseconds. */
 const CLOCK_APART_MAX = 10000;
 /** The code of a close for lack of a place. */
@@ -46,8 +50,12 @@ const pause = (milliseconds) => new Promise((resolve) => setTimeout(resolve, mil
 
 export class Client {
   #member;
+  /** Makes the member of a client that has not joined yet. */
+  #newMember;
   #connection;
   #connecting;
+  /** Servers in a row that have named another one. */
+  #followed = 0;
   #events = [];
   /** Unread events that were dropped, the oldest first. */
   #eventsLeftOut = 0;
@@ -87,7 +95,8 @@ export class Client {
     client.#connecting = connecting;
     client.#resumeWithin = resumeWithin;
     client.#refused = quiet(refusals) ? undefined : [];
-    client.#member = new Member(scene, { token: connecting.token, join, seed });
+    client.#newMember = () => new Member(scene, { token: connecting.token, join, seed });
+    client.#member = client.#newMember();
     const joined = new Promise((resolve, reject) => client.#waiting.joined.push({ resolve, reject }));
     client.#attach(connection);
     try {
@@ -223,10 +232,20 @@ export class Client {
     this.#rejectTicks(this.#fault);
   }
 
-  #handleEnded({ code, message, closeCode, mayResume, complete }) {
+  #handleEnded({ code, message, closeCode, mayResume, complete, elsewhere }) {
     this.#count();
     this.#connection = undefined;
     const error = new RhumbError({ code, message, closeCode });
+    const named = placeOf(elsewhere);
+    this.#followed = named === undefined ? 0 : this.#followed + 1;
+    const place = this.#followed <= FOLLOWED_MAX ? named : undefined;
+    if (this.#followed > FOLLOWED_MAX) this.#followed = 0;
+    if (this.#state === "open" && named !== undefined && !this.#member.joined) {
+      this.#member.free();
+      this.#member = this.#newMember();
+      this.#reach(place, PAUSE_FIRST);
+      return;
+    }
     this.#interruptedAt ??= now();
     const within = this.#resumeWithin === undefined ? this.#member.resumeWithin : this.#resumeWithin * 1000;
     const until = this.#interruptedAt + within;
@@ -235,27 +254,33 @@ export class Client {
       this.#state = "resuming";
       this.#interruption = { until, error };
       this.#member.reconnect();
-      this.#resume(until, error);
+      // A scene that had no place for this client is asked ever more rarely.
+      const fullFor = closeCode === BUSY ? now() - this.#interruptedAt : 0;
+      this.#reach(place, Math.min(Math.max(PAUSE_FIRST, fullFor / 2), PAUSE_MAX), { until, error });
     } else {
       this.#end(error);
     }
   }
 
   /**
-   * Tries to reach the server again; the pause before each attempt doubles, and is shortened at random. A scene that had no
-   * place for this client is asked ever more rarely.
+   * Tries to reach a server again: at once the one that the last one has named, otherwise the one of this client, after pauses
+   * that double and are shortened at random. Without a limit, until the client ends.
    */
-  async #resume(until, error) {
-    const fullFor = error.closeCode === BUSY ? now() - this.#interruptedAt : 0;
-    let longest = Math.min(Math.max(PAUSE_FIRST, fullFor / 2), PAUSE_MAX);
-    for (; ; longest = Math.min(2 * longest, PAUSE_MAX)) {
-      await pause(longest * (0.5 + Math.random() / 2));
-      if (this.#state !== "resuming") return;
+  async #reach(place, longest, { until = Infinity, error } = {}) {
+    const before = this.#state;
+    for (; ; place = undefined) {
+      if (place === undefined) {
+        await pause(longest * (0.5 + Math.random() / 2));
+        longest = Math.min(2 * longest, PAUSE_MAX);
+      }
+      if (this.#state !== before) return;
       if (now() >= until) return this.#end(error);
-      const { url, options } = this.#connecting;
+      const { url, print } = place ?? this.#connecting;
+      const timeout = place === undefined ? ATTEMPT : ATTEMPT_ELSEWHERE;
       try {
-        const connection = await Connection.open(url, { ...options, timeout: ATTEMPT, signal: undefined });
-        if (this.#state !== "resuming") return connection.close(0);
+        const options = { ...this.#connecting.options, print, timeout, signal: undefined };
+        const connection = await Connection.open(url, options);
+        if (this.#state !== before) return connection.close(0);
         return this.#attach(connection);
       } catch {
         // The next attempt may find the server.

@@ -5,6 +5,8 @@ import { RhumbError, wrong } from "./error.js";
 /** Datagrams that wait to be read: a burst of a second. The browser's own limit is one. */
 const INCOMING_DATAGRAMS = 1024;
 
+/** The port of an address that names none (PROTOCOL 12). */
+const PORT = 4433;
 /** The path that names the protocol (PROTOCOL 1.5). */
 const PATH = "/rhumb/1";
 
@@ -35,8 +37,10 @@ function bytesOf(hash) {
   return Uint8Array.from(hash.match(/../g), (digits) => parseInt(digits, 16));
 }
 
-async function optionsOf({ certificateHashes }) {
-  const hashes = typeof certificateHashes === "function" ? await certificateHashes() : certificateHashes;
+async function optionsOf({ certificateHashes, print }) {
+  let hashes = typeof certificateHashes === "function" ? await certificateHashes() : certificateHashes;
+  // A browser that pins nothing asks an authority, by which the fingerprint of its certificate could not be pinned.
+  if (hashes?.length && print !== undefined) hashes = [...hashes, print];
   const options = { allowPooling: false, congestionControl: "low-latency", requireUnreliable: true };
   if (hashes?.length) {
     options.serverCertificateHashes = hashes.map((hash) => ({ algorithm: "sha-256", value: bytesOf(hash) }));
@@ -48,6 +52,18 @@ async function optionsOf({ certificateHashes }) {
 function ofPage() {
   const origin = globalThis.location?.origin;
   return origin === undefined ? " this page" : ` pages of ${origin}`;
+}
+
+/** The URL and the fingerprint of a server that another one has named (PROTOCOL 3.7); undefined for an address that is none. */
+export function placeOf(address) {
+  const found = /^(?:rhumb:\/\/)?([^/#]+)(?:#([0-9a-f]{64}))?$/i.exec(address ?? "");
+  if (!found) return undefined;
+  const [, host, print] = found;
+  try {
+    return { url: serverUrl(`https://${/:\d+$/.test(host) ? host : `${host}:${PORT}`}`), print };
+  } catch {
+    return undefined;
+  }
 }
 
 /** The address of a server as a WebTransport URL. */

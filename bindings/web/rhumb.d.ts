@@ -986,8 +986,18 @@ export type MemberEvent =
   | { readonly kind: "joined" }
   | { readonly kind: "joinFailed"; readonly error: { readonly code: ErrorCode; readonly message: string; readonly denial?: DenialCode } }
   | { readonly kind: "inspected"; readonly inspection: Inspection }
-  /** `mayResume`: another connection may continue the session. */
-  | { readonly kind: "ended"; readonly code: ErrorCode; readonly message: string; readonly closeCode?: number; readonly mayResume: boolean };
+  /**
+   * `mayResume`: another connection may continue the session. `elsewhere`: the address of the server that has the scene, as
+   * `rhumb://host:port#fingerprint`.
+   */
+  | {
+      readonly kind: "ended";
+      readonly code: ErrorCode;
+      readonly message: string;
+      readonly closeCode?: number;
+      readonly mayResume: boolean;
+      readonly elsewhere?: string;
+    };
 
 /**
  * A member of a scene without socket or clock: bytes in, bytes out. {@link Client} drives one; a player of recorded bytes

@@ -77,10 +77,13 @@ impl Identity {
 
     /// The certificate for browsers, which accept one for development only if it is short-lived.
     pub(crate) fn web(&self) -> WebIdentity {
+        let names = || vec!["localhost".to_owned()];
         match self {
             Self::Files { .. } => WebIdentity::Own,
-            Self::Development | Self::DevelopmentFiles { .. } => {
-                WebIdentity::Pinned(vec!["localhost".to_owned()])
+            Self::Development => WebIdentity::Pinned(names()),
+            Self::DevelopmentFiles { certificate, .. } => {
+                let folder = certificate.parent().unwrap_or(Path::new(""));
+                WebIdentity::Kept(names(), folder.to_owned())
             }
         }
     }
@@ -525,9 +528,12 @@ fn start_flights(
 impl Server {
     /// Begins to answer the page's requests, if there is a page.
     fn start_page(&mut self, metrics: &Metrics) -> Result<Option<TcpService>, RunError> {
-        let Some((page, scenes)) = self.view.take() else {
+        let Some((mut page, scenes)) = self.view.take() else {
             return Ok(None);
         };
+        if self.directory.is_some() {
+            page.share_scenes();
+        }
         let issuer = match &mut self.access {
             Access::Tokens(keys) => Some(keys.issuer().map_err(RunError::ViewToken)?),
             Access::OpenOnLoopback | Access::OpenToNetwork => None,

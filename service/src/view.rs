@@ -31,6 +31,8 @@ pub(crate) struct PageListener {
     relay: UdpRelay,
     /// Address of the server.
     listens: SocketAddr,
+    /// True if scenes may move to other servers.
+    is_shared: bool,
 }
 
 /// Reason why the page cannot be served.
@@ -69,7 +71,13 @@ impl PageListener {
             address,
             relay: relay.map_err(ViewError::Relay)?,
             listens,
+            is_shared: false,
         })
+    }
+
+    /// Lets the page follow scenes to other servers.
+    pub(crate) const fn share_scenes(&mut self) {
+        self.is_shared = true;
     }
 
     /// Its address.
@@ -94,6 +102,7 @@ impl PageListener {
             issuer,
             now,
             named: !self.address.ip().is_loopback(),
+            is_shared: self.is_shared,
         };
         let answer = Arc::new(move |request: &HttpRequest| page.answer(request));
         http::start(self.listener, "rhumb-server-view", answer)
@@ -161,6 +170,8 @@ struct Page {
     now: fn() -> i64,
     /// True if names of hosts are answered to, and not only addresses of this machine.
     named: bool,
+    /// True if scenes may move to other servers.
+    is_shared: bool,
 }
 
 impl Page {
@@ -176,11 +187,15 @@ impl Page {
         answer
     }
 
-    /// The page's rights: it connects to this server, and after a restart to the server's new ports.
+    /// The page's rights: it connects to this server, and after a restart to the server's new ports. Of several servers it
+    /// connects to any: a policy cannot name those that are to come.
     fn policy(&self, request: &HttpRequest) -> HeaderValue {
         let sources = request.host(self.named).map(|host| {
             let listens = [self.listens, self.relay.local_addr()];
-            listens.map(|listens| source(listens, host)).join(" ")
+            match self.is_shared {
+                true => ANY_SERVER.to_owned(),
+                false => listens.map(|listens| source(listens, host)).join(" "),
+            }
         });
         let policy = rhumb_viewer::content_security_policy(&sources.unwrap_or_default());
         HeaderValue::from_str(&policy).unwrap_or(HeaderValue::from_static("default-src 'none'"))
@@ -245,6 +260,7 @@ impl Page {
             conditioned_url: url(self.relay.local_addr(), host),
             certificate_hashes: (self.hashes)(),
             scenes,
+            several: self.is_shared,
             token,
         };
         json(&facts)
@@ -307,6 +323,8 @@ struct Facts {
     /// SHA-256 of each certificate that the server may show, hexadecimal.
     certificate_hashes: Vec<String>,
     scenes: Vec<ViewScene>,
+    /// True if other servers may have more scenes.
+    several: bool,
     /// A token that lets the page observe, if the server asks for tokens.
     #[serde(skip_serializing_if = "Option::is_none")]
     token: Option<String>,
@@ -317,11 +335,14 @@ fn url(listens: SocketAddr, page_host: &str) -> String {
     format!("https://{}:{}/", host(listens, page_host), listens.port())
 }
 
+/// Any server, as a content security policy names it.
+const ANY_SERVER: &str = "https:";
+
 /// The URLs of WebTransport at an address and any port, as a content security policy names them.
 fn source(listens: SocketAddr, page_host: &str) -> String {
     match host(listens, page_host) {
         // A policy cannot name an address of IPv6, nor a name with an underscore.
-        host if host.contains(['[', '_']) => "https:".to_owned(),
+        host if host.contains(['[', '_']) => ANY_SERVER.to_owned(),
         host => format!("https://{host}:*"),
     }
 }
@@ -480,6 +501,7 @@ mod tests {
             issuer: None,
             now: || 1_767_225_600,
             named: false,
+            is_shared: false,
         }
     }
 
@@ -616,6 +638,8 @@ mod tests {
         page.named = true;
         let other = of(&page, "example.org; script-src https:");
         assert_eq!(other.trim(), "'self'");
+        page.is_shared = true;
+        assert_eq!(of(&page, "192.0.2.7:8433"), "'self' https:");
     }
 
     #[test]

@@ -3,13 +3,15 @@
 //! A chain is not renewed, and no certificate authority is called. Invariant: key and chain of a `Certificate` belong
 //! together.
 //!
-//! Browsers accept a pinned certificate only if it is valid for two weeks at most and its key is on the curve P-256. A
-//! certificate that is made now serves half a lifetime later, so that its hash is known before it serves. Connections
-//! that stand keep theirs. Time is an argument here; `HandshakeCertificate` reads the clock. The options name the
-//! origins of pages and the certificate.
+//! Browsers accept a pinned certificate only if it is valid for two weeks at most and its key is on the curve P-256. Each
+//! serves for one period of the calendar, and is known a period before. Servers that share a folder keep them there, and so
+//! show the same. Connections that stand keep theirs. Time is an argument here; `HandshakeCertificate` reads the clock. The
+//! options name the origins of pages and the certificate.
 
 use std::fmt;
-use std::path::Path;
+use std::fs::{self, OpenOptions};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, SystemTime};
 
@@ -166,14 +168,14 @@ fn generate<N: Into<String>>(
     })
 }
 
-/// Time for which a certificate serves. It is valid for two of these, and an hour on either side.
+/// Time for which a certificate serves: a period. It is valid an hour longer on either side.
 const SERVES: Duration = Duration::from_hours(6 * 24);
 /// A browser's clock may be so far behind or ahead.
 const CLOCK_SLACK: Duration = Duration::from_hours(1);
 
 const DAY: u64 = 24 * 60 * 60;
 // Browsers refuse a certificate that is valid for more than 14 days.
-const _: () = assert!(2 * SERVES.as_secs() + 2 * CLOCK_SLACK.as_secs() <= 13 * DAY);
+const _: () = assert!(SERVES.as_secs() + 2 * CLOCK_SLACK.as_secs() <= 13 * DAY);
 
 /// The hashes of the certificates that browsers may be shown; all clones are one.
 ///
@@ -186,11 +188,18 @@ pub struct CertificateHashes {
 
 /// The certificate that serves, and the one that follows.
 struct Pair {
-    names: Vec<String>,
+    source: WebSource,
+    /// Periods since 1970.
+    period: u64,
     serving: WebCertificate,
     next: WebCertificate,
-    /// The moment from which the next one serves.
-    until: SystemTime,
+}
+
+/// Where certificates for browsers come from.
+struct WebSource {
+    names: Vec<String>,
+    /// The folder that keeps them; without it, each process has its own.
+    folder: Option<PathBuf>,
 }
 
 #[derive(Clone)]
@@ -211,9 +220,9 @@ impl CertificateHashes {
         Self { pair: None }
     }
 
-    /// Makes two certificates for `names`.
-    pub(crate) fn new(names: Vec<String>) -> Result<Self, CertificateError> {
-        let pair = Pair::new(names, now())?;
+    /// Two certificates for `names`, which a folder keeps if one is given.
+    fn new(names: Vec<String>, folder: Option<PathBuf>) -> Result<Self, CertificateError> {
+        let pair = Pair::new(WebSource { names, folder }, now())?;
         Ok(Self {
             pair: Some(Arc::new(Mutex::new(pair))),
         })
@@ -244,48 +253,119 @@ impl CertificateHashes {
 }
 
 impl Pair {
-    fn new(names: Vec<String>, now: SystemTime) -> Result<Self, CertificateError> {
+    fn new(source: WebSource, now: SystemTime) -> Result<Self, CertificateError> {
+        let period = period_of(now);
         Ok(Self {
-            serving: WebCertificate::new(&names, now)?,
-            next: WebCertificate::new(&names, now)?,
-            names,
-            until: now + SERVES,
+            serving: source.certificate(period)?,
+            next: source.certificate(period + 1)?,
+            source,
+            period,
         })
     }
 
     /// Replaces certificates that have served their time.
     fn rotate(&mut self, now: SystemTime) -> Result<(), CertificateError> {
-        if now < self.until {
+        let period = period_of(now);
+        if period == self.period {
             return Ok(());
         }
-        let made = WebCertificate::new(&self.names, now)?;
-        // After a long time without a connection, the next one has expired too.
-        if now >= self.until + SERVES {
-            self.serving = WebCertificate::new(&self.names, now)?;
-        } else {
-            self.serving = self.next.clone();
-        }
-        self.next = made;
-        self.until = now + SERVES;
+        let next = self.source.certificate(period + 1)?;
+        self.serving = match period == self.period + 1 {
+            true => self.next.clone(),
+            false => self.source.certificate(period)?,
+        };
+        self.next = next;
+        self.period = period;
+        self.source.forget_before(period);
         Ok(())
     }
 }
 
-impl WebCertificate {
-    fn new(names: &[String], now: SystemTime) -> Result<Self, CertificateError> {
+impl WebSource {
+    /// The certificate of a period: the one that is kept, if there is one.
+    fn certificate(&self, period: u64) -> Result<WebCertificate, CertificateError> {
+        let Some(folder) = &self.folder else {
+            return WebCertificate::parse(&self.make(period)?);
+        };
+        let path = folder.join(file_of(period));
+        let failed = |cause: io::Error| CertificateError::Development {
+            cause: format!("{}: {cause}", path.display()).into(),
+        };
+        if !path.exists() {
+            keep(&path, self.make(period)?.as_bytes()).map_err(failed)?;
+        }
+        WebCertificate::parse(&fs::read_to_string(&path).map_err(failed)?)
+    }
+
+    /// A certificate and its key as PEM.
+    fn make(&self, period: u64) -> Result<String, CertificateError> {
         let failed = |cause: rcgen::Error| CertificateError::Development {
             cause: cause.into(),
         };
+        let begin = SystemTime::UNIX_EPOCH + Duration::from_secs(period * SERVES.as_secs());
         let key = KeyPair::generate_for(&PKCS_ECDSA_P256_SHA256).map_err(failed)?;
-        let mut params = CertificateParams::new(names.to_vec()).map_err(failed)?;
-        params.not_before = (now - CLOCK_SLACK).into();
-        params.not_after = (now + 2 * SERVES + CLOCK_SLACK).into();
+        let mut params = CertificateParams::new(self.names.clone()).map_err(failed)?;
+        params.not_before = (begin - CLOCK_SLACK).into();
+        params.not_after = (begin + SERVES + CLOCK_SLACK).into();
         let made = params.self_signed(&key).map_err(failed)?;
-        let der = PrivateKeyDer::from(PrivatePkcs8KeyDer::from(key.serialize_der()));
-        let signing = any_ecdsa_type(&der).expect("a key made for P-256 signs");
+        Ok(made.pem() + &key.serialize_pem())
+    }
+
+    /// Removes the one that has served. What cannot be removed harms nothing.
+    fn forget_before(&self, period: u64) {
+        if let Some(folder) = &self.folder {
+            let path = folder.join(file_of(period - 1));
+            if let Err(cause) = fs::remove_file(&path) {
+                tracing::debug!(path = %path.display(), %cause, "an old certificate stays");
+            }
+        }
+    }
+}
+
+fn period_of(now: SystemTime) -> u64 {
+    // A clock before 1970 is in its first period.
+    let since = now.duration_since(SystemTime::UNIX_EPOCH);
+    since.unwrap_or_default().as_secs() / SERVES.as_secs()
+}
+
+fn file_of(period: u64) -> String {
+    format!("browser-certificate-{period}.pem")
+}
+
+/// Writes a secret file as a whole, unless another server has written it.
+fn keep(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let temporary = path.with_extension(format!("{}.tmp", std::process::id()));
+    let mut options = OpenOptions::new();
+    options.write(true).create(true).truncate(true);
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::OpenOptionsExt;
+        options.mode(0o600);
+    }
+    let mut file = options.open(&temporary)?;
+    file.write_all(bytes)?;
+    file.sync_all()?;
+    let kept = match fs::hard_link(&temporary, path) {
+        Err(cause) if cause.kind() == io::ErrorKind::AlreadyExists => Ok(()),
+        linked => linked,
+    };
+    fs::remove_file(&temporary)?;
+    kept
+}
+
+impl WebCertificate {
+    fn parse(pem: &str) -> Result<Self, CertificateError> {
+        let failed = |cause: rustls::pki_types::pem::Error| CertificateError::Development {
+            cause: format!("a certificate for browsers: {cause}").into(),
+        };
+        let certificate = CertificateDer::from_pem_slice(pem.as_bytes()).map_err(failed)?;
+        let key = PrivateKeyDer::from_pem_slice(pem.as_bytes()).map_err(failed)?;
+        let signing = any_ecdsa_type(&key).map_err(|cause| CertificateError::Development {
+            cause: cause.into(),
+        })?;
         Ok(Self {
-            fingerprint: Fingerprint::of(made.der()),
-            key: Arc::new(CertifiedKey::new(vec![made.der().clone()], signing)),
+            fingerprint: Fingerprint::of(&certificate),
+            key: Arc::new(CertifiedKey::new(vec![certificate], signing)),
         })
     }
 }
@@ -338,13 +418,18 @@ pub enum WebIdentity {
     Own,
     /// Short-lived ones for these names (host names or addresses), which pages pin by their hashes.
     Pinned(Vec<String>),
+    /// The same, kept in a folder: servers that share it show the same ones.
+    Kept(Vec<String>, PathBuf),
 }
 
 impl WebIdentity {
     pub(crate) fn hashes(&self) -> Result<CertificateHashes, CertificateError> {
         match self {
             Self::Own => Ok(CertificateHashes::none()),
-            Self::Pinned(names) => CertificateHashes::new(names.clone()),
+            Self::Pinned(names) => CertificateHashes::new(names.clone(), None),
+            Self::Kept(names, folder) => {
+                CertificateHashes::new(names.clone(), Some(folder.clone()))
+            }
         }
     }
 }
@@ -353,8 +438,16 @@ impl WebIdentity {
 mod tests {
     use super::*;
 
+    /// The first day is that of a period.
     fn day(days: u64) -> SystemTime {
-        SystemTime::UNIX_EPOCH + Duration::from_secs(20_000 * DAY + days * DAY)
+        SystemTime::UNIX_EPOCH + Duration::from_secs(19_998 * DAY + days * DAY)
+    }
+
+    fn source(folder: Option<&Path>) -> WebSource {
+        WebSource {
+            names: vec!["localhost".into()],
+            folder: folder.map(Path::to_owned),
+        }
     }
 
     fn prints(pair: &Pair) -> [Fingerprint; 2] {
@@ -363,7 +456,7 @@ mod tests {
 
     #[test]
     fn a_certificate_is_announced_for_as_long_as_it_serves() {
-        let mut pair = Pair::new(vec!["localhost".into()], day(0)).unwrap();
+        let mut pair = Pair::new(source(None), day(0)).unwrap();
         let [first, second] = prints(&pair);
         assert_ne!(first, second);
         pair.rotate(day(5)).unwrap();
@@ -377,9 +470,36 @@ mod tests {
 
     #[test]
     fn after_a_long_silence_no_expired_certificate_serves() {
-        let mut pair = Pair::new(vec!["localhost".into()], day(0)).unwrap();
+        let mut pair = Pair::new(source(None), day(0)).unwrap();
         let before = prints(&pair);
         pair.rotate(day(13)).unwrap();
         assert!(prints(&pair).iter().all(|print| !before.contains(print)));
+    }
+
+    #[test]
+    fn servers_that_share_a_folder_show_the_same_certificates() {
+        let folder = tempfile::tempdir().unwrap();
+        let of = |day| Pair::new(source(Some(folder.path())), day).unwrap();
+        let (mut one, other) = (of(day(0)), of(day(5)));
+        assert_eq!(prints(&one), prints(&other));
+        one.rotate(day(6)).unwrap();
+        assert_eq!(prints(&one), prints(&of(day(7))));
+        assert_eq!(prints(&one)[0], prints(&other)[1]);
+        let mut kept: Vec<_> = fs::read_dir(folder.path())
+            .unwrap()
+            .map(|file| file.unwrap().file_name())
+            .collect();
+        kept.sort();
+        assert_eq!(kept, [file_of(3_334).as_str(), file_of(3_335).as_str()]);
+    }
+
+    #[test]
+    fn a_certificate_that_another_server_has_just_kept_is_not_replaced() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(file_of(1));
+        keep(&path, b"first").unwrap();
+        keep(&path, b"second").unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"first");
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
     }
 }

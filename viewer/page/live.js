@@ -7,6 +7,8 @@ import { Truth } from "./truth.js";
 /** Pause before the next attempt to connect, milliseconds: the first one, and the longest. */
 const PAUSE_FIRST = 500;
 const PAUSE_MAX = 4000;
+/** Time for which a copy follows its scene to another server, or comes back to this one, before it is joined anew, seconds. */
+const RESUME_WITHIN = 4;
 
 const pause = (milliseconds) => new Promise((resolve) => setTimeout(resolve, milliseconds));
 
@@ -93,7 +95,8 @@ export class Live {
     });
     const { delayTicks } = this.options;
     // Whole ticks without glides: what is shown can be compared with the truth.
-    return connection.join(this.#scene, { stream, delayTicks, wholeTicks: true, smooth: false, resumeWithin: 0, refusals: "events" });
+    const shown = { stream, delayTicks, wholeTicks: true, smooth: false };
+    return connection.join(this.#scene, { ...shown, resumeWithin: RESUME_WITHIN, refusals: "events" });
   }
 
   /** Begins or ends the comparison with the truth, which takes the direct way: its link is not conditioned. */

@@ -194,13 +194,16 @@ function joined(copy) {
 async function followFirst() {
   for (;;) {
     try {
-      const { scenes } = await live.read();
-      if (scenes.length > 0) {
-        const asked = scenes.find(({ name }) => name === address.scene);
-        if (address.scene !== undefined && asked === undefined)
-          address.wrong.push(`The server has no scene "${address.scene}": ${scenes[0].name} is shown`);
+      const { scenes, several } = await live.read();
+      const names = scenes.map(({ name }) => name);
+      // Of several servers, another one may have it.
+      if (several && address.scene !== undefined) names.push(address.scene);
+      if (names.length > 0) {
+        const isThere = names.includes(address.scene);
+        if (address.scene !== undefined && !isThere)
+          address.wrong.push(`The server has no scene "${address.scene}": ${names[0]} is shown`);
         notice(undefined);
-        follow((asked ?? scenes[0]).name);
+        follow(isThere ? address.scene : names[0]);
         return;
       }
       notice(

@@ -3,10 +3,12 @@
 // Usage: node page.mjs RHUMB_SERVER [--pictures FOLDER]. A browser that is missing, its driver or its display, is printed as
 // skipped; without any the test passes. It asserts no time: what a slow machine does not draw is not compared.
 
-import { execFileSync } from "node:child_process";
+import { execFileSync, spawn } from "node:child_process";
 import { mkdtemp, rm } from "node:fs/promises";
+import { createServer } from "node:net";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
+import { createInterface } from "node:readline";
 import { Missing, openChromium, openFirefox } from "./browsers.mjs";
 import { check, choose, kill, openPage, read, slide, startDemo, startServer, text, until } from "./support.mjs";
 
@@ -512,6 +514,107 @@ async function aTokenOfTheServerObserves(browser) {
   await rm(folder, { recursive: true, force: true });
 }
 
+/** An address that nothing listens at. */
+function freeAddress() {
+  const server = createServer();
+  return new Promise((resolve) => {
+    server.listen(0, "127.0.0.1", () => {
+      const { port } = server.address();
+      server.close(() => resolve(`127.0.0.1:${port}`));
+    });
+  });
+}
+
+/** An etcd of its own; undefined where it is not installed. Its gateway needs a port that is named. */
+async function startEtcd(folder) {
+  const endpoint = `http://${await freeAddress()}`;
+  const listens = ["--listen-client-urls", endpoint, "--listen-peer-urls", "http://127.0.0.1:0"];
+  const etcd = spawn("etcd", ["--data-dir", folder, "--advertise-client-urls", endpoint, ...listens]);
+  return new Promise((resolve) => {
+    etcd.once("error", () => resolve(undefined));
+    createInterface({ input: etcd.stderr }).on("line", (line) => {
+      if (line.includes("ready to serve client requests")) resolve({ endpoint, server: etcd });
+    });
+  });
+}
+
+/** Moves a scene by an order. On a busy machine one may end before the other server has come near. */
+function moveScene(order, tries = 4) {
+  try {
+    execFileSync(binary, order);
+  } catch (cause) {
+    if (tries === 1) throw cause;
+    moveScene(order, tries - 1);
+  }
+}
+
+/** A scene that moves from server to server: its page and a client of the package go with it. */
+async function aSceneThatMovesIsFollowed(browser) {
+  const folder = await mkdtemp(join(tmpdir(), "rhumb-page-"));
+  const etcd = await startEtcd(join(folder, "etcd"));
+  if (etcd === undefined) return console.log("left out: etcd is not installed");
+  servers.add(etcd);
+  const listens = ["--listen", "127.0.0.1:0", "--view", "127.0.0.1:0", "--log", "off"];
+  const shared = ["--open", "--data", join(folder, "data"), "--directory", etcd.endpoint, ...listens];
+  const two = [await startServer(binary, shared), await startServer(binary, shared)];
+  for (const server of two) servers.add(server);
+  const factsOf = async ({ url }) => (await fetch(new URL("connect.json", url))).json();
+  const [one, other] = [await factsOf(two[0]), await factsOf(two[1])];
+  check(`${one.certificateHashes}` === `${other.certificateHashes}`, "servers of one directory show browsers one certificate");
+  const page = await openPage(browser, two[0].url);
+  await page.evaluate(async ({ url, certificateHashes }) => {
+    const { connect } = await import("/client/rhumb.js");
+    const join = async () => (await connect(url, { certificateHashes })).join("pit", { mode: { create: { stepping: "freeRunning" } } });
+    // A server that has just started may have no lease yet.
+    const joined = () => join().catch((cause) => (cause.closeCode === 7 ? joined() : Promise.reject(cause)));
+    const scene = await joined();
+    scene.addBody({ kind: "fixed", shape: { kind: "cuboid", halfExtents: [9, 0.5, 9] }, position: [0, -0.5, 0] });
+    const ball = (at) => ({ kind: "dynamic", shape: { kind: "ball", radius: 0.5 }, position: [at - 5, 20 + at, 0] });
+    scene.addBodies(Array.from({ length: 10 }, (_, at) => ball(at)));
+    globalThis.owner = scene;
+    globalThis.resumed = 0;
+    globalThis.states = new Set();
+    setInterval(() => {
+      for (let event = owner.pollEvent(); event !== undefined; event = owner.pollEvent()) resumed += event.kind === "resumed";
+      states.add(rhumbDiagnostics.state);
+    }, 10);
+  }, one);
+  await until(page, "d.state === 'open' && d.bodies === 10 && d.comparison.allBodyTicks > 200");
+  await page.evaluate(() => states.clear());
+  for (const [moves, to] of [other, one, other].entries()) {
+    const { allBodyTicks } = await read(page);
+    moveScene(["move", "pit", "--to", new URL(to.url).host, "--directory", etcd.endpoint]);
+    await until(page, `resumed === ${moves + 1} && owner.state === "open"`);
+    await page.evaluate((at) => {
+      owner.addBody({ kind: "dynamic", shape: { kind: "ball", radius: 0.5 }, position: [at, 20, 3] });
+    }, moves);
+    await until(page, `d.bodies === ${11 + moves} && d.comparison.allBodyTicks > ${allBodyTicks + 200}`);
+  }
+  const { beyondBound } = await read(page);
+  check(beyondBound === 0, "a page follows a scene that moves, within its stated bounds");
+  const states = await page.evaluate(() => [...states].join(", "));
+  check(states === "open", `and its picture goes on: ${states}`);
+  await aSceneElsewhereIsJoined(browser, { url: two[0].url, facts: one });
+  check(page.errors.length === 0, `no error in the page ${page.errors.join("; ")}`);
+  await page.close();
+  for (const server of [...two, etcd]) await stop(server);
+  await rm(folder, { recursive: true, force: true });
+}
+
+/** A server that does not have a scene sends its page, and a client of the package, to the one that has it. */
+async function aSceneElsewhereIsJoined(browser, { url, facts }) {
+  const page = await openPage(browser, `${url}?scene=pit`);
+  await until(page, "d.state === 'open' && d.bodies === 13");
+  const bodies = await page.evaluate(async ({ url, certificateHashes }) => {
+    const { connect } = await import("/client/rhumb.js");
+    const scene = await (await connect(url, { certificateHashes })).join("pit");
+    scene.poll();
+    return scene.view.count;
+  }, facts);
+  check(bodies === 14, "a page of another server than the scene's is sent on, and so is a client");
+  await page.close();
+}
+
 async function thePlayerIsDriven(browser) {
   const demo = await start({ scene: "cubes" });
   const page = await openPage(browser, demo.url);
@@ -658,6 +761,7 @@ async function run(name, browser) {
     await everySceneIsReadable(browser, again);
     await aTokenOfTheServerObserves(browser);
   }
+  await aSceneThatMovesIsFollowed(browser);
   await stop(again);
   await thePlayerIsDriven(browser);
 }

@@ -185,6 +185,9 @@ impl WebMember {
             if let Event::Ended(ending) = event {
                 let resumes = may_resume(*ending) && self.session.can_reconnect();
                 json["mayResume"] = json!(resumes);
+                if let Some(place) = self.session.elsewhere() {
+                    json["elsewhere"] = json!(place);
+                }
                 json["message"] = json!(scene_json::sentence(*ending));
             }
             self.events.push(json);

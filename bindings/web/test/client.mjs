@@ -20,8 +20,9 @@ const URL = "https://127.0.0.1:4433";
 const servers = [];
 
 class Transport extends ScriptedTransport {
-  constructor() {
+  constructor(url, { serverCertificateHashes = [] } = {}) {
     super();
+    Object.assign(this, { url, hashes: serverCertificateHashes.map(({ value }) => Buffer.from(value).toString("hex")) });
     servers.push(this);
   }
 }
@@ -294,6 +295,75 @@ test("a client that resumes ends in time, though a server takes its connection a
   await until(() => servers.length > opened, "the second connection");
   await until(() => client.state === "ended", "the end of the client");
   assert.equal(client.state, "ended");
+});
+
+/** The message that a scene has moved (PROTOCOL 3.7). */
+const moved = (address) => Uint8Array.from([address.length + 2, 128, address.length, ...Buffer.from(address)]);
+const PRINT = "ab".repeat(32);
+
+/** What a server without the scene says to a client: that another one has it. */
+function sendOn(server, address, [welcome] = BEGINNING) {
+  server.play([welcome]);
+  server.sendControl(moved(address));
+  return pause(5).then(() => server.close({ closeCode: 11 }));
+}
+
+test("a client follows its scene to the server that its own has named, at once, and back after pauses if none answers", async () => {
+  const connection = await connect(URL, { transport: Transport, certificateHashes: ["cd".repeat(32)] });
+  const joining = connection.join("golden", { resumeWithin: 60 });
+  const [server, first] = [servers.at(-1), servers.length];
+  server.play(BEGINNING);
+  const client = await joining;
+  clients.push(client);
+  server.sendControl(moved(`rhumb://10.0.0.2#${PRINT}`));
+  await pause(5);
+  server.close({ closeCode: 11 });
+  await until(() => servers.length > first, "the second connection");
+  assert.equal(client.state, "resuming");
+  const second = servers.at(-1);
+  assert.deepEqual([second.url, second.hashes], ["https://10.0.0.2:4433/rhumb/1", ["cd".repeat(32), PRINT]]);
+  second.close({ closeCode: 7 });
+  await until(() => servers.length > first + 1, "the third connection");
+  assert.equal(servers.at(-1).url, `${URL}/rhumb/1`);
+});
+
+test("a client joins where the server that it asked sends it", async () => {
+  const connection = await connect(URL, { transport: Transport });
+  const joining = connection.join("golden", { resumeWithin: 0 });
+  const first = servers.length;
+  await sendOn(servers.at(-1), "rhumb://[::1]:4444");
+  await until(() => servers.length > first, "the second connection");
+  const second = servers.at(-1);
+  assert.deepEqual([second.url, second.hashes], ["https://[::1]:4444/rhumb/1", []]);
+  second.play(BEGINNING);
+  const client = await joining;
+  clients.push(client);
+  assert.equal(client.state, "open");
+});
+
+test("servers that name each other are asked eight in a row, then after a pause, until the time to join is over", async () => {
+  const connection = await connect(URL, { transport: Transport, timeout: 400 });
+  const first = servers.length - 1;
+  const joining = settled(connection.join("golden"));
+  for (let asked = first; asked < first + 10; asked += 1) {
+    await until(() => servers.length > asked, "another connection");
+    await sendOn(servers[asked], "10.0.0.2:1");
+  }
+  const urls = servers.slice(first + 1, first + 10).map(({ url }) => url);
+  assert.deepEqual(urls, [...Array(8).fill("https://10.0.0.2:1/rhumb/1"), `${URL}/rhumb/1`]);
+  assert.equal((await joining).error?.code, "timeout");
+});
+
+test("an address that is none counts as no address", async () => {
+  for (const address of ["rhumb://h:99999999", "https://h:1", "h:1#no-print", "a/b"]) {
+    const { client, server } = await joined();
+    const opened = servers.length;
+    server.sendControl(moved(address));
+    await pause(5);
+    server.close({ closeCode: 11 });
+    const ending = (await settled(client.closed)).value;
+    assert.deepEqual([ending?.closeCode, servers.length], [11, opened], address);
+  }
 });
 
 test("a client that has ended takes no calls", async () => {
