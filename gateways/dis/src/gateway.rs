@@ -49,6 +49,8 @@ pub struct GatewayStatistics {
     pub beyond: usize,
     /// Entities within it that no body can follow now: faster than bodies of a scene are, or further away.
     pub unfit: usize,
+    /// Bodies that are sent now with a threshold that the copy's tolerance uses up: they may be further off.
+    pub coarse: usize,
     /// Of the sending side.
     pub sent: PublisherStatistics,
     /// Of the receiving side.
@@ -67,14 +69,56 @@ pub struct Gateway {
     rules: Rules,
     reach: f64,
     authority: Authority,
-    /// The kind of each body, of a copy of this revision.
-    kinds: BTreeMap<BodyId, Option<Kind>>,
-    revision: u64,
+    /// The kind of each body that is sent, of a copy of this revision and tolerance.
+    kinds: BTreeMap<BodyId, Option<CopiedKind>>,
+    copy: (u64, Option<Tolerance>),
     observed: Vec<Observed>,
     beyond: usize,
     unfit: usize,
+    coarse: usize,
     refused: u64,
 }
+
+/// The kind of a body in a copy.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct CopiedKind {
+    /// Its thresholds are to the copy.
+    kind: Kind,
+    /// True if the copy's tolerance leaves one of them nothing.
+    is_coarse: bool,
+}
+
+impl CopiedKind {
+    /// The kind of a body in a copy within a tolerance: the thresholds are to the truth, from which the copy may be off.
+    fn new(kind: Kind, tolerance: Tolerance, radius: Metres) -> Self {
+        let [position, turn] = match tolerance {
+            Tolerance::Surface(length) => {
+                let length = length.metres().metres();
+                // The chord of a turn at the bounding radius.
+                let sine = length / (2.0 * radius.metres()).max(f64::MIN_POSITIVE);
+                [length, 2.0 * sine.min(1.0).asin()]
+            }
+            Tolerance::Parts { position, turn } => {
+                [position.metres().metres(), turn.radians().radians()]
+            }
+        };
+        let (metres, radians) = (kind.metres - position, kind.radians - turn);
+        let is_left = [metres >= LEAST_METRES, radians >= LEAST_RADIANS];
+        let rest = |is_left: bool, rest: f64, whole: f64| if is_left { rest } else { whole * 0.5 };
+        Self {
+            kind: Kind {
+                metres: rest(is_left[0], metres, kind.metres),
+                radians: rest(is_left[1], radians, kind.radians),
+                ..kind
+            },
+            is_coarse: is_left != [true; 2],
+        }
+    }
+}
+
+/// The least threshold that a copy's tolerance leaves: half of the whole one is taken in place of a lesser one.
+const LEAST_METRES: f64 = 0.001;
+const LEAST_RADIANS: f64 = 0.001;
 
 /// The bodies of entities, and the authority over them.
 struct Authority {
@@ -119,10 +163,11 @@ impl Gateway {
                 not_before: Duration::ZERO,
             },
             kinds: BTreeMap::new(),
-            revision: 0,
+            copy: (0, None),
             observed: Vec::new(),
             beyond: 0,
             unfit: 0,
+            coarse: 0,
             refused: 0,
         }
     }
@@ -142,6 +187,7 @@ impl Gateway {
             entities: self.authority.bodies.len(),
             beyond: self.beyond,
             unfit: self.unfit,
+            coarse: self.coarse,
             sent: publisher
                 .as_ref()
                 .map(Publisher::statistics)
@@ -310,38 +356,33 @@ impl Gateway {
     /// Takes the bodies that are sent out of the view.
     fn observe(&mut self) {
         self.observed.clear();
+        self.coarse = 0;
         let (view, Some(replica)) = (self.client.view(), self.client.replica()) else {
             return;
         };
         if self.publisher.is_none() {
             return;
         }
-        if self.revision != replica.revision() {
-            self.revision = replica.revision();
+        let tolerance = self.client.tolerance();
+        let copy = (replica.revision(), tolerance);
+        if self.copy != copy {
+            self.copy = copy;
             self.kinds.clear();
         }
         let own: BTreeSet<_> = self.authority.bodies.values().collect();
-        let tolerance = self
-            .client
-            .tolerance()
-            .and_then(|tolerance| tolerance.length());
-        let tolerance = tolerance.map_or(0.0, Metres::metres);
         for (place, id) in view.ids().iter().enumerate() {
             let rules = &self.rules;
             let kind = *self
                 .kinds
                 .entry(*id)
-                .or_insert_with(|| kind_of(rules, replica, *id));
-            let Some(kind) = kind.filter(|_| !own.contains(id)) else {
+                .or_insert_with(|| kind_of(rules, replica, tolerance, *id));
+            let Some(copied) = kind.filter(|_| !own.contains(id)) else {
                 continue;
             };
+            self.coarse += usize::from(copied.is_coarse);
             self.observed.push(Observed {
                 key: u64::from(id.index()) << 16 | u64::from(id.generation()),
-                // The threshold is to the truth, from which the copy is within its tolerance.
-                kind: Kind {
-                    metres: (kind.metres - tolerance).max(LEAST_METRES),
-                    ..kind
-                },
+                kind: copied.kind,
                 position: view.positions()[place].as_dvec3(),
                 rotation: view.rotations()[place].as_dquat(),
                 velocity: view.linear_velocities()[place].as_dvec3(),
@@ -352,9 +393,6 @@ impl Gateway {
         self.observed.sort_unstable_by_key(|observed| observed.key);
     }
 }
-
-/// Threshold where the tolerance of the copy leaves none, metres.
-const LEAST_METRES: f64 = 0.001;
 
 impl Authority {
     /// Forgets entities that are not among these, and returns their bodies; ends pauses.
@@ -418,10 +456,25 @@ impl Authority {
     }
 }
 
-fn kind_of(rules: &Rules, replica: &Replica, id: BodyId) -> Option<Kind> {
+/// `tolerance`: of the copy; `None` if it is exact.
+fn kind_of(
+    rules: &Rules,
+    replica: &Replica,
+    tolerance: Option<Tolerance>,
+    id: BodyId,
+) -> Option<CopiedKind> {
     let body = replica.body(id)?;
     let shape = replica.shape(body.shape)?;
-    rules.kind_of(&body, shape)
+    let kind = rules.kind_of(&body, shape)?;
+    let is_coarse = false;
+    Some(match tolerance {
+        None => CopiedKind { kind, is_coarse },
+        Some(all) => CopiedKind::new(
+            kind,
+            all.scaled(body.tolerance_scale),
+            shape.bounding_radius(),
+        ),
+    })
 }
 
 /// The acceleration that a body's track predicts: gravity while it is in flight.
@@ -541,6 +594,7 @@ impl Report {
             ),
             ("beyond reach", new.beyond as u64),
             ("unfit for a body", new.unfit as u64),
+            ("coarser than their thresholds", new.coarse as u64),
             ("refused", new.refused - old.refused),
             ("denied", new.denied - old.denied),
         ];

@@ -44,9 +44,10 @@ struct Arguments {
     /// File with the token that the server asks for.
     #[arg(long, value_name = "FILE")]
     token: Option<PathBuf>,
-    /// Tolerance of the scene's stream, metres. Thresholds are to the truth, and must be above it.
-    #[arg(long, value_name = "METRES", default_value_t = 0.05)]
-    tolerance: f64,
+    /// Tolerance of the scene's stream, metres for the centre and radians for the turn: thresholds are to the truth, and
+    /// must be above it. A length alone bounds all points of a body, which leaves a small one more turn.
+    #[arg(long, value_name = "METRES[:RADIANS]", default_value = "0.05:0.0175")]
+    tolerance: Tolerance,
 
     /// The scene's origin on the earth: latitude and longitude in degrees, metres above the ellipsoid.
     #[arg(long, value_name = "LAT,LON,HEIGHT", value_parser = place, allow_hyphen_values = true)]
@@ -215,11 +216,27 @@ impl Arguments {
                 .add(&text)
                 .map_err(|error| format!("{name}: {error}"))?;
         }
-        let (least, tolerance) = (rules.least_metres(), self.tolerance);
-        if least <= tolerance {
-            return Err(format!(
-                "a threshold of {least} m is not above the {tolerance} m by which the scene's stream may be off: lower --tolerance"
-            ));
+        let [metres, radians] = rules.least_thresholds();
+        let [position, turn] = match self.tolerance {
+            Tolerance::Surface(length) => [length.metres().metres(), 0.0],
+            Tolerance::Parts { position, turn } => {
+                [position.metres().metres(), turn.radians().radians()]
+            }
+        };
+        let refused = |threshold, off| {
+            Err(format!(
+                "a threshold of {threshold} is not above the {off} by which the scene's stream may be off: lower --tolerance"
+            ))
+        };
+        if metres <= position {
+            return refused(format!("{metres} m"), format!("{position} m"));
+        }
+        if radians <= turn {
+            let degrees = radians.to_degrees();
+            return refused(
+                format!("{degrees:.3} degrees, {radians:.4} rad,"),
+                format!("{turn} rad"),
+            );
         }
         Ok(rules)
     }
@@ -295,7 +312,7 @@ impl Arguments {
             } else {
                 JoinMode::Join
             },
-            stream: StreamChoice::Within(tolerance("--tolerance", self.tolerance)?),
+            stream: StreamChoice::Within(self.tolerance),
             smooth: false,
             refusals: Refusals::Events,
             ..JoinOptions::default()

@@ -215,12 +215,13 @@ impl Rules {
         rule.map_or(&self.default_shape, |rule| &rule.shape)
     }
 
-    /// The smallest threshold of any kind that is sent, metres.
+    /// The smallest thresholds of any kind that is sent: metres, and radians.
     #[must_use]
-    pub fn least_metres(&self) -> f64 {
+    pub fn least_thresholds(&self) -> [f64; 2] {
         let kinds = self.bodies.iter().filter_map(|rule| rule.kind);
-        kinds.fold(self.default_kind.metres, |least, kind| {
-            least.min(kind.metres)
+        let own = [self.default_kind.metres, self.default_kind.radians];
+        kinds.fold(own, |[metres, radians], kind| {
+            [metres.min(kind.metres), radians.min(kind.radians)]
         })
     }
 }
@@ -413,7 +414,9 @@ mod tests {
         assert_eq!(rules.shape_of(plane), &Shape::cuboid(5.0, 1.0, 6.0));
         let other = "1.2.71.5".parse().expect("a type");
         assert_eq!(rules.shape_of(other), &Shape::ball(0.5));
-        assert!((rules.least_metres() - 0.5).abs() < 1e-12);
+        let [metres, radians] = rules.least_thresholds();
+        assert!((metres - 0.5).abs() < 1e-12);
+        assert!((radians - 1.5_f64.to_radians()).abs() < 1e-12);
     }
 
     #[test]
