@@ -237,6 +237,7 @@ impl SentByDis {
                 axes,
                 timeout: ForeignConfig::TIMEOUT,
                 entities_max: usize::MAX,
+                reach: f64::INFINITY,
                 pdus_per_second: u32::MAX,
             }),
             bodies: BTreeMap::new(),

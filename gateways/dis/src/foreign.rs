@@ -31,6 +31,8 @@ pub struct ForeignConfig {
     pub timeout: Duration,
     /// Most entities at a time; one member of a scene has authority over 256 bodies.
     pub entities_max: usize,
+    /// Entities further than this from the origin, metres, leave their place to nearer ones.
+    pub reach: f64,
     /// Most PDUs a second; those beyond are dropped.
     pub pdus_per_second: u32,
 }
@@ -49,6 +51,8 @@ pub enum LeaveCause {
     Removed,
     /// It was silent for too long.
     Silent,
+    /// It was beyond the reach, and one within it took its place.
+    Displaced,
 }
 
 /// A change of who is there.
@@ -246,10 +250,7 @@ impl ForeignEntities {
                 }
                 None => self.statistics.ignored += 1,
             },
-            Body::RemoveEntity(remove) if self.entities.contains_key(&remove.receiving) => {
-                self.statistics.used += 1;
-                self.leave(remove.receiving, LeaveCause::Removed);
-            }
+            Body::RemoveEntity(remove) => self.remove(remove.receiving),
             _ => self.statistics.ignored += 1,
         }
     }
@@ -271,7 +272,7 @@ impl ForeignEntities {
             return;
         }
         if known.is_none() {
-            if self.entities.len() >= self.config.entities_max {
+            if self.entities.len() >= self.config.entities_max && !self.make_place(&state) {
                 self.statistics.no_place += 1;
                 return;
             }
@@ -302,6 +303,40 @@ impl ForeignEntities {
 
     fn is_foreign(&self, id: EntityId) -> bool {
         (id.site, id.application) != (self.config.site, self.config.application)
+    }
+
+    /// True if an entity beyond the reach has left its place to this one.
+    fn make_place(&mut self, state: &EntityState<'_>) -> bool {
+        let is_near = |state: &EntityState<'_>| {
+            let position = self.config.frame.point_to_scene(state.kinematics.location);
+            position.length() <= self.config.reach
+        };
+        if !is_near(state) {
+            return false;
+        }
+        let mut far = self.entities.iter();
+        let far = far.find(|(_, entity)| !is_near(&entity.state));
+        let far = far.map(|(id, _)| *id);
+        far.inspect(|id| self.leave(*id, LeaveCause::Displaced))
+            .is_some()
+    }
+
+    /// Removes the entities of a name, in which the greatest number stands for all.
+    fn remove(&mut self, name: EntityId) {
+        let fits = |own: u16, named: u16| named == u16::MAX || own == named;
+        let all = self.entities.keys().filter(|id| {
+            fits(id.site, name.site)
+                && fits(id.application, name.application)
+                && fits(id.entity, name.entity)
+        });
+        let all: Vec<_> = all.copied().collect();
+        match all.is_empty() {
+            true => self.statistics.ignored += 1,
+            false => self.statistics.used += 1,
+        }
+        for id in all {
+            self.leave(id, LeaveCause::Removed);
+        }
     }
 
     fn leave(&mut self, id: EntityId, cause: LeaveCause) {
@@ -372,6 +407,7 @@ mod tests {
             axes: SceneAxes::YUp,
             timeout: ForeignConfig::TIMEOUT,
             entities_max: 2,
+            reach: 1_000.0,
             pdus_per_second: 1000,
         }
     }
@@ -549,5 +585,46 @@ mod tests {
             available: 56,
         };
         assert_eq!(foreign.handle_datagram(START, &two), Err(cut));
+    }
+
+    #[test]
+    fn a_near_entity_takes_the_place_of_one_beyond_the_reach_and_one_name_removes_all() {
+        let (mut publisher, mut foreign) = (publisher(), foreign());
+        let at = |key: u64, x: f64| Observed {
+            key,
+            position: DVec3::new(x, 0.0, 0.0),
+            ..body()
+        };
+        let bodies = [at(1, 5.0), at(2, 2_000.0), at(3, 3_000.0)];
+        let first = datagram(&mut publisher, START, &bodies);
+        foreign.handle_datagram(START, &first).expect("sound");
+        assert_eq!(foreign.statistics().no_place, 1);
+        let more = [bodies[0], bodies[1], bodies[2], at(4, 10.0), at(5, 15.0)];
+        let second = datagram(&mut publisher, START, &more);
+        foreign.handle_datagram(START, &second).expect("sound");
+        let mut places: Vec<_> = foreign
+            .poses(START)
+            .map(|pose| pose.position.x.round())
+            .collect();
+        places.sort_by(f64::total_cmp);
+        assert_eq!(places, [5.0, 10.0]);
+        assert_eq!(foreign.statistics().no_place, 2);
+        let everyone = EntityId {
+            site: u16::MAX,
+            application: u16::MAX,
+            entity: u16::MAX,
+        };
+        let mut removal = [0; 28];
+        let remove = Pdu {
+            header: Header::new(1, Timestamp(0)),
+            body: Body::RemoveEntity(RemoveEntity {
+                originating: EntityId::default(),
+                receiving: everyone,
+                request: 1,
+            }),
+        };
+        assert_eq!(remove.encode(&mut removal), Ok(28));
+        foreign.handle_datagram(START, &removal).expect("sound");
+        assert_eq!(foreign.poses(START).count(), 0);
     }
 }

@@ -32,8 +32,6 @@ pub struct GatewayConfig {
     pub foreign: Option<ForeignConfig>,
     /// The types that bodies and entities become.
     pub rules: Rules,
-    /// Entities further than this from the origin, metres, have no body.
-    pub reach: f64,
     /// Tolerance of the server's bodies to their entities' dead reckoning.
     pub tolerance: Tolerance,
 }
@@ -145,12 +143,13 @@ impl Gateway {
     /// A gateway of this member, whose client reports refusals as events alone.
     #[must_use]
     pub fn new(client: Client, config: GatewayConfig) -> Self {
+        let reach = config.foreign.map_or(0.0, |foreign| foreign.reach);
         Self {
             client,
             publisher: config.publisher.map(Publisher::new),
             foreign: config.foreign.map(ForeignEntities::new),
             rules: config.rules,
-            reach: config.reach,
+            reach,
             authority: Authority {
                 tolerance: config.tolerance,
                 bodies: BTreeMap::new(),

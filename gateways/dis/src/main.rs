@@ -265,13 +265,13 @@ impl Arguments {
             axes,
             timeout: Duration::from_secs_f64(self.timeout),
             entities_max: usize::from(self.entities),
+            reach: self.reach,
             pdus_per_second: self.pdus_per_second,
         };
         Ok(GatewayConfig {
             publisher: (self.direction != Direction::In).then_some(publisher),
             foreign: (self.direction != Direction::Out).then_some(foreign),
             rules: self.rules()?,
-            reach: self.reach,
             tolerance: tolerance("--entity-tolerance", self.entity_tolerance)?,
         })
     }

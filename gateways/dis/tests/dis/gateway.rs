@@ -55,6 +55,7 @@ fn foreign(application: u16) -> ForeignConfig {
         axes: AXES,
         timeout: ForeignConfig::TIMEOUT,
         entities_max: 256,
+        reach: 5_000.0,
         pdus_per_second: 1000,
     }
 }
@@ -116,7 +117,6 @@ fn gateway_of(client: Client, publisher: PublisherConfig) -> Gateway {
         publisher: Some(publisher),
         foreign: Some(foreign(application)),
         rules,
-        reach: 5_000.0,
         tolerance: Tolerance::FINE,
     };
     Gateway::new(client, config)
