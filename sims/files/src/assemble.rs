@@ -12,7 +12,7 @@ use rhumb_protocol::limits::{
 };
 use rhumb_protocol::scene::{
     BodyBuilder, BodyDesc, Command, Compound, Invalid, Joint, JointFrame, JointId, JointKind,
-    JointLimits, Mass, Material, Motor, Part, SceneConfig, Shape, ShapeId,
+    JointLimits, LockedAxes, Mass, Material, Motor, Part, SceneConfig, Shape, ShapeId,
 };
 use rhumb_reckoning::{BodyId, Rate};
 
@@ -148,9 +148,6 @@ pub(crate) fn assemble(
     if model.bodies.len() > BODIES_MAX as usize {
         return Err(too_many("bodies", model.bodies.len(), BODIES_MAX));
     }
-    if model.joints.len() > JOINTS_MAX as usize {
-        return Err(too_many("joints", model.joints.len(), JOINTS_MAX));
-    }
     let up = match (options.up, model.up) {
         (UpAxis::AsFile, _) | (UpAxis::Y, FileUp::Y) => DQuat::IDENTITY,
         (UpAxis::Y, FileUp::Z) => DQuat::from_rotation_x(-std::f64::consts::FRAC_PI_2),
@@ -192,9 +189,13 @@ pub(crate) fn assemble(
         };
         let places = joint.bodies.map(|place| &centres[place]);
         let frame = world.of(&joint.frame);
-        scene
-            .joints
-            .push(self::joint(joint, places, &frame, &effective, &mut report)?);
+        let loaded = self::joint(joint, places, &frame, &effective, &mut report)?;
+        let brake = brake(joint, &loaded);
+        scene.joints.push(loaded);
+        scene.joints.extend(brake);
+    }
+    if scene.joints.len() > JOINTS_MAX as usize {
+        return Err(too_many("joints", scene.joints.len(), JOINTS_MAX));
     }
     scene.report = report;
     Ok(scene)
@@ -475,6 +476,34 @@ fn joint(
     })
 }
 
+/// A joint that holds nothing and has the dry friction of axes whose motor is a spring or damping already.
+fn brake(joint: &ModelJoint, loaded: &LoadedJoint) -> Option<LoadedJoint> {
+    let kind = JointKind::Generic(LockedAxes::NONE, [None; 6]);
+    let mut made = Joint::plain(kind, loaded.joint.bodies, loaded.joint.frames);
+    made.collide = loaded.joint.collide;
+    for (motor, drive) in made.motors.iter_mut().zip(&joint.drives) {
+        let both = drive.filter(|drive| drive.friction > 0.0 && !drive.only_rubs());
+        *motor = both.map(|drive| friction(&drive));
+    }
+    made.motors
+        .iter()
+        .any(Option::is_some)
+        .then(|| LoadedJoint {
+            name: format!("{} friction", loaded.name),
+            bodies: loaded.bodies,
+            joint: made,
+        })
+}
+
+/// A brake that no force below the friction moves.
+fn friction(drive: &Drive) -> Motor {
+    let force = drive.friction.min(f64::from(FORCE_MAX)) as f32;
+    Motor {
+        force,
+        ..Motor::with_velocity(0.0, FRICTION_RATE)
+    }
+}
+
 /// Speed up to which damping grows, m/s or rad/s.
 const DAMPED_SPEED: f64 = 10.0;
 
@@ -508,16 +537,8 @@ fn motor(
             why,
         );
     }
-    if drive.damping <= 0.0 && drive.stiffness <= 0.0 {
-        // A brake that no force below the friction moves.
-        let force = drive.friction.min(f64::from(FORCE_MAX)) as f32;
-        let braked = Motor::with_velocity(0.0, FRICTION_RATE);
-        return Motor { force, ..braked };
-    }
-    if drive.friction > 0.0 {
-        let why = "a joint has damping or dry friction, not both";
-        let value = format!("friction {}", drive.friction);
-        report.add(&joint.place, subject(), value, Effect::Left, why);
+    if drive.only_rubs() {
+        return friction(drive);
     }
     let rates = [drive.stiffness, drive.damping].map(|force| force / inertia);
     let [stiffness, damping] = rates.map(|rate| rate.clamp(0.0, most) as f32);

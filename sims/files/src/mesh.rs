@@ -1,7 +1,7 @@
 //! Triangle meshes from STL, OBJ and MSH: files, mass, hulls.
 //!
-//! Texts and bytes are read by `stl_io` and `tobj`; counts are checked before either sees a file. Invariant: every
-//! coordinate is finite, every triangle names points that exist.
+//! Texts and bytes are read by `stl_io` and `tobj`; bytes and triangles are counted before either sees a file. Invariant:
+//! every coordinate is finite, every triangle names points that exist.
 //!
 //! File names with `package://` are searched in given folders, then in the folders above the scene's file. A mesh is read
 //! once.
@@ -51,6 +51,7 @@ pub(crate) fn read(files: &dyn Files, path: &str) -> Result<TriangleMesh, Proble
     let mesh = match ending(path).as_str() {
         "stl" => stl(bytes)?,
         "obj" => {
+            count_triangles(&bytes)?;
             let Surface { points, triangles } = obj::read(&bytes)?;
             TriangleMesh { points, triangles }
         }
@@ -96,7 +97,14 @@ fn stl(mut bytes: Vec<u8>) -> Result<TriangleMesh, Problem> {
     if binary.is_some() {
         // Some binary files begin with the word of the text form.
         bytes[..5].fill(b' ');
-    } else if !bytes.trim_ascii_start().starts_with(b"solid") {
+        Problem::bound(
+            "triangles of a mesh",
+            (bytes.len() - 84) / 50,
+            MESH_TRIANGLES_MAX,
+        )?;
+    } else if bytes.trim_ascii_start().starts_with(b"solid") {
+        count_triangles(&bytes)?;
+    } else {
         let said = count.unwrap_or_default();
         let held = bytes.len().saturating_sub(84) / 50;
         if held < said || bytes.len() < 84 {
@@ -117,6 +125,23 @@ fn stl(mut bytes: Vec<u8>) -> Result<TriangleMesh, Problem> {
             })
             .collect(),
     })
+}
+
+/// Bounds the triangles of a text: faces of OBJ, facets of STL.
+fn count_triangles(bytes: &[u8]) -> Result<(), Problem> {
+    let mut found = 0;
+    for line in bytes.split(|byte| matches!(byte, b'\n' | b'\r')) {
+        let mut words = line
+            .split(u8::is_ascii_whitespace)
+            .filter(|word| !word.is_empty());
+        found += match words.next() {
+            Some(b"f") => words.count().saturating_sub(2),
+            Some(b"facet") => 1,
+            _ => 0,
+        };
+        Problem::bound("triangles of a mesh", found, MESH_TRIANGLES_MAX)?;
+    }
+    Ok(())
 }
 
 /// MuJoCo's own form: counts of points, normals, texture places and triangles, then these, each number of 32 bits.

@@ -208,6 +208,11 @@ impl Drive {
         self.stiffness > 0.0 || self.damping > 0.0 || self.friction > 0.0 || self.timed.is_some()
     }
 
+    /// True if dry friction is its only force.
+    pub(crate) fn only_rubs(&self) -> bool {
+        self.damping <= 0.0 && self.stiffness <= 0.0 && self.timed.is_none()
+    }
+
     /// A multiple of its forces and of its rotor.
     pub(crate) fn times(self, factor: f64) -> Self {
         let of_forces = if self.for_each_mass { 1.0 } else { factor };

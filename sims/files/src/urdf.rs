@@ -565,10 +565,10 @@ fn plane() -> JointKind {
 #[cfg(test)]
 mod tests {
     use glam::{Quat, Vec3};
-    use rhumb_protocol::scene::{BodyKind, Shape, ShapeId};
+    use rhumb_protocol::scene::{BodyKind, LockedAxes, Shape, ShapeId};
     use rhumb_reckoning::BodyId;
 
-    use crate::assemble::LoadedScene;
+    use crate::assemble::{LoadedJoint, LoadedScene};
     use crate::files::MemoryFiles;
     use crate::load::{load, load_text};
     use crate::model::{Base, LoadOptions};
@@ -724,6 +724,22 @@ mod tests {
             "effort and velocity: {:?}",
             scene.report
         );
+    }
+
+    #[test]
+    fn a_joint_with_damping_has_its_dry_friction_in_a_joint_that_holds_nothing() {
+        let joint = "type='prismatic'><axis xyz='0 0 1'/><dynamics damping='2' friction='0.5'/>";
+        let scene = read(&two_links(joint)).expect("a robot");
+        let [slide, brake] = scene.joints.as_slice() else {
+            panic!("{:?}", scene.joints);
+        };
+        let force = |joint: &LoadedJoint| joint.joint.motors.map(|own| own.map(|own| own.force));
+        assert_eq!(force(slide)[0], Some(20.0));
+        assert_eq!(force(brake), [Some(0.5), None, None, None, None, None]);
+        assert_eq!(brake.joint.kind.locked(), LockedAxes::NONE);
+        assert_eq!(brake.joint.frames, slide.joint.frames);
+        assert_eq!(brake.bodies, slide.bodies);
+        assert_eq!(brake.name, format!("{} friction", slide.name));
     }
 
     #[test]

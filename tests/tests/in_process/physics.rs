@@ -5,7 +5,7 @@
 
 mod bodies;
 mod characters;
-mod gltf_joints;
+mod file_joints;
 mod joints;
 mod vehicles;
 

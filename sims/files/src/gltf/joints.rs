@@ -1,12 +1,12 @@
 //! Joints of KHR_physics_rigid_bodies, from limits and drives of axes.
 //!
-//! The extension has no kinds of joints: limits take motions away, one by one. Those that leave nothing, one turn, one
-//! displacement or all turns are read; others are noted. The frame in the second body moves in that of the first.
+//! The extension has no kinds of joints: limits take motions away, one by one. What is left says the kind: nothing, one turn,
+//! one displacement, all turns, or any others. The frame in the second body moves in that of the first.
 
 use std::f64::consts::TAU;
 
 use glam::{DMat3, DQuat, DVec3};
-use rhumb_protocol::scene::{JointKind, JointLimits};
+use rhumb_protocol::scene::{JointKind, JointLimits, LockedAxes};
 
 use super::document::{Document, JointDrive, JointLimit, NodeJoint, PhysicsJoint};
 use crate::inertia::Pose;
@@ -126,16 +126,32 @@ impl Motions {
     }
 
     /// The kind of joint, and the axis of the file that becomes its x.
-    fn kind(&self) -> Option<(JointKind, usize)> {
+    fn kind(&self) -> (JointKind, usize) {
         match *self.free() {
-            [] => Some((JointKind::Fixed, 0)),
-            [axis] if axis < 3 => Some((JointKind::Prismatic(self.limits(axis)), axis)),
-            [axis] => Some((JointKind::Revolute(self.limits(axis)), axis - 3)),
+            [] => (JointKind::Fixed, 0),
+            [axis] if axis < 3 => (JointKind::Prismatic(self.limits(axis)), axis),
+            [axis] => (JointKind::Revolute(self.limits(axis)), axis - 3),
             [3, 4, 5] if (3..6).all(|axis| self.0[axis] == Axis::Free) => {
-                Some((JointKind::Spherical(None), 0))
+                (JointKind::Spherical(None), 0)
             }
-            _ => None,
+            _ => {
+                let limits = [0, 1, 2, 3, 4, 5].map(|axis| self.limits(axis));
+                (JointKind::Generic(self.locked(), limits), 0)
+            }
         }
+    }
+
+    fn locked(&self) -> LockedAxes {
+        let axes = self.0.iter().zip(LockedAxes::EACH);
+        let locked = axes.filter(|(axis, _)| **axis == Axis::Locked);
+        let bits = locked.fold(0, |bits, (_, one)| bits | one.bits());
+        LockedAxes::new(bits).unwrap_or(LockedAxes::NONE)
+    }
+
+    /// True if several turns are left and one of them is limited.
+    fn bounds_turns(&self) -> bool {
+        let turns: Vec<_> = self.free().into_iter().filter(|axis| *axis > 2).collect();
+        turns.len() > 1 && turns.iter().any(|axis| self.limits(*axis).is_some())
     }
 }
 
@@ -190,11 +206,16 @@ impl Joiner<'_> {
             return Ok(None);
         }
         let motions = self.motions(&name, described)?;
-        let Some((kind, axis)) = motions.kind() else {
-            let why = "joints that leave nothing, one turn, one displacement or all turns are read";
+        if motions.free().len() == 6 && described.drives.is_empty() {
+            let why = "it leaves all motions and drives none";
             self.note("joint", Effect::Left, why);
             return Ok(None);
-        };
+        }
+        let (kind, axis) = motions.kind();
+        if motions.bounds_turns() {
+            let why = "limits of several turns bound parts of the whole turn";
+            self.note("joint", Effect::Approximated, why);
+        }
         let turned = Pose::new(DVec3::ZERO, with_first(axis));
         let frames = [first.pose, second.pose].map(|pose| pose.of(&turned));
         let joint = ModelJoint {
@@ -203,7 +224,7 @@ impl Joiner<'_> {
             bodies: [0; 2],
             frame: frames[0],
             start: frames[0].inverse().of(&frames[1]),
-            drives: self.drives(&name, (&kind, axis), described)?,
+            drives: self.drives(&name, (&kind, axis, &motions.free()), described)?,
             kind,
             collide: one.joint.enable_collision,
             holds: false,
@@ -254,17 +275,17 @@ impl Joiner<'_> {
         Ok(motions)
     }
 
-    /// The drives of a joint whose x is this axis of the file.
+    /// The drives of a joint whose x is this axis of the file, and which leaves these motions.
     fn drives(
         &mut self,
         name: &str,
-        (kind, axis): (&JointKind, usize),
+        (kind, axis, free): (&JointKind, usize, &[usize]),
         described: &PhysicsJoint,
     ) -> Result<[Option<Drive>; 6], Problem> {
-        let own = match kind {
-            JointKind::Prismatic(_) => Some((axis, 0)),
-            JointKind::Revolute(_) => Some((axis + 3, 3)),
-            _ => None,
+        let place = |of: usize| match kind {
+            JointKind::Prismatic(_) => (of == axis).then_some(0),
+            JointKind::Revolute(_) => (of == axis + 3).then_some(3),
+            _ => free.contains(&of).then_some(of),
         };
         let mut drives = [None; 6];
         for drive in &described.drives {
@@ -273,10 +294,10 @@ impl Joiner<'_> {
                 rule,
             };
             drive.check().map_err(senseless)?;
-            match own.filter(|(axis, _)| *axis == drive.axis()) {
-                Some((_, place)) if drives[place].is_none() => drives[place] = Some(drive.drive()),
+            match place(drive.axis()) {
+                Some(place) if drives[place].is_none() => drives[place] = Some(drive.drive()),
                 _ => {
-                    let why = "of a hinge or a slide the free axis has one drive";
+                    let why = "each axis that is free has one drive";
                     self.note("joint drive", Effect::Left, why);
                 }
             }

@@ -2,7 +2,7 @@
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::limits::EXTENT_MAX;
-use rhumb_protocol::scene::{BodyKind, JointKind, JointLimits, Motor};
+use rhumb_protocol::scene::{BodyKind, JointKind, JointLimits, LockedAxes, Motor};
 
 use super::{file, plain};
 use crate::assemble::LoadedScene;
@@ -98,7 +98,7 @@ fn limits_that_leave_one_displacement_are_a_slide_and_drives_in_newton_are_for_i
 }
 
 #[test]
-fn joints_that_leave_nothing_or_all_turns_are_read_and_others_are_listed() {
+fn joints_that_leave_nothing_or_all_turns_are_read_and_those_that_hold_nothing_are_listed() {
     let kind = |joint: &str, other| {
         let scene = plain(&joined(joint, [other, ""]));
         let kind = scene.joints.first().map(|one| one.joint.kind);
@@ -111,7 +111,7 @@ fn joints_that_leave_nothing_or_all_turns_are_read_and_others_are_listed() {
     );
     let (kind_of_ball, listed) = kind(&ball, "3");
     assert_eq!(kind_of_ball, Some(JointKind::Spherical(None)));
-    assert!(listed.contains("joint drive left out"), "{listed}");
+    assert!(!listed.contains("joint drive"), "{listed}");
     let soft = format!(
         r#"{{"limits": [{HELD}, {{"angularAxes": [0, 2], "max": 0}}, {{"angularAxes": [1], "min": -7, "max": 0.5, "stiffness": 9, "damping": 1}}]}}"#
     );
@@ -125,16 +125,49 @@ fn joints_that_leave_nothing_or_all_turns_are_read_and_others_are_listed() {
             r#"{"limits": [{"linearAxes": [0, 1, 2], "max": 0.5}]}"#,
             "3",
         ),
-        (
-            r#"{"limits": [{"angularAxes": [0], "max": 0, "min": 0}]}"#,
-            "3",
-        ),
         (fixed.as_str(), "0"),
     ] {
         let (kind, listed) = kind(joint, other);
         assert_eq!(kind, None, "{joint}");
         assert!(listed.contains("joint left out"), "{joint}: {listed}");
     }
+}
+
+#[test]
+fn limits_that_leave_several_motions_lock_the_others_and_each_has_its_drive() {
+    let loaded = |joint: &str| {
+        let scene = plain(&joined(joint, ["3", ""]));
+        (scene.joints[0].joint, notes(&scene))
+    };
+    let of = |bits| LockedAxes::new(bits).expect("six bits");
+    let universal =
+        format!(r#"{{"limits": [{HELD}, {{"angularAxes": [0], "max": 0, "min": 0}}]}}"#);
+    let (joint, listed) = loaded(&universal);
+    assert_eq!(joint.kind, JointKind::Generic(of(0b1111), [None; 6]));
+    assert!(!listed.contains("joint"), "{listed}");
+    let (least, most) = (-0.5, 0.25);
+    let limits = Some(JointLimits { least, most });
+    let screw = r#"{"limits": [{"linearAxes": [0, 1], "max": 0}, {"linearAxes": [2], "min": -0.5, "max": 0.25},
+        {"angularAxes": [0, 1], "max": 0}], "drives": [
+        {"type": "angular", "mode": "acceleration", "axis": 2, "maxForce": 7, "velocityTarget": 2, "damping": 3},
+        {"type": "linear", "mode": "acceleration", "axis": 0, "damping": 3}]}"#;
+    let (joint, listed) = loaded(screw);
+    let kind = JointKind::Generic(of(0b1_1011), [None, None, limits, None, None, None]);
+    assert_eq!(joint.kind, kind);
+    let motor = Motor {
+        force: 7.0,
+        ..Motor::with_velocity(2.0, 3.0)
+    };
+    assert_eq!(joint.motors, [None, None, None, None, None, Some(motor)]);
+    assert!(listed.contains("joint drive left out"), "{listed}");
+    let cone =
+        format!(r#"{{"limits": [{HELD}, {{"angularAxes": [1], "min": -0.5, "max": 0.25}}]}}"#);
+    let (joint, listed) = loaded(&cone);
+    assert_eq!(
+        joint.kind,
+        JointKind::Generic(of(0b111), [None, None, None, None, limits, None])
+    );
+    assert!(listed.contains("joint approximated"), "{listed}");
 }
 
 #[test]

@@ -1,7 +1,9 @@
-//! Joints of a glTF file, for ten seconds beside closed forms.
+//! Joints of files, for some seconds beside closed forms.
 //!
-//! A pendulum on a hinge, a load on a slide with a drive, a sign that is fixed to a post: no shapes, so that joints alone act.
+//! Of glTF, a pendulum on a hinge and one on two, a load on a slide with a drive, a sign that is fixed to a post; of URDF, a load on
+//! a slide with damping and dry friction. No shapes, so that joints alone act.
 
+use glam::DVec3;
 use rhumb_reckoning::BodyId;
 use rhumb_scene::Scene;
 use rhumb_scene_files::{FreeIds, LoadOptions, LoadedScene, MemoryFiles, load};
@@ -28,10 +30,29 @@ const FILE: &str = r#"{"asset": {"version": "2.0"}, "nodes": [
 
 const SECONDS: u32 = 10;
 
-fn loaded() -> LoadedScene {
+fn loaded(name: &str, text: &str) -> LoadedScene {
     let mut files = MemoryFiles::default();
-    files.insert("joints.gltf", FILE);
-    load(&files, "joints.gltf", &LoadOptions::default()).expect("a scene")
+    files.insert(name, text);
+    load(&files, name, &LoadOptions::default()).expect("a scene")
+}
+
+fn place(loaded: &LoadedScene, name: &str) -> BodyId {
+    let mut bodies = loaded.bodies.iter();
+    let place = bodies.position(|body| body.name == name);
+    BodyId::new(place.expect("the file has it") as u32, 0)
+}
+
+fn made(loaded: &LoadedScene) -> Scene {
+    let mut scene = Scene::new(loaded.config).expect("sound");
+    for command in loaded.commands(FreeIds::default()).expect("few bodies") {
+        scene.apply(&command).expect("sound");
+    }
+    scene
+}
+
+fn at(scene: &Scene, id: BodyId) -> DVec3 {
+    let observation = scene.observation(id).expect("it is there");
+    observation.motion.motion().pose().position
 }
 
 /// Place of the pendulum's centre to the side after each tick: θ'' = −(m·g·l / (I + m·l²)) sin θ by Runge and Kutta's method.
@@ -68,35 +89,60 @@ fn displacement(seconds: f64) -> f64 {
 
 #[test]
 fn joints_of_gltf_move_as_closed_forms_for_ten_seconds() {
-    let loaded = loaded();
-    let place = |name: &str| {
-        let is_it = |body: &rhumb_scene_files::LoadedBody| body.name == name;
-        let place = loaded.bodies.iter().position(is_it);
-        BodyId::new(place.expect("the file has it") as u32, 0)
-    };
-    let [bob, load, sign] = ["bob", "load", "sign"].map(place);
-    let mut scene = Scene::new(loaded.config).expect("sound");
-    for command in loaded.commands(FreeIds::default()).expect("few bodies") {
-        scene.apply(&command).expect("sound");
+    // The pendulum swings alike where a second turn is left to it.
+    let universal = FILE.replace("\"angularAxes\": [0, 1], ", "\"angularAxes\": [1], ");
+    assert_ne!(universal, FILE);
+    for text in [FILE, &universal] {
+        compare(&loaded("joints.gltf", text));
     }
+}
+
+fn compare(loaded: &LoadedScene) {
+    let [bob, load, sign] = ["bob", "load", "sign"].map(|name| place(loaded, name));
+    let mut scene = made(loaded);
     let rate = loaded.config.integrator.rate;
     let gravity = f64::from(-loaded.config.gravity.y);
     let mut swings = swings(gravity, rate.step().seconds());
     let mut off = [0.0_f64; 3];
     for tick in 1..=SECONDS * rate.ticks() / rate.seconds() {
         scene.step().expect("no fault");
-        let at = |id| {
-            let observation = scene.observation(id).expect("it is there");
-            observation.motion.motion().pose().position
-        };
+        let at = |id| at(&scene, id);
         let seconds = f64::from(tick) * rate.step().seconds();
         let swing = swings.next().expect("endless");
         off[0] = off[0].max((at(bob).x - swing).abs());
         off[1] = off[1].max((at(load).x - 5.0 - displacement(seconds)).abs());
-        off[2] = off[2].max(at(sign).distance(glam::DVec3::new(10.0, 1.0, 0.0)));
+        off[2] = off[2].max(at(sign).distance(DVec3::new(10.0, 1.0, 0.0)));
     }
     let [pendulum, slide, fixed] = off;
     assert!(pendulum < 0.005, "the pendulum is {pendulum} m off");
     assert!(slide < 0.01, "the load is {slide} m off");
     assert!(fixed < 0.001, "the sign is {fixed} m off");
+}
+
+/// m·v' = m·g − F − c·v, at rest at first.
+#[test]
+fn a_slide_with_damping_and_dry_friction_falls_as_its_closed_form_and_holds_what_friction_can() {
+    for friction in [4.0, 12.0] {
+        let text = format!(
+            "<robot name='r'><link name='world'/><link name='load'><inertial><mass value='1'/>\
+             <inertia ixx='.1' iyy='.1' izz='.1'/></inertial></link><joint name='slide' type='prismatic'>\
+             <parent link='world'/><child link='load'/><axis xyz='0 0 1'/><limit lower='-20' upper='20'/>\
+             <dynamics damping='2' friction='{friction}'/></joint></robot>"
+        );
+        let loaded = loaded("slide.urdf", &text);
+        let load = place(&loaded, "load");
+        let gravity = f64::from(-loaded.config.gravity.z);
+        let last = (gravity - friction).max(0.0) / 2.0;
+        let mut scene = made(&loaded);
+        for tick in 1..=120 {
+            scene.step().expect("no fault");
+            let seconds = f64::from(tick) / 60.0;
+            let fallen = last * (seconds - 0.5 * (1.0 - (-2.0 * seconds).exp()));
+            let off = (at(&scene, load).z + fallen).abs();
+            assert!(
+                off < 0.03,
+                "{off} m off after {seconds} s with {friction} N"
+            );
+        }
+    }
 }
