@@ -4,8 +4,11 @@
     python3 feed.py mujoco 500         boxes that fall in a heap: pip install mujoco
     python3 feed.py mujoco MODEL.xml   the bodies of a model, whose actuators swing
     python3 feed.py pybullet 500       the boxes again: pip install pybullet
-    python3 feed.py newton 500         the boxes again, on the CPU: pip install newton
+    python3 feed.py mujoco-warp 500    the boxes again, by MuJoCo-Warp: pip install mujoco-warp
+    python3 feed.py newton 500         the boxes again: pip install newton
     python3 feed.py jolt 500           the boxes again: pip install culverin
+
+MuJoCo-Warp and Newton run on the CPU, or with --device cuda:0 on a GPU. With --free-running, the program keeps the time.
 
 The follower is a client as any other. Naive are 52 bytes for each body that moves and each tick: position, rotation, velocities.
 """
@@ -21,6 +24,8 @@ RATE = 60
 # Of a float at 100 m, in three coordinates.
 ROUNDING = 1e-5
 SUBSTEPS = 4
+# Of the view of a free-running scene, so that what it shows has arrived.
+DELAY = 30
 UP = {"coordinates": "z-up", "gravity": (0, 0, -9.81), "ticks_per_second": RATE}
 
 
@@ -87,10 +92,13 @@ class Mujoco:
             ids.append(scene.add_body(rhumb.Shape.ball(max(reach, default=0.05)), at, rotation=turn, **mass))
         return ids
 
-    def step(self):
+    def swung(self):
         rate, phase = self.swing
         share = 0.5 + 0.3 * np.sin(2 * np.pi * rate * self.data.time + phase)
-        self.data.ctrl = self.controls[:, 0] + share * (self.controls[:, 1] - self.controls[:, 0])
+        return self.controls[:, 0] + share * (self.controls[:, 1] - self.controls[:, 0])
+
+    def step(self):
+        self.data.ctrl = self.swung()
         self.mujoco.mj_step(self.model, self.data, SUBSTEPS)
 
     def state(self):
@@ -99,6 +107,28 @@ class Mujoco:
             self.mujoco.mju_mat2Quat(rotation[row], self.data.ximat[body])
             self.mujoco.mj_objectVelocity(self.model, self.data, self.mujoco.mjtObj.mjOBJ_BODY, body, velocity[row], 0)
         return self.data.xipos[self.moving], rotation[:, [1, 2, 3, 0]], velocity[:, 3:], velocity[:, :3]
+
+
+class MujocoWarp(Mujoco):
+    """The same heap or models, stepped by MuJoCo-Warp. States come back to MuJoCo's own data once a tick."""
+
+    def __init__(self, source, copies=1, device="cpu"):
+        import mujoco_warp
+        import warp
+
+        super().__init__(source, copies)
+        self.warp, self.engine, self.device = warp, mujoco_warp, device
+        warp.config.quiet = True
+        with warp.ScopedDevice(device):
+            self.there = mujoco_warp.put_model(self.model), mujoco_warp.put_data(self.model, self.data)
+
+    def step(self):
+        model, data = self.there
+        with self.warp.ScopedDevice(self.device):
+            self.warp.copy(data.ctrl, self.warp.array(self.swung()[None], dtype=float))
+            for _ in range(SUBSTEPS):
+                self.engine.step(model, data)
+            self.engine.get_data_into(self.data, self.model, data)
 
 
 class Pybullet:
@@ -141,7 +171,7 @@ class Newton:
 
     substeps = SUBSTEPS
 
-    def __init__(self, count):
+    def __init__(self, count, device="cpu"):
         import newton
         import warp
 
@@ -154,7 +184,7 @@ class Newton:
             body = builder.add_body(xform=warp.transform(at, turn))
             builder.add_shape_box(body, hx=HALF[0], hy=HALF[1], hz=HALF[2], cfg=of_a_kilogram)
         self.moments = np.diagonal(np.array(builder.body_inertia[0]).reshape(3, 3))
-        model = builder.finalize(device="cpu")
+        model = builder.finalize(device=device)
         self.now, self.next, self.control = model.state(), model.state(), model.control()
         self.solver = newton.solvers.SolverXPBD(model)
         self.collisions = newton.CollisionPipeline(model)
@@ -234,7 +264,8 @@ def heap(count):
     return f'<mujoco><worldbody><geom type="plane" size="50 50 1"/>{"".join(boxes)}</worldbody></mujoco>'
 
 
-ENGINES = {"numpy": Numpy, "mujoco": Mujoco, "pybullet": Pybullet, "newton": Newton, "jolt": Jolt}
+ENGINES = {"numpy": Numpy, "mujoco": Mujoco, "mujoco-warp": MujocoWarp, "pybullet": Pybullet, "newton": Newton, "jolt": Jolt}
+OPTIONS = {"mujoco": ["copies"], "mujoco-warp": ["copies", "device"], "newton": ["device"]}
 
 
 def main():
@@ -244,42 +275,65 @@ def main():
     parser.add_argument("--copies", type=int, default=1, help="copies of a model (default: 1)")
     parser.add_argument("--seconds", type=int, default=10, help="duration (default: 10)")
     parser.add_argument("--tolerance", type=float, default=0.05, help="metres (default: 0.05)")
+    parser.add_argument("--device", default="cpu", help="of MuJoCo-Warp and Newton: cpu or cuda:0 (default: cpu)")
+    parser.add_argument("--free-running", action="store_true", help="60 ticks a second by the clock, not as fast as it goes")
     given = parser.parse_args()
-    copies = {"copies": given.copies} if given.engine == "mujoco" else {}
-    publish(ENGINES[given.engine](given.source, **copies), given.seconds, given.tolerance)
+    options = {name: getattr(given, name) for name in OPTIONS.get(given.engine, [])}
+    publish(ENGINES[given.engine](given.source, **options), given.seconds, given.tolerance, given.free_running)
 
 
-def publish(engine, seconds, tolerance):
+def publish(engine, seconds, tolerance, free_running):
     server = rhumb.LocalServer(own_thread=True)
     options = {**UP, "substeps": engine.substeps, "tolerance": tolerance}
+    options["stepping"] = "free running" if free_running else "lockstep"
     owner = server.connect(feed="engine").join("engine", **options)
     bodies = np.array(engine.add(owner), dtype=np.uint64)
     # The follower joins a scene that is running.
     owner.feed(bodies, *engine.state())
-    follower = server.connect().join("engine", coordinates="z-up", tolerance=tolerance)
+    view = {"delay_ticks": DELAY, "whole_ticks": True, "smooth": False} if free_running else {}
+    follower = server.connect().join("engine", coordinates="z-up", tolerance=tolerance, **view)
+    while free_running and len(follower.bodies) < len(bodies):
+        owner.feed(bodies, *engine.state())
+        follower.idle(1 / RATE)
+        follower.poll()
     begun, worst, beyond, moving, calls = follower.statistics, 0.0, 0, 0, []
-    before = engine.state()[0].copy()
-    for _ in range(seconds * RATE):
+    before, truths, compared = engine.state()[0].copy(), {}, 0
+    start = time.monotonic()
+    for step in range(seconds * RATE):
         engine.step()
         state = engine.state()
         moving += int(np.any(state[0] != before, axis=1).sum())
         before = state[0].copy()
-        start = time.thread_time()
+        if free_running:
+            follower.idle(max(0.0, start + step / RATE - time.monotonic()))
+        called = time.thread_time()
         tick = owner.feed(bodies, *state)
-        calls.append(time.thread_time() - start)
-        while follower.poll()[0] < tick:
+        calls.append(time.thread_time() - called)
+        truths[tick] = before[np.argsort(bodies)]
+        truths.pop(tick - 60, None)
+        shown, _ = follower.poll()
+        while not free_running and shown < tick:
             follower.idle(0.0005)
+            shown, _ = follower.poll()
+        if shown not in truths:
+            continue
+        # Of a free-running view, what has not arrived has no bound.
         order = np.argsort(follower.bodies)
-        truth = state[0][np.argsort(bodies)]
-        error = np.linalg.norm(follower.positions[order] - truth, axis=1)
+        known = np.isfinite(follower.error_bounds[order])
+        compared += int(known.sum())
+        error = np.linalg.norm(follower.positions[order] - truths[shown], axis=1)[known]
+        if not known.any():
+            continue
         worst, beyond = max(worst, float(error.max())), beyond + int((error > tolerance + ROUNDING).sum())
+    elapsed = time.monotonic() - start if free_running else seconds
     ended = follower.statistics
     received = ended["received_bytes"] - begun["received_bytes"]
     updates = ended["updates"] - begun["updates"]
     print(f"bodies                        {len(bodies)}")
-    print(f"follower, kB/s                {received / seconds / 1e3:.1f}")
-    print(f"naive, kB/s                   {52 * moving / seconds / 1e3:.1f}")
-    print(f"updates/s                     {updates / seconds:.0f}")
+    print(f"follower, kB/s                {received / elapsed / 1e3:.1f}")
+    print(f"naive, kB/s                   {52 * moving / elapsed / 1e3:.1f}")
+    print(f"updates/s                     {updates / elapsed:.0f}")
+    print(f"body-ticks compared           {100 * compared / len(bodies) / seconds / RATE:.0f} %")
     print(f"greatest error, mm            {1e3 * worst:.1f} of {1e3 * tolerance:.0f}")
     print(f"body-ticks beyond             {beyond}")
     print(f"feed, ms of its thread        {1e3 * np.median(calls):.2f} in the median, {1e3 * np.quantile(calls, 0.99):.2f} in 99 %")
