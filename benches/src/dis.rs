@@ -25,6 +25,7 @@ use serde::{Deserialize, Serialize};
 use crate::drive::compare::divergence;
 use crate::numbers::WithZeros;
 use crate::output::{self, Failure, Provenance, ended};
+use crate::record::{Change, Changes};
 use crate::recording::Recording;
 use crate::replay::{ReplayConfig, run};
 use crate::standard_load::LoadChoice;
@@ -191,13 +192,6 @@ struct Moving {
     activity: Activity,
 }
 
-/// The numbers of the truth's placements and removals that are done.
-#[derive(Default)]
-struct TruthPlace {
-    placed: usize,
-    removed: usize,
-}
-
 /// One run over DIS.
 struct SentByDis {
     publisher: Publisher,
@@ -246,9 +240,9 @@ impl SentByDis {
             bytes: 0,
         };
         let step = recording.integrator.rate.step().seconds();
-        let mut place = TruthPlace::default();
+        let mut changes = recording.truth.changes();
         for tick in 0..=u64::from(recording.ticks()) {
-            let row = sent.step(recording, tick, &mut place, thresholds);
+            let row = sent.step(recording, tick, &mut changes, thresholds);
             // The scene begins at a full hour.
             let now = Duration::from_secs_f64(tick as f64 * step);
             sent.publish(now);
@@ -262,36 +256,28 @@ impl SentByDis {
         &mut self,
         recording: &'a Recording,
         tick: u64,
-        place: &mut TruthPlace,
+        changes: &mut Changes<'a>,
         thresholds: Thresholds,
     ) -> &'a [Observation] {
         let truth = &recording.truth;
-        let is_due = |when: Tick| when.value() <= tick;
-        while let Some(one) = truth
-            .placed
-            .get(place.placed)
-            .filter(|one| is_due(one.tick))
-        {
-            place.placed += 1;
-            if one.desc.kind != BodyKind::Fixed {
-                let radius = one.shape.bounding_radius();
-                let body = Moving {
-                    kind: kind(key(one.desc.id), radius, thresholds),
-                    radius,
-                    motion: one.observation.motion,
-                    acceleration: DVec3::ZERO,
-                    activity: one.observation.activity,
-                };
-                self.bodies.insert(key(one.desc.id), body);
+        while let Some(change) = changes.until(Tick::new(tick)) {
+            match change {
+                Change::Placed(_, one) if one.desc.kind != BodyKind::Fixed => {
+                    let radius = one.shape.bounding_radius();
+                    let body = Moving {
+                        kind: kind(key(one.desc.id), radius, thresholds),
+                        radius,
+                        motion: one.observation.motion,
+                        acceleration: DVec3::ZERO,
+                        activity: one.observation.activity,
+                    };
+                    self.bodies.insert(key(one.desc.id), body);
+                }
+                Change::Placed(..) => {}
+                Change::Removed(id) => {
+                    self.bodies.remove(&key(id));
+                }
             }
-        }
-        while let Some((_, id)) = truth
-            .removed
-            .get(place.removed)
-            .filter(|(when, _)| is_due(*when))
-        {
-            place.removed += 1;
-            self.bodies.remove(&key(*id));
         }
         let row = (tick as usize)
             .checked_sub(1)

@@ -14,7 +14,7 @@ use glam::{DQuat, DVec3};
 
 use crate::output::{Failure, OutputError, ended, print_text};
 use crate::recording::algebra::ShortTurn;
-use crate::recording::fit::{self, Found};
+use crate::recording::fit::{self, Found, VelocityPoint};
 use crate::recording::instants::First;
 use crate::recording::recorded::{BodyPath, Paths, paths};
 use crate::recording::{Recording, RecordingSource, Velocities, write_bag, write_rhtrace};
@@ -69,7 +69,7 @@ fn write(recording: &Recording, path: &Path) -> Result<u64, OutputError> {
         written.map_err(|cause| failed(io::Error::other(cause)))?;
         return Ok(file.metadata().map_err(failed)?.len());
     }
-    let plain = write_rhtrace(recording);
+    let plain = write_rhtrace(recording).map_err(|cause| failed(io::Error::other(cause)))?;
     let bytes = if path.extension().is_some_and(|end| end == "rhtrace") {
         plain
     } else {
@@ -169,10 +169,14 @@ fn engine(
         ));
     }
     if let Some(fall) = found.fall {
-        let steps = fit::substeps(fall).map_or_else(
-            || "as none of this engine's steps do".to_owned(),
-            |count| format!("{count} substeps"),
-        );
+        let ahead = fit::ahead(fall, recording.integrator.substeps);
+        let steps = match (fit::substeps(fall), ahead) {
+            (Some(count), _) => format!("{count} substeps"),
+            (None, Some(ahead)) => format!(
+                "as none of this engine's steps do: its velocities are {ahead:.3} g·t ahead, which --fit takes away"
+            ),
+            (None, None) => "as none of this engine's steps do".to_owned(),
+        };
         lines.push(format!(
             "a body falls {fall:.3} g·t² in a tick beside its velocity: {steps}"
         ));
@@ -185,8 +189,19 @@ fn engine(
             rates[0], rates[1], shares[0], shares[1]
         ));
     }
+    instants(recording, (found, gravity), lines);
+    spins(recording, found, lines, warnings);
+}
+
+/// What velocities stand for.
+fn instants(recording: &Recording, (found, gravity): (&Found, DVec3), lines: &mut Vec<String>) {
     if found.instants.first == First::Damped {
-        lines.push("a body is damped before it moves in a tick".to_owned());
+        let step_s = recording.integrator.rate.step().seconds();
+        let all = gravity / found.kept_in_substep(step_s);
+        lines.push(format!(
+            "a body is damped before it moves in a tick: if that takes of what gravity just added, gravity is {} m/s² there",
+            vector(all)
+        ));
     }
     if found.instants.behind != 0.0 {
         lines.push(format!(
@@ -194,7 +209,6 @@ fn engine(
             found.instants.behind
         ));
     }
-    spins(recording, found, lines, warnings);
 }
 
 /// Inertia and centres.
@@ -236,8 +250,13 @@ fn spins(
         );
     }
     if let Some((id, centre)) = found.centres.iter().next() {
+        let velocities = match (recording.velocities, found.point) {
+            (Velocities::Fitted, _) => "",
+            (Velocities::Recorded, VelocityPoint::Origin) => ", nor are the velocities",
+            (Velocities::Recorded, VelocityPoint::Centre) => ", but the velocities are",
+        };
         warnings.push(format!(
-            "the positions of {} bodies are not those of their centres of mass; that of body {} is at {} m in its axes: --fit",
+            "the positions of {} bodies are not those of their centres of mass{velocities}; that of body {} is at {} m in its axes: --fit",
             found.centres.len(),
             id.index(),
             vector(*centre)
@@ -634,7 +653,7 @@ mod tests {
             "1 substeps",
         ];
         assert!(parts.iter().all(|part| text.contains(part)), "{text}");
-        fit::apply(&mut recording, &found);
+        fit::apply(&mut recording, &found).expect("sound");
         assert!(is_near(f64::from(recording.gravity.y)));
         let again = fit::find(&recording, &paths(&recording).bodies);
         assert!(again.instants.is_own(), "{again:?}");
@@ -692,7 +711,7 @@ mod tests {
             (*centre - DVec3::new(0.05, 0.0, -0.02)).length() < 2e-3,
             "{centre}"
         );
-        fit::apply(&mut recording, &found);
+        fit::apply(&mut recording, &found).expect("sound");
         let found = fit::find(&recording, &paths(&recording).bodies);
         assert!(found.centres.is_empty(), "{:?}", found.centres);
         assert_eq!(recording.inertias.len(), 2);

@@ -3,7 +3,9 @@
 //! Contains no clocks and no files: measured by `drive`, written by `trace`, summarised by `summary`, drawn by
 //! `report`.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
+use std::iter::Peekable;
 
 use bytes::Bytes;
 use clap::ValueEnum;
@@ -94,6 +96,96 @@ pub struct Truth {
     pub ticks: Vec<Vec<Observation>>,
     /// Digest over all observations.
     pub digest: u64,
+}
+
+/// A body comes or goes.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Change<'a> {
+    /// A body, with its number among all placed ones.
+    Placed(usize, &'a Placed),
+    /// The body goes.
+    Removed(BodyId),
+}
+
+/// Placements and removals in their order.
+#[derive(Clone, Debug)]
+pub(crate) struct Changes<'a>(Peekable<std::vec::IntoIter<(Tick, Change<'a>)>>);
+
+impl<'a> Changes<'a> {
+    /// The next change, if it is one of this tick or of an earlier one.
+    pub(crate) fn until(&mut self, tick: Tick) -> Option<Change<'a>> {
+        let due = self.0.next_if(|(when, _)| *when <= tick);
+        due.map(|(_, change)| change)
+    }
+
+    /// The next change, if it is a placement at the first tick.
+    pub(crate) fn first(&mut self) -> Option<&'a Placed> {
+        let is_first = |(when, change): &(Tick, Change<'a>)| {
+            *when == Tick::ZERO && matches!(change, Change::Placed(..))
+        };
+        match self.0.next_if(is_first)?.1 {
+            Change::Placed(_, placed) => Some(placed),
+            Change::Removed(_) => None,
+        }
+    }
+}
+
+impl Truth {
+    /// All placements and removals. At one tick those go that were there, then others come, and then those go that came in it.
+    pub(crate) fn changes(&self) -> Changes<'_> {
+        let mut all = Vec::with_capacity(self.placed.len() + self.removed.len());
+        let mut there = BTreeSet::new();
+        let (mut placed, mut removed) = (self.placed.iter().enumerate(), &self.removed[..]);
+        let mut coming = placed.next();
+        loop {
+            let next = coming.map(|(_, one)| one.tick);
+            let Some(tick) = next
+                .into_iter()
+                .chain(removed.first().map(|(tick, _)| *tick))
+                .min()
+            else {
+                return Changes(all.into_iter().peekable());
+            };
+            let (going, later) =
+                removed.split_at(removed.partition_point(|(when, _)| *when <= tick));
+            removed = later;
+            let (before, new): (Vec<BodyId>, Vec<BodyId>) = going
+                .iter()
+                .map(|(_, id)| *id)
+                .partition(|id| there.remove(id));
+            let gone = |id| (tick, Change::Removed(id));
+            all.extend(before.into_iter().map(gone));
+            while let Some((number, one)) = coming.filter(|(_, one)| one.tick <= tick) {
+                there.insert(one.desc.id);
+                all.push((tick, Change::Placed(number, one)));
+                coming = placed.next();
+            }
+            new.iter().for_each(|id| {
+                there.remove(id);
+            });
+            all.extend(new.into_iter().map(gone));
+        }
+    }
+
+    /// The tick after which each placed body is gone, in order of placing.
+    pub(crate) fn ends(&self) -> Vec<Option<Tick>> {
+        let mut ends = vec![None; self.placed.len()];
+        let mut there = BTreeMap::new();
+        let Changes(changes) = self.changes();
+        for (tick, change) in changes {
+            match change {
+                Change::Placed(number, one) => {
+                    there.insert(one.desc.id, number);
+                }
+                Change::Removed(id) => {
+                    if let Some(number) = there.remove(&id) {
+                        ends[number] = Some(tick);
+                    }
+                }
+            }
+        }
+        ends
+    }
 }
 
 /// A pose that changed in a client's copy.

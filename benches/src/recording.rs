@@ -27,8 +27,10 @@ mod poses;
 pub(crate) mod recorded;
 pub mod rhtrace;
 mod ros2;
+mod spins;
+mod stays;
 
-use std::io::{self, Write};
+use std::io::{self, Read, Write};
 use std::num::NonZeroU32;
 use std::path::{Path, PathBuf};
 
@@ -66,7 +68,7 @@ pub(crate) fn hertz(text: &str) -> Result<Rate, String> {
 ///
 /// [`RecordingError`] names the file and the defect.
 pub fn read(path: &Path, options: &ReadOptions) -> Result<Recording, RecordingError> {
-    let bytes = std::fs::read(path).map_err(|cause| RecordingError::read(path, cause))?;
+    let bytes = read_all(path, BYTES_MAX).map_err(|cause| RecordingError::read(path, cause))?;
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let name = name.split('.').next().unwrap_or_default();
     let recording = read_bytes(name, &bytes, options);
@@ -74,6 +76,21 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Recording, RecordingEr
         path: path.to_owned(),
         cause: Box::new(cause),
     })
+}
+
+/// Most bytes of a file.
+const BYTES_MAX: u64 = 4 << 30;
+
+/// The bytes of a file, of which there are this many at most.
+fn read_all(path: &Path, most: u64) -> io::Result<Vec<u8>> {
+    let file = std::fs::File::open(path)?;
+    let mut bytes = Vec::new();
+    file.take(most + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > most {
+        let text = format!("it has more than {most} bytes, the most that are read");
+        return Err(io::Error::new(io::ErrorKind::FileTooLarge, text));
+    }
+    Ok(bytes)
 }
 
 /// Reads the bytes of a file, whose first ones tell its form.
@@ -94,20 +111,31 @@ pub fn read_bytes(
         recording.notes.extend(options.note_of_states());
         return Ok(recording);
     }
-    if bytes.starts_with(npy::ZIP) {
-        return arrays::read_archive(name, bytes, options);
-    }
-    if bytes.starts_with(npy::MAGIC) {
-        return arrays::read_array(name, bytes, options);
-    }
-    if c3d::is_c3d(bytes) {
-        return mocap::read_c3d(name, bytes, options);
-    }
-    match std::str::from_utf8(bytes) {
-        Ok(text) if bvh::is_bvh(text) => mocap::read_bvh(name, text, options),
-        Ok(text) if !text.trim().is_empty() => csv::read(name, text, options),
-        _ => Err(RecordingError::UnknownForm),
-    }
+    let (read, unused) = if bytes.starts_with(npy::ZIP) {
+        let unused = options.note_unused("arrays", &["--quaternion"]);
+        (arrays::read_archive(name, bytes, options), unused)
+    } else if bytes.starts_with(npy::MAGIC) {
+        let unused = options.note_unused("arrays", &["--quaternion"]);
+        (arrays::read_array(name, bytes, options), unused)
+    } else if c3d::is_c3d(bytes) {
+        let unused = options.note_unused("C3D files", &["--unit"]);
+        (mocap::read_c3d(name, bytes, options), unused)
+    } else {
+        let text = std::str::from_utf8(bytes)
+            .ok()
+            .filter(|text| !text.trim().is_empty());
+        let text = text.ok_or(RecordingError::UnknownForm)?;
+        if bvh::is_bvh(text) {
+            let unused = options.note_unused("BVH files", &["--unit", "--bvh-positions"]);
+            (mocap::read_bvh(name, text, options), unused)
+        } else {
+            let unused = options.note_unused("rows", &["--quaternion"]);
+            (csv::read(name, text, options), unused)
+        }
+    };
+    let mut recording = read?;
+    recording.notes.extend(unused);
+    Ok(recording)
 }
 
 /// The recording and the parameters of its engine.
@@ -189,7 +217,7 @@ impl RecordingSource {
         if self.fit {
             let found = fit::find(&recording, &recorded::paths(&recording).bodies);
             let known = recording.notes.len();
-            fit::apply(&mut recording, &found);
+            fit::apply(&mut recording, &found)?;
             print_some_notes(&recording, known);
         }
         recording.damping = self.damping.unwrap_or(recording.damping);
@@ -296,6 +324,36 @@ mod tests {
         assert!(message.contains("foxglove.FrameTransforms"), "{message}");
         let missing = read(&folder.join("nosuch.mcap"), &ReadOptions::default());
         assert!(matches!(missing, Err(RecordingError::Read { .. })));
+        let letter = folder.join("letter.txt");
+        let whole = read_all(&letter, 32).expect("it has as many");
+        assert_eq!(whole.len(), 32);
+        let error = read_all(&letter, 31).expect_err("it has more").to_string();
+        assert!(error.contains("more than 31 bytes"), "{error}");
         std::fs::remove_dir_all(folder).expect("it is our own folder");
+    }
+
+    #[test]
+    fn options_that_a_file_does_not_use_are_said() {
+        let rows = "time,body,x,y,z,qx,qy,qz,qw\n0,a,0,0,0,0,0,0,1\n0.1,a,1,0,0,0,0,0,1\n";
+        let options = ReadOptions {
+            load: Some("x".to_owned()),
+            unit: Some(Metres::new(0.01)),
+            positions: Some(PositionChannels::Add),
+            quaternion: Some(QuaternionOrder::Wxyz),
+            shapes: vec!["b=ball:0.3".parse().expect("a shape")],
+            ..ReadOptions::default()
+        };
+        let notes = read_bytes("r", rows.as_bytes(), &options)
+            .expect("rows")
+            .notes;
+        let notes = notes.join("\n");
+        for part in [
+            "rows do not use this: --load, --unit, --bvh-positions",
+            "names the numbers of quaternions, so --quaternion is not used",
+            "--shape is not used for b: the file has no body of that name, but a",
+            "a ball of 0.1 m for each body",
+        ] {
+            assert!(notes.contains(part), "{part}: {notes}");
+        }
     }
 }

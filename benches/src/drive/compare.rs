@@ -14,7 +14,7 @@ use rhumb_reckoning::{
     BodyId, BodyState, Divergence, Metres, Motion, Pose, Predictor, Tick, Tolerance, ToleranceScale,
 };
 
-use crate::record::{Breach, Cause, CopiedPose, Frame, Truth};
+use crate::record::{Breach, Cause, Change, Changes, CopiedPose, Frame, Truth};
 
 /// Body states of the last few ticks; a pipelined copy lags by a tick or two.
 #[derive(Debug, Default)]
@@ -167,8 +167,7 @@ pub(crate) struct ReplayJudge<'a> {
     truth: &'a Truth,
     tick: Tick,
     bodies: Vec<Option<RecordedBody>>,
-    placed: usize,
-    removed: usize,
+    changes: Changes<'a>,
     removed_now: Vec<BodyId>,
     pub(crate) breaches: Vec<Breach>,
 }
@@ -179,8 +178,7 @@ impl<'a> ReplayJudge<'a> {
             truth,
             tick: Tick::ZERO,
             bodies: Vec::new(),
-            placed: 0,
-            removed: 0,
+            changes: truth.changes(),
             removed_now: Vec::new(),
             breaches: Vec::new(),
         };
@@ -212,18 +210,17 @@ impl<'a> ReplayJudge<'a> {
 
     /// Applies placements and removals since the current tick.
     fn apply_changes(&mut self) {
-        let truth = self.truth;
-        while let Some((when, id)) = truth.removed.get(self.removed)
-            && *when <= self.tick
-        {
-            self.removed += 1;
-            self.bodies[id.index() as usize] = None;
-            self.removed_now.push(*id);
-        }
-        while let Some(placed) = truth.placed.get(self.placed)
-            && placed.tick <= self.tick
-        {
-            self.placed += 1;
+        while let Some(change) = self.changes.until(self.tick) {
+            let placed = match change {
+                Change::Placed(_, placed) => placed,
+                Change::Removed(id) => {
+                    if let Some(known) = self.bodies.get_mut(id.index() as usize) {
+                        *known = None;
+                    }
+                    self.removed_now.push(id);
+                    continue;
+                }
+            };
             let index = placed.desc.id.index() as usize;
             if index >= self.bodies.len() {
                 self.bodies.resize(index + 1, None);

@@ -61,10 +61,11 @@ impl Path {
 pub(super) struct Paths<'a> {
     recording: &'a Recording,
     publish_interval: NonZeroU32,
-    removed: BTreeMap<BodyId, Tick>,
+    /// The last tick of each placed body that goes.
+    ends: Vec<Option<Tick>>,
     rows: BTreeMap<BodyId, Vec<(u64, BodyState)>>,
-    /// Non-static bodies, in order of placing.
-    placed: Vec<&'a Placed>,
+    /// Non-static bodies, in order of placing, with their numbers among all.
+    placed: Vec<(usize, &'a Placed)>,
 }
 
 impl<'a> Paths<'a> {
@@ -77,17 +78,13 @@ impl<'a> Paths<'a> {
                 of_body.push((tick, observation.motion));
             }
         }
-        let can_move = |placed: &&Placed| placed.desc.kind != BodyKind::Fixed;
+        let can_move = |(_, placed): &(usize, &Placed)| placed.desc.kind != BodyKind::Fixed;
         Self {
             recording,
             publish_interval,
-            removed: truth
-                .removed
-                .iter()
-                .map(|(tick, id)| (*id, *tick))
-                .collect(),
+            ends: truth.ends(),
             rows,
-            placed: truth.placed.iter().filter(can_move).collect(),
+            placed: truth.placed.iter().enumerate().filter(can_move).collect(),
         }
     }
 
@@ -98,16 +95,22 @@ impl<'a> Paths<'a> {
 
     /// Bounding radius of a body, metres.
     pub(super) fn radius(&self, place: usize) -> f64 {
-        self.placed[place].shape.bounding_radius().metres()
+        let (_, placed) = self.placed[place];
+        placed.shape.bounding_radius().metres()
     }
 
     /// Path of a body; `None` if it is present at no frame.
     pub(super) fn get(&self, place: usize) -> Option<Path> {
-        let placed = self.placed[place];
-        let id = placed.desc.id;
+        let (number, placed) = self.placed[place];
         let last = u64::from(self.recording.ticks());
-        let end = self.removed.get(&id).map_or(last, |tick| tick.value());
-        let observed = self.rows.get(&id).map_or(&[][..], Vec::as_slice);
+        let end = self.ends[number].map_or(last, Tick::value);
+        let observed = self
+            .rows
+            .get(&placed.desc.id)
+            .map_or(&[][..], Vec::as_slice);
+        // Another body of this id may have been there before.
+        let begin = observed.partition_point(|(tick, _)| *tick <= placed.tick.value());
+        let observed = &observed[begin..];
         let path = path(self.recording, placed, observed, end, self.publish_interval);
         (!path.motions.is_empty()).then_some(path)
     }

@@ -455,7 +455,10 @@ impl Arrays {
             if !is_time {
                 return Err(RecordingError::Row {
                     place: place(name, frame, 0),
-                    defect: RowDefect::OutOfRange { of: "time" },
+                    defect: RowDefect::OutOfRange {
+                        of: "time",
+                        most: Some("9e9 s"),
+                    },
                 });
             }
             times.push(((time - first) * 1e9).round() as i64);

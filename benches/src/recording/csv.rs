@@ -18,7 +18,7 @@ const COLUMNS: [&str; 9] = ["time", "body", "x", "y", "z", "qx", "qy", "qz", "qw
 const VELOCITIES: [&str; 6] = ["vx", "vy", "vz", "wx", "wy", "wz"];
 /// The body of a file without names.
 const ONLY_BODY: &str = "body";
-/// Longest time, seconds: nanoseconds fit a whole number.
+/// Longest time, seconds: nanoseconds fit a whole number. Errors name it.
 const SECONDS_MAX: f64 = 9e9;
 
 /// Reads the rows of a file.
@@ -50,6 +50,11 @@ pub(super) fn read(
         Ok(layout) => {
             poses.part_of_velocities = part_of_velocities(&fields);
             poses.left_out.extend(layout.left_out(&fields));
+            if options.quaternion.is_some() {
+                let note =
+                    "the header names the numbers of quaternions, so --quaternion is not used";
+                poses.left_out.push(note.to_owned());
+            }
             layout
         }
         Err(error) => {
@@ -87,7 +92,8 @@ impl<'a> Iterator for Fields<'a> {
 
     fn next(&mut self) -> Option<&'a str> {
         match self {
-            Self::Char(fields) => fields.next().map(str::trim),
+            // R and spreadsheets put fields in quotes.
+            Self::Char(fields) => fields.next().map(|field| field.trim().trim_matches('"')),
             Self::Spaces(fields) => fields.next(),
         }
     }
@@ -247,7 +253,10 @@ impl Layout {
         // NaN is none.
         let is_time = time_s.abs() <= SECONDS_MAX;
         if !is_time {
-            return Err(wrong(RowDefect::OutOfRange { of: "time" }));
+            return Err(wrong(RowDefect::OutOfRange {
+                of: "time",
+                most: Some("9e9 s"),
+            }));
         }
         let mut parts = [0.0; 7];
         for (part, column) in parts.iter_mut().zip(&self.numbers[1..]) {
@@ -389,6 +398,15 @@ mod tests {
             (motion.position()[0], motion.rotation()),
             (0.5, [0.0, 0.0, 0.0, 1.0])
         );
+    }
+
+    #[test]
+    fn fields_in_quotes_are_read() {
+        let text = "\"time\",\"body\",\"x\",\"y\",\"z\",\"qx\",\"qy\",\"qz\",\"qw\"\n\
+                    \"0.0\",\"a\",\"1.5\",0,0,0,0,0,1\n\"0.1\",\"a\",\"2.5\",0,0,0,0,0,1\n";
+        let recording = read("r", text, &ReadOptions::default()).expect("quotes are no numbers");
+        let motion = recording.truth.placed[0].observation.motion;
+        assert_eq!((motion.position()[0], recording.ticks()), (1.5, 1));
     }
 
     #[test]

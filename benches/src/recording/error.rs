@@ -162,6 +162,11 @@ pub enum RecordingError {
         /// The place of the first one too many.
         place: Place,
     },
+    /// A body comes more often than its id can say.
+    Stays {
+        /// Its name, or its index.
+        body: String,
+    },
     /// The file claims more bodies than a scene has.
     Bodies {
         /// The claim.
@@ -335,13 +340,22 @@ pub enum RowDefect {
     OutOfRange {
         /// The quantity that it belongs to.
         of: &'static str,
+        /// Most that it may be, if it is not single precision that limits it.
+        most: Option<&'static str>,
     },
     /// A quaternion is not of length one.
     Rotation {
         /// Its length.
         length: f64,
     },
-    /// The body has a pose of this moment already.
+    /// The body has another pose at the same time.
+    Contradiction {
+        /// The body.
+        body: String,
+        /// The other place.
+        other: Box<Place>,
+    },
+    /// The body has a pose of this frame already.
     Twice {
         /// The body.
         body: String,
@@ -434,12 +448,21 @@ impl fmt::Display for RowDefect {
             Self::NotANumber { column, text } => {
                 write!(f, "column {column}: {text:?} is no number")
             }
-            Self::OutOfRange { of } => write!(f, "the {of} is not finite or too large"),
+            Self::OutOfRange { of, most } => {
+                let most = most.map_or_else(String::new, |most| format!(": {most} at most"));
+                write!(f, "the {of} is not finite or too large{most}")
+            }
             Self::Rotation { length } => write!(
                 f,
                 "the quaternion has length {}, not 1: are its columns those of x, y, z, w?",
                 Short(*length)
             ),
+            Self::Contradiction { body, other } => {
+                write!(
+                    f,
+                    "body {body} has another pose at the same time, by {other}"
+                )
+            }
             Self::Twice { body, other } => {
                 write!(
                     f,
@@ -530,6 +553,11 @@ impl RecordingError {
             Self::TickTwice { tick, load } => write!(
                 f,
                 "{tick} of {load} occurs twice: recordings of two runs were merged"
+            ),
+            Self::Stays { body } => write!(
+                f,
+                "body {body} comes more than {} times, as often as an id can say; of poses, --missing hold keeps it there",
+                u32::from(u16::MAX) + 1
             ),
             other => other.fmt_arrays(f),
         }
@@ -647,6 +675,7 @@ impl RecordingError {
             | Self::Unpack(_)
             | Self::Cdr { .. }
             | Self::TooManyBodies { .. }
+            | Self::Stays { .. }
             | Self::Bodies { .. }
             | Self::Npy(_)
             | Self::Bvh(_)
@@ -708,8 +737,8 @@ impl From<ContentsError> for RecordingError {
 pub enum CdrError {
     /// The header names an encoding that is not read.
     Encoding {
-        /// Its second byte.
-        number: u8,
+        /// Its first two bytes, the first one high.
+        number: u16,
     },
     /// The bytes end within a field.
     Short {

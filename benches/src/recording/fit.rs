@@ -3,22 +3,33 @@
 //! Gravity, centre of mass, inertia, damping, substeps.
 //!
 //! A body is taken as free where its centre accelerates evenly. A fit of least squares to each body's second differences
-//! finds its acceleration and the place that moves so; poses that fit badly are left out, and the fit is repeated. Then
-//! the momentum of free bodies tells their moments, and the change of velocities gravity, damping and substeps. A body
-//! that accelerates otherwise than most, or whose spin changes as no moments explain, is driven: it tells nothing. If the
-//! velocities hold for other moments than this project's, all is found again from those of this project's moments.
+//! finds its acceleration and the place that moves so; poses that fit badly are left out, and the fit is repeated. Then the
+//! momentum of free bodies tells their moments, and the change of velocities gravity, damping and substeps. A body that
+//! accelerates otherwise than most, or whose spin changes as no moments explain, is driven: it tells nothing. If positions are
+//! not those of the centres, all is found again from the centres and their velocities; if the velocities hold for other moments
+//! than this project's, again from those of this project's moments.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::num::NonZeroU32;
 
 use glam::{DMat3, DQuat, DVec3};
 use rhumb_protocol::limits::{DAMPING_MAX, GRAVITY_MAX};
-use rhumb_protocol::stream::Observation;
 use rhumb_reckoning::{BodyId, BodyState, Inertia};
 
-use super::algebra::{least_eigenvector, median, principal_axes, solve};
+use super::algebra::{median, solve};
+use super::error::RecordingError;
 use super::instants::{self, Fall, First, Instants, Kept};
-use super::recorded::BodyPath;
-use super::recorded::{Recording, Velocities, set_digest};
+use super::recorded::{self, BodyPath, FREE_MIN, Recording, Velocities, set_digest};
+use super::spins::{self, Moments};
+
+/// The point of a body to which its recorded velocities belong.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum VelocityPoint {
+    #[default]
+    Centre,
+    /// The recorded place.
+    Origin,
+}
 
 /// The parameters that were found.
 #[derive(Clone, Debug, Default)]
@@ -29,6 +40,8 @@ pub(crate) struct Found {
     pub(crate) centres: BTreeMap<BodyId, DVec3>,
     /// Principal moments, of which only ratios matter, and their axes; of bodies whose spin wanders.
     pub(crate) inertias: BTreeMap<BodyId, ([f64; 3], DQuat)>,
+    /// The point to which the velocities belong.
+    pub(crate) point: VelocityPoint,
     /// Bodies that spin freely at a constant spin, whatever their shape.
     pub(crate) constant: BTreeSet<BodyId>,
     /// Bodies that something drives: they accelerate otherwise than most, or turn as no free body does.
@@ -43,8 +56,6 @@ pub(crate) struct Found {
     pub(crate) free: [usize; 2],
 }
 
-/// Least number of free frames of a body that says something.
-const FREE_MIN: usize = 8;
 /// Rounds of a fit, each without what fitted worst before.
 const ROUNDS: usize = 8;
 /// Distance of a centre from the origin that matters, as a share of the radius.
@@ -53,17 +64,32 @@ const CENTRE_SHARE: f64 = 0.02;
 /// Largest distance of a centre of mass from the recorded place, metres.
 const CENTRE_MAX: f64 = 1_000.0;
 
+/// Damping that is noise, 1/s.
+const DAMPING_NOISE: f64 = 1e-3;
+
 /// Most substeps that are distinguished.
 const SUBSTEPS_MAX: u32 = 8;
 
+/// The share of g·t² by which a body falls beside its velocity in a tick of so many substeps.
+fn fall_of(substeps: u32) -> f64 {
+    f64::from(substeps + 1) / f64::from(2 * substeps)
+}
+
 /// The number of substeps with which a body falls so far beside its velocity.
 pub(crate) fn substeps(fall: f64) -> Option<u32> {
-    let of = |count: u32| f64::from(count + 1) / f64::from(2 * count);
-    let mut all = 1..=SUBSTEPS_MAX;
-    let nearest = all
-        .by_ref()
-        .min_by(|a, b| (of(*a) - fall).abs().total_cmp(&(of(*b) - fall).abs()));
-    nearest.filter(|count| (of(*count) - fall).abs() < 0.03)
+    let off = |count: &u32| (fall_of(*count) - fall).abs();
+    let nearest = (1..=SUBSTEPS_MAX).min_by(|a, b| off(a).total_cmp(&off(b)));
+    nearest.filter(|count| off(count) < 0.03)
+}
+
+/// Falls that a velocity of some moment of the tick explains: from that of its end to that of its begin, but for rounding.
+const FALLS: std::ops::RangeInclusive<f64> = -0.05..=1.05;
+
+/// The share of g·t by which velocities are ahead of those with which ticks of so many substeps fall as far; none if they are
+/// those of some number of substeps.
+pub(crate) fn ahead(fall: f64, count: NonZeroU32) -> Option<f64> {
+    let is_other = substeps(fall).is_none() && FALLS.contains(&fall);
+    is_other.then(|| fall_of(count.get()) - fall)
 }
 
 /// Takes out what no scene can have; returns a sentence about each.
@@ -94,7 +120,11 @@ fn without_beyond(found: &mut Found, step_s: f64) -> Vec<String> {
 }
 
 /// Gives a recording the parameters that were found; a note for each that no scene can have, which stays as it was.
-pub(crate) fn apply(recording: &mut Recording, found: &Found) {
+///
+/// # Errors
+///
+/// [`RecordingError::Number`] if a state would have a number that is none.
+pub(crate) fn apply(recording: &mut Recording, found: &Found) -> Result<(), RecordingError> {
     let step_s = recording.integrator.rate.step().seconds();
     let mut found = found.clone();
     let notes = without_beyond(&mut found, step_s);
@@ -108,17 +138,17 @@ pub(crate) fn apply(recording: &mut Recording, found: &Found) {
         };
         recording.gravity = gravity.as_vec3();
     }
-    let count = found
-        .fall
-        .and_then(substeps)
-        .and_then(std::num::NonZeroU32::new);
+    let count = found.fall.and_then(substeps).and_then(NonZeroU32::new);
     recording.integrator.substeps = count.unwrap_or(recording.integrator.substeps);
     if let Some(kept) = found.kept {
         let [linear, angular] = kept.map(|kept| {
             let tick = kept.powf(step_s).min(1.0);
             let damping = (1.0 / tick - 1.0) / step_s;
-            // Below a thousandth a second it is noise.
-            if damping < 1e-3 { 0.0 } else { damping as f32 }
+            if damping < DAMPING_NOISE {
+                0.0
+            } else {
+                damping as f32
+            }
         });
         recording.damping.linear = linear;
         recording.damping.angular = angular;
@@ -139,77 +169,167 @@ pub(crate) fn apply(recording: &mut Recording, found: &Found) {
             }
         }
     }
-    own_velocities(recording, &found);
-    let centred = |observation: &mut Observation| {
-        if let Some(centre) = found.centres.get(&observation.id) {
-            let motion = observation.motion.motion();
-            let at = motion.pose().position + motion.pose().rotation * *centre;
-            let [_, _, _, x, y, z, w, vx, vy, vz, wx, wy, wz] = observation.motion.parts();
-            let moved = BodyState::new(
-                at.as_vec3().to_array(),
-                [x, y, z, w],
-                [vx, vy, vz],
-                [wx, wy, wz],
-            );
-            // Both are finite, and so is their sum.
-            observation.motion = moved.unwrap_or(observation.motion);
-        }
-    };
-    recording
-        .truth
-        .placed
-        .iter_mut()
-        .for_each(|placed| centred(&mut placed.observation));
-    recording.truth.ticks.iter_mut().flatten().for_each(centred);
+    let correction = Correction::new(recording, &found);
+    recorded::change_states(recording, |id, states| correction.states(id, states))?;
     set_digest(&mut recording.truth);
+    Ok(())
+}
+
+/// The moments of inertia that a file states.
+fn stated_moments(recording: &Recording) -> BTreeMap<BodyId, instants::Moments> {
+    let placed = recording.truth.placed.iter();
+    let stated = placed.filter_map(|placed| {
+        let id = placed.desc.id;
+        let known = || recording.inertias.get(&id).copied();
+        let inertia = placed.inertia.or_else(known)?;
+        let moments = instants::Moments {
+            moments: inertia.moments().map(f64::from),
+            axes: DQuat::from_array(inertia.frame().map(f64::from)).normalize(),
+        };
+        Some((id, moments))
+    });
+    stated.collect()
 }
 
 /// The inertia that a file states for a body, or else the one that was found; none of a body that keeps its spin.
 fn known_moments(recording: &Recording, found: &Found) -> BTreeMap<BodyId, instants::Moments> {
-    let of = |moments: [f64; 3], axes: DQuat| instants::Moments { moments, axes };
     let fitted = found.inertias.iter();
     let mut known: BTreeMap<BodyId, instants::Moments> = fitted
-        .map(|(id, (moments, axes))| (*id, of(*moments, *axes)))
+        .map(|(id, (moments, axes))| {
+            let (moments, axes) = (*moments, *axes);
+            (*id, instants::Moments { moments, axes })
+        })
         .collect();
-    for placed in &recording.truth.placed {
-        let id = placed.desc.id;
-        let stated = placed
-            .inertia
-            .or_else(|| recording.inertias.get(&id).copied());
-        if let Some(inertia) = stated.filter(|_| !found.constant.contains(&id)) {
-            let axes = DQuat::from_array(inertia.frame().map(f64::from)).normalize();
-            known.insert(id, of(inertia.moments().map(f64::from), axes));
-        }
-    }
+    let stated = stated_moments(recording).into_iter();
+    known.extend(stated.filter(|(id, _)| !found.constant.contains(id)));
     known
 }
 
-/// Shares of the velocities that stay after a tick.
-fn kept_in_tick(found: &Found, step_s: f64) -> Kept {
-    let [linear, angular] = found.kept.unwrap_or([1.0; 2]).map(|kept| kept.powf(step_s));
-    Kept { linear, angular }
+impl Found {
+    fn substeps(&self) -> f64 {
+        f64::from(self.fall.and_then(substeps).unwrap_or(1))
+    }
+
+    /// The share of the linear velocity that stays after a substep.
+    pub(crate) fn kept_in_substep(&self, step_s: f64) -> f64 {
+        let [kept, _] = self.kept.unwrap_or([1.0; 2]);
+        kept.powf(step_s / self.substeps())
+    }
+
+    /// The shares of its velocities by which a body moves in a tick, if each substep damps it first: the mean over substeps.
+    fn kept_on_the_way(&self, step_s: f64) -> Kept {
+        let count = self.substeps();
+        let [linear, angular] = self.kept.unwrap_or([1.0; 2]).map(|kept| {
+            let lost = 1.0 - kept.powf(step_s);
+            1.0 - lost * (count + 1.0) / (2.0 * count)
+        });
+        Kept { linear, angular }
+    }
 }
 
-/// Gives the free bodies of a recording the velocities that this project's step would have.
-fn own_velocities(recording: &mut Recording, found: &Found) {
-    if found.instants.is_own() {
-        return;
-    }
-    let step_s = recording.integrator.rate.step().seconds();
-    let known = known_moments(recording, found);
-    let kept = kept_in_tick(found, step_s);
-    let own = |observation: &mut Observation| {
-        let id = observation.id;
-        if !found.driven.contains(&id) {
-            let moments = known.get(&id).copied();
-            observation.motion = found
-                .instants
-                .own(&observation.motion, kept, moments, step_s);
+/// What makes recorded states those of centres of mass, with the velocities of this project's step.
+struct Correction<'a> {
+    found: &'a Found,
+    known: BTreeMap<BodyId, instants::Moments>,
+    kept: Kept,
+    step_s: f64,
+    /// Of velocities that are fitted: that by which a body is behind a parabola.
+    behind: Option<DVec3>,
+    /// Of bodies in flight: what is taken from their velocities.
+    ahead: DVec3,
+}
+
+/// Time over which a body is seen to be in flight, seconds: gravity moves it by more than a position is rounded.
+const SEEN_S: f64 = 1.0 / 60.0;
+
+impl<'a> Correction<'a> {
+    /// That by what was found of a recording, which has its gravity and substeps.
+    fn new(recording: &Recording, found: &'a Found) -> Self {
+        let step_s = recording.integrator.rate.step().seconds();
+        let is_fitted = recording.velocities == Velocities::Fitted;
+        let ahead = found
+            .fall
+            .and_then(|fall| ahead(fall, recording.integrator.substeps));
+        Self {
+            found,
+            known: known_moments(recording, found),
+            kept: found.kept_on_the_way(step_s),
+            step_s,
+            behind: is_fitted.then(|| recorded::behind(recording)),
+            ahead: found.gravity.unwrap_or_default() * (ahead.unwrap_or_default() * step_s),
         }
-    };
-    let placed = recording.truth.placed.iter_mut();
-    placed.for_each(|placed| own(&mut placed.observation));
-    recording.truth.ticks.iter_mut().flatten().for_each(own);
+    }
+
+    /// The states of a body in all frames of a stay.
+    fn states(&self, id: BodyId, states: &[BodyState]) -> Vec<BodyState> {
+        let centre = self.found.centres.get(&id);
+        let centred = centre.map(|centre| self.centred(states, *centre));
+        let mut states = centred.unwrap_or_else(|| states.to_vec());
+        if let Some(behind) = self.behind {
+            return recorded::fitted(&states, self.step_s, behind);
+        }
+        if self.found.driven.contains(&id) {
+            return states;
+        }
+        if !self.found.instants.is_own() {
+            let moments = self.known.get(&id).copied();
+            for state in &mut states {
+                *state = self
+                    .found
+                    .instants
+                    .own(state, self.kept, moments, self.step_s);
+            }
+        }
+        if self.ahead != DVec3::ZERO {
+            let flies: Vec<bool> = (0..states.len())
+                .map(|frame| self.flies(&states, frame))
+                .collect();
+            for (state, _) in states.iter_mut().zip(flies).filter(|(_, flies)| *flies) {
+                let twist = state.motion().twist();
+                *state = moved_to(state, position(state), twist.linear - self.ahead);
+            }
+        }
+        states
+    }
+
+    /// The states of the centre of mass, which is here in the body's axes.
+    fn centred(&self, states: &[BodyState], centre: DVec3) -> Vec<BodyState> {
+        let of = |state: &BodyState| {
+            let arm = rotation(state) * centre;
+            let twist = state.motion().twist();
+            let linear = match self.found.point {
+                VelocityPoint::Centre => twist.linear,
+                VelocityPoint::Origin => twist.linear + twist.angular.cross(arm),
+            };
+            moved_to(state, position(state) + arm, linear)
+        };
+        states.iter().map(of).collect()
+    }
+
+    /// True if a body accelerates by gravity alone.
+    fn flies(&self, states: &[BodyState], frame: usize) -> bool {
+        let reach = (SEEN_S / self.step_s).round().max(1.0) as usize;
+        let Some(last) = states
+            .len()
+            .checked_sub(1 + reach)
+            .filter(|last| *last >= reach)
+        else {
+            return false;
+        };
+        let frame = frame.clamp(reach, last);
+        let at = |frame: usize| position(&states[frame]);
+        let second = at(frame + reach) - 2.0 * at(frame) + at(frame - reach);
+        let time_s = self.step_s * reach as f64;
+        let fall = self.found.gravity.unwrap_or_default() * (time_s * time_s);
+        (second - fall).length() < fall.length() / 4.0
+    }
+}
+
+/// A state at another place, with another linear velocity. Both are finite, as what they are made of.
+fn moved_to(state: &BodyState, at: DVec3, linear: DVec3) -> BodyState {
+    let [_, _, _, x, y, z, w, _, _, _, wx, wy, wz] = state.parts();
+    let [at, linear] = [at, linear].map(|of| of.as_vec3().to_array());
+    BodyState::new(at, [x, y, z, w], linear, [wx, wy, wz]).unwrap_or(*state)
 }
 
 fn position(state: &BodyState) -> DVec3 {
@@ -352,26 +472,81 @@ fn alike(flights: Vec<(&BodyPath, Flight)>) -> (Vec<(&BodyPath, Flight)>, BTreeS
 
 /// Finds what the poses and velocities of free bodies say.
 pub(crate) fn find(recording: &Recording, paths: &[BodyPath]) -> Found {
-    let found = look(recording, paths);
-    if found.instants.is_own() {
-        return found;
-    }
-    let step_s = recording.integrator.rate.step().seconds();
-    let known = known_moments(recording, &found);
-    let kept = kept_in_tick(&found, step_s);
-    let own = |path: &BodyPath| {
-        let moments = known.get(&path.id).copied();
-        let own = |state| found.instants.own(state, kept, moments, step_s);
-        BodyPath {
-            id: path.id,
-            states: path.states.iter().map(own).collect(),
-            radius: path.radius,
+    let mut found = look(recording, paths);
+    if !found.centres.is_empty() {
+        if recording.velocities == Velocities::Recorded {
+            found.point = point(
+                paths,
+                &found.centres,
+                recording.integrator.rate.step().seconds(),
+            );
         }
+        let centred = Found {
+            instants: Instants::default(),
+            ..found.clone()
+        };
+        let again = look_again(recording, centred, paths);
+        found = Found {
+            centres: found.centres,
+            point: found.point,
+            ..again
+        };
+    }
+    if !found.instants.is_own() {
+        let again = look_again(recording, found.clone(), paths);
+        found = Found {
+            centres: found.centres,
+            point: found.point,
+            instants: found.instants,
+            ..again
+        };
+    }
+    found
+}
+
+/// Looks at the states that follow from what was found.
+fn look_again(recording: &Recording, found: Found, paths: &[BodyPath]) -> Found {
+    // What velocities are ahead is found from the others.
+    let correction = Correction {
+        ahead: DVec3::ZERO,
+        ..Correction::new(recording, &found)
+    };
+    let own = |path: &BodyPath| BodyPath {
+        id: path.id,
+        states: correction.states(path.id, &path.states),
+        radius: path.radius,
     };
     let own: Vec<BodyPath> = paths.iter().map(own).collect();
-    Found {
-        instants: found.instants,
-        ..look(recording, &own)
+    look(recording, &own)
+}
+
+/// The point to which velocities belong. That of a centre is by its spin and arm beside that of the recorded place, so that
+/// one of both is beside the way of the centre by what does not turn with the body.
+fn point(paths: &[BodyPath], centres: &BTreeMap<BodyId, DVec3>, step_s: f64) -> VelocityPoint {
+    let (mut both, mut spread) = (0.0, 0.0);
+    for path in paths {
+        let Some(centre) = centres.get(&path.id) else {
+            continue;
+        };
+        let arm = |state: &BodyState| rotation(state) * *centre;
+        let beside = |three: &[BodyState]| {
+            let [before, after] = [0, 2].map(|of| position(&three[of]) + arm(&three[of]));
+            let twist = three[1].motion().twist();
+            let off = (after - before) / (2.0 * step_s) - twist.linear;
+            [off, twist.angular.cross(arm(&three[1]))]
+        };
+        let all: Vec<[DVec3; 2]> = path.states.windows(3).map(beside).collect();
+        let mean = |of: usize| all.iter().map(|pair| pair[of]).sum::<DVec3>() / all.len() as f64;
+        let [off, turned] = [mean(0), mean(1)];
+        for pair in &all {
+            both += (pair[0] - off).dot(pair[1] - turned);
+            spread += (pair[1] - turned).length_squared();
+        }
+    }
+    if both > spread / 2.0 {
+        VelocityPoint::Origin
+    } else {
+        VelocityPoint::Centre
     }
 }
 
@@ -401,10 +576,11 @@ fn look(recording: &Recording, paths: &[BodyPath]) -> Found {
     let (flights, apart) = alike(flights.collect());
     found.driven = apart;
     let mut wandering = Vec::new();
+    let stated = stated_moments(recording);
     for (path, flight) in &flights {
         let pairs = pairs(&flight.free);
-        let kept = kept_spins(path, &pairs);
-        match moments(path, &pairs, median(kept).unwrap_or(1.0)) {
+        let kept = median(spins::kept_spins(path, &pairs)).unwrap_or(1.0);
+        match spins::moments(path, &pairs, kept) {
             Some(Moments::Unequal(moments, axes)) => {
                 found.inertias.insert(path.id, (moments, axes));
                 wandering.extend(
@@ -414,7 +590,10 @@ fn look(recording: &Recording, paths: &[BodyPath]) -> Found {
                 );
             }
             Some(Moments::Equal) => {
-                found.constant.insert(path.id);
+                let stated = stated.get(&path.id);
+                if stated.is_none_or(|of| spins::contradicts(path, &pairs, kept, of)) {
+                    found.constant.insert(path.id);
+                }
             }
             Some(Moments::Unexplained) => {
                 found.driven.insert(path.id);
@@ -427,20 +606,23 @@ fn look(recording: &Recording, paths: &[BodyPath]) -> Found {
             found.centres.insert(path.id, flight.centre);
         }
         let tensor = found.inertias.get(&path.id).copied();
-        let spins = pairs.iter();
+        let frames = pairs.iter();
         evidence
             .angular
-            .extend(spins.filter_map(|frame| kept_momentum(path, *frame, tensor)));
+            .extend(frames.filter_map(|frame| spins::kept_momentum(path, *frame, tensor)));
         evidence.take(path, &pairs, flight, step_s);
     }
     let Some(kept) = evidence.kept(recording.velocities) else {
         return found;
     };
+    if recording.velocities == Velocities::Recorded {
+        found.fall = median(evidence.falls.clone());
+    }
     found.gravity = evidence.gravity(recording.velocities, kept.linear, step_s);
     found.kept = Some([kept.linear, kept.angular].map(|kept| kept.powf(1.0 / step_s)));
-    found.fall = median(evidence.falls);
     if recording.velocities == Velocities::Recorded {
-        let first = if evidence.damped > 0 {
+        let is_damped = -kept.linear.ln() > DAMPING_NOISE * step_s;
+        let first = if is_damped && evidence.damped > 0 {
             First::Damped
         } else {
             First::Moved
@@ -449,16 +631,6 @@ fn look(recording: &Recording, paths: &[BodyPath]) -> Found {
         found.instants = Instants::new(first, wandering.into_iter().filter_map(share).collect());
     }
     found
-}
-
-/// Shares of its angular momentum that a body keeps, by the moments that fit it without damping.
-fn kept_spins(path: &BodyPath, pairs: &[usize]) -> Vec<f64> {
-    // The first moments tell the damping of the spin, and that tells the moments.
-    let tensor = moments(path, pairs, 1.0).and_then(Moments::tensor);
-    let pairs = pairs.iter();
-    pairs
-        .filter_map(|frame| kept_momentum(path, *frame, tensor))
-        .collect()
 }
 
 impl Evidence {
@@ -475,12 +647,16 @@ impl Evidence {
             return;
         }
         let lost = 1.0 - kept;
-        let first = instants::first(&falls, lost);
+        let (first, given) = if flight.damping > DAMPING_NOISE {
+            let given = instants::given(&falls);
+            (instants::first(given, lost), given)
+        } else {
+            (First::Moved, 0.0)
+        };
         self.damped += if first == First::Damped { 1 } else { -1 };
-        // Of those that damp first the way that damping takes is no part of the fall.
-        let share = if first == First::Damped { lost } else { 0.0 };
-        self.falls
-            .extend(falls.iter().map(|fall| fall.beside + share * fall.way));
+        // The way that damping takes is no part of the fall.
+        let fall = |fall: &Fall| fall.beside - given * fall.way;
+        self.falls.extend(falls.iter().map(fall));
     }
 
     /// The part of a velocity that stays after a tick; `None` if nothing was said.
@@ -552,143 +728,6 @@ fn pairs(free: &[usize]) -> Vec<usize> {
         .collect()
 }
 
-enum Moments {
-    Equal,
-    Unequal([f64; 3], DQuat),
-    /// The spin changes as that of no free body does.
-    Unexplained,
-}
-
-impl Moments {
-    const fn tensor(self) -> Option<([f64; 3], DQuat)> {
-        match self {
-            Self::Equal | Self::Unexplained => None,
-            Self::Unequal(moments, axes) => Some((moments, axes)),
-        }
-    }
-}
-
-/// Moments that differ by less than this share count as equal.
-const EQUAL_SHARE: f64 = 0.01;
-
-/// Change of a spin in a frame, as a share of it, that is the rounding of an engine in single precision.
-const KEPT_SPIN: f64 = 1e-5;
-
-/// Square of the change of a spin in a frame, as a share of it, that moments need not explain.
-const CHANGE_MIN: f64 = 1e-8;
-
-/// Part of that change that moments may leave unexplained: integrators keep momentum within far less.
-const UNEXPLAINED_MOST: f64 = 0.1;
-
-/// The square of a tensor's momentum, or of its change, by the sums of their products.
-fn quadratic(matrix: &[[f64; 6]; 6], tensor: &[f64; 6]) -> f64 {
-    let rows = matrix.iter().zip(tensor);
-    rows.map(|(row, of)| of * row.iter().zip(tensor).map(|(a, b)| a * b).sum::<f64>())
-        .sum()
-}
-
-/// The moments of inertia with which a body keeps this share of its angular momentum in a frame.
-fn moments(path: &BodyPath, pairs: &[usize], kept: f64) -> Option<Moments> {
-    let mut matrix = [[0.0; 6]; 6];
-    let mut whole = [[0.0; 6]; 6];
-    let mut spins = 0.0;
-    for frame in pairs {
-        let [a, b] = [*frame, frame + 1].map(|frame| momentum_rows(&path.states[frame]));
-        for axis in 0..3 {
-            let row: [f64; 6] = std::array::from_fn(|part| b[part][axis] - kept * a[part][axis]);
-            for (i, line) in matrix.iter_mut().enumerate() {
-                for (j, cell) in line.iter_mut().enumerate() {
-                    *cell += row[i] * row[j];
-                    whole[i][j] += a[i][axis] * a[j][axis];
-                }
-            }
-        }
-        let spin = path.states[*frame].motion().twist().angular;
-        spins += spin.length_squared();
-    }
-    if pairs.len() < FREE_MIN || spins / (pairs.len() as f64) < 1e-4 {
-        return None;
-    }
-    if keeps_spin(path, pairs) {
-        return Some(Moments::Equal);
-    }
-    let plain = matrix;
-    let change = |tensor: &[f64; 6]| quadratic(&plain, tensor) / quadratic(&whole, tensor);
-    let of_equal = change(&[1.0, 1.0, 1.0, 0.0, 0.0, 0.0]);
-    // Moments that the spin does not tell are taken as equal.
-    let pull = 1e-9 * spins;
-    for (i, line) in matrix.iter_mut().enumerate() {
-        for (j, cell) in line.iter_mut().enumerate() {
-            let same = f64::from(u8::from(i == j));
-            let mean = if i < 3 && j < 3 { 1.0 / 3.0 } else { 0.0 };
-            *cell += pull * (same - mean);
-        }
-    }
-    let tensor = least_eigenvector(matrix);
-    let left = change(&tensor);
-    // A spin along one axis says nothing of the others: its tensor has no momentum, and NaN explains nothing.
-    let is_explained = left <= UNEXPLAINED_MOST * of_equal;
-    if of_equal > CHANGE_MIN && !is_explained {
-        return Some(Moments::Unexplained);
-    }
-    let [xx, yy, zz, xy, xz, yz] = tensor;
-    let trace = xx + yy + zz;
-    if trace.abs() < 1e-9 {
-        return None;
-    }
-    let tensor = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]].map(|row| row.map(|part| part / trace));
-    let (moments, axes) = principal_axes(tensor);
-    let greatest = moments.into_iter().fold(f64::MIN, f64::max);
-    let least = moments.into_iter().fold(f64::MAX, f64::min);
-    if greatest - least <= EQUAL_SHARE * greatest {
-        return Some(Moments::Equal);
-    }
-    // No body has a moment beyond the sum of the others.
-    (least > 0.0 && 2.0 * greatest <= 1.1).then_some(Moments::Unequal(moments, axes))
-}
-
-/// True for a spin about one axis of the world, but for rounding: any moments would do.
-fn keeps_spin(path: &BodyPath, pairs: &[usize]) -> bool {
-    let spin = |frame: usize| path.states[frame].motion().twist().angular;
-    let (mut before, mut both, mut after) = (0.0, 0.0, 0.0);
-    for frame in pairs {
-        let [a, b] = [spin(*frame), spin(frame + 1)];
-        before += a.length_squared();
-        both += a.dot(b);
-        after += b.length_squared();
-    }
-    // The second spins without their best share of the first ones.
-    after - both * both / before <= KEPT_SPIN * KEPT_SPIN * before
-}
-
-/// Angular momentum in the world for each part of a tensor: xx, yy, zz, xy, xz, yz.
-fn momentum_rows(state: &BodyState) -> [DVec3; 6] {
-    let turn = rotation(state);
-    let w = turn.conjugate() * state.motion().twist().angular;
-    let parts = [
-        DVec3::new(w.x, 0.0, 0.0),
-        DVec3::new(0.0, w.y, 0.0),
-        DVec3::new(0.0, 0.0, w.z),
-        DVec3::new(w.y, w.x, 0.0),
-        DVec3::new(w.z, 0.0, w.x),
-        DVec3::new(0.0, w.z, w.y),
-    ];
-    parts.map(|part| turn * part)
-}
-
-/// The share of its angular momentum that a body keeps in a frame.
-fn kept_momentum(path: &BodyPath, frame: usize, tensor: Option<([f64; 3], DQuat)>) -> Option<f64> {
-    let momentum = |frame: usize| {
-        let state = &path.states[frame];
-        let (moments, axes) = tensor.unwrap_or(([1.0; 3], DQuat::IDENTITY));
-        let turn = rotation(state) * axes;
-        let spin = turn.conjugate() * state.motion().twist().angular;
-        (spin * DVec3::from_array(moments)).length()
-    };
-    let before = momentum(frame);
-    (before > 1e-3).then(|| momentum(frame + 1) / before)
-}
-
 /// The falls of a body in these frames; none where it hardly falls.
 fn falls(path: &BodyPath, pairs: &[usize], flight: &Flight, step_s: f64) -> Vec<Fall> {
     let strength = flight.acceleration.length();
@@ -709,44 +748,4 @@ fn falls(path: &BodyPath, pairs: &[usize], flight: &Flight, step_s: f64) -> Vec<
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::recording::recorded::tests::recording;
-
-    #[test]
-    fn what_no_scene_can_have_is_not_taken_and_said() {
-        let before = recording(20);
-        let id = before.truth.placed[0].desc.id;
-        let wild = [
-            Found {
-                gravity: Some(DVec3::new(0.0, -2e3, 0.0)),
-                ..Found::default()
-            },
-            Found {
-                gravity: Some(DVec3::NAN),
-                ..Found::default()
-            },
-            Found {
-                kept: Some([1.0, 0.0]),
-                ..Found::default()
-            },
-            Found {
-                kept: Some([f64::NAN, 1.0]),
-                ..Found::default()
-            },
-            Found {
-                centres: BTreeMap::from([(id, DVec3::splat(1e300))]),
-                ..Found::default()
-            },
-        ];
-        for found in wild {
-            let mut recording = before.clone();
-            apply(&mut recording, &found);
-            assert_eq!(recording.gravity, before.gravity, "{found:?}");
-            assert_eq!(recording.damping, before.damping, "{found:?}");
-            assert_eq!(recording.truth.digest, before.truth.digest, "{found:?}");
-            let notes = recording.notes.len() - before.notes.len();
-            assert_eq!(notes, 1, "{found:?}");
-        }
-    }
-}
+mod tests;

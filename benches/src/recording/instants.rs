@@ -103,11 +103,16 @@ pub(crate) struct Fall {
     pub(crate) way: f64,
 }
 
-/// The engine's first act in a tick, by a body's falls; `lost`: the share of its velocity that a tick's damping takes.
-pub(crate) fn first(falls: &[Fall], lost: f64) -> First {
+/// The share of its way that damping gives a body in a tick, as its falls say: below zero, as it takes it.
+pub(crate) fn given(falls: &[Fall]) -> f64 {
     let pairs: Vec<(f64, f64)> = falls.iter().map(|fall| (fall.beside, fall.way)).collect();
-    let slope = slope(&pairs);
-    if (slope + lost).abs() < slope.abs() {
+    slope(&pairs)
+}
+
+/// What comes first in a tick in which damping takes the share `lost` of the velocity. Of n substeps it takes (n + 1) / 2n of
+/// that from the way if it comes first, and (n - 1) / 2n if the way does.
+pub(crate) fn first(given: f64, lost: f64) -> First {
+    if (given + lost).abs() < given.abs() {
         First::Damped
     } else {
         First::Moved

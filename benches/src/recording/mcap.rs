@@ -30,7 +30,10 @@ pub fn read(name: &str, bytes: &[u8], options: &ReadOptions) -> Result<Recording
     outline.check_begun(bytes.len())?;
     let loads = loads(&outline);
     let mut recording = if loads.is_empty() {
-        foxglove::read(name, bytes, &outline, options)?
+        let mut recording = foxglove::read(name, bytes, &outline, options)?;
+        let unused = options.note_unused("messages", &["--load"]);
+        recording.notes.extend(unused);
+        recording
     } else {
         let load = options.choose(&loads)?;
         let mut recording = of_states(bytes, &outline, load)?;
@@ -300,15 +303,14 @@ impl Building {
         self.has_velocities &= states.is_exact || states.observed.is_empty();
         let tick = Tick::new(since);
         let mut row = states.observed;
-        for id in states.removed.iter().map(|(_, id)| *id) {
-            // A body that was placed and removed between two messages is unknown.
-            if self.there.remove(&id).is_some() {
-                self.truth.removed.push((tick, id));
-            }
-        }
+        let gone = states.removed.iter().map(|(_, id)| *id);
+        let (gone, new): (Vec<_>, Vec<_>) = gone.partition(|id| self.there.contains_key(id));
+        gone.into_iter().for_each(|id| self.remove(tick, id));
         for placed in states.placed {
             self.place(Placed { tick, ..placed }, &mut row);
         }
+        // A body that was placed and removed between two messages may be unknown.
+        new.into_iter().for_each(|id| self.remove(tick, id));
         if is_first {
             return Ok(());
         }
@@ -341,19 +343,28 @@ impl Building {
         self.there.contains_key(&observation.id) || removed().any(|(_, id)| *id == observation.id)
     }
 
+    fn remove(&mut self, tick: Tick, id: BodyId) {
+        if self.there.remove(&id).is_some() {
+            self.truth.removed.push((tick, id));
+        }
+    }
+
     /// Places a body. A body that exists already moves to its new place, or is exchanged if it has changed.
     fn place(&mut self, placed: Placed, row: &mut Vec<Observation>) {
         let id = placed.desc.id;
         if let Some(known) = self.there.get(&id) {
-            let known = &self.truth.placed[*known];
+            let known = &mut self.truth.placed[*known];
             let is_same = known.shape == placed.shape && known.desc == placed.desc;
+            row.retain(|observation| observation.id != id);
             if is_same && known.inertia == placed.inertia {
-                row.retain(|observation| observation.id != id);
                 row.push(placed.observation);
                 return;
             }
-            row.retain(|observation| observation.id != id);
-            self.truth.removed.push((placed.tick, id));
+            if known.tick == placed.tick {
+                *known = placed;
+                return;
+            }
+            self.remove(placed.tick, id);
         }
         self.there.insert(id, self.truth.placed.len());
         self.truth.placed.push(placed);

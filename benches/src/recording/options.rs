@@ -77,6 +77,9 @@ impl FromStr for ShapeChoice {
     }
 }
 
+/// Most bodies that a sentence names.
+const NAMED_MAX: usize = 5;
+
 impl ReadOptions {
     /// The requested load, or the first.
     pub(super) fn choose<'a>(&self, loads: &'a [String]) -> Result<&'a str, RecordingError> {
@@ -114,8 +117,44 @@ impl ReadOptions {
         (!flags.is_empty()).then(note)
     }
 
-    /// The shape of a body that has none in the file: a ball of 10 cm, unless one is chosen.
-    pub(super) fn shape(&self, body: &str) -> Shape {
+    /// A sentence on shapes of bodies that the file has not.
+    pub(super) fn note_of_shapes(&self, bodies: &[&str]) -> Option<String> {
+        let named = self
+            .shapes
+            .iter()
+            .filter_map(|choice| choice.body.as_deref());
+        let unknown: Vec<&str> = named.filter(|name| !bodies.contains(name)).collect();
+        let known = bodies[..bodies.len().min(NAMED_MAX)].join(", ");
+        (!unknown.is_empty()).then(|| {
+            format!(
+                "--shape is not used for {}: the file has no body of that name, but {known}{}",
+                unknown.join(", "),
+                if bodies.len() > NAMED_MAX {
+                    " and others"
+                } else {
+                    ""
+                }
+            )
+        })
+    }
+
+    /// A sentence on what the caller states and files of a form do not ask for; `used`: what they do.
+    pub(super) fn note_unused(&self, form: &str, used: &[&str]) -> Option<String> {
+        let stated = [
+            ("--load", self.load.is_some()),
+            ("--quaternion", self.quaternion.is_some()),
+            ("--unit", self.unit.is_some()),
+            ("--bvh-positions", self.positions.is_some()),
+        ];
+        let unused = stated
+            .iter()
+            .filter(|(flag, is_stated)| *is_stated && !used.contains(flag));
+        let flags: Vec<&str> = unused.map(|(flag, _)| *flag).collect();
+        (!flags.is_empty()).then(|| format!("{form} do not use this: {}", flags.join(", ")))
+    }
+
+    /// The shape that is chosen for a body.
+    pub(super) fn chosen(&self, body: &str) -> Option<&Shape> {
         let of_body = |choice: &&ShapeChoice| choice.body.as_deref() == Some(body);
         let of_all = |choice: &&ShapeChoice| choice.body.is_none();
         let mut choices = self.shapes.iter();
@@ -123,7 +162,13 @@ impl ReadOptions {
             .clone()
             .find(of_body)
             .or_else(|| choices.find(of_all));
-        chosen.map_or(Shape::Ball { radius: 0.1 }, |choice| choice.shape.clone())
+        chosen.map(|choice| &choice.shape)
+    }
+
+    /// The shape of a body that has none in the file: a ball of 10 cm, unless one is chosen.
+    pub(super) fn shape(&self, body: &str) -> Shape {
+        let chosen = self.chosen(body).cloned();
+        chosen.unwrap_or(Shape::Ball { radius: 0.1 })
     }
 }
 

@@ -3,7 +3,7 @@
 //! Rotations are checked and continue their sign. A gap of up to three frames is filled, a longer one takes the body away
 //! until its next pose. A body with one pose alone is static.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use glam::{DQuat, DVec3, Vec3};
 use rhumb_protocol::limits::BODIES_MAX;
@@ -14,6 +14,7 @@ use rhumb_reckoning::{BodyId, BodyState, Damping, Inertia, Integrator, Rate, Tic
 use super::error::{Place, RecordingError, RowDefect};
 use super::options::{MissingPoses, ReadOptions, rate_of_step};
 use super::recorded::{self, FRAMES_MAX, Recording, Velocities, activity_from_records, set_digest};
+use super::stays::{FILLED_MAX, FramedPose, Path, Removal, Removals, Stay, stays};
 use crate::record::{Placed, Truth};
 
 /// Largest distance of a time from its frame, as a share of a step.
@@ -22,10 +23,10 @@ const JITTER_MAX: f64 = 0.25;
 const TIMES_ROUNDED_NS: f64 = 10.0;
 /// Distance of a quaternion's length from one that counts as rounded.
 const LENGTH_SLACK: f64 = 1e-3;
-/// Missing frames that are filled.
-const FILLED_MAX: u64 = 3;
 /// Most poses that are made for each that is recorded, in a recording whose made poses are more than the most frames.
 const MADE_MAX: u64 = 16;
+/// Most frames that a sentence names.
+const FRAMES_NAMED: usize = 5;
 /// Distance from zero, metres, beyond which single precision knows no centimetres.
 const POSITION_MAX_M: f64 = 1e6;
 
@@ -34,12 +35,13 @@ const POSITION_MAX_M: f64 = 1e6;
 pub(super) struct TimedPoses {
     pub(super) bodies: Vec<RecordedBody>,
     pub(super) poses: Vec<TimedPose>,
-    /// Moments at which bodies were removed, nanoseconds.
-    pub(super) removals: Vec<(i64, usize)>,
+    pub(super) removals: Vec<Removal>,
     /// True if a body stays until it is removed, whatever its poses.
     pub(super) persist: bool,
     /// Sentences on what the file has and the recording has not.
     pub(super) left_out: Vec<String>,
+    /// The frames that poses are said to be of.
+    frames: BTreeSet<String>,
     /// The velocities that the file has in part only, so that they are not used.
     pub(super) part_of_velocities: Option<String>,
     numbers: BTreeMap<String, usize>,
@@ -55,6 +57,8 @@ pub(super) struct RecordedBody {
     pub(super) shape: Option<Shape>,
     /// Its moments of inertia, if the file has them.
     pub(super) inertia: Option<Inertia>,
+    /// The number of those that are removed together, if it is one of them.
+    pub(super) group: Option<usize>,
 }
 
 /// A file has more bodies than a scene.
@@ -91,14 +95,23 @@ pub(super) struct TimedPose {
     pub(super) place: Place,
 }
 
-/// A body's poses by frame.
-type Path = BTreeMap<u64, FramedPose>;
+impl TimedPose {
+    /// True if it says the same of the body.
+    fn is_as(&self, other: &Self) -> bool {
+        let said = |pose: &Self| (pose.position, pose.rotation, pose.velocity);
+        said(self) == said(other)
+    }
 
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct FramedPose {
-    position: DVec3,
-    rotation: DQuat,
-    velocity: Option<[DVec3; 2]>,
+    /// The error that another pose of the body is of the same time.
+    fn contradicts(&self, bodies: &[RecordedBody], other: &Place) -> RecordingError {
+        RecordingError::Row {
+            place: self.place.clone(),
+            defect: RowDefect::Contradiction {
+                body: bodies[self.body].name.clone(),
+                other: Box::new(other.clone()),
+            },
+        }
+    }
 }
 
 /// Poses by body and frame.
@@ -106,8 +119,7 @@ struct Framed {
     paths: Vec<Path>,
     /// The last frame.
     last: u64,
-    /// The frames at which bodies were removed.
-    gone: Vec<(u64, usize)>,
+    removals: Removals,
 }
 
 impl TimedPoses {
@@ -120,18 +132,62 @@ impl TimedPoses {
         if let Some(number) = self.numbers.get(name) {
             return Ok(*number);
         }
+        let number = self.new_body(name, parent)?;
+        self.numbers.insert(name.to_owned(), number);
+        Ok(number)
+    }
+
+    /// The number of a new body, which its name alone does not find again.
+    pub(super) fn new_body(
+        &mut self,
+        name: &str,
+        parent: Option<&str>,
+    ) -> Result<usize, TooManyBodies> {
         let number = self.bodies.len();
         if number >= BODIES_MAX as usize {
             return Err(TooManyBodies);
         }
-        self.numbers.insert(name.to_owned(), number);
         self.bodies.push(RecordedBody {
             name: name.to_owned(),
             parent: parent.map(str::to_owned),
             shape: None,
             inertia: None,
+            group: None,
         });
         Ok(number)
+    }
+
+    /// Takes the name of the frame of a pose.
+    pub(super) fn of_frame(&mut self, frame: &str) {
+        if !self.frames.contains(frame) {
+            self.frames.insert(frame.to_owned());
+        }
+    }
+
+    /// A sentence if poses are of several frames that no transform connects.
+    fn frames_note(&self) -> Option<String> {
+        let parents = self.bodies.iter().filter_map(|body| body.parent.as_deref());
+        let roots = parents.filter(|parent| !self.numbers.contains_key(*parent));
+        let frames: BTreeSet<&str> = roots
+            .chain(self.frames.iter().map(String::as_str))
+            .collect();
+        let named: Vec<&str> = frames
+            .into_iter()
+            .filter(|frame| !frame.is_empty())
+            .collect();
+        (named.len() > 1).then(|| {
+            let more = match named.len().saturating_sub(FRAMES_NAMED) {
+                0 => String::new(),
+                more => format!(" and {more} more"),
+            };
+            let named = named[..named.len().min(FRAMES_NAMED)].join(", ");
+            format!("poses are of the frames {named}{more}, and are taken as of one")
+        })
+    }
+
+    /// The number of a body of this name, if it is known.
+    pub(super) fn known(&self, name: &str) -> Option<usize> {
+        self.numbers.get(name).copied()
     }
 
     /// The recording of these poses.
@@ -153,7 +209,7 @@ impl TimedPoses {
         let framed = self.frame(rate)?;
         let has_velocities = self.poses.iter().all(|pose| pose.velocity.is_some());
         let paths = self.in_world(framed.paths)?;
-        let truth = self.truth(paths, (framed.last, &framed.gone), options)?;
+        let truth = self.truth(paths, (framed.last, &framed.removals), options)?;
         let mut recording = Recording {
             name: name.to_owned(),
             played: None,
@@ -186,18 +242,27 @@ impl TimedPoses {
             };
             let is_far = pose.position.abs().max_element() > POSITION_MAX_M;
             if !pose.position.is_finite() || is_far {
-                return Err(defect(RowDefect::OutOfRange { of: "position" }));
+                return Err(defect(RowDefect::OutOfRange {
+                    of: "position",
+                    most: Some("1e6 m from zero"),
+                }));
             }
             let length = pose.rotation.length();
             if !length.is_finite() {
-                return Err(defect(RowDefect::OutOfRange { of: "rotation" }));
+                return Err(defect(RowDefect::OutOfRange {
+                    of: "rotation",
+                    most: None,
+                }));
             }
             if (length - 1.0).abs() > LENGTH_SLACK {
                 return Err(defect(RowDefect::Rotation { length }));
             }
             let velocities = pose.velocity.iter().flatten();
             if !velocities.clone().all(|velocity| velocity.is_finite()) {
-                return Err(defect(RowDefect::OutOfRange { of: "velocity" }));
+                return Err(defect(RowDefect::OutOfRange {
+                    of: "velocity",
+                    most: None,
+                }));
             }
             pose.rotation = pose.rotation.normalize();
         }
@@ -243,11 +308,19 @@ impl TimedPoses {
             by_body.entry(pose.body).or_default().push(pose);
         }
         let mut runs = Vec::new();
+        let mut contradictions = Contradictions::default();
         for mut of_body in by_body.into_values() {
             of_body.sort_by_key(|pose| pose.at_ns);
-            of_body.dedup_by_key(|pose| pose.at_ns);
+            of_body.dedup_by(|again, pose| {
+                let is_again = again.at_ns == pose.at_ns;
+                if is_again && !again.is_as(pose) {
+                    contradictions.add(again, pose);
+                }
+                is_again
+            });
             runs.extend(frames.runs(of_body));
         }
+        self.left_out.extend(contradictions.note());
         let made = runs.iter().map(|run| frames.count(run));
         let made = made.fold(0, u64::saturating_add);
         if made > most {
@@ -307,7 +380,7 @@ impl TimedPoses {
         let step_ns = rate.step().seconds() * 1e9;
         let steps = |at_ns: i64| at_ns.abs_diff(begun_ns) as f64 / step_ns;
         let mut paths: Vec<Path> = vec![Path::new(); self.bodies.len()];
-        let mut places: BTreeMap<(usize, u64), &Place> = BTreeMap::new();
+        let mut known: BTreeMap<(usize, u64), &TimedPose> = BTreeMap::new();
         let (mut last, mut worst) = (0, None);
         for pose in &self.poses {
             let exact = steps(pose.at_ns);
@@ -326,12 +399,15 @@ impl TimedPoses {
             if paths[pose.body].get(&frame) == Some(&framed) {
                 continue;
             }
-            if let Some(other) = places.insert((pose.body, frame), &pose.place) {
+            if let Some(other) = known.insert((pose.body, frame), pose) {
+                if other.at_ns == pose.at_ns {
+                    return Err(pose.contradicts(&self.bodies, &other.place));
+                }
                 return Err(RecordingError::Row {
                     place: pose.place.clone(),
                     defect: RowDefect::Twice {
                         body: self.bodies[pose.body].name.clone(),
-                        other: Box::new(other.clone()),
+                        other: Box::new(other.place.clone()),
                     },
                 });
             }
@@ -351,12 +427,16 @@ impl TimedPoses {
             let frames = u32::try_from(last).unwrap_or(u32::MAX);
             return Err(RecordingError::Frames { frames });
         }
-        let removals = self.removals.iter();
-        let gone = removals.map(|(at_ns, body)| (steps(*at_ns).round() as u64, *body));
+        // Before the first pose nothing is removed.
+        let removals = self
+            .removals
+            .iter()
+            .filter(|removal| removal.at_ns >= begun_ns);
+        let removals = removals.map(|removal| (removal, steps(removal.at_ns).round() as u64));
         Ok(Framed {
             paths,
             last,
-            gone: gone.collect(),
+            removals: Removals::new(removals),
         })
     }
 
@@ -402,7 +482,7 @@ impl TimedPoses {
     fn truth(
         &self,
         paths: Vec<Path>,
-        (frames, gone): (u64, &[(u64, usize)]),
+        (frames, removals): (u64, &Removals),
         options: &ReadOptions,
     ) -> Result<Truth, RecordingError> {
         let mut truth = Truth {
@@ -415,16 +495,15 @@ impl TimedPoses {
                 .shape
                 .clone()
                 .unwrap_or_else(|| options.shape(&body.name));
-            let removed: Vec<u64> = gone
-                .iter()
-                .filter(|(_, of)| *of == number)
-                .map(|(at, _)| *at)
-                .collect();
-            let stays = options.missing == MissingPoses::Hold || self.persist;
-            let lives = lives(path, frames, stays, &removed);
-            for (generation, life) in lives.into_iter().enumerate() {
-                let id = BodyId::new(number as u32, u16::try_from(generation).unwrap_or(u16::MAX));
-                add(&mut truth, id, (&shape, body.inertia), life)?;
+            let persists = options.missing == MissingPoses::Hold || self.persist;
+            let stays = stays(path, frames, persists, removals.of(number, body.group));
+            if stays.len() > usize::from(u16::MAX) + 1 {
+                let body = body.name.clone();
+                return Err(RecordingError::Stays { body });
+            }
+            for (generation, stay) in (0..=u16::MAX).zip(stays) {
+                let id = BodyId::new(number as u32, generation);
+                add(&mut truth, id, (&shape, body.inertia), stay)?;
             }
         }
         truth
@@ -445,7 +524,9 @@ impl TimedPoses {
         if options.resample.is_some() {
             taken.push("poses between those of the file");
         }
-        if self.bodies.iter().any(|body| body.shape.is_none()) && options.shapes.is_empty() {
+        let has_shape =
+            |body: &RecordedBody| body.shape.is_some() || options.chosen(&body.name).is_some();
+        if !self.bodies.iter().all(has_shape) {
             taken.push("a ball of 0.1 m for each body (--shape)");
         }
         if options.gravity.is_none() {
@@ -459,6 +540,9 @@ impl TimedPoses {
             None => {}
         }
         notes.extend(self.left_out.iter().cloned());
+        notes.extend(self.frames_note());
+        let names: Vec<&str> = self.bodies.iter().map(|body| body.name.as_str()).collect();
+        notes.extend(options.note_of_shapes(&names));
         if !taken.is_empty() {
             notes.push(format!(
                 "the file does not say it, so this is taken: {}",
@@ -466,6 +550,32 @@ impl TimedPoses {
             ));
         }
         notes
+    }
+}
+
+/// Poses of a time that has another one already.
+#[derive(Default)]
+struct Contradictions {
+    count: usize,
+    /// The greatest distance, metres, with its place.
+    worst: Option<(f64, Place)>,
+}
+
+impl Contradictions {
+    fn add(&mut self, pose: &TimedPose, first: &TimedPose) {
+        self.count += 1;
+        let apart = (pose.position - first.position).length();
+        if self.worst.as_ref().is_none_or(|(most, _)| apart > *most) {
+            self.worst = Some((apart, pose.place.clone()));
+        }
+    }
+
+    fn note(self) -> Option<String> {
+        let (apart, place) = self.worst?;
+        Some(format!(
+            "{} poses are of a time that has another one of the body, up to {apart:.4} m apart, as that of {place}: the first counts",
+            self.count
+        ))
     }
 }
 
@@ -568,7 +678,7 @@ fn composed(path: &Path, above: &Path) -> Path {
     let frames = path
         .keys()
         .chain(above.range(first..).map(|(frame, _)| frame));
-    let frames: std::collections::BTreeSet<u64> = frames.copied().collect();
+    let frames: BTreeSet<u64> = frames.copied().collect();
     let at = |path: &Path, frame: u64| {
         let before = path.range(..=frame).next_back();
         before.or_else(|| path.iter().next()).map(|(_, pose)| *pose)
@@ -587,92 +697,15 @@ fn composed(path: &Path, above: &Path) -> Path {
     frames.into_iter().filter_map(pose).collect()
 }
 
-/// One stay of a body: its poses, and the frame after which it is gone.
-struct Life {
-    path: Path,
-    gone: Option<u64>,
-    is_static: bool,
-}
-
-/// The stays of a body between its gaps.
-fn lives(path: Path, frames: u64, stays: bool, removed: &[u64]) -> Vec<Life> {
-    let is_static = path.len() == 1 && removed.is_empty();
-    let mut lives: Vec<Life> = Vec::new();
-    let mut last: Option<(u64, FramedPose)> = None;
-    for (frame, mut pose) in path {
-        // The sign of a quaternion says nothing; neighbours have like signs.
-        if let Some((_, before)) = last
-            && before.rotation.dot(pose.rotation) < 0.0
-        {
-            pose.rotation = -pose.rotation;
-        }
-        let goes_on = last.is_some_and(|(before, _)| {
-            let is_removed = removed.iter().any(|at| (before + 1..=frame).contains(at));
-            !is_removed && (stays || frame - before <= FILLED_MAX + 1)
-        });
-        if let (true, Some(life), Some((before, from))) = (goes_on, lives.last_mut(), last) {
-            if !stays {
-                life.path.extend(filled((before, from), (frame, pose)));
-            }
-            life.path.insert(frame, pose);
-        } else {
-            lives.push(Life {
-                path: Path::from([(frame, pose)]),
-                gone: None,
-                is_static,
-            });
-        }
-        last = Some((frame, pose));
-    }
-    let begins: Vec<u64> = lives
-        .iter()
-        .filter_map(|life| life.path.keys().next().copied())
-        .collect();
-    for (number, life) in lives.iter_mut().enumerate() {
-        let end = life.path.keys().next_back().copied().unwrap_or_default();
-        let next = begins.get(number + 1).copied();
-        let is_removed = removed
-            .iter()
-            .find(|at| **at > end && next.is_none_or(|next| **at <= next));
-        life.gone = match (is_removed, next) {
-            (Some(at), _) => Some(at.saturating_sub(1).max(end)),
-            (None, Some(_)) => Some(end),
-            (None, None) => (!stays && !is_static && end < frames).then_some(end),
-        };
-        life.gone = life.gone.filter(|gone| *gone < frames);
-    }
-    lives
-}
-
-/// The poses between two frames: on a line, and on the shortest arc.
-fn filled(
-    (from, a): (u64, FramedPose),
-    (to, b): (u64, FramedPose),
-) -> impl Iterator<Item = (u64, FramedPose)> {
-    (from + 1..to).map(move |frame| {
-        let share = (frame - from) as f64 / (to - from) as f64;
-        let velocity = a
-            .velocity
-            .zip(b.velocity)
-            .map(|([v, w], [x, y])| [v.lerp(x, share), w.lerp(y, share)]);
-        let pose = FramedPose {
-            position: a.position.lerp(b.position, share),
-            rotation: a.rotation.slerp(b.rotation, share),
-            velocity,
-        };
-        (frame, pose)
-    })
-}
-
 /// Adds one stay of a body.
 fn add(
     truth: &mut Truth,
     id: BodyId,
     (shape, inertia): (&Shape, Option<Inertia>),
-    life: Life,
+    stay: Stay,
 ) -> Result<(), RecordingError> {
     let mut last = None;
-    for (frame, pose) in life.path {
+    for (frame, pose) in stay.path {
         let tick = Tick::new(frame);
         let [linear, angular] = pose.velocity.unwrap_or_default();
         let motion = BodyState::new(
@@ -689,7 +722,7 @@ fn add(
         };
         match last.replace(observation.motion) {
             None => {
-                let kind = if life.is_static {
+                let kind = if stay.is_static {
                     BodyKind::Fixed
                 } else {
                     BodyKind::Dynamic
@@ -709,7 +742,7 @@ fn add(
     }
     truth
         .removed
-        .extend(life.gone.map(|frame| (Tick::new(frame), id)));
+        .extend(stay.gone.map(|frame| (Tick::new(frame), id)));
     Ok(())
 }
 
@@ -788,5 +821,24 @@ mod tests {
         let read = poses.recording("r", &ReadOptions::default());
         let error = read.expect_err("twenty million poses");
         assert!(matches!(error, RecordingError::Poses { .. }), "{error}");
+    }
+    #[test]
+    fn more_stays_than_an_id_can_say_are_refused_by_the_name_of_the_body() {
+        let read = |stays: i64| {
+            let times: Vec<i64> = (0..stays).map(|stay| stay * 50).collect();
+            let options = ReadOptions {
+                rate: Rate::new(100, 1),
+                ..ReadOptions::default()
+            };
+            poses(&[&[0], &times]).recording("r", &options)
+        };
+        let most = read(65_536).expect("as many as an id can say");
+        let last = most.truth.placed.last().expect("many");
+        assert_eq!(last.desc.id, BodyId::new(1, u16::MAX));
+        let error = read(65_537).expect_err("one more").to_string();
+        assert!(
+            error.contains("body 1 comes more than 65536 times"),
+            "{error}"
+        );
     }
 }

@@ -20,7 +20,7 @@ use rhumb_scene::{Digest, Scene};
 use rhumb_sims::Script;
 use rhumb_trace::SceneFacts;
 
-use crate::record::{Placed, Truth};
+use crate::record::{Change, Placed, Truth};
 use crate::recording::error::RecordingError;
 
 /// A recorded scene.
@@ -171,10 +171,30 @@ const REACH: usize = 2;
 /// Sets the velocities of all bodies. A body whose pose does not change has none.
 pub(super) fn derive(recording: &mut Recording) -> Result<(), RecordingError> {
     recording.velocities = Velocities::Fitted;
+    let behind = behind(recording);
     let step_s = recording.integrator.rate.step().seconds();
+    change_states(recording, |_, poses| fitted(poses, step_s, behind))
+}
+
+/// The velocity by which a body of semi-implicit steps is behind a parabola: half a substep's gravity.
+pub(super) fn behind(recording: &Recording) -> DVec3 {
     let substeps = f64::from(recording.integrator.substeps.get());
-    // With semi-implicit steps a body is behind a parabola by half a substep's gravity.
-    let behind = recording.gravity.as_dvec3() * (step_s / substeps / 2.0);
+    let step_s = recording.integrator.rate.step().seconds();
+    recording.gravity.as_dvec3() * (step_s / substeps / 2.0)
+}
+
+/// States of these poses with fitted velocities; fewer, if one has a number that is none.
+pub(super) fn fitted(poses: &[BodyState], step_s: f64, behind: DVec3) -> Vec<BodyState> {
+    let all = (0..poses.len()).map(|frame| state(poses, frame, step_s, behind));
+    all.map_while(|state| state).collect()
+}
+
+/// Puts those states in place of the recorded ones that `of` makes of a body's, frame by frame. A frame that has no record
+/// gets none.
+pub(super) fn change_states(
+    recording: &mut Recording,
+    of: impl Fn(BodyId, &[BodyState]) -> Vec<BodyState>,
+) -> Result<(), RecordingError> {
     let mut records: BTreeMap<BodyId, Vec<(usize, usize)>> = BTreeMap::new();
     for (row, observed) in recording.truth.ticks.iter().enumerate() {
         for (place, observation) in observed.iter().enumerate() {
@@ -185,33 +205,27 @@ pub(super) fn derive(recording: &mut Recording) -> Result<(), RecordingError> {
         }
     }
     let ticks = recording.truth.ticks.len();
-    let removed: BTreeMap<BodyId, Tick> = recording
-        .truth
-        .removed
-        .iter()
-        .map(|(tick, id)| (*id, *tick))
-        .collect();
-    for number in 0..recording.truth.placed.len() {
+    for (number, end) in recording.truth.ends().into_iter().enumerate() {
         let placed = &recording.truth.placed[number];
         let id = placed.desc.id;
         let path = Path {
             first: placed.tick.value() as usize,
-            end: removed.get(&id).map_or(ticks, |tick| tick.value() as usize),
+            end: end.map_or(ticks, |tick| tick.value() as usize),
             records: records.get(&id).map_or(&[], Vec::as_slice),
         };
-        let poses = path.poses(placed, &recording.truth.ticks);
-        let motion = |frame: usize| state(&poses, frame - path.first, step_s, behind);
-        let wrong = |frame: usize| RecordingError::Number {
-            tick: Tick::new(frame as u64),
-            index: id.index(),
+        let states = of(id, &path.poses(placed, &recording.truth.ticks));
+        let state = |frame: usize| {
+            let state = states.get(frame - path.first).copied();
+            state.ok_or_else(|| RecordingError::Number {
+                tick: Tick::new(frame as u64),
+                index: id.index(),
+            })
         };
-        let first = motion(path.first).ok_or_else(|| wrong(path.first))?;
-        recording.truth.placed[number].observation.motion = first;
+        recording.truth.placed[number].observation.motion = state(path.first)?;
         for (row, place) in path.records {
             let frame = row + 1;
             if (path.first + 1..=path.end).contains(&frame) {
-                let state = motion(frame).ok_or_else(|| wrong(frame))?;
-                recording.truth.ticks[*row][*place].motion = state;
+                recording.truth.ticks[*row][*place].motion = state(frame)?;
             }
         }
     }
@@ -349,6 +363,9 @@ pub(super) fn set_digest(truth: &mut Truth) {
     truth.digest = digest.value();
 }
 
+/// Least number of free frames of a body that says something.
+pub(crate) const FREE_MIN: usize = 8;
+
 /// One body in every frame of its stay.
 pub(crate) struct BodyPath {
     pub(crate) id: BodyId,
@@ -378,7 +395,7 @@ fn paths_within(recording: &Recording, most: usize) -> Paths {
     let truth = &recording.truth;
     let mut open: BTreeMap<BodyId, BodyPath> = BTreeMap::new();
     let mut done = Vec::new();
-    let (mut placed, mut removed) = (0, 0);
+    let mut changes = truth.changes();
     let (mut states, mut frames) = (0, 0);
     for frame in 0..=truth.ticks.len() {
         states += open.len();
@@ -400,28 +417,19 @@ fn paths_within(recording: &Recording, most: usize) -> Paths {
                 *last = observation.motion;
             }
         }
-        while let Some(one) = truth
-            .placed
-            .get(placed)
-            .filter(|one| one.tick.value() <= frame as u64)
-        {
-            placed += 1;
-            if one.desc.kind != BodyKind::Fixed {
-                let path = BodyPath {
-                    id: one.desc.id,
-                    states: vec![one.observation.motion],
-                    radius: one.shape.bounding_radius().metres(),
-                };
-                open.insert(one.desc.id, path);
+        while let Some(change) = changes.until(Tick::new(frame as u64)) {
+            match change {
+                Change::Placed(_, one) if one.desc.kind != BodyKind::Fixed => {
+                    let path = BodyPath {
+                        id: one.desc.id,
+                        states: vec![one.observation.motion],
+                        radius: one.shape.bounding_radius().metres(),
+                    };
+                    open.insert(one.desc.id, path);
+                }
+                Change::Placed(..) => {}
+                Change::Removed(id) => done.extend(open.remove(&id)),
             }
-        }
-        while let Some((_, id)) = truth
-            .removed
-            .get(removed)
-            .filter(|(tick, _)| tick.value() <= frame as u64)
-        {
-            removed += 1;
-            done.extend(open.remove(id));
         }
     }
     done.extend(open.into_values());

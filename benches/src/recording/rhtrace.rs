@@ -125,11 +125,11 @@ fn read_plain(name: &str, bytes: &[u8]) -> Result<Recording, RecordingError> {
     Ok(recording)
 }
 
-/// Presence of a body, and the number of times that it was added.
+/// Presence of a body, and the number of times that it went.
 #[derive(Clone, Copy, Debug, Default)]
 struct Stay {
     is_there: bool,
-    generation: u16,
+    ended: u32,
 }
 
 fn box_shape(reader: &mut ByteReader<'_>, index: u32) -> Result<Shape, RecordingError> {
@@ -167,7 +167,7 @@ fn first_row(
         let motion = BodyState::new(position, rotation, linear, angular);
         let stay = &mut there[index as usize];
         let observation = Observation {
-            id: BodyId::new(index, stay.generation),
+            id: stay_id(index, stay.ended)?,
             motion: motion.map_err(|_| RecordingError::Number { tick, index })?,
             activity: match flags & AWAKE {
                 0 => Activity::Asleep,
@@ -189,7 +189,7 @@ fn first_row(
         if flags & GONE != 0 {
             truth.removed.push((tick, observation.id));
             stay.is_there = false;
-            stay.generation = stay.generation.wrapping_add(1);
+            stay.ended += 1;
         }
     }
     Ok(row)
@@ -265,7 +265,8 @@ struct Body {
     /// From the origin, body axes.
     centre: Vec3,
     is_there: bool,
-    generation: u16,
+    /// Those that have ended.
+    stays: u32,
 }
 
 /// Reads the bytes behind the magic number.
@@ -289,7 +290,7 @@ fn read_second(name: &str, bytes: &[u8]) -> Result<Recording, RecordingError> {
     let rate = rate.ok_or(RecordingError::Step { step_s })?;
     let head = |of| RecordingError::Row {
         place: Place::Whole,
-        defect: RowDefect::OutOfRange { of },
+        defect: RowDefect::OutOfRange { of, most: None },
     };
     let substeps = reader.u32()?.max(1);
     let substeps = NonZeroU32::new(substeps).filter(|count| count.get() <= SUBSTEPS_MAX);
@@ -350,7 +351,7 @@ fn body(
             frame: 0,
             body: u64::from(index),
         },
-        defect: RowDefect::OutOfRange { of },
+        defect: RowDefect::OutOfRange { of, most: None },
     };
     let [kind, flags] = reader.take()?;
     let kind = match kind {
@@ -404,7 +405,7 @@ fn body(
         inertia: inertia.filter(|inertia| !inertia.is_isotropic()),
         centre,
         is_there: false,
-        generation: 0,
+        stays: 0,
     })
 }
 
@@ -450,6 +451,15 @@ const fn is_sound(flags: u8, is_there: bool) -> bool {
     is_known && (flags & UNCHANGED == 0 || flags & GONE != 0 && is_there)
 }
 
+/// The id of a body after as many stays.
+fn stay_id(index: u32, stays: u32) -> Result<BodyId, RecordingError> {
+    let generation = u16::try_from(stays);
+    let generation = generation.map_err(|_| RecordingError::Stays {
+        body: index.to_string(),
+    });
+    Ok(BodyId::new(index, generation?))
+}
+
 /// The records of a frame. A body's first record places it.
 fn row(
     reader: &mut ByteReader<'_>,
@@ -488,7 +498,7 @@ fn row(
             linear.to_array(),
             spin.to_array(),
         );
-        let id = BodyId::new(index, body.generation);
+        let id = stay_id(index, body.stays)?;
         let observation = Observation {
             id,
             motion: motion.map_err(|_| RecordingError::Number { tick, index })?,
@@ -513,26 +523,30 @@ fn row(
         if flags & GONE != 0 {
             truth.removed.push((tick, id));
             body.is_there = false;
-            body.generation = body.generation.wrapping_add(1);
+            body.stays += 1;
         }
     }
     Ok(row)
 }
 
-/// The bytes of a recording, whose bodies have the indices 0, 1, 2 and so on.
-#[must_use]
-pub fn write(recording: &Recording) -> Vec<u8> {
+/// The bytes of a recording, whose bodies have the indices 0, 1, 2 and so on. Stays of one index that differ in what the file
+/// says of a body are bodies of their own.
+///
+/// # Errors
+///
+/// [`RecordingError::Bodies`] if there are more bodies than a file may have.
+pub fn write(recording: &Recording) -> Result<Vec<u8>, RecordingError> {
     let truth = &recording.truth;
-    let mut placed: BTreeMap<u32, &Placed> = BTreeMap::new();
-    for one in &truth.placed {
-        placed.entry(one.desc.id.index()).or_insert(one);
+    let (bodies, numbers) = file_bodies(recording);
+    let count = bodies.len() as u64;
+    if count > u64::from(BODIES_MAX) {
+        return Err(RecordingError::Bodies { bodies: count });
     }
-    let indices: BTreeMap<u32, u32> = placed.keys().copied().zip(0..).collect();
     let mut to = MAGIC_2.to_vec();
     let Integrator { rate, substeps } = recording.integrator;
     let frames = truth.ticks.len() as u32 + 1;
     for number in [
-        placed.len() as u32,
+        count as u32,
         frames,
         rate.ticks(),
         rate.seconds(),
@@ -542,11 +556,11 @@ pub fn write(recording: &Recording) -> Vec<u8> {
     }
     put(&mut to, &recording.gravity.to_array());
     to.extend([0, 0]);
-    for one in placed.values() {
-        put_body(&mut to, recording, one);
-    }
-    let mut starts = truth.placed.iter().peekable();
-    let gone = last_frames(truth);
+    bodies.iter().for_each(|body| to.extend(body));
+    let mut starts = (0..).zip(&truth.placed).peekable();
+    let gone = last_frames(truth, &numbers);
+    // The stay of each body, and the last record of each of the file's.
+    let mut stays: BTreeMap<BodyId, usize> = BTreeMap::new();
     let mut last: BTreeMap<u32, Observation> = BTreeMap::new();
     for frame in 0..u64::from(frames) {
         let mut row: BTreeMap<u32, (Observation, u8)> = BTreeMap::new();
@@ -554,48 +568,68 @@ pub fn write(recording: &Recording) -> Vec<u8> {
             .checked_sub(1)
             .map(|before| &truth.ticks[before as usize]);
         for observation in observed.into_iter().flatten() {
-            row.insert(observation.id.index(), (*observation, 0));
+            if let Some(stay) = stays.get(&observation.id) {
+                row.insert(numbers[*stay], (*observation, 0));
+            }
         }
-        while let Some(one) = starts.next_if(|one| one.tick.value() <= frame) {
-            row.insert(one.desc.id.index(), (one.observation, 0));
+        while let Some((stay, one)) = starts.next_if(|(_, one)| one.tick.value() <= frame) {
+            row.insert(numbers[stay], (one.observation, 0));
+            stays.insert(one.desc.id, stay);
         }
-        for (_, id) in gone.range((frame, BodyId::new(0, 0))..(frame + 1, BodyId::new(0, 0))) {
-            let known = last.get(&id.index()).map(|known| (*known, UNCHANGED));
-            let record = row.get(&id.index()).copied().or(known);
-            if let Some((observation, flags)) = record.filter(|(known, _)| known.id == *id) {
-                row.insert(id.index(), (observation, flags | GONE));
+        for (_, stay) in gone.range((frame, 0)..(frame + 1, 0)) {
+            let (id, number) = (truth.placed[*stay].desc.id, numbers[*stay]);
+            let known = last.get(&number).map(|known| (*known, UNCHANGED));
+            let record = row.get(&number).copied().or(known);
+            if let Some((observation, flags)) = record.filter(|(known, _)| known.id == id) {
+                row.insert(number, (observation, flags | GONE));
             }
         }
         to.extend((row.len() as u32).to_le_bytes());
-        for (index, (observation, flags)) in row {
-            to.extend(indices[&index].to_le_bytes());
+        for (number, (observation, flags)) in row {
+            to.extend(number.to_le_bytes());
             put(&mut to, &observation.motion.parts());
             let awake = observation.activity == Activity::Awake;
             to.push((u8::from(awake) * AWAKE) | flags);
-            last.insert(index, observation);
+            last.insert(number, observation);
         }
     }
-    to
+    Ok(to)
 }
 
-/// The last frame of each body that was removed: the one before, where another of its index is placed in that of the removal.
-fn last_frames(truth: &Truth) -> BTreeSet<(u64, BodyId)> {
-    let placed = truth.placed.iter();
-    let begins: BTreeSet<(u64, u32)> = placed
-        .map(|one| (one.tick.value(), one.desc.id.index()))
+/// The bodies of the file, and the number of that of each stay.
+fn file_bodies(recording: &Recording) -> (Vec<Vec<u8>>, Vec<u32>) {
+    let described = |placed: &Placed| {
+        let mut bytes = Vec::new();
+        put_body(&mut bytes, recording, placed);
+        (placed.desc.id.index(), bytes)
+    };
+    let stays: Vec<(u32, Vec<u8>)> = recording.truth.placed.iter().map(described).collect();
+    let mut numbers: BTreeMap<&(u32, Vec<u8>), u32> = BTreeMap::new();
+    for stay in &stays {
+        numbers.insert(stay, 0);
+    }
+    for (number, known) in (0..).zip(numbers.values_mut()) {
+        *known = number;
+    }
+    let of_stays = stays.iter().map(|stay| numbers[stay]).collect();
+    let bodies = numbers.keys().map(|(_, bytes)| bytes.clone()).collect();
+    (bodies, of_stays)
+}
+
+/// The last frame of each stay that ends: the one before, where another of its body begins in that of its end.
+fn last_frames(truth: &Truth, numbers: &[u32]) -> BTreeSet<(u64, usize)> {
+    let begins = truth.placed.iter().zip(numbers);
+    let begins: BTreeSet<(u64, u32)> = begins
+        .map(|(one, number)| (one.tick.value(), *number))
         .collect();
-    let first: BTreeMap<BodyId, u64> = truth
-        .placed
-        .iter()
-        .map(|one| (one.desc.id, one.tick.value()))
-        .collect();
-    let removed = truth.removed.iter().map(|(tick, id)| {
-        let frame = tick.value();
-        let is_own = first.get(id) == Some(&frame);
-        let follows = !is_own && begins.contains(&(frame, id.index()));
-        (frame.saturating_sub(u64::from(follows)), *id)
+    let ends = truth.ends().into_iter().enumerate();
+    let ends = ends.filter_map(|(stay, end)| Some((stay, end?)));
+    let last = ends.map(|(stay, end)| {
+        let is_own = truth.placed[stay].tick == end;
+        let follows = !is_own && begins.contains(&(end.value(), numbers[stay]));
+        (end.value() - u64::from(follows), stay)
     });
-    removed.collect()
+    last.collect()
 }
 
 fn put_body(to: &mut Vec<u8>, recording: &Recording, placed: &Placed) {
@@ -725,7 +759,7 @@ mod tests {
     #[test]
     fn what_is_written_is_read_as_it_was() {
         let recording = recording();
-        let bytes = write(&recording);
+        let bytes = write(&recording).expect("few bodies");
         let again = read_bytes("r", &bytes, &ReadOptions::default()).expect("sound");
         assert_eq!(again.truth.digest, recording.truth.digest);
         assert_eq!(again.truth.removed, recording.truth.removed);
@@ -736,7 +770,7 @@ mod tests {
         assert_eq!(placed.shape, recording.truth.placed[0].shape);
         assert_eq!(placed.desc.damping.map(|damping| damping.linear), Some(0.5));
         assert_eq!(again.truth.placed[1].desc.kind, BodyKind::Fixed);
-        assert_eq!(write(&again), bytes);
+        assert_eq!(write(&again).expect("few bodies"), bytes);
     }
 
     #[test]
@@ -756,7 +790,7 @@ mod tests {
         recording.truth.removed = vec![(Tick::new(1), still), (Tick::new(2), id)];
         activity_from_records(&mut recording.truth);
         set_digest(&mut recording.truth);
-        let bytes = write(&recording);
+        let bytes = write(&recording).expect("few bodies");
         let again = read_bytes("r", &bytes, &ReadOptions::default()).expect("sound");
         // The last frame of a body whose index begins anew in that of its removal is the one before.
         let removed = [(Tick::new(1), id), (Tick::new(1), still)];
@@ -764,12 +798,12 @@ mod tests {
         assert_eq!(again.truth.digest, recording.truth.digest);
         let ids = again.truth.placed.iter().map(|placed| placed.desc.id);
         assert_eq!(ids.collect::<Vec<_>>(), [id, still, other]);
-        assert_eq!(write(&again), bytes);
+        assert_eq!(write(&again).expect("few bodies"), bytes);
     }
 
     #[test]
     fn flags_that_stand_for_nothing_are_refused() {
-        let whole = write(&recording());
+        let whole = write(&recording()).expect("few bodies");
         let sound = read_bytes("r", &whole, &ReadOptions::default()).is_ok();
         assert!(sound);
         // The last byte is the flags of the last record, of a body that is there.
@@ -798,7 +832,7 @@ mod tests {
 
     #[test]
     fn substeps_and_gravity_beyond_a_scene_s_are_refused() {
-        let whole = write(&recording());
+        let whole = write(&recording()).expect("few bodies");
         for (at, with, part) in [
             (24, 17_u32.to_le_bytes(), "number of substeps (1 to 16)"),
             (24, u32::MAX.to_le_bytes(), "number of substeps (1 to 16)"),
@@ -814,7 +848,7 @@ mod tests {
 
     #[test]
     fn every_cut_and_claim_is_refused_with_its_place() {
-        let bytes = write(&recording());
+        let bytes = write(&recording()).expect("few bodies");
         for cut in 0..bytes.len() {
             let read = read_bytes("r", &bytes[..cut], &ReadOptions::default());
             assert!(read.is_err(), "{cut}");
@@ -840,7 +874,7 @@ mod tests {
 
     #[test]
     fn poses_of_an_origin_become_those_of_the_centre() {
-        let mut bytes = write(&recording());
+        let mut bytes = write(&recording()).expect("few bodies");
         bytes[41] = 1;
         // A metre along the body's x.
         bytes[56..60].copy_from_slice(&1.0_f32.to_le_bytes());
@@ -870,5 +904,92 @@ mod tests {
         }
         assert_eq!(DampingFormula::Share.ours(1.0, step), None);
         assert_eq!(DampingFormula::Implicit.ours(f32::NAN, step), None);
+    }
+    /// A body of two stays and another one, whose second stay is of another kind.
+    fn of_two_kinds() -> Recording {
+        let mut text = "time,body,x,y,z,qx,qy,qz,qw\n".to_owned();
+        for frame in 0..30 {
+            let t = f64::from(frame) * 0.01;
+            text += &format!("{t},a,{t},0,0,0,0,0,1\n");
+            if !(10..20).contains(&frame) {
+                text += &format!("{t},b,0,{t},0,0,0,0,1\n");
+            }
+        }
+        let mut recording =
+            read_bytes("r", text.as_bytes(), &ReadOptions::default()).expect("sound");
+        let again = &mut recording.truth.placed[2];
+        assert_eq!(again.desc.id, BodyId::new(1, 1));
+        again.shape = Shape::Cuboid {
+            half_extents: Vec3::new(1.0, 2.0, 3.0),
+        };
+        let inertia = Inertia::new([1.0, 2.0, 2.5], Inertia::OWN_AXES).expect("sound");
+        again.inertia = Some(inertia);
+        again.desc.gyroscopic = true;
+        again.desc.damping = Some(Damping {
+            linear: 0.5,
+            angular: 0.25,
+        });
+        recording
+    }
+
+    /// What a file says of each stay, by its ticks.
+    fn described(recording: &Recording) -> Vec<(u64, Option<u64>, Damping, String)> {
+        let ends = recording.truth.ends();
+        let of = |(placed, end): (&Placed, &Option<Tick>)| {
+            let damping = placed.desc.damping.unwrap_or(recording.damping);
+            let kind = (placed.desc.kind, placed.desc.gyroscopic);
+            let rest = format!("{kind:?} {:?} {:?}", placed.shape, placed.inertia);
+            (placed.tick.value(), end.map(Tick::value), damping, rest)
+        };
+        recording.truth.placed.iter().zip(&ends).map(of).collect()
+    }
+
+    #[test]
+    fn stays_that_differ_keep_their_shape_inertia_and_damping() {
+        let recording = of_two_kinds();
+        let bytes = write(&recording).expect("few bodies");
+        let again = read_bytes("r", &bytes, &ReadOptions::default()).expect("sound");
+        assert_eq!(described(&again), described(&recording));
+        // The same with an exchange in one tick, of one id.
+        let mut recording = of_two_kinds();
+        let truth = &mut recording.truth;
+        truth.removed[0].0 = Tick::new(15);
+        let mut last = truth.placed.pop().expect("three");
+        (last.tick, last.desc.id) = (Tick::new(15), BodyId::new(1, 0));
+        last.observation.id = last.desc.id;
+        truth.placed.push(last);
+        for observation in truth.ticks.iter_mut().flatten() {
+            if observation.id.index() == 1 {
+                observation.id = BodyId::new(1, 0);
+            }
+        }
+        let bytes = write(&recording).expect("few bodies");
+        let again = read_bytes("r", &bytes, &ReadOptions::default()).expect("sound");
+        assert_eq!(described(&again), described(&recording));
+    }
+
+    #[test]
+    fn more_stays_than_an_id_can_say_are_refused() {
+        let mut recording = recording();
+        let placed = recording.truth.placed[1].clone();
+        let id = placed.desc.id;
+        let count = 65_537;
+        let truth = &mut recording.truth;
+        truth.placed = (0..count)
+            .map(|tick| Placed {
+                tick: Tick::new(tick),
+                ..placed.clone()
+            })
+            .collect();
+        truth.removed = (0..count).map(|tick| (Tick::new(tick), id)).collect();
+        truth.ticks = vec![Vec::new(); count as usize];
+        let bytes = write(&recording).expect("few bodies");
+        let error = read_bytes("r", &bytes, &ReadOptions::default()).expect_err("one too many");
+        assert!(
+            error
+                .to_string()
+                .contains("body 0 comes more than 65536 times"),
+            "{error}"
+        );
     }
 }

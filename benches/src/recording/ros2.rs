@@ -10,18 +10,19 @@
 //! Every body that is there has a transform at every tick, so that a buffer of tf knows it at any moment. Fixed bodies are
 //! static transforms. Moments begin at one second: a stamp of zero means "the latest" to tf.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::{Seek, Write};
 
 use glam::{DQuat, DVec3};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{McapError, WriteOptions};
 use rhumb_protocol::scene::BodyKind;
-use rhumb_reckoning::{BodyId, BodyState};
+use rhumb_reckoning::{BodyId, BodyState, Tick};
 
 use super::error::{Place, RowDefect};
 use super::poses::{TimedPose, TimedPoses, TooManyBodies};
 use super::recorded::Recording;
+use crate::record::{Change, Changes};
 use crate::recording::error::CdrError;
 
 /// The schema of transforms.
@@ -53,15 +54,81 @@ impl From<TooManyBodies> for Refusal {
     }
 }
 
-/// Static transforms, by the frames that they place: the frames above, and the last pose.
+/// A transform of a frame that is above.
+struct Hung {
+    parent: String,
+    stamped: Stamped,
+    place: Place,
+}
+
+/// Transforms that may be static, by the frames that they place.
 #[derive(Default)]
-pub(super) struct Statics(BTreeMap<String, (String, Stamped, Place)>);
+pub(super) struct Statics {
+    /// The last one of each frame on a topic of static ones.
+    latched: BTreeMap<String, Hung>,
+    /// Those of stamp zero on other topics, which are the first ones of a simulated time if their frames have others.
+    zeros: BTreeMap<String, Vec<Hung>>,
+    /// Frames whose latched transforms change.
+    changed: BTreeSet<String>,
+    /// The topic of each child frame of odometry.
+    odometers: BTreeMap<String, String>,
+}
 
 impl Statics {
-    /// Adds their poses at the beginning of the others.
-    pub(super) fn add_to(self, poses: &mut TimedPoses) -> Result<(), Refusal> {
+    fn latch(&mut self, child: &str, hung: Hung) {
+        let said = |hung: &Hung| (hung.stamped.position, hung.stamped.rotation);
+        let now = said(&hung);
+        let before = self.latched.insert(child.to_owned(), hung);
+        if before.is_some_and(|before| said(&before) != now) {
+            self.changed.insert(child.to_owned());
+        }
+    }
+
+    /// The name of the body of an odometer: its child frame, and its topic if another one has that frame.
+    fn odometer(&mut self, topic: &str, child: &str) -> String {
+        if child.is_empty() {
+            return topic.to_owned();
+        }
+        let first = self.odometers.entry(child.to_owned());
+        let first = first.or_insert_with(|| topic.to_owned());
+        if first == topic {
+            child.to_owned()
+        } else {
+            format!("{child} of {topic}")
+        }
+    }
+
+    /// Adds the poses of static ones at the beginning of the others.
+    pub(super) fn add_to(mut self, poses: &mut TimedPoses) -> Result<(), Refusal> {
+        for (child, mut hung) in self.zeros {
+            if poses.known(&child).is_none() {
+                let last = hung.pop().map(|last| (child, last));
+                self.latched.extend(last);
+                continue;
+            }
+            for Hung {
+                parent,
+                stamped,
+                place,
+            } in hung
+            {
+                let body = of_parent(poses, &child, &parent)?;
+                push(poses, body, stamped, None, &place);
+            }
+        }
+        if let Some(frame) = self.changed.first() {
+            poses.left_out.push(format!(
+                "static transforms of {} frames change, such as that of {frame}: the last one holds throughout",
+                self.changed.len()
+            ));
+        }
         let first = poses.poses.iter().map(|pose| pose.at_ns).min();
-        for (child, (parent, stamped, place)) in self.0 {
+        for (child, hung) in self.latched {
+            let Hung {
+                parent,
+                stamped,
+                place,
+            } = hung;
             let body = of_parent(poses, &child, &parent)?;
             poses.poses.push(TimedPose {
                 at_ns: first.unwrap_or_default(),
@@ -98,9 +165,24 @@ pub(super) fn take(
                 let (at_ns, parent) = header(&mut cdr)?;
                 let child = cdr.text()?;
                 let stamped = pose(&mut cdr, at_ns)?;
-                if topic.ends_with("tf_static") || at_ns == 0 {
-                    let known = (parent.to_owned(), stamped, place.clone());
-                    statics.0.insert(child.to_owned(), known);
+                let is_latched = topic.ends_with("tf_static");
+                if is_latched || at_ns == 0 {
+                    let parent = parent.to_owned();
+                    let place = place.clone();
+                    let hung = Hung {
+                        parent,
+                        stamped,
+                        place,
+                    };
+                    if is_latched {
+                        statics.latch(child, hung);
+                    } else {
+                        statics
+                            .zeros
+                            .entry(child.to_owned())
+                            .or_default()
+                            .push(hung);
+                    }
                     continue;
                 }
                 let body = of_parent(poses, child, parent)?;
@@ -108,19 +190,20 @@ pub(super) fn take(
             }
         }
         POSE => {
-            let (at_ns, _) = header(&mut cdr)?;
+            let (at_ns, frame) = header(&mut cdr)?;
+            poses.of_frame(frame);
             let body = poses.body(topic, None)?;
             let stamped = pose(&mut cdr, at_ns)?;
             push(poses, body, stamped, None, place);
         }
         _ => {
-            let (at_ns, _) = header(&mut cdr)?;
+            let (at_ns, frame) = header(&mut cdr)?;
+            poses.of_frame(frame);
             let child = cdr.text()?;
             let stamped = pose(&mut cdr, at_ns)?;
             cdr.f64s::<36>()?;
             let (linear, angular) = (cdr.f64s::<3>()?, cdr.f64s::<3>()?);
-            let name = if child.is_empty() { topic } else { child };
-            let body = poses.body(name, None)?;
+            let body = poses.body(&statics.odometer(topic, child), None)?;
             let turn = stamped.rotation;
             let velocity = [linear, angular].map(|vector| turn * DVec3::from_array(vector));
             push(poses, body, stamped, Some(velocity), place);
@@ -206,7 +289,10 @@ impl<'a> Cdr<'a> {
         let version = match (zero, number) {
             (0, 0 | 1) => Version::One,
             (0, 6..=11) => Version::Two,
-            _ => return Err(CdrError::Encoding { number: *number }),
+            _ => {
+                let number = u16::from_be_bytes([*zero, *number]);
+                return Err(CdrError::Encoding { number });
+            }
         };
         Ok(Self {
             bytes,
@@ -403,10 +489,7 @@ pub fn write_bag(recording: &Recording, to: impl Write + Seek) -> Result<(), Mca
         writer.write_to_known_channel(&header, &message.0)
     };
     let rate = recording.integrator.rate;
-    let (mut placed, mut removed) = (
-        truth.placed.iter().peekable(),
-        truth.removed.iter().peekable(),
-    );
+    let mut changes = truth.changes();
     let mut there: BTreeMap<BodyId, BodyState> = BTreeMap::new();
     let mut still: BTreeMap<BodyId, BodyState> = BTreeMap::new();
     for frame in 0..=truth.ticks.len() {
@@ -418,12 +501,7 @@ pub fn write_bag(recording: &Recording, to: impl Write + Seek) -> Result<(), Mca
         }
         let number = frame as u64;
         let begun = still.len();
-        while let Some(one) = placed.next_if(|one| one.tick.value() <= number) {
-            match one.desc.kind {
-                BodyKind::Fixed => still.insert(one.desc.id, one.observation.motion),
-                _ => there.insert(one.desc.id, one.observation.motion),
-            };
-        }
+        let gone = change(&mut changes, number, [&mut there, &mut still]);
         let ns = u128::from(number) * u128::from(rate.seconds()) * 1_000_000_000;
         let at_ns = BEGIN_NS + (ns / u128::from(rate.ticks())) as u64;
         let sequence = frame as u32;
@@ -432,12 +510,36 @@ pub fn write_bag(recording: &Recording, to: impl Write + Seek) -> Result<(), Mca
             put(fixed, sequence, at_ns, &message(&still, at_ns))?;
         }
         put(moving, sequence, at_ns, &message(&there, at_ns))?;
-        while let Some((_, id)) = removed.next_if(|(tick, _)| tick.value() <= number) {
-            there.remove(id);
-        }
+        there.retain(|id, _| !gone.contains(id));
     }
     writer.finish()?;
     Ok(())
+}
+
+/// Places bodies at a frame, and returns those that go: they are there in that frame.
+fn change(
+    changes: &mut Changes<'_>,
+    frame: u64,
+    [there, still]: [&mut BTreeMap<BodyId, BodyState>; 2],
+) -> BTreeSet<BodyId> {
+    let mut gone = BTreeSet::new();
+    while let Some(change) = changes.until(Tick::new(frame)) {
+        match change {
+            Change::Placed(_, one) => {
+                let id = one.desc.id;
+                gone.remove(&id);
+                let to = match one.desc.kind {
+                    BodyKind::Fixed => &mut *still,
+                    _ => &mut *there,
+                };
+                to.insert(id, one.observation.motion);
+            }
+            Change::Removed(id) => {
+                gone.insert(id);
+            }
+        }
+    }
+    gone
 }
 
 /// The transforms of these bodies.
@@ -638,6 +740,92 @@ mod tests {
     }
 
     #[test]
+    fn a_simulated_time_begins_at_zero_and_a_lone_stamp_of_zero_is_static() {
+        let at = |x: f64| [x, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0];
+        let message = |at_ms: u32, parent: &str, child: &str, x: f64| {
+            let bytes = CdrWriter::new().u32(1);
+            let bytes = bytes.transform(ns(at_ms), parent, child, at(x)).0;
+            ("/tf", TRANSFORMS, u64::from(at_ms), bytes)
+        };
+        let moving =
+            (0..20).map(|frame| message(frame * 100, "world", "box", f64::from(frame) * 0.1));
+        let mut messages: Vec<_> = moving.collect();
+        messages.push(message(0, "box", "lidar", 0.5));
+        for resample in [None, rhumb_reckoning::Rate::new(10, 1)] {
+            let options = ReadOptions {
+                resample,
+                ..ReadOptions::default()
+            };
+            let recording = read_bytes("ros", &file(&messages), &options).expect("sound");
+            assert_eq!((recording.ticks(), recording.truth.placed.len()), (19, 2));
+            let first = &recording.truth.placed[0];
+            assert_eq!(first.tick.value(), 0);
+            assert_eq!(first.observation.motion.position()[0], 0.0);
+            let last: Vec<f32> = recording.truth.ticks[18]
+                .iter()
+                .map(|observed| observed.motion.position()[0])
+                .collect();
+            assert!(
+                (last[0] - 1.9).abs() < 1e-6 && (last[1] - 2.4).abs() < 1e-6,
+                "{last:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn two_odometers_of_one_child_frame_are_two_bodies() {
+        let message = |topic: &'static str, frame: u32, y: f64| {
+            let writer = CdrWriter::new()
+                .header(ns(NOW + 20 * frame), "odom")
+                .text("base");
+            let x = 0.02 * f64::from(frame);
+            let writer = writer
+                .f64s(&[x, y, 0.0, 0.0, 0.0, 0.0, 1.0])
+                .f64s(&[0.0; 36]);
+            let writer = writer
+                .f64s(&[1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+                .f64s(&[0.0; 36]);
+            (topic, ODOMETRY, u64::from(NOW + 20 * frame), writer.0)
+        };
+        let both = |frame| [message("/odom0", frame, 0.0), message("/odom1", frame, 1.0)];
+        let messages: Vec<_> = (0..10).flat_map(both).collect();
+        let recording = read(&messages).expect("two robots");
+        let places = recording.truth.placed.iter();
+        let places: Vec<f32> = places
+            .map(|one| one.observation.motion.position()[1])
+            .collect();
+        assert_eq!(places, [0.0, 1.0]);
+        let notes = recording.notes.join("\n");
+        assert!(!notes.contains("frames"), "{notes}");
+    }
+
+    #[test]
+    fn static_transforms_that_change_are_said() {
+        let map = |x: f64| {
+            let bytes = CdrWriter::new().u32(1);
+            bytes
+                .transform(0, "world", "map", [x, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+                .0
+        };
+        let moving = |frame: u32| {
+            let numbers = [0.1 * f64::from(frame), 0.0, 0.0, 0.0, 0.0, 0.0, 1.0];
+            let bytes = CdrWriter::new().u32(1);
+            let bytes = bytes
+                .transform(ns(NOW + 40 * frame), "map", "base", numbers)
+                .0;
+            ("/tf", TRANSFORMS, u64::from(NOW + 40 * frame), bytes)
+        };
+        for (second, is_said) in [(5.0, false), (9.0, true)] {
+            let mut messages: Vec<_> = (0..10).map(moving).collect();
+            messages.insert(0, ("/tf_static", TRANSFORMS, 5, map(5.0)));
+            messages.push(("/tf_static", TRANSFORMS, u64::from(NOW), map(second)));
+            let notes = read(&messages).expect("sound").notes.join("\n");
+            let said = notes.contains("1 frames change, such as that of map: the last one holds");
+            assert_eq!(said, is_said, "{notes}");
+        }
+    }
+
+    #[test]
     fn the_twist_of_odometry_is_turned_into_the_frame_of_its_pose() {
         let half = std::f64::consts::FRAC_1_SQRT_2;
         let messages: Vec<_> = (0..10)
@@ -681,7 +869,7 @@ mod tests {
             ),
             (
                 pose([f64::NAN, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]),
-                "the position is not finite",
+                "the position is not finite or too large: 1e6 m from zero at most",
             ),
             (cut, "/goal at 2 s: byte"),
             (old, "/goal at 2 s: encoding 3 of CDR is not read"),

@@ -33,7 +33,9 @@ use rhumb_transport::Clock;
 use super::config::ReplayConfig;
 use crate::drive::compare::ReplayJudge;
 use crate::machine;
-use crate::record::{CapturedPacket, Frame, JoinCost, PacketDirection, Run};
+use crate::record::{
+    CapturedPacket, Change, Changes, Frame, JoinCost, PacketDirection, Placed, Run,
+};
 use crate::recording::{Recording, first_track};
 
 /// Reason why a replay failed.
@@ -103,7 +105,7 @@ pub fn run(
         return Err(ReplayError::IntervalTooLong(Tick::new(last)));
     }
     let mut session = ReplaySession::new(recording, config);
-    session.apply_changes(Tick::ZERO)?;
+    session.place_first()?;
     session
         .client
         .receiver
@@ -160,8 +162,7 @@ struct ReplaySession<'a> {
     judge: ReplayJudge<'a>,
     down: Link,
     up: Link,
-    placed: usize,
-    removed: usize,
+    changes: Changes<'a>,
     scene_events: u64,
     lost: Vec<LostPacket>,
     recoveries: Vec<Span>,
@@ -198,8 +199,7 @@ impl<'a> ReplaySession<'a> {
             judge: ReplayJudge::new(&recording.truth),
             down: Link::new(link, config.seed),
             up: Link::new(link, !config.seed),
-            placed: 0,
-            removed: 0,
+            changes: recording.truth.changes(),
             scene_events: 0,
             lost: Vec::new(),
             recoveries: Vec::new(),
@@ -212,49 +212,61 @@ impl<'a> ReplaySession<'a> {
         }
     }
 
-    /// Places and removes bodies before the step to a tick. At tick 0 both ends place them without a scene event.
-    fn apply_changes(&mut self, tick: Tick) -> Result<(), ReplayError> {
-        let truth = &self.recording.truth;
-        while let Some((when, id)) = truth.removed.get(self.removed)
-            && *when < tick
-        {
-            self.removed += 1;
-            self.sender.remove(*id);
-            let cause = rhumb_protocol::message::RemovalCause::Command;
-            let scene_event = SceneEvent::BodyRemoved { id: *id, cause };
-            self.send_event(tick, scene_event, PendingEvent::Removed(*id));
-        }
-        while let Some(placed) = truth.placed.get(self.placed)
-            && (placed.tick < tick || tick == Tick::ZERO && placed.tick == tick)
-        {
-            self.placed += 1;
-            let parameters = self.recording.parameters(placed);
-            let track = first_track(placed, &parameters);
-            let id = placed.desc.id;
-            let motion = placed.observation.motion;
-            let mut fits = self.sender.place(id, &parameters, track, motion);
-            if tick == Tick::ZERO {
-                let subscriber = self.client.receiver.subscriber_mut();
-                fits &= subscriber.place(id, &parameters, track);
-            } else {
-                let desc = placed.desc;
-                let scene_event = SceneEvent::BodyPlaced {
-                    desc,
-                    inertia: parameters.inertia,
-                    track,
-                    alias: None,
-                };
-                self.send_event(
-                    tick,
-                    scene_event,
-                    PendingEvent::Placed(id, parameters, track),
-                );
-            }
+    /// Both ends place the bodies of tick 0 without a scene event.
+    fn place_first(&mut self) -> Result<(), ReplayError> {
+        while let Some(placed) = self.changes.first() {
+            let (parameters, track, mut fits) = self.place(placed);
+            let subscriber = self.client.receiver.subscriber_mut();
+            fits &= subscriber.place(placed.desc.id, &parameters, track);
             if !fits {
-                return Err(ReplayError::Limits(tick));
+                return Err(ReplayError::Limits(Tick::ZERO));
             }
         }
         Ok(())
+    }
+
+    /// Places and removes bodies before the step to a tick.
+    fn apply_changes(&mut self, tick: Tick) -> Result<(), ReplayError> {
+        let before = Tick::new(tick.value().saturating_sub(1));
+        while let Some(change) = self.changes.until(before) {
+            let (scene_event, pending) = match change {
+                Change::Placed(_, placed) => {
+                    let (parameters, track, fits) = self.place(placed);
+                    if !fits {
+                        return Err(ReplayError::Limits(tick));
+                    }
+                    let scene_event = SceneEvent::BodyPlaced {
+                        desc: placed.desc,
+                        inertia: parameters.inertia,
+                        track,
+                        alias: None,
+                    };
+                    let pending = PendingEvent::Placed(placed.desc.id, parameters, track);
+                    (scene_event, pending)
+                }
+                Change::Removed(id) => {
+                    self.sender.remove(id);
+                    let cause = rhumb_protocol::message::RemovalCause::Command;
+                    (
+                        SceneEvent::BodyRemoved { id, cause },
+                        PendingEvent::Removed(id),
+                    )
+                }
+            };
+            self.send_event(tick, scene_event, pending);
+        }
+        Ok(())
+    }
+
+    /// Places a body at the sender; false if it does not fit.
+    fn place(&mut self, placed: &Placed) -> (PredictionParameters, Track, bool) {
+        let parameters = self.recording.parameters(placed);
+        let track = first_track(placed, &parameters);
+        let motion = placed.observation.motion;
+        let fits = self
+            .sender
+            .place(placed.desc.id, &parameters, track, motion);
+        (parameters, track, fits)
     }
 
     fn send_event(&mut self, tick: Tick, scene_event: SceneEvent, change: PendingEvent) {

@@ -19,7 +19,8 @@ use rhumb_trace::{
 
 use crate::numbers::rank;
 use crate::record::{
-    Breach, CapturedPacket, Cause, Frame, Load, Mode, PacketDirection, Placed, Run, Truth,
+    Breach, CapturedPacket, Cause, Change, Changes, Frame, Load, Mode, PacketDirection, Placed,
+    Run, Truth,
 };
 
 /// A body at one tick.
@@ -123,8 +124,8 @@ pub(super) struct TruthBodies<'a> {
     pub(super) bodies: Bodies<'a>,
     placed: usize,
     removed: usize,
-    /// Placements and removals that follow the current tick.
-    after: TickChanges<'a>,
+    /// Those that are not applied yet.
+    changes: Changes<'a>,
 }
 
 /// Changes of the engine's bodies in one tick.
@@ -147,14 +148,15 @@ impl<'a> TruthBodies<'a> {
             bodies: Bodies::default(),
             placed: 0,
             removed: 0,
-            after: TickChanges::default(),
+            changes: truth.changes(),
         }
     }
 
     /// Advances to `tick`, which must be the next one.
     pub(super) fn step(&mut self, tick: Tick) -> TickChanges<'a> {
         let truth = self.truth;
-        let mut statics_changed = self.apply_changes();
+        let before = tick.value().checked_sub(1).map(Tick::new);
+        let mut statics_changed = before.is_some_and(|before| self.apply_changes(before));
         let row = tick
             .value()
             .checked_sub(1)
@@ -173,34 +175,32 @@ impl<'a> TruthBodies<'a> {
         let placed = &placed[..placed.partition_point(|placed| placed.tick <= tick)];
         self.removed += removed.len();
         self.placed += placed.len();
-        self.after = TickChanges {
+        if tick == Tick::ZERO {
+            // Bodies placed before the first step are present at tick 0.
+            statics_changed |= self.apply_changes(tick);
+        }
+        TickChanges {
             observed,
             placed,
             removed,
-            statics_changed: false,
-        };
-        let changes = self.after;
-        if tick == Tick::ZERO {
-            // Bodies placed before the first step are present at tick 0.
-            statics_changed |= self.apply_changes();
-        }
-        TickChanges {
             statics_changed,
-            ..changes
         }
     }
 
-    /// Applies pending placements and removals; returns whether one of them was static.
-    fn apply_changes(&mut self) -> bool {
-        let after = std::mem::take(&mut self.after);
+    /// Applies placements and removals up to a tick; returns whether one of them was static.
+    fn apply_changes(&mut self, until: Tick) -> bool {
         let mut statics = false;
-        for (_, id) in after.removed {
-            statics |= self.bodies.find(*id).is_some_and(Body::is_static);
-            self.bodies.remove(*id);
-        }
-        for placed in after.placed {
-            statics |= placed.desc.kind == BodyKind::Fixed;
-            self.bodies.place(placed);
+        while let Some(change) = self.changes.until(until) {
+            match change {
+                Change::Placed(_, placed) => {
+                    statics |= placed.desc.kind == BodyKind::Fixed;
+                    self.bodies.place(placed);
+                }
+                Change::Removed(id) => {
+                    statics |= self.bodies.find(id).is_some_and(Body::is_static);
+                    self.bodies.remove(id);
+                }
+            }
         }
         statics
     }

@@ -6,6 +6,7 @@ mod bounce;
 mod evaluate;
 mod limit;
 mod own_recording;
+mod own_scenes;
 mod replay;
 mod report;
 mod summary;

@@ -8,15 +8,18 @@ use std::num::NonZeroU32;
 
 use foxglove::Encode;
 use foxglove::messages::{
-    CubePrimitive, FrameTransform, FrameTransforms, Pose, PoseInFrame, PosesInFrame, Quaternion,
-    SceneEntity, SceneEntityDeletion, SceneUpdate, Timestamp, Vector3,
+    FrameTransform, FrameTransforms, Pose, PosesInFrame, Quaternion, Timestamp, Vector3,
 };
 use glam::{DQuat, DVec3, Vec3};
 use mcap::WriteOptions;
 use mcap::records::MessageHeader;
 use prost::Message;
-use rhumb_bench::recording::{MissingPoses, ReadOptions, Recording, RecordingError, read};
+use rhumb_bench::record::{Experiment, Load, Run};
+use rhumb_bench::recording::{
+    MissingPoses, ReadOptions, Recording, RecordingError, read, write_bag, write_rhtrace,
+};
 use rhumb_bench::replay::{EnabledFeatures, ReplayConfig, run};
+use rhumb_bench::trace::{TraceOptions, write};
 use rhumb_protocol::packet::LargestPacket;
 use rhumb_protocol::scene::{BodyDesc, BodyKind, SceneConfig, Shape, ShapeId};
 use rhumb_protocol::stream::{Activity, Observation};
@@ -42,7 +45,7 @@ fn reading(name: &str, bytes: &[u8], options: &ReadOptions) -> Result<Recording,
     read(&path, options)
 }
 
-fn plain(name: &str, bytes: &[u8]) -> Recording {
+pub(crate) fn plain(name: &str, bytes: &[u8]) -> Recording {
     reading(name, bytes, &ReadOptions::default()).expect("it is a recording")
 }
 
@@ -53,7 +56,7 @@ fn refused(name: &str, bytes: &[u8]) -> String {
 }
 
 /// Every pose of a recording is that of the motion, and its velocities are those of the motion but for rounding.
-fn compare(recording: &Recording, hertz: f64, frames: usize) {
+pub(crate) fn compare(recording: &Recording, hertz: f64, frames: usize) {
     assert_eq!(recording.ticks() as usize, frames - 1);
     assert_eq!(recording.truth.placed.len(), 2);
     let rate = recording.integrator.rate;
@@ -83,7 +86,12 @@ fn compare(recording: &Recording, hertz: f64, frames: usize) {
     keeps_its_tolerance(recording);
 }
 
-fn keeps_its_tolerance(recording: &Recording) {
+pub(crate) fn keeps_its_tolerance(recording: &Recording) {
+    assert_eq!(replayed(recording).breaches, []);
+}
+
+/// A replay within 20 mm.
+fn replayed(recording: &Recording) -> Run {
     let config = ReplayConfig {
         tolerance: Tolerance::from_metres(Metres::new(0.02)).expect("within bounds"),
         link: "".parse().expect("a perfect link"),
@@ -94,8 +102,7 @@ fn keeps_its_tolerance(recording: &Recording) {
         largest_packet: LargestPacket::DEFAULT,
         features: EnabledFeatures::ALL,
     };
-    let run = run(recording, &config, &mut |_| {}).expect("it is replayed");
-    assert_eq!(run.breaches, []);
+    run(recording, &config, &mut |_| {}).expect("it is replayed")
 }
 
 /// Rows of both bodies, with the columns in this order.
@@ -316,7 +323,7 @@ fn rotations_with_w_first_are_noticed() {
 }
 
 /// An MCAP file of messages by topic, with their times in nanoseconds.
-fn mcap_of<T: Message + Encode>(topic: &str, messages: &[(u64, T)]) -> Vec<u8> {
+pub(crate) fn mcap_of<T: Message + Encode>(topic: &str, messages: &[(u64, T)]) -> Vec<u8> {
     let mut writer = WriteOptions::new()
         .create(Cursor::new(Vec::new()))
         .expect("memory");
@@ -342,24 +349,24 @@ fn mcap_of<T: Message + Encode>(topic: &str, messages: &[(u64, T)]) -> Vec<u8> {
     writer.into_inner().into_inner()
 }
 
-fn stamp(at_ns: u64) -> Option<Timestamp> {
+pub(crate) fn stamp(at_ns: u64) -> Option<Timestamp> {
     Some(Timestamp::new(
         (at_ns / 1_000_000_000) as u32,
         (at_ns % 1_000_000_000) as u32,
     ))
 }
 
-fn vector(of: DVec3) -> Option<Vector3> {
+pub(crate) fn vector(of: DVec3) -> Option<Vector3> {
     let DVec3 { x, y, z } = of;
     Some(Vector3 { x, y, z })
 }
 
-fn quaternion(of: DQuat) -> Option<Quaternion> {
+pub(crate) fn quaternion(of: DQuat) -> Option<Quaternion> {
     let [x, y, z, w] = of.to_array();
     Some(Quaternion { x, y, z, w })
 }
 
-fn drawn(body: u32, t: f64) -> Pose {
+pub(crate) fn drawn(body: u32, t: f64) -> Pose {
     let (at, turned) = pose(body, t);
     Pose {
         position: vector(at),
@@ -368,7 +375,7 @@ fn drawn(body: u32, t: f64) -> Pose {
 }
 
 /// Moments of frames, as a camera's clock says them: whole nanoseconds, from any origin.
-fn moments(hertz: f64, frames: u32) -> Vec<(u64, f64)> {
+pub(crate) fn moments(hertz: f64, frames: u32) -> Vec<(u64, f64)> {
     let moment = |frame| {
         let t = f64::from(frame) / hertz;
         (1_700_000_000_000_000_000 + (t * 1e9) as u64, t)
@@ -412,52 +419,6 @@ fn transforms_and_poses_of_foxglove_are_bodies() {
         })
         .collect();
     compare(&plain("poses.mcap", &mcap_of("/poses", &poses)), 60.0, 90);
-}
-
-#[test]
-fn scenes_and_single_poses_of_foxglove_are_bodies_with_their_sizes() {
-    let times = moments(60.0, 90);
-    let scene: Vec<_> = times
-        .iter()
-        .map(|(at_ns, t)| {
-            let entity = |body| SceneEntity {
-                timestamp: stamp(*at_ns),
-                id: format!("box{body}"),
-                cubes: vec![CubePrimitive {
-                    pose: Some(drawn(body, *t)),
-                    size: vector(DVec3::new(0.4, 0.2, 0.6)),
-                    ..CubePrimitive::default()
-                }],
-                ..SceneEntity::default()
-            };
-            let message = SceneUpdate {
-                entities: (0..2).map(entity).collect(),
-                ..SceneUpdate::default()
-            };
-            (*at_ns, message)
-        })
-        .collect();
-    let recording = plain("scene.mcap", &mcap_of("/scene", &scene));
-    compare(&recording, 60.0, 90);
-    let half_extents = Vec3::new(0.2, 0.1, 0.3);
-    assert_eq!(
-        recording.truth.placed[0].shape,
-        Shape::Cuboid { half_extents }
-    );
-
-    let single: Vec<_> = times
-        .iter()
-        .map(|(at_ns, t)| {
-            let message = PoseInFrame {
-                timestamp: stamp(*at_ns),
-                frame_id: "world".to_owned(),
-                pose: Some(drawn(0, *t)),
-            };
-            (*at_ns, message)
-        })
-        .collect();
-    let one = plain("pose.mcap", &mcap_of("/hand", &single));
-    assert_eq!((one.truth.placed.len(), one.ticks()), (1, 89));
 }
 
 #[test]
@@ -521,57 +482,6 @@ fn a_frame_on_a_moving_frame_moves_with_it() {
         said.contains("the message of /tf at 0.000000002 s") && said.contains("another parent"),
         "{said}"
     );
-}
-
-#[test]
-fn a_deleted_entity_is_gone_and_a_missing_one_stays() {
-    let times = moments(60.0, 30);
-    let messages: Vec<_> = times
-        .iter()
-        .enumerate()
-        .map(|(frame, (at_ns, t))| {
-            let entity = |body| SceneEntity {
-                timestamp: stamp(*at_ns),
-                id: format!("box{body}"),
-                cubes: vec![CubePrimitive {
-                    pose: Some(drawn(body, *t)),
-                    size: vector(DVec3::ONE),
-                    ..CubePrimitive::default()
-                }],
-                ..SceneEntity::default()
-            };
-            let deletion = SceneEntityDeletion {
-                timestamp: stamp(*at_ns),
-                id: "box1".to_owned(),
-                ..SceneEntityDeletion::default()
-            };
-            let message = SceneUpdate {
-                deletions: (frame == 20).then_some(deletion).into_iter().collect(),
-                // Box 0 stands still from frame 10 to 19.
-                entities: (0..2)
-                    .filter(|body| match body {
-                        0 => !(10..20).contains(&frame),
-                        _ => frame < 20,
-                    })
-                    .map(entity)
-                    .collect(),
-            };
-            (*at_ns, message)
-        })
-        .collect();
-    let recording = plain("deleted.mcap", &mcap_of("/scene", &messages));
-    assert_eq!(recording.truth.placed.len(), 2);
-    assert_eq!(
-        recording.truth.removed,
-        [(Tick::new(19), BodyId::new(1, 0))]
-    );
-    assert!(
-        recording.truth.ticks[14]
-            .iter()
-            .all(|of| of.id.index() != 0),
-        "it stands still"
-    );
-    keeps_its_tolerance(&recording);
 }
 
 #[test]
@@ -742,4 +652,102 @@ fn a_cut_recording_of_a_server_is_read_up_to_there() {
         read_ticks.is_sorted() && read_ticks.last() == Some(&29),
         "{read_ticks:?}"
     );
+}
+
+/// Tick and last tick of every stay of a recording, by index.
+pub(crate) fn stays(recording: &Recording) -> Vec<(u32, u64, Option<u64>)> {
+    let truth = &recording.truth;
+    let end = |id: BodyId| truth.removed.iter().find(|(_, of)| *of == id);
+    let stay = |placed: &Placed| {
+        let id = placed.desc.id;
+        let end = end(id).map(|(tick, _)| tick.value());
+        (id.index(), placed.tick.value(), end)
+    };
+    let mut stays: Vec<_> = truth.placed.iter().map(stay).collect();
+    stays.sort_unstable();
+    stays
+}
+
+#[test]
+fn a_body_of_one_frame_comes_and_goes_in_every_form() {
+    let mut text = COLUMNS.replace(' ', ",") + "\n";
+    for frame in 0..60 {
+        let t = f64::from(frame) / 60.0;
+        text += &format!("{t},there,{t},0,0,0,0,0,1\n");
+        // Alone between two gaps, and once at the very end.
+        if frame % 20 == 0 || frame == 59 {
+            text += &format!("{t},lone,0,{t},0,0,0,0,1\n");
+        }
+    }
+    let recording = plain("lone.csv", text.as_bytes());
+    let lone = [0, 20, 40].map(|frame| (1, frame, Some(frame)));
+    let expected = [&[(0, 0, None)][..], &lone, &[(1, 59, None)]].concat();
+    assert_eq!(stays(&recording), expected);
+    keeps_its_tolerance(&recording);
+
+    let written = write_rhtrace(&recording).expect("few bodies");
+    let again = plain("lone.rhtrace", &written);
+    assert_eq!(stays(&again), expected);
+    keeps_its_tolerance(&again);
+
+    let mut file = Cursor::new(Vec::new());
+    write_bag(&recording, &mut file).expect("memory");
+    let again = plain("lone-bag.mcap", &file.into_inner());
+    let mut begins: Vec<u64> = stays(&again).iter().map(|(_, begin, _)| *begin).collect();
+    begins.sort_unstable();
+    assert_eq!(begins, [0, 0, 20, 40, 59]);
+
+    let load = Load {
+        truth: recording.truth.clone(),
+        facts: recording.facts(),
+        runs: vec![replayed(&recording)],
+        unfinished: Vec::new(),
+    };
+    let experiment = Experiment {
+        command: String::new(),
+        seed: 1,
+        machine: String::new(),
+        loads: vec![load],
+    };
+    let path = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("lone-trace.mcap");
+    write(&path, &experiment, &TraceOptions::default(), &mut |_| {}).expect("the disk has space");
+    let bytes = std::fs::read(&path).expect("it is written");
+    assert_eq!(stays(&plain("lone-trace.mcap", &bytes)), expected);
+}
+
+#[test]
+fn contradicting_poses_of_one_time_are_refused_or_said() {
+    let mut text = COLUMNS.replace(' ', ",") + "\n";
+    for frame in 0..10 {
+        let t = f64::from(frame) / 10.0;
+        text += &format!("{t},a,{t},0,0,0,0,0,1\n");
+    }
+    let equal = text.clone() + "0.1,a,0.1,0,0,0,0,0,1\n";
+    let other = text + "0.1,a,900,0,0,0,0,0,1\n";
+    let said = refused("dup.csv", other.as_bytes());
+    assert!(
+        said.contains("line 12: body a has another pose at the same time, by line 3"),
+        "{said}"
+    );
+    plain("again.csv", equal.as_bytes());
+    let options = ReadOptions {
+        resample: Rate::new(20, 1),
+        ..ReadOptions::default()
+    };
+    let notes = |text: &str| {
+        let recording = reading("dup.csv", text.as_bytes(), &options).expect("the first counts");
+        assert!(
+            recording.truth.ticks[1]
+                .iter()
+                .all(|of| of.motion.position()[0] < 1.0)
+        );
+        recording.notes.join("\n")
+    };
+    let said = notes(&other);
+    assert!(
+        said.contains("1 poses are of a time that has another one of the body, up to 899.9000 m apart, as that of line 12"),
+        "{said}"
+    );
+    let said = notes(&equal);
+    assert!(!said.contains("apart"), "{said}");
 }
