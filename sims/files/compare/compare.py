@@ -212,8 +212,8 @@ What makes a row large:
   {late} after ten: the others drift apart with time.
 - A file that starts a joint outside its limits (`joint limits` in *left out*: a1, aliengo, laikago, panda) is pulled into them, by each
   engine at its own pace.
-- An armature is part of a body's moments here, and resists the joint alone there; that of a slide, tendons and couplings of joints act
-  there alone.
+- An armature is part of a body's moments here, as far as the body that holds it carries it, and resists the joint alone there; that of
+  a slide, tendons and couplings of joints act there alone.
 - Damping and stiffness are converted with the mass that they move in the pose of the start.
 
 | file | package | bodies | joints | left out | from MuJoCo, 0.5 s | 10 s | fastest | copy |

@@ -18,6 +18,7 @@ use rhumb_reckoning::{BodyId, Rate};
 
 use crate::inertia::{Inertia, Pose};
 use crate::model::{Drive, FileUp, LoadOptions, Model, ModelBody, ModelJoint, UpAxis};
+use crate::overlap;
 use crate::report::{Effect, LoadError, Place, Problem, Report};
 use crate::solid::{Placement, Subject};
 
@@ -197,6 +198,7 @@ pub(crate) fn assemble(
     if scene.joints.len() > JOINTS_MAX as usize {
         return Err(too_many("joints", scene.joints.len(), JOINTS_MAX));
     }
+    overlap::note(model, &mut report);
     scene.report = report;
     Ok(scene)
 }

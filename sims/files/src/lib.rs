@@ -18,6 +18,7 @@ mod mesh;
 mod mjcf;
 mod model;
 mod obj;
+mod overlap;
 mod report;
 mod solid;
 mod urdf;
