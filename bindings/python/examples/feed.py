@@ -120,7 +120,9 @@ class MujocoWarp(Mujoco):
         self.warp, self.engine, self.device = warp, mujoco_warp, device
         warp.config.quiet = True
         with warp.ScopedDevice(device):
-            self.there = mujoco_warp.put_model(self.model), mujoco_warp.put_data(self.model, self.data)
+            # Boxes in a heap touch at many points; without these, room is made for those of the start.
+            room = {"nconmax": 32 * self.model.nbody, "njmax": 128 * self.model.nbody}
+            self.there = mujoco_warp.put_model(self.model), mujoco_warp.put_data(self.model, self.data, **room)
 
     def step(self):
         model, data = self.there
