@@ -1,4 +1,4 @@
-//! Scenes as scripts: commands before each tick, and a seed. They are found by name here.
+//! Scenes as scripts, by name: commands before each tick, and a seed.
 //!
 //! Knows neither engine nor network, so a script runs in one process or remote. Invariant: name, number of bodies and
 //! seed determine every bit of every command on every platform.

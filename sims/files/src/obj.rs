@@ -92,7 +92,7 @@ fn wrong_line(text: &str) -> Option<String> {
         seen += i64::from(kind == Some("v"));
         let wrong = match kind {
             Some("v" | "vn") => {
-                let numbers = words.by_ref().map(|word| word.parse::<f32>());
+                let numbers = words.by_ref().map(str::parse::<f32>);
                 let numbers: Vec<_> = numbers.take(3).collect();
                 let is_right = numbers.len() == 3 && numbers.iter().all(Result::is_ok);
                 (!is_right).then(|| "three numbers are missing".to_owned())
