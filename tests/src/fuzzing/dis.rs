@@ -52,6 +52,7 @@ fn script(mut bytes: &[u8]) {
         frame: TangentFrame::new(place, SceneAxes::YUp),
         axes: SceneAxes::YUp,
         timeout: ForeignConfig::TIMEOUT,
+        reach: 1_000.0,
         entities_max: ENTITIES,
         pdus_per_second: 1_000,
     });
