@@ -156,7 +156,7 @@ fn an_entity_and_a_number_are_no_other_entity() {
     let bytes = scenes(|frame, at_ns| {
         let x = frame as f64 * 0.01;
         let mut robot = ball("robot", at_ns, x);
-        robot.spheres.push(robot.spheres[0].clone());
+        robot.spheres.push(robot.spheres[0]);
         let other = (frame < 10).then(|| ball("robot#1", at_ns, 5.0 + x));
         let entities = [robot].into_iter().chain(other).collect();
         let gone = (frame == 10).then(|| deletion(Some("robot#1"), at_ns));
@@ -227,7 +227,7 @@ fn what_an_entity_has_and_a_body_has_not_is_said_and_its_lifetime_ends_it() {
         long.frame_id = "world".to_owned();
         // Its second ball is there in the first ten frames.
         if frame < 10 {
-            long.spheres.push(long.spheres[0].clone());
+            long.spheres.push(long.spheres[0]);
         }
         let entities = match frame {
             // It is said again within its time, and later not.
