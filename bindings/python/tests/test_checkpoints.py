@@ -108,6 +108,8 @@ def test_what_is_no_checkpoint_or_cannot_be_one_is_refused_by_name():
                 rhumb.Checkpoint(wrong)
         with pytest.raises(rhumb.InvalidError, match="a b"):
             rhumb.restore(scene.save(), "a b")
+        with pytest.raises(rhumb.InvalidError, match="gravity, stepping: .* of its checkpoint"):
+            rhumb.restore(scene.save(), gravity=(0, -1, 0), stepping="lockstep", tolerance=0.01)
         with pytest.raises(TypeError):
             rhumb.restore(bytes(scene.save()))
     with pytest.raises(rhumb.ClosedError):

@@ -95,6 +95,9 @@ def test_wrong_choices_and_numbers_are_refused(pile):
             forks.advance(0)
         with pytest.raises(rhumb.InvalidError, match="threads"):
             rhumb.Forks(saved, 1, threads=0).advance()
+    for wrong in ("a", 1.5, None):
+        with pytest.raises(TypeError, match="count is .* must be a whole number"):
+            rhumb.Forks(saved, wrong)
     with pytest.raises(rhumb.InvalidError, match="count is 0"):
         rhumb.Forks(saved, 0)
     with pytest.raises(rhumb.ClosedError, match="fork 0"):

@@ -1,5 +1,6 @@
 """Many scenes that continue from one checkpoint, stepped together."""
 
+import operator
 import os
 from typing import Any, Callable, Dict, List, Literal, Optional, Sequence, Type, Union, overload
 
@@ -48,6 +49,10 @@ class Forks(Sequence[Scene]):
     ) -> None:
         """threads: how many step them; None: as many as the process has processors. The options are those of Connection.join,
         with a tolerance of a millimetre if none is given."""
+        try:
+            count = operator.index(count)
+        except TypeError:
+            raise TypeError(f"count is {count!r}, and must be a whole number") from None
         if count < 1:
             raise InvalidError(f"count is {count}, and must be at least 1")
         self._checkpoint = checkpoint
