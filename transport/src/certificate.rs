@@ -313,8 +313,8 @@ impl WebSource {
 
     /// Removes the one that has served. What cannot be removed harms nothing.
     fn forget_before(&self, period: u64) {
-        if let Some(folder) = &self.folder {
-            let path = folder.join(file_of(period - 1));
+        if let (Some(folder), Some(last)) = (&self.folder, period.checked_sub(1)) {
+            let path = folder.join(file_of(last));
             if let Err(cause) = fs::remove_file(&path) {
                 tracing::debug!(path = %path.display(), %cause, "an old certificate stays");
             }
@@ -334,9 +334,10 @@ fn file_of(period: u64) -> String {
 
 /// Writes a secret file as a whole, unless another server has written it.
 fn keep(path: &Path, bytes: &[u8]) -> io::Result<()> {
-    let temporary = path.with_extension(format!("{}.tmp", std::process::id()));
+    // Servers in containers may have the same process id; a key of its own names each one's file.
+    let temporary = path.with_extension(format!("{}.tmp", Fingerprint::of(bytes)));
     let mut options = OpenOptions::new();
-    options.write(true).create(true).truncate(true);
+    options.write(true).create_new(true);
     #[cfg(unix)]
     {
         use std::os::unix::fs::OpenOptionsExt;
@@ -491,6 +492,16 @@ mod tests {
             .collect();
         kept.sort();
         assert_eq!(kept, [file_of(3_334).as_str(), file_of(3_335).as_str()]);
+    }
+
+    #[test]
+    fn a_clock_that_goes_back_to_its_beginning_gets_a_certificate() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut pair = Pair::new(source(Some(folder.path())), day(0)).unwrap();
+        let before = prints(&pair);
+        pair.rotate(SystemTime::UNIX_EPOCH).unwrap();
+        assert_ne!(prints(&pair), before);
+        assert!(folder.path().join(file_of(0)).exists());
     }
 
     #[test]
