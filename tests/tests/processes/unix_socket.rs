@@ -133,5 +133,7 @@ fn a_program_that_was_stopped_for_100_seconds_of_ticks_comes_back_to_the_present
         last = stopped.next().0;
     }
     let (next, bound) = stopped.next();
-    assert_eq!((next, bound), (last + 1, 0.05));
+    assert_eq!(next, last + 1);
+    // The ball has fallen for 50 km, where 32 bits are 3.9 mm apart.
+    assert!((0.05..0.052).contains(&bound), "{bound}");
 }
