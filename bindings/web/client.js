@@ -20,6 +20,8 @@ const FOLLOWED_MAX = 8;
 const CLOCK_APART_MAX = 10000;
 /** The code of a close for lack of a place. */
 const BUSY = 7;
+/** The close code of a server that does not have the scene, and has named the one that has it. */
+const ELSEWHERE = 11;
 /** Denials by the calls that they answer; one of a stream or of more ids answers none of these. */
 const DENIALS = {
   inspected: ["noSuchScene", "other"],
@@ -237,10 +239,12 @@ export class Client {
     this.#connection = undefined;
     const error = new RhumbError({ code, message, closeCode });
     const named = placeOf(elsewhere);
-    this.#followed = named === undefined ? 0 : this.#followed + 1;
-    const place = this.#followed <= FOLLOWED_MAX ? named : undefined;
-    if (this.#followed > FOLLOWED_MAX) this.#followed = 0;
-    if (this.#state === "open" && named !== undefined && !this.#member.joined) {
+    // The end of a connection may overtake the address: then the server is asked again.
+    const isElsewhere = named !== undefined || closeCode === ELSEWHERE;
+    const mayFollow = this.#followed < FOLLOWED_MAX;
+    this.#followed = isElsewhere && mayFollow ? this.#followed + 1 : 0;
+    const place = mayFollow ? named : undefined;
+    if (this.#state === "open" && isElsewhere && (named !== undefined || mayFollow) && !this.#member.joined) {
       this.#member.free();
       this.#member = this.#newMember();
       this.#reach(place, PAUSE_FIRST);
