@@ -341,6 +341,20 @@ test("a client joins where the server that it asked sends it", async () => {
   assert.equal(client.state, "open");
 });
 
+test("a server whose connection ends before the name of another one is read is asked again", async () => {
+  const connection = await connect(URL, { transport: Transport, timeout: 5000 });
+  const joining = connection.join("golden");
+  const first = servers.length;
+  servers.at(-1).play([BEGINNING[0]]);
+  servers.at(-1).close({ closeCode: 11 });
+  await until(() => servers.length > first, "the second connection");
+  assert.equal(servers.at(-1).url, `${URL}/rhumb/1`);
+  servers.at(-1).play(BEGINNING);
+  const client = await joining;
+  clients.push(client);
+  assert.equal(client.state, "open");
+});
+
 test("servers that name each other are asked eight in a row, then after a pause, until the time to join is over", async () => {
   const connection = await connect(URL, { transport: Transport, timeout: 400 });
   const first = servers.length - 1;
