@@ -25,7 +25,9 @@ use tracing::level_filters::LevelFilter;
 use crate::access::KeyFile;
 #[cfg(feature = "demo")]
 use crate::demo::{DemoArguments, open_browser};
-use crate::directory::{DrainArguments, Endpoints, MoveArguments, run_drain, run_move};
+use crate::directory::{
+    DrainArguments, Endpoints, LeaseSeconds, MoveArguments, run_drain, run_move,
+};
 use crate::dispatcher;
 use crate::durable::{self, DataDir, DataError};
 use crate::edge::{self, EdgeArguments};
@@ -139,6 +141,9 @@ pub struct Arguments {
     /// Address that the other servers of a directory tell clients for this one, as host:port [default: that of --listen].
     #[arg(long, value_name = "ADDRESS")]
     advertise: Option<String>,
+    /// Time for which the directory holds this server's scenes after its last renewal, in seconds, from 3 to 30 [default: 5].
+    #[arg(long, value_name = "SECONDS")]
+    lease: Option<LeaseSeconds>,
     /// Origin of a web page that may connect, as https://host:port, or * for all; may be repeated. Pages of this machine
     /// may always.
     #[arg(long, value_name = "ORIGIN", conflicts_with = "no_web")]
@@ -325,6 +330,7 @@ fn settings_of(arguments: &Arguments) -> Result<ServerSettings, Box<dyn Error>> 
     settings.data = arguments.data.clone().or(settings.data);
     settings.directory = arguments.directory.clone().or(settings.directory);
     settings.advertise = arguments.advertise.clone().or(settings.advertise);
+    set(&mut settings.lease, arguments.lease);
     if arguments.cert.is_some() {
         settings.cert = arguments.cert.clone();
         settings.key = arguments.key.clone();
@@ -426,7 +432,7 @@ fn run(settings: &ServerSettings, parts: Parts) -> Result<(), Box<dyn Error>> {
         server.store_in(data);
     }
     if let Some(directory) = directory {
-        server.share_scenes(directory, settings.advertise.as_deref());
+        server.share_scenes(directory, (settings.advertise.as_deref(), settings.lease));
     }
     listen_at(&mut server, settings.socket.as_deref())?;
     let foxglove = observe(&mut server, settings)?;

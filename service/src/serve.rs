@@ -28,7 +28,7 @@ use rhumb_transport::{
 #[cfg(feature = "view")]
 use crate::access::KeyError;
 use crate::access::{Authenticator, TokenKeys};
-use crate::directory::{Endpoints, FenceClock, Keeper, ServerPlace};
+use crate::directory::{Endpoints, FenceClock, Keeper, LeaseSeconds, ServerPlace};
 use crate::dispatcher::{Checkpoints, Dispatcher, DispatcherSettings, ProcessOptions, Question};
 use crate::durable::{DataDir, DataError};
 use crate::flight::{FlightRecorders, FlightWriter};
@@ -113,8 +113,9 @@ pub struct Server {
     #[cfg(unix)]
     socket: Option<UnixServer>,
     data: Option<DataDir>,
-    /// The directory that says which scenes are this server's, and the address that others tell its clients.
-    directory: Option<(Endpoints, ServerPlace)>,
+    /// The directory that says which scenes are this server's, the address that others tell its clients, and the time of its
+    /// lease.
+    directory: Option<(Endpoints, ServerPlace, LeaseSeconds)>,
     flight: Option<PathBuf>,
     checkpoints: (Checkpoints, Receiver<Question>),
     #[cfg(feature = "record")]
@@ -317,11 +318,15 @@ impl Server {
 
     /// Asks a directory which scenes are this server's. `advertise`, `host:port`: where clients of the others find it, if not
     /// at the address that it listens at. The data directory is shared with the other servers.
-    pub(crate) fn share_scenes(&mut self, directory: Endpoints, advertise: Option<&str>) {
+    pub(crate) fn share_scenes(
+        &mut self,
+        directory: Endpoints,
+        (advertise, lease): (Option<&str>, LeaseSeconds),
+    ) {
         let own = self.address().to_string();
         let address = advertise.unwrap_or(&own);
         let place = format!("rhumb://{address}#{}", self.fingerprint());
-        self.directory = Some((directory, ServerPlace(place)));
+        self.directory = Some((directory, ServerPlace(place), lease));
     }
 
     /// Writes the last moments of a scene that faults to a file of this directory, which is made if it is missing.

@@ -22,6 +22,7 @@ use toml::{Table, Value};
 use tracing::level_filters::LevelFilter;
 
 use crate::access::{DEFAULT_AUDIENCE, KeyFile};
+use crate::directory::LeaseSeconds;
 
 /// The place of scenes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, ValueEnum)]
@@ -51,6 +52,8 @@ pub(crate) struct ServerSettings {
     pub(crate) data: Option<PathBuf>,
     pub(crate) directory: Option<String>,
     pub(crate) advertise: Option<String>,
+    #[serde(deserialize_with = "parsed")]
+    pub(crate) lease: LeaseSeconds,
     pub(crate) flight: Option<PathBuf>,
     pub(crate) record: Option<PathBuf>,
     pub(crate) foxglove: Option<SocketAddr>,
@@ -192,7 +195,7 @@ impl std::error::Error for SettingsError {}
 const PREFIX: &str = "RHUMB_SERVER_";
 
 /// The settings beside the limits: name, default as the file writes it, meaning.
-const ROWS: [(&str, &str, &str); 25] = [
+const ROWS: [(&str, &str, &str); 26] = [
     (
         "listen",
         "\"127.0.0.1:4433\"",
@@ -257,6 +260,11 @@ const ROWS: [(&str, &str, &str); 25] = [
         "advertise",
         "\"physics.example:4433\"",
         "Address at which clients of the other servers reach this one; without it, the one that it listens on.",
+    ),
+    (
+        "lease",
+        "5",
+        "Seconds for which the directory holds this server's scenes after its last renewal, from 3 to 30.",
     ),
     (
         "flight",
@@ -348,6 +356,7 @@ impl Default for ServerSettings {
             data: None,
             directory: None,
             advertise: None,
+            lease: LeaseSeconds::default(),
             flight: None,
             record: None,
             foxglove: None,

@@ -86,6 +86,16 @@ impl Programme {
         Self::started(child, START_UP_LINES)
     }
 
+    /// Starts a server or an edge by exactly these arguments, and reads its start-up lines.
+    ///
+    /// # Panics
+    ///
+    /// As [`Self::serve`].
+    #[must_use]
+    pub fn start(self, arguments: &[&str]) -> ServerProcess {
+        Self::started(self.spawn(arguments), START_UP_LINES)
+    }
+
     /// Starts a server and reads its start-up lines.
     ///
     /// # Panics

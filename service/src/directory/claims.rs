@@ -8,9 +8,12 @@
 //! none. The directory ends a lease no earlier than its time after it took the last renewal, which is after that was sent. So
 //! a server counts from the sending, takes the drift and [`MARGIN`] off, and publishes only before. A claim that is given up
 //! names the key's epoch, so that a late copy of that request removes no newer claim; until it is answered, the server does
-//! not claim the scene again.
+//! not claim the scene again. A lease that was lost is ended by request, so that it does not stand in the way of the next one,
+//! but no sooner than [`MARGIN`] after nothing was published any more.
 
 use std::collections::{BTreeMap, VecDeque};
+use std::fmt;
+use std::str::FromStr;
 
 use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::{Instant, Span};
@@ -80,16 +83,59 @@ pub(crate) enum ClaimEvent {
     Lost,
 }
 
-/// Time of a lease.
-pub(crate) const LEASE: Span = Span::from_millis(5_000);
+/// Time of a lease, seconds: from [`Self::MIN`] to [`Self::MAX`].
+///
+/// A scene of a killed server is free after that time, and a server without its directory goes on for about that time. In the
+/// shortest one there is time for two renewals that get no answer; clients try for twice the longest one to resume.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct LeaseSeconds(u64);
+
+impl LeaseSeconds {
+    const MIN: u64 = 3;
+    const MAX: u64 = 30;
+
+    /// Time between two renewals: a third of that in which one may publish.
+    fn renewal(self) -> Span {
+        let usable = until(Instant::ZERO, self.0).since(Instant::ZERO);
+        Span::from_nanos(usable.as_nanos() / 3)
+    }
+}
+
+impl Default for LeaseSeconds {
+    fn default() -> Self {
+        Self(5)
+    }
+}
+
+/// A text that is no time of a lease.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct InvalidLease;
+
+impl fmt::Display for InvalidLease {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (min, max) = (LeaseSeconds::MIN, LeaseSeconds::MAX);
+        write!(f, "must be whole seconds, from {min} to {max}")
+    }
+}
+
+impl std::error::Error for InvalidLease {}
+
+impl FromStr for LeaseSeconds {
+    type Err = InvalidLease;
+
+    fn from_str(text: &str) -> Result<Self, InvalidLease> {
+        let seconds = text.parse().ok();
+        let seconds = seconds.filter(|seconds| (Self::MIN..=Self::MAX).contains(seconds));
+        seconds.map(Self).ok_or(InvalidLease)
+    }
+}
+
 /// Parts of a hundred by which the rates of two clocks differ at most. Quartz drifts by 0.02 %, a steered clock by 0.05 %.
 pub(crate) const DRIFT_PERCENT: u64 = 2;
 /// Time before the end of a lease at which nothing is published any more. A transport that closes lets data leave for half a
 /// second.
 pub(crate) const MARGIN: Span = Span::from_millis(1_000);
-/// Time between two renewals.
-const RENEWAL: Span = Span::from_millis(1_200);
-/// Time between a renewal, or a request for a lease, that failed, and the next.
+/// Time between a request that failed, and the next.
 const RETRY: Span = Span::from_millis(250);
 /// Time for an answer.
 pub(crate) const ANSWER: Span = Span::from_millis(1_000);
@@ -99,7 +145,11 @@ pub(crate) const ANSWER: Span = Span::from_millis(1_000);
 pub(crate) struct SceneClaims {
     /// Of this server.
     place: ServerPlace,
+    /// Time of its leases.
+    time: LeaseSeconds,
     lease: Option<Lease>,
+    /// Leases that are over for this server and that the directory may still have, and when they may be ended.
+    over: BTreeMap<LeaseId, Instant>,
     /// When the lease is asked for, or renewed, next; `None` while an answer is awaited.
     next: Option<Instant>,
     scenes: BTreeMap<SceneName, Claim>,
@@ -107,6 +157,8 @@ pub(crate) struct SceneClaims {
     waiting: BTreeMap<SceneName, Instant>,
     /// Scenes whose release is asked for again, and when.
     unreleased: BTreeMap<SceneName, Instant>,
+    /// Scenes that an own lease which is over still holds, and when they are claimed again.
+    held_back: BTreeMap<SceneName, Instant>,
     /// Requests without an answer: when they were sent.
     asked: BTreeMap<RequestId, (DirectoryRequest, Instant)>,
     requests: u64,
@@ -131,14 +183,17 @@ enum Claim {
 
 impl SceneClaims {
     /// None yet; it asks for a lease at once.
-    pub(crate) fn new(now: Instant, place: ServerPlace) -> Self {
+    pub(crate) fn new(now: Instant, place: ServerPlace, time: LeaseSeconds) -> Self {
         Self {
             place,
+            time,
             lease: None,
+            over: BTreeMap::new(),
             next: Some(now),
             scenes: BTreeMap::new(),
             waiting: BTreeMap::new(),
             unreleased: BTreeMap::new(),
+            held_back: BTreeMap::new(),
             asked: BTreeMap::new(),
             requests: 0,
             out: VecDeque::new(),
@@ -207,7 +262,11 @@ impl SceneClaims {
         match request {
             DirectoryRequest::Grant { .. } => self.handle_grant(now, sent, &answer),
             DirectoryRequest::Renew(id) => self.handle_renewal(now, (id, sent), &answer),
-            DirectoryRequest::Revoke(_) => {}
+            DirectoryRequest::Revoke(id) => {
+                if answer == DirectoryAnswer::Failed {
+                    self.over.insert(id, now + RETRY);
+                }
+            }
             DirectoryRequest::Claim(id, scene) => self.handle_claim(now, (id, scene), answer),
             DirectoryRequest::Release(epoch, scene) => {
                 self.handle_release(now, (epoch, scene), &answer);
@@ -223,6 +282,16 @@ impl SceneClaims {
                 self.ask(now, DirectoryRequest::Release(epoch, scene));
             }
         }
+        if let Some(lease) = self.lease {
+            for over in take_due(&mut self.over, now) {
+                self.ask(now, DirectoryRequest::Revoke(over));
+            }
+            for scene in take_due(&mut self.held_back, now) {
+                if self.scenes.get(&scene) == Some(&Claim::Asked) {
+                    self.ask(now, DirectoryRequest::Claim(lease.id, scene));
+                }
+            }
+        }
         let given_up = take_due(&mut self.waiting, now);
         self.events
             .extend(given_up.into_iter().map(ClaimEvent::Unknown));
@@ -231,7 +300,7 @@ impl SceneClaims {
             let request = match self.lease {
                 Some(lease) => DirectoryRequest::Renew(lease.id),
                 None => DirectoryRequest::Grant {
-                    seconds: LEASE.as_nanos() / 1_000_000_000,
+                    seconds: self.time.0,
                 },
             };
             self.ask(now, request);
@@ -253,7 +322,9 @@ impl SceneClaims {
         let until = self.lease.map(|lease| lease.until);
         let unreleased = self.unreleased.values().min().copied();
         let waiting = self.waiting.values().min().copied();
-        [until, self.next, unreleased, waiting]
+        let with_lease = self.over.values().chain(self.held_back.values()).min();
+        let with_lease = with_lease.copied().filter(|_| self.lease.is_some());
+        [until, self.next, unreleased, waiting, with_lease]
             .into_iter()
             .flatten()
             .min()
@@ -279,7 +350,7 @@ impl SceneClaims {
         match granted {
             Some((id, until)) if now < until => {
                 self.lease = Some(Lease { id, until });
-                self.next = Some(sent + RENEWAL);
+                self.next = Some(sent + self.time.renewal());
                 for scene in std::mem::take(&mut self.waiting).into_keys() {
                     self.claim(now, &scene);
                 }
@@ -301,7 +372,7 @@ impl SceneClaims {
         match *answer {
             DirectoryAnswer::Renewed(seconds) => {
                 lease.until = lease.until.max(until(sent, seconds));
-                self.next = Some(sent + RENEWAL);
+                self.next = Some(sent + self.time.renewal());
             }
             DirectoryAnswer::NoLease => self.lose(now),
             _ => self.next = Some(now + RETRY),
@@ -328,7 +399,11 @@ impl SceneClaims {
             DirectoryAnswer::Owner { place, .. } if place != self.place => {
                 ClaimEvent::Elsewhere(scene.clone(), place)
             }
-            // Its own earlier lease has not ended, or the directory is silent.
+            DirectoryAnswer::Owner { .. } if self.is_any_over() => {
+                self.held_back.insert(scene, now + RETRY);
+                return;
+            }
+            // A process before this one had the scene, or the directory is silent.
             _ => ClaimEvent::Unknown(scene.clone()),
         };
         self.scenes.remove(&scene);
@@ -353,6 +428,14 @@ impl SceneClaims {
         }
     }
 
+    /// True while the directory may have an own lease that is over.
+    fn is_any_over(&self) -> bool {
+        let is_revoked = |(request, _): &(DirectoryRequest, Instant)| {
+            matches!(request, DirectoryRequest::Revoke(_))
+        };
+        !self.over.is_empty() || self.asked.values().any(is_revoked)
+    }
+
     /// Ends a lease whose time is over.
     fn expire(&mut self, now: Instant) {
         if self.lease.is_some_and(|lease| lease.until <= now) {
@@ -360,12 +443,14 @@ impl SceneClaims {
         }
     }
 
-    /// Forgets the lease and what it held. It ends by itself: what was sent before may still be on its way.
+    /// Forgets the lease and what it held. What was sent before may still be on its way.
     fn lose(&mut self, now: Instant) {
-        if self.lease.take().is_none() {
+        let Some(lease) = self.lease.take() else {
             return;
-        }
+        };
+        self.over.insert(lease.id, now + MARGIN);
         self.unreleased.clear();
+        self.held_back.clear();
         for (scene, claim) in std::mem::take(&mut self.scenes) {
             if matches!(claim, Claim::Asked | Claim::Releasing(_, true)) {
                 self.events.push_back(ClaimEvent::Unknown(scene));
@@ -377,9 +462,9 @@ impl SceneClaims {
 }
 
 /// Takes out what is due.
-fn take_due(of: &mut BTreeMap<SceneName, Instant>, now: Instant) -> Vec<SceneName> {
+fn take_due<K: Clone + Ord>(of: &mut BTreeMap<K, Instant>, now: Instant) -> Vec<K> {
     let due = of.iter().filter(|(_, at)| **at <= now);
-    let due: Vec<_> = due.map(|(scene, _)| scene.clone()).collect();
+    let due: Vec<_> = due.map(|(key, _)| key.clone()).collect();
     of.retain(|_, at| *at > now);
     due
 }

@@ -188,15 +188,31 @@ impl Operator {
             if self.etcd.owner_of(scene).await.flatten().as_ref() == Some(to) {
                 return Ok(waited.as_nanos() / 1_000_000);
             }
+            let board = self.etcd.read_board().await;
+            if board.is_some_and(|board| board.refused.get(scene) == Some(to)) {
+                self.take_back(scene, to).await;
+                return Err(format!(
+                    "{scene} stays where it is: it has no files by which it could move, as a scene that one client \
+                     owns"
+                )
+                .into());
+            }
             if waited >= ORDER {
                 let address = address_of(to);
                 return Err(format!(
                     "{scene} has not moved to {address} in {ORDER_SECONDS} s, and the order has ended: the logs of both servers \
-                     say why; a scene that one client owns has no files by which it could move"
+                     say why"
                 )
                 .into());
             }
             sleep(LOOK).await;
+        }
+    }
+
+    /// Takes an order back, and the notice that nothing can come of it. What stays there ends with its lease.
+    async fn take_back(&self, scene: &SceneName, to: &ServerPlace) {
+        for notice in [Notice::Order, Notice::Refused] {
+            self.etcd.remove(&notice(scene.clone(), to.clone())).await;
         }
     }
 

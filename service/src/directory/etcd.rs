@@ -332,6 +332,7 @@ impl Notice {
             Self::Drained(place) => (format!("drained/{}", place.0), PLAIN),
             Self::Order(scene, to) => (format!("order/{scene}"), &to.0),
             Self::Standby(scene, by) => (format!("standby/{scene}"), &by.0),
+            Self::Refused(scene, by) => (format!("refused/{scene}"), &by.0),
         }
     }
 }
@@ -352,6 +353,7 @@ impl Board {
             ("drained", _) => drop(self.drained.insert(place)),
             ("order", Ok(scene)) => drop(self.orders.insert(scene, value)),
             ("standby", Ok(scene)) => drop(self.standbys.insert(scene, value)),
+            ("refused", Ok(scene)) => drop(self.refused.insert(scene, value)),
             _ => {}
         }
     }
@@ -618,6 +620,7 @@ mod tests {
             Notice::Drained(place.clone()),
             Notice::Order(scene.clone(), place.clone()),
             Notice::Standby(scene.clone(), place.clone()),
+            Notice::Refused(scene.clone(), place.clone()),
         ];
         let mut board = Board::default();
         for notice in &notices {
@@ -632,7 +635,8 @@ mod tests {
             servers: [(place.clone(), LeaseId(7))].into(),
             drained: [place.clone()].into(),
             orders: [(scene.clone(), place.clone())].into(),
-            standbys: [(scene, place)].into(),
+            standbys: [(scene.clone(), place.clone())].into(),
+            refused: [(scene, place)].into(),
         };
         assert_eq!(board, expected);
         board.add(Entry {

@@ -22,6 +22,8 @@ pub(super) struct Board {
     pub(super) orders: BTreeMap<SceneName, ServerPlace>,
     /// Scenes that a server follows and could take at once.
     pub(super) standbys: BTreeMap<SceneName, ServerPlace>,
+    /// Scenes that have no files by which this server could take them.
+    pub(super) refused: BTreeMap<SceneName, ServerPlace>,
 }
 
 /// One notice on the board.
@@ -31,6 +33,7 @@ pub(super) enum Notice {
     Drained(ServerPlace),
     Order(SceneName, ServerPlace),
     Standby(SceneName, ServerPlace),
+    Refused(SceneName, ServerPlace),
 }
 
 /// One act of a server in a move.
@@ -44,12 +47,34 @@ pub(crate) enum HandoverStep {
     Leave(SceneName, ServerPlace),
 }
 
+/// One look for a scene's files.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum FilesSeen {
+    There,
+    Missing,
+}
+
+/// How near a scene is that comes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Coming {
+    /// Its files were looked for so often in vain.
+    Sought(u32),
+    /// It has files, which are followed.
+    Followed,
+    /// It could be taken at once.
+    Ready,
+}
+
+/// Looks at the board, each a moment after the last one, after which a scene without files is refused: one that was created
+/// just before its order has them by then.
+const LOOKS: u32 = 20;
+
 /// The moves that concern one server.
 #[derive(Debug)]
 pub(super) struct Handovers {
     place: ServerPlace,
-    /// Scenes that come; true for those that could be taken at once.
-    coming: BTreeMap<SceneName, bool>,
+    /// Scenes that come.
+    coming: BTreeMap<SceneName, Coming>,
     /// Scenes that are to go, each to this server.
     going: BTreeMap<SceneName, ServerPlace>,
     /// True if a scene is ordered to go.
@@ -98,7 +123,7 @@ impl Handovers {
         for (scene, to) in &board.orders {
             match (*to == self.place, owns(scene)) {
                 (true, false) if !self.coming.contains_key(scene) => {
-                    self.coming.insert(scene.clone(), false);
+                    self.coming.insert(scene.clone(), Coming::Sought(0));
                     steps.push(HandoverStep::Prepare(scene.clone()));
                 }
                 (false, true)
@@ -141,8 +166,7 @@ impl Handovers {
 
     /// Notes that a scene that comes could be taken at once; the notice of it, unless it does not come any more.
     pub(super) fn note_ready(&mut self, scene: &SceneName) -> Option<Notice> {
-        let ready = self.coming.get_mut(scene)?;
-        *ready = true;
+        *self.coming.get_mut(scene)? = Coming::Ready;
         Some(Notice::Standby(scene.clone(), self.place.clone()))
     }
 
@@ -160,14 +184,41 @@ impl Handovers {
         }
     }
 
+    /// The scenes that come and whose files have not been found.
+    pub(super) fn sought(&self) -> impl Iterator<Item = &SceneName> {
+        let sought = self.coming.iter();
+        let sought = sought.filter(|(_, coming)| matches!(coming, Coming::Sought(_)));
+        sought.map(|(scene, _)| scene)
+    }
+
+    /// Notes whether a scene that comes has files; the notice that it cannot come, after enough looks.
+    pub(super) fn note_files(&mut self, scene: &SceneName, seen: FilesSeen) -> Option<Notice> {
+        let coming = self.coming.get_mut(scene)?;
+        let Coming::Sought(looks) = coming else {
+            return None;
+        };
+        *looks += 1;
+        let is_refused = *looks == LOOKS;
+        match seen {
+            FilesSeen::There => {
+                *coming = Coming::Followed;
+                None
+            }
+            FilesSeen::Missing => {
+                is_refused.then(|| Notice::Refused(scene.clone(), self.place.clone()))
+            }
+        }
+    }
+
     /// True for a scene that is asked for again until it is this server's.
     pub(super) fn awaits(&self, scene: &SceneName) -> bool {
-        self.coming.get(scene) == Some(&true)
+        self.coming.get(scene) == Some(&Coming::Ready)
     }
 
     /// The scenes that are to be asked for again.
     pub(super) fn awaited(&self) -> impl Iterator<Item = &SceneName> {
-        let ready = self.coming.iter().filter(|(_, ready)| **ready);
+        let coming = self.coming.iter();
+        let ready = coming.filter(|(_, coming)| **coming == Coming::Ready);
         ready.map(|(scene, _)| scene)
     }
 
@@ -245,6 +296,26 @@ mod tests {
         assert_eq!(to.take_board(&nothing, |_| false), forget);
         assert!(!from.is_busy() && !to.is_busy());
         assert_eq!(to.note_ready(&pit()), None, "it came too late");
+    }
+
+    #[test]
+    fn a_scene_without_files_is_refused_once_and_not_before_a_new_one_has_them() {
+        let mut to = Handovers::new(place("b"));
+        to.take_board(&ordered(), |_| false);
+        for _ in 1..LOOKS {
+            assert_eq!(to.sought().collect::<Vec<_>>(), [&pit()]);
+            assert_eq!(to.note_files(&pit(), FilesSeen::Missing), None);
+        }
+        let refused = Some(Notice::Refused(pit(), place("b")));
+        assert_eq!(to.note_files(&pit(), FilesSeen::Missing), refused);
+        assert_eq!(to.note_files(&pit(), FilesSeen::Missing), None, "once");
+        assert_eq!(to.note_files(&pit(), FilesSeen::There), None);
+        assert_eq!(to.sought().count(), 0);
+        assert_eq!(
+            to.note_files(&pit(), FilesSeen::Missing),
+            None,
+            "it was there"
+        );
     }
 
     #[test]

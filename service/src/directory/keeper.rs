@@ -3,7 +3,7 @@
 //! The dispatcher never waits for them: questions go in by a queue, events come back by another. Before a scene is said to be
 //! owned, its files have become this server's.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -18,10 +18,10 @@ use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
 use tokio::time::sleep;
 
 use super::claims::{
-    ANSWER, ClaimEvent, DirectoryAnswer, Epoch, RequestId, SceneClaims, ServerPlace,
+    ANSWER, ClaimEvent, DirectoryAnswer, Epoch, LeaseSeconds, RequestId, SceneClaims, ServerPlace,
 };
 use super::etcd::{Endpoints, Etcd};
-use super::handovers::{Board, HandoverStep, Handovers, Notice};
+use super::handovers::{Board, FilesSeen, HandoverStep, Handovers, Notice};
 use crate::durable::{DataDir, DataError, Generation};
 
 /// The dispatcher's handle. When it is dropped, all claims are given up.
@@ -59,7 +59,7 @@ pub(crate) enum DirectoryEvent {
 /// An answer of the directory for the keeper, or of the thread of files.
 enum DirectoryNews {
     Request(RequestId, DirectoryAnswer),
-    Files(FilesTaken),
+    Files(FilesNews),
     /// `None` without an answer.
     Board(Option<Board>),
 }
@@ -81,7 +81,7 @@ impl Keeper {
     ///
     /// The system's, if it has no thread or no event queue.
     pub(crate) fn start(
-        (endpoints, place): (Endpoints, ServerPlace),
+        (endpoints, place, lease): (Endpoints, ServerPlace, LeaseSeconds),
         data: DataDir,
         clock: FenceClock,
         wake: impl Fn() + Send + 'static,
@@ -97,8 +97,8 @@ impl Keeper {
             let _ = taken.send(DirectoryNews::Files(files));
         };
         let keeping = Keeping {
-            wanted: start_taking_over(data, Arc::clone(&clock), take)?,
-            claims: SceneClaims::new(clock(), place.clone()),
+            wanted: start_file_thread(data, Arc::clone(&clock), take)?,
+            claims: SceneClaims::new(clock(), place.clone(), lease),
             handovers: Handovers::new(place.clone()),
             place,
             etcd: Arc::new(Etcd::new(endpoints)),
@@ -186,7 +186,7 @@ struct Keeping {
     /// When the awaited scenes are asked for next.
     claims_at: Instant,
     /// To the thread of files.
-    wanted: Sender<FilesWanted>,
+    wanted: Sender<FilesAsk>,
     /// The claims with which the files of scenes are taken over, and what these have become; `None` as long as that is
     /// awaited.
     taken: BTreeMap<SceneName, (Epoch, Option<Generation>)>,
@@ -255,7 +255,12 @@ impl Keeping {
         let now = (self.clock)();
         match answered {
             DirectoryNews::Request(id, answer) => self.claims.handle_answer(now, id, answer),
-            DirectoryNews::Files(files) => self.take_files(files),
+            DirectoryNews::Files(FilesNews::Taken(files)) => self.take_files(files),
+            DirectoryNews::Files(FilesNews::Seen(scene, seen)) => {
+                if let Some(refused) = self.handovers.note_files(&scene, seen) {
+                    self.post(refused);
+                }
+            }
             DirectoryNews::Board(None) => self.board_at = Some(now + BOARD),
             DirectoryNews::Board(Some(board)) => self.take_board(now, &board),
         }
@@ -279,11 +284,18 @@ impl Keeping {
         };
         self.board_at = Some(now + pause);
         self.hand_on(steps);
+        for scene in self.handovers.sought() {
+            // Without its thread no scene comes, which is said where one is claimed.
+            let _ = self.wanted.send(FilesAsk::Look(scene.clone()));
+        }
     }
 
     fn hand_on(&mut self, steps: Vec<HandoverStep>) {
         let any = !steps.is_empty();
         for step in steps {
+            if let HandoverStep::Forget(scene) = &step {
+                self.remove(Notice::Refused(scene.clone(), self.place.clone()));
+            }
             self.tell(DirectoryEvent::Handover(step));
         }
         if any {
@@ -395,9 +407,10 @@ impl Keeping {
             epoch,
             until,
         };
-        if let Err(unsent) = self.wanted.send(wanted) {
+        let of_claim = (wanted.scene.clone(), wanted.epoch);
+        if self.wanted.send(FilesAsk::Take(wanted)).is_err() {
             tracing::error!("the thread that takes files over has ended: no scene comes any more");
-            let FilesWanted { scene, epoch, .. } = unsent.0;
+            let (scene, epoch) = of_claim;
             self.take_files(FilesTaken {
                 scene,
                 epoch,
@@ -492,6 +505,19 @@ pub(super) mod puppet {
 /// A clock that also counts while the machine sleeps.
 pub(crate) type FenceClock = Arc<dyn Fn() -> Instant + Send + Sync>;
 
+/// A question to the thread of files.
+enum FilesAsk {
+    Take(FilesWanted),
+    /// Whether a scene has files.
+    Look(SceneName),
+}
+
+/// What the thread has done or seen.
+enum FilesNews {
+    Taken(FilesTaken),
+    Seen(SceneName, FilesSeen),
+}
+
 /// A claim whose files are to be taken over.
 struct FilesWanted {
     scene: SceneName,
@@ -508,38 +534,66 @@ struct FilesTaken {
     generation: Option<Generation>,
 }
 
-/// Starts the thread that takes the files of claimed scenes over. It ends with the sender, and nothing waits for it: what it
+/// Starts the thread that takes the files of claimed scenes over, and looks for those of scenes that are to come. It ends with the sender, and nothing waits for it: what it
 /// does late harms no other server.
 ///
 /// A file system may be slow, or hang, and no renewal of a lease waits for it. It looks at the directory of all scenes once
 /// for all claims that have come meanwhile.
-fn start_taking_over(
+fn start_file_thread(
     data: DataDir,
     clock: FenceClock,
-    tell: impl Fn(FilesTaken) + Send + 'static,
-) -> io::Result<Sender<FilesWanted>> {
-    let (wanted, asked) = channel();
+    tell: impl Fn(FilesNews) + Send + 'static,
+) -> io::Result<Sender<FilesAsk>> {
+    let (asks, asked) = channel();
     thread::Builder::new()
         .name("rhumb-takeover".to_owned())
-        .spawn(move || take_over_all(&asked, (&data, &clock), &tell))?;
-    Ok(wanted)
+        .spawn(move || answer_files(&asked, (&data, &clock), &tell))?;
+    Ok(asks)
 }
 
-fn take_over_all(
-    asked: &Receiver<FilesWanted>,
+fn answer_files(
+    asked: &Receiver<FilesAsk>,
     (data, clock): (&DataDir, &FenceClock),
-    tell: &dyn Fn(FilesTaken),
+    tell: &dyn Fn(FilesNews),
 ) {
     while let Ok(first) = asked.recv() {
-        let all: Vec<_> = std::iter::once(first).chain(asked.try_iter()).collect();
-        take_all(all, (data, clock), tell);
+        let (mut take, mut seek) = (Vec::new(), BTreeSet::new());
+        for ask in std::iter::once(first).chain(asked.try_iter()) {
+            match ask {
+                FilesAsk::Take(wanted) => take.push(wanted),
+                FilesAsk::Look(scene) => drop(seek.insert(scene)),
+            }
+        }
+        if !take.is_empty() {
+            take_all(take, (data, clock), tell);
+        }
+        if !seek.is_empty() {
+            look_for(seek, data, tell);
+        }
+    }
+}
+
+/// A directory that cannot be read says nothing about a scene.
+fn look_for(scenes: BTreeSet<SceneName>, data: &DataDir, tell: &dyn Fn(FilesNews)) {
+    match data.scenes() {
+        Ok(there) => {
+            let there: BTreeSet<_> = there.into_iter().map(|(scene, _)| scene).collect();
+            for scene in scenes {
+                let seen = match there.contains(&scene) {
+                    true => FilesSeen::There,
+                    false => FilesSeen::Missing,
+                };
+                tell(FilesNews::Seen(scene, seen));
+            }
+        }
+        Err(error) => tracing::warn!(%error, "the files of scenes that are to come are not seen"),
     }
 }
 
 fn take_all(
     all: Vec<FilesWanted>,
     (data, clock): (&DataDir, &FenceClock),
-    tell: &dyn Fn(FilesTaken),
+    tell: &dyn Fn(FilesNews),
 ) {
     let claims: Vec<_> = (all.iter())
         .map(|of| (of.scene.clone(), of.epoch.0))
@@ -553,11 +607,11 @@ fn take_all(
         }
     };
     for (of, generation) in all.into_iter().zip(generations) {
-        tell(FilesTaken {
+        tell(FilesNews::Taken(FilesTaken {
             scene: of.scene,
             epoch: of.epoch,
             generation,
-        });
+        }));
     }
 }
 
@@ -583,17 +637,20 @@ mod tests {
         }
         let (tell, ended) = channel();
         let tell = move |files| tell.send(files).unwrap();
-        let wanted = start_taking_over(data, Arc::new(|| Instant::ZERO), tell).unwrap();
+        let wanted = start_file_thread(data, Arc::new(|| Instant::ZERO), tell).unwrap();
         for n in 0..1_000 {
             let wants = FilesWanted {
                 scene: format!("s{n}").parse().unwrap(),
                 epoch: Epoch(n + 2),
                 until: Instant::from_nanos(1),
             };
-            wanted.send(wants).unwrap();
+            wanted.send(FilesAsk::Take(wants)).unwrap();
         }
         drop(wanted);
-        let taken = ended.iter().map(|files| (files.scene, files.generation));
+        let taken = ended.iter().filter_map(|news| match news {
+            FilesNews::Taken(files) => Some((files.scene, files.generation)),
+            FilesNews::Seen(..) => None,
+        });
         let taken: BTreeMap<_, _> = taken.collect();
         for n in 0..1_000 {
             let scene: SceneName = format!("s{n}").parse().unwrap();

@@ -10,7 +10,7 @@ mod etcd;
 mod handovers;
 mod keeper;
 
-pub(crate) use claims::ServerPlace;
+pub(crate) use claims::{LeaseSeconds, ServerPlace};
 pub(crate) use command::{DrainArguments, MoveArguments, run_drain, run_move};
 pub(crate) use etcd::Endpoints;
 pub(crate) use handovers::HandoverStep;

@@ -74,14 +74,14 @@ impl Drop for Guarded {
 }
 
 /// Makes a key pair, and returns the public key's path.
-fn make_key(folder: &std::path::Path, name: &str) -> String {
+pub(crate) fn make_key(folder: &std::path::Path, name: &str) -> String {
     let key = folder.join(name).display().to_string();
     let made = SERVER.run(&["token", "--new-key", &key]);
     assert_eq!(made.code, Some(0), "{}", made.log);
     format!("{key}.pub")
 }
 
-fn token(key: &str, client: &str, scene: &str, role: &str, more: &[&str]) -> String {
+pub(crate) fn token(key: &str, client: &str, scene: &str, role: &str, more: &[&str]) -> String {
     let plain = [
         "token", "--key", key, "--client", client, "--scene", scene, "--role", role,
     ];

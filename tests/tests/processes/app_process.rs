@@ -26,7 +26,7 @@ const TIME_LIMIT: Duration = Duration::from_secs(60);
 /// Number of frames before the native client joins.
 const FRAMES_BEFORE_JOIN: usize = 45;
 
-struct Plugin {
+pub(crate) struct Plugin {
     tcp: TcpStream,
     udp: UdpSocket,
     frames: MessageFraming,
@@ -213,6 +213,16 @@ fn a_native_client_watches_a_scene_of_the_plug_in() {
         }
     };
     assert!(matches!(ended, ClientError::SceneDeleted), "{ended}");
+}
+
+/// A client that owns a scene of some bodies, named by this number.
+pub(crate) fn falling_plugin(server: &ServerProcess, simulation: u32) -> Plugin {
+    let mut logon = Vec::new();
+    Message::Logon(Logon::new(simulation, "falling")).encode(0, &mut logon);
+    let mut plugin = Plugin::connect_with(server, &logon);
+    plugin.send(&falling(simulation, 10));
+    plugin.send(&frame(simulation));
+    plugin
 }
 
 #[test]

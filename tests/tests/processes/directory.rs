@@ -11,26 +11,29 @@ use std::process::{Child, Command, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use rhumb_client::scene::SceneConfig;
 use rhumb_client::{Client, JoinMode, JoinOptions, Tick, Trust};
 use rhumb_tests::{ServerProcess, signal};
+use rhumb_transport::conditioner::{LinkConfig, UdpRelay};
 use tempfile::TempDir;
 
 use crate::SERVER;
+use crate::app_process::falling_plugin;
 use crate::durable::{
     LONG, Run, Seen, chance, commands, create_at_address, step, take_events, until, variable,
 };
 use crate::hostile_load::{free_address, requested};
 
 /// An etcd of its own; killed when it is dropped.
-struct Etcd {
+pub(crate) struct Etcd {
     child: Child,
-    endpoint: String,
+    pub(crate) endpoint: String,
     _files: TempDir,
 }
 
 impl Etcd {
     /// `None` where it is not installed and need not be.
-    fn start() -> Option<Self> {
+    pub(crate) fn start() -> Option<Self> {
         let files = tempfile::tempdir().expect("a temporary directory");
         let endpoint = format!("http://{}", free_address());
         let child = Command::new("etcd")
@@ -239,6 +242,40 @@ fn an_order_that_cannot_be_says_why() {
 }
 
 #[test]
+fn an_order_for_a_scene_without_a_log_is_refused_at_once() {
+    let Some(etcd) = Etcd::start() else { return };
+    let data = tempfile::tempdir().expect("a temporary directory");
+    let [one, other] = [(); 2].map(|()| {
+        let settings = ["--app-listen", "127.0.0.1:0"];
+        Placed::start_with("127.0.0.1:0", data.path(), &etcd, &settings)
+    });
+    // A client that owns its scene. A server that has just started may have no lease yet, and closes then.
+    let begun = Instant::now();
+    let _owner = loop {
+        let owner = falling_plugin(&one.server, 7);
+        let asked = Instant::now();
+        while !one.has_the_scene() && asked.elapsed() < Duration::from_secs(3) {
+            thread::yield_now();
+        }
+        if one.has_the_scene() {
+            break owner;
+        }
+        assert!(begun.elapsed() < LONG, "the scene is there");
+    };
+    let to = other.server.address.to_string();
+    let order = ["move", "app/7", "--to", &to, "--directory", &etcd.endpoint];
+    let begun = Instant::now();
+    for _ in 0..2 {
+        let ended = SERVER.run(&order);
+        assert_eq!(ended.code, Some(1), "{}", ended.out);
+        assert!(ended.log.contains("has no files"), "{}", ended.log);
+    }
+    let took = begun.elapsed();
+    assert!(took < Duration::from_secs(20), "{took:?}");
+    assert!(one.has_the_scene());
+}
+
+#[test]
 fn a_server_that_is_frozen_for_two_seconds_is_not_taken_for_dead() {
     let Some(etcd) = Etcd::start() else { return };
     let data = tempfile::tempdir().expect("a temporary directory");
@@ -254,6 +291,73 @@ fn a_server_that_is_frozen_for_two_seconds_is_not_taken_for_dead() {
     servers[0].server.signal("CONT");
     run.go(50);
     assert_eq!(run.end().seen.resumed, 0, "nothing was resumed");
+}
+
+/// How often clients behind links of this condition resume, when each steps its scene for some seconds and is silent for as
+/// long.
+fn resumptions_behind(condition: &str, server: &ServerProcess) -> u64 {
+    let (clients, seconds) = (variable("CLIENTS", 4), variable("SECONDS", 8));
+    let condition: LinkConfig = condition.parse().expect("a condition");
+    let behind = |seed: u64| {
+        let any = "127.0.0.1:0".parse().expect("an address");
+        let relay = UdpRelay::start(any, server.address, condition, seed).expect("a relay");
+        let trust = Trust::Fingerprint(server.fingerprint);
+        let address = relay.local_addr().to_string();
+        let options = JoinOptions {
+            mode: JoinMode::CreateOrJoin(SceneConfig::default()),
+            ..JoinOptions::default()
+        };
+        let scene = format!("lossy-{seed}-{condition}").replace([',', '=', '%', '.'], "-");
+        let join = || {
+            let connection = Client::connect_within(&address, trust.clone(), LONG)?;
+            connection.join_with(&scene, options)
+        };
+        // A server gives a connection five seconds to be set up.
+        let begun = Instant::now();
+        let mut client = loop {
+            match join() {
+                Ok(client) => break client,
+                Err(error) => assert!(begun.elapsed() < LONG, "{error}"),
+            }
+        };
+        let (mut seen, span) = (Seen::default(), Duration::from_secs(seconds));
+        let begun = Instant::now();
+        while begun.elapsed() < span {
+            step(&mut client);
+            take_events(&mut client, &mut seen);
+        }
+        let begun = Instant::now();
+        while begun.elapsed() < span {
+            client.idle(Duration::from_millis(50)).expect("it is there");
+            take_events(&mut client, &mut seen);
+        }
+        // What came last may have come over another connection.
+        step(&mut client);
+        take_events(&mut client, &mut seen);
+        seen.resumed
+    };
+    let first = variable("SEED", 1);
+    thread::scope(|scope| {
+        let running: Vec<_> = (first..first + clients)
+            .map(|seed| scope.spawn(move || behind(seed)))
+            .collect();
+        let resumed = running
+            .into_iter()
+            .map(|client| client.join().expect("a client"));
+        resumed.sum()
+    })
+}
+
+#[test]
+fn a_server_behind_a_bad_link_is_not_taken_for_dead() {
+    let Some(etcd) = Etcd::start() else { return };
+    let data = tempfile::tempdir().expect("a temporary directory");
+    let placed = Placed::start("127.0.0.1:0", data.path(), &etcd);
+    for condition in ["delay=300ms,loss=10%", "delay=300ms,loss=30%"] {
+        let resumed = resumptions_behind(condition, &placed.server);
+        eprintln!("{condition}: {resumed} resumptions");
+        assert_eq!(resumed, 0, "{condition}");
+    }
 }
 
 #[test]

@@ -22,14 +22,15 @@ use rhumb_client::{
     Trust,
 };
 use rhumb_protocol::message::Inspection;
-use rhumb_reckoning::{BodyId, BodyState};
+use rhumb_reckoning::{BodyId, BodyState, Damping};
 use rhumb_scene::Scene;
 use rhumb_tests::{Ended, ServerProcess};
 
 use crate::SERVER;
 
 const SCENE: &str = "pit";
-/// Half the floor's width, metres: no ball rolls off it, for a command to a body that left the world would be refused.
+/// Half the floor's width, metres: no ball leaves it in some hundred thousand ticks. A command to one that left the world
+/// would be refused.
 const FLOOR: f32 = 4_000.0;
 /// Time for an answer of a server that starts on a loaded machine.
 pub(crate) const LONG: Duration = Duration::from_secs(60);
@@ -65,8 +66,16 @@ pub(crate) fn commands(tick: u64, ids: &[BodyId]) -> Vec<Command> {
             (column / 8) as f32 * 1.5 + (place % 2) as f32 * 0.3 - 4.0,
         ];
         let motion = BodyState::new(position, [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
+        // A ball that has rolled off the pile comes to rest.
+        let damping = Damping {
+            linear: 0.0,
+            angular: 1.0,
+        };
         Command::AddBody {
-            desc: BodyDesc::plain(id, kind, ShapeId(shape)),
+            desc: BodyDesc {
+                damping: Some(damping),
+                ..BodyDesc::plain(id, kind, ShapeId(shape))
+            },
             motion: motion.expect("finite"),
         }
     };
@@ -162,9 +171,14 @@ pub(crate) fn create_at_address(address: &str, server: &ServerProcess) -> (Clien
     let connection = Client::connect(address, trust);
     let connection = connection.expect("the server is there");
     let mut client = connection.join_with(SCENE, options).expect("a new scene");
-    let count = u32::try_from(bodies() + LATER).expect("a number of bodies");
-    let ids = client.new_ids(count).expect("enough indices");
+    let ids = ids_of_the_run(&mut client);
     (client, ids)
+}
+
+/// The ids of all bodies that a client's scene will have.
+pub(crate) fn ids_of_the_run(client: &mut Client) -> Vec<BodyId> {
+    let count = u32::try_from(bodies() + LATER).expect("a number of bodies");
+    client.new_ids(count).expect("enough indices")
 }
 
 /// Numbers below a limit, from a seed (Knuth's generator).

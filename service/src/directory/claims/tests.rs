@@ -10,8 +10,8 @@ use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::{Instant, Span};
 
 use super::{
-    ANSWER, ClaimEvent, DirectoryAnswer, DirectoryRequest, Epoch, LeaseId, RequestId, SceneClaims,
-    ServerPlace,
+    ANSWER, ClaimEvent, DirectoryAnswer, DirectoryRequest, Epoch, InvalidLease, LeaseId,
+    LeaseSeconds, MARGIN, RETRY, RequestId, SceneClaims, ServerPlace,
 };
 
 const SERVERS: usize = 3;
@@ -164,7 +164,7 @@ impl SimWorld {
         let mut rate = || slowest + chance.below(fastest - slowest + 1);
         let directory_rate = rate();
         let servers = (0..SERVERS).map(|server| SimServer {
-            claims: SceneClaims::new(Instant::ZERO, place(server)),
+            claims: SceneClaims::new(Instant::ZERO, place(server), LeaseSeconds::default()),
             owned: BTreeMap::new(),
             life: 0,
             rate: rate(),
@@ -371,7 +371,7 @@ impl SimWorld {
                 of.life += 1;
                 of.owned.clear();
                 of.look_at = None;
-                of.claims = SceneClaims::new(of.clock(now), place(server));
+                of.claims = SceneClaims::new(of.clock(now), place(server), LeaseSeconds::default());
                 self.drain(server);
             }
             SimEvent::Answered(..) | SimEvent::Look(..) => {}
@@ -428,7 +428,10 @@ fn clocks_that_differ_by_far_more_than_they_may_are_found_out() {
 
 #[test]
 fn a_claim_waits_a_moment_for_the_first_lease() {
-    let (mut claims, now) = (SceneClaims::new(Instant::ZERO, place(0)), Instant::ZERO);
+    let (mut claims, now) = (
+        SceneClaims::new(Instant::ZERO, place(0), LeaseSeconds::default()),
+        Instant::ZERO,
+    );
     let scene: SceneName = "pit".parse().unwrap();
     claims.claim(now, &scene);
     claims.handle_timeout(now + Span::from_millis(10));
@@ -450,22 +453,73 @@ fn a_claim_waits_a_moment_for_the_first_lease() {
 
 /// Claims with a lease of 5 s.
 fn leased() -> (SceneClaims, LeaseId) {
-    let (mut claims, now) = (SceneClaims::new(Instant::ZERO, place(0)), Instant::ZERO);
+    let (mut claims, now) = (
+        SceneClaims::new(Instant::ZERO, place(0), LeaseSeconds::default()),
+        Instant::ZERO,
+    );
     claims.handle_timeout(now);
     let (id, _) = claims.poll_request().unwrap();
     claims.handle_answer(now, id, DirectoryAnswer::Granted(LeaseId(7), 5));
     (claims, LeaseId(7))
 }
 
+/// The requests of claims.
+fn requests(claims: &mut SceneClaims) -> Vec<(RequestId, DirectoryRequest)> {
+    std::iter::from_fn(|| claims.poll_request()).collect()
+}
+
 #[test]
-fn a_lease_that_is_over_is_left_to_end_by_itself() {
-    let (mut claims, _) = leased();
+fn a_lease_that_is_over_is_ended_a_margin_later_and_its_scenes_come_back_then() {
+    let (mut claims, old) = leased();
+    let scene: SceneName = "pit".parse().unwrap();
     let over = claims.publishes_until();
     claims.handle_timeout(over);
     assert_eq!(claims.poll_event(), Some(ClaimEvent::Lost));
-    let asked: Vec<_> = std::iter::from_fn(|| claims.poll_request()).collect();
-    let revokes = |request: &DirectoryRequest| matches!(request, DirectoryRequest::Revoke(_));
-    assert!(!asked.iter().any(|(_, request)| revokes(request)));
+    let (grant, _) = requests(&mut claims).pop().unwrap();
+    claims.handle_answer(over, grant, DirectoryAnswer::Granted(LeaseId(8), 5));
+    claims.claim(over, &scene);
+    let (claim, asked) = requests(&mut claims).pop().unwrap();
+    assert_eq!(asked, DirectoryRequest::Claim(LeaseId(8), scene.clone()));
+    let owner = |lease| DirectoryAnswer::Owner {
+        lease,
+        epoch: Epoch(lease.0),
+        place: place(0),
+    };
+    claims.handle_answer(over, claim, owner(old));
+    assert_eq!(claims.poll_event(), None, "its clients wait");
+    claims.handle_timeout(over + Span::from_nanos(MARGIN.as_nanos() - 1));
+    let revoke = DirectoryRequest::Revoke(old);
+    let early = requests(&mut claims);
+    assert!(early.iter().all(|(_, request)| *request != revoke));
+    claims.handle_timeout(over + MARGIN);
+    let ended = requests(&mut claims);
+    let (id, _) = ended
+        .iter()
+        .find(|(_, request)| *request == revoke)
+        .unwrap();
+    claims.handle_answer(over + MARGIN, early[0].0, owner(old));
+    claims.handle_answer(over + MARGIN, *id, DirectoryAnswer::Revoked);
+    claims.handle_timeout(over + MARGIN + RETRY);
+    let again = requests(&mut claims).into_iter();
+    let mut again = again.filter(|(_, request)| *request == asked);
+    let (id, _) = again.next().expect("the scene is claimed again");
+    claims.handle_answer(over + MARGIN + RETRY, id, owner(LeaseId(8)));
+    assert_eq!(
+        claims.poll_event(),
+        Some(ClaimEvent::Owned(scene, Epoch(8)))
+    );
+}
+
+#[test]
+fn the_time_of_a_lease_has_limits() {
+    let renewal = |text: &str| text.parse().map(|lease: LeaseSeconds| lease.renewal());
+    assert_eq!(renewal("5"), Ok(Span::from_millis(1_300)));
+    for wrong in ["2", "31", "", "5.5", "-5"] {
+        assert_eq!(renewal(wrong), Err(InvalidLease), "{wrong}");
+    }
+    // Two renewals that get no answer, and one that does.
+    let shortest = renewal("3").unwrap().as_nanos();
+    assert!(3 * shortest <= 2_000_000_000 && shortest > RETRY.as_nanos());
 }
 
 #[test]
