@@ -79,7 +79,8 @@ pub(crate) struct EdgeMember {
     pub(crate) previous: Option<MirrorId>,
     /// The choice of the snapshot that it waits for.
     pub(crate) wanted: Option<StreamChoice>,
-    /// True if its mirror came back over another connection, and it has no snapshot of that: nothing else is for it.
+    /// True if its mirror has another snapshot, of another connection or of an owner that began anew, and it has none of
+    /// that: nothing else is for it.
     pub(crate) is_stale: bool,
     pub(crate) granted: IdRange,
     /// Commands of an observer, which are all refused.
@@ -135,6 +136,11 @@ impl MemberEvents {
     /// Another connection to the owner replaces that whose events it was reported; some were lost, at least one.
     pub(crate) const fn renew(&mut self) {
         self.miss(1);
+        self.restart();
+    }
+
+    /// Another snapshot replaces its copy: its scene may have gone back to an earlier tick.
+    const fn restart(&mut self) {
         (self.through, self.reported) = (Tick::ZERO, Tick::ZERO);
     }
 
@@ -238,6 +244,12 @@ impl EdgeMember {
     pub(crate) const fn renew(&mut self) {
         self.is_stale = true;
         self.events.renew();
+    }
+
+    /// The owner of its mirror has begun another snapshot.
+    pub(crate) const fn replace(&mut self) {
+        self.is_stale = true;
+        self.events.restart();
     }
 
     /// True if packets of a mirror are for it now.

@@ -377,13 +377,8 @@ impl Edge {
                 let members = self.clients.members_of(id);
                 members.for_each(|member| member.events.retell());
             }
-            Forward::Renewed => {
-                let members = self.clients.members_of(id);
-                members.for_each(EdgeMember::renew);
-                for peer in self.clients.peers() {
-                    self.renew(peer, id);
-                }
-            }
+            Forward::Renewed => self.renew_all(id, EdgeMember::renew),
+            Forward::Replaced => self.renew_all(id, EdgeMember::replace),
         }
     }
 
@@ -407,6 +402,14 @@ impl Edge {
             member.unanswered -= 1;
             client.control.send(answer, &mut self.out);
             self.read(now, peer);
+        }
+    }
+
+    /// All members of a mirror get a new snapshot; each notes why.
+    fn renew_all(&mut self, id: MirrorId, note: impl Fn(&mut EdgeMember)) {
+        self.clients.members_of(id).for_each(note);
+        for peer in self.clients.peers() {
+            self.renew(peer, id);
         }
     }
 
@@ -587,14 +590,6 @@ impl Edge {
         self.read(now, peer);
     }
 
-    /// Clients that wait for a mirror which has lost its connection, or got none, have to come again.
-    fn turn_away(&mut self, id: MirrorId) {
-        if let Some(mirror) = self.owners.get(id) {
-            let of = (&mirror.scene, mirror.choice);
-            self.clients.turn_away(of, &mut self.out);
-        }
-    }
-
     /// Ends what a client has at the owner. With code 0 its session is over.
     fn part(&mut self, peer: Peer, code: u32) {
         let Some(client) = self.clients.by_peer.get_mut(&peer) else {
@@ -744,7 +739,9 @@ impl Endpoint for Edge {
         };
         let mirrors = [Some(member.mirror), member.previous];
         for id in mirrors.into_iter().flatten() {
+            // A report of a stale member is about the stream before.
             if let Some(mirror) = self.owners.get_mut(id)
+                && member.takes(id)
                 && mirror.stream() == Some(datagram.head().stream)
                 && let Ok(report) = LossReport::decode(datagram.body())
             {

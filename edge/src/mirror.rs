@@ -46,6 +46,9 @@ pub(crate) enum Forward {
     Deleted,
     /// The copies of members are out of date: a new snapshot came over another connection.
     Renewed,
+    /// The copies of members are out of date: the owner began another snapshot by itself, as an edge does whose own owner
+    /// has changed. What it says of events goes on.
+    Replaced,
 }
 
 /// A question that any member may ask.
@@ -79,6 +82,8 @@ pub(crate) struct Mirror {
     session: ClientSession,
     frames: Frames,
     filling: bool,
+    /// True if the newest snapshot is not the first one over this connection.
+    is_repeated: bool,
     /// True once the connection is open.
     is_open: bool,
     /// True once this end has closed the connection: nothing more is read.
@@ -127,6 +132,7 @@ impl Mirror {
             is_awaited: false,
             frames: Frames::new(),
             filling: false,
+            is_repeated: false,
             is_open: false,
             has_closed: false,
             knows_standing: false,
@@ -224,8 +230,10 @@ impl Mirror {
             let stream = replica.stream_mut();
             stream.forget_before(stream.watermark_tick());
         }
+        // A snapshot that replaces the copies of members includes what comes meanwhile.
         if datagram.head().kind != PacketKind::LossReport
             && Some(datagram.head().stream) == self.stream()
+            && !self.filling
         {
             self.forwards.push_back(Forward::Packet(bytes));
         }
@@ -543,12 +551,20 @@ impl Mirror {
                 self.shapes.clear();
                 self.inertias.clear();
                 self.silences.clear();
-                if !std::mem::replace(&mut self.knows_standing, true) {
+                // The scene may have gone back.
+                self.events_tick = Tick::ZERO;
+                self.is_repeated = std::mem::replace(&mut self.knows_standing, true);
+                if !self.is_repeated {
                     self.standing.clear();
-                    self.events_tick = Tick::ZERO;
                 }
             }
-            ServerMessage::SnapshotEnd => self.filling = false,
+            ServerMessage::SnapshotEnd => {
+                self.filling = false;
+                if self.is_repeated {
+                    self.reports.clear();
+                    self.forwards.push_back(Forward::Replaced);
+                }
+            }
             ServerMessage::SceneEvent(event) => {
                 let bytes = Bytes::from(bytes);
                 self.note_event(&event, &bytes);

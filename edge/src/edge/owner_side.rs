@@ -35,8 +35,11 @@ impl Endpoint for OwnerSide<'_> {
         self.0.heed(now, peer, of_mirror, of_voice);
         if let Some(LinkUse::Mirror(id)) = self.0.owners.links.remove(&peer)
             && !self.0.owners.note_mirror_end(now, id, ending)
+            && let Some(mirror) = self.0.owners.get(id)
         {
-            self.0.turn_away(id);
+            // Clients that wait for it have to come again.
+            let of = (&mirror.scene, mirror.choice);
+            self.0.clients.turn_away(of, &mut self.0.out);
         }
     }
 

@@ -249,6 +249,80 @@ fn whatever_a_fan_out_drops_every_claim_holds_and_all_converge() {
     }
 }
 
+/// A commander of the owner, and an observer of an edge behind another edge. Neither edge has a connection of its own for
+/// the observer.
+fn behind_two(stepping: Stepping, commander: StreamChoice, seed: u64) -> (EdgeStage, usize) {
+    let links: LinkConfig = "rtt=20ms".parse().expect("a valid link configuration");
+    let script = by_name("ball-pit", 60, 1).expect("an existing script");
+    let observers = Permit {
+        role: Role::Observer,
+        ..Permit::OPEN
+    };
+    let mut stage = EdgeStage::new(script, stepping, 0, links, seed);
+    let first = stage.add_edge(observers.clone(), links);
+    let second = stage.add_edge_behind(first, observers, links);
+    stage.commander(Place::Owner, commander, None);
+    let observer = stage.enter(Place::Edge(second), NORMAL);
+    (stage, observer)
+}
+
+/// If no member of the owner receives the observer's stream, it has another name when the first edge comes back.
+#[test]
+fn an_observer_behind_two_edges_stays_when_the_first_one_comes_back_to_the_owner() {
+    for (seed, commander) in [(1, NORMAL), (2, StreamChoice::Within(CLOSE))] {
+        let (mut stage, observer) = behind_two(Stepping::FreeRunning, commander, seed);
+        for cut in 0..3 {
+            stage.run_script(Span::from_millis(500));
+            stage.cut_off(0);
+            stage.run(Span::from_millis(3_000));
+            let newest = stage.copy(0).stream().complete();
+            let stream = stage.copy(observer).stream();
+            assert!(stream.is_converged(), "seed {seed}, cut {cut}");
+            let behind = newest.value() - stream.complete().value();
+            assert!(behind < 60, "seed {seed}, cut {cut}: {behind} ticks");
+        }
+        stage.run_script(Span::from_millis(500));
+        let truth = stage.truth();
+        for (member, history) in stage.histories.iter().enumerate() {
+            history.judge(&truth, &format!("seed {seed}, member {member}"));
+        }
+    }
+}
+
+#[test]
+fn an_observer_behind_two_edges_has_the_server_s_copy_to_the_bit_again() {
+    let (mut stage, observer) = behind_two(Stepping::Lockstep, NORMAL, 1);
+    for _ in 0..3 {
+        for _ in 0..20 {
+            stage.tick();
+            assert_same_copy(stage.copy(0), stage.copy(observer));
+        }
+        stage.cut_off(0);
+    }
+}
+
+#[test]
+fn a_session_goes_on_through_two_edges_when_the_first_one_comes_back_to_the_owner() {
+    for seed in 1..=4 {
+        let links: LinkConfig = "rtt=20ms".parse().expect("a valid link configuration");
+        let script = by_name("ball-pit", 60, 1).expect("an existing script");
+        let mut stage = EdgeStage::new(script, Stepping::FreeRunning, 1, links, seed);
+        let second = stage.add_edge_behind(0, Permit::OPEN, links);
+        stage.commander(Place::Edge(second), NORMAL, Some(SessionKey([4; 16])));
+        for _ in 0..3 {
+            stage.run_script(Span::from_millis(500));
+            stage.cut_off(0);
+            // Commands that are sent meanwhile go over the next connection.
+            stage.run_script(Span::from_millis(100 * seed));
+            stage.resume(0, Place::Edge(second));
+            stage.run_script(Span::from_millis(1_000));
+        }
+        stage.run_until("a copy", |stage| stage.copy(0).stream().is_converged());
+        let truth = stage.truth();
+        stage.histories[0].judge(&truth, &format!("seed {seed}"));
+    }
+}
+
 /// An avatar that a member of an edge publishes, and the member of the owner that sees the server's states.
 struct Published {
     stage: EdgeStage,

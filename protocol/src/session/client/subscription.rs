@@ -445,10 +445,13 @@ impl ReplicaSwitch {
         Ok(())
     }
 
-    /// Shows the next replica if it has caught up, so that the display has no gap. Returns the replaced replica.
+    /// Shows the next replica if it has caught up, so that the display has no gap. An edge displays nothing, and speaks
+    /// from the newest snapshot. Returns the replaced replica.
     fn switch_when_caught_up(&mut self) -> Option<Replica> {
+        let relays = self.relays;
         let shown = self.shown.as_mut()?;
-        let as_far = |next: &mut Replica| next.is_complete() && next.has_caught_up_with(shown);
+        let as_far =
+            |next: &mut Replica| next.is_complete() && (relays || next.has_caught_up_with(shown));
         let mut next = self.next.take_if(as_far)?;
         next.take_over(shown);
         Some(core::mem::replace(shown, next))
