@@ -9,6 +9,7 @@ mod app_process;
 mod authority_quic;
 mod bindings;
 mod body_ids;
+mod deployed;
 mod directory;
 mod durable;
 mod durable_disk;
