@@ -193,7 +193,7 @@ fn engine(
     spins(recording, found, lines, warnings);
 }
 
-/// What velocities stand for.
+/// Finds the moment of a tick that recorded velocities belong to.
 fn instants(recording: &Recording, (found, gravity): (&Found, DVec3), lines: &mut Vec<String>) {
     if found.instants.first == First::Damped {
         let step_s = recording.integrator.rate.step().seconds();

@@ -1,6 +1,6 @@
 //! Small linear algebra: medians, lines, equations, eigenvectors.
 //!
-//! What fits of recordings share. Nothing here knows a body.
+//! The fits of recordings share it. Nothing here knows a body.
 
 use glam::{DMat3, DQuat, DVec3};
 

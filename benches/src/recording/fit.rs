@@ -227,7 +227,7 @@ impl Found {
     }
 }
 
-/// What makes recorded states those of centres of mass, with the velocities of this project's step.
+/// Makes recorded states those of centres of mass, with the velocities of this project's step.
 struct Correction<'a> {
     found: &'a Found,
     known: BTreeMap<BodyId, instants::Moments>,
@@ -506,7 +506,7 @@ pub(crate) fn find(recording: &Recording, paths: &[BodyPath]) -> Found {
 
 /// Looks at the states that follow from what was found.
 fn look_again(recording: &Recording, found: Found, paths: &[BodyPath]) -> Found {
-    // What velocities are ahead is found from the others.
+    // By how much velocities are ahead is found from the other findings.
     let correction = Correction {
         ahead: DVec3::ZERO,
         ..Correction::new(recording, &found)

@@ -336,7 +336,7 @@ const ELLIPSOID: &str = "an ellipsoid counts as a ball of its longest half axis"
 const CONE: &str =
     "a cylinder with scaled faces, or of no circle, counts as the round one around it";
 
-/// What scenes say beside poses.
+/// The entities of a file: their groups, bodies and lifetimes.
 #[derive(Default)]
 struct Scene {
     /// The groups of entities, by their ids.

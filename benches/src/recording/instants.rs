@@ -109,7 +109,7 @@ pub(crate) fn given(falls: &[Fall]) -> f64 {
     slope(&pairs)
 }
 
-/// What comes first in a tick in which damping takes the share `lost` of the velocity. Of n substeps it takes (n + 1) / 2n of
+/// Damping or the way: which comes first in a tick in which damping takes the share `lost` of the velocity. Of n substeps it takes (n + 1) / 2n of
 /// that from the way if it comes first, and (n - 1) / 2n if the way does.
 pub(crate) fn first(given: f64, lost: f64) -> First {
     if (given + lost).abs() < given.abs() {

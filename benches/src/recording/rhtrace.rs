@@ -932,7 +932,7 @@ mod tests {
         recording
     }
 
-    /// What a file says of each stay, by its ticks.
+    /// Each stay of a file: its ticks, its damping, its shape.
     fn described(recording: &Recording) -> Vec<(u64, Option<u64>, Damping, String)> {
         let ends = recording.truth.ends();
         let of = |(placed, end): (&Placed, &Option<Tick>)| {

@@ -1,4 +1,4 @@
-//! What the spin of a free body says of its moments of inertia.
+//! Moments of inertia of a free body, from its spin.
 //!
 //! A free body keeps its angular momentum, or the share of it that damping leaves. The moments are those whose momentum changes
 //! least. A spin about a principal axis is that of any moments.
@@ -20,7 +20,7 @@ pub(super) fn kept_spins(path: &BodyPath, pairs: &[usize]) -> Vec<f64> {
         .collect()
 }
 
-/// What a spin says of a body's moments.
+/// The moments of a body, as far as its spin shows them.
 pub(super) enum Moments {
     Equal,
     Unequal([f64; 3], DQuat),

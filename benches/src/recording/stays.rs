@@ -44,7 +44,7 @@ pub(super) enum Removed {
 pub(super) enum RemovalCause {
     /// A message says so. A pose in its frame is of another stay.
     Deleted,
-    /// The time of a pose has passed. A pose in its frame goes on.
+    /// The time of a pose has passed. A pose in its frame continues it.
     Expired,
 }
 

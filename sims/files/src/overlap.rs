@@ -201,7 +201,7 @@ mod tests {
     use crate::load::load_text;
     use crate::model::LoadOptions;
 
-    /// What is listed of a root and two parts on it, each with a geom.
+    /// The entries of the list for a root and two parts on it, each with a geom.
     fn listed(geoms: [&str; 2], more: &str) -> Vec<String> {
         let [one, other] = geoms;
         let text = format!(
