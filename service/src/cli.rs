@@ -144,6 +144,9 @@ pub struct Arguments {
     /// Time for which the directory holds this server's scenes after its last renewal, in seconds, from 3 to 30 [default: 5].
     #[arg(long, value_name = "SECONDS")]
     lease: Option<LeaseSeconds>,
+    /// Tells Agones, by the sidecar of this pod, that the server is ready and well, which scenes it has, and that it drains.
+    #[arg(long)]
+    agones: bool,
     /// Origin of a web page that may connect, as https://host:port, or * for all; may be repeated. Pages of this machine
     /// may always.
     #[arg(long, value_name = "ORIGIN", conflicts_with = "no_web")]
@@ -310,6 +313,7 @@ fn settings_of(arguments: &Arguments) -> Result<ServerSettings, Box<dyn Error>> 
     set(&mut settings.engine, arguments.engine);
     set(&mut settings.threads, arguments.threads);
     settings.workers = arguments.workers.or(settings.workers);
+    settings.agones |= arguments.agones;
     settings.share_worker |= arguments.share_worker;
     set(&mut settings.largest_packet, arguments.largest_packet);
     settings.flight = arguments.flight.clone().or(settings.flight);
@@ -407,6 +411,7 @@ fn run(settings: &ServerSettings, parts: Parts) -> Result<(), Box<dyn Error>> {
         access,
         processes,
         directory,
+        agones,
     } = start::check(settings, parts.app_beyond_loopback())?;
     let data = stored(settings, directory.as_ref())?;
     let identity = start::identity(settings, data.as_ref())?;
@@ -433,6 +438,9 @@ fn run(settings: &ServerSettings, parts: Parts) -> Result<(), Box<dyn Error>> {
     }
     if let Some(directory) = directory {
         server.share_scenes(directory, (settings.advertise.as_deref(), settings.lease));
+    }
+    if let Some(sidecar) = agones {
+        server.tell_agones(sidecar);
     }
     listen_at(&mut server, settings.socket.as_deref())?;
     let foxglove = observe(&mut server, settings)?;

@@ -1,6 +1,7 @@
 //! Accepts TCP connections and answers HTTP requests, on their own threads.
 //!
-//! HTTP is for metrics, health and the page. It shares nothing with a scene but what the answering function reads.
+//! HTTP is for metrics, health and the page, and for requests to what runs beside a server. It shares nothing with a scene but
+//! what the answering function reads.
 //!
 //! Peers cannot hold a thread up: connections are bounded, also those of one address, and so are heads, bodies and times
 //! of requests. A system without descriptors is asked again.
@@ -17,12 +18,14 @@ use std::time::Duration;
 use bytes::Bytes;
 use http_body_util::{BodyExt, Full, Limited};
 use hyper::body::Incoming;
+use hyper::client::conn::http1 as client;
 use hyper::header::{CONTENT_TYPE, HOST, HeaderName, HeaderValue, ORIGIN};
 use hyper::server::conn::http1;
 use hyper::service::service_fn;
-use hyper::{Method, Response, StatusCode};
+use hyper::{Method, Request, Response, StatusCode};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use rhumb_transport::io_runtime;
+use serde_json::Value;
 use tokio::net::TcpStream;
 use tokio::sync::{Semaphore, oneshot};
 use tokio::time::timeout;
@@ -35,6 +38,37 @@ const CONNECTION_TIMEOUT: Duration = Duration::from_secs(60);
 const HEAD_BYTES_MAX: usize = 16 << 10;
 /// Longest body of a request.
 const BODY_BYTES_MAX: usize = 4 << 10;
+
+/// Longest answer that is read.
+const ANSWER_BYTES_MAX: usize = 1 << 20;
+
+/// Asks another server once, with JSON or without a body, by a connection of its own; `None` without a whole answer. The host
+/// may be an address of IPv6 in brackets, as in a URL.
+pub(crate) async fn ask(
+    (host, port): (&str, u16),
+    (method, path): (Method, &str),
+    body: Option<&Value>,
+) -> Option<(StatusCode, Bytes)> {
+    let stream = TcpStream::connect((host.trim_matches(['[', ']']), port)).await;
+    let (mut sender, connection) = client::handshake(TokioIo::new(stream.ok()?)).await.ok()?;
+    let request = Request::builder()
+        .method(method)
+        .uri(path)
+        .header(HOST, format!("{host}:{port}"))
+        .header(CONTENT_TYPE, "application/json")
+        .body(Full::new(
+            body.map(Value::to_string).unwrap_or_default().into(),
+        ))
+        .ok()?;
+    let exchange = async move {
+        let answer = sender.send_request::<Full<Bytes>>(request).await.ok()?;
+        let status = answer.status();
+        let body = Limited::new(answer.into_body(), ANSWER_BYTES_MAX).collect();
+        Some((status, body.await.ok()?.to_bytes()))
+    };
+    let (answer, _) = tokio::join!(exchange, connection);
+    answer
+}
 
 /// A request, as far as an answer depends on it.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -158,7 +192,7 @@ async fn serve(stream: TcpStream, peer: SocketAddr, answering: Answering, part: 
 }
 
 async fn respond(
-    request: hyper::Request<Incoming>,
+    request: Request<Incoming>,
     answering: &Answering,
     part: Duration,
 ) -> Response<Full<Bytes>> {
@@ -180,10 +214,7 @@ async fn respond(
 }
 
 /// The request, with its whole body, or the refusal of one that cannot be answered.
-async fn read(
-    request: hyper::Request<Incoming>,
-    part: Duration,
-) -> Result<HttpRequest, HttpAnswer> {
+async fn read(request: Request<Incoming>, part: Duration) -> Result<HttpRequest, HttpAnswer> {
     let (head, body) = request.into_parts();
     let refusal = |status, reason: String| Err(HttpAnswer::refusal(status, reason));
     // Two readers of one request could take two different hosts from it.

@@ -39,6 +39,7 @@
 #![forbid(unsafe_code)]
 
 mod access;
+mod agones;
 pub mod cli;
 #[cfg(feature = "demo")]
 mod demo;

@@ -28,14 +28,12 @@ use rhumb_transport::{
 #[cfg(feature = "view")]
 use crate::access::KeyError;
 use crate::access::{Authenticator, TokenKeys};
+use crate::agones::{Agones, Sidecar, ToldServer};
 use crate::directory::{Endpoints, FenceClock, Keeper, LeaseSeconds, ServerPlace};
 use crate::dispatcher::{Checkpoints, Dispatcher, DispatcherSettings, ProcessOptions, Question};
 use crate::durable::{DataDir, DataError};
 use crate::flight::{FlightRecorders, FlightWriter};
-use crate::http;
-#[cfg(feature = "view")]
-use crate::http::TcpService;
-#[cfg(feature = "view")]
+use crate::http::{self, TcpService};
 use crate::metrics::Metrics;
 #[cfg(feature = "record")]
 use crate::recording::{Recorder, RecordingLimits, SceneTaps};
@@ -116,6 +114,7 @@ pub struct Server {
     /// The directory that says which scenes are this server's, the address that others tell its clients, and the time of its
     /// lease.
     directory: Option<(Endpoints, ServerPlace, LeaseSeconds)>,
+    agones: Option<Sidecar>,
     flight: Option<PathBuf>,
     checkpoints: (Checkpoints, Receiver<Question>),
     #[cfg(feature = "record")]
@@ -198,6 +197,7 @@ impl Server {
             socket: None,
             data: None,
             directory: None,
+            agones: None,
             flight: None,
             #[cfg(feature = "record")]
             record: None,
@@ -329,6 +329,11 @@ impl Server {
         self.directory = Some((directory, ServerPlace(place), lease));
     }
 
+    /// Tells Agones of this server while it runs.
+    pub(crate) const fn tell_agones(&mut self, sidecar: Sidecar) {
+        self.agones = Some(sidecar);
+    }
+
     /// Writes the last moments of a scene that faults to a file of this directory, which is made if it is missing.
     pub fn record_flights(&mut self, directory: PathBuf) {
         self.flight = Some(directory);
@@ -402,22 +407,20 @@ impl Server {
         settings.data = server.data;
         let (waker, of_keeper) = (server.transport.waker(), server.transport.waker());
         let mut dispatcher = Dispatcher::new(settings, move || waker.wake());
+        let mut drained = Arc::default();
         if let Some((directory, data)) = directory {
             let keeper = Keeper::start(directory, data, fence_clock(), move || of_keeper.wake());
-            dispatcher.ask_directory(keeper.map_err(RunError::Thread)?);
+            let keeper = keeper.map_err(RunError::Thread)?;
+            drained = keeper.drained();
+            dispatcher.ask_directory(keeper);
         }
-        let answering = match server.metrics {
-            None => None,
-            Some(listener) => {
-                let local = listener.local_addr().map_err(RunError::Thread)?;
-                let named = !local.ip().is_loopback();
-                let answer = Arc::new(move |request: &_| metrics.answer(request, named));
-                let started = http::start(listener, "rhumb-server-metrics", answer);
-                Some(started.map_err(RunError::Thread)?)
-            }
-        };
+        let told = ToldServer::new(metrics.clone(), drained);
+        let answering = (server.metrics).map(|listener| start_metrics(listener, metrics));
+        let answering = answering.transpose().map_err(RunError::Thread)?;
         dispatcher.answer_checkpoints(server.checkpoints.1);
         dispatcher.restore().map_err(RunError::Data)?;
+        let telling = (server.agones).map(|sidecar| Agones::start(sidecar, told));
+        let telling = telling.transpose().map_err(RunError::Thread)?;
         #[cfg(unix)]
         let listeners = (server.transport, server.socket);
         #[cfg(not(unix))]
@@ -434,6 +437,7 @@ impl Server {
         #[cfg(not(feature = "app"))]
         let served = drive(listeners, &mut dispatcher, stop);
         dispatcher.shut_down();
+        drop(telling);
         drop(answering);
         #[cfg(feature = "view")]
         drop(showing);
@@ -510,6 +514,13 @@ pub(crate) fn bind_metrics(address: SocketAddr) -> Result<(TcpListener, SocketAd
     let listener = TcpListener::bind(address).map_err(failed)?;
     let local = listener.local_addr().map_err(failed)?;
     Ok((listener, local))
+}
+
+/// Begins to answer requests for metrics.
+fn start_metrics(listener: TcpListener, metrics: Metrics) -> io::Result<TcpService> {
+    let named = !listener.local_addr()?.ip().is_loopback();
+    let answer = Arc::new(move |request: &_| metrics.answer(request, named));
+    http::start(listener, "rhumb-server-metrics", answer)
 }
 
 /// Refuses an engine without images, whose scenes no data directory can keep.

@@ -65,6 +65,7 @@ pub(crate) struct ServerSettings {
     pub(crate) threads: NonZeroU32,
     /// `None`: as [`Self::worker_kind`] has it.
     pub(crate) workers: Option<WorkerKind>,
+    pub(crate) agones: bool,
     pub(crate) share_worker: bool,
     #[serde(deserialize_with = "parsed")]
     pub(crate) largest_packet: LargestPacket,
@@ -303,6 +304,11 @@ const ROWS: [(&str, &str, &str); 26] = [
         "Where scenes run: \"threads\" of the server, or \"processes\", one for each tenant, which the first part of a scene's name names, up to a slash. A process that does not answer can be killed, and what breaks it breaks no scene of another tenant. Unless set: processes where token_keys are given, on Linux and without foxglove; else threads.",
     ),
     (
+        "agones",
+        "false",
+        "Tells Agones, by the sidecar of this pod, that the server is ready and well, which scenes it has, and that it drains.",
+    ),
+    (
         "share_worker",
         "false",
         "All scenes without a tenant share one worker process; without this, each has its own.",
@@ -365,6 +371,7 @@ impl Default for ServerSettings {
             engine: EngineKind::default(),
             threads: NonZeroU32::MIN,
             workers: None,
+            agones: false,
             share_worker: false,
             largest_packet: LargestPacket::DEFAULT,
             web: true,

@@ -14,6 +14,7 @@ use rhumb_scene::engine::StepThreads;
 use rhumb_transport::Fingerprint;
 
 use crate::access::TokenKeys;
+use crate::agones::Sidecar;
 use crate::directory::Endpoints;
 use crate::dispatcher::ProcessOptions;
 use crate::durable::DataDir;
@@ -32,6 +33,8 @@ pub(crate) struct CheckedStart {
     pub(crate) processes: Option<ProcessOptions>,
     /// `Some` if other servers have scenes too.
     pub(crate) directory: Option<Endpoints>,
+    /// `Some` if Agones is told of the server.
+    pub(crate) agones: Option<Sidecar>,
 }
 
 /// Checks everything that refuses a start, except addresses in use and the contents of the data directory.
@@ -68,6 +71,9 @@ pub(crate) fn check(
     }
     let processes = processes(settings)?;
     let directory = directory(settings)?;
+    let agones = (settings.agones)
+        .then(Sidecar::from_environment)
+        .transpose()?;
     check_written("scenes", settings.data.as_deref())?;
     check_written("flight recorders", settings.flight.as_deref())?;
     check_written("recordings", settings.record.as_deref())?;
@@ -80,6 +86,7 @@ pub(crate) fn check(
         access,
         processes,
         directory,
+        agones,
     })
 }
 

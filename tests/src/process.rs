@@ -43,7 +43,16 @@ impl Programme {
     /// Runs the binary with invalid arguments, until it ends.
     #[must_use]
     pub fn run(self, arguments: &[&str]) -> Ended {
-        let child = self.spawn(arguments);
+        Self::ended(self.spawn(arguments))
+    }
+
+    /// The same with a variable of the environment.
+    #[must_use]
+    pub fn run_with_variable(self, variable: (&str, &str), arguments: &[&str]) -> Ended {
+        Self::ended(self.spawn_in(Some(variable), arguments, Stdio::piped()))
+    }
+
+    fn ended(child: Child) -> Ended {
         let output = child
             .wait_with_output()
             .expect("waiting for a child process");
@@ -148,6 +157,18 @@ impl Programme {
         self.serve_logging(listen, "info", more)
     }
 
+    /// Starts an open server with a variable of the environment, and reads its start-up lines.
+    ///
+    /// # Panics
+    ///
+    /// As [`Self::serve`].
+    #[must_use]
+    pub fn serve_with_variable(self, variable: (&str, &str), more: &[&str]) -> ServerProcess {
+        let arguments = [&["--open", "--log", "info"], more].concat();
+        let child = self.spawn_in(Some(variable), &arguments, Stdio::piped());
+        Self::started(child, START_UP_LINES)
+    }
+
     fn serve_logging(self, listen: &str, log: &str, more: &[&str]) -> ServerProcess {
         let access = if more.contains(&"--token-key") {
             &[][..]
@@ -201,8 +222,12 @@ impl Programme {
     }
 
     fn spawn_with(self, arguments: &[&str], log: Stdio) -> Child {
+        self.spawn_in(None, arguments, log)
+    }
+
+    fn spawn_in(self, variable: Option<(&str, &str)>, arguments: &[&str], log: Stdio) -> Child {
         let mut command = Command::new(self.0);
-        command.args(arguments).env("NO_COLOR", "1");
+        command.args(arguments).env("NO_COLOR", "1").envs(variable);
         command
             .stdin(Stdio::null())
             .stdout(Stdio::piped())

@@ -12,20 +12,16 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 use bytes::Bytes;
-use http_body_util::{BodyExt, Full, Limited};
-use hyper::client::conn::http1;
-use hyper::header::{CONTENT_TYPE, HOST};
-use hyper::{Request as HttpRequest, StatusCode, Uri};
-use hyper_util::rt::TokioIo;
+use hyper::{Method, StatusCode, Uri};
 use rhumb_protocol::limits::EXTENSION_BYTES_MAX;
 use rhumb_protocol::scene::SceneName;
 use serde_json::{Value, json};
-use tokio::net::TcpStream;
 use tokio::sync::Semaphore;
 use tokio::time::timeout;
 
 use super::claims::{DirectoryAnswer, DirectoryRequest, Epoch, LeaseId, ServerPlace};
 use super::handovers::{Board, Notice};
+use crate::http;
 
 /// The servers of an etcd cluster.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -90,8 +86,6 @@ const SCENES: &str = "rhumb/scenes/";
 /// Claims and releases that are asked at the same time, each by a connection; others wait in order. At 37 ms an answer,
 /// the slowest measured (decision 91), these are 430 a second.
 const AT_ONCE: usize = 16;
-/// Longest answer that is read.
-const ANSWER_BYTES_MAX: usize = 1 << 20;
 
 impl Etcd {
     pub(super) fn new(endpoints: Endpoints) -> Self {
@@ -141,12 +135,8 @@ impl Etcd {
 
     async fn post_to_first(&self, path: &str, body: &Value) -> Option<(StatusCode, Bytes)> {
         let first = self.first.load(Ordering::Relaxed);
-        post(
-            &self.endpoints.0[first % self.endpoints.0.len()],
-            path,
-            body,
-        )
-        .await
+        let (host, port) = &self.endpoints.0[first % self.endpoints.0.len()];
+        http::ask((host, *port), (Method::POST, path), Some(body)).await
     }
 
     /// The next endpoint may know more.
@@ -191,29 +181,6 @@ fn body_of(request: &DirectoryRequest, place: &ServerPlace) -> (&'static str, Va
 
 fn key_of(scene: &SceneName) -> String {
     base64(format!("{SCENES}{scene}").as_bytes())
-}
-
-async fn post(
-    (host, port): &(String, u16),
-    path: &str,
-    body: &Value,
-) -> Option<(StatusCode, Bytes)> {
-    // An address of IPv6 stands in brackets within a URL only.
-    let stream = TcpStream::connect((host.trim_matches(['[', ']']), *port)).await;
-    let (mut sender, connection) = http1::handshake(TokioIo::new(stream.ok()?)).await.ok()?;
-    let request = HttpRequest::post(path)
-        .header(HOST, format!("{host}:{port}"))
-        .header(CONTENT_TYPE, "application/json")
-        .body(Full::new(Bytes::from(body.to_string())))
-        .ok()?;
-    let exchange = async move {
-        let answer = sender.send_request(request).await.ok()?;
-        let status = answer.status();
-        let body = Limited::new(answer.into_body(), ANSWER_BYTES_MAX).collect();
-        Some((status, body.await.ok()?.to_bytes()))
-    };
-    let (answer, _) = tokio::join!(exchange, connection);
-    answer
 }
 
 /// The meaning of an answer; `None` if it has none.

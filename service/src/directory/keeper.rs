@@ -5,7 +5,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -30,6 +30,7 @@ pub(crate) struct Keeper {
     events: Receiver<DirectoryEvent>,
     /// The moment from which nothing may be published, in nanoseconds.
     until: Arc<AtomicU64>,
+    drained: Arc<AtomicBool>,
     clock: FenceClock,
     thread: Option<JoinHandle<()>>,
 }
@@ -90,6 +91,7 @@ impl Keeper {
         let (asks, asked) = unbounded_channel();
         let (to, events) = channel();
         let until = Arc::new(AtomicU64::new(0));
+        let drained = Arc::new(AtomicBool::new(false));
         let (answers, answered) = unbounded_channel();
         let taken = answers.clone();
         let take = move |files| {
@@ -108,6 +110,7 @@ impl Keeper {
             taken: BTreeMap::new(),
             clock: Arc::clone(&clock),
             until: Arc::clone(&until),
+            drained: Arc::clone(&drained),
             events: to,
             wake: Box::new(wake),
         };
@@ -118,9 +121,15 @@ impl Keeper {
             asks: Some(asks),
             events,
             until,
+            drained,
             clock,
             thread: Some(thread),
         })
+    }
+
+    /// True while the server gives all scenes away, and takes none.
+    pub(crate) fn drained(&self) -> Arc<AtomicBool> {
+        Arc::clone(&self.drained)
     }
 
     /// Asks for a scene; an event says what comes of it.
@@ -192,6 +201,7 @@ struct Keeping {
     taken: BTreeMap<SceneName, (Epoch, Option<Generation>)>,
     clock: FenceClock,
     until: Arc<AtomicU64>,
+    drained: Arc<AtomicBool>,
     events: Sender<DirectoryEvent>,
     wake: Box<dyn Fn() + Send>,
 }
@@ -269,6 +279,8 @@ impl Keeping {
     fn take_board(&mut self, now: Instant, board: &Board) {
         let owns = |scene: &SceneName| self.claims.owns(scene);
         let steps = self.handovers.take_board(board, owns);
+        self.drained
+            .store(self.handovers.is_drained(), Ordering::Relaxed);
         for done in self.handovers.done(board, owns) {
             self.remove(done);
         }

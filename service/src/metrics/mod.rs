@@ -111,7 +111,6 @@ impl Metrics {
     }
 
     /// Names of the scenes that exist.
-    #[cfg(feature = "view")]
     pub(crate) fn scene_names(&self) -> Vec<SceneName> {
         self.0.scenes.names()
     }

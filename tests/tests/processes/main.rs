@@ -5,6 +5,7 @@
 use rhumb_tests::Programme;
 
 mod access;
+mod agones;
 mod app_process;
 mod authority_quic;
 mod bindings;

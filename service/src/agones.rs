@@ -1,0 +1,469 @@
+//! Tells Agones what this server does: that it is ready and well, which scenes it has, and that it drains.
+//!
+//! Agones owns machines: it starts servers, chooses one for a new scene, and never removes one that is allocated. A server
+//! speaks to the sidecar of its pod, by REST (`proto/sdk`, release 1.5). The sidecar starts in its own time and answers any
+//! error with status 500, so that each call is made again until it succeeds, and the list is read before it is changed.
+//!
+//! Chooses no server, and stops none. A scene waits for none of this.
+
+use std::collections::BTreeSet;
+use std::env;
+use std::io;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+use bytes::Bytes;
+use hyper::{Method, StatusCode};
+use rhumb_protocol::scene::SceneName;
+use rhumb_transport::io_runtime;
+use serde_json::{Value, json};
+use tokio::sync::oneshot;
+use tokio::time::{sleep, timeout};
+
+use crate::http;
+use crate::metrics::Metrics;
+
+/// Where the sidecar of this pod answers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Sidecar {
+    port: u16,
+}
+
+impl Sidecar {
+    /// The sidecar that Agones names to its pods, or the usual port.
+    ///
+    /// # Errors
+    ///
+    /// A text in the environment that is no port.
+    pub(crate) fn from_environment() -> Result<Self, String> {
+        const VARIABLE: &str = "AGONES_SDK_HTTP_PORT";
+        const USUAL: u16 = 9358;
+        let port = match env::var(VARIABLE) {
+            Err(env::VarError::NotPresent) => USUAL,
+            Ok(text) => (text.parse().ok().filter(|port| *port != 0))
+                .ok_or_else(|| format!("{VARIABLE} is {text:?}: Agones sets it to a port"))?,
+            Err(env::VarError::NotUnicode(text)) => {
+                return Err(format!("{VARIABLE} is {text:?}: Agones sets it to a port"));
+            }
+        };
+        Ok(Self { port })
+    }
+
+    /// Asks once; `None` without an answer in time.
+    async fn ask(
+        self,
+        (method, path): (Method, &str),
+        body: Option<&Value>,
+    ) -> Option<(StatusCode, Bytes)> {
+        let asked = http::ask(("127.0.0.1", self.port), (method, path), body);
+        timeout(ANSWER_TIME, asked).await.ok().flatten()
+    }
+}
+
+/// What Agones is told of a server.
+pub(crate) struct ToldServer {
+    metrics: Metrics,
+    drained: Arc<AtomicBool>,
+}
+
+impl ToldServer {
+    /// `drained`: true while the server gives all scenes away, and takes none.
+    pub(crate) const fn new(metrics: Metrics, drained: Arc<AtomicBool>) -> Self {
+        Self { metrics, drained }
+    }
+
+    fn look(&self) -> Look {
+        Look {
+            is_healthy: self.metrics.is_healthy(),
+            is_draining: self.drained.load(Ordering::Relaxed),
+            scenes: self.metrics.scene_names().into_iter().collect(),
+        }
+    }
+}
+
+/// Tells Agones until it is dropped; then says that the server shuts down.
+pub(crate) struct Agones {
+    stop: Option<oneshot::Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+/// Time between two looks at the server. Agones asks for a sign of health every 5 s, unless told otherwise.
+const PAUSE: Duration = Duration::from_secs(1);
+/// Time for an answer.
+const ANSWER_TIME: Duration = Duration::from_secs(1);
+/// The list of a GameServer in which the names of its scenes are.
+const LIST: &str = "/v1beta1/lists/scenes";
+
+impl Agones {
+    /// Starts the thread.
+    ///
+    /// # Errors
+    ///
+    /// The system's, if it has no thread or no event queue.
+    pub(crate) fn start(sidecar: Sidecar, server: ToldServer) -> io::Result<Self> {
+        let runtime = io_runtime()?;
+        let (stop, stopped) = oneshot::channel();
+        let telling = Telling {
+            sidecar,
+            server,
+            told: Told::default(),
+            is_silent: false,
+        };
+        let thread = thread::Builder::new()
+            .name("rhumb-agones".to_owned())
+            .spawn(move || runtime.block_on(telling.run(stopped)))?;
+        Ok(Self {
+            stop: Some(stop),
+            thread: Some(thread),
+        })
+    }
+}
+
+impl Drop for Agones {
+    fn drop(&mut self) {
+        self.stop = None;
+        if self
+            .thread
+            .take()
+            .is_some_and(|thread| thread.join().is_err())
+        {
+            tracing::error!("the thread that tells Agones of this server panicked");
+        }
+    }
+}
+
+struct Telling {
+    sidecar: Sidecar,
+    server: ToldServer,
+    told: Told,
+    /// The sidecar did not take the last call, which the log says once.
+    is_silent: bool,
+}
+
+impl Telling {
+    async fn run(mut self, mut stopped: oneshot::Receiver<()>) {
+        loop {
+            self.tell().await;
+            tokio::select! {
+                _ = &mut stopped => break,
+                () = sleep(PAUSE) => {}
+            }
+        }
+        if self.told.state != State::ShutDown {
+            self.call(Call::ShutDown).await;
+        }
+    }
+
+    /// Tells what changed. The first call that fails ends it until the next look.
+    async fn tell(&mut self) {
+        let now = self.server.look();
+        for call in self.told.calls(&now) {
+            if !self.call(call).await {
+                return;
+            }
+            self.told.note(call);
+        }
+        if self.told.list_differs(&now) {
+            self.change_list(&now).await;
+        }
+    }
+
+    async fn call(&mut self, call: Call) -> bool {
+        let (method, path, body) = call.request();
+        let answer = self.sidecar.ask((method, path), Some(&body)).await;
+        self.is_taken(path, answer)
+    }
+
+    /// Has the list name the scenes. Names that are not of this server's scenes are of scenes that Agones has promised a
+    /// place, and stay.
+    async fn change_list(&mut self, now: &Look) {
+        let answer = self.sidecar.ask((Method::GET, LIST), None).await;
+        let list = match &answer {
+            Some((StatusCode::OK, bytes)) => serde_json::from_slice(bytes).ok(),
+            _ => None,
+        };
+        let Some(list) = list.as_ref().and_then(ScenesList::read) else {
+            if answer.is_some() && !self.told.misses_list {
+                self.told.misses_list = true;
+                tracing::warn!(
+                    "Agones has no list of this server's scenes: give the GameServer spec.lists.scenes with the capacity \
+                     of limits.scenes, and the feature gate CountsAndLists"
+                );
+            }
+            return;
+        };
+        self.told.misses_list = false;
+        for change in self.told.changes(&list, now) {
+            let path = change.path();
+            let body = json!({ "value": change.scene().as_str() });
+            let answer = self.sidecar.ask((Method::POST, &path), Some(&body)).await;
+            if !self.is_taken(&path, answer) {
+                return;
+            }
+        }
+        self.told.listed.clone_from(&now.scenes);
+    }
+
+    /// True for an answer of success. The first call that is not taken is logged, and the first that is taken after it.
+    fn is_taken(&mut self, path: &str, answer: Option<(StatusCode, Bytes)>) -> bool {
+        let was_silent = self.is_silent;
+        let taken = matches!(answer, Some((StatusCode::OK, _)));
+        self.is_silent = !taken;
+        match answer {
+            _ if taken && was_silent => tracing::info!("Agones takes this server's calls again"),
+            _ if taken || was_silent => {}
+            None => tracing::warn!("Agones does not answer at {path}: it is asked every second"),
+            Some((status, text)) => {
+                let text = String::from_utf8_lossy(&text);
+                tracing::warn!(%status, "Agones refuses {path}, and is asked every second: {text}");
+            }
+        }
+        taken
+    }
+}
+
+/// A server at one moment.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Look {
+    is_healthy: bool,
+    is_draining: bool,
+    scenes: BTreeSet<SceneName>,
+}
+
+/// A call that needs no answer but its success.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Call {
+    Ready,
+    Health,
+    Allocate,
+    Drain,
+    ShutDown,
+}
+
+impl Call {
+    fn request(self) -> (Method, &'static str, Value) {
+        let post = |path| (Method::POST, path, json!({}));
+        match self {
+            Self::Ready => post("/ready"),
+            Self::Health => post("/health"),
+            Self::Allocate => post("/allocate"),
+            // Agones writes it as agones.dev/sdk-draining.
+            Self::Drain => {
+                let label = json!({ "key": "draining", "value": "true" });
+                (Method::PUT, "/metadata/label", label)
+            }
+            Self::ShutDown => post("/shutdown"),
+        }
+    }
+}
+
+/// The state of a GameServer, as far as this server has set it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum State {
+    #[default]
+    Starting,
+    Ready,
+    /// It has scenes, and is not removed.
+    Allocated,
+    ShutDown,
+}
+
+/// What Agones has been told.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+struct Told {
+    state: State,
+    drains: bool,
+    /// Scenes that the list had by this server's doing, or had already.
+    listed: BTreeSet<SceneName>,
+    misses_list: bool,
+}
+
+impl Told {
+    /// The calls that are due, in order. A server that does not answer its clients says nothing, so that Agones replaces it.
+    fn calls(&self, now: &Look) -> Vec<Call> {
+        if !now.is_healthy || self.state == State::ShutDown {
+            return Vec::new();
+        }
+        let mut calls = vec![Call::Health];
+        if now.is_draining && !self.drains {
+            calls.push(Call::Drain);
+        }
+        let is_empty = now.scenes.is_empty();
+        calls.extend(match self.state {
+            _ if now.is_draining && is_empty => Some(Call::ShutDown),
+            State::Starting => Some(Call::Ready),
+            State::Ready => (!is_empty).then_some(Call::Allocate),
+            State::Allocated => is_empty.then_some(Call::Ready),
+            State::ShutDown => None,
+        });
+        calls
+    }
+
+    fn note(&mut self, call: Call) {
+        match call {
+            Call::Ready => self.state = State::Ready,
+            Call::Allocate => self.state = State::Allocated,
+            Call::ShutDown => self.state = State::ShutDown,
+            Call::Drain => self.drains = true,
+            Call::Health => {}
+        }
+    }
+
+    fn list_differs(&self, now: &Look) -> bool {
+        now.is_healthy && self.listed != now.scenes
+    }
+
+    /// What makes the list that of the scenes. What ended leaves its place first.
+    fn changes(&self, list: &ScenesList, now: &Look) -> Vec<Change> {
+        let ended = self.listed.difference(&now.scenes);
+        let ended = ended.filter(|scene| list.values.contains(scene.as_str()));
+        let begun = now.scenes.iter();
+        let begun = begun.filter(|scene| !list.values.contains(scene.as_str()));
+        let ended = ended.cloned().map(Change::Remove);
+        ended.chain(begun.cloned().map(Change::Add)).collect()
+    }
+}
+
+/// A change of the list.
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum Change {
+    Add(SceneName),
+    Remove(SceneName),
+}
+
+impl Change {
+    fn path(&self) -> String {
+        match self {
+            Self::Add(_) => format!("{LIST}:addValue"),
+            Self::Remove(_) => format!("{LIST}:removeValue"),
+        }
+    }
+
+    const fn scene(&self) -> &SceneName {
+        match self {
+            Self::Add(scene) | Self::Remove(scene) => scene,
+        }
+    }
+}
+
+/// The list as Agones has it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct ScenesList {
+    values: BTreeSet<String>,
+}
+
+impl ScenesList {
+    /// `None` for what is no list. One without values may leave them out.
+    fn read(answer: &Value) -> Option<Self> {
+        let answer = answer.as_object()?;
+        let values = match answer.get("values") {
+            None => BTreeSet::new(),
+            Some(values) => {
+                let values = values.as_array()?.iter();
+                let values = values.map(|value| value.as_str().map(str::to_owned));
+                values.collect::<Option<_>>()?
+            }
+        };
+        Some(Self { values })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn scenes(names: &[&str]) -> BTreeSet<SceneName> {
+        let names = names.iter().map(|name| name.parse());
+        names.collect::<Result<_, _>>().expect("valid names")
+    }
+
+    fn look(names: &[&str]) -> Look {
+        Look {
+            is_healthy: true,
+            is_draining: false,
+            scenes: scenes(names),
+        }
+    }
+
+    /// The calls at a look, all of which are taken.
+    fn taken(told: &mut Told, now: &Look) -> Vec<Call> {
+        let calls = told.calls(now);
+        calls.iter().for_each(|call| told.note(*call));
+        calls
+    }
+
+    #[test]
+    fn a_server_is_ready_and_is_allocated_while_it_has_scenes() {
+        let mut told = Told::default();
+        assert_eq!(
+            taken(&mut told, &look(&["restored"])),
+            [Call::Health, Call::Ready]
+        );
+        assert_eq!(
+            taken(&mut told, &look(&["restored"])),
+            [Call::Health, Call::Allocate]
+        );
+        assert_eq!(taken(&mut told, &look(&["a", "b"])), [Call::Health]);
+        assert_eq!(taken(&mut told, &look(&[])), [Call::Health, Call::Ready]);
+        assert_eq!(taken(&mut told, &look(&[])), [Call::Health]);
+    }
+
+    #[test]
+    fn a_call_that_was_not_taken_is_due_again() {
+        let told = Told::default();
+        assert_eq!(told.calls(&look(&[])), [Call::Health, Call::Ready]);
+        assert_eq!(told.calls(&look(&[])), [Call::Health, Call::Ready]);
+    }
+
+    #[test]
+    fn a_server_that_is_stuck_says_nothing() {
+        let now = Look {
+            is_healthy: false,
+            ..look(&["a"])
+        };
+        assert_eq!(Told::default().calls(&now), []);
+        assert!(!Told::default().list_differs(&now));
+    }
+
+    #[test]
+    fn a_server_that_drains_shuts_down_once_its_scenes_are_gone() {
+        let mut told = Told::default();
+        taken(&mut told, &look(&["a"]));
+        taken(&mut told, &look(&["a"]));
+        let draining = |names| Look {
+            is_draining: true,
+            ..look(names)
+        };
+        assert_eq!(
+            taken(&mut told, &draining(&["a"])),
+            [Call::Health, Call::Drain]
+        );
+        assert_eq!(taken(&mut told, &draining(&["a"])), [Call::Health]);
+        assert_eq!(
+            taken(&mut told, &draining(&[])),
+            [Call::Health, Call::ShutDown]
+        );
+        assert_eq!(taken(&mut told, &draining(&[])), [], "its pod is going");
+    }
+
+    #[test]
+    fn a_place_that_agones_has_promised_stays_on_the_list() {
+        let mut told = Told::default();
+        let list = |text: &str| {
+            let answer = serde_json::from_str(text).expect("JSON");
+            ScenesList::read(&answer).expect("a list")
+        };
+        let [a, b] = ["a", "b"].map(|name| name.parse::<SceneName>().expect("a valid name"));
+        let promised = list(r#"{"name":"scenes", "capacity":"4", "values":["b", "c"]}"#);
+        let now = look(&["a", "b"]);
+        assert_eq!(told.changes(&promised, &now), [Change::Add(a.clone())]);
+        told.listed = now.scenes;
+        let full = list(r#"{"name":"scenes", "capacity":"4", "values":["a", "b", "c"]}"#);
+        let now = look(&["a"]);
+        assert_eq!(told.changes(&full, &now), [Change::Remove(b)]);
+        let none = list(r#"{"name":"scenes", "capacity":"4"}"#);
+        assert_eq!(told.changes(&none, &now), [Change::Add(a)]);
+    }
+}
