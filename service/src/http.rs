@@ -49,6 +49,7 @@ pub(crate) async fn ask(
     (method, path): (Method, &str),
     body: Option<&Value>,
 ) -> Option<(StatusCode, Bytes)> {
+    let body = Bytes::from(body.map(Value::to_string).unwrap_or_default());
     let stream = TcpStream::connect((host.trim_matches(['[', ']']), port)).await;
     let (mut sender, connection) = client::handshake(TokioIo::new(stream.ok()?)).await.ok()?;
     let request = Request::builder()
@@ -56,12 +57,10 @@ pub(crate) async fn ask(
         .uri(path)
         .header(HOST, format!("{host}:{port}"))
         .header(CONTENT_TYPE, "application/json")
-        .body(Full::new(
-            body.map(Value::to_string).unwrap_or_default().into(),
-        ))
+        .body(Full::new(body))
         .ok()?;
     let exchange = async move {
-        let answer = sender.send_request::<Full<Bytes>>(request).await.ok()?;
+        let answer = sender.send_request(request).await.ok()?;
         let status = answer.status();
         let body = Limited::new(answer.into_body(), ANSWER_BYTES_MAX).collect();
         Some((status, body.await.ok()?.to_bytes()))

@@ -74,6 +74,7 @@ pub use page_beside::PageBeside;
 pub use recording::ViewersError;
 #[cfg(feature = "app")]
 pub use rhumb_app;
+pub use rhumb_edge::{SharedPacket, SharedStream};
 pub use rhumb_scene::{
     Activity, BakeJob, Bakers, BodyDesc, BodyId, BodyKind, BodyState, Checkpoint, CheckpointError,
     Command, CommandError, Digest, Hook, HookError, Hooks, IdRange, Inertia, Instant, Invalid,

@@ -45,7 +45,6 @@ impl SceneMeters {
         }
     }
 
-    #[cfg(feature = "view")]
     pub(super) fn names(&self) -> Vec<SceneName> {
         lock(&self.0).keys().cloned().collect()
     }
