@@ -1,7 +1,7 @@
-//! Tells Agones what this server does: that it is ready and well, which scenes it has, and that it drains.
+//! Reports to Agones: a server is ready and well, has scenes, or drains.
 //!
 //! Agones owns machines: it starts servers, chooses one for a new scene, and never removes one that is allocated. A server
-//! speaks to the sidecar of its pod, by REST (`proto/sdk`, release 1.5). The sidecar starts in its own time and answers any
+//! speaks to the sidecar of its pod, by REST (its `proto/sdk`, version 1.57). The sidecar starts in its own time and answers any
 //! error with status 500, so that each call is made again until it succeeds, and the list is read before it is changed.
 //!
 //! Chooses no server, and stops none. A scene waits for none of this.
@@ -62,13 +62,13 @@ impl Sidecar {
     }
 }
 
-/// What Agones is told of a server.
-pub(crate) struct ToldServer {
+/// What is reported of a server.
+pub(crate) struct ReportedServer {
     metrics: Metrics,
     drained: Arc<AtomicBool>,
 }
 
-impl ToldServer {
+impl ReportedServer {
     /// `drained`: true while the server gives all scenes away, and takes none.
     pub(crate) const fn new(metrics: Metrics, drained: Arc<AtomicBool>) -> Self {
         Self { metrics, drained }
@@ -83,13 +83,13 @@ impl ToldServer {
     }
 }
 
-/// Tells Agones until it is dropped; then says that the server shuts down.
+/// Reports to Agones until it is dropped; then says that the server shuts down.
 pub(crate) struct Agones {
     stop: Option<oneshot::Sender<()>>,
     thread: Option<JoinHandle<()>>,
 }
 
-/// Time between two looks at the server. Agones asks for a sign of health every 5 s, unless told otherwise.
+/// Time between two looks at the server. Agones asks for a sign of health every 5 s, unless reported otherwise.
 const PAUSE: Duration = Duration::from_secs(1);
 /// Time for an answer.
 const ANSWER_TIME: Duration = Duration::from_secs(1);
@@ -102,18 +102,18 @@ impl Agones {
     /// # Errors
     ///
     /// The system's, if it has no thread or no event queue.
-    pub(crate) fn start(sidecar: Sidecar, server: ToldServer) -> io::Result<Self> {
+    pub(crate) fn start(sidecar: Sidecar, server: ReportedServer) -> io::Result<Self> {
         let runtime = io_runtime()?;
         let (stop, stopped) = oneshot::channel();
-        let telling = Telling {
+        let reporting = Reporting {
             sidecar,
             server,
-            told: Told::default(),
+            reported: ReportedState::default(),
             is_silent: false,
         };
         let thread = thread::Builder::new()
             .name("rhumb-agones".to_owned())
-            .spawn(move || runtime.block_on(telling.run(stopped)))?;
+            .spawn(move || runtime.block_on(reporting.run(stopped)))?;
         Ok(Self {
             stop: Some(stop),
             thread: Some(thread),
@@ -134,43 +134,43 @@ impl Drop for Agones {
     }
 }
 
-struct Telling {
+struct Reporting {
     sidecar: Sidecar,
-    server: ToldServer,
-    told: Told,
+    server: ReportedServer,
+    reported: ReportedState,
     /// The sidecar did not take the last call, which the log says once.
     is_silent: bool,
 }
 
-impl Telling {
+impl Reporting {
     async fn run(mut self, mut stopped: oneshot::Receiver<()>) {
         loop {
-            self.tell().await;
+            self.report().await;
             tokio::select! {
                 _ = &mut stopped => break,
                 () = sleep(PAUSE) => {}
             }
         }
-        if self.told.state != State::ShutDown {
-            self.call(Call::ShutDown).await;
+        if self.reported.state != State::ShutDown {
+            self.call(SdkCall::ShutDown).await;
         }
     }
 
-    /// Tells what changed. The first call that fails ends it until the next look.
-    async fn tell(&mut self) {
+    /// Reports what changed. The first call that fails ends it until the next look.
+    async fn report(&mut self) {
         let now = self.server.look();
-        for call in self.told.calls(&now) {
+        for call in self.reported.calls(&now) {
             if !self.call(call).await {
                 return;
             }
-            self.told.note(call);
+            self.reported.note(call);
         }
-        if self.told.list_differs(&now) {
+        if self.reported.list_differs(&now) {
             self.change_list(&now).await;
         }
     }
 
-    async fn call(&mut self, call: Call) -> bool {
+    async fn call(&mut self, call: SdkCall) -> bool {
         let (method, path, body) = call.request();
         let answer = self.sidecar.ask((method, path), Some(&body)).await;
         self.is_taken(path, answer)
@@ -185,8 +185,8 @@ impl Telling {
             _ => None,
         };
         let Some(list) = list.as_ref().and_then(ScenesList::read) else {
-            if answer.is_some() && !self.told.misses_list {
-                self.told.misses_list = true;
+            if answer.is_some() && !self.reported.misses_list {
+                self.reported.misses_list = true;
                 tracing::warn!(
                     "Agones has no list of this server's scenes: give the GameServer spec.lists.scenes with the capacity \
                      of limits.scenes, and the feature gate CountsAndLists"
@@ -194,8 +194,8 @@ impl Telling {
             }
             return;
         };
-        self.told.misses_list = false;
-        for change in self.told.changes(&list, now) {
+        self.reported.misses_list = false;
+        for change in self.reported.changes(&list, now) {
             let path = change.path();
             let body = json!({ "value": change.scene().as_str() });
             let answer = self.sidecar.ask((Method::POST, &path), Some(&body)).await;
@@ -203,7 +203,7 @@ impl Telling {
                 return;
             }
         }
-        self.told.listed.clone_from(&now.scenes);
+        self.reported.listed.clone_from(&now.scenes);
     }
 
     /// True for an answer of success. The first call that is not taken is logged, and the first that is taken after it.
@@ -234,7 +234,7 @@ struct Look {
 
 /// A call that needs no answer but its success.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Call {
+enum SdkCall {
     Ready,
     Health,
     Allocate,
@@ -242,7 +242,7 @@ enum Call {
     ShutDown,
 }
 
-impl Call {
+impl SdkCall {
     fn request(self) -> (Method, &'static str, Value) {
         let post = |path| (Method::POST, path, json!({}));
         match self {
@@ -270,9 +270,9 @@ enum State {
     ShutDown,
 }
 
-/// What Agones has been told.
+/// What has been reported.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-struct Told {
+struct ReportedState {
     state: State,
     drains: bool,
     /// Scenes that the list had by this server's doing, or had already.
@@ -280,34 +280,34 @@ struct Told {
     misses_list: bool,
 }
 
-impl Told {
+impl ReportedState {
     /// The calls that are due, in order. A server that does not answer its clients says nothing, so that Agones replaces it.
-    fn calls(&self, now: &Look) -> Vec<Call> {
+    fn calls(&self, now: &Look) -> Vec<SdkCall> {
         if !now.is_healthy || self.state == State::ShutDown {
             return Vec::new();
         }
-        let mut calls = vec![Call::Health];
+        let mut calls = vec![SdkCall::Health];
         if now.is_draining && !self.drains {
-            calls.push(Call::Drain);
+            calls.push(SdkCall::Drain);
         }
         let is_empty = now.scenes.is_empty();
         calls.extend(match self.state {
-            _ if now.is_draining && is_empty => Some(Call::ShutDown),
-            State::Starting => Some(Call::Ready),
-            State::Ready => (!is_empty).then_some(Call::Allocate),
-            State::Allocated => is_empty.then_some(Call::Ready),
+            _ if now.is_draining && is_empty => Some(SdkCall::ShutDown),
+            State::Starting => Some(SdkCall::Ready),
+            State::Ready => (!is_empty).then_some(SdkCall::Allocate),
+            State::Allocated => is_empty.then_some(SdkCall::Ready),
             State::ShutDown => None,
         });
         calls
     }
 
-    fn note(&mut self, call: Call) {
+    fn note(&mut self, call: SdkCall) {
         match call {
-            Call::Ready => self.state = State::Ready,
-            Call::Allocate => self.state = State::Allocated,
-            Call::ShutDown => self.state = State::ShutDown,
-            Call::Drain => self.drains = true,
-            Call::Health => {}
+            SdkCall::Ready => self.state = State::Ready,
+            SdkCall::Allocate => self.state = State::Allocated,
+            SdkCall::ShutDown => self.state = State::ShutDown,
+            SdkCall::Drain => self.drains = true,
+            SdkCall::Health => {}
         }
     }
 
@@ -316,24 +316,24 @@ impl Told {
     }
 
     /// What makes the list that of the scenes. What ended leaves its place first.
-    fn changes(&self, list: &ScenesList, now: &Look) -> Vec<Change> {
+    fn changes(&self, list: &ScenesList, now: &Look) -> Vec<ListChange> {
         let ended = self.listed.difference(&now.scenes);
         let ended = ended.filter(|scene| list.values.contains(scene.as_str()));
         let begun = now.scenes.iter();
         let begun = begun.filter(|scene| !list.values.contains(scene.as_str()));
-        let ended = ended.cloned().map(Change::Remove);
-        ended.chain(begun.cloned().map(Change::Add)).collect()
+        let ended = ended.cloned().map(ListChange::Remove);
+        ended.chain(begun.cloned().map(ListChange::Add)).collect()
     }
 }
 
 /// A change of the list.
 #[derive(Clone, Debug, PartialEq, Eq)]
-enum Change {
+enum ListChange {
     Add(SceneName),
     Remove(SceneName),
 }
 
-impl Change {
+impl ListChange {
     fn path(&self) -> String {
         match self {
             Self::Add(_) => format!("{LIST}:addValue"),
@@ -388,33 +388,42 @@ mod tests {
     }
 
     /// The calls at a look, all of which are taken.
-    fn taken(told: &mut Told, now: &Look) -> Vec<Call> {
-        let calls = told.calls(now);
-        calls.iter().for_each(|call| told.note(*call));
+    fn taken(reported: &mut ReportedState, now: &Look) -> Vec<SdkCall> {
+        let calls = reported.calls(now);
+        calls.iter().for_each(|call| reported.note(*call));
         calls
     }
 
     #[test]
     fn a_server_is_ready_and_is_allocated_while_it_has_scenes() {
-        let mut told = Told::default();
+        let mut reported = ReportedState::default();
         assert_eq!(
-            taken(&mut told, &look(&["restored"])),
-            [Call::Health, Call::Ready]
+            taken(&mut reported, &look(&["restored"])),
+            [SdkCall::Health, SdkCall::Ready]
         );
         assert_eq!(
-            taken(&mut told, &look(&["restored"])),
-            [Call::Health, Call::Allocate]
+            taken(&mut reported, &look(&["restored"])),
+            [SdkCall::Health, SdkCall::Allocate]
         );
-        assert_eq!(taken(&mut told, &look(&["a", "b"])), [Call::Health]);
-        assert_eq!(taken(&mut told, &look(&[])), [Call::Health, Call::Ready]);
-        assert_eq!(taken(&mut told, &look(&[])), [Call::Health]);
+        assert_eq!(taken(&mut reported, &look(&["a", "b"])), [SdkCall::Health]);
+        assert_eq!(
+            taken(&mut reported, &look(&[])),
+            [SdkCall::Health, SdkCall::Ready]
+        );
+        assert_eq!(taken(&mut reported, &look(&[])), [SdkCall::Health]);
     }
 
     #[test]
     fn a_call_that_was_not_taken_is_due_again() {
-        let told = Told::default();
-        assert_eq!(told.calls(&look(&[])), [Call::Health, Call::Ready]);
-        assert_eq!(told.calls(&look(&[])), [Call::Health, Call::Ready]);
+        let reported = ReportedState::default();
+        assert_eq!(
+            reported.calls(&look(&[])),
+            [SdkCall::Health, SdkCall::Ready]
+        );
+        assert_eq!(
+            reported.calls(&look(&[])),
+            [SdkCall::Health, SdkCall::Ready]
+        );
     }
 
     #[test]
@@ -423,34 +432,34 @@ mod tests {
             is_healthy: false,
             ..look(&["a"])
         };
-        assert_eq!(Told::default().calls(&now), []);
-        assert!(!Told::default().list_differs(&now));
+        assert_eq!(ReportedState::default().calls(&now), []);
+        assert!(!ReportedState::default().list_differs(&now));
     }
 
     #[test]
     fn a_server_that_drains_shuts_down_once_its_scenes_are_gone() {
-        let mut told = Told::default();
-        taken(&mut told, &look(&["a"]));
-        taken(&mut told, &look(&["a"]));
+        let mut reported = ReportedState::default();
+        taken(&mut reported, &look(&["a"]));
+        taken(&mut reported, &look(&["a"]));
         let draining = |names| Look {
             is_draining: true,
             ..look(names)
         };
         assert_eq!(
-            taken(&mut told, &draining(&["a"])),
-            [Call::Health, Call::Drain]
+            taken(&mut reported, &draining(&["a"])),
+            [SdkCall::Health, SdkCall::Drain]
         );
-        assert_eq!(taken(&mut told, &draining(&["a"])), [Call::Health]);
+        assert_eq!(taken(&mut reported, &draining(&["a"])), [SdkCall::Health]);
         assert_eq!(
-            taken(&mut told, &draining(&[])),
-            [Call::Health, Call::ShutDown]
+            taken(&mut reported, &draining(&[])),
+            [SdkCall::Health, SdkCall::ShutDown]
         );
-        assert_eq!(taken(&mut told, &draining(&[])), [], "its pod is going");
+        assert_eq!(taken(&mut reported, &draining(&[])), [], "its pod is going");
     }
 
     #[test]
     fn a_place_that_agones_has_promised_stays_on_the_list() {
-        let mut told = Told::default();
+        let mut reported = ReportedState::default();
         let list = |text: &str| {
             let answer = serde_json::from_str(text).expect("JSON");
             ScenesList::read(&answer).expect("a list")
@@ -458,12 +467,15 @@ mod tests {
         let [a, b] = ["a", "b"].map(|name| name.parse::<SceneName>().expect("a valid name"));
         let promised = list(r#"{"name":"scenes", "capacity":"4", "values":["b", "c"]}"#);
         let now = look(&["a", "b"]);
-        assert_eq!(told.changes(&promised, &now), [Change::Add(a.clone())]);
-        told.listed = now.scenes;
+        assert_eq!(
+            reported.changes(&promised, &now),
+            [ListChange::Add(a.clone())]
+        );
+        reported.listed = now.scenes;
         let full = list(r#"{"name":"scenes", "capacity":"4", "values":["a", "b", "c"]}"#);
         let now = look(&["a"]);
-        assert_eq!(told.changes(&full, &now), [Change::Remove(b)]);
+        assert_eq!(reported.changes(&full, &now), [ListChange::Remove(b)]);
         let none = list(r#"{"name":"scenes", "capacity":"4"}"#);
-        assert_eq!(told.changes(&none, &now), [Change::Add(a)]);
+        assert_eq!(reported.changes(&none, &now), [ListChange::Add(a)]);
     }
 }

@@ -144,7 +144,7 @@ pub struct Arguments {
     /// Time for which the directory holds this server's scenes after its last renewal, in seconds, from 3 to 30 [default: 5].
     #[arg(long, value_name = "SECONDS")]
     lease: Option<LeaseSeconds>,
-    /// Tells Agones, by the sidecar of this pod, that the server is ready and well, which scenes it has, and that it drains.
+    /// Reports to Agones, by the sidecar of this pod: the server is ready and well, has these scenes, drains.
     #[arg(long)]
     agones: bool,
     /// Origin of a web page that may connect, as https://host:port, or * for all; may be repeated. Pages of this machine
@@ -439,9 +439,7 @@ fn run(settings: &ServerSettings, parts: Parts) -> Result<(), Box<dyn Error>> {
     if let Some(directory) = directory {
         server.share_scenes(directory, (settings.advertise.as_deref(), settings.lease));
     }
-    if let Some(sidecar) = agones {
-        server.tell_agones(sidecar);
-    }
+    server.report_to(agones);
     listen_at(&mut server, settings.socket.as_deref())?;
     let foxglove = observe(&mut server, settings)?;
     let addresses = BoundAddresses {

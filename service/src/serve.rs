@@ -28,7 +28,7 @@ use rhumb_transport::{
 #[cfg(feature = "view")]
 use crate::access::KeyError;
 use crate::access::{Authenticator, TokenKeys};
-use crate::agones::{Agones, Sidecar, ToldServer};
+use crate::agones::{Agones, ReportedServer, Sidecar};
 use crate::directory::{Endpoints, FenceClock, Keeper, LeaseSeconds, ServerPlace};
 use crate::dispatcher::{Checkpoints, Dispatcher, DispatcherSettings, ProcessOptions, Question};
 use crate::durable::{DataDir, DataError};
@@ -329,9 +329,9 @@ impl Server {
         self.directory = Some((directory, ServerPlace(place), lease));
     }
 
-    /// Tells Agones of this server while it runs.
-    pub(crate) const fn tell_agones(&mut self, sidecar: Sidecar) {
-        self.agones = Some(sidecar);
+    /// Reports to Agones while it runs, if there is a sidecar.
+    pub(crate) const fn report_to(&mut self, agones: Option<Sidecar>) {
+        self.agones = agones;
     }
 
     /// Writes the last moments of a scene that faults to a file of this directory, which is made if it is missing.
@@ -414,13 +414,13 @@ impl Server {
             drained = keeper.drained();
             dispatcher.ask_directory(keeper);
         }
-        let told = ToldServer::new(metrics.clone(), drained);
+        let reported = ReportedServer::new(metrics.clone(), drained);
         let answering = (server.metrics).map(|listener| start_metrics(listener, metrics));
         let answering = answering.transpose().map_err(RunError::Thread)?;
         dispatcher.answer_checkpoints(server.checkpoints.1);
         dispatcher.restore().map_err(RunError::Data)?;
-        let telling = (server.agones).map(|sidecar| Agones::start(sidecar, told));
-        let telling = telling.transpose().map_err(RunError::Thread)?;
+        let reporting = (server.agones).map(|sidecar| Agones::start(sidecar, reported));
+        let reporting = reporting.transpose().map_err(RunError::Thread)?;
         #[cfg(unix)]
         let listeners = (server.transport, server.socket);
         #[cfg(not(unix))]
@@ -437,7 +437,7 @@ impl Server {
         #[cfg(not(feature = "app"))]
         let served = drive(listeners, &mut dispatcher, stop);
         dispatcher.shut_down();
-        drop(telling);
+        drop(reporting);
         drop(answering);
         #[cfg(feature = "view")]
         drop(showing);

@@ -306,7 +306,7 @@ const ROWS: [(&str, &str, &str); 27] = [
     (
         "agones",
         "false",
-        "Tells Agones, by the sidecar of this pod, that the server is ready and well, which scenes it has, and that it drains.",
+        "Reports to Agones, by the sidecar of this pod: the server is ready and well, has these scenes, drains.",
     ),
     (
         "share_worker",

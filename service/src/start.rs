@@ -33,7 +33,7 @@ pub(crate) struct CheckedStart {
     pub(crate) processes: Option<ProcessOptions>,
     /// `Some` if other servers have scenes too.
     pub(crate) directory: Option<Endpoints>,
-    /// `Some` if Agones is told of the server.
+    /// `Some` if the server reports to Agones.
     pub(crate) agones: Option<Sidecar>,
 }
 

@@ -1,4 +1,4 @@
-//! Members of edges over zenoh's routers, which work, are killed, and are frozen.
+//! Members of edges over zenoh's routers, killed ones and frozen ones.
 //!
 //! Owner, routers, hub and edge are processes or threads of this machine. The commander is a member of the edge, in lockstep: its
 //! run is a function of the tick, so that equal digests mean that each command was applied exactly once, and no tick comes without

@@ -1,6 +1,6 @@
-//! A server that tells Agones of itself, beside a stand-in for the sidecar of its pod.
+//! A server that reports to a stand-in for the sidecar of Agones.
 //!
-//! The stand-in answers as the sidecar of release 1.5x does (`pkg/sdkserver`): an error has status 500, whatever its kind, and a
+//! The stand-in answers as the sidecar of version 1.57 does (`pkg/sdkserver`): an error has status 500, whatever its kind, and a
 //! list without values leaves them out.
 
 use std::io::{BufRead, BufReader, Read, Write};
@@ -16,7 +16,7 @@ use crate::SERVER;
 use crate::durable::until;
 use crate::hostile_load::free_address;
 
-/// What the sidecar has been told.
+/// What has been reported to the sidecar.
 #[derive(Debug, Default)]
 struct GameServer {
     /// The states that were asked for, in order.

@@ -1,4 +1,4 @@
-//! Pairs of geoms that touch in MJCF, as groups of the bodies that they are part of.
+//! Pairs of geoms that touch in MJCF, as groups of their bodies.
 //!
 //! Two geoms touch there if a bit of the one's type is in the other's affinity, either way round; collision groups here need
 //! both ways. So bodies that touch the same others get a bit of their own, and name the bits that they touch.
