@@ -1,7 +1,8 @@
 //! The work that `rhumb-bench cost` and the Criterion benches measure.
 //!
 //! Both take their setups from here, so that they cannot disagree about what is measured. A setup is made once, and its
-//! work is then done repeatedly. Equal arguments make equal setups, to the bit.
+//! work is then done repeatedly. Equal arguments make equal setups, to the bit. Work whose instructions `compare_builds.py`
+//! counts is never inlined, so that callgrind finds it by name.
 //!
 //! Whole sessions are here: the hand-over of a tick, joining, adding bodies. A server and its clients share the calling
 //! thread, without sockets and without waiting. The hand-over is that of one small body whose full state each member
@@ -394,6 +395,7 @@ impl ObservedRun {
     }
 
     /// Publishes the run once.
+    #[inline(never)]
     #[must_use]
     pub fn publish(&self, tiers: &[Tolerance]) -> PublishCost {
         self.work_through(tiers, |publisher, history, out| {

@@ -18,6 +18,7 @@ use rhumb_bench::summary::{Summary, later, ratios};
 use serde::Deserialize;
 
 use crate::analysis::{self, Analysis, PaperFigure, PaperResults};
+use crate::builds::Builds;
 use crate::experiment::sentences;
 use crate::gap::{self, GapResults};
 use crate::hardware::{self, HardwareResults};
@@ -180,6 +181,7 @@ fn make_block(page: &Path, folder: &Path, block: &str, file: &str) -> Result<Blo
     let text = match block.split_once('-') {
         Some(("ablation", what)) => read_json::<Ablation>(&path)?.block(what),
         Some(("cost", what)) => read_json::<Costs>(&path)?.block(what),
+        Some(("builds", what)) => read_json::<Builds>(&path)?.block(what),
         Some(("service", what)) => read_json::<ServiceCosts>(&path)?.block(what),
         Some(("load", what)) => read_json::<Load>(&path)?.block(what),
         Some(("edges", what)) => read_json::<EdgesLoad>(&path)?.block(what),

@@ -4,6 +4,7 @@
 //! measurements.
 
 mod analysis;
+mod builds;
 mod document;
 mod experiment;
 mod gap;

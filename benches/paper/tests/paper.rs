@@ -338,7 +338,13 @@ fn the_result_pages_are_current() {
             .output()
             .expect("the benchmark starts")
     };
-    for page in ["paper.md", "stream.md", "mechanisms.md", "service.md"] {
+    for page in [
+        "paper.md",
+        "stream.md",
+        "builds.md",
+        "mechanisms.md",
+        "service.md",
+    ] {
         let printed = check(&results.join(page));
         let why = String::from_utf8_lossy(&printed.stderr);
         assert!(printed.status.success(), "{page}: {why}");

@@ -219,6 +219,7 @@ impl DecodeLoad {
     }
 
     /// Decodes all datagrams.
+    #[inline(never)]
     pub fn decode(&self, subscriber: &mut Subscriber) {
         for datagram in &self.datagrams {
             subscriber.handle_datagram(datagram);
@@ -311,6 +312,7 @@ impl RenderLoad {
     }
 
     /// Renders the next tick.
+    #[inline(never)]
     pub fn refresh(&mut self) {
         self.tick = (self.tick + 1) % TICKS;
         let render_params = RenderParams {
