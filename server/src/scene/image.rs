@@ -65,12 +65,14 @@ impl Scene {
     /// A copy of the scene, without its record, that runs to the same bits. `None` unless a step was the last
     /// change, and for an engine that cannot be copied.
     pub(crate) fn copy(&self) -> Option<Self> {
+        // The engine is asked first: where many bodies are added between two steps, it refuses each time.
+        let engine = self.engine.copy()?;
         Some(Self {
             config: self.config,
             gravity: self.gravity,
             tick: self.tick,
             registry: self.registry.clone(),
-            engine: self.engine.copy()?,
+            engine,
             observations: self.observations.clone(),
             lost: Vec::new(),
             displaced: BTreeMap::new(),
