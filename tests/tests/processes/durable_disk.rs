@@ -1,17 +1,19 @@
-//! Data directories on real disks: full, read-only, cut, or without a file.
+//! Data directories on real disks: full, read-only, hanging, or damaged.
 //!
-//! The full and the read-only one are a small `tmpfs` of their own, which needs the right to mount: without it, those
-//! two tests say so and end. `service/src/durable/tests.rs` tries every byte and every crash on a simulated disk.
+//! The full and the read-only one are a small `tmpfs` of their own, the hanging one an image of `ext4` that is frozen. Both
+//! need the right to mount: without it, those tests say so and end. `service/src/durable/tests.rs` tries every byte and
+//! every crash on a simulated disk.
 
 use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::thread;
 use std::time::{Duration, Instant};
 
 use rhumb_client::{Client, Denial, JoinMode, JoinOptions, OpenError, Trust};
 use rhumb_reckoning::BodyId;
-use rhumb_tests::ServerProcess;
+use rhumb_tests::{ServerProcess, signal};
 
 use crate::SERVER;
 use crate::durable::{
@@ -55,8 +57,63 @@ impl Drop for SmallDisk {
     }
 }
 
+/// A file system of its own on which writes can be made to wait; unmounted when dropped.
+struct HangingDisk(tempfile::TempDir);
+
+impl HangingDisk {
+    fn mount() -> Option<Self> {
+        let directory = tempfile::tempdir().expect("a temporary directory");
+        let disk = Self(directory);
+        let image = disk.0.path().join("image");
+        let file = fs::File::create(&image).expect("a file");
+        file.set_len(64 << 20).expect("room for holes");
+        fs::create_dir(disk.path()).expect("a directory");
+        let image = image.to_str().expect("text");
+        let is_there = succeeds("mkfs.ext4", &["-q", "-F", image])
+            && mount(&["-o", "loop", image], &disk.path());
+        if !is_there {
+            eprintln!("not tried: this user may not mount an image of a file system");
+        }
+        is_there.then_some(disk)
+    }
+
+    fn path(&self) -> PathBuf {
+        self.0.path().join("disk")
+    }
+
+    /// Lets what has begun be written, and then nothing more.
+    fn hang(&self) -> Hang<'_> {
+        assert!(self.freeze("--freeze"), "it is mounted");
+        Hang(self)
+    }
+
+    fn freeze(&self, what: &str) -> bool {
+        succeeds("fsfreeze", &[what, self.path().to_str().expect("text")])
+    }
+}
+
+impl Drop for HangingDisk {
+    fn drop(&mut self) {
+        let _ = Command::new("umount").arg("-l").arg(self.path()).status();
+    }
+}
+
+/// Writes wait as long as it lives. A server that is killed ends only after it.
+struct Hang<'a>(&'a HangingDisk);
+
+impl Drop for Hang<'_> {
+    fn drop(&mut self) {
+        self.0.freeze("--unfreeze");
+    }
+}
+
 fn mount(arguments: &[&str], at: &Path) -> bool {
-    let output = Command::new("mount").args(arguments).arg(at).output();
+    let at = at.to_str().expect("text");
+    succeeds("mount", &[arguments, &[at]].concat())
+}
+
+fn succeeds(program: &str, arguments: &[&str]) -> bool {
+    let output = Command::new(program).args(arguments).output();
     output.is_ok_and(|output| output.status.success())
 }
 
@@ -116,6 +173,41 @@ impl Run {
         let truth = self.client.inspect().expect("the server answers");
         assert_eq!(truth.truth, digest_without_server(self.tick, &self.ids));
     }
+}
+
+#[test]
+fn a_disk_that_hangs_stops_no_scene_and_what_it_has_not_written_is_not_durable() {
+    let Some(disk) = HangingDisk::mount() else {
+        return;
+    };
+    let data = disk.path().join("data");
+    let (server, mut run) = Run::until_durable_in(&data, 20);
+    let address = server.address.to_string();
+    for _ in 0..2 {
+        let hang = disk.hang();
+        let written = run.sent;
+        run.go(30);
+        // Another scene needs a directory that cannot be made now: its client waits, and no one else.
+        let (address, trust) = (address.clone(), Trust::Fingerprint(server.fingerprint));
+        let another = thread::spawn(move || {
+            let connection = Client::connect(&address, trust).expect("the server answers");
+            connection.join("another").map(drop)
+        });
+        run.go(30);
+        assert!(run.seen.durable <= written, "nothing was written");
+        drop(hang);
+        another.join().expect("a thread").expect("a scene");
+        run.until_durable();
+    }
+    let hang = disk.hang();
+    run.go(30);
+    signal(server.id(), "KILL");
+    drop(hang);
+    drop(server);
+    let _server = serve(&address, &data);
+    run.go(30);
+    assert_eq!(run.seen.resumed, 1);
+    run.must_be_right();
 }
 
 #[test]
