@@ -487,6 +487,8 @@ impl EdgeClient {
             Ok(ClientMessage::Subscribed(stream)) => Action::CaughtUp(stream),
             // The edge moves no member to another tier.
             Ok(ClientMessage::TierPolicy(_)) => Action::Done,
+            // An edge serves whole scenes.
+            Ok(ClientMessage::JoinCells | ClientMessage::OfCell { .. }) => Action::Done,
             _ if self.voice.is_some() => Action::Pass,
             message => self.decide_for_observer(message),
         }

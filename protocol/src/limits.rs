@@ -38,6 +38,10 @@ pub const SHAPES_MAX: u32 = 8_192;
 pub const JOINTS_MAX: u32 = 65_536;
 /// Streams of one scene: different choices with subscribers.
 pub const STREAMS_PER_SCENE_MAX: usize = 8;
+/// The shortest edge of a cell, metres.
+pub const CELL_EDGE_MIN: f32 = 1.0;
+/// Cells that a member takes at one time.
+pub const CELLS_PER_MEMBER_MAX: usize = 256;
 /// Scenes of one server.
 pub const SCENES_MAX: usize = 256;
 /// Members of one scene.

@@ -76,7 +76,7 @@ impl Failure {
 impl From<Misuse> for Failure {
     fn from(misuse: Misuse) -> Self {
         let code = match misuse {
-            Misuse::NotNow | Misuse::AuthorityUnanswered => "notNow",
+            Misuse::NotNow | Misuse::AuthorityUnanswered | Misuse::NotDivided => "notNow",
             Misuse::Indices(_) => "noIds",
             Misuse::Invalid(_)
             | Misuse::TooManyAuthorityBodies(_)
@@ -85,7 +85,8 @@ impl From<Misuse> for Failure {
             | Misuse::NoInside
             | Misuse::JoinedToItself(_)
             | Misuse::Hits(_)
-            | Misuse::QueryCost(_) => "argument",
+            | Misuse::QueryCost(_)
+            | Misuse::TooManyCells(_) => "argument",
         };
         Self::of(code, misuse.to_string())
     }

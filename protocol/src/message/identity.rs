@@ -17,6 +17,7 @@ use rhumb_reckoning::Tick;
 
 use super::frame;
 use crate::limits::{EXTENSION_BYTES_MAX, EXTENSIONS_MAX};
+use crate::scene::CellGrid;
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 
@@ -220,6 +221,19 @@ impl Extension {
     pub const TOKEN: u32 = 1;
     /// The number of the address of the server that has the scene, in a `Welcome` before the connection closes.
     pub const ELSEWHERE: u32 = 3;
+    /// The number of the grid of the scene's cells, in the `Joined` of a member that takes the scene by cells.
+    pub const CELLS: u32 = 5;
+
+    /// The extension that tells a scene's grid.
+    #[must_use]
+    pub fn of_cells(grid: &CellGrid) -> Self {
+        let mut value = Writer::new();
+        grid.encode(&mut value);
+        Self {
+            id: Self::CELLS,
+            value: value.into_bytes(),
+        }
+    }
 
     /// True if a peer that does not know it must refuse the message.
     #[must_use]
@@ -259,6 +273,14 @@ impl Extensions {
     pub fn value(&self, id: u32) -> Option<&[u8]> {
         let place = self.0.binary_search_by_key(&id, |one| one.id).ok()?;
         self.0.get(place).map(|one| one.value.as_slice())
+    }
+
+    /// The grid of the scene's cells; `None` without one.
+    #[must_use]
+    pub fn cell_grid(&self) -> Option<CellGrid> {
+        let mut from = Reader::new(self.value(Extension::CELLS)?);
+        let grid = CellGrid::decode(&mut from).ok()?;
+        from.finish().ok().map(|()| grid)
     }
 
     /// True if any extension is critical: this version knows no critical one.

@@ -4,7 +4,10 @@
 //! unknown types from 0x80 on, but no others (PROTOCOL 4.1). A body too long for one message is preceded by pieces of
 //! itself, each of the greatest message length.
 
+mod cell;
+mod choice;
 mod client;
+mod denial;
 mod identity;
 mod scene_event;
 mod server;
@@ -15,16 +18,15 @@ use crate::limits::{LONG_MESSAGE_BYTES_MAX, MESSAGE_BYTES_MAX};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 
-pub use client::{
-    AuthorityError, AuthorityGrant, ClientMessage, ResyncCause, StreamChoice, TakeAuthority,
-    TierChangeCause, TierPolicy,
-};
+pub use cell::{CellNews, CellRequest, CellStart};
+pub use choice::{ResyncCause, StreamChoice, TierChangeCause, TierPolicy};
+pub use client::{AuthorityError, AuthorityGrant, ClientMessage, TakeAuthority};
+pub use denial::Denial;
 pub use identity::{Extension, Extensions, Grease, is_no_version};
 pub use identity::{InvalidToken, Role, SessionKey, SessionRequest, SessionState, Token};
 pub use scene_event::{FaultCause, RemovalCause, SceneEvent};
 pub use server::{
-    Denial, Inspection, Joined, QueryError, QueryResult, ServerMessage, StageTimes, TickEvents,
-    Welcome,
+    Inspection, Joined, QueryError, QueryResult, ServerMessage, StageTimes, TickEvents, Welcome,
 };
 
 /// Supported versions of the protocol, newest first.

@@ -6,6 +6,7 @@
 mod body;
 mod body_builder;
 mod body_event;
+mod cell;
 mod checks;
 mod command;
 mod command_error;
@@ -36,6 +37,7 @@ use crate::wire::{Malformed, Wire};
 pub use body::{BodyDesc, BodyKind, CollisionGroups, LockedAxes, Mass};
 pub use body_builder::BodyBuilder;
 pub use body_event::{ActiveEvents, BodyEvent, Contact};
+pub use cell::{Cell, CellGrid};
 pub use checks::{Invalid, Quantity, Rule};
 pub use command::Command;
 pub use command_error::CommandError;

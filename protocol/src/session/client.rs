@@ -4,13 +4,14 @@
 //! ask `poll_timeout`. After an `Ended` event nothing more happens. Messages of later versions are accepted or refused
 //! by their code, and unknown messages that a client may ignore are skipped (PROTOCOL 3.5).
 
+mod cells;
 mod membership;
 mod outbox;
 mod subscription;
 mod upstream;
 
 use alloc::borrow::ToOwned;
-use alloc::collections::VecDeque;
+use alloc::collections::{BTreeMap, VecDeque};
 use alloc::string::String;
 use alloc::vec::Vec;
 
@@ -22,13 +23,13 @@ use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance};
 use super::replica::Replica;
 use super::{CloseCode, Event, Misuse};
 use crate::endpoint::{Ending, Endpoint, Instant, Peer, Span, Transmit, Wake};
-use crate::limits::RESERVE_MAX;
+use crate::limits::{CELLS_PER_MEMBER_MAX, RESERVE_MAX};
 use crate::message::{
     ClientMessage, Denial, Extension, Frames, Grease, Joined, ServerMessage, SessionKey,
     StreamChoice, TierPolicy, Token, VERSIONS, Welcome,
 };
 use crate::packet::{Datagram, LargestPacket};
-use crate::scene::{Command, IdRange, Query, SceneConfig, SceneName, Stepping};
+use crate::scene::{Cell, CellGrid, Command, IdRange, Query, SceneConfig, SceneName, Stepping};
 use crate::stream::PublisherStatistics;
 use crate::wire::Malformed;
 
@@ -102,6 +103,67 @@ impl ClientSession {
         self.state.must_be(ClientState::Lobby)?;
         self.outbox.send(&ClientMessage::Join(choice));
         Ok(())
+    }
+
+    /// Takes the scene by cells from the next join on, if the server divides it: the replica then has what is in no cell,
+    /// and [`Self::take_cells`] adds cells. A server that does not know of cells gives the whole scene.
+    ///
+    /// # Errors
+    ///
+    /// [`Misuse::NotNow`] before the welcome or as a member.
+    pub fn join_cells(&mut self) -> Result<(), Misuse> {
+        self.state.must_be(ClientState::Lobby)?;
+        self.membership.cells.join(&mut self.outbox);
+        Ok(())
+    }
+
+    /// The grid of the cells of a scene that was joined by cells; `None` if it is not divided.
+    #[must_use]
+    pub const fn cell_grid(&self) -> Option<CellGrid> {
+        self.membership.cells.grid()
+    }
+
+    /// Takes these cells and no others, each by a stream. What is asked for twice is sent once. A copy of a cell comes with
+    /// its snapshot, and goes at once; one that changes its stream stays until the new one has caught up.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::leave`], [`Misuse::NotDivided`] without a grid, and [`Misuse::TooManyCells`].
+    pub fn take_cells(&mut self, cells: &BTreeMap<Cell, StreamChoice>) -> Result<(), Misuse> {
+        let is_resuming = self.must_be_in_session()?;
+        if cells.len() > CELLS_PER_MEMBER_MAX {
+            return Err(Misuse::TooManyCells(cells.len()));
+        }
+        if self.cell_grid().is_none() && !is_resuming {
+            return Err(Misuse::NotDivided);
+        }
+        self.membership.cells.take(cells, &mut self.outbox);
+        Ok(())
+    }
+
+    /// The copies of the cells that the member takes, in their order; none of a cell whose snapshot has not come. Ids of
+    /// their bodies are the cell's, see [`Replica::id_in_scene`].
+    pub fn cells(&self) -> impl Iterator<Item = (Cell, &Replica)> {
+        self.membership.cells.copies()
+    }
+
+    /// The same, for draining their changes.
+    pub fn cells_mut(&mut self) -> impl Iterator<Item = (Cell, &mut Replica)> {
+        self.membership.cells.copies_mut()
+    }
+
+    /// The cells that the server has denied. The next [`Self::take_cells`] asks for them again.
+    pub fn denied_cells(&self) -> impl Iterator<Item = (Cell, Denial)> {
+        self.membership.cells.denied()
+    }
+
+    /// The newest tick up to which the replica and the copies of all cells are complete; `None` without a replica. In a
+    /// free-running scene it may go back when a cell comes.
+    #[must_use]
+    pub fn complete(&self) -> Option<Tick> {
+        let of_scene = self.replica()?.stream().complete();
+        let of_cells = self.cells().map(|(_, copy)| copy.stream().complete());
+        Some(of_cells.fold(of_scene, Tick::min))
     }
 
     /// Begins a session with the next join. A client that draws its key at random can resume the session over another
@@ -198,6 +260,7 @@ impl ClientSession {
         self.as_member(&ClientMessage::Advance { to })?;
         self.resumption.note_advance(to);
         self.membership.subscription.advance(now, to);
+        self.membership.cells.advance(now, to);
         Ok(())
     }
 
@@ -324,8 +387,9 @@ impl ClientSession {
     ///
     /// A free-running stream in which nothing happens says so in growing pauses, 2.5 s at most.
     pub fn query_watermark(&mut self, now: Instant, pause: Span) {
-        let subscription = &mut self.membership.subscription;
-        subscription.query(now, pause, &mut self.outbox);
+        let membership = &mut self.membership;
+        membership.subscription.query(now, pause, &mut self.outbox);
+        membership.cells.query(now, pause, &mut self.outbox);
     }
 
     /// The config of the scene; None before the welcome or joining.
@@ -457,6 +521,12 @@ impl ClientSession {
             }
             // The server closes next.
             ServerMessage::Moved { address } => self.elsewhere = place_of(&address),
+            ServerMessage::OfCell { cell, news } => {
+                let config = self.config.as_ref();
+                let (outbox, events) = (&mut self.outbox, &mut self.events);
+                self.membership
+                    .handle_cell((cell, &news), config, outbox, events)?;
+            }
             about_scene => {
                 let config = self.config.as_ref();
                 let (outbox, events) = (&mut self.outbox, &mut self.events);
@@ -480,6 +550,7 @@ impl ClientSession {
         self.config = welcome.scene;
         self.outbox.send(&ClientMessage::Ping { sent: now });
         if self.can_reconnect() {
+            self.membership.cells.ask(&mut self.outbox);
             self.resumption.rejoin(&mut self.outbox);
         } else {
             self.events.push_back(Event::Welcomed(welcome));
@@ -497,6 +568,9 @@ impl ClientSession {
         self.resumption.note_choice(joined.choice);
         let subscription = &mut self.membership.subscription;
         subscription.begin_snapshot(joined, &mut self.outbox);
+        self.membership
+            .cells
+            .begin(&joined.extensions, &mut self.outbox);
         Ok(())
     }
 
@@ -525,6 +599,9 @@ impl ClientSession {
     fn update(&mut self, now: Instant) {
         let subscription = &mut self.membership.subscription;
         subscription.update(now, &mut self.outbox, &mut self.events);
+        let scene = self.membership.subscription.shown();
+        let cells = &mut self.membership.cells;
+        cells.update(now, scene, &mut self.outbox, &mut self.events);
     }
 
     fn end_membership(&mut self, event: Event) {
@@ -580,6 +657,11 @@ impl Endpoint for ClientSession {
         {
             return;
         }
+        let scene = self.membership.subscription.shown();
+        let (cells, events) = (&mut self.membership.cells, &mut self.events);
+        if cells.handle_datagram(now, (&datagram, scene), outbox, events) {
+            return;
+        }
         if let Some(tick) = self.membership.subscription.handle_datagram(&datagram) {
             self.clock.note_shown(now, tick, self.config.as_ref());
         }
@@ -600,6 +682,8 @@ impl Endpoint for ClientSession {
         let round_trip = self.clock.round_trip();
         let subscription = &mut self.membership.subscription;
         subscription.report(now, round_trip, &mut self.outbox, &mut self.events);
+        let cells = &mut self.membership.cells;
+        cells.report(now, round_trip, &mut self.outbox, &mut self.events);
         if self.clock.take_due(now, self.config.as_ref()) {
             self.outbox.send(&ClientMessage::Ping { sent: now });
         }
@@ -614,7 +698,9 @@ impl Endpoint for ClientSession {
             return None;
         }
         let ping = self.clock.due(self.config.as_ref());
-        let due = self.membership.subscription.due().into_iter().chain(ping);
+        let of_scene = self.membership.subscription.due();
+        let of_cells = self.membership.cells.due();
+        let due = of_scene.into_iter().chain(of_cells).chain(ping);
         due.min_by_key(|wake| wake.at)
     }
 }

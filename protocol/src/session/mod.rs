@@ -16,7 +16,9 @@ use core::fmt;
 use rhumb_reckoning::{BodyId, Tick};
 
 use crate::endpoint::{Ending, Instant, Span};
-use crate::limits::{AUTHORITY_BODIES_MAX, HITS_MAX, QUERY_COST_MAX, RESERVE_MAX};
+use crate::limits::{
+    AUTHORITY_BODIES_MAX, CELLS_PER_MEMBER_MAX, HITS_MAX, QUERY_COST_MAX, RESERVE_MAX,
+};
 use crate::message::{
     AuthorityError, Denial, FaultCause, Inspection, QueryResult, RemovalCause, SessionState,
     StreamChoice, TierChangeCause, Welcome,
@@ -162,6 +164,10 @@ pub enum Misuse {
     Hits(u8),
     /// One message cannot have queries of this cost: there is none, or too many.
     QueryCost(u32),
+    /// The scene was not joined by cells, or its server does not divide it.
+    NotDivided,
+    /// One member cannot take so many cells.
+    TooManyCells(usize),
 }
 
 impl fmt::Display for Misuse {
@@ -189,6 +195,13 @@ impl fmt::Display for Misuse {
             Self::QueryCost(cost) => write!(
                 f,
                 "the queries of one call cost {cost} together, and must cost 1 to {QUERY_COST_MAX}: ask in several calls"
+            ),
+            Self::NotDivided => f.write_str(
+                "the scene is not divided into cells for this member: its server has no grid, or the join did not ask for cells",
+            ),
+            Self::TooManyCells(count) => write!(
+                f,
+                "one member cannot take {count} cells; at most {CELLS_PER_MEMBER_MAX}: take those of a smaller distance"
             ),
             Self::NoInside => f.write_str(
                 "a dynamic body needs a shape with volume; height fields, meshes, half-spaces and compounds with one of them are for fixed and kinematic bodies",

@@ -12,7 +12,7 @@ use rhumb_reckoning::{BodyId, Damping, Inertia, Tick, Track};
 use super::CloseCode;
 use crate::interner::{Internable, Interner};
 use crate::limits::{SHAPE_BYTES_PER_SCENE_MAX, SHAPES_MAX};
-use crate::message::{Joined, SceneEvent, StreamChoice};
+use crate::message::{CellNews, Joined, SceneEvent, StreamChoice};
 use crate::scene::{BodyDesc, Joints, Shape, ShapeId};
 use crate::stream::{PredictionParameters, StreamReceiver, Subscriber};
 use crate::wire::Wire;
@@ -30,6 +30,8 @@ pub struct Replica {
     /// The distinct descriptors of the bodies. Their numbers are the labels of the stream's bodies.
     descs: Interner<BodyDesc>,
     joints: Joints,
+    /// Of a cell: the id in the scene of each of its bodies, and of some that have left.
+    names: BTreeMap<BodyId, BodyId>,
     complete: bool,
     revision: u64,
 }
@@ -55,6 +57,7 @@ impl Replica {
             shape_bytes: 0,
             descs: Interner::default(),
             joints: Joints::default(),
+            names: BTreeMap::new(),
             complete: false,
             revision: 0,
         }
@@ -136,6 +139,108 @@ impl Replica {
         &self.joints
     }
 
+    /// The id in the scene of a body of a cell, which may have left; `None` for one that the cell never had, and in a
+    /// replica of a whole scene, whose ids are the scene's.
+    #[must_use]
+    pub fn id_in_scene(&self, id: BodyId) -> Option<BodyId> {
+        self.names.get(&id).copied()
+    }
+
+    /// The descriptor of a body by its id in the scene; `None` if it is not here.
+    pub(crate) fn body_of_scene(&self, id: BodyId) -> Option<BodyDesc> {
+        if self.names.is_empty() {
+            return self.body(id);
+        }
+        let mut named = self.names.iter().filter(|(_, in_scene)| **in_scene == id);
+        named.find_map(|(local, _)| self.body(*local))
+    }
+
+    /// Applies what a cell tells of its bodies. Its shapes are those of the scene, which `shapes` has.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::apply_scene_event`].
+    pub(crate) fn apply_cell_news(
+        &mut self,
+        news: &CellNews,
+        shapes: &Self,
+    ) -> Result<(), CloseCode> {
+        match news {
+            CellNews::Placed { id, placed } => {
+                self.note_name(*id, placed, shapes)?;
+                self.apply_scene_event(placed)
+            }
+            CellNews::Arrived { id, placed } => {
+                self.note_name(*id, placed, shapes)?;
+                self.arrive(placed)?;
+                self.count_event();
+                Ok(())
+            }
+            CellNews::Departed { id, tick } => {
+                self.remove(*id, Some(*tick))?;
+                self.count_event();
+                Ok(())
+            }
+            CellNews::SceneEvent(scene_event) => self.apply_scene_event(scene_event),
+            CellNews::Joined(_) | CellNews::SnapshotEnd | CellNews::Denied(_) => Ok(()),
+        }
+    }
+
+    /// Notes the id in the scene of a body of a cell that is placed, and copies its shape.
+    fn note_name(
+        &mut self,
+        id: BodyId,
+        placed: &SceneEvent,
+        shapes: &Self,
+    ) -> Result<(), CloseCode> {
+        if let SceneEvent::BodyPlaced { desc, .. } = placed {
+            self.borrow_shape(desc.shape, shapes)?;
+            self.forget_names();
+            self.names.insert(desc.id, id);
+        }
+        Ok(())
+    }
+
+    /// Places a body that has crossed from another cell.
+    fn arrive(&mut self, placed: &SceneEvent) -> Result<(), CloseCode> {
+        let SceneEvent::BodyPlaced {
+            desc,
+            inertia,
+            track,
+            ..
+        } = placed
+        else {
+            return Ok(());
+        };
+        self.place(desc, *inertia, *track, Subscriber::place_arrived)
+    }
+
+    /// Counts an event that is no part of a snapshot.
+    fn count_event(&mut self) {
+        self.revision += 1;
+        if self.complete {
+            self.stream_mut().apply_scene_event();
+        }
+    }
+
+    /// Copies a shape of the scene. One that the scene has changed since replaces the earlier one.
+    fn borrow_shape(&mut self, id: ShapeId, shapes: &Self) -> Result<(), CloseCode> {
+        let shape = shapes.shapes.get(&id).ok_or(CloseCode::VIOLATION)?;
+        if self.shapes.get(&id) != Some(shape) {
+            self.shapes.insert(id, shape.clone());
+        }
+        Ok(())
+    }
+
+    /// Forgets the names of bodies that no view shows, once they are as many as those that are there.
+    fn forget_names(&mut self) {
+        if self.names.len() < 2 * self.stream().index_end() + NAMES_LEFT {
+            return;
+        }
+        let stream = self.receiver.subscriber();
+        self.names.retain(|id, _| stream.knows(*id));
+    }
+
     /// Replaces another replica of the same scene. Every body of the other one counts as changed, because it may be
     /// gone.
     pub(crate) fn take_over(&mut self, old: &Self) {
@@ -179,13 +284,13 @@ impl Replica {
                 track,
                 alias,
             } => {
-                self.place(desc, *inertia, *track)?;
+                self.place(desc, *inertia, *track, Subscriber::place_labelled)?;
                 if let Some(alias) = alias {
                     self.stream_mut().alias(desc.id, *alias);
                 }
             }
             SceneEvent::BodyRemoved { id, .. } => {
-                self.remove(*id)?;
+                self.remove(*id, None)?;
             }
             SceneEvent::GravityChanged { since, gravity } => {
                 self.gravity = *gravity;
@@ -232,13 +337,14 @@ impl Replica {
         desc: &BodyDesc,
         inertia: Option<Inertia>,
         track: Track,
+        place: PlaceBody,
     ) -> Result<(), CloseCode> {
         let shape = self.shapes.get(&desc.shape).ok_or(CloseCode::VIOLATION)?;
         let parameters = PredictionParameters::of(desc, shape, self.damping, inertia);
         let before = self.stream().body(desc.id.index());
         let label = self.descs.join(without_id(desc));
         let stream = self.receiver.subscriber_mut();
-        if !stream.place_labelled(desc.id, &parameters, track, Some(label)) {
+        if !place(stream, desc.id, &parameters, track, Some(label)) {
             self.descs.leave(label);
             return Err(CloseCode::LIMIT);
         }
@@ -256,8 +362,8 @@ impl Replica {
         }
     }
 
-    fn remove(&mut self, id: BodyId) -> Result<(), CloseCode> {
-        if !self.stream_mut().remove(id) {
+    fn remove(&mut self, id: BodyId, tick: Option<Tick>) -> Result<(), CloseCode> {
+        if !self.stream_mut().remove_at(id, tick) {
             return Err(CloseCode::VIOLATION);
         }
         self.release_descs();
@@ -265,6 +371,12 @@ impl Replica {
         Ok(())
     }
 }
+
+/// How a subscriber places a body.
+type PlaceBody = fn(&mut Subscriber, BodyId, &PredictionParameters, Track, Option<u32>) -> bool;
+
+/// Names of bodies that have left a cell, kept without a look at which of them a view shows.
+const NAMES_LEFT: usize = 64;
 
 /// The descriptor without the id: many bodies can share it.
 fn without_id(desc: &BodyDesc) -> BodyDesc {

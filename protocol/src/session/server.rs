@@ -134,7 +134,10 @@ impl ServerSession {
             (ServerState::Member, message) if is_for_members(message) => Ok(true),
             (
                 ServerState::Lobby | ServerState::AwaitingLeft,
-                ClientMessage::Create(_) | ClientMessage::Join(_) | ClientMessage::Session(_),
+                ClientMessage::Create(_)
+                | ClientMessage::Join(_)
+                | ClientMessage::Session(_)
+                | ClientMessage::JoinCells,
             ) => Ok(true),
             _ => Err(CloseCode::VIOLATION),
         }
@@ -260,6 +263,7 @@ const fn is_for_members(message: &ClientMessage) -> bool {
             | ClientMessage::Upstream(_)
             | ClientMessage::TierPolicy(_)
             | ClientMessage::Query(_)
+            | ClientMessage::OfCell { .. }
     )
 }
 

@@ -283,6 +283,30 @@ impl Subscriber {
         self.tracks.slot(index).map(|slot| slot.id(index))
     }
 
+    /// The tick of the snapshot: nothing is known of the ticks before it.
+    #[must_use]
+    pub const fn start(&self) -> Tick {
+        self.start
+    }
+
+    /// True if no view asks for ticks before this one any more, as far as one is expected to be behind a tick up to which all
+    /// is complete.
+    pub(crate) fn is_shown_from(&self, tick: Tick, complete: Tick) -> bool {
+        let is_shown = self.shown.is_none_or(|shown| shown.from >= tick);
+        let behind = complete.value().saturating_sub(tick.value());
+        tick <= complete && (is_shown || behind > EXPECTED_HISTORY)
+    }
+
+    /// How the scene steps.
+    pub(crate) const fn stepping(&self) -> Stepping {
+        self.stepping
+    }
+
+    /// True for a body that is there, and one that has gone and that a view may still show.
+    pub(crate) fn knows(&self, id: BodyId) -> bool {
+        self.body(id.index()) == Some(id) || self.lifetimes.has_departed(id)
+    }
+
     /// The label that a body was placed with.
     pub(crate) fn label(&self, id: BodyId) -> Option<u32> {
         let slot = self.tracks.slot(id.index())?;
@@ -409,8 +433,30 @@ impl Subscriber {
         track: Track,
         label: Option<u32>,
     ) -> bool {
-        let label_before = self.body(id.index()).and_then(|before| self.label(before));
         let since = self.first_shown(track.origin);
+        self.place_since(id, (parameters, track), label, since)
+    }
+
+    /// As [`Self::place_labelled`], for a body that was elsewhere before and is here from the origin of its track on.
+    #[must_use]
+    pub(crate) fn place_arrived(
+        &mut self,
+        id: BodyId,
+        parameters: &PredictionParameters,
+        track: Track,
+        label: Option<u32>,
+    ) -> bool {
+        self.place_since(id, (parameters, track), label, track.origin)
+    }
+
+    fn place_since(
+        &mut self,
+        id: BodyId,
+        (parameters, track): (&PredictionParameters, Track),
+        label: Option<u32>,
+        since: Tick,
+    ) -> bool {
+        let label_before = self.body(id.index()).and_then(|before| self.label(before));
         let departed = self.depart(id.index(), Some(since));
         let mut placed = self.tracks.place(id, parameters, track, label);
         if !placed && self.forget_departed() {
@@ -443,12 +489,18 @@ impl Subscriber {
     /// Removes a body after a scene event; `false` if there is no such body.
     #[must_use]
     pub fn remove(&mut self, id: BodyId) -> bool {
+        self.remove_at(id, None)
+    }
+
+    /// The same of a body that is gone from a tick on; `None`: the first datagram that counts the scene event tells it.
+    #[must_use]
+    pub(crate) fn remove_at(&mut self, id: BodyId, tick: Option<Tick>) -> bool {
         self.note_changed(id.index());
         if self.body(id.index()) != Some(id) {
             return false;
         }
         let label = self.label(id);
-        if !self.depart(id.index(), None) {
+        if !self.depart(id.index(), tick) {
             self.lifetimes.release_label(label);
             self.silent_publishers.forget(id);
         }
@@ -554,6 +606,16 @@ impl Subscriber {
         self.silent_publishers.forget_before(tick, is_known);
     }
 
+    /// Keeps, until a view says what it needs, what one from the snapshot on may show: bodies that have gone, and when others
+    /// came.
+    pub(crate) const fn expect_view(&mut self) {
+        self.shown = Some(ShownPast {
+            from: self.start,
+            behind: 0,
+        });
+        self.history = EXPECTED_HISTORY;
+    }
+
     /// Keeps motions for this many ticks before the newest one, because a view is delayed by them. Whatever is
     /// older than the last [`Self::forget_before`] is dropped all the same.
     pub const fn set_history(&mut self, ticks: Ticks) {
@@ -603,6 +665,9 @@ impl Subscriber {
         }
     }
 }
+
+/// Ticks by which the first view of a copy may be behind the newest tick.
+const EXPECTED_HISTORY: u64 = 256;
 
 /// Counters of a subscriber.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

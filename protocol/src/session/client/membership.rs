@@ -7,22 +7,25 @@
 //! it.
 
 use alloc::collections::{BTreeMap, VecDeque};
+use alloc::vec::Vec;
 
 use rhumb_reckoning::{BodyId, Tick};
 
+use super::cells::CellSubscriptions;
 use super::outbox::ClientOutbox;
 use super::subscription::{EventTarget, Subscription};
 use super::upstream::ClientUpstream;
 use crate::limits::{EVENTS_HELD_MAX, STANDING_PAIRS_MAX};
-use crate::message::{SceneEvent, ServerMessage, TickEvents};
+use crate::message::{CellNews, SceneEvent, ServerMessage, TickEvents};
 use crate::packet::LargestPacket;
-use crate::scene::{BodyEvent, SceneConfig};
+use crate::scene::{BodyEvent, Cell, SceneConfig};
 use crate::session::{CloseCode, Event};
 
 /// Subscription, upstream and events of a member.
 #[derive(Debug)]
 pub(super) struct ClientMembership {
     pub(super) subscription: Subscription,
+    pub(super) cells: CellSubscriptions,
     pub(super) upstream: ClientUpstream,
     held_events: HeldEvents,
     queries: u64,
@@ -39,6 +42,7 @@ impl ClientMembership {
     fn with(upstream: ClientUpstream) -> Self {
         Self {
             subscription: Subscription::new(),
+            cells: CellSubscriptions::default(),
             upstream,
             held_events: HeldEvents::default(),
             queries: 0,
@@ -50,6 +54,7 @@ impl ClientMembership {
     pub(super) fn over_next_connection(self) -> Self {
         Self {
             queries_before: self.queries_before + self.queries,
+            cells: self.cells.over_next_connection(),
             ..Self::with(self.upstream.over_next_connection())
         }
     }
@@ -78,6 +83,36 @@ impl ClientMembership {
         }
     }
 
+    /// Handles news of a cell of the scene of this config.
+    pub(super) fn handle_cell(
+        &mut self,
+        (cell, news): (Cell, &CellNews),
+        config: Option<&SceneConfig>,
+        outbox: &mut ClientOutbox,
+        events: &mut VecDeque<Event>,
+    ) -> Result<(), CloseCode> {
+        let scene = self.subscription.shown().zip(config);
+        let scene = scene.ok_or(CloseCode::VIOLATION)?;
+        let bodies = self.cells.handle_news(cell, news, scene, outbox)?;
+        for id in bodies {
+            match *news {
+                CellNews::Placed { .. } => events.push_back(Event::BodyPlaced(id)),
+                CellNews::SceneEvent(SceneEvent::BodyRemoved { cause, .. }) => {
+                    self.upstream.remove(id);
+                    events.push_back(Event::BodyRemoved { id, cause });
+                }
+                CellNews::SceneEvent(SceneEvent::PublisherSilent { since, .. }) => {
+                    events.push_back(Event::PublisherSilent { id, since });
+                }
+                CellNews::SceneEvent(SceneEvent::PublisherActive { tick, .. }) => {
+                    events.push_back(Event::PublisherActive { id, tick });
+                }
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+
     /// Handles a message about the scene of this config.
     pub(super) fn handle_message(
         &mut self,
@@ -94,9 +129,15 @@ impl ClientMembership {
                 events.push_back(Event::Inspected(inspection));
             }
             ServerMessage::AuthorityGrant(grant) => {
-                let replica = self.subscription.shown();
+                let of_cells = self.cells.copies().map(|(_, copy)| copy);
+                let copies: Vec<_> = self
+                    .subscription
+                    .shown()
+                    .into_iter()
+                    .chain(of_cells)
+                    .collect();
                 let bodies = config
-                    .and_then(|config| self.upstream.handle_grant(&grant, config, replica, outbox));
+                    .and_then(|config| self.upstream.handle_grant(&grant, config, &copies, outbox));
                 events.extend(bodies.map(Event::AuthorityGrant));
             }
             ServerMessage::AuthorityDenied(error) => {
@@ -128,7 +169,8 @@ impl ClientMembership {
             | ServerMessage::Pong { .. }
             | ServerMessage::Session(_)
             | ServerMessage::Durable { .. }
-            | ServerMessage::Moved { .. } => {}
+            | ServerMessage::Moved { .. }
+            | ServerMessage::OfCell { .. } => {}
         }
         Ok(())
     }
@@ -355,8 +397,6 @@ impl StandingEvents {
 
 #[cfg(test)]
 mod tests {
-    use alloc::vec::Vec;
-
     use rhumb_reckoning::{BodyId, Tolerance};
 
     use super::*;

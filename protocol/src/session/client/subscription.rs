@@ -9,12 +9,15 @@ use alloc::collections::VecDeque;
 use alloc::vec::Vec;
 
 use bytes::Bytes;
-use rhumb_reckoning::Tick;
+use rhumb_reckoning::{BodyId, Tick};
 
 use super::outbox::ClientOutbox;
 use crate::endpoint::{Instant, Span, Wake, WakeReason};
-use crate::message::{ClientMessage, Joined, ResyncCause, SceneEvent, StreamChoice};
-use crate::packet::Datagram;
+use crate::message::{
+    CellNews, CellRequest, ClientMessage, Joined, ResyncCause, SceneEvent, StreamChoice,
+};
+use crate::packet::{Datagram, StreamId};
+use crate::scene::Cell;
 use crate::session::replica::Replica;
 use crate::session::{CloseCode, Event};
 use crate::stream::{RetryTimer, SILENCE_MOST, StreamReceiver};
@@ -28,6 +31,8 @@ const RESYNC_MOST: Span = Span::from_millis(16_000);
 /// The replicas of one membership, and what was requested for them.
 #[derive(Debug)]
 pub(super) struct Subscription {
+    /// The cell that it is about; `None`: the scene, or what of it is in no cell.
+    cell: Option<Cell>,
     replica_switch: ReplicaSwitch,
     stream_selection: StreamSelection,
     /// The tick requested last.
@@ -41,8 +46,21 @@ pub(super) struct Subscription {
 impl Subscription {
     /// A subscription before the first snapshot.
     pub(super) fn new() -> Self {
+        Self::about(None)
+    }
+
+    /// The same of a cell.
+    pub(super) fn of_cell(cell: Cell) -> Self {
+        Self::about(Some(cell))
+    }
+
+    fn about(cell: Option<Cell>) -> Self {
         Self {
-            replica_switch: ReplicaSwitch::new(),
+            cell,
+            replica_switch: ReplicaSwitch {
+                until: cell.map(|_| Tick::ZERO),
+                ..ReplicaSwitch::new()
+            },
             stream_selection: StreamSelection::new(),
             awaited: Tick::ZERO,
             response_times: ResponseTimes::new(),
@@ -114,7 +132,45 @@ impl Subscription {
         &mut self,
         scene_event: &SceneEvent,
     ) -> Result<EventTarget, CloseCode> {
-        self.replica_switch.handle_scene_event(scene_event)
+        self.replica_switch
+            .apply(|replica| replica.apply_scene_event(scene_event))
+    }
+
+    /// Applies the news of a cell to its replicas; returns the bodies that it is about, by their ids in the scene, unless
+    /// it is part of a snapshot. What comes before the first snapshot is of an earlier subscription.
+    pub(super) fn handle_cell_news(
+        &mut self,
+        news: &CellNews,
+        shapes: &Replica,
+    ) -> Result<Vec<BodyId>, CloseCode> {
+        if self.newest().is_none() {
+            return Ok(Vec::new());
+        }
+        let apply = |replica: &mut Replica| replica.apply_cell_news(news, shapes);
+        let target = self.replica_switch.apply(apply)?;
+        let bodies = match news {
+            CellNews::Placed { id, .. } => return Ok(bodies_of(target, [*id])),
+            CellNews::SceneEvent(SceneEvent::BodyRemoved { id, .. }) => core::slice::from_ref(id),
+            CellNews::SceneEvent(
+                SceneEvent::PublisherSilent { bodies, .. }
+                | SceneEvent::PublisherActive { bodies, .. },
+            ) => bodies,
+            _ => &[],
+        };
+        let newest = self.newest().into_iter();
+        let named =
+            newest.flat_map(|replica| bodies.iter().filter_map(|id| replica.id_in_scene(*id)));
+        Ok(bodies_of(target, named))
+    }
+
+    /// Shows no replica that begins after this tick.
+    pub(super) const fn show_until(&mut self, tick: Tick) {
+        self.replica_switch.until = Some(tick);
+    }
+
+    /// True if a datagram is of one of its streams.
+    pub(super) fn follows(&self, stream: StreamId) -> bool {
+        self.replica_switch.follows(stream)
     }
 
     /// Applies a datagram; returns the watermark of the shown replica if it rose.
@@ -159,7 +215,7 @@ impl Subscription {
             if cause == ResyncCause::ChecksumMismatch {
                 events.push_back(Event::ChecksumMismatch);
             }
-            outbox.send(&ClientMessage::Resync(cause));
+            self.send(CellRequest::Resync(cause), outbox);
         }
         if awaits {
             self.await_tick(now);
@@ -207,6 +263,16 @@ impl Subscription {
         self.replica_switch.shown_mut()
     }
 
+    /// The replica of the newest stream, whether it is complete or not.
+    pub(super) fn newest(&self) -> Option<&Replica> {
+        self.replica_switch.newest()
+    }
+
+    /// The stream that is requested, while the answer is pending.
+    pub(super) const fn requested(&self) -> Option<StreamChoice> {
+        self.stream_selection.requested
+    }
+
     fn watermark_tick(&self) -> Option<Tick> {
         let shown = self.replica_switch.shown();
         shown.map(|replica| replica.stream().watermark_tick())
@@ -242,7 +308,7 @@ impl Subscription {
         if !self.resyncing
             && let Some(choice) = self.stream_selection.take_request()
         {
-            outbox.send(&ClientMessage::Subscribe(choice));
+            self.send(CellRequest::Subscribe(choice), outbox);
         }
     }
 
@@ -264,7 +330,27 @@ impl Subscription {
         if self.stream_selection.take_subscription_change() || before.choice() != choice {
             events.push_back(Event::SubscriptionChanged(choice));
         }
-        outbox.send(&ClientMessage::Subscribed(stream));
+        self.send(CellRequest::Subscribed(stream), outbox);
+    }
+
+    /// Sends a request about the cell, or about the scene.
+    pub(super) fn send(&self, request: CellRequest, outbox: &mut ClientOutbox) {
+        let message = match (self.cell, request) {
+            (Some(cell), request) => ClientMessage::OfCell { cell, request },
+            (None, CellRequest::Subscribe(choice)) => ClientMessage::Subscribe(choice),
+            (None, CellRequest::Subscribed(stream)) => ClientMessage::Subscribed(stream),
+            (None, CellRequest::Resync(cause)) => ClientMessage::Resync(cause),
+            (None, CellRequest::Leave) => ClientMessage::Leave,
+        };
+        outbox.send(&message);
+    }
+}
+
+/// The bodies of a scene event; none of one that is part of a snapshot.
+fn bodies_of(target: EventTarget, bodies: impl IntoIterator<Item = BodyId>) -> Vec<BodyId> {
+    match target {
+        EventTarget::Snapshot => Vec::new(),
+        EventTarget::Scene => bodies.into_iter().collect(),
     }
 }
 
@@ -396,6 +482,9 @@ struct ReplicaSwitch {
     next: Option<Replica>,
     /// True for an edge: see `Subscriber::keep_relayed_packets`.
     relays: bool,
+    /// Of a cell: the tick up to which all cells are complete. A replica that begins later, or after what a view shows, is
+    /// not shown yet.
+    until: Option<Tick>,
 }
 
 /// The part of the protocol to which a scene event belongs.
@@ -413,6 +502,7 @@ impl ReplicaSwitch {
             shown: None,
             next: None,
             relays: false,
+            until: None,
         }
     }
 
@@ -432,6 +522,9 @@ impl ReplicaSwitch {
         if self.relays {
             replica.stream_mut().keep_relayed_packets();
         }
+        if self.until.is_some() {
+            replica.stream_mut().expect_view();
+        }
         self.next = Some(replica);
     }
 
@@ -450,25 +543,41 @@ impl ReplicaSwitch {
     fn switch_when_caught_up(&mut self) -> Option<Replica> {
         let relays = self.relays;
         let shown = self.shown.as_mut()?;
-        let as_far =
-            |next: &mut Replica| next.is_complete() && (relays || next.has_caught_up_with(shown));
+        let until = self.until;
+        let is_late = |next: &Replica| {
+            let (stream, start) = (shown.stream(), next.stream().start());
+            let is_due = until.is_none_or(|until| stream.is_shown_from(start, until));
+            !is_due && !stream.has_lost_sync()
+        };
+        let as_far = |next: &mut Replica| {
+            let is_due = relays || next.has_caught_up_with(shown) && !is_late(next);
+            next.is_complete() && is_due
+        };
         let mut next = self.next.take_if(as_far)?;
         next.take_over(shown);
         Some(core::mem::replace(shown, next))
     }
 
     /// Applies a scene event to the next replica, and to the shown one unless a snapshot is being filled.
-    fn handle_scene_event(&mut self, scene_event: &SceneEvent) -> Result<EventTarget, CloseCode> {
+    fn apply(
+        &mut self,
+        apply: impl Fn(&mut Replica) -> Result<(), CloseCode>,
+    ) -> Result<EventTarget, CloseCode> {
         if let Some(next) = &mut self.next {
             let filling = !next.is_complete();
-            next.apply_scene_event(scene_event)?;
+            apply(next)?;
             if filling {
                 return Ok(EventTarget::Snapshot);
             }
         }
-        let shown = self.shown.as_mut().ok_or(CloseCode::VIOLATION)?;
-        shown.apply_scene_event(scene_event)?;
+        apply(self.shown.as_mut().ok_or(CloseCode::VIOLATION)?)?;
         Ok(EventTarget::Scene)
+    }
+
+    /// True if a replica follows a stream.
+    fn follows(&self, stream: StreamId) -> bool {
+        let mut replicas = [&self.next, &self.shown].into_iter().flatten();
+        replicas.any(|replica| replica.stream().stream() == stream)
     }
 
     /// Hands a datagram to the replicas that follow its stream.

@@ -161,7 +161,7 @@ impl ClientUpstream {
         &mut self,
         grant: &AuthorityGrant,
         config: &SceneConfig,
-        replica: Option<&Replica>,
+        copies: &[&Replica],
         outbox: &mut ClientOutbox,
     ) -> Option<Vec<BodyId>> {
         let requested = self.requested.take()?;
@@ -171,8 +171,9 @@ impl ClientUpstream {
             return None;
         }
         let parameters = |id: BodyId| {
-            let body = replica?.body(id)?;
-            let shape = replica?.shape(body.shape)?;
+            let mut found = copies.iter();
+            let (copy, body) = found.find_map(|copy| Some((copy, copy.body_of_scene(id)?)))?;
+            let shape = copy.shape(body.shape)?;
             Some(PredictionParameters::of(&body, shape, config.damping, None))
         };
         let sender = UpstreamSender::new(grant, &requested, config.integrator, parameters);
@@ -304,7 +305,7 @@ mod tests {
 
     /// Hands a grant without bodies to an upstream.
     fn take_grant(upstream: &mut ClientUpstream, outbox: &mut ClientOutbox) -> Option<Vec<BodyId>> {
-        upstream.handle_grant(&grant(Vec::new()), &SceneConfig::default(), None, outbox)
+        upstream.handle_grant(&grant(Vec::new()), &SceneConfig::default(), &[], outbox)
     }
 
     /// An upstream whose authority over bodies was granted, though its replica has no such body.
