@@ -17,7 +17,7 @@ use rhumb_reckoning::{BodyId, Tick};
 use crate::baking::Bake;
 use crate::control_stream::{ControlStream, PendingOutput};
 use crate::hook::Traffic;
-use crate::member::{AuthorityGroup, Member, SnapshotRequest};
+use crate::member::{AuthorityGroup, Extent, Member, SnapshotRequest};
 use crate::permit::{ClientName, Permit};
 use crate::record::SessionNumber;
 use crate::scene::Scene;
@@ -36,6 +36,8 @@ pub(crate) struct SceneClient {
     pub(crate) bake: Option<Bake>,
     /// The session of its next join.
     pub(crate) session_request: Option<SessionRequest>,
+    /// How its next join takes the scene.
+    pub(crate) extent: Extent,
     pub(crate) control: ControlStream,
     /// Its membership, if it has joined.
     pub(crate) member: Option<Member>,
@@ -85,6 +87,7 @@ impl Clients {
             held: None,
             bake: None,
             session_request: None,
+            extent: Extent::Whole,
             control: ControlStream::new(peer, grease, self.out.now()),
             member: None,
         };

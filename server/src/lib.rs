@@ -42,6 +42,7 @@
 
 mod admission;
 mod baking;
+mod cells;
 mod checkpoint;
 mod clients;
 mod control_stream;

@@ -12,7 +12,7 @@ use glam::{Quat, Vec3};
 use rhumb_protocol::limits::QUERY_COST_MAX;
 use rhumb_protocol::message::{SceneEvent, StreamChoice};
 use rhumb_protocol::packet::{Datagram, PacketKind, StreamId};
-use rhumb_protocol::scene::{Command, IdRange, Locomotion};
+use rhumb_protocol::scene::{Cell, Command, IdRange, Locomotion};
 use rhumb_protocol::session::UpstreamReceiver;
 use rhumb_protocol::stream::SubscriberStatistics;
 use rhumb_protocol::{Instant, Peer, Span};
@@ -27,9 +27,9 @@ use crate::tier_controller::TierController;
 /// A client that is a member.
 #[derive(Debug)]
 pub(crate) struct Member {
-    subscription: StreamId,
-    /// The former stream, until the member has caught up with the present one.
-    previous: Option<StreamId>,
+    subscription: Subscribed,
+    /// The cells that it takes; `None` for one that takes the whole scene.
+    pub(crate) cells: Option<BTreeMap<Cell, Subscribed>>,
     /// When its next command would be within its quota.
     next_command: Instant,
     /// Commands of this membership, or of its session, that were applied or refused.
@@ -89,8 +89,8 @@ impl Member {
         commands: u64,
     ) -> Self {
         Self {
-            subscription: stream,
-            previous: None,
+            subscription: Subscribed::to(stream),
+            cells: None,
             next_command: Instant::ZERO,
             commands,
             unanswered: None,
@@ -169,22 +169,106 @@ impl Member {
         number
     }
 
-    /// The present stream.
-    pub(crate) const fn stream(&self) -> StreamId {
-        self.subscription
+    /// The same that takes the scene by cells.
+    pub(crate) fn by_cells(self) -> Self {
+        Self {
+            cells: Some(BTreeMap::new()),
+            ..self
+        }
     }
 
-    /// All streams whose datagrams it gets, each once.
+    /// What of the scene it takes.
+    pub(crate) const fn extent(&self) -> Extent {
+        match self.cells {
+            Some(_) => Extent::Cells,
+            None => Extent::Whole,
+        }
+    }
+
+    /// The present stream.
+    pub(crate) const fn stream(&self) -> StreamId {
+        self.subscription.present
+    }
+
+    /// The streams of the scene whose datagrams it gets, each once.
     pub(crate) fn streams(&self) -> impl Iterator<Item = StreamId> + use<> {
-        [Some(self.subscription), self.previous]
-            .into_iter()
-            .flatten()
+        self.subscription.streams()
+    }
+
+    /// The streams of cells whose datagrams it gets, each once.
+    pub(crate) fn cell_streams(&self) -> impl Iterator<Item = (Cell, StreamId)> {
+        let cells = self.cells.iter().flatten();
+        cells.flat_map(|(cell, subscribed)| subscribed.streams().map(|stream| (*cell, stream)))
+    }
+
+    /// The member's subscription to what the scene tells all, or to a cell.
+    pub(crate) fn subscribed_mut(&mut self, cell: Option<Cell>) -> Option<&mut Subscribed> {
+        match cell {
+            None => Some(&mut self.subscription),
+            Some(cell) => self.cells.as_mut()?.get_mut(&cell),
+        }
+    }
+
+    /// See [`Subscribed::change`].
+    pub(crate) fn change(&mut self, to: StreamId) -> Option<StreamId> {
+        self.subscription.change(to)
+    }
+
+    /// See [`Subscribed::caught_up`].
+    pub(crate) fn caught_up(&mut self, with: StreamId) -> Option<StreamId> {
+        self.subscription.caught_up(with)
+    }
+
+    /// The cell of a stream whose datagrams it gets; none for a stream of the scene.
+    pub(crate) fn receives(&self, stream: StreamId) -> Option<Option<Cell>> {
+        if self.streams().any(|subscribed| subscribed == stream) {
+            return Some(None);
+        }
+        let mut of_cells = self.cell_streams();
+        of_cells.find_map(|(cell, subscribed)| (subscribed == stream).then_some(Some(cell)))
+    }
+}
+
+/// What of a scene a member takes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Extent {
+    /// All of it.
+    Whole,
+    /// Cells, as it asks for them, if the scene is divided.
+    Cells,
+}
+
+/// A member's stream, of a scene or of a cell, and the one before it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Subscribed {
+    present: StreamId,
+    /// The former stream, until the member has caught up with the present one.
+    previous: Option<StreamId>,
+}
+
+impl Subscribed {
+    /// A subscription to a first stream.
+    pub(crate) const fn to(stream: StreamId) -> Self {
+        Self {
+            present: stream,
+            previous: None,
+        }
+    }
+
+    /// The present stream.
+    pub(crate) const fn present(&self) -> StreamId {
+        self.present
+    }
+
+    /// Both streams, each once.
+    pub(crate) fn streams(&self) -> impl Iterator<Item = StreamId> + use<> {
+        [Some(self.present), self.previous].into_iter().flatten()
     }
 
     /// Changes to another stream than the present one; returns the stream to unsubscribe, if any. The member stays
     /// subscribed to the stream of its complete copy.
     pub(crate) fn change(&mut self, to: StreamId) -> Option<StreamId> {
-        let before = std::mem::replace(&mut self.subscription, to);
+        let before = std::mem::replace(&mut self.present, to);
         match self.previous {
             None => {
                 self.previous = Some(before);
@@ -199,15 +283,10 @@ impl Member {
 
     /// The member has caught up with a stream; returns the stream to unsubscribe, if any.
     pub(crate) fn caught_up(&mut self, with: StreamId) -> Option<StreamId> {
-        if with != self.subscription {
+        if with != self.present {
             return None;
         }
         self.previous.take()
-    }
-
-    /// True if it gets the datagrams of a stream.
-    pub(crate) fn receives(&self, stream: StreamId) -> bool {
-        self.streams().any(|subscribed| subscribed == stream)
     }
 }
 

@@ -4,6 +4,7 @@
 //! client creates it, a server provides it, a store has it. It reads no clock but that of its settings, which only
 //! measures.
 
+mod cells;
 mod commands;
 mod durability;
 mod fed;
@@ -25,12 +26,13 @@ use rhumb_reckoning::Tick;
 
 use crate::admission::{self, CommandPace, SceneLoad, SceneSlot};
 use crate::baking::Bakery;
+use crate::cells::Cells;
 use crate::checkpoint::{Checkpoint, CheckpointError, Rollback};
 use crate::clients::{AuthorityTable, Clients, Turn};
 use crate::engine::{Engine, FedEngine, NoEngine};
 use crate::feed::{FedScene, SharedFeed};
 use crate::hook::{Hook, SceneObserver, Times};
-use crate::member::{SnapshotRequest, UpstreamStatistics};
+use crate::member::{Extent, SnapshotRequest, UpstreamStatistics};
 use crate::permit::{IdRanges, Ownership, Permit};
 use crate::rights;
 use crate::scene::Scene;
@@ -59,6 +61,8 @@ pub(crate) struct RunningScene {
     hook: Option<Hook>,
     script: Option<SceneScript>,
     streams: Streams,
+    /// None if the scene is not divided.
+    cells: Option<Cells>,
     names: StreamNames,
     id_ranges: IdRanges,
     ownership: Ownership,
@@ -234,9 +238,10 @@ impl SceneLoop {
             }
             Ok(ClientMessage::Join(choice)) => {
                 let session = client.session_request.take();
+                let extent = std::mem::replace(&mut client.extent, Extent::Whole);
                 let joined = match &mut self.running {
                     Some(running) => {
-                        let choice = (choice, session);
+                        let choice = (choice, extent, session);
                         running.join(now, peer, permit, choice, &mut self.clients)
                     }
                     None => Err(self.absence()),
@@ -247,6 +252,7 @@ impl SceneLoop {
                 }
             }
             Ok(ClientMessage::Session(request)) => client.session_request = Some(request),
+            Ok(ClientMessage::JoinCells) => client.extent = Extent::Cells,
             Ok(ClientMessage::Delete) => {
                 let owner = self.running.as_ref().and_then(RunningScene::owner);
                 match rights::delete(peer, &permit, owner) {
@@ -303,6 +309,9 @@ impl SceneLoop {
                 }
             }
             Ok(ClientMessage::Subscribed(stream)) => running.subscribed(peer, stream, clients),
+            Ok(ClientMessage::OfCell { cell, request }) => {
+                running.handle_cell_request(peer, cell, request, clients);
+            }
             Ok(ClientMessage::TierPolicy(tier_policy)) => {
                 if let Some(member) = clients.member_mut(peer) {
                     member.link.set_policy(tier_policy);
@@ -586,6 +595,7 @@ impl RunningScene {
         scene.bound_crowding(settings.limits.crowding());
         let (target, config) = (scene.tick(), scene.config());
         let streams = Streams::new(config.publish_schedule, settings.threads.clone());
+        let cells = cells::of_scene(config, &settings);
         let period = Span::from_nanos(config.integrator.rate.step_ns());
         let observer = settings.observers.begin(name, period);
         let hook = (settings.hooks.as_ref()).and_then(|hooks| hooks.of(name, config));
@@ -594,6 +604,7 @@ impl RunningScene {
             hook,
             script: None,
             streams,
+            cells,
             names,
             id_ranges: IdRanges::default(),
             ownership: Ownership::default(),

@@ -12,7 +12,7 @@ use rhumb_protocol::limits::{
     BODIES_MAX, CONTROL_WAITING_BYTES_MAX, INDICES_MAX, MEMBERS_PER_SCENE_MAX, RATE_MAX, SCENES_MAX,
 };
 use rhumb_protocol::packet::LargestPacket;
-use rhumb_protocol::scene::{Command, SceneConfig, SceneName, Stepping};
+use rhumb_protocol::scene::{CellGrid, Command, SceneConfig, SceneName, Stepping};
 use rhumb_protocol::{Instant, Span};
 use serde::{Deserialize, Serialize};
 
@@ -38,6 +38,8 @@ pub struct SceneSettings {
     pub threads: StepThreads,
     /// Bounds the packets of streams.
     pub largest_packet: LargestPacket,
+    /// Divides scenes for the members that take them by cells; those with a lookahead are not divided.
+    pub cells: Option<CellGrid>,
     /// Act on scenes before each step.
     pub hooks: Option<Hooks>,
     /// Scenes that begin when a client names them.
@@ -70,6 +72,7 @@ impl SceneSettings {
             engines: Engines::default(),
             threads: StepThreads::default(),
             largest_packet: LargestPacket::DEFAULT,
+            cells: None,
             hooks: None,
             provided: None,
             feeds: Feeds::default(),

@@ -151,6 +151,11 @@ impl Streams {
         }
     }
 
+    /// True if no member receives any.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.streams.is_empty()
+    }
+
     pub(crate) fn get(&self, id: StreamId) -> Option<&Stream> {
         self.streams.iter().find(|stream| stream.id() == id)
     }

@@ -21,6 +21,7 @@ use rhumb_reckoning::{BodyId, BodyState, Tick};
 
 use super::RunningScene;
 use crate::admission;
+use crate::cells::Placement;
 use crate::clients::{Clients, SceneClient};
 use crate::engine::{BakedShape, Baker, UnusableShape};
 use crate::event_monitor::{EventKey, StepEvents};
@@ -171,6 +172,11 @@ impl RunningScene {
         if let Some(parameters) = streams::parameters(&self.scene, desc.id) {
             self.streams.insert(desc.id, &parameters, track, motion);
         }
+        self.place_in_cells(&Placement {
+            desc,
+            motion,
+            track,
+        });
         self.record_event(streams::scene_event(&self.scene, desc, track, None));
     }
 

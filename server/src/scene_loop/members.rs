@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use bytes::Bytes;
 use rhumb_protocol::message::{
-    Denial, Extensions, Joined, ResyncCause, SceneEvent, ServerMessage, SessionRequest,
+    Denial, Extension, Extensions, Joined, ResyncCause, SceneEvent, ServerMessage, SessionRequest,
     SessionState, StreamChoice, TierChangeCause,
 };
 use rhumb_protocol::packet::{LossReport, StreamId};
@@ -20,7 +20,7 @@ use super::{DisconnectReason, RunningScene};
 use crate::clients::Clients;
 use crate::feed::FedScene;
 use crate::hook::Incident;
-use crate::member::{Member, SnapshotRequest};
+use crate::member::{Extent, Member, SnapshotRequest};
 use crate::permit::{IndexLimits, Ownership, Permit};
 use crate::record::{LogEntry, SessionNumber};
 use crate::sessions::{ResumableSession, Sessions};
@@ -37,25 +37,33 @@ impl RunningScene {
         now: Instant,
         peer: Peer,
         permit: Arc<Permit>,
-        (choice, request): (StreamChoice, Option<SessionRequest>),
+        (choice, extent, request): (StreamChoice, Extent, Option<SessionRequest>),
         clients: &mut Clients,
     ) -> Result<(), Denial> {
         let known = self.known_session(&permit, request);
         let replaced = known.and_then(|number| self.sessions.member_of(number));
-        let wanted = self.streams.of_choice(choice);
+        let extent = match self.cells {
+            Some(_) => extent,
+            None => Extent::Whole,
+        };
+        let streams = self.streams_of(extent);
+        let wanted = streams.and_then(|streams| streams.of_choice(choice));
         self.rights(peer, &permit, clients).join(wanted, replaced)?;
         if let Some(replaced) = replaced {
             self.end_replaced(replaced, clients);
         }
-        let stream = match self.streams.subscribe(choice)? {
-            Some(stream) => stream,
-            None => self.begin_stream(choice, clients),
+        let stream = match extent {
+            Extent::Cells => self.enter_cells(choice, clients)?,
+            Extent::Whole => match self.streams.subscribe(choice)? {
+                Some(stream) => stream,
+                None => self.begin_stream(choice, clients),
+            },
         };
         let before = self.sessions.next_number();
         let (session, ids) = match self.begin_session(now, (peer, &permit), request, clients) {
             Ok(begun) => begun,
             Err(denial) => {
-                self.streams.unsubscribe(stream, peer);
+                self.unsubscribe_all([stream], peer, extent);
                 return Err(denial);
             }
         };
@@ -64,6 +72,10 @@ impl RunningScene {
         let commands = commands.map_or(0, |session| session.commands);
         self.observer.joined(peer, permit.client.as_deref());
         let member = Member::new((stream, choice), (session, ids), commands);
+        let member = match extent {
+            Extent::Cells => member.by_cells(),
+            Extent::Whole => member,
+        };
         if let Some(client) = clients.get_mut(peer) {
             client.member = Some(member);
         }
@@ -100,9 +112,10 @@ impl RunningScene {
         let client = clients.get_mut(peer);
         if let Some(member) = client.and_then(|client| client.member.take()) {
             self.observer.left(peer);
-            for stream in member.streams() {
-                self.streams.unsubscribe(stream, peer);
+            for (cell, stream) in member.cell_streams() {
+                self.unsubscribe_from_cell(cell, stream, peer);
             }
+            self.unsubscribe_all(member.streams(), peer, member.extent());
             self.end_session(member, reason, clients);
         }
         if clients.member_count() == 0 {
@@ -341,14 +354,15 @@ impl RunningScene {
 impl RunningScene {
     /// A name for a new stream.
     pub(super) fn new_stream(&mut self, clients: &Clients) -> StreamId {
-        let streams = &self.streams;
+        let (streams, cells) = (&self.streams, &self.cells);
+        let is_of_cell = |name| cells.as_ref().is_some_and(|cells| cells.has_stream(name));
         let is_upstream = |name| {
             clients
                 .authorities()
                 .any(|(_, group)| group.stream() == name)
         };
         self.names
-            .next(|name| streams.get(name).is_some() || is_upstream(name))
+            .next(|name| streams.get(name).is_some() || is_of_cell(name) || is_upstream(name))
     }
 
     fn begin_stream(&mut self, choice: StreamChoice, clients: &Clients) -> StreamId {
@@ -373,10 +387,15 @@ impl RunningScene {
         let Some(granted) = member.ids.first().copied() else {
             return;
         };
-        self.streams.begin_snapshot(member.stream(), peer);
-        let Some(stream) = self.streams.get(member.stream()) else {
+        let (id, extent) = (member.stream(), member.extent());
+        if let Some(streams) = self.streams_of_mut(extent) {
+            streams.begin_snapshot(id, peer);
+        }
+        let streams = self.streams_of(extent);
+        let Some(stream) = streams.and_then(|streams| streams.get(id)) else {
             return;
         };
+        let cells = self.cells.as_ref().filter(|_| extent == Extent::Cells);
         let start = StreamStart {
             stream: stream.id(),
             tolerance: stream.tolerance(),
@@ -386,24 +405,28 @@ impl RunningScene {
             gravity: self.scene.gravity(),
             tick: stream.sender.tick(),
             next: stream.sender.next_number(),
-            scene_events: self.scene_events,
+            scene_events: cells.map_or(self.scene_events, |cells| cells.scene_events(None)),
         };
+        let mut extensions = Extensions::NONE;
+        if let Some(cells) = cells {
+            let fits = extensions.insert(Extension::of_cells(cells.grid()));
+            debug_assert!(fits, "one extension fits");
+        }
         let joined = Joined {
             choice: stream.choice,
             config: *self.config(),
             start,
             granted,
-            extensions: Extensions::NONE,
+            extensions,
         };
         let mut rest = Vec::new();
-        append_snapshot(
-            &self.scene,
-            stream,
-            (clients.authorities())
-                .filter_map(|(_, group)| group.silence())
-                .chain(self.fed.iter().flat_map(FedScene::silences)),
-            &mut rest,
-        );
+        let silences = self.silences(clients);
+        match cells {
+            Some(cells) => {
+                cells.append_snapshot(None, id, (&self.scene, &silences), &mut rest);
+            }
+            None => append_snapshot(&self.scene, stream, silences.into_iter(), &mut rest),
+        }
         clients.send(peer, &ServerMessage::Joined(joined));
         let mut bytes = rest.len();
         for event in self.shape_events.values() {
@@ -415,9 +438,17 @@ impl RunningScene {
         self.pace.note_snapshot();
     }
 
+    /// The scene events of silent publishers.
+    pub(super) fn silences(&self, clients: &Clients) -> Vec<SceneEvent> {
+        let of_members = clients.authorities();
+        let of_members = of_members.filter_map(|(_, group)| group.silence());
+        let of_owner = self.fed.iter().flat_map(FedScene::silences);
+        of_members.chain(of_owner).collect()
+    }
+
     pub(super) fn stream_of(&self, peer: Peer, clients: &Clients) -> Option<&Stream> {
         let member = clients.member(peer)?;
-        self.streams.get(member.stream())
+        self.streams_of(member.extent())?.get(member.stream())
     }
 
     /// Handles a request for a new snapshot; several requests in one read get one answer.
@@ -429,7 +460,18 @@ impl RunningScene {
             return;
         }
         member.snapshot_request = Some(SnapshotRequest::Again);
-        let stream = member.stream();
+        let (stream, extent) = (member.stream(), member.extent());
+        self.note_resync((peer, cause), stream);
+        let streams = self.streams_of_mut(extent);
+        if let Some(stream) = streams.and_then(|streams| streams.get_mut(stream))
+            && cause == ResyncCause::ChecksumMismatch
+        {
+            stream.sender.count_mismatch();
+        }
+    }
+
+    /// Logs why a member asks for a new snapshot.
+    pub(super) fn note_resync(&mut self, (peer, cause): (Peer, ResyncCause), stream: StreamId) {
         match cause {
             ResyncCause::LostSync => {
                 tracing::debug!(peer = peer.0, %stream, "a member lost sync with its stream");
@@ -437,9 +479,6 @@ impl RunningScene {
             ResyncCause::ChecksumMismatch => {
                 tracing::warn!(peer = peer.0, %stream, "a member's checksum differs from its stream's");
                 self.observer.incident(Incident::ChecksumMismatch);
-                if let Some(stream) = self.streams.get_mut(stream) {
-                    stream.sender.count_mismatch();
-                }
             }
         }
     }
@@ -450,9 +489,8 @@ impl RunningScene {
             return;
         };
         member.link.caught_up(with);
-        if let Some(former) = member.caught_up(with) {
-            self.streams.unsubscribe(former, peer);
-        }
+        let (former, extent) = (member.caught_up(with), member.extent());
+        self.unsubscribe(former, peer, extent);
     }
 
     /// Handles a link report: changes the member's tier if its link does not carry its stream, and back when it does
@@ -517,9 +555,8 @@ impl RunningScene {
             TierDecision::Coarser(_) => member.caught_up(stream),
             TierDecision::Finer(_) => None,
         };
-        if let Some(spared) = spared {
-            self.streams.unsubscribe(spared, peer);
-        }
+        let extent = member.extent();
+        self.unsubscribe(spared, peer, extent);
     }
 
     /// Starts the requested change of stream and its snapshot.
@@ -552,7 +589,9 @@ impl RunningScene {
             return Ok(Confirmation::AnyMessage);
         };
         let (present, received) = (member.stream(), member.streams());
-        let wanted = self.streams.of_choice(choice);
+        let extent = member.extent();
+        let streams = self.streams_of(extent);
+        let wanted = streams.and_then(|streams| streams.of_choice(choice));
         rights.subscribe(wanted)?;
         if wanted == Some(present) {
             return Ok(Confirmation::Subscribed(present));
@@ -563,15 +602,15 @@ impl RunningScene {
             .find(|received| Some(*received) == wanted);
         let stream = match leaving {
             Some(leaving) => leaving,
+            None if extent == Extent::Cells => self.subscribe_to_cell(None, choice, clients)?,
             None => match self.streams.subscribe(choice)? {
                 Some(stream) => stream,
                 None => self.begin_stream(choice, clients),
             },
         };
         let member = clients.member_mut(peer);
-        if let Some(former) = member.and_then(|member| member.change(stream)) {
-            self.streams.unsubscribe(former, peer);
-        }
+        let former = member.and_then(|member| member.change(stream));
+        self.unsubscribe(former, peer, extent);
         Ok(match leaving {
             Some(leaving) => Confirmation::Subscribed(leaving),
             None => Confirmation::LossReport(stream),
@@ -598,10 +637,17 @@ impl RunningScene {
                 .link
                 .received_loss_report(stream, loss_report.abandoned);
         }
-        if !member.receives(stream) {
+        let Some(cell) = member.receives(stream) else {
             return;
-        }
-        let Some(stream) = self.streams.get_mut(stream) else {
+        };
+        let (streams, scene_events) = match (&mut self.cells, &member.cells) {
+            (Some(cells), Some(_)) => {
+                let scene_events = cells.scene_events(cell);
+                (cells.streams_mut(cell), scene_events)
+            }
+            _ => (Some(&mut self.streams), self.scene_events),
+        };
+        let Some(stream) = streams.and_then(|streams| streams.get_mut(stream)) else {
             return;
         };
         let from = Recipient {
@@ -611,7 +657,7 @@ impl RunningScene {
         let mut answers = Vec::new();
         stream
             .sender
-            .handle_report(now, from, loss_report, self.scene_events, &mut answers);
+            .handle_report(now, from, loss_report, scene_events, &mut answers);
         for datagram in answers {
             clients.send_datagram(peer, datagram);
         }

@@ -6,13 +6,15 @@
 use bytes::Bytes;
 use rhumb_protocol::limits::PENDING_COMMANDS_MAX;
 use rhumb_protocol::message::{ClientMessage, Denial, RemovalCause, SceneEvent, ServerMessage};
-use rhumb_protocol::scene::{Command, CommandError, Locomotion, Stepping};
+use rhumb_protocol::scene::{Cell, Command, CommandError, Locomotion, Stepping};
 use rhumb_protocol::{Instant, Peer, Span};
 
 use super::{DisconnectReason, RunningScene, SceneLoop};
 use crate::baking::{self, Bake};
+use crate::cells::Cells;
 use crate::clients::{self, Clients, Turn};
 use crate::hook::{Incident, Timestamps};
+use crate::member::Extent;
 use crate::record::TickMetrics;
 use crate::settings::SceneScript;
 
@@ -136,18 +138,30 @@ impl RunningScene {
     pub(super) fn record_event(&mut self, scene_event: SceneEvent) {
         self.scene_events += 1;
         self.observer.scene_event(&scene_event);
+        if let Some(cells) = self.used_cells() {
+            cells.note(&scene_event);
+        }
         ServerMessage::SceneEvent(scene_event).encode(&mut self.unsent);
     }
 
     /// Sends new scene events to every member, encoded once.
     pub(super) fn send_scene_events(&mut self, clients: &mut Clients) {
-        if self.unsent.is_empty() {
+        let of_cells = self.used_cells().map(Cells::take_unsent);
+        let of_cells = of_cells.unwrap_or_default();
+        if self.unsent.is_empty() && of_cells.is_empty() {
             return;
         }
         let messages = Bytes::from(std::mem::take(&mut self.unsent));
         let (members, out) = clients.members_mut();
-        for (_, control) in members {
-            control.send_encoded(&messages, out);
+        for (member, control) in members {
+            let Some(taken) = &member.cells else {
+                control.send_encoded(&messages, out);
+                continue;
+            };
+            let is_for = |cell: &Option<Cell>| cell.is_none_or(|cell| taken.contains_key(&cell));
+            for (_, messages) in of_cells.iter().filter(|(cell, _)| is_for(cell)) {
+                control.send_encoded(messages, out);
+            }
         }
     }
 
@@ -242,17 +256,29 @@ impl RunningScene {
         }
         self.streams
             .observe(self.scene.tick(), self.scene.observations());
+        self.observe_cells(clients);
         let observed = self.clock_now();
         self.streams.publish(self.scene_events);
+        if let Some(cells) = self.used_cells() {
+            cells.publish();
+        }
         self.commit(clients);
         self.send_scene_events(clients);
         self.send_step_events(stepped.happened, clients);
         let (members, out) = clients.members_mut();
         for (member, control) in members {
-            for stream in member.streams() {
-                for packet in self.streams.packets(stream, control.peer()) {
-                    control.send_datagram(packet.clone(), out);
-                }
+            let (peer, extent) = (control.peer(), member.extent());
+            let of_scene = member.streams().map(|stream| (None, stream));
+            let of_cells = member
+                .cell_streams()
+                .map(|(cell, stream)| (Some(cell), stream));
+            for (cell, stream) in of_scene.chain(of_cells) {
+                let streams = match &self.cells {
+                    Some(cells) if extent == Extent::Cells => cells.streams(cell),
+                    _ => Some(&self.streams),
+                };
+                let packets = streams.into_iter().flat_map(|of| of.packets(stream, peer));
+                packets.for_each(|packet| control.send_datagram(packet.clone(), out));
             }
         }
         let timestamps = Timestamps {
@@ -618,6 +644,7 @@ const fn asks_for_an_answer_alone(message: &ClientMessage) -> bool {
             | ClientMessage::Subscribe(_)
             | ClientMessage::Subscribed(_)
             | ClientMessage::TierPolicy(_)
+            | ClientMessage::OfCell { .. }
     )
 }
 
