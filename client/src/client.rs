@@ -5,6 +5,7 @@
 //! one of a stream fails no step.
 
 mod asking;
+mod cells;
 #[cfg(feature = "local")]
 mod feeding;
 #[cfg(all(test, feature = "quic"))]
@@ -589,8 +590,7 @@ impl Client {
     }
 
     fn complete(&self) -> Tick {
-        self.replica()
-            .map_or(Tick::ZERO, |replica| replica.stream().complete())
+        self.pump.session.complete().unwrap_or_default()
     }
 
     fn deadline(&self) -> Instant {

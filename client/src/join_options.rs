@@ -17,6 +17,9 @@ pub struct JoinOptions {
     pub mode: JoinMode,
     /// The stream to subscribe to.
     pub stream: StreamChoice,
+    /// Take the scene by cells, if its server divides it: see [`Client::take_cells`](crate::Client::take_cells). The view then
+    /// has what is in no cell, such as floors. Default: the whole scene.
+    pub cells: bool,
     /// Free running only: how many ticks the view stays behind the newest tick that the server can have published,
     /// which is its clock less the scene's lookahead. At zero, prediction covers all of the network's delay, and no bound is
     /// known. With half of the round trip and a tick or two, the news of each shown moment has arrived: the bounds are the
@@ -77,6 +80,7 @@ impl Default for JoinOptions {
         Self {
             mode: JoinMode::default(),
             stream: StreamChoice::Within(Tolerance::NORMAL),
+            cells: false,
             delay_ticks: 0.0,
             lead_ticks: 0.0,
             whole_ticks: false,

@@ -95,8 +95,9 @@ pub use rhumb_reckoning::{
 #[cfg(feature = "local")]
 pub use rhumb_scene::{Checkpoint, CheckpointError, FedRequest, FedVelocities, Peer};
 pub use rhumb_view::{
-    BodyCentres, DEPTH_MAX, InvalidTicks, JoinMode, PipelineDepth, RESUME_WITHIN, RefusalReason,
-    RefusedRequest, RenderParams, RenderTime, SHIFT_TICKS_MAX, TouchingPair, View,
+    BodyCentres, CellPlace, CellViews, DEPTH_MAX, InvalidTicks, JoinMode, PipelineDepth,
+    RESUME_WITHIN, RefusalReason, RefusedRequest, RenderParams, RenderTime, SHIFT_TICKS_MAX,
+    TouchingPair, View,
 };
 #[cfg(feature = "queries")]
 pub use rhumb_view::{CopyAnswer, CopyQueries};

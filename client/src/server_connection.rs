@@ -165,7 +165,11 @@ impl ServerConnection {
         let mut followed = 0;
         let mut pause = PAUSE_FIRST;
         let granted = loop {
-            let mut joining = Joining::new(mode, options.stream, key);
+            let joining = Joining::new(mode, options.stream, key);
+            let mut joining = match options.cells {
+                true => joining.by_cells(),
+                false => joining,
+            };
             match await_scene(&mut pump, timeout, &mut joining) {
                 Err(ClientError::Ended(ending))
                     if is_elsewhere(ending) && followed < FOLLOWED_MAX =>

@@ -187,6 +187,7 @@ impl JoinParams {
                 JoinCondition::Join => JoinMode::Join,
             },
             stream: StreamChoice::Within(tolerance),
+            cells: false,
             delay_ticks: self.delay_ticks,
             lead_ticks: self.lead_ticks,
             whole_ticks: self.whole_ticks,

@@ -32,6 +32,7 @@ pub struct Joining {
     mode: JoinMode,
     stream: StreamChoice,
     key: Option<SessionKey>,
+    by_cells: bool,
     step: Step,
 }
 
@@ -66,7 +67,17 @@ impl Joining {
             mode,
             stream,
             key,
+            by_cells: false,
             step: Step::Welcome,
+        }
+    }
+
+    /// Takes the scene by cells, if its server divides it.
+    #[must_use]
+    pub const fn by_cells(self) -> Self {
+        Self {
+            by_cells: true,
+            ..self
         }
     }
 
@@ -125,6 +136,9 @@ impl Joining {
     fn join(&mut self, session: &mut ClientSession) -> Result<(), Misuse> {
         if let Some(key) = self.key.take() {
             session.begin_session(key)?;
+        }
+        if self.by_cells {
+            session.join_cells()?;
         }
         session.join(self.stream)?;
         self.step = Step::Scene;
