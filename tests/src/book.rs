@@ -8,6 +8,9 @@ pub struct Readme;
 #[doc = include_str!("../../docs/book/src/how-to/authority.md")]
 pub struct HowToAuthority;
 
+#[doc = include_str!("../../docs/book/src/how-to/cells.md")]
+pub struct HowToCells;
+
 #[doc = include_str!("../../docs/book/src/how-to/characters.md")]
 pub struct HowToCharacters;
 
