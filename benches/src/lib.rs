@@ -5,6 +5,7 @@
 #![forbid(unsafe_code)]
 
 pub mod ablate;
+pub mod cells;
 pub mod cost;
 pub mod dis;
 pub mod drive;

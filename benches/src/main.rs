@@ -4,6 +4,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 use rhumb_bench::ablate::{Ablate, ablate};
+use rhumb_bench::cells::{CellArguments, cells};
 use rhumb_bench::cost::{CostArguments, cost};
 use rhumb_bench::dis::{DisArguments, dis};
 use rhumb_bench::drive::{Serve, serve};
@@ -35,6 +36,8 @@ enum Task {
     Ablate(Ablate),
     /// Measure the processor time of publishing, decoding and one more member.
     Cost(CostArguments),
+    /// Measure members that take a scene by cells, beside one of the whole scene: bytes and server time.
+    Cells(CellArguments),
     /// Say what a recording's poses and velocities tell of its engine, and warn of what does not fit.
     Check(Check),
     /// Read a recording of another program and write it as .rhtrace.
@@ -69,6 +72,7 @@ fn main() -> ExitCode {
         Task::Replay(arguments) => replay(&arguments),
         Task::Ablate(arguments) => ablate(&arguments),
         Task::Cost(arguments) => cost(&arguments),
+        Task::Cells(arguments) => cells(&arguments),
         Task::Check(arguments) => check(&arguments),
         Task::Import(arguments) => import(&arguments),
         Task::Dis(arguments) => dis(&arguments),

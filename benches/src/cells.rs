@@ -1,0 +1,374 @@
+//! `rhumb-bench cells`: bytes and server time of members that take a scene by cells, beside one of the whole scene.
+//!
+//! Bodies walk on a square of 10 by 10 cells and turn at random. Everything runs in this process, in virtual time, over links
+//! without loss; bytes are those of datagrams and control stream, without the headers of QUIC. Server time is that from the
+//! end of a step to the end of its publication, on the clock of the host: it has all streams, and the copies of packets for
+//! members, and no sealing.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Instant as HostInstant;
+
+use bytes::Bytes;
+use clap::Args;
+use glam::Vec3;
+use rhumb_netsim::{Direction, Lane, LinkConfig, SimNetwork};
+use rhumb_protocol::message::StreamChoice;
+use rhumb_protocol::scene::{
+    BodyDesc, CellGrid, Command, SceneConfig, SceneName, Shape, ShapeId, Stepping,
+};
+use rhumb_protocol::session::ClientSession;
+use rhumb_protocol::{Instant, Span};
+use rhumb_reckoning::{BodyId, Metres, Tolerance};
+use rhumb_scene::{
+    Limits, ObserveScenes, ProvidedScene, ProvidedScenes, Scene, SceneObserver, SceneRouter,
+    SceneScript, SceneSettings, TickMetrics,
+};
+use serde::{Deserialize, Serialize};
+
+use crate::numbers::number;
+use crate::output::{self, Failure, Provenance, ended, write};
+
+/// Cells along each side.
+const SIDE: u32 = 10;
+/// Metres along a cell.
+const EDGE: f32 = 50.0;
+/// Metres a second.
+const SPEED: f32 = 1.5;
+/// A body turns once in so many ticks, on average.
+const TURNS: usize = 60;
+const TICKS_PER_SECOND: u64 = 60;
+/// Seconds before the measurement: snapshots are over.
+const SETTLING: u64 = 2;
+/// Ticks within which an answer of the server has come.
+const JOINING: u64 = 10;
+const NAME: &str = "walkers";
+
+/// Arguments: bodies, seconds, output.
+#[derive(Clone, Debug, Args)]
+pub struct CellArguments {
+    /// Bodies on the 100 cells.
+    #[arg(long, default_value = "50000", value_parser = clap::value_parser!(u32).range(100..=100_000))]
+    bodies: u32,
+    /// Seconds of the scene that are measured, for each kind of member.
+    #[arg(long, default_value = "5", value_parser = clap::value_parser!(u64).range(1..=600))]
+    seconds: u64,
+    /// Seed of the walks.
+    #[arg(long, default_value = "1")]
+    seed: u64,
+    /// Folder for cells.json; created if missing.
+    #[arg(long, default_value = "results/cells")]
+    out: PathBuf,
+}
+
+/// Content of `cells.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CellFigures {
+    /// Source of the figures.
+    #[serde(flatten)]
+    pub provenance: Provenance,
+    /// A row for each kind of member.
+    pub rows: Vec<CellRow>,
+}
+
+/// The figures of members of one kind.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CellRow {
+    /// What they take.
+    pub what: String,
+    /// Their number.
+    pub members: usize,
+    /// Bodies that one of them shows.
+    pub bodies: usize,
+    /// Datagrams of one of them, bytes a second.
+    pub datagram_bytes: f64,
+    /// Control stream of one of them, bytes a second.
+    pub control_bytes: f64,
+    /// Server time of a tick without the step, milliseconds.
+    pub publish_ms: f64,
+}
+
+/// Runs the measurement. Exit code 0 if everything was measured and written, 1 otherwise.
+pub fn cells(arguments: &CellArguments) -> ExitCode {
+    ended(measure_all(arguments))
+}
+
+/// What a member takes.
+#[derive(Clone, Copy)]
+enum Taken {
+    Nothing,
+    Whole,
+    /// Bands around the middle of the square.
+    Bands(&'static [(f64, f64)]),
+}
+
+/// Nine cells within 1 cm.
+const NINE: Taken = Taken::Bands(&[(30.0, 0.01)]);
+/// Nine cells within 1 cm, and all others within two more cells at 20 cm.
+const NEAR_AND_FAR: Taken = Taken::Bands(&[(30.0, 0.01), (110.0, 0.2)]);
+
+fn measure_all(arguments: &CellArguments) -> Result<(), Failure> {
+    output::make_folder(&arguments.out)?;
+    let kinds = [
+        ("none", Taken::Nothing, 1),
+        ("the whole scene", Taken::Whole, 1),
+        ("nine cells", NINE, 1),
+        ("nine cells", NINE, 64),
+        ("near and far", NEAR_AND_FAR, 1),
+    ];
+    let bar = output::progress_bar(kinds.len() as u64, "cells".to_owned());
+    let mut rows = Vec::new();
+    for (what, taken, members) in kinds {
+        rows.push(measure(arguments, (what, taken), members)?);
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    let figures = CellFigures {
+        provenance: Provenance::here(),
+        rows,
+    };
+    let tables = [("members by cells", figures.table())];
+    Ok(write(&arguments.out, "cells.json", &figures, &tables)?)
+}
+
+impl CellFigures {
+    fn table(&self) -> Vec<Vec<String>> {
+        let titles = [
+            "takes",
+            "members",
+            "bodies",
+            "datagrams, kB/s",
+            "control, kB/s",
+            "publish, ms",
+        ];
+        let mut rows = vec![titles.map(str::to_owned).to_vec()];
+        rows.extend(self.rows.iter().map(|row| {
+            vec![
+                row.what.clone(),
+                row.members.to_string(),
+                row.bodies.to_string(),
+                number(Some(row.datagram_bytes / 1e3)),
+                number(Some(row.control_bytes / 1e3)),
+                number(Some(row.publish_ms)),
+            ]
+        }));
+        rows
+    }
+}
+
+fn measure(
+    arguments: &CellArguments,
+    (what, taken): (&str, Taken),
+    members: usize,
+) -> Result<CellRow, Failure> {
+    let publish = Arc::new(PublishTimes::default());
+    let grid = CellGrid::columns(Metres::new(f64::from(EDGE))).ok_or("no such grid")?;
+    let mut network = SimNetwork::new(
+        SceneRouter::new(settings(arguments, grid, &publish)),
+        LinkConfig::PERFECT,
+        arguments.seed,
+    );
+    let mut clients = vec![enter(&mut network, Taken::Nothing)?];
+    if !matches!(taken, Taken::Nothing) {
+        clients.clear();
+        for _ in 0..members {
+            clients.push(enter(&mut network, taken)?);
+        }
+        let middle = Vec3::new(
+            EDGE * SIDE as f32 / 2.0 + EDGE / 2.0,
+            0.0,
+            EDGE * SIDE as f32 / 2.0 + EDGE / 2.0,
+        );
+        if let Taken::Bands(bands) = taken {
+            let within =
+                |(radius, metres): &(f64, f64)| Ok((Metres::new(*radius), choice(*metres)?));
+            let bands: Result<Vec<_>, Failure> = bands.iter().map(within).collect();
+            let cells = grid.within(middle, &bands?).ok_or("too many cells")?;
+            for client in &clients {
+                network.client_mut(*client).take_cells(&cells)?;
+            }
+        }
+    }
+    run(&mut network, SETTLING * TICKS_PER_SECOND);
+    publish.restart();
+    let first = *clients.first().ok_or("no member")?;
+    let before = received(&network, first);
+    run(&mut network, arguments.seconds * TICKS_PER_SECOND);
+    let after = received(&network, first);
+    let seconds = arguments.seconds as f64;
+    let client = network.client(first);
+    let of_scene = client.replica().map_or(0, |copy| copy.bodies().count());
+    let of_cells: usize = client.cells().map(|(_, copy)| copy.bodies().count()).sum();
+    Ok(CellRow {
+        what: what.to_owned(),
+        members: if matches!(taken, Taken::Nothing) {
+            0
+        } else {
+            members
+        },
+        bodies: of_scene + of_cells,
+        datagram_bytes: (after.0 - before.0) as f64 / seconds,
+        control_bytes: (after.1 - before.1) as f64 / seconds,
+        publish_ms: publish.mean_ms(),
+    })
+}
+
+/// A client joins. One that takes nothing takes cells, and asks for none.
+fn enter(
+    network: &mut SimNetwork<SceneRouter, ClientSession>,
+    taken: Taken,
+) -> Result<usize, Failure> {
+    let index = network.connect(ClientSession::new(NAME.parse()?));
+    run(network, JOINING);
+    let client = network.client_mut(index);
+    if !matches!(taken, Taken::Whole) {
+        client.join_cells()?;
+    }
+    client.join(choice(0.01)?)?;
+    run(network, JOINING);
+    Ok(index)
+}
+
+fn choice(metres: f64) -> Result<StreamChoice, Failure> {
+    let tolerance = Tolerance::from_metres(Metres::new(metres))?;
+    Ok(StreamChoice::Within(tolerance))
+}
+
+fn run(network: &mut SimNetwork<SceneRouter, ClientSession>, ticks: u64) {
+    let span = Span::from_nanos(ticks * 1_000_000_000 / TICKS_PER_SECOND);
+    network.run_until(network.now() + span);
+}
+
+/// Bytes of datagrams and of the control stream.
+fn received(network: &SimNetwork<SceneRouter, ClientSession>, client: usize) -> (u64, u64) {
+    let bytes = |lane| network.counts(client, Direction::Down, lane).pushed.bytes;
+    (bytes(Lane::State), bytes(Lane::Control))
+}
+
+fn settings(
+    arguments: &CellArguments,
+    grid: CellGrid,
+    publish: &Arc<PublishTimes>,
+) -> SceneSettings {
+    let began = HostInstant::now();
+    let clock = move || Instant::from_nanos(began.elapsed().as_nanos() as u64);
+    let (bodies, seed) = (arguments.bodies, arguments.seed);
+    let provided = ProvidedScenes::new(move |_| {
+        Some(ProvidedScene {
+            config: SceneConfig {
+                stepping: Stepping::FreeRunning,
+                ..SceneConfig::default()
+            },
+            script: walkers(bodies, seed),
+        })
+    });
+    SceneSettings {
+        limits: Limits {
+            scene_load: u64::MAX,
+            server_load: u64::MAX,
+            tenant_load: u64::MAX,
+            ..Limits::default()
+        },
+        cells: Some(grid),
+        provided: Some(provided),
+        observers: Arc::new(Observers(Arc::clone(publish))),
+        ..SceneSettings::new(clock)
+    }
+}
+
+/// Bodies that walk straight on, and turn at random and at the border.
+fn walkers(bodies: u32, seed: u64) -> SceneScript {
+    let mut state = seed;
+    let mut is_there = false;
+    SceneScript::new(move |scene: &Scene, commands: &mut Vec<Command>| {
+        let width = EDGE * SIDE as f32;
+        let mut part = || random_part(&mut state);
+        if !is_there {
+            is_there = true;
+            let shape = Shape::capsule(0.6, 0.3);
+            let walker = BodyDesc::kinematic(shape.clone());
+            commands.push(Command::AddShape {
+                id: ShapeId(0),
+                shape,
+            });
+            for index in (0..bodies).rev() {
+                let walker = walker.clone().at(part() * width, 0.9, part() * width);
+                if let Ok(motion) = walker.state() {
+                    let desc = walker.desc(BodyId::new(index, 0), ShapeId(0));
+                    commands.push(Command::AddBody { desc, motion });
+                }
+            }
+        }
+        for _ in 0..bodies as usize / TURNS {
+            let id = BodyId::new((part() * (bodies - 1) as f32) as u32, 0);
+            let Some(there) = scene.observation(id) else {
+                continue;
+            };
+            let turn = part() * core::f32::consts::TAU;
+            let [x, _, z] = there.motion.position();
+            let towards = |at: f32, way: f32| {
+                if (0.0..width).contains(&at) {
+                    way
+                } else {
+                    (width / 2.0 - at).signum()
+                }
+            };
+            let linear = Vec3::new(towards(x, turn.cos()), 0.0, towards(z, turn.sin())) * SPEED;
+            let angular = Vec3::ZERO;
+            commands.push(Command::SetVelocity {
+                id,
+                linear,
+                angular,
+            });
+        }
+    })
+}
+
+/// A number from 0 to below 1. Source: Steele, Lea and Flood, "Fast splittable pseudorandom number generators", 2014, figure 17.
+fn random_part(state: &mut u64) -> f32 {
+    *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    let mixed = (*state ^ (*state >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    ((mixed ^ (mixed >> 31)) >> 40) as f32 / (1 << 24) as f32
+}
+
+/// Times of publication.
+#[derive(Debug, Default)]
+struct PublishTimes {
+    nanoseconds: AtomicU64,
+    ticks: AtomicU64,
+}
+
+impl PublishTimes {
+    fn restart(&self) {
+        self.nanoseconds.store(0, Ordering::Relaxed);
+        self.ticks.store(0, Ordering::Relaxed);
+    }
+
+    fn mean_ms(&self) -> f64 {
+        let ticks = self.ticks.load(Ordering::Relaxed).max(1);
+        self.nanoseconds.load(Ordering::Relaxed) as f64 / ticks as f64 / 1e6
+    }
+}
+
+struct Observers(Arc<PublishTimes>);
+
+impl ObserveScenes for Observers {
+    fn begin(&self, _: &SceneName, _: Span) -> Box<dyn SceneObserver> {
+        Box::new(Observer(Arc::clone(&self.0)))
+    }
+}
+
+struct Observer(Arc<PublishTimes>);
+
+impl SceneObserver for Observer {
+    fn stepped(&mut self, metrics: &TickMetrics, _: &Scene, _: &mut dyn Iterator<Item = &Bytes>) {
+        let times = &self.0;
+        times
+            .nanoseconds
+            .fetch_add(metrics.publish.as_nanos(), Ordering::Relaxed);
+        times.ticks.fetch_add(1, Ordering::Relaxed);
+    }
+}
