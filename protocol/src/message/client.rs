@@ -224,7 +224,7 @@ impl ClientMessage {
                 cell: Cell::decode(&mut from)?,
                 request: CellRequest::decode(&mut from)?,
             },
-            OPTIONAL.. => return Ok(None),
+            kind if kind >= OPTIONAL => return Ok(None),
             _ => return Err(Malformed::UnknownCode),
         };
         from.finish()?;
