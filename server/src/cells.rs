@@ -18,6 +18,9 @@ use crate::engine::StepThreads;
 use crate::scene::Scene;
 use crate::streams::{self, Streams};
 
+/// Cells of one scene that members take, at most: each has tables of its own.
+pub(crate) const TAKEN_CELLS_MAX: usize = 4_096;
+
 /// The cells of one scene.
 #[derive(Debug)]
 pub(crate) struct Cells {
@@ -473,9 +476,7 @@ impl Cells {
         self.forget_joints(id);
         let home = self.homes.get_mut(id.index() as usize)?;
         let home = home.take_if(|home| home.id == id)?;
-        if let Some(bodies) = self.bodies.get_mut(&home.cell) {
-            bodies.remove(&id);
-        }
+        self.forget_body(&home);
         let (place, local) = home.taken?;
         let taken = self.taken[place].as_mut()?;
         taken.streams.remove(local);
@@ -627,6 +628,16 @@ impl Cells {
         (!bodies.is_empty()).then_some(SceneEvent::PublisherSilent { since, bodies })
     }
 
+    /// Takes a body out of the cell in which it was.
+    fn forget_body(&mut self, home: &Home) {
+        if let Some(bodies) = self.bodies.get_mut(&home.cell) {
+            bodies.remove(&home.id);
+            if bodies.is_empty() {
+                self.bodies.remove(&home.cell);
+            }
+        }
+    }
+
     fn home(&self, id: BodyId) -> Option<&Home> {
         let home = self.homes.get(id.index() as usize)?.as_ref()?;
         (home.id == id).then_some(home)
@@ -644,13 +655,8 @@ impl Cells {
         if index >= self.homes.len() {
             self.homes.resize(index + 1, None);
         }
-        if let Some(before) = self.homes[index]
-            && let Some(bodies) = self.bodies.get_mut(&before.cell)
-        {
-            bodies.remove(&before.id);
-            if bodies.is_empty() {
-                self.bodies.remove(&before.cell);
-            }
+        if let Some(before) = self.homes[index] {
+            self.forget_body(&before);
         }
         self.bodies.entry(cell).or_default().insert(id);
         let place = self.places.get(&cell).copied();

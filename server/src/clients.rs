@@ -10,6 +10,7 @@ use std::sync::Arc;
 
 use bytes::Bytes;
 use rhumb_protocol::message::{ClientMessage, Grease, SceneEvent, ServerMessage, SessionRequest};
+use rhumb_protocol::scene::Cell;
 use rhumb_protocol::session::{CloseCode, ServerSession, UpstreamReceiver};
 use rhumb_protocol::{Instant, Peer, Transmit};
 use rhumb_reckoning::{BodyId, Tick};
@@ -204,6 +205,19 @@ impl Clients {
         requests.collect()
     }
 
+    /// The requested snapshots of cells that may begin. Those of one member are one snapshot for its link.
+    pub(crate) fn take_cell_requests(&mut self) -> Vec<(Peer, BTreeMap<Cell, SnapshotRequest>)> {
+        let (members, out) = self.members_mut();
+        let asking = members.filter(|(member, control)| {
+            !member.cell_requests.is_empty() && control.may_snapshot(out.now())
+        });
+        let requests = asking.map(|(member, control)| {
+            let requests = std::mem::take(&mut member.cell_requests);
+            (control.peer(), requests)
+        });
+        requests.collect()
+    }
+
     /// Tells all clients that another server has their scene, and closes them.
     pub(crate) fn send_elsewhere(&mut self, to: &str) {
         let moved = ServerMessage::Moved {
@@ -327,7 +341,7 @@ impl Clients {
     pub(crate) fn next_snapshot(&self) -> Option<Instant> {
         let requests = self
             .members()
-            .filter(|(.., member)| member.snapshot_request.is_some());
+            .filter(|(.., member)| member.awaits_snapshot());
         requests
             .filter_map(|(_, client, _)| client.control.snapshot_at())
             .min()

@@ -5,12 +5,13 @@
 //! The member publishes them, and each step puts them where its upstream has them. Which bodies a member may have is
 //! decided in `rights`.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::VecDeque;
+use std::collections::btree_map::{BTreeMap, Entry};
 
 use bytes::Bytes;
 use glam::{Quat, Vec3};
-use rhumb_protocol::limits::QUERY_COST_MAX;
-use rhumb_protocol::message::{SceneEvent, StreamChoice};
+use rhumb_protocol::limits::{CELLS_PER_MEMBER_MAX, QUERY_COST_MAX};
+use rhumb_protocol::message::{Denial, SceneEvent, StreamChoice};
 use rhumb_protocol::packet::{Datagram, PacketKind, StreamId};
 use rhumb_protocol::scene::{Cell, Command, IdRange, Locomotion};
 use rhumb_protocol::session::UpstreamReceiver;
@@ -38,6 +39,8 @@ pub(crate) struct Member {
     pub(crate) unanswered: Option<u64>,
     /// The snapshot to send once all its input of one read is handled; the last request counts.
     pub(crate) snapshot_request: Option<SnapshotRequest>,
+    /// The same of cells.
+    pub(crate) cell_requests: BTreeMap<Cell, SnapshotRequest>,
     /// Controls the tier of its stream by the state of its link.
     pub(crate) link: TierController,
     /// Weight of its messages that wait for the steps of an advance.
@@ -95,6 +98,7 @@ impl Member {
             commands,
             unanswered: None,
             snapshot_request: None,
+            cell_requests: BTreeMap::new(),
             link: TierController::new(choice),
             pending_bytes: 0,
             added_bytes: 0,
@@ -201,12 +205,46 @@ impl Member {
         cells.flat_map(|(cell, subscribed)| subscribed.streams().map(|stream| (*cell, stream)))
     }
 
-    /// The member's subscription to what the scene tells all, or to a cell.
-    pub(crate) fn subscribed_mut(&mut self, cell: Option<Cell>) -> Option<&mut Subscribed> {
-        match cell {
-            None => Some(&mut self.subscription),
-            Some(cell) => self.cells.as_mut()?.get_mut(&cell),
+    /// The member's subscription to a cell.
+    pub(crate) fn subscribed_mut(&mut self, cell: Cell) -> Option<&mut Subscribed> {
+        self.cells.as_mut()?.get_mut(&cell)
+    }
+
+    /// Asks for the snapshot of a stream of a cell, and takes the cell. The last request of a read counts.
+    pub(crate) fn request_cell(&mut self, cell: Cell, choice: StreamChoice) -> Result<(), Denial> {
+        let taken = self.cells.as_ref().ok_or(Denial::NoSuchScene)?;
+        let is_new = |cell: &&Cell| !taken.contains_key(cell);
+        let others = self.cell_requests.keys().filter(|other| **other != cell);
+        let count = taken.len() + others.filter(is_new).count();
+        if is_new(&&cell) && count >= CELLS_PER_MEMBER_MAX {
+            return Err(Denial::TooManyStreams);
         }
+        let request = SnapshotRequest::Other(choice);
+        self.cell_requests.insert(cell, request);
+        Ok(())
+    }
+
+    /// Asks for a new snapshot of a cell; returns its stream unless one was asked for already.
+    pub(crate) fn request_cell_again(&mut self, cell: Cell) -> Option<StreamId> {
+        let stream = self.cells.as_ref()?.get(&cell)?.present();
+        match self.cell_requests.entry(cell) {
+            Entry::Vacant(entry) => {
+                entry.insert(SnapshotRequest::Again);
+                Some(stream)
+            }
+            Entry::Occupied(_) => None,
+        }
+    }
+
+    /// Gives a cell up; returns what it received of it.
+    pub(crate) fn leave_cell(&mut self, cell: Cell) -> Option<Subscribed> {
+        self.cell_requests.remove(&cell);
+        self.cells.as_mut()?.remove(&cell)
+    }
+
+    /// True if it waits for a snapshot.
+    pub(crate) fn awaits_snapshot(&self) -> bool {
+        self.snapshot_request.is_some() || !self.cell_requests.is_empty()
     }
 
     /// See [`Subscribed::change`].

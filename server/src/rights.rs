@@ -14,12 +14,13 @@ use rhumb_protocol::limits::{
 use rhumb_protocol::message::{AuthorityError, Denial, Role};
 use rhumb_protocol::packet::StreamId;
 use rhumb_protocol::scene::{
-    BodyDesc, BodyKind, Command, CommandError, IdRange, Invalid, Quantity, SceneConfig, SceneName,
-    Shape, Stepping,
+    BodyDesc, BodyKind, Cell, Command, CommandError, IdRange, Invalid, Quantity, SceneConfig,
+    SceneName, Shape, Stepping,
 };
 use rhumb_reckoning::{BodyId, Tick};
 
 use crate::admission::{self, SceneLoad, SceneSlot};
+use crate::cells::TAKEN_CELLS_MAX;
 use crate::clients::AuthorityTable;
 use crate::clients::Clients;
 use crate::member::Member;
@@ -115,6 +116,26 @@ impl Rights<'_> {
             true => Err(Denial::SceneFaulted),
             false => Ok(()),
         }
+    }
+
+    /// Decides whether a member may take a cell by a stream; `None` for one that has yet to begin.
+    pub(crate) fn take_cell(&self, cell: Cell, wanted: Option<StreamId>) -> Result<(), Denial> {
+        if self.is_faulted {
+            return Err(Denial::SceneFaulted);
+        }
+        if self.permit.client.is_none() {
+            return Ok(());
+        }
+        let mut cells = BTreeSet::from([cell]);
+        let mut streams: BTreeSet<StreamId> = wanted.into_iter().collect();
+        for (other, stream) in self.members_of_client(None).flat_map(Member::cell_streams) {
+            cells.insert(other);
+            streams.extend((other == cell).then_some(stream));
+        }
+        let streams = streams.len() + usize::from(wanted.is_none());
+        let cells = cells.len();
+        let allowed = self.check(Request::TakeCell { cells, streams });
+        allowed.map_err(|_| Denial::TooManyStreams)
     }
 
     /// Decides whether a member may ask for more body indices. `IdRanges` decides how many there are for it.
@@ -299,6 +320,8 @@ pub(crate) fn has_share_of_shapes(
 
 /// Streams of one client in a scene: half of all.
 const STREAMS_OF_CLIENT_MAX: usize = STREAMS_PER_SCENE_MAX / 2;
+/// Cells that one client takes in a scene: half of all.
+const CELLS_OF_CLIENT_MAX: usize = TAKEN_CELLS_MAX / 2;
 /// Different dampings that the bodies of one client ever had: a quarter of all, since a scene keeps them.
 const DAMPINGS_OF_CLIENT_MAX: usize = DAMPINGS_MAX / 4;
 
@@ -319,6 +342,11 @@ enum Request<'a> {
     },
     /// The streams that all members of the client would subscribe to.
     Subscribe {
+        streams: usize,
+    },
+    /// The cells that all members of the client would take, and their streams of one of them.
+    TakeCell {
+        cells: usize,
         streams: usize,
     },
     Reserve,
@@ -349,7 +377,9 @@ fn check(permit: &Permit, ownership: &Ownership, request: Request<'_>) -> Result
 /// The least role that a request needs. Commands that are not listed need the highest.
 const fn role_for(request: Request<'_>) -> Role {
     match request {
-        Request::Join { .. } | Request::Subscribe { .. } => Role::Observer,
+        Request::Join { .. } | Request::Subscribe { .. } | Request::TakeCell { .. } => {
+            Role::Observer
+        }
         Request::Reserve | Request::Advance | Request::TakeAuthority(_) => Role::Controller,
         Request::Create(_) | Request::Delete => Role::Owner,
         Request::Command(command, _) => match command {
@@ -439,6 +469,9 @@ fn is_within_quotas(permit: &Permit, ownership: &Ownership, request: Request<'_>
             fits(quotas.members.map(u64::from).or(half), members as u64 + 1)
         }
         Request::Subscribe { streams } => client.is_none() || streams <= STREAMS_OF_CLIENT_MAX,
+        Request::TakeCell { cells, streams } => {
+            client.is_none() || cells <= CELLS_OF_CLIENT_MAX && streams <= STREAMS_OF_CLIENT_MAX
+        }
         Request::Command(Command::AddBody { desc, .. }, config) => {
             let bodies = client.map_or(0, |client| ownership.bodies_of(client));
             let bodies = u64::from(bodies) + 1;

@@ -349,6 +349,7 @@ RULES = {
     "joint": check_joint,
     "character": check_character,
     "event": check_scene_event,
+    "body placed": check_scene_event,
     "queries": check_queries,
     "track payload": check_track_payload,
 }

@@ -28,6 +28,21 @@ impl RawPeer {
     /// When joining is denied.
     #[must_use]
     pub fn enter(table: &mut Table, scene: &str) -> Self {
+        Self::enter_after(table, scene, &[])
+    }
+
+    /// Joins an existing scene by cells.
+    ///
+    /// # Panics
+    ///
+    /// As [`Self::enter`].
+    #[must_use]
+    pub fn enter_by_cells(table: &mut Table, scene: &str) -> Self {
+        Self::enter_after(table, scene, &[ClientMessage::JoinCells])
+    }
+
+    /// Joins after other messages.
+    fn enter_after(table: &mut Table, scene: &str, before: &[ClientMessage]) -> Self {
         let peer = table.connect_raw_peer();
         let mut raw_peer = Self {
             peer,
@@ -44,6 +59,9 @@ impl RawPeer {
                 extensions: Extensions::NONE,
             },
         );
+        for message in before {
+            raw_peer.send(table, message);
+        }
         let received = raw_peer.send(table, &ClientMessage::Join(StreamChoice::Full));
         let granted = received.iter().find_map(|message| match message {
             ServerMessage::Joined(joined) => Some(joined.granted),

@@ -75,7 +75,9 @@ impl Default for Table {
 }
 
 impl Table {
-    fn with(settings: SceneSettings) -> Self {
+    /// A server of these settings.
+    #[must_use]
+    pub fn with(settings: SceneSettings) -> Self {
         Self {
             server: SceneRouter::new(settings),
             now: Instant::ZERO,

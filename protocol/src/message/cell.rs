@@ -8,7 +8,7 @@ use rhumb_reckoning::{BodyId, Tick};
 
 use super::choice::{ResyncCause, StreamChoice};
 use super::denial::Denial;
-use super::scene_event::SceneEvent;
+use super::scene_event::{BODY_PLACED, SceneEvent};
 use crate::packet::{LargestPacket, StreamId};
 use crate::scene::SceneConfig;
 use crate::stream::StreamStart;
@@ -211,10 +211,7 @@ impl Wire for CellNews {
                 id: BodyId::decode(from)?,
                 tick: Tick::new(from.count()?),
             }),
-            6 => match SceneEvent::decode(from)? {
-                SceneEvent::BodyPlaced { .. } => Err(Malformed::UnknownCode),
-                event => Ok(Self::SceneEvent(event)),
-            },
+            6 if !is_placed(from)? => Ok(Self::SceneEvent(SceneEvent::decode(from)?)),
             _ => Err(Malformed::UnknownCode),
         }
     }
@@ -222,10 +219,15 @@ impl Wire for CellNews {
 
 /// Decodes the scene event of a body that is placed.
 fn decode_placed(from: &mut Reader<'_>) -> Result<SceneEvent, Malformed> {
-    match SceneEvent::decode(from)? {
-        event @ SceneEvent::BodyPlaced { .. } => Ok(event),
-        _ => Err(Malformed::UnknownCode),
+    match is_placed(from)? {
+        true => SceneEvent::decode(from),
+        false => Err(Malformed::UnknownCode),
     }
+}
+
+/// True if the next scene event is that of a body that is placed.
+fn is_placed(from: &Reader<'_>) -> Result<bool, Malformed> {
+    Ok(from.clone().u8()? == BODY_PLACED)
 }
 
 #[cfg(test)]

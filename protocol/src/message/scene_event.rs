@@ -145,6 +145,8 @@ impl Wire for FaultCause {
     }
 }
 
+/// The code of a body that is placed.
+pub(super) const BODY_PLACED: u8 = 2;
 const PUBLISHER_SILENT: u8 = OPTIONAL;
 const PUBLISHER_ACTIVE: u8 = OPTIONAL + 1;
 
@@ -166,7 +168,7 @@ impl Wire for SceneEvent {
                 track,
                 alias,
             } => {
-                to.u8(2);
+                to.u8(BODY_PLACED);
                 desc.encode(to);
                 if desc.can_tumble() {
                     encode_inertia(inertia.as_ref(), to);
@@ -230,7 +232,7 @@ impl Wire for SceneEvent {
             1 => Self::ShapeRemoved {
                 id: ShapeId::decode(from)?,
             },
-            2 => {
+            BODY_PLACED => {
                 let desc = BodyDesc::decode(from)?;
                 desc.check().map_err(|_| Malformed::OutOfRange)?;
                 let inertia = if desc.can_tumble() {

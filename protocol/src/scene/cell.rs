@@ -159,12 +159,9 @@ impl Wire for Cell {
     fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
         let mut cell = Self::default();
         for place in &mut cell.0 {
-            let number = from.varint32()?;
+            let number = from.varint_to(2 * Self::PLACE_MAX as u64)?;
             let size = number.div_ceil(2) as i32;
             *place = if number % 2 == 1 { -size } else { size };
-            if size > Self::PLACE_MAX {
-                return Err(Malformed::OutOfRange);
-            }
         }
         Ok(cell)
     }
@@ -199,6 +196,18 @@ mod tests {
 
     fn at(x: f32, z: f32) -> Vec3 {
         Vec3::new(x, 5.0, z)
+    }
+
+    #[test]
+    fn a_place_beyond_the_limits_is_refused() {
+        for number in [u32::MAX, u32::MAX - 1, 2 * Cell::PLACE_MAX as u32 + 1] {
+            let mut writer = Writer::new();
+            writer.varint(u64::from(number));
+            writer.varint(0);
+            writer.varint(0);
+            let cell = Cell::decode(&mut Reader::new(&writer.into_bytes()));
+            assert_eq!(cell, Err(Malformed::OutOfRange), "{number}");
+        }
     }
 
     proptest! {

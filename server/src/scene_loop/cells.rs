@@ -3,7 +3,6 @@
 //! Which bodies a cell has is decided in `cells`, which knows no members.
 
 use rhumb_protocol::Peer;
-use rhumb_protocol::limits::CELLS_PER_MEMBER_MAX;
 use rhumb_protocol::message::{
     CellNews, CellRequest, CellStart, Denial, ResyncCause, ServerMessage, StreamChoice,
 };
@@ -12,14 +11,11 @@ use rhumb_protocol::scene::{Cell, SceneConfig};
 use rhumb_reckoning::Ticks;
 
 use super::RunningScene;
-use crate::cells::{Cells, Placement};
+use crate::cells::{Cells, Placement, TAKEN_CELLS_MAX};
 use crate::clients::Clients;
-use crate::member::{Extent, Subscribed};
+use crate::member::{Extent, SnapshotRequest, Subscribed};
 use crate::settings::SceneSettings;
 use crate::streams::{self, Stream, Streams};
-
-/// Cells of one scene that members take, at most: each has tables of its own.
-const TAKEN_CELLS_MAX: usize = 4_096;
 
 /// The cells of a scene; `None` if it is not divided. With a lookahead, what is published is not of the newest tick, where
 /// bodies cross.
@@ -163,34 +159,30 @@ impl RunningScene {
     ) {
         match request {
             CellRequest::Subscribe(choice) => {
-                // A snapshot has the effects of all that was read before.
-                self.send_scene_events(clients);
-                match self.change_cell_stream((peer, cell), choice, clients) {
-                    Ok(()) => self.send_cell_snapshot(peer, cell, clients),
-                    Err(denial) => {
-                        let news = CellNews::Denied(denial);
-                        clients.send(peer, &ServerMessage::OfCell { cell, news });
-                    }
+                let member = clients.member_mut(peer);
+                let requested = member.map(|member| member.request_cell(cell, choice));
+                if let Some(Err(denial)) = requested {
+                    deny(peer, cell, denial, clients);
                 }
             }
             CellRequest::Subscribed(stream) => {
                 let subscribed = clients.member_mut(peer);
-                let subscribed = subscribed.and_then(|member| member.subscribed_mut(Some(cell)));
+                let subscribed = subscribed.and_then(|member| member.subscribed_mut(cell));
                 let former = subscribed.and_then(|subscribed| subscribed.caught_up(stream));
                 if let Some(former) = former {
                     self.unsubscribe_from_cell(cell, former, peer);
                 }
             }
             CellRequest::Resync(cause) => {
-                let subscribed = clients.member_mut(peer);
-                let subscribed = subscribed.and_then(|member| member.subscribed_mut(Some(cell)));
-                if let Some(stream) = subscribed.map(|subscribed| subscribed.present()) {
-                    self.resync_cell((peer, cause), (cell, stream), clients);
+                let member = clients.member_mut(peer);
+                let stream = member.and_then(|member| member.request_cell_again(cell));
+                if let Some(stream) = stream {
+                    self.note_cell_resync((peer, cause), (cell, stream));
                 }
             }
             CellRequest::Leave => {
                 let member = clients.member_mut(peer);
-                let left = member.and_then(|member| member.cells.as_mut()?.remove(&cell));
+                let left = member.and_then(|member| member.leave_cell(cell));
                 for stream in left.iter().flat_map(Subscribed::streams) {
                     self.unsubscribe_from_cell(cell, stream, peer);
                 }
@@ -198,11 +190,33 @@ impl RunningScene {
         }
     }
 
-    fn resync_cell(
+    /// Sends the snapshots of cells that were requested and may begin, after the effects of all that was read before.
+    pub(super) fn answer_cell_requests(&mut self, clients: &mut Clients) {
+        for (peer, requests) in clients.take_cell_requests() {
+            let mut bytes = 0;
+            for (cell, request) in requests {
+                let changed = match request {
+                    SnapshotRequest::Again => Ok(()),
+                    SnapshotRequest::Other(choice) => {
+                        self.change_cell_stream((peer, cell), choice, clients)
+                    }
+                };
+                match changed {
+                    Ok(()) => bytes += self.send_cell_snapshot(peer, cell, clients),
+                    Err(denial) => deny(peer, cell, denial, clients),
+                }
+            }
+            if bytes > 0 {
+                clients.note_snapshot(peer, bytes);
+                self.pace.note_snapshot();
+            }
+        }
+    }
+
+    fn note_cell_resync(
         &mut self,
         (peer, cause): (Peer, ResyncCause),
         (cell, stream): (Cell, StreamId),
-        clients: &mut Clients,
     ) {
         self.note_resync((peer, cause), stream);
         let streams = self
@@ -213,8 +227,6 @@ impl RunningScene {
         {
             stream.sender.count_mismatch();
         }
-        self.send_scene_events(clients);
-        self.send_cell_snapshot(peer, cell, clients);
     }
 
     /// Subscribes a member to a stream of a cell, in place of the one that it has.
@@ -224,21 +236,17 @@ impl RunningScene {
         choice: StreamChoice,
         clients: &mut Clients,
     ) -> Result<(), Denial> {
-        if self.faulted {
-            return Err(Denial::SceneFaulted);
-        }
         let member = clients.member(peer).ok_or(Denial::NoSuchScene)?;
         let taken = member.cells.as_ref().ok_or(Denial::NoSuchScene)?;
         let subscribed = taken.get(&cell).copied();
         let cells = self.cells.as_ref().ok_or(Denial::NoSuchScene)?;
-        let is_full = taken.len() >= CELLS_PER_MEMBER_MAX && subscribed.is_none();
-        let is_new = cells.streams(Some(cell)).is_none();
-        if is_full || is_new && cells.taken_count() >= TAKEN_CELLS_MAX {
+        let streams = cells.streams(Some(cell));
+        if streams.is_none() && cells.taken_count() >= TAKEN_CELLS_MAX {
             return Err(Denial::TooManyStreams);
         }
-        let wanted = cells
-            .streams(Some(cell))
-            .and_then(|of| of.of_choice(choice));
+        let wanted = streams.and_then(|streams| streams.of_choice(choice));
+        let rights = self.rights_of(peer, clients).ok_or(Denial::NoSuchScene)?;
+        rights.take_cell(cell, wanted)?;
         if subscribed.is_some_and(|subscribed| Some(subscribed.present()) == wanted) {
             return Ok(());
         }
@@ -265,24 +273,24 @@ impl RunningScene {
         Ok(())
     }
 
-    /// Sends the start of a member's stream of a cell, and every body of the cell.
-    fn send_cell_snapshot(&mut self, peer: Peer, cell: Cell, clients: &mut Clients) {
+    /// Sends the start of a member's stream of a cell, and every body of the cell; returns the bytes.
+    fn send_cell_snapshot(&mut self, peer: Peer, cell: Cell, clients: &mut Clients) -> usize {
         let subscribed = clients.member_mut(peer);
-        let subscribed = subscribed.and_then(|member| member.subscribed_mut(Some(cell)));
+        let subscribed = subscribed.and_then(|member| member.subscribed_mut(cell));
         let Some(id) = subscribed.map(|subscribed| subscribed.present()) else {
-            return;
+            return 0;
         };
         let silences = self.silences(clients);
         let gravity = self.scene.gravity();
         let Some(cells) = &mut self.cells else {
-            return;
+            return 0;
         };
         if let Some(streams) = cells.streams_mut(Some(cell)) {
             streams.begin_snapshot(id, peer);
         }
         let streams = cells.streams(Some(cell));
         let Some(stream) = streams.and_then(|streams| streams.get(id)) else {
-            return;
+            return 0;
         };
         let news = CellNews::Joined(CellStart {
             choice: stream.choice,
@@ -296,7 +304,15 @@ impl RunningScene {
         let mut rest = Vec::new();
         let scene = (&self.scene, &silences[..]);
         cells.append_snapshot(Some(cell), id, scene, &mut rest);
+        let bytes = rest.len();
         clients.send(peer, &ServerMessage::OfCell { cell, news });
         clients.send_encoded(peer, &rest.into());
+        bytes
     }
+}
+
+/// Tells a member why it does not get a cell.
+fn deny(peer: Peer, cell: Cell, denial: Denial, clients: &mut Clients) {
+    let news = CellNews::Denied(denial);
+    clients.send(peer, &ServerMessage::OfCell { cell, news });
 }

@@ -176,6 +176,7 @@ impl RunningScene {
                 Err(denial) => clients.send(peer, &ServerMessage::Denied(denial)),
             }
         }
+        self.answer_cell_requests(clients);
         let tick = self.scene.tick();
         let (members, out) = clients.members_mut();
         for (member, control) in members {

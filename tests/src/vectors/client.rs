@@ -2,8 +2,8 @@
 
 use super::message_case::MessageCase;
 use super::pieces::{
-    CaseList, TURNED, bad_shapes, body, choices, config, config_of, extensions, f, hinges, id,
-    joints, motion, properties, shapes, v,
+    CaseList, TURNED, bad_shapes, body, cell_places, choices, config, config_of, extensions, f,
+    hinges, id, joints, motion, properties, shapes, v,
 };
 
 pub(super) fn cases() -> Vec<MessageCase> {
@@ -37,6 +37,7 @@ pub(super) fn cases() -> Vec<MessageCase> {
     commands(&mut cases);
     queries(&mut cases);
     sessions(&mut cases);
+    cells(&mut cases);
     cases.add_unknown(18);
     cases.0
 }
@@ -298,6 +299,26 @@ fn walking(cases: &mut CaseList) {
         let name = format!("Jump from {word}");
         cases.add(7, name, &[&[21], &id(300, 2), &f(&[5.0]), &[from]]);
     }
+}
+
+/// Requests about cells.
+fn cells(cases: &mut CaseList) {
+    cases.add(128, "JoinCells", &[]);
+    cases.add(128, "JoinCells, a byte behind it", &[&[0]]);
+    for (word, places) in cell_places() {
+        cases.add(129, format!("OfCell, {word}, Leave"), &[&places, &[3]]);
+    }
+    let (_, cell) = &cell_places()[0];
+    for (word, choice) in choices() {
+        let name = format!("OfCell, Subscribe, {word}");
+        cases.add(129, name, &[cell, &[0], &choice]);
+    }
+    cases.add(129, "OfCell, Subscribed", &[cell, &[1], &v(5)]);
+    for cause in [0, 1, 2] {
+        let name = format!("OfCell, Resync, cause {cause}");
+        cases.add(129, name, &[cell, &[2, cause]]);
+    }
+    cases.add(129, "OfCell, no such request", &[cell, &[4]]);
 }
 
 /// Commands that move or constrain existing bodies.

@@ -440,11 +440,23 @@ impl CaseList {
             let name = format!("a critical type {kind} that is unknown");
             self.add(kind, name, &[&[1]]);
         }
-        for kind in [0x81, 0x8a, 0xff] {
+        for kind in [0x85, 0x8a, 0xff] {
             let name = format!("an optional type {kind} that is unknown");
             self.add(kind, name, &[&[1, 2, 3]]);
         }
     }
+}
+
+/// Places of cells: within the limits, at them, and beyond.
+pub(super) fn cell_places() -> Vec<(&'static str, Vec<u8>)> {
+    let places = |numbers: [u64; 3]| numbers.map(v).concat();
+    vec![
+        ("a cell", places([3, 0, 600])),
+        ("the last cells", places([200_002, 200_001, 0])),
+        ("a place beyond the limits", places([0, 0, 200_003])),
+        ("a place of 32 bits", places([0xffff_ffff, 0, 0])),
+        ("a place of 33 bits", places([1 << 32, 0, 0])),
+    ]
 }
 
 /// The name of a decoding error.

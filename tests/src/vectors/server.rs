@@ -4,8 +4,8 @@ use rhumb_reckoning::{BodyId, ConstantAcceleration, Predictor};
 
 use super::message_case::MessageCase;
 use super::pieces::{
-    CaseList, TURNED, bad_shapes, body, choices, config, extensions, f, id, in_bits, joints,
-    motion, shapes, v,
+    CaseList, TURNED, bad_shapes, body, cell_places, choices, config, extensions, f, id, in_bits,
+    joints, motion, shapes, v,
 };
 
 pub(super) fn cases() -> Vec<MessageCase> {
@@ -83,7 +83,72 @@ fn others(cases: &mut CaseList) {
     query_results(cases);
     tick_events(cases);
     sessions(cases);
+    cells(cases);
     cases.add_unknown(19);
+}
+
+/// News of cells.
+fn cells(cases: &mut CaseList) {
+    for (word, places) in cell_places() {
+        let name = format!("OfCell, {word}, SnapshotEnd");
+        cases.add(129, name, &[&places, &[1]]);
+    }
+    let (_, cell) = &cell_places()[0];
+    let of_cell = |code: u8| [&cell[..], &[code]].concat();
+    for (word, choice) in choices() {
+        for (gravity, down) in [("", -9.81), (", gravity NaN", f32::NAN)] {
+            let start = [
+                v(5),
+                v(1_100),
+                f(&[0.0, down, 0.0]),
+                v(300),
+                v(70_000),
+                v(12),
+            ];
+            let name = format!("OfCell, Joined, {word}{gravity}");
+            cases.add(129, name, &[&of_cell(0), &choice, &start.concat()]);
+        }
+    }
+    for code in [6, 0x7f, 0x80] {
+        let name = format!("OfCell, Denied, {code}");
+        cases.add(129, name, &[&of_cell(2), &[code]]);
+    }
+    let placed = [vec![2], body(300, 33), v(6), vec![8], motion(0), v(9)].concat();
+    let heavy = [vec![2], body(300, 254), v(6), vec![8], motion(0), v(0)].concat();
+    let removed = [vec![3], id(300, 2), vec![0]].concat();
+    for (code, name) in [(3, "Placed"), (4, "Arrived")] {
+        let of_body = [of_cell(code), id(70, 1)].concat();
+        cases.add(129, format!("OfCell, {name}"), &[&of_body, &placed]);
+        cases.add(
+            129,
+            format!("OfCell, {name}, flags 254"),
+            &[&of_body, &heavy],
+        );
+        let name = format!("OfCell, {name}, a body that is removed");
+        cases.add(129, name, &[&of_body, &removed]);
+        cases.add(
+            129,
+            format!("OfCell, {code}, an optional event"),
+            &[&of_body, &[0x9a]],
+        );
+    }
+    cases.add(
+        129,
+        "OfCell, Departed",
+        &[&of_cell(5), &id(300, 2), &v(300)],
+    );
+    cases.add(129, "OfCell, SceneEvent", &[&of_cell(6), &removed]);
+    cases.add(
+        129,
+        "OfCell, SceneEvent, a placed body",
+        &[&of_cell(6), &placed],
+    );
+    cases.add(
+        129,
+        "OfCell, SceneEvent, optional",
+        &[&of_cell(6), &[0x9a, 1]],
+    );
+    cases.add(129, "OfCell, no such news", &[&of_cell(7)]);
 }
 
 fn query_results(cases: &mut CaseList) {
