@@ -16,6 +16,7 @@ use std::time::{Duration, Instant};
 use clap::builder::NonEmptyStringValueParser;
 use clap::{Arg, Command, Parser, Subcommand};
 use rhumb_protocol::packet::LargestPacket;
+use rhumb_protocol::scene::CellGrid;
 use rhumb_protocol::scene::SceneName;
 use rhumb_scene::engine::EngineKind;
 use rhumb_scene::{Hooks, ProvidedScenes, SceneSettings};
@@ -130,6 +131,10 @@ pub struct Arguments {
     /// Largest packet of a stream, bytes, from 700 to 1150 [default: 1100]. Relays and browsers add headers of their own.
     #[arg(long, value_name = "BYTES")]
     largest_packet: Option<LargestPacket>,
+    /// Divides scenes into cells of this edge along x and z, metres, or of edges X,Y,Z with 0 along an axis that is not divided.
+    /// Clients that join by cells then have the bodies of those that they take.
+    #[arg(long, value_name = "METRES")]
+    cells: Option<CellGrid>,
     /// Directory for command logs and snapshots, from which scenes are restored at start; without it, scenes end with
     /// the process.
     #[arg(long, value_name = "DIR")]
@@ -316,6 +321,7 @@ fn settings_of(arguments: &Arguments) -> Result<ServerSettings, Box<dyn Error>> 
     settings.agones |= arguments.agones;
     settings.share_worker |= arguments.share_worker;
     set(&mut settings.largest_packet, arguments.largest_packet);
+    settings.cells = arguments.cells.or(settings.cells);
     settings.flight = arguments.flight.clone().or(settings.flight);
     settings.metrics = arguments.metrics.or(settings.metrics);
     settings.socket = arguments.socket.clone().or(settings.socket);
@@ -425,6 +431,7 @@ fn run(settings: &ServerSettings, parts: Parts) -> Result<(), Box<dyn Error>> {
     server.scenes = SceneSettings {
         threads,
         largest_packet: settings.largest_packet,
+        cells: settings.cells,
         limits: settings.limits,
         hooks: parts.hooks,
         provided: parts.provided,

@@ -14,6 +14,7 @@ use std::str::FromStr;
 
 use clap::ValueEnum;
 use rhumb_protocol::packet::LargestPacket;
+use rhumb_protocol::scene::CellGrid;
 use rhumb_scene::engine::EngineKind;
 use rhumb_scene::{InvalidLimit, Limits};
 use rhumb_transport::PageOrigin;
@@ -69,6 +70,8 @@ pub(crate) struct ServerSettings {
     pub(crate) share_worker: bool,
     #[serde(deserialize_with = "parsed")]
     pub(crate) largest_packet: LargestPacket,
+    #[serde(deserialize_with = "parsed_option")]
+    pub(crate) cells: Option<CellGrid>,
     pub(crate) web: bool,
     #[serde(deserialize_with = "parsed_list")]
     pub(crate) web_origins: Vec<PageOrigin>,
@@ -319,6 +322,11 @@ const ROWS: [(&str, &str, &str); 27] = [
         "Largest packet of a stream, bytes, from 700 to 1150.",
     ),
     (
+        "cells",
+        "50",
+        "Edge of the cells along x and z, metres, or \"x,y,z\" with 0 along an axis that is not divided: clients that join by cells have the bodies of those that they take. Without it, no scene is divided.",
+    ),
+    (
         "web",
         "true",
         "Serves browsers too, by WebTransport at the same address.",
@@ -331,7 +339,8 @@ const ROWS: [(&str, &str, &str); 27] = [
 ];
 
 /// The settings that a file need not have, and that have no default.
-const OPTIONAL: [&str; 12] = [
+const OPTIONAL: [&str; 13] = [
+    "cells",
     "directory",
     "advertise",
     "cert",
@@ -374,6 +383,7 @@ impl Default for ServerSettings {
             agones: false,
             share_worker: false,
             largest_packet: LargestPacket::DEFAULT,
+            cells: None,
             web: true,
             web_origins: Vec::new(),
             limits: Limits::default(),
@@ -480,9 +490,19 @@ where
     let text = match &value {
         Value::String(text) => text.clone(),
         Value::Integer(number) => number.to_string(),
+        Value::Float(number) => number.to_string(),
         _ => return Err(serde::de::Error::custom("neither a text nor a number")),
     };
     text.parse().map_err(serde::de::Error::custom)
+}
+
+/// A value that has a text form and need not be there.
+fn parsed_option<'de, T, D>(from: D) -> Result<Option<T>, D::Error>
+where
+    T: FromStr<Err: fmt::Display>,
+    D: Deserializer<'de>,
+{
+    parsed(from).map(Some)
 }
 
 /// Several values that have a text form.

@@ -5,6 +5,7 @@
 
 use alloc::collections::BTreeMap;
 use core::fmt;
+use core::str::FromStr;
 
 use glam::Vec3;
 use rhumb_reckoning::Metres;
@@ -22,6 +23,42 @@ pub struct Cell(pub [i32; 3]);
 pub struct CellGrid {
     /// Metres along each axis; 0 for one that is not divided.
     edges: [f32; 3],
+}
+
+// Edges are numbers, so that each equals itself.
+impl Eq for CellGrid {}
+
+/// Reason why a text is no grid.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct InvalidCellGrid;
+
+impl fmt::Display for InvalidCellGrid {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "a grid is the edge of its cells along x and z in metres, or three edges along x, y and z with commas between; an edge is {CELL_EDGE_MIN} to {EXTENT_MAX}, or 0 along an axis that is not divided"
+        )
+    }
+}
+
+impl core::error::Error for InvalidCellGrid {}
+
+impl FromStr for CellGrid {
+    type Err = InvalidCellGrid;
+
+    fn from_str(text: &str) -> Result<Self, InvalidCellGrid> {
+        let mut edges = [0.0; 3];
+        let mut parts = text.split(',');
+        for edge in &mut edges {
+            let part = parts.next().ok_or(InvalidCellGrid);
+            *edge = part?.trim().parse().map_err(|_| InvalidCellGrid)?;
+            if !text.contains(',') {
+                return Self::new([*edge, 0.0, *edge]).ok_or(InvalidCellGrid);
+            }
+        }
+        let grid = Self::new(edges).filter(|_| parts.next().is_none());
+        grid.ok_or(InvalidCellGrid)
+    }
 }
 
 /// The part of an edge by which a body may be outside its cell.
@@ -246,6 +283,23 @@ mod tests {
                 let beyond = grid.squared_distance(cell, at(x, z));
                 prop_assert!(beyond <= 2.0 * (4.0 * MARGIN) * (4.0 * MARGIN) + 1e-9, "{}", beyond);
             }
+        }
+    }
+
+    #[test]
+    fn a_text_says_the_edges() {
+        for (text, edges) in [
+            ("50", [50.0, 0.0, 50.0]),
+            ("12.5", [12.5, 0.0, 12.5]),
+            ("50,0,20", [50.0, 0.0, 20.0]),
+            ("8, 16, 8", [8.0, 16.0, 8.0]),
+        ] {
+            assert_eq!(text.parse().ok(), CellGrid::new(edges), "{text}");
+        }
+        for text in [
+            "", "0", "nan", "-5", "0.5", "50,", "50,50", "1,2,3,4", "0,0,0", "a",
+        ] {
+            assert_eq!(text.parse::<CellGrid>(), Err(InvalidCellGrid), "{text}");
         }
     }
 

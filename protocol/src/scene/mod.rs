@@ -37,7 +37,7 @@ use crate::wire::{Malformed, Wire};
 pub use body::{BodyDesc, BodyKind, CollisionGroups, LockedAxes, Mass};
 pub use body_builder::BodyBuilder;
 pub use body_event::{ActiveEvents, BodyEvent, Contact};
-pub use cell::{Cell, CellGrid};
+pub use cell::{Cell, CellGrid, InvalidCellGrid};
 pub use checks::{Invalid, Quantity, Rule};
 pub use command::Command;
 pub use command_error::CommandError;

@@ -13,7 +13,7 @@ use std::time::Duration;
 
 use bytes::Bytes;
 use rhumb_protocol::packet::LargestPacket;
-use rhumb_protocol::scene::SceneName;
+use rhumb_protocol::scene::{CellGrid, SceneName};
 use rhumb_protocol::{Instant, Span};
 use rhumb_scene::engine::{Engines, StepThreads};
 use rhumb_scene::{Admission, Hooks, SceneSettings};
@@ -138,6 +138,7 @@ impl WorkerProcess {
             threads: StepThreads::new(Some(setup.threads))?,
             largest_packet: LargestPacket::new(setup.largest_packet)
                 .ok_or("no size of a packet")?,
+            cells: setup.cells.and_then(CellGrid::new),
             observers: Arc::new(recorders.clone()),
             ..SceneSettings::new(clock.clone())
         };

@@ -481,7 +481,7 @@ pub(crate) struct ProcessOptions {
 }
 
 /// The settings of a worker process.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct WorkerSetup {
     /// The process id of the dispatcher.
     pub(super) dispatcher: u32,
@@ -490,6 +490,8 @@ pub(super) struct WorkerSetup {
     pub(super) limits: Limits,
     /// Bytes of the largest packet of a stream.
     pub(super) largest_packet: u32,
+    /// The edges of the grid that divides scenes.
+    pub(super) cells: Option<[f32; 3]>,
     pub(super) engine: EngineKind,
     /// Threads that step and publish.
     pub(super) threads: NonZeroU32,

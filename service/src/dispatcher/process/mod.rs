@@ -110,6 +110,7 @@ impl Processes {
             now_ns: now.as_nanos(),
             limits: *limits,
             largest_packet: settings.scenes.largest_packet.bytes() as u32,
+            cells: settings.scenes.cells.map(|grid| grid.edges()),
             engine: settings.engine,
             threads: self.options.threads,
             data: (settings.data.as_ref()).map(|data| data.path().to_owned()),
