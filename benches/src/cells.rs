@@ -19,7 +19,7 @@ use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::scene::{
     BodyDesc, CellGrid, Command, SceneConfig, SceneName, Shape, ShapeId, Stepping,
 };
-use rhumb_protocol::session::ClientSession;
+use rhumb_protocol::session::{ClientSession, Misuse};
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::{BodyId, Metres, Tolerance};
 use rhumb_scene::{
@@ -42,8 +42,8 @@ const TURNS: usize = 60;
 const TICKS_PER_SECOND: u64 = 60;
 /// Seconds before the measurement: snapshots are over.
 const SETTLING: u64 = 2;
-/// Ticks within which an answer of the server has come.
-const JOINING: u64 = 10;
+/// Ticks within which an answer of the server has come: a server that snapshots keep busy answers late.
+const ANSWERED: u64 = 600;
 const NAME: &str = "walkers";
 
 /// Arguments: bodies, seconds, output.
@@ -187,7 +187,7 @@ fn measure(
             let bands: Result<Vec<_>, Failure> = bands.iter().map(within).collect();
             let cells = grid.within(middle, &bands?).ok_or("too many cells")?;
             for client in &clients {
-                network.client_mut(*client).take_cells(&cells)?;
+                once_allowed(&mut network, *client, |client| client.take_cells(&cells))?;
             }
         }
     }
@@ -221,14 +221,27 @@ fn enter(
     taken: Taken,
 ) -> Result<usize, Failure> {
     let index = network.connect(ClientSession::new(NAME.parse()?));
-    run(network, JOINING);
-    let client = network.client_mut(index);
     if !matches!(taken, Taken::Whole) {
-        client.join_cells()?;
+        once_allowed(network, index, ClientSession::join_cells)?;
     }
-    client.join(choice(0.01)?)?;
-    run(network, JOINING);
+    let choice = choice(0.01)?;
+    once_allowed(network, index, |client| client.join(choice))?;
     Ok(index)
+}
+
+/// Acts as soon as the answers before have come.
+fn once_allowed(
+    network: &mut SimNetwork<SceneRouter, ClientSession>,
+    index: usize,
+    mut act: impl FnMut(&mut ClientSession) -> Result<(), Misuse>,
+) -> Result<(), Failure> {
+    for _ in 0..ANSWERED {
+        match act(network.client_mut(index)) {
+            Err(Misuse::NotNow) => run(network, 1),
+            acted => return Ok(acted?),
+        }
+    }
+    Err("the server gave no answer".into())
 }
 
 fn choice(metres: f64) -> Result<StreamChoice, Failure> {
