@@ -559,6 +559,22 @@ mod tests {
     }
 
     #[test]
+    fn a_grid_is_an_edge_or_three() {
+        let squares = CellGrid::new([50.0, 0.0, 50.0]);
+        for text in ["50", "50.0", "\"50\"", "50,0,50"] {
+            let settings = of_environment(&[("RHUMB_SERVER_CELLS", text)]).unwrap();
+            assert_eq!(settings.cells, squares, "{text}");
+        }
+        let wrong = of_environment(&[("RHUMB_SERVER_CELLS", "0.5")]).unwrap_err();
+        let text = wrong.to_string();
+        assert!(
+            text.contains("1 to 10000") && text.contains("cells = 50"),
+            "{text}"
+        );
+        assert_eq!(of_environment(&[]).unwrap().cells, None);
+    }
+
+    #[test]
     fn the_generated_file_says_the_defaults() {
         let file = ServerSettings::file();
         assert_eq!(file.parse::<Table>().unwrap().len(), 1, "all is commented");
