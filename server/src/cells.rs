@@ -10,9 +10,11 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use bytes::Bytes;
 use rhumb_protocol::message::{CellNews, SceneEvent, ServerMessage};
 use rhumb_protocol::packet::StreamId;
-use rhumb_protocol::scene::{BodyDesc, Cell, CellGrid, Joint, JointId, PublishSchedule};
+use rhumb_protocol::scene::{
+    BodyDesc, Cell, CellGrid, Joint, JointId, PublishSchedule, SceneConfig,
+};
 use rhumb_protocol::stream::Observation;
-use rhumb_reckoning::{BodyId, BodyState, Tick, Track};
+use rhumb_reckoning::{BodyId, BodyState, Tick, Ticks, Track};
 
 use crate::engine::StepThreads;
 use crate::scene::Scene;
@@ -37,7 +39,7 @@ pub(crate) struct Cells {
     taken: Vec<Option<TakenCell>>,
     places: BTreeMap<Option<Cell>, usize>,
     /// The joints that members know, each with its place in `taken`.
-    told_joints: BTreeMap<JointId, (usize, [BodyId; 2])>,
+    sent_joints: BTreeMap<JointId, (usize, [BodyId; 2])>,
     /// Scene events that members have not got yet, in order: the cell, and their messages.
     unsent: Vec<(Option<Cell>, Vec<u8>)>,
 }
@@ -88,9 +90,9 @@ impl CellIds {
     }
 }
 
-/// How a body comes into a cell.
+/// Why a body comes into a cell.
 #[derive(Clone, Copy, Debug)]
-enum Arrival {
+enum PlacementCause {
     /// It is new in the scene.
     Addition,
     /// It was in another cell until the newest tick.
@@ -119,12 +121,20 @@ impl Placement {
 }
 
 impl Cells {
+    /// The cells of a scene; `None` if it is not divided. With a lookahead, what is published is not of the newest tick,
+    /// where bodies cross.
+    pub(crate) fn of_scene(
+        config: &SceneConfig,
+        grid: Option<CellGrid>,
+        threads: &StepThreads,
+    ) -> Option<Self> {
+        let schedule = config.publish_schedule;
+        let grid = grid.filter(|_| schedule.lookahead == Ticks::ZERO)?;
+        Some(Self::new(grid, schedule, threads.clone()))
+    }
+
     /// The cells of a scene that publishes by this schedule, on these threads.
-    pub(crate) fn new(
-        grid: CellGrid,
-        publish_schedule: PublishSchedule,
-        threads: StepThreads,
-    ) -> Self {
+    fn new(grid: CellGrid, publish_schedule: PublishSchedule, threads: StepThreads) -> Self {
         Self {
             grid,
             publish_schedule,
@@ -134,7 +144,7 @@ impl Cells {
             bodies: BTreeMap::new(),
             taken: Vec::new(),
             places: BTreeMap::new(),
-            told_joints: BTreeMap::new(),
+            sent_joints: BTreeMap::new(),
             unsent: Vec::new(),
         }
     }
@@ -235,7 +245,7 @@ impl Cells {
                 .place_of_joint(joint)
                 .is_some_and(|(at, _)| at == place)
             {
-                self.told_joints.insert(id, (place, joint.bodies));
+                self.sent_joints.insert(id, (place, joint.bodies));
             }
         }
     }
@@ -250,7 +260,7 @@ impl Cells {
             return;
         };
         self.taken[place] = None;
-        self.told_joints.retain(|_, (at, _)| *at != place);
+        self.sent_joints.retain(|_, (at, _)| *at != place);
         for id in self.bodies.get(&Some(cell)).into_iter().flatten() {
             if let Some(home) = &mut self.homes[id.index() as usize] {
                 home.taken = None;
@@ -330,13 +340,13 @@ impl Cells {
                 }
             }
         }
-        // What a cell is told of all of them is one run of bytes.
+        // The events of a cell are then one run of bytes.
         crossing.sort_by_key(|(_, next, _)| *next);
         for (home, next, observation) in &crossing {
             self.forget_joints(home.id);
             self.set_home(home.id, Some(*next));
             if let Some(placement) = Placement::of(scene, observation) {
-                self.arrive(scene, &placement, Arrival::Crossing);
+                self.arrive(scene, &placement, PlacementCause::Crossing);
                 self.tell_silence(home.id, silences);
             }
         }
@@ -347,7 +357,7 @@ impl Cells {
     }
 
     /// Tells a cell of a body that is new there, with its joints to other bodies of the cell.
-    fn arrive(&mut self, scene: &Scene, placement: &Placement, arrival: Arrival) {
+    fn arrive(&mut self, scene: &Scene, placement: &Placement, cause: PlacementCause) {
         let id = placement.desc.id;
         let Some(home) = self.home(id).copied() else {
             return;
@@ -358,12 +368,12 @@ impl Cells {
         self.put(scene, (place, local), placement);
         let Placement { desc, track, .. } = placement;
         let (id_in_scene, placed) = (desc.id, placed(scene, (*desc, local), *track, None));
-        let news = match arrival {
-            Arrival::Crossing => CellNews::Arrived {
+        let news = match cause {
+            PlacementCause::Crossing => CellNews::Arrived {
                 id: id_in_scene,
                 placed,
             },
-            Arrival::Addition => CellNews::Placed {
+            PlacementCause::Addition => CellNews::Placed {
                 id: id_in_scene,
                 placed,
             },
@@ -413,14 +423,14 @@ impl Cells {
         }
         self.forget_joints(id);
         self.set_home(id, cell);
-        let arrival = before.map_or(Arrival::Addition, |_| Arrival::Crossing);
-        self.arrive(scene, placement, arrival);
+        let cause = before.map_or(PlacementCause::Addition, |_| PlacementCause::Crossing);
+        self.arrive(scene, placement, cause);
         if let Some(before) = before {
             self.depart(&before, scene.tick());
         }
     }
 
-    /// Learns from a scene event, and tells the members whom it concerns. Bodies are placed by [`Self::place`].
+    /// Learns from a scene event, and sends it to the members of the cells that it is about. Bodies are placed by [`Self::place`].
     pub(crate) fn note(&mut self, scene_event: &SceneEvent) {
         match scene_event {
             SceneEvent::ShapeAdded { .. }
@@ -450,7 +460,7 @@ impl Cells {
             }
             SceneEvent::JointAdded { id, joint } => self.tell_joint(*id, joint),
             SceneEvent::JointRemoved { id } => {
-                if let Some((place, _)) = self.told_joints.remove(id) {
+                if let Some((place, _)) = self.sent_joints.remove(id) {
                     self.record(place, CellNews::SceneEvent(scene_event.clone()));
                 }
             }
@@ -503,7 +513,7 @@ impl Cells {
     /// Tells of a joint if both of its bodies are in one taken cell.
     fn tell_joint(&mut self, id: JointId, joint: &Joint) {
         if let Some((place, bodies)) = self.place_of_joint(joint) {
-            self.told_joints.insert(id, (place, joint.bodies));
+            self.sent_joints.insert(id, (place, joint.bodies));
             let joint = Joint { bodies, ..*joint };
             let added = SceneEvent::JointAdded { id, joint };
             self.record(place, CellNews::SceneEvent(added));
@@ -519,8 +529,8 @@ impl Cells {
 
     /// A body that leaves a cell takes its joints with it.
     fn forget_joints(&mut self, id: BodyId) {
-        if !self.told_joints.is_empty() {
-            self.told_joints
+        if !self.sent_joints.is_empty() {
+            self.sent_joints
                 .retain(|_, (_, bodies)| !bodies.contains(&id));
         }
     }
@@ -683,7 +693,7 @@ fn placed(
     }
 }
 
-/// Appends the message with news of a cell. What is common to all members is told as a scene tells it.
+/// Appends the message with news of a cell. What is common to all members has the form of a scene's.
 fn encode(cell: Option<Cell>, news: CellNews, to: &mut Vec<u8>) {
     let message = match (cell, news) {
         (Some(cell), news) => ServerMessage::OfCell { cell, news },

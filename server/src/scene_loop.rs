@@ -595,7 +595,7 @@ impl RunningScene {
         scene.bound_crowding(settings.limits.crowding());
         let (target, config) = (scene.tick(), scene.config());
         let streams = Streams::new(config.publish_schedule, settings.threads.clone());
-        let cells = cells::of_scene(config, &settings);
+        let cells = Cells::of_scene(config, settings.cells, &settings.threads);
         let period = Span::from_nanos(config.integrator.rate.step_ns());
         let observer = settings.observers.begin(name, period);
         let hook = (settings.hooks.as_ref()).and_then(|hooks| hooks.of(name, config));

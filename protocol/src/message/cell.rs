@@ -1,6 +1,6 @@
-//! Messages about one cell of a scene: a member's requests, and the cell's news.
+//! Messages about one cell of a scene: requests of a member, and news.
 //!
-//! A cell is told as a scene is, with a stream, a snapshot and a count of scene events of its own. Its stream names bodies
+//! A cell is sent as a scene is, with a stream, a snapshot and a count of scene events of its own. Its stream names bodies
 //! by ids of the cell, so that tables of a cell are as long as it has bodies; `Placed` tells which body of the scene one is.
 
 use glam::Vec3;

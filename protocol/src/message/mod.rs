@@ -4,6 +4,7 @@
 //! unknown types from 0x80 on, but no others (PROTOCOL 4.1). A body too long for one message is preceded by pieces of
 //! itself, each of the greatest message length.
 
+mod authority;
 mod cell;
 mod choice;
 mod client;
@@ -18,9 +19,10 @@ use crate::limits::{LONG_MESSAGE_BYTES_MAX, MESSAGE_BYTES_MAX};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 
+pub use authority::{AuthorityError, AuthorityGrant, TakeAuthority};
 pub use cell::{CellNews, CellRequest, CellStart};
 pub use choice::{ResyncCause, StreamChoice, TierChangeCause, TierPolicy};
-pub use client::{AuthorityError, AuthorityGrant, ClientMessage, TakeAuthority};
+pub use client::ClientMessage;
 pub use denial::Denial;
 pub use identity::{Extension, Extensions, Grease, is_no_version};
 pub use identity::{InvalidToken, Role, SessionKey, SessionRequest, SessionState, Token};

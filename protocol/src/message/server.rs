@@ -9,9 +9,9 @@ use core::fmt;
 use glam::Vec3;
 use rhumb_reckoning::Tick;
 
+use super::authority::{AuthorityError, AuthorityGrant};
 use super::cell::CellNews;
 use super::choice::{StreamChoice, TierChangeCause};
-use super::client::{AuthorityError, AuthorityGrant};
 use super::denial::Denial;
 use super::identity::{Extensions, SessionState};
 use super::scene_event::SceneEvent;

@@ -23,7 +23,7 @@ use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance};
 use super::replica::Replica;
 use super::{CloseCode, Event, Misuse};
 use crate::endpoint::{Ending, Endpoint, Instant, Peer, Span, Transmit, Wake};
-use crate::limits::{CELLS_PER_MEMBER_MAX, RESERVE_MAX};
+use crate::limits::RESERVE_MAX;
 use crate::message::{
     ClientMessage, Denial, Extension, Frames, Grease, Joined, ServerMessage, SessionKey,
     StreamChoice, TierPolicy, Token, VERSIONS, Welcome,
@@ -131,14 +131,10 @@ impl ClientSession {
     /// As [`Self::leave`], [`Misuse::NotDivided`] without a grid, and [`Misuse::TooManyCells`].
     pub fn take_cells(&mut self, cells: &BTreeMap<Cell, StreamChoice>) -> Result<(), Misuse> {
         let is_resuming = self.must_be_in_session()?;
-        if cells.len() > CELLS_PER_MEMBER_MAX {
-            return Err(Misuse::TooManyCells(cells.len()));
-        }
         if self.cell_grid().is_none() && !is_resuming {
             return Err(Misuse::NotDivided);
         }
-        self.membership.cells.take(cells, &mut self.outbox);
-        Ok(())
+        self.membership.cells.take(cells, &mut self.outbox)
     }
 
     /// The copies of the cells that the member takes, in their order; none of a cell whose snapshot has not come. Ids of
@@ -161,9 +157,7 @@ impl ClientSession {
     /// free-running scene it may go back when a cell comes.
     #[must_use]
     pub fn complete(&self) -> Option<Tick> {
-        let of_scene = self.replica()?.stream().complete();
-        let of_cells = self.cells().map(|(_, copy)| copy.stream().complete());
-        Some(of_cells.fold(of_scene, Tick::min))
+        self.membership.complete()
     }
 
     /// Begins a session with the next join. A client that draws its key at random can resume the session over another
@@ -259,8 +253,7 @@ impl ClientSession {
         }
         self.as_member(&ClientMessage::Advance { to })?;
         self.resumption.note_advance(to);
-        self.membership.subscription.advance(now, to);
-        self.membership.cells.advance(now, to);
+        self.membership.advance(now, to);
         Ok(())
     }
 
@@ -387,9 +380,7 @@ impl ClientSession {
     ///
     /// A free-running stream in which nothing happens says so in growing pauses, 2.5 s at most.
     pub fn query_watermark(&mut self, now: Instant, pause: Span) {
-        let membership = &mut self.membership;
-        membership.subscription.query(now, pause, &mut self.outbox);
-        membership.cells.query(now, pause, &mut self.outbox);
+        self.membership.query(now, pause, &mut self.outbox);
     }
 
     /// The config of the scene; None before the welcome or joining.
@@ -566,11 +557,7 @@ impl ClientSession {
         self.config = Some(joined.config);
         self.granted = joined.granted;
         self.resumption.note_choice(joined.choice);
-        let subscription = &mut self.membership.subscription;
-        subscription.begin_snapshot(joined, &mut self.outbox);
-        self.membership
-            .cells
-            .begin(&joined.extensions, &mut self.outbox);
+        self.membership.begin_snapshot(joined, &mut self.outbox);
         Ok(())
     }
 
@@ -597,11 +584,8 @@ impl ClientSession {
 
     /// Shows a replica that has caught up and restarts the timers.
     fn update(&mut self, now: Instant) {
-        let subscription = &mut self.membership.subscription;
-        subscription.update(now, &mut self.outbox, &mut self.events);
-        let scene = self.membership.subscription.shown();
-        let cells = &mut self.membership.cells;
-        cells.update(now, scene, &mut self.outbox, &mut self.events);
+        let (outbox, events) = (&mut self.outbox, &mut self.events);
+        self.membership.update(now, outbox, events);
     }
 
     fn end_membership(&mut self, event: Event) {
@@ -657,9 +641,7 @@ impl Endpoint for ClientSession {
         {
             return;
         }
-        let scene = self.membership.subscription.shown();
-        let (cells, events) = (&mut self.membership.cells, &mut self.events);
-        if cells.handle_datagram(now, (&datagram, scene), outbox, events) {
+        if (self.membership).handle_cell_datagram(now, &datagram, outbox, &mut self.events) {
             return;
         }
         if let Some(tick) = self.membership.subscription.handle_datagram(&datagram) {
@@ -680,10 +662,8 @@ impl Endpoint for ClientSession {
             return;
         }
         let round_trip = self.clock.round_trip();
-        let subscription = &mut self.membership.subscription;
-        subscription.report(now, round_trip, &mut self.outbox, &mut self.events);
-        let cells = &mut self.membership.cells;
-        cells.report(now, round_trip, &mut self.outbox, &mut self.events);
+        let (outbox, events) = (&mut self.outbox, &mut self.events);
+        self.membership.report(now, round_trip, outbox, events);
         if self.clock.take_due(now, self.config.as_ref()) {
             self.outbox.send(&ClientMessage::Ping { sent: now });
         }
@@ -698,9 +678,7 @@ impl Endpoint for ClientSession {
             return None;
         }
         let ping = self.clock.due(self.config.as_ref());
-        let of_scene = self.membership.subscription.due();
-        let of_cells = self.membership.cells.due();
-        let due = of_scene.into_iter().chain(of_cells).chain(ping);
+        let due = self.membership.due().chain(ping);
         due.min_by_key(|wake| wake.at)
     }
 }

@@ -1,4 +1,4 @@
-//! Members that take a scene by cells: what they ask for, and the streams of what they take.
+//! Members that take a scene by cells: their requests and streams.
 //!
 //! Which bodies a cell has is decided in `cells`, which knows no members.
 
@@ -7,25 +7,13 @@ use rhumb_protocol::message::{
     CellNews, CellRequest, CellStart, Denial, ResyncCause, ServerMessage, StreamChoice,
 };
 use rhumb_protocol::packet::StreamId;
-use rhumb_protocol::scene::{Cell, SceneConfig};
-use rhumb_reckoning::Ticks;
+use rhumb_protocol::scene::Cell;
 
 use super::RunningScene;
 use crate::cells::{Cells, Placement, TAKEN_CELLS_MAX};
 use crate::clients::Clients;
 use crate::member::{Extent, SnapshotRequest, Subscribed};
-use crate::settings::SceneSettings;
 use crate::streams::{self, Stream, Streams};
-
-/// The cells of a scene; `None` if it is not divided. With a lookahead, what is published is not of the newest tick, where
-/// bodies cross.
-pub(super) fn of_scene(config: &SceneConfig, settings: &SceneSettings) -> Option<Cells> {
-    let schedule = config.publish_schedule;
-    let grid = settings
-        .cells
-        .filter(|_| schedule.lookahead == Ticks::ZERO)?;
-    Some(Cells::new(grid, schedule, settings.threads.clone()))
-}
 
 impl RunningScene {
     /// The cells, while a member takes some.
@@ -100,12 +88,24 @@ impl RunningScene {
         }
     }
 
-    /// A member that takes cells comes: it gets a stream of what they have in common.
-    pub(super) fn enter_cells(
+    /// Adds a new member to a stream of its choice.
+    pub(super) fn subscribe(
         &mut self,
         choice: StreamChoice,
+        extent: Extent,
         clients: &Clients,
     ) -> Result<StreamId, Denial> {
+        if extent == Extent::Cells {
+            return self.enter_cells(choice, clients);
+        }
+        Ok(match self.streams.subscribe(choice)? {
+            Some(stream) => stream,
+            None => self.begin_stream(choice, clients),
+        })
+    }
+
+    /// A member that takes cells comes: it gets a stream of what they have in common.
+    fn enter_cells(&mut self, choice: StreamChoice, clients: &Clients) -> Result<StreamId, Denial> {
         if let Some(cells) = &mut self.cells {
             cells.enter(&self.scene);
         }

@@ -52,13 +52,7 @@ impl RunningScene {
         if let Some(replaced) = replaced {
             self.end_replaced(replaced, clients);
         }
-        let stream = match extent {
-            Extent::Cells => self.enter_cells(choice, clients)?,
-            Extent::Whole => match self.streams.subscribe(choice)? {
-                Some(stream) => stream,
-                None => self.begin_stream(choice, clients),
-            },
-        };
+        let stream = self.subscribe(choice, extent, clients)?;
         let before = self.sessions.next_number();
         let (session, ids) = match self.begin_session(now, (peer, &permit), request, clients) {
             Ok(begun) => begun,
@@ -365,7 +359,7 @@ impl RunningScene {
             .next(|name| streams.get(name).is_some() || is_of_cell(name) || is_upstream(name))
     }
 
-    fn begin_stream(&mut self, choice: StreamChoice, clients: &Clients) -> StreamId {
+    pub(super) fn begin_stream(&mut self, choice: StreamChoice, clients: &Clients) -> StreamId {
         let id = self.new_stream(clients);
         let stream = self.streams.begin(Stream::new(
             choice,

@@ -1,6 +1,6 @@
-//! What a member by cells is told beside motion: joints, silence, restoration, sessions, and denials.
+//! What a member by cells receives beside motion.
 //!
-//! A member of the whole scene acts, and another one takes cells. Raw peers ask what no session would.
+//! Joints, silence, restoration, sessions, denials. A member of the whole scene acts, and another one takes cells. Raw peers ask what no session would.
 
 use std::collections::BTreeMap;
 
@@ -164,7 +164,7 @@ fn cells<const N: usize, const M: usize>(
 }
 
 #[test]
-fn a_joint_is_told_to_a_cell_that_has_both_of_its_bodies() {
+fn a_cell_that_has_both_bodies_of_a_joint_has_the_joint() {
     let mut divided = Divided::new(Stepping::Lockstep, Engines::default());
     let rope = JointKind::Rope(200.0);
     let frames = [JointFrame::at(Vec3::ZERO); 2];
@@ -251,6 +251,25 @@ fn cells_show_a_restored_scene() {
     let events: Vec<_> = std::iter::from_fn(|| session.poll_event()).collect();
     let is_restored = |event: &Event| matches!(event, Event::SceneRestored(_));
     assert!(events.iter().any(is_restored), "{events:?}");
+    eprintln!("EVENTS {events:?}");
+    let owner = divided.table.session(divided.owner);
+    let events: Vec<_> = std::iter::from_fn(|| owner.poll_event()).collect();
+    eprintln!(
+        "OWNER {events:?} {:?}",
+        divided
+            .table
+            .session(divided.owner)
+            .replica()
+            .map(|r| r.bodies().collect::<Vec<_>>())
+    );
+    eprintln!(
+        "COMMON {:?}",
+        divided
+            .table
+            .session(divided.member)
+            .replica()
+            .map(|r| r.bodies().collect::<Vec<_>>())
+    );
     assert_eq!(divided.bodies(), cells([1], [0, 2]));
     let truth = divided.table.session(divided.owner).replica();
     let count = truth.expect("a member").bodies().count();
@@ -324,6 +343,8 @@ fn a_member_by_cells_has_authority_over_a_body_that_crosses_and_others_learn_of_
         .expect("a member");
     divided.table.pass(Span::from_millis(100));
     let member = divided.table.session(divided.member);
+    let events: Vec<_> = std::iter::from_fn(|| member.poll_event()).collect();
+    eprintln!("MEMBER {events:?}");
     assert_eq!(member.authority_bodies().collect::<Vec<_>>(), [id]);
     let tick = member
         .replica()
@@ -383,6 +404,7 @@ fn many_requests_for_a_cell_in_one_read_get_one_snapshot() {
     assert_eq!(snapshots(&news), 1);
     // The link says what it takes: the next snapshot waits for its time.
     divided.table.pace(raw.peer);
+    divided.table.pass(Span::from_millis(1_000));
     let first = ask(&mut raw, &mut divided.table, &[again]);
     let next = ask(&mut raw, &mut divided.table, &[again]);
     assert_eq!([snapshots(&first), snapshots(&next)], [1, 0]);
@@ -446,7 +468,7 @@ fn requests_about_cells_are_those_of_members_by_cells() {
     assert_eq!(ask(&mut member, table, &others), []);
     member.send(table, &ClientMessage::JoinCells);
     assert_eq!(member.closed(table), Some(CloseCode::VIOLATION));
-    // Before a welcome nobody is in the lobby.
+    // Before a welcome no client is in the lobby.
     let peer = table.connect_raw_peer();
     let mut bytes = Vec::new();
     ClientMessage::JoinCells.encode(&mut bytes);

@@ -12,13 +12,14 @@ use rhumb_reckoning::{BodyId, Tick};
 use super::outbox::ClientOutbox;
 use super::subscription::Subscription;
 use crate::endpoint::{Instant, Span, Wake};
+use crate::limits::CELLS_PER_MEMBER_MAX;
 use crate::message::{
     CellNews, CellRequest, ClientMessage, Denial, Extensions, Joined, StreamChoice,
 };
 use crate::packet::Datagram;
 use crate::scene::{Cell, CellGrid, IdRange, SceneConfig, Stepping};
 use crate::session::replica::Replica;
-use crate::session::{CloseCode, Event};
+use crate::session::{CloseCode, Event, Misuse};
 use crate::stream::Subscriber;
 
 /// The cells of one membership.
@@ -28,12 +29,12 @@ pub(super) struct CellSubscriptions {
     joins: bool,
     /// The grid of the scene, once joined by cells.
     grid: Option<CellGrid>,
-    taken: BTreeMap<Cell, TakenCell>,
+    taken: BTreeMap<Cell, WantedCell>,
 }
 
 /// One cell that the application wants.
 #[derive(Debug)]
-struct TakenCell {
+struct WantedCell {
     choice: StreamChoice,
     subscription: Subscription,
     /// True from when on its copy is one of those that are shown.
@@ -58,7 +59,7 @@ impl CellSubscriptions {
 
     /// The cells over the next connection of the session, before it joins.
     pub(super) fn over_next_connection(self) -> Self {
-        let again = |(cell, taken): (Cell, TakenCell)| (cell, TakenCell::new(cell, taken.choice));
+        let again = |(cell, taken): (Cell, WantedCell)| (cell, WantedCell::new(cell, taken.choice));
         Self {
             joins: self.joins,
             grid: None,
@@ -89,7 +90,10 @@ impl CellSubscriptions {
         &mut self,
         wanted: &BTreeMap<Cell, StreamChoice>,
         outbox: &mut ClientOutbox,
-    ) {
+    ) -> Result<(), Misuse> {
+        if wanted.len() > CELLS_PER_MEMBER_MAX {
+            return Err(Misuse::TooManyCells(wanted.len()));
+        }
         let is_open = self.grid.is_some();
         self.taken.retain(|cell, taken| {
             let stays = wanted.contains_key(cell);
@@ -100,13 +104,15 @@ impl CellSubscriptions {
         });
         for (cell, choice) in wanted {
             let is_new = !self.taken.contains_key(cell);
-            let taken = (self.taken.entry(*cell)).or_insert_with(|| TakenCell::new(*cell, *choice));
+            let taken =
+                (self.taken.entry(*cell)).or_insert_with(|| WantedCell::new(*cell, *choice));
             if is_open && (is_new || taken.choice != *choice || taken.denied.is_some()) {
                 taken.denied = None;
                 taken.subscription.select(*choice, outbox);
             }
             taken.choice = *choice;
         }
+        Ok(())
     }
 
     /// Lets the copies wait for a tick that is requested now.
@@ -252,7 +258,7 @@ impl CellSubscriptions {
     }
 }
 
-impl TakenCell {
+impl WantedCell {
     fn new(cell: Cell, choice: StreamChoice) -> Self {
         Self {
             choice,

@@ -15,9 +15,10 @@ use super::cells::CellSubscriptions;
 use super::outbox::ClientOutbox;
 use super::subscription::{EventTarget, Subscription};
 use super::upstream::ClientUpstream;
+use crate::endpoint::{Instant, Span, Wake};
 use crate::limits::{EVENTS_HELD_MAX, STANDING_PAIRS_MAX};
-use crate::message::{CellNews, SceneEvent, ServerMessage, TickEvents};
-use crate::packet::LargestPacket;
+use crate::message::{CellNews, Joined, SceneEvent, ServerMessage, TickEvents};
+use crate::packet::{Datagram, LargestPacket};
 use crate::scene::{BodyEvent, Cell, SceneConfig};
 use crate::session::{CloseCode, Event};
 
@@ -81,6 +82,74 @@ impl ClientMembership {
             self.held_events
                 .release(replica.stream().complete(), events);
         }
+    }
+
+    /// Begins a copy of the scene, and asks for the cells of an earlier connection.
+    pub(super) fn begin_snapshot(&mut self, joined: &Joined, outbox: &mut ClientOutbox) {
+        self.subscription.begin_snapshot(joined, outbox);
+        self.cells.begin(&joined.extensions, outbox);
+    }
+
+    /// Lets the copies wait for a tick that is requested now.
+    pub(super) fn advance(&mut self, now: Instant, to: Tick) {
+        self.subscription.advance(now, to);
+        self.cells.advance(now, to);
+    }
+
+    /// Asks for the watermarks, unless they were asked for within `pause`.
+    pub(super) fn query(&mut self, now: Instant, pause: Span, outbox: &mut ClientOutbox) {
+        self.subscription.query(now, pause, outbox);
+        self.cells.query(now, pause, outbox);
+    }
+
+    /// Shows copies that have caught up, and restarts the timers.
+    pub(super) fn update(
+        &mut self,
+        now: Instant,
+        outbox: &mut ClientOutbox,
+        events: &mut VecDeque<Event>,
+    ) {
+        self.subscription.update(now, outbox, events);
+        self.cells
+            .update(now, self.subscription.shown(), outbox, events);
+    }
+
+    /// Sends the reports that are due.
+    pub(super) fn report(
+        &mut self,
+        now: Instant,
+        round_trip: Span,
+        outbox: &mut ClientOutbox,
+        events: &mut VecDeque<Event>,
+    ) {
+        self.subscription.report(now, round_trip, outbox, events);
+        self.cells.report(now, round_trip, outbox, events);
+    }
+
+    /// The next moments at which [`Self::report`] has something to do.
+    pub(super) fn due(&self) -> impl Iterator<Item = Wake> {
+        self.subscription.due().into_iter().chain(self.cells.due())
+    }
+
+    /// The newest tick up to which all copies are complete; `None` without one of the scene.
+    pub(super) fn complete(&self) -> Option<Tick> {
+        let of_scene = self.subscription.shown()?.stream().complete();
+        let of_cells = self.cells.copies();
+        let of_cells = of_cells.map(|(_, copy)| copy.stream().complete());
+        Some(of_cells.fold(of_scene, Tick::min))
+    }
+
+    /// Applies a datagram of the stream of a cell; `false` for another one.
+    pub(super) fn handle_cell_datagram(
+        &mut self,
+        now: Instant,
+        datagram: &Datagram<'_>,
+        outbox: &mut ClientOutbox,
+        events: &mut VecDeque<Event>,
+    ) -> bool {
+        let scene = self.subscription.shown();
+        self.cells
+            .handle_datagram(now, (datagram, scene), outbox, events)
     }
 
     /// Handles news of a cell of the scene of this config.
