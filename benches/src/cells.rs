@@ -1,4 +1,4 @@
-//! `rhumb-bench cells`: members that take a scene by cells, beside one of all of it.
+//! `rhumb-bench cells`: members that take a scene by cells.
 //!
 //! Bodies walk on a square of 10 by 10 cells and turn at random. Everything runs in this process, in virtual time, over links
 //! without loss; bytes are those of datagrams and control stream, without the headers of QUIC. Server time is that from the
