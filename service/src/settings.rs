@@ -199,7 +199,7 @@ impl std::error::Error for SettingsError {}
 const PREFIX: &str = "RHUMB_SERVER_";
 
 /// The settings beside the limits: name, default as the file writes it, meaning.
-const ROWS: [(&str, &str, &str); 27] = [
+const ROWS: [(&str, &str, &str); 28] = [
     (
         "listen",
         "\"127.0.0.1:4433\"",
