@@ -408,7 +408,9 @@ fn bind(
         Some(_) => IdleLimit::Short,
         None => IdleLimit::Usual,
     };
-    Server::bind_among(settings.listen, identity, access, (origins, idle_limit))
+    let mut server = Server::bind_among(settings.listen, identity, access, (origins, idle_limit))?;
+    server.set_engine(settings.engine);
+    Ok(server)
 }
 
 fn run(settings: &ServerSettings, parts: Parts) -> Result<(), Box<dyn Error>> {
@@ -427,7 +429,6 @@ fn run(settings: &ServerSettings, parts: Parts) -> Result<(), Box<dyn Error>> {
         Access::OpenOnLoopback | Access::OpenToNetwork => None,
     };
     let mut server = bind(settings, &identity, access)?;
-    server.set_engine(settings.engine);
     server.scenes = SceneSettings {
         threads,
         largest_packet: settings.largest_packet,
