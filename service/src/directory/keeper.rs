@@ -491,6 +491,7 @@ pub(super) mod puppet {
                 asks: Some(asks),
                 events,
                 until: Arc::clone(&until),
+                drained: Arc::default(),
                 clock: Arc::new(move || clock),
                 thread: None,
             };
