@@ -89,10 +89,12 @@ pub(crate) struct Agones {
     thread: Option<JoinHandle<()>>,
 }
 
-/// Time between two looks at the server. Agones asks for a sign of health every 5 s, unless reported otherwise.
+/// Time between two looks at the server. Agones asks for a sign of health every 5 s, unless its settings say otherwise.
 const PAUSE: Duration = Duration::from_secs(1);
 /// Time for an answer.
 const ANSWER_TIME: Duration = Duration::from_secs(1);
+/// Names that are added to the list or taken from it at one look, at a second each at worst: signs of health do not wait longer.
+const CHANGES_MAX: usize = 8;
 /// The list of a GameServer in which the names of its scenes are.
 const LIST: &str = "/v1beta1/lists/scenes";
 
@@ -109,7 +111,7 @@ impl Agones {
             sidecar,
             server,
             reported: ReportedState::default(),
-            is_silent: false,
+            has_failed: false,
         };
         let thread = thread::Builder::new()
             .name("rhumb-agones".to_owned())
@@ -121,15 +123,22 @@ impl Agones {
     }
 }
 
+impl Agones {
+    /// Says from now on alone that the server shuts down.
+    pub(crate) fn stop(&mut self) {
+        self.stop = None;
+    }
+}
+
 impl Drop for Agones {
     fn drop(&mut self) {
-        self.stop = None;
+        self.stop();
         if self
             .thread
             .take()
             .is_some_and(|thread| thread.join().is_err())
         {
-            tracing::error!("the thread that tells Agones of this server panicked");
+            tracing::error!("the thread that reports to Agones panicked");
         }
     }
 }
@@ -138,89 +147,108 @@ struct Reporting {
     sidecar: Sidecar,
     server: ReportedServer,
     reported: ReportedState,
-    /// The sidecar did not take the last call, which the log says once.
-    is_silent: bool,
+    /// The last look had a call that was not taken; the log has said so.
+    has_failed: bool,
 }
+
+/// A call that was not taken: its path, and the answer if one came.
+struct NotTaken(String, Option<(StatusCode, Bytes)>);
 
 impl Reporting {
     async fn run(mut self, mut stopped: oneshot::Receiver<()>) {
         loop {
-            self.report().await;
+            tokio::select! {
+                _ = &mut stopped => break,
+                outcome = self.report() => self.note(outcome),
+            }
             tokio::select! {
                 _ = &mut stopped => break,
                 () = sleep(PAUSE) => {}
             }
         }
         if self.reported.state != State::ShutDown {
-            self.call(SdkCall::ShutDown).await;
+            let outcome = self.call(SdkCall::ShutDown).await;
+            self.note(outcome);
         }
     }
 
     /// Reports what changed. The first call that fails ends it until the next look.
-    async fn report(&mut self) {
+    async fn report(&mut self) -> Result<(), NotTaken> {
         let now = self.server.look();
         for call in self.reported.calls(&now) {
-            if !self.call(call).await {
-                return;
-            }
+            self.call(call).await?;
             self.reported.note(call);
         }
-        if self.reported.list_differs(&now) {
-            self.change_list(&now).await;
+        match self.reported.list_differs(&now) {
+            true => self.change_list(&now).await,
+            false => Ok(()),
         }
     }
 
-    async fn call(&mut self, call: SdkCall) -> bool {
+    async fn call(&self, call: SdkCall) -> Result<(), NotTaken> {
         let (method, path, body) = call.request();
-        let answer = self.sidecar.ask((method, path), Some(&body)).await;
-        self.is_taken(path, answer)
+        taken(path, self.sidecar.ask((method, path), Some(&body)).await)
     }
 
     /// Has the list name the scenes. Names that are not of this server's scenes are of scenes that Agones has promised a
-    /// place, and stay.
-    async fn change_list(&mut self, now: &Look) {
+    /// place, and stay. A list that is full still gives up the names of scenes that ended.
+    async fn change_list(&mut self, now: &Look) -> Result<(), NotTaken> {
         let answer = self.sidecar.ask((Method::GET, LIST), None).await;
-        let list = match &answer {
-            Some((StatusCode::OK, bytes)) => serde_json::from_slice(bytes).ok(),
-            _ => None,
+        let Some((status, bytes)) = answer else {
+            return Err(NotTaken(LIST.to_owned(), None));
         };
+        let list = serde_json::from_slice(&bytes).ok();
+        let list = list.filter(|_| status == StatusCode::OK);
         let Some(list) = list.as_ref().and_then(ScenesList::read) else {
-            if answer.is_some() && !self.reported.misses_list {
-                self.reported.misses_list = true;
+            if !std::mem::replace(&mut self.reported.misses_list, true) {
                 tracing::warn!(
                     "Agones has no list of this server's scenes: give the GameServer spec.lists.scenes with the capacity \
                      of limits.scenes, and the feature gate CountsAndLists"
                 );
             }
-            return;
+            return Ok(());
         };
         self.reported.misses_list = false;
+        self.reported.note_list(&list, now);
+        let mut outcome = Ok(());
         for change in self.reported.changes(&list, now) {
             let path = change.path();
             let body = json!({ "value": change.scene().as_str() });
-            let answer = self.sidecar.ask((Method::POST, &path), Some(&body)).await;
-            if !self.is_taken(&path, answer) {
-                return;
+            match taken(
+                &path,
+                self.sidecar.ask((Method::POST, &path), Some(&body)).await,
+            ) {
+                Ok(()) => self.reported.note_change(change),
+                Err(none @ NotTaken(_, None)) => return Err(none),
+                Err(refused) => outcome = outcome.and(Err(refused)),
             }
         }
-        self.reported.listed.clone_from(&now.scenes);
+        outcome
     }
 
-    /// True for an answer of success. The first call that is not taken is logged, and the first that is taken after it.
-    fn is_taken(&mut self, path: &str, answer: Option<(StatusCode, Bytes)>) -> bool {
-        let was_silent = self.is_silent;
-        let taken = matches!(answer, Some((StatusCode::OK, _)));
-        self.is_silent = !taken;
-        match answer {
-            _ if taken && was_silent => tracing::info!("Agones takes this server's calls again"),
-            _ if taken || was_silent => {}
-            None => tracing::warn!("Agones does not answer at {path}: it is asked every second"),
-            Some((status, text)) => {
+    /// Logs the first look that fails, and the first one that does not after it.
+    fn note(&mut self, outcome: Result<(), NotTaken>) {
+        let had_failed = std::mem::replace(&mut self.has_failed, outcome.is_err());
+        match outcome {
+            Ok(()) if had_failed => tracing::info!("Agones takes this server's calls again"),
+            Ok(()) => {}
+            Err(_) if had_failed => {}
+            Err(NotTaken(path, None)) => {
+                tracing::warn!("Agones does not answer at {path}: it is asked every second");
+            }
+            Err(NotTaken(path, Some((status, text)))) => {
                 let text = String::from_utf8_lossy(&text);
                 tracing::warn!(%status, "Agones refuses {path}, and is asked every second: {text}");
             }
         }
-        taken
+    }
+}
+
+/// An error for any answer but that of success.
+fn taken(path: &str, answer: Option<(StatusCode, Bytes)>) -> Result<(), NotTaken> {
+    match answer {
+        Some((StatusCode::OK, _)) => Ok(()),
+        answer => Err(NotTaken(path.to_owned(), answer)),
     }
 }
 
@@ -238,7 +266,8 @@ enum SdkCall {
     Ready,
     Health,
     Allocate,
-    Drain,
+    /// Whether it drains.
+    Drain(bool),
     ShutDown,
 }
 
@@ -250,8 +279,8 @@ impl SdkCall {
             Self::Health => post("/health"),
             Self::Allocate => post("/allocate"),
             // Agones writes it as agones.dev/sdk-draining.
-            Self::Drain => {
-                let label = json!({ "key": "draining", "value": "true" });
+            Self::Drain(drains) => {
+                let label = json!({ "key": "draining", "value": drains.to_string() });
                 (Method::PUT, "/metadata/label", label)
             }
             Self::ShutDown => post("/shutdown"),
@@ -287,8 +316,8 @@ impl ReportedState {
             return Vec::new();
         }
         let mut calls = vec![SdkCall::Health];
-        if now.is_draining && !self.drains {
-            calls.push(SdkCall::Drain);
+        if now.is_draining != self.drains {
+            calls.push(SdkCall::Drain(now.is_draining));
         }
         let is_empty = now.scenes.is_empty();
         calls.extend(match self.state {
@@ -306,7 +335,7 @@ impl ReportedState {
             SdkCall::Ready => self.state = State::Ready,
             SdkCall::Allocate => self.state = State::Allocated,
             SdkCall::ShutDown => self.state = State::ShutDown,
-            SdkCall::Drain => self.drains = true,
+            SdkCall::Drain(drains) => self.drains = drains,
             SdkCall::Health => {}
         }
     }
@@ -322,7 +351,22 @@ impl ReportedState {
         let begun = now.scenes.iter();
         let begun = begun.filter(|scene| !list.values.contains(scene.as_str()));
         let ended = ended.cloned().map(ListChange::Remove);
-        ended.chain(begun.cloned().map(ListChange::Add)).collect()
+        let changes = ended.chain(begun.cloned().map(ListChange::Add));
+        changes.take(CHANGES_MAX).collect()
+    }
+
+    /// The list was read: it has some scenes by a promise, and some that ended no more.
+    fn note_list(&mut self, list: &ScenesList, now: &Look) {
+        let has = |scene: &&SceneName| list.values.contains(scene.as_str());
+        self.listed.retain(|scene| has(&scene));
+        self.listed.extend(now.scenes.iter().filter(has).cloned());
+    }
+
+    fn note_change(&mut self, change: ListChange) {
+        match change {
+            ListChange::Add(scene) => self.listed.insert(scene),
+            ListChange::Remove(scene) => self.listed.remove(&scene),
+        };
     }
 }
 
@@ -388,7 +432,7 @@ mod tests {
     }
 
     /// The calls at a look, all of which are taken.
-    fn taken(reported: &mut ReportedState, now: &Look) -> Vec<SdkCall> {
+    fn taken_all(reported: &mut ReportedState, now: &Look) -> Vec<SdkCall> {
         let calls = reported.calls(now);
         calls.iter().for_each(|call| reported.note(*call));
         calls
@@ -398,19 +442,22 @@ mod tests {
     fn a_server_is_ready_and_is_allocated_while_it_has_scenes() {
         let mut reported = ReportedState::default();
         assert_eq!(
-            taken(&mut reported, &look(&["restored"])),
+            taken_all(&mut reported, &look(&["restored"])),
             [SdkCall::Health, SdkCall::Ready]
         );
         assert_eq!(
-            taken(&mut reported, &look(&["restored"])),
+            taken_all(&mut reported, &look(&["restored"])),
             [SdkCall::Health, SdkCall::Allocate]
         );
-        assert_eq!(taken(&mut reported, &look(&["a", "b"])), [SdkCall::Health]);
         assert_eq!(
-            taken(&mut reported, &look(&[])),
+            taken_all(&mut reported, &look(&["a", "b"])),
+            [SdkCall::Health]
+        );
+        assert_eq!(
+            taken_all(&mut reported, &look(&[])),
             [SdkCall::Health, SdkCall::Ready]
         );
-        assert_eq!(taken(&mut reported, &look(&[])), [SdkCall::Health]);
+        assert_eq!(taken_all(&mut reported, &look(&[])), [SdkCall::Health]);
     }
 
     #[test]
@@ -439,43 +486,79 @@ mod tests {
     #[test]
     fn a_server_that_drains_shuts_down_once_its_scenes_are_gone() {
         let mut reported = ReportedState::default();
-        taken(&mut reported, &look(&["a"]));
-        taken(&mut reported, &look(&["a"]));
+        taken_all(&mut reported, &look(&["a"]));
+        taken_all(&mut reported, &look(&["a"]));
         let draining = |names| Look {
             is_draining: true,
             ..look(names)
         };
         assert_eq!(
-            taken(&mut reported, &draining(&["a"])),
-            [SdkCall::Health, SdkCall::Drain]
+            taken_all(&mut reported, &draining(&["a"])),
+            [SdkCall::Health, SdkCall::Drain(true)]
         );
-        assert_eq!(taken(&mut reported, &draining(&["a"])), [SdkCall::Health]);
         assert_eq!(
-            taken(&mut reported, &draining(&[])),
+            taken_all(&mut reported, &draining(&["a"])),
+            [SdkCall::Health]
+        );
+        assert_eq!(
+            taken_all(&mut reported, &draining(&[])),
             [SdkCall::Health, SdkCall::ShutDown]
         );
-        assert_eq!(taken(&mut reported, &draining(&[])), [], "its pod is going");
+        assert_eq!(
+            taken_all(&mut reported, &draining(&[])),
+            [],
+            "its pod is going"
+        );
+    }
+
+    fn list(text: &str) -> ScenesList {
+        let answer = serde_json::from_str(text).expect("JSON");
+        ScenesList::read(&answer).expect("a list")
+    }
+
+    #[test]
+    fn a_server_that_drains_no_more_says_so() {
+        let mut reported = ReportedState {
+            drains: true,
+            ..ReportedState::default()
+        };
+        let calls = [SdkCall::Health, SdkCall::Drain(false), SdkCall::Ready];
+        assert_eq!(taken_all(&mut reported, &look(&[])), calls);
+        assert!(!reported.drains);
     }
 
     #[test]
     fn a_place_that_agones_has_promised_stays_on_the_list() {
         let mut reported = ReportedState::default();
-        let list = |text: &str| {
-            let answer = serde_json::from_str(text).expect("JSON");
-            ScenesList::read(&answer).expect("a list")
-        };
         let [a, b] = ["a", "b"].map(|name| name.parse::<SceneName>().expect("a valid name"));
         let promised = list(r#"{"name":"scenes", "capacity":"4", "values":["b", "c"]}"#);
         let now = look(&["a", "b"]);
+        reported.note_list(&promised, &now);
         assert_eq!(
             reported.changes(&promised, &now),
             [ListChange::Add(a.clone())]
         );
-        reported.listed = now.scenes;
+        reported.note_change(ListChange::Add(a.clone()));
+        assert_eq!(reported.listed, now.scenes);
         let full = list(r#"{"name":"scenes", "capacity":"4", "values":["a", "b", "c"]}"#);
         let now = look(&["a"]);
+        reported.note_list(&full, &now);
         assert_eq!(reported.changes(&full, &now), [ListChange::Remove(b)]);
         let none = list(r#"{"name":"scenes", "capacity":"4"}"#);
+        reported.note_list(&none, &now);
         assert_eq!(reported.changes(&none, &now), [ListChange::Add(a)]);
+    }
+
+    #[test]
+    fn a_full_list_gives_up_a_name_whose_scene_has_ended() {
+        let mut reported = ReportedState::default();
+        let [a, b] = ["a", "b"].map(|name| name.parse::<SceneName>().expect("a valid name"));
+        // The list took one of two scenes.
+        reported.note_change(ListChange::Add(a.clone()));
+        let full = list(r#"{"name":"scenes", "capacity":"2", "values":["promised", "a"]}"#);
+        let now = look(&["b"]);
+        reported.note_list(&full, &now);
+        let changes = [ListChange::Remove(a), ListChange::Add(b)];
+        assert_eq!(reported.changes(&full, &now), changes);
     }
 }

@@ -420,7 +420,7 @@ impl Server {
         dispatcher.answer_checkpoints(server.checkpoints.1);
         dispatcher.restore().map_err(RunError::Data)?;
         let reporting = (server.agones).map(|sidecar| Agones::start(sidecar, reported));
-        let reporting = reporting.transpose().map_err(RunError::Thread)?;
+        let mut reporting = reporting.transpose().map_err(RunError::Thread)?;
         #[cfg(unix)]
         let listeners = (server.transport, server.socket);
         #[cfg(not(unix))]
@@ -436,6 +436,7 @@ impl Server {
         };
         #[cfg(not(feature = "app"))]
         let served = drive(listeners, &mut dispatcher, stop);
+        reporting.iter_mut().for_each(Agones::stop);
         dispatcher.shut_down();
         drop(reporting);
         drop(answering);

@@ -86,7 +86,7 @@ impl From<Misuse> for Failure {
             | Misuse::JoinedToItself(_)
             | Misuse::Hits(_)
             | Misuse::QueryCost(_)
-            | Misuse::TooManyCells(_) => "argument",
+            | Misuse::TooManyCells => "argument",
         };
         Self::of(code, misuse.to_string())
     }

@@ -49,7 +49,7 @@ impl Client {
     ) -> Result<(), ClientError> {
         let grid = self.cell_grid().ok_or(Misuse::NotDivided)?;
         let cells = grid.within(point.into(), bands);
-        self.take_cells(&cells.ok_or(Misuse::TooManyCells(usize::MAX))?)
+        self.take_cells(&cells.ok_or(Misuse::TooManyCells)?)
     }
 
     /// The views of the cells, of the moment of [`Self::view`].

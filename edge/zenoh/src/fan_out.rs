@@ -16,6 +16,9 @@ use zenoh::{Config, Session, Wait};
 /// Publishers that are kept open. Streams that have ended leave theirs behind; beyond this number all are made anew.
 const PUBLISHERS_MAX: usize = 1_024;
 
+/// Longest packet that is taken, bytes; a stream's largest has 1,150 and its head. What is longer no hub has published.
+const PACKET_BYTES_MAX: usize = 1_500;
+
 /// A session whose keys begin with the name of a world.
 pub(crate) struct ZenohFanOut {
     session: Session,
@@ -72,6 +75,9 @@ impl ZenohFanOut {
         let (of, deliver) = (stream.clone(), self.deliver.clone());
         let declared = self.session.declare_subscriber(self.key(stream));
         let declared = declared.callback(move |sample| {
+            if sample.payload().len() > PACKET_BYTES_MAX {
+                return;
+            }
             let bytes = sample.payload().to_bytes().into_owned();
             let (of, bytes) = (of.clone(), bytes.into());
             deliver.packet(SharedPacket { of, bytes });

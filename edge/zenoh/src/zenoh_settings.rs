@@ -16,6 +16,9 @@ const OPEN_MS: u32 = 600;
 /// Sessions of a router; 1,000 by default.
 const SESSIONS_MAX: u32 = 16_384;
 
+/// Longest message that a session puts together, bytes; 1 GiB by default. A packet of a stream is a small part of it.
+const MESSAGE_BYTES_MAX: u32 = 65_536;
+
 /// What a session is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum SessionKind {
@@ -88,6 +91,10 @@ pub(crate) fn config(
         ("transport/unicast/open_timeout", OPEN_MS.to_string()),
         ("transport/unicast/accept_timeout", OPEN_MS.to_string()),
         ("transport/unicast/max_sessions", SESSIONS_MAX.to_string()),
+        (
+            "transport/link/rx/max_message_size",
+            MESSAGE_BYTES_MAX.to_string(),
+        ),
     ];
     for (name, value) in settings {
         config.insert_json5(name, &value)?;

@@ -167,7 +167,7 @@ pub enum Misuse {
     /// The scene was not joined by cells, or its server does not divide it.
     NotDivided,
     /// One member cannot take so many cells.
-    TooManyCells(usize),
+    TooManyCells,
 }
 
 impl fmt::Display for Misuse {
@@ -199,9 +199,9 @@ impl fmt::Display for Misuse {
             Self::NotDivided => f.write_str(
                 "the scene is not divided into cells for this member: its server has no grid, or the join did not ask for cells",
             ),
-            Self::TooManyCells(count) => write!(
+            Self::TooManyCells => write!(
                 f,
-                "one member cannot take {count} cells; at most {CELLS_PER_MEMBER_MAX}: take those of a smaller distance"
+                "one member takes at most {CELLS_PER_MEMBER_MAX} cells: take those of a smaller distance"
             ),
             Self::NoInside => f.write_str(
                 "a dynamic body needs a shape with volume; height fields, meshes, half-spaces and compounds with one of them are for fixed and kinematic bodies",

@@ -97,12 +97,12 @@ impl Handovers {
         }
     }
 
-    /// Takes the board, and says what is to be done. `owns`: true for a scene that is this server's.
     /// True if the server gives all scenes away, and takes none.
     pub(super) const fn is_drained(&self) -> bool {
         self.is_drained
     }
 
+    /// Takes the board, and says what is to be done. `owns`: true for a scene that is this server's.
     pub(super) fn take_board(
         &mut self,
         board: &Board,

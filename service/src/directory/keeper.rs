@@ -547,8 +547,8 @@ struct FilesTaken {
     generation: Option<Generation>,
 }
 
-/// Starts the thread that takes the files of claimed scenes over, and looks for those of scenes that are to come. It ends with the sender, and nothing waits for it: what it
-/// does late harms no other server.
+/// Starts the thread that takes the files of claimed scenes over, and looks for those of scenes that are to come. It ends
+/// with the sender, and nothing waits for it: what it does late harms no other server.
 ///
 /// A file system may be slow, or hang, and no renewal of a lease waits for it. It looks at the directory of all scenes once
 /// for all claims that have come meanwhile.

@@ -75,7 +75,8 @@ impl Set {
 
     fn start(&self, service: &str) -> ServerProcess {
         let own = self.address(service).to_string();
-        let metrics = free_address();
+        // Bound as in the set, where a server asks whether that is meant.
+        let metrics = free_address().replace("127.0.0.1", "0.0.0.0");
         let argument = |argument: &String| match argument.as_str() {
             "0.0.0.0:4433" => own.clone(),
             "0.0.0.0:9100" => metrics.clone(),

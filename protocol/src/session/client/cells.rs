@@ -92,7 +92,7 @@ impl CellSubscriptions {
         outbox: &mut ClientOutbox,
     ) -> Result<(), Misuse> {
         if wanted.len() > CELLS_PER_MEMBER_MAX {
-            return Err(Misuse::TooManyCells(wanted.len()));
+            return Err(Misuse::TooManyCells);
         }
         let is_open = self.grid.is_some();
         self.taken.retain(|cell, taken| {
