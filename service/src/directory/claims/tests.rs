@@ -11,7 +11,7 @@ use rhumb_protocol::{Instant, Span};
 
 use super::{
     ANSWER, ClaimEvent, DirectoryAnswer, DirectoryRequest, Epoch, InvalidLease, LeaseId,
-    LeaseSeconds, MARGIN, RETRY, RequestId, SceneClaims, ServerPlace,
+    LeaseSeconds, MARGIN, RETRY, RequestId, SceneClaims, ServerPlace, until,
 };
 
 const SERVERS: usize = 3;
