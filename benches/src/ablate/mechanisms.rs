@@ -311,7 +311,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         code: &[
             "protocol/src/session/upstream.rs",
             "protocol/src/session/client/upstream.rs",
-            "protocol/src/message/client.rs#struct TakeAuthority, struct AuthorityGrant, enum AuthorityError, impl AuthorityGrant, impl AuthorityError, impl fmt::Display for AuthorityError, impl core::error::Error for AuthorityError, fn decode_count, fn encode_bodies, fn decode_bodies, impl Wire for TakeAuthority, impl Wire for AuthorityGrant, impl Wire for AuthorityError",
+            "protocol/src/message/authority.rs#struct TakeAuthority, struct AuthorityGrant, enum AuthorityError, impl AuthorityGrant, impl AuthorityError, impl fmt::Display for AuthorityError, impl core::error::Error for AuthorityError, fn decode_count, fn encode_bodies, fn decode_bodies, impl Wire for TakeAuthority, impl Wire for AuthorityGrant, impl Wire for AuthorityError",
             "server/src/member.rs#struct UpstreamStatistics, impl UpstreamStatistics, struct AuthorityGroup, struct UpstreamSilence, const LATE_KEPT, impl AuthorityGroup, fn is_from_publisher",
             "server/src/clients.rs#struct AuthorityTable, impl AuthorityTable",
             "server/src/scene_loop/commands.rs#fn handle_upstream_message, fn handle_upstream_datagram, fn handle_upstream, fn grant_authority, fn begin_authority, fn upstream_statistics",
