@@ -38,8 +38,7 @@ pub(crate) struct Cells {
     /// What members take; the place 0 is what they have in common.
     taken: Vec<Option<TakenCell>>,
     places: BTreeMap<Option<Cell>, usize>,
-    /// The joints that members know, each with its place in `taken`.
-    sent_joints: BTreeMap<JointId, (usize, [BodyId; 2])>,
+    sent_joints: SentJoints,
     /// Scene events that members have not got yet, in order: the cell, and their messages.
     unsent: Vec<(Option<Cell>, Vec<u8>)>,
 }
@@ -86,6 +85,39 @@ impl CellIds {
         if let Some(next) = generation.checked_add(1) {
             *generation = next;
             self.free.push_back(id.index());
+        }
+    }
+}
+
+/// The joints that members know, each with its place in `taken`; found by their bodies too.
+#[derive(Debug, Default)]
+struct SentJoints {
+    by_id: BTreeMap<JointId, (usize, [BodyId; 2])>,
+    by_body: BTreeSet<(BodyId, JointId)>,
+}
+
+impl SentJoints {
+    fn insert(&mut self, id: JointId, place: usize, bodies: [BodyId; 2]) {
+        self.remove(id);
+        self.by_id.insert(id, (place, bodies));
+        self.by_body.extend(bodies.map(|body| (body, id)));
+    }
+
+    /// Forgets a joint; returns its place.
+    fn remove(&mut self, id: JointId) -> Option<usize> {
+        let (place, bodies) = self.by_id.remove(&id)?;
+        for body in bodies {
+            self.by_body.remove(&(body, id));
+        }
+        Some(place)
+    }
+
+    /// Forgets the joints of a body.
+    fn forget(&mut self, body: BodyId) {
+        let all = (body, JointId(0))..=(body, JointId(u32::MAX));
+        let ids: Vec<_> = self.by_body.range(all).map(|(_, id)| *id).collect();
+        for id in ids {
+            self.remove(id);
         }
     }
 }
@@ -144,7 +176,7 @@ impl Cells {
             bodies: BTreeMap::new(),
             taken: Vec::new(),
             places: BTreeMap::new(),
-            sent_joints: BTreeMap::new(),
+            sent_joints: SentJoints::default(),
             unsent: Vec::new(),
         }
     }
@@ -240,14 +272,21 @@ impl Cells {
             observed: Vec::new(),
         });
         self.places.insert(cell, place);
-        for (id, joint) in scene.joints().iter() {
+        for (id, joint) in self.joints_of(cell, scene) {
             if self
-                .place_of_joint(joint)
+                .place_of_joint(&joint)
                 .is_some_and(|(at, _)| at == place)
             {
-                self.sent_joints.insert(id, (place, joint.bodies));
+                self.sent_joints.insert(id, place, joint.bodies);
             }
         }
+    }
+
+    /// The joints of a cell's bodies, each once, in the order of ids; those to bodies of other cells too.
+    fn joints_of(&self, cell: Option<Cell>, scene: &Scene) -> BTreeMap<JointId, Joint> {
+        let bodies = self.bodies.get(&cell).into_iter().flatten();
+        let joints = bodies.flat_map(|body| scene.joints().of_body(*body));
+        joints.map(|(id, joint)| (id, *joint)).collect()
     }
 
     /// Forgets the streams of a cell that no member takes any more.
@@ -260,8 +299,8 @@ impl Cells {
             return;
         };
         self.taken[place] = None;
-        self.sent_joints.retain(|_, (at, _)| *at != place);
         for id in self.bodies.get(&Some(cell)).into_iter().flatten() {
+            self.sent_joints.forget(*id);
             if let Some(home) = &mut self.homes[id.index() as usize] {
                 home.taken = None;
             }
@@ -343,7 +382,7 @@ impl Cells {
         // The events of a cell are then one run of bytes.
         crossing.sort_by_key(|(_, next, _)| *next);
         for (home, next, observation) in &crossing {
-            self.forget_joints(home.id);
+            self.sent_joints.forget(home.id);
             self.set_home(home.id, Some(*next));
             if let Some(placement) = Placement::of(scene, observation) {
                 self.arrive(scene, &placement, PlacementCause::Crossing);
@@ -421,7 +460,7 @@ impl Cells {
             }
             return;
         }
-        self.forget_joints(id);
+        self.sent_joints.forget(id);
         self.set_home(id, cell);
         let cause = before.map_or(PlacementCause::Addition, |_| PlacementCause::Crossing);
         self.arrive(scene, placement, cause);
@@ -460,7 +499,7 @@ impl Cells {
             }
             SceneEvent::JointAdded { id, joint } => self.tell_joint(*id, joint),
             SceneEvent::JointRemoved { id } => {
-                if let Some((place, _)) = self.sent_joints.remove(id) {
+                if let Some(place) = self.sent_joints.remove(*id) {
                     self.record(place, CellNews::SceneEvent(scene_event.clone()));
                 }
             }
@@ -483,7 +522,7 @@ impl Cells {
 
     /// Removes a body that left the scene; returns where it was known, and its id there.
     fn remove(&mut self, id: BodyId) -> Option<(usize, BodyId)> {
-        self.forget_joints(id);
+        self.sent_joints.forget(id);
         let home = self.homes.get_mut(id.index() as usize)?;
         let home = home.take_if(|home| home.id == id)?;
         self.forget_body(&home);
@@ -513,7 +552,7 @@ impl Cells {
     /// Tells of a joint if both of its bodies are in one taken cell.
     fn tell_joint(&mut self, id: JointId, joint: &Joint) {
         if let Some((place, bodies)) = self.place_of_joint(joint) {
-            self.sent_joints.insert(id, (place, joint.bodies));
+            self.sent_joints.insert(id, place, joint.bodies);
             let joint = Joint { bodies, ..*joint };
             let added = SceneEvent::JointAdded { id, joint };
             self.record(place, CellNews::SceneEvent(added));
@@ -525,14 +564,6 @@ impl Cells {
         let [first, second] = joint.bodies.map(|id| self.home(id)?.taken);
         let ((place, first), (other, second)) = first.zip(second)?;
         (place == other).then_some((place, [first, second]))
-    }
-
-    /// A body that leaves a cell takes its joints with it.
-    fn forget_joints(&mut self, id: BodyId) {
-        if !self.sent_joints.is_empty() {
-            self.sent_joints
-                .retain(|_, (_, bodies)| !bodies.contains(&id));
-        }
     }
 
     /// Tells each cell of those of the bodies that it has.
@@ -607,11 +638,11 @@ impl Cells {
                 encode(cell, CellNews::Placed { id, placed }, bytes);
             }
         }
-        for (id, joint) in scene.joints().iter() {
-            if let Some((at, bodies)) = self.place_of_joint(joint)
+        for (id, joint) in self.joints_of(cell, scene) {
+            if let Some((at, bodies)) = self.place_of_joint(&joint)
                 && at == place
             {
-                let joint = Joint { bodies, ..*joint };
+                let joint = Joint { bodies, ..joint };
                 let added = SceneEvent::JointAdded { id, joint };
                 encode(cell, CellNews::SceneEvent(added), bytes);
             }

@@ -111,7 +111,7 @@ impl Agones {
             sidecar,
             server,
             reported: ReportedState::default(),
-            has_failed: false,
+            failed: None,
         };
         let thread = thread::Builder::new()
             .name("rhumb-agones".to_owned())
@@ -147,8 +147,8 @@ struct Reporting {
     sidecar: Sidecar,
     server: ReportedServer,
     reported: ReportedState,
-    /// The last look had a call that was not taken; the log has said so.
-    has_failed: bool,
+    /// The call that was not taken at the last look, and the status of its answer; the log has said so.
+    failed: Option<(String, Option<StatusCode>)>,
 }
 
 /// A call that was not taken: its path, and the answer if one came.
@@ -226,21 +226,29 @@ impl Reporting {
         outcome
     }
 
-    /// Logs the first look that fails, and the first one that does not after it.
+    /// Logs what is not taken when it begins and when it is over.
     fn note(&mut self, outcome: Result<(), NotTaken>) {
-        let had_failed = std::mem::replace(&mut self.has_failed, outcome.is_err());
-        match outcome {
-            Ok(()) if had_failed => tracing::info!("Agones takes this server's calls again"),
-            Ok(()) => {}
-            Err(_) if had_failed => {}
-            Err(NotTaken(path, None)) => {
-                tracing::warn!("Agones does not answer at {path}: it is asked every second");
+        /// Letters of an answer that the log shows.
+        const SHOWN: usize = 200;
+        let Err(NotTaken(path, answer)) = outcome else {
+            if self.failed.take().is_some() {
+                tracing::info!("Agones takes this server's calls again");
             }
-            Err(NotTaken(path, Some((status, text)))) => {
-                let text = String::from_utf8_lossy(&text);
-                tracing::warn!(%status, "Agones refuses {path}, and is asked every second: {text}");
+            return;
+        };
+        let status = answer.as_ref().map(|(status, _)| *status);
+        let is_known = |(known, of): &(String, Option<StatusCode>)| *known == path && *of == status;
+        if self.failed.as_ref().is_some_and(is_known) {
+            return;
+        }
+        match answer {
+            None => tracing::warn!("Agones does not answer at {path}: it is asked every second"),
+            Some((status, text)) => {
+                let text: String = String::from_utf8_lossy(&text).chars().take(SHOWN).collect();
+                tracing::warn!(%status, "Agones refuses {path}, and is asked every second: {text:?}");
             }
         }
+        self.failed = Some((path, status));
     }
 }
 
