@@ -7,7 +7,6 @@
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
-use bytes::Bytes;
 use rhumb_protocol::message::{CellNews, SceneEvent, ServerMessage};
 use rhumb_protocol::packet::StreamId;
 use rhumb_protocol::scene::{
@@ -328,12 +327,9 @@ impl Cells {
         });
     }
 
-    /// Takes the scene events that members have not got yet.
-    pub(crate) fn take_unsent(&mut self) -> Vec<(Option<Cell>, Bytes)> {
-        let unsent = std::mem::take(&mut self.unsent).into_iter();
-        unsent
-            .map(|(cell, bytes)| (cell, Bytes::from(bytes)))
-            .collect()
+    /// Takes the scene events that members have not got yet, in order.
+    pub(crate) fn take_unsent(&mut self) -> Vec<(Option<Cell>, Vec<u8>)> {
+        std::mem::take(&mut self.unsent)
     }
 }
 

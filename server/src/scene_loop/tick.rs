@@ -159,8 +159,13 @@ impl RunningScene {
                 continue;
             };
             let is_for = |cell: &Option<Cell>| cell.is_none_or(|cell| taken.contains_key(&cell));
-            for (_, messages) in of_cells.iter().filter(|(cell, _)| is_for(cell)) {
-                control.send_encoded(messages, out);
+            // One message for each cell would cost as many sends as bodies cross.
+            let mut messages = Vec::new();
+            for (_, of_cell) in of_cells.iter().filter(|(cell, _)| is_for(cell)) {
+                messages.extend_from_slice(of_cell);
+            }
+            if !messages.is_empty() {
+                control.send_encoded(&messages.into(), out);
             }
         }
     }
