@@ -188,7 +188,7 @@ fn an_unknown_scene_event_changes_nothing_and_counts() {
 fn unknown_messages_and_reasons_are_accepted() {
     let mut session = member();
     let mut bytes = Vec::new();
-    frame(0x81, &[], &mut bytes);
+    frame(0x85, &[], &mut bytes);
     frame(0xff, &[3; 300], &mut bytes);
     session.handle_control(Instant::from_nanos(10), PEER, &bytes);
     assert_eq!(events(&mut session), []);
