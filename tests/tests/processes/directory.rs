@@ -264,6 +264,11 @@ fn an_order_for_a_scene_without_a_log_is_refused_at_once() {
     };
     let to = other.server.address.to_string();
     let order = ["move", "app/7", "--to", &to, "--directory", &etcd.endpoint];
+    // A server is on the board a moment after its start.
+    let begun = Instant::now();
+    while SERVER.run(&order).log.contains("has no server at") {
+        assert!(begun.elapsed() < LONG, "the other server is on the board");
+    }
     let begun = Instant::now();
     for _ in 0..2 {
         let ended = SERVER.run(&order);
