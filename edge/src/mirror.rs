@@ -47,7 +47,7 @@ pub(crate) enum Forward {
     /// The copies of members are out of date: a new snapshot came over another connection.
     Renewed,
     /// The copies of members are out of date: the owner began another snapshot by itself, as an edge does whose own owner
-    /// has changed. What it says of events goes on.
+    /// has changed. Its events continue.
     Replaced,
 }
 

@@ -34,7 +34,7 @@ pub(crate) struct Cells {
     homes: Vec<Option<Home>>,
     /// The bodies of each cell, and of what is common to all.
     bodies: BTreeMap<Option<Cell>, BTreeSet<BodyId>>,
-    /// What members take; the place 0 is what they have in common.
+    /// The cells that members take; the place 0 is what they have in common.
     taken: Vec<Option<TakenCell>>,
     places: BTreeMap<Option<Cell>, usize>,
     sent_joints: SentJoints,
@@ -651,7 +651,7 @@ impl Cells {
         encode(cell, CellNews::SnapshotEnd, bytes);
     }
 
-    /// What of a silence concerns a cell; `None` if nothing does.
+    /// The part of a silence that concerns a cell; `None` if nothing does.
     fn part_of(&self, place: usize, silence: &SceneEvent) -> Option<SceneEvent> {
         let SceneEvent::PublisherSilent { since, bodies } = silence else {
             return None;
@@ -728,7 +728,7 @@ fn encode(cell: Option<Cell>, news: CellNews, to: &mut Vec<u8>) {
             ServerMessage::SceneEvent(event)
         }
         (None, CellNews::SnapshotEnd) => ServerMessage::SnapshotEnd,
-        // What is common to all is in no cell, and never crosses.
+        // A common body is in no cell, and never crosses.
         (None, _) => return,
     };
     message.encode(to);

@@ -181,7 +181,7 @@ impl Member {
         }
     }
 
-    /// What of the scene it takes.
+    /// The part of the scene that it takes.
     pub(crate) const fn extent(&self) -> Extent {
         match self.cells {
             Some(_) => Extent::Cells,
@@ -267,7 +267,7 @@ impl Member {
     }
 }
 
-/// What of a scene a member takes.
+/// The part of a scene that a member takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Extent {
     /// All of it.

@@ -37,7 +37,7 @@ struct BuildRow {
     beside: Option<String>,
     /// How it was measured, in words.
     by: String,
-    /// What was run: a task of `rhumb-bench`, or a Criterion bench.
+    /// The command: a task of `rhumb-bench`, or a Criterion bench.
     command: String,
 }
 
@@ -52,7 +52,7 @@ struct LoadRow {
     /// Moving body-ticks that are off, percent.
     old_off: Option<f64>,
     new_off: Option<f64>,
-    /// Whether the engine took the same path.
+    /// True if the engine took the same path.
     same_truth: bool,
     /// Body-ticks of both builds that are off without a cause.
     faults: u64,

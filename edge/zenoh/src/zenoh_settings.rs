@@ -19,7 +19,7 @@ const SESSIONS_MAX: u32 = 16_384;
 /// Longest message that a session puts together, bytes; 1 GiB by default. A packet of a stream is a small part of it.
 const MESSAGE_BYTES_MAX: u32 = 65_536;
 
-/// What a session is for.
+/// The use of a session.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum SessionKind {
     /// It forwards.

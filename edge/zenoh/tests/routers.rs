@@ -225,7 +225,7 @@ impl Run {
             {
                 stepped = self.commander.wait(PipelineDepth::LOCKSTEP);
             }
-            stepped.expect("the scene goes on");
+            stepped.expect("the scene steps");
             self.slowest = self.slowest.max(begun.elapsed());
             while self.commander.poll_event().is_some() {}
             self.tick += 1;

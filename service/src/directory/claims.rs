@@ -85,7 +85,7 @@ pub(crate) enum ClaimEvent {
 
 /// Time of a lease, seconds: from [`Self::MIN`] to [`Self::MAX`].
 ///
-/// A scene of a killed server is free after that time, and a server without its directory goes on for about that time. In the
+/// A scene of a killed server is free after that time, and a server without its directory publishes for about that time. In the
 /// shortest one there is time for one renewal that gets no answer; clients try for twice the longest one to resume.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct LeaseSeconds(u64);
