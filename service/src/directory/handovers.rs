@@ -143,15 +143,20 @@ impl Handovers {
         steps
     }
 
-    /// Orders on a board that are done, as the scenes are this server's.
-    pub(super) fn done(&self, board: &Board, owns: impl Fn(&SceneName) -> bool) -> Vec<Notice> {
+    /// Notices on a board that are of no use any more: orders that are done, as the scenes are this server's, and its refusals
+    /// of scenes that it does not refuse now.
+    pub(super) fn useless(&self, board: &Board, owns: impl Fn(&SceneName) -> bool) -> Vec<Notice> {
         let orders = board.orders.iter();
         let done = orders.filter(|(scene, to)| **to == self.place && owns(scene));
+        let refusals = board.refused.iter();
+        let stale = refusals.filter(|(scene, by)| **by == self.place && !self.refuses(scene));
         done.map(|(scene, to)| Notice::Order(scene.clone(), to.clone()))
+            .chain(stale.map(|(scene, by)| Notice::Refused(scene.clone(), by.clone())))
             .collect()
     }
 
-    /// The notices that the board lacks of this server, which has this lease.
+    /// The notices that the board lacks of this server, which has this lease. What this server says there is compared with
+    /// each board, because a notice can be lost, and because an operator takes a refusal away with its order.
     pub(super) fn missing(&self, board: &Board, lease: LeaseId) -> Vec<Notice> {
         let is_there = board.servers.get(&self.place) == Some(&lease);
         let server = (!is_there).then(|| Notice::Server(self.place.clone()));
@@ -159,7 +164,10 @@ impl Handovers {
             .awaited()
             .filter(|scene| board.standbys.get(*scene) != Some(&self.place));
         let standbys = standbys.map(|scene| Notice::Standby(scene.clone(), self.place.clone()));
-        server.into_iter().chain(standbys).collect()
+        let refused = (self.coming.keys())
+            .filter(|scene| self.refuses(scene) && board.refused.get(*scene) != Some(&self.place));
+        let refused = refused.map(|scene| Notice::Refused(scene.clone(), self.place.clone()));
+        server.into_iter().chain(standbys).chain(refused).collect()
     }
 
     /// Everything is over with the lease; the scenes that do not come.
@@ -196,23 +204,22 @@ impl Handovers {
         sought.map(|(scene, _)| scene)
     }
 
-    /// Notes whether a scene that comes has files; the notice that it cannot come, after enough looks.
-    pub(super) fn note_files(&mut self, scene: &SceneName, seen: FilesSeen) -> Option<Notice> {
-        let coming = self.coming.get_mut(scene)?;
-        let Coming::Sought(looks) = coming else {
-            return None;
+    /// Notes whether a scene that comes has files.
+    pub(super) fn note_files(&mut self, scene: &SceneName, seen: FilesSeen) {
+        let Some(coming) = self.coming.get_mut(scene) else {
+            return;
         };
-        *looks += 1;
-        let is_refused = *looks == LOOKS;
-        match seen {
-            FilesSeen::There => {
-                *coming = Coming::Followed;
-                None
-            }
-            FilesSeen::Missing => {
-                is_refused.then(|| Notice::Refused(scene.clone(), self.place.clone()))
-            }
+        if let Coming::Sought(looks) = coming {
+            *coming = match seen {
+                FilesSeen::There => Coming::Followed,
+                FilesSeen::Missing => Coming::Sought(looks.saturating_add(1)),
+            };
         }
+    }
+
+    /// True for a scene that is ordered here and had no files at enough looks.
+    fn refuses(&self, scene: &SceneName) -> bool {
+        matches!(self.coming.get(scene), Some(Coming::Sought(looks)) if *looks >= LOOKS)
     }
 
     /// True for a scene that is asked for again until it is this server's.
@@ -304,23 +311,51 @@ mod tests {
     }
 
     #[test]
-    fn a_scene_without_files_is_refused_once_and_not_before_a_new_one_has_them() {
+    fn a_scene_without_files_is_refused_while_its_order_stands_and_it_has_none() {
         let mut to = Handovers::new(place("b"));
-        to.take_board(&ordered(), |_| false);
-        for _ in 1..LOOKS {
+        let mut board = ordered();
+        to.take_board(&board, |_| false);
+        for _ in 0..LOOKS {
             assert_eq!(to.sought().collect::<Vec<_>>(), [&pit()]);
-            assert_eq!(to.note_files(&pit(), FilesSeen::Missing), None);
+            assert_eq!(to.missing(&board, LeaseId(2)), []);
+            to.note_files(&pit(), FilesSeen::Missing);
         }
-        let refused = Some(Notice::Refused(pit(), place("b")));
-        assert_eq!(to.note_files(&pit(), FilesSeen::Missing), refused);
-        assert_eq!(to.note_files(&pit(), FilesSeen::Missing), None, "once");
-        assert_eq!(to.note_files(&pit(), FilesSeen::There), None);
+        let refused = [Notice::Refused(pit(), place("b"))];
+        assert_eq!(to.missing(&board, LeaseId(2)), refused);
+        board.refused.insert(pit(), place("b"));
+        assert_eq!(to.missing(&board, LeaseId(2)), [], "it is there");
+        assert_eq!(to.useless(&board, |_| false), []);
+        // An operator takes its order back and gives it again, and this server has seen no board between.
+        board.refused.clear();
+        assert_eq!(to.take_board(&board, |_| false), []);
+        assert_eq!(to.missing(&board, LeaseId(2)), refused, "again");
+        board.refused.insert(pit(), place("b"));
+        to.note_files(&pit(), FilesSeen::There);
+        assert_eq!(to.useless(&board, |_| false), refused, "it has files");
         assert_eq!(to.sought().count(), 0);
+        to.note_files(&pit(), FilesSeen::Missing);
+        assert_eq!(to.missing(&ordered(), LeaseId(2)), [], "it was there");
+    }
+
+    #[test]
+    fn a_refusal_ends_with_its_order() {
+        let mut to = Handovers::new(place("b"));
+        let mut board = ordered();
+        to.take_board(&board, |_| false);
+        for _ in 0..LOOKS {
+            to.note_files(&pit(), FilesSeen::Missing);
+        }
+        board.orders.clear();
+        board.refused.insert(pit(), place("b"));
         assert_eq!(
-            to.note_files(&pit(), FilesSeen::Missing),
-            None,
-            "it was there"
+            to.take_board(&board, |_| false),
+            [HandoverStep::Forget(pit())]
         );
+        assert_eq!(to.missing(&board, LeaseId(2)), []);
+        let refused = [Notice::Refused(pit(), place("b"))];
+        assert_eq!(to.useless(&board, |_| false), refused);
+        board.refused.insert(pit(), place("c"));
+        assert_eq!(to.useless(&board, |_| false), [], "another server's");
     }
 
     #[test]
@@ -338,7 +373,7 @@ mod tests {
         let mut to = Handovers::new(place("b"));
         assert_eq!(to.take_board(&ordered(), |_| true), []);
         let done = [Notice::Order(pit(), place("b"))];
-        assert_eq!(to.done(&ordered(), |_| true), done);
+        assert_eq!(to.useless(&ordered(), |_| true), done);
     }
 
     #[test]

@@ -267,9 +267,7 @@ impl Keeping {
             DirectoryNews::Request(id, answer) => self.claims.handle_answer(now, id, answer),
             DirectoryNews::Files(FilesNews::Taken(files)) => self.take_files(files),
             DirectoryNews::Files(FilesNews::Seen(scene, seen)) => {
-                if let Some(refused) = self.handovers.note_files(&scene, seen) {
-                    self.post(refused);
-                }
+                self.handovers.note_files(&scene, seen);
             }
             DirectoryNews::Board(None) => self.board_at = Some(now + BOARD),
             DirectoryNews::Board(Some(board)) => self.take_board(now, &board),
@@ -281,8 +279,8 @@ impl Keeping {
         let steps = self.handovers.take_board(board, owns);
         self.drained
             .store(self.handovers.is_drained(), Ordering::Relaxed);
-        for done in self.handovers.done(board, owns) {
-            self.remove(done);
+        for useless in self.handovers.useless(board, owns) {
+            self.remove(useless);
         }
         if let Some(lease) = self.claims.lease() {
             for notice in self.handovers.missing(board, lease) {
@@ -305,9 +303,6 @@ impl Keeping {
     fn hand_on(&mut self, steps: Vec<HandoverStep>) {
         let any = !steps.is_empty();
         for step in steps {
-            if let HandoverStep::Forget(scene) = &step {
-                self.remove(Notice::Refused(scene.clone(), self.place.clone()));
-            }
             self.tell(DirectoryEvent::Handover(step));
         }
         if any {
