@@ -73,8 +73,10 @@ def build(old):
     for folder in [old, ROOT]:
         packages = ["-p", "rhumb-bench", "-p", "rhumb-server"]
         command = ["cargo", "build", "--release", *packages, "--bins", "--benches"]
-        print(f"{folder}: {shlex.join(command)}", file=sys.stderr)
-        subprocess.run(command, cwd=folder, check=True)
+        for one in [command, ["bindings/web/build"]]:
+            print(f"{folder}: {shlex.join(one)}", file=sys.stderr)
+            subprocess.run(one, cwd=folder, check=True)
+    subprocess.run(["cargo", "build", "--release", "-p", "rhumb-tests", "--bin", "rhumb-follow"], cwd=ROOT, check=True)
 
 
 class Build:
@@ -296,6 +298,43 @@ def filling(builds, pairs):
     return {"rows": rows}
 
 
+def recorded(build, file):
+    """Records a session of 4,000 balls, as a member of the build's server receives it."""
+    command = [build.release / "rhumb-server", "--open", "--listen", "127.0.0.1:0", "--log", "off"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
+        try:
+            said = {}
+            for line in server.stdout:
+                name, _, value = line.strip().rpartition(" ")
+                said[name] = value
+                if {"listening on", "fingerprint"} <= said.keys():
+                    break
+            follow = [build.release / "rhumb-follow", "--server", said["listening on"], "--fingerprint", said["fingerprint"]]
+            follow += ["--scene", "live", "--bodies", 4000, "--micrometres", 10_000, "--ticks", 150]
+            call([*follow, "--out", os.devnull, "--record", file], input="\n")
+        finally:
+            server.kill()
+
+
+def browser(builds, pairs):
+    with tempfile.TemporaryDirectory() as folder:
+        recording = pathlib.Path(folder, "recording.json")
+        recorded(builds[1], recording)
+        script = builds[1].folder / "bindings/web/test/measure.mjs"
+        run = lambda build: json.loads(call(["node", script, build.folder / "bindings/web", recording, 3]))
+        figures = {name: lambda found, name=name: found[name] for name in ["decode_ms", "view_ms"]}
+        values = paired(builds, pairs, run, figures)
+    command = "node bindings/web/test/measure.mjs bindings/web RECORDING"
+    rows = []
+    for name, what, greatest in [
+        ("decode_ms", "browsers' client: decoding 150 ticks of 4,000 balls that burst", 0.55),
+        ("view_ms", "browsers' client: a view of 4,000 balls", 0.5),
+    ]:
+        row = timed({"what": what, "unit": "ms", "command": command, "aim": f"≤ {greatest} ×"}, values, name, pairs)
+        rows.append({**row, "met": row["ratio"] <= greatest})
+    return {"rows": rows}
+
+
 REPLAY = "replay CUBES --tolerance 0.01 --no-limit --no-trace"
 LOADS = [
     ("recorded cubes, 10 mm", REPLAY),
@@ -385,6 +424,7 @@ PARTS = {
     "members": members,
     "frames": frames,
     "filling": filling,
+    "browser": browser,
     "bytes": loads,
     "stages": stages,
 }
