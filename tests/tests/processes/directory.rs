@@ -3,7 +3,7 @@
 //! The directory is an etcd of the test's own; a test is left out where etcd is not installed, unless
 //! `RHUMB_TEST_LANGUAGES` is `all`. The run is that of `durable`: equal digests mean that no command was lost, doubled or
 //! moved to another tick. `KILLS`, `STOPS` and `MOVES` say how often the scene's server ends or the scene moves, `BODIES`
-//! the size of the scene, `SEED` the moments.
+//! the size of the scene, `SEED` the moments, `LEASE` the seconds of the servers' leases.
 
 use std::io::{BufRead, BufReader};
 use std::path::Path;
@@ -92,6 +92,7 @@ impl Placed {
 
     fn start_with(listen: &str, data: &Path, etcd: &Etcd, settings: &[&str]) -> Self {
         let (metrics, data) = (free_address(), data.to_str().expect("text"));
+        let lease = variable("LEASE", 5).to_string();
         let own = [
             "--data",
             data,
@@ -99,6 +100,8 @@ impl Placed {
             &etcd.endpoint,
             "--metrics",
             &metrics,
+            "--lease",
+            &lease,
         ];
         let server = SERVER.serve_with(listen, &[&own, settings].concat());
         Self { server, metrics }
