@@ -244,7 +244,7 @@ impl PyHit {
     }
 }
 
-/// Something that happened, or the answer to a command. What its kind does not name is zero, None or empty.
+/// Something that happened, or the answer to a command. A field that its kind does not name is zero, None or empty.
 #[pyclass(frozen, get_all, name = "Event", module = "rhumb")]
 pub(crate) struct PyEvent {
     /// One of: "commands applied", "command refused", "body placed", "body removed", "contact began", "contact
@@ -372,7 +372,7 @@ impl PyContact {
     }
 }
 
-/// A request of another member of a scene that this program feeds, of Scene.requests. What its kind does not name is None.
+/// A request of another member of a scene that this program feeds, of Scene.requests. A field that its kind does not name is None.
 #[pyclass(frozen, name = "Request", module = "rhumb")]
 pub(crate) struct PyRequest {
     pub(crate) record: RequestRecord,

@@ -1,4 +1,4 @@
-//! Values that commands take, as classes of Python.
+//! Commands as methods of a scene, and the values that they take as classes of Python.
 //!
 //! Made by `bindings/table` from `spec/tables/protocol.json`; do not edit. A setting that is left out is that of Rust, in
 //! the units and axes of the scene that gets it.
@@ -6,14 +6,321 @@
 use pyo3::prelude::*;
 use rhumb_bindings::Coordinates;
 use rhumb_bindings::rhumb_client::BodyId;
-use rhumb_bindings::rhumb_client::glam::Vec3;
+use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
 use rhumb_bindings::rhumb_client::scene::{
-    Character, CharacterStep, Command, Vehicle, Wheel, WheelInput,
+    ActiveEvents, Character, CharacterStep, Command, JumpFrom, Locomotion, Vehicle, Wheel,
+    WheelInput,
 };
 
-use crate::arguments::{call, number, triple, vector};
+use crate::arguments::{bodies, call, number, optional_rows, rows, triple, vector};
 use crate::errors::check_in_any;
 use crate::number::{optional_real, real, reals};
+use crate::scene::PyScene;
+
+#[pymethods]
+impl PyScene {
+    /// Removes a body, and its joints.
+    fn remove(&self, py: Python<'_>, body: &Bound<'_, PyAny>) -> PyResult<Option<u64>> {
+        let ids = bodies(body)?.ids;
+        self.each(py, &ids, |id, _| Command::RemoveBody { id })
+    }
+
+    /// Puts a fixed or dynamic body elsewhere at once, and moves a kinematic one there during the next tick.
+    ///
+    /// If poses of a kinematic body come more seldom than ticks, up to four a second, it moves evenly from one to
+    /// the next, carries what lies on it, and stops at the last one. A pose that is farther than 100 m/s or a
+    /// quarter of a turn in a tick from where its motion leads is a jump that shoves nothing. If a velocity is set
+    /// after the pose, the body is there after one tick and continues at that velocity.
+    ///
+    /// position: place of its centre of mass, or of the origin of a hull or compound added here, units of length:
+    /// at most 100,000 m along each axis.
+    /// rotation: unit quaternion x, y, z, w, body to world.
+    #[pyo3(signature = (body, position, rotation = None))]
+    fn set_pose(
+        &self,
+        py: Python<'_>,
+        body: &Bound<'_, PyAny>,
+        position: &Bound<'_, PyAny>,
+        rotation: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Option<u64>> {
+        let ids = bodies(body)?.ids;
+        let position = rows(position, ids.len(), "position")?;
+        let rotation = optional_rows(rotation, ids.len(), "rotation", Quat::IDENTITY.to_array())?;
+        self.each(py, &ids, |id, place| Command::SetPose {
+            id,
+            position: Vec3::from_array(position[place]),
+            rotation: Quat::from_array(rotation[place]),
+        })
+    }
+
+    /// Sets both velocities.
+    ///
+    /// A kinematic body keeps them, and a character walks by them.
+    ///
+    /// linear: velocity of the centre of mass, units of length per second: at most 1,000 m/s along each axis.
+    /// angular: angular velocity about world axes: at most 100 rad/s along each axis.
+    #[pyo3(signature = (body, linear, angular = None))]
+    fn set_velocity(
+        &self,
+        py: Python<'_>,
+        body: &Bound<'_, PyAny>,
+        linear: &Bound<'_, PyAny>,
+        angular: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Option<u64>> {
+        let ids = bodies(body)?.ids;
+        let linear = rows(linear, ids.len(), "linear")?;
+        let angular = optional_rows(angular, ids.len(), "angular", [0.0; 3])?;
+        self.each(py, &ids, |id, place| Command::SetVelocity {
+            id,
+            linear: Vec3::from_array(linear[place]),
+            angular: Vec3::from_array(angular[place]),
+        })
+    }
+
+    /// Applies a force at the centre of mass during the next tick; one that makes the body too fast is refused.
+    ///
+    /// With a point, it acts there.
+    ///
+    /// force: in world axes, kg times units of length per s²: at most 1,000,000,000 N along each axis.
+    /// point: point of the world where it acts, units of length: at most 100,000 m along each axis.
+    #[pyo3(signature = (body, force, point = None))]
+    fn apply_force(
+        &self,
+        py: Python<'_>,
+        body: &Bound<'_, PyAny>,
+        force: &Bound<'_, PyAny>,
+        point: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Option<u64>> {
+        let ids = bodies(body)?.ids;
+        let force = rows(force, ids.len(), "force")?;
+        let point = point
+            .map(|point| rows(point, ids.len(), "point"))
+            .transpose()?;
+        self.each(py, &ids, |id, place| match &point {
+            Some(point) => Command::ForceAt {
+                id,
+                force: Vec3::from_array(force[place]),
+                point: Vec3::from_array(point[place]),
+            },
+            None => Command::Force {
+                id,
+                force: Vec3::from_array(force[place]),
+            },
+        })
+    }
+
+    /// Applies a torque during the next tick; one that makes the body spin too fast is refused.
+    ///
+    /// torque: about world axes, kg times units of length² per s²: at most 1,000,000,000 N·m along each axis.
+    fn apply_torque(
+        &self,
+        py: Python<'_>,
+        body: &Bound<'_, PyAny>,
+        torque: &Bound<'_, PyAny>,
+    ) -> PyResult<Option<u64>> {
+        let ids = bodies(body)?.ids;
+        let torque = rows(torque, ids.len(), "torque")?;
+        self.each(py, &ids, |id, place| Command::Torque {
+            id,
+            torque: Vec3::from_array(torque[place]),
+        })
+    }
+
+    /// Applies an impulse at the centre of mass: the velocity changes at once; one that makes the body too fast
+    /// is refused.
+    ///
+    /// With a point, it acts there.
+    ///
+    /// impulse: in world axes, kg times units of length per second: at most 1,000,000,000 N·s along each axis.
+    /// point: point of the world where it acts, units of length: at most 100,000 m along each axis.
+    #[pyo3(signature = (body, impulse, point = None))]
+    fn apply_impulse(
+        &self,
+        py: Python<'_>,
+        body: &Bound<'_, PyAny>,
+        impulse: &Bound<'_, PyAny>,
+        point: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Option<u64>> {
+        let ids = bodies(body)?.ids;
+        let impulse = rows(impulse, ids.len(), "impulse")?;
+        let point = point
+            .map(|point| rows(point, ids.len(), "point"))
+            .transpose()?;
+        self.each(py, &ids, |id, place| match &point {
+            Some(point) => Command::ImpulseAt {
+                id,
+                impulse: Vec3::from_array(impulse[place]),
+                point: Vec3::from_array(point[place]),
+            },
+            None => Command::Impulse {
+                id,
+                impulse: Vec3::from_array(impulse[place]),
+            },
+        })
+    }
+
+    /// Applies an angular impulse: the spin changes at once; one that makes the body spin too fast is refused.
+    ///
+    /// impulse: about world axes, kg times units of length² per second: at most 1,000,000,000 N·m·s along each
+    /// axis.
+    fn apply_torque_impulse(
+        &self,
+        py: Python<'_>,
+        body: &Bound<'_, PyAny>,
+        impulse: &Bound<'_, PyAny>,
+    ) -> PyResult<Option<u64>> {
+        let ids = bodies(body)?.ids;
+        let impulse = rows(impulse, ids.len(), "impulse")?;
+        self.each(py, &ids, |id, place| Command::TorqueImpulse {
+            id,
+            impulse: Vec3::from_array(impulse[place]),
+        })
+    }
+
+    /// Puts a dynamic body to sleep, until something that moves touches it.
+    fn sleep(&self, py: Python<'_>, body: &Bound<'_, PyAny>) -> PyResult<Option<u64>> {
+        let ids = bodies(body)?.ids;
+        self.each(py, &ids, |id, _| Command::Sleep { id })
+    }
+
+    /// Wakes a dynamic body.
+    fn wake(&self, py: Python<'_>, body: &Bound<'_, PyAny>) -> PyResult<Option<u64>> {
+        let ids = bodies(body)?.ids;
+        self.each(py, &ids, |id, _| Command::Wake { id })
+    }
+
+    /// Turns the events of a body on; what is left out, off.
+    ///
+    /// A new body reports none.
+    ///
+    /// contacts: its contacts begin and end.
+    /// sensors: bodies enter and leave the sensor, or the body enters and leaves sensors.
+    /// sleep: it falls asleep and wakes.
+    /// force: least force of a contact that is reported, in each tick, zero for all, kg times units of length per
+    /// s²: 0 to 1,000,000,000 N.
+    #[pyo3(signature = (body, *, contacts = false, sensors = false, sleep = false, force = None))]
+    fn report_events(
+        &self,
+        py: Python<'_>,
+        body: &Bound<'_, PyAny>,
+        contacts: bool,
+        sensors: bool,
+        sleep: bool,
+        force: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Option<u64>> {
+        let ids = bodies(body)?.ids;
+        let force = optional_real(force, "force")?;
+        self.each(py, &ids, |id, _| Command::SetEvents {
+            id,
+            events: ActiveEvents {
+                contacts,
+                sensors,
+                sleep,
+                force,
+            },
+        })
+    }
+
+    /// Makes a character or a vehicle an ordinary body again.
+    fn clear_locomotion(&self, py: Python<'_>, body: &Bound<'_, PyAny>) -> PyResult<Option<u64>> {
+        let ids = bodies(body)?.ids;
+        self.each(py, &ids, |id, _| Command::SetLocomotion {
+            id,
+            locomotion: Box::new(Locomotion::None),
+        })
+    }
+
+    /// Makes a kinematic body a character, which walks by the velocity that is set, or gives a character other
+    /// settings.
+    ///
+    /// Events report when it reaches the ground and when it leaves it.
+    fn set_character(
+        &self,
+        py: Python<'_>,
+        body: &Bound<'_, PyAny>,
+        character: &Bound<'_, PyCharacter>,
+    ) -> PyResult<Option<u64>> {
+        let ids = bodies(body)?.ids;
+        self.each_in(py, &ids, |id, coordinates| Command::SetLocomotion {
+            id,
+            locomotion: Box::new(character.get().character(coordinates).into()),
+        })
+    }
+
+    /// Makes a dynamic body a vehicle, whose wheels begin without inputs.
+    fn set_vehicle(
+        &self,
+        py: Python<'_>,
+        body: &Bound<'_, PyAny>,
+        wheels: Vec<PyRef<'_, PyWheel>>,
+    ) -> PyResult<Option<u64>> {
+        let ids = bodies(body)?.ids;
+        self.each_in(py, &ids, |id, coordinates| Command::SetLocomotion {
+            id,
+            locomotion: Box::new(
+                Vehicle {
+                    wheels: wheels
+                        .iter()
+                        .map(|wheel| wheel.wheel(coordinates))
+                        .collect(),
+                }
+                .into(),
+            ),
+        })
+    }
+
+    /// Lets a character rise along its direction up.
+    ///
+    /// In the air nothing happens, unless it may jump from anywhere.
+    ///
+    /// speed: speed with which it rises, units of length per second: -1,000 to 1,000 m/s.
+    /// anywhere: it jumps in the air too.
+    #[pyo3(signature = (body, speed, *, anywhere = false))]
+    fn jump(
+        &self,
+        py: Python<'_>,
+        body: &Bound<'_, PyAny>,
+        speed: &Bound<'_, PyAny>,
+        anywhere: bool,
+    ) -> PyResult<Option<u64>> {
+        let ids = bodies(body)?.ids;
+        let speed = real(speed, "speed")?;
+        let from = match anywhere {
+            true => JumpFrom::Anywhere,
+            false => JumpFrom::Ground,
+        };
+        self.each(py, &ids, |id, _| Command::Jump { id, speed, from })
+    }
+
+    /// Sets steering, force and brake of all wheels of a vehicle.
+    ///
+    /// It keeps them until the next ones.
+    ///
+    /// inputs: in the order of the wheels.
+    fn set_wheels(
+        &self,
+        py: Python<'_>,
+        body: &Bound<'_, PyAny>,
+        inputs: Vec<PyRef<'_, PyWheelInput>>,
+    ) -> PyResult<Option<u64>> {
+        let ids = bodies(body)?.ids;
+        self.each_in(py, &ids, |id, coordinates| Command::SetWheels {
+            id,
+            inputs: inputs
+                .iter()
+                .map(|input| input.wheel_input(coordinates))
+                .collect(),
+        })
+    }
+
+    /// Changes the gravity of the scene.
+    ///
+    /// gravity: in world axes, units of length per s²: at most 1,000 m/s² along each axis.
+    fn set_gravity(&self, py: Python<'_>, gravity: &Bound<'_, PyAny>) -> PyResult<Option<u64>> {
+        let gravity = vector(gravity, "gravity")?;
+        self.one(py, Command::SetGravity { gravity })
+    }
+}
 
 /// A character: a kinematic body that walks by its velocity, as far as the world lets it, and falls.
 ///

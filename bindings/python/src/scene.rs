@@ -1,9 +1,6 @@
 //! Scenes: bodies, commands, time, arrays, events, queries.
 //!
-//! The commands, a third of this file, are made by `bindings/table`. PyO3 takes the methods of a class in one block, so this
-//! file is longer than others.
-
-mod calls;
+//! The methods here are written by hand; those of most commands are made by `bindings/table`, in `generated`.
 
 use std::path::PathBuf;
 use std::sync::{Mutex, TryLockError};
@@ -11,20 +8,17 @@ use std::sync::{Mutex, TryLockError};
 use numpy::{IntoPyArray, PyArray1, PyArrayDyn};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
-use rhumb_bindings::rhumb_client::scene::{
-    ActiveEvents, Command, JointId, JumpFrom, Locomotion, Vehicle,
-};
-use rhumb_bindings::rhumb_client::{PipelineDepth, Tick};
-use rhumb_bindings::{BindingError, RemoteScene, packed_id};
+use rhumb_bindings::rhumb_client::glam::Vec3;
+use rhumb_bindings::rhumb_client::scene::{Command, JointId};
+use rhumb_bindings::rhumb_client::{BodyId, PipelineDepth, Tick};
+use rhumb_bindings::{BindingError, Coordinates, RemoteScene, packed_id};
 
 use crate::answers::{PyContact, PyEvent, PyHit, PyQuery, PyRequest};
-use crate::arguments::{bodies, optional_rows, optional_tick, rows, seconds, single, vector};
+use crate::arguments::{Bodies, bodies, optional_tick, seconds, single, vector};
 use crate::body::{GivenStates, PyJoint, PyShape, bodies_at, plain_body, states};
 use crate::errors::{exception, wrong_value};
 use crate::file::{PyCheckpoint, PyLoaded, params};
-use crate::generated::{PyCharacter, PyWheel, PyWheelInput};
-use crate::number::{self, optional_real, real};
+use crate::number;
 use crate::open_scene::{OpenScene, dictionary, floats};
 
 /// A client of one scene. It leaves the scene at the end of a with block.
@@ -55,6 +49,87 @@ impl PyScene {
         Self {
             name,
             opened: Mutex::new(Some(OpenScene::new(scene))),
+        }
+    }
+
+    /// Calls with the scene. A second thread does not wait.
+    pub(crate) fn with<R>(
+        &self,
+        py: Python<'_>,
+        call: impl FnOnce(&mut OpenScene) -> Result<R, BindingError>,
+    ) -> PyResult<R> {
+        self.locked(call).map_err(|error| exception(py, &error))
+    }
+
+    /// The same without the interpreter's lock, for a call that waits.
+    pub(crate) fn waiting<R: Send>(
+        &self,
+        py: Python<'_>,
+        call: impl FnOnce(&mut OpenScene) -> Result<R, BindingError> + Send,
+    ) -> PyResult<R> {
+        let result = py.detach(|| self.locked(call));
+        result.map_err(|error| exception(py, &error))
+    }
+
+    pub(crate) fn locked<R>(
+        &self,
+        call: impl FnOnce(&mut OpenScene) -> Result<R, BindingError>,
+    ) -> Result<R, BindingError> {
+        let mut opened = self.opened.try_lock().map_err(|error| match error {
+            TryLockError::WouldBlock => BindingError::Busy,
+            TryLockError::Poisoned(_) => {
+                BindingError::Fault("an earlier call of this scene panicked".into())
+            }
+        })?;
+        call(opened.as_mut().ok_or(BindingError::Closed)?)
+    }
+
+    /// Queues a command.
+    pub(crate) fn one(&self, py: Python<'_>, command: Command) -> PyResult<Option<u64>> {
+        self.with(py, |opened| opened.scene.command(vec![command]))
+    }
+
+    /// Queues a command for each body of a row, which has its place in it.
+    pub(crate) fn each(
+        &self,
+        py: Python<'_>,
+        ids: &[BodyId],
+        command: impl Fn(BodyId, usize) -> Command,
+    ) -> PyResult<Option<u64>> {
+        let each = ids.iter().enumerate();
+        let commands = each.map(|(place, id)| command(*id, place)).collect();
+        self.with(py, |opened| opened.scene.command(commands))
+    }
+
+    /// Queues a command for each body, with a value in the scene's coordinates.
+    pub(crate) fn each_in(
+        &self,
+        py: Python<'_>,
+        ids: &[BodyId],
+        command: impl Fn(BodyId, Coordinates) -> Command,
+    ) -> PyResult<Option<u64>> {
+        self.with(py, |opened| {
+            let coordinates = opened.scene.coordinates();
+            let commands = ids.iter().map(|id| command(*id, coordinates));
+            opened.scene.command(commands.collect())
+        })
+    }
+
+    /// A bound of one body as a number, of a row of bodies as an array.
+    pub(crate) fn bounds(
+        &self,
+        py: Python<'_>,
+        body: &Bound<'_, PyAny>,
+        bound: impl Fn(&RemoteScene, BodyId) -> Result<f32, BindingError>,
+    ) -> PyResult<Py<PyAny>> {
+        let Bodies { ids, is_single } = bodies(body)?;
+        let bounds = self.with(py, |opened| {
+            let bounds = ids.iter().map(|id| bound(&opened.scene, *id));
+            bounds.collect::<Result<Vec<_>, _>>()
+        })?;
+        match (is_single, bounds.as_slice()) {
+            (true, [bound]) => Ok(bound.into_pyobject(py)?.into_any().unbind()),
+            _ => Ok(bounds.into_pyarray(py).into_any().unbind()),
         }
     }
 }
@@ -159,312 +234,6 @@ impl PyScene {
         let words: Vec<u64> = ids.into_iter().map(packed_id).collect();
         Ok(words.into_pyarray(py))
     }
-
-    // >>> commands, made by bindings/table
-
-    /// Removes a body, and its joints.
-    fn remove(&self, py: Python<'_>, body: &Bound<'_, PyAny>) -> PyResult<Option<u64>> {
-        let ids = bodies(body)?.ids;
-        self.each(py, &ids, |id, _| Command::RemoveBody { id })
-    }
-
-    /// Puts a fixed or dynamic body elsewhere at once, and moves a kinematic one there during the next tick.
-    ///
-    /// If poses of a kinematic body come more seldom than ticks, up to four a second, it moves evenly from one to
-    /// the next, carries what lies on it, and stops at the last one. A pose that is farther than 100 m/s or a
-    /// quarter of a turn in a tick from where its motion leads is a jump that shoves nothing. If a velocity is set
-    /// after the pose, the body is there after one tick and continues at that velocity.
-    ///
-    /// position: place of its centre of mass, or of the origin of a hull or compound added here, units of length:
-    /// at most 100,000 m along each axis.
-    /// rotation: unit quaternion x, y, z, w, body to world.
-    #[pyo3(signature = (body, position, rotation = None))]
-    fn set_pose(
-        &self,
-        py: Python<'_>,
-        body: &Bound<'_, PyAny>,
-        position: &Bound<'_, PyAny>,
-        rotation: Option<&Bound<'_, PyAny>>,
-    ) -> PyResult<Option<u64>> {
-        let ids = bodies(body)?.ids;
-        let position = rows(position, ids.len(), "position")?;
-        let rotation = optional_rows(rotation, ids.len(), "rotation", Quat::IDENTITY.to_array())?;
-        self.each(py, &ids, |id, place| Command::SetPose {
-            id,
-            position: Vec3::from_array(position[place]),
-            rotation: Quat::from_array(rotation[place]),
-        })
-    }
-
-    /// Sets both velocities.
-    ///
-    /// A kinematic body keeps them, and a character walks by them.
-    ///
-    /// linear: velocity of the centre of mass, units of length per second: at most 1,000 m/s along each axis.
-    /// angular: angular velocity about world axes: at most 100 rad/s along each axis.
-    #[pyo3(signature = (body, linear, angular = None))]
-    fn set_velocity(
-        &self,
-        py: Python<'_>,
-        body: &Bound<'_, PyAny>,
-        linear: &Bound<'_, PyAny>,
-        angular: Option<&Bound<'_, PyAny>>,
-    ) -> PyResult<Option<u64>> {
-        let ids = bodies(body)?.ids;
-        let linear = rows(linear, ids.len(), "linear")?;
-        let angular = optional_rows(angular, ids.len(), "angular", [0.0; 3])?;
-        self.each(py, &ids, |id, place| Command::SetVelocity {
-            id,
-            linear: Vec3::from_array(linear[place]),
-            angular: Vec3::from_array(angular[place]),
-        })
-    }
-
-    /// Applies a force at the centre of mass during the next tick; one that makes the body too fast is refused.
-    ///
-    /// With a point, it acts there.
-    ///
-    /// force: in world axes, kg times units of length per s²: at most 1,000,000,000 N along each axis.
-    /// point: point of the world where it acts, units of length: at most 100,000 m along each axis.
-    #[pyo3(signature = (body, force, point = None))]
-    fn apply_force(
-        &self,
-        py: Python<'_>,
-        body: &Bound<'_, PyAny>,
-        force: &Bound<'_, PyAny>,
-        point: Option<&Bound<'_, PyAny>>,
-    ) -> PyResult<Option<u64>> {
-        let ids = bodies(body)?.ids;
-        let force = rows(force, ids.len(), "force")?;
-        let point = point
-            .map(|point| rows(point, ids.len(), "point"))
-            .transpose()?;
-        self.each(py, &ids, |id, place| match &point {
-            Some(point) => Command::ForceAt {
-                id,
-                force: Vec3::from_array(force[place]),
-                point: Vec3::from_array(point[place]),
-            },
-            None => Command::Force {
-                id,
-                force: Vec3::from_array(force[place]),
-            },
-        })
-    }
-
-    /// Applies a torque during the next tick; one that makes the body spin too fast is refused.
-    ///
-    /// torque: about world axes, kg times units of length² per s²: at most 1,000,000,000 N·m along each axis.
-    fn apply_torque(
-        &self,
-        py: Python<'_>,
-        body: &Bound<'_, PyAny>,
-        torque: &Bound<'_, PyAny>,
-    ) -> PyResult<Option<u64>> {
-        let ids = bodies(body)?.ids;
-        let torque = rows(torque, ids.len(), "torque")?;
-        self.each(py, &ids, |id, place| Command::Torque {
-            id,
-            torque: Vec3::from_array(torque[place]),
-        })
-    }
-
-    /// Applies an impulse at the centre of mass: the velocity changes at once; one that makes the body too fast
-    /// is refused.
-    ///
-    /// With a point, it acts there.
-    ///
-    /// impulse: in world axes, kg times units of length per second: at most 1,000,000,000 N·s along each axis.
-    /// point: point of the world where it acts, units of length: at most 100,000 m along each axis.
-    #[pyo3(signature = (body, impulse, point = None))]
-    fn apply_impulse(
-        &self,
-        py: Python<'_>,
-        body: &Bound<'_, PyAny>,
-        impulse: &Bound<'_, PyAny>,
-        point: Option<&Bound<'_, PyAny>>,
-    ) -> PyResult<Option<u64>> {
-        let ids = bodies(body)?.ids;
-        let impulse = rows(impulse, ids.len(), "impulse")?;
-        let point = point
-            .map(|point| rows(point, ids.len(), "point"))
-            .transpose()?;
-        self.each(py, &ids, |id, place| match &point {
-            Some(point) => Command::ImpulseAt {
-                id,
-                impulse: Vec3::from_array(impulse[place]),
-                point: Vec3::from_array(point[place]),
-            },
-            None => Command::Impulse {
-                id,
-                impulse: Vec3::from_array(impulse[place]),
-            },
-        })
-    }
-
-    /// Applies an angular impulse: the spin changes at once; one that makes the body spin too fast is refused.
-    ///
-    /// impulse: about world axes, kg times units of length² per second: at most 1,000,000,000 N·m·s along each
-    /// axis.
-    fn apply_torque_impulse(
-        &self,
-        py: Python<'_>,
-        body: &Bound<'_, PyAny>,
-        impulse: &Bound<'_, PyAny>,
-    ) -> PyResult<Option<u64>> {
-        let ids = bodies(body)?.ids;
-        let impulse = rows(impulse, ids.len(), "impulse")?;
-        self.each(py, &ids, |id, place| Command::TorqueImpulse {
-            id,
-            impulse: Vec3::from_array(impulse[place]),
-        })
-    }
-
-    /// Puts a dynamic body to sleep, until something that moves touches it.
-    fn sleep(&self, py: Python<'_>, body: &Bound<'_, PyAny>) -> PyResult<Option<u64>> {
-        let ids = bodies(body)?.ids;
-        self.each(py, &ids, |id, _| Command::Sleep { id })
-    }
-
-    /// Wakes a dynamic body.
-    fn wake(&self, py: Python<'_>, body: &Bound<'_, PyAny>) -> PyResult<Option<u64>> {
-        let ids = bodies(body)?.ids;
-        self.each(py, &ids, |id, _| Command::Wake { id })
-    }
-
-    /// Turns the events of a body on; what is left out, off.
-    ///
-    /// A new body reports none.
-    ///
-    /// contacts: its contacts begin and end.
-    /// sensors: bodies enter and leave the sensor, or the body enters and leaves sensors.
-    /// sleep: it falls asleep and wakes.
-    /// force: least force of a contact that is reported, in each tick, zero for all, kg times units of length per
-    /// s²: 0 to 1,000,000,000 N.
-    #[pyo3(signature = (body, *, contacts = false, sensors = false, sleep = false, force = None))]
-    fn report_events(
-        &self,
-        py: Python<'_>,
-        body: &Bound<'_, PyAny>,
-        contacts: bool,
-        sensors: bool,
-        sleep: bool,
-        force: Option<&Bound<'_, PyAny>>,
-    ) -> PyResult<Option<u64>> {
-        let ids = bodies(body)?.ids;
-        let force = optional_real(force, "force")?;
-        self.each(py, &ids, |id, _| Command::SetEvents {
-            id,
-            events: ActiveEvents {
-                contacts,
-                sensors,
-                sleep,
-                force,
-            },
-        })
-    }
-
-    /// Makes a character or a vehicle an ordinary body again.
-    fn clear_locomotion(&self, py: Python<'_>, body: &Bound<'_, PyAny>) -> PyResult<Option<u64>> {
-        let ids = bodies(body)?.ids;
-        self.each(py, &ids, |id, _| Command::SetLocomotion {
-            id,
-            locomotion: Box::new(Locomotion::None),
-        })
-    }
-
-    /// Makes a kinematic body a character, which walks by the velocity that is set, or gives a character other
-    /// settings.
-    ///
-    /// Events report when it reaches the ground and when it leaves it.
-    fn set_character(
-        &self,
-        py: Python<'_>,
-        body: &Bound<'_, PyAny>,
-        character: &Bound<'_, PyCharacter>,
-    ) -> PyResult<Option<u64>> {
-        let ids = bodies(body)?.ids;
-        self.each_in(py, &ids, |id, coordinates| Command::SetLocomotion {
-            id,
-            locomotion: Box::new(character.get().character(coordinates).into()),
-        })
-    }
-
-    /// Makes a dynamic body a vehicle, whose wheels begin without inputs.
-    fn set_vehicle(
-        &self,
-        py: Python<'_>,
-        body: &Bound<'_, PyAny>,
-        wheels: Vec<PyRef<'_, PyWheel>>,
-    ) -> PyResult<Option<u64>> {
-        let ids = bodies(body)?.ids;
-        self.each_in(py, &ids, |id, coordinates| Command::SetLocomotion {
-            id,
-            locomotion: Box::new(
-                Vehicle {
-                    wheels: wheels
-                        .iter()
-                        .map(|wheel| wheel.wheel(coordinates))
-                        .collect(),
-                }
-                .into(),
-            ),
-        })
-    }
-
-    /// Lets a character rise along its direction up.
-    ///
-    /// In the air nothing happens, unless it may jump from anywhere.
-    ///
-    /// speed: speed with which it rises, units of length per second: -1,000 to 1,000 m/s.
-    /// anywhere: it jumps in the air too.
-    #[pyo3(signature = (body, speed, *, anywhere = false))]
-    fn jump(
-        &self,
-        py: Python<'_>,
-        body: &Bound<'_, PyAny>,
-        speed: &Bound<'_, PyAny>,
-        anywhere: bool,
-    ) -> PyResult<Option<u64>> {
-        let ids = bodies(body)?.ids;
-        let speed = real(speed, "speed")?;
-        let from = match anywhere {
-            true => JumpFrom::Anywhere,
-            false => JumpFrom::Ground,
-        };
-        self.each(py, &ids, |id, _| Command::Jump { id, speed, from })
-    }
-
-    /// Sets steering, force and brake of all wheels of a vehicle.
-    ///
-    /// It keeps them until the next ones.
-    ///
-    /// inputs: in the order of the wheels.
-    fn set_wheels(
-        &self,
-        py: Python<'_>,
-        body: &Bound<'_, PyAny>,
-        inputs: Vec<PyRef<'_, PyWheelInput>>,
-    ) -> PyResult<Option<u64>> {
-        let ids = bodies(body)?.ids;
-        self.each_in(py, &ids, |id, coordinates| Command::SetWheels {
-            id,
-            inputs: inputs
-                .iter()
-                .map(|input| input.wheel_input(coordinates))
-                .collect(),
-        })
-    }
-
-    /// Changes the gravity of the scene.
-    ///
-    /// gravity: in world axes, units of length per s²: at most 1,000 m/s² along each axis.
-    fn set_gravity(&self, py: Python<'_>, gravity: &Bound<'_, PyAny>) -> PyResult<Option<u64>> {
-        let gravity = vector(gravity, "gravity")?;
-        self.one(py, Command::SetGravity { gravity })
-    }
-
-    // <<< commands
 
     /// Adds a joint under a number of yours, below 65,536, that no joint of the scene has.
     fn add_joint(
@@ -922,7 +691,7 @@ impl PyScene {
 
     /// The address of the page that shows this scene to browsers of this machine, until the scene is closed.
     ///
-    /// What is queued is sent first. The server must be in this process: serve, local or LocalServer. While a browser shows a
+    /// Queued commands are sent first. The server must be in this process: serve, local or LocalServer. While a browser shows a
     /// scene of local, the scene's server is looked at between calls too, so that one that runs free moves on.
     fn page(&self, py: Python<'_>) -> PyResult<String> {
         self.waiting(py, |opened| opened.scene.page())

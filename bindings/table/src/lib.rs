@@ -41,11 +41,7 @@ pub fn outputs(table: &Table) -> Vec<Output> {
             parts: cpp::parts(table),
         },
         whole("csharp/src/Commands.g.cs", csharp::generated(table)),
-        whole("python/src/generated.rs", python::records(table)),
-        Output {
-            path: "python/src/scene.rs",
-            parts: vec![python::methods(table)],
-        },
+        whole("python/src/generated.rs", python::generated(table)),
         Output {
             path: "python/python/rhumb/_native.pyi",
             parts: python::stubs(table),

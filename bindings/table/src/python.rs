@@ -8,7 +8,7 @@ use crate::table::{
 };
 
 const HEAD: &str = "\
-//! Values that commands take, as classes of Python.
+//! Commands as methods of a scene, and the values that they take as classes of Python.
 //!
 //! Made by `bindings/table` from `spec/tables/protocol.json`; do not edit. A setting that is left out is that of Rust, in
 //! the units and axes of the scene that gets it.
@@ -16,34 +16,30 @@ const HEAD: &str = "\
 use pyo3::prelude::*;
 use rhumb_bindings::Coordinates;
 use rhumb_bindings::rhumb_client::BodyId;
-use rhumb_bindings::rhumb_client::glam::Vec3;
+use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
 use rhumb_bindings::rhumb_client::scene::{
-    Character, CharacterStep, Command, Vehicle, Wheel, WheelInput,
+    ActiveEvents, Character, CharacterStep, Command, JumpFrom, Locomotion, Vehicle, Wheel, WheelInput,
 };
 
-use crate::arguments::{call, number, triple, vector};
+use crate::arguments::{bodies, call, number, optional_rows, rows, triple, vector};
 use crate::errors::check_in_any;
 use crate::number::{optional_real, real, reals};
+use crate::scene::PyScene;
+
+#[pymethods]
+impl PyScene {
+@methods@}
 
 @records@
 ";
 
 /// `bindings/python/src/generated.rs`.
 #[must_use]
-pub fn records(table: &Table) -> String {
+pub fn generated(table: &Table) -> String {
     let records: String = table.made().map(|record| class(table, record)).collect();
-    fill(HEAD, &[("records", &records)])
-}
-
-/// The part of `bindings/python/src/scene.rs`.
-#[must_use]
-pub fn methods(table: &Table) -> MadePart {
-    // The script that writes documentation takes the lines above a method up to a blank one as its own.
-    let methods: String = merged(table)
-        .iter()
-        .map(|calls| method(table, calls))
-        .collect();
-    MadePart::named("commands", format!("\n{methods}"))
+    let calls = merged(table);
+    let methods: String = calls.iter().map(|calls| method(table, calls)).collect();
+    fill(HEAD, &[("methods", &methods), ("records", &records)])
 }
 
 /// The parts of the stubs.

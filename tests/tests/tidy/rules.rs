@@ -62,23 +62,12 @@ fn every_file_of_a_binding_begins_with_its_purpose() {
     );
 }
 
-/// The lines of a source without the parts that are made from a table.
-fn written_by_hand(text: &str) -> usize {
-    let mut is_made = false;
-    let by_hand = text.lines().filter(|line| {
-        is_made |= line.contains(">>> ") && line.ends_with(", made by bindings/table");
-        is_made &= !line.contains("<<< ");
-        !is_made
-    });
-    by_hand.count()
-}
-
 #[test]
 fn files_and_functions_are_short() {
     let mut violations = Vec::new();
     for file in sources() {
         let path = &file.path;
-        let lines = written_by_hand(without_tests(&file.text));
+        let lines = without_tests(&file.text).lines().count();
         if lines > FILE_LINES_MAX {
             violations.push(format!(
                 "{path}: {lines} lines before its tests, {FILE_LINES_MAX} at most"
