@@ -1,7 +1,8 @@
 // The page in real browsers, over the real protocol, against `rhumb-server demo`.
 //
 // Usage: node page.mjs RHUMB_SERVER [--pictures FOLDER]. A browser that is missing, its driver or its display, is printed as
-// skipped; without any the test passes. It asserts no time: what a slow machine does not draw is not compared.
+// skipped; without any the test passes. RHUMB_BROWSERS, with spaces between them, names those to try. No time is asserted:
+// a frame that a slow machine does not draw is not compared.
 
 import { execFileSync, spawn } from "node:child_process";
 import { mkdtemp, rm } from "node:fs/promises";
@@ -593,7 +594,7 @@ async function aSceneThatMovesIsFollowed(browser) {
   const { beyondBound } = await read(page);
   check(beyondBound === 0, "a page follows a scene that moves, within its stated bounds");
   const states = await page.evaluate(() => [...states].join(", "));
-  check(states === "open", `and its picture goes on: ${states}`);
+  check(states === "open", `and its picture continues: ${states}`);
   await aSceneElsewhereIsJoined(browser, { url: two[0].url, facts: one });
   check(page.errors.length === 0, `no error in the page ${page.errors.join("; ")}`);
   await page.close();
@@ -770,6 +771,7 @@ for (const [name, open] of [
   ["Chromium", openChromium],
   ["Firefox", openFirefox],
 ]) {
+  if (process.env.RHUMB_BROWSERS && !process.env.RHUMB_BROWSERS.split(" ").includes(name)) continue;
   let browser;
   try {
     browser = await open();

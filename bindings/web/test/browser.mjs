@@ -2,8 +2,8 @@
 //
 // Usage: node browser.mjs SERVER REPLAY. Both are binaries of rhumb-tests. Needs rhumb.wasm, and for each browser its driver:
 // Chromium with the package playwright-core, Firefox with puppeteer-core (in node_modules of RHUMB_NODE_MODULES, or found
-// from here). A browser that is missing, or its driver, is printed as skipped; without any the test passes. No figure of
-// time is asserted.
+// from here). RHUMB_BROWSERS, with spaces between them, names those to try. A browser that is missing, or its driver, is
+// printed as skipped; without any the test passes. No figure of time is asserted.
 
 import { spawn, spawnSync } from "node:child_process";
 import { existsSync } from "node:fs";
@@ -290,6 +290,7 @@ async function run(page, browser, folder) {
 
 const files = await serveFiles();
 for (const { name, places, driver, launch } of BROWSERS) {
+  if (process.env.RHUMB_BROWSERS && !process.env.RHUMB_BROWSERS.split(" ").includes(name)) continue;
   const place = places.find((path) => path && existsSync(path));
   const library = await installed(driver);
   if (place === undefined || library === undefined) {
