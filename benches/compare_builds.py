@@ -167,7 +167,7 @@ BODIES = 10_000
 # Ticks that a run of publishing has, and reversals that the subscriber of the bench in mid-run decodes.
 TICKS, REVERSALS = 60, 10_000
 PUBLISH, DECODE, REFRESH = "*ObservedRun*publish*", "*DecodeLoad*decode*", "*RenderLoad*refresh*"
-# What is counted: words, unit, bench and its name, function, since which call, units of a call, the greatest ratio.
+# The counts: words, unit, bench and its name, function, since which call, units of a call, the greatest ratio.
 COUNTED = [
     (f"publishing {BODIES:,} balls {place}, {streams}", "a body and tick", "scene", f"publish/{scene}-{tiers}")
     + (PUBLISH, since, units, 0.45)

@@ -2,7 +2,7 @@
 //!
 //! World frame, SI, right-handed; rotations are unit quaternions body → world; velocities are those of the centre of
 //! mass. Invariant: a [`Motion`] is finite and its rotation is of unit length. Attachment is normative (RECKONING 3.8).
-//! Whether a distance matters is decided in `tolerance`; the properties of a body are the protocol's `BodyDesc`.
+//! `tolerance` decides whether a distance matters; the properties of a body are the protocol's `BodyDesc`.
 //!
 //! For display only, and never normative, a correction smooths a jump of a displayed body into a short glide. It is a
 //! function of time: the whole jump at its start and zero after [`Correction::SPAN`]. Its velocity is the derivative of the

@@ -1,6 +1,6 @@
 //! The permit of a client, from its token, owners, and index ranges.
 //!
-//! Values, and their codec for snapshots and logs. Whether a request is allowed is decided in `rights`.
+//! Values, and their codec for snapshots and logs. `rights` decides whether a request is allowed.
 //!
 //! Indices of former members are granted again one by one: a body that lives keeps its own index and no other.
 //! Invariants: no index is in two ranges, and a range beyond the first of each member leaves vacant indices for the

@@ -62,7 +62,7 @@ impl Sidecar {
     }
 }
 
-/// What is reported of a server.
+/// The facts of a server that are reported.
 pub(crate) struct ReportedServer {
     metrics: Metrics,
     drained: Arc<AtomicBool>,
@@ -190,7 +190,7 @@ impl Reporting {
         taken(path, self.sidecar.ask((method, path), Some(&body)).await)
     }
 
-    /// Has the list name the scenes. Names that are not of this server's scenes are of scenes that Agones has promised a
+    /// Makes the list name the scenes. Names that are not of this server's scenes are of scenes that Agones has promised a
     /// place, and stay. A list that is full still gives up the names of scenes that ended.
     async fn change_list(&mut self, now: &Look) -> Result<(), NotTaken> {
         let answer = self.sidecar.ask((Method::GET, LIST), None).await;
@@ -274,7 +274,7 @@ enum SdkCall {
     Ready,
     Health,
     Allocate,
-    /// Whether it drains.
+    /// True while it drains.
     Drain(bool),
     ShutDown,
 }
@@ -307,7 +307,7 @@ enum State {
     ShutDown,
 }
 
-/// What has been reported.
+/// The newest reports.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 struct ReportedState {
     state: State,
@@ -352,7 +352,7 @@ impl ReportedState {
         now.is_healthy && self.listed != now.scenes
     }
 
-    /// What makes the list that of the scenes. What ended leaves its place first.
+    /// The changes after which the list names the scenes. Scenes that ended leave their places first.
     fn changes(&self, list: &ScenesList, now: &Look) -> Vec<ListChange> {
         let ended = self.listed.difference(&now.scenes);
         let ended = ended.filter(|scene| list.values.contains(scene.as_str()));

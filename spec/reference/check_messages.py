@@ -68,7 +68,7 @@ def accepted(side, case):
 
 
 def meaning(side, case):
-    """What one that may be sent says, or the error that answers it."""
+    """The meaning of a message that may be sent, or the error that answers it."""
     what, means = outcome(side, *one_frame(bytes.fromhex(case["bytes"])))
     if "skipped" in case:
         return case["name"], "skipped", what

@@ -64,7 +64,7 @@ def fallen_into(program, cases):
 
 
 def has_fma():
-    """Whether the programs for newer processors run here."""
+    """True if the programs for newer processors run here."""
     try:
         return " fma " in Path("/proc/cpuinfo").read_text(encoding="utf-8")
     except OSError:

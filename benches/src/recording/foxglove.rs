@@ -1,7 +1,7 @@
 //! Poses of bodies in MCAP files of Foxglove and ROS 2.
 //!
-//! Of a scene each solid of an entity is a body. An entity stays until it is deleted, or until its lifetime is over. What is no
-//! solid, or of a shape that is not kept, is a sentence of the recording.
+//! Of a scene each solid of an entity is a body. An entity stays until it is deleted, or until its lifetime is over. A
+//! primitive that is no solid, or of a shape that is not kept, is a sentence of the recording.
 
 use std::collections::{BTreeMap, BTreeSet};
 

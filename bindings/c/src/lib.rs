@@ -1,6 +1,6 @@
 //! C interface of the Rhumb client: functions, flat structs, opaque handles.
 //!
-//! `include/rhumb.h` is generated from this crate, and is its documentation. What holds for every function:
+//! `include/rhumb.h` is generated from this crate, and is its documentation. Rules of every function:
 //!
 //! - A handle is a number. After it is closed, each call with it is the error `RHUMB_CODE_CLOSED`, for ever.
 //! - A panic does not cross the border: it is `RHUMB_CODE_FAULT`.

@@ -3,7 +3,7 @@
 //! A binding whose requests are objects keeps each in its own; one whose requests are flat keeps them in
 //! [`OpenRequests`], and answers by number.
 //!
-//! Whether bodies are in the scene, whether one has two states, and the limits of numbers are checked by the client.
+//! The client checks that bodies are in the scene, that none has two states, and the limits of numbers.
 //! Invariant: a feed of no more bodies than one before allocates nothing here.
 
 use std::collections::BTreeMap;
@@ -211,7 +211,7 @@ pub struct FedArrays<'a> {
 }
 
 impl FedArrays<'_> {
-    /// Whether the velocities are the engine's: without any, they follow from the poses.
+    /// The source of the velocities: the engine, or, without any, the poses.
     #[must_use]
     pub const fn velocities(&self) -> FedVelocities {
         match (self.linear_velocities, self.angular_velocities) {

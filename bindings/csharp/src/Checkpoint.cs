@@ -20,7 +20,7 @@ namespace Rhumb
         }
 
         /// <summary>
-        /// Reads it from its bytes. What is damaged, or of another version, is refused. The checksum finds damage and no malice.
+        /// Reads it from its bytes. Damaged bytes, and those of another version, are refused. The checksum finds damage and no malice.
         /// </summary>
         public static unsafe Checkpoint Read(byte[] bytes)
         {

@@ -2,7 +2,7 @@
 
 namespace Rhumb
 {
-    /// <summary>Something that happened, or the answer to a command. What its kind does not name is zero or empty.</summary>
+    /// <summary>Something that happened, or the answer to a command. A field that its kind does not name is zero or empty.</summary>
     public struct Event
     {
         public RhumbEventKind Kind;

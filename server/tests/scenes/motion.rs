@@ -1,6 +1,6 @@
 //! Slow, fast and spinning bodies move as commanded; settled ones sleep.
 //!
-//! Proved by small scenes on the engine of the server. What a body does is compared with the closed form of its motion.
+//! Proved by small scenes on the engine of the server. The motion of a body is compared with its closed form.
 
 use std::f32::consts::{FRAC_PI_2, PI};
 

@@ -1,4 +1,4 @@
-//! Whose a scene is: the account for which it counts, this server's scenes.
+//! Accounts for which scenes count, and the scenes that are this server's.
 //!
 //! A scene counts for an account: its tenant, or the client that named it first. Where tokens are asked for, each
 //! account has a part of the server's scenes, and of the places of quarantined ones.

@@ -1,4 +1,4 @@
-//! What a member by cells receives beside motion.
+//! News beside motion that a member by cells receives.
 //!
 //! Joints, silence, restoration, sessions, denials. A member of the whole scene acts, and another one takes cells. Raw peers
 //! ask what no session would.

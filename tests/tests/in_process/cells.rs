@@ -70,7 +70,7 @@ fn corridor(dice: &mut Dice) -> Vec<Command> {
 const TRUTH: usize = 0;
 const WALKER: usize = 1;
 
-/// What a member of cells shows, beside the truth.
+/// The picture of a member of cells, beside the truth.
 struct CellStage {
     network: SimNetwork<SceneRouter, ClientSession>,
     /// Positions at each tick.

@@ -16,7 +16,7 @@ use crate::SERVER;
 use crate::durable::until;
 use crate::hostile_load::free_address;
 
-/// What has been reported to the sidecar.
+/// The reports that the sidecar has got.
 #[derive(Debug, Default)]
 struct GameServer {
     /// The states that were asked for, in order.

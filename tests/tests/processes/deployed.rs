@@ -41,7 +41,7 @@ fn commands(file: &str) -> BTreeMap<String, Vec<String>> {
 /// The services of the file on this machine.
 struct Set {
     commands: BTreeMap<String, Vec<String>>,
-    /// What addresses and folders of the file are here.
+    /// Addresses and folders of the file, as they are here.
     here: BTreeMap<String, String>,
 }
 

@@ -339,7 +339,7 @@ fn resumptions_behind(condition: &str, server: &ServerProcess) -> u64 {
             client.idle(Duration::from_millis(50)).expect("it is there");
             take_events(&mut client, &mut seen);
         }
-        // What came last may have come over another connection.
+        // The last message may have come over another connection.
         step(&mut client);
         take_events(&mut client, &mut seen);
         seen.resumed

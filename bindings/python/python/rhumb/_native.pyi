@@ -394,7 +394,7 @@ class WheelInput:
 
 @final
 class Request:
-    """A request of another member of a scene that this program feeds, of Scene.requests. What its kind does not name is None."""
+    """A request of another member of a scene that this program feeds, of Scene.requests. A field that its kind does not name is None."""
 
     @property
     def kind(self) -> str:
@@ -561,7 +561,7 @@ class Contact:
 
 @final
 class Event:
-    """Something that happened, or the answer to a command. What its kind does not name is zero, None or empty."""
+    """Something that happened, or the answer to a command. A field that its kind does not name is zero, None or empty."""
 
     @property
     def kind(self) -> str:

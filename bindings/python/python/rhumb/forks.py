@@ -100,7 +100,7 @@ class Forks(Sequence[Scene]):
         advance_scenes([self._scenes[fork] for fork in chosen], chosen, ticks, self._threads)
 
     def restore(self, which: _Which = None, checkpoint: Optional[Checkpoint] = None) -> None:
-        """Has forks continue from the checkpoint again, or from another one. A Scene taken of such a fork before is closed."""
+        """Restarts forks from the checkpoint, or from another one. A Scene taken of such a fork before is closed."""
         for fork in self._chosen(which):
             scene = restore(self._checkpoint if checkpoint is None else checkpoint, **self._options)
             self._scenes[fork].close()

@@ -100,7 +100,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[_Array, _Array, Any]):
         raise NotImplementedError("reward: a task says what is good")
 
     def terminated(self) -> npt.ArrayLike:
-        """Whether the episode of each fork is over. Without it, only max_steps ends one."""
+        """True for each fork whose episode is over. Without it, only max_steps ends one."""
         return np.zeros(self.num_envs, np.bool_)
 
     def reset(

@@ -1,6 +1,6 @@
 //! The scan of a tick: finds the bodies whose tracks may not hold.
 //!
-//! One pass over the observations that changes no track. Bodies that surely hold cost nothing more. What the pass needs
+//! One pass over the observations that changes no track. Bodies that surely hold cost nothing more. The data that the pass needs
 //! of a track is kept in one place while its body is awake. Invariants: positions in `undecided` and `other_parents` rise;
 //! a track that is kept is the published one.
 

@@ -109,7 +109,7 @@ impl Subscriber {
         present.or_else(|| Some(self.lifetimes.departed_at(index, tick)?.id))
     }
 
-    /// True if it is known that a body is there no more at a tick, which a view may still show at the tick before. A body
+    /// True if it is known that a body is gone at a tick, which a view may still show at the tick before. A body
     /// that was changed is still there.
     #[must_use]
     pub fn has_left(&self, id: BodyId, tick: Tick) -> bool {

@@ -1,7 +1,7 @@
 //! Joints of KHR_physics_rigid_bodies, from limits and drives of axes.
 //!
-//! The extension has no kinds of joints: limits take motions away, one by one. What is left says the kind: nothing, one turn,
-//! one displacement, all turns, or any others. The frame in the second body moves in that of the first.
+//! The extension has no kinds of joints: limits take motions away, one by one. The motions that are left tell the kind: none,
+//! one turn, one displacement, all turns, or any others. The frame in the second body moves in that of the first.
 
 use std::f64::consts::TAU;
 

@@ -1,4 +1,4 @@
-//! What a glTF may have and is not read: it is listed, and the rest is read.
+//! Parts of a glTF that are not read are listed, and the rest is read.
 
 use super::{file, plain};
 
