@@ -13,9 +13,8 @@ use clap::Args;
 use glam::{DQuat, DVec3};
 
 use crate::output::{Failure, OutputError, ended, print_text};
-use crate::recording::algebra::ShortTurn;
+use crate::recording::estimates::{First, ShortTurn};
 use crate::recording::fit::{self, Found, VelocityPoint};
-use crate::recording::instants::First;
 use crate::recording::recorded::{BodyPath, Paths, paths};
 use crate::recording::{Recording, RecordingSource, Velocities, write_bag, write_rhtrace};
 

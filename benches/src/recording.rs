@@ -10,15 +10,14 @@
 //!
 //! The file's content tells its form.
 
-pub(crate) mod algebra;
 mod arrays;
 mod bvh;
 mod c3d;
 mod csv;
 mod error;
+pub(crate) mod estimates;
 pub(crate) mod fit;
 mod foxglove;
-pub(crate) mod instants;
 pub mod mcap;
 mod mocap;
 mod npy;
@@ -27,7 +26,6 @@ mod poses;
 pub(crate) mod recorded;
 pub mod rhtrace;
 mod ros2;
-mod spins;
 mod stays;
 
 use std::io::{self, Read, Write};

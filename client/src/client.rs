@@ -5,7 +5,6 @@
 //! one of a stream fails no step.
 
 mod asking;
-mod cells;
 #[cfg(feature = "local")]
 mod feeding;
 #[cfg(all(test, feature = "quic"))]

@@ -2,7 +2,7 @@
 //!
 //! Not normative: [`Tolerance::share`] judges every track that this test leaves undecided. Invariant: an accepted
 //! track is within the tolerance by that judgement. It works in f32, four bodies at a time, and subtracts its worst
-//! error. What depends on the track alone is computed once for each track.
+//! error. Terms that depend on the track alone are computed once for each track.
 
 use alloc::vec::Vec;
 use core::f32::consts::FRAC_1_PI;

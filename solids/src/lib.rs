@@ -4,10 +4,10 @@
 //! poses give equal answers.
 #![forbid(unsafe_code)]
 
-mod parts;
 mod queries;
-mod rays;
+mod solid;
 
-pub use parts::{SolidPart, UnitMass, add_parts, parts, pose, simple_part};
 pub use queries::{PlacedBodies, SearchedBodies, answer, deepest, nearest_hit};
-pub use rays::{Dispatcher, Grounds, cast_ray};
+pub use solid::{
+    Dispatcher, Grounds, SolidPart, UnitMass, add_parts, cast_ray, parts, pose, simple_part,
+};

@@ -15,8 +15,7 @@ use parry3d::shape::{CompositeShape, CompositeShapeRef, Shape, SharedShape, Type
 use rhumb_protocol::scene::{Answer, Hit, Query, QueryCandidate, QueryFilter, QueryKind};
 use rhumb_reckoning::BodyId;
 
-use crate::parts::{SolidPart, pose, simple_part};
-use crate::rays::{Grounds, cast_ray};
+use crate::solid::{Grounds, SolidPart, cast_ray, pose, simple_part};
 
 /// Bodies that queries may find.
 pub trait SearchedBodies {
@@ -398,7 +397,7 @@ mod tests {
     use rhumb_protocol::scene::{BodyKind, Mesh, Shape};
 
     use super::*;
-    use crate::parts::parts;
+    use crate::solid::parts;
 
     #[test]
     fn the_contacts_of_a_mesh_copy_none_of_its_triangles() {

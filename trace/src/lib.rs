@@ -15,14 +15,13 @@ mod file;
 #[cfg(feature = "live")]
 mod live;
 mod messages;
-mod read;
 mod topics;
 
 pub use drawing::{
     ASLEEP, AWAKE, Drawing, DrawnBody, DrawnScene, FRAME, Painted, Placed, draw_statics,
 };
 pub use file::{ContentsError, FileContents, FileEnd, StoredChannel, StoredMessage};
-pub use file::{SceneFacts, TraceFile, log_time_ns};
+pub use file::{SceneFacts, StatesReader, TickStates, TraceFile, log_time_ns, read_states};
 pub use foxglove::messages::{Color, SceneUpdate};
 #[cfg(feature = "live")]
 pub use live::{LiveError, LiveScenes};
@@ -32,7 +31,6 @@ pub use messages::{
     BreachMessage, DESCRIPTORS, GridHistory, GridPose, Packet, Placement, PoseBase, Poses, STEPS,
     StateForm, States, TickStats,
 };
-pub use read::{StatesReader, TickStates, read_states};
 pub use topics::{
     DrawnTopics, SceneTopics, Schema, Topic, TraceSink, drawing_panel, scene_layout, whole_layout,
 };

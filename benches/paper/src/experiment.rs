@@ -18,11 +18,10 @@ use rhumb_bench::{machine, output};
 use rhumb_scene::StepThreads;
 use rhumb_server::run_on_cores;
 
-use crate::analysis::{ALPHA, Analysis, ModeAnalysis, PaperResults};
+use crate::analysis::{ALPHA, Analysis, ModeAnalysis, PaperResults, rejected};
 use crate::page::{Table, figure_html, page};
 use crate::processor::CoreAssignment;
 use crate::settings::{ExperimentTrial, Loads, PaperError, Settings, Store, tolerance};
-use crate::statistics::rejected;
 use crate::trial::{self, FRAMES_PER_SECOND, STEPS, Staging};
 use crate::{analysis, tables};
 

@@ -4,7 +4,6 @@
 //! measurements.
 
 mod analysis;
-mod builds;
 mod document;
 mod experiment;
 mod gap;
@@ -13,7 +12,6 @@ mod page;
 mod processor;
 mod remote;
 mod settings;
-mod statistics;
 mod tables;
 mod trial;
 

@@ -7,11 +7,12 @@ use rhumb_bench::output::OutputError;
 use rhumb_bench::record::Mode;
 use serde::Serialize;
 
-use crate::analysis;
-use crate::analysis::{ALPHA, DEGRADED_FPS, Degradation, LoadAnalysis, ModeAnalysis, PaperResults};
+use crate::analysis::{
+    self, ALPHA, Comparison, DEGRADED_FPS, Degradation, Interval, LoadAnalysis, ModeAnalysis,
+    PaperResults, Sample, Test,
+};
 use crate::page::Table;
 use crate::settings::PaperError;
-use crate::statistics::{Comparison, Interval, Sample, Test};
 
 fn test(test: Option<Test>) -> [String; 2] {
     match test {

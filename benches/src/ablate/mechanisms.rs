@@ -206,8 +206,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         switch: Switch::Off(Feature::Fec),
         feature: None,
         code: &[
-            "protocol/src/stream/fec_encoder.rs",
-            "protocol/src/stream/fec_decoder.rs",
+            "protocol/src/stream/fec.rs",
             "protocol/src/stream/mod.rs#const HALVED, const ANSWERED, struct LossRate, impl LossRate, enum Redundancy, impl Redundancy, fn beyond",
             "protocol/src/stream/subscriber/reading.rs#fn keep, fn read_repair_symbol, fn rebuild, fn read_rebuilt, fn read_again_after, fn packet_in",
             "protocol/src/packet/recovery.rs#const REPAIR_SYMBOL_HEAD_BYTES_MAX, const SOURCE_SYMBOL_HEAD_BYTES, const SOURCE_SYMBOL_BYTES_MAX, struct RepairSymbol, impl RepairSymbol, fn source_symbol_of, fn source_symbol_into, fn packet_of, fn without_zeros, const POLYNOMIAL, struct GaloisTables, const POWERS, fn powers, fn times, fn inverse, fn add_times",
@@ -220,7 +219,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         feature: None,
         code: &[
             "protocol/src/stream/losses.rs#const WINDOW, const BEFORE, const PRIOR, const RECEIVERS_PER_EXCEPTION, const RECEIVERS_MAX, struct ReceiverLosses, struct LossSample, struct LossTracker, impl LossTracker, impl ReceiverLosses",
-            "protocol/src/stream/fec_encoder.rs#fn end_tick",
+            "protocol/src/stream/fec.rs#fn end_tick",
         ],
         requirements: &["PROTOCOL 6.15-12", "PROTOCOL 6.15-13", "PROTOCOL 6.15-14"],
     },
@@ -311,7 +310,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         code: &[
             "protocol/src/session/upstream.rs",
             "protocol/src/session/client/upstream.rs",
-            "protocol/src/message/authority.rs#struct TakeAuthority, struct AuthorityGrant, enum AuthorityError, impl AuthorityGrant, impl AuthorityError, impl fmt::Display for AuthorityError, impl core::error::Error for AuthorityError, fn decode_count, fn encode_bodies, fn decode_bodies, impl Wire for TakeAuthority, impl Wire for AuthorityGrant, impl Wire for AuthorityError",
+            "protocol/src/message/request.rs#struct TakeAuthority, struct AuthorityGrant, enum AuthorityError, impl AuthorityGrant, impl AuthorityError, impl fmt::Display for AuthorityError, impl core::error::Error for AuthorityError, fn decode_count, fn encode_bodies, fn decode_bodies, impl Wire for TakeAuthority, impl Wire for AuthorityGrant, impl Wire for AuthorityError",
             "server/src/member.rs#struct UpstreamStatistics, impl UpstreamStatistics, struct AuthorityGroup, struct UpstreamSilence, const LATE_KEPT, impl AuthorityGroup, fn is_from_publisher",
             "server/src/clients.rs#struct AuthorityTable, impl AuthorityTable",
             "server/src/scene_loop/commands.rs#fn handle_upstream_message, fn handle_upstream_datagram, fn handle_upstream, fn grant_authority, fn begin_authority, fn upstream_statistics",

@@ -16,11 +16,9 @@ use glam::{DMat3, DQuat, DVec3};
 use rhumb_protocol::limits::{DAMPING_MAX, GRAVITY_MAX};
 use rhumb_reckoning::{BodyId, BodyState, Inertia};
 
-use super::algebra::{median, solve};
 use super::error::RecordingError;
-use super::instants::{self, Fall, First, Instants, Kept};
+use super::estimates::{self, Fall, First, Instants, Kept, SpinMoments, median, solve};
 use super::recorded::{self, BodyPath, FREE_MIN, Recording, Velocities, set_digest};
-use super::spins::{self, Moments};
 
 /// The point of a body to which its recorded velocities belong.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -176,13 +174,13 @@ pub(crate) fn apply(recording: &mut Recording, found: &Found) -> Result<(), Reco
 }
 
 /// The moments of inertia that a file states.
-fn stated_moments(recording: &Recording) -> BTreeMap<BodyId, instants::Moments> {
+fn stated_moments(recording: &Recording) -> BTreeMap<BodyId, estimates::Moments> {
     let placed = recording.truth.placed.iter();
     let stated = placed.filter_map(|placed| {
         let id = placed.desc.id;
         let known = || recording.inertias.get(&id).copied();
         let inertia = placed.inertia.or_else(known)?;
-        let moments = instants::Moments {
+        let moments = estimates::Moments {
             moments: inertia.moments().map(f64::from),
             axes: DQuat::from_array(inertia.frame().map(f64::from)).normalize(),
         };
@@ -192,12 +190,12 @@ fn stated_moments(recording: &Recording) -> BTreeMap<BodyId, instants::Moments> 
 }
 
 /// The inertia that a file states for a body, or else the one that was found; none of a body that keeps its spin.
-fn known_moments(recording: &Recording, found: &Found) -> BTreeMap<BodyId, instants::Moments> {
+fn known_moments(recording: &Recording, found: &Found) -> BTreeMap<BodyId, estimates::Moments> {
     let fitted = found.inertias.iter();
-    let mut known: BTreeMap<BodyId, instants::Moments> = fitted
+    let mut known: BTreeMap<BodyId, estimates::Moments> = fitted
         .map(|(id, (moments, axes))| {
             let (moments, axes) = (*moments, *axes);
-            (*id, instants::Moments { moments, axes })
+            (*id, estimates::Moments { moments, axes })
         })
         .collect();
     let stated = stated_moments(recording).into_iter();
@@ -230,7 +228,7 @@ impl Found {
 /// Makes recorded states those of centres of mass, with the velocities of this project's step.
 struct Correction<'a> {
     found: &'a Found,
-    known: BTreeMap<BodyId, instants::Moments>,
+    known: BTreeMap<BodyId, estimates::Moments>,
     kept: Kept,
     step_s: f64,
     /// Of velocities that are fitted: that by which a body is behind a parabola.
@@ -579,9 +577,9 @@ fn look(recording: &Recording, paths: &[BodyPath]) -> Found {
     let stated = stated_moments(recording);
     for (path, flight) in &flights {
         let pairs = pairs(&flight.free);
-        let kept = median(spins::kept_spins(path, &pairs)).unwrap_or(1.0);
-        match spins::moments(path, &pairs, kept) {
-            Some(Moments::Unequal(moments, axes)) => {
+        let kept = median(estimates::kept_spins(path, &pairs)).unwrap_or(1.0);
+        match estimates::moments(path, &pairs, kept) {
+            Some(SpinMoments::Unequal(moments, axes)) => {
                 found.inertias.insert(path.id, (moments, axes));
                 wandering.extend(
                     pairs
@@ -589,13 +587,13 @@ fn look(recording: &Recording, paths: &[BodyPath]) -> Found {
                         .map(|frame| [*frame, frame + 1].map(|of| &path.states[of])),
                 );
             }
-            Some(Moments::Equal) => {
+            Some(SpinMoments::Equal) => {
                 let stated = stated.get(&path.id);
-                if stated.is_none_or(|of| spins::contradicts(path, &pairs, kept, of)) {
+                if stated.is_none_or(|of| estimates::contradicts(path, &pairs, kept, of)) {
                     found.constant.insert(path.id);
                 }
             }
-            Some(Moments::Unexplained) => {
+            Some(SpinMoments::Unexplained) => {
                 found.driven.insert(path.id);
                 continue;
             }
@@ -609,7 +607,7 @@ fn look(recording: &Recording, paths: &[BodyPath]) -> Found {
         let frames = pairs.iter();
         evidence
             .angular
-            .extend(frames.filter_map(|frame| spins::kept_momentum(path, *frame, tensor)));
+            .extend(frames.filter_map(|frame| estimates::kept_momentum(path, *frame, tensor)));
         evidence.take(path, &pairs, flight, step_s);
     }
     let Some(kept) = evidence.kept(recording.velocities) else {
@@ -627,7 +625,7 @@ fn look(recording: &Recording, paths: &[BodyPath]) -> Found {
         } else {
             First::Moved
         };
-        let share = |pair| instants::turn_share(pair, kept.angular, first, step_s);
+        let share = |pair| estimates::turn_share(pair, kept.angular, first, step_s);
         found.instants = Instants::new(first, wandering.into_iter().filter_map(share).collect());
     }
     found
@@ -648,8 +646,8 @@ impl Evidence {
         }
         let lost = 1.0 - kept;
         let (first, given) = if flight.damping > DAMPING_NOISE {
-            let given = instants::given(&falls);
-            (instants::first(given, lost), given)
+            let given = estimates::given(&falls);
+            (estimates::first(given, lost), given)
         } else {
             (First::Moved, 0.0)
         };

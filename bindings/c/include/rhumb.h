@@ -1498,7 +1498,7 @@ RhumbCode rhumb_serve_fed(const char *name,
 //
 // A body that is left out rests where it is. So does one that is fed at one pose without a velocity for five ticks; resting
 // bodies cost nothing. Commands that were queued before act first. `tick` may be null; otherwise it receives the tick of the
-// states. What is wrong is `RHUMB_CODE_INVALID`, and nothing of the call is fed. `RHUMB_CODE_REFUSED` names what the scene
+// states. A wrong value is `RHUMB_CODE_INVALID`, and nothing of the call is fed. `RHUMB_CODE_REFUSED` names what the scene
 // refused since the last call, commands of this client and requests that it accepted; the states are fed.
 //
 // Followers see every pose within their tolerance. How many bytes that takes depends on gravity and substeps of

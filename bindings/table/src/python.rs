@@ -8,7 +8,7 @@ use crate::table::{
 };
 
 const HEAD: &str = "\
-//! Commands as methods of a scene, and the values that they take as classes of Python.
+//! Commands as methods of a scene, their values as classes of Python.
 //!
 //! Made by `bindings/table` from `spec/tables/protocol.json`; do not edit. A setting that is left out is that of Rust, in
 //! the units and axes of the scene that gets it.

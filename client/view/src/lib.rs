@@ -5,7 +5,6 @@
 //! [`rhumb_protocol::stream::Subscriber`]. `rhumb-client` and the client of browsers use it.
 #![forbid(unsafe_code)]
 
-mod cell_views;
 mod client_ids;
 mod clocks;
 mod contacts;
@@ -18,14 +17,13 @@ mod shapes;
 mod unanswered;
 mod view;
 
-pub use cell_views::{CellPlace, CellViews};
 pub use client_ids::{AddError, ClientIds};
 pub use clocks::{DEPTH_MAX, InvalidTicks, SHIFT_TICKS_MAX, SceneClock, UpstreamClock};
 pub use contacts::{Contacts, TouchingPair};
 #[cfg(feature = "queries")]
 pub use copy_queries::{CopyAnswer, CopyQueries};
 pub use joining::{JoinError, JoinMode, Joining, RESUME_WITHIN, may_resume};
-pub use live_view::{LiveView, PipelineDepth, ViewOptions};
+pub use live_view::{CellPlace, CellViews, LiveView, PipelineDepth, ViewOptions};
 pub use moment::RenderTime;
 pub use shapes::BodyCentres;
 pub use unanswered::{RefusalReason, RefusedRequest};

@@ -6,8 +6,7 @@
 use glam::Vec3;
 use rhumb_reckoning::{BodyId, Tick};
 
-use super::choice::{ResyncCause, StreamChoice};
-use super::denial::Denial;
+use super::request::{Denial, ResyncCause, StreamChoice};
 use super::scene_event::{BODY_PLACED, SceneEvent};
 use crate::packet::{LargestPacket, StreamId};
 use crate::scene::SceneConfig;
@@ -232,26 +231,11 @@ fn is_placed(from: &Reader<'_>) -> Result<bool, Malformed> {
 
 #[cfg(test)]
 mod tests {
-    use core::fmt;
-
     use rhumb_reckoning::Tolerance;
 
     use super::*;
     use crate::message::RemovalCause;
-
-    /// Checks that a value round-trips through these bytes, and that every truncation is refused.
-    fn round_trips<T: Wire + PartialEq + fmt::Debug>(value: &T, bytes: &[u8]) {
-        let mut writer = Writer::new();
-        value.encode(&mut writer);
-        assert_eq!(writer.into_bytes(), bytes);
-        let mut reader = Reader::new(bytes);
-        assert_eq!(T::decode(&mut reader).as_ref(), Ok(value));
-        assert_eq!(reader.finish(), Ok(()));
-        for cut in 0..bytes.len() {
-            let mut reader = Reader::new(&bytes[..cut]);
-            assert_eq!(T::decode(&mut reader), Err(Malformed::Truncated));
-        }
-    }
+    use crate::message::tests::round_trips;
 
     #[test]
     fn requests_round_trip() {
@@ -291,7 +275,7 @@ mod tests {
             cause: RemovalCause::Command,
         };
         round_trips(&CellNews::SceneEvent(removed), &[6, 3, 3, 2, 0]);
-        // What is placed is a body.
+        // Only a body is placed.
         for code in [3, 4] {
             let other = CellNews::decode(&mut Reader::new(&[code, 3, 2, 3, 3, 2, 0]));
             assert_eq!(other, Err(Malformed::UnknownCode));

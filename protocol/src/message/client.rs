@@ -6,10 +6,9 @@ use alloc::vec::Vec;
 
 use rhumb_reckoning::Tick;
 
-use super::authority::TakeAuthority;
 use super::cell::CellRequest;
-use super::choice::{ResyncCause, StreamChoice, TierPolicy};
 use super::identity::{Extensions, SessionRequest};
+use super::request::{ResyncCause, StreamChoice, TakeAuthority, TierPolicy};
 use super::{Framed, MAGIC, frame, put};
 use crate::endpoint::Instant;
 use crate::limits::{DATAGRAM_BYTES_MAX, RESERVE_MAX, VERSIONS_MAX};

@@ -4,12 +4,10 @@
 //! unknown types from 0x80 on, but no others (PROTOCOL 4.1). A body too long for one message is preceded by pieces of
 //! itself, each of the greatest message length.
 
-mod authority;
 mod cell;
-mod choice;
 mod client;
-mod denial;
 mod identity;
+mod request;
 mod scene_event;
 mod server;
 
@@ -19,13 +17,14 @@ use crate::limits::{LONG_MESSAGE_BYTES_MAX, MESSAGE_BYTES_MAX};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 
-pub use authority::{AuthorityError, AuthorityGrant, TakeAuthority};
 pub use cell::{CellNews, CellRequest, CellStart};
-pub use choice::{ResyncCause, StreamChoice, TierChangeCause, TierPolicy};
 pub use client::ClientMessage;
-pub use denial::Denial;
 pub use identity::{Extension, Extensions, Grease, is_no_version};
 pub use identity::{InvalidToken, Role, SessionKey, SessionRequest, SessionState, Token};
+pub use request::{
+    AuthorityError, AuthorityGrant, Denial, ResyncCause, StreamChoice, TakeAuthority,
+    TierChangeCause, TierPolicy,
+};
 pub use scene_event::{FaultCause, RemovalCause, SceneEvent};
 pub use server::{
     Inspection, Joined, QueryError, QueryResult, ServerMessage, StageTimes, TickEvents, Welcome,
@@ -186,9 +185,25 @@ impl Frames {
 
 #[cfg(test)]
 mod tests {
+    use core::fmt;
+
     use proptest::prelude::*;
 
     use super::*;
+
+    /// Checks that a value round-trips through these bytes, and that every truncation is refused.
+    pub(super) fn round_trips<T: Wire + PartialEq + fmt::Debug>(value: &T, bytes: &[u8]) {
+        let mut writer = Writer::new();
+        value.encode(&mut writer);
+        assert_eq!(writer.into_bytes(), bytes);
+        let mut reader = Reader::new(bytes);
+        assert_eq!(T::decode(&mut reader).as_ref(), Ok(value));
+        assert_eq!(reader.finish(), Ok(()));
+        for cut in 0..bytes.len() {
+            let mut reader = Reader::new(&bytes[..cut]);
+            assert_eq!(T::decode(&mut reader), Err(Malformed::Truncated));
+        }
+    }
 
     proptest! {
         #[test]

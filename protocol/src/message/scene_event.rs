@@ -9,7 +9,7 @@ use alloc::vec::Vec;
 use glam::Vec3;
 use rhumb_reckoning::{Anchor, BodyId, BodyState, Inertia, Predictor, Tick, Track};
 
-use super::authority::{decode_bodies, encode_bodies};
+use super::request::{decode_bodies, encode_bodies};
 use crate::limits::INDICES_MAX;
 use crate::packet::{Keyframe, predictor_code, predictor_of};
 use crate::scene::{BodyDesc, Joint, JointId, Shape, ShapeId};

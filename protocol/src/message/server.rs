@@ -9,11 +9,9 @@ use core::fmt;
 use glam::Vec3;
 use rhumb_reckoning::Tick;
 
-use super::authority::{AuthorityError, AuthorityGrant};
 use super::cell::CellNews;
-use super::choice::{StreamChoice, TierChangeCause};
-use super::denial::Denial;
 use super::identity::{Extensions, SessionState};
+use super::request::{AuthorityError, AuthorityGrant, Denial, StreamChoice, TierChangeCause};
 use super::scene_event::SceneEvent;
 use super::{Framed, frame, put};
 use crate::endpoint::Instant;

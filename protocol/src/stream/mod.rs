@@ -6,8 +6,7 @@
 //! pause apart.
 
 mod aliases;
-mod fec_decoder;
-mod fec_encoder;
+mod fec;
 mod gaps;
 mod losses;
 mod mode_decision;

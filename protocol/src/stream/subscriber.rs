@@ -19,7 +19,7 @@ use rhumb_reckoning::{BodyId, Metres, Motion, Tick, Ticks, Tolerance, Track};
 use self::lifetimes::EarlierTracks;
 use super::StreamStart;
 use super::aliases::{AliasOwner, ReceivedAliases};
-use super::fec_decoder::FecDecoder;
+use super::fec::FecDecoder;
 use super::gaps::{ErrorScaleLog, PacketGaps};
 use super::losses::RelayedPackets;
 use super::tracks::{PredictionParameters, Slot, Tracks};

@@ -6,7 +6,6 @@
 //! connection.
 
 mod accounts;
-mod bake_pool;
 mod message;
 mod placement;
 #[cfg(target_os = "linux")]

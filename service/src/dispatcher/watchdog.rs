@@ -73,7 +73,7 @@ impl Dispatcher {
         let is_quarantined = |name: &SceneName| *name == scene;
         (self.settings.recorders.flights).write_where(is_quarantined, FlightCause::Quarantined);
         if let Place::Thread(thread) = &worker.place {
-            worker::lower(&thread.watched.thread_id);
+            worker::lower(Some(&thread.watched.thread_id), worker::LOWEST);
             // The scene comes back as it was before the step, which may still end.
             thread.watched.heartbeat.abandon();
         }

@@ -5,8 +5,6 @@
 
 #[cfg(feature = "foxglove")]
 mod live;
-#[cfg(not(feature = "record"))]
-mod no_tap;
 #[cfg(feature = "record")]
 mod recorder;
 #[cfg(feature = "record")]
@@ -22,3 +20,30 @@ pub(crate) use self::no_tap::{SceneTap, SceneTaps};
 pub(crate) use self::recorder::{Recorder, RecordingLimits};
 #[cfg(feature = "record")]
 pub(crate) use self::tap::{SceneTap, SceneTaps};
+
+/// No taps, in a server that was built without recordings: nothing is copied.
+#[cfg(not(feature = "record"))]
+mod no_tap {
+    use rhumb_protocol::message::SceneEvent;
+    use rhumb_protocol::scene::SceneName;
+    use rhumb_scene::Scene;
+
+    /// Taps without readers.
+    #[derive(Clone, Default)]
+    pub(crate) struct SceneTaps;
+
+    /// The tap of one scene; it does nothing.
+    pub(crate) struct SceneTap;
+
+    impl SceneTaps {
+        pub(crate) fn begin(&self, _: &SceneName) -> SceneTap {
+            SceneTap
+        }
+    }
+
+    impl SceneTap {
+        pub(crate) fn note(&mut self, _: &SceneEvent) {}
+
+        pub(crate) fn record(&mut self, _: &Scene) {}
+    }
+}

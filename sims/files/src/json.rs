@@ -1,7 +1,8 @@
 //! Rhumb's own scene file: JSON, read and written.
 //!
-//! `docs/book/src/how-to/scene-files.md` describes it. Fields that no version has are noted. Invariant: what is written reads
-//! back as the same scene, to the bit.
+//! `docs/book/src/how-to/scene-files.md` describes it. Fields that no version has are noted. A text that is refused is searched
+//! for the first field of a body, a joint or the scene that cannot be read alone. Invariant: what is written reads back as the
+//! same scene, to the bit.
 
 use std::collections::BTreeMap;
 
@@ -12,8 +13,9 @@ use rhumb_protocol::scene::{
     LockedAxes, Mass, Material, Mesh, Part, SceneConfig, Shape, ShapeId, Sleep, SleepThresholds,
 };
 use rhumb_reckoning::{BodyId, Damping, ToleranceScale};
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
+use serde_json::{Error, Value, json};
 
 use crate::assemble::{LoadedBody, LoadedScene, rate};
 use crate::json_joints::{SceneFileJoint, identity, is_false};
@@ -665,6 +667,86 @@ const fn edges(plain: bool) -> Edges {
         true => Edges::Plain,
         false => Edges::Smooth,
     }
+}
+
+/// Reads a text.
+pub(crate) fn read(path: &str, text: &str) -> Result<SceneFile, LoadError> {
+    let text = text.trim_start_matches('\u{feff}');
+    serde_json::from_str(text).map_err(|error| LoadError {
+        place: Place {
+            file: path.to_owned(),
+            line: u32::try_from(error.line()).ok(),
+        },
+        problem: problem(text, &error),
+    })
+}
+
+/// The problem of a text that is no scene. `error`: that of reading it whole.
+fn problem(text: &str, error: &Error) -> Problem {
+    let Ok(whole) = serde_json::from_str::<Value>(text) else {
+        return Problem::Syntax(error.to_string());
+    };
+    let frame = json!({"position": [0, 0, 0]});
+    let body = json!({"dynamic": false, "shape": {"ball": {"radius": 1}}, "position": [0, 0, 0]});
+    let joint = json!({"bodies": [0, 1], "kind": "fixed", "frames": [frame, frame]});
+    let found = of_list::<SceneFileBody>(&whole, ["bodies", "body"], &body)
+        .or_else(|| of_list::<SceneFileJoint>(&whole, ["joints", "joint"], &joint))
+        .or_else(|| of_fields::<SceneFile>(&whole, &json!({}), "the scene"));
+    let (name, cause) = found.unwrap_or_else(|| ("the scene".to_owned(), error.to_string()));
+    let cause = plain(&cause);
+    Problem::WrongField { name, cause }
+}
+
+/// The first wrong field of the things in a list, and its cause. `right`: such a thing with all that it needs.
+fn of_list<T: DeserializeOwned>(
+    whole: &Value,
+    [list, what]: [&str; 2],
+    right: &Value,
+) -> Option<(String, String)> {
+    let all = whole.get(list)?.as_array()?;
+    all.iter().enumerate().find_map(|(number, one)| {
+        let error = serde_json::from_value::<T>(one.clone()).err()?;
+        let name = one.get("name").and_then(Value::as_str);
+        let name = title(what, number, name.unwrap_or_default());
+        of_fields::<T>(one, right, &name).or_else(|| Some((name, error.to_string())))
+    })
+}
+
+/// The first field that is wrong, whatever the others are.
+fn of_fields<T: DeserializeOwned>(
+    one: &Value,
+    right: &Value,
+    name: &str,
+) -> Option<(String, String)> {
+    one.as_object()?.iter().find_map(|(field, value)| {
+        let mut with = right.as_object()?.clone();
+        with.insert(field.clone(), value.clone());
+        let error = serde_json::from_value::<T>(Value::Object(with)).err()?;
+        Some((format!("{field} of {name}"), error.to_string()))
+    })
+}
+
+/// A sentence of the parser without the names of types.
+fn plain(cause: &str) -> String {
+    let word = |word: &str| {
+        let bare = word.trim_end_matches([',', '.']);
+        let end = &word[bare.len()..];
+        let said = match bare {
+            "u8" => "a whole number from 0 to 255",
+            "u32" | "u64" | "usize" => "a whole number from zero",
+            "i8" => "a whole number from -128 to 127",
+            "f32" | "f64" => "a number",
+            "sequence" => "list",
+            "map" => "object",
+            "variant" => "word",
+            "struct" | "enum" => return None,
+            name if name.starts_with("SceneFile") => "an object",
+            other => other,
+        };
+        Some(format!("{said}{end}"))
+    };
+    let words: Vec<_> = cause.split(' ').filter_map(word).collect();
+    words.join(" ")
 }
 
 #[cfg(test)]

@@ -19,7 +19,7 @@ use crate::mesh::{MESH_BYTES_MAX, ending};
 use crate::model::LoadOptions;
 use crate::report::{LoadError, Place, Problem, Report};
 use crate::xml::{self, XML_BYTES_MAX};
-use crate::{gltf, json_text, mjcf, urdf};
+use crate::{gltf, json, mjcf, urdf};
 
 /// Reads a file as a scene.
 ///
@@ -70,7 +70,7 @@ pub fn load_text(
             let model = gltf::read(path, text, files, options, &mut report)?;
             return assemble(&model, options, report);
         }
-        return json_text::read(path, text)?.load(path, options);
+        return json::read(path, text)?.load(path, options);
     }
     let root = xml::parse(path, text)?;
     let mut report = Report::default();

@@ -16,7 +16,7 @@ use rhumb_protocol::scene::{Command, Stepping};
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Ending, Span};
 use rhumb_reckoning::{Metres, Radians, Tick, Tolerance};
-use rhumb_sims::{Script, by_name};
+use rhumb_sims::{Script, Tumbler, by_name};
 use rhumb_tests::{COMMANDER, Stage, TICK, assert_same_copy, seed};
 
 const NORMAL: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
@@ -471,7 +471,9 @@ fn a_first_loss_is_answered_at_once_whatever_others_are_sent() {
 #[test]
 fn losses_of_a_departed_member_cost_others_nothing() {
     let near = links("rtt=40ms");
-    let mut stage = free_running("tumbler", near);
+    // Few bodies suffice for a packet at each tick.
+    let tumbler = Box::new(Tumbler::new(40, 1));
+    let mut stage = Stage::new(tumbler, Stepping::FreeRunning, NORMAL, near, 1);
     let loses = stage.enter(NORMAL);
     let other = stage.enter(NORMAL);
     stage.run_script(Span::from_millis(1_000));

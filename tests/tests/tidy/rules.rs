@@ -213,7 +213,7 @@ fn sockets_and_clocks_are_used_only_in_the_crates_that_own_them() {
     let net = naming(&["std::net"], |file| {
         let names_addresses = [
             "client/src/network.rs",
-            "service/src/edge/",
+            "service/src/edge.rs",
             "service/src/settings.rs",
             "service/src/start.rs",
             "trace/src/live.rs",

@@ -1019,7 +1019,7 @@ class Scene:
     def page(self) -> str:
         """The address of the page that shows this scene to browsers of this machine, until the scene is closed.
 
-        What is queued is sent first. The server must be in this process: serve, local or LocalServer. While a browser shows a
+        Queued commands are sent first. The server must be in this process: serve, local or LocalServer. While a browser shows a
         scene of local, the scene's server is looked at between calls too, so that one that runs free moves on.
         """
     def save(self) -> Checkpoint:

@@ -14,7 +14,7 @@ use crate::packet::{
     RefreshRecord, RefreshWriter, StreamId, Update, UpdateWriter, Watermark,
 };
 use crate::stream::aliases::AliasMap;
-use crate::stream::fec_encoder::{FecEncoder, SymbolRequest};
+use crate::stream::fec::{FecEncoder, SymbolRequest};
 use crate::stream::losses::SentPackets;
 use crate::stream::{Features, PublisherStatistics, Redundancy};
 

@@ -19,9 +19,8 @@ use rhumb_scene::engine::{Engines, StepThreads};
 use rhumb_scene::{Admission, Hooks, SceneSettings};
 use rhumb_transport::{Clock, ParentSender, parent_stream};
 
-use super::super::bake_pool::BakePool;
 use super::super::message::{FromProcess, FromWorker, ToProcess, Vitals, WorkerId, WorkerInput};
-use super::super::worker::{ThreadWorker, Watched};
+use super::super::worker::{BakePool, ThreadWorker, Watched};
 
 use super::codec::{WorkerSetup, decode_to, encode_from};
 use crate::dispatcher::settings::SceneRecorders;

@@ -141,3 +141,61 @@ fn unknown_fields_are_noted_and_wrong_ones_refused_by_name() {
         assert!(sentence.starts_with("scene.json") && sentence.contains(word), "{text}\n{sentence}");
     }
 }
+
+fn refused(text: &str) -> String {
+    let options = LoadOptions::default();
+    let read = load_text(&MemoryFiles::default(), "s.json", text, &options);
+    read.expect_err(text).to_string()
+}
+
+#[test]
+fn a_wrong_field_is_named_with_its_body_in_words_of_the_format() {
+    let body = |more: &str| {
+        let ball = r#"{"dynamic": true, "shape": {"ball": {"radius": 1}}, "position": [0, 0, 0]}"#;
+        let own = r#"{"name": "b", "dynamic": true, "position": [0, 0, 0]"#;
+        format!(r#"{{"bodies": [{ball}, {own}{more}}}]}}"#)
+    };
+    let ball = r#", "shape": {"ball": {"radius": 1}}"#;
+    for (text, words) in [
+        (body(""), "s.json:1: body 1 \"b\": missing field `shape`"),
+        (
+            body(r#", "shape": {"ball": {"radius": 1}, "cuboid": {"half_extents": [1, 1, 1]}}"#),
+            "s.json:1: shape of body 1 \"b\": ",
+        ),
+        (
+            body(r#", "shape": {"bal": {"radius": 1}}"#),
+            "shape of body 1 \"b\": unknown word `bal`, expected one of `ball`",
+        ),
+        (
+            body(&format!(r#"{ball}, "tick": 1.5"#)),
+            "tick of body 1 \"b\": invalid type: floating point `1.5`, expected a whole number from zero",
+        ),
+        (
+            body(&format!(r#"{ball}, "linear": [1, 2]"#)),
+            "linear of body 1 \"b\": invalid length 2, expected an array of length 3",
+        ),
+        (r#"{"bodies": [[]]}"#.to_owned(), "body 0: invalid "),
+        (
+            r#"{"bodies": {}}"#.to_owned(),
+            "bodies of the scene: invalid type: object, expected a list",
+        ),
+        (
+            r#"{"substeps": "4"}"#.to_owned(),
+            "substeps of the scene: invalid type: string \"4\", expected a whole number from zero",
+        ),
+        (
+            r#"{"joints": [{"name": "j", "bodies": [0, -1], "kind": "fixed", "frames": []}]}"#
+                .to_owned(),
+            "bodies of joint 0 \"j\": invalid value: integer `-1`, expected a whole number from zero",
+        ),
+        (r#"{"bodies": [}"#.to_owned(), "not well formed"),
+    ] {
+        let sentence = refused(&text);
+        assert!(sentence.contains(words), "{sentence}\n{words}");
+        let types = ["u32", "usize", "struct", "SceneFile", "sequence"];
+        assert!(
+            types.iter().all(|name| !sentence.contains(name)),
+            "{sentence}"
+        );
+    }
+}

@@ -5,7 +5,6 @@
 
 mod classes;
 mod contacts;
-mod copies;
 mod geoms;
 mod joints;
 
@@ -17,8 +16,8 @@ use rhumb_protocol::limits::BODIES_MAX;
 use rhumb_protocol::scene::{CollisionGroups, JointKind};
 
 use classes::{Classes, Compiler, InertiaFrom, expand, truth};
+use classes::{CopyOf, Held, Names, Work};
 use contacts::{Bits, Excluded, Parts, groups};
-use copies::{CopyOf, Held, Names, Work};
 use geoms::{Assets, Rules, note_settings};
 use joints::{Hinge, connect};
 

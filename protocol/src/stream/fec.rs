@@ -1,17 +1,263 @@
-//! FEC: recovers lost packets of a stream from its repair symbols.
+//! FEC: repair symbols of a stream, and recovery of lost packets from them.
 //!
-//! Handles source symbols and sums only; the subscriber reads a recovered packet like any other. Bytes come from
-//! untrusted peers. Memory is bounded by [`FEC_SPAN`] source symbols, in reused buffers, and [`REPAIR_SYMBOLS_KEPT`]
-//! repair symbols. A repair symbol costs at most one multiplication for each byte of these.
+//! The encoder knows of the receivers only how many packets they lose. The decoder handles source symbols and sums only; the
+//! subscriber reads a recovered packet like any other. Bytes come from untrusted peers. Memory of each is bounded by
+//! [`FEC_SPAN`] source symbols, in reused buffers, and [`REPAIR_SYMBOLS_KEPT`] repair symbols. A repair symbol costs at most
+//! one multiplication for each byte of these.
 
 use alloc::collections::VecDeque;
 use alloc::vec;
 use alloc::vec::Vec;
 
-use crate::limits::{FEC_SPAN, REPAIR_SYMBOLS_KEPT};
+use bytes::Bytes;
+
+use super::Redundancy;
+use crate::limits::{FEC_ROWS, FEC_SPAN, REPAIR_SYMBOLS_KEPT};
 use crate::packet::{
-    Datagram, LargestPacket, RepairSymbol, add_times, inverse, source_symbol_into, times,
+    Datagram, LargestPacket, RepairSymbol, StreamId, add_times, inverse, source_symbol_into,
+    source_symbol_of, times,
 };
+
+/// The most packets that an unrequested repair symbol covers: the number that two bytes of the header can name.
+const COVERED: u64 = 15;
+
+/// A repair symbol covers packets a second time if the longest of them exceeds the newest packets by at most a third.
+/// Measured on recorded cubes at 5 % loss: without this limit the stream takes 1.4 kbit/s more and errors fall by a
+/// thirtieth; with a limit of a tenth a quarter more is lost.
+const LONGER: usize = 3;
+
+/// A repair symbol that was sent.
+#[derive(Clone, Debug)]
+struct SentRepairSymbol {
+    /// One more than the number of the newest packet when it was sent.
+    end: u64,
+    numbers: Vec<u64>,
+    datagram: Bytes,
+}
+
+/// A repair symbol that was requested; it may also serve other receivers.
+#[derive(Clone, Debug)]
+struct RequestedRepairSymbol {
+    sent: SentRepairSymbol,
+    /// The number of times it was sent.
+    requests: u32,
+    /// The lost packets of the receiver that was sent it last. If the same packets are requested again, this symbol
+    /// does not help.
+    last: Vec<u64>,
+}
+
+/// A receiver's request for lost packets.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct SymbolRequest {
+    /// The receiver's report covers the packets below this number.
+    pub(crate) received_below: u64,
+    /// The number of repair symbols that the receiver requests.
+    pub(crate) wanted: usize,
+    /// The receiver was also sent the unrequested repair symbols from this packet number on.
+    pub(crate) sent_from: u64,
+}
+
+/// The most times that a requested repair symbol is sent, so that no receiver receives the same one forever.
+const SYMBOL_REUSE_MAX: u32 = 4;
+
+/// The source symbols of recent packets, and the repair symbols sent for them.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct FecEncoder {
+    next: u64,
+    /// The source symbols of the packets below `next`, oldest first; empty for packets that cannot be recovered.
+    source_symbols: VecDeque<Vec<u8>>,
+    /// The first packet that no repair symbol covers yet, and the first that at most one covers. Every packet is
+    /// covered twice.
+    uncovered: u64,
+    covered_once: u64,
+    /// True if the packets of the present tick are two halves of one.
+    halved: bool,
+    redundancy: Redundancy,
+    /// The number of ticks that the first uncovered packet has waited.
+    ticks_waited: u32,
+    row: u8,
+    /// Repair symbols over packets whose source symbols are kept.
+    sent: VecDeque<SentRepairSymbol>,
+    /// The newest repair symbols requested since the last tick.
+    requested: VecDeque<RequestedRepairSymbol>,
+}
+
+impl FecEncoder {
+    /// Adds a sent packet.
+    pub(crate) fn record(&mut self, number: u64, datagram: &[u8]) {
+        if self.source_symbols.len() == FEC_SPAN as usize {
+            self.source_symbols.pop_front();
+        }
+        let source_symbol = source_symbol_of(datagram).map(|(_, source_symbol)| source_symbol);
+        self.source_symbols
+            .push_back(source_symbol.unwrap_or_default());
+        self.next = number + 1;
+    }
+
+    /// Ends a published tick: encodes the repair symbols that are due and appends them to `out`.
+    pub(crate) fn end_tick(
+        &mut self,
+        stream: StreamId,
+        redundancy: Redundancy,
+        out: &mut Vec<Bytes>,
+    ) {
+        self.requested.clear();
+        self.redundancy = redundancy;
+        let halved = core::mem::take(&mut self.halved);
+        let oldest = self.oldest();
+        self.sent.retain(|sent| sent.end > oldest);
+        let Some(ticks) = redundancy.ticks() else {
+            (self.uncovered, self.covered_once) = (self.next, self.next);
+            self.ticks_waited = 0;
+            return;
+        };
+        self.uncovered = self.uncovered.max(oldest);
+        self.covered_once = self.covered_once.max(oldest);
+        if self.uncovered == self.next {
+            return;
+        }
+        self.ticks_waited += 1;
+        if self.ticks_waited < ticks && !halved {
+            return;
+        }
+        self.ticks_waited = 0;
+        while self.uncovered < self.next {
+            let end = self.next.min(self.uncovered + COVERED);
+            let from = (end.saturating_sub(COVERED)).max(oldest);
+            let longest_of = |numbers: core::ops::Range<u64>, most: usize| {
+                let lengths = numbers.map(|number| self.source_symbol(number).len());
+                lengths
+                    .filter(|bytes| *bytes <= most)
+                    .max()
+                    .unwrap_or_default()
+            };
+            let fresh = longest_of(self.uncovered..end, usize::MAX);
+            let covered_once = self.covered_once.max(from)..end;
+            let longest = longest_of(covered_once, fresh + fresh / LONGER);
+            let numbers = (from..end)
+                .filter(|number| (1..=longest).contains(&self.source_symbol(*number).len()));
+            let numbers: Vec<u64> = numbers.collect();
+            for _ in 0..redundancy.repair_symbols(end - self.uncovered) {
+                if let Some(sent) = self.encode_symbol(stream, &numbers) {
+                    out.push(sent.datagram.clone());
+                    self.sent.push_back(sent);
+                }
+            }
+            (self.covered_once, self.uncovered) = (self.uncovered, end);
+        }
+    }
+
+    /// True if a tick of this many bytes is sent in two packets.
+    pub(crate) const fn halves(&self, bytes: usize) -> bool {
+        self.redundancy.halves(bytes)
+    }
+
+    /// Notes that the packets of the present tick are two halves of one.
+    pub(crate) const fn halve(&mut self) {
+        self.halved = true;
+    }
+
+    /// Answers a receiver that lost packets and requests repair symbols, taking symbols in flight into account. Appends
+    /// to `out`, and returns the lost packets that must be refreshed.
+    pub(crate) fn answer(
+        &mut self,
+        stream: StreamId,
+        lost: impl Iterator<Item = u64>,
+        request: SymbolRequest,
+        out: &mut Vec<Bytes>,
+    ) -> Vec<u64> {
+        let SymbolRequest {
+            received_below,
+            wanted,
+            ..
+        } = request;
+        let (recent, old): (Vec<u64>, Vec<u64>) =
+            lost.partition(|number| wanted > 0 && !self.source_symbol(*number).is_empty());
+        if recent.is_empty() {
+            return old;
+        }
+        let of_use =
+            |sent: &SentRepairSymbol| sent.numbers.iter().any(|number| recent.contains(number));
+        let unreported = received_below.max(request.sent_from);
+        let under_way = self
+            .sent
+            .iter()
+            .filter(|sent| sent.end > unreported && of_use(sent));
+        let wanted = wanted.min(recent.len());
+        let mut wanted = self.redundancy.answers(wanted, under_way.count());
+        // One symbol serves all receivers that lost packets covered by it, except one that requests the same packets
+        // again.
+        for requested in &mut self.requested {
+            let sent = &requested.sent;
+            let serves = recent.iter().all(|number| sent.numbers.contains(number))
+                && sent.end <= received_below;
+            if wanted > 0
+                && serves
+                && requested.requests < SYMBOL_REUSE_MAX
+                && requested.last != recent
+            {
+                out.push(sent.datagram.clone());
+                wanted -= 1;
+                requested.requests += 1;
+                requested.last.clone_from(&recent);
+            }
+        }
+        let numbers = self.covered(&recent, received_below);
+        for _ in 0..wanted {
+            if let Some(sent) = self.encode_symbol(stream, &numbers) {
+                out.push(sent.datagram.clone());
+                if self.requested.len() == REPAIR_SYMBOLS_KEPT {
+                    self.requested.pop_front();
+                }
+                self.requested.push_back(RequestedRepairSymbol {
+                    sent: SentRepairSymbol {
+                        end: received_below,
+                        ..sent
+                    },
+                    requests: 1,
+                    last: recent.clone(),
+                });
+            }
+        }
+        old
+    }
+
+    /// The packets that a repair symbol for these lost ones covers: none longer than the longest of them.
+    fn covered(&self, lost: &[u64], received_below: u64) -> Vec<u64> {
+        let bytes = |number: &u64| self.source_symbol(*number).len();
+        let longest = lost.iter().map(bytes).max();
+        let from = lost.iter().copied().min().unwrap_or(received_below);
+        let numbers = from..self.next.min(received_below);
+        numbers
+            .filter(|number| bytes(number) > 0 && Some(bytes(number)) <= longest)
+            .collect()
+    }
+
+    /// Encodes a repair symbol over these packets, in the least recently used row; `None` if there are no packets.
+    fn encode_symbol(&mut self, stream: StreamId, numbers: &[u64]) -> Option<SentRepairSymbol> {
+        let last = *numbers.last()?;
+        let mut repair_symbol = RepairSymbol::begin(self.row, last);
+        for number in numbers {
+            repair_symbol.add(*number, last - number, self.source_symbol(*number));
+        }
+        self.row = (self.row + 1) % FEC_ROWS;
+        Some(SentRepairSymbol {
+            end: self.next,
+            numbers: numbers.to_vec(),
+            datagram: Bytes::from(repair_symbol.encode(stream)),
+        })
+    }
+
+    fn oldest(&self) -> u64 {
+        self.next - self.source_symbols.len() as u64
+    }
+
+    fn source_symbol(&self, number: u64) -> &[u8] {
+        let place = number.checked_sub(self.oldest());
+        let source_symbol = place.and_then(|place| self.source_symbols.get(place as usize));
+        source_symbol.map_or(&[], Vec::as_slice)
+    }
+}
 
 /// A repair symbol minus the source symbols of received packets.
 #[derive(Clone, Debug)]
@@ -359,204 +605,4 @@ const fn place_of(number: u64) -> usize {
 }
 
 #[cfg(test)]
-mod tests {
-    use proptest::collection::vec;
-    use proptest::prelude::*;
-
-    use super::*;
-    use crate::limits::FEC_ROWS;
-
-    /// A repair symbol of this row over source symbols with rising numbers.
-    fn repair_symbol(row: u8, source_symbols: &[(u64, Vec<u8>)]) -> (u64, RepairSymbol) {
-        let (last, _) = source_symbols[source_symbols.len() - 1];
-        let mut repair_symbol = RepairSymbol::begin(row, last);
-        for (number, source_symbol) in source_symbols {
-            repair_symbol.add(*number, last - number, source_symbol);
-        }
-        (last, repair_symbol)
-    }
-
-    fn padded(source_symbol: &[u8], bytes: usize) -> Vec<u8> {
-        let mut source_symbol = source_symbol.to_vec();
-        source_symbol.resize(bytes.max(source_symbol.len()), 0);
-        source_symbol
-    }
-
-    #[test]
-    fn too_many_losses_request_no_repair_symbols() {
-        let lacking = |received: u64| {
-            let mut fec_decoder = FecDecoder::new(0, LargestPacket::DEFAULT);
-            (0..received).for_each(|number| fec_decoder.add_known(number, &[1]));
-            // All packets but the last were refreshed.
-            fec_decoder.wanted(core::iter::once(31), 32)
-        };
-        assert_eq!(lacking(32 - REPAIR_SYMBOLS_KEPT as u64), 1);
-        assert_eq!(lacking(31 - REPAIR_SYMBOLS_KEPT as u64), 0);
-    }
-
-    #[test]
-    fn repair_symbols_after_a_loss_reduce_the_request() {
-        let mut fec_decoder = FecDecoder::new(0, LargestPacket::DEFAULT);
-        let source_symbols: Vec<_> = (0..9).map(|number| (number, vec![number as u8])).collect();
-        let received = [0, 1, 3, 4, 6, 7, 8];
-        received
-            .iter()
-            .for_each(|number| fec_decoder.add_known(*number, &[*number as u8]));
-        // Packet 5 was refreshed before packet 2 was known to be lost.
-        assert_eq!(fec_decoder.wanted([2].into_iter(), 9), 0);
-        assert_eq!(fec_decoder.wanted([5].into_iter(), 9), 1);
-        assert_eq!(fec_decoder.wanted([2, 5].into_iter(), 9), 2);
-        let (last, of_both) = repair_symbol(0, &source_symbols[2..]);
-        fec_decoder.add(last, of_both);
-        assert_eq!(fec_decoder.wanted([2].into_iter(), 9), 1);
-    }
-
-    proptest! {
-        #[test]
-        fn each_repair_symbol_recovers_one_lost_packet(
-            first in 0_u64..1_000, source_symbols in vec(vec(any::<u8>(), 1..60), 1..FEC_SPAN as usize),
-            lost in vec(any::<prop::sample::Index>(), 1..REPAIR_SYMBOLS_KEPT), row in 0..FEC_ROWS - 16, late in any::<bool>(),
-        ) {
-            let source_symbols: Vec<_> = source_symbols.into_iter().enumerate().map(|(n, source_symbol)| (first + n as u64, source_symbol)).collect();
-            let mut lost: Vec<usize> = lost.iter().map(|index| index.index(source_symbols.len())).collect();
-            lost.sort_unstable();
-            lost.dedup();
-            let mut fec_decoder = FecDecoder::new(first, LargestPacket::DEFAULT);
-            let received = |fec_decoder: &mut FecDecoder| {
-                for (place, (number, source_symbol)) in source_symbols.iter().enumerate() {
-                    if !lost.contains(&place) {
-                        fec_decoder.add_known(*number, source_symbol);
-                    }
-                }
-            };
-            if !late {
-                received(&mut fec_decoder);
-            }
-            for place in 0..lost.len() {
-                prop_assert!(fec_decoder.rebuild().is_empty());
-                let (last, repair_symbol) = repair_symbol(row + place as u8, &source_symbols);
-                fec_decoder.add(last, repair_symbol);
-            }
-            if late {
-                received(&mut fec_decoder);
-            }
-            let rebuilt = fec_decoder.rebuild();
-            prop_assert_eq!(rebuilt.len(), lost.len());
-            for (number, source_symbol) in &rebuilt {
-                fec_decoder.add_known(*number, source_symbol);
-            }
-            for ((number, source_symbol), place) in rebuilt.iter().zip(&lost) {
-                let (expected, original) = &source_symbols[*place];
-                prop_assert_eq!(number, expected);
-                let bytes = source_symbol.len().max(original.len());
-                prop_assert_eq!(padded(source_symbol, bytes), padded(original, bytes));
-            }
-            prop_assert_eq!(fec_decoder.wanted(lost.iter().map(|place| first + *place as u64), first + source_symbols.len() as u64), 0);
-            prop_assert!(fec_decoder.sums.is_empty());
-        }
-
-        #[test]
-        fn decoder_memory_is_bounded(
-            received in vec((any::<u16>(), any::<u32>(), 0..FEC_ROWS, vec(any::<u8>(), 0..20), any::<bool>()), 0..200),
-        ) {
-            let mut fec_decoder = FecDecoder::default();
-            for (number, covered, row, bytes, is_repair_symbol) in received {
-                let number = u64::from(number % 300);
-                if is_repair_symbol {
-                    let repair_symbol = RepairSymbol { last: crate::packet::Low16::of(number), covered: covered >> 1, row, sums: bytes };
-                    fec_decoder.add(number, repair_symbol);
-                } else {
-                    fec_decoder.add_known(number, &bytes);
-                }
-                let rebuilt = fec_decoder.rebuild();
-                prop_assert!(rebuilt.len() <= REPAIR_SYMBOLS_KEPT);
-                for (number, source_symbol) in rebuilt {
-                    fec_decoder.add_known(number, &source_symbol);
-                }
-                prop_assert!(fec_decoder.sums.len() <= REPAIR_SYMBOLS_KEPT);
-                prop_assert!(fec_decoder.wanted(0..300, 300) <= FEC_SPAN as u8);
-            }
-        }
-    }
-
-    #[test]
-    fn repair_symbols_over_different_packets_combine() {
-        let source_symbols: Vec<_> = (0..8_u8).map(|n| (u64::from(n), vec![n + 1; 9])).collect();
-        let mut fec_decoder = FecDecoder::new(0, LargestPacket::DEFAULT);
-        for place in [0, 3, 4, 7] {
-            fec_decoder.add_known(source_symbols[place].0, &source_symbols[place].1);
-        }
-        for (row, covered) in [(0, 0..3), (1, 1..6), (2, 2..7), (3, 5..8)] {
-            let (last, repair_symbol) = repair_symbol(row, &source_symbols[covered]);
-            fec_decoder.add(last, repair_symbol);
-        }
-        let rebuilt = fec_decoder.rebuild();
-        let numbers: Vec<u64> = rebuilt.iter().map(|(number, _)| *number).collect();
-        assert_eq!(numbers, [1, 2, 5, 6]);
-        assert!(
-            rebuilt
-                .iter()
-                .all(|(number, source_symbol)| *source_symbol == source_symbols[*number as usize].1)
-        );
-    }
-
-    #[test]
-    fn a_repair_symbol_with_another_unknown_packet_does_not_reduce_the_request() {
-        let source_symbols: Vec<_> = (0..8_u8).map(|n| (u64::from(n), vec![n + 1; 9])).collect();
-        let mut fec_decoder = FecDecoder::new(0, LargestPacket::DEFAULT);
-        for place in [0, 1, 2, 4, 5] {
-            fec_decoder.add_known(source_symbols[place].0, &source_symbols[place].1);
-        }
-        // Packet 6 is not known to be lost, because no later packet was received.
-        let (last, sums) = repair_symbol(0, &source_symbols[..7]);
-        fec_decoder.add(last, sums);
-        assert_eq!(fec_decoder.wanted([3].into_iter(), 6), 1);
-        assert_eq!(fec_decoder.wanted([3, 6].into_iter(), 7), 1);
-        let (last, sums) = repair_symbol(1, &source_symbols[..6]);
-        fec_decoder.add(last, sums);
-        let rebuilt = fec_decoder.rebuild();
-        assert_eq!(
-            rebuilt
-                .iter()
-                .map(|(number, _)| *number)
-                .collect::<Vec<_>>(),
-            [3, 6]
-        );
-    }
-
-    #[test]
-    fn packets_before_the_start_are_ignored() {
-        let source_symbols: Vec<_> = (0..4_u8).map(|n| (u64::from(n), vec![n + 1; 9])).collect();
-        let mut fec_decoder = FecDecoder::new(2, LargestPacket::DEFAULT);
-        fec_decoder.add_known(2, &source_symbols[2].1);
-        let (last, repair_symbol) = repair_symbol(0, &source_symbols);
-        fec_decoder.add(last, repair_symbol);
-        assert!(fec_decoder.rebuild().is_empty() && fec_decoder.sums.is_empty());
-        assert_eq!(fec_decoder.wanted([3].into_iter(), 4), 1);
-    }
-
-    #[test]
-    fn a_source_symbol_is_kept_until_it_is_dropped_or_replaced() {
-        let span = u64::from(FEC_SPAN);
-        let mut source_symbols = SourceSymbols::default();
-        assert_eq!(source_symbols.get(7), None);
-        source_symbols.keep(7, &[1, 2, 3]);
-        source_symbols.keep(8, &[4]);
-        assert_eq!(source_symbols.get(7), Some(&[1, 2, 3][..]));
-        assert_eq!(source_symbols.get(7 + span), None);
-        source_symbols.keep(7 + span, &[5]);
-        assert_eq!(
-            (source_symbols.get(7), source_symbols.get(7 + span)),
-            (None, Some(&[5][..]))
-        );
-        source_symbols.forget(7);
-        assert_eq!(source_symbols.get(7 + span), Some(&[5][..]));
-        source_symbols.forget_below(9);
-        assert_eq!(
-            (source_symbols.get(8), source_symbols.get(7 + span)),
-            (None, Some(&[5][..]))
-        );
-        source_symbols.forget(7 + span);
-        assert_eq!(source_symbols.get(7 + span), None);
-    }
-}
+mod tests;
