@@ -22,13 +22,13 @@ use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Metres, Radians, Tick, Tolerance};
 use serde::{Deserialize, Serialize};
 
+use crate::ablate::LoadChoice;
 use crate::drive::compare::divergence;
 use crate::numbers::WithZeros;
 use crate::output::{self, Failure, Provenance, ended};
 use crate::record::{Change, Changes};
 use crate::recording::Recording;
 use crate::replay::{ReplayConfig, run};
-use crate::standard_load::LoadChoice;
 
 /// Arguments: loads, output.
 #[derive(Clone, Debug, Args)]

@@ -24,6 +24,5 @@ pub mod replay;
 pub mod report;
 pub mod scripts;
 pub mod setup;
-mod standard_load;
 pub mod summary;
 pub mod trace;
