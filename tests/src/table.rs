@@ -238,12 +238,34 @@ impl Table {
     ///
     /// If the peer has no session to resume.
     pub fn reconnect(&mut self, peer: Peer) -> Peer {
+        let peer = self.reconnect_until(peer, |_| false);
+        self.run_until_idle();
+        peer
+    }
+
+    /// The same, until the session is as wanted or nothing more arrives.
+    ///
+    /// # Panics
+    ///
+    /// As [`Self::reconnect`].
+    pub fn reconnect_until(
+        &mut self,
+        peer: Peer,
+        is_wanted: impl Fn(&ClientSession) -> bool,
+    ) -> Peer {
         let mut session = (self.sessions.remove(&peer)).expect("a session");
         session.reconnect().expect("that of a member with a key");
         let peer = self.connect_raw_peer();
         session.handle_opened(self.now, HOST);
         self.sessions.insert(peer, session);
-        self.run_until_idle();
+        while !is_wanted(self.session(peer)) {
+            let sent = self.server.poll_transmit();
+            let is_quiet = sent.is_none() && !self.drain_session(peer);
+            if is_quiet {
+                break;
+            }
+            sent.into_iter().for_each(|sent| self.hand_over(sent));
+        }
         peer
     }
 

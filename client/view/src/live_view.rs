@@ -4,7 +4,8 @@
 //!
 //! Each cell has a view of its own; [`CellViews`] knows which body of the scene each place shows. A body that crosses is in
 //! the old cell before the tick of its crossing and in the new one from it on. Where the news of the old cell are late, both
-//! have it: the newer track counts. A cell that was taken after the moment shown gives way. Invariant: each body has one place.
+//! have it: the newer track counts. A cell that was taken after the moment shown gives way. A cell that an earlier connection
+//! of the session had stands still until its snapshot comes, and gives way to all. Invariant: each body has one place.
 
 use std::collections::BTreeMap;
 
@@ -261,6 +262,8 @@ struct Shown {
 /// How far a cell counts that shows a body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Rank {
+    /// It is of an earlier connection.
+    Former,
     /// Its copy begins after the moment shown: the body may have been elsewhere then.
     BeginsLater,
     /// It has a track of this origin.
@@ -277,7 +280,8 @@ struct CellView {
 }
 
 impl CellViews {
-    /// Computes the views of a moment. Cells that the member has given up are gone.
+    /// Computes the views of a moment. Cells that the member has given up are gone; one whose snapshot a resumed session has
+    /// not got yet stays as it was.
     pub fn refresh(&mut self, session: &mut ClientSession, render_params: &RenderParams) {
         for shown in self.cells.values().flat_map(|of| &of.names) {
             self.bodies[shown.1.index() as usize] = None;
@@ -286,23 +290,34 @@ impl CellViews {
         for (cell, copy) in session.cells_mut() {
             let mut of_cell = before.remove(&cell).unwrap_or_default();
             of_cell.refresh(copy, render_params);
-            let names = of_cell.names.iter().enumerate();
-            for (place, (local, id)) in names {
-                let track = copy.stream().track(*local);
-                let rank = match copy.stream().start() > render_params.at.tick {
-                    true => Rank::BeginsLater,
-                    false => Rank::Since(track.map_or(Tick::ZERO, |track| track.origin)),
-                };
-                let shown = Shown {
-                    id: *id,
-                    cell,
-                    place: place as u32,
-                    rank,
-                };
-                show(&mut self.bodies, shown);
-            }
-            self.cells.insert(cell, of_cell);
+            let rank = |local| match copy.stream().start() > render_params.at.tick {
+                true => Rank::BeginsLater,
+                false => {
+                    let track = copy.stream().track(local);
+                    Rank::Since(track.map_or(Tick::ZERO, |track| track.origin))
+                }
+            };
+            self.show(cell, of_cell, rank);
         }
+        for (cell, of_cell) in before {
+            if session.awaits_cell(cell) {
+                self.show(cell, of_cell, |_| Rank::Former);
+            }
+        }
+    }
+
+    /// Shows the bodies of a cell, by how far the cell counts for each.
+    fn show(&mut self, cell: Cell, of_cell: CellView, rank: impl Fn(BodyId) -> Rank) {
+        for (place, (local, id)) in of_cell.names.iter().enumerate() {
+            let shown = Shown {
+                id: *id,
+                cell,
+                place: place as u32,
+                rank: rank(*local),
+            };
+            show(&mut self.bodies, shown);
+        }
+        self.cells.insert(cell, of_cell);
     }
 
     /// The cells with their views, in order. Ids in them are those of the cell: see [`Self::bodies`].

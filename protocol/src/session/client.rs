@@ -148,6 +148,12 @@ impl ClientSession {
         self.membership.cells.copies_mut()
     }
 
+    /// True for a cell that was asked for and whose snapshot has not come.
+    #[must_use]
+    pub fn awaits_cell(&self, cell: Cell) -> bool {
+        self.membership.cells.awaits(cell)
+    }
+
     /// The cells that the server has denied. The next [`Self::take_cells`] asks for them again.
     pub fn denied_cells(&self) -> impl Iterator<Item = (Cell, Denial)> {
         self.membership.cells.denied()
@@ -569,7 +575,7 @@ impl ClientSession {
             self.outbox.send(&ClientMessage::Ping { sent: now });
             self.clock.begin(now);
             if let Some((state, awaited)) = self.resumption.resume(&mut self.outbox) {
-                self.membership.subscription.await_also(awaited);
+                self.membership.await_also(awaited);
                 self.membership.upstream.regain(&mut self.outbox);
                 self.events.push_back(Event::Resumed(state));
             } else {
@@ -585,7 +591,8 @@ impl ClientSession {
     /// Shows a replica that has caught up and restarts the timers.
     fn update(&mut self, now: Instant) {
         let (outbox, events) = (&mut self.outbox, &mut self.events);
-        self.membership.update(now, outbox, events);
+        let config = self.config.as_ref();
+        self.membership.update(now, config, outbox, events);
     }
 
     fn end_membership(&mut self, event: Event) {

@@ -19,10 +19,11 @@ use rhumb_protocol::scene::{
 use rhumb_protocol::session::{CloseCode, Event};
 use rhumb_protocol::stream::ErrorBound;
 use rhumb_protocol::{Instant, Peer, Span};
-use rhumb_reckoning::{BodyId, BodyState, Metres, Tolerance};
+use rhumb_reckoning::{BodyId, BodyState, Metres, Seconds, Tolerance};
 use rhumb_scene::SceneSettings;
 use rhumb_scene::engine::Engines;
 use rhumb_tests::{FailingEngine, Fails, RawPeer, TICK, Table, failing_body};
+use rhumb_view::{CellViews, RenderParams, RenderTime};
 
 const NORMAL: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
 const BALL: ShapeId = ShapeId(0);
@@ -138,6 +139,18 @@ impl Divided {
             bodies.entry(cell).or_default().push(desc.id.index());
         }
         bodies
+    }
+
+    /// Where the member has a body of its cells.
+    fn shown_by_member(&mut self, index: u32) -> f32 {
+        let mut cells = self.table.session(self.member).cells();
+        let place = cells.find_map(|(_, copy)| {
+            let stream = copy.stream();
+            let named = |desc: &BodyDesc| copy.id_in_scene(desc.id) == Some(body(index));
+            let local = copy.bodies().find(named)?.id;
+            stream.predicted_motion(local, stream.complete())
+        });
+        place.expect("it has the body").pose().position.x as f32
     }
 
     /// The joints that each cell tells, with the indices of their bodies in the scene.
@@ -286,6 +299,146 @@ fn a_resumed_session_takes_its_cells_again() {
     divided.step();
     divided.step();
     assert_eq!(divided.bodies(), cells([0, 1], [2]));
+}
+
+impl Divided {
+    /// A free-running scene with a member that has authority over one body of its cells and one that has left them.
+    fn with_authority() -> Self {
+        let mut divided = Self::new(Stepping::FreeRunning, Engines::default());
+        for index in OWN {
+            divided.add(index, BodyKind::Kinematic, 5.0);
+        }
+        divided.enter(Some(SessionKey([7; 16])));
+        let member = divided.table.session(divided.member);
+        let taken = member.take_authority(Tolerance::NORMAL, &OWN.map(body));
+        taken.expect("a member");
+        divided.step();
+        divided.publish([6.0, AWAY]);
+        assert_eq!(divided.bodies(), cells([0, 1, OWN[0]], [2]));
+        divided
+    }
+
+    /// Publishes the member's bodies at these places, and lets the ticks pass in which that is told.
+    fn publish(&mut self, places: [f32; 2]) {
+        let copy = self.table.session(self.owner).replica();
+        let newest = copy.expect("a member").stream().complete();
+        let states = [0, 1].map(|at| (body(OWN[at]), still(places[at])));
+        let member = self.table.session(self.member);
+        let published = member.publish(newest.next().next(), &states);
+        assert_eq!(published, Ok(true), "at {newest}");
+        for _ in 0..4 {
+            self.step();
+        }
+    }
+
+    /// Where a member of the whole scene has the bodies.
+    fn places(&mut self) -> [f32; 2] {
+        let copy = self.table.session(self.owner).replica();
+        let stream = copy.expect("a member").stream();
+        OWN.map(|index| {
+            let motion = stream.predicted_motion(body(index), stream.complete());
+            motion.expect("it has the body").pose().position.x as f32
+        })
+    }
+
+    fn reconnect(&mut self) {
+        self.member = self.table.reconnect(self.member);
+    }
+}
+
+/// The bodies under the member's authority.
+const OWN: [u32; 2] = [8, 9];
+
+#[test]
+fn a_resumed_session_moves_its_bodies_of_cells_again() {
+    for is_paced in [false, true] {
+        let mut divided = Divided::with_authority();
+        divided.table.end_connection(divided.member);
+        divided.step();
+        divided.reconnect();
+        if is_paced {
+            // The next snapshots wait: the link says what it takes.
+            divided.table.pace(divided.member);
+        }
+        for _ in 0..60 {
+            divided.step();
+        }
+        let member = divided.table.session(divided.member);
+        let own: Vec<_> = member.authority_bodies().collect();
+        assert_eq!(own, OWN.map(body));
+        divided.publish([7.0, AWAY + 1.0]);
+        let moved = divided.places();
+        let errors = [moved[0] - 7.0, moved[1] - AWAY - 1.0];
+        assert!(errors.iter().all(|error| error.abs() < 0.02), "{moved:?}");
+        let shown = divided.shown_by_member(OWN[0]);
+        assert!((shown - 7.0).abs() < 0.03, "{shown}");
+    }
+}
+
+#[test]
+fn a_grant_waits_for_the_cells_that_were_asked_for_before() {
+    let mut divided = Divided::new(Stepping::FreeRunning, Engines::default());
+    divided.add(OWN[0], BodyKind::Kinematic, 15.0);
+    divided.enter(None);
+    divided.table.pace(divided.member);
+    let wanted = [BTreeMap::new(), BTreeMap::from([(BESIDE, NORMAL)])];
+    for cells in &wanted {
+        let member = divided.table.session(divided.member);
+        member.take_cells(cells).expect("a member by cells");
+        divided.step();
+    }
+    let member = divided.table.session(divided.member);
+    member.take_cells(&wanted[0]).expect("a member by cells");
+    member.take_cells(&wanted[1]).expect("a member by cells");
+    let taken = member.take_authority(Tolerance::NORMAL, &[body(OWN[0])]);
+    taken.expect("a member");
+    for _ in 0..120 {
+        divided.step();
+    }
+    let member = divided.table.session(divided.member);
+    let events: Vec<_> = std::iter::from_fn(|| member.poll_event()).collect();
+    let granted = Event::AuthorityGrant(vec![body(OWN[0])]);
+    assert!(events.contains(&granted), "{events:?}");
+}
+
+#[test]
+fn a_resumed_session_shows_its_cells_as_they_were_until_their_snapshots_come() {
+    let mut divided = Divided::new(Stepping::FreeRunning, Engines::default());
+    divided.enter(Some(SessionKey([7; 16])));
+    let mut views = CellViews::default();
+    let mut shown = |divided: &mut Divided| {
+        let member = divided.table.session(divided.member);
+        if let Some(copy) = member.replica() {
+            let params = RenderParams {
+                at: RenderTime::at(copy.stream().complete()),
+                now: Seconds::new(0.0),
+                smooth: false,
+                step: Seconds::new(1.0 / 60.0),
+            };
+            views.refresh(member, &params);
+        }
+        let bodies = views.bodies().map(|of| (of.id.index(), of.cell));
+        let known = |id| views.error_bound(member, body(id)).expect("it is shown");
+        (bodies.collect::<Vec<_>>(), known(0))
+    };
+    let before = [(0, HERE), (1, HERE), (2, BESIDE)];
+    let (bodies, bound) = shown(&mut divided);
+    assert_eq!(bodies, before);
+    assert!(matches!(bound, ErrorBound::Within(_)), "{bound}");
+    divided.table.end_connection(divided.member);
+    divided.member = divided.table.reconnect_until(divided.member, |session| {
+        session.replica().is_some() && session.cells().next().is_none()
+    });
+    let (bodies, bound) = shown(&mut divided);
+    assert_eq!(bodies, before);
+    assert!(matches!(bound, ErrorBound::Unknown { .. }), "{bound}");
+    divided.table.run_until_idle();
+    divided.put(1, AWAY);
+    divided.step();
+    divided.step();
+    let (bodies, bound) = shown(&mut divided);
+    assert_eq!(bodies, [(0, HERE), (2, BESIDE)]);
+    assert!(matches!(bound, ErrorBound::Within(_)), "{bound}");
 }
 
 #[test]

@@ -30,6 +30,8 @@ pub(super) struct CellSubscriptions {
     /// The grid of the scene, once joined by cells.
     grid: Option<CellGrid>,
     taken: BTreeMap<Cell, WantedCell>,
+    /// The tick requested last.
+    awaited: Tick,
 }
 
 /// One cell that the application wants.
@@ -62,8 +64,8 @@ impl CellSubscriptions {
         let again = |(cell, taken): (Cell, WantedCell)| (cell, WantedCell::new(cell, taken.choice));
         Self {
             joins: self.joins,
-            grid: None,
             taken: self.taken.into_iter().map(again).collect(),
+            ..Self::default()
         }
     }
 
@@ -104,8 +106,11 @@ impl CellSubscriptions {
         });
         for (cell, choice) in wanted {
             let is_new = !self.taken.contains_key(cell);
-            let taken =
-                (self.taken.entry(*cell)).or_insert_with(|| WantedCell::new(*cell, *choice));
+            let taken = self.taken.entry(*cell).or_insert_with(|| {
+                let mut wanted = WantedCell::new(*cell, *choice);
+                wanted.subscription.await_also(self.awaited);
+                wanted
+            });
             if is_open && (is_new || taken.choice != *choice || taken.denied.is_some()) {
                 taken.denied = None;
                 taken.subscription.select(*choice, outbox);
@@ -117,8 +122,17 @@ impl CellSubscriptions {
 
     /// Lets the copies wait for a tick that is requested now.
     pub(super) fn advance(&mut self, now: Instant, to: Tick) {
+        self.awaited = self.awaited.max(to);
         for taken in self.taken.values_mut() {
             taken.subscription.advance(now, to);
+        }
+    }
+
+    /// Lets the copies wait for a tick that was requested over another connection.
+    pub(super) fn await_also(&mut self, to: Tick) {
+        self.awaited = self.awaited.max(to);
+        for taken in self.taken.values_mut() {
+            taken.subscription.await_also(to);
         }
     }
 
@@ -251,6 +265,23 @@ impl CellSubscriptions {
         taken.filter_map(|(cell, taken)| Some((*cell, taken.subscription.shown_mut()?)))
     }
 
+    /// The copies of all cells whose snapshots have come, shown or not.
+    pub(super) fn complete_copies(&self) -> impl Iterator<Item = &Replica> {
+        let taken = self.taken.values();
+        taken.filter_map(|taken| taken.subscription.shown())
+    }
+
+    /// True unless a snapshot of a cell is to come.
+    pub(super) fn are_there(&self) -> bool {
+        self.grid.is_none() || !self.taken.values().any(WantedCell::is_awaited)
+    }
+
+    /// True for a cell whose snapshot is to come.
+    pub(super) fn awaits(&self, cell: Cell) -> bool {
+        let taken = self.taken.get(&cell);
+        self.grid.is_some() && taken.is_some_and(WantedCell::is_awaited)
+    }
+
     /// The cells that the server has denied.
     pub(super) fn denied(&self) -> impl Iterator<Item = (Cell, Denial)> {
         let taken = self.taken.iter();
@@ -266,6 +297,11 @@ impl WantedCell {
             is_shown: false,
             denied: None,
         }
+    }
+
+    /// True until its first snapshot has come, or it was denied.
+    const fn is_awaited(&self) -> bool {
+        self.subscription.shown().is_none() && self.denied.is_none()
     }
 
     fn update(&mut self, now: Instant, outbox: &mut ClientOutbox, events: &mut VecDeque<Event>) {

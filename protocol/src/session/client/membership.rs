@@ -17,9 +17,12 @@ use super::subscription::{EventTarget, Subscription};
 use super::upstream::ClientUpstream;
 use crate::endpoint::{Instant, Span, Wake};
 use crate::limits::{EVENTS_HELD_MAX, STANDING_PAIRS_MAX};
-use crate::message::{CellNews, Joined, SceneEvent, ServerMessage, TickEvents};
+use crate::message::{
+    AuthorityGrant, CellNews, Joined, SceneEvent, ServerMessage, TickEvents,
+};
 use crate::packet::{Datagram, LargestPacket};
 use crate::scene::{BodyEvent, Cell, SceneConfig};
+use crate::session::replica::Replica;
 use crate::session::{CloseCode, Event};
 
 /// Subscription, upstream and events of a member.
@@ -28,6 +31,8 @@ pub(super) struct ClientMembership {
     pub(super) subscription: Subscription,
     pub(super) cells: CellSubscriptions,
     pub(super) upstream: ClientUpstream,
+    /// A grant for bodies that are in cells whose snapshots have not come.
+    held_grant: Option<AuthorityGrant>,
     held_events: HeldEvents,
     queries: u64,
     /// Messages of queries over the earlier connections of the session.
@@ -45,6 +50,7 @@ impl ClientMembership {
             subscription: Subscription::new(),
             cells: CellSubscriptions::default(),
             upstream,
+            held_grant: None,
             held_events: HeldEvents::default(),
             queries: 0,
             queries_before: 0,
@@ -102,13 +108,23 @@ impl ClientMembership {
         self.cells.query(now, pause, outbox);
     }
 
-    /// Shows copies that have caught up, and restarts the timers.
+    /// Awaits a tick that was requested over another connection.
+    pub(super) fn await_also(&mut self, to: Tick) {
+        self.subscription.await_also(to);
+        self.cells.await_also(to);
+    }
+
+    /// Shows copies that have caught up, begins an upstream that waited for them, and restarts the timers.
     pub(super) fn update(
         &mut self,
         now: Instant,
+        config: Option<&SceneConfig>,
         outbox: &mut ClientOutbox,
         events: &mut VecDeque<Event>,
     ) {
+        if self.cells.are_there() {
+            self.begin_upstream(config, outbox, events);
+        }
         self.subscription.update(now, outbox, events);
         self.cells
             .update(now, self.subscription.shown(), outbox, events);
@@ -198,18 +214,14 @@ impl ClientMembership {
                 events.push_back(Event::Inspected(inspection));
             }
             ServerMessage::AuthorityGrant(grant) => {
-                let of_cells = self.cells.copies().map(|(_, copy)| copy);
-                let copies: Vec<_> = self
-                    .subscription
-                    .shown()
-                    .into_iter()
-                    .chain(of_cells)
-                    .collect();
-                let bodies = config
-                    .and_then(|config| self.upstream.handle_grant(&grant, config, &copies, outbox));
-                events.extend(bodies.map(Event::AuthorityGrant));
+                self.held_grant = Some(grant);
+                if self.has_granted_bodies() {
+                    self.begin_upstream(config, outbox, events);
+                }
             }
             ServerMessage::AuthorityDenied(error) => {
+                // What was granted before comes before.
+                self.begin_upstream(config, outbox, events);
                 let reason = self.upstream.handle_denied(error, outbox);
                 events.extend(reason.map(Event::AuthorityDenied));
             }
@@ -242,6 +254,35 @@ impl ClientMembership {
             | ServerMessage::OfCell { .. } => {}
         }
         Ok(())
+    }
+
+    /// The copies of the scene and of its cells.
+    fn copies(&self) -> impl Iterator<Item = &Replica> {
+        let of_scene = self.subscription.shown().into_iter();
+        of_scene.chain(self.cells.complete_copies())
+    }
+
+    /// True if the copies have all bodies of the held grant, or no cell is to come that may have the others.
+    fn has_granted_bodies(&self) -> bool {
+        let bodies = self.held_grant.iter().flat_map(|grant| &grant.bodies);
+        let is_known = |id| self.copies().any(|copy| copy.body_of_scene(id).is_some());
+        self.cells.are_there() || bodies.map(|(id, _)| *id).all(is_known)
+    }
+
+    /// Begins the upstream of the held grant, if there is one.
+    fn begin_upstream(
+        &mut self,
+        config: Option<&SceneConfig>,
+        outbox: &mut ClientOutbox,
+        events: &mut VecDeque<Event>,
+    ) {
+        let Some((grant, config)) = self.held_grant.take().zip(config) else {
+            return;
+        };
+        let of_scene = self.subscription.shown().into_iter();
+        let copies: Vec<_> = of_scene.chain(self.cells.complete_copies()).collect();
+        let bodies = self.upstream.handle_grant(&grant, config, &copies, outbox);
+        events.extend(bodies.map(Event::AuthorityGrant));
     }
 
     fn handle_scene_event(

@@ -5,6 +5,7 @@
 //!
 //! The server ends the authority with the connection. The next connection of a session requests it again.
 
+use alloc::collections::BTreeMap;
 use alloc::vec::Vec;
 
 use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance};
@@ -31,6 +32,8 @@ pub(super) struct ClientUpstream {
     /// The authority that the session had before this connection, or that the application wants in its place, until the
     /// server has answered the request for it.
     regained: Option<TakeAuthority>,
+    /// How the bodies of the newest grant were predicted: one that has left the cells that the member takes is in no copy.
+    known: BTreeMap<BodyId, PredictionParameters>,
     /// Bound on the packets of later upstreams.
     largest_packet: LargestPacket,
 }
@@ -43,6 +46,7 @@ impl ClientUpstream {
             requested: None,
             granted: None,
             regained: None,
+            known: BTreeMap::new(),
             largest_packet,
         }
     }
@@ -58,6 +62,7 @@ impl ClientUpstream {
         Self {
             regained,
             granted,
+            known: self.known,
             ..Self::new(self.largest_packet)
         }
     }
@@ -170,14 +175,18 @@ impl ClientUpstream {
             self.send(other, outbox);
             return None;
         }
-        let parameters = |id: BodyId| {
+        let of_copies = |id: BodyId| {
             let mut found = copies.iter();
             let (copy, body) = found.find_map(|copy| Some((copy, copy.body_of_scene(id)?)))?;
             let shape = copy.shape(body.shape)?;
             Some(PredictionParameters::of(&body, shape, config.damping, None))
         };
+        let known = core::mem::take(&mut self.known);
+        let parameters = |id: BodyId| of_copies(id).or_else(|| known.get(&id).copied());
         let sender = UpstreamSender::new(grant, &requested, config.integrator, parameters);
         let bodies: Vec<BodyId> = sender.bodies().collect();
+        let granted = bodies.iter().filter_map(|id| Some((*id, parameters(*id)?)));
+        self.known = granted.collect();
         self.sender = (!bodies.is_empty()).then_some(sender);
         self.granted = Some(requested);
         Some(bodies)
@@ -190,6 +199,8 @@ impl ClientUpstream {
         outbox: &mut ClientOutbox,
     ) -> Option<AuthorityError> {
         if error == AuthorityError::LostSync {
+            // The server may have predicted a body otherwise.
+            self.known.clear();
             self.request_again(outbox);
             return None;
         }
