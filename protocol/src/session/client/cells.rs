@@ -1,10 +1,11 @@
 //! The cells that a member takes: a subscription for each.
 //!
 //! What a cell tells and asks is what a scene does, so that a subscription serves both. The scene's own has the bodies that
-//! are in no cell, and the shapes of all. Invariant: what a cell tells that was given up, or of an earlier time that it was
+//! are in no cell, and the shapes of all. A datagram and a timer concern one cell: the others cost nothing then, unless a copy
+//! waits to be shown, which depends on all. Invariant: what a cell tells that was given up, or of an earlier time that it was
 //! taken, changes nothing.
 
-use alloc::collections::{BTreeMap, VecDeque};
+use alloc::collections::{BTreeMap, BTreeSet, VecDeque};
 use alloc::vec::Vec;
 
 use rhumb_reckoning::{BodyId, Tick};
@@ -16,7 +17,7 @@ use crate::limits::CELLS_PER_MEMBER_MAX;
 use crate::message::{
     CellNews, CellRequest, ClientMessage, Denial, Extensions, Joined, StreamChoice,
 };
-use crate::packet::Datagram;
+use crate::packet::{Datagram, StreamId};
 use crate::scene::{Cell, CellGrid, IdRange, SceneConfig, Stepping};
 use crate::session::replica::Replica;
 use crate::session::{CloseCode, Event, Misuse};
@@ -32,6 +33,14 @@ pub(super) struct CellSubscriptions {
     taken: BTreeMap<Cell, WantedCell>,
     /// The tick requested last.
     awaited: Tick,
+    /// The cells of the copies, by stream.
+    streams: BTreeMap<StreamId, Cell>,
+    /// Cells with news since the last update.
+    touched: BTreeSet<Cell>,
+    /// Cells with a copy that is not shown yet.
+    unsettled: BTreeSet<Cell>,
+    /// When a cell has something to report.
+    timers: BTreeSet<(Instant, Cell)>,
 }
 
 /// One cell that the application wants.
@@ -43,6 +52,8 @@ struct WantedCell {
     is_shown: bool,
     /// Why it was denied, until it is asked for again.
     denied: Option<Denial>,
+    /// The timer that is set for it.
+    due: Option<Wake>,
 }
 
 impl CellSubscriptions {
@@ -99,8 +110,14 @@ impl CellSubscriptions {
         let is_open = self.grid.is_some();
         self.taken.retain(|cell, taken| {
             let stays = wanted.contains_key(cell);
-            if !stays && is_open {
-                taken.subscription.send(CellRequest::Leave, outbox);
+            if !stays {
+                self.streams.retain(|_, of| of != cell);
+                self.unsettled.remove(cell);
+                self.touched.remove(cell);
+                set_timer(&mut self.timers, *cell, (&mut taken.due, None));
+                if is_open {
+                    taken.subscription.send(CellRequest::Leave, outbox);
+                }
             }
             stays
         });
@@ -123,8 +140,9 @@ impl CellSubscriptions {
     /// Lets the copies wait for a tick that is requested now.
     pub(super) fn advance(&mut self, now: Instant, to: Tick) {
         self.awaited = self.awaited.max(to);
-        for taken in self.taken.values_mut() {
+        for (cell, taken) in &mut self.taken {
             taken.subscription.advance(now, to);
+            taken.set_timer(*cell, &mut self.timers);
         }
     }
 
@@ -148,9 +166,11 @@ impl CellSubscriptions {
         let Some(taken) = self.taken.get_mut(&cell) else {
             return Ok(Vec::new());
         };
+        self.touched.insert(cell);
         let subscription = &mut taken.subscription;
         match news {
             CellNews::Joined(start) => {
+                self.unsettled.insert(cell);
                 let joined = Joined {
                     choice: start.choice,
                     config: *config,
@@ -158,7 +178,10 @@ impl CellSubscriptions {
                     granted: IdRange::EMPTY,
                     extensions: Extensions::NONE,
                 };
+                let before: Vec<_> = subscription.streams().collect();
                 subscription.begin_snapshot(&joined, outbox);
+                self.streams.insert(start.stream, cell);
+                forget_ended(&mut self.streams, cell, (&before, subscription));
             }
             CellNews::SnapshotEnd if subscription.newest().is_some() => {
                 subscription.end_snapshot()?;
@@ -187,17 +210,18 @@ impl CellSubscriptions {
         outbox: &mut ClientOutbox,
         events: &mut VecDeque<Event>,
     ) -> bool {
-        let stream = datagram.head().stream;
-        let mut taken = self.taken.values_mut();
-        let Some(of_stream) = taken.find(|taken| taken.subscription.follows(stream)) else {
+        let cell = self.streams.get(&datagram.head().stream);
+        let Some((cell, taken)) = cell.and_then(|cell| Some((*cell, self.taken.get_mut(cell)?)))
+        else {
             return false;
         };
-        of_stream.subscription.handle_datagram(datagram);
+        taken.subscription.handle_datagram(datagram);
+        self.touched.insert(cell);
         self.update(now, scene, outbox, events);
         true
     }
 
-    /// Shows replicas that have caught up, and restarts the timers. `scene`: what is common.
+    /// Shows replicas that have caught up, and restarts the timers of the cells with news. `scene`: what is common.
     pub(super) fn update(
         &mut self,
         now: Instant,
@@ -205,19 +229,49 @@ impl CellSubscriptions {
         outbox: &mut ClientOutbox,
         events: &mut VecDeque<Event>,
     ) {
-        if self.taken.is_empty() {
+        let touched = core::mem::take(&mut self.touched);
+        if self.unsettled.is_empty() {
+            for cell in touched {
+                self.update_cell(cell, now, outbox, events);
+            }
             return;
         }
         let of_cells = self.copies().map(|(_, copy)| copy.stream().complete());
         let complete = scene.map(|scene| scene.stream().complete());
         let complete = complete.into_iter().chain(of_cells).min();
         let complete = complete.unwrap_or_default();
-        for taken in self.taken.values_mut() {
-            taken.subscription.show_until(complete);
-            taken.update(now, outbox, events);
+        let cells: Vec<Cell> = self.taken.keys().copied().collect();
+        for cell in cells {
+            if let Some(taken) = self.taken.get_mut(&cell) {
+                taken.subscription.show_until(complete);
+            }
+            self.update_cell(cell, now, outbox, events);
+            let Some(taken) = self.taken.get_mut(&cell) else {
+                continue;
+            };
             let copy = taken.subscription.shown().map(Replica::stream);
             taken.is_shown |= copy.is_some_and(|copy| may_be_shown(copy, complete));
+            if taken.is_shown && !taken.subscription.is_switching() {
+                self.unsettled.remove(&cell);
+            }
         }
+    }
+
+    fn update_cell(
+        &mut self,
+        cell: Cell,
+        now: Instant,
+        outbox: &mut ClientOutbox,
+        events: &mut VecDeque<Event>,
+    ) {
+        let Some(taken) = self.taken.get_mut(&cell) else {
+            return;
+        };
+        let before: Option<StreamId> = taken.subscription.streams().last();
+        taken.update(now, outbox, events);
+        let ended = (before.as_slice(), &taken.subscription);
+        forget_ended(&mut self.streams, cell, ended);
+        taken.set_timer(cell, &mut self.timers);
     }
 
     /// Sends the reports that are due.
@@ -228,28 +282,32 @@ impl CellSubscriptions {
         outbox: &mut ClientOutbox,
         events: &mut VecDeque<Event>,
     ) {
-        for taken in self.taken.values_mut() {
+        let due = self.timers.iter().take_while(|(at, _)| *at <= now);
+        let due: Vec<Cell> = due.map(|(_, cell)| *cell).collect();
+        for cell in due {
+            let Some(taken) = self.taken.get_mut(&cell) else {
+                continue;
+            };
             let mut of_cell = VecDeque::new();
             let subscription = &mut taken.subscription;
             subscription.report(now, round_trip, outbox, &mut of_cell);
             pass_on(of_cell, events);
+            taken.set_timer(cell, &mut self.timers);
         }
     }
 
     /// Asks for the watermarks, unless they were asked for within `pause`.
     pub(super) fn query(&mut self, now: Instant, pause: Span, outbox: &mut ClientOutbox) {
-        for taken in self.taken.values_mut() {
+        for (cell, taken) in &mut self.taken {
             taken.subscription.query(now, pause, outbox);
+            taken.set_timer(*cell, &mut self.timers);
         }
     }
 
     /// The next moment at which [`Self::report`] has something to do.
     pub(super) fn due(&self) -> Option<Wake> {
-        let due = self
-            .taken
-            .values()
-            .filter_map(|taken| taken.subscription.due());
-        due.min_by_key(|wake| wake.at)
+        let (_, cell) = self.timers.first()?;
+        self.taken.get(cell)?.due
     }
 
     /// The copies, in the order of their cells; none of a cell whose snapshot has not come, or
@@ -296,6 +354,7 @@ impl WantedCell {
             subscription: Subscription::of_cell(cell),
             is_shown: false,
             denied: None,
+            due: None,
         }
     }
 
@@ -304,10 +363,44 @@ impl WantedCell {
         self.subscription.shown().is_none() && self.denied.is_none()
     }
 
+    /// Sets its timer anew.
+    fn set_timer(&mut self, cell: Cell, timers: &mut BTreeSet<(Instant, Cell)>) {
+        let due = self.subscription.due();
+        set_timer(timers, cell, (&mut self.due, due));
+    }
+
     fn update(&mut self, now: Instant, outbox: &mut ClientOutbox, events: &mut VecDeque<Event>) {
         let mut of_cell = VecDeque::new();
         self.subscription.update(now, outbox, &mut of_cell);
         pass_on(of_cell, events);
+    }
+}
+
+/// Sets the timer of a cell in place of the one that it has.
+fn set_timer(
+    timers: &mut BTreeSet<(Instant, Cell)>,
+    cell: Cell,
+    (set, due): (&mut Option<Wake>, Option<Wake>),
+) {
+    if *set == due {
+        return;
+    }
+    if let Some(before) = core::mem::replace(set, due) {
+        timers.remove(&(before.at, cell));
+    }
+    timers.extend(due.map(|wake| (wake.at, cell)));
+}
+
+/// Forgets those streams of a cell that no copy follows any more.
+fn forget_ended(
+    streams: &mut BTreeMap<StreamId, Cell>,
+    cell: Cell,
+    (before, subscription): (&[StreamId], &Subscription),
+) {
+    for stream in before {
+        if !subscription.follows(*stream) && streams.get(stream) == Some(&cell) {
+            streams.remove(stream);
+        }
     }
 }
 

@@ -17,9 +17,7 @@ use super::subscription::{EventTarget, Subscription};
 use super::upstream::ClientUpstream;
 use crate::endpoint::{Instant, Span, Wake};
 use crate::limits::{EVENTS_HELD_MAX, STANDING_PAIRS_MAX};
-use crate::message::{
-    AuthorityGrant, CellNews, Joined, SceneEvent, ServerMessage, TickEvents,
-};
+use crate::message::{AuthorityGrant, CellNews, Joined, SceneEvent, ServerMessage, TickEvents};
 use crate::packet::{Datagram, LargestPacket};
 use crate::scene::{BodyEvent, Cell, SceneConfig};
 use crate::session::replica::Replica;

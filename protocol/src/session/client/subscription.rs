@@ -168,6 +168,18 @@ impl Subscription {
         self.replica_switch.until = Some(tick);
     }
 
+    /// The streams of its replicas; the last is that of the shown one, if one is shown.
+    pub(super) fn streams(&self) -> impl Iterator<Item = StreamId> {
+        let replicas = [&self.replica_switch.next, &self.replica_switch.shown];
+        let replicas = replicas.into_iter().flatten();
+        replicas.map(|replica| replica.stream().stream())
+    }
+
+    /// True while a replica waits to be shown.
+    pub(super) const fn is_switching(&self) -> bool {
+        self.replica_switch.next.is_some()
+    }
+
     /// True if a datagram is of one of its streams.
     pub(super) fn follows(&self, stream: StreamId) -> bool {
         self.replica_switch.follows(stream)
