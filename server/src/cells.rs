@@ -5,8 +5,10 @@
 //! tick. Members are known to the running scene alone. Invariants: each body is in one cell, or, if it is too large for
 //! any, in what all members have in common; a scene without members that take cells keeps nothing here.
 
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::collections::{BTreeMap, BTreeSet};
 
+use bytes::Bytes;
+use rhumb_protocol::Peer;
 use rhumb_protocol::message::{CellNews, SceneEvent, ServerMessage};
 use rhumb_protocol::packet::StreamId;
 use rhumb_protocol::scene::{
@@ -17,7 +19,8 @@ use rhumb_reckoning::{BodyId, BodyState, Tick, Ticks, Track};
 
 use crate::engine::StepThreads;
 use crate::scene::Scene;
-use crate::streams::{self, Streams};
+use crate::streams::{self, Stream, Streams};
+use crate::taken_cell::{CellIds, TakenCell};
 
 /// Cells of one scene that members take, at most: each has tables of its own.
 pub(crate) const TAKEN_CELLS_MAX: usize = 4_096;
@@ -37,6 +40,13 @@ pub(crate) struct Cells {
     /// The cells that members take; the place 0 is what they have in common.
     taken: Vec<Option<TakenCell>>,
     places: BTreeMap<Option<Cell>, usize>,
+    /// Places in `taken` of cells that no member takes any more.
+    vacant: BTreeSet<usize>,
+    /// The names of all streams.
+    names: BTreeSet<StreamId>,
+    /// The newest tick, and the newest published one.
+    tick: Tick,
+    published: Tick,
     sent_joints: SentJoints,
     /// Scene events that members have not got yet, in order: the cell, and their messages.
     unsent: Vec<(Option<Cell>, Vec<u8>)>,
@@ -49,43 +59,6 @@ struct Home {
     cell: Option<Cell>,
     /// The place of the cell in `taken`, and the body's id there; `None` for a cell that no member takes.
     taken: Option<(usize, BodyId)>,
-}
-
-/// A cell that members take.
-#[derive(Debug)]
-struct TakenCell {
-    cell: Option<Cell>,
-    streams: Streams,
-    scene_events: u64,
-    ids: CellIds,
-    observed: Vec<Observation>,
-}
-
-/// The ids of a cell's bodies: tables by index are as long as the cell has bodies.
-#[derive(Debug, Default)]
-struct CellIds {
-    /// By index: the generation of the next body.
-    generations: Vec<u16>,
-    free: VecDeque<u32>,
-}
-
-impl CellIds {
-    fn assign(&mut self) -> BodyId {
-        let index = self.free.pop_front().unwrap_or_else(|| {
-            self.generations.push(0);
-            self.generations.len() as u32 - 1
-        });
-        BodyId::new(index, self.generations[index as usize])
-    }
-
-    /// An index whose generations are used up is not assigned again.
-    fn release(&mut self, id: BodyId) {
-        let generation = &mut self.generations[id.index() as usize];
-        if let Some(next) = generation.checked_add(1) {
-            *generation = next;
-            self.free.push_back(id.index());
-        }
-    }
 }
 
 /// The joints that members know, each with its place in `taken`; found by their bodies too.
@@ -175,6 +148,10 @@ impl Cells {
             bodies: BTreeMap::new(),
             taken: Vec::new(),
             places: BTreeMap::new(),
+            vacant: BTreeSet::new(),
+            names: BTreeSet::new(),
+            tick: Tick::ZERO,
+            published: Tick::ZERO,
             sent_joints: SentJoints::default(),
             unsent: Vec::new(),
         }
@@ -201,6 +178,7 @@ impl Cells {
         if self.members > 1 {
             return;
         }
+        (self.tick, self.published) = (scene.tick(), scene.tick());
         let mut observations = Vec::new();
         scene.observe_all(&mut observations);
         for observation in &observations {
@@ -228,7 +206,26 @@ impl Cells {
     /// See [`Self::streams`].
     pub(crate) fn streams_mut(&mut self, cell: Option<Cell>) -> Option<&mut Streams> {
         let place = *self.places.get(&cell)?;
-        Some(&mut self.taken[place].as_mut()?.streams)
+        Some(&mut self.taken_mut(place)?.streams)
+    }
+
+    /// Begins a stream of a cell that is taken, for one member.
+    pub(crate) fn begin(&mut self, cell: Option<Cell>, stream: Stream) {
+        let name = stream.id();
+        if let Some(streams) = self.streams_mut(cell) {
+            streams.begin(stream);
+            self.names.insert(name);
+        }
+    }
+
+    /// Ends a member's subscription to a stream.
+    pub(crate) fn unsubscribe(&mut self, cell: Option<Cell>, stream: StreamId, peer: Peer) {
+        if let Some(streams) = self.streams_mut(cell) {
+            streams.unsubscribe(stream, peer);
+            if streams.get(stream).is_none() {
+                self.names.remove(&stream);
+            }
+        }
     }
 
     /// Scene events of a cell so far.
@@ -238,12 +235,18 @@ impl Cells {
 
     /// True if a stream is one of a cell.
     pub(crate) fn has_stream(&self, id: StreamId) -> bool {
-        let mut taken = self.taken.iter().flatten();
-        taken.any(|taken| taken.streams.get(id).is_some())
+        self.names.contains(&id)
     }
 
     fn taken_cell(&self, cell: Option<Cell>) -> Option<&TakenCell> {
         self.taken[*self.places.get(&cell)?].as_ref()
+    }
+
+    /// A taken cell that is about to change.
+    fn taken_mut(&mut self, place: usize) -> Option<&mut TakenCell> {
+        let taken = self.taken[place].as_mut()?;
+        taken.wake(self.published);
+        Some(taken)
     }
 
     /// Makes a cell one that is taken. It has no streams yet.
@@ -251,8 +254,7 @@ impl Cells {
         if self.places.contains_key(&cell) {
             return;
         }
-        let vacant = self.taken.iter().position(Option::is_none);
-        let place = vacant.unwrap_or(self.taken.len());
+        let place = self.vacant.pop_first().unwrap_or(self.taken.len());
         if place == self.taken.len() {
             self.taken.push(None);
         }
@@ -263,13 +265,8 @@ impl Cells {
                 home.taken = Some((place, local));
             }
         }
-        self.taken[place] = Some(TakenCell {
-            cell,
-            streams: Streams::new(self.publish_schedule, self.threads.clone()),
-            scene_events: 0,
-            ids,
-            observed: Vec::new(),
-        });
+        let streams = Streams::new(self.publish_schedule, self.threads.clone());
+        self.taken[place] = Some(TakenCell::new(cell, streams, ids));
         self.places.insert(cell, place);
         for (id, joint) in self.joints_of(cell, scene) {
             if self
@@ -298,6 +295,7 @@ impl Cells {
             return;
         };
         self.taken[place] = None;
+        self.vacant.insert(place);
         for id in self.bodies.get(&Some(cell)).into_iter().flatten() {
             self.sent_joints.forget(*id);
             if let Some(home) = &mut self.homes[id.index() as usize] {
@@ -317,14 +315,35 @@ impl Cells {
         placed.collect()
     }
 
-    /// Publishes a tick of every cell.
+    /// Publishes the newest tick of every cell in which something is to be said.
     pub(crate) fn publish(&mut self) {
-        let threads = self.threads.clone();
+        let (threads, tick) = (self.threads.clone(), self.tick);
+        let is_published = self.published == tick;
         threads.on_each(&mut self.taken, |taken| {
             if let Some(taken) = taken {
-                taken.streams.publish(taken.scene_events);
+                taken.publish(tick, is_published);
             }
         });
+    }
+
+    /// The streams of the cells that were published at the newest tick, by cell; the first is what is common.
+    pub(crate) fn speaking(&self) -> BTreeMap<Option<Cell>, &Streams> {
+        let taken = self.taken.iter().flatten();
+        let speaking = taken.filter(|taken| taken.speaks_at(self.tick));
+        speaking.map(|taken| (taken.cell, &taken.streams)).collect()
+    }
+
+    /// Bodies whose updates wait for a budget, in all streams.
+    pub(crate) fn waiting(&self) -> usize {
+        let taken = self.taken.iter().flatten();
+        taken.map(|taken| taken.streams.waiting()).sum()
+    }
+
+    /// The datagrams of the newest tick of all streams, without repair symbols.
+    pub(crate) fn all_packets(&self) -> impl Iterator<Item = &Bytes> {
+        let taken = self.taken.iter().flatten();
+        let speaking = taken.filter(|taken| taken.speaks_at(self.tick));
+        speaking.flat_map(|taken| taken.streams.all_packets())
     }
 
     /// Takes the scene events that members have not got yet, in order.
@@ -338,7 +357,8 @@ impl Cells {
     /// whose publisher is silent.
     pub(crate) fn observe(&mut self, scene: &Scene, silences: &[SceneEvent]) {
         let (tick, observations) = (scene.tick(), scene.observations());
-        if self.publish_schedule.publishes(tick) {
+        let is_published = self.publish_schedule.publishes(tick);
+        if is_published {
             self.cross(scene, observations, silences);
         }
         for taken in self.taken.iter_mut().flatten() {
@@ -356,8 +376,11 @@ impl Cells {
             }
         }
         for taken in self.taken.iter_mut().flatten() {
-            taken.observed.sort_unstable_by_key(|observed| observed.id);
-            taken.streams.observe(tick, &taken.observed);
+            taken.observe(tick, self.published);
+        }
+        self.tick = tick;
+        if is_published {
+            self.published = tick;
         }
     }
 
@@ -427,7 +450,7 @@ impl Cells {
         let Some((place, local)) = home.taken else {
             return;
         };
-        if let Some(taken) = &mut self.taken[place] {
+        if let Some(taken) = self.taken_mut(place) {
             taken.streams.remove(local);
             taken.ids.release(local);
         }
@@ -479,7 +502,7 @@ impl Cells {
             }
             SceneEvent::GravityChanged { since, gravity } => {
                 for place in 0..self.taken.len() {
-                    if let Some(taken) = &mut self.taken[place] {
+                    if let Some(taken) = self.taken_mut(place) {
                         taken.streams.change_gravity(*since, *gravity);
                         self.record(place, CellNews::SceneEvent(scene_event.clone()));
                     }
@@ -523,7 +546,7 @@ impl Cells {
         let home = home.take_if(|home| home.id == id)?;
         self.forget_body(&home);
         let (place, local) = home.taken?;
-        let taken = self.taken[place].as_mut()?;
+        let taken = self.taken_mut(place)?;
         taken.streams.remove(local);
         if taken.cell.is_some() {
             taken.ids.release(local);
@@ -539,7 +562,7 @@ impl Cells {
             track,
         } = *placement;
         if let Some(parameters) = streams::parameters(scene, desc.id)
-            && let Some(taken) = &mut self.taken[place]
+            && let Some(taken) = self.taken_mut(place)
         {
             taken.streams.insert(local, &parameters, track, motion);
         }
@@ -592,7 +615,7 @@ impl Cells {
 
     /// Counts a scene event of a cell, and keeps it for the cell's members.
     fn record(&mut self, place: usize, news: CellNews) {
-        let Some(taken) = &mut self.taken[place] else {
+        let Some(taken) = self.taken_mut(place) else {
             return;
         };
         taken.scene_events += 1;

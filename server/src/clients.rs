@@ -205,17 +205,18 @@ impl Clients {
         requests.collect()
     }
 
-    /// The requested snapshots of cells that may begin. Those of one member are one snapshot for its link.
-    pub(crate) fn take_cell_requests(&mut self) -> Vec<(Peer, BTreeMap<Cell, SnapshotRequest>)> {
+    /// The members whose requests about cells may be answered.
+    pub(crate) fn asking_for_cells(&mut self) -> Vec<Peer> {
         let (members, out) = self.members_mut();
         let asking = members.filter(|(member, control)| {
             !member.cell_requests.is_empty() && control.may_snapshot(out.now())
         });
-        let requests = asking.map(|(member, control)| {
-            let requests = std::mem::take(&mut member.cell_requests);
-            (control.peer(), requests)
-        });
-        requests.collect()
+        asking.map(|(_, control)| control.peer()).collect()
+    }
+
+    /// The next request of a member about a cell.
+    pub(crate) fn next_cell_request(&mut self, peer: Peer) -> Option<(Cell, SnapshotRequest)> {
+        self.member_mut(peer)?.cell_requests.pop_first()
     }
 
     /// Tells all clients that another server has their scene, and closes them.

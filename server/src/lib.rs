@@ -61,6 +61,7 @@ mod scene_loop;
 mod sessions;
 mod settings;
 mod streams;
+mod taken_cell;
 mod tier_controller;
 
 pub use admission::{Admission, SceneSlots, ServerLoad, TenantLoads, tenant_of};

@@ -206,17 +206,20 @@ impl Member {
     }
 
     /// The member's subscription to a cell.
+    pub(crate) fn subscribed(&self, cell: Cell) -> Option<&Subscribed> {
+        self.cells.as_ref()?.get(&cell)
+    }
+
+    /// See [`Self::subscribed`].
     pub(crate) fn subscribed_mut(&mut self, cell: Cell) -> Option<&mut Subscribed> {
         self.cells.as_mut()?.get_mut(&cell)
     }
 
-    /// Asks for the snapshot of a stream of a cell, and takes the cell. The last request of a read counts.
+    /// Asks for the snapshot of a stream of a cell. The last request that is not answered counts.
     pub(crate) fn request_cell(&mut self, cell: Cell, choice: StreamChoice) -> Result<(), Denial> {
-        let taken = self.cells.as_ref().ok_or(Denial::NoSuchScene)?;
-        let is_new = |cell: &&Cell| !taken.contains_key(cell);
-        let others = self.cell_requests.keys().filter(|other| **other != cell);
-        let count = taken.len() + others.filter(is_new).count();
-        if is_new(&&cell) && count >= CELLS_PER_MEMBER_MAX {
+        self.cells.as_ref().ok_or(Denial::NoSuchScene)?;
+        let others = self.cell_requests.len();
+        if others >= CELLS_PER_MEMBER_MAX && !self.cell_requests.contains_key(&cell) {
             return Err(Denial::TooManyStreams);
         }
         let request = SnapshotRequest::Other(choice);

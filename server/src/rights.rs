@@ -5,7 +5,7 @@
 //! The numbers of a request are checked where it is carried out, and `member` bounds how fast requests may
 //! come. Invariant: a refused request reserves nothing.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use rhumb_protocol::Peer;
 use rhumb_protocol::limits::{
@@ -23,7 +23,7 @@ use crate::admission::{self, SceneLoad, SceneSlot};
 use crate::cells::TAKEN_CELLS_MAX;
 use crate::clients::AuthorityTable;
 use crate::clients::Clients;
-use crate::member::Member;
+use crate::member::{Member, Subscribed};
 use crate::permit;
 use crate::permit::{Ownership, Permit};
 use crate::scene::Scene;
@@ -126,15 +126,20 @@ impl Rights<'_> {
         if self.permit.client.is_none() {
             return Ok(());
         }
-        let mut cells = BTreeSet::from([cell]);
-        let mut streams: BTreeSet<StreamId> = wanted.into_iter().collect();
-        for (other, stream) in self.members_of_client(None).flat_map(Member::cell_streams) {
-            cells.insert(other);
-            streams.extend((other == cell).then_some(stream));
-        }
+        let members = || self.members_of_client(None);
+        let taken = || members().filter_map(|member| member.cells.as_ref());
+        let of_cell = taken().filter_map(|cells| cells.get(&cell));
+        let mut streams: BTreeSet<StreamId> = of_cell.flat_map(Subscribed::streams).collect();
+        streams.extend(wanted);
         let streams = streams.len() + usize::from(wanted.is_none());
-        let cells = cells.len();
-        let allowed = self.check(Request::TakeCell { cells, streams });
+        let check = |cells| self.check(Request::TakeCell { cells, streams });
+        // Those that several of its members take count once: they are counted only if it matters.
+        let most = taken().map(BTreeMap::len).sum::<usize>() + 1;
+        let allowed = check(most).or_else(|_| {
+            let mut cells: BTreeSet<Cell> = taken().flat_map(BTreeMap::keys).copied().collect();
+            cells.insert(cell);
+            check(cells.len())
+        });
         allowed.map_err(|_| Denial::TooManyStreams)
     }
 

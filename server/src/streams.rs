@@ -260,6 +260,19 @@ impl Streams {
         self.observation_history.observe(tick, observations);
     }
 
+    /// See [`StreamSender::silent_until`]; the first of all streams.
+    pub(crate) fn silent_until(&self) -> Option<Tick> {
+        let until = self.streams.iter().map(|of| of.sender.silent_until());
+        until.min().flatten()
+    }
+
+    /// See [`StreamSender::pass`].
+    pub(crate) fn pass(&mut self, to: Tick) {
+        for stream in &mut self.streams {
+            stream.sender.pass(to);
+        }
+    }
+
     /// Publishes every stream. The log is written afterwards, in the order of the streams.
     pub(crate) fn publish(&mut self, scene_events: u64) {
         let observation_history = &self.observation_history;

@@ -91,6 +91,13 @@ impl CellGrid {
         self.edges
     }
 
+    /// True for a cell of this grid: along an axis that is not divided its place is 0.
+    #[must_use]
+    pub fn has(&self, cell: Cell) -> bool {
+        let mut axes = self.edges.into_iter().zip(cell.0);
+        axes.all(|(edge, place)| edge > 0.0 || place == 0)
+    }
+
     /// The cell that has a point.
     #[must_use]
     pub fn cell_of(&self, point: Vec3) -> Cell {
@@ -347,6 +354,7 @@ mod tests {
             assert_eq!(CellGrid::new(edges), None, "{edges:?}");
         }
         let grid = squares(10.0);
+        assert!(grid.has(Cell([7, 0, -3])) && !grid.has(Cell([7, 1, -3])));
         assert!(!grid.is_too_large(Metres::new(5.0)) && grid.is_too_large(Metres::new(5.1)));
         assert_eq!(
             grid.cell_of(at(1e9, -1e9)),

@@ -55,6 +55,11 @@ pub(crate) struct LossTracker {
 }
 
 impl LossTracker {
+    /// True if repair symbols are sent.
+    pub(crate) fn has_redundancy(&self) -> bool {
+        self.redundancy != Redundancy::Off
+    }
+
     /// Takes a receiver's report about a stream whose next packet is number `next`. An impossible report is ignored.
     pub(crate) fn add_report(&mut self, receiver: u64, loss_report: &LossReport, next: u64) {
         let sent = loss_report.next.expand(next);

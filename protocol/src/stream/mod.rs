@@ -462,6 +462,11 @@ impl Silence {
         *self = Self::new(self.policy, tick);
     }
 
+    /// The tick of the next watermark, if the silence lasts until then.
+    fn next_watermark(&self) -> Tick {
+        Tick::new(self.since.value() + self.watermark_at)
+    }
+
     /// True if a watermark is due at a silent tick.
     fn is_watermark_due(&self, tick: Tick) -> bool {
         tick.value() - self.since.value() >= self.watermark_at

@@ -94,6 +94,11 @@ impl Publisher {
         self.scan.forget_all();
     }
 
+    /// Lets published ticks pass in which nothing was observed.
+    pub(super) const fn pass(&mut self, to: Tick) {
+        self.tick = to;
+    }
+
     /// Publishes the present tick and appends the datagrams to `out`: none if every track still holds, or if no tick is
     /// due.
     ///

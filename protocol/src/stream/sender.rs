@@ -177,6 +177,29 @@ impl StreamSender {
         true
     }
 
+    /// The tick of the next watermark, if [`Self::publish`] has nothing to do before: called after it, while no body is
+    /// observed, no scene event happens and no receiver reports. `None` for a stream with a budget, with repair symbols, and
+    /// for one of exact states that has bodies.
+    #[must_use]
+    pub fn silent_until(&self) -> Option<Tick> {
+        let has_nothing = match &self.source {
+            Source::Reckoned(publisher) => !publisher.has_budget() && !self.losses.has_redundancy(),
+            Source::Full(publisher) => publisher.states.iter().all(Option::is_none),
+        };
+        has_nothing.then(|| self.silence.next_watermark())
+    }
+
+    /// Lets published ticks pass in which [`Self::publish`] had nothing to do.
+    pub fn pass(&mut self, to: Tick) {
+        if to <= self.tick() {
+            return;
+        }
+        self.packets.clear();
+        self.symbols.clear();
+        self.replies.begin_tick();
+        with_publisher!(&mut self.source, publisher => publisher.pass(to));
+    }
+
     /// Adds the checksum that is due to the packets of a tick, or a watermark if there are none.
     fn close_tick(&mut self, scene_events: u64) {
         let tick = self.tick();
@@ -400,6 +423,11 @@ struct FullPublisher {
 }
 
 impl FullPublisher {
+    /// Lets published ticks pass in which nothing is to be sent.
+    const fn pass(&mut self, to: Tick) {
+        self.tick = to;
+    }
+
     /// A stream without bodies.
     #[must_use]
     pub(crate) fn new(

@@ -3,6 +3,7 @@
 //! Which bodies a cell has is decided in `cells`, which knows no members.
 
 use rhumb_protocol::Peer;
+use rhumb_protocol::limits::CELLS_PER_MEMBER_MAX;
 use rhumb_protocol::message::{
     CellNews, CellRequest, CellStart, Denial, ResyncCause, ServerMessage, StreamChoice,
 };
@@ -14,6 +15,11 @@ use crate::cells::{Cells, Placement, TAKEN_CELLS_MAX};
 use crate::clients::Clients;
 use crate::member::{Extent, SnapshotRequest, Subscribed};
 use crate::streams::{self, Stream, Streams};
+
+/// What an answer about a cell costs beside its snapshot, as bytes of a snapshot: a member has some thousand a second.
+const CELL_WORK: usize = 16 << 10;
+/// Work for one member after which others, and the ticks, have their turn.
+const WORK_AT_ONCE: usize = 16 * CELL_WORK;
 
 impl RunningScene {
     /// The cells, while a member takes some.
@@ -58,8 +64,12 @@ impl RunningScene {
 
     /// Ends a member's subscription to a stream of the scene, if there is one to end.
     pub(super) fn unsubscribe(&mut self, stream: Option<StreamId>, peer: Peer, extent: Extent) {
-        if let (Some(stream), Some(streams)) = (stream, self.streams_of_mut(extent)) {
-            streams.unsubscribe(stream, peer);
+        let Some(stream) = stream else {
+            return;
+        };
+        match (extent, &mut self.cells) {
+            (Extent::Cells, Some(cells)) => cells.unsubscribe(None, stream, peer),
+            _ => self.streams.unsubscribe(stream, peer),
         }
     }
 
@@ -81,9 +91,7 @@ impl RunningScene {
     /// Ends a member's subscription to a stream of a cell.
     pub(super) fn unsubscribe_from_cell(&mut self, cell: Cell, stream: StreamId, peer: Peer) {
         if let Some(cells) = self.used_cells() {
-            if let Some(streams) = cells.streams_mut(Some(cell)) {
-                streams.unsubscribe(stream, peer);
-            }
+            cells.unsubscribe(Some(cell), stream, peer);
             cells.give_up(cell);
         }
     }
@@ -142,9 +150,7 @@ impl RunningScene {
                     stream.insert(local, &parameters, track, motion);
                 }
             }
-            if let Some(streams) = cells.streams_mut(cell) {
-                streams.begin(stream);
-            }
+            cells.begin(cell, stream);
         }
         Ok(id)
     }
@@ -190,25 +196,39 @@ impl RunningScene {
         }
     }
 
-    /// Sends the snapshots of cells that were requested and may begin, after the effects of all that was read before.
+    /// Answers requests about cells that may be answered, after the effects of all that was read before: of each member some,
+    /// for which it pays by the pause before the next ones.
     pub(super) fn answer_cell_requests(&mut self, clients: &mut Clients) {
-        for (peer, requests) in clients.take_cell_requests() {
-            let mut bytes = 0;
-            for (cell, request) in requests {
-                let changed = match request {
-                    SnapshotRequest::Again => Ok(()),
-                    SnapshotRequest::Other(choice) => {
-                        self.change_cell_stream((peer, cell), choice, clients)
-                    }
-                };
-                match changed {
-                    Ok(()) => bytes += self.send_cell_snapshot(peer, cell, clients),
-                    Err(denial) => deny(peer, cell, denial, clients),
-                }
+        for peer in clients.asking_for_cells() {
+            let mut work = 0;
+            while work < WORK_AT_ONCE
+                && let Some((cell, request)) = clients.next_cell_request(peer)
+            {
+                work += CELL_WORK + self.answer_cell_request((peer, cell), request, clients);
             }
-            if bytes > 0 {
-                clients.note_snapshot(peer, bytes);
-                self.pace.note_snapshot();
+            clients.note_snapshot(peer, work);
+            self.pace.note_snapshot();
+        }
+    }
+
+    /// Answers a request about a cell; returns the bytes of its snapshot.
+    fn answer_cell_request(
+        &mut self,
+        (peer, cell): (Peer, Cell),
+        request: SnapshotRequest,
+        clients: &mut Clients,
+    ) -> usize {
+        let changed = match request {
+            SnapshotRequest::Again => Ok(()),
+            SnapshotRequest::Other(choice) => {
+                self.change_cell_stream((peer, cell), choice, clients)
+            }
+        };
+        match changed {
+            Ok(()) => self.send_cell_snapshot(peer, cell, clients),
+            Err(denial) => {
+                deny(peer, cell, denial, clients);
+                0
             }
         }
     }
@@ -239,7 +259,13 @@ impl RunningScene {
         let member = clients.member(peer).ok_or(Denial::NoSuchScene)?;
         let taken = member.cells.as_ref().ok_or(Denial::NoSuchScene)?;
         let subscribed = taken.get(&cell).copied();
+        if subscribed.is_none() && taken.len() >= CELLS_PER_MEMBER_MAX {
+            return Err(Denial::TooManyStreams);
+        }
         let cells = self.cells.as_ref().ok_or(Denial::NoSuchScene)?;
+        if !cells.grid().has(cell) {
+            return Err(Denial::NoSuchScene);
+        }
         let streams = cells.streams(Some(cell));
         if streams.is_none() && cells.taken_count() >= TAKEN_CELLS_MAX {
             return Err(Denial::TooManyStreams);

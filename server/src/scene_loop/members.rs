@@ -27,6 +27,8 @@ use crate::sessions::{ResumableSession, Sessions};
 use crate::streams::{self, Stream, append_snapshot};
 use crate::tier_controller::{Confirmation, TierDecision};
 
+/// What it costs to find the cell of a body when a member comes by cells, as bytes of a snapshot.
+const HOME_WORK: usize = 16;
 /// With this part of its share for a new member, no session of another has to end.
 const SUFFICES: u32 = 4;
 
@@ -76,7 +78,11 @@ impl RunningScene {
         let resumed = session.is_some_and(|number| number < before);
         clients.count(peer, self.observer.traffic());
         self.announce_session(peer, resumed, clients);
-        self.send_snapshot(peer, clients);
+        let bodies = match extent {
+            Extent::Cells => self.scene.body_count(),
+            Extent::Whole => 0,
+        };
+        self.send_snapshot(peer, bodies * HOME_WORK, clients);
         if let Some(request) = request {
             self.repeat_answers(peer, request.answered, clients);
             self.repeat_fed_refusals(peer, clients);
@@ -373,8 +379,8 @@ impl RunningScene {
         id
     }
 
-    /// Sends the start of the stream, and every shape and body.
-    pub(super) fn send_snapshot(&mut self, peer: Peer, clients: &mut Clients) {
+    /// Sends the start of the stream, and every shape and body. `work`: what it costs beside that, as bytes of a snapshot.
+    pub(super) fn send_snapshot(&mut self, peer: Peer, work: usize, clients: &mut Clients) {
         let Some(member) = clients.member(peer) else {
             return;
         };
@@ -422,7 +428,7 @@ impl RunningScene {
             None => append_snapshot(&self.scene, stream, silences.into_iter(), &mut rest),
         }
         clients.send(peer, &ServerMessage::Joined(joined));
-        let mut bytes = rest.len();
+        let mut bytes = rest.len() + work;
         for event in self.shape_events.values() {
             bytes += event.len();
             clients.send_encoded(peer, event);
@@ -528,7 +534,7 @@ impl RunningScene {
         let tolerance = to.tolerance();
         tracing::info!(peer = peer.0, %tolerance, ?cause, "a tier changes with its link");
         clients.send(peer, &ServerMessage::TierChanged { to, cause });
-        self.send_snapshot(peer, clients);
+        self.send_snapshot(peer, 0, clients);
     }
 
     /// Notes a tier change. A congested link is relieved of the former stream at once.

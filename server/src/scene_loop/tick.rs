@@ -3,6 +3,8 @@
 //! Order of a tick: commands, step, observe, send. Some messages keep their places between ticks. A turn is bounded: what is
 //! left of a connection's messages waits for others and for the ticks.
 
+use std::collections::BTreeMap;
+
 use bytes::Bytes;
 use rhumb_protocol::limits::PENDING_COMMANDS_MAX;
 use rhumb_protocol::message::{ClientMessage, Denial, RemovalCause, SceneEvent, ServerMessage};
@@ -14,9 +16,10 @@ use crate::baking::{self, Bake};
 use crate::cells::Cells;
 use crate::clients::{self, Clients, Turn};
 use crate::hook::{Incident, Timestamps};
-use crate::member::Extent;
+use crate::member::{Extent, Subscribed};
 use crate::record::TickMetrics;
 use crate::settings::SceneScript;
+use crate::streams::Streams;
 
 /// A free-running scene that is later than so many steps slows down instead of catching up.
 const CATCH_UP_STEPS: u64 = 5;
@@ -177,7 +180,7 @@ impl RunningScene {
         self.shorten_log(clients);
         for (peer, snapshot_request) in clients.take_snapshot_requests() {
             match self.begin_snapshot_change(peer, snapshot_request, clients) {
-                Ok(()) => self.send_snapshot(peer, clients),
+                Ok(()) => self.send_snapshot(peer, 0, clients),
                 Err(denial) => clients.send(peer, &ServerMessage::Denied(denial)),
             }
         }
@@ -271,22 +274,7 @@ impl RunningScene {
         self.commit(clients);
         self.send_scene_events(clients);
         self.send_step_events(stepped.happened, clients);
-        let (members, out) = clients.members_mut();
-        for (member, control) in members {
-            let (peer, extent) = (control.peer(), member.extent());
-            let of_scene = member.streams().map(|stream| (None, stream));
-            let of_cells = member
-                .cell_streams()
-                .map(|(cell, stream)| (Some(cell), stream));
-            for (cell, stream) in of_scene.chain(of_cells) {
-                let streams = match &self.cells {
-                    Some(cells) if extent == Extent::Cells => cells.streams(cell),
-                    _ => Some(&self.streams),
-                };
-                let packets = streams.into_iter().flat_map(|of| of.packets(stream, peer));
-                packets.for_each(|packet| control.send_datagram(packet.clone(), out));
-            }
-        }
+        self.send_packets(clients);
         let timestamps = Timestamps {
             begun,
             stepped: after_step,
@@ -294,6 +282,38 @@ impl RunningScene {
             published: self.clock_now(),
         };
         self.note_times(timestamps, clients.member_count());
+    }
+
+    /// Sends the packets of the newest tick to the members of their streams.
+    fn send_packets(&self, clients: &mut Clients) {
+        let speaking = self.cells.as_ref().map(Cells::speaking).unwrap_or_default();
+        let (members, out) = clients.members_mut();
+        for (member, control) in members {
+            let peer = control.peer();
+            let mut send = |of: &Streams, stream| {
+                let packets = of.packets(stream, peer);
+                packets.for_each(|packet| control.send_datagram(packet.clone(), out));
+            };
+            let common = match member.extent() {
+                Extent::Cells => speaking.get(&None).copied(),
+                Extent::Whole => Some(&self.streams),
+            };
+            for stream in member.streams() {
+                common.into_iter().for_each(|of| send(of, stream));
+            }
+            let taken = member.cells.as_ref().map_or(0, BTreeMap::len);
+            if taken < speaking.len() {
+                let known = |(cell, stream)| Some((*speaking.get(&Some(cell))?, stream));
+                let streams = member.cell_streams().filter_map(known);
+                streams.for_each(|(of, stream)| send(of, stream));
+                continue;
+            }
+            for (cell, of) in &speaking {
+                let subscribed = cell.and_then(|cell| member.subscribed(cell));
+                let streams = subscribed.into_iter().flat_map(Subscribed::streams);
+                streams.for_each(|stream| send(of, stream));
+            }
+        }
     }
 
     pub(crate) fn pong(&mut self, now: Instant, peer: Peer, sent: Instant, clients: &mut Clients) {
@@ -420,17 +440,19 @@ impl RunningScene {
     /// Adds the times of a tick to the scene's metrics.
     fn note_times(&mut self, timestamps: Timestamps, members: usize) {
         self.times.add(timestamps);
+        let cells = self.cells.as_ref();
         let metrics = TickMetrics {
             tick: self.scene.tick(),
             members,
             bodies: self.scene.body_count(),
             awake: self.scene.awake_count(),
-            waiting: self.streams.waiting(),
+            waiting: self.streams.waiting() + cells.map_or(0, Cells::waiting),
             load: self.load.reserved(),
             step: timestamps.stepped.since(timestamps.begun),
             publish: timestamps.published.since(timestamps.stepped),
         };
-        let mut packets = self.streams.all_packets();
+        let of_cells = cells.into_iter().flat_map(Cells::all_packets);
+        let mut packets = self.streams.all_packets().chain(of_cells);
         let observer = &mut self.observer;
         observer.stepped(&metrics, &self.scene, &mut packets);
     }

@@ -305,10 +305,10 @@ impl Divided {
     /// A free-running scene with a member that has authority over one body of its cells and one that has left them.
     fn with_authority() -> Self {
         let mut divided = Self::new(Stepping::FreeRunning, Engines::default());
-        for index in OWN {
-            divided.add(index, BodyKind::Kinematic, 5.0);
-        }
         divided.enter(Some(SessionKey([7; 16])));
+        for index in OWN {
+            divided.add_own(index, 5.0);
+        }
         let member = divided.table.session(divided.member);
         let taken = member.take_authority(Tolerance::NORMAL, &OWN.map(body));
         taken.expect("a member");
@@ -316,6 +316,17 @@ impl Divided {
         divided.publish([6.0, AWAY]);
         assert_eq!(divided.bodies(), cells([0, 1, OWN[0]], [2]));
         divided
+    }
+
+    /// The member adds a body of its own.
+    fn add_own(&mut self, index: u32, x: f32) {
+        let desc = BodyDesc::plain(body(index), BodyKind::Kinematic, BALL);
+        let motion = still(x);
+        let member = self.table.session(self.member);
+        member
+            .command(Command::AddBody { desc, motion })
+            .expect("a member");
+        self.step();
     }
 
     /// Publishes the member's bodies at these places, and lets the ticks pass in which that is told.
@@ -346,8 +357,8 @@ impl Divided {
     }
 }
 
-/// The bodies under the member's authority.
-const OWN: [u32; 2] = [8, 9];
+/// The bodies under the member's authority: the first ones of its range.
+const OWN: [u32; 2] = [4_096, 4_097];
 
 #[test]
 fn a_resumed_session_moves_its_bodies_of_cells_again() {
@@ -378,18 +389,14 @@ fn a_resumed_session_moves_its_bodies_of_cells_again() {
 #[test]
 fn a_grant_waits_for_the_cells_that_were_asked_for_before() {
     let mut divided = Divided::new(Stepping::FreeRunning, Engines::default());
-    divided.add(OWN[0], BodyKind::Kinematic, 15.0);
     divided.enter(None);
+    divided.add_own(OWN[0], 15.0);
     divided.table.pace(divided.member);
-    let wanted = [BTreeMap::new(), BTreeMap::from([(BESIDE, NORMAL)])];
-    for cells in &wanted {
-        let member = divided.table.session(divided.member);
-        member.take_cells(cells).expect("a member by cells");
-        divided.step();
-    }
+    let wanted = BTreeMap::from([(BESIDE, NORMAL)]);
     let member = divided.table.session(divided.member);
-    member.take_cells(&wanted[0]).expect("a member by cells");
-    member.take_cells(&wanted[1]).expect("a member by cells");
+    let none = BTreeMap::new();
+    member.take_cells(&none).expect("a member by cells");
+    member.take_cells(&wanted).expect("a member by cells");
     let taken = member.take_authority(Tolerance::NORMAL, &[body(OWN[0])]);
     taken.expect("a member");
     for _ in 0..120 {
@@ -537,6 +544,111 @@ fn many_requests_for_a_cell_in_one_read_get_one_snapshot() {
     assert_eq!(snapshots(&ask(&mut raw, &mut divided.table, &[])), 1);
     let gone = [take, (HERE, CellRequest::Leave), again];
     assert_eq!(ask(&mut raw, &mut divided.table, &gone), []);
+}
+
+/// A hundred ticks of a free-running scene in which a member floods: the snapshots of cells that each tick had for it, and
+/// the ticks after which a member that asks once had its answer.
+fn flooded(flood: &[Vec<(Cell, CellRequest)>]) -> (Vec<usize>, usize) {
+    let mut divided = Divided::new(Stepping::FreeRunning, Engines::default());
+    let table = &mut divided.table;
+    let (mut rude, mut other) = (raw(table), raw(table));
+    table.pace(rude.peer);
+    table.pace(other.peer);
+    let first = tick_of(&mut other, table);
+    let mut in_tick = Vec::new();
+    let mut waited = 0;
+    for tick in 0..100 {
+        let mut count = 0;
+        for requests in flood.iter().cycle().take(8) {
+            count += snapshots(&ask(&mut rude, table, requests));
+            table.pass(Span::from_nanos(TICK.as_nanos() / 8));
+        }
+        in_tick.push(count);
+        if tick >= 50 && waited == 0 {
+            let take = (HERE, CellRequest::Subscribe(NORMAL));
+            let asked = if tick == 50 { &[take][..] } else { &[] };
+            let news = ask(&mut other, table, asked);
+            waited = if news.is_empty() { 0 } else { tick - 49 };
+        }
+    }
+    let ticks = tick_of(&mut other, table) - first;
+    assert!(ticks >= 99, "{ticks}");
+    (in_tick, waited)
+}
+
+/// The tick of the scene of a member.
+fn tick_of(raw: &mut RawPeer, table: &mut Table) -> u64 {
+    let answers = raw.send(table, &ClientMessage::Inspect).into_iter();
+    let mut ticks = answers.filter_map(|message| match message {
+        ServerMessage::Inspection(inspection) => Some(inspection.tick.value()),
+        _ => None,
+    });
+    ticks.next().expect("an answer")
+}
+
+#[test]
+fn a_member_that_floods_a_scene_with_requests_about_cells_pays_by_waiting() {
+    let cells = (0..CELLS_PER_MEMBER_MAX as i32).map(|x| Cell([x, 0, -7]));
+    let of_all = |request: CellRequest| cells.clone().map(|cell| (cell, request)).collect();
+    let take: Vec<_> = of_all(CellRequest::Subscribe(NORMAL));
+    let leave: Vec<_> = of_all(CellRequest::Leave);
+    let again: Vec<_> = of_all(CellRequest::Resync(ResyncCause::LostSync));
+    let other: Vec<_> = of_all(CellRequest::Subscribe(StreamChoice::Full));
+    let floods = [
+        vec![take.clone(), leave],
+        vec![take.clone(), again.clone(), again.clone(), again],
+        vec![take, other],
+    ];
+    for flood in floods {
+        let (in_tick, waited) = flooded(&flood);
+        let most = in_tick.iter().max().expect("ticks");
+        assert!(*most <= 48, "{in_tick:?}");
+        let all: usize = in_tick.iter().sum();
+        assert!((100..=2_000).contains(&all), "{in_tick:?}");
+        assert_eq!(waited, 1, "of another member");
+    }
+}
+
+#[test]
+fn a_member_that_comes_by_cells_again_and_again_pays_for_the_bodies() {
+    let mut divided = Divided::new(Stepping::Lockstep, Engines::default());
+    for index in 10..2_010 {
+        let desc = BodyDesc::plain(body(index), BodyKind::Kinematic, BALL);
+        let motion = still(5.0);
+        let owner = divided.table.session(divided.owner);
+        let added = owner.command(Command::AddBody { desc, motion });
+        added.expect("a member");
+    }
+    divided.table.run_until_idle();
+    let mut raw = raw(&mut divided.table);
+    divided.table.pace(raw.peer);
+    divided.table.pass(Span::from_millis(1_000));
+    let again = [
+        ClientMessage::Leave,
+        ClientMessage::JoinCells,
+        ClientMessage::Join(NORMAL),
+    ];
+    let mut bytes = Vec::new();
+    for message in again.iter().cycle().take(8 * again.len()) {
+        message.encode(&mut bytes);
+    }
+    let answers = raw.send_bytes(&mut divided.table, &bytes);
+    let joined = answers
+        .iter()
+        .filter(|answer| matches!(answer, ServerMessage::Joined(_)));
+    assert_eq!(joined.count(), 1, "the next one waits");
+}
+
+#[test]
+fn a_cell_off_an_axis_that_is_not_divided_is_denied() {
+    let mut divided = Divided::new(Stepping::Lockstep, Engines::default());
+    let mut raw = raw(&mut divided.table);
+    let take = (Cell([0, 1, 0]), CellRequest::Subscribe(NORMAL));
+    let news = ask(&mut raw, &mut divided.table, &[take]);
+    assert_eq!(
+        (denials(&news), snapshots(&news)),
+        (vec![Denial::NoSuchScene], 0)
+    );
 }
 
 #[test]
