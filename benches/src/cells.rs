@@ -15,11 +15,12 @@ use bytes::Bytes;
 use clap::Args;
 use glam::Vec3;
 use rhumb_netsim::{Direction, Lane, LinkConfig, SimNetwork};
+use rhumb_protocol::limits::CELLS_PER_MEMBER_MAX;
 use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::scene::{
-    BodyDesc, CellGrid, Command, SceneConfig, SceneName, Shape, ShapeId, Stepping,
+    BodyDesc, Cell, CellGrid, Command, SceneConfig, SceneName, Shape, ShapeId, Stepping,
 };
-use rhumb_protocol::session::{ClientSession, Misuse};
+use rhumb_protocol::session::{ClientSession, Event, Misuse};
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::{BodyId, Metres, Tolerance};
 use rhumb_scene::{
@@ -44,7 +45,15 @@ const TICKS_PER_SECOND: u64 = 60;
 const SETTLING: u64 = 2;
 /// Ticks within which an answer of the server has come: a server that snapshots keep busy answers late.
 const ANSWERED: u64 = 600;
+/// Metres a second of a member that crosses all cells.
+const CROSSING_SPEED: f32 = 100.0;
+/// Members that take empty cells: together as many as a scene has.
+const EMPTY_MEMBERS: usize = 16;
+/// Ticks after which it takes the cells around it anew.
+const TAKES_EACH: u64 = 6;
 const NAME: &str = "walkers";
+
+type Network = SimNetwork<SceneRouter, ClientSession>;
 
 /// Arguments: bodies, seconds, output.
 #[derive(Clone, Debug, Args)]
@@ -102,12 +111,14 @@ enum Taken {
     Whole,
     /// Bands around the middle of the square.
     Bands(&'static [(f64, f64)]),
+    /// As many cells as it may, all beyond the square: no other member takes them.
+    Empty,
 }
 
-/// Nine cells within 1 cm.
-const NINE: Taken = Taken::Bands(&[(30.0, 0.01)]);
+/// Nine cells within 1 cm: those around the middle of a cell.
+const NINE: Taken = Taken::Bands(&[(36.0, 0.01)]);
 /// Nine cells within 1 cm, and all others within two more cells at 20 cm.
-const NEAR_AND_FAR: Taken = Taken::Bands(&[(30.0, 0.01), (110.0, 0.2)]);
+const NEAR_AND_FAR: Taken = Taken::Bands(&[(36.0, 0.01), (110.0, 0.2)]);
 
 fn measure_all(arguments: &CellArguments) -> Result<(), Failure> {
     output::make_folder(&arguments.out)?;
@@ -117,12 +128,19 @@ fn measure_all(arguments: &CellArguments) -> Result<(), Failure> {
         ("nine cells", NINE, 1),
         ("nine cells", NINE, 64),
         ("near and far", NEAR_AND_FAR, 1),
+        ("256 empty cells each", Taken::Empty, EMPTY_MEMBERS),
     ];
-    let bar = output::progress_bar(kinds.len() as u64, "cells".to_owned());
+    let bar = output::progress_bar(kinds.len() as u64 + 1, "cells".to_owned());
     let mut rows = Vec::new();
     for (what, taken, members) in kinds {
-        rows.push(measure(arguments, (what, taken), members)?);
+        let row = measure(arguments, (what, taken), members)?;
+        output::note(&bar, &row.line().join("  "));
+        rows.push(row);
         bar.inc(1);
+    }
+    for row in measure_crossing(arguments)? {
+        output::note(&bar, &row.line().join("  "));
+        rows.push(row);
     }
     bar.finish_and_clear();
     let figures = CellFigures {
@@ -144,17 +162,21 @@ impl CellFigures {
             "publish, ms",
         ];
         let mut rows = vec![titles.map(str::to_owned).to_vec()];
-        rows.extend(self.rows.iter().map(|row| {
-            vec![
-                row.what.clone(),
-                row.members.to_string(),
-                row.bodies.to_string(),
-                number(Some(row.datagram_bytes / 1e3)),
-                number(Some(row.control_bytes / 1e3)),
-                number(Some(row.publish_ms)),
-            ]
-        }));
+        rows.extend(self.rows.iter().map(CellRow::line));
         rows
+    }
+}
+
+impl CellRow {
+    fn line(&self) -> Vec<String> {
+        vec![
+            self.what.clone(),
+            self.members.to_string(),
+            self.bodies.to_string(),
+            number(Some(self.datagram_bytes / 1e3)),
+            number(Some(self.control_bytes / 1e3)),
+            number(Some(self.publish_ms)),
+        ]
     }
 }
 
@@ -163,32 +185,24 @@ fn measure(
     (what, taken): (&str, Taken),
     members: usize,
 ) -> Result<CellRow, Failure> {
-    let publish = Arc::new(PublishTimes::default());
-    let grid = CellGrid::columns(Metres::new(f64::from(EDGE))).ok_or("no such grid")?;
-    let mut network = SimNetwork::new(
-        SceneRouter::new(settings(arguments, grid, &publish)),
-        LinkConfig::PERFECT,
-        arguments.seed,
-    );
-    let mut clients = vec![enter(&mut network, Taken::Nothing)?];
-    if !matches!(taken, Taken::Nothing) {
-        clients.clear();
-        for _ in 0..members {
-            clients.push(enter(&mut network, taken)?);
+    let (mut network, grid, publish) = walking(arguments)?;
+    let mut clients = Vec::new();
+    for _ in 0..members {
+        clients.push(enter(&mut network, taken)?);
+    }
+    if let Taken::Bands(bands) = taken {
+        let middle = middle_of(SIDE / 2, SIDE / 2);
+        for client in &clients {
+            take(&mut network, *client, (&grid, middle), bands)?;
         }
-        let middle = Vec3::new(
-            EDGE * SIDE as f32 / 2.0 + EDGE / 2.0,
-            0.0,
-            EDGE * SIDE as f32 / 2.0 + EDGE / 2.0,
-        );
-        if let Taken::Bands(bands) = taken {
-            let within =
-                |(radius, metres): &(f64, f64)| Ok((Metres::new(*radius), choice(*metres)?));
-            let bands: Result<Vec<_>, Failure> = bands.iter().map(within).collect();
-            let cells = grid.within(middle, &bands?).ok_or("too many cells")?;
-            for client in &clients {
-                once_allowed(&mut network, *client, |client| client.take_cells(&cells))?;
-            }
+    }
+    if let Taken::Empty = taken {
+        let choice = choice(0.01)?;
+        for (member, client) in (1..).zip(&clients) {
+            let beyond = |along| Cell([along, 0, -member]);
+            let cells = (0..CELLS_PER_MEMBER_MAX as i32).map(|along| (beyond(along), choice));
+            let cells = cells.collect();
+            once_allowed(&mut network, *client, |client| client.take_cells(&cells))?;
         }
     }
     run(&mut network, SETTLING * TICKS_PER_SECOND);
@@ -196,30 +210,115 @@ fn measure(
     let first = *clients.first().ok_or("no member")?;
     let before = received(&network, first);
     run(&mut network, arguments.seconds * TICKS_PER_SECOND);
-    let after = received(&network, first);
+    let members = match taken {
+        Taken::Nothing => 0,
+        Taken::Whole | Taken::Bands(_) | Taken::Empty => members,
+    };
     let seconds = arguments.seconds as f64;
-    let client = network.client(first);
-    let of_scene = client.replica().map_or(0, |copy| copy.bodies().count());
-    let of_cells: usize = client.cells().map(|(_, copy)| copy.bodies().count()).sum();
+    let row = row_of(&network, first, (before, seconds), &publish);
     Ok(CellRow {
         what: what.to_owned(),
-        members: if matches!(taken, Taken::Nothing) {
-            0
+        members,
+        ..row
+    })
+}
+
+/// A member crosses all cells on end, row after row, and takes the nine around it; beside it is one of the whole scene.
+fn measure_crossing(arguments: &CellArguments) -> Result<[CellRow; 2], Failure> {
+    let (mut network, grid, publish) = walking(arguments)?;
+    let whole = enter(&mut network, Taken::Whole)?;
+    let crossing = enter(&mut network, NINE)?;
+    let Taken::Bands(bands) = NINE else {
+        return Err("no bands".into());
+    };
+    take(&mut network, crossing, (&grid, middle_of(0, 0)), bands)?;
+    run(&mut network, SETTLING * TICKS_PER_SECOND);
+    publish.restart();
+    let before = [whole, crossing].map(|client| received(&network, client));
+    let cells = (SIDE * SIDE) as usize;
+    // Each second row is crossed the other way.
+    let place = |step: usize| {
+        let (row, along) = (step as u32 / SIDE, step as u32 % SIDE);
+        let along = if row % 2 == 0 {
+            along
         } else {
-            members
-        },
+            SIDE - 1 - along
+        };
+        middle_of(along, row)
+    };
+    let length = (cells - 1) as f32 * EDGE;
+    let step = CROSSING_SPEED * TAKES_EACH as f32 / TICKS_PER_SECOND as f32;
+    let mut gone = 0.0;
+    let mut seconds = 0.0;
+    while gone < length {
+        gone = (gone + step).min(length);
+        let from = ((gone / EDGE) as usize).min(cells - 2);
+        let at = place(from).lerp(place(from + 1), gone / EDGE - from as f32);
+        take(&mut network, crossing, (&grid, at), bands)?;
+        run(&mut network, TAKES_EACH);
+        seconds += TAKES_EACH as f64 / TICKS_PER_SECOND as f64;
+    }
+    let row = |client, before, what: &str| CellRow {
+        what: what.to_owned(),
+        ..row_of(&network, client, (before, seconds), &publish)
+    };
+    Ok([
+        row(crossing, before[1], "nine cells, crossing"),
+        row(whole, before[0], "the whole scene beside it"),
+    ])
+}
+
+/// The figures of one member since it had received so many bytes.
+fn row_of(
+    network: &Network,
+    client: usize,
+    (before, seconds): ((u64, u64), f64),
+    publish: &PublishTimes,
+) -> CellRow {
+    let after = received(network, client);
+    let session = network.client(client);
+    let of_scene = session.replica().map_or(0, |copy| copy.bodies().count());
+    let of_cells: usize = session.cells().map(|(_, copy)| copy.bodies().count()).sum();
+    CellRow {
+        what: String::new(),
+        members: 1,
         bodies: of_scene + of_cells,
         datagram_bytes: (after.0 - before.0) as f64 / seconds,
         control_bytes: (after.1 - before.1) as f64 / seconds,
         publish_ms: publish.mean_ms(),
-    })
+    }
+}
+
+/// The scene, its grid, and its times.
+fn walking(arguments: &CellArguments) -> Result<(Network, CellGrid, Arc<PublishTimes>), Failure> {
+    let publish = Arc::new(PublishTimes::default());
+    let grid = CellGrid::columns(Metres::new(f64::from(EDGE))).ok_or("no such grid")?;
+    let router = SceneRouter::new(settings(arguments, grid, &publish));
+    let network = Network::new(router, LinkConfig::PERFECT, arguments.seed);
+    Ok((network, grid, publish))
+}
+
+/// The middle of a cell.
+fn middle_of(x: u32, z: u32) -> Vec3 {
+    let middle = |place: u32| (place as f32 + 0.5) * EDGE;
+    Vec3::new(middle(x), 0.0, middle(z))
+}
+
+/// A member takes the cells around a point.
+fn take(
+    network: &mut Network,
+    client: usize,
+    (grid, at): (&CellGrid, Vec3),
+    bands: &[(f64, f64)],
+) -> Result<(), Failure> {
+    let within = |(radius, metres): &(f64, f64)| Ok((Metres::new(*radius), choice(*metres)?));
+    let bands: Result<Vec<_>, Failure> = bands.iter().map(within).collect();
+    let cells = grid.within(at, &bands?).ok_or("too many cells")?;
+    once_allowed(network, client, |client| client.take_cells(&cells))
 }
 
 /// A client joins. One that takes nothing takes cells, and asks for none.
-fn enter(
-    network: &mut SimNetwork<SceneRouter, ClientSession>,
-    taken: Taken,
-) -> Result<usize, Failure> {
+fn enter(network: &mut Network, taken: Taken) -> Result<usize, Failure> {
     let index = network.connect(ClientSession::new(NAME.parse()?));
     if !matches!(taken, Taken::Whole) {
         once_allowed(network, index, ClientSession::join_cells)?;
@@ -231,11 +330,16 @@ fn enter(
 
 /// Acts as soon as the answers before have come.
 fn once_allowed(
-    network: &mut SimNetwork<SceneRouter, ClientSession>,
+    network: &mut Network,
     index: usize,
     mut act: impl FnMut(&mut ClientSession) -> Result<(), Misuse>,
 ) -> Result<(), Failure> {
     for _ in 0..ANSWERED {
+        while let Some(event) = network.client_mut(index).poll_event() {
+            if let Event::Denied(denial) = event {
+                return Err(denial.to_string().into());
+            }
+        }
         match act(network.client_mut(index)) {
             Err(Misuse::NotNow) => run(network, 1),
             acted => return Ok(acted?),
@@ -249,13 +353,13 @@ fn choice(metres: f64) -> Result<StreamChoice, Failure> {
     Ok(StreamChoice::Within(tolerance))
 }
 
-fn run(network: &mut SimNetwork<SceneRouter, ClientSession>, ticks: u64) {
+fn run(network: &mut Network, ticks: u64) {
     let span = Span::from_nanos(ticks * 1_000_000_000 / TICKS_PER_SECOND);
     network.run_until(network.now() + span);
 }
 
 /// Bytes of datagrams and of the control stream.
-fn received(network: &SimNetwork<SceneRouter, ClientSession>, client: usize) -> (u64, u64) {
+fn received(network: &Network, client: usize) -> (u64, u64) {
     let bytes = |lane| network.counts(client, Direction::Down, lane).pushed.bytes;
     (bytes(Lane::State), bytes(Lane::Control))
 }

@@ -170,6 +170,16 @@ pub fn progress_bar(length: u64, what: String) -> ProgressBar {
     bar.with_message(what)
 }
 
+/// Reports a part of the result as soon as it is there, on standard error.
+pub fn note(bar: &ProgressBar, text: &str) {
+    if bar.is_hidden() {
+        // If standard error is closed, no other place is left to report to.
+        let _ = writeln!(io::stderr(), "{text}");
+    } else {
+        bar.println(text);
+    }
+}
+
 /// Style of a progress bar that shows a percentage instead of a step count.
 pub fn share_style() -> ProgressStyle {
     let style = ProgressStyle::with_template("{msg:34} {bar:32} {percent} % {elapsed} left {eta}");
