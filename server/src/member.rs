@@ -33,6 +33,8 @@ pub(crate) struct Member {
     pub(crate) cells: Option<BTreeMap<Cell, Subscribed>>,
     /// When its next command would be within its quota.
     next_command: Instant,
+    /// When its next request about a cell would be within the rate of those.
+    next_cell_request: Instant,
     /// Commands of this membership, or of its session, that were applied or refused.
     commands: u64,
     /// Number of the last of them, while it is not answered.
@@ -73,6 +75,8 @@ const ADDED_AT_ONCE: usize = 64 << 10;
 const ADDED_PER_SECOND: u64 = 256 << 10;
 
 const NANOS_PER_SECOND: u64 = 1_000_000_000;
+/// The time of a request about a cell: all 256 of a member are taken, changed and given up more than twice a second.
+const CELL_REQUEST_INTERVAL: Span = Span::from_nanos(NANOS_PER_SECOND / 2_048);
 
 /// The snapshot that a member waits for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -95,6 +99,7 @@ impl Member {
             subscription: Subscribed::to(stream),
             cells: None,
             next_command: Instant::ZERO,
+            next_cell_request: Instant::ZERO,
             commands,
             unanswered: None,
             snapshot_request: None,
@@ -144,9 +149,16 @@ impl Member {
         }
     }
 
-    /// True if its commands are a second ahead of its quota: then it waits.
+    /// Charges a request about a cell.
+    pub(crate) fn charge_cell_request(&mut self, now: Instant) {
+        self.next_cell_request = self.next_cell_request.max(now) + CELL_REQUEST_INTERVAL;
+    }
+
+    /// True if its commands are a second ahead of its quota, or its requests about cells half a second ahead of their rate:
+    /// then it waits.
     pub(crate) fn is_over_rate(&self, now: Instant) -> bool {
         self.next_command.since(now).as_nanos() > NANOS_PER_SECOND
+            || self.next_cell_request.since(now).as_nanos() > NANOS_PER_SECOND / 2
     }
 
     /// The number of the command that is applied or refused now.

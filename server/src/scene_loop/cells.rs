@@ -163,6 +163,10 @@ impl RunningScene {
         request: CellRequest,
         clients: &mut Clients,
     ) {
+        let now = clients.now();
+        if let Some(member) = clients.member_mut(peer) {
+            member.charge_cell_request(now);
+        }
         match request {
             CellRequest::Subscribe(choice) => {
                 let member = clients.member_mut(peer);

@@ -546,7 +546,7 @@ fn many_requests_for_a_cell_in_one_read_get_one_snapshot() {
     assert_eq!(ask(&mut raw, &mut divided.table, &gone), []);
 }
 
-/// A hundred ticks of a free-running scene in which a member floods: the snapshots of cells that each tick had for it, and
+/// A hundred ticks of a free-running scene in which a member floods it: the snapshots of cells that each tick had for it, and
 /// the ticks after which a member that asks once had its answer.
 fn flooded(flood: &[Vec<(Cell, CellRequest)>]) -> (Vec<usize>, usize) {
     let mut divided = Divided::new(Stepping::FreeRunning, Engines::default());
