@@ -113,7 +113,9 @@ mod tests {
     use rhumb_protocol::Peer;
     use rhumb_protocol::message::StreamChoice;
     use rhumb_protocol::packet::{LargestPacket, LossReport, Low16, StreamId};
-    use rhumb_protocol::scene::{BodyDesc, BodyKind, PublishSchedule, SceneConfig, Shape, ShapeId};
+    use rhumb_protocol::scene::{
+        BodyDesc, BodyKind, PublishSchedule, SceneConfig, Shape, ShapeId, Stepping,
+    };
     use rhumb_protocol::stream::{Activity, PredictionParameters, Recipient};
     use rhumb_protocol::{Instant, Span};
     use rhumb_reckoning::{BodyState, Damping, Tolerance, Track};
@@ -147,21 +149,40 @@ mod tests {
         state.expect("finite")
     }
 
+    /// A member asks for the watermark.
+    fn report(cell: &mut TakenCell, number: u64, answers: &mut Vec<Bytes>) {
+        let from = Recipient {
+            id: MEMBER.0,
+            round_trip: Span::ZERO,
+        };
+        let now = Instant::ZERO + Span::from_millis(number * 16);
+        let stream = cell.streams.get_mut(STREAM).expect("it is there");
+        let report = LossReport {
+            next: Low16::of(stream.sender.next_number()),
+            abandoned: Low16(0),
+            repair_symbols: 0,
+            lost: Vec::new(),
+        };
+        let scene_events = cell.scene_events;
+        (stream.sender).handle_report(now, from, &report, scene_events, answers);
+    }
+
     /// What a cell says at each tick, and the ticks at which it had to be published. `is_silent`: false for a cell that is
     /// published at every tick.
-    fn told(choice: StreamChoice, every: u32, is_silent: bool) -> (Vec<Vec<Bytes>>, usize) {
+    fn sent(choice: StreamChoice, every: u32, is_silent: bool) -> (Vec<Vec<Bytes>>, usize) {
         let schedule = PublishSchedule {
             publish_interval: std::num::NonZeroU32::new(every).expect("not zero"),
             ..PublishSchedule::EACH_TICK
         };
         let config = SceneConfig {
+            stepping: Stepping::FreeRunning,
             publish_schedule: schedule,
             ..SceneConfig::default()
         };
         let scene = Scene::new(config).expect("valid");
         let mut cell = cell(&scene, choice);
-        let (mut published, mut spoken) = (Tick::ZERO, 0);
-        let mut told = Vec::new();
+        let (mut published, mut active) = (Tick::ZERO, 0);
+        let mut sent = Vec::new();
         for number in 1..TICKS {
             let tick = Tick::new(number);
             let mut packets = Vec::new();
@@ -185,20 +206,7 @@ mod tests {
             }
             if REPORTS.contains(&number) {
                 cell.wake(published);
-                let from = Recipient {
-                    id: MEMBER.0,
-                    round_trip: Span::ZERO,
-                };
-                let now = Instant::ZERO + Span::from_millis(number * 16);
-                let stream = cell.streams.get_mut(STREAM).expect("it is there");
-                let sender = &mut stream.sender;
-                let report = LossReport {
-                    next: Low16::of(sender.next_number()),
-                    abandoned: Low16(0),
-                    repair_symbols: 0,
-                    lost: Vec::new(),
-                };
-                sender.handle_report(now, from, &report, cell.scene_events, &mut packets);
+                report(&mut cell, number, &mut packets);
             }
             cell.observed.clear();
             let moves = MOVES.iter().find(|ticks| ticks.contains(&number));
@@ -215,12 +223,12 @@ mod tests {
             published = if is_published { tick } else { published };
             cell.publish(tick, is_published);
             if cell.speaks_at(tick) {
-                spoken += 1;
+                active += 1;
                 packets.extend(cell.streams.packets(STREAM, MEMBER).cloned());
             }
-            told.push(packets);
+            sent.push(packets);
         }
-        (told, spoken)
+        (sent, active)
     }
 
     #[test]
@@ -231,12 +239,12 @@ mod tests {
                 StreamChoice::Full,
                 StreamChoice::Changed,
             ] {
-                let (told, spoken) = told(choice, every, true);
-                let (expected, all) = self::told(choice, every, false);
-                assert_eq!(told, expected, "{choice:?} each {every}");
-                assert!(spoken < all, "{choice:?}: {spoken}");
+                let (sent, active) = sent(choice, every, true);
+                let (expected, all) = self::sent(choice, every, false);
+                assert_eq!(sent, expected, "{choice:?} each {every}");
+                assert!(active < all, "{choice:?}: {active}");
                 if matches!(choice, StreamChoice::Within(_)) {
-                    assert!(spoken < 150, "{spoken}");
+                    assert!(active < 150, "{active}");
                 }
             }
         }

@@ -137,8 +137,7 @@ impl ClientSession {
         self.membership.cells.take(cells, &mut self.outbox)
     }
 
-    /// The copies of the cells that the member takes, in their order; none of a cell whose snapshot has not come. Ids of
-    /// their bodies are the cell's, see [`Replica::id_in_scene`].
+    /// The copies of the cells whose snapshots have come, in order, with ids of the cell: see [`Replica::id_in_scene`].
     pub fn cells(&self) -> impl Iterator<Item = (Cell, &Replica)> {
         self.membership.cells.copies()
     }
@@ -159,8 +158,7 @@ impl ClientSession {
         self.membership.cells.denied()
     }
 
-    /// The newest tick up to which the replica and the copies of all cells are complete; `None` without a replica. In a
-    /// free-running scene it may go back when a cell comes.
+    /// The newest tick up to which replica and cells are complete, if any. Free-running, it may go back with a new cell.
     #[must_use]
     pub fn complete(&self) -> Option<Tick> {
         self.membership.complete()
@@ -521,8 +519,7 @@ impl ClientSession {
             ServerMessage::OfCell { cell, news } => {
                 let config = self.config.as_ref();
                 let (outbox, events) = (&mut self.outbox, &mut self.events);
-                self.membership
-                    .handle_cell((cell, &news), config, outbox, events)?;
+                (self.membership).handle_cell((cell, &news), config, outbox, events)?;
             }
             about_scene => {
                 let config = self.config.as_ref();
@@ -590,9 +587,9 @@ impl ClientSession {
 
     /// Shows a replica that has caught up and restarts the timers.
     fn update(&mut self, now: Instant) {
-        let (outbox, events) = (&mut self.outbox, &mut self.events);
-        let config = self.config.as_ref();
-        self.membership.update(now, config, outbox, events);
+        let (config, outbox) = (self.config.as_ref(), &mut self.outbox);
+        self.membership
+            .update(now, config, outbox, &mut self.events);
     }
 
     fn end_membership(&mut self, event: Event) {
@@ -669,8 +666,8 @@ impl Endpoint for ClientSession {
             return;
         }
         let round_trip = self.clock.round_trip();
-        let (outbox, events) = (&mut self.outbox, &mut self.events);
-        self.membership.report(now, round_trip, outbox, events);
+        self.membership
+            .report(now, round_trip, &mut self.outbox, &mut self.events);
         if self.clock.take_due(now, self.config.as_ref()) {
             self.outbox.send(&ClientMessage::Ping { sent: now });
         }

@@ -329,7 +329,7 @@ impl Divided {
         self.step();
     }
 
-    /// Publishes the member's bodies at these places, and lets the ticks pass in which that is told.
+    /// Publishes the member's bodies at these places, and lets the ticks pass in which others learn of it.
     fn publish(&mut self, places: [f32; 2]) {
         let copy = self.table.session(self.owner).replica();
         let newest = copy.expect("a member").stream().complete();
@@ -551,8 +551,8 @@ fn many_requests_for_a_cell_in_one_read_get_one_snapshot() {
 fn flooded(flood: &[Vec<(Cell, CellRequest)>]) -> (Vec<usize>, usize) {
     let mut divided = Divided::new(Stepping::FreeRunning, Engines::default());
     let table = &mut divided.table;
-    let (mut rude, mut other) = (raw(table), raw(table));
-    table.pace(rude.peer);
+    let (mut flooding, mut other) = (raw(table), raw(table));
+    table.pace(flooding.peer);
     table.pace(other.peer);
     let first = tick_of(&mut other, table);
     let mut in_tick = Vec::new();
@@ -560,7 +560,7 @@ fn flooded(flood: &[Vec<(Cell, CellRequest)>]) -> (Vec<usize>, usize) {
     for tick in 0..100 {
         let mut count = 0;
         for requests in flood.iter().cycle().take(8) {
-            count += snapshots(&ask(&mut rude, table, requests));
+            count += snapshots(&ask(&mut flooding, table, requests));
             table.pass(Span::from_nanos(TICK.as_nanos() / 8));
         }
         in_tick.push(count);
